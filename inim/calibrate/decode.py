@@ -1,16 +1,17 @@
-"""Which panel pixel each pixel of a camera sees, from the photographs of the patterns.
+"""Decoding: the panel pixel that each camera pixel sees, from photographs of the patterns.
 
-A bit of the Gray code is whether a picture is brighter than its inverse; it is sure where the two
-differ by much of what white and black do. Of two neighbouring cells one bit differs, so one bit may
-be unsure; two are where a camera pixel sees two lenses, and what it sees is then not known.
+A bit of the Gray code is 1 if a photograph is brighter than that of the inverse pattern. It is
+certain if the two differ by a large part of the difference between white and black. Neighbouring
+cells differ in one bit, so one bit may be uncertain. Two bits are uncertain where a camera pixel
+sees two lenses; it is then not decoded.
 
-The cosine's phase, from its four steps I0 to I3, is atan2(I1 - I3, I0 - I2): what is constant, and
-the second harmonic, which a wrong gamma makes, cancel. Its period is the one that brings it nearest
-to the cell's middle.
+The cosine's phase, from its four steps I0 to I3, is atan2(I1 - I3, I0 - I2). Constant light and
+the second harmonic, which a wrong gamma causes, cancel. Its period is the one nearest to the
+centre of the cell.
 
-What this cannot know is whether the browser scaled the pictures: patterns of any scale decode. It
-shows only in the step from one lens to the next, which is that of the lens pitch in panel pixels,
-and so where lenses are indexed.
+Decoding cannot detect that the browser scaled the patterns, because patterns of any scale decode.
+The scale affects only the step between lenses, which must be the lens pitch in panel pixels.
+`lattice` checks it when it indexes the lenses.
 """
 
 from __future__ import annotations
@@ -60,20 +61,20 @@ _NOISE_WINDOW = 9
 
 
 class Decoded(NamedTuple):
-    """What the pixels of a camera see, (H, W) float32 each.
+    """Panel coordinates that the pixels of a camera see, (H, W) float32 each.
 
     Attributes
     ----------
     column, row :
-        Panel coordinates in pixels, 0 being the panel's left or top edge and a pixel's centre at
-        n + 0.5; NaN where not known, both or neither. They are means over what a camera pixel's
-        blur covers: within an aberrated lens they change less than along rays through its centre,
+        Panel coordinates in pixels. 0 is the panel's left or top edge, and a pixel's centre is at
+        n + 0.5. NaN, for both, if not decoded. They are means over a camera pixel's
+        blur: within an aberrated lens they change less than along rays through its centre,
         by half the variance of the blur times the mapping's second derivative.
     error_px :
-        Their estimated standard error, panel pixels: noise, and 1 / sqrt(12) of a pixel, all of
-        which looks alike. Of neighbours that see one panel pixel it is one and the same.
+        Their estimated standard error, panel pixels: noise, and 1 / sqrt(12) of a pixel. Neighbours
+        that see one panel pixel share this quantisation error.
     lit :
-        White minus black, linear, 1 being the camera's brightest code.
+        White minus black, linear; 1 is the camera's brightest code.
     """
 
     column: np.ndarray
@@ -92,11 +93,11 @@ class _Lights(NamedTuple):
 
 
 class _Axis(NamedTuple):
-    """Coordinates along one axis, their error, and where they are known."""
+    """Coordinates along one axis, their error, and a mask of decoded pixels."""
 
     coordinate: np.ndarray
     error: np.ndarray
-    known: np.ndarray
+    decoded: np.ndarray
 
 
 def decode(position: Position) -> Decoded:
@@ -119,14 +120,14 @@ def decode(position: Position) -> Decoded:
     split = 2 + 2 * bit_count(columns) + 4
     across = _axis(paths[2:split], lights, columns, "columns")
     down = _axis(paths[split:], lights, rows, "rows")
-    known = across.known & down.known
+    decoded = across.decoded & down.decoded
     nowhere = np.float32(np.nan)
     quantised = np.float32(1 / 12)
     error = np.sqrt(quantised + np.maximum(across.error, down.error) ** 2)
     return Decoded(
-        np.where(known, across.coordinate, nowhere),
-        np.where(known, down.coordinate, nowhere),
-        np.where(known, error, nowhere),
+        np.where(decoded, across.coordinate, nowhere),
+        np.where(decoded, down.coordinate, nowhere),
+        np.where(decoded, error, nowhere),
         lights.white - lights.black,
     )
 
@@ -156,7 +157,7 @@ def _lights(white_path: Path, black_path: Path) -> _Lights:
     return _Lights(white, black, np.maximum(lit, np.float32(1e-6)), shining)
 
 
-def _axis(paths: Sequence[Path], lights: _Lights, pixels: int, what: str) -> _Axis:
+def _axis(paths: Sequence[Path], lights: _Lights, pixels: int, axis_name: str) -> _Axis:
     """Decode the pictures of one axis: pairs of bits, then four phases."""
     shining = lights.shining
     cell, second_least = _cells(paths[:-4], lights)
@@ -172,30 +173,31 @@ def _axis(paths: Sequence[Path], lights: _Lights, pixels: int, what: str) -> _Ax
     middle = (cell.astype(np.float32) + np.float32(0.5)) * CELL
     coordinate = within + PERIOD * np.rint((middle - within) / PERIOD)
     modulated = amplitude > _LEAST_MODULATION / 2 * lights.contrast
-    known = shining & (second_least > _SURE) & modulated
+    decoded = shining & (second_least > _SURE) & modulated
     _check_sharp(second_least, shining, paths)
-    if not known.any():
+    if not decoded.any():
         raise FileError(
-            f"{paths[-4]}: no lens shows the {what}' cosine; photograph the patterns sharp"
+            f"{paths[-4]}: no lens shows the {axis_name}' cosine; photograph the patterns sharp"
         )
-    agreement = float((np.abs(coordinate - middle)[known] < _NEAR_CELL).mean())
+    agreement = float((np.abs(coordinate - middle)[decoded] < _NEAR_CELL).mean())
     if agreement < _LEAST_AGREEMENT:
         raise FileError(
-            f"{paths[0].parent}: bits and phases of the {what} ({paths[0].name} to "
+            f"{paths[0].parent}: bits and phases of the {axis_name} ({paths[0].name} to "
             f"{paths[-1].name}) agree in {agreement:.0%} of the pixels; photograph the patterns in "
             "their order, none left out or twice"
         )
-    known &= np.abs(coordinate - middle) < _MOST_FROM_CELL
-    _check_order(coordinate, known, paths, what)
+    decoded &= np.abs(coordinate - middle) < _MOST_FROM_CELL
+    _check_order(coordinate, decoded, paths, axis_name)
     beyond = (coordinate < -CELL) | (coordinate > pixels + CELL)
-    if (share := float(beyond[known].mean())) > _MOST_BEYOND:
+    if (share := float(beyond[decoded].mean())) > _MOST_BEYOND:
         raise FileError(
-            f"{paths[0].parent}: {share:.0%} of the pixels see {what} beyond the panel's {pixels}; "
+            f"{paths[0].parent}: {share:.0%} of the pixels see {axis_name} beyond the panel's "
+            f"{pixels}; "
             "name the display whose patterns were shown"
         )
     noise = np.sqrt(uniform_filter((first + half - quarter - last) ** 2, _NOISE_WINDOW)) / 2
     error = noise / (np.sqrt(2) * np.maximum(amplitude, np.float32(1e-6))) * (PERIOD / (2 * np.pi))
-    return _Axis(coordinate, error.astype(np.float32), known & ~beyond)
+    return _Axis(coordinate, error.astype(np.float32), decoded & ~beyond)
 
 
 def _cells(paths: Sequence[Path], lights: _Lights) -> tuple[np.ndarray, np.ndarray]:
@@ -230,19 +232,22 @@ def _check_complement(
 
 
 def _check_order(
-    coordinate: np.ndarray, known: np.ndarray, paths: Sequence[Path], what: str
+    coordinate: np.ndarray, decoded: np.ndarray, paths: Sequence[Path], axis_name: str
 ) -> None:
-    """Raise where panel coordinates are no smooth map, but for the lenses, of camera pixels."""
-    places = np.flatnonzero(known)
+    """Raise unless panel coordinates are a smooth map of camera pixels, except at lens borders."""
+    places = np.flatnonzero(decoded)
     places = places[:: 1 + len(places) // _MOST_FITTED]
-    y, x = (axis / max(known.shape) for axis in np.unravel_index(places, known.shape))
-    seen = coordinate.ravel()[places]
+    y, x = (axis / max(decoded.shape) for axis in np.unravel_index(places, decoded.shape))
+    panel_coordinates = coordinate.ravel()[places]
     smooth = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    rough = np.abs(seen - smooth @ np.linalg.lstsq(smooth, seen, rcond=None)[0])
-    span = float(np.ptp(np.quantile(seen, (0.05, 0.95))))
+    rough = np.abs(
+        panel_coordinates - smooth @ np.linalg.lstsq(smooth, panel_coordinates, rcond=None)[0]
+    )
+    span = float(np.ptp(np.quantile(panel_coordinates, (0.05, 0.95))))
     if np.quantile(rough, 0.9) > _ROUGHEST_PX + _ROUGHEST_SHARE * span:
         raise FileError(
-            f"{paths[0].parent}: the {what} that lenses show run in no order across the picture "
+            f"{paths[0].parent}: the {axis_name} that lenses show run in no order across the "
+            "picture "
             f"({paths[0].name} to {paths[-1].name}); photograph the patterns in their order"
         )
 

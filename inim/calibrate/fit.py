@@ -1,11 +1,12 @@
-"""A display, a camera and its places from the lenses in photographs, with their errors.
+"""Fit of a display, a camera and its poses to the lenses in photographs, with standard errors.
 
-Robust least squares over everything at once. No prior knowledge decides what is given: wide
-priors keep the search where displays and cameras are, and what they still decide in the end has a
-large standard error, and is not given. Standard errors are those of M-estimates under residuals of
-any distribution, correlated along a column and along a row of lenses (Huber's sandwich, clustered:
-Liang and Zeger, Biometrika 73, 13, 1986), for pixels beat with the lenses over whole columns and
-rows. Both sums are added, which counts twice what is not correlated and errs on the safe side.
+Robust least squares over all parameters at once. Wide priors keep the search in the range of real
+displays and cameras. They do not decide results: a parameter determined by a prior has a large
+standard error and is not reported. Standard errors are those of M-estimates under residuals of any
+distribution, correlated along a column and along a row of lenses (Huber's sandwich, clustered:
+Liang and Zeger, Biometrika 73, 13, 1986), because panel pixels beat with the lenses over whole
+columns and rows. Both sums are added. This counts uncorrelated residuals twice, which is
+conservative.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ from inim.calibrate.model import (
     SHARED,
     Camera,
     Guess,
+    Observations,
     Pose,
-    Seen,
     first_lens_mm,
     rotation,
 )
-from inim.calibrate.start import check_pitch, count_alike, focal_guess, pose_guess, turned
+from inim.calibrate.start import check_pitch, find_placement, focal_guess, number_lenses, pose_guess
 from inim.display import Display
 from inim.errors import DisplayError, FileError, UsageError
 
@@ -87,14 +88,14 @@ _LIE = ("shift_x_mm", "shift_y_mm", "rotation_deg", "tilt_x_deg", "tilt_y_deg")
 
 
 class Estimate(NamedTuple):
-    """A parameter's value.
+    """Value of a fitted parameter.
 
     Attributes
     ----------
     value, error : float
-        With its standard error.
+        Value and its standard error.
     limit : float
-        The standard error up to which it counts as known.
+        Largest standard error of a determined parameter.
     """
 
     value: float
@@ -103,7 +104,7 @@ class Estimate(NamedTuple):
 
     @property
     def is_known(self) -> bool:
-        """Whether the photographs determine it."""
+        """True if the photographs determine the parameter."""
         return self.error <= self.limit
 
     @property
@@ -114,33 +115,34 @@ class Estimate(NamedTuple):
 
 @dataclass(frozen=True)
 class Calibration:
-    """What photographs tell of a display.
+    """Result of a calibration.
 
     Attributes
     ----------
     nominal : Display
-        As designed.
+        The nominal display.
     guess : Guess
-        Best values of everything, whether known or not.
+        Best values of all parameters, including those that are not determined.
     estimates : dict of str to Estimate
-        Of the display and, after it, of the camera's intrinsics, where they were not given.
+        Parameters of the display, followed by fitted camera intrinsics.
     pose_errors : tuple of (6,) array
-        Standard errors of each position: turn in radians about the camera's axes, eye in mm.
+        Standard errors of each position: rotation in radians about the camera's axes, eye in mm.
     correlation : array
-        Of `estimates`, in their order.
+        Correlation of `estimates`, in their order.
     covariance : array
-        Of everything that was fitted, in the order of `Guess.moved`; 0 for what was not.
+        Covariance of all fitted parameters, in the order of `Guess.moved`; 0 for fixed parameters.
     edges_seen : (bool, bool)
-        Whether the array's left and right, and top and bottom, are seen: the shift is certain.
-        Otherwise it is known modulo a pitch, and the one nearest to the nominal display's is given.
+        True if the array's left and right, and top and bottom, edges are visible: the shift is
+        unambiguous. Otherwise the shift is ambiguous by a pitch, and the value nearest to the
+        nominal display is used.
     names : tuple of str
-        Of the positions.
+        Names of the positions.
     lenses : tuple of Lenses
-        All that were found, counted from the array's top left.
-    seen : Seen
-        What of it was fitted,
+        All detected lenses, counted from the array's top left.
+    observations : Observations
+        The observations in the fit.
     sizes : (positions, 2) array
-        and the usual size of residuals: panel mm of rays, pixels of outlines.
+        Typical size of the residuals: panel mm for rays, pixels for outlines.
     """
 
     nominal: Display
@@ -152,25 +154,25 @@ class Calibration:
     edges_seen: tuple[bool, bool]
     names: tuple[str, ...]
     lenses: tuple[Lenses, ...]
-    seen: Seen
+    observations: Observations
     sizes: np.ndarray
 
     @property
     def display(self) -> Display:
-        """The nominal display with all that is known put in."""
+        """Nominal display with all determined parameters replaced."""
         rows, columns = self.nominal.eia_shape
-        known = {
+        determined = {
             name: estimate.value
             for name, estimate in self.estimates.items()
             if name in PARAMETERS and estimate.is_known
         }
-        if "pitch_mm" in known and self.nominal.pitch_y_mm is not None:
-            known["pitch_y_mm"] = self.guess.display.row_pitch_mm
+        if "pitch_mm" in determined and self.nominal.pitch_y_mm is not None:
+            determined["pitch_y_mm"] = self.guess.display.row_pitch_mm
         return self.nominal.replace(
             name=f"{self.nominal.name}, calibrated",
             panel_rows=rows,
             panel_columns=columns,
-            **known,
+            **determined,
         )
 
     @property
@@ -181,11 +183,12 @@ class Calibration:
 
 def check_display(display: Display) -> None:
     """Raise `UsageError` unless its lenses are a square lattice that fills the sheet."""
-    for name, wanted in (("lattice", "square"), ("aperture", "square"), ("fill_factor", 1.0)):
+    for name, required in (("lattice", "square"), ("aperture", "square"), ("fill_factor", 1.0)):
         value = getattr(display, name)
-        if value != wanted:
+        if value != required:
             raise UsageError(
-                f"display {display.name}: {name} = {value!r} cannot be calibrated, only {wanted!r}"
+                f"display {display.name}: {name} = {value!r} cannot be calibrated, only "
+                f"{required!r}"
             )
 
 
@@ -196,29 +199,29 @@ def calibrate(
     camera: Camera | None = None,
     focal_px: float | None = None,
 ) -> Calibration:
-    """Fit a display, a camera and where it stood.
+    """Fit a display, a camera and its poses.
 
     Parameters
     ----------
     lenses : mapping of str to Lenses
-        By position, from `inim.calibrate.lattice.find_lenses`.
+        Lenses by position, from `inim.calibrate.lattice.find_lenses`.
     nominal : Display
-        As designed: where the search begins, and the source of what is not fitted.
+        Nominal display: the start of the search, and the source of parameters that are not fitted.
     camera : Camera, optional
-        Intrinsics that are known; fitted otherwise, from `focal_px` on if that is stated.
+        Calibrated intrinsics; fitted by default, starting from `focal_px` if given.
     focal_px : float, optional
 
     Raises
     ------
     UsageError
-        A kind of display that cannot be calibrated.
+        This kind of display cannot be calibrated.
     FileError
-        Photographs of different sizes or of another display, or that no such display explains.
+        The photographs have different sizes, show another display, or do not fit any such display.
     """
     check_display(nominal)
     if not lenses:
         raise UsageError("no photographs of a display; name a folder that holds some")
-    shapes = {one.shape for one in lenses.values()}
+    shapes = {position.shape for position in lenses.values()}
     if len(shapes) > 1:
         first, other = sorted(shapes)[:2]
         raise FileError(
@@ -232,14 +235,16 @@ def calibrate(
         free[len(PARAMETERS) : len(SHARED)] = False
     prior = _prior(steady, guess, focal_px is not None, counted[0].shape)
     names = tuple(lenses)
-    guess, counted, seen, sizes = _fitted(names, steady, guess, counted, edges, free, prior)
-    covariance = _covariance(seen, guess, free, prior, sizes)
-    known = camera is not None
-    return _result(nominal, guess, covariance, known, edges, names, counted, seen, sizes)
+    guess, counted, observations, sizes = _fitted(names, steady, guess, counted, edges, free, prior)
+    covariance = _covariance(observations, guess, free, prior, sizes)
+    is_calibrated = camera is not None
+    return _result(
+        nominal, guess, covariance, is_calibrated, edges, names, counted, observations, sizes
+    )
 
 
-def stand(lenses: Lenses, display: Display, camera: Camera, name: str) -> Pose:
-    """Where a camera stood, both it and the display being known.
+def fit_pose(lenses: Lenses, display: Display, camera: Camera, name: str) -> Pose:
+    """Fit the pose of a calibrated camera in front of a calibrated display.
 
     Parameters
     ----------
@@ -247,12 +252,12 @@ def stand(lenses: Lenses, display: Display, camera: Camera, name: str) -> Pose:
     display : Display
     camera : Camera
     name : str
-        What to call the photographs in errors.
+        Name of the photographs in error messages.
 
     Raises
     ------
     UsageError, FileError
-        As `calibrate`.
+        As for `calibrate`.
     """
     check_display(display)
     steady = display.held()
@@ -273,8 +278,8 @@ def _fitted(
     edges_seen: tuple[bool, bool],
     free: np.ndarray,
     prior: _Prior,
-) -> tuple[Guess, tuple[Lenses, ...], Seen, np.ndarray]:
-    """The best guess, the lenses as it counts them, what of them was fitted, and residuals' sizes.
+) -> tuple[Guess, tuple[Lenses, ...], Observations, np.ndarray]:
+    """Best guess, renumbered lenses, the observations in the fit, and the sizes of residuals.
 
     Raises
     ------
@@ -283,47 +288,55 @@ def _fitted(
     """
     sizes = np.tile([_USUAL[0] * display.pixel_pitch_mm, _USUAL[1]], (len(counted), 1))
     for _ in range(_ROUNDS):
-        seen = Seen.of([_thinned(one) for one in counted], display).sharpened(guess)
-        guess = _solved(seen, guess, free, prior, sizes)
-        sizes = _sizes(seen.residuals(guess))
+        observations = Observations.of([_thinned(lenses) for lenses in counted], display).sharpened(
+            guess
+        )
+        guess = _solved(observations, guess, free, prior, sizes)
+        sizes = _sizes(observations.residuals(guess))
         # The first guess may have been a lens off.
-        guess, counted = recounted(guess, counted, edges_seen, display)
-    seen = Seen.of([_thinned(one) for one in counted], display).sharpened(guess)
+        guess, counted = renumber_lenses(guess, counted, edges_seen, display)
+    observations = Observations.of([_thinned(lenses) for lenses in counted], display).sharpened(
+        guess
+    )
     _check(names, display, sizes, counted)
     # One position alone begins with a distance of its own choice.
     check_pitch(display, guess.display.pitch_mm / display.pitch_mm, ", ".join(names))
-    return guess, counted, seen, sizes
+    return guess, counted, observations, sizes
 
 
 def _begin(
     lenses: Mapping[str, Lenses], display: Display, camera: Camera | None, focal_px: float | None
 ) -> tuple[Guess, tuple[Lenses, ...], tuple[bool, bool]]:
     """Values to begin with, and all lenses counted from the array's top left."""
-    for name, one in lenses.items():
-        if (whole := int(one.is_whole.sum())) < _LEAST_WHOLE:
+    for name, position in lenses.items():
+        if (whole := int(position.is_whole.sum())) < _LEAST_WHOLE:
             raise FileError(
                 f"{name}: {whole} lenses are seen whole, at least two lenses from any edge, and "
                 f"{_LEAST_WHOLE} are needed; show more of the sheet, or leave this position out"
             )
-    found = list(lenses.values())
+    positions = list(lenses.values())
     flat = display.replace(**dict.fromkeys(_LIE, 0.0))
-    first = camera or focal_guess(flat, found, focal_px)
+    first = camera or focal_guess(flat, positions, focal_px)
     # The lattice alone, as if each position's first lens were the array's.
     corner = np.append(first_lens_mm(flat), 0.0)
-    poses = [pose_guess(flat, one, first, name) for name, one in lenses.items()]
+    poses = [pose_guess(flat, position, first, name) for name, position in lenses.items()]
     guess = Guess(flat, first, tuple(Pose(p.turn, p.eye_mm + corner) for p in poses))
-    seen = Seen.of([_thinned(one) for one in found], flat, outlines_only=True)
+    observations = Observations.of(
+        [_thinned(position) for position in positions], flat, outlines_only=True
+    )
     free = np.arange(guess.steps.size) >= (len(PARAMETERS) if camera is None else len(SHARED))
-    prior = _prior(flat, guess, focal_px is not None, found[0].shape)
-    guess = _solved(seen, guess, free, prior, np.tile(_USUAL, (len(found), 1)))
+    prior = _prior(flat, guess, focal_px is not None, positions[0].shape)
+    guess = _solved(observations, guess, free, prior, np.tile(_USUAL, (len(positions), 1)))
     own = [Pose(p.turn, p.eye_mm - corner) for p in guess.poses]
     lies = [
-        turned(display, one, pose, name)
-        for (name, one), pose in zip(lenses.items(), own, strict=True)
+        find_placement(display, position, pose, name)
+        for (name, position), pose in zip(lenses.items(), own, strict=True)
     ]
-    angle = math.degrees(np.mean(np.unwrap(np.radians([one.rotation_deg for one in lies]))))
-    size = float(np.mean([one.size for one in lies]))
-    array = count_alike(display, lenses, lies)
+    angle = math.degrees(
+        np.mean(np.unwrap(np.radians([placement.rotation_deg for placement in lies])))
+    )
+    size = float(np.mean([placement.size for placement in lies]))
+    array = number_lenses(display, lenses, lies)
     sized = display.replace(
         rotation_deg=angle,
         pitch_mm=size * display.pitch_mm,
@@ -339,17 +352,18 @@ def _begin(
         shift = np.append(array.shift_mm, 0.0)
         placed.append(Pose(pose.turn @ turn.T, turn @ eye + shift))
     counted = tuple(
-        replace(one, index=one.index + by) for one, by in zip(found, array.offsets, strict=True)
+        replace(position, index=position.index + by)
+        for position, by in zip(positions, array.offsets, strict=True)
     )
     return Guess(sized, guess.camera, tuple(placed)), counted, array.edges_seen
 
 
-def recounted(
+def renumber_lenses(
     guess: Guess, counted: tuple[Lenses, ...], edges_seen: tuple[bool, bool], nominal: Display
 ) -> tuple[Guess, tuple[Lenses, ...]]:
-    """The same lenses counted so that the array is shifted least, where its edges do not tell.
+    """Renumber the lenses for the smallest shift of the array, along axes without visible edges.
 
-    An array that lies a pitch to the right, each lens counted one less, is the same array.
+    An array shifted one pitch to the right, with each lens index reduced by one, is the same array.
     """
     display = guess.display
     angle = math.radians(display.rotation_deg)
@@ -358,18 +372,20 @@ def recounted(
     shift = np.array([display.shift_x_mm, display.shift_y_mm])
     off = (shift - [nominal.shift_x_mm, nominal.shift_y_mm]) @ turn
     by = np.where(edges_seen, 0, np.rint(off / step)).astype(int)
-    index = np.concatenate([one.index for one in counted])
+    index = np.concatenate([position.index for position in counted])
     there = np.array([display.lens_columns, display.lens_rows])
     by = np.clip(by, -index.min(axis=0), there - 1 - index.max(axis=0))
     shift = shift - turn @ (by * step)
     moved = display.replace(shift_x_mm=float(shift[0]), shift_y_mm=float(shift[1]))
     return guess._replace(display=moved), tuple(
-        replace(one, index=one.index + by) for one in counted
+        replace(position, index=position.index + by) for position in counted
     )
 
 
 def _thinned(lenses: Lenses) -> Lenses:
-    """At most `_MOST_LENSES` of them, at random: every n-th would beat with the panel's pixels."""
+    """Random selection of at most `_MOST_LENSES` lenses. Every n-th lens would beat with the
+    panel's pixels.
+    """
     order = np.random.default_rng(0).permutation(len(lenses.index))
     chosen = np.sort(order[:_MOST_LENSES])
     parts = {f.name: getattr(lenses, f.name) for f in fields(lenses) if f.name != "shape"}
@@ -390,8 +406,8 @@ def _shared(guess: Guess) -> np.ndarray:
 def _prior(display: Display, guess: Guess, focal_is_stated: bool, shape: tuple[int, int]) -> _Prior:
     height, width = shape
     focal = guess.camera.focal_px
-    known = {name: _scaled(_PRIORS[name], name, display) for name in PARAMETERS}
-    known |= {
+    standard_deviations = {name: _scaled(_PRIORS[name], name, display) for name in PARAMETERS}
+    standard_deviations |= {
         "focal_px": focal * (_STATED_FOCAL_PRIOR if focal_is_stated else _FOCAL_PRIOR),
         "centre_x_px": _CENTRE_PRIOR * width,
         "centre_y_px": _CENTRE_PRIOR * width,
@@ -400,7 +416,7 @@ def _prior(display: Display, guess: Guess, focal_is_stated: bool, shape: tuple[i
     }
     mean = _shared(guess._replace(display=display))
     mean[len(PARAMETERS) :] = focal, width / 2, height / 2, 0.0, 0.0
-    return _Prior(mean, np.array([known[name] for name in SHARED]))
+    return _Prior(mean, np.array([standard_deviations[name] for name in SHARED]))
 
 
 def _scaled(share: float, name: str, display: Display) -> float:
@@ -410,20 +426,22 @@ def _scaled(share: float, name: str, display: Display) -> float:
     return share * float(getattr(display, name)) if name.endswith("_mm") else share
 
 
-def _weights(seen: Seen, sizes: np.ndarray) -> np.ndarray:
+def _weights(observations: Observations, sizes: np.ndarray) -> np.ndarray:
     """One over the usual size, for each of `Seen.flat`."""
-    counts = 2 * np.array(seen.counts)
+    counts = 2 * np.array(observations.counts)
     return np.repeat(1 / sizes.ravel(), counts.ravel())
 
 
-def _solved(seen: Seen, start: Guess, free: np.ndarray, prior: _Prior, sizes: np.ndarray) -> Guess:
+def _solved(
+    observations: Observations, start: Guess, free: np.ndarray, prior: _Prior, sizes: np.ndarray
+) -> Guess:
     """The best guess, from one that is near it, by Levenberg's and Marquardt's method.
 
     Of normal equations with weights of the soft l1 loss: there are a thousand residuals for each
     unknown, and `scipy.optimize.least_squares` decomposes all of them in every step, which took
     about half of the time.
     """
-    steps, weights = start.steps[free], _weights(seen, sizes)
+    steps, weights = start.steps[free], _weights(observations, sizes)
     of_shared = free[: len(SHARED)]
     shared_steps = (start.steps[: len(SHARED)] / prior.deviation)[of_shared]
 
@@ -434,7 +452,7 @@ def _solved(seen: Seen, start: Guess, free: np.ndarray, prior: _Prior, sizes: np
 
     def residuals(guess: Guess) -> tuple[np.ndarray, np.ndarray, float]:
         with np.errstate(all="ignore"):  # a step too far is not taken
-            own = seen.flat(guess) * weights
+            own = observations.flat(guess) * weights
         off = ((_shared(guess) - prior.mean) / prior.deviation)[of_shared]
         robust = 2 * _ROBUST**2 * float((np.sqrt(1 + (own / _ROBUST) ** 2) - 1).sum())
         return own, off, robust + float(off @ off)
@@ -443,7 +461,7 @@ def _solved(seen: Seen, start: Guess, free: np.ndarray, prior: _Prior, sizes: np
     by, guess = moved(at)
     own, off, cost = residuals(guess)
     for _ in range(_MOST_STEPS):
-        slopes = seen.slopes(start, by, free)
+        slopes = observations.slopes(start, by, free)
         slopes *= weights
         slopes *= steps[:, None]
         weighted = slopes / np.sqrt(1 + (own / _ROBUST) ** 2)
@@ -485,10 +503,10 @@ def _check(
     names: tuple[str, ...], display: Display, sizes: np.ndarray, lenses: tuple[Lenses, ...]
 ) -> None:
     """Raise `FileError` where no display of this kind explains the photographs."""
-    for name, (of_rays, of_outlines), one in zip(names, sizes, lenses, strict=True):
+    for name, (of_rays, of_outlines), position in zip(names, sizes, lenses, strict=True):
         panel_px = of_rays / display.pixel_pitch_mm
         lens_px = math.sqrt(
-            float(np.prod(np.ptp(one.centre_px, axis=0) / np.ptp(one.index, axis=0)))
+            float(np.prod(np.ptp(position.centre_px, axis=0) / np.ptp(position.index, axis=0)))
         )
         if panel_px > _WORST_PANEL_PX or of_outlines > _WORST_OUTLINE * lens_px:
             raise FileError(
@@ -500,13 +518,13 @@ def _check(
 
 
 def _covariance(
-    seen: Seen, guess: Guess, free: np.ndarray, prior: _Prior, sizes: np.ndarray
+    observations: Observations, guess: Guess, free: np.ndarray, prior: _Prior, sizes: np.ndarray
 ) -> np.ndarray:
-    """Of all of `Guess.moved`; 0 where nothing was fitted."""
+    """Covariance of all parameters of `Guess.moved`; 0 for fixed parameters."""
     steps = guess.steps[free]
-    weights = _weights(seen, sizes)
-    residual = seen.flat(guess) * weights
-    slopes = seen.slopes(guess, np.zeros(free.size), free) * weights * steps[:, None]
+    weights = _weights(observations, sizes)
+    residual = observations.flat(guess) * weights
+    slopes = observations.slopes(guess, np.zeros(free.size), free) * weights * steps[:, None]
     # psi of the soft l1 loss, and its slope.
     stretch = 1 + (residual / _ROBUST) ** 2
     scores = slopes * (residual / np.sqrt(stretch))
@@ -515,10 +533,10 @@ def _covariance(
         free[: len(SHARED)]
     ] ** 2
     curvature = (slopes * stretch**-1.5) @ slopes.T + np.diag(own)
-    imperfect = seen.imperfections(guess) * np.array(_IMPERFECT)[:, None]
+    imperfect = observations.imperfections(guess) * np.array(_IMPERFECT)[:, None]
     unknown = slopes @ (imperfect * weights * stretch**-1.5).T
     spread = np.diag(own) + unknown @ unknown.T
-    for line in _lines(seen):
+    for line in _lines(observations):
         order = np.argsort(line, kind="stable")
         begins = np.flatnonzero(np.diff(line[order], prepend=-1))
         sums = np.add.reduceat(scores[:, order], begins, axis=1)
@@ -529,13 +547,15 @@ def _covariance(
     return covariance
 
 
-def _lines(seen: Seen) -> tuple[np.ndarray, np.ndarray]:
-    """Of each of `Seen.flat` its column of lenses and its row of lenses, each by a number."""
+def _lines(observations: Observations) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the lens column and the lens row of each entry of `Observations.flat`."""
     position, index = [], []
-    for n, (rays, outlines) in enumerate(zip(seen.lens, seen.outlined, strict=True)):
-        both = np.repeat(np.concatenate([rays, outlines]), 2, axis=0)
-        index.append(both)
-        position.append(np.full(len(both), n))
+    for n, (rays, outlines) in enumerate(
+        zip(observations.lens, observations.outlined, strict=True)
+    ):
+        lens_of_residual = np.repeat(np.concatenate([rays, outlines]), 2, axis=0)
+        index.append(lens_of_residual)
+        position.append(np.full(len(lens_of_residual), n))
     column, row = np.concatenate(index).T
     first = np.concatenate(position) * (1 + max(int(column.max()), int(row.max())))
     return first + column, first + row
@@ -549,7 +569,7 @@ def _result(
     edges_seen: tuple[bool, bool],
     names: tuple[str, ...],
     lenses: tuple[Lenses, ...],
-    seen: Seen,
+    observations: Observations,
     sizes: np.ndarray,
 ) -> Calibration:
     errors = np.sqrt(np.diag(covariance))
@@ -573,6 +593,6 @@ def _result(
         edges_seen,
         names,
         lenses,
-        seen,
+        observations,
         sizes,
     )

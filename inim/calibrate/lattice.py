@@ -1,9 +1,9 @@
-"""The lenses in a photograph whose pixels are known by the panel pixel that they see.
+"""Lattice of lenses in a decoded photograph.
 
-Within a lens panel coordinates hardly change, from one lens to the next they jump by about a
-pitch: smooth regions are lenses, and jumps say which neighbour is which. So lenses are counted from
-one to the next, and nothing is searched for. A wrong period of the decoding, about a pitch, makes a
-lens that fits none of its neighbours: it is left out.
+Within a lens, panel coordinates hardly change; between adjacent lenses they jump by about a pitch.
+Smooth regions are therefore lenses, and the jumps determine the neighbours. Lenses are counted from
+neighbour to neighbour, without a search. A decoding error of one period, about a pitch, creates a
+lens that fits none of its neighbours; it is removed.
 """
 
 from __future__ import annotations
@@ -40,22 +40,22 @@ _LEAST_LENSES = 25
 
 @dataclass(frozen=True)
 class Lenses:
-    """The lenses that one camera position shows.
+    """Lenses visible from one camera position.
 
     Attributes
     ----------
     index : (lenses, 2) int
-        Column to the right and row down, counted from any lens.
+        Column to the right and row down, counted from an arbitrary lens.
     centre_px : (lenses, 2) float
-        Centre of gravity of what is seen through the lens, x and y in the photograph.
+        Centre of gravity of the region seen through the lens, x and y in the photograph.
     is_whole : (lenses,) bool
-        Whether the outline is that of the whole lens, so that `centre_px` means something.
+        True if the outline is that of the whole lens, so that `centre_px` is valid.
     middle_px : (lenses, 2) float
-        Panel column and row that it shows on average.
+        Mean panel column and row seen through the lens.
     pixel : (lenses, SAMPLES, 2) float
-        Pixels well inside the lens, x and y.
+        Camera pixels well inside the lens, x and y.
     panel_px : (lenses, SAMPLES, 2) float
-        The panel column and row that each of them shows; NaN where a place is not inside.
+        Panel column and row seen by each of these pixels; NaN for samples outside the lens.
     shape : (int, int)
         Height and width of the photograph.
     """
@@ -70,37 +70,37 @@ class Lenses:
 
 
 def find_lenses(decoded: Decoded, display: Display, name: str) -> Lenses:
-    """The lenses in a photograph, each with its place in the lattice.
+    """Find the lenses in a decoded photograph and their lattice indices.
 
     Parameters
     ----------
     decoded : Decoded
     display : Display
-        As designed; square lattice. Its pitch is taken as right to a fifth.
+        Nominal display with a square lattice. Its pitch may be wrong by a fifth.
     name : str
-        What to call the photographs in errors.
+        Name of the photographs in error messages.
 
     Raises
     ------
     FileError
-        Too few lenses are seen to make out a lattice.
+        Too few lenses are visible to determine a lattice.
     """
     step = np.array([display.pitch_mm, display.row_pitch_mm]) / display.pixel_pitch_mm
     panel = np.stack([decoded.column, decoded.row], axis=-1, dtype=np.float32)
     label = _regions(panel, step)
     regions = _measured(label, panel, step)
-    kept, index, steps = _walk(regions, step, name)
+    lens_regions, index, steps = _walk(regions, step, name)
     order = np.lexsort((index[:, 0], index[:, 1]))
-    kept, index = kept[order], index[order]
-    centre = regions.centre[kept]
-    pixel, seen = _inside(label, panel, regions.number[kept], centre, steps)
+    lens_regions, index = lens_regions[order], index[order]
+    centre = regions.centre[lens_regions]
+    pixel, panel_px = _inside(label, panel, regions.number[lens_regions], centre, steps)
     return Lenses(
         index,
         centre,
-        _whole(index, regions.area[kept]),
-        regions.panel[kept],
+        _whole(index, regions.area[lens_regions]),
+        regions.panel[lens_regions],
         pixel,
-        seen,
+        panel_px,
         label.shape,
     )
 
@@ -113,11 +113,11 @@ class _Regions(NamedTuple):
 
 
 def _regions(panel: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """Number of the smooth region that each pixel is in, from 1; 0 where nothing is decoded."""
+    """Number of each pixel's smooth region, from 1; 0 if not decoded."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 
-    known = np.isfinite(panel).all(axis=-1)
+    is_decoded = np.isfinite(panel).all(axis=-1)
 
     def joined(a: Any, b: Any) -> np.ndarray:
         with np.errstate(invalid="ignore"):
@@ -125,17 +125,17 @@ def _regions(panel: np.ndarray, step: np.ndarray) -> np.ndarray:
         return near
 
     # Runs along the rows first: they are far fewer than pixels.
-    begins = known.copy()
+    begins = is_decoded.copy()
     begins[:, 1:] &= ~joined(np.s_[:, 1:], np.s_[:, :-1])
-    run = np.cumsum(begins).reshape(known.shape)
+    run = np.cumsum(begins).reshape(is_decoded.shape)
     above, below = np.s_[:-1], np.s_[1:]
     touch = joined(above, below)
     pairs = (run[above][touch] - 1, run[below][touch] - 1)
     runs = int(run[-1, -1])
     graph = coo_matrix((np.ones(pairs[0].size, bool), pairs), shape=(runs, runs))
     region = connected_components(graph, directed=False)[1] if runs else np.zeros(0, int)
-    label = np.zeros(known.shape, np.int64)
-    label[known] = region[run[known] - 1] + 1
+    label = np.zeros(is_decoded.shape, np.int64)
+    label[is_decoded] = region[run[is_decoded] - 1] + 1
     return label
 
 
@@ -150,25 +150,27 @@ def _measured(label: np.ndarray, panel: np.ndarray, step: np.ndarray) -> _Region
         total: np.ndarray = np.bincount(number, values, area.size) / safe
         return total
 
-    seen = panel[rows, columns]
-    middle = np.stack([mean(seen[:, 0]), mean(seen[:, 1])], axis=-1)
-    square = np.stack([mean((seen[:, k] - middle[number, k]) ** 2) for k in (0, 1)], axis=-1)
+    panel_px = panel[rows, columns]
+    middle = np.stack([mean(panel_px[:, 0]), mean(panel_px[:, 1])], axis=-1)
+    square = np.stack([mean((panel_px[:, k] - middle[number, k]) ** 2) for k in (0, 1)], axis=-1)
     centre = np.stack([mean(columns + 0.5), mean(rows + 0.5)], axis=-1)
     large = area >= _LEAST_PIXELS
     flat = (square < (_SAME_LENS * step) ** 2).all(axis=-1)
-    kept = large & flat
-    if kept.any():  # the area that most of the picture is made of: splinters may be many
-        sizes = np.sort(area[kept])
+    is_lens = large & flat
+    if is_lens.any():  # the area that most of the picture is made of: splinters may be many
+        sizes = np.sort(area[is_lens])
         usual = sizes[np.searchsorted(np.cumsum(sizes), sizes.sum() / 2)]
-        kept &= area >= _SPLINTER * usual
-    chosen = np.flatnonzero(kept)
+        is_lens &= area >= _SPLINTER * usual
+    chosen = np.flatnonzero(is_lens)
     return _Regions(chosen, area[chosen], centre[chosen], middle[chosen])
 
 
 def _walk(
     regions: _Regions, step: np.ndarray, name: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """From lens to lens: the regions that are lenses, their indices, and the steps in pixels."""
+    """Walk from lens to lens: regions that are lenses, their indices, and the lattice steps in
+    pixels.
+    """
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import breadth_first_order, connected_components
 
@@ -187,10 +189,10 @@ def _walk(
     order, before = breadth_first_order(graph, start, directed=False)
     jumps = {(int(i), int(j)): k for i, j, k in zip(a, b, jump, strict=True)}
     index = np.zeros((count, 2), int)
-    for one in order[1:]:
-        other = before[one]
-        found = jumps.get((other, one))
-        index[one] = index[other] + (found if found is not None else -jumps[(one, other)])
+    for region in order[1:]:
+        other = before[region]
+        vote = jumps.get((other, region))
+        index[region] = index[other] + (vote if vote is not None else -jumps[(region, other)])
     inside = np.isin(a, order)
     a, b, jump = a[inside], b[inside], jump[inside]
     # Whatever contradicts a neighbour more often than not is no lens.
@@ -202,9 +204,9 @@ def _walk(
             for k in np.eye(2, dtype=int)
         ]
     )
-    kept = order[votes[order] > 0]
-    kept = kept[_unique(index[kept], regions.area[kept])]
-    return kept, index[kept], moved
+    lens_regions = order[votes[order] > 0]
+    lens_regions = lens_regions[_unique(index[lens_regions], regions.area[lens_regions])]
+    return lens_regions, index[lens_regions], moved
 
 
 def _neighbours(regions: _Regions, step: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -236,7 +238,7 @@ def _neighbours(regions: _Regions, step: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _unique(index: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """Of lenses that claim one place the largest."""
+    """Indices of the largest lens at each lattice position."""
     order = np.lexsort((-area, index[:, 0], index[:, 1]))
     first = np.ones(order.size, bool)
     first[1:] = (np.diff(index[order], axis=0) != 0).any(axis=-1)
@@ -245,7 +247,7 @@ def _unique(index: np.ndarray, area: np.ndarray) -> np.ndarray:
 
 
 def _whole(index: np.ndarray, area: np.ndarray) -> np.ndarray:
-    """Whether a lens has its four neighbours, they theirs, and an area like theirs."""
+    """Mask of lenses that have four neighbours, mutually, of similar area."""
     low = index.min(axis=0) - 1
     table = np.zeros(tuple(index.max(axis=0) - low + 2))
     x, y = (index - low).T
@@ -270,14 +272,16 @@ def _inside(
     centre: np.ndarray,
     steps: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels well inside each lens, and what they show."""
+    """Camera pixels well inside each lens, and the panel coordinates that they see."""
     places = np.array([(i, j) for j in _PLACES for i in _PLACES])
-    wanted = centre[:, None] + places @ steps
-    column, row = np.floor(wanted).astype(int).transpose(2, 0, 1)
+    target_px = centre[:, None] + places @ steps
+    column, row = np.floor(target_px).astype(int).transpose(2, 0, 1)
     height, width = label.shape
     column, row = np.clip(column, 0, width - 1), np.clip(row, 0, height - 1)
-    seen = np.where((label[row, column] == number[:, None])[..., None], panel[row, column], np.nan)
-    return np.stack([column, row], axis=-1) + 0.5, seen
+    panel_px = np.where(
+        (label[row, column] == number[:, None])[..., None], panel[row, column], np.nan
+    )
+    return np.stack([column, row], axis=-1) + 0.5, panel_px
 
 
 def _no_lattice(name: str, count: int) -> FileError:

@@ -1,22 +1,22 @@
-"""What a display, a camera and its places say that photographs show, and how that differs.
+"""Model of the observations: a display, a camera and its poses, with residuals.
 
-Two kinds of residual. Through a pixel well inside a lens the panel is seen at a point: the ray of
-that pixel, refracted by the lens that the pixel is known to lie in, lands beside it. And a lens's
-outline is seen around a centre: the outline of its cell, projected, has another one. The first
-hardly tells where in the lens a ray passes, for a lens of g near f makes all its rays parallel; the
-second does.
+There are two kinds of residuals. A pixel well inside a lens sees a point of the panel: its ray,
+refracted by the lens, ends at a distance from that point. A lens's outline has an observed centre,
+and the projected outline of its cell has another. The first kind hardly depends on the ray's
+position in the lens, because a lens with g near f makes all its rays parallel. The second kind
+determines it.
 
-A camera's pixel shows the mean of what its blur covers. Within an aberrated lens that lies nearer
-to the lens's axis than the ray of the pixel's centre does, as if the lens magnified by some tenths
-of a per cent less: what was found is moved by as much (`Seen.sharpened`).
+A camera pixel shows the mean over its blur. Within an aberrated lens this mean is nearer
+to the lens's axis than the ray of the pixel's centre, as if the lens magnified a few tenths
+of a per cent less. `Observations.sharpened` corrects the observations for this.
 
-Seams between bulges lie below z = 0, by the sag of the curved face there. Behind a flat face they
-are t - sag deep in the glass, where Snell's law makes them appear nearer: a depth d seen at a slope
-s as d / sqrt(n^2 (1 + s^2) - s^2), which is d / n on the axis.
+Seams between lens surfaces are below z = 0, by the sag of the curved face there. Behind a flat face
+they are t - sag deep in the glass. By Snell's law a depth d seen at a slope s appears as d /
+sqrt(n^2 (1 + s^2) - s^2), which is d / n on the axis.
 
 The camera is a pinhole with radial distortion, OpenCV's model. Its frame has x to the right, y down
-and z away from it. Pixel centres are at half-integers: OpenCV's principal point is half a pixel
-less.
+and z away from the camera. Pixel centres are at half-integers: OpenCV's principal point is half a
+pixel less.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Camera(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """Where a camera stands: display frame to camera frame is ``turn @ (point - eye_mm)``.
+    """Pose of a camera: display frame to camera frame is ``turn @ (point - eye_mm)``.
 
     Attributes
     ----------
@@ -75,29 +75,33 @@ def rotation(vector: Any) -> np.ndarray:
     angle = float(np.sqrt(x * x + y * y + z * z))
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     half = np.sinc(angle / (2 * np.pi))
-    turned: np.ndarray = np.eye(3) + np.sinc(angle / np.pi) * cross + half**2 / 2 * cross @ cross
-    return turned
+    find_placement: np.ndarray = (
+        np.eye(3) + np.sinc(angle / np.pi) * cross + half**2 / 2 * cross @ cross
+    )
+    return find_placement
 
 
 def directions(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     """Tangents x / z and y / z of the rays of pixels, (..., 2)."""
     distorted = (pixels - [camera.centre_x_px, camera.centre_y_px]) / camera.focal_px
-    wanted = np.sqrt((distorted**2).sum(axis=-1))
-    radius = wanted
+    distorted_radius = np.sqrt((distorted**2).sum(axis=-1))
+    radius = distorted_radius
     for _ in range(_NEWTON_STEPS):
         square = radius * radius
         value = radius * (1 + square * (camera.k1 + camera.k2 * square))
         slope = 1 + square * (3 * camera.k1 + 5 * camera.k2 * square)
-        radius = radius - (value - wanted) / slope
-    scale = np.divide(radius, wanted, out=np.ones_like(wanted), where=wanted > 0)
+        radius = radius - (value - distorted_radius) / slope
+    scale = np.divide(
+        radius, distorted_radius, out=np.ones_like(distorted_radius), where=distorted_radius > 0
+    )
     tangents: np.ndarray = distorted * scale[..., None]
     return tangents
 
 
 def project(camera: Camera, pose: Pose, points_mm: np.ndarray) -> np.ndarray:
     """Pixels of points of the display frame, (..., 3) to (..., 2)."""
-    seen = (points_mm - pose.eye_mm) @ pose.turn.T
-    tangents = seen[..., :2] / seen[..., 2:]
+    camera_mm = (points_mm - pose.eye_mm) @ pose.turn.T
+    tangents = camera_mm[..., :2] / camera_mm[..., 2:]
     square = (tangents**2).sum(axis=-1, keepdims=True)
     distorted = tangents * (1 + square * (camera.k1 + camera.k2 * square))
     pixels: np.ndarray = distorted * camera.focal_px + [camera.centre_x_px, camera.centre_y_px]
@@ -155,7 +159,7 @@ _MODEL = "thick"
 
 
 class Guess(NamedTuple):
-    """Values of everything that is not known.
+    """Values of all unknown parameters.
 
     Attributes
     ----------
@@ -170,23 +174,23 @@ class Guess(NamedTuple):
     poses: tuple[Pose, ...]
 
     def moved(self, by: np.ndarray) -> Guess:
-        """With changes to `SHARED` and then to each pose: its turn in the camera and its eye."""
-        given = {
+        """Guess with changes to `SHARED`, followed by the rotation and eye of each pose."""
+        changed = {
             name: getattr(self.display, name) + float(step)
             for name, step in zip(PARAMETERS, by, strict=False)
             if step
         }
-        if "pitch_mm" in given and self.display.pitch_y_mm is not None:
-            ratio = given["pitch_mm"] / self.display.pitch_mm
-            given["pitch_y_mm"] = self.display.pitch_y_mm * ratio
+        if "pitch_mm" in changed and self.display.pitch_y_mm is not None:
+            ratio = changed["pitch_mm"] / self.display.pitch_mm
+            changed["pitch_y_mm"] = self.display.pitch_y_mm * ratio
         of_camera = by[len(PARAMETERS) : len(SHARED)]
         of_poses = by[len(SHARED) :].reshape(-1, _POSE)
         return Guess(
-            self.display.replace(**given) if given else self.display,
+            self.display.replace(**changed) if changed else self.display,
             Camera(*(float(a + b) for a, b in zip(self.camera, of_camera, strict=True))),
             tuple(
-                Pose(rotation(one[:3]) @ pose.turn, pose.eye_mm + one[3:])
-                for pose, one in zip(self.poses, of_poses, strict=True)
+                Pose(rotation(pose_change[:3]) @ pose.turn, pose.eye_mm + pose_change[3:])
+                for pose, pose_change in zip(self.poses, of_poses, strict=True)
             ),
         )
 
@@ -210,14 +214,14 @@ def first_lens_mm(display: Display) -> np.ndarray:
 
 
 def _lens_centres(array: LensArray, index: np.ndarray) -> np.ndarray:
-    """Of lenses by column and row from the top left, (..., 2), array frame."""
+    """Centres of lenses given by column and row from the top left, (..., 2), array frame."""
     x = (index[..., 0] + 0.5 - array.half_columns) * array.pitch_x
     y = (array.half_rows - 0.5 - index[..., 1]) * array.pitch_y
     return np.stack([x, y], axis=-1)
 
 
 def panel_points(display: Display, index: np.ndarray, arriving: np.ndarray) -> np.ndarray:
-    """Where rays land on the panel, each through a lens that is known.
+    """Panel points reached by rays through given lenses.
 
     Parameters
     ----------
@@ -251,10 +255,11 @@ def panel_points(display: Display, index: np.ndarray, arriving: np.ndarray) -> n
 def centres(
     display: Display, camera: Camera, pose: Pose, index: np.ndarray, deeper_mm: float = 0.0
 ) -> np.ndarray:
-    """Centres of gravity of lenses' outlines in a photograph, (n, 2) pixels; of deeper seams, too.
+    """Centres of gravity of lens outlines in a photograph, (n, 2) pixels, including deeper seams.
 
-    A side of an outline moves with its mean depth: the whole outline as its centre does that deep.
-    What perspective adds over a lens, P^2 s / 12 V for a slope s, is below a ten-thousandth of it.
+    A side of an outline moves with its mean depth: the whole outline moves as its centre does at
+    that depth. The additional perspective over a lens, P^2 s / 12 V for a slope s, is below a ten-
+    thousandth of it.
     """
     array, traits = lens_array(display), lens_traits(display)
     at = _vertices(array, index)
@@ -269,10 +274,10 @@ def centres(
 
 
 def _vertices(array: LensArray, index: np.ndarray) -> np.ndarray:
-    """Of lenses, (n, 2), display frame."""
+    """Vertices of lenses, (n, 2), display frame."""
     c, s = array.cosine, array.sine
-    turned = _lens_centres(array, index) @ [[c, s], [-s, c]]
-    moved: np.ndarray = turned + np.array([array.shift_x, array.shift_y])
+    find_placement = _lens_centres(array, index) @ [[c, s], [-s, c]]
+    moved: np.ndarray = find_placement + np.array([array.shift_x, array.shift_y])
     return moved
 
 
@@ -287,8 +292,8 @@ def _seam_depth(array: LensArray, traits: LensTraits, share: float) -> float:
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What the photographs show, position by position.
+class Observations:
+    """Observations in the photographs, by position.
 
     Attributes
     ----------
@@ -309,36 +314,40 @@ class Seen:
     centre: tuple[np.ndarray, ...]
 
     @classmethod
-    def of(cls, lenses: Sequence[Lenses], display: Display, *, outlines_only: bool = False) -> Seen:
-        """What was found in photographs, of lenses that are counted from the array's top left."""
-        found = []
-        for one in lenses:
-            inside = np.isfinite(one.panel_px).all(axis=-1) & (not outlines_only)
-            index = np.broadcast_to(one.index[:, None], one.panel_px.shape)[inside]
-            found.append(
+    def of(
+        cls, lenses: Sequence[Lenses], display: Display, *, outlines_only: bool = False
+    ) -> Observations:
+        """Observations of lenses counted from the array's top left."""
+        observed = []
+        for position in lenses:
+            inside = np.isfinite(position.panel_px).all(axis=-1) & (not outlines_only)
+            index = np.broadcast_to(position.index[:, None], position.panel_px.shape)[inside]
+            observed.append(
                 (
                     index,
-                    one.pixel[inside],
-                    panel_mm(display, one.panel_px[inside]),
-                    one.index[one.is_whole],
-                    one.centre_px[one.is_whole],
+                    position.pixel[inside],
+                    panel_mm(display, position.panel_px[inside]),
+                    position.index[position.is_whole],
+                    position.centre_px[position.is_whole],
                 )
             )
-        return cls(*zip(*found, strict=True))
+        return cls(*zip(*observed, strict=True))
 
-    def sharpened(self, guess: Guess) -> Seen:
-        """With the points on the panel as a camera without blur would have found them.
+    def sharpened(self, guess: Guess) -> Observations:
+        """Observations corrected to those of a camera without blur.
 
         How far blur moves them hardly depends on the guess.
         """
         display, camera, poses = guess
         panel = []
-        for lens, pixel, seen, pose in zip(self.lens, self.pixel, self.panel, poses, strict=True):
+        for lens, pixel, panel_mm, pose in zip(
+            self.lens, self.pixel, self.panel, poses, strict=True
+        ):
             places = np.concatenate([pixel, *(pixel + off for off in _AROUND)])
             all_lenses = np.tile(lens, (1 + len(_AROUND), 1))
             landed = panel_points(display, all_lenses, rays(camera, pose, places))
             through_centre, *others = np.split(landed, 1 + len(_AROUND))
-            panel.append(seen + through_centre - np.mean(others, axis=0))
+            panel.append(panel_mm + through_centre - np.mean(others, axis=0))
         return replace(self, panel=tuple(panel))
 
     @property
@@ -347,16 +356,18 @@ class Seen:
         return [(len(a), len(b)) for a, b in zip(self.lens, self.outlined, strict=True)]
 
     def residuals(self, guess: Guess) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Of each position: of rays, (n, 2) mm on the panel, and of outlines, (m, 2) pixels."""
+        """Residuals of each position: of rays, (n, 2) mm on the panel, and of outlines, (m, 2)
+        pixels.
+        """
         display, camera, poses = guess
         arriving = [
             rays(camera, p, px).reshape(4, -1) for p, px in zip(poses, self.pixel, strict=True)
         ]
         landed = panel_points(display, np.concatenate(self.lens), np.concatenate(arriving, axis=1))
-        ends = np.cumsum([len(one) for one in self.lens])[:-1]
+        ends = np.cumsum([len(lens) for lens in self.lens])[:-1]
         return [
-            (found - seen, centres(display, camera, pose, outlined) - centre)
-            for found, seen, pose, outlined, centre in zip(
+            (ray_mm - panel_mm, centres(display, camera, pose, outlined) - centre)
+            for ray_mm, panel_mm, pose, outlined, centre in zip(
                 np.split(landed, ends), self.panel, poses, self.outlined, self.centre, strict=True
             )
         ]
@@ -367,7 +378,7 @@ class Seen:
         return np.concatenate(parts)
 
     def imperfections(self, guess: Guess) -> np.ndarray:
-        """What `flat` would change by if sheets were not quite what the model says, (2, all).
+        """Change of `flat` caused by typical deviations of sheets from the model, (2, all).
 
         If a lens magnified by one panel millimetre in a millimetre more; if seams were a tenth of a
         millimetre deeper.

@@ -12,7 +12,7 @@ import numpy as np
 
 from inim.backend.choice import versions
 from inim.calibrate.fit import Calibration
-from inim.calibrate.model import PARAMETERS, SHARED, Camera, Guess, Pose, Seen, centres
+from inim.calibrate.model import PARAMETERS, SHARED, Camera, Guess, Observations, Pose, centres
 from inim.display import Display
 from inim.documents.calibration import (
     CalibrationDocument,
@@ -33,17 +33,17 @@ _MOST_ADVICE = 3
 _DIGITS = 9
 
 
-def display_file(found: Calibration, preset: str) -> str:
-    """The XML that `--display` takes: all of the display, with errors as comments.
+def display_file(calibration: Calibration, preset: str) -> str:
+    """Write the display as XML for `--display`, with standard errors as comments.
 
     Parameters
     ----------
-    found : Calibration
+    calibration : Calibration
     preset : str
-        What reports shall call it a change of.
+        Preset that the file changes, for reports.
     """
-    values, defaults = found.display.given(), {f.name: f.default for f in fields(Display)}
-    positions = ", ".join(found.names)
+    values, defaults = calibration.display.given(), {f.name: f.default for f in fields(Display)}
+    positions = ", ".join(calibration.names)
     lines = [
         '<scene version="3.0.0">',
         f"    <!-- {_comment(f'Calibrated by inim {__version__} from photographs: {positions}.')}",
@@ -51,20 +51,20 @@ def display_file(found: Calibration, preset: str) -> str:
         f'    <default name="{PREFIX}display" value="{preset}"/>',
     ]
     for key in DISPLAY_KEYS:
-        estimate = found.estimates.get(key)
+        estimate = calibration.estimates.get(key)
         if values[key] == defaults[key] and estimate is None:
             continue
         value = values[key]
         text = f"{value:.{_DIGITS}g}" if isinstance(value, float) else str(value)
         if estimate is not None and estimate.is_known:
             text = f"{value:.{_decimals(estimate.error)}f}"
-        said = "" if estimate is None else f" <!-- {_said(key, found)} -->"
-        lines.append(f'    <default name="{PREFIX}{key}" value="{text}"/>{said}')
+        comment = "" if estimate is None else f" <!-- {_said(key, calibration)} -->"
+        lines.append(f'    <default name="{PREFIX}{key}" value="{text}"/>{comment}')
     return "\n".join([*lines, "</scene>"]) + "\n"
 
 
 def _decimals(error: float) -> int:
-    """Of a value: to a hundredth of its standard error, beyond which digits are rounding."""
+    """Decimals of a value, to a hundredth of its standard error."""
     return max(0, 2 - math.floor(math.log10(error)))
 
 
@@ -73,24 +73,28 @@ def _comment(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text).replace("--", "- -")
 
 
-def _said(key: str, found: Calibration) -> str:
-    estimate = found.estimates[key]
+def _said(key: str, calibration: Calibration) -> str:
+    estimate = calibration.estimates[key]
     if not estimate.is_known:
         return f"as designed: not determined (standard error {estimate.error:.2g})"
     axis = {"shift_x_mm": 0, "shift_y_mm": 1}.get(key)
-    modulo = axis is not None and not found.edges_seen[axis]
+    modulo = axis is not None and not calibration.edges_seen[axis]
     return f"± {estimate.error:.2g}" + (", or whole pitches more or less" if modulo else "")
 
 
-def residual_maps(found: Calibration) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Of each position its name and two maps over the array, (rows, columns, 2) float, NaN where
-    there is nothing: rays on the panel, µm, mean of a lens; outlines, photograph pixels.
+def residual_maps(calibration: Calibration) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Name and two residual maps of each position, (rows, columns, 2) float, NaN without data:
+    rays on the panel, µm, mean of a lens; outlines, photograph pixels.
     """
-    display = found.guess.display
-    seen = Seen.of(found.lenses, display).sharpened(found.guess)
+    display = calibration.guess.display
+    observations = Observations.of(calibration.lenses, display).sharpened(calibration.guess)
     maps = []
     for name, lens, outlined, (of_rays, of_outlines) in zip(
-        found.names, seen.lens, seen.outlined, seen.residuals(found.guess), strict=True
+        calibration.names,
+        observations.lens,
+        observations.outlined,
+        observations.residuals(calibration.guess),
+        strict=True,
     ):
         shape = (display.lens_rows, display.lens_columns)
         maps.append(
@@ -109,33 +113,39 @@ def _mapped(index: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> np
     return mean
 
 
-def calibration_document(found: Calibration, title: str, command: str) -> CalibrationDocument:
+def calibration_document(calibration: Calibration, title: str, command: str) -> CalibrationDocument:
     """The calibration as a document, without the list of its files."""
-    advice = next_positions(found)
+    advice = next_positions(calibration)
     return CalibrationDocument(
         title=title,
         created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
         inim_version=__version__,
         versions=versions(_VERSIONS),
         command=command,
-        display=DisplayRecord.of(found.display),
-        parameters={name: _estimate(found, name) for name in PARAMETERS},
-        not_determined=found.unknown,
-        shift_is_certain=CertainShift(x=found.edges_seen[0], y=found.edges_seen[1]),
-        camera=_camera(found),
-        correlation=Correlation(names=list(found.estimates), matrix=found.correlation.tolist()),
-        positions=[_position(found, n) for n in range(len(found.names))],
+        display=DisplayRecord.of(calibration.display),
+        parameters={name: _estimate(calibration, name) for name in PARAMETERS},
+        not_determined=calibration.unknown,
+        shift_is_certain=CertainShift(x=calibration.edges_seen[0], y=calibration.edges_seen[1]),
+        camera=_camera(calibration),
+        correlation=Correlation(
+            names=list(calibration.estimates), matrix=calibration.correlation.tolist()
+        ),
+        positions=[_position(calibration, n) for n in range(len(calibration.names))],
         next=[
-            NextPosition(where=one.where, eye_mm=one.eye_mm, standard_errors=one.errors)
-            for one in advice[:_MOST_ADVICE]
+            NextPosition(
+                where=suggestion.description,
+                eye_mm=suggestion.eye_mm,
+                standard_errors=suggestion.errors,
+            )
+            for suggestion in advice[:_MOST_ADVICE]
         ],
-        warnings=_warnings(found, advice),
+        warnings=_warnings(calibration, advice),
         files=[],
     )
 
 
-def _estimate(found: Calibration, name: str) -> ParameterEstimate:
-    estimate = found.estimates[name]
+def _estimate(calibration: Calibration, name: str) -> ParameterEstimate:
+    estimate = calibration.estimates[name]
     low, high = estimate.interval
     return ParameterEstimate(
         value=estimate.value,
@@ -144,29 +154,33 @@ def _estimate(found: Calibration, name: str) -> ParameterEstimate:
         high=high,
         largest_standard_error=estimate.limit,
         is_determined=estimate.is_known,
-        nominal=getattr(found.nominal, name),
+        nominal=getattr(calibration.nominal, name),
     )
 
 
-def _camera(found: Calibration) -> CameraEstimate:
-    camera, (height, width) = found.guess.camera, found.lenses[0].shape
-    is_given = "focal_px" not in found.estimates
+def _camera(calibration: Calibration) -> CameraEstimate:
+    camera, (height, width) = calibration.guess.camera, calibration.lenses[0].shape
+    is_given = "focal_px" not in calibration.estimates
     return CameraEstimate(
         is_given=is_given,
         width_px=width,
         height_px=height,
         **camera._asdict(),
         standard_errors={
-            name: None if is_given else found.estimates[name].error for name in camera._fields
+            name: None if is_given else calibration.estimates[name].error for name in camera._fields
         },
     )
 
 
-def _position(found: Calibration, n: int) -> CameraPosition:
-    pose, errors, lenses = found.guess.poses[n], found.pose_errors[n], found.lenses[n]
+def _position(calibration: Calibration, n: int) -> CameraPosition:
+    pose, errors, lenses = (
+        calibration.guess.poses[n],
+        calibration.pose_errors[n],
+        calibration.lenses[n],
+    )
     x, y, z = pose.eye_mm
     return CameraPosition(
-        name=found.names[n],
+        name=calibration.names[n],
         eye_mm=tuple(pose.eye_mm.tolist()),
         eye_standard_error_mm=tuple(errors[3:].tolist()),
         turn=_rows(pose.turn),
@@ -174,8 +188,8 @@ def _position(found: Calibration, n: int) -> CameraPosition:
         off_straight_deg=math.degrees(math.atan2(math.hypot(x, y), z)),
         lenses=len(lenses.index),
         whole_lenses=int(lenses.is_whole.sum()),
-        panel_residual_um=1e3 * float(found.sizes[n, 0]),
-        outline_residual_px=float(found.sizes[n, 1]),
+        panel_residual_um=1e3 * float(calibration.sizes[n, 0]),
+        outline_residual_px=float(calibration.sizes[n, 1]),
     )
 
 
@@ -184,22 +198,26 @@ def _rows(matrix: np.ndarray) -> tuple[Vector, Vector, Vector]:
     return first, second, third
 
 
-def _warnings(found: Calibration, advice: Sequence[Advice]) -> list[str]:
-    said = []
-    if found.unknown:
-        more = f"photograph from {advice[0].where}, too" if advice else "photograph from elsewhere"
-        said.append(
-            f"not determined by these photographs, and left as designed: "
-            f"{', '.join(found.unknown)}; {more}"
+def _warnings(calibration: Calibration, advice: Sequence[Advice]) -> list[str]:
+    warnings = []
+    if calibration.unknown:
+        more = (
+            f"photograph from {advice[0].description}, too"
+            if advice
+            else "photograph from elsewhere"
         )
-    for axis, seen in zip("xy", found.edges_seen, strict=True):
-        if not seen:
+        warnings.append(
+            f"not determined by these photographs, and left as designed: "
+            f"{', '.join(calibration.unknown)}; {more}"
+        )
+    for axis, is_visible in zip("xy", calibration.edges_seen, strict=True):
+        if not is_visible:
             edges = "left and right" if axis == "x" else "upper and lower"
-            said.append(
+            warnings.append(
                 f"shift_{axis}_mm is known modulo a pitch, for the sheet's {edges} edges are not "
                 "both seen: the one nearest to the design is given"
             )
-    return said
+    return warnings
 
 
 # Directions to look from: right and up, in shares of the angle at which views flip.
@@ -229,23 +247,23 @@ class Advice(NamedTuple):
         Standard errors of the display's parameters, with one more position there.
     """
 
-    where: str
+    description: str
     eye_mm: tuple[float, float, float]
     errors: dict[str, float]
 
 
-def next_positions(found: Calibration) -> list[Advice]:
+def next_positions(calibration: Calibration) -> list[Advice]:
     """Positions worth adding, the best one first.
 
     Each is one of some directions and distances; the best leaves the least product of standard
     errors. Residuals there are taken to be those of the positions there are.
     """
-    display, camera, poses = found.guess
+    display, camera, poses = calibration.guess
     distances = sorted(float(pose.eye_mm[2]) for pose in poses)
-    steps = found.guess.steps[: len(SHARED)]
-    free = np.diag(found.covariance)[: len(SHARED)] > 0
-    own = found.covariance[: len(SHARED), : len(SHARED)] / np.outer(steps, steps)
-    known = np.linalg.inv(own[np.ix_(free, free)])
+    steps = calibration.guess.steps[: len(SHARED)]
+    free = np.diag(calibration.covariance)[: len(SHARED)] > 0
+    own = calibration.covariance[: len(SHARED), : len(SHARED)] / np.outer(steps, steps)
+    covariance = np.linalg.inv(own[np.ix_(free, free)])
     half_angle = math.radians(display.viewing_half_angle_deg)
     advised = []
     for distance in sorted(
@@ -255,16 +273,16 @@ def next_positions(found: Calibration) -> list[Advice]:
             eye = distance * np.array(
                 [math.tan(right * half_angle), math.tan(up * half_angle), 1.0]
             )
-            more = _information(display, camera, _facing(eye), found, free)
+            more = _information(display, camera, _facing(eye), calibration, free)
             if more is None:
                 continue
-            errors = np.sqrt(np.diag(np.linalg.inv(known + more))) * steps[free]
+            errors = np.sqrt(np.diag(np.linalg.inv(covariance + more))) * steps[free]
             named = dict(zip(PARAMETERS, map(float, errors), strict=False))
             off = math.degrees(math.hypot(right, up) * half_angle)
-            aside = f", {off:.0f}° off straight" if off else ""
-            place = f"{words}{aside}, {distance:.0f} mm away"
+            direction = f", {off:.0f}° off straight" if off else ""
+            place = f"{words}{direction}, {distance:.0f} mm away"
             advised.append(Advice(place, (float(eye[0]), float(eye[1]), float(eye[2])), named))
-    return sorted(advised, key=lambda one: sum(map(math.log, one.errors.values())))
+    return sorted(advised, key=lambda suggestion: sum(map(math.log, suggestion.errors.values())))
 
 
 def _facing(eye: np.ndarray) -> Pose:
@@ -276,33 +294,35 @@ def _facing(eye: np.ndarray) -> Pose:
 
 
 def _information(
-    display: Display, camera: Camera, pose: Pose, found: Calibration, free: np.ndarray
+    display: Display, camera: Camera, pose: Pose, calibration: Calibration, free: np.ndarray
 ) -> np.ndarray | None:
-    """What a position tells of `SHARED`, its pose being unknown; None where it sees too little."""
+    """Information of a new position about `SHARED`; None if it sees too few lenses."""
     column, row = np.meshgrid(
         np.unique(np.linspace(0, display.lens_columns - 1, _LENSES).astype(int)),
         np.unique(np.linspace(0, display.lens_rows - 1, _LENSES).astype(int)),
     )
     index = np.stack([column.ravel(), row.ravel()], axis=-1)
     centre = centres(display, camera, pose, index)
-    height, width = found.lenses[0].shape
+    height, width = calibration.lenses[0].shape
     inside = ((centre > 0) & (centre < [width, height])).all(axis=-1)
     if inside.sum() < index.size / 8:
         return None
     index, centre = index[inside], centre[inside]
     lens_px = camera.focal_px * display.pitch_mm / pose.eye_mm[2]
     places = np.array([(x, y) for x in (-1, 1) for y in (-1, 1)]) * _OFF_CENTRE * lens_px
-    each = np.repeat(index, len(places), axis=0)
+    lens_of_ray = np.repeat(index, len(places), axis=0)
     pixel = (centre[:, None] + places).reshape(-1, 2)
-    nothing = np.zeros_like(pixel)
-    seen = Seen((each,), (pixel,), (nothing,), (index,), (centre,))
+    zeros = np.zeros_like(pixel)
+    observations = Observations((lens_of_ray,), (pixel,), (zeros,), (index,), (centre,))
     guess = Guess(display, camera, (pose,))
     fitted = np.append(free, np.ones(6, bool))
-    slopes = seen.slopes(guess, np.zeros(fitted.size), fitted) * guess.steps[fitted][:, None]
-    ray_mm, outline_px = found.sizes.mean(axis=0)
+    slopes = (
+        observations.slopes(guess, np.zeros(fitted.size), fitted) * guess.steps[fitted][:, None]
+    )
+    ray_mm, outline_px = calibration.sizes.mean(axis=0)
     # The rays of a lens count as one: they see the same few pixels of the panel.
     sizes = np.repeat(
-        [ray_mm * math.sqrt(len(places)), outline_px], [2 * len(each), 2 * len(index)]
+        [ray_mm * math.sqrt(len(places)), outline_px], [2 * len(lens_of_ray), 2 * len(index)]
     )
     slopes = slopes / sizes
     whole = slopes @ slopes.T

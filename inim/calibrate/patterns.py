@@ -1,11 +1,12 @@
-"""The pictures that a display shows while it is photographed, and the page that shows them.
+"""Patterns that a display shows for calibration, and the page that shows them.
 
-White and black come first. Then, for the columns and after that for the rows, Gray codes of the
-cell floor(pixel / 8), coarsest bit first, each followed by its inverse; and a cosine of 16 panel
-pixels' period at 0, 90, 180 and 270 degrees. Codes are sRGB, so that linear light is the cosine;
-where the panel's gamma is another, four steps cancel the second harmonic. The Gray code names the
-period, whose place the cosine tells: a cell is half a period, so an error at a cell's edge moves
-nothing by a period (Salvi et al., Pattern Recognition 43, 2666, 2010, on such codes in general).
+White and black come first. Then follow, for the columns and after that for the rows, Gray codes of
+the cell floor(pixel / 8), coarsest bit first, each with its inverse, and a cosine with a period of
+16 panel pixels at 0, 90, 180 and 270 degrees. Codes are sRGB, so that linear light is the cosine.
+For a panel with another gamma, four steps cancel the second harmonic. The Gray code selects the
+period, and the cosine gives the position in it. A cell is half a period, so an error at a cell's
+edge does not change the period (Salvi et al., Pattern Recognition 43, 2666, 2010, on such codes in
+general).
 """
 
 from __future__ import annotations
@@ -36,14 +37,14 @@ _SHIFTS_DEG = (0, 90, 180, 270)
 
 
 class Pattern(NamedTuple):
-    """A picture that varies along one axis of the panel, or not at all.
+    """Pattern that varies along one axis of the panel, or is constant.
 
     Attributes
     ----------
     name : str
-        Of its file, without the ending; names sort in the order of display.
+        Name of its file without the ending; names sort in display order.
     codes : (rows or 1, columns or 1) uint8
-        sRGB grey; what is 1 wide or high is the same all over.
+        sRGB grey; an axis of length 1 is constant.
     """
 
     name: str
@@ -51,7 +52,7 @@ class Pattern(NamedTuple):
 
 
 def bit_count(pixels: int) -> int:
-    """Bits of the Gray code that tells the cells of so many pixels apart."""
+    """Bits of the Gray code for all cells of an axis."""
     return max(1, ((pixels - 1) // CELL).bit_length())
 
 
@@ -64,41 +65,41 @@ def patterns(panel: tuple[int, int]) -> list[Pattern]:
         A display's `eia_shape`.
     """
     rows, columns = panel
-    made = [("white", np.full((1, 1), _WHITE)), ("black", np.zeros((1, 1)))]
+    sequence = [("white", np.full((1, 1), _WHITE)), ("black", np.zeros((1, 1)))]
     for axis, pixel in (("column", np.arange(columns)), ("row", np.arange(rows)[:, None])):
         cell = pixel // CELL
         code = np.atleast_2d(cell ^ (cell >> 1))
         for bit in reversed(range(bit_count(pixel.size))):
             lit = _WHITE * ((code >> bit) & 1)
-            made += [(f"{axis}-bit-{bit}", lit), (f"{axis}-bit-{bit}-inverse", _WHITE - lit)]
+            sequence += [(f"{axis}-bit-{bit}", lit), (f"{axis}-bit-{bit}-inverse", _WHITE - lit)]
         centre = np.atleast_2d(2 * np.pi * (pixel + 0.5) / PERIOD)
         for shift in _SHIFTS_DEG:
             light = 0.5 + 0.5 * np.cos(centre - np.radians(shift))
-            made.append((f"{axis}-phase-{shift:03d}", srgb_to_uint8(srgb_from_linear(light))))
+            sequence.append((f"{axis}-phase-{shift:03d}", srgb_to_uint8(srgb_from_linear(light))))
     return [
         Pattern(f"{number:02d}-{name}", codes.astype(np.uint8))
-        for number, (name, codes) in enumerate(made)
+        for number, (name, codes) in enumerate(sequence)
     ]
 
 
 def write_patterns(display: Display, folder: Path) -> Path:
-    """Write a display's pictures as PNG, `patterns.json`, and the page that shows them.
+    """Write a display's patterns as PNG, `patterns.json`, and the page that shows them.
 
     Parameters
     ----------
     display : Display
     folder : Path
-        Made where there is none; what an earlier call wrote there is replaced.
+        Created if missing; files from an earlier call are replaced.
 
     Returns
     -------
     Path
-        Of the page.
+        Path of the page.
 
     Raises
     ------
     FileError
-        The folder cannot be written, or something else is in the way.
+        The folder cannot be written, or another file is in the way.
     """
     rows, columns = display.eia_shape
     pictures = {}

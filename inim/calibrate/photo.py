@@ -1,8 +1,8 @@
-"""A photograph of a calibrated display that shows an EIA, against what it should look like.
+"""Comparison of a photograph of a calibrated display with its simulation.
 
-The simulation sees the display through the lens models from where the camera stood. What differs is
-told apart in an order: first the photograph is moved against it (geometry), then it is less sharp
-(blur), then its light follows another curve (tone); what is left after all three has other causes.
+The simulation renders the display through the lens models from the camera's position. The
+differences are separated in this order: the photograph is shifted (geometry), less sharp (blur),
+and has a different tone curve (tone). The rest has other causes.
 
     photograph = black + gain * blurred(moved(simulation)) ** gamma
 """
@@ -53,9 +53,9 @@ class Tone(NamedTuple):
     gamma: float
 
     def of(self, light: np.ndarray) -> np.ndarray:
-        """What the photograph has of a light."""
-        shown: np.ndarray = self.black + self.gain * np.maximum(light, 0) ** self.gamma
-        return shown
+        """Response of the photograph to light."""
+        response: np.ndarray = self.black + self.gain * np.maximum(light, 0) ** self.gamma
+        return response
 
 
 class Stage(NamedTuple):
@@ -72,26 +72,27 @@ class Stage(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """How a photograph differs from its simulation.
+    """Difference between a photograph and its simulation.
 
     Attributes
     ----------
     right_px, down_px, error_px : float
-        How far the photograph is moved, and the standard error by what its blocks say.
+        Shift of the photograph, and its standard error from the scatter of the blocks.
     flow : (rows, columns, 2) float array
-        Movement of each block of `BLOCK_PX`, right and down; NaN where it shows too little.
+        Shift of each block of `BLOCK_PX`, right and down; NaN without enough texture.
     tones : (Tone, Tone, Tone)
         Red, green, blue.
     blur_px : float
-        Sigma of the Gaussian that makes the simulation as unsharp as the photograph.
+        Sigma of the Gaussian that blurs the simulation like the photograph.
     window : (slice, slice)
-        The part of the photograph that was compared.
+        The compared part of the photograph.
     counts : (H, W) bool
-        Of that part, pixels that count.
+        Compared pixels of that part.
     photograph : (H, W, 3) float32
-        That part, linear; black where it does not count, as in the stages.
+        That part, linear; black at other pixels, as in the stages.
     stages : tuple of Stage
-        With the photograph's exposure only; moved; blurred; in its tones.
+        Simulation with the photograph's exposure only; then moved; then blurred; then with its tone
+        curve.
     """
 
     right_px: float
@@ -109,7 +110,7 @@ class Difference(NamedTuple):
 def simulate(
     eia: np.ndarray, display: Display, camera: Camera, pose: Pose, shape: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What a camera sees of a display, by the thick lens and a pinhole.
+    """Simulate the photograph of a display with the thick lens model and a pinhole camera.
 
     Parameters
     ----------
@@ -128,7 +129,7 @@ def simulate(
         Pixels all of whose samples come from the panel through a lens.
     """
     light = np.zeros((*shape, 3), np.float32)
-    seen = np.zeros(shape, bool)
+    is_display = np.zeros(shape, bool)
 
     def fill(first: int) -> None:
         rows = np.arange(first, min(first + _BAND_ROWS, shape[0]))
@@ -137,34 +138,36 @@ def simulate(
         x = (np.arange(shape[1])[:, None] + offsets).ravel()
         pixels = np.stack(np.broadcast_arrays(x, y[:, None]), axis=-1)
         row, column, share = trace_to_pixels(display, "thick", *rays(camera, pose, pixels))
-        found = eia[row, column] * share[..., None]
+        panel_light = eia[row, column] * share[..., None]
         by_pixel = (len(rows), _SAMPLES, shape[1], _SAMPLES)
-        light[rows] = found.reshape(*by_pixel, 3).mean(axis=(1, 3))
-        seen[rows] = (share.reshape(by_pixel) > 0).all(axis=(1, 3))
+        light[rows] = panel_light.reshape(*by_pixel, 3).mean(axis=(1, 3))
+        is_display[rows] = (share.reshape(by_pixel) > 0).all(axis=(1, 3))
 
     with threads() as submit:
-        for one in [submit(fill, first) for first in range(0, shape[0], _BAND_ROWS)]:
-            one.result()
-    return light, seen
+        for future in [submit(fill, first) for first in range(0, shape[0], _BAND_ROWS)]:
+            future.result()
+    return light, is_display
 
 
-def compare(photograph: np.ndarray, light: np.ndarray, seen: np.ndarray, name: str) -> Difference:
-    """Set a photograph beside its simulation.
+def compare(
+    photograph: np.ndarray, light: np.ndarray, is_display: np.ndarray, name: str
+) -> Difference:
+    """Compare a photograph with its simulation.
 
     Parameters
     ----------
     photograph, light : (H, W, 3) float arrays, linear
-    seen : (H, W) bool
-        Of `simulate`.
+    is_display : (H, W) bool
+        Pixels that see the display, from `simulate`.
     name : str
-        What to call the photograph in errors.
+        Name of the photograph in error messages.
 
     Raises
     ------
     FileError
-        The display is hardly in the photograph, or shows nothing to compare.
+        The display covers too little of the photograph, or has no texture to compare.
     """
-    counts = binary_erosion(seen, iterations=_BORDER_PX)
+    counts = binary_erosion(is_display, iterations=_BORDER_PX)
     if np.count_nonzero(counts) < _FEWEST_PIXELS:
         raise FileError(
             f"{name}: hardly shows the display from this position; name the one that it was "
@@ -181,8 +184,8 @@ def compare(photograph: np.ndarray, light: np.ndarray, seen: np.ndarray, name: s
     moved = np.zeros(2)
     tone = Tone(0.0, float(grey[counts].mean() / model[counts].mean()), 1.0)
     for sigma in _SCALES_PX:
-        shown = tone.of(shift(model, moved, order=3, mode="nearest"))
-        moved = moved + _movement(grey, shown, counts, sigma)
+        simulated = tone.of(shift(model, moved, order=3, mode="nearest"))
+        moved = moved + _movement(grey, simulated, counts, sigma)
         tone = _tone(grey, shift(model, moved, order=3, mode="nearest"), counts, _TONE_BLUR_PX)
     placed = np.stack(
         [shift(sim[..., c], moved, order=3, mode="nearest") for c in range(3)], axis=-1
@@ -194,9 +197,9 @@ def compare(photograph: np.ndarray, light: np.ndarray, seen: np.ndarray, name: s
     # The last word on the movement has blur and tone right.
     last = final.mean(axis=-1)
     flow = _flow(grey, last, counts)
-    known = np.isfinite(flow).all(axis=-1)
-    by_blocks = flow[known] - np.median(flow[known], axis=0)
-    spread = 1.4826 * float(np.median(np.abs(by_blocks))) if known.any() else np.nan
+    is_measured = np.isfinite(flow).all(axis=-1)
+    by_blocks = flow[is_measured] - np.median(flow[is_measured], axis=0)
+    spread = 1.4826 * float(np.median(np.abs(by_blocks))) if is_measured.any() else np.nan
     moved_last = moved + _movement(grey, last, counts, _SCALES_PX[-1])
     gains = photo[counts].mean(axis=0) / np.maximum(sim[counts].mean(axis=0), 1e-9)
     mask = counts[..., None].astype(np.float32)
@@ -212,7 +215,7 @@ def compare(photograph: np.ndarray, light: np.ndarray, seen: np.ndarray, name: s
     return Difference(
         float(moved_last[1]),
         float(moved_last[0]),
-        spread / max(int(np.count_nonzero(known)), 1) ** 0.5,
+        spread / max(int(np.count_nonzero(is_measured)), 1) ** 0.5,
         flow + moved[::-1],
         tones,
         blur,
@@ -224,36 +227,38 @@ def compare(photograph: np.ndarray, light: np.ndarray, seen: np.ndarray, name: s
 
 
 def _window(counts: np.ndarray) -> tuple[slice, slice]:
-    """The smallest rectangle around what counts."""
-    found = []
+    """Smallest rectangle around the compared pixels."""
+    slices = []
     for axis in (1, 0):
         places = np.flatnonzero(counts.any(axis=axis))
-        found.append(slice(int(places[0]), int(places[-1]) + 1))
-    return found[0], found[1]
+        slices.append(slice(int(places[0]), int(places[-1]) + 1))
+    return slices[0], slices[1]
 
 
 def _gradients(
-    grey: np.ndarray, shown: np.ndarray, counts: np.ndarray, sigma: float
+    grey: np.ndarray, simulated: np.ndarray, counts: np.ndarray, sigma: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Slopes down and right of the simulation, and what the photograph has less; 0 off it."""
-    soft = gaussian_filter(shown, sigma)
+    """Slopes of the simulation, down and right, and the difference to the photograph; 0 outside."""
+    soft = gaussian_filter(simulated, sigma)
     less = (soft - gaussian_filter(grey, sigma)) * counts
     down, right = np.gradient(soft)
     return down * counts, right * counts, less
 
 
-def _movement(grey: np.ndarray, shown: np.ndarray, counts: np.ndarray, sigma: float) -> np.ndarray:
+def _movement(
+    grey: np.ndarray, simulated: np.ndarray, counts: np.ndarray, sigma: float
+) -> np.ndarray:
     """Down and right, by which the photograph is moved: one step of Lucas and Kanade (1981)."""
-    down, right, less = _gradients(grey, shown, counts, sigma)
+    down, right, less = _gradients(grey, simulated, counts, sigma)
     matrix = np.array([[np.sum(a * b) for b in (down, right)] for a in (down, right)])
     vector = np.array([np.sum(a * less) for a in (down, right)])
     step: np.ndarray = np.linalg.lstsq(matrix, vector, rcond=None)[0]
     return step
 
 
-def _flow(grey: np.ndarray, shown: np.ndarray, counts: np.ndarray) -> np.ndarray:
+def _flow(grey: np.ndarray, simulated: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """The same by blocks, right and down."""
-    down, right, less = _gradients(grey, shown, counts, _SCALES_PX[-1])
+    down, right, less = _gradients(grey, simulated, counts, _SCALES_PX[-1])
 
     def sums(values: np.ndarray) -> np.ndarray:
         high, wide = (size // BLOCK_PX for size in values.shape)
@@ -268,24 +273,26 @@ def _flow(grey: np.ndarray, shown: np.ndarray, counts: np.ndarray) -> np.ndarray
     good = (flattest > _FLAT_SHARE * usual) & (sums(counts * 1.0) > _SEEN_SHARE * BLOCK_PX**2)
     with np.errstate(invalid="ignore", divide="ignore"):
         flow = np.stack([c * u - b * v, a * v - b * u], axis=-1) / (a * c - b * b)[..., None]
-    found: np.ndarray = np.where(good[..., None], flow, np.nan)
-    return found
+    shifts: np.ndarray = np.where(good[..., None], flow, np.nan)
+    return shifts
 
 
 def _tone(grey: np.ndarray, light: np.ndarray, counts: np.ndarray, sigma: float) -> Tone:
     """Response of a channel, or of the mean of all."""
-    soft = [gaussian_filter(one, sigma)[counts] if sigma else one[counts] for one in (light, grey)]
+    soft = [
+        gaussian_filter(image, sigma)[counts] if sigma else image[counts] for image in (light, grey)
+    ]
     every = 1 + soft[0].size // _MOST_TONE_PIXELS
-    x, y = (one[::every].astype(np.float64) for one in soft)
+    x, y = (channel[::every].astype(np.float64) for channel in soft)
     x = np.maximum(x, 1e-6)
-    found = least_squares(
+    solution = least_squares(
         lambda p: p[0] + p[1] * x ** p[2] - y,
         [max(float(y.min()), 0.0), max(float(np.ptp(y)), 1e-3) / float(x.max()), 1.0],
         bounds=([-0.1, 1e-6, 0.2], [0.9, 1e3, 5.0]),
         loss="soft_l1",
         f_scale=0.05,
     )
-    return Tone(*map(float, found.x))
+    return Tone(*map(float, solution.x))
 
 
 def _blur(grey: np.ndarray, placed: np.ndarray, counts: np.ndarray) -> float:
@@ -293,17 +300,17 @@ def _blur(grey: np.ndarray, placed: np.ndarray, counts: np.ndarray) -> float:
 
     def left(sigma: float) -> float:
         soft = gaussian_filter(placed, sigma)
-        shown = _tone(grey, soft, counts, 0.0).of(soft)
-        return float(np.mean((shown - grey)[counts] ** 2))
+        simulated = _tone(grey, soft, counts, 0.0).of(soft)
+        return float(np.mean((simulated - grey)[counts] ** 2))
 
-    found = minimize_scalar(
+    solution = minimize_scalar(
         left, bounds=(0.0, _MOST_BLUR_PX), method="bounded", options={"xatol": 0.01}
     )
-    return float(found.x) if found.x > _LEAST_BLUR_PX else 0.0
+    return float(solution.x) if solution.x > _LEAST_BLUR_PX else 0.0
 
 
 def photo_document(
-    found: Difference,
+    difference: Difference,
     display: Display,
     lens_px: float,
     *,
@@ -317,7 +324,7 @@ def photo_document(
 
     Parameters
     ----------
-    found : Difference
+    difference : Difference
     display : Display
     lens_px : float
         Lens pitch in pixels of the photograph.
@@ -325,10 +332,10 @@ def photo_document(
         Names of the document and its inputs.
     """
     errors = [
-        float(np.mean((stage.picture - found.photograph)[found.counts] ** 2))
-        for stage in found.stages
+        float(np.mean((stage.picture - difference.photograph)[difference.counts] ** 2))
+        for stage in difference.stages
     ]
-    rows, columns = found.window
+    rows, columns = difference.window
     return PhotoDocument(
         title=title,
         created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
@@ -341,27 +348,27 @@ def photo_document(
         display=DisplayRecord.of(display),
         window_px=(columns.start, rows.start, columns.stop, rows.stop),
         geometry=Shift(
-            right_px=found.right_px,
-            down_px=found.down_px,
-            standard_error_px=float(found.error_px),
+            right_px=difference.right_px,
+            down_px=difference.down_px,
+            standard_error_px=float(difference.error_px),
             lens_px=lens_px,
             block_px=BLOCK_PX,
             largest_block_px=float(
-                np.nanmax(np.hypot(found.flow[..., 0], found.flow[..., 1]), initial=0.0)
+                np.nanmax(np.hypot(difference.flow[..., 0], difference.flow[..., 1]), initial=0.0)
             ),
         ),
-        blur_sigma_px=found.blur_px,
+        blur_sigma_px=difference.blur_px,
         tone={
             color: ToneCurve(**tone._asdict())
-            for color, tone in zip(("red", "green", "blue"), found.tones, strict=True)
+            for color, tone in zip(("red", "green", "blue"), difference.tones, strict=True)
         },
         stages=[
             MatchedStage(
                 name=stage.name,
                 error_share=error / errors[0],
-                scores=score(found.photograph, stage.picture),
+                scores=score(difference.photograph, stage.picture),
             )
-            for stage, error in zip(found.stages, errors, strict=True)
+            for stage, error in zip(difference.stages, errors, strict=True)
         ],
         files=[],
     )

@@ -33,21 +33,21 @@ _DIAGONAL_35MM = math.hypot(36, 24)
 
 @dataclass(frozen=True)
 class Position:
-    """The photographs from one camera position.
+    """Photographs from one camera position.
 
     Attributes
     ----------
     name : str
-        Of its folder.
+        Name of its folder.
     photographs : tuple of Path
-        One for each of `inim.calibrate.patterns.patterns`, in that order.
+        One photograph for each of `inim.calibrate.patterns.patterns`, in that order.
     shape : (rows, columns)
-        Of every photograph.
+        Size of every photograph.
     panel : (rows, columns)
-        Of the display that showed the patterns.
+        Size of the panel that showed the patterns.
     focal_length_px : float or None
-        What EXIF says, by the focal length for 35 mm film (CIPA DCG-001: of equal diagonal), which
-        cameras round to whole millimetres; None where it says nothing.
+        Focal length from EXIF, computed from the one for 35 mm film (CIPA DCG-001: equal diagonal),
+        which cameras round to whole millimetres; None without EXIF.
     """
 
     name: str
@@ -76,13 +76,13 @@ def read_positions(folder: Path, display: Display) -> list[Position]:
     """
     if not folder.is_dir():
         raise FileError(f"{folder}: no such folder; name the one that holds a folder a position")
-    found = sorted((p for p in _visible(folder) if p.is_dir()), key=_in_order)
-    if not found:
+    folders = sorted((p for p in _visible(folder) if p.is_dir()), key=_in_order)
+    if not folders:
         raise FileError(
             f"{folder}: holds no folders; put the photographs of each camera position into a "
             "folder of its own in it"
         )
-    positions = [read_position(one, display) for one in found]
+    positions = [read_position(position, display) for position in folders]
     for other in positions[1:]:
         if other.shape != positions[0].shape:
             raise FileError(
@@ -99,11 +99,11 @@ def read_position(folder: Path, display: Display) -> Position:
     for path in paths:
         if path.suffix.lower() not in _ENDINGS:
             raise FileError(f"{path}: {_NOT_ONE}")
-    wanted = len(patterns(display.eia_shape))
-    if len(paths) != wanted:
+    pattern_count = len(patterns(display.eia_shape))
+    if len(paths) != pattern_count:
         raise FileError(
             f"{folder}: {len(paths)} pictures, and the patterns of display {display.name} are "
-            f"{wanted}; photograph each once, or name the display whose patterns were shown"
+            f"{pattern_count}; photograph each once, or name the display whose patterns were shown"
         )
     shape, focal_length = _header(paths[0])
     for path in paths[1:]:
@@ -155,15 +155,15 @@ def read_colors(path: Path) -> np.ndarray:
 
 
 def read_photograph(path: Path) -> np.ndarray:
-    """The linear light of a photograph, (rows, columns) float32, 1 being its brightest code.
+    """Linear light of a photograph, (rows, columns) float32; 1 is its brightest code.
 
-    Of a colour picture, the luma of its codes: for a panel's greys, of whatever tint, a power of
-    the light is a power of that.
+    A colour photograph is converted to the luma of its codes. For a panel's greys of any tint, a
+    power of the light remains a power of the luma.
 
     Raises
     ------
     FileError
-        Missing, damaged or of another kind.
+        The file is missing, damaged or of another kind.
     """
     with open_picture(path, _FORMATS, 1, _NOT_ONE) as picture:
         if picture.mode.startswith("I"):

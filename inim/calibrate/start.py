@@ -1,4 +1,4 @@
-"""Where to begin: cameras by their homographies, one lens by one number, the array by its edges."""
+"""Start of the fit: cameras from homographies, one number per lens, the array from its edges."""
 
 from __future__ import annotations
 
@@ -31,7 +31,9 @@ def _lattice_mm(display: Display, index: np.ndarray) -> np.ndarray:
 
 
 def _homography(display: Display, lenses: Lenses) -> np.ndarray:
-    """From the lens array's plane to the photograph (Hartley and Zisserman, algorithm 4.2)."""
+    """Homography from the lens array's plane to the photograph (Hartley and Zisserman, algorithm
+    4.2).
+    """
     flat = [_lattice_mm(display, lenses.index), lenses.centre_px]
     scaled, norms = [], []
     for points in flat:
@@ -44,13 +46,13 @@ def _homography(display: Display, lenses: Lenses) -> np.ndarray:
             )
         )
     a, b = scaled
-    one, none = np.ones((len(a), 1)), np.zeros((len(a), 3))
-    a1 = np.hstack([a, one])
+    ones, zeros = np.ones((len(a), 1)), np.zeros((len(a), 3))
+    a1 = np.hstack([a, ones])
     rows = np.concatenate(
-        [np.hstack([a1, none, -b[:, :1] * a1]), np.hstack([none, a1, -b[:, 1:] * a1])]
+        [np.hstack([a1, zeros, -b[:, :1] * a1]), np.hstack([zeros, a1, -b[:, 1:] * a1])]
     )
-    found = np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, 3)
-    homography: np.ndarray = np.linalg.inv(norms[1]) @ found @ norms[0]
+    solution = np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, 3)
+    homography: np.ndarray = np.linalg.inv(norms[1]) @ solution @ norms[0]
     return homography
 
 
@@ -66,16 +68,17 @@ def _columns(homography: np.ndarray, camera: Camera) -> np.ndarray:
 def focal_guess(
     display: Display, lenses: Sequence[Lenses], stated_px: float | None = None
 ) -> Camera:
-    """A camera with its axis through the middle of the photographs.
+    """Camera whose axis passes through the centre of the photographs.
 
-    Its focal length is what the photographs state; or the one under which all lattices are most
-    nearly square, and seen from where lenses magnify steps of the panel as much as they do.
+    Its focal length is the one in the photographs, if given. Otherwise it is the one under which
+    all lattices are most nearly square, at distances that agree with the magnification of the
+    lenses.
     """
     height, width = lenses[0].shape
     if stated_px is not None:
         return Camera(stated_px, width / 2, height / 2)
-    homographies = [_homography(display, one) for one in lenses]
-    steps = [_panel_step(display, one) for one in lenses]
+    homographies = [_homography(display, position) for position in lenses]
+    steps = [_panel_step(display, position) for position in lenses]
 
     def unlikeness(camera: Camera) -> float:
         total = (math.log(camera.focal_px / width / _USUAL_WIDTHS) / _FOCAL_SPREAD) ** 2
@@ -91,7 +94,7 @@ def focal_guess(
 
 
 def pose_guess(display: Display, lenses: Lenses, camera: Camera, name: str) -> Pose:
-    """Where a camera stands in the lens array's own frame, the lens 0, 0 at the origin.
+    """Pose of a camera in the lens array's own frame, with the lens 0, 0 at the origin.
 
     Raises
     ------
@@ -112,15 +115,19 @@ def _pose(homography: np.ndarray, camera: Camera) -> Pose:
 
 
 def _on_panel(display: Display, lenses: Lenses) -> tuple[np.ndarray, np.ndarray]:
-    """Affine map from places in the array to what the panel's lenses show: matrix and offset."""
+    """Affine map from positions in the array to panel points seen through the lenses: matrix and
+    offset.
+    """
     points = _lattice_mm(display, lenses.index)
-    known = np.hstack([points, np.ones((len(points), 1))])
-    fit = np.linalg.lstsq(known, panel_mm(display, lenses.middle_px), rcond=None)[0]
+    homogeneous = np.hstack([points, np.ones((len(points), 1))])
+    fit = np.linalg.lstsq(homogeneous, panel_mm(display, lenses.middle_px), rcond=None)[0]
     return fit[:2].T, fit[2]
 
 
 def _panel_step(display: Display, lenses: Lenses) -> float:
-    """From lens to lens on the panel, in nominal pitches: P (1 + g / V) over the nominal P."""
+    """Step between adjacent lenses on the panel, in nominal pitches: P (1 + g / V) over the
+    nominal P.
+    """
     return math.sqrt(abs(float(np.linalg.det(_on_panel(display, lenses)[0]))))
 
 
@@ -135,15 +142,15 @@ def check_pitch(display: Display, size: float, name: str) -> None:
         )
 
 
-class Turned(NamedTuple):
-    """How the array lies over the panel, by one position's photographs.
+class ArrayPlacement(NamedTuple):
+    """Placement of the array over the panel, from one position's photographs.
 
     Attributes
     ----------
     rotation_deg, size : float
-        The array's pitch is about so many nominal ones.
+        Rotation, and the approximate pitch of the array in nominal pitches.
     origin_mm : (2,) array
-        Where the lens 0, 0 of its count is, display frame.
+        Position of the lens 0, 0 of its numbering, display frame.
     """
 
     rotation_deg: float
@@ -151,7 +158,7 @@ class Turned(NamedTuple):
     origin_mm: np.ndarray
 
 
-def turned(display: Display, lenses: Lenses, pose: Pose, name: str) -> Turned:
+def find_placement(display: Display, lenses: Lenses, pose: Pose, name: str) -> ArrayPlacement:
     """Rotation, and where the lens of index 0 is: through a lens's centre rays go straight.
 
     Raises
@@ -165,21 +172,21 @@ def turned(display: Display, lenses: Lenses, pose: Pose, name: str) -> Turned:
     check_pitch(display, size, name)
     angle = math.atan2(c - b, a + d)
     turn = rotation([0.0, 0.0, angle])[:2, :2]
-    return Turned(math.degrees(angle), size, at_origin + turn @ [x, y] * display.gap_mm / z)
+    return ArrayPlacement(math.degrees(angle), size, at_origin + turn @ [x, y] * display.gap_mm / z)
 
 
-class Counted(NamedTuple):
-    """One count of lenses for all positions, from the array's top left.
+class LensNumbering(NamedTuple):
+    """Common numbering of lenses for all positions, from the array's top left.
 
     Attributes
     ----------
     shift_mm : (2,) array
-        Where the array's centre is, display frame.
+        Position of the array's centre, display frame.
     offsets : list of (2,) int
-        What is to be added to each position's indices.
+        Offsets to add to each position's indices.
     edges_seen : (bool, bool)
-        Whether so many columns, and rows, are seen as there are: the count is certain. Otherwise it
-        is the one that moves the array least.
+        True if all columns, or rows, of the array are visible: the numbering is unambiguous.
+        Otherwise it is the one with the smallest shift of the array.
     """
 
     shift_mm: np.ndarray
@@ -187,7 +194,9 @@ class Counted(NamedTuple):
     edges_seen: tuple[bool, bool]
 
 
-def count_alike(display: Display, lenses: Mapping[str, Lenses], found: Sequence[Turned]) -> Counted:
+def number_lenses(
+    display: Display, lenses: Mapping[str, Lenses], placements: Sequence[ArrayPlacement]
+) -> LensNumbering:
     """Count the lenses of all positions together.
 
     Raises
@@ -195,24 +204,30 @@ def count_alike(display: Display, lenses: Mapping[str, Lenses], found: Sequence[
     FileError
         More lenses are seen than there are.
     """
-    angle = math.radians(found[0].rotation_deg)
+    angle = math.radians(placements[0].rotation_deg)
     turn = rotation([0.0, 0.0, angle])[:2, :2]
-    step = np.array([display.pitch_mm, -display.row_pitch_mm]) * found[0].size
-    origin = found[0].origin_mm
-    offsets = [np.rint((one.origin_mm - origin) @ turn / step).astype(int) for one in found]
-    index = [one.index + by for one, by in zip(lenses.values(), offsets, strict=True)]
-    low = np.min([one.min(axis=0) for one in index], axis=0)
-    high = np.max([one.max(axis=0) for one in index], axis=0)
+    step = np.array([display.pitch_mm, -display.row_pitch_mm]) * placements[0].size
+    origin = placements[0].origin_mm
+    offsets = [
+        np.rint((placement.origin_mm - origin) @ turn / step).astype(int)
+        for placement in placements
+    ]
+    index = [position.index + by for position, by in zip(lenses.values(), offsets, strict=True)]
+    low = np.min([position_index.min(axis=0) for position_index in index], axis=0)
+    high = np.max([position_index.max(axis=0) for position_index in index], axis=0)
     there = np.array([display.lens_columns, display.lens_rows])
-    for seen, most, what in zip(high - low + 1, there, ("columns", "rows"), strict=True):
-        if seen > most:
+    for visible_count, most, axis_name in zip(
+        high - low + 1, there, ("columns", "rows"), strict=True
+    ):
+        if visible_count > most:
             raise FileError(
-                f"{', '.join(lenses)}: {seen} {what} of lenses are seen, display {display.name} "
-                f"has {most}; name the display that is photographed with --display"
+                f"{', '.join(lenses)}: {visible_count} {axis_name} of lenses are visible, but "
+                "display "
+                f"{display.name} has {most}; give the photographed display with --display"
             )
     designed = np.array([display.shift_x_mm, display.shift_y_mm])
     first = np.rint((designed - origin) @ turn / step - (there - 1) / 2).astype(int)
     first = np.clip(first, high - there + 1, low)
     columns_seen, rows_seen = (high - low + 1 == there).tolist()
     shift = origin + turn @ (step * (first + (there - 1) / 2))
-    return Counted(shift, [by - first for by in offsets], (columns_seen, rows_seen))
+    return LensNumbering(shift, [by - first for by in offsets], (columns_seen, rows_seen))

@@ -298,13 +298,13 @@ def _calibrated_pose(positions: list[CameraPosition], name: str | None) -> tuple
 def _pose(folder: Path, display: Display, camera: Camera, shape: tuple[int, int]) -> Pose:
     """Where a camera stood that photographed the patterns."""
     from inim.calibrate.decode import decode
-    from inim.calibrate.fit import stand
+    from inim.calibrate.fit import fit_pose
     from inim.calibrate.lattice import find_lenses
     from inim.calibrate.photographs import read_position
 
     seen = read_position(folder, display)
     _check_shape(folder, seen.shape, shape)
-    return stand(find_lenses(decode(seen), display, seen.name), display, camera, seen.name)
+    return fit_pose(find_lenses(decode(seen), display, seen.name), display, camera, seen.name)
 
 
 def _distance_mm(pose: Pose) -> float:

@@ -29,10 +29,10 @@ def distorted(camera: Camera, pose: Pose, points: np.ndarray) -> np.ndarray:
     cv2 = pytest.importorskip("cv2")
     focal = camera.focal_length_px
     matrix = np.array([[focal, 0, camera.centre_x_px], [0, focal, camera.centre_y_px], [0, 0, 1.0]])
-    turned, _ = cv2.Rodrigues(pose.turn)
+    find_placement, _ = cv2.Rodrigues(pose.turn)
     moved = -pose.turn @ pose.eye_mm
     coefficients = np.array([camera.k1, camera.k2, 0.0, 0.0])
-    found, _ = cv2.projectPoints(points, turned, moved, matrix, coefficients)
+    found, _ = cv2.projectPoints(points, find_placement, moved, matrix, coefficients)
     return found[:, 0]
 
 

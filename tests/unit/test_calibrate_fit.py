@@ -12,14 +12,14 @@ from functools import cache
 import numpy as np
 import pytest
 
-from inim.calibrate.fit import Calibration, calibrate, recounted, stand
+from inim.calibrate.fit import Calibration, calibrate, fit_pose, renumber_lenses
 from inim.calibrate.lattice import Lenses, find_lenses
 from inim.calibrate.model import (
     PARAMETERS,
     Camera,
     Guess,
+    Observations,
     Pose,
-    Seen,
     centres,
     directions,
     panel_points,
@@ -280,7 +280,7 @@ def test_outlines_are_where_the_relief_s_seams_are_seen(side, eye):
 
 def test_imperfections_are_what_they_say():
     result = found(*EYES)
-    seen, guess = result.seen, result.guess
+    seen, guess = result.observations, result.guess
     magnified, deeper = seen.imperfections(guess)
     rays_, outlines = seen.counts[0]
     own = magnified[: 2 * rays_].reshape(-1, 2)
@@ -296,17 +296,17 @@ def test_imperfections_are_what_they_say():
     assert not deeper[: 2 * rays_].any()
 
 
-def at_truth() -> tuple[Seen, Guess]:
+def at_truth() -> tuple[Observations, Guess]:
     """Photographs counted right, and what they are of."""
     counted = [replace(lenses(name), index=true_index(lenses(name), name)) for name in EYES]
     poses = [Pose(look_at(*way), np.array(way[0])) for way in EYES.values()]
-    return Seen.of(counted, HIDDEN), Guess(HIDDEN, TRUE_CAMERA, tuple(poses))
+    return Observations.of(counted, HIDDEN), Guess(HIDDEN, TRUE_CAMERA, tuple(poses))
 
 
 def test_neither_blur_nor_hidden_seams_look_like_an_imperfect_sheet():
     seen, guess = at_truth()
 
-    def looks(seen: Seen) -> np.ndarray:
+    def looks(seen: Observations) -> np.ndarray:
         off = seen.flat(guess)
         off = np.where(np.abs(off) < 0.5, off, 0)  # lenses at the edge of the sheet
         return np.array([of @ off / (of @ of) for of in seen.imperfections(guess)])
@@ -321,20 +321,20 @@ def test_neither_blur_nor_hidden_seams_look_like_an_imperfect_sheet():
 @pytest.mark.parametrize("name", EYES)
 def test_a_camera_stands_where_photographs_of_a_known_display_say(name):
     eye, target, roll = EYES[name]
-    pose = stand(lenses(name), HIDDEN, TRUE_CAMERA, name)
+    pose = fit_pose(lenses(name), HIDDEN, TRUE_CAMERA, name)
     np.testing.assert_allclose(pose.eye_mm, eye, atol=0.1)
     np.testing.assert_allclose(pose.turn, look_at(eye, target, roll), atol=0.001)
 
 
 def test_a_part_of_a_known_sheet_is_enough_to_stand_by():
     photo = covered("left", lambda _, u: (u < 120) | (u > 360))
-    pose = stand(find_lenses(photo, DESIGN, "part"), HIDDEN, TRUE_CAMERA, "part")
+    pose = fit_pose(find_lenses(photo, DESIGN, "part"), HIDDEN, TRUE_CAMERA, "part")
     np.testing.assert_allclose(pose.eye_mm, EYES["left"][0], atol=0.2)
 
 
 def test_nobody_stands_before_another_display():
     with pytest.raises(FileError, match=r"^near: .* off what lenses of display"):
-        stand(lenses("near"), HIDDEN.replace(rotation_deg=-2.0), TRUE_CAMERA, "near")
+        fit_pose(lenses("near"), HIDDEN.replace(rotation_deg=-2.0), TRUE_CAMERA, "near")
 
 
 # -- the fit --------------------------------------------------------------------------------------
@@ -424,19 +424,21 @@ def test_an_array_that_lies_a_lens_over_is_the_same_array():
     guess = known.guess._replace(display=display)
     counted = tuple(replace(one, index=one.index - [1, 0]) for one in known.lenses)
     for first, other in zip(
-        Seen.of(known.lenses, true).residuals(known.guess),
-        Seen.of(counted, true).residuals(guess),
+        Observations.of(known.lenses, true).residuals(known.guess),
+        Observations.of(counted, true).residuals(guess),
         strict=True,
     ):
         for a, b in zip(first, other, strict=True):
             np.testing.assert_allclose(a, b, atol=1e-9)
 
-    again, right = recounted(guess, counted, (False, False), DESIGN)
+    again, right = renumber_lenses(guess, counted, (False, False), DESIGN)
     assert again.display.shift_x_mm == pytest.approx(true.shift_x_mm, abs=1e-12)
     assert again.display.shift_y_mm == pytest.approx(true.shift_y_mm, abs=1e-12)
     for one, other in zip(right, known.lenses, strict=True):
         assert (one.index == other.index).all()
-    kept, _ = recounted(known.guess, known.lenses, (True, False), DESIGN.replace(shift_x_mm=1.4))
+    kept, _ = renumber_lenses(
+        known.guess, known.lenses, (True, False), DESIGN.replace(shift_x_mm=1.4)
+    )
     assert kept.display.shift_x_mm == true.shift_x_mm
 
 
@@ -457,7 +459,7 @@ def test_patterns_that_the_browser_scaled_are_refused(zoom):
 
 def test_more_lenses_than_there_are_is_another_display():
     fewer = DESIGN.replace(lens_columns=20, panel_rows=ROWS, panel_columns=COLUMNS)
-    with pytest.raises(FileError, match=r"28 columns of lenses are seen, display small has 20"):
+    with pytest.raises(FileError, match=r"28 columns of lenses are visible, display small has 20"):
         calibrate({"near": lenses("near"), "far": lenses("far")}, fewer)
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from inim.errors import FileError
 from inim.files.picture import open_picture
 from inim.files.regular_file import read_file
-from inim.from_camera.depth_photo.codes import Inside, by_exif, decoded, turned, upright
+from inim.from_camera.depth_photo.codes import Inside, by_exif, decoded, find_placement, upright
 from inim.from_camera.depth_photo.heif import is_heif, read_heif
 from inim.from_camera.depth_photo.jpeg import MAGIC, inside_jpeg
 from inim.from_camera.depth_values import DepthValues
@@ -110,7 +110,7 @@ def _made(
     rows, columns = color.shape[:2]
     stored = (rows, columns) if orientation >= 5 else (columns, rows)
     camera, words = _camera(inside, stored, focal_35mm)
-    camera = None if camera is None else turned(camera, stored, orientation)
+    camera = None if camera is None else find_placement(camera, stored, orientation)
     return DepthPhoto(color, values, camera, (_scale_words(values, inside), words))
 
 

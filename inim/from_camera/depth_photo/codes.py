@@ -180,7 +180,7 @@ def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
     return pixels[::-1] if orientation in (3, 4, 7, 8) else pixels
 
 
-def turned(camera: Pinhole, size: tuple[int, int], orientation: int) -> Pinhole:
+def find_placement(camera: Pinhole, size: tuple[int, int], orientation: int) -> Pinhole:
     """The camera of a picture of stored size, (columns, rows), once that is upright."""
     columns, rows = size
     if orientation >= 5:
