@@ -1,15 +1,15 @@
-"""Run time against error: what each algorithm takes on a scene, and what it gets for it.
+"""Run time against error: the time and the errors of each algorithm on a scene.
 
-All methods and a reference kernel take turns in one loop (`inim.timing`), on display-ready
-pictures. A time is given in milliseconds and in yardsticks: as a multiple of the reference kernel,
-one 4-byte gather per display pixel. `inim bench SCENE` does all of it. For a study of
-one's own, these functions are public:
+All methods and a reference kernel run alternately in one loop (`inim.timing`), on display-ready
+pictures. Times are given in milliseconds and in kernel times: multiples of the reference kernel's
+time, one 4-byte gather per display pixel. `inim bench SCENE` runs all of it. These functions are
+public, for further studies:
 
 * `bench_scene`: render a scene, time methods on it, evaluate their EIAs;
 * `prepare_method`, `time_methods`, `method_data`: methods on any display-ready picture;
 * `time_calls`, `ratios`: any other calls;
-* `make_reference`, `evaluate`, `noise_floor`: errors of the EIAs that were timed;
-* `record`, and `inim.report.bench.write_bench`: what else a bench.json says, and its forms.
+* `make_reference`, `evaluate`, `noise_floor`: errors of the timed EIAs;
+* `record`, and `inim.report.bench.write_bench`: further content of bench.json, and its pages.
 """
 
 from inim.bench.evaluate import (

@@ -99,7 +99,7 @@ ViewsOf = Callable[[np.ndarray], Sequence[np.ndarray]]
 
 @dataclass(frozen=True)
 class Reference:
-    """What the EIAs of all methods are compared with.
+    """Ground truth for the EIAs of all methods.
 
     Attributes
     ----------
@@ -129,7 +129,7 @@ def make_reference(
     views_of: ViewsOf,
     viewing: Sequence[Viewing] = (),
 ) -> Reference:
-    """What EIAs made from a display-ready RGB-D picture are compared with.
+    """Compute the ground truth for EIAs of a display-ready RGB-D picture.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def make_reference(
 
 def evaluate(method: TimedMethod, reference: Reference) -> dict[str, Any]:
     """Errors of the EIA that was timed, by field of `BenchAlgorithm`."""
-    made = linear_picture(method.out)
+    eia = linear_picture(method.out)
     sources = _sources(method)
     empty = method.out[..., 3] == 0 if sources is None else sources == HOLE
     wrong = None if sources is None else _lensed_share(sources != reference.exact, reference.exact)
@@ -159,9 +159,9 @@ def evaluate(method: TimedMethod, reference: Reference) -> dict[str, Any]:
         "averaged_share": _averaged_share(method),
         "scores": _scores(
             reference.eia,
-            made,
+            eia,
             reference.reference_views,
-            reference.views_of(made),
+            reference.views_of(eia),
             reference.viewing,
         ),
     }
@@ -183,22 +183,22 @@ def _scores(
 ) -> dict[str, float | None]:
     """All scores, by key."""
     of_eia = metrics.eia_scores(true_eia, eia)
-    seen: Sequence[Viewing | None] = viewing or [None] * len(views)
+    viewing_by_view: Sequence[Viewing | None] = viewing or [None] * len(views)
     of_views = [
-        metrics.score(truth, view, viewing=how)
-        for truth, view, how in zip(true_views, views, seen, strict=True)
+        metrics.score(truth, view, viewing=view_viewing)
+        for truth, view, view_viewing in zip(true_views, views, viewing_by_view, strict=True)
     ]
     return {
-        one.key: float(np.mean([view[one.metric.key] for view in of_views]))
-        if one.of_views
-        else of_eia[one.metric.key]
-        for one in all_scores()
-        if viewing or not one.metric.needs_viewing
+        score.key: float(np.mean([view[score.metric.key] for view in of_views]))
+        if score.of_views
+        else of_eia[score.metric.key]
+        for score in all_scores()
+        if viewing or not score.metric.needs_viewing
     }
 
 
 def _sources(method: TimedMethod) -> Sources | None:
-    """Which pixels of the picture the colours come from; None if that does not say it."""
+    """Sources of a method; None if it does not report them."""
     if isinstance(method.generator, SourceGenerator) and not isinstance(method.rgbd, LayeredRGBD):
         return method.generator.sources(method.rgbd)
     return None
@@ -242,7 +242,8 @@ def mark_fronts(algorithms: Sequence[BenchAlgorithm]) -> list[BenchAlgorithm]:
 
 
 def pareto(points: Sequence[tuple[float, float | None]]) -> list[bool]:
-    """Which points (time, error) no other beats: none is as good in both and better in one.
+    """Mask of Pareto-optimal points (time, error): no other point is as good in both and better in
+    one.
 
     A point without an error (None) is never on the front.
     """
@@ -279,7 +280,7 @@ _TRIAL_RGBD = RGBD(
 
 def available(names: Iterable[str]) -> tuple[list[str], list[str]]:
     """Those of `names` that exist and work here, and a note on each that does not."""
-    found, notes = [], []
+    methods, notes = [], []
     for name in names:
         try:
             method = prepare_method(name, _TRIAL_RGBD, _TRIAL)
@@ -288,8 +289,8 @@ def available(names: Iterable[str]) -> tuple[list[str], list[str]]:
         except (UsageError, ImportError) as error:
             notes.append(f"left out: {error}")
         else:
-            found.append(name)
-    return found, notes
+            methods.append(name)
+    return methods, notes
 
 
 def choose_algorithms(algorithms: Sequence[str] | None) -> tuple[Sequence[str], list[str]]:
@@ -353,7 +354,7 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, renderer: Rend
 
 @dataclass(frozen=True)
 class _Inputs:
-    """The picture that methods read, and what their EIAs are compared with.
+    """Input picture of the methods, and the ground truth for their EIAs.
 
     Attributes
     ----------
@@ -374,12 +375,12 @@ class _Inputs:
     layers: CapturedLayers | None
 
     def input(self, *, layers: bool) -> RGBD:
-        """What a method reads."""
+        """Input picture of a method."""
         return self.layered if layers else self.rgbd
 
 
 def _render(plan: Plan, names: Sequence[str], renderer: Renderer) -> _Inputs:
-    """As in a validation, with its samples; no true views, none is scored."""
+    """Render as a validation does, with its samples but without ground-truth views."""
     s, run = plan.settings, Run(observer=renderer.observer)
     scene = Scene(plan.file, plan.display, s.fit_share, renderer)
     camera = DepthCamera(scene, s.capture_pixels_per_pitch, s.capture_spp, s.seed)
@@ -390,12 +391,12 @@ def _render(plan: Plan, names: Sequence[str], renderer: Renderer) -> _Inputs:
     truth = render_ground_truth_eia(scene, plan.display, s.eia_spp, s.seed, None, run=run)
 
     def views_of(eia: np.ndarray) -> list[np.ndarray]:
-        """As a validation reconstructs them."""
+        """Reconstruct views as a validation does."""
         optics = replace(plan.optics, display=plan.display)
-        seen = reconstruct_views(
+        views = reconstruct_views(
             "", NoisyImage.from_image(eia), plan.viewpoints, optics, renderer, run=run
         )
-        return [view.image for view in seen.values()]
+        return [view.image for view in views.values()]
 
     ready = display_ready(capture.rgbd)
     layered, layers = ready, None

@@ -33,7 +33,7 @@ _FILES = (_MARKER, "bench.html", "bench.md")
 
 @dataclass(frozen=True)
 class BenchRequest:
-    """What the user asked for.
+    """Request for a bench run.
 
     Attributes
     ----------
@@ -70,13 +70,13 @@ class BenchRequest:
 
 
 def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False) -> None:
-    """Measure in a worker process; `bench.json` and its kin are in `request.out` afterwards.
+    """Measure in a worker process, and write `bench.json` and its pages to `request.out`.
 
     Raises
     ------
     InimError
-        What the worker raised, or `WorkerError` / `OutOfMemoryError` where it could not say.
-        Mistakes in the request are found before anything is rendered.
+        Errors from the worker, or `WorkerError` / `OutOfMemoryError` if it died.
+        Errors in the request are detected before rendering.
     """
     load = load_average()  # before the worker starts to load: what others do
     run_in_worker(
@@ -167,7 +167,7 @@ def record(
 
 
 def load_average() -> float | None:
-    """Programs at work or waiting for a core, mean of the last minute; None if not known."""
+    """Number of running and waiting processes, averaged over one minute; None if unavailable."""
     try:
         return os.getloadavg()[0]
     except OSError:

@@ -21,7 +21,7 @@ from inim.commands.options import (
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 
 if TYPE_CHECKING:
-    from inim.sweep.run import Place
+    from inim.sweep.run import SweepPlace
 
 _KEPT = "results are kept: run it again to go on"
 
@@ -57,11 +57,11 @@ def _add_place(parser: argparse.ArgumentParser) -> None:
     add_allow_folder(parser)
 
 
-def _place(args: argparse.Namespace, scene: Path, kind: str) -> Place:
-    from inim.sweep.run import Place
+def _place(args: argparse.Namespace, scene: Path, kind: str) -> SweepPlace:
+    from inim.sweep.run import SweepPlace
     from inim.worker.output import default_out
 
-    return Place(
+    return SweepPlace(
         args.out or default_out(scene, kind),
         args.scheduler,
         args.workers,

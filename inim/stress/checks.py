@@ -1,13 +1,13 @@
-"""Algorithms against the exact first hits, and against themselves with the depth a little off.
+"""Tests of algorithms against the exact first hits, and against small changes of depth.
 
-For an algorithm that shows first hits by definition every panel pixel must agree, ties included,
-but on displays whose lengths have too many digits (`inim.inspect.accuracy_limits` warns of them).
-Of others `check_first_hits` says how far their definition, or their arithmetic, is from what a
-viewer would see.
+If an algorithm shows first hits by definition, every panel pixel must agree, including ties, except
+on displays whose lengths have too many digits (`inim.inspect.accuracy_limits` warns about these).
+For other algorithms `check_first_hits` measures the distance of their definition, or of their
+arithmetic, from the correct view.
 
-Jitter, one ulp or one quantum of 8, 10 or 16 bits of depth, faults no arithmetic: the exact answer
-to a slightly other question is another answer. `measure_jitter` says how much of a picture hangs on
-the last digits of its depth.
+Jitter, one ulp or one quantum of 8, 10 or 16 bits of depth, is not an arithmetic error: the exact
+answer to a slightly different question differs. `measure_jitter` measures the share of an image
+that depends on the last digits of its depth.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from inim.inspect.accuracy_limits import accuracy_warnings
 from inim.stress.pictures import (
     DISPLAYS,
     SHAPES,
-    Made,
+    TestPicture,
     eia_of,
     input_of,
     is_first_hit,
@@ -51,11 +51,11 @@ _RANDOM = {False: 8, True: 3}
 
 @dataclass(frozen=True)
 class Case:
-    """A display and a picture, made when it is run; `family` is what it is one of."""
+    """Display and picture of a test, created when it runs; `family` is its kind."""
 
     family: str
     name: str
-    make: Callable[[], Made]
+    make: Callable[[], TestPicture]
 
 
 def cases(quick: bool = False) -> Iterator[Case]:
@@ -76,17 +76,17 @@ def cases(quick: bool = False) -> Iterator[Case]:
         yield Case("random displays", f"seed {seed}", partial(random_picture, seed))
 
 
-def _noisy(changes: dict[str, object], seed: int) -> Made:
+def _noisy(changes: dict[str, object], seed: int) -> TestPicture:
     display = small_display(**changes)
     return display, noise(display, display.capture_shape(2), 0.5, seed)
 
 
-def _tied(changes: dict[str, object], ulps: int) -> Made:
+def _tied(changes: dict[str, object], ulps: int) -> TestPicture:
     display = small_display(**changes)
     return display, tied(display, display.capture_shape(2), 0.5, ulps)
 
 
-def _shaped(kind: str) -> Made:
+def _shaped(kind: str) -> TestPicture:
     display = small_display()
     return display, shaped(kind, display, display.capture_shape(2), 0.5)
 
@@ -110,11 +110,11 @@ def check_first_hits(algorithm: str, case: Case) -> FirstHits:
     )
     started = time.perf_counter()
     try:
-        made = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
-        if not isinstance(made, SourceGenerator):
-            made.generate(picture)
+        generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
+        if not isinstance(generator, SourceGenerator):
+            generator.generate(picture)
             return replace(hits, outcome="no sources")
-        sources = made.sources(picture)
+        sources = generator.sources(picture)
     except InimError as error:
         return replace(hits, outcome="refused", message=str(error), passed=not exact)
     except Exception as error:
@@ -137,7 +137,7 @@ BITS = (8, 10, 16)
 
 
 def quantised(rgbd: RGBD, display: Display, bits: int, offset: int = 0) -> RGBD:
-    """Depths rounded to 2^bits steps over the display's range, then moved by so many steps."""
+    """Depths rounded to 2^bits steps over the display's range, then moved by `offset` steps."""
     low, high = display.depth_range_mm
     steps = 2**bits - 1
     code = np.clip(np.rint((rgbd.depth_mm.astype(float) - low) / (high - low) * steps), 0, steps)
@@ -161,19 +161,19 @@ def _scattered(rgbd: RGBD) -> RGBD:
 
 
 def _jitters(rgbd: RGBD, display: Display) -> dict[str, tuple[RGBD, RGBD]]:
-    """For each kind, the picture before and after."""
-    found = {
+    """Pictures before and after each kind of jitter."""
+    jitters = {
         "+1 ulp": (rgbd, _moved(rgbd, np.inf)),
         "-1 ulp": (rgbd, _moved(rgbd, -np.inf)),
         "an ulp by chance": (rgbd, _scattered(rgbd)),
     }
     for bits in BITS:
         base = quantised(rgbd, display, bits)
-        found[f"{bits} bits"] = (rgbd, base)
+        jitters[f"{bits} bits"] = (rgbd, base)
         for sign in (1, -1):
             moved = quantised(rgbd, display, bits, sign)
-            found[f"{sign:+d} quantum of {bits} bits"] = (base, moved)
-    return found
+            jitters[f"{sign:+d} quantum of {bits} bits"] = (base, moved)
+    return jitters
 
 
 #: Kinds of jitter, in the order of the table.
@@ -201,13 +201,13 @@ def measure_jitter(rgbd: RGBD, display: Display, algorithms: Sequence[str]) -> l
     rows = []
     for algorithm in algorithms:
         # Pictures that several kinds of jitter start from are shown once.
-        seen: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        images_by_picture: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         for kind in JITTERS:
             for picture in jitters[kind]:
-                if id(picture) not in seen:
+                if id(picture) not in images_by_picture:
                     with foreign_errors(algorithm):
-                        seen[id(picture)] = eia_of(picture, display, algorithm)
-            (a, eia), (b, moved) = (seen[id(picture)] for picture in jitters[kind])
+                        images_by_picture[id(picture)] = eia_of(picture, display, algorithm)
+            (a, eia), (b, moved) = (images_by_picture[id(picture)] for picture in jitters[kind])
             changed = float((a != b).any(axis=-1)[display.lensed].mean())
             lost = 1 - metrics.ssim(eia, moved) if changed else 0.0
             rows.append(Jitter(jitter=kind, algorithm=algorithm, changed=changed, ssim_loss=lost))

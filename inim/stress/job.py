@@ -46,7 +46,7 @@ _LENSES = {False: 32, True: 16}
 
 @dataclass(frozen=True)
 class StressRequest:
-    """What a stress run measures, and where its results go.
+    """Request for a stress run.
 
     Attributes
     ----------
@@ -106,17 +106,17 @@ class StressRequest:
 
 
 def run_stress(request: StressRequest, *, quiet: bool = True, debug: bool = False) -> bool:
-    """Measure in a worker process; `stress.json` and its kin are in `request.out` afterwards.
+    """Measure in a worker process, and write `stress.json` and its pages to `request.out`.
 
     Returns
     -------
     bool
-        Whether every check holds.
+        True if every check passes.
 
     Raises
     ------
     InimError
-        What the worker raised, or `WorkerError` / `OutOfMemoryError` where it could not say.
+        Errors from the worker, or `WorkerError` / `OutOfMemoryError` if it died.
     """
     return run_in_worker(
         "inim.stress.job:work",
@@ -150,8 +150,8 @@ def _measured(request: StressRequest, plan: Plan | None, observer: Observer) -> 
     observer.stage("start")
     names = request.chosen()
     words = shlex.join(["inim", "stress", *request.command(plan)])
-    each = [f"{name}: {part}" for name in names for part in ("first hits", "relations")]
-    observer.begin([*each, "jitter", "write"])
+    parts = [f"{name}: {part}" for name in names for part in ("first hits", "relations")]
+    observer.begin([*parts, "jitter", "write"])
     first_hits: list[FirstHits] = []
     relations: list[RelationResult] = []
     for name in names:
@@ -197,16 +197,16 @@ def _checks(
     claims = []
     for name in names:
         hits = [row for row in first_hits if row.algorithm == name]
-        kept = [row for row in relations if row.algorithm == name and not row.explained]
+        unexplained = [row for row in relations if row.algorithm == name and not row.explained]
         exact = any(row.exact for row in hits)
         shows = "every pixel shows the exact first hit" if exact else "nothing crashes"
-        for what, passed in (
+        for label, passed in (
             (shows, [row.passed for row in hits]),
-            ("relations hold but for rounding", [row.passed for row in kept]),
+            ("relations hold but for rounding", [row.passed for row in unexplained]),
         ):
             claims.append(
                 Claim(
-                    name=f"{name}: {what}",
+                    name=f"{name}: {label}",
                     cases=len(passed),
                     broken=passed.count(False),
                     passed=bool(passed) and all(passed),
@@ -223,7 +223,7 @@ def _picture_of(quick: bool, plan: Plan | None, renderer: Renderer) -> tuple[RGB
 
 
 def spheres(lenses: int) -> tuple[RGBD, Any]:
-    """Two spheres in closed form, and so many lenses along each side of the nominal display."""
+    """Two spheres in closed form, and the nominal display with `lenses` lenses along each side."""
     from inim.display import DISPLAYS
     from inim.image.color import linear_from_srgb
     from inim.scene.two_spheres import two_spheres
@@ -235,7 +235,7 @@ def spheres(lenses: int) -> tuple[RGBD, Any]:
 
 
 def _captured(plan: Plan, renderer: Renderer) -> tuple[RGBD, Any, str]:
-    """As a validation captures it."""
+    """Capture a scene as a validation does."""
     s, scene = plan.settings, Scene(plan.file, plan.display, plan.settings.fit_share, renderer)
     camera = DepthCamera(scene, s.capture_pixels_per_pitch, s.capture_spp, s.seed)
     rgbd = capture_relic(camera, layers=False, run=Run(observer=renderer.observer)).rgbd

@@ -1,7 +1,7 @@
-"""Small displays and pictures over them, and what an algorithm shows of them.
+"""Small displays with test pictures, and the output of an algorithm for them.
 
-Nothing in the pictures is smooth, so that a wrong source shows. Most are noise: random depths over
-the whole depth range, some pixels uncovered, random colours.
+The pictures are not smooth, so that a wrong source is visible. Most are noise: random depths over
+the whole depth range, some uncovered pixels, random colours.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from inim.generators import SourceGenerator, colour_of, prepare, properties
 from inim.generators.oracle import axis_rays
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 
-Made = tuple[Display, RGBD]
+TestPicture = tuple[Display, RGBD]
 
 #: Real and virtual mode, an even and an odd number of pixels, binary and decimal lengths.
 DISPLAYS: tuple[dict[str, object], ...] = (
@@ -130,7 +130,7 @@ def _boundary_depths(display: Display, blank: RGBD) -> np.ndarray:
     return depth
 
 
-def random_picture(seed: int) -> Made:
+def random_picture(seed: int) -> TestPicture:
     """A random separable display of plausible lengths, and a random picture over it."""
     rng = np.random.default_rng(seed)
     pitch = float(rng.choice([1.0, 0.5, 0.93, 1 / 3, rng.uniform(0.1, 3)]))
@@ -158,21 +158,21 @@ def window(display: Display, cells: int = 48) -> tuple[tuple[int, int], float]:
 
 
 def _one_digit(length: float) -> float:
-    """The next number below with one digit: what a person would write."""
+    """Next smaller number with one significant digit."""
     power = math.floor(math.log10(length))
     digit = math.floor(length / 10.0**power) or 1
     return float(Fraction(digit) * Fraction(10) ** power)
 
 
-def noise_pictures() -> Iterator[Made]:
+def noise_pictures() -> Iterator[TestPicture]:
     """Noise over a small display of each of `DISPLAYS`."""
     for seed, changes in enumerate(DISPLAYS):
         display = small_display(lens_columns=5, **changes)
         yield display, noise(display, display.capture_shape(2), display.pitch_mm / 2, seed=seed)
 
 
-def mounted_pictures(rows: int) -> Iterator[Made]:
-    """Noise over an array of each of `MOUNTINGS`, of so many rows of lenses."""
+def misaligned_pictures(rows: int) -> Iterator[TestPicture]:
+    """Noise pictures for each array of `MOUNTINGS`, with the given number of lens rows."""
     for seed, changes in enumerate(MOUNTINGS.values()):
         display = small_display(lens_rows=rows, **changes)
         yield display, noise(display, display.capture_shape(2), 0.5, seed=seed)
@@ -186,27 +186,27 @@ def solids_of(rgbd: RGBD, display: Display) -> LayeredRGBD:
     covered where most neighbours are, and have colours of their own.
     """
     low = np.float32(display.depth_range_mm[0])
-    held = np.where(rgbd.covered, rgbd.depth_mm, low)
-    depths = np.sort(np.stack([np.roll(held, by, axis=(0, 1)) for by in _AROUND]), axis=0)[::-1]
+    depth_mm = np.where(rgbd.covered, rgbd.depth_mm, low)
+    depths = np.sort(np.stack([np.roll(depth_mm, by, axis=(0, 1)) for by in _AROUND]), axis=0)[::-1]
     around = np.stack([np.roll(rgbd.covered, by, axis=(0, 1)) for by in _AROUND]).sum(axis=0)
     inside = rgbd.covered & (around >= _MOST)
-    nothing = np.full(rgbd.shape, -np.inf, np.float32)
+    bottom = np.full(rgbd.shape, -np.inf, np.float32)
     colours = [(rgbd.color * share).astype(np.float32) for share in (1.0, 0.5, 0.25)]
     return LayeredRGBD(
         colours[0], depths[0], rgbd.covered, rgbd.pixel_mm, depths[1],
         (
             Layer(colours[1], depths[2], depths[3], inside),
-            Layer(colours[2], depths[4], nothing, inside),
+            Layer(colours[2], depths[4], bottom, inside),
         ),
     )  # fmt: skip
 
 
-# What panel pixels show of a picture, as `shown` says it: (rows, columns, 3).
+# Function with the signature of `algorithm_output`: (rows, columns, 3).
 Show = Callable[[RGBD, Display, str], np.ndarray]
 
 
 def is_first_hit(algorithm: str) -> bool:
-    """Whether an algorithm's definition is the first hit of each ray, so that one answer is right.
+    """True if an algorithm is defined by the first hit of each ray, so that one answer is correct.
 
     It is then held to `inim.generators.oracle`, and to relations that follow from it alone.
     """
@@ -218,43 +218,43 @@ def input_of(rgbd: RGBD, display: Display, algorithm: str) -> RGBD:
     return solids_of(rgbd, display) if properties(algorithm).reads_layers else rgbd
 
 
-def shown(rgbd: RGBD, display: Display, algorithm: str, **options: Any) -> np.ndarray:
-    """What each panel pixel shows, to be compared with what it shows of another picture.
+def algorithm_output(rgbd: RGBD, display: Display, algorithm: str, **options: Any) -> np.ndarray:
+    """Output of an algorithm for each panel pixel, for comparison with another picture's.
 
     Returns
     -------
     (rows, columns, 3) float
-        The colours of its sources, which tell holes from black, where the algorithm names them;
-        otherwise its EIA.
+        The colours of its sources, which distinguish holes from black, if the algorithm reports
+        them; otherwise its EIA.
     """
     picture = input_of(rgbd, display, algorithm)
-    made = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, **options)
-    if isinstance(made, SourceGenerator):
-        return colours_of(made.sources(picture), rgbd)
-    return made.generate(picture)
+    generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, **options)
+    if isinstance(generator, SourceGenerator):
+        return colours_of(generator.sources(picture), rgbd)
+    return generator.generate(picture)
 
 
 def colours_of(sources: np.ndarray, rgbd: RGBD) -> np.ndarray:
-    """Colours of sources: what two pictures with their pixels at other places share.
+    """Colours of sources, comparable between pictures whose pixels have other positions.
 
     Each layer has its own, and so have holes and pixels without a lens.
     """
     flat = rgbd.color.reshape(-1, 3)
     layer, cell = np.divmod(np.maximum(sources, 0), len(flat))
-    found: np.ndarray = np.where(
+    colours: np.ndarray = np.where(
         (sources >= 0)[..., None], flat[cell] + 2.0 * layer[..., None], sources[..., None] - 5.0
     )
-    return found
+    return colours
 
 
 def eia_of(rgbd: RGBD, display: Display, algorithm: str) -> tuple[np.ndarray, np.ndarray]:
-    """What tells two answers apart, (rows, columns, n), and the linear EIA.
+    """Comparable output, (rows, columns, n), and the linear EIA.
 
     Sources where the algorithm names them, with the EIA of their colours; otherwise its EIA twice.
     """
-    made = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
-    if isinstance(made, SourceGenerator):
-        sources = made.sources(rgbd)
+    generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
+    if isinstance(generator, SourceGenerator):
+        sources = generator.sources(rgbd)
         return sources[..., None], colour_of(sources, rgbd)
-    eia = made.generate(rgbd)
+    eia = generator.generate(rgbd)
     return eia, eia

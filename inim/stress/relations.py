@@ -1,12 +1,12 @@
-"""Relations between results that hold by themselves, whatever the right answer is.
+"""Relations between results that hold for every correct algorithm.
 
 Each is a named check: shift, mirror, scale, stretch, hide, split. They need no oracle, so they
-apply to any algorithm. Some follow only from the definition of a first hit: of other algorithms
-they are measured, and nothing is demanded.
+apply to any algorithm. Some follow only from the definition of a first hit: for other algorithms
+they are measured only.
 
-Where two ways to one result differ in a pixel whose decision hangs on rounding, neither is wrong.
-Which pixels these are the algorithm says itself: those that change when lengths and depths are
-moved by a ten-millionth (`within_rounding`).
+If two ways to one result differ in a pixel whose decision depends on rounding, both are correct.
+The algorithm itself determines these pixels: they change if lengths and depths are
+changed by a ten-millionth (`within_rounding`).
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from inim.errors import InimError
 from inim.generators import properties
 from inim.image.rgbd import RGBD
 from inim.stress.pictures import (
-    Made,
     Show,
+    TestPicture,
+    algorithm_output,
     is_first_hit,
-    mounted_pictures,
+    misaligned_pictures,
     noise,
     noise_pictures,
-    shown,
     small_display,
 )
 
@@ -43,12 +43,12 @@ _NOT_PROMISED = "follows from the definition of a first hit, which this algorith
 _BY_NEIGHBOURS = "follows for columns of their own: a surface's end where their neighbours' do"
 
 _LENGTHS = ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm", "shift_x_mm", "shift_y_mm")
-_Pictures = Callable[[], Iterable[Made]]
+_Pictures = Callable[[], Iterable[TestPicture]]
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """What a relation found on one picture.
+    """Result of a relation on one picture.
 
     Attributes
     ----------
@@ -100,17 +100,20 @@ class Relation:
 
 
 def run_relations(
-    algorithms: Sequence[str], *, show: Show = shown, relations: Sequence[Relation] | None = None
+    algorithms: Sequence[str],
+    *,
+    show: Show = algorithm_output,
+    relations: Sequence[Relation] | None = None,
 ) -> list[RelationResult]:
-    """A row for each relation and algorithm it applies to; see `check_relation`.
+    """Rows for each relation and algorithm to which it applies; see `check_relation`.
 
     Parameters
     ----------
     algorithms : sequence of str
     show : callable
-        What to test instead of `shown`.
+        Function to test instead of `algorithm_output`.
     relations : sequence of Relation, optional
-        `RELATIONS` unless given.
+        Default: `RELATIONS`.
     """
     rows = []
     for relation in RELATIONS if relations is None else relations:
@@ -131,7 +134,7 @@ def check_relation(
     relation: Relation,
     algorithm: str,
     *,
-    show: Show = shown,
+    show: Show = algorithm_output,
     exact: bool = False,
     explained: str = "",
     doubt: Doubt | None = None,
@@ -143,13 +146,13 @@ def check_relation(
     relation : Relation
     algorithm : str
     show : callable
-        What the algorithm shows.
+        Function that returns the algorithm's output.
     exact : bool
-        Whether ties are decided by the definition, so that none is left to rounding.
+        True if the definition decides ties, so that none depends on rounding.
     explained : str
-        Why the algorithm need not keep it; it is measured all the same.
+        Reason why the algorithm may violate the relation; it is then measured only.
     doubt : callable, optional
-        Counts pixels that hang on rounding, in place of `within_rounding`.
+        Function that counts pixels that depend on rounding, instead of `within_rounding`.
     """
     result = RelationResult(
         relation=relation.name,
@@ -165,16 +168,16 @@ def check_relation(
     # Whether rounding excuses what is broken; else there is no need to look for it.
     excused = bool(explained) or not (relation.bitwise or (exact and not relation.mounted))
     try:
-        for one in relation.check(show, algorithm):
-            pixels = np.argwhere(one.which & ~one.same)
-            compared += int(one.which.sum())
+        for comparison in relation.check(show, algorithm):
+            pixels = np.argwhere(comparison.which & ~comparison.same)
+            compared += int(comparison.which.sum())
             broken += len(pixels)
             if not (len(pixels) and excused):
                 continue
             if doubt is not None:
-                uncertain += doubt(one.rgbd, one.display, algorithm, pixels)
+                uncertain += doubt(comparison.rgbd, comparison.display, algorithm, pixels)
             else:
-                near = within_rounding(one.rgbd, one.display, algorithm, show)
+                near = within_rounding(comparison.rgbd, comparison.display, algorithm, show)
                 uncertain += int(near[tuple(pixels.T)].sum())
     except InimError as error:
         # Arrays whose rows and columns are not independent need not be served.
@@ -192,15 +195,15 @@ def check_relation(
 
 
 def within_rounding(rgbd: RGBD, display: Display, algorithm: str, show: Show) -> np.ndarray:
-    """Panel pixels that change when lengths or depths are moved by rounding, (rows, columns) bool.
+    """Panel pixels that change if lengths or depths change by rounding, (rows, columns) bool.
 
-    Rounding is what float32 can say: the gap, the depths and the array's place are each moved up
-    and down by about an ulp of it.
+    The gap, the depths and the array's position are each moved up and down by about one float32
+    ulp.
     """
     low, high = display.depth_range_mm
     still = display.replace(depth_min_mm=low, depth_max_mm=high)
     before = show(rgbd, display, algorithm)
-    found = np.zeros(display.eia_shape, bool)
+    changes = np.zeros(display.eia_shape, bool)
     for sign in (1, -1):
         depth = np.nextafter(rgbd.depth_mm, np.float32(sign * np.inf))
         step = sign * _NUDGE
@@ -214,8 +217,8 @@ def within_rounding(rgbd: RGBD, display: Display, algorithm: str, show: Show) ->
             ),
         ]
         for picture, other in moved:
-            found |= ~same_colour(before, show(picture, other, algorithm))
-    return found
+            changes |= ~same_colour(before, show(picture, other, algorithm))
+    return changes
 
 
 def _shifted(display: Display, right_mm: float, up_mm: float) -> Display:
@@ -224,9 +227,9 @@ def _shifted(display: Display, right_mm: float, up_mm: float) -> Display:
 
 
 def same_colour(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Where two arrays of colours agree, (rows, columns) bool."""
-    found: np.ndarray = (a == b).all(axis=-1)
-    return found
+    """Mask of equal colours in two arrays, (rows, columns) bool."""
+    is_equal: np.ndarray = (a == b).all(axis=-1)
+    return is_equal
 
 
 # -- moved, mirrored, turned ----------------------------------------------------------------------
@@ -259,8 +262,8 @@ def _away_from_rim(display: Display, rgbd: RGBD, cells: int) -> np.ndarray:
     at = (display.columns.centre_mm + display.columns.slope * ends) / rgbd.pixel_mm
     at += rgbd.shape[1] / 2
     clear = (at >= cells).all(axis=0) & (at < rgbd.shape[1] - cells).all(axis=0)
-    found: np.ndarray = display.lensed & clear[None, :]
-    return found
+    is_clear: np.ndarray = display.lensed & clear[None, :]
+    return is_clear
 
 
 def _flip(axes: tuple[int, ...], pictures: _Pictures, negated: Sequence[str] = ()) -> _Check:
@@ -284,9 +287,9 @@ def _flip(axes: tuple[int, ...], pictures: _Pictures, negated: Sequence[str] = (
 
 
 def _off_borders(display: Display, rgbd: RGBD) -> np.ndarray:
-    """Panel pixels whose ray does not run along a border between picture pixels.
+    """Panel pixels whose ray does not follow a border between picture pixels.
 
-    Nor lies on one between lenses: both belong to one side by rule.
+    Pixels on a border between lenses are also excluded: by rule, such points belong to one side.
     """
     if not display.is_separable:
         return np.ones(display.eia_shape, bool)
@@ -297,12 +300,12 @@ def _off_borders(display: Display, rgbd: RGBD) -> np.ndarray:
         half = abs(display.elemental_image_pitch_mm / 2)
         on_edge = np.abs(np.abs(axis.position_mm - axis.centre_mm) - half) < 1e-9
         clear.append(~along & ~on_edge)
-    found: np.ndarray = clear[0][:, None] & clear[1][None, :]
-    return found
+    is_clear: np.ndarray = clear[0][:, None] & clear[1][None, :]
+    return is_clear
 
 
 def _transpose(show: Show, algorithm: str) -> Iterator[Comparison]:
-    """Rows and columns are treated alike."""
+    """Equal treatment of rows and columns: a transposed problem has the transposed result."""
     for display, rgbd in noise_pictures():
         turned = display.replace(lens_columns=display.lens_rows, lens_rows=display.lens_columns)
         other = RGBD(np.swapaxes(rgbd.color, 0, 1), rgbd.depth_mm.T, rgbd.covered.T, rgbd.pixel_mm)
@@ -312,7 +315,7 @@ def _transpose(show: Show, algorithm: str) -> Iterator[Comparison]:
 
 
 def _turned_round(show: Show, algorithm: str) -> Iterator[Comparison]:
-    """An array turned right round, its rays one by one, shows what the straight one does."""
+    """Equal result of an array rotated by half a turn, traced ray by ray, and the aligned array."""
     straight = small_display(lens_columns=5)
     rgbd = noise(straight, straight.capture_shape(2), 0.5)
     turned = straight.replace(rotation_deg=360.0)
@@ -325,7 +328,7 @@ def _turned_round(show: Show, algorithm: str) -> Iterator[Comparison]:
 
 
 def _scale(factor: float, pictures: _Pictures) -> _Check:
-    """All lengths times a factor: nothing changes."""
+    """Invariance under a common scale of all lengths."""
 
     def check(show: Show, algorithm: str) -> Iterator[Comparison]:
         for display, rgbd in pictures():
@@ -337,12 +340,12 @@ def _scale(factor: float, pictures: _Pictures) -> _Check:
             ends = {"depth_min_mm": low * factor, "depth_max_mm": high * factor}
             # Depths that both float32 pictures hold exactly: of 12 binary digits.
             depth = _short(rgbd.depth_mm)
-            one = RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm)
+            scaled = RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm)
             pixel = rgbd.pixel_mm * factor
             other = RGBD(rgbd.color, depth * np.float32(factor), rgbd.covered, pixel)
-            before = show(one, base, algorithm)
+            before = show(scaled, base, algorithm)
             after = show(other, base.replace(**lengths, **ends), algorithm)
-            yield Comparison(base, one, same_colour(before, after), display.lensed)
+            yield Comparison(base, scaled, same_colour(before, after), display.lensed)
 
     return check
 
@@ -375,14 +378,14 @@ def _along_z(show: Show, algorithm: str) -> Iterator[Comparison]:
     display = small_display(depth_min_mm=16.0, depth_max_mm=24.0)
     rgbd = noise(display, display.capture_shape(3), 1 / 3)
     depth = np.round(rgbd.depth_mm * 64) / np.float32(64)
-    one = RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm)
-    before = show(one, display, algorithm)
+    picture = RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm)
+    before = show(picture, display, algorithm)
     upright = (display.rows.slope == 0)[:, None] & (display.columns.slope == 0)[None, :]
     for step in (8.0, -8.0, 1000.0):
         moved = display.replace(depth_min_mm=16.0 + step, depth_max_mm=24.0 + step)
         other = RGBD(rgbd.color, depth + np.float32(step), rgbd.covered, rgbd.pixel_mm)
         same = same_colour(before, show(other, moved, algorithm))
-        yield Comparison(display, one, same, upright & display.lensed)
+        yield Comparison(display, picture, same, upright & display.lensed)
 
 
 # -- other pictures -----------------------------------------------------------------------------
@@ -400,7 +403,7 @@ def _nearer(show: Show, algorithm: str) -> Iterator[Comparison]:
 
 
 def _appears(show: Show, algorithm: str) -> Iterator[Comparison]:
-    """An object where nothing was changes only panel pixels that now show it."""
+    """Restricted effect of a new object: only panel pixels that show it change."""
     for display, rgbd in noise_pictures():
         yield _with_object(show, algorithm, display, rgbd, ~rgbd.covered, rgbd.depth_mm)
 
@@ -418,7 +421,7 @@ def _with_object(
 
 
 def _uncovered(show: Show, algorithm: str) -> Iterator[Comparison]:
-    """What uncovered pixels hold, NaN and infinities too, changes nothing."""
+    """Independence of the content of uncovered pixels, including NaN and infinities."""
     for display, rgbd in noise_pictures():
         before = show(rgbd, display, algorithm)
         for value in (np.nan, np.inf, -np.inf, 1e30):
@@ -438,13 +441,15 @@ def _threads(pictures: _Pictures) -> _Check:
 
         before = numba.get_num_threads()
         for display, rgbd in pictures():
-            many = show(rgbd, display, algorithm)
+            with_all_threads = show(rgbd, display, algorithm)
             numba.set_num_threads(1)
             try:
-                one = show(rgbd, display, algorithm)
+                with_one_thread = show(rgbd, display, algorithm)
             finally:
                 numba.set_num_threads(before)
-            yield Comparison(display, rgbd, same_colour(many, one), display.lensed)
+            yield Comparison(
+                display, rgbd, same_colour(with_all_threads, with_one_thread), display.lensed
+            )
 
     return check
 
@@ -456,17 +461,17 @@ def _tiles(show: Show, algorithm: str) -> Iterator[Comparison]:
         pieces = np.full_like(whole, np.nan)
         tile = np.indices(display.eia_shape).sum(axis=0) // 3 % 3
         for n in range(3):
-            part = shown(rgbd, display, algorithm, mask=tile == n)
+            part = algorithm_output(rgbd, display, algorithm, mask=tile == n)
             pieces[tile == n] = part[tile == n]
         yield Comparison(display, rgbd, same_colour(whole, pieces), display.lensed)
 
 
-def _even() -> Iterator[Made]:
-    return mounted_pictures(_EVEN)
+def _even() -> Iterator[TestPicture]:
+    return misaligned_pictures(_EVEN)
 
 
-def _odd() -> Iterator[Made]:
-    return mounted_pictures(_ODD)
+def _odd() -> Iterator[TestPicture]:
+    return misaligned_pictures(_ODD)
 
 
 _TURNED = ("shift_x_mm", "shift_y_mm", "tilt_x_deg", "tilt_y_deg")

@@ -1,4 +1,4 @@
-"""A whole sweep: what a study lacks is computed, then the table and its page are written."""
+"""Run of a sweep: compute the missing results, then write the table and its page."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from inim.process.machine import cpu_count
 from inim.report.sweep import PAGE, write_page
 from inim.sweep.study import Study, read_study
 from inim.sweep.table import TABLE, check_pyarrow, failed_rows, finished_rows, write_table
-from inim.sweep.task import FOLDER, Results, Task, make_task, report_folder
+from inim.sweep.task import FOLDER, Results, SweepTask, make_task, report_folder
 from inim.sweep.unit import Unit, expand, making_of
 from inim.sweep.workers import Progress, check_answers, check_dask, choose_slots, run_tasks
 from inim.version import __version__
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where validations are carried out, and where their results lie.
+class SweepPlace:
+    """Location of a sweep: the workers, and the folder of the results.
 
     Attributes
     ----------
@@ -54,16 +54,16 @@ class Place:
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """What the user asked for.
+    """Request for a sweep.
 
     Attributes
     ----------
     study : Path
-    place : Place
+    place : SweepPlace
     """
 
     study: Path
-    place: Place
+    place: SweepPlace
 
     def command(self) -> str:
         """The command line that repeats this request."""
@@ -72,7 +72,7 @@ class SweepRequest:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """A study's units, and what is left to do.
+    """Units of a study, and the remaining tasks.
 
     Attributes
     ----------
@@ -81,34 +81,34 @@ class SweepPlan:
         Where results lie.
     units : list of Unit
         In the study's order.
-    tasks : list of Task
+    tasks : list of SweepTask
         One for each unit that lacks a result.
     """
 
     study: Study
     results: Results
     units: list[Unit]
-    tasks: list[Task]
+    tasks: list[SweepTask]
 
     def lines(self) -> list[str]:
-        """What there is, what will be run, and what cannot be."""
+        """Lines with the finished, remaining and impossible validations."""
         algorithms = len(self.study.algorithms)
-        wanted = len({u.hash for u in self.units if u.plan is not None}) * algorithms
+        total = len({u.hash for u in self.units if u.plan is not None}) * algorithms
         left = sum(len(task.algorithms) for task in self.tasks)
         return [
             f"{self.study.title}: {len(self.units)} validations of {algorithms} algorithms; "
-            f"{wanted - left} of {wanted} results are there, {len(self.tasks)} validations to run",
+            f"{total - left} of {total} results are there, {len(self.tasks)} validations to run",
             *(f"cannot be run: {u.label}: {u.error}" for u in self.units if u.error),
         ]
 
 
-def plan_study(study: Study, place: Place, threads: int | None = None) -> SweepPlan:
-    """Plan all units of a study, and look for their results; nothing is written.
+def plan_study(study: Study, place: SweepPlace, threads: int | None = None) -> SweepPlan:
+    """Plan all units of a study and look up their results. Writes no files.
 
     Raises
     ------
     InimError
-        What is wrong with the study.
+        An error in the study.
     """
     # A cluster's workers stand elsewhere.
     scenes = {name: path.absolute() for name, path in study.scenes.items()}
@@ -120,9 +120,9 @@ def plan_study(study: Study, place: Place, threads: int | None = None) -> SweepP
 
 def _tasks(
     study: Study, units: Sequence[Unit], results: Results, threads: int | None
-) -> list[Task]:
-    """What is left to do, each unit once, though a study may name it twice."""
-    tasks: dict[str, Task] = {}
+) -> list[SweepTask]:
+    """Remaining tasks, each unit once even if the study lists it twice."""
+    tasks: dict[str, SweepTask] = {}
     for unit in units:
         if unit.plan is None or unit.hash in tasks:
             continue
@@ -145,17 +145,17 @@ _NOT_THERE = "its worker put no result into {}: choose a folder with -o that all
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """How a sweep ended.
+class SweepResult:
+    """Result of a sweep.
 
     Attributes
     ----------
     rows : list of dict
-        The table.
+        Rows of the table.
     units, computed : int
-        Validations of the study, and those of them that this run had to carry out.
+        Validations of the study, and the number that this run computed.
     failed : dict of str to str
-        By what it is called, the error of each unit that failed.
+        Error message of each failed unit, by label.
     """
 
     rows: list[dict[str, Any]]
@@ -165,23 +165,23 @@ class Outcome:
 
     @property
     def passed(self) -> bool:
-        """Whether every row is there and passed its validation's checks."""
+        """True if every row exists and passed its validation's checks."""
         return not self.failed and all(row["passed"] for row in self.rows)
 
 
-def run_sweep(request: SweepRequest, *, quiet: bool = True, debug: bool = False) -> Outcome:
-    """Compute what a study lacks; table and page are in its folder afterwards.
+def run_sweep(request: SweepRequest, *, quiet: bool = True, debug: bool = False) -> SweepResult:
+    """Compute the missing results of a study, and write its table and page.
 
     Parameters
     ----------
     request : SweepRequest
     quiet, debug : bool
-        As of `carry_out`.
+        As for `carry_out`.
 
     Raises
     ------
     InimError
-        As by `carry_out`, or there is nothing to write the table with.
+        As for `carry_out`, or the package for writing the table is missing.
     """
     check_pyarrow()
     study = read_study(request.study)
@@ -197,22 +197,24 @@ def run_sweep(request: SweepRequest, *, quiet: bool = True, debug: bool = False)
     return outcome
 
 
-def carry_out(study: Study, place: Place, *, quiet: bool = True, debug: bool = False) -> Outcome:
-    """Compute what a study lacks.
+def carry_out(
+    study: Study, place: SweepPlace, *, quiet: bool = True, debug: bool = False
+) -> SweepResult:
+    """Compute the missing results of a study.
 
     Parameters
     ----------
     study : Study
-    place : Place
+    place : SweepPlace
     quiet : bool
-        No lines and no live table.
+        Print no lines and no progress bar.
     debug : bool
         Let workers print the traceback of an internal error.
 
     Raises
     ------
     InimError
-        What is wrong with the study, or no backend or cluster to work with. A unit that fails is no
+        An error in the study, or no backend or cluster is available. A failed unit is not an
         exception but an error in its rows.
     """
     workers, threads = choose_slots(place.workers, place.threads, cpu_count())
@@ -225,15 +227,16 @@ def carry_out(study: Study, place: Place, *, quiet: bool = True, debug: bool = F
     _make_folder(plan.results.out, place.out)
     errors = _computed(plan, place.scheduler, workers, Progress(len(plan.tasks), quiet=quiet))
     rows, failed = _assembled(plan, errors)
-    return Outcome(rows, len(plan.units), len(plan.tasks), failed)
+    return SweepResult(rows, len(plan.units), len(plan.tasks), failed)
 
 
-def _make_folder(out: Path, shown: Path) -> None:
+def _make_folder(out: Path, path_for_messages: Path) -> None:
     try:
         (out / FOLDER).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError(
-            f"{shown}: cannot be written ({error.strerror}); choose another folder with -o"
+            f"{path_for_messages}: cannot be written ({error.strerror}); choose another folder "
+            "with -o"
         ) from None
 
 
@@ -256,16 +259,16 @@ def _computed(
 def _assembled(
     plan: SweepPlan, errors: dict[str, str]
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
-    """All rows in the study's order, and what failed."""
+    """Collect all rows in the study's order, and the failures."""
     rows: list[dict[str, Any]] = []
     failed: dict[str, str] = {}
     for unit in plan.units:
         for name in plan.study.algorithms:
-            found = None
+            result = None
             if unit.plan is not None:
-                found = plan.results.read(unit.hash, name, making_of(unit.plan, name))
-            if found is not None:
-                rows += finished_rows(unit, name, found)
+                result = plan.results.read(unit.hash, name, making_of(unit.plan, name))
+            if result is not None:
+                rows += finished_rows(unit, name, result)
                 continue
             error = unit.error or errors.get(unit.hash) or _NOT_THERE.format(plan.results.out)
             failed[unit.label] = error

@@ -1,4 +1,4 @@
-"""A study: what a sweep multiplies, read from a TOML file and checked word by word.
+"""Studies: the combinations of a sweep, read from a TOML file and checked key by key.
 
 ======================  ===========================================================================
 ``[study]``             ``scenes`` (files), ``displays`` (names), ``algorithms``, ``viewpoints``,
@@ -79,29 +79,29 @@ class NamedDisplay:
 
 @dataclass(frozen=True)
 class Study:
-    """What is multiplied.
+    """Combinations of a sweep.
 
     Attributes
     ----------
     path : Path
-        Of the study's file.
+        The study's file.
     title : str
     scenes : dict of str to Path
-        By their names in the table.
+        Scene files by their names in the table.
     displays : tuple of NamedDisplay
     algorithms : tuple of str
-        As in a report: options in the order given.
+        Algorithms as in a report, with options in the given order.
     variations : dict of str to dict of str to str
-        Definitions of lens model and settings, all their combinations, by what tells them apart.
+        All combinations of lens models and settings, by the values that distinguish them.
     viewpoints : tuple of str or Viewpoint, optional
-        As of a `Request`; each scene's own otherwise.
+        As in a `Request`; default: each scene's own.
     backend : {"auto", "llvm", "cuda"}
     time : bool
-        Time the generators in yardsticks.
+        Time the generators in kernel times.
     keep_reports : bool
-        Keep each validation's whole report.
+        Keep the whole report of each validation.
     lazy : bool
-        Make what the viewpoints observe of the panel and no more; there are no scores of EIAs then.
+        Generate only the panel pixels that the viewpoints observe. EIAs then have no scores.
     """
 
     path: Path
@@ -167,7 +167,7 @@ _MOST_PARTS = 4
 
 
 class Tables:
-    """The tables of one file, and what to say where they are wrong.
+    """Tables of a TOML file, with error messages that give the key.
 
     Parameters
     ----------
@@ -188,17 +188,17 @@ class Tables:
 
     def table(self, name: str) -> Mapping[str, Any]:
         """A table; empty where there is none."""
-        found = self.tables.get(name, {})
-        if not isinstance(found, dict):
+        table = self.tables.get(name, {})
+        if not isinstance(table, dict):
             raise self.wrong(name, f"write it as a table, [{name}]")
-        return found
+        return table
 
-    def check_names(self, before: str, table: Mapping[str, Any], known: Sequence[str]) -> None:
-        """Refuse keys that nobody reads; a slip of a letter would go unnoticed."""
+    def check_names(self, before: str, table: Mapping[str, Any], allowed: Sequence[str]) -> None:
+        """Reject unknown keys, which would otherwise hide a misspelling."""
         for name in table:
-            if name not in known:
+            if name not in allowed:
                 key = f"{before}{name[:_MOST_SHOWN]}"
-                raise self.wrong(key, f"unknown key; {known_words(name, known)}")
+                raise self.wrong(key, f"unknown key; {known_words(name, allowed)}")
 
     def text(self, key: str, value: Any) -> str:
         """A text that is not empty."""
@@ -211,11 +211,11 @@ class Tables:
         if not isinstance(value, list) or not value:
             raise self.wrong(key, f"must be a list of texts, not {shown(value)}")
         self.check_count(key, value, most)
-        found = [self.text(key, one) for one in value]
-        for one, count in Counter(found).items():
+        texts = [self.text(key, item) for item in value]
+        for text, count in Counter(texts).items():
             if count > 1:
-                raise self.wrong(key, f"{shown(one)} is given twice; drop one")
-        return found
+                raise self.wrong(key, f"{shown(text)} is given twice; drop one")
+        return texts
 
     def check_count(self, key: str, values: Sequence[object], most: int) -> None:
         """Refuse more than a study can mean."""
@@ -228,10 +228,10 @@ class Tables:
             raise self.wrong(key, f"must be true or false, not {shown(value)}")
         return value
 
-    def one_of(self, key: str, value: Any, known: Sequence[str]) -> str:
+    def one_of(self, key: str, value: Any, allowed: Sequence[str]) -> str:
         """One of a few words."""
-        if value not in known:
-            raise self.wrong(key, f"{shown(value)}: {known_words(value, known)}")
+        if value not in allowed:
+            raise self.wrong(key, f"{shown(value)}: {known_words(value, allowed)}")
         return str(value)
 
 
@@ -261,9 +261,10 @@ _ENDS = {
 
 
 def _check_keys(text: str) -> None:
-    """Raise ValueError for a key of many dotted parts: in memory, they grow as their square.
+    """Raise ValueError for a key of too many dotted parts: their memory grows with the square.
 
-    One pass over what is no text and no comment. Nothing but keys has so many dots.
+    The check is one pass over everything except strings and comments. Only keys contain this many
+    dots.
     """
     at = dots = 0
     while token := _TOKEN.search(text, at):
@@ -282,65 +283,65 @@ def _check_keys(text: str) -> None:
 
 
 def _text_end(text: str, at: int) -> int:
-    """Where a quoted text ends; of one that does not, the end of all, where reading ends, too."""
+    """End of a quoted string; the end of the file if it is not closed."""
     quote = text[at]
     mark = 3 * quote if text.startswith(3 * quote, at) else quote
     at += len(mark)
-    while found := _ENDS[mark].search(text, at):
-        at = found.end()
-        if found[0] == mark:
+    while match := _ENDS[mark].search(text, at):
+        at = match.end()
+        if match[0] == mark:
             # Up to two quotes may stand before those that end a text of several lines.
-            while len(mark) == 3 and at < found.end() + 2 and text.startswith(quote, at):
+            while len(mark) == 3 and at < match.end() + 2 and text.startswith(quote, at):
                 at += 1
             return at
-        if found[0] == "\n":
+        if match[0] == "\n":
             break
         at += 1  # what a backslash makes ordinary
     return len(text)
 
 
 class _Reader(Tables):
-    """What a sweep's study says."""
+    """Reader of a sweep's study."""
 
     def required(self, name: str) -> Any:
-        """A key of [study] without which there is nothing to do."""
+        """Value of a required key of [study]."""
         if name not in self.table("study"):
             raise self.wrong(f"study.{name}", f"is missing; add a line {name} = [...] to [study]")
         return self.table("study")[name]
 
     def scenes(self) -> dict[str, Path]:
-        """Scenes by name: the file's, or where two are alike the path as written."""
-        written = self.texts("study.scenes", self.required("scenes"), MOST_UNITS)
-        stems = [Path(one).stem for one in written]
+        """Scenes by file name; by the path as written if file names are equal."""
+        names = self.texts("study.scenes", self.required("scenes"), MOST_UNITS)
+        stems = [Path(name).stem for name in names]
         shared = Counter(stems)
-        found = {}
-        for one, stem in zip(written, stems, strict=True):
-            scene = self.path.parent / one
+        scenes = {}
+        for name, stem in zip(names, stems, strict=True):
+            scene = self.path.parent / name
             try:
                 check_file(scene)
             except FileError as error:
                 why = str(error).removeprefix(f"{scene}: ")
                 raise self.wrong(
-                    "study.scenes", f"{shown(one)}: {why}; paths start at the study's folder"
+                    "study.scenes", f"{shown(name)}: {why}; paths start at the study's folder"
                 ) from None
-            found[stem if shared[stem] == 1 else one] = scene
-        return found
+            scenes[stem if shared[stem] == 1 else name] = scene
+        return scenes
 
     def algorithms(self) -> tuple[str, ...]:
         """The names that methods have in reports."""
-        written = self.texts("study.algorithms", self.required("algorithms"))
-        for one in written:
-            if "," in one:
+        names = self.texts("study.algorithms", self.required("algorithms"))
+        for name in names:
+            if "," in name:
                 raise self.wrong(
-                    "study.algorithms", f"{shown(one)}: write one algorithm in each text"
+                    "study.algorithms", f"{shown(name)}: write one algorithm in each text"
                 )
         try:
-            return tuple(c.name for c in parse_methods(written, {}))
+            return tuple(c.name for c in parse_methods(names, {}))
         except InimError as error:
             raise self.wrong("study.algorithms", str(error)) from None
 
     def viewpoints(self) -> tuple[str | Viewpoint, ...] | None:
-        """As of a `Request`."""
+        """Viewpoints as in a `Request`."""
         value = self.table("study").get("viewpoints")
         if value is None:
             return None
@@ -354,34 +355,35 @@ class _Reader(Tables):
         named = self.table("study").get("displays")
         if named is None:
             return tuple(own.values()) or (NamedDisplay(AS_SCENE),)
-        known = {AS_SCENE: NamedDisplay(AS_SCENE)}
+        displays_by_name = {AS_SCENE: NamedDisplay(AS_SCENE)}
         for name, preset in DISPLAYS.items():
-            known[name] = NamedDisplay(name, preset)
-        known |= own
+            displays_by_name[name] = NamedDisplay(name, preset)
+        displays_by_name |= own
         names = self.texts("study.displays", named)
         for name in names:
-            if name not in known:
+            if name not in displays_by_name:
                 raise self.wrong(
                     "study.displays",
-                    f"{shown(name)} is unknown; use {', '.join(known)}, or add a [[display]] "
+                    f"{shown(name)} is unknown; use {', '.join(displays_by_name)}, or add a "
+                    "[[display]] "
                     "so named",
                 )
-        return tuple(known[name] for name in names)
+        return tuple(displays_by_name[name] for name in names)
 
     def _own_displays(self) -> dict[str, NamedDisplay]:
         tables = self.tables.get("display", [])
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
             raise self.wrong("display", "write each display as a table of its own, [[display]]")
         self.check_count("display", tables, MOST_NAMED)
-        found: dict[str, NamedDisplay] = {}
+        displays: dict[str, NamedDisplay] = {}
         for table in tables:
             name = self.text("display.name", table.get("name"))
-            if not is_file_safe(name) or name in (AS_SCENE, *DISPLAYS, *found):
+            if not is_file_safe(name) or name in (AS_SCENE, *DISPLAYS, *displays):
                 why = "is taken" if is_file_safe(name) else "use 1 to 64 letters, digits or . _ + -"
                 raise self.wrong("display.name", f"{shown(name)}: {why}")
             parameters = {k: v for k, v in table.items() if k not in ("name", "preset", "file")}
             if "file" in table:
-                found[name] = self._from_file(name, table)
+                displays[name] = self._from_file(name, table)
                 continue
             self.check_names(f"display {name!r}: ", parameters, _PARAMETERS)
             preset = self.one_of(
@@ -391,23 +393,23 @@ class _Reader(Tables):
             display = self._settings(f"display {name!r}", words).make_display(
                 f"{self.path}: display {name!r}"
             )
-            found[name] = NamedDisplay(name, display)
-        return found
+            displays[name] = NamedDisplay(name, display)
+        return displays
 
     def _from_file(self, name: str, table: Mapping[str, Any]) -> NamedDisplay:
         """A display that a file describes, which may lie elsewhere than the study."""
-        what = f"display {name!r}: file"
+        label = f"display {name!r}: file"
         if others := [key for key in table if key not in ("name", "file")]:
             raise self.wrong(f"display {name!r}: {others[0]}", "belongs into its file")
-        file = self.text(what, table["file"])
+        file = self.text(label, table["file"])
         if not file.lower().endswith(".xml"):
-            raise self.wrong(what, f"{shown(file)}: name an .xml with inim.* settings")
+            raise self.wrong(label, f"{shown(file)}: name an .xml with inim.* settings")
         path = self.path.parent / file
         display_of(path)  # report its mistakes before anything is run
         return NamedDisplay(name, path)
 
     def variations(self) -> dict[str, dict[str, str]]:
-        """All combinations of what is given as a list, by the values that are one of several."""
+        """All combinations of listed values, by the values that vary."""
         table = self.table("settings")
         for name in table:
             if name in _ELSEWHERE or name in _PARAMETERS:
@@ -417,24 +419,27 @@ class _Reader(Tables):
         axes = {
             name: value if isinstance(value, list) else [value] for name, value in table.items()
         }
-        given = self.table("study").get("lens_model", [])
-        models, known = given if isinstance(given, list) else [given], tuple(lens_models())
+        lens_model = self.table("study").get("lens_model", [])
+        models, allowed = (
+            lens_model if isinstance(lens_model, list) else [lens_model],
+            tuple(lens_models()),
+        )
         self.check_count("study.lens_model", models, MOST_NAMED)
         for model in models:
-            self.one_of("study.lens_model", model, known)
+            self.one_of("study.lens_model", model, allowed)
             axes.setdefault("lens_model", []).append(model)
         for name, values in axes.items():
             if not values:
                 raise self.wrong(f"settings.{name}", "is an empty list; give a value")
             if len({str(v) for v in values}) < len(values):
                 raise self.wrong(f"settings.{name}", "has a value twice; drop one")
-        found = {}
+        variations = {}
         for chosen in itertools.islice(itertools.product(*axes.values()), MOST_UNITS + 1):
             words = self._values("settings.", dict(zip(axes, chosen, strict=True)))
             self._settings("settings", words)
             label = ", ".join(f"{k} = {v}" for k, v in words.items() if len(axes[k]) > 1)
-            found[label] = {f"{PREFIX}{name}": word for name, word in words.items()}
-        return found
+            variations[label] = {f"{PREFIX}{name}": word for name, word in words.items()}
+        return variations
 
     def _values(self, before: str, table: Mapping[str, Any]) -> dict[str, str]:
         """Numbers and texts as -D has them."""
@@ -447,7 +452,7 @@ class _Reader(Tables):
 
     def _settings(self, key: str, words: Mapping[str, str]) -> Settings:
         try:
-            given = {f"{PREFIX}{name}": word for name, word in words.items()}
-            return Settings.parse(given, f"{self.path}: {key}")
+            definitions = {f"{PREFIX}{name}": word for name, word in words.items()}
+            return Settings.parse(definitions, f"{self.path}: {key}")
         except InimError as error:
             raise UsageError(str(error)) from None

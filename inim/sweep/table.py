@@ -76,12 +76,12 @@ def unit_document(
     ----------
     data : ReportDocument
     times : mapping of str to sequence of float
-        `inim.regression.log_ratios` by algorithm; empty where nothing was timed.
+        `inim.regression.log_ratios` by algorithm; empty without timing.
     unit : str
         Hash of the key.
     algorithm : str
     making, key : dict
-        Everything that decides the result.
+        All inputs that determine the result.
     """
     result, floor = data.algorithms[algorithm], data.noise_floor
     failed = _failed_checks(data, algorithm)
@@ -130,7 +130,7 @@ def _failed_checks(data: ReportDocument, algorithm: str) -> list[str]:
 
 
 def _is_of(check: str, algorithm: str) -> bool:
-    """Whether a check is an algorithm's: ``NAME: …``, ``NAME/VIEW: …``, ``eia/NAME: …``."""
+    """True if a check belongs to an algorithm: ``NAME: …``, ``NAME/VIEW: …``, ``eia/NAME: …``."""
     own = check.removeprefix("eia/").removeprefix("views/")
     return own.startswith((f"{algorithm}: ", f"{algorithm}/"))
 
@@ -158,7 +158,7 @@ def finished_rows(unit: Unit, algorithm: str, result: UnitDocument) -> list[dict
 
 
 def failed_rows(unit: Unit, algorithm: str, error: str) -> list[dict[str, Any]]:
-    """Rows of what could not be had: one for each viewpoint, as far as those are known."""
+    """Rows of a failed unit: one for each viewpoint, or one if the viewpoints are unknown."""
     start = _identity(unit, algorithm) | {"status": "failed", "error": error}
     viewpoints = unit.plan.viewpoints if unit.plan is not None else ()
     places = [
@@ -181,9 +181,9 @@ def _identity(unit: Unit, algorithm: str) -> dict[str, Any]:
 
 def _given(unit: Unit) -> dict[str, Any]:
     """Settings that the study itself names, where the scene's could not be had."""
-    given = unit.request.definitions
-    settings = asdict(Settings.parse(given, unit.label))
-    return {key: settings[key] for key in SETTING_COLUMNS if f"{PREFIX}{key}" in given}
+    definitions = unit.request.definitions
+    settings = asdict(Settings.parse(definitions, unit.label))
+    return {key: settings[key] for key in SETTING_COLUMNS if f"{PREFIX}{key}" in definitions}
 
 
 def _infinite(columns: Mapping[str, float | None]) -> dict[str, float | None]:
@@ -219,7 +219,7 @@ _MADE = (
 
 
 def column_groups() -> dict[str, dict[str, str]]:
-    """Name and type of every column, in the table's order, by what documents say of them.
+    """Name and type of every column by group, in the table's order.
 
     Raises
     ------
@@ -236,7 +236,7 @@ def column_groups() -> dict[str, dict[str, str]]:
     groups = {
         "names": _of("string", "scene", "display", "algorithm", "viewpoint"),
         '"ok" or "failed", and why; scores are then null': _of("string", "status", "error"),
-        **{what: _of("float64", *names) for what, names in scores.items()},
+        **{title: _of("float64", *names) for title, names in scores.items()},
         "the EIA, before any optics": _of("float64", *eia_columns(), "hole_fraction", *floor),
         "of generating the EIA: once, cold; median ratio, with `time = true`": _of(
             "float64", *_OF_GENERATION
@@ -278,8 +278,8 @@ def columns() -> dict[str, str]:
 def columns_as_markdown() -> str:
     """`column_groups` as the Markdown table of the documents."""
     rows = [
-        f"| {', '.join(f'`{name}`' for name in group)} | {what} |"
-        for what, group in column_groups().items()
+        f"| {', '.join(f'`{name}`' for name in group)} | {title} |"
+        for title, group in column_groups().items()
     ]
     return "\n".join(["| columns | what |", "| --- | --- |", *rows])
 
@@ -295,13 +295,13 @@ def check_pyarrow() -> None:
 
 
 def write_table(path: Path, rows: Sequence[Mapping[str, Any]], about: SweepTable) -> None:
-    """Write rows as Parquet, whole or not at all.
+    """Write rows as Parquet, completely or not at all.
 
     Parameters
     ----------
     path : Path
     rows : sequence of mapping
-        Values by `columns`; what is missing is null.
+        Values by `columns`; missing values are null.
     about : SweepTable
         Metadata of the table.
     """

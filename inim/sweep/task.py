@@ -1,8 +1,8 @@
-"""A task: what is left to compute of a unit, and where its results are put.
+"""Tasks: the remaining work of a unit, and the location of its results.
 
-Results lie in ``OUT/units/HASH/ALGORITHM.json``: one small file for each algorithm of each unit,
-whole or not there. The table is made of them alone, so whatever is killed loses what it had in
-work and nothing else, and whoever does the same work twice writes the same file.
+Results are stored as ``OUT/units/HASH/ALGORITHM.json``: one small file for each algorithm of each
+unit, written atomically. The table is derived from these files alone. A killed process therefore
+loses only its current work, and repeated work writes the same file.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Results:
     out: Path
 
     def path(self, unit: str, algorithm: str) -> Path:
-        """Where a result lies, or will."""
+        """Path of a result."""
         return self.out / FOLDER / unit / f"{algorithm}.json"
 
     def read(self, unit: str, algorithm: str, making: Mapping[str, Any]) -> UnitDocument | None:
@@ -95,26 +95,26 @@ _ATTEMPTS = 2
 
 
 @dataclass(frozen=True)
-class Task:
-    """What is left to do of a unit; travels between processes and machines.
+class SweepTask:
+    """Remaining work of a unit; sent between processes and machines.
 
     Attributes
     ----------
     unit : str
         The unit's hash.
     label : str
-        What it is called on a screen.
+        Label on the screen.
     request : Request
-        For the algorithms that are left. Its `out` is the sweep's folder, and all paths are
+        Request for the remaining algorithms. Its `out` is the sweep's folder, and all paths are
         absolute.
     key : dict
-        The unit's key, which the worker must find, too.
+        The unit's key; the worker's key must be equal.
     algorithms : tuple of str
     keep_report : bool
     threads : int, optional
-        All there are if None.
+        None uses all threads.
     memory_bytes : int
-        What its pictures and the renderer take, by plan.
+        Planned memory of its images and the renderer.
     debug : bool
         Let the worker print the traceback of an internal error.
     """
@@ -132,10 +132,10 @@ class Task:
 
 def make_task(
     unit: Unit, algorithms: Sequence[str], *, keep_report: bool, threads: int | None
-) -> Task:
+) -> SweepTask:
     """The task of computing some algorithms of a unit."""
     assert unit.plan is not None
-    return Task(
+    return SweepTask(
         unit.hash,
         unit.label,
         unit.only(algorithms),
@@ -147,12 +147,12 @@ def make_task(
     )
 
 
-def attempt(task: Task, on_start: OnStart | None = None) -> InimError | None:
+def attempt(task: SweepTask, on_start: OnStart | None = None) -> InimError | None:
     """Carry out a task; the error that ended it, or None once its results are there.
 
     Parameters
     ----------
-    task : Task
+    task : SweepTask
     on_start : callable, optional
         See `inim.worker.supervisor.run_in_worker`.
     """
@@ -169,7 +169,7 @@ def attempt(task: Task, on_start: OnStart | None = None) -> InimError | None:
     return error
 
 
-def _carry_out(task: Task, on_start: OnStart | None) -> None:
+def _carry_out(task: SweepTask, on_start: OnStart | None) -> None:
     if not (task.request.out / FOLDER).is_dir():
         raise FileError(
             f"{task.request.out}: is not there on {socket.gethostname()}; choose a folder with -o "
@@ -188,27 +188,28 @@ def _carry_out(task: Task, on_start: OnStart | None) -> None:
 
 
 def _threads(count: int | None) -> dict[str, str]:
-    """What numba reads when it is imported."""
+    """Environment variables that numba reads when it is imported."""
     return {} if count is None else {"NUMBA_NUM_THREADS": str(count)}
 
 
-def _staging(task: Task) -> AbstractContextManager[Path]:
-    """Where the report is built: beside its place if it is kept, else on this machine's own disk.
+def _staging(task: SweepTask) -> AbstractContextManager[Path]:
+    """Temporary folder for the report: next to its final place if it is kept, otherwise on the
+    local disk.
 
-    A report is some megabytes of pictures, thousands of times its rows: no load for a shared one.
-    One folder for all units, so that each clears away what killed ones left of any.
+    A report has some megabytes of images, thousands of times more than its rows, which would burden
+    a shared disk. All units use one folder, so that each removes the remains of killed units.
     """
     if task.keep_report:
         return staging_folder(_report_folder(task))
     folder = Path(tempfile.gettempdir()) / f"inim-sweep-{os.getuid()}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
-        found = folder.lstat()
+        status = folder.lstat()
     except OSError as error:
         raise FileError(
             f"{folder}: cannot be written ({error.strerror}); set TMPDIR to a folder with room"
         ) from None
-    if found.st_uid != os.getuid() or stat.S_IMODE(found.st_mode) != 0o700:
+    if status.st_uid != os.getuid() or stat.S_IMODE(status.st_mode) != 0o700:
         raise FileError(
             f"{folder}: belongs to another user or is open to others; set TMPDIR to a folder of "
             "your own"
@@ -216,16 +217,16 @@ def _staging(task: Task) -> AbstractContextManager[Path]:
     return staging_folder(folder / "unit")
 
 
-def _report_folder(task: Task) -> Path:
+def _report_folder(task: SweepTask) -> Path:
     return report_folder(task.request.out, task.unit)
 
 
 def report_folder(out: Path, unit: str) -> Path:
-    """Where the report of a unit stays, if it is kept."""
+    """Folder of a unit's report, if it is kept."""
     return out / _REPORTS / unit
 
 
-def work(task: Task, staging: Path, observer: Observer) -> bool:
+def work(task: SweepTask, staging: Path, observer: Observer) -> bool:
     """The worker's side: validate, and put the results where the sweep looks for them."""
     plan = make_plan(task.request)
     _check_same(task, plan)
@@ -249,10 +250,10 @@ def work(task: Task, staging: Path, observer: Observer) -> bool:
     return True
 
 
-def _check_same(task: Task, plan: Plan) -> None:
-    """A scene edited meanwhile, or another machine's code, would pass for what was asked for."""
-    found = key_of(plan)
-    changed = [name for name in task.key if found.get(name) != task.key[name]]
+def _check_same(task: SweepTask, plan: Plan) -> None:
+    """Raise unless the worker's key equals the unit's: the scene or the code differs otherwise."""
+    key = key_of(plan)
+    changed = [name for name in task.key if key.get(name) != task.key[name]]
     if changed:
         raise UsageError(
             f"{task.request.scene}: on {socket.gethostname()}, {' and '.join(changed)} "
@@ -261,7 +262,7 @@ def _check_same(task: Task, plan: Plan) -> None:
         )
 
 
-def _validated(task: Task, plan: Plan, staging: Path, observer: Observer) -> Report:
+def _validated(task: SweepTask, plan: Plan, staging: Path, observer: Observer) -> Report:
     from inim.pipeline.work import run
     from inim.render import variant
 

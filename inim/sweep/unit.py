@@ -1,8 +1,8 @@
-"""Units: a study taken apart into validations, each known by what decides its result.
+"""Units: the validations of a study, each identified by its inputs.
 
 A unit is one scene on one display with one set of settings; its algorithms and viewpoints share
-the ground truth. Its key is all that the scores depend on, and no path, name or time: equal keys
-are equal results, whoever computed them and when.
+the ground truth. Its key contains all inputs of the scores, and no path, name or time: equal keys
+give equal results on every machine.
 """
 
 from __future__ import annotations
@@ -52,17 +52,17 @@ class Unit:
     Attributes
     ----------
     scene, display : str
-        Their names in the table.
+        Names in the table.
     variation : str
-        What tells its settings from those of its kin; empty where there is only one.
+        Values of the settings that vary; empty if none do.
     request : Request
-        With all algorithms of the study; its `out` is not used.
+        Request with all algorithms of the study; its `out` is unused.
     plan : Plan, optional
-        None where it cannot be carried out.
+        None if the unit cannot be validated.
     hash : str
-        Of the key; empty without a plan.
+        Hash of the key; empty without a plan.
     error : str
-        Why it cannot be carried out, in a line; empty where it can.
+        One-line reason if the unit cannot be validated, otherwise empty.
     """
 
     scene: str
@@ -75,7 +75,7 @@ class Unit:
 
     @property
     def label(self) -> str:
-        """What it is called on a screen."""
+        """Label on the screen."""
         return " · ".join(filter(None, (self.scene, self.display, self.variation)))
 
     def only(self, algorithms: Sequence[str]) -> Request:
@@ -162,8 +162,8 @@ def key_of(plan: Plan) -> dict[str, Any]:
     others = foreign_identities()
     if others:
         key["metrics"] = others
-    found: dict[str, Any] = json.loads(json.dumps(key))
-    return found
+    record: dict[str, Any] = json.loads(json.dumps(key))
+    return record
 
 
 def _nameless(display: Mapping[str, Any]) -> dict[str, Any]:
@@ -177,15 +177,15 @@ def unit_hash(key: Mapping[str, Any]) -> str:
 
 
 def making_of(plan: Plan, algorithm: str) -> dict[str, Any]:
-    """What else a result of one algorithm depends on: its own criterion, another package's code.
+    """Further inputs of one algorithm's result: its own criterion, another package's code.
 
     Our own code is in every key.
     """
-    found: dict[str, Any] = {"min_ssim_to_reference": plan.ssim_limits.get(algorithm)}
+    inputs: dict[str, Any] = {"min_ssim_to_reference": plan.ssim_limits.get(algorithm)}
     name = parse_algorithm(algorithm)[0]
     if is_own(name) or name == PICKUP:
-        return found
-    return found | identity("inim.generators", name)
+        return inputs
+    return inputs | identity("inim.generators", name)
 
 
 @cache

@@ -1,16 +1,16 @@
-"""The engine of sweeps: dask tasks, on this machine or on a cluster.
+"""Execution of sweeps: dask tasks, on this machine or on a cluster.
 
-A unit is one dask task. On this machine scheduler and worker live in this process; a task takes its
-share of the worker's memory. On a cluster the workers share the sweep's folder. Effects of a death
-(distributed 2024.1 to 2026.8):
+A unit is one dask task. On one machine, scheduler and worker run in this process, and each task
+reserves its share of the worker's memory. On a cluster the workers share the sweep's folder.
+Effects of a crash (distributed 2024.1 to 2026.8):
 
-* A worker that dies takes its task along; the scheduler gives the task to another worker, up to
-  `distributed.scheduler.allowed-failures` (3) times, then calls it a `KilledWorker`. So nothing
-  has to be retried here, and a unit that takes down four workers is a failed one.
-* Native code that dies takes our own child process along, not dask's worker: that is a result.
-* A client that dies has its waiting tasks forgotten. One in work runs to its end on its worker,
-  which puts its result into the shared folder: the next run finds it there. Keys name what is done,
-  so a run that asks for a task still in work is given that one and starts no second.
+* If a worker dies, the scheduler gives its task to another worker, up to
+  `distributed.scheduler.allowed-failures` (3) times, and then reports a `KilledWorker`. No retry
+  is therefore needed here, and a unit that kills four workers has failed.
+* If native code crashes, only our own child process dies, not dask's worker: this is a result.
+* If the client dies, its waiting tasks are dropped. A running task finishes on its worker,
+  which writes the result into the shared folder, where the next run finds it. Keys identify the
+  work, so a run that requests a task still running joins it and starts no second one.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from typing import Any
 from inim import backend as backends
 from inim.errors import UsageError
 from inim.process.python_process import end_process
-from inim.sweep.task import Task, attempt
+from inim.sweep.task import SweepTask, attempt
 
 # How often the connection to the scheduler is checked.
 _TICK_S = 0.5
 
 
 def choose_slots(workers: int | None, threads: int | None, cores: int) -> tuple[int, int]:
-    """Workers at once and threads of each; what the user leaves open follows from the cores.
+    """Number of workers and threads of each; open choices follow from the number of cores.
 
     A validation spends more than half of its time on one thread: scoring, compiling, writing
     pictures. So a worker for each core is faster than one with them all (docs/how-to/sweep.md).
@@ -68,7 +68,7 @@ _ENDED = threading.Event()
 
 
 class Progress:
-    """A line for each task that ends, and on a terminal a bar with the remaining time.
+    """Progress of a sweep: a line for each finished task, and a bar on a terminal.
 
     Parameters
     ----------
@@ -124,12 +124,12 @@ def check_dask() -> None:
         ) from None
 
 
-def on_worker(task: Task, alone: bool = True) -> tuple[float, str]:
-    """Carry out one task on a dask worker, in a process of its own.
+def on_worker(task: SweepTask, alone: bool = True) -> tuple[float, str]:
+    """Run one task on a dask worker, in a separate process.
 
     Parameters
     ----------
-    task : Task
+    task : SweepTask
     alone : bool
         Wait until no other task is in work on this dask worker: on a cluster.
 
@@ -148,7 +148,7 @@ def on_worker(task: Task, alone: bool = True) -> tuple[float, str]:
 
 
 def run_tasks(
-    tasks: Sequence[Task], scheduler: str | None, workers: int, progress: Progress
+    tasks: Sequence[SweepTask], scheduler: str | None, workers: int, progress: Progress
 ) -> dict[str, str]:
     """Carry out tasks on the workers of a scheduler, or on this machine.
 
@@ -156,7 +156,7 @@ def run_tasks(
 
     Parameters
     ----------
-    tasks : sequence of Task
+    tasks : sequence of SweepTask
     scheduler : str, optional
         Its address, `tcp://HOST:PORT`; None: this machine.
     workers : int
@@ -200,9 +200,9 @@ def run_tasks(
 
 
 def _collect(
-    client: Any, futures: dict[str, Task], ended: queue.Queue[Any], progress: Progress
+    client: Any, futures: dict[str, SweepTask], ended: queue.Queue[Any], progress: Progress
 ) -> dict[str, str]:
-    """Wait for every task, in whatever order they end."""
+    """Wait for all tasks, in the order in which they finish."""
     errors: dict[str, str] = {}
     left = dict(futures)
     while left:
@@ -233,14 +233,14 @@ def _result_of(future: Any) -> tuple[float, str]:
     return 0.0, f"{future.status} by the scheduler; run the sweep again"
 
 
-def _key(task: Task) -> str:
-    """A task's name on the scheduler: what it computes, whoever asks for it."""
+def _key(task: SweepTask) -> str:
+    """Name of a task on the scheduler, derived from its work."""
     words = "\0".join((str(task.request.out), *task.algorithms))
     return f"inim-{task.unit}-{hashlib.sha256(words.encode()).hexdigest()[:8]}"
 
 
 def check_answers(scheduler: str) -> None:
-    """Raise the `UsageError` that fits where nobody listens at a scheduler's address.
+    """Raise a `UsageError` with the remedy if no scheduler answers at an address.
 
     A dask client that cannot connect takes twice its patience to give up, and prints tracebacks.
     """

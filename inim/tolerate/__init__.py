@@ -1,1 +1,1 @@
-"""How accurately a display must be known: misalignments drawn at random, and what each costs."""
+"""Tolerances of a display: random misalignments and their effect on the score."""

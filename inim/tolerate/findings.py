@@ -1,12 +1,13 @@
-"""Tolerances of each parameter alone, and losses of displays with all errors at once.
+"""Tolerances of single parameters, and losses of displays with all errors at once.
 
-The loss of SSIM by an error e of one parameter, all others exact, follows a law fitted to draws:
+The loss of SSIM from an error e of one parameter, with all others exact, follows a law fitted to
+draws:
 
-    L(e) = 1 - exp(-(|e| / w)^p),   w of its own below zero and above
+    L(e) = 1 - exp(-(|e| / w)^p),   with separate w below and above zero
 
-It is none at zero, grows as a power of small errors (p = 1 where an error swaps whole pixels, 2
-where it mixes neighbours), and ends where nothing is left to lose. It is not derived from optics:
-the scatter of draws around it is reported with it.
+It is 0 at e = 0, grows as a power of small errors (p = 1 if an error exchanges whole pixels, 2
+if it mixes neighbours), and saturates. The law is not derived from optics:
+the scatter of the draws around it is reported with it.
 """
 
 from __future__ import annotations
@@ -95,17 +96,17 @@ def aligned_score(scores: Scores) -> float:
 
 
 def _scored(
-    drawn: Sequence[Mapping[str, float]], scores: Scores
+    draws: Sequence[Mapping[str, float]], scores: Scores
 ) -> list[tuple[Mapping[str, float], float]]:
     """The draws that have a score, with it."""
-    pairs = [(errors, scores.get(misalignment_text(errors))) for errors in drawn]
+    pairs = [(errors, scores.get(misalignment_text(errors))) for errors in draws]
     return [(errors, score) for errors, score in pairs if score is not None]
 
 
 def _alone(
     row: ParameterTolerance, losses: Sequence[tuple[float, float]], criterion: float, seed: str
 ) -> tuple[Curve, ParameterTolerance]:
-    """The curve through a parameter's draws, and its row with what follows from the curve."""
+    """Fit the curve of one parameter's draws, and derive its row of results."""
     errors, lost = zip(*losses, strict=True)
     farthest = row.farthest
     curve = fit_curve(errors, lost, criterion)
@@ -133,19 +134,19 @@ def _places(farthest: float) -> list[float]:
 
 
 def _together(
-    drawn: Sequence[tuple[Mapping[str, float], float]],
+    draws: Sequence[tuple[Mapping[str, float], float]],
     aligned: float,
     criterion: float,
     rows: Sequence[ParameterTolerance],
     curves: Mapping[str, Curve],
 ) -> Together:
     """The share of displays that lose no more, and whether losses add up."""
-    lost = [aligned - score for _, score in drawn]
+    lost = [aligned - score for _, score in draws]
     passed = sum(loss <= criterion for loss in lost)
     whole = len(curves) == len(rows)
     sums = [
         sum(curve.loss(errors[name]) for name, curve in curves.items()) if whole else None
-        for errors, _ in drawn
+        for errors, _ in draws
     ]
     # Of losses that matter: small ones are noise.
     ratios = [
@@ -153,15 +154,15 @@ def _together(
         for loss, total in zip(lost, sums, strict=True)
         if total is not None and total >= criterion / 2
     ]
-    low, high = share_interval(passed, len(drawn))
+    low, high = share_interval(passed, len(draws))
     return Together(
-        share=passed / len(drawn),
+        share=passed / len(draws),
         interval=(_rounded(low), _rounded(high)),
         to_sum=_rounded(median(ratios)) if ratios else None,
         part_of_each=_rounded_or_none(_part_of_each(rows, curves, criterion)),
         draws=[
             DrawTogether(errors=dict(errors), score=score, sum_of_losses=_rounded_or_none(total))
-            for (errors, score), total in zip(drawn, sums, strict=True)
+            for (errors, score), total in zip(draws, sums, strict=True)
         ],
     )
 
@@ -215,7 +216,7 @@ class Curve:
     above: float
 
     def loss(self, error: float) -> float:
-        """What an error costs."""
+        """Loss caused by an error."""
         return float(_law(astuple(self), np.array(error)))
 
     def tolerance(self, criterion: float) -> float:
@@ -244,7 +245,7 @@ def fit_curve(
     from scipy.optimize import least_squares
 
     e, lost = np.asarray(errors, float), np.asarray(losses, float)
-    seen, farthest = _stretched(lost, criterion), float(np.abs(e).max())
+    stretched_loss, farthest = _stretched(lost, criterion), float(np.abs(e).max())
 
     def curve(x: np.ndarray) -> tuple[float, float, float]:
         # By the power and, either way, the error that costs the criterion: they hang together far
@@ -259,9 +260,9 @@ def fit_curve(
     if near is not None:
         wider = (-math.log1p(-criterion)) ** (1 / near.power)
         starts = [(near.power, near.below * wider, near.above * wider)]
-    found = [
+    solutions = [
         least_squares(
-            lambda x: _stretched(_law(curve(x), e), criterion) - seen,
+            lambda x: _stretched(_law(curve(x), e), criterion) - stretched_loss,
             np.clip(np.log(start), low + 1e-6, high - 1e-6),
             bounds=(low, high),
             loss="soft_l1",
@@ -269,7 +270,7 @@ def fit_curve(
         )
         for start in starts
     ]
-    return Curve(*map(float, curve(min(found, key=lambda one: float(one.cost)).x)))
+    return Curve(*map(float, curve(min(solutions, key=lambda solution: float(solution.cost)).x)))
 
 
 def _crossing(error: np.ndarray, lost: np.ndarray, criterion: float, power: float) -> float:
@@ -281,15 +282,15 @@ def _crossing(error: np.ndarray, lost: np.ndarray, criterion: float, power: floa
 
 
 def _stretched(loss: np.ndarray, criterion: float) -> np.ndarray:
-    found: np.ndarray = np.arcsinh(loss / criterion)
-    return found
+    stretched: np.ndarray = np.arcsinh(loss / criterion)
+    return stretched
 
 
 def _law(x: tuple[float, float, float], error: np.ndarray) -> np.ndarray:
     power, below, above = x
     width = np.where(error < 0, below, above)
-    found: np.ndarray = -np.expm1(-((np.abs(error) / width) ** power))
-    return found
+    loss: np.ndarray = -np.expm1(-((np.abs(error) / width) ** power))
+    return loss
 
 
 def tolerance_interval(
@@ -320,16 +321,16 @@ def tolerance_interval(
     """
     bears, random = curve.tolerance(criterion), Random(seed)
     pairs = [pair for pair in zip(errors, losses, strict=True) if pair[0]]
-    found = []
+    crossings = []
     for _ in range(_RESAMPLED):
         again = random.choices(pairs, k=len(pairs))
         fitted = fit_curve([e for e, _ in again], [loss for _, loss in again], criterion, curve)
-        found.append(fitted.tolerance(criterion) / bears)
-    found.sort()
-    outside = round(len(found) * (1 - _COVERAGE) / 2)
+        crossings.append(fitted.tolerance(criterion) / bears)
+    crossings.sort()
+    outside = round(len(crossings) * (1 - _COVERAGE) / 2)
     # Draws drawn again scatter less than new ones would, by the numbers fitted to them.
     wider = math.sqrt(len(pairs) / (len(pairs) - len(astuple(curve))))
-    ends = (bears * found[place] ** wider for place in (outside, -1 - outside))
+    ends = (bears * crossings[place] ** wider for place in (outside, -1 - outside))
     return [end if end <= farthest else None for end in ends]
 
 

@@ -1,4 +1,6 @@
-"""`inim tolerate`: displays drawn at random, validated by the sweep, and what they say."""
+"""Run of `inim tolerate`: draw displays at random, validate them with a sweep, and compute
+tolerances.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ from inim.pipeline.request import Request, option_words
 from inim.report.sweep import mean
 from inim.report.tolerate import write_tolerance
 from inim.settings import PREFIX, Settings
-from inim.sweep.run import Place, SweepPlan, carry_out, plan_study
+from inim.sweep.run import SweepPlace, SweepPlan, carry_out, plan_study
 from inim.sweep.study import AS_SCENE, NamedDisplay, Study
 from inim.tolerate.findings import aligned_score, parameter_tolerances
 from inim.tolerate.study import ToleranceStudy, read_standard_errors, read_tolerance_study
@@ -34,24 +36,24 @@ _ALIGNED = "aligned"
 
 @dataclass(frozen=True)
 class ToleranceRequest:
-    """What the user asked for.
+    """Request for a tolerance run.
 
     Attributes
     ----------
     validation : Request
-        A validation of the scene on the display as designed. Its one algorithm is shown; the
-        traced EIA by default: what is lost is then lost to the error alone.
-    place : Place
+        A validation of the scene on the nominal display. Its single algorithm provides the EIA. The
+        default is the ray-traced EIA, so that the misalignment alone causes the loss.
+    place : SweepPlace
     study : Path, optional
-        What is drawn; see `inim.tolerate.study`.
+        Distributions of the errors; see `inim.tolerate.study`.
     criterion : float
-        How much less than the aligned display one may score.
+        Largest tolerated loss of score relative to the aligned display.
     calibration : Path, optional
-        `calibration.json` of what a calibration reaches.
+        `calibration.json` whose accuracy is compared with the tolerances.
     """
 
     validation: Request
-    place: Place
+    place: SweepPlace
     study: Path | None = None
     criterion: float = 0.01
     calibration: Path | None = None
@@ -73,7 +75,7 @@ class ToleranceRequest:
 
 
 def plan_tolerance(request: ToleranceRequest) -> SweepPlan:
-    """What is there already and what would be run; nothing is written."""
+    """Plan the sweep: finished and remaining validations. Writes no files."""
     plan = _design(request)
     study = read_tolerance_study(request.study, plan.display)
     return plan_study(_sweep(request, plan, _displays(study)), request.place)
@@ -82,18 +84,18 @@ def plan_tolerance(request: ToleranceRequest) -> SweepPlan:
 def run_tolerance(
     request: ToleranceRequest, *, quiet: bool = True, debug: bool = False
 ) -> ToleranceDocument:
-    """Draw displays, let the sweep compute what is missing of them, and write the tolerances.
+    """Draw displays, let the sweep compute the missing ones, and write the tolerances.
 
     Returns
     -------
     ToleranceDocument
-        Also in the folder, with its page.
+        Also written to the folder, with its page.
 
     Raises
     ------
     InimError
-        What is wrong with scene, study or calibration, or the display as designed cannot be
-        validated. Any other that cannot is in the list of what failed.
+        An error in the scene, study or calibration, or the aligned display cannot be
+        validated. Other displays that fail are listed in the document.
     """
     if not 0 < request.criterion < 1:
         raise UsageError(f"--criterion {request.criterion:g}: must lie between 0 and 1")
@@ -103,11 +105,11 @@ def run_tolerance(
     swept = _sweep(request, plan, _displays(study))
     # Alone and first: all others find in the cache what they share with it.
     first = {_ALIGNED: swept.variations[_ALIGNED]}
-    how = {"quiet": quiet, "debug": debug}
-    aligned = carry_out(replace(swept, variations=first), request.place, **how)
+    options = {"quiet": quiet, "debug": debug}
+    aligned = carry_out(replace(swept, variations=first), request.place, **options)
     for why in aligned.failed.values():
         raise SceneError(f"{plan.request.scene}: as designed, it cannot be validated: {why}")
-    outcome = carry_out(swept, request.place, **how)
+    outcome = carry_out(swept, request.place, **options)
     scores = _scores(outcome.rows)
     parameters, together = parameter_tolerances(study, scores, request.criterion, reached)
     document = ToleranceDocument(
@@ -155,21 +157,23 @@ def _definitions(validation: Request) -> dict[str, str]:
 
 
 def _displays(study: ToleranceStudy) -> list[str]:
-    """What each display is off by: none first, then one parameter after another, then all."""
+    """Misalignment of each display: none first, then single parameters, then all together."""
     alone = [{name: error} for name in study.spreads for error in study.draw_alone(name)]
-    return [misalignment_text(one) for one in ({}, *alone, *study.draw_together())]
+    return [
+        misalignment_text(misalignment) for misalignment in ({}, *alone, *study.draw_together())
+    ]
 
 
 def _sweep(request: ToleranceRequest, plan: Plan, displays: Sequence[str]) -> Study:
     validation = request.validation
-    given = _definitions(validation)
+    definitions = _definitions(validation)
     return Study(
         validation.scene,
         plan.settings.title or validation.scene.stem,
         {validation.scene.stem: validation.scene},
         (NamedDisplay(AS_SCENE, validation.display),),
         tuple(method.name for method in plan.methods),
-        {off or _ALIGNED: {**given, f"{PREFIX}misalign": off} for off in displays},
+        {off or _ALIGNED: {**definitions, f"{PREFIX}misalign": off} for off in displays},
         validation.viewpoints,
         backend="auto",
         time=False,
@@ -179,7 +183,7 @@ def _sweep(request: ToleranceRequest, plan: Plan, displays: Sequence[str]) -> St
 
 
 def _scores(rows: Sequence[Mapping[str, Any]]) -> dict[str, float | None]:
-    """By misalignment, the mean over the viewpoints; None of a display that failed."""
+    """Mean score over the viewpoints by misalignment; None for a display that failed."""
     views: dict[str, list[Any]] = {}
     for row in rows:
         views.setdefault(row["misalign"], []).append(row.get(HEADLINE))

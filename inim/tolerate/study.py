@@ -1,4 +1,4 @@
-"""What is drawn: how the errors of a display scatter, from a study's file or by its geometry.
+"""Distributions of the errors of a display, from a study's file or from its geometry.
 
 ==============  ===================================================================================
 ``[study]``     ``alone``, ``together``, ``reach``, ``seed``: see `ToleranceStudy`
@@ -37,7 +37,7 @@ _DIGITS = 4
 
 @dataclass(frozen=True)
 class Spread:
-    """How the error of one parameter scatters about zero.
+    """Distribution of one parameter's error about zero.
 
     Attributes
     ----------
@@ -58,18 +58,18 @@ class Spread:
 
 @dataclass(frozen=True)
 class ToleranceStudy:
-    """What is drawn.
+    """Design of the random draws.
 
     Attributes
     ----------
     spreads : dict of str to Spread
-        By parameter; the others are exact.
+        Distribution by parameter; the other parameters are exact.
     alone : int
-        Draws of each parameter, all others exact.
+        Draws per parameter, with all others exact.
     together : int
         Displays with all errors at once.
     reach : float
-        As many sizes of its spread a parameter is drawn to alone, either way.
+        Range of a parameter's single draws in multiples of its spread, on either side.
     seed : int
     """
 
@@ -106,7 +106,7 @@ def _short(value: float) -> float:
 
 
 def default_spreads(display: Display) -> dict[str, Spread]:
-    """Errors each of which moves what an eye sees on the panel by the same part of a pixel.
+    """Errors that each move the observed panel point by the same fraction of a pixel.
 
     At the edge of the array, for an eye on its axis and twice as far as the nearest usable one:
     there a ray reaches P / 4g sideways for each millimetre of gap.
@@ -144,17 +144,17 @@ def read_tolerance_study(path: Path | None, display: Display) -> ToleranceStudy:
         return ToleranceStudy(default_spreads(display))
     reader = _Reader(path)
     reader.check_names("", reader.tables, ("study", "errors"))
-    given, spreads = reader.table("study"), reader.spreads() or default_spreads(display)
+    table, spreads = reader.table("study"), reader.spreads() or default_spreads(display)
     whole = {"alone": LEAST_ALONE, "together": 0, "seed": 0}
-    reader.check_names("study.", given, (*whole, "reach"))
+    reader.check_names("study.", table, (*whole, "reach"))
     counts = {
-        name: reader.count(f"study.{name}", given[name], least)
+        name: reader.count(f"study.{name}", table[name], least)
         for name, least in whole.items()
-        if name in given
+        if name in table
     }
     study = ToleranceStudy(spreads, **counts)
-    if "reach" in given:
-        study = replace(study, reach=reader.size("study.reach", given["reach"]))
+    if "reach" in table:
+        study = replace(study, reach=reader.size("study.reach", table["reach"]))
     displays = 1 + study.alone * len(spreads) + study.together
     if displays > MOST_UNITS:
         raise reader.wrong("study", f"{displays} displays; at most {MOST_UNITS}: draw fewer")
@@ -162,7 +162,7 @@ def read_tolerance_study(path: Path | None, display: Display) -> ToleranceStudy:
 
 
 class _Reader(Tables):
-    """What a study of errors says."""
+    """Reader of a tolerance study."""
 
     def count(self, key: str, value: Any, least: int) -> int:
         """A whole number."""
@@ -177,18 +177,18 @@ class _Reader(Tables):
         return float(value)
 
     def spreads(self) -> dict[str, Spread]:
-        """By parameter, in the table's order."""
+        """Distribution by parameter, in the table's order."""
         table = self.table("errors")
         self.check_names("errors.", table, tuple(MISALIGNMENTS))
-        found = {}
-        for name, given in table.items():
+        spreads = {}
+        for name, values in table.items():
             key = f"errors.{name}"
-            if not isinstance(given, dict) or len(given) != 1:
-                raise self.wrong(key, f"write {{ normal = SIZE }}, not {shown(given)}")
-            self.check_names(f"{key}.", given, _DISTRIBUTIONS)
-            ((distribution, size),) = given.items()
-            found[name] = Spread(distribution, self.size(f"{key}.{distribution}", size))
-        return found
+            if not isinstance(values, dict) or len(values) != 1:
+                raise self.wrong(key, f"write {{ normal = SIZE }}, not {shown(values)}")
+            self.check_names(f"{key}.", values, _DISTRIBUTIONS)
+            ((distribution, size),) = values.items()
+            spreads[name] = Spread(distribution, self.size(f"{key}.{distribution}", size))
+        return spreads
 
 
 _REMEDY = "name the calibration.json that a calibration wrote"

@@ -459,7 +459,9 @@ def test_patterns_that_the_browser_scaled_are_refused(zoom):
 
 def test_more_lenses_than_there_are_is_another_display():
     fewer = DESIGN.replace(lens_columns=20, panel_rows=ROWS, panel_columns=COLUMNS)
-    with pytest.raises(FileError, match=r"28 columns of lenses are visible, display small has 20"):
+    with pytest.raises(
+        FileError, match=r"28 columns of lenses are visible, but display small has 20"
+    ):
         calibrate({"near": lenses("near"), "far": lenses("far")}, fewer)
 
 

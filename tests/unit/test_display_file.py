@@ -8,7 +8,7 @@ from inim.errors import FileError, InimError, SceneError
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.scene.file import choose_display
-from inim.sweep.run import Place
+from inim.sweep.run import SweepPlace
 from inim.sweep.study import read_study
 from inim.sweep.unit import expand
 from inim.tolerate.run import ToleranceRequest, plan_tolerance
@@ -112,7 +112,7 @@ def test_a_study_takes_a_file_from_beside_itself(scene, mine, tmp_path):
 
 def test_tolerances_are_those_of_the_file_s_display(scene, mine, tmp_path):
     request = ToleranceRequest(
-        Request(scene, tmp_path / "out", display=mine), Place(tmp_path / "out")
+        Request(scene, tmp_path / "out", display=mine), SweepPlace(tmp_path / "out")
     )
     units = plan_tolerance(request).units
     assert {unit.plan.display.pitch_mm for unit in units} == {0.9957}

@@ -14,7 +14,7 @@ from inim.generators import algorithm_items
 from inim.generators.oracle import exact_hits
 from inim.stress.checks import JITTERS, cases, check_first_hits, measure_jitter, quantised
 from inim.stress.job import StressRequest
-from inim.stress.pictures import noise, random_picture, shown, small_display, solids_of
+from inim.stress.pictures import algorithm_output, noise, random_picture, small_display, solids_of
 from inim.stress.relations import RELATIONS, run_relations
 from tests import oracle as rational
 
@@ -159,7 +159,7 @@ def test_every_relation_sees_what_breaks_it(name):
     (relation,) = (r for r in RELATIONS if r.name == name)
 
     def wrong(rgbd, display, algorithm):
-        return BROKEN_BY[name](shown(rgbd, display, algorithm), display, rgbd)
+        return BROKEN_BY[name](algorithm_output(rgbd, display, algorithm), display, rgbd)
 
     algorithm = "template:columns=solid" if relation.own_columns else "template"
     (row,) = run_relations([algorithm], relations=[relation])
@@ -173,7 +173,7 @@ def test_threads_and_tiles_are_compared_for_real():
     calls = iter(range(1000))
 
     def fickle(rgbd, display, algorithm):
-        return np.roll(shown(rgbd, display, algorithm), next(calls), axis=1)
+        return np.roll(algorithm_output(rgbd, display, algorithm), next(calls), axis=1)
 
     chosen = [r for r in RELATIONS if r.name in CALLS]
     rows = run_relations(["template"], show=fickle, relations=chosen)

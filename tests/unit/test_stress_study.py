@@ -22,7 +22,7 @@ from inim.generators.template import ray_by_ray
 from inim.image.rgbd import RGBD
 from inim.inspect.accuracy_limits import accuracy_warnings
 from inim.lens import trace_to_panel
-from inim.stress.pictures import MOUNTINGS, noise, shown
+from inim.stress.pictures import MOUNTINGS, algorithm_output, noise
 from reports.stress.study import generators, lens_cases, lens_models, lens_relations, relations
 from reports.stress.study.cases import FULL, MOUNTED_FAMILIES, Case, Family, ties
 from reports.stress.study.lens_cases import display_of
@@ -358,7 +358,7 @@ def test_implementations_are_compared_for_real():
     calls = iter(range(1, 1000))
 
     def fickle(rgbd, display, algorithm):
-        return np.roll(shown(rgbd, display, algorithm), next(calls), axis=1)
+        return np.roll(algorithm_output(rgbd, display, algorithm), next(calls), axis=1)
 
     (own,) = ([r] for r in relations.all_relations() if r[0].name.startswith("float32 tables"))
     assert relations.run_relations(relations=own)[0].passed

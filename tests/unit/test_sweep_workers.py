@@ -14,15 +14,15 @@ from inim.errors import UsageError, WorkerError
 from inim.pipeline.request import Request
 from inim.sweep import task
 from inim.sweep import workers as sweep_workers
-from inim.sweep.task import Task, attempt
+from inim.sweep.task import SweepTask, attempt
 from inim.sweep.workers import Progress, choose_slots, run_tasks
 
 GIB = 2**30
 
 
-def make(unit: str, memory_bytes: int = GIB, out: Path = Path("out")) -> Task:
+def make(unit: str, memory_bytes: int = GIB, out: Path = Path("out")) -> SweepTask:
     request = Request(Path("/s.xml"), out, algorithms=("template",))
-    return Task(
+    return SweepTask(
         unit, f"label {unit}", request, {"scene": "x"}, ("template",), False, 2, memory_bytes
     )
 

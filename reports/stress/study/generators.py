@@ -222,20 +222,22 @@ def _compare(
     variant: Variant, found: np.ndarray, display: Display, rgbd: RGBD, rays: Rays
 ) -> dict[str, Any]:
     """Found sources against the oracle's."""
-    shown = found[rays.pixels[:, 0], rays.pixels[:, 1]].astype(np.int64)
+    algorithm_output = found[rays.pixels[:, 0], rays.pixels[:, 1]].astype(np.int64)
     oracle = answer(variant.oracle, rays, rgbd, display, variant.dtype)
     truth, exact = oracle.sources, 0
     if variant.is_first_hit:
         double = variant.dtype is np.float64
         fine = oracle if double else answer(variant.oracle, rays, rgbd, display, np.float64)
-        truth, exact = with_rational_ties(variant.oracle, fine, shown, rays, rgbd, display)
-    changed = shown != truth
+        truth, exact = with_rational_ties(
+            variant.oracle, fine, algorithm_output, rays, rgbd, display
+        )
+    changed = algorithm_output != truth
     outside = changed & ~oracle.uncertain
     worst, mean = deciding_ulps(variant.algorithm, variant.dtype, display, rgbd)
     most = rgbd.palette.shape[0] * rgbd.palette.shape[1]
     bad = (found < HOLE) & (found != NO_LENS) | (found >= most)
     return {
-        "pixels": len(shown),
+        "pixels": len(algorithm_output),
         "changed": int(changed.sum()),
         "uncertain": int(oracle.uncertain.sum()),
         "outside": int(outside.sum()) + int(bad.sum()),
@@ -258,8 +260,8 @@ def _compare_means(
     pixels : (n, 2) int
         Panel pixels to look at.
     """
-    shown = found[pixels[:, 0], pixels[:, 1]].astype(float)
-    mean, uncertain, exact = np.zeros(shown.shape), np.zeros(len(pixels), bool), 0
+    algorithm_output = found[pixels[:, 0], pixels[:, 1]].astype(float)
+    mean, uncertain, exact = np.zeros(algorithm_output.shape), np.zeros(len(pixels), bool), 0
     palette = rgbd.palette.reshape(-1, 3).astype(float)
     fill = stated(display.pixel_fill)
     for down, right in _RAY_PLACES[variant.samples]:
@@ -274,12 +276,12 @@ def _compare_means(
         mean += (
             np.where((sources >= 0)[:, None], palette[np.maximum(sources, 0)], 0) / variant.samples
         )
-    off = np.abs(shown - mean)
+    off = np.abs(algorithm_output - mean)
     eps = float(np.finfo(np.float32).eps)
     changed = (off > _MEAN_ROUNDINGS * eps).any(axis=1)
     ulps = off[~changed] / np.spacing(np.maximum(mean[~changed], eps).astype(np.float32))
     return {
-        "pixels": len(shown),
+        "pixels": len(algorithm_output),
         "changed": int(changed.sum()),
         "uncertain": int(uncertain.sum()),
         "outside": int((changed & ~uncertain).sum()),

@@ -96,7 +96,12 @@ def exact_first_hits(
 
 
 def with_rational_ties(
-    algorithm: str, known: Answer, shown: np.ndarray, rays: Rays, rgbd: RGBD, display: Display
+    algorithm: str,
+    known: Answer,
+    algorithm_output: np.ndarray,
+    rays: Rays,
+    rgbd: RGBD,
+    display: Display,
 ) -> tuple[np.ndarray, int]:
     """First hits, by fractions wherever float64 may have decided, or what is shown differs.
 
@@ -113,8 +118,8 @@ def with_rational_ties(
     -------
     (n,) int64, and how many are exact
     """
-    differ = np.flatnonzero(shown != known.sources)
-    doubt = np.flatnonzero(known.uncertain | (shown != known.sources))
+    differ = np.flatnonzero(algorithm_output != known.sources)
+    doubt = np.flatnonzero(known.uncertain | (algorithm_output != known.sources))
     step = max(1, len(doubt) // _MOST_EXACT)
     which = np.unique(np.concatenate([doubt[::step], differ]))
     sources = known.sources.copy()
@@ -211,8 +216,8 @@ def _hits(
     over = inside & (fronts[0, r + 1, c + 1] < end)
     lost = continues & (inside & ~over).any(axis=1) & ~hit.any(axis=1)
     last = over.shape[1] - 1 - np.argmax(over[:, ::-1], axis=1)
-    shown = lost & over.any(axis=1) & np.isfinite(fronts[0, r + 1, c + 1][each, last])
-    passed = np.where(shown, r[each, last] * shape[1] + c[each, last], HOLE)
+    algorithm_output = lost & over.any(axis=1) & np.isfinite(fronts[0, r + 1, c + 1][each, last])
+    passed = np.where(algorithm_output, r[each, last] * shape[1] + c[each, last], HOLE)
     return np.where(hit.any(axis=1), source, passed), lost
 
 

@@ -86,8 +86,8 @@ def _lens_panel(
             # No error at all: no light gets through, or rounding chooses the lens.
             mine = [r for r in rows if _is(r, family, dtype) and r["model"] == model]
             mine = [r for r in mine if r["worst_pixels"] > 0]
-            shown = f"{model} lenses, {_PRECISIONS[dtype]}"
-            _line(axis, mine, "worst_pixels", shown, _COLOURS[model], _LOOKS[dtype])
+            algorithm_output = f"{model} lenses, {_PRECISIONS[dtype]}"
+            _line(axis, mine, "worst_pixels", algorithm_output, _COLOURS[model], _LOOKS[dtype])
     limit = f"{LANDING_PIXELS:g} pixel, the limit of accuracy"
     axis.axhline(LANDING_PIXELS, label=limit, **LINES["floor"])
     _finish(axis, title, label, "log")
@@ -103,9 +103,9 @@ def _generator_panel(
                 for r in rows
                 if _is(r, family, dtype) and r["algorithm"] == algorithm
             ]
-            shown = f"{name}, {_said(algorithm, dtype)}"
-            look = _TABLES if shown.endswith(_AS_RUN) else _LOOKS[dtype]
-            _line(axis, mine, "share", shown, _COLOURS[name], look)
+            algorithm_output = f"{name}, {_said(algorithm, dtype)}"
+            look = _TABLES if algorithm_output.endswith(_AS_RUN) else _LOOKS[dtype]
+            _line(axis, mine, "share", algorithm_output, _COLOURS[name], look)
     _finish(axis, title, label, scale)
     across(axis, "no pixel at all", y=_NO_ERROR)
 

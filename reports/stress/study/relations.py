@@ -16,7 +16,14 @@ from inim.documents.stress import RelationResult
 from inim.generators import find_sources
 from inim.generators.template import ray_by_ray
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
-from inim.stress.pictures import Show, colours_of, input_of, noise_pictures, shown, solids_of
+from inim.stress.pictures import (
+    Show,
+    algorithm_output,
+    colours_of,
+    input_of,
+    noise_pictures,
+    solids_of,
+)
 from inim.stress.relations import (
     RELATIONS,
     Comparison,
@@ -65,7 +72,7 @@ EXPLAINED = {
 
 
 def run_relations(
-    show: Show = shown,
+    show: Show = algorithm_output,
     relations: list[tuple[Relation, tuple[str, ...]]] | None = None,
     explained: dict[tuple[str, str], str] = EXPLAINED,
 ) -> list[RelationResult]:

@@ -71,8 +71,8 @@ def _exits(display: Display, rgbd: RGBD, rounded: bool) -> _Pairs:
                 cell = border if slope > 0 else border - 1
                 ray = (float(rays.start[i]), float(rays.slope[i]), float(rays.scale))
                 z = leaves(cell, *ray)
-                shown = float(rounded_up(np.array([z]))[0]) if rounded else z
-                yield shown, (border - start) / slope
+                algorithm_output = float(rounded_up(np.array([z]))[0]) if rounded else z
+                yield algorithm_output, (border - start) / slope
 
 
 def _coordinates(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
