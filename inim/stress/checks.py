@@ -32,7 +32,7 @@ from inim.inspect.accuracy_limits import accuracy_warnings
 from inim.stress.pictures import (
     DISPLAYS,
     SHAPES,
-    TestPicture,
+    PictureCase,
     eia_of,
     input_of,
     is_first_hit,
@@ -55,7 +55,7 @@ class Case:
 
     family: str
     name: str
-    make: Callable[[], TestPicture]
+    make: Callable[[], PictureCase]
 
 
 def cases(quick: bool = False) -> Iterator[Case]:
@@ -76,17 +76,17 @@ def cases(quick: bool = False) -> Iterator[Case]:
         yield Case("random displays", f"seed {seed}", partial(random_picture, seed))
 
 
-def _noisy(changes: dict[str, object], seed: int) -> TestPicture:
+def _noisy(changes: dict[str, object], seed: int) -> PictureCase:
     display = small_display(**changes)
     return display, noise(display, display.capture_shape(2), 0.5, seed)
 
 
-def _tied(changes: dict[str, object], ulps: int) -> TestPicture:
+def _tied(changes: dict[str, object], ulps: int) -> PictureCase:
     display = small_display(**changes)
     return display, tied(display, display.capture_shape(2), 0.5, ulps)
 
 
-def _shaped(kind: str) -> TestPicture:
+def _shaped(kind: str) -> PictureCase:
     display = small_display()
     return display, shaped(kind, display, display.capture_shape(2), 0.5)
 

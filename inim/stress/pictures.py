@@ -18,7 +18,7 @@ from inim.generators import SourceGenerator, colour_of, prepare, properties
 from inim.generators.oracle import axis_rays
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 
-TestPicture = tuple[Display, RGBD]
+PictureCase = tuple[Display, RGBD]
 
 #: Real and virtual mode, an even and an odd number of pixels, binary and decimal lengths.
 DISPLAYS: tuple[dict[str, object], ...] = (
@@ -130,7 +130,7 @@ def _boundary_depths(display: Display, blank: RGBD) -> np.ndarray:
     return depth
 
 
-def random_picture(seed: int) -> TestPicture:
+def random_picture(seed: int) -> PictureCase:
     """A random separable display of plausible lengths, and a random picture over it."""
     rng = np.random.default_rng(seed)
     pitch = float(rng.choice([1.0, 0.5, 0.93, 1 / 3, rng.uniform(0.1, 3)]))
@@ -164,14 +164,14 @@ def _one_digit(length: float) -> float:
     return float(Fraction(digit) * Fraction(10) ** power)
 
 
-def noise_pictures() -> Iterator[TestPicture]:
+def noise_pictures() -> Iterator[PictureCase]:
     """Noise over a small display of each of `DISPLAYS`."""
     for seed, changes in enumerate(DISPLAYS):
         display = small_display(lens_columns=5, **changes)
         yield display, noise(display, display.capture_shape(2), display.pitch_mm / 2, seed=seed)
 
 
-def misaligned_pictures(rows: int) -> Iterator[TestPicture]:
+def misaligned_pictures(rows: int) -> Iterator[PictureCase]:
     """Noise pictures for each array of `MOUNTINGS`, with the given number of lens rows."""
     for seed, changes in enumerate(MOUNTINGS.values()):
         display = small_display(lens_rows=rows, **changes)

@@ -23,8 +23,8 @@ from inim.errors import InimError
 from inim.generators import properties
 from inim.image.rgbd import RGBD
 from inim.stress.pictures import (
+    PictureCase,
     Show,
-    TestPicture,
     algorithm_output,
     is_first_hit,
     misaligned_pictures,
@@ -43,7 +43,7 @@ _NOT_PROMISED = "follows from the definition of a first hit, which this algorith
 _BY_NEIGHBOURS = "follows for columns of their own: a surface's end where their neighbours' do"
 
 _LENGTHS = ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm", "shift_x_mm", "shift_y_mm")
-_Pictures = Callable[[], Iterable[TestPicture]]
+_Pictures = Callable[[], Iterable[PictureCase]]
 
 
 @dataclass(frozen=True)
@@ -466,11 +466,11 @@ def _tiles(show: Show, algorithm: str) -> Iterator[Comparison]:
         yield Comparison(display, rgbd, same_colour(whole, pieces), display.lensed)
 
 
-def _even() -> Iterator[TestPicture]:
+def _even() -> Iterator[PictureCase]:
     return misaligned_pictures(_EVEN)
 
 
-def _odd() -> Iterator[TestPicture]:
+def _odd() -> Iterator[PictureCase]:
     return misaligned_pictures(_ODD)
 
 

@@ -20,7 +20,7 @@ from inim.display import Display
 from inim.stress.pictures import (
     MOUNTINGS,
     SHAPES,
-    Made,
+    PictureCase,
     noise,
     random_picture,
     shaped,
@@ -111,13 +111,13 @@ def case_at(
     return Case(label, partial(make, value), value, refused)
 
 
-def _over(display: Display, seed: int = 0, per_pitch: int = 2) -> Made:
+def _over(display: Display, seed: int = 0, per_pitch: int = 2) -> PictureCase:
     """A display with noise over all that its rays reach."""
     shape, pixel = display.capture_shape(per_pitch), display.pitch_mm / per_pitch
     return display, noise(display, shape, pixel, seed)
 
 
-def _windowed(display: Display, seed: int = 0) -> Made:
+def _windowed(display: Display, seed: int = 0) -> PictureCase:
     """A display with noise in a window around its axis."""
     return display, noise(display, *window(display), seed)
 
@@ -131,7 +131,7 @@ def _decades(first: int, last: int) -> list[float]:
 
 
 def _distances(**changes: object) -> Callable[[Size], list[Case]]:
-    def make(z: float) -> Made:
+    def make(z: float) -> PictureCase:
         ends = {"depth_min_mm": z, "depth_max_mm": 1.5 * z}
         return _windowed(small_display(**(changes | ends)))
 
@@ -139,7 +139,7 @@ def _distances(**changes: object) -> Callable[[Size], list[Case]]:
 
 
 def _distances_behind(_: Size) -> list[Case]:
-    def make(z: float) -> Made:
+    def make(z: float) -> PictureCase:
         ends = {"depth_min_mm": -1.5 * z, "depth_max_mm": -z}
         return _windowed(small_display(focal_length_mm=3.3, gap_mm=3.0, **ends))
 
@@ -147,7 +147,7 @@ def _distances_behind(_: Size) -> list[Case]:
 
 
 def _depth_spans(_: Size) -> list[Case]:
-    def make(k: float) -> Made:
+    def make(k: float) -> PictureCase:
         top = 20.0 * (1 + 2.0 ** -int(k))
         return _over(small_display(depth_min_mm=20.0, depth_max_mm=top))
 
@@ -156,7 +156,7 @@ def _depth_spans(_: Size) -> list[Case]:
 
 
 def _flat(_: Size) -> list[Case]:
-    def make(z: float, **changes: object) -> Made:
+    def make(z: float, **changes: object) -> PictureCase:
         display = small_display(**changes)
         return display, with_depth(np.full(display.capture_shape(2), z, np.float32), 0.5)
 
@@ -176,7 +176,7 @@ def _flat(_: Size) -> list[Case]:
 
 
 def _subnormal_depths(_: Size) -> list[Case]:
-    def make(half: float) -> Made:
+    def make(half: float) -> PictureCase:
         display = small_display(depth_min_mm=-half, depth_max_mm=half)
         return display, noise(display, (12, 12), 0.5)
 
@@ -191,7 +191,7 @@ def _focus(
 ) -> Callable[[Size], list[Case]]:
     """G = f (1 +- 2^-k), down to one ulp; D and its own depth range grow without bound."""
 
-    def make(k: float) -> Made:
+    def make(k: float) -> PictureCase:
         own = {"gap_mm": 3.0 * (1 + side * 2.0 ** -int(k))}
         if stated:
             own |= {"depth_min_mm": 5.0, "depth_max_mm": 20.0}
@@ -209,7 +209,7 @@ def _focus(
 def _fine_focus(powers: tuple[int, ...], **changes: object) -> Callable[[Size], list[Case]]:
     """As a capture would be made, whole pixels per pitch: far too many cells at some distance."""
 
-    def make(k: float) -> Made:
+    def make(k: float) -> PictureCase:
         display = small_display(gap_mm=3.0 * (1 + 2.0 ** -int(k)), **changes)
         return display, noise(display, (48, 48), 0.5)
 
@@ -222,7 +222,7 @@ def _fine_focus(powers: tuple[int, ...], **changes: object) -> Callable[[Size], 
 
 
 def _pixels_per_lens(_: Size) -> list[Case]:
-    def make(ratio: float) -> Made:
+    def make(ratio: float) -> PictureCase:
         # A strip of the panel about the axis: all of it would be millions of pixels.
         panel = {"panel_rows": 3, "panel_columns": max(1, min(3000, round(3 * ratio)))}
         display = small_display(
@@ -236,7 +236,7 @@ def _pixels_per_lens(_: Size) -> list[Case]:
 
 
 def _picture_pixels_per_pitch(_: Size) -> list[Case]:
-    def make(ratio: float) -> Made:
+    def make(ratio: float) -> PictureCase:
         # Through the array, so that rays cross a few cells of the finest picture too.
         half = min(4.0, 40 / ratio)
         display = small_display(depth_min_mm=-half, depth_max_mm=half)
@@ -248,7 +248,7 @@ def _picture_pixels_per_pitch(_: Size) -> list[Case]:
 
 
 def _odd_and_even(_: Size) -> list[Case]:
-    def make(columns: int, rows: int, pixels: int, per_pitch: int) -> Made:
+    def make(columns: int, rows: int, pixels: int, per_pitch: int) -> PictureCase:
         display = small_display(lens_columns=columns, lens_rows=rows, pixel_pitch_mm=1 / pixels)
         return _over(display, columns + 7 * rows, per_pitch)
 
@@ -263,7 +263,7 @@ def _lengths(powers: dict[int, bool | None], **changes: object) -> Callable[[Siz
     """All lengths times powers of ten, down to where floats end; and whether it is refused."""
     names = ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm")
 
-    def make(factor: float) -> Made:
+    def make(factor: float) -> PictureCase:
         base = small_display(**changes)
         return _over(base.replace(**{name: getattr(base, name) * factor for name in names}))
 
@@ -275,7 +275,7 @@ def _lengths(powers: dict[int, bool | None], **changes: object) -> Callable[[Siz
 def _many_lenses(size: Size) -> list[Case]:
     side = size.many
 
-    def make(pixels: int) -> Made:
+    def make(pixels: int) -> PictureCase:
         display = small_display(
             lens_columns=side, lens_rows=side, pixel_pitch_mm=1 / pixels,
             depth_min_mm=2.0, depth_max_mm=6.0,
@@ -291,7 +291,7 @@ def _many_lenses(size: Size) -> list[Case]:
 def _shifted(_: Size) -> list[Case]:
     """Arrays off the panel's middle, by whole and half pixels and pitches."""
 
-    def make(shift: float, up: float, pixel: float) -> Made:
+    def make(shift: float, up: float, pixel: float) -> PictureCase:
         display = small_display(shift_x_mm=shift, shift_y_mm=up)
         return display, noise(display, display.capture_shape(2), pixel, seed=11)
 
@@ -337,7 +337,7 @@ def _form(form: str) -> tuple[Display, tuple[int, int], float]:
 def ties(_: Size = FULL) -> list[Case]:
     """Depths at which rays leave picture pixels, or the float32 next to one on either side."""
 
-    def make(form: str, ulps: int) -> Made:
+    def make(form: str, ulps: int) -> PictureCase:
         display, shape, pixel = _form(form)
         return display, tied(display, shape, pixel, ulps)
 
@@ -349,7 +349,7 @@ def ties(_: Size = FULL) -> list[Case]:
 
 
 def _shapes(_: Size) -> list[Case]:
-    def make(form: str, kind: str) -> Made:
+    def make(form: str, kind: str) -> PictureCase:
         display, shape, pixel = _form(form)
         return display, shaped(kind, display, shape, pixel)
 
@@ -362,18 +362,18 @@ def _shapes(_: Size) -> list[Case]:
 
 
 def _not_finite(_: Size) -> list[Case]:
-    def uncovered(value: float) -> Made:
+    def uncovered(value: float) -> PictureCase:
         display, rgbd = _over(small_display())
         depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(value))
         return display, with_depth(depth, rgbd.pixel_mm, rgbd.covered)
 
-    def covered(value: float) -> Made:
+    def covered(value: float) -> PictureCase:
         display, rgbd = _over(small_display())
         depth = np.array(rgbd.depth_mm)
         depth[3, 3] = value
         return display, with_depth(depth, rgbd.pixel_mm)
 
-    def changed(changes: dict[str, float]) -> Made:
+    def changed(changes: dict[str, float]) -> PictureCase:
         return _over(small_display(**changes))
 
     found = []
@@ -388,11 +388,11 @@ def _not_finite(_: Size) -> list[Case]:
 
 
 def _small(_: Size) -> list[Case]:
-    def one_cell() -> Made:
+    def one_cell() -> PictureCase:
         display = small_display()
         return display, noise(display, (1, 1), 3.0, covered=1.1)
 
-    def bare() -> Made:
+    def bare() -> PictureCase:
         display, rgbd = _over(small_display())
         return display, with_depth(np.array(rgbd.depth_mm), 0.5, np.zeros(rgbd.shape, bool))
 
@@ -421,14 +421,14 @@ def _random(size: Size) -> list[Case]:
 def _mounted(angles: tuple[float, ...], **changes: float) -> Callable[[Size], list[Case]]:
     """Angles times `changes`."""
 
-    def make(degrees: float) -> Made:
+    def make(degrees: float) -> PictureCase:
         return _over(small_display(**{name: by * degrees for name, by in changes.items()}))
 
     return lambda _: [case_at(f"{a:g} degrees", make, a) for a in angles]
 
 
 def _hexagonal(_: Size) -> list[Case]:
-    def make(columns: int, rows: int, pixels: float) -> Made:
+    def make(columns: int, rows: int, pixels: float) -> PictureCase:
         display = small_display(
             lattice="hexagonal", lens_columns=columns, lens_rows=rows, pixel_pitch_mm=1 / pixels
         )
@@ -442,7 +442,7 @@ def _hexagonal(_: Size) -> list[Case]:
 
 
 def _mounted_shapes(_: Size) -> list[Case]:
-    def make(mounting: str, kind: str) -> Made:
+    def make(mounting: str, kind: str) -> PictureCase:
         display = small_display(**MOUNTINGS[mounting])
         return display, shaped(kind, display, display.capture_shape(2), 0.5)
 
@@ -452,7 +452,7 @@ def _mounted_shapes(_: Size) -> list[Case]:
 def _widths(size: Size) -> list[Case]:
     """Wider and wider arrays: a lens centre and a pixel near it cancel in a ray's slope."""
 
-    def make(lenses: float) -> Made:
+    def make(lenses: float) -> PictureCase:
         return _over(
             small_display(
                 rotation_deg=0.5, lens_columns=int(lenses), depth_min_mm=20.0, depth_max_mm=40.0
@@ -464,7 +464,7 @@ def _widths(size: Size) -> list[Case]:
 
 
 def _impossible(_: Size) -> list[Case]:
-    def make(**changes: object) -> Made:
+    def make(**changes: object) -> PictureCase:
         return _over(small_display(**changes))
 
     said: dict[str, dict[str, object]] = {
@@ -484,7 +484,7 @@ def _random_mounted(size: Size) -> list[Case]:
     return [Case(f"seed {s}", partial(_random_mounted_picture, s)) for s in range(size.random)]
 
 
-def _random_mounted_picture(seed: int) -> Made:
+def _random_mounted_picture(seed: int) -> PictureCase:
     """A random hexagonal, turned or tilted display, and a random picture over it."""
     rng = np.random.default_rng(seed)
     lattice = str(rng.choice(["square", "hexagonal"]))
