@@ -590,8 +590,8 @@ class Display:
         closer = max(1 - self.elemental_image_pitch_mm / self.pitch_mm, 0.0)
         cell_x, cell_y = cell_x + closer * self.width_mm, cell_y + closer * self.height_mm
         c, s = self._turn
-        aside = max(abs(float(colour.right)) for colour in SUBPIXELS[self.subpixels])
-        across = c * cell_x + s * cell_y + 2 * aside * self.pixel_pitch_mm
+        pixel_offset = max(abs(float(colour.right)) for colour in SUBPIXELS[self.subpixels])
+        across = c * cell_x + s * cell_y + 2 * pixel_offset * self.pixel_pitch_mm
         gap = least_gap_mm(self)
         return across / (2 * gap), (c * cell_y + s * cell_x) / (2 * gap)
 

@@ -85,8 +85,10 @@ def shining(subpixel: SubPixel, fill: Any, where: Any, right: Any, down: Any, tu
     array of float
         0 where nothing shines. Its mean over the panel is 1: drive 1 in all colours is white.
     """
-    aside, half = right - float(subpixel.right), float(subpixel.width) / 2 * fill
-    shines = (aside < half) & (aside >= -half) & (down < fill / 2) & (down >= -fill / 2)
+    pixel_offset, half = right - float(subpixel.right), float(subpixel.width) / 2 * fill
+    shines = (
+        (pixel_offset < half) & (pixel_offset >= -half) & (down < fill / 2) & (down >= -fill / 2)
+    )
     if subpixel.turn is not None:
         shines &= turn == subpixel.turn
     return where(shines, 1.0 / (float(subpixel.share) * fill * fill), 0.0)
@@ -192,11 +194,11 @@ def pixel_axis(
     # In halves, as centres lie at half-integers: position = (2 i - n + 1) pixel / 2.
     lengths = (pixel / 2, pitch / 2, elemental, shift)
     unit = _common_measure(lengths)
-    half_pixel, half_pitch, cell, aside = (int(length / unit) for length in lengths)
+    half_pixel, half_pitch, cell, pixel_offset = (int(length / unit) for length in lengths)
     place = [(2 * i - pixels + 1) * half_pixel for i in range(pixels)]
     # Beside the array the lattice is carried on, so that every pixel has a ray.
-    lattice = [_cell_of(x - sign * aside, cell, lenses) for x in place]
-    centre = tuple(sign * (2 * n - lenses + 1) * half_pitch + aside for n in lattice)
+    lattice = [_cell_of(x - sign * pixel_offset, cell, lenses) for x in place]
+    centre = tuple(sign * (2 * n - lenses + 1) * half_pitch + pixel_offset for n in lattice)
     offset = tuple(c - sign * x for c, x in zip(centre, place, strict=True))
     return PixelAxis(
         position_mm=np.array([_ratio(sign * x, unit) for x in place]),
@@ -271,7 +273,9 @@ def row_blocks(display: Display) -> Iterator[slice]:
     return row_bands(*display.eia_shape, _PIXELS_AT_ONCE)
 
 
-def pixel_rays(display: Display, rows: slice, aside: tuple[float, float] = (0.0, 0.0)) -> PixelRays:
+def pixel_rays(
+    display: Display, rows: slice, pixel_offset: tuple[float, float] = (0.0, 0.0)
+) -> PixelRays:
     """The rays of a block of panel rows.
 
     A pixel belongs to the lens whose elemental-image cell contains its centre: cells of the lens
@@ -307,7 +311,7 @@ def pixel_rays(display: Display, rows: slice, aside: tuple[float, float] = (0.0,
     inside = (row >= 0) & (row < display.lens_rows)
     inside = inside & (column >= 0) & (column < display.lens_columns)
     lens = np.where(inside, row * display.lens_columns + column, -1).astype(np.int64)
-    down, right = aside
+    down, right = pixel_offset
     x, y = x + right * pitch, y - down * pitch
     tilt_x, tilt_y = _tilt(display)
     gap = display.gap_mm + tilt_x * x + tilt_y * y
@@ -370,5 +374,5 @@ def _cell(
 
 def _stagger(display: Display, row: np.ndarray) -> np.ndarray:
     """How far right a row of a hexagonal lattice lies, in pitches: as a whole it is centred."""
-    aside: np.ndarray = np.mod(row, 2) / 2 - 0.25
-    return aside if display.lens_rows > 1 else np.zeros_like(aside)
+    pixel_offset: np.ndarray = np.mod(row, 2) / 2 - 0.25
+    return pixel_offset if display.lens_rows > 1 else np.zeros_like(pixel_offset)

@@ -1,7 +1,7 @@
 """Generators: from one RGB-D picture to an elemental image array.
 
-An algorithm is one file of this folder, or a function that another package announces; see
-`inim.generators.registry`. What they have in common, rays through a picture's cells, is
+An algorithm is one file in this folder, or a function registered by another package; see
+`inim.generators.registry`. Their common part, rays through a picture's cells, is
 `inim.generators.raycast`.
 """
 
@@ -91,62 +91,66 @@ def prepare(
     mask: np.ndarray | None = None,
     **options: Any,
 ) -> Generator:
-    """A generator ready for pictures of one size on one display; reusable for a stream of them.
+    """Prepare a generator for pictures of one size on one display, reusable for a stream of them.
 
     Parameters
     ----------
     display : Display, str or Path
         A display, the name of a preset, or a display file.
     algorithm : str
-        One of `algorithm_names`, with options if need be: ``"template:samples=4"``.
+        One of `algorithm_names`, optionally with options: ``"template:samples=4"``.
     shape : (rows, columns)
-        Of the pictures to come.
+        Size of the pictures.
     pixel_mm : float
-        Their pixel.
+        Width of their pixels.
     mask : (rows, columns) bool, optional
-        Panel pixels to make. They show what they would without it, bit for bit; the others are
-        black, with alpha 0, and `MASKED` among sources. Algorithms that take a mask do the work of
-        these pixels only (`properties`: ``takes_mask``); others are run in full.
+        Panel pixels to generate. They have the same bits as without a mask; the others are
+        black, with alpha 0, and `MASKED` among sources. Algorithms that accept a mask compute
+        these pixels only (`properties`: ``takes_mask``); others run in full.
     **options
-        The algorithm's own, see its module; and for all that say where their colours come from
-        ``fill``, "none", "hidden" or "all": what to show where a ray meets nothing, see
-        `inim.generators.raycast.fill`. Their sources stay as they are without it.
+        Options of the algorithm, see its module. All algorithms that report their sources also have
+        ``fill``, "none", "hidden" or "all": the filling of pixels without a source, see
+        `inim.generators.raycast.fill`. It does not change the sources.
 
     Raises
     ------
     UsageError
-        Unknown algorithm or option, an option's value that makes no sense, or a mask that is not
-        the panel's.
+        Unknown algorithm or option, an invalid value of an option, or a mask of another size than
+        the panel.
     """
     display = display_of(display)
-    name, written = parse_algorithm(algorithm)
-    found = find_algorithm(name)
-    merged = {**written, **options}
-    found.check_options(merged)
-    fill = "none" if found.fills_itself else merged.pop(FILL, "none")
+    name, option_text = parse_algorithm(algorithm)
+    definition = find_algorithm(name)
+    merged = {**option_text, **options}
+    definition.check_options(merged)
+    fill = "none" if definition.fills_itself else merged.pop(FILL, "none")
     filling = one_of(FILL, fill, FILLS) != "none"
     # What fills a hole may lie outside the mask.
-    sparse = found.takes_mask and not filling
+    sparse = definition.takes_mask and not filling
     if mask is not None:
         check_mask(mask, display)
         merged |= {MASK: mask} if sparse else {}
 
     def make(**more: Any) -> Generator:
-        made = found.prepare(display, tuple(shape), float(pixel_mm), **merged, **more)
-        if not isinstance(made, Generator):
+        generator = definition.prepare(display, tuple(shape), float(pixel_mm), **merged, **more)
+        if not isinstance(generator, Generator):
             raise UsageError(
-                f"algorithm {name!r} made a {type(made).__name__}, which cannot generate"
+                f"algorithm {name!r} made a {type(generator).__name__}, which cannot generate"
             )
-        return made
+        return generator
 
-    made = make()
+    generator = make()
     if filling:
-        made = _filled(name, made, fill, make(leave_holes=True) if found.leaves_holes else made)
-    return made if mask is None or sparse else masked(made, mask)
+        generator = _filled(
+            name, generator, fill, make(leave_holes=True) if definition.leaves_holes else generator
+        )
+    return generator if mask is None or sparse else masked(generator, mask)
 
 
 def _check_picture(rgbd: RGBD, display: Display) -> None:
-    """Raise for what is no picture with finite colours; warn of depths in another unit."""
+    """Raise for an invalid picture or colours that are not finite; warn about depths in another
+    unit.
+    """
     if not isinstance(rgbd, RGBD):
         raise UsageError(
             f"rgbd: is a {type(rgbd).__name__}; give an inim.RGBD, such as "
@@ -170,22 +174,22 @@ def _check_picture(rgbd: RGBD, display: Display) -> None:
         )
 
 
-def _filled(name: str, made: Generator, fill: str, left: Generator) -> Generator:
+def _filled(name: str, generator: Generator, fill: str, left: Generator) -> Generator:
     """A generator that fills the holes that another leaves."""
     from inim.generators.raycast.fill import Filled
 
-    if not (isinstance(made, SourceGenerator) and isinstance(left, SourceGenerator)):
+    if not (isinstance(generator, SourceGenerator) and isinstance(left, SourceGenerator)):
         raise UsageError(
             f"algorithm {name!r} does not say where its colours come from, and so not what is a "
             "hole; leave fill out"
         )
-    return Filled(made, fill, left)
+    return Filled(generator, fill, left)
 
 
 def find_sources(
     rgbd: RGBD, display: Display | str | Path, algorithm: str = DEFAULT, **options: Any
 ) -> Sources:
-    """Which pixel of the picture each panel pixel shows at its centre.
+    """Find the picture pixel that each panel pixel shows at its centre.
 
     Parameters
     ----------
@@ -198,18 +202,18 @@ def find_sources(
     Returns
     -------
     (rows, columns) int32
-        ``row * W + column``, `HOLE` where the ray meets nothing, `NO_LENS` outside the array, and
+        ``row * W + column``, `HOLE` if the ray has no hit, `NO_LENS` outside the array, and
         `MASKED` outside a mask.
 
     Raises
     ------
     UsageError
-        As `prepare`; or the algorithm does not say where its colours come from.
+        As for `prepare`; or the algorithm does not report its sources.
     """
-    made = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, **options)
-    if not isinstance(made, SourceGenerator):
+    generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, **options)
+    if not isinstance(generator, SourceGenerator):
         raise UsageError(f"algorithm {algorithm!r} does not say where its colours come from")
-    return made.sources(rgbd)
+    return generator.sources(rgbd)
 
 
 def generate(
@@ -220,35 +224,35 @@ def generate(
     out: np.ndarray | None = None,
     **options: Any,
 ) -> np.ndarray:
-    """The elemental image array of a picture, in its colour's type.
+    """Generate the elemental image array of a picture, with the dtype of its colour.
 
     Parameters
     ----------
     rgbd : RGBD
         Colour and depth in the display frame: float32 linear RGB (verification) or uint8 sRGB RGBA
-        (display-ready). A warning is given where most of it lies outside the depth range.
+        (display-ready). A warning appears if most of it is outside the depth range.
     display : Display, str or Path
         A display, the name of a preset, or a display file.
     algorithm : str
-        One of `algorithm_names`, with options if need be: ``"template:samples=4"``.
+        One of `algorithm_names`, optionally with options: ``"template:samples=4"``.
     out : array, optional
-        Where to write the result.
+        Array for the result.
     **options
-        The algorithm's own, and ``fill``; see `prepare`.
+        Options of the algorithm, and ``fill``; see `prepare`.
 
     Returns
     -------
     (rows, columns, 3) float32 linear RGB, black at holes and outside the array; or
-    (rows, columns, 4) uint8 sRGB, alpha 0 there. Use `find_sources` to distinguish black from
-    nothing in linear RGB.
+    (rows, columns, 4) uint8 sRGB, with alpha 0 there. Use `find_sources` to distinguish black from
+    holes in linear RGB.
 
     Raises
     ------
     UsageError
-        As `prepare`; a picture that is no `RGBD` or has colours that are not finite; or an `out`
-        that does not fit.
+        As for `prepare`; an invalid picture or colours that are not finite; or an `out`
+        of another shape or dtype.
     """
     display = display_of(display)
     _check_picture(rgbd, display)
-    made = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, **options)
-    return made.generate(rgbd, out)
+    generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, **options)
+    return generator.generate(rgbd, out)

@@ -1,12 +1,13 @@
-"""What a generator is: something prepared once for a display, then fed RGB-D pictures.
+"""Base classes of generators: prepared once for a display, then applied to RGB-D pictures.
 
-Most name, for each panel pixel, the picture's pixel that it shows: a source map (`Sources`).
+Most generators report, for each panel pixel, the picture pixel that it shows: a source map
+(`Sources`).
 
-Of a mask, those that a few eyes see, say, only the panel pixels in it are made. Generators that can
-are prepared for a list of pixels in place of a panel: they yield one row of them, (1, n), at a cost
-that grows with n, and `OnPanel` puts that row on a panel that is black elsewhere. The others are
-run in full, and `masked` blackens what is outside. Both show the same bits: what a pixel shows
-depends on its own ray and the picture, and on no other pixel.
+With a mask, for example of the pixels that a few viewpoints observe, only those panel pixels are
+generated. Some generators can be prepared for a list of pixels instead of a panel. They return one
+row, (1, n), at a cost proportional to n, and `PixelsOnPanel` puts that row on an otherwise black
+panel. The others run in full, and `masked` sets the remaining pixels to black. Both give the same
+bits, because each pixel depends only on its own ray and the picture.
 """
 
 from __future__ import annotations
@@ -50,26 +51,27 @@ def colour_of(sources: Sources, rgbd: RGBD, out: np.ndarray | None = None) -> np
     """
     channels = rgbd.color.shape[2]
     # One empty pixel at the end serves holes and unlensed pixels alike.
-    nothing = np.zeros((1, channels), rgbd.color.dtype)
-    palette = np.concatenate([rgbd.palette.reshape(-1, channels), nothing])
+    hole_colour = np.zeros((1, channels), rgbd.color.dtype)
+    palette = np.concatenate([rgbd.palette.reshape(-1, channels), hole_colour])
     if out is None:
         out = np.empty((*sources.shape, channels), palette.dtype)
     nowhere = len(palette) - 1
     for band in row_bands(sources.shape[0], sources.shape[1], _PIXELS_AT_ONCE):
-        some = sources[band]
-        if some.max(initial=HOLE) >= nowhere:
+        band_sources = sources[band]
+        if band_sources.max(initial=HOLE) >= nowhere:
             raise UsageError(
-                f"a source is {some.max()}; this picture has 0 to {nowhere - 1}, and {NO_LENS} and "
+                f"a source is {band_sources.max()}; this picture has 0 to {nowhere - 1}, and "
+                f"{NO_LENS} and "
                 f"{HOLE} mean none"
             )
-        index = np.where(some >= 0, some, nowhere)
+        index = np.where(band_sources >= 0, band_sources, nowhere)
         # Not "raise", by which all of the output would be written twice.
         np.take(palette, index, axis=0, out=out[band], mode="clip")
     return out
 
 
 def hole_fraction(sources: Sources) -> float:
-    """Share of the lensed panel pixels, of those in the mask, that show nothing."""
+    """Share of panel pixels under a lens, and inside the mask, without a source."""
     lensed = np.count_nonzero(sources > NO_LENS)
     return np.count_nonzero(sources == HOLE) / lensed if lensed else 0.0
 
@@ -77,32 +79,32 @@ def hole_fraction(sources: Sources) -> float:
 #: Rows, columns of a picture.
 PictureShape = tuple[int, int]
 #: Down and right from a pixel's centre, in pixels.
-Aside = tuple[Fraction, Fraction]
-CENTRE: Aside = (Fraction(0), Fraction(0))
+PixelOffset = tuple[Fraction, Fraction]
+CENTRE: PixelOffset = (Fraction(0), Fraction(0))
 
 
 @runtime_checkable
 class Generator(Protocol):
-    """A generator prepared for one display and one size of picture; reusable for a stream.
+    """Generator prepared for one display and one size of picture, reusable for a stream.
 
-    Whoever announces a generator (`inim.generators`) provides a callable
+    A package that registers a generator (`inim.generators`) provides a callable
     ``prepare(display, shape, pixel_mm, **options)`` that returns one of these.
     """
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
-        """The EIA of a picture, in its colour's type.
+        """Generate the EIA of a picture, with the dtype of its colour.
 
         Parameters
         ----------
         rgbd : RGBD
-            Of the shape and pixel size it was prepared for.
+            Picture of the prepared shape and pixel size.
         out : array, optional
-            Where to write it: (rows, columns, channels) of the colour's type.
+            Array for the result: (rows, columns, channels) of the colour's dtype.
 
         Returns
         -------
-        (rows, columns, 3) float32 linear RGB, or (rows, columns, 4) uint8 sRGB with alpha 0 where
-        there is nothing to show.
+        (rows, columns, 3) float32 linear RGB, or (rows, columns, 4) uint8 sRGB with alpha 0 at
+        holes.
         """
         ...
 
@@ -132,41 +134,41 @@ class Ray(NamedTuple):
     Attributes
     ----------
     aside : (down, right)
-        Where in its pixel it starts, in pixels from the centre.
+        Start in its pixel, in pixels from the centre.
     channels : tuple of int
-        Colours that it shows.
+        Colour channels of the ray.
     generator : SourceGenerator
-        Whose sources are what it meets.
+        Generator of the ray's sources.
     """
 
-    aside: Aside
+    pixel_offset: PixelOffset
     channels: tuple[int, ...]
     generator: SourceGenerator
 
 
 class SourceGenerator(ABC):
-    """A generator that names, for each panel pixel, the picture's pixel it shows.
+    """Generator that reports the source of each panel pixel.
 
-    Subclasses implement `find`; sources keep holes apart from black and let algorithms be compared
-    pixel by pixel. They are what a pixel's centre shows, also where several rays, or sub-pixels
-    off the centre, make its colour.
+    Subclasses implement `find`. Sources distinguish holes from black and allow comparisons of
+    algorithms pixel by pixel. They are those of the pixel's centre, even if several rays, or sub-
+    pixels off the centre, determine its colour.
 
     Parameters
     ----------
     display : Display
     shape : (rows, columns)
-        Of the pictures to come.
+        Size of the pictures.
     pixel_mm : float
-        Their pixel.
+        Width of their pixels.
     pixels : PixelList, optional
-        Yield one row of these, (1, n), in place of the panel; see `OnPanel`.
+        Return one row of these pixels, (1, n), instead of the panel; see `PixelsOnPanel`.
     aside : Aside
-        Where in its pixel each ray starts.
+        Start of each ray in its pixel.
     """
 
     #: For those by others that do without this class's `__init__`.
     pixels: PixelList | None = None
-    aside: Aside = CENTRE
+    pixel_offset: PixelOffset = CENTRE
 
     def __init__(
         self,
@@ -174,27 +176,27 @@ class SourceGenerator(ABC):
         shape: PictureShape,
         pixel_mm: float,
         pixels: PixelList | None = None,
-        aside: Aside = CENTRE,
+        pixel_offset: PixelOffset = CENTRE,
     ) -> None:
         self.display = display
         self.shape = shape
         self.pixel_mm = pixel_mm
         self.pixels = pixels
-        self.aside = aside
+        self.pixel_offset = pixel_offset
 
     @property
-    def made_shape(self) -> tuple[int, int]:
-        """Rows and columns of what it makes: the panel's, or those of a list of pixels."""
+    def result_shape(self) -> tuple[int, int]:
+        """Rows and columns of the result: the panel's, or those of a list of pixels."""
         return self.display.eia_shape if self.pixels is None else (1, len(self.pixels.rows))
 
     @abstractmethod
     def find(self, rgbd: RGBD) -> Sources:
         """Sources of all panel pixels; those under no lens may hold anything."""
 
-    def find_into(self, rgbd: RGBD, found: Sources) -> Sources:
-        """As `find`, into an array of `made_shape`, which is returned."""
-        found[...] = self.find(rgbd)
-        return found
+    def find_into(self, rgbd: RGBD, out: Sources) -> Sources:
+        """Find sources as `find` does, in an array of `made_shape`, which is returned."""
+        out[...] = self.find(rgbd)
+        return out
 
     def sources(self, rgbd: RGBD, out: Sources | None = None) -> Sources:
         """``row * W + column`` of each panel pixel's source, or `HOLE`, or `NO_LENS`.
@@ -202,17 +204,17 @@ class SourceGenerator(ABC):
         Into `out`, an array of `made_shape`, if it is given.
         """
         self.check(rgbd)
-        found = self.find(rgbd) if out is None else self.find_into(rgbd, out)
-        return found if self.pixels is not None else self._without_lens(found)
+        sources = self.find(rgbd) if out is None else self.find_into(rgbd, out)
+        return sources if self.pixels is not None else self._without_lens(sources)
 
-    def _without_lens(self, found: Sources) -> Sources:
+    def _without_lens(self, sources: Sources) -> Sources:
         """Sources of a panel, marked where there is no lens."""
         if self.display.is_separable:  # whole rows and columns: faster than pixel by pixel
-            found[self.display.rows.lens < 0, :] = NO_LENS
-            found[:, self.display.columns.lens < 0] = NO_LENS
+            sources[self.display.rows.lens < 0, :] = NO_LENS
+            sources[:, self.display.columns.lens < 0] = NO_LENS
         else:
-            found[~self.display.lensed] = NO_LENS
-        return found
+            sources[~self.display.lensed] = NO_LENS
+        return sources
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""
@@ -220,15 +222,15 @@ class SourceGenerator(ABC):
 
     def rays(self) -> list[Ray]:
         """The rays whose colours it shows; the mean of them, of several that show one colour."""
-        return [Ray(self.aside, (0, 1, 2), self)]
+        return [Ray(self.pixel_offset, (0, 1, 2), self)]
 
     def shows_sources(self, rgbd: RGBD) -> bool:  # noqa: ARG002
-        """Whether what it makes of a picture are the colours of its sources and nothing else."""
+        """True if the colours of its sources are the complete result for a picture."""
         return type(self).generate is SourceGenerator.generate
 
     def place(self, rgbd: RGBD, out: np.ndarray | None) -> NDArray[Any]:
-        """The array to write what is made of a picture into; see `check_out`."""
-        return check_out(out, (*self.made_shape, rgbd.color.shape[2]), rgbd.color.dtype)
+        """Array for the result of a picture; see `check_out`."""
+        return check_out(out, (*self.result_shape, rgbd.color.shape[2]), rgbd.color.dtype)
 
     def check(self, rgbd: RGBD) -> None:
         """Raise `UsageError` for a picture of another size than prepared for."""
@@ -282,7 +284,7 @@ def check_out(out: np.ndarray | None, shape: tuple[int, ...], dtype: np.dtype) -
 _MOST_ALONE = 0.1
 
 
-class OnPanel(SourceGenerator):
+class PixelsOnPanel(SourceGenerator):
     """The pixels of a list on their panel, the others black, with alpha 0.
 
     Parameters
@@ -299,9 +301,9 @@ class OnPanel(SourceGenerator):
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`; `MASKED` elsewhere."""
-        found = np.full(self.display.eia_shape, MASKED, np.int32)
-        found[self._at] = self._listed.sources(rgbd)[0]
-        return found
+        sources = np.full(self.display.eia_shape, MASKED, np.int32)
+        sources[self._at] = self._listed.sources(rgbd)[0]
+        return sources
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""
@@ -333,7 +335,7 @@ def for_mask(
         return make(None)
     if dense_in_full and np.count_nonzero(mask) > _MOST_ALONE * mask.size:
         return masked(make(None), mask)
-    return OnPanel(make(PixelList.of(mask & display.lensed)))
+    return PixelsOnPanel(make(PixelList.of(mask & display.lensed)))
 
 
 class Masked:
@@ -360,7 +362,7 @@ class Masked:
 
 
 class MaskedSources(SourceGenerator):
-    """`Masked`, of a generator that says where its colours come from."""
+    """`Masked` for a generator that reports its sources."""
 
     def __init__(self, whole: SourceGenerator, mask: np.ndarray) -> None:
         super().__init__(whole.display, whole.shape, whole.pixel_mm)
@@ -368,8 +370,8 @@ class MaskedSources(SourceGenerator):
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`; `MASKED` outside the mask."""
-        found = self._whole.sources(rgbd)
-        return np.where(self._mask, found, np.int32(MASKED))
+        sources = self._whole.sources(rgbd)
+        return np.where(self._mask, sources, np.int32(MASKED))
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""
@@ -414,16 +416,16 @@ prange = range
 def run_kernel(
     kernel: Any, shape: tuple[int, int], start: int, *arguments: Any
 ) -> NDArray[np.int32]:
-    """Fill a map of panel pixels by a kernel.
+    """Fill a map of panel pixels with a kernel.
 
     Parameters
     ----------
     kernel : function
-        Called with the arguments and, last, the map as a flat array to write into.
+        Called with the arguments and, last, the map as a flat array for the result.
     shape : (rows, columns)
-        Of the map.
+        Size of the map.
     start : int
-        What the map holds before.
+        Initial value of the map.
     *arguments
         Numbers, flat arrays and named tuples of them.
 

@@ -2,26 +2,26 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """`gu2020`: reverse search along each ray in equal steps of depth, "one search one".
 
-The method of Gu et al. (2020) as Wang et al. describe and rival it, Heritage Science 2024, doi
+The method of Gu et al. (2020) as described by Wang et al., Heritage Science 2024, doi
 10.1186/s40494-024-01462-4. A panel pixel's ray X(z) = x0 + (x0 - x) z / g (the paper's Eq. 1) is
 sampled from z_max down to z_min in steps of one scene pixel at the central depth plane,
 P_I = |D| P_D / g (Eq. 3). The first sample at which the picture's surface is at least as near as
 the ray, depth >= z, gives the source: of several surfaces on the ray the nearest to the viewer.
 
-A fixed step passes over whatever the ray crosses between two samples: oblique rays miss corners of
-pixels and thin things. With steps towards zero the result is that of `template`, exact first hits.
+A fixed step misses the cells that the ray crosses between two samples: oblique rays miss corners of
+pixels and thin objects. As the step approaches zero, the result becomes that of
+`template:columns=solid`.
 
-What the description leaves open:
+Choices that the description leaves open:
 
-* The last step is cut short, so that z_min is always sampled: a surface at the far end is found.
-* Where the display is focused, P_I is infinite; the step is then one pixel of the picture.
+* The last step is shortened, so that z_min is always sampled and a surface at the far end is hit.
+* On a focused display P_I is infinite, and the step is one pixel of the picture.
 * A ray along the border between two cells of the picture belongs to the larger row or column, as
   in `template`.
-* No sample under a surface: a hole. Uncovered pixels are no surface.
-* On a hexagonal lattice, or under an array that is turned or tilted, each pixel's ray is its own;
-  nothing else changes.
-* Where a pixel's colours shine from places of their own (`Display.subpixels`), each colour's rays
-  start there; sources are those of the pixel's centre.
+* A ray without a sample below a surface is a hole. Uncovered pixels have no surface.
+* On hexagonal, rotated or tilted arrays each pixel has an individual ray; the method is the same.
+* With sub-pixels (`Display.subpixels`) each colour's rays start at its sub-pixel; sources are those
+of the pixel's centre.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from inim.display.pixels import stated
 from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
-    Aside,
     PictureShape,
     PixelList,
+    PixelOffset,
     SourceGenerator,
     Sources,
     for_mask,
@@ -86,7 +86,7 @@ def prepare(
         return averaged(
             display,
             1,
-            lambda aside: _Gu2020(display, shape, pixel_mm, depths, aside, pixels),
+            lambda pixel_offset: _Gu2020(display, shape, pixel_mm, depths, pixel_offset, pixels),
         )
 
     return for_mask(mask, display, searched)
@@ -99,10 +99,10 @@ class _Gu2020(SourceGenerator):
         shape: PictureShape,
         pixel_mm: float,
         depths: np.ndarray,
-        aside: Aside,
+        pixel_offset: PixelOffset,
         pixels: PixelList | None,
     ) -> None:
-        super().__init__(display, shape, pixel_mm, pixels, aside)
+        super().__init__(display, shape, pixel_mm, pixels, pixel_offset)
         self._depths = depths
 
     def find(self, rgbd: RGBD) -> Sources:
@@ -110,7 +110,9 @@ class _Gu2020(SourceGenerator):
         depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), -np.inf)
         if not self.display.is_separable:
             return self._find_each(depth)
-        column_rays, row_rays = cell_rays(self.shape, self.pixel_mm, self.display, self.aside)
+        column_rays, row_rays = cell_rays(
+            self.shape, self.pixel_mm, self.display, self.pixel_offset
+        )
         rays = [
             column_rays.start / column_rays.scale,
             column_rays.slope / column_rays.scale,
@@ -122,7 +124,7 @@ class _Gu2020(SourceGenerator):
             rays = [r[at] for r, at in zip(rays, (columns, columns, rows, rows), strict=True)]
         return run_kernel(
             _search_all if self.pixels is None else _search_each,
-            self.made_shape,
+            self.result_shape,
             HOLE,
             depth.ravel(),
             *self.shape,
@@ -131,12 +133,12 @@ class _Gu2020(SourceGenerator):
         )
 
     def _find_each(self, depth: np.ndarray) -> Sources:
-        """Where no two pixels share a coordinate, a block of panel rows at a time."""
+        """Find sources on displays without separable axes, in blocks of panel rows."""
         from inim.generators.raycast.ray_by_ray import ray_blocks
 
-        found = np.empty(self.made_shape, np.int32)
+        sources = np.empty(self.result_shape, np.int32)
         for lensed, cells, at in ray_blocks(self):
-            found[at] = run_kernel(
+            sources[at] = run_kernel(
                 _search_each,
                 lensed.shape,
                 HOLE,
@@ -145,7 +147,7 @@ class _Gu2020(SourceGenerator):
                 *(coordinate.ravel() for coordinate in cells),
                 self._depths,
             )
-        return found
+        return sources
 
 
 def _sampled_depths(display: Display, step_mm: float) -> np.ndarray:
@@ -164,19 +166,19 @@ def _sampled_depths(display: Display, step_mm: float) -> np.ndarray:
     return np.array([*((top - k * down) / parts for k in range(steps)), float(low)])
 
 
-def _search_all(depth, rows, columns, u0, du, v0, dv, depths, found):
+def _search_all(depth, rows, columns, u0, du, v0, dv, depths, sources):
     """Search the ray of every panel pixel; u and v are columns and rows of the picture."""
     for i in prange(len(v0)):
         for j in range(len(u0)):
-            found[i * len(u0) + j] = _first_crossing(
+            sources[i * len(u0) + j] = _first_crossing(
                 depth, rows, columns, u0[j], du[j], v0[i], dv[i], depths
             )
 
 
-def _search_each(depth, rows, columns, u0, du, v0, dv, depths, found):
+def _search_each(depth, rows, columns, u0, du, v0, dv, depths, sources):
     """Search rays that are one per pixel in both coordinates."""
     for i in prange(len(u0)):
-        found[i] = _first_crossing(depth, rows, columns, u0[i], du[i], v0[i], dv[i], depths)
+        sources[i] = _first_crossing(depth, rows, columns, u0[i], du[i], v0[i], dv[i], depths)
 
 
 def _first_crossing(depth, rows, columns, u0, du, v0, dv, depths):

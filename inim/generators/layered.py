@@ -1,9 +1,9 @@
-"""`layered`: the exact first hit in a picture that knows what lies behind its front surface.
+"""`layered`: the exact first hit in a layered depth image.
 
-Definition. As `inim.generators.template`, but a pixel's column is solid only from each layer's
-front down to its back (`inim.image.rgbd.LayeredRGBD`), and nothing is shown where a ray meets none.
+Definition. As in `inim.generators.template`, but a pixel's column is solid only from each layer's
+front to its back (`inim.image.rgbd.LayeredRGBD`), and a ray without a hit is a hole.
 
-A picture without layers shows what `template` shows.
+For a picture without layers, the result is that of `template`.
 """
 
 from __future__ import annotations

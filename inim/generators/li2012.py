@@ -2,32 +2,32 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """`li2012`: forward mapping of every picture pixel through every lens, "one to many".
 
-The method of Li et al. (2012) as Wang et al. describe and rival it, Heritage Science 2024, doi
+The method of Li et al. (2012) as described by Wang et al., Heritage Science 2024, doi
 10.1186/s40494-024-01462-4. Through the lens at x0, the picture pixel at X and depth z is shown by
-the panel point x = x0 + (x0 - X) g / z (Eq. 1 of Wang et al. solved for x), as long as that lies in
-the lens's own elemental image, |x - x0| <= Q / 2. The panel pixel that contains the point takes the
-colour. Of several picture pixels that land on one panel pixel the nearest to the viewer, the
-largest z, is kept; on a slope of a finely sampled picture that is not the one in the middle of the
-panel pixel but the foremost at its rim. Depth conversion, linear or Li's reciprocal one, comes
-before: the picture is in the display's depths.
+the panel point x = x0 + (x0 - X) g / z (Eq. 1 of Wang et al. solved for x), if it is in the lens's
+own elemental image, |x - x0| <= Q / 2. The panel pixel that contains the point takes the colour. If
+several picture pixels reach one panel pixel, the nearest to the viewer, with the largest z, is
+kept. On a slope of a finely sampled picture this is the foremost at the rim of the panel pixel, not
+the one at its centre. The depth conversion, linear or Li's reciprocal one, is a previous step: the
+picture has display depths.
 
-A picture pixel is one point here, however large it appears: where the picture is magnified by more
-than a panel pixel, and where a nearer surface gives way to a farther one, panel pixels stay empty,
-and a farther surface may show through the gaps of a nearer one. The source map has them as `HOLE`.
+A picture pixel is a point, regardless of its size on the panel. If the picture is magnified by more
+than a panel pixel, or at a step from a near to a far surface, panel pixels stay empty, and a far
+surface may show through the gaps of a near one. The source map marks empty pixels as `HOLE`.
 
-What the description leaves open:
+Choices that the description leaves open:
 
 * A point on the border between two panel pixels belongs to the one nearer the panel's axis, and on
   the axis to the left or upper one; lenses own whole panel pixels, by their centres.
-* Of picture pixels of equal z on one panel pixel, the one that lands nearest to that pixel's centre
-  is kept; of these the one nearest to the picture's vertical axis, then to its horizontal one. A
-  mirrored picture so gives the mirrored map, but for points exactly on an axis.
-* At z = 0 a point is on the array and under every pixel of one lens at once: it is skipped. z < 0,
+* Among picture pixels of equal z on one panel pixel, the one nearest to that pixel's centre is
+kept, then the one nearest to the picture's vertical axis, then to its horizontal one. A mirrored
+picture therefore gives the mirrored map, except for points exactly on an axis.
+* A point at z = 0 is on the array and under every pixel of one lens at once. It is skipped. z < 0,
   virtual images, are mapped by the same formula.
-* Colours are mapped to whole pixels: where a pixel's colours shine from places of their own
-  (`Display.subpixels`), all are taken at the pixel's centre.
-* Elemental images are rectangles along the panel's rows: a hexagonal lattice, and an array that is
-  turned or tilted, are refused.
+* Colours are mapped to whole pixels: the pixel's centre serves all sub-pixels
+(`Display.subpixels`).
+* Elemental images are rectangles along the panel's rows: hexagonal, rotated and tilted arrays are
+rejected.
 """
 
 from __future__ import annotations
@@ -87,8 +87,8 @@ class ForwardAxis(NamedTuple):
         ``(lens_z[n] z + lens_g[n] - pixel_g[c]) / (unit z)``
 
     which is x = x0 + (x0 - X) g / z, Eq. 1 of Wang et al. 2024 solved for the panel. All are whole
-    numbers wherever the display's lengths are short decimals or fractions: a position that is on a
-    border between panel pixels is then known to be.
+    numbers wherever the display's lengths are short decimals or fractions: a position on a border
+    between panel pixels is then exact.
 
     Attributes
     ----------
@@ -181,21 +181,21 @@ class _Li2012(SourceGenerator):
         return run_kernel(_map_all, shape, HOLE, *mapping)
 
     def _mapping(self, rgbd: RGBD) -> tuple[np.ndarray, ForwardAxis, ForwardAxis]:
-        """Depths, 0 for what has no place on the panel, and both axes of the mapping."""
+        """Depths, 0 for pixels without a panel position, and both axes of the mapping."""
         depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), 0.0)
         placed = depth[depth != 0]
         depths = (float(placed.min()), float(placed.max())) if len(placed) else (0.0, 0.0)
         return depth.ravel(), *forward_axes(self.display, self.shape, self.pixel_mm, depths)
 
 
-def _map_all(depth, x, y, nearest, miss, found):
+def _map_all(depth, x, y, nearest, miss, sources):
     """Gather the picture for every lens; no two lenses share a panel pixel."""
     for m in prange(len(y.first)):
         for n in range(len(x.first)):
-            _map_through_lens(depth, x, y, m, n, nearest, miss, found)
+            _map_through_lens(depth, x, y, m, n, nearest, miss, sources)
 
 
-def _map_through_lens(depth, x, y, m, n, nearest, miss, found):
+def _map_through_lens(depth, x, y, m, n, nearest, miss, sources):
     """Send all picture pixels in a lens's reach through it, nearest to the viewer on top."""
     for r in range(y.low[m], y.high[m]):
         for c in range(x.low[n], x.high[n]):
@@ -208,16 +208,18 @@ def _map_through_lens(depth, x, y, m, n, nearest, miss, found):
                 continue
             dx, dy = across - (i - (x.pixels - 1) / 2), down - (j - (y.pixels - 1) / 2)
             off, at = dx * dx + dy * dy, j * x.pixels + i
-            rival = found[at]
+            rival = sources[at]
             if z > nearest[at] or (
                 z == nearest[at]
                 and (off < miss[at] or (off == miss[at] and _nearer_axis(x, y, r, c, rival)))
             ):
-                nearest[at], miss[at], found[at] = z, off, r * x.cells + c
+                nearest[at], miss[at], sources[at] = z, off, r * x.cells + c
 
 
 def _position(axis: Any, lens: Any, cell: Any, z: Any) -> Any:
-    """Where a picture pixel lands, in panel pixels from the panel's middle: see `ForwardAxis`."""
+    """Panel position of a picture pixel, in panel pixels from the panel's centre: see
+    `ForwardAxis`.
+    """
     return (axis.lens_z[lens] * z + (axis.lens_g[lens] - axis.pixel_g[cell])) / (axis.unit * z)
 
 
@@ -234,7 +236,9 @@ def _panel_pixel(position, pixels):
 
 
 def _nearer_axis(x, y, row, column, rival):
-    """Whether a picture pixel is nearer to the vertical axis than another, then the horizontal."""
+    """True if a picture pixel is nearer to the vertical axis than another, then to the horizontal
+    axis.
+    """
     mine = abs(2 * column + 1 - x.cells)
     other = abs(2 * (rival % x.cells) + 1 - x.cells)
     if mine != other:

@@ -1,21 +1,20 @@
-"""Exact first hits, in rational numbers: what `template` and `layered` show by definition.
+"""Exact first hits in rational numbers: the definition of `template` and `layered`.
 
-The product's own oracle: a validation of somebody's picture and `inim.stress` score algorithms
-against it. It shares no code with the generators. A ray's border crossings are all gathered and
-sorted, where the generators walk from cell to cell; nothing is rounded, so ties are decided by
-the definition:
+Validations of users' own pictures and `inim.stress` score algorithms against this oracle. It shares
+no code with the generators. It collects and sorts all border crossings of a ray, whereas the
+generators walk from cell to cell. Nothing is rounded, so the definition decides ties:
 
-* A cell counts when the ray spends a stretch of depth in it, not when it touches it in a point; a
+* A cell counts if the ray is in it over an interval of depth, not if it touches it in a point. A
   ray along a border is in the cell of the larger row or column.
-* A panel pixel on the border between two elemental images belongs to the one nearer the array's
-  centre, and on that to the left or upper one.
-* Columns are those of `template`'s docstring: as thick as the surface that a pixel shows, solid, or
+* A panel pixel on the border between two elemental images belongs to the one nearer to the array's
+  centre, and at the centre to the left or upper one.
+* Columns are those of `template`: as thick as the pixel's surface, solid, or
   the layers of a layered depth image. The rule of the first is float32 arithmetic by definition.
-* A length means the number a person wrote (0.0636 is 636/10000): `inim.display.pixels.stated`. A
-  float32 depth means exactly the value it holds.
+* A length is the number that a person wrote (0.0636 is 636/10000): `inim.display.pixels.stated`. A
+  float32 depth is exactly its value.
 
-What judges others is judged itself: `tests/oracle.py` keeps a second rational oracle on purpose.
-It is written apart, by another method, and both must agree.
+`tests/oracle.py` checks this oracle with a second rational oracle, written independently with
+another method. Both must agree.
 """
 
 from __future__ import annotations
@@ -39,15 +38,15 @@ from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 _MOST_PIXELS = 2000
 
 #: Where in its pixel a ray starts: (down, right) of the centre, in pixels.
-Aside = tuple[Fraction, Fraction]
-CENTRE: Aside = (Fraction(0), Fraction(0))
+PixelOffset = tuple[Fraction, Fraction]
+CENTRE: PixelOffset = (Fraction(0), Fraction(0))
 #: Row and column ``v0 + dv z, u0 + du z`` of a ray: v0, dv, u0, du.
 Line = tuple[Fraction, Fraction, Fraction, Fraction]
 
 
 @dataclass(frozen=True)
 class ExactHits:
-    """What some panel pixels show by the definition of a first hit, in rational numbers.
+    """Exact sources of some panel pixels by the definition of a first hit, in rational numbers.
 
     Attributes
     ----------
@@ -62,8 +61,8 @@ class ExactHits:
 
     def wrong_share(self, sources: Sources) -> float:
         """Share of them that a source map has otherwise."""
-        shown = sources[self.pixels[:, 0], self.pixels[:, 1]]
-        return float((shown != self.sources).mean())
+        sources_at_pixels = sources[self.pixels[:, 0], self.pixels[:, 1]]
+        return float((sources_at_pixels != self.sources).mean())
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ class AxisRays:
 
 
 def why_no_oracle(rgbd: RGBD, display: Display) -> str | None:
-    """Why a validation has no exact hits of a picture on a display; None where it has."""
+    """Reason why a validation has no exact hits for a picture on a display; None if it has."""
     if not display.is_separable:
         return (
             "the exact oracle counts rows and columns apart, and this display has "
@@ -111,7 +110,7 @@ def exact_hits(
 
 
 def column_layers(rgbd: RGBD, columns: str) -> tuple[tuple[Layer, ...], bool]:
-    """The solids of a picture's columns, and whether what they hide continues behind them.
+    """Solids of a picture's columns, and whether the background continues behind them.
 
     Parameters
     ----------
@@ -121,8 +120,8 @@ def column_layers(rgbd: RGBD, columns: str) -> tuple[tuple[Layer, ...], bool]:
     """
     if columns == "layers" and isinstance(rgbd, LayeredRGBD):
         return rgbd.layers, False
-    none = np.full(rgbd.shape, -np.inf, np.float32)
-    back = none if columns == "solid" else _surface_backs(rgbd)
+    no_back = np.full(rgbd.shape, -np.inf, np.float32)
+    back = no_back if columns == "solid" else _surface_backs(rgbd)
     return (Layer(rgbd.color, rgbd.depth_mm, back, rgbd.covered),), columns != "solid"
 
 
@@ -154,7 +153,7 @@ class _PanelAxis(NamedTuple):
 
     def owners(self) -> tuple[int, ...]:
         """Lens over each pixel: the elemental image that holds its centre, -1 outside."""
-        found = []
+        owners = []
         for i in range(self.pixels):
             from_axis = (Fraction(2 * i + 1 - self.pixels, 2) * self.pixel - self.shift) / (
                 self.elemental
@@ -163,8 +162,8 @@ class _PanelAxis(NamedTuple):
             lens = math.floor(place)
             if lens == place and from_axis >= 0:
                 lens -= 1
-            found.append(lens if 0 <= lens < self.lenses else -1)
-        return tuple(found)
+            owners.append(lens if 0 <= lens < self.lenses else -1)
+        return tuple(owners)
 
 
 def _panel_axes(display: Display) -> tuple[_PanelAxis, _PanelAxis]:
@@ -186,27 +185,29 @@ def lensed_pixels(display: Display) -> np.ndarray:
     return np.argwhere(down[:, None] & across[None, :])
 
 
-def axis_rays(display: Display, rgbd: RGBD, aside: Aside = CENTRE) -> tuple[AxisRays, AxisRays]:
-    """The rays of all panel rows and of all columns, exactly; of a separable display.
+def axis_rays(
+    display: Display, rgbd: RGBD, pixel_offset: PixelOffset = CENTRE
+) -> tuple[AxisRays, AxisRays]:
+    """Exact rays of all panel rows and all columns of a separable display.
 
-    A ray moved aside in its pixel keeps that pixel's lens.
+    A ray with an offset in its pixel keeps that pixel's lens.
     """
     gap, cell = stated(display.gap_mm), stated(rgbd.pixel_mm)
     down, across = _panel_axes(display)
     return (
-        _rays(down, gap, rgbd.shape[0], cell, aside[0]),
-        _rays(across, gap, rgbd.shape[1], cell, aside[1]),
+        _rays(down, gap, rgbd.shape[0], cell, pixel_offset[0]),
+        _rays(across, gap, rgbd.shape[1], cell, pixel_offset[1]),
     )
 
 
 def _rays(
-    panel: _PanelAxis, gap: Fraction, cells: int, cell: Fraction, aside: Fraction
+    panel: _PanelAxis, gap: Fraction, cells: int, cell: Fraction, pixel_offset: Fraction
 ) -> AxisRays:
-    """Eq. 1, X(z) = x0 + (x0 - x) z / g, in cells; to the right or downwards alike."""
+    """Rays of one axis by Eq. 1, X(z) = x0 + (x0 - x) z / g, in cells, right or down."""
     start, slope = [], []
     owners = panel.owners()
     for i, owner in enumerate(owners):
-        x = (Fraction(2 * i + 1 - panel.pixels, 2) + aside) * panel.pixel
+        x = (Fraction(2 * i + 1 - panel.pixels, 2) + pixel_offset) * panel.pixel
         x0 = Fraction(2 * owner + 1 - panel.lenses, 2) * panel.pitch + panel.shift
         start.append(x0 / cell + Fraction(cells, 2))
         slope.append((x0 - x) / (gap * cell))
@@ -229,8 +230,8 @@ def first_hits_of(
     display : Display
     """
     low, high = map(stated, display.depth_range_mm)
-    met = column_layers(rgbd, columns)
-    return np.array([_first_hit(line, *met, low, high) for line in lines], np.int64)
+    columns_of_picture = column_layers(rgbd, columns)
+    return np.array([_first_hit(line, *columns_of_picture, low, high) for line in lines], np.int64)
 
 
 def _first_hit(

@@ -1,19 +1,19 @@
-"""What algorithms there are, and what is known of each.
+"""Registry of algorithms and their properties.
 
 An algorithm is one file with one function, ``prepare(display, shape, pixel_mm, **options)``, which
-returns a `Generator`. Its properties stand with it::
+returns a `Generator`. A decorator declares its properties::
 
     @algorithm(exact=True, color="#0072b2")
     def prepare(display, shape, pixel_mm, *, samples=1): ...
 
-Those in this folder are found by their files. Other packages announce theirs through the
-entry-point group ``inim.generators``, by the same function, with or without properties::
+Algorithms in this folder are found by their files. Other packages register theirs in the
+entry-point group ``inim.generators``, with the same function, with or without properties::
 
     [project.entry-points."inim.generators"]
     mine = "my_package.eia:prepare"
 
-The files of this folder import no compiler and no renderer before `prepare` is called, so that
-looking up a property costs nothing.
+The files in this folder import no compiler and no renderer before `prepare` is called, so that
+reading a property is fast.
 """
 
 from __future__ import annotations
@@ -132,13 +132,13 @@ class Algorithm:
 
     @property
     def options(self) -> tuple[inspect.Parameter, ...]:
-        """What can be written after its name: `prepare`'s parameters from the fourth on."""
+        """Options after the name: the parameters of `prepare` from the fourth on."""
         parameters = list(inspect.signature(self.prepare).parameters.values())[3:]
         return tuple(p for p in parameters if p.name not in (MASK, LEAVE_HOLES))
 
     @property
     def takes_mask(self) -> bool:
-        """Whether its `prepare` takes a pixel mask."""
+        """True if `prepare` accepts a pixel mask."""
         return MASK in inspect.signature(self.prepare).parameters
 
     @property
@@ -148,12 +148,12 @@ class Algorithm:
 
     @property
     def leaves_holes(self) -> bool:
-        """Whether its `prepare` can leave holes to be filled."""
+        """True if `prepare` can leave holes for a later fill."""
         return LEAVE_HOLES in inspect.signature(self.prepare).parameters
 
     @property
     def fills_itself(self) -> bool:
-        """Whether it has an option ``fill`` of its own."""
+        """True if the algorithm has its own option ``fill``."""
         return any(p.name == FILL for p in self.options)
 
     def check_options(self, options: Mapping[str, Any]) -> None:
@@ -180,17 +180,20 @@ class Algorithm:
 def _own() -> dict[str, Algorithm]:
     """The algorithms of this folder, the default one first."""
     package = __name__.rpartition(".")[0]
-    found = {}
+    algorithms = {}
     for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
         if not module.ispkg:
             prepare = getattr(import_module(f"{package}.{module.name}"), "prepare", None)
             if prepare is not None and hasattr(prepare, _STATED):
-                found[module.name] = Algorithm(module.name, prepare, own=True)
-    return {name: found[name] for name in sorted(found, key=lambda name: (name != DEFAULT, name))}
+                algorithms[module.name] = Algorithm(module.name, prepare, own=True)
+    return {
+        name: algorithms[name]
+        for name in sorted(algorithms, key=lambda name: (name != DEFAULT, name))
+    }
 
 
 def is_own(name: str) -> bool:
-    """Whether an algorithm, named without options, ships with inim; nothing else is loaded."""
+    """True if an algorithm, given without options, is built-in. Loads no other package."""
     return name in _own()
 
 
@@ -223,16 +226,16 @@ def find_algorithm(name: str) -> Algorithm:
         raise UsageError(f"algorithm {name!r}: {known_words(name, algorithm_names())}")
 
     def made(prepare: Prepare) -> Algorithm:
-        found = Algorithm(name, prepare, own=False)
-        _ = found.options  # its signature can be read
-        return found
+        definition = Algorithm(name, prepare, own=False)
+        _ = definition.options  # its signature can be read
+        return definition
 
-    found: Algorithm = load(_ENTRY_POINTS, name, "algorithm", made)
-    return found
+    definition: Algorithm = load(_ENTRY_POINTS, name, "algorithm", made)
+    return definition
 
 
 def properties(text: str) -> AlgorithmProperties:
-    """What is known of an algorithm, ``name`` or ``name:key=value``.
+    """Properties of an algorithm, ``name`` or ``name:key=value``.
 
     Those of inim's own algorithms load neither numba nor the renderer.
 
@@ -246,17 +249,17 @@ def properties(text: str) -> AlgorithmProperties:
 
 
 def algorithm_summary(name: str) -> tuple[str, str]:
-    """How to write an algorithm with all its options' defaults, and its docstring's first line.
+    """Name of an algorithm with the defaults of all its options, and its docstring's first line.
 
     Raises
     ------
     UsageError
         Unknown, or cannot be loaded.
     """
-    found = find_algorithm(name)
+    definition = find_algorithm(name)
     unsaid = (inspect.Parameter.empty, None)
-    defaults = ((p.name, "..." if p.default in unsaid else p.default) for p in found.options)
-    return ":".join([name, *(f"{key}={value}" for key, value in defaults)]), found.summary
+    defaults = ((p.name, "..." if p.default in unsaid else p.default) for p in definition.options)
+    return ":".join([name, *(f"{key}={value}" for key, value in defaults)]), definition.summary
 
 
 def parse_algorithm(text: str) -> tuple[str, dict[str, str]]:
@@ -311,8 +314,8 @@ def _label(name: str, options: object) -> str:
             f"algorithms[{name!r}]: is a {type(options).__name__}; give options as a mapping, "
             "which may be empty"
         )
-    where = f"algorithms[{name!r}]"
-    return ":".join([name, *(f"{key}={value_text(where, v)}" for key, v in options.items())])
+    label = f"algorithms[{name!r}]"
+    return ":".join([name, *(f"{key}={value_text(label, v)}" for key, v in options.items())])
 
 
 def check_algorithm(text: str) -> None:

@@ -3,39 +3,37 @@
 """`wang2024`: local depth template matching as the paper prints it.
 
 Wang et al., Heritage Science 2024, doi 10.1186/s40494-024-01462-4, Eq. 5 to 10. For the pixels of
-one master elemental image the depth range is sampled in z_len steps, each as deep as the ray needs
+one master elemental image the depth range is sampled in z_len steps, each as deep as the ray takes
 to move one picture pixel sideways; every combination of a row sample and a column sample is
-compared with the depth found there, and the best match gives the source. The same offsets serve
-the co-located pixels of all elemental images.
+compared with the picture's depth at that place, and the best match is the source. The same offsets
+serve the co-located pixels of all elemental images.
 
-As printed, two things are kept on purpose, because the claim must be testable: the whole
-z_len x z_len matrix is searched although the ray only crosses its diagonal, with z depending on
-the row alone (a match may lie off the ray); and the best match wins wherever it is on the ray
-(occlusion plays no part).
+Two printed properties are kept on purpose, to test the paper's claim: the whole z_len x z_len
+matrix is searched although the ray only crosses its diagonal, with z depending on the row alone (a
+match may lie off the ray); and the best match wins anywhere along the ray (occlusion is ignored).
 
-Eq. 6 prints z_len = round(... + 1), to the nearest whole number: the last sample lies up to half a
-step short of z_max or beyond it. Option ``rounding="up"`` takes the next larger one, so that the
-samples reach z_max.
+Eq. 6 prints z_len = round(... + 1), to the nearest whole number: the last sample is up to half a
+step before or after z_max. Option ``rounding="up"`` takes the next larger one, so that the samples
+reach z_max.
 
 Eq. 5 counts in scene pixels P_I, which in the paper are the picture's (Eq. 3). A picture may have
-other pixels here, and a step is one of those; with ``step_pixel="scene"`` it is P_I of the display
-whatever the picture, and the number of samples does not depend on the picture.
+other pixels here, and a step is one picture pixel. With ``step_pixel="scene"`` it is P_I of the
+display, and the number of samples does not depend on the picture.
 
-Where the print cannot be followed (see `_steps` and `_match`):
+Deviations from the print (see `_steps` and `_match`):
 
 * Eq. 5 divides by |x0 - x|, which is zero under the lens centre: one entry, z_len = 1, at the
-  central depth plane, as wherever z_len is 1. It is printed for x; the larger of the two offsets is
-  used here, so that neither axis skips a pixel.
-* The paper's picture has no background. Here uncovered pixels match nothing, and a best match
-  farther from its surface than one step is no match: a hole.
+central depth plane, as for any z_len of 1. It is printed for x; the larger of the two offsets is
+  used, so that neither axis skips a pixel.
+* The paper's picture has no background. Uncovered pixels never match, and a best match farther from
+its surface than one step is a hole.
 
-* Its one master elemental image serves arrays that lie along the panel's rows: a hexagonal lattice,
-  and an array that is turned or tilted, are refused. A pixel's colours are all taken at its centre,
-  whatever `Display.subpixels` says.
+* The single master elemental image requires arrays aligned with the panel's rows: hexagonal,
+rotated and tilted arrays are rejected. The pixel's centre serves all sub-pixels
+(`Display.subpixels`).
 
 Option ``matching="ray"`` searches the diagonal only, where the row sample and the column sample
-are of the same depth and the entry is on the ray. Nothing else changes: still the best match wins,
-not the first hit.
+have the same depth and the entry is on the ray. The best match still wins, not the first hit.
 """
 
 from __future__ import annotations
@@ -88,15 +86,17 @@ def prepare(
     matching : {"matrix", "ray"}
         Search the whole matrix, as printed, or only the entries on the ray.
     rounding : {"nearest", "up"}
-        Of z_len (Eq. 6): to the nearest whole number, as printed, or so that z_max is reached.
+        Rounding of z_len (Eq. 6): to the nearest whole number, as printed, or up, so that z_max is
+        reached.
     step_pixel : {"picture", "scene"}
-        What one depth step moves the ray by (Eq. 5): a pixel of the picture, or P_I of Eq. 3.
+        Sideways movement of the ray per depth step (Eq. 5): a pixel of the picture, or P_I of Eq.
+        3.
 
     Raises
     ------
     UsageError
-        An option of another value, a display that is not separable or has no P_I to step by, or
-        templates so long that they are a slip.
+        An invalid option, a display that is not separable or has no P_I, or templates of
+        implausible length.
     """
     along_ray = one_of("matching", matching, _MATCHINGS) == "ray"
     up = one_of("rounding", rounding, _ROUNDINGS) == "up"
@@ -154,7 +154,7 @@ class _Wang2024(SourceGenerator):
         listed = () if self.pixels is None else (self.pixels.rows, self.pixels.columns)
         return run_kernel(
             _match_listed if listed else _match_all,
-            self.made_shape,
+            self.result_shape,
             HOLE,
             depth.ravel(),
             *self.shape,
@@ -172,28 +172,28 @@ class _Wang2024(SourceGenerator):
 
 
 def _match_all(
-    depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, stride, up, along_ray, found
+    depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, stride, up, along_ray, sources
 ):
     """Match every panel pixel; u and v are column and row coordinates in picture pixels."""
     for i in prange(len(v0)):
         for j in range(len(u0)):
             step, z_len = _steps(du[j], dv[i], z_min, z_max, stride, up)
             start = single if z_len == 1 else z_min
-            found[i * len(u0) + j] = _match(
+            sources[i * len(u0) + j] = _match(
                 depth, rows, columns, u0[j], du[j], v0[i], dv[i], start, step, z_len, along_ray
             )
 
 
 def _match_listed(
     depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, stride, up, along_ray,
-    at_row, at_column, found,
+    at_row, at_column, sources,
 ):  # fmt: skip
     """Match the panel pixels in some rows and columns."""
     for n in prange(len(at_row)):
         i, j = at_row[n], at_column[n]
         step, z_len = _steps(du[j], dv[i], z_min, z_max, stride, up)
         start = single if z_len == 1 else z_min
-        found[n] = _match(
+        sources[n] = _match(
             depth, rows, columns, u0[j], du[j], v0[i], dv[i], start, step, z_len, along_ray
         )
 

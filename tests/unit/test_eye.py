@@ -198,8 +198,8 @@ def test_in_the_next_zone_each_lens_shows_its_neighbour_s_image(renderer):
     from inim.render.reconstruct import reconstruct
 
     display = small_display()
-    eia, aside = random_eia(display), display.pitch_mm * DISTANCE / display.gap_mm
-    next_zone = Viewpoint("next", aside, 0, DISTANCE)
+    eia, pixel_offset = random_eia(display), display.pitch_mm * DISTANCE / display.gap_mm
+    next_zone = Viewpoint("next", pixel_offset, 0, DISTANCE)
     with pytest.raises(ViewpointError, match="outside the viewing zone"):
         reconstruct(eia, display, next_zone, "pinhole")
     flipped = reconstruct(eia, display, next_zone, "pinhole", allow_flips=True)

@@ -168,8 +168,8 @@ def test_a_pixel_shows_the_mean_of_the_rays_from_what_shines_of_it(algorithm, di
         for channel, place in enumerate(PATTERNS[shown.subpixels]):
             mean, sure = np.zeros(len(pixels)), np.ones(len(pixels), bool)
             for down, right in _QUARTERS[samples]:
-                aside = (down * fill, place.right + right * place.width * fill)
-                rays = rays_over(shown, rgbd, pixels, aside)
+                pixel_offset = (down * fill, place.right + right * place.width * fill)
+                rays = rays_over(shown, rgbd, pixels, pixel_offset)
                 known = answer(algorithm, rays, rgbd, shown, np.float64)
                 sources, _ = with_rational_ties(algorithm, known, known.sources, rays, rgbd, shown)
                 if not shown.is_separable:

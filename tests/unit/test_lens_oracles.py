@@ -168,11 +168,11 @@ def relief(display, x, y):
     offset_x, offset_y = np.zeros_like(x), np.zeros_like(y)
     for row in range(display.lens_rows):
         cy = (display.lens_rows / 2 - 0.5 - row) * py
-        aside = 0.0
+        pixel_offset = 0.0
         if display.lattice == "hexagonal" and display.lens_rows > 1:
-            aside = px / 4 if row % 2 else -px / 4
+            pixel_offset = px / 4 if row % 2 else -px / 4
         for column in range(display.lens_columns):
-            cx = (column + 0.5 - display.lens_columns / 2) * px + aside
+            cx = (column + 0.5 - display.lens_columns / 2) * px + pixel_offset
             distance = (x - cx) ** 2 + (y - cy) ** 2
             closer = distance < nearest
             nearest = np.where(closer, distance, nearest)

@@ -152,8 +152,8 @@ def test_a_centre_view_s_disparity_is_the_depth_behind_each_lens_centre(lenses, 
     shown = np.broadcast_to(lens_x[None, :] < 1.9, expected.shape)
     np.testing.assert_array_equal(np.isfinite(found), shown)
     # A lens's centre on a border of pixels has the depth half a pixel aside.
-    aside = 0.375 * pixel if per_pitch % 2 == 0 else 0.0
-    assert np.abs(found - expected)[shown].max() <= aside + 1e-5
+    pixel_offset = 0.375 * pixel if per_pitch % 2 == 0 else 0.0
+    assert np.abs(found - expected)[shown].max() <= pixel_offset + 1e-5
 
 
 @pytest.mark.parametrize(

@@ -33,8 +33,8 @@ def pictures(seed: int, rows: int = 40, columns: int = 48) -> tuple[np.ndarray, 
 def test_a_degree_has_as_many_pixels_as_fit_into_it():
     """573 mm away, a hundredth of a millimetre short of it, a degree is a centimetre wide."""
     assert Viewing.of(0.25, (0, 0, 572.9578), 500).pixels_per_degree == pytest.approx(40, rel=1e-4)
-    aside = Viewing.of(0.25, (300, 0, 400), 500)
-    assert aside.pixels_per_degree == pytest.approx(40 * 500 / 572.9578, rel=1e-4)
+    pixel_offset = Viewing.of(0.25, (300, 0, 400), 500)
+    assert pixel_offset.pixels_per_degree == pytest.approx(40 * 500 / 572.9578, rel=1e-4)
 
 
 def test_a_view_s_pixels_lie_on_the_array():

@@ -74,10 +74,10 @@ def centres(display: Display, pitch: float, beyond: int = 2):
     found, real = [], []
     for m in range(-beyond, display.lens_rows + beyond):
         for n in range(-beyond, display.lens_columns + beyond):
-            aside = 0.0
+            pixel_offset = 0.0
             if display.lattice == "hexagonal":
-                aside = 0.25 if m % 2 else -0.25
-            x = (n - (display.lens_columns - 1) / 2 + aside) * display.pitch_mm * ratio
+                pixel_offset = 0.25 if m % 2 else -0.25
+            x = (n - (display.lens_columns - 1) / 2 + pixel_offset) * display.pitch_mm * ratio
             y = ((display.lens_rows - 1) / 2 - m) * display.row_pitch_mm * ratio
             found.append(complex(x, y) * turn + complex(display.shift_x_mm, display.shift_y_mm))
             real.append(0 <= m < display.lens_rows and 0 <= n < display.lens_columns)

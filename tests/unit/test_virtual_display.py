@@ -181,8 +181,8 @@ def test_eye_far_off_sees_one_pixel_column_of_every_lens():
     codes = panel_of_places(DISPLAY)
     distance = 1e6
     for pixel in range(8):
-        aside = (pixel + 0.5 - 4) / 8  # mm from the lens's centre
-        eye = (-aside * distance / DISPLAY.gap_mm, 0.0, distance)
+        pixel_offset = (pixel + 0.5 - 4) / 8  # mm from the lens's centre
+        eye = (-pixel_offset * distance / DISPLAY.gap_mm, 0.0, distance)
         seen = still_view(codes, DISPLAY, eye, pixels_per_lens=1, grid=2)
         assert (seen[..., 1] == 30 * pixel).all()
         assert (seen[..., 0] == 255 * (np.arange(12) % 2)).all()

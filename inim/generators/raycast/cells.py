@@ -11,7 +11,7 @@ import numpy as np
 from inim.display import Display
 from inim.display.pixels import PixelAxis, PixelRays, stated
 from inim.errors import UsageError
-from inim.generators.base import CENTRE, Aside
+from inim.generators.base import CENTRE, PixelOffset
 
 # Whole numbers up to here are floats, and the quotient of two is rounded once.
 _EXACT = 2**53
@@ -51,7 +51,7 @@ class CellRays:
 
 
 def cell_rays(
-    shape: tuple[int, int], pixel_mm: float, display: Display, aside: Aside = CENTRE
+    shape: tuple[int, int], pixel_mm: float, display: Display, pixel_offset: PixelOffset = CENTRE
 ) -> tuple[CellRays, CellRays]:
     """Column rays and row rays of a display over a picture.
 
@@ -65,7 +65,7 @@ def cell_rays(
         Where in its pixel each ray starts, in panel pixels from the centre.
     """
     rows, columns = shape
-    down, right = aside
+    down, right = pixel_offset
     return (
         _axis(display.columns, pixel_mm, columns, display, +1, right),
         _axis(display.rows, pixel_mm, rows, display, -1, down),
@@ -115,11 +115,16 @@ def check_ray_length(name: str, display: Display, shape: tuple[int, int], pixel_
 
 
 def _axis(
-    pixels: PixelAxis, cell_mm: float, cells: int, display: Display, sign: int, aside: Fraction
+    pixels: PixelAxis,
+    cell_mm: float,
+    cells: int,
+    display: Display,
+    sign: int,
+    pixel_offset: Fraction,
 ) -> CellRays:
     cell, gap = stated(cell_mm), stated(display.gap_mm)
     # In cells: start = cells / 2 + centre / cell, slope = offset unit / (cell gap).
-    per_offset = sign * pixels.unit_mm / aside.denominator / (cell * gap)
+    per_offset = sign * pixels.unit_mm / pixel_offset.denominator / (cell * gap)
     per_centre = sign * pixels.unit_mm / cell
     # Powers of two are exact in floats: keep them out of the whole numbers.
     twos = _twos(per_offset)
@@ -127,7 +132,7 @@ def _axis(
     factor = math.lcm(2, per_centre.denominator) * odd.denominator
     middle, along, per_mm = (int(factor * n) for n in (Fraction(cells, 2), per_centre, odd))
     start = [middle + n * along for n in pixels.centre]
-    slope = [n * per_mm for n in pixels.moved_offset(aside)]
+    slope = [n * per_mm for n in pixels.moved_offset(pixel_offset)]
     if max(factor * cells, *map(abs, start), *map(abs, slope)) >= _EXACT:
         # Lengths without a short form: everything in cells, rounded as floats are.
         rounded = [np.array([n / factor for n in axis]) for axis in (start, slope)]

@@ -112,7 +112,7 @@ class Filled(SourceGenerator):
         holes = np.flatnonzero(sources == HOLE)
         colour = np.ones((len(holes), 4), np.float32)
         filled = np.zeros(len(holes), np.bool_)
-        columns, rows = cell_rays(self.shape, self.pixel_mm, self.display, ray.aside)
+        columns, rows = cell_rays(self.shape, self.pixel_mm, self.display, ray.pixel_offset)
         display = self.display
         down = _lattice(display.rows, display.lens_rows, display.elemental_row_pitch_mm, display)
         across = _lattice(

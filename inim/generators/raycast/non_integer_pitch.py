@@ -129,7 +129,7 @@ class NonIntegerPitch(PhaseGenerator):
         display, shape, pixel_mm = self.display, self.shape, self.pixel_mm
         per_pitch = cells_per_pitch(display, pixel_mm)
         assert per_pitch is not None
-        rays = cell_rays(shape, pixel_mm, display, self.aside)
+        rays = cell_rays(shape, pixel_mm, display, self.pixel_offset)
         columns, rows = (axis_runs(axis, display.depth_range_mm) for axis in rays)
         # As if under the lens 0.
         row_lens = np.repeat(display.rows.lens, np.diff(rows.first))

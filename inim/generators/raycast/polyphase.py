@@ -31,7 +31,7 @@ import numpy as np
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.display.pixels import stated
-from inim.generators.base import CENTRE, HOLE, Aside, PictureShape, Sources
+from inim.generators.base import CENTRE, HOLE, PictureShape, PixelOffset, Sources
 from inim.generators.raycast.cells import CellRays, cell_rays
 from inim.generators.raycast.columns import Columns, columns_of
 from inim.generators.raycast.ray_by_ray import FirstHits, rounded_up, walk
@@ -194,7 +194,7 @@ class PhaseGenerator(FirstHits):
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
-        return self.find_into(rgbd, np.empty(self.made_shape, np.int32))
+        return self.find_into(rgbd, np.empty(self.result_shape, np.int32))
 
     def find_into(self, rgbd: RGBD, found: Sources) -> Sources:
         """See `SourceGenerator.find_into`."""
@@ -428,13 +428,13 @@ def shares_directions(display: Display) -> bool:
 
 
 def build_lists(
-    display: Display, shape: PictureShape, pixel_mm: float, aside: Aside = CENTRE
+    display: Display, shape: PictureShape, pixel_mm: float, pixel_offset: PixelOffset = CENTRE
 ) -> DirectionLists:
     """Templates by exact traversal, in float64, from the rays of the first lens."""
     per_pitch = cells_per_pitch(display, pixel_mm)
     assert per_pitch is not None and shares_directions(display)
     pixels = round(display.pixels_per_lens)
-    column_rays, row_rays = cell_rays(shape, pixel_mm, display, aside)
+    column_rays, row_rays = cell_rays(shape, pixel_mm, display, pixel_offset)
     longest = sum(rays.most_cells(display.depth_range_mm) for rays in (column_rays, row_rays))
     cells, exits = np.empty((longest, 2), np.int64), np.empty(longest)
     visited, left, first = [], [], [0]

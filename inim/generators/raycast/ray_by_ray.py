@@ -19,9 +19,9 @@ from inim.display.pixels import pixel_rays, row_blocks
 from inim.generators.base import (
     CENTRE,
     HOLE,
-    Aside,
     PictureShape,
     PixelList,
+    PixelOffset,
     SourceGenerator,
     Sources,
 )
@@ -207,10 +207,10 @@ class FirstHits(SourceGenerator):
         shape: PictureShape,
         pixel_mm: float,
         rule: str,
-        aside: Aside = CENTRE,
+        pixel_offset: PixelOffset = CENTRE,
         pixels: PixelList | None = None,
     ) -> None:
-        super().__init__(display, shape, pixel_mm, pixels, aside)
+        super().__init__(display, shape, pixel_mm, pixels, pixel_offset)
         self._rule = rule
         self._prepare()
 
@@ -231,7 +231,7 @@ class RayByRay(FirstHits):
     def _prepare(self) -> None:
         self._columns, self._rows = (
             axis_runs(rays, self.display.depth_range_mm)
-            for rays in cell_rays(self.shape, self.pixel_mm, self.display, self.aside)
+            for rays in cell_rays(self.shape, self.pixel_mm, self.display, self.pixel_offset)
         )
 
     def find(self, rgbd: RGBD) -> Sources:
@@ -247,7 +247,7 @@ class RayByRay(FirstHits):
             for axis, cells in zip((self._rows, self._columns), self.shape, strict=True)
         ]
         met = (fronts, backs, columns.continue_behind, z_min)
-        found = np.empty(self.made_shape, np.int32)
+        found = np.empty(self.result_shape, np.int32)
         if self.pixels is None:
             _first_hits(*runs, _covered_above(fronts[0] > -np.inf), *met, found)
         else:
@@ -350,7 +350,7 @@ class NonSeparable(FirstHits):
         z_min, z_max = self.display.depth_range_mm
         # Above the nearest surface nothing is hit; just above it, a cell left exactly there counts.
         z_max = min(z_max, float(np.nextafter(np.float64(fronts[0].max()), np.inf)))
-        found = np.full(self.made_shape, HOLE, np.int32)
+        found = np.full(self.result_shape, HOLE, np.int32)
         if z_max <= z_min:
             return found
         met = (fronts, backs, columns.continue_behind)
@@ -373,17 +373,17 @@ def ray_blocks(
     at : (rows, columns) slices
         Where in what is made they lie; of a list of pixels, a block is one row of those it has.
     """
-    aside = float(made.aside[0]), float(made.aside[1])
+    pixel_offset = float(made.pixel_offset[0]), float(made.pixel_offset[1])
     for rows in row_blocks(made.display):
         at = (rows, slice(None))
         if made.pixels is None:
-            rays = pixel_rays(made.display, rows, aside)
+            rays = pixel_rays(made.display, rows, pixel_offset)
             yield rays.lens >= 0, free_cell_rays(made.shape, made.pixel_mm, rays), at
             continue
         first, end = np.searchsorted(made.pixels.rows, (rows.start, rows.stop))
         if first == end:
             continue
-        rays = pixel_rays(made.display, rows, aside)
+        rays = pixel_rays(made.display, rows, pixel_offset)
         few = made.pixels.rows[first:end] - rows.start, made.pixels.columns[first:end]
         cells = free_cell_rays(made.shape, made.pixel_mm, rays)
         picked = tuple(coordinate[few][None] for coordinate in cells)

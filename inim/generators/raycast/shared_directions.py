@@ -20,7 +20,7 @@ import numpy as np
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import Aside, PictureShape, PixelList, SourceGenerator, for_mask
+from inim.generators.base import PictureShape, PixelList, PixelOffset, SourceGenerator, for_mask
 from inim.generators.raycast.cells import check_ray_length
 from inim.generators.raycast.columns import LAYERS, SOLID, Columns
 from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
@@ -63,7 +63,7 @@ class SharedDirections(PhaseGenerator):
     def _prepare(self) -> None:
         super()._prepare()
         shape, display, rule = self.shape, self.display, self._rule
-        lists = self._lists = build_lists(display, shape, self.pixel_mm, self.aside)
+        lists = self._lists = build_lists(display, shape, self.pixel_mm, self.pixel_offset)
         lenses = (display.lens_rows, display.lens_columns)
         phases = self._phases = Phases.make(
             lists.per_pitch, lists.row, lists.column, lenses, end=rule != SOLID
@@ -337,13 +337,13 @@ def first_hits(
     tables = (shared or rule != LAYERS) and fits_tables(display, shape, pixel_mm, layers)
 
     def made(pixels: PixelList | None) -> SourceGenerator:
-        def through(aside: Aside) -> SourceGenerator:
+        def through(pixel_offset: PixelOffset) -> SourceGenerator:
             if not display.is_separable:
-                return NonSeparable(display, shape, pixel_mm, rule, aside, pixels)
+                return NonSeparable(display, shape, pixel_mm, rule, pixel_offset, pixels)
             if pixels is not None or not tables:
-                return RayByRay(display, shape, pixel_mm, rule, aside, pixels)
+                return RayByRay(display, shape, pixel_mm, rule, pixel_offset, pixels)
             tabled = SharedDirections if shared else NonIntegerPitch
-            return tabled(display, shape, pixel_mm, rule, aside)
+            return tabled(display, shape, pixel_mm, rule, pixel_offset)
 
         return averaged(display, int(samples), through)
 

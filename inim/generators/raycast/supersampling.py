@@ -21,13 +21,13 @@ import numpy as np
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.display.pixels import SUBPIXELS, SubPixel, stated
-from inim.generators.base import CENTRE, Aside, Ray, SourceGenerator, Sources
+from inim.generators.base import CENTRE, PixelOffset, Ray, SourceGenerator, Sources
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD
 
 _WHOLE = SUBPIXELS["none"][0]
 _A = Fraction(1, 4)
-_PLACES: dict[int, tuple[Aside, ...]] = {
+_PLACES: dict[int, tuple[PixelOffset, ...]] = {
     2: ((-_A, -_A), (_A, _A)),
     4: ((-_A, -_A), (-_A, _A), (_A, -_A), (_A, _A)),
 }
@@ -37,7 +37,7 @@ _STEPS = 4096
 
 
 def averaged(
-    display: Display, samples: int, make: Callable[[Aside], SourceGenerator]
+    display: Display, samples: int, make: Callable[[PixelOffset], SourceGenerator]
 ) -> SourceGenerator:
     """A generator of one or several rays per panel pixel, or per sub-pixel where it has some.
 
@@ -62,7 +62,7 @@ def averaged(
     return Subpixelled(display.subpixels, of_subpixel)
 
 
-def _sampled_places(samples: int, subpixel: SubPixel, pixel_fill: float) -> tuple[Aside, ...]:
+def _sampled_places(samples: int, subpixel: SubPixel, pixel_fill: float) -> tuple[PixelOffset, ...]:
     """Centres of the quarters of what shines of a pixel, that each sample count looks through.
 
     Parameters
@@ -93,7 +93,9 @@ class Supersampled(SourceGenerator):
         Two or four.
     """
 
-    def __init__(self, make: Callable[[Aside], SourceGenerator], places: Sequence[Aside]) -> None:
+    def __init__(
+        self, make: Callable[[PixelOffset], SourceGenerator], places: Sequence[PixelOffset]
+    ) -> None:
         self._make = make
         self._each = [make(place) for place in places]
         one = self._each[0]
@@ -115,7 +117,7 @@ class Supersampled(SourceGenerator):
     @cached_property
     def _found(self) -> np.ndarray:
         """Where `samples` are written; kept for the next picture."""
-        return np.empty((len(self._each), *self.made_shape), np.int32)
+        return np.empty((len(self._each), *self.result_shape), np.int32)
 
     def samples(self, rgbd: RGBD) -> np.ndarray:
         """Sources of each ray of every pixel, (rays, rows, columns), until the next call."""

@@ -16,7 +16,7 @@ from inim.display import Display
 from inim.display.pixels import stated
 from inim.errors import InimError
 from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
-from inim.generators.oracle import Aside
+from inim.generators.oracle import PixelOffset
 from inim.generators.raycast.polyphase import cells_per_pitch, shares_directions
 from inim.generators.template import ray_by_ray
 from inim.image.rgbd import RGBD
@@ -76,7 +76,7 @@ VARIANTS = [
 ]
 _QUARTER = Fraction(1, 4)
 _LEFT_AND_UP = (-_QUARTER, -_QUARTER)
-_RAY_PLACES: dict[int, tuple[Aside, ...]] = {
+_RAY_PLACES: dict[int, tuple[PixelOffset, ...]] = {
     2: (_LEFT_AND_UP, (_QUARTER, _QUARTER)),
     4: (_LEFT_AND_UP, (-_QUARTER, _QUARTER), (_QUARTER, -_QUARTER), (_QUARTER, _QUARTER)),
 }

@@ -385,10 +385,10 @@ def _landings(
         x, y, i, j = placed[m, n]
         here = np.flatnonzero((i == column) & (j == row))
         dx, dy = x[here] - (column - (wide - 1) / 2), y[here] - (row - (high - 1) / 2)
-        aside = np.abs(2 * columns[here] + 1 - rgbd.shape[1])
+        pixel_offset = np.abs(2 * columns[here] + 1 - rgbd.shape[1])
         above = np.abs(2 * rows[here] + 1 - rgbd.shape[0])
         found.append(rows[here] * rgbd.shape[1] + columns[here])
-        keys.append((-z[here], dx * dx + dy * dy, aside, above))
+        keys.append((-z[here], dx * dx + dy * dy, pixel_offset, above))
     return found, keys
 
 

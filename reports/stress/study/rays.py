@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from inim.display import Display
-from inim.generators.oracle import CENTRE, Aside, AxisRays, Line, axis_rays, lensed_pixels
+from inim.generators.oracle import CENTRE, AxisRays, Line, PixelOffset, axis_rays, lensed_pixels
 from inim.image.rgbd import RGBD
 
 # Rounding errors a coordinate collects on its way: of start, slope, depth, product and sum.
@@ -89,14 +89,16 @@ class Rays:
         return replace(self, **{k: v[kept] for k, v in each.items() if v is not None})
 
 
-def rays_over(display: Display, rgbd: RGBD, pixels: np.ndarray, aside: Aside = CENTRE) -> Rays:
+def rays_over(
+    display: Display, rgbd: RGBD, pixels: np.ndarray, pixel_offset: PixelOffset = CENTRE
+) -> Rays:
     """The rays of panel pixels, (n, 2) rows and columns, over a picture, however the array lies.
 
     A ray moved aside in its pixel keeps that pixel's lens.
     """
     if not display.is_separable:
-        return _mounted_rays(display, rgbd, pixels, aside)
-    axes = axis_rays(display, rgbd, aside)
+        return _mounted_rays(display, rgbd, pixels, pixel_offset)
+    axes = axis_rays(display, rgbd, pixel_offset)
     (v0, dv), (u0, du) = ((np.array(a.start, float), np.array(a.slope, float)) for a in axes)
     r, c = pixels.T
     none = np.zeros(len(pixels))
@@ -137,7 +139,9 @@ def _sampled(count: int, most: int) -> np.ndarray:
 # -- arrays that are hexagonal, turned or tilted --------------------------------------------------
 
 
-def _mounted_rays(display: Display, rgbd: RGBD, pixels: np.ndarray, aside: Aside) -> Rays:
+def _mounted_rays(
+    display: Display, rgbd: RGBD, pixels: np.ndarray, pixel_offset: PixelOffset
+) -> Rays:
     """In long doubles; the gap is the pixel's own.
 
     Slopes are ``(x0 - x) / g`` with ``g = gap + tan(tilt_x) x + tan(tilt_y) y`` where it starts.
@@ -145,7 +149,7 @@ def _mounted_rays(display: Display, rgbd: RGBD, pixels: np.ndarray, aside: Aside
     own, margin = _owners(display, pixels)
     across, up, _ = _centres(display, display.pitch_mm)
     x0, y0 = across[own], up[own]
-    x, y = _places(display, pixels, aside)
+    x, y = _places(display, pixels, pixel_offset)
     slopes = [np.tan(_radians(getattr(display, name))) for name in ("tilt_x_deg", "tilt_y_deg")]
     gap = _REAL(display.gap_mm) + slopes[0] * x + slopes[1] * y
     cell, (high, wide) = _REAL(rgbd.pixel_mm), rgbd.shape
@@ -190,11 +194,11 @@ def _radians(degrees: float) -> np.longdouble:
 
 
 def _places(
-    display: Display, pixels: np.ndarray, aside: Aside = CENTRE
+    display: Display, pixels: np.ndarray, pixel_offset: PixelOffset = CENTRE
 ) -> tuple[np.ndarray, np.ndarray]:
     """Where panel pixels are, mm to the right and up."""
     rows, columns = display.eia_shape
-    down, right = (_REAL(part.numerator) / part.denominator for part in aside)
+    down, right = (_REAL(part.numerator) / part.denominator for part in pixel_offset)
     pitch = _REAL(display.pixel_pitch_mm)
     x = (pixels[:, 1] - _REAL(columns - 1) / 2 + right) * pitch
     y = (_REAL(rows - 1) / 2 - pixels[:, 0] - down) * pitch
