@@ -38,7 +38,7 @@ def best_algorithm(headlines: Mapping[str, Sequence[float]]) -> str | None:
     return best if best is not None and headlines[best] else None
 
 
-def preferred(metric: Metric, means: Mapping[str, float], best: str) -> str:
+def preferred_algorithm(metric: Metric, means: Mapping[str, float], best: str) -> str:
     """Name of the algorithm that a metric ranks first; the headline's best within the tolerance.
 
     Parameters

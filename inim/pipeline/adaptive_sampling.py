@@ -118,8 +118,8 @@ def stage_names(plan: Plan) -> list[str]:
 def scale_samples(settings: Settings, share: float) -> Settings:
     """Return settings with a share of the samples, each count even for the two halves."""
     counts = {name: getattr(settings, name) for name in _COUNTS}
-    scaled = {n: min(c, 2 * max(1, math.ceil(share * c / 2))) for n, c in counts.items()}
-    return replace(settings, **scaled)
+    reduced_counts = {n: min(c, 2 * max(1, math.ceil(share * c / 2))) for n, c in counts.items()}
+    return replace(settings, **reduced_counts)
 
 
 def largest_uncertainty(
@@ -154,9 +154,11 @@ def next_share(share: float, scores: Mapping[str, ScoreEstimate], error: float) 
     It is the `share` behind `scores`, doubled at least once to keep the samples evenly spread, and
     1 at most.
     """
-    needed = max((_needed_share(share, score, error) for score in scores.values()), default=1.0)
+    share_needed = max(
+        (_needed_share(share, score, error) for score in scores.values()), default=1.0
+    )
     share *= 2
-    while share < min(needed, 1):
+    while share < min(share_needed, 1):
         share *= 2
     return min(share, 1.0)
 

@@ -226,8 +226,8 @@ def differing_conditions(before: Conditions, after: Conditions) -> list[str]:
     """
     baseline, candidate = msgspec.to_builtins(before), msgspec.to_builtins(after)
     names = [*baseline, *(name for name in candidate if name not in baseline)]
-    changed = [n for n in names if not _is_same(baseline.get(n), candidate.get(n))]
-    causes = [n for n in changed if _DERIVED.get(n) not in changed]
+    differing = [n for n in names if not _is_same(baseline.get(n), candidate.get(n))]
+    causes = [n for n in differing if _DERIVED.get(n) not in differing]
     return [f"{name}{_difference(candidate.get(name), baseline.get(name))}" for name in causes]
 
 
@@ -355,10 +355,10 @@ def tile_pictures(
     change = tile_change(baseline, candidate, sidak(FALSE_ALARM_RATE, 4 * baseline.power.size))
     codes = np.nan_to_num(change.codes, nan=255.0)
     largest = np.argmax(np.abs(codes), axis=-1)[..., None]
-    signed = np.take_along_axis(codes, largest, axis=-1)[..., 0]
-    size = np.minimum(1.0, _GAIN * np.abs(signed) / 255)
+    largest_change = np.take_along_axis(codes, largest, axis=-1)[..., 0]
+    size = np.minimum(1.0, _GAIN * np.abs(largest_change) / 255)
     size = np.where(change.failed, np.maximum(size, _MIN_BRIGHTNESS), 0.1 * size)
-    colour = np.where((signed > 0)[..., None], _BRIGHTER, _DARKER) * size[..., None]
+    colour = np.where((largest_change > 0)[..., None], _BRIGHTER, _DARKER) * size[..., None]
     return _enlarge(np.nan_to_num(baseline.mean), baseline), _enlarge(colour, baseline)
 
 

@@ -223,11 +223,11 @@ class _Sets:
         # One number per colour: equal for equal colours, and almost never for others. A matrix
         # product's rounding could depend on the position in the array, so add term by term.
         red, green, blue = (difference[..., c] for c in range(3))
-        mixed = self._by_tile(red + 0.754877666 * green + 0.569840291 * blue)
-        self._order = np.argsort(mixed, axis=-1)
-        mixed = np.take_along_axis(mixed, self._order, axis=-1)
-        begins = np.ones(mixed.shape, bool)
-        begins[:, 1:] = np.diff(mixed, axis=-1) != 0
+        keys = self._by_tile(red + 0.754877666 * green + 0.569840291 * blue)
+        self._order = np.argsort(keys, axis=-1)
+        keys = np.take_along_axis(keys, self._order, axis=-1)
+        begins = np.ones(keys.shape, bool)
+        begins[:, 1:] = np.diff(keys, axis=-1) != 0
         self._starts = np.flatnonzero(begins)
         counts = np.count_nonzero(begins, axis=-1)
         self._tile_starts = np.concatenate([[0], np.cumsum(counts)[:-1]])

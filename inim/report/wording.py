@@ -16,7 +16,7 @@ from inim.documents.parts import Check
 from inim.documents.picture import PictureDocument
 from inim.documents.report import ReportDocument
 from inim.metrics import Metric, all_metrics, find
-from inim.metrics.headline import HEADLINE, preferred
+from inim.metrics.headline import HEADLINE, preferred_algorithm
 
 ScoreKind = Literal["scene", "reference", "relic", "relic to reference", "eia"]
 
@@ -224,7 +224,7 @@ def disagreements(report: ReportDocument) -> list[str]:
         means = {
             name: mean for name in report.algorithms if (mean := report.mean(name, key)) is not None
         }
-        other = preferred(metric, means, best)
+        other = preferred_algorithm(metric, means, best)
         if other == best:
             continue
         better, worse = (

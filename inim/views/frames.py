@@ -45,14 +45,14 @@ def frames(
     if isinstance(source, TracedScene):
         scene = Scene(source.file(), design, source.fit_share, renderer)
     else:
-        displayed = DisplayedEIA(source, None, optics, renderer)
+        eia_on_display = DisplayedEIA(source, None, optics, renderer)
     for eye in eyes:
         renderer.observer.stage(stage)
         if isinstance(source, TracedScene):
             sampling = (optics.view_pixels_per_lens, optics.half_spp, 0)
             view = render_view(scene, eye, *sampling, run=Run())[0].image
         else:
-            view = displayed.view(eye, half=0)
+            view = eia_on_display.view(eye, half=0)
         yield srgb_codes(view)
 
 

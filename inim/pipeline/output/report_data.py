@@ -81,7 +81,7 @@ def make_report(
         backend=Backend(**backend_data(evaluation.backend)),
         lens_model=plan.settings.lens_model,
         viewpoints=[EyePosition(name=v.name, position_mm=v.position_mm) for v in plan.viewpoints],
-        rgbd=_captured(evaluation.capture.rgbd),
+        rgbd=_describe_capture(evaluation.capture.rgbd),
         noise_floor=noise_floor,
         scoring=_scoring(),
         reference=ReferenceViews(views=reference_views, precision=reference_precision),
@@ -128,7 +128,7 @@ def _scoring() -> Scoring:
     )
 
 
-def _captured(rgbd: RGBD) -> CapturedPicture:
+def _describe_capture(rgbd: RGBD) -> CapturedPicture:
     covered = rgbd.depth_mm[rgbd.covered]
     return CapturedPicture(
         rows=rgbd.shape[0],

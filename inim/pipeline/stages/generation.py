@@ -95,7 +95,7 @@ class GeneratorHandle:
     @cached_property
     def generator(self) -> Generator:
         """The generator; preparing it sets `seconds`."""
-        started = time.perf_counter()
+        start = time.perf_counter()
         with foreign_errors(self.algorithm):
             generator = prepare(
                 self.display,
@@ -104,7 +104,7 @@ class GeneratorHandle:
                 pixel_mm=self.pixel_mm,
                 mask=self.mask,
             )
-        self.seconds = time.perf_counter() - started
+        self.seconds = time.perf_counter() - start
         return generator
 
     def run(self, rgbd: RGBD) -> tuple[np.ndarray, float, np.ndarray | None]:
@@ -233,16 +233,16 @@ def run_generator(
     UsageError
         Another package's generator failed, or its result does not fit the display.
     """
-    started = time.perf_counter()
+    start = time.perf_counter()
     with foreign_errors(name):
         # The sources suffice if the colours are copied from them.
         source = generator if isinstance(generator, SourceGenerator) else None
         if source is not None and mask is None and source.shows_sources(rgbd):
             sources = _sources(source, rgbd, display)
             eia = colour_of(sources, rgbd)
-            return eia, time.perf_counter() - started, sources < 0
+            return eia, time.perf_counter() - start, sources < 0
         eia = generator.generate(rgbd)
-        seconds = time.perf_counter() - started
+        seconds = time.perf_counter() - start
         check_array(eia, (*display.eia_shape, 3), "float32")
         if source is None:
             return eia, seconds, None

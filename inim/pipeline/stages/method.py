@@ -253,8 +253,8 @@ def parse_eias(items: Iterable[str]) -> dict[str, Path]:
 def _file_method(name: str, path: Path) -> Method:
     if not is_file_safe(name):
         raise UsageError(f"--eia name {name!r}: use 1 to 64 letters, digits or . _ + -")
-    reserved = (*_RESERVED_NAMES, PICKUP, *algorithm_names())
-    if name.lower() in (word.lower() for word in reserved):
+    reserved_names = (*_RESERVED_NAMES, PICKUP, *algorithm_names())
+    if name.lower() in (word.lower() for word in reserved_names):
         raise UsageError(f"--eia name {name!r} is reserved; choose another")
     return FileMethod(name, path)
 
@@ -296,9 +296,10 @@ def generator_times(
     display = capture.camera.scene.display
     with run.observer.timed("time"):
         rgbd = display_ready(capture.rgbd)
-        layered = rgbd if capture.layered is None else display_ready(capture.layered)
+        layered_rgbd = rgbd if capture.layered is None else display_ready(capture.layered)
         timed_methods = [
-            prepare_method(m.name, layered if m.reads_layers else rgbd, display) for m in generators
+            prepare_method(m.name, layered_rgbd if m.reads_layers else rgbd, display)
+            for m in generators
         ]
         for _ in range(_MAX_REPETITIONS):
             timings = time_methods(timed_methods, rgbd, display, Rounds(runs=_ROUNDS))

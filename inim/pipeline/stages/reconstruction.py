@@ -45,8 +45,8 @@ class Optics:
         """Return all values that affect a view, by the names of the settings."""
         display = {f"display {k}": v for k, v in self.display.given().items() if k != "name"}
         package = foreign_identity(self.lens_model)
-        others = {name: value for name, value in vars(self).items() if name != "display"}
-        return display | others | {"lens_model's package": package}
+        settings = {name: value for name, value in vars(self).items() if name != "display"}
+        return display | settings | {"lens_model's package": package}
 
     def viewing(self, eye: Viewpoint, luminance_cd_m2: float) -> Viewing:
         """Viewing conditions of a view; its pixels are on the lens array."""
@@ -115,15 +115,15 @@ class DisplayedEIA:
     describe=("reconstructed", "nothing", "its EIA or its viewpoint is new"),
     derived=("name",),
 )
-def reconstruct(name: str, displayed: DisplayedEIA, viewpoint: Viewpoint) -> NoisyImage:
+def reconstruct(name: str, eia: DisplayedEIA, viewpoint: Viewpoint) -> NoisyImage:
     """Reconstruct a view of an EIA, exposed so that the panel's white appears white.
 
     The view is the mean of two half images. Equal EIAs with equal seeds have equal views. A view is
     linear in its EIA, so the EIA's noise changes it by the view of the EIA plus its noise, minus
     the first half image, both with the same random numbers.
     """
-    first, second = displayed.view(viewpoint, 0), displayed.view(viewpoint, 1)
-    noisy = first if displayed.noise is None else displayed.view(viewpoint, 0, add_noise=True)
+    first, second = eia.view(viewpoint, 0), eia.view(viewpoint, 1)
+    noisy = first if eia.noise is None else eia.view(viewpoint, 0, add_noise=True)
     image = np.float32(0.5) * (first + second)
     noise = np.float32(0.5) * (first - second) + (noisy - first)
     return NoisyImage.from_image(image, noise)
@@ -139,22 +139,22 @@ def reconstruct_views(
     run: Run,
 ) -> dict[str, NoisyImage]:
     """Reconstruct the views of an EIA, by viewpoint."""
-    displayed = DisplayedEIA(eia.image, eia.noise, optics, renderer)
-    return {eye.name: reconstruct(name, displayed, eye, run=run) for eye in viewpoints}
+    eia_on_display = DisplayedEIA(eia.image, eia.noise, optics, renderer)
+    return {eye.name: reconstruct(name, eia_on_display, eye, run=run) for eye in viewpoints}
 
 
 def find_observed_pixels(
     viewpoints: Sequence[Viewpoint], optics: Optics, renderer: Renderer, *, run: Run
 ) -> np.ndarray | None:
     """Find the panel pixels that views sample, (rows, columns) bool; None if it may be any."""
-    packed = _packed_observed_pixels(tuple(viewpoints), optics, renderer, run=run)
-    if packed is None:
+    packed_mask = _packed_observed_pixels(tuple(viewpoints), optics, renderer, run=run)
+    if packed_mask is None:
         model = optics.lens_model
         reason = f"the {model} lens model scatters rays between lenses: any pixel may be observed"
         run.skipped.add("panel pixels", "all", "none", reason)
         return None
     count = optics.display.eia_shape[1]
-    mask = np.unpackbits(packed, axis=1, count=count).astype(bool)
+    mask = np.unpackbits(packed_mask, axis=1, count=count).astype(bool)
     count_text = f"{np.count_nonzero(mask)} of {mask.size} ({mask.mean():.1%})"
     reason = "no requested view samples the others"
     run.skipped.add("panel pixels", count_text, "the others, and scores of whole EIAs", reason)
