@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from inim.display import Display
-    from inim.from_camera.fit import DepthMap, Fitted
+    from inim.from_camera.fit import DepthMap, PictureFit
     from inim.from_camera.picture import CameraPicture, ColorDepth
     from inim.image.rgbd import RGBD
     from inim.settings import Settings
@@ -163,14 +163,14 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
 def _of_light_field(args: argparse.Namespace, display: Display, settings: Settings) -> list[str]:
     """Make and write the EIA of a light field; the report's lines."""
     from inim.files.light_field import read_hci
-    from inim.from_camera.light_field import centre_view_picture, shift_px, step_mm, true_eia
+    from inim.from_camera.light_field import centre_view_picture, eia_of_all_views, shift_px, step_mm
 
     field = read_hci(args.hci)
     rgbd, clipped = None, None
     if args.true_views:
         if args.rgbd is not None:
             raise UsageError("--rgbd: the true views have no depth; leave it or --true-views out")
-        eia, shown = true_eia(field, display)
+        eia, shown = eia_of_all_views(field, display)
         empty: np.ndarray | None = ~shown
     else:
         pixels_per_pitch = settings.capture_pixels_per_pitch
@@ -274,7 +274,7 @@ def _display_line(display: Display) -> str:
 def _report(
     picture: CameraPicture,
     taken: ColorDepth,
-    fitted: Fitted,
+    fitted: PictureFit,
     depth_map: DepthMap,
     display: Display,
     empty: np.ndarray | None,
@@ -301,9 +301,9 @@ def _report(
         f"depth      {depth_map.near:.5g} (near) .. {depth_map.far:.5g} (far){unit}, "
         f"{depth_map.name}, onto {float(depth_map.z_mm(np.array(depth_map.near))):.4g} .. "
         f"{float(depth_map.z_mm(np.array(depth_map.far))):.4g} mm",
-        f"missing    {taken.missing:.1%} of the depth picture, filled: {picture.fill_depth}",
+        f"missing    {taken.missing:.1%} of the depth picture, filled: {picture.missing_depth}",
         f"clipped    {fitted.clipped:.1%} of the samples lay beyond, "
-        f"{'left out' if picture.outside == 'drop' else 'taken to the ends'}",
+        f"{'left out' if picture.out_of_range == 'drop' else 'taken to the ends'}",
         f"empty      {fitted.empty:.1%} of the array's area",
         f"holes      {holes} of the EIA, fill: {fill}",
         f"size       {panel[1]} x {panel[0]} pixels of {pixel:.6g} mm: {panel[1] * pixel:.6g} x "

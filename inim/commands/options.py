@@ -133,12 +133,12 @@ def add_picture(parser: _Options) -> None:
     direction.add_argument("--far-is-large", action="store_true", help="as distances are")
     add("--near", type=float, metavar="D", help="nearest depth mapped: mm, or without a unit plain")
     add("--far", type=float, metavar="D", help="farthest (defaults: the 0.5 and 99.5 %% quantiles)")
-    add("--outside", default="clip", help="what lies beyond: clip takes it to the end, drop omits")
+    add("--out-of-range", default="clip", help="depths beyond --near and --far: clip or drop")
     add("--missing", default="", metavar="N,...", help="numbers of the file that mean no depth")
-    add("--fill-depth", default="none", help="missing depth: none, nearest, behind or far")
+    add("--missing-depth", default="none", help="missing depth: none, nearest, behind or far")
     add("--fit", help="contain: all of the picture; cover: all of the array; auto: by its depth")
     add("--frame-at", type=float, metavar="D", help="distance at which it fits (the median)")
-    add("--steepest", type=float, default=10.0, help="slope up to which samples are one surface")
+    add("--max-slope", type=float, default=10.0, help="slope up to which samples are one surface")
     add("--swap-bytes", action="store_true", help="16-bit depth in the other byte order")
 
 

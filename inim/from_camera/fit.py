@@ -266,7 +266,7 @@ def check_pinhole(camera: Pinhole, shape: tuple[int, int]) -> None:
 
 
 @dataclass(frozen=True)
-class Fitted:
+class PictureFit:
     """A picture in the display frame.
 
     Attributes
@@ -303,10 +303,10 @@ def fit_picture(
     pixels_per_pitch: float = 5,
     fit: str = "contain",
     frame_at: float | None = None,
-    steepest: float = 10.0,
+    max_slope: float = 10.0,
     coarseness: float = 1.0,
     drop: bool = False,
-) -> Fitted:
+) -> PictureFit:
     """Bring a colour and depth picture into a display's frame.
 
     Parameters
@@ -347,7 +347,7 @@ def fit_picture(
         scale = larger(size[0] / columns, size[1] / rows)
         place = {"ax": scale, "ay": scale, "cx": (columns - 1) / 2, "cy": (rows - 1) / 2}
         place |= {"ox": 0.0, "oy": 0.0}
-        apart, share = _apart(values, depth_map, steepest * coarseness * scale), 0.0
+        apart, share = _apart(values, depth_map, max_slope * coarseness * scale), 0.0
     else:
         _check_distances(values)
         frame_at = float(np.median(sample(values.depth))) if frame_at is None else frame_at
@@ -359,7 +359,7 @@ def fit_picture(
         place = {"ax": scale / camera.fx, "ay": scale / camera.fy, "cx": camera.cx, "cy": camera.cy}
         place["ox"] = -place["ax"] * ((columns - 1) / 2 - camera.cx) * frame_at
         place["oy"] = place["ay"] * ((rows - 1) / 2 - camera.cy) * frame_at
-        share = steepest * coarseness / min(camera.fx, camera.fy)
+        share = max_slope * coarseness / min(camera.fx, camera.fy)
         apart, share = 0.0, max(share, 1.5 * values.inverse_step * depth_map.far)
     inverse = camera is not None or depth_map.over_depth
     ends = [1 / d if inverse else d for d in (depth_map.near, depth_map.far)]
@@ -377,13 +377,13 @@ def fit_picture(
     )
     shape = display.capture_shape(pixels_per_pitch)
     cell = display.capture_pixel_mm(pixels_per_pitch)
-    drawn = draw_tiles(tiles, color, shape, cell, steepest * cell)
+    drawn = draw_tiles(tiles, color, shape, cell, max_slope * cell)
     if not drawn.covered.any():
         raise UsageError(
             "nothing of the picture lies on the display: check --intrinsics, --frame-at, --near "
             "and --far"
         )
-    return Fitted(
+    return PictureFit(
         RGBD(drawn.color, drawn.depth_mm, drawn.covered, cell),
         drawn.clipped / max(1, int(np.count_nonzero(~np.isnan(values.depth)))),
         empty_share(drawn.covered, display, cell),

@@ -59,7 +59,7 @@ def centre_view_picture(
     return fitted.rgbd, fitted.clipped
 
 
-def true_eia(field: LightField, display: Display) -> tuple[np.ndarray, np.ndarray]:
+def eia_of_all_views(field: LightField, display: Display) -> tuple[np.ndarray, np.ndarray]:
     """The EIA of all views, (rows, columns, 3) float32 linear RGB, and where it shows any."""
     opaque = np.full((*field.views.shape[:4], 1), 255, np.uint8)
     codes = eia_from_views(

@@ -18,16 +18,16 @@ from inim.errors import FileError, UsageError
 from inim.from_camera.depth_values import (
     FILL_RULES,
     DepthValues,
-    Meaning,
-    fill_missing,
+    DepthConvention,
+    fill_missing_depth,
     parse_unit,
-    read_meaning,
+    interpret_depth,
 )
 from inim.from_camera.fit import (
     DEPTH_MAPS,
     FITS,
     DepthMap,
-    Fitted,
+    PictureFit,
     Pinhole,
     check_pinhole,
     depth_range,
@@ -85,7 +85,7 @@ def check_same_view(color: tuple[int, int], depth: tuple[int, int], name: str) -
     )
 
 
-def resampled(depth: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
+def resample_nearest(depth: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
     """Depth at another size, each pixel's that of the nearest pixel centre."""
     if depth.shape == shape:
         return depth
@@ -208,12 +208,12 @@ class CameraPicture:
     far_is_large: bool = False
     near: float | None = None
     far: float | None = None
-    outside: str = "clip"
+    out_of_range: str = "clip"
     missing: str = ""
-    fill_depth: str = "none"
+    missing_depth: str = "none"
     fit: str | None = None
     frame_at: float | None = None
-    steepest: float = 10.0
+    max_slope: float = 10.0
     swap_bytes: bool = False
     photo: Path | None = None
 
@@ -252,15 +252,15 @@ class CameraPicture:
         """Raise `UsageError` for words and numbers that are none of an option's."""
         words = {
             "--depth-map": (self.depth_map, DEPTH_MAPS),
-            "--fill-depth": (self.fill_depth, FILL_RULES),
+            "--missing-depth": (self.missing_depth, FILL_RULES),
             "--fit": (self.fit_rule, (*FITS, "auto")),
-            "--outside": (self.outside, ("clip", "drop")),
+            "--out-of-range": (self.out_of_range, ("clip", "drop")),
         }
         for option, (word, known) in words.items():
             if word not in known:
                 raise UsageError(f"{option} {word}: use {', '.join(known[:-1])} or {known[-1]}")
-        if not (math.isfinite(self.steepest) and self.steepest > 0):
-            raise UsageError(f"--steepest {self.steepest:g}: a slope above 0; 10 is 84 degrees")
+        if not (math.isfinite(self.max_slope) and self.max_slope > 0):
+            raise UsageError(f"--max-slope {self.max_slope:g}: a slope above 0; 10 is 84 degrees")
         if self.frame_at is not None and not self.intrinsics:
             raise UsageError("--frame-at: an orthographic picture is as large at every distance")
 
@@ -282,7 +282,7 @@ class CameraPicture:
             return self._read_photo(self.photo)
         assert self.color is not None
         assert self.depth is not None
-        stated = Meaning(
+        stated = DepthConvention(
             None if self.depth_unit is None else parse_unit(self.depth_unit),
             True if self.near_is_large else False if self.far_is_large else None,
             _numbers(self.missing),
@@ -293,7 +293,7 @@ class CameraPicture:
         rows, columns = color.shape[:2]
         size = file.values.shape
         check_same_view((rows, columns), (size[0], size[1]), str(self.depth))
-        values = read_meaning(file, stated, str(self.depth))
+        values = interpret_depth(file, stated, str(self.depth))
         taken = self._taken(color, values, self.camera(), str(self.depth))
         if size == (rows, columns):
             return taken
@@ -335,8 +335,8 @@ class CameraPicture:
         rows, columns = color.shape[:2]
         size = values.depth.shape
         missing = float(np.isnan(values.depth).mean())
-        filled = fill_missing(values.depth, self.fill_depth, near_is_large=values.near_is_large)
-        values = replace(values, depth=resampled(filled, (rows, columns)))
+        filled = fill_missing_depth(values.depth, self.missing_depth, near_is_large=values.near_is_large)
+        values = replace(values, depth=resample_nearest(filled, (rows, columns)))
         warnings = values.warnings
         shift = edge_shift(color, values.depth)
         if shift is not None:
@@ -351,7 +351,7 @@ class CameraPicture:
 
     def fit_to(
         self, taken: ColorDepth, display: Display, pixels_per_pitch: float
-    ) -> tuple[Fitted, DepthMap]:
+    ) -> tuple[PictureFit, DepthMap]:
         """What was read, fitted to a display; and how its depths were mapped."""
         if taken.camera is not None:
             rows, columns = taken.color.shape[:2]
@@ -374,9 +374,9 @@ class CameraPicture:
             pixels_per_pitch=pixels_per_pitch,
             fit=fit,
             frame_at=frame_at,
-            steepest=self.steepest,
+            max_slope=self.max_slope,
             coarseness=taken.coarseness,
-            drop=self.outside == "drop",
+            drop=self.out_of_range == "drop",
         )
         return replace(fitted, framing=None if framing is None else framing.said), depth_map
 
@@ -406,12 +406,12 @@ class CameraPicture:
         fitted, depth_map = self.fit_to(taken, display, pixels_per_pitch)
         return fitted.rgbd, self.warnings(taken, fitted, depth_map), self.notes(taken, fitted)
 
-    def notes(self, taken: ColorDepth, fitted: Fitted) -> tuple[str, ...]:
+    def notes(self, taken: ColorDepth, fitted: PictureFit) -> tuple[str, ...]:
         """What a photograph says of its depth, and how a picture was framed, where by itself."""
         said = {"photo": "; ".join(taken.said), "framed": fitted.framing or ""}
         return tuple(f"{name:<11}{words}" for name, words in said.items() if words)
 
-    def warnings(self, taken: ColorDepth, fitted: Fitted, depth_map: DepthMap) -> tuple[str, ...]:
+    def warnings(self, taken: ColorDepth, fitted: PictureFit, depth_map: DepthMap) -> tuple[str, ...]:
         """What to say of the files, the map, and of a picture most of which is lost in it."""
         said = [*taken.warnings, *depth_map.warnings(fitted.clipped)]
         chosen = fitted.framing is not None and (self.near, self.far) == (None, None)
@@ -421,10 +421,10 @@ class CameraPicture:
             said.append(self._empty_words(taken, fitted))
         return tuple(said)
 
-    def _clipped_words(self, taken: ColorDepth, fitted: Fitted, depth_map: DepthMap) -> str:
+    def _clipped_words(self, taken: ColorDepth, fitted: PictureFit, depth_map: DepthMap) -> str:
         known = taken.values.depth[~np.isnan(taken.values.depth)]
         unit = " mm" if taken.values.has_unit else ""
-        done = "left out" if self.outside == "drop" else "moved to its ends, where they lie flat"
+        done = "left out" if self.out_of_range == "drop" else "moved to its ends, where they lie flat"
         words = (
             f"{self.depth or self.photo}: {fitted.clipped:.1%} of its depths lie beyond the range "
             f"that is mapped and were {done}; they run from {known.min():.5g} to "
@@ -433,19 +433,19 @@ class CameraPicture:
         )
         return words + ", or --depth-map linear" * (depth_map.name == "reciprocal")
 
-    def _empty_words(self, taken: ColorDepth, fitted: Fitted) -> str:
+    def _empty_words(self, taken: ColorDepth, fitted: PictureFit) -> str:
         ways = []
         if self.fit_rule != "cover":
             ways.append("--fit cover fills an array of another shape")
         if taken.camera is not None:
             ways.append("--orthographic in place of --intrinsics keeps the photograph's framing")
-        if self.fill_depth == "none" and taken.missing > 0:
+        if self.missing_depth == "none" and taken.missing > 0:
             ways.append(
-                f"--fill-depth behind gives a depth to the {taken.missing:.1%} of the picture that "
+                f"--missing-depth behind gives a depth to the {taken.missing:.1%} of the picture that "
                 "have none"
             )
-        if self.outside == "drop" and fitted.clipped > 0:
-            ways.append("--outside clip keeps what lies beyond the range")
+        if self.out_of_range == "drop" and fitted.clipped > 0:
+            ways.append("--out-of-range clip keeps what lies beyond the range")
         words = f"{self.shown}: {fitted.empty:.1%} of the lens array show nothing"
         return f"{words}: {'; '.join(ways)}" if ways else words
 

@@ -80,7 +80,7 @@ def _decoded_color(path: Path) -> NDArray[np.uint8]:
     from PIL import Image, ImageOps
 
     with open_picture(path, _COLOR_FORMATS, 1, _NO_COLOR) as picture:
-        upright = in_srgb(ImageOps.exif_transpose(picture), path)
+        upright = convert_to_srgb(ImageOps.exif_transpose(picture), path)
         if upright.mode.startswith("I"):  # Pillow would cut 16 bits off at 255
             grey = np.asarray(upright, np.float32) / _CODES_OF_16_BITS
             codes = np.rint(np.clip(grey, 0, 255)).astype(np.uint8)
@@ -92,7 +92,7 @@ def _decoded_color(path: Path) -> NDArray[np.uint8]:
         return np.asarray(Image.alpha_composite(black, rgba).convert("RGB"))
 
 
-def in_srgb(picture: Any, path: Path) -> Any:
+def convert_to_srgb(picture: Any, path: Path) -> Any:
     """A Pillow picture in the colours of sRGB, where a profile in it says that they are others.
 
     Raises

@@ -68,7 +68,7 @@ class CameraTiles:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class TileImage:
     """Cells.
 
     Attributes
@@ -88,7 +88,7 @@ class Drawn:
 
 def draw_tiles(
     tiles: CameraTiles, color: np.ndarray, shape: tuple[int, int], cell_mm: float, same_mm: float
-) -> Drawn:
+) -> TileImage:
     """Draw samples into cells.
 
     Parameters
@@ -125,7 +125,7 @@ def draw_tiles(
     seen[covered] = _linear(flat[owner[covered]])
     several = covered & (counts > 0)
     seen[several] = sums[several] / counts[several][:, None]
-    return Drawn(seen, np.where(covered, depth, 0).astype(np.float32), covered, clipped)
+    return TileImage(seen, np.where(covered, depth, 0).astype(np.float32), covered, clipped)
 
 
 def _linear(color: np.ndarray) -> NDArray[np.float32]:

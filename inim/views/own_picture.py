@@ -199,7 +199,7 @@ def _fitted_warnings(rgbd: RGBD, display: Display, name: str) -> tuple[str, ...]
     if empty > MOST:
         warnings.append(
             f"{name}: {empty:.1%} of the lens array is empty: fit the picture again with `inim "
-            "generate --rgbd` and --fit cover, --orthographic or --fill-depth"
+            "generate --rgbd` and --fit cover, --orthographic or --missing-depth"
         )
     return tuple(warnings)
 

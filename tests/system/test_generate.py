@@ -158,7 +158,7 @@ def test_it_runs_without_the_renderer(camera):
 def test_what_was_guessed_is_said(camera, capsys):
     assert main(words(camera, *CAMERA)) == EXIT_PASSED
     said = capsys.readouterr()
-    assert "unit of depth not stated; took mm" in said.err
+    assert "no depth unit given; assumed mm" in said.err
     small = np.asarray(Image.open(camera / "depth.png"))[::2, ::2]
     Image.fromarray(small).save(camera / "half.png")
     more = (*CAMERA, "--depth-unit", "mm")
@@ -192,13 +192,13 @@ def test_eq_4_as_printed_is_shown_with_a_warning_of_what_it_does(camera, capsys)
         (("--orthographic", "--near-is-large", "--far-is-large"), "not allowed with"),
         (("--orthographic", "--frame-at", "5"), "--frame-at"),
         ((*CAMERA, "--frame-at", "-5", "--depth-unit", "mm"), "--frame-at -5"),
-        ((*CAMERA, "--fill-depth", "paint"), "--fill-depth paint"),
+        ((*CAMERA, "--missing-depth", "paint"), "--missing-depth paint"),
         ((*CAMERA, "--fill", "paint"), "--fill = 'paint': use none or hidden or all"),
         ((*CAMERA, "--fill", "all", "--algorithm", "template:fill=all"), "given twice"),
         ((*CAMERA, "--fit", "zoom"), "--fit zoom"),
-        ((*CAMERA, "--outside", "in"), "--outside in"),
+        ((*CAMERA, "--out-of-range", "in"), "--out-of-range in"),
         ((*CAMERA, "--depth-map", "log"), "--depth-map log"),
-        ((*CAMERA, "--steepest", "0"), "--steepest 0"),
+        ((*CAMERA, "--max-slope", "0"), "--max-slope 0"),
         ((*CAMERA, "--algorithm", "magic"), "algorithm 'magic'"),
         ((*CAMERA, "--display", "watch"), "watch"),
         ((*CAMERA, "-D", "pitch=1"), "-D pitch"),

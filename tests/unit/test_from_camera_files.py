@@ -11,13 +11,13 @@ from inim.display import DISPLAYS
 from inim.errors import FileError, UsageError
 from inim.files.eia_file import read_eia, write_eia, write_true_size_pdf
 from inim.files.image import write_exr
-from inim.from_camera.depth_values import Meaning, fill_missing, parse_unit, read_meaning
+from inim.from_camera.depth_values import DepthConvention, fill_missing_depth, parse_unit, interpret_depth
 from inim.from_camera.fit import Pinhole, check_pinhole, parse_intrinsics
-from inim.from_camera.picture import check_same_view, edge_shift, resampled
+from inim.from_camera.picture import check_same_view, edge_shift, resample_nearest
 from inim.from_camera.picture_files import DepthFile, read_color, read_depth, write_depth
 from tests.conftest import small_display
 
-MM = Meaning(1.0, near_is_large=False)
+MM = DepthConvention(1.0, near_is_large=False)
 
 
 def room(rows=60, columns=80):
@@ -142,91 +142,91 @@ def as_file(values, integer=True):
 
 
 def test_a_wrong_unit_is_named_with_the_right_one():
-    with pytest.raises(FileError, match=r"wrong --depth-unit; --depth-unit mm would"):
-        read_meaning(as_file(room()), Meaning(1000.0), "d.png")
+    with pytest.raises(FileError, match=r"implausible --depth-unit .*; use mm"):
+        interpret_depth(as_file(room()), DepthConvention(1000.0), "d.png")
     with pytest.raises(FileError, match=r"wrong --depth-unit; --depth-unit m would"):
-        read_meaning(as_file(room() / 1000, integer=False), Meaning(1.0), "d.exr")
-    vouched = Meaning(1000.0, range_stated=True)
-    assert np.nanmax(read_meaning(as_file(room()), vouched, "d.png").depth) == 3e6
+        interpret_depth(as_file(room() / 1000, integer=False), DepthConvention(1.0), "d.exr")
+    vouched = DepthConvention(1000.0, has_range=True)
+    assert np.nanmax(interpret_depth(as_file(room()), vouched, "d.png").depth) == 3e6
 
 
 def test_a_median_beyond_what_depth_cameras_reach_is_warned_of():
-    far = read_meaning(as_file(room() * 5.0), MM, "d.png")
+    far = interpret_depth(as_file(room() * 5.0), MM, "d.png")
     assert "m is far for a depth camera" in "".join(far.warnings)
-    assert "is far" not in "".join(read_meaning(as_file(room()), MM, "d.png").warnings)
+    assert "is far" not in "".join(interpret_depth(as_file(room()), MM, "d.png").warnings)
 
 
 def test_depth_that_is_all_missing_is_named():
     for values in (np.zeros((5, 5)), np.full((5, 5), np.nan), np.full((5, 5), -1.0)):
         with pytest.raises(FileError, match="no pixel has a depth"):
-            read_meaning(as_file(values), MM, "d.png")
+            interpret_depth(as_file(values), MM, "d.png")
     with pytest.raises(FileError, match="no pixel has a depth"):
-        read_meaning(as_file(np.full((5, 5), 7)), Meaning(1.0, missing=(7.0,)), "d.png")
+        interpret_depth(as_file(np.full((5, 5), 7)), DepthConvention(1.0, missing=(7.0,)), "d.png")
 
 
 def test_zero_is_missing_of_distances_and_a_value_of_plain_numbers():
     values = room().astype(np.float32)
     values[0, 0] = 0
-    metric = read_meaning(as_file(values), MM, "d.png")
+    metric = interpret_depth(as_file(values), MM, "d.png")
     assert np.isnan(metric.depth[0, 0])
-    plain = read_meaning(as_file(values), Meaning(0.0, near_is_large=False), "d.png")
+    plain = interpret_depth(as_file(values), DepthConvention(0.0, near_is_large=False), "d.png")
     assert plain.depth[0, 0] == 0
 
 
 def test_inverted_depth_is_warned_of():
-    right = read_meaning(as_file(room()), MM, "d.png")
+    right = interpret_depth(as_file(room()), MM, "d.png")
     assert right.warnings == ()
-    for said in (MM, Meaning(1.0)):
-        wrong = read_meaning(as_file(4000.0 - room()), said, "d.png")
+    for said in (MM, DepthConvention(1.0)):
+        wrong = interpret_depth(as_file(4000.0 - room()), said, "d.png")
         assert [w for w in wrong.warnings if "looks inverted" in w]
         assert not wrong.near_is_large
 
 
 def test_direction_without_a_unit_is_detected_with_a_warning():
     for values, near_is_large in ((255 - room() / 12, True), (room() / 12, False)):
-        found = read_meaning(DepthFile(values.astype(np.float32), 255), Meaning(0.0), "d.png")
+        found = interpret_depth(DepthFile(values.astype(np.float32), 255), DepthConvention(0.0), "d.png")
         assert found.near_is_large == near_is_large
-        assert [w for w in found.warnings if "direction of depth not stated" in w]
+        assert [w for w in found.warnings if "no depth direction given" in w]
     flat = DepthFile(np.full((60, 80), 9, np.float32), 255)
     with pytest.raises(UsageError, match="--near-is-large"):
-        read_meaning(flat, Meaning(0.0), "d.png")
+        interpret_depth(flat, DepthConvention(0.0), "d.png")
 
 
 def test_a_unit_that_is_not_stated_is_detected_with_a_warning():
     for values, integer, scale in ((room(), True, 1), (room() / 1000, False, 1000)):
-        found = read_meaning(as_file(values, integer), Meaning(), "d")
-        assert any("unit of depth not stated" in w for w in found.warnings)
+        found = interpret_depth(as_file(values, integer), DepthConvention(), "d")
+        assert any("no depth unit given" in w for w in found.warnings)
         np.testing.assert_allclose(found.depth, np.asarray(values) * scale, rtol=1e-6)
 
 
 def test_depths_at_the_largest_number_are_warned_of():
     values = room()
     values[:5] = 65535
-    found = read_meaning(as_file(values), MM, "d.png")
+    found = interpret_depth(as_file(values), MM, "d.png")
     assert any("--missing 65535" in w for w in found.warnings)
 
 
 def test_fill_rules_copy_the_neighbour_they_say():
     nan = np.nan
     depth = np.float32([[nan, 5, nan, nan, nan, 9, nan], [nan] * 7])
-    assert fill_missing(depth, "none") is depth
-    behind = fill_missing(depth, "behind")
+    assert fill_missing_depth(depth, "none") is depth
+    behind = fill_missing_depth(depth, "behind")
     np.testing.assert_array_equal(behind[0], [5, 5, 9, 9, 9, 9, 9])
     assert np.isnan(behind[1]).all()
-    nearer = fill_missing(depth, "behind", near_is_large=True)
+    nearer = fill_missing_depth(depth, "behind", near_is_large=True)
     np.testing.assert_array_equal(nearer[0], [5, 5, 5, 5, 5, 9, 9])
-    nearest = fill_missing(depth, "nearest")
+    nearest = fill_missing_depth(depth, "nearest")
     np.testing.assert_array_equal(nearest[0, [0, 1, 2, 4, 5, 6]], [5, 5, 5, 9, 9, 9])
     np.testing.assert_array_equal(nearest[1, [1, 5]], [5, 9])
-    assert (fill_missing(depth, "far")[1] == 9).all()
-    assert (fill_missing(depth, "far", near_is_large=True)[1] == 5).all()
+    assert (fill_missing_depth(depth, "far")[1] == 9).all()
+    assert (fill_missing_depth(depth, "far", near_is_large=True)[1] == 5).all()
 
 
 def test_depth_of_another_size_is_taken_from_the_nearest_pixel_and_never_mixed():
     depth = np.float32([[1, 2, 3], [4, 5, 6]])
-    np.testing.assert_array_equal(resampled(depth, (4, 6)), depth.repeat(2, 0).repeat(2, 1))
-    np.testing.assert_array_equal(resampled(depth.repeat(3, 0).repeat(3, 1), (2, 3)), depth)
-    assert set(np.unique(resampled(depth, (5, 7)))) <= set(range(1, 7))
+    np.testing.assert_array_equal(resample_nearest(depth, (4, 6)), depth.repeat(2, 0).repeat(2, 1))
+    np.testing.assert_array_equal(resample_nearest(depth.repeat(3, 0).repeat(3, 1), (2, 3)), depth)
+    assert set(np.unique(resample_nearest(depth, (5, 7)))) <= set(range(1, 7))
 
 
 def test_pictures_of_another_shape_are_named():

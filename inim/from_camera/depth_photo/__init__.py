@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from inim.errors import FileError
 from inim.files.picture import open_picture
 from inim.files.regular_file import read_file
-from inim.from_camera.depth_photo.codes import Inside, by_exif, decoded, find_placement, upright
+from inim.from_camera.depth_photo.codes import EmbeddedDepth, read_exif, decoded, turned, upright
 from inim.from_camera.depth_photo.heif import is_heif, read_heif
-from inim.from_camera.depth_photo.jpeg import MAGIC, inside_jpeg
+from inim.from_camera.depth_photo.jpeg import MAGIC, read_jpeg_depth
 from inim.from_camera.depth_values import DepthValues
 from inim.from_camera.fit import Pinhole
-from inim.from_camera.picture_files import in_srgb
+from inim.from_camera.picture_files import convert_to_srgb
 
 #: Of the photographs in a folder.
 SUFFIXES = (".heic", ".heif", ".hif", ".jpeg", ".jpg")
@@ -81,13 +81,13 @@ def read_depth_photo(path: Path) -> DepthPhoto:
         raise FileError(
             f"{path}: neither HEIC nor JPEG; give other pictures as --color and --depth"
         )
-    inside = inside_jpeg(path, data)
+    inside = read_jpeg_depth(path, data)
     with open_picture(path, ("JPEG",), 1, data=data) as picture:
-        return _made(path, picture, by_exif(picture), inside, is_upright=False)
+        return _made(path, picture, read_exif(picture), inside, is_upright=False)
 
 
 def _made(
-    path: Path, picture: Any, exif: tuple[int, float], inside: Inside | None, *, is_upright: bool
+    path: Path, picture: Any, exif: tuple[int, float], inside: EmbeddedDepth | None, *, is_upright: bool
 ) -> DepthPhoto:
     if inside is None:
         raise FileError(
@@ -95,7 +95,7 @@ def _made(
             "disparity); take the original file of a portrait photograph, or `inim depth`"
         )
     orientation, focal_35mm = exif
-    color = np.asarray(in_srgb(picture, path).convert("RGB"))
+    color = np.asarray(convert_to_srgb(picture, path).convert("RGB"))
     values = decoded(inside)
     primaries = (picture.info.get("nclx_profile") or {}).get("color_primaries")
     if primaries not in _OF_SRGB:
@@ -110,11 +110,11 @@ def _made(
     rows, columns = color.shape[:2]
     stored = (rows, columns) if orientation >= 5 else (columns, rows)
     camera, words = _camera(inside, stored, focal_35mm)
-    camera = None if camera is None else find_placement(camera, stored, orientation)
+    camera = None if camera is None else turned(camera, stored, orientation)
     return DepthPhoto(color, values, camera, (_scale_words(values, inside), words))
 
 
-def _scale_words(values: DepthValues, inside: Inside) -> str:
+def _scale_words(values: DepthValues, inside: EmbeddedDepth) -> str:
     if values.has_unit:
         return f"{inside.coding.said}: metric"
     larger = "numbers grow towards the camera" if values.near_is_large else "numbers grow away"
@@ -122,7 +122,7 @@ def _scale_words(values: DepthValues, inside: Inside) -> str:
 
 
 def _camera(
-    inside: Inside, stored: tuple[int, int], focal_35mm: float
+    inside: EmbeddedDepth, stored: tuple[int, int], focal_35mm: float
 ) -> tuple[Pinhole | None, str]:
     """The camera of the stored colour picture, and how it is known."""
     camera, (columns, rows) = inside.camera, inside.camera_size

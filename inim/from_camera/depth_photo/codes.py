@@ -23,7 +23,7 @@ from inim.errors import FileError
 from inim.from_camera.depth_values import DepthValues
 from inim.from_camera.fit import Pinhole
 
-WAY_OUT = "take the photograph's original file"
+REMEDY = "take the photograph's original file"
 _KINDS = ("disparity", "depth")
 _NAMESPACES = {
     "http://ns.google.com/photos/1.0/depthmap/": "GDepth",
@@ -69,7 +69,7 @@ class Coding:
 
 
 @dataclass(frozen=True)
-class Inside:
+class EmbeddedDepth:
     """A depth image as it lies in a photograph.
 
     Attributes
@@ -105,7 +105,7 @@ def number(text: str | None, path: Path, name: str) -> float:
         value = math.nan
     if not abs(value) <= _LARGEST:
         shown = "is missing" if text is None else f"is {text[:40]!r}, no usable number"
-        raise FileError(f"{path}: {name} of its depth {shown}; {WAY_OUT}")
+        raise FileError(f"{path}: {name} of its depth {shown}; {REMEDY}")
     return value
 
 
@@ -131,7 +131,7 @@ def ranged(
     return Coding(inverse, *ends, unit_mm, said)
 
 
-def decoded(inside: Inside) -> DepthValues:
+def decoded(inside: EmbeddedDepth) -> DepthValues:
     """Distances in mm where the file vouches for a unit; otherwise plain numbers.
 
     An inverse without a unit stays one, larger where nearer: taken as orthographic, planes stay
@@ -161,7 +161,7 @@ def distances(values: DepthValues, unit_mm: float = 0.0) -> DepthValues:
     return DepthValues(depth, False, unit_mm > 0, 0.0, values.warnings, values.step / scale)
 
 
-def by_exif(picture: Any) -> tuple[int, float]:
+def read_exif(picture: Any) -> tuple[int, float]:
     """Orientation, 1 to 8, and focal length in 35 mm film, 0 where not stated, of a Pillow picture.
 
     Whatever is wrong with its EXIF is raised as Pillow does.
@@ -180,7 +180,7 @@ def upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
     return pixels[::-1] if orientation in (3, 4, 7, 8) else pixels
 
 
-def find_placement(camera: Pinhole, size: tuple[int, int], orientation: int) -> Pinhole:
+def turned(camera: Pinhole, size: tuple[int, int], orientation: int) -> Pinhole:
     """The camera of a picture of stored size, (columns, rows), once that is upright."""
     columns, rows = size
     if orientation >= 5:
@@ -217,7 +217,7 @@ def read_xmp(packet: bytes, path: Path) -> list[dict[str, str]]:
 
     def start(_: str, attributes: dict[str, str]) -> None:
         if len(stack) >= _DEEPEST or len(nodes) >= _MOST_ELEMENTS:
-            raise FileError(f"{path}: its XMP metadata nest too deep or never end; {WAY_OUT}")
+            raise FileError(f"{path}: its XMP metadata nest too deep or never end; {REMEDY}")
         node = {name: text for key, text in attributes.items() if (name := _name(key))}
         nodes.append(node)
         stack.append((node, []))
@@ -243,7 +243,7 @@ def read_xmp(packet: bytes, path: Path) -> list[dict[str, str]]:
     try:
         parser.Parse(packet.strip(b"\0 \n\r\t"), True)
     except (expat.ExpatError, LookupError, ValueError) as error:
-        raise FileError(f"{path}: its XMP metadata are broken ({error}); {WAY_OUT}") from None
+        raise FileError(f"{path}: its XMP metadata are broken ({error}); {REMEDY}") from None
     return nodes
 
 
@@ -264,7 +264,7 @@ def merged(nodes: list[dict[str, str]], prefix: str) -> dict[str, str]:
     return found
 
 
-def apple_coding(nodes: list[dict[str, str]], path: Path) -> Coding | None:
+def read_apple_coding(nodes: list[dict[str, str]], path: Path) -> Coding | None:
     """Coding of the depth image that the metadata belong to; None where they are of another kind.
 
     Raises
@@ -286,7 +286,7 @@ def apple_coding(nodes: list[dict[str, str]], path: Path) -> Coding | None:
     return Coding(kind == "disparity", least, most, unit_mm, said)
 
 
-def apple_camera(nodes: list[dict[str, str]]) -> tuple[Pinhole | None, tuple[float, float]]:
+def read_apple_camera(nodes: list[dict[str, str]]) -> tuple[Pinhole | None, tuple[float, float]]:
     """The camera by its intrinsic matrix, column by column, and the size it is stated for."""
     found = merged(nodes, "depthData")
     names = ("", "ReferenceWidth", "ReferenceHeight")

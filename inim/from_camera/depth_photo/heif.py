@@ -14,12 +14,12 @@ import numpy as np
 from inim.errors import FileError, UsageError
 from inim.files.image import check_unfolding, hushed
 from inim.from_camera.depth_photo.codes import (
-    WAY_OUT,
+    REMEDY,
     Coding,
-    Inside,
-    apple_camera,
-    apple_coding,
-    by_exif,
+    EmbeddedDepth,
+    read_apple_camera,
+    read_apple_coding,
+    read_exif,
     read_xmp,
 )
 
@@ -36,7 +36,7 @@ def is_heif(data: bytes) -> bool:
     return data[4:8] == b"ftyp" and data[8:12] in _BRANDS
 
 
-def read_heif(path: Path, data: bytes) -> tuple[Any, tuple[int, float], Inside | None]:
+def read_heif(path: Path, data: bytes) -> tuple[Any, tuple[int, float], EmbeddedDepth | None]:
     """The picture, for Pillow, what `by_exif` says, and its depth or None; both upright already.
 
     Raises
@@ -62,13 +62,13 @@ def read_heif(path: Path, data: bytes) -> tuple[Any, tuple[int, float], Inside |
                 check_unfolding(path, 4 * one.size[0] * one.size[1], len(data))
             picture = image.to_pillow()
             picture.info["exif"] = image.info.get("exif") or b""  # pillow-heif made it say upright
-            exif = by_exif(picture)
+            exif = read_exif(picture)
             codes = np.asarray(depths[0].to_pillow()) if depths else None
     except (FileError, MemoryError):
         raise
     except Exception as error:
         cause = str(error).partition("\n")[0]
-        raise FileError(f"{path}: not a readable HEIC ({cause}); {WAY_OUT}") from error
+        raise FileError(f"{path}: not a readable HEIC ({cause}); {REMEDY}") from error
     if codes is None:
         return picture, exif, None
     if codes.ndim != 2 or codes.dtype not in (np.uint8, np.uint16):
@@ -76,11 +76,11 @@ def read_heif(path: Path, data: bytes) -> tuple[Any, tuple[int, float], Inside |
     coding, camera, size = None, None, (0.0, 0.0)
     for packet in _packets(data):
         nodes = read_xmp(packet, path)
-        coding = apple_coding(nodes, path)
+        coding = read_apple_coding(nodes, path)
         if coding is not None:
-            camera, size = apple_camera(nodes)
+            camera, size = read_apple_camera(nodes)
             break
-    inside = Inside(codes, coding or _represented(depths[0], path), camera, size)
+    inside = EmbeddedDepth(codes, coding or _represented(depths[0], path), camera, size)
     return picture, exif, inside
 
 
@@ -115,5 +115,5 @@ def _represented(depth: Any, path: Path) -> Coding:
     if kind in (None, _INVERSE, _DISPARITY):
         return Coding(True, 0.0, 1.0, 0.0, f"{words}: disparity of unknown range")
     raise FileError(
-        f"{path}: its depth is of a kind that is not read (depth representation {kind}); {WAY_OUT}"
+        f"{path}: its depth is of a kind that is not read (depth representation {kind}); {REMEDY}"
     )

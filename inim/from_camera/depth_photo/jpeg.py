@@ -21,11 +21,11 @@ import numpy as np
 from inim.errors import FileError
 from inim.files.picture import open_picture
 from inim.from_camera.depth_photo.codes import (
-    WAY_OUT,
+    REMEDY,
     Coding,
-    Inside,
-    apple_camera,
-    apple_coding,
+    EmbeddedDepth,
+    read_apple_camera,
+    read_apple_coding,
     merged,
     number,
     ranged,
@@ -49,7 +49,7 @@ _RANGES = ("rangeinverse", "rangelinear")
 _GUID_BYTES = 32
 
 
-def inside_jpeg(path: Path, data: bytes) -> Inside | None:
+def read_jpeg_depth(path: Path, data: bytes) -> EmbeddedDepth | None:
     """The depth inside a JPEG; None where there is none that is known.
 
     Raises
@@ -64,7 +64,7 @@ def inside_jpeg(path: Path, data: bytes) -> Inside | None:
         try:
             image = binascii.a2b_base64(google["GDepth:Data"])
         except ValueError as error:
-            raise FileError(f"{path}: GDepth:Data is no base64 ({error}); {WAY_OUT}") from None
+            raise FileError(f"{path}: GDepth:Data is no base64 ({error}); {REMEDY}") from None
         return _google(path, image, google, "GDepth", nodes)
     for node in nodes:
         if "DepthMap:DepthURI" in node and node.get("DepthMap:ItemSemantic") != "Segmentation":
@@ -115,14 +115,14 @@ def _metadata(path: Path, parts: list[tuple[int, int, bytes]]) -> list[dict[str,
     if [place for place, _ in placed] != list(ends[:-1]) or ends[-1] != whole:
         raise FileError(
             f"{path}: {len(extension)} of the {whole} bytes of its extended XMP metadata are there;"
-            f" {WAY_OUT}"
+            f" {REMEDY}"
         )
     return nodes + read_xmp(extension, path)
 
 
 def _google(
     path: Path, image: bytes, found: dict[str, str], prefix: str, nodes: list[dict[str, str]]
-) -> Inside:
+) -> EmbeddedDepth:
     """What GDepth and dynamic depth say in the same words, but for their prefix."""
     form = found.get(f"{prefix}:Format", "")
     if form.lower() not in _RANGES:
@@ -136,7 +136,7 @@ def _google(
     said = f"{name}, {form} {near:g} .. {far:g}, units {units[:20] if units else 'not stated'}"
     coding = ranged(path, form, near, far, unit_mm, said, form.lower() == _RANGES[0])
     ray = found.get(f"{prefix}:MeasureType", "").lower() == "opticray"
-    return Inside(_numbers(path, image), coding, *_google_camera(nodes), along_ray=ray)
+    return EmbeddedDepth(_numbers(path, image), coding, *_google_camera(nodes), along_ray=ray)
 
 
 def _google_camera(nodes: list[dict[str, str]]) -> tuple[Pinhole | None, tuple[float, float]]:
@@ -174,12 +174,12 @@ def _appended(path: Path, data: bytes, end: int, uri: str, nodes: list[dict[str,
             if length == 0 or at + length > len(data):
                 raise FileError(
                     f"{path}: its depth should be {length} bytes at {at}, and the file has "
-                    f"{len(data)}; appended pictures were cut off: {WAY_OUT}"
+                    f"{len(data)}; appended pictures were cut off: {REMEDY}"
                 )
             return data[at : at + length]
         at += length + padding
     raise FileError(
-        f"{path}: names a depth picture {uri[:80]!r} that its directory does not list; {WAY_OUT}"
+        f"{path}: names a depth picture {uri[:80]!r} that its directory does not list; {REMEDY}"
     )
 
 
@@ -190,7 +190,7 @@ def _size(path: Path, item: dict[str, str], name: str) -> int:
     return int(text)
 
 
-def _apple(path: Path, data: bytes, parts: list[tuple[int, int, bytes]]) -> Inside | None:
+def _apple(path: Path, data: bytes, parts: list[tuple[int, int, bytes]]) -> EmbeddedDepth | None:
     """The disparity or depth among the further pictures of a multi-picture file."""
     places = [at for kind, at, text in parts if kind == _APP2 and text.startswith(_MPF)]
     if not places:
@@ -200,9 +200,9 @@ def _apple(path: Path, data: bytes, parts: list[tuple[int, int, bytes]]) -> Insi
         if not picture.startswith(MAGIC):
             continue
         nodes = _metadata(path, list(_segments(path, picture)))
-        coding: Coding | None = apple_coding(nodes, path)
+        coding: Coding | None = read_apple_coding(nodes, path)
         if coding is not None:
-            return Inside(_numbers(path, picture), coding, *apple_camera(nodes))
+            return EmbeddedDepth(_numbers(path, picture), coding, *read_apple_camera(nodes))
     return None
 
 
@@ -217,11 +217,11 @@ def _further(path: Path, data: bytes, base: int) -> list[tuple[int, int]]:
                 entries = picture.mpinfo[_MP_ENTRIES][1:]
         pictures = [(base + entry["DataOffset"], entry["Size"]) for entry in entries]
     except Exception as error:  # whatever Pillow raises
-        raise FileError(f"{path}: its list of pictures (MPF) is damaged; {WAY_OUT}") from error
+        raise FileError(f"{path}: its list of pictures (MPF) is damaged; {REMEDY}") from error
     for begin, length in pictures:
         if begin + length > len(data):
             raise FileError(
                 f"{path}: lists a picture of {length} bytes at {begin}, and the file has "
-                f"{len(data)}; it is cut short: {WAY_OUT}"
+                f"{len(data)}; it is cut short: {REMEDY}"
             )
     return pictures
