@@ -163,7 +163,12 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
 def _of_light_field(args: argparse.Namespace, display: Display, settings: Settings) -> list[str]:
     """Make and write the EIA of a light field; the report's lines."""
     from inim.files.light_field import read_hci
-    from inim.from_camera.light_field import centre_view_picture, eia_of_all_views, shift_px, step_mm
+    from inim.from_camera.light_field import (
+        centre_view_picture,
+        eia_of_all_views,
+        shift_px,
+        step_mm,
+    )
 
     field = read_hci(args.hci)
     rgbd, clipped = None, None

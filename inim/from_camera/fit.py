@@ -1,29 +1,26 @@
-"""Fitting a camera's picture to a display: where it lies, how large it is, how deep.
+"""Fit of a camera's picture to a display: position, size and depth.
 
-Depths are mapped in one of three ways. `linear`: the camera's range onto the display's, the paper's
-Eq. 4 corrected: ``z = z_min + (far - d) / (far - near) (z_max - z_min)``, turned round where
-numbers grow towards the viewer. A flat picture, near = far, goes to the central depth plane.
+There are three depth maps. `linear` maps the camera's depth range onto the display's (the paper's
+Eq. 4, corrected): ``z = z_min + (far - d) / (far - near) (z_max - z_min)``, reversed if numbers
+grow towards the viewer. A flat picture, near = far, is placed at the central depth plane.
 
-`reciprocal`: ``z = D (near + far) / 2 d``, Li et al. (2012) as the paper cites it: depths keep
-their proportions, but what comes out beyond the display's range is clipped, as soon as
-far / near > 1 + span / D.
+`reciprocal` is ``z = D (near + far) / 2 d`` (Li et al. 2012, as cited in the paper). It preserves
+the proportions of depths. It clips depths beyond the display's range if far / near > 1 + span / D.
 
-`printed`: Eq. 4 to the letter, for reproduction, ``z = z_max + (d - d_min) / (d_max - d_min)
+`printed` is Eq. 4 as printed, for reproduction: ``z = z_max + (d - d_min) / (d_max - d_min)
 (z_max - z_min)``. It maps onto [z_max, 2 z_max - z_min], in front of the displayable depth, and
-numbers that grow away from the viewer inside out. z_min and z_max are those of the displayable
-depth, D -+ span / 2; what lies beyond the display's depth range is clipped, all but d_min unless
-depth_min_mm and depth_max_mm state a larger one.
+inverts numbers that grow away from the viewer. z_min and z_max are the ends of the displayable
+depth, D -+ span / 2. Depths beyond the display's depth range are clipped: all except d_min, unless
+depth_min_mm and depth_max_mm set a larger range.
 
-An unprojected picture stays true under `linear`, which is then an affine map of the scene; one
-taken as orthographic stays true under `reciprocal`, which is then a projective one: planes stay
-planes. The other two combinations bend them.
+`linear` is an affine map of an unprojected picture, and `reciprocal` a projective map of an
+orthographic one: both preserve planes. The other two combinations bend planes.
 
-A perspective picture is unprojected: each sample goes to its place in space, and one affine map
-takes that space to the display, with one scale for x and y, and its own for z where depths are
-mapped linearly. At one distance, the frame's (`frame_at`, by default the median depth), the
-camera's picture then fits the lens array, and its middle lies on the display's axis; nearer the
-camera sees less than the array's width, farther more. A picture taken as orthographic fits the
-array at every depth.
+A perspective picture is unprojected: each sample is moved to its position in space, and an affine
+map takes that space to the display. It has one scale for x and y, and another for z if depths are
+mapped linearly. At the distance `frame_at` (by default the median depth), the picture fits the lens
+array, centred on the display's axis; at shorter distances it is narrower, at longer ones wider. An
+orthographic picture fits the array at every depth.
 """
 
 from __future__ import annotations
@@ -47,16 +44,16 @@ _STRAY = 0.005
 
 @dataclass(frozen=True)
 class DepthMap:
-    """A map from depth d to display depth: ``z = offset_mm + slope d``, or ``+ slope / d``.
+    """Map from depth d to display depth: ``z = offset_mm + slope d``, or ``+ slope / d``.
 
     Attributes
     ----------
     name : {"linear", "reciprocal", "printed"}
     near, far : float
-        Range of d that is mapped; what lies beyond is taken to its end.
+        Range of d; values beyond it are clipped.
     offset_mm, slope : float
     low_mm, high_mm : float
-        Display depths are kept between these.
+        Range to which display depths are clipped.
     """
 
     name: str
@@ -68,37 +65,37 @@ class DepthMap:
     high_mm: float
 
     @property
-    def over_depth(self) -> bool:
-        """Whether z goes with 1 / d."""
+    def is_reciprocal(self) -> bool:
+        """True if z is linear in 1 / d."""
         return self.name == "reciprocal"
 
     def warnings(self, clipped: float) -> tuple[str, ...]:
-        """What to say of it, with the share of the samples beyond the range."""
+        """Warnings about `printed`, given the share of clipped samples."""
         if self.name != "printed":
             return ()
         ends = sorted(self.offset_mm + self.slope * d for d in (self.near, self.far))
-        said = (
+        warning = (
             f"--depth-map printed: Eq. 4 as printed maps onto {ends[0]:.6g} .. {ends[1]:.6g} mm; "
-            f"{clipped:.1%} of the samples lie beyond the display's range, {self.low_mm:.6g} .. "
+            f"{clipped:.1%} of the samples are beyond the display's range, {self.low_mm:.6g} .. "
             f"{self.high_mm:.6g} mm"
         )
         if clipped and self.low_mm > 0:
-            said += (
+            warning += (
                 f"; to show them there: -D inim.depth_min_mm={self.low_mm:.6g} -D "
                 f"inim.depth_max_mm={math.ceil(ends[1])}"
             )
         if self.near < self.far:
-            said += "; depths grow away from the viewer, so what is far is shown in front"
-        return (said,)
+            warning += "; depths grow away from the viewer, so far points are shown in front"
+        return (warning,)
 
     def z_mm(self, depth: np.ndarray) -> np.ndarray:
-        """Display depths of d, clipped: float64, NaN where d is."""
+        """Clipped display depths of d, float64; NaN where d is NaN."""
         d = np.clip(
             np.asarray(depth, np.float64), min(self.near, self.far), max(self.near, self.far)
         )
-        z = self.offset_mm + self.slope * (1 / d if self.over_depth else d)
-        clipped: np.ndarray = np.clip(z, self.low_mm, self.high_mm)
-        return clipped
+        z = self.offset_mm + self.slope * (1 / d if self.is_reciprocal else d)
+        z_mm: np.ndarray = np.clip(z, self.low_mm, self.high_mm)
+        return z_mm
 
 
 def depth_range(
@@ -110,49 +107,48 @@ def depth_range(
     ----------
     values : DepthValues
     near, far : float, optional
-        Stated ends; otherwise the 0.5 % and 99.5 % quantiles.
+        Ends set by the user; by default the 0.5 % and 99.5 % quantiles.
 
     Raises
     ------
     UsageError
-        A stated near that is not in front of far, or an end that all of the picture lies beyond.
+        Near is not in front of far, or all of the picture is beyond one end.
     """
-    known = sample(values.depth)
-    ends = np.quantile(known, (_STRAY, 1 - _STRAY), method="nearest")
-    first, last = (float(v) for v in (ends[::-1] if values.near_is_large else ends))
-    found = (first if near is None else near, last if far is None else far)
-    if not all(map(math.isfinite, found)):
-        raise UsageError(f"--near {found[0]:g} --far {found[1]:g}: must be finite")
-    in_front = found[0] >= found[1] if values.near_is_large else found[0] <= found[1]
-    if not in_front or (near is not None and far is not None and near == far):
+    ends = np.quantile(sample(values.depth), (_STRAY, 1 - _STRAY), method="nearest")
+    nearest, farthest = (float(v) for v in (ends[::-1] if values.near_is_large else ends))
+    first, last = (nearest if near is None else near, farthest if far is None else far)
+    if not (math.isfinite(first) and math.isfinite(last)):
+        raise UsageError(f"--near {first:g} --far {last:g}: must be finite")
+    is_ordered = first >= last if values.near_is_large else first <= last
+    if not is_ordered or (near is not None and far is not None and near == far):
         if near is None or far is None:
-            stated, other, beyond = (
+            option, opposite, side = (
                 (f"--near {near:g}", "--far", "behind")
                 if near is not None
                 else (f"--far {far:g}", "--near", "in front of")
             )
             raise UsageError(
-                f"{stated}: the picture has no depth {beyond} that (its depths run from {first:g} "
-                f"to {last:g}); give another, or {other} too"
+                f"{option}: the picture has no depth {side} it (its depths extend from "
+                f"{nearest:g} to {farthest:g}); change it, or give {opposite} too"
             )
-        grow = "fall" if values.near_is_large else "grow"
+        trend = "fall" if values.near_is_large else "grow"
         raise UsageError(
-            f"--near {found[0]:g} --far {found[1]:g}: depths {grow} away from the viewer here (the "
-            f"picture's run from {first:g} to {last:g}); swap the two, or correct them"
+            f"--near {first:g} --far {last:g}: wrong order, as these depths {trend} away from the "
+            f"viewer (from {nearest:g} to {farthest:g}); swap or correct the two"
         )
-    if values.has_unit and not values.near_is_large and found[0] <= 0:
-        raise UsageError(f"--near {found[0]:g}: a distance from the camera is above 0")
-    return found
+    if values.has_unit and not values.near_is_large and first <= 0:
+        raise UsageError(f"--near {first:g}: a distance from the camera must be above 0")
+    return first, last
 
 
 def map_depth(name: str, values: DepthValues, ends: tuple[float, float], to: Display) -> DepthMap:
-    """The map of a depth range onto a display's.
+    """Map a depth range onto a display's.
 
     Parameters
     ----------
     name : {"linear", "reciprocal", "printed"}
     values : DepthValues
-        For what its numbers mean.
+        Supplies the direction of the depths.
     ends : (near, far)
         See `depth_range`.
     to : Display
@@ -160,8 +156,8 @@ def map_depth(name: str, values: DepthValues, ends: tuple[float, float], to: Dis
     Raises
     ------
     UsageError
-        `reciprocal` of what is no distance, or onto a display that shows behind its array;
-        `printed` of a flat picture, or onto a focused display.
+        `reciprocal` for depths that are not distances, or for a display whose CDP is behind the
+        array; `printed` for a flat picture or a focused display.
     """
     if name not in DEPTH_MAPS:
         raise UsageError(f"--depth-map {name}: use {' or '.join(DEPTH_MAPS)}")
@@ -172,7 +168,7 @@ def map_depth(name: str, values: DepthValues, ends: tuple[float, float], to: Dis
         factor = to.central_depth_mm * (near + far) / 2
         return DepthMap(name, near, far, 0.0, factor, low, high)
     if name == "printed":
-        return _as_printed(ends, to)
+        return _map_as_printed(ends, to)
     if near == far:
         centre = to.central_depth_mm
         flat = centre if low <= centre <= high else (low + high) / 2
@@ -181,13 +177,13 @@ def map_depth(name: str, values: DepthValues, ends: tuple[float, float], to: Dis
     return DepthMap(name, near, far, low - far * slope, slope, low, high)
 
 
-def _as_printed(ends: tuple[float, float], to: Display) -> DepthMap:
-    """Eq. 4 to the letter, clipped to the display's depth range."""
+def _map_as_printed(ends: tuple[float, float], to: Display) -> DepthMap:
+    """Eq. 4 as printed, clipped to the display's depth range."""
     least, most = sorted(ends)
     if math.isinf(to.central_depth_mm) or least == most:
-        why = f"display {to.name} is focused" if least < most else "the picture is flat"
+        reason = f"display {to.name} is focused" if least < most else "the picture is flat"
         raise UsageError(
-            f"--depth-map printed: Eq. 4 has no value where {why}; use --depth-map linear"
+            f"--depth-map printed: Eq. 4 is undefined because {reason}; use --depth-map linear"
         )
     z_min, z_max = to.replace(depth_min_mm=None, depth_max_mm=None).depth_range_mm
     slope = (z_max - z_min) / (most - least)
@@ -202,24 +198,23 @@ def _check_reciprocal(values: DepthValues, ends: tuple[float, float], to: Displa
         )
     if not 0 < to.central_depth_mm < math.inf:
         raise UsageError(
-            f"--depth-map reciprocal: display {to.name} has its central depth plane at "
-            f"{to.central_depth_mm:g} mm, and D (near + far) / 2d is for one in front of the "
-            "array; use --depth-map linear"
+            f"--depth-map reciprocal: needs a central depth plane in front of the array, and that "
+            f"of display {to.name} is at {to.central_depth_mm:g} mm; use --depth-map linear"
         )
 
 
 FITS = ("contain", "cover")
-# Wider than a fisheye's middle, narrower than a telescope's: a slip, or another picture's numbers.
+# Angles of view from a telescope's to a fisheye's; others indicate a mistake.
 _WIDEST_DEG = 160.0
 _NARROWEST_DEG = 1.0
 
 
 @dataclass(frozen=True)
 class Pinhole:
-    """Focal lengths and principal point, pixels.
+    """Focal lengths and principal point of a pinhole camera, in pixels.
 
-    The centre of pixel (row i, column j) is at (j, i), as OpenCV and Open3D count: a camera of
-    640 x 480 pixels that looks straight ahead has its principal point at (319.5, 239.5).
+    The centre of pixel (row i, column j) is at (j, i), as in OpenCV and Open3D: the centre of a
+    picture of 640 x 480 pixels is (319.5, 239.5).
     """
 
     fx: float
@@ -229,7 +224,7 @@ class Pinhole:
 
 
 def parse_intrinsics(text: str) -> Pinhole:
-    """``fx,fy,cx,cy`` in pixels.
+    """Parse ``fx,fy,cx,cy`` in pixels.
 
     Raises
     ------
@@ -242,26 +237,27 @@ def parse_intrinsics(text: str) -> Pinhole:
         numbers = []
     if len(numbers) != 4 or not all(map(math.isfinite, numbers)) or min(numbers[:2]) <= 0:
         raise UsageError(
-            f"--intrinsics {text}: write fx,fy,cx,cy in pixels of the colour picture, such as "
+            f"--intrinsics {text}: give fx,fy,cx,cy in pixels of the colour picture, such as "
             "525,525,319.5,239.5"
         )
     return Pinhole(*numbers)
 
 
 def check_pinhole(camera: Pinhole, shape: tuple[int, int]) -> None:
-    """Raise `UsageError` for intrinsics that cannot be those of a picture of this shape."""
+    """Raise `UsageError` for intrinsics that do not match a picture of this shape."""
     rows, columns = shape
     if not (-0.5 <= camera.cx <= columns - 0.5 and -0.5 <= camera.cy <= rows - 0.5):
         raise UsageError(
-            f"--intrinsics: principal point ({camera.cx:g}, {camera.cy:g}) lies outside the colour "
+            f"--intrinsics: principal point ({camera.cx:g}, {camera.cy:g}) is outside the colour "
             f"picture of {columns} x {rows} pixels; scale fx,fy,cx,cy to that size"
         )
     for name, focal, pixels in (("fx", camera.fx, columns), ("fy", camera.fy, rows)):
         angle = math.degrees(2 * math.atan(pixels / (2 * focal)))
         if not _NARROWEST_DEG <= angle <= _WIDEST_DEG:
             raise UsageError(
-                f"--intrinsics: {name} = {focal:g} pixels over {pixels} pixels sees {angle:.3g} "
-                "degrees; give fx,fy,cx,cy in pixels of the colour picture, not in millimetres"
+                f"--intrinsics: {name} = {focal:g} pixels over {pixels} pixels is an angle of view "
+                f"of {angle:.3g} degrees; give fx,fy,cx,cy in pixels of the colour picture, not in "
+                "millimetres"
             )
 
 
@@ -273,16 +269,16 @@ class PictureFit:
     ----------
     rgbd : RGBD
     clipped : float
-        Share of the samples with depth that lie beyond the range.
+        Share of the samples with depth that are out of range.
     empty : float
         Share of the lens array's area without any surface in front of or behind it.
     frame_at : float or None
-        Distance at which the picture fits the array, in the unit of the depth; None where it is
-        taken as orthographic.
+        Distance at which the picture fits the array, in the unit of the depth; None if
+        orthographic.
     scale : float
-        Display millimetres per unit of depth across, or per picture pixel where orthographic.
+        Display millimetres per unit of length in x and y, or per picture pixel if orthographic.
     framing : str or None
-        How range, place and size were chosen, where they were.
+        Description of the automatic framing, if used.
     """
 
     rgbd: RGBD
@@ -307,35 +303,35 @@ def fit_picture(
     coarseness: float = 1.0,
     drop: bool = False,
 ) -> PictureFit:
-    """Bring a colour and depth picture into a display's frame.
+    """Fit a colour and depth picture to a display.
 
     Parameters
     ----------
     color : (H, W, 3) uint8 sRGB, or float32 linear RGB
     values : DepthValues
-        Of the same rows and columns.
+        Same rows and columns as `color`.
     depth_map : DepthMap
     display : Display
     camera : Pinhole or None
-        None takes the picture as orthographic.
+        None for an orthographic picture.
     pixels_per_pitch : float
         Cells of the result per lens pitch.
     fit : {"contain", "cover"}
-        Whether all of the picture's frame lies on the array, or all of the array in the frame.
+        Show the whole picture, or fill the whole array.
     frame_at : float, optional
-        Distance at which it does; the median otherwise. Perspective only.
-    steepest : float
-        Neighbouring samples are one surface up to this slope, depth over width: 10 is 84 degrees.
-        Of the scene where it is unprojected, of the display's picture where orthographic.
+        Distance at which the picture fits the array; by default the median. Perspective only.
+    max_slope : float
+        Maximum slope (depth over width) between neighbouring samples of one surface: 10 is 84
+        degrees. Measured in the scene, or on the display for orthographic pictures.
     coarseness : float
-        Width of a sample of the depth picture in pixels of the colour picture, at least 1.
+        Width of a depth sample in colour pixels, at least 1.
     drop : bool
-        Leave out what lies beyond the depth range instead of taking it to its end.
+        Omit samples out of range instead of clipping them.
 
     Raises
     ------
     UsageError
-        Depths that cannot be unprojected, or nothing of the picture lies on the display.
+        The depths cannot be unprojected, or no part of the picture is on the display.
     """
     rows, columns = values.depth.shape
     size = display.width_mm, display.height_mm
@@ -345,9 +341,9 @@ def fit_picture(
     if camera is None:
         frame_at = None
         scale = larger(size[0] / columns, size[1] / rows)
-        place = {"ax": scale, "ay": scale, "cx": (columns - 1) / 2, "cy": (rows - 1) / 2}
-        place |= {"ox": 0.0, "oy": 0.0}
-        apart, share = _apart(values, depth_map, max_slope * coarseness * scale), 0.0
+        mapping = {"ax": scale, "ay": scale, "cx": (columns - 1) / 2, "cy": (rows - 1) / 2}
+        mapping |= {"ox": 0.0, "oy": 0.0}
+        tolerance, share = _tolerance(values, depth_map, max_slope * coarseness * scale), 0.0
     else:
         _check_distances(values)
         frame_at = float(np.median(sample(values.depth))) if frame_at is None else frame_at
@@ -356,37 +352,38 @@ def fit_picture(
         scale = larger(
             size[0] * camera.fx / (columns * frame_at), size[1] * camera.fy / (rows * frame_at)
         )
-        place = {"ax": scale / camera.fx, "ay": scale / camera.fy, "cx": camera.cx, "cy": camera.cy}
-        place["ox"] = -place["ax"] * ((columns - 1) / 2 - camera.cx) * frame_at
-        place["oy"] = place["ay"] * ((rows - 1) / 2 - camera.cy) * frame_at
+        ax, ay = scale / camera.fx, scale / camera.fy
+        mapping = {"ax": ax, "ay": ay, "cx": camera.cx, "cy": camera.cy}
+        mapping["ox"] = -ax * ((columns - 1) / 2 - camera.cx) * frame_at
+        mapping["oy"] = ay * ((rows - 1) / 2 - camera.cy) * frame_at
         share = max_slope * coarseness / min(camera.fx, camera.fy)
-        apart, share = 0.0, max(share, 1.5 * values.inverse_step * depth_map.far)
-    inverse = camera is not None or depth_map.over_depth
+        tolerance, share = 0.0, max(share, 1.5 * values.inverse_step * depth_map.far)
+    inverse = camera is not None or depth_map.is_reciprocal
     ends = [1 / d if inverse else d for d in (depth_map.near, depth_map.far)]
     tiles = CameraTiles(
         q=_inverse(values.depth) if inverse else values.depth,
         q_low=min(ends),
         q_high=max(ends),
         perspective=camera is not None,
-        over_q=camera is not None and not depth_map.over_depth,
+        over_q=camera is not None and not depth_map.is_reciprocal,
         depth_map=depth_map,
-        apart=apart,
-        apart_share=share,
+        tolerance=tolerance,
+        tolerance_share=share,
         drop=drop,
-        **place,
+        **mapping,
     )
     shape = display.capture_shape(pixels_per_pitch)
     cell = display.capture_pixel_mm(pixels_per_pitch)
-    drawn = draw_tiles(tiles, color, shape, cell, max_slope * cell)
-    if not drawn.covered.any():
+    image = draw_tiles(tiles, color, shape, cell, max_slope * cell)
+    if not image.covered.any():
         raise UsageError(
-            "nothing of the picture lies on the display: check --intrinsics, --frame-at, --near "
+            "no part of the picture is on the display: check --intrinsics, --frame-at, --near "
             "and --far"
         )
     return PictureFit(
-        RGBD(drawn.color, drawn.depth_mm, drawn.covered, cell),
-        drawn.clipped / max(1, int(np.count_nonzero(~np.isnan(values.depth)))),
-        empty_share(drawn.covered, display, cell),
+        RGBD(image.color, image.depth_mm, image.covered, cell),
+        image.clipped / max(1, int(np.count_nonzero(~np.isnan(values.depth)))),
+        empty_share(image.covered, display, cell),
         frame_at,
         scale,
     )
@@ -396,13 +393,13 @@ def _check_distances(values: DepthValues) -> None:
     if values.near_is_large:
         raise UsageError(
             "--intrinsics: unprojection needs distances that grow away from the camera, and this "
-            "depth grows towards it; say --far-is-large if it does not, or use --orthographic"
+            "depth grows towards it; use --orthographic, or --far-is-large if that is wrong"
         )
     least = float(np.nanmin(values.depth))
     if least <= 0:
         raise UsageError(
             f"--intrinsics: unprojection needs distances above 0, and there is a depth of "
-            f"{least:g}; say --missing {least:g} if it means none, or use --orthographic"
+            f"{least:g}; use --orthographic, or --missing {least:g} if it means no depth"
         )
 
 
@@ -412,22 +409,22 @@ def _inverse(depth: NDArray[np.float32]) -> NDArray[np.float32]:
     return inverse
 
 
-def _apart(values: DepthValues, depth_map: DepthMap, apart_mm: float) -> float:
-    """How far numbers of one surface differ that is `apart_mm` apart on the display.
+def _tolerance(values: DepthValues, depth_map: DepthMap, step_mm: float) -> float:
+    """Difference of numbers for a depth step of `step_mm` on the display.
 
-    At least one and a half steps of the file: its own coarseness tears nothing.
+    At least 1.5 quantisation steps of the file, which must not split a surface.
     """
     d = np.array([depth_map.near, depth_map.far])
     if depth_map.slope == 0:
         return math.inf
-    least = apart_mm / abs(depth_map.slope)
-    if depth_map.over_depth:
+    least = step_mm / abs(depth_map.slope)
+    if depth_map.is_reciprocal:
         return max(least, 1.5 * values.step / float(d.min() ** 2), 1.5 * values.inverse_step)
     return max(least, 1.5 * values.step, 1.5 * values.inverse_step * float(d.max() ** 2))
 
 
 def empty_share(covered: np.ndarray, display: Display, cell_mm: float) -> float:
-    """Share of a fitted picture's cells on the lens array that nothing covers.
+    """Share of a fitted picture's cells on the lens array without a surface.
 
     Parameters
     ----------

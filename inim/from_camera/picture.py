@@ -1,7 +1,7 @@
-"""A camera's colour and depth picture as a user gives it: read, checked, fitted to a display.
+"""Colour and depth of a camera as a user gives them: reading, checks and fit to a display.
 
-Depth is brought to the colour picture's size by taking the nearest pixel, never a mean: between an
-object and its background there is nothing. Edges say whether the two belong together.
+Depth is resampled to the colour picture's size by nearest pixel: a mean would invent surfaces
+between an object and its background. A comparison of edges detects misaligned pictures.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from inim.display import Display
 from inim.errors import FileError, UsageError
 from inim.from_camera.depth_values import (
     FILL_RULES,
-    DepthValues,
     DepthConvention,
+    DepthValues,
     fill_missing_depth,
-    parse_unit,
     interpret_depth,
+    parse_unit,
 )
 from inim.from_camera.fit import (
     DEPTH_MAPS,
@@ -35,29 +35,29 @@ from inim.from_camera.fit import (
     map_depth,
     parse_intrinsics,
 )
-from inim.from_camera.framing import Framing, frame
+from inim.from_camera.framing import Framing, choose_framing
 from inim.from_camera.picture_files import read_color, read_depth
 from inim.image.rgbd import RGBD
 
-# Weights of red, green and blue; any that look at all three would do.
+# Weights of red, green and blue for a grey picture.
 _LUMA = (0.3, 0.6, 0.1)
-# Of width over height; cropped or letter-boxed pictures differ by more.
+# Relative difference of aspect ratios; cropped or letter-boxed pictures differ by more.
 _ASPECT_TOLERANCE = 0.01
-# Edges are compared on pictures about this wide; farther than this share of it is not looked.
-_COMPARED_AT = 480
-_FARTHEST = 0.06
-# An edge of depth: neighbours that differ by this part of the depth range.
+# Edges are compared on pictures about this wide, up to this share of it as shift.
+_COMPARISON_PX = 480
+_MAX_SHIFT = 0.06
+# Minimum depth difference of neighbours at an edge, as a share of the depth range.
 _EDGE = 0.05
-# Fewer edge pixels say nothing.
-_LEAST_EDGES = 200
-# Depth sensors miss the true edge by a few pixels; a shift by less is no finding.
-_TOLERATED = 4.0
-#: From here on a picture shows little of itself, and its user should know why.
-MOST = 0.5
-# How much better the edges must match there than where they are, above their mean match.
-_BETTER = 1.35
-# What a photograph with depth inside says itself.
-_OWN = (
+# Minimum number of edge pixels for a comparison.
+_MIN_EDGES = 200
+# Depth sensors miss the true edge by a few pixels; smaller shifts are ignored.
+_TOLERANCE_PX = 4.0
+#: A warning is given if more than this share of a picture is clipped or of the array is empty.
+MAX_LOST_SHARE = 0.5
+# Minimum ratio of the best match of the edges to their unshifted match, both above the median.
+_MIN_MATCH_RATIO = 1.35
+# Options that a photograph with depth inside replaces.
+_PHOTO_PROPERTIES = (
     "color",
     "depth",
     "depth_unit",
@@ -66,27 +66,27 @@ _OWN = (
     "missing",
     "swap_bytes",
 )
-_OF_PHOTO = "photo"
-# A best match this many deviations above the others is none by chance: among the some thousand
-# shifts, pictures that have nothing in common reach 4.
-_BEYOND_CHANCE = 5.0
+_PHOTO_CAMERA = "photo"
+# Minimum significance of the best match in standard deviations. Unrelated pictures reach 4 among
+# the thousands of shifts.
+_MIN_DEVIATIONS = 5.0
 
 
 def check_same_view(color: tuple[int, int], depth: tuple[int, int], name: str) -> None:
-    """Raise `FileError` where two pictures, (rows, columns), cannot show the same view."""
+    """Raise `FileError` if the aspect ratios of two pictures, (rows, columns), differ."""
     aspects = [columns / rows for rows, columns in (color, depth)]
     if abs(aspects[0] / aspects[1] - 1) <= _ASPECT_TOLERANCE:
         return
-    turned = abs(aspects[0] * aspects[1] - 1) <= _ASPECT_TOLERANCE
-    way_out = "one of them is turned; turn it back" if turned else "crop them to the same view"
+    is_rotated = abs(aspects[0] * aspects[1] - 1) <= _ASPECT_TOLERANCE
+    remedy = "rotate one of them upright" if is_rotated else "crop them to the same view"
     raise FileError(
         f"{name}: depth has {depth[1]} x {depth[0]} pixels, colour {color[1]} x {color[0]}: "
-        f"another shape; {way_out}"
+        f"different aspect ratios; {remedy}"
     )
 
 
 def resample_nearest(depth: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
-    """Depth at another size, each pixel's that of the nearest pixel centre."""
+    """Resample depth to another size, by nearest pixel."""
     if depth.shape == shape:
         return depth
     rows, columns = (
@@ -98,9 +98,9 @@ def resample_nearest(depth: NDArray[np.float32], shape: tuple[int, int]) -> NDAr
 
 
 def edge_shift(color: np.ndarray, depth: NDArray[np.float32]) -> tuple[int, int] | None:
-    """Pixels to the right and down by which depth has to be moved to match the colour's edges.
+    """Shift in pixels (right, down) that aligns the depth's edges with the colour's.
 
-    None unless the edges match so much better there that the two are likely misaligned.
+    None if the pictures are aligned, or if the match is not significant.
 
     Parameters
     ----------
@@ -108,76 +108,74 @@ def edge_shift(color: np.ndarray, depth: NDArray[np.float32]) -> tuple[int, int]
     depth : (H, W) float32
         NaN where missing.
     """
-    step = max(1, math.ceil(depth.shape[1] / _COMPARED_AT))
+    step = max(1, math.ceil(depth.shape[1] / _COMPARISON_PX))
     small = depth[::step, ::step]
     grey = np.asarray(color[::step, ::step], np.float32) @ np.array(_LUMA, np.float32)
     edges, contrast = _depth_edges(small), _contrast(grey)
-    farthest = max(1, round(_FARTHEST * max(small.shape)))
-    if edges.sum() < _LEAST_EDGES or min(small.shape) <= 2 * farthest:
+    reach = max(1, round(_MAX_SHIFT * max(small.shape)))
+    if edges.sum() < _MIN_EDGES or min(small.shape) <= 2 * reach:
         return None
-    padded = tuple(n + farthest for n in small.shape)
-    spectrum = np.fft.rfft2(contrast - contrast.mean(), padded) * np.conj(
-        np.fft.rfft2(edges, padded)
-    )
-    match = np.roll(np.fft.irfft2(spectrum, padded), (farthest, farthest), (0, 1))
-    match = match[: 2 * farthest + 1, : 2 * farthest + 1]
-    down, right = (int(v) - farthest for v in np.unravel_index(match.argmax(), match.shape))
-    here, best = float(match[farthest, farthest]), float(match.max())
+    size = tuple(n + reach for n in small.shape)
+    spectrum = np.fft.rfft2(contrast - contrast.mean(), size) * np.conj(np.fft.rfft2(edges, size))
+    match = np.roll(np.fft.irfft2(spectrum, size), (reach, reach), (0, 1))
+    match = match[: 2 * reach + 1, : 2 * reach + 1]
+    shift_y, shift_x = (int(v) - reach for v in np.unravel_index(match.argmax(), match.shape))
+    unshifted, best = float(match[reach, reach]), float(match.max())
     base = float(np.median(match))
-    deviation = 1.4826 * float(np.median(np.abs(match - base)))  # of a normal distribution
-    misaligned = (
-        math.hypot(down, right) * step > _TOLERATED
-        and best - base > _BETTER * (here - base)
-        and best - base > _BEYOND_CHANCE * deviation
+    deviation = 1.4826 * float(np.median(np.abs(match - base)))  # factor of a normal distribution
+    is_misaligned = (
+        math.hypot(shift_y, shift_x) * step > _TOLERANCE_PX
+        and best - base > _MIN_MATCH_RATIO * (unshifted - base)
+        and best - base > _MIN_DEVIATIONS * deviation
     )
-    return (right * step, down * step) if misaligned else None
+    return (shift_x * step, shift_y * step) if is_misaligned else None
 
 
 def _depth_edges(depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """1 on both sides of a jump of depth, 0 elsewhere and beside missing depth."""
-    known = depth[~np.isnan(depth)]
+    """1 on both sides of a depth edge, otherwise 0."""
+    valid = depth[~np.isnan(depth)]
     edges = np.zeros(depth.shape, np.float32)
-    if known.size < 2:
+    if valid.size < 2:
         return edges
-    low, high = np.quantile(known, (0.02, 0.98))
+    low, high = np.quantile(valid, (0.02, 0.98))
     limit = _EDGE * float(high - low)
-    across = np.abs(np.diff(depth, axis=1)) > limit
-    down = np.abs(np.diff(depth, axis=0)) > limit
-    edges[:, :-1][across] = 1
-    edges[:, 1:][across] = 1
-    edges[:-1][down] = 1
-    edges[1:][down] = 1
+    in_rows = np.abs(np.diff(depth, axis=1)) > limit
+    in_columns = np.abs(np.diff(depth, axis=0)) > limit
+    edges[:, :-1][in_rows] = 1
+    edges[:, 1:][in_rows] = 1
+    edges[:-1][in_columns] = 1
+    edges[1:][in_columns] = 1
     return edges
 
 
 def _contrast(grey: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Differences of neighbours, compressed so that a few hard edges do not decide."""
-    across = np.zeros_like(grey)
-    across[:, 1:-1] = np.abs(grey[:, 2:] - grey[:, :-2])
-    across[1:-1] += np.abs(grey[2:] - grey[:-2])
-    return np.asarray(np.sqrt(across), np.float32)
+    """Square root of neighbour differences, which limits the weight of hard edges."""
+    difference = np.zeros_like(grey)
+    difference[:, 1:-1] = np.abs(grey[:, 2:] - grey[:, :-2])
+    difference[1:-1] += np.abs(grey[2:] - grey[:-2])
+    return np.asarray(np.sqrt(difference), np.float32)
 
 
 @dataclass(frozen=True)
 class ColorDepth:
-    """Colour and depth as taken, on one grid.
+    """Colour and depth of a camera on one grid.
 
     Attributes
     ----------
     color : (H, W, 3) uint8 sRGB, or float32 linear RGB
     values : DepthValues
-        Of the same rows and columns.
+        Same rows and columns as `color`.
     coarseness : float
-        Width of a sample of the depth picture in pixels of the colour picture, at least 1.
+        Width of a depth sample in colour pixels, at least 1.
     depth_size : (columns, rows)
-        Of the depth picture's file.
+        Size of the depth file.
     missing : float
-        Share of its pixels that have no depth.
+        Share of the depth pixels without depth.
     warnings : tuple of str
     camera : Pinhole or None
-        None where the picture is taken as orthographic.
-    said : tuple of str
-        What a photograph says of the depth inside it.
+        None for orthographic pictures.
+    notes : tuple of str
+        Depth and camera properties that a photograph contains.
     """
 
     color: np.ndarray
@@ -187,14 +185,14 @@ class ColorDepth:
     missing: float
     warnings: tuple[str, ...]
     camera: Pinhole | None
-    said: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class CameraPicture:
-    """The files of a picture, and what the user says of them; see `inim generate --help`.
+    """Files of a picture and the options for reading them; see `inim generate --help`.
 
-    Every field is an option of that name. `photo` is a photograph with depth inside, in place of
+    Each field is the option of that name. `photo` is a photograph with depth inside; it replaces
     `color` and `depth`.
     """
 
@@ -219,54 +217,58 @@ class CameraPicture:
 
     @property
     def fit_rule(self) -> str:
-        """How it is fitted: a photograph with depth inside by itself, two files as they are."""
+        """Rule for the fit: by default `auto` for a photograph with depth, else `contain`."""
         return self.fit or ("contain" if self.photo is None else "auto")
 
     @property
-    def shown(self) -> Path | None:
-        """The file to name."""
+    def path(self) -> Path | None:
+        """File that names the picture: the photograph or the colour file."""
         return self.color if self.photo is None else self.photo
 
     def check_files(self) -> None:
-        """Raise `UsageError` unless there are two files, and it is said how they were taken."""
+        """Raise `UsageError` unless files and projection are given, without contradictions."""
         if self.photo is not None:
-            for name in _OWN:
+            for name in _PHOTO_PROPERTIES:
                 if getattr(self, name):
                     option = f"--{name.replace('_', '-')}"
-                    raise UsageError(f"{option}: {self.photo} has its own depth; leave it out")
+                    raise UsageError(f"{option}: {self.photo} contains its depth; omit {option}")
             if self.intrinsics and self.orthographic:
-                raise UsageError("--orthographic: and --intrinsics; give one of them")
+                raise UsageError("--orthographic and --intrinsics exclude each other; give one")
             return
-        if self.intrinsics == _OF_PHOTO:
-            raise UsageError("--intrinsics photo: is for photographs with depth inside")
+        if self.intrinsics == _PHOTO_CAMERA:
+            raise UsageError(
+                "--intrinsics photo: needs a photograph with depth inside; give fx,fy,cx,cy"
+            )
         for name in ("color", "depth"):
             if getattr(self, name) is None:
                 raise UsageError(f"--{name}: missing; give --color FILE and --depth FILE")
         if bool(self.intrinsics) == self.orthographic:
             raise UsageError(
-                "give either --intrinsics fx,fy,cx,cy (a camera's picture, unprojected) or "
-                "--orthographic (taken as it is)"
+                "give either --intrinsics fx,fy,cx,cy (perspective picture, unprojected) or "
+                "--orthographic"
             )
 
     def check_choices(self) -> None:
-        """Raise `UsageError` for words and numbers that are none of an option's."""
-        words = {
+        """Raise `UsageError` for an invalid value of an option."""
+        choices = {
             "--depth-map": (self.depth_map, DEPTH_MAPS),
             "--missing-depth": (self.missing_depth, FILL_RULES),
             "--fit": (self.fit_rule, (*FITS, "auto")),
             "--out-of-range": (self.out_of_range, ("clip", "drop")),
         }
-        for option, (word, known) in words.items():
-            if word not in known:
-                raise UsageError(f"{option} {word}: use {', '.join(known[:-1])} or {known[-1]}")
+        for option, (value, valid) in choices.items():
+            if value not in valid:
+                raise UsageError(f"{option} {value}: use {', '.join(valid[:-1])} or {valid[-1]}")
         if not (math.isfinite(self.max_slope) and self.max_slope > 0):
-            raise UsageError(f"--max-slope {self.max_slope:g}: a slope above 0; 10 is 84 degrees")
+            raise UsageError(
+                f"--max-slope {self.max_slope:g}: must be above 0, such as 10 (84 degrees)"
+            )
         if self.frame_at is not None and not self.intrinsics:
-            raise UsageError("--frame-at: an orthographic picture is as large at every distance")
+            raise UsageError("--frame-at: has no effect on an orthographic picture; omit it")
 
     def camera(self) -> Pinhole | None:
-        """The camera that is stated; None where there is none, or it is a photograph's own."""
-        if self.orthographic or not self.intrinsics or self.intrinsics == _OF_PHOTO:
+        """Camera of `intrinsics`; None if orthographic or if the photograph's camera is used."""
+        if self.orthographic or not self.intrinsics or self.intrinsics == _PHOTO_CAMERA:
             return None
         return parse_intrinsics(self.intrinsics)
 
@@ -276,13 +278,13 @@ class CameraPicture:
         Raises
         ------
         InimError
-            A file that is damaged or makes no sense with what is said of it.
+            A file is damaged or contradicts the options.
         """
         if self.photo is not None:
             return self._read_photo(self.photo)
         assert self.color is not None
         assert self.depth is not None
-        stated = DepthConvention(
+        convention = DepthConvention(
             None if self.depth_unit is None else parse_unit(self.depth_unit),
             True if self.near_is_large else False if self.far_is_large else None,
             _numbers(self.missing),
@@ -293,101 +295,100 @@ class CameraPicture:
         rows, columns = color.shape[:2]
         size = file.values.shape
         check_same_view((rows, columns), (size[0], size[1]), str(self.depth))
-        values = interpret_depth(file, stated, str(self.depth))
-        taken = self._taken(color, values, self.camera(), str(self.depth))
-        if size == (rows, columns):
-            return taken
-        resized = (
-            f"{self.depth}: {size[1]} x {size[0]} pixels, colour {columns} x {rows}: depth was "
-            "brought to the colour's size by nearest pixel"
-        )
-        of_values = len(values.warnings)
-        said = (*taken.warnings[:of_values], resized, *taken.warnings[of_values:])
-        return replace(taken, warnings=said)
+        values = interpret_depth(file, convention, str(self.depth))
+        if size != (rows, columns):
+            message = (
+                f"{self.depth}: {size[1]} x {size[0]} pixels, colour {columns} x {rows}: depth was "
+                "resampled to the colour's size by nearest pixel"
+            )
+            values = replace(values, warnings=(*values.warnings, message))
+        return self._combine(color, values, self.camera(), str(self.depth))
 
     def _read_photo(self, path: Path) -> ColorDepth:
         """Read a photograph with depth inside."""
         from inim.from_camera.depth_photo import read_depth_photo
-        from inim.from_camera.depth_photo.codes import distances
+        from inim.from_camera.depth_photo.codes import invert_disparity
 
         photo = read_depth_photo(path)
         rows, columns = photo.values.depth.shape
         check_same_view((photo.color.shape[0], photo.color.shape[1]), (rows, columns), str(path))
         if np.isnan(photo.values.depth).all():
-            raise FileError(f"{path}: no pixel of its depth has one; take the original file")
+            raise FileError(f"{path}: no pixel has a depth; use the original file")
         camera, values = self.camera(), photo.values
-        if self.intrinsics == _OF_PHOTO:
+        if self.intrinsics == _PHOTO_CAMERA:
             camera = photo.camera
             if camera is None:
                 raise UsageError(
-                    f"--intrinsics photo: {path} does not say how it was taken; write "
-                    "fx,fy,cx,cy, or leave it out"
+                    f"--intrinsics photo: {path} contains no camera; give fx,fy,cx,cy or omit "
+                    "--intrinsics"
                 )
         if camera is not None and values.near_is_large:
-            values = distances(values)
-        taken = self._taken(photo.color, values, camera, str(path))
-        return replace(taken, said=photo.said)
+            values = invert_disparity(values)
+        picture = self._combine(photo.color, values, camera, str(path))
+        return replace(picture, notes=photo.notes)
 
-    def _taken(
+    def _combine(
         self, color: np.ndarray, values: DepthValues, camera: Pinhole | None, name: str
     ) -> ColorDepth:
-        """Colour and depth on the colour's grid, and whether their edges agree."""
+        """Fill depth, resample it to the colour's grid and check the alignment of their edges."""
         rows, columns = color.shape[:2]
         size = values.depth.shape
         missing = float(np.isnan(values.depth).mean())
-        filled = fill_missing_depth(values.depth, self.missing_depth, near_is_large=values.near_is_large)
-        values = replace(values, depth=resample_nearest(filled, (rows, columns)))
+        depth = fill_missing_depth(
+            values.depth, self.missing_depth, near_is_large=values.near_is_large
+        )
+        values = replace(values, depth=resample_nearest(depth, (rows, columns)))
         warnings = values.warnings
         shift = edge_shift(color, values.depth)
         if shift is not None:
             warnings = (
                 *warnings,
-                f"{name}: its edges match those of {self.shown} better "
-                f"{shift[0]:+} pixels to the right and {shift[1]:+} down: the two may "
-                "be misaligned; register depth to colour first",
+                f"{name}: may be misaligned with {self.path}: the edges match better if depth "
+                f"shifts {shift[0]:+} pixels to the right and {shift[1]:+} down; register depth to "
+                "colour first",
             )
         coarseness = max(1.0, columns / size[1])
         return ColorDepth(color, values, coarseness, (size[1], size[0]), missing, warnings, camera)
 
     def fit_to(
-        self, taken: ColorDepth, display: Display, pixels_per_pitch: float
+        self, picture: ColorDepth, display: Display, pixels_per_pitch: float
     ) -> tuple[PictureFit, DepthMap]:
-        """What was read, fitted to a display; and how its depths were mapped."""
-        if taken.camera is not None:
-            rows, columns = taken.color.shape[:2]
-            check_pinhole(taken.camera, (rows, columns))
+        """Fit a picture from `read` to a display; also return the map of its depths."""
+        if picture.camera is not None:
+            rows, columns = picture.color.shape[:2]
+            check_pinhole(picture.camera, (rows, columns))
         near, far, frame_at, fit, framing = self.near, self.far, self.frame_at, self.fit_rule, None
-        whole = taken.values
+        values = picture.values
         if fit == "auto":
-            framing = frame(whole, display.width_mm / display.height_mm)
-            taken, fit = _cropped(taken, framing), framing.fit
-            near, far = self._framed_range(framing, near_is_large=whole.near_is_large)
-            frame_at = framing.middle if frame_at is None else frame_at
-        ends = depth_range(whole, near, far)
-        depth_map = map_depth(self.depth_map, taken.values, ends, display)
-        fitted = fit_picture(
-            taken.color,
-            taken.values,
+            framing = choose_framing(values, display.width_mm / display.height_mm)
+            picture, fit = _crop(picture, framing), framing.fit
+            near, far = self._choose_range(framing, near_is_large=values.near_is_large)
+            frame_at = framing.subject_depth if frame_at is None else frame_at
+        ends = depth_range(values, near, far)
+        depth_map = map_depth(self.depth_map, picture.values, ends, display)
+        picture_fit = fit_picture(
+            picture.color,
+            picture.values,
             depth_map,
             display,
-            camera=taken.camera,
+            camera=picture.camera,
             pixels_per_pitch=pixels_per_pitch,
             fit=fit,
             frame_at=frame_at,
             max_slope=self.max_slope,
-            coarseness=taken.coarseness,
+            coarseness=picture.coarseness,
             drop=self.out_of_range == "drop",
         )
-        return replace(fitted, framing=None if framing is None else framing.said), depth_map
+        return replace(picture_fit, framing=None if framing is None else framing.reason), depth_map
 
-    def _framed_range(
+    def _choose_range(
         self, framing: Framing, *, near_is_large: bool
     ) -> tuple[float | None, float | None]:
-        """The stated ends, and those of the framing where they go with them; else None."""
+        """User's near and far, completed by the framing's if the order is right."""
         if self.near is None and self.far is None and framing.near == framing.far:
             raise FileError(
-                f"{self.depth or self.photo}: its depth is the same everywhere, "
-                f"{framing.near:.5g}; state --near and --far, or show it flat with --fit contain"
+                f"{self.depth or self.photo}: its depth is {framing.near:.5g} everywhere; "
+                "give --near and --far, or show it flat with --fit contain"
             )
         near = framing.near if self.near is None else self.near
         far = framing.far if self.far is None else self.far
@@ -395,70 +396,68 @@ class CameraPicture:
             return near, far
         return self.near, self.far
 
-    def fitted(
+    def read_and_fit(
         self, display: Display, pixels_per_pitch: float
     ) -> tuple[RGBD, tuple[str, ...], tuple[str, ...]]:
-        """Check, read and fit the picture; its RGB-D in the display frame, warnings, and notes."""
+        """Check, read and fit the picture; return RGB-D in the display frame, warnings and notes."""
         self.check_files()
         self.check_choices()
         self.camera()
-        taken = self.read()
-        fitted, depth_map = self.fit_to(taken, display, pixels_per_pitch)
-        return fitted.rgbd, self.warnings(taken, fitted, depth_map), self.notes(taken, fitted)
+        picture = self.read()
+        fit, depth_map = self.fit_to(picture, display, pixels_per_pitch)
+        return fit.rgbd, self.warnings(picture, fit, depth_map), self.notes(picture, fit)
 
-    def notes(self, taken: ColorDepth, fitted: PictureFit) -> tuple[str, ...]:
-        """What a photograph says of its depth, and how a picture was framed, where by itself."""
-        said = {"photo": "; ".join(taken.said), "framed": fitted.framing or ""}
-        return tuple(f"{name:<11}{words}" for name, words in said.items() if words)
+    def notes(self, picture: ColorDepth, fit: PictureFit) -> tuple[str, ...]:
+        """Lines on a photograph's properties and on the automatic framing."""
+        notes = {"photo": "; ".join(picture.notes), "framed": fit.framing or ""}
+        return tuple(f"{name:<11}{text}" for name, text in notes.items() if text)
 
-    def warnings(self, taken: ColorDepth, fitted: PictureFit, depth_map: DepthMap) -> tuple[str, ...]:
-        """What to say of the files, the map, and of a picture most of which is lost in it."""
-        said = [*taken.warnings, *depth_map.warnings(fitted.clipped)]
-        chosen = fitted.framing is not None and (self.near, self.far) == (None, None)
-        if fitted.clipped > MOST and depth_map.name != "printed" and not chosen:
-            said.append(self._clipped_words(taken, fitted, depth_map))
-        if fitted.empty > MOST:
-            said.append(self._empty_words(taken, fitted))
-        return tuple(said)
+    def warnings(
+        self, picture: ColorDepth, fit: PictureFit, depth_map: DepthMap
+    ) -> tuple[str, ...]:
+        """Warnings about the files, the depth map, and mostly clipped or empty pictures."""
+        warnings = [*picture.warnings, *depth_map.warnings(fit.clipped)]
+        is_auto_range = fit.framing is not None and (self.near, self.far) == (None, None)
+        if fit.clipped > MAX_LOST_SHARE and depth_map.name != "printed" and not is_auto_range:
+            warnings.append(self._clipped_warning(picture, fit, depth_map))
+        if fit.empty > MAX_LOST_SHARE:
+            warnings.append(self._empty_warning(picture, fit))
+        return tuple(warnings)
 
-    def _clipped_words(self, taken: ColorDepth, fitted: PictureFit, depth_map: DepthMap) -> str:
-        known = taken.values.depth[~np.isnan(taken.values.depth)]
-        unit = " mm" if taken.values.has_unit else ""
-        done = "left out" if self.out_of_range == "drop" else "moved to its ends, where they lie flat"
-        words = (
-            f"{self.depth or self.photo}: {fitted.clipped:.1%} of its depths lie beyond the range "
-            f"that is mapped and were {done}; they run from {known.min():.5g} to "
-            f"{known.max():.5g}{unit}, and --near {depth_map.near:.5g} --far {depth_map.far:.5g} "
-            "were mapped: state a wider range, or neither"
+    def _clipped_warning(self, picture: ColorDepth, fit: PictureFit, depth_map: DepthMap) -> str:
+        valid = picture.values.depth[~np.isnan(picture.values.depth)]
+        unit = " mm" if picture.values.has_unit else ""
+        effect = "omitted" if self.out_of_range == "drop" else "clipped, which flattens them"
+        warning = (
+            f"{self.depth or self.photo}: {fit.clipped:.1%} of its depths are out of range and "
+            f"were {effect}: they extend from {valid.min():.5g} to {valid.max():.5g}{unit}, the "
+            f"range from --near {depth_map.near:.5g} to --far {depth_map.far:.5g}; give a wider "
+            "range, or neither"
         )
-        return words + ", or --depth-map linear" * (depth_map.name == "reciprocal")
+        return warning + ", or --depth-map linear" * (depth_map.name == "reciprocal")
 
-    def _empty_words(self, taken: ColorDepth, fitted: PictureFit) -> str:
-        ways = []
+    def _empty_warning(self, picture: ColorDepth, fit: PictureFit) -> str:
+        remedies = []
         if self.fit_rule != "cover":
-            ways.append("--fit cover fills an array of another shape")
-        if taken.camera is not None:
-            ways.append("--orthographic in place of --intrinsics keeps the photograph's framing")
-        if self.missing_depth == "none" and taken.missing > 0:
-            ways.append(
-                f"--missing-depth behind gives a depth to the {taken.missing:.1%} of the picture that "
-                "have none"
-            )
-        if self.out_of_range == "drop" and fitted.clipped > 0:
-            ways.append("--out-of-range clip keeps what lies beyond the range")
-        words = f"{self.shown}: {fitted.empty:.1%} of the lens array show nothing"
-        return f"{words}: {'; '.join(ways)}" if ways else words
+            remedies.append("--fit cover fills an array of another shape")
+        if picture.camera is not None:
+            remedies.append("--orthographic instead of --intrinsics keeps the photograph's framing")
+        if self.missing_depth == "none" and picture.missing > 0:
+            remedies.append(f"--missing-depth behind fills the missing {picture.missing:.1%} of it")
+        if self.out_of_range == "drop" and fit.clipped > 0:
+            remedies.append("--out-of-range clip keeps depths beyond the range")
+        warning = f"{self.path}: {fit.empty:.1%} of the lens array is empty"
+        return f"{warning}: {'; '.join(remedies)}" if remedies else warning
 
 
-def _cropped(taken: ColorDepth, framing: Framing) -> ColorDepth:
-    """What of a picture is shown."""
-    window, camera = (framing.rows, framing.columns), taken.camera
+def _crop(picture: ColorDepth, framing: Framing) -> ColorDepth:
+    window, camera = (framing.rows, framing.columns), picture.camera
     if camera is not None:
         left, top = framing.columns.start, framing.rows.start
         camera = replace(camera, cx=camera.cx - left, cy=camera.cy - top)
-    values = replace(taken.values, depth=np.ascontiguousarray(taken.values.depth[window]))
-    color = np.ascontiguousarray(taken.color[window])
-    return replace(taken, color=color, values=values, camera=camera)
+    values = replace(picture.values, depth=np.ascontiguousarray(picture.values.depth[window]))
+    color = np.ascontiguousarray(picture.color[window])
+    return replace(picture, color=color, values=values, camera=camera)
 
 
 def _numbers(text: str) -> tuple[float, ...]:

@@ -1,15 +1,14 @@
-"""A camera's samples as tiles, drawn into the orthographic cells of the display's picture.
+"""Rendering of a camera's samples, as tiles, into the orthographic cells of the display's picture.
 
-Every sample is a small tile that covers its own pixel of the camera. Where samples of one surface
-meet in a pixel corner, their tiles share that corner, so that nothing shows between them, however
-far the map pulls them apart; where the surface ends, they do not, and what lies behind is seen or a
-hole stays. Two neighbours are of one surface where their depths differ by no more than a stated
-slope allows; which samples of the four around a corner belong together follows from that.
+Each sample is a tile that covers its camera pixel. Tiles of one surface share their corners, so
+that the map cannot open gaps between them. At the edge of a surface the corners separate, and the
+surface behind or a hole is visible. Two neighbours belong to one surface if the slope between them
+is at most the given limit. This decides which of the four samples at a corner share it.
 
-A cell takes the tile nearest to the viewer at its centre, and the depth of that tile there:
-interpolated within one surface, never between two. Its colour is the mean, in linear light, of the
-samples that fall into it and belong to that surface, so that a picture finer than the cells does
-not alias; the tile's own where none falls into it.
+A cell takes the tile nearest to the viewer at its centre, and the depth of that tile there. Depth
+is interpolated within one surface only. The cell's colour is the mean, in linear light, of the
+samples in it that belong to this surface, which avoids aliasing of fine pictures; without such
+samples it is the tile's colour.
 """
 
 from __future__ import annotations
@@ -26,28 +25,28 @@ from inim.image.color import linear_from_srgb
 if TYPE_CHECKING:
     from inim.from_camera.fit import DepthMap
 
-# Colours become floats in blocks of about this many samples.
+# Number of samples per block in which colours are converted to floats.
 _BLOCK = 2**20
-# Cell centres on a border shared by two tiles belong to both: rounding must not lose them.
+# Tolerance for cell centres on a border of two tiles: both cover them despite rounding.
 _ON_BORDER = 1e-9
 
 
 @dataclass(frozen=True)
 class CameraTiles:
-    """Where samples lie in the display frame.
+    """Samples and their mapping to the display frame.
 
-    Sample (i, j) of number q lies at ``x = ax (j - cx) w + ox``, ``y = -ay (i - cy) w + oy`` with
-    w = 1 / q where `perspective`, else 1, and at the z of `depth_map`,
-    with q for d, or 1 / q where `over_q`.
+    Sample (i, j) of value q is at ``x = ax (j - cx) w + ox``, ``y = -ay (i - cy) w + oy`` with
+    w = 1 / q if `perspective`, else 1. Its z is the `depth_map` of q, or of 1 / q if `over_q`.
 
     Attributes
     ----------
     q : (H, W) float32
-        Inverse distances, or depths; NaN where there is none. Taken to `q_low` .. `q_high`.
-    apart, apart_share : float
-        Neighbours are one surface where their q differ by at most ``apart + apart_share min(q)``.
+        Inverse distances, or depths, clipped to `q_low` .. `q_high`; NaN where missing.
+    tolerance, tolerance_share : float
+        Neighbours belong to one surface if their q differ by at most
+        ``tolerance + tolerance_share min(q)``.
     drop : bool
-        Leave samples beyond the range out instead of taking them to its end.
+        Omit samples out of range instead of clipping them.
     """
 
     q: NDArray[np.float32]
@@ -62,14 +61,14 @@ class CameraTiles:
     ox: float
     oy: float
     depth_map: DepthMap
-    apart: float
-    apart_share: float
+    tolerance: float
+    tolerance_share: float
     drop: bool
 
 
 @dataclass(frozen=True)
 class TileImage:
-    """Cells.
+    """Cells of the display's picture.
 
     Attributes
     ----------
@@ -77,7 +76,7 @@ class TileImage:
     depth_mm : (rows, columns) float32
     covered : (rows, columns) bool
     clipped : int
-        Samples beyond the range.
+        Number of samples out of range.
     """
 
     color: NDArray[np.float32]
@@ -96,10 +95,10 @@ def draw_tiles(
     tiles : CameraTiles
     color : (H, W, 3) uint8 sRGB, or float32 linear RGB
     shape : (rows, columns)
-        Of the cells, centred on the display's axis.
+        Number of cells, centred on the display's axis.
     cell_mm : float
     same_mm : float
-        Samples in a cell this close in depth to what it shows are of the same surface.
+        Maximum depth difference between a cell and the samples that contribute to its colour.
     """
     t, to = tiles, tiles.depth_map
     frame = np.array(
@@ -108,7 +107,7 @@ def draw_tiles(
             *(to.offset_mm, to.slope, to.low_mm, to.high_mm, cell_mm),
         ]
     )
-    limits = np.array([t.q_low, t.q_high, t.apart, t.apart_share])
+    limits = np.array([t.q_low, t.q_high, t.tolerance, t.tolerance_share])
     flags = (t.perspective, t.over_q, t.drop)
     depth = np.full(shape, -np.inf)
     owner = np.full(shape, -1, np.int64)
@@ -120,12 +119,11 @@ def draw_tiles(
         part = t.q[start : start + rows]
         _add_colors(part, start, block, frame, limits, flags, depth, same_mm, sums, counts)
     covered = owner >= 0
-    seen = np.zeros((*shape, 3), np.float32)
-    flat = color.reshape(-1, 3)
-    seen[covered] = _linear(flat[owner[covered]])
-    several = covered & (counts > 0)
-    seen[several] = sums[several] / counts[several][:, None]
-    return TileImage(seen, np.where(covered, depth, 0).astype(np.float32), covered, clipped)
+    cell_color = np.zeros((*shape, 3), np.float32)
+    cell_color[covered] = _linear(color.reshape(-1, 3)[owner[covered]])
+    averaged = covered & (counts > 0)
+    cell_color[averaged] = sums[averaged] / counts[averaged][:, None]
+    return TileImage(cell_color, np.where(covered, depth, 0).astype(np.float32), covered, clipped)
 
 
 def _linear(color: np.ndarray) -> NDArray[np.float32]:
@@ -136,82 +134,81 @@ def _linear(color: np.ndarray) -> NDArray[np.float32]:
 
 
 @compiled(inline="always")
-def _held(q, limits):  # type: ignore[no-untyped-def]
-    """A number taken to the range; NaN stays NaN."""
+def _clip(q, limits):  # type: ignore[no-untyped-def]
+    """Clip to the range; NaN stays NaN."""
     return limits[0] if q < limits[0] else limits[1] if q > limits[1] else q
 
 
 @compiled(inline="always")
-def _joined(a, b, limits):  # type: ignore[no-untyped-def]
+def _is_one_surface(a, b, limits):  # type: ignore[no-untyped-def]
     return abs(a - b) <= limits[2] + limits[3] * min(a, b)
 
 
 @compiled(inline="always")
-def _depth_of(q, frame, over_q):  # type: ignore[no-untyped-def]
+def _display_depth(q, frame, over_q):  # type: ignore[no-untyped-def]
     z = frame[6] + (frame[7] / q if over_q else frame[7] * q)
     return min(max(z, frame[8]), frame[9])
 
 
 @compiled(inline="always")
-def _beyond(q, frame, limits, over_q):  # type: ignore[no-untyped-def]
-    """Whether a sample lies outside of the range, but for rounding."""
+def _is_out_of_range(q, frame, limits, over_q):  # type: ignore[no-untyped-def]
+    """True if a sample is out of range by more than rounding."""
     z = frame[6] + (frame[7] / q if over_q else frame[7] * q)
-    least = 1e-6 * (frame[9] - frame[8])
-    aside = 1e-6 * (abs(limits[0]) + abs(limits[1]))
-    out = z < frame[8] - least or z > frame[9] + least
-    return out or q < limits[0] - aside or q > limits[1] + aside
+    z_tolerance = 1e-6 * (frame[9] - frame[8])
+    q_tolerance = 1e-6 * (abs(limits[0]) + abs(limits[1]))
+    z_is_out = z < frame[8] - z_tolerance or z > frame[9] + z_tolerance
+    return z_is_out or q < limits[0] - q_tolerance or q > limits[1] + q_tolerance
 
 
 @compiled
-def _corner(q, i, j, di, dj, own, limits):  # type: ignore[no-untyped-def]
-    """Mean q of the samples that meet `own`'s surface in the corner at (i + di/2, j + dj/2)."""
+def _corner(q, i, j, di, dj, centre, limits):  # type: ignore[no-untyped-def]
+    """Mean q of the samples of `centre`'s surface at the corner (i + di/2, j + dj/2)."""
     rows, columns = q.shape
-    nothing = np.float64(np.nan)
-    beside = below = across = nothing
+    horizontal = vertical = diagonal = np.float64(np.nan)  # the other samples at the corner
     row, column = i + di, j + dj
     if 0 <= column < columns:
-        beside = _held(np.float64(q[i, column]), limits)
+        horizontal = _clip(np.float64(q[i, column]), limits)
     if 0 <= row < rows:
-        below = _held(np.float64(q[row, j]), limits)
+        vertical = _clip(np.float64(q[row, j]), limits)
         if 0 <= column < columns:
-            across = _held(np.float64(q[row, column]), limits)
-    with_beside = _joined(own, beside, limits)
-    with_below = _joined(own, below, limits)
-    with_across = False
-    if with_beside and _joined(beside, across, limits):
-        with_across = True
-    if with_below and _joined(below, across, limits):
-        with_across = True
-    if with_across:
-        with_beside = with_beside or _joined(across, beside, limits)
-        with_below = with_below or _joined(across, below, limits)
-    # Summed in the order of the picture, so that all tiles of a corner get it to the bit.
-    upper, lower = (own, below) if di > 0 else (below, own)
-    upper_in, lower_in = (True, with_below) if di > 0 else (with_below, True)
-    upper_aside, lower_aside = (beside, across) if di > 0 else (across, beside)
-    upper_aside_in, lower_aside_in = (
-        (with_beside, with_across) if di > 0 else (with_across, with_beside)
+            diagonal = _clip(np.float64(q[row, column]), limits)
+    has_horizontal = _is_one_surface(centre, horizontal, limits)
+    has_vertical = _is_one_surface(centre, vertical, limits)
+    has_diagonal = False
+    if has_horizontal and _is_one_surface(horizontal, diagonal, limits):
+        has_diagonal = True
+    if has_vertical and _is_one_surface(vertical, diagonal, limits):
+        has_diagonal = True
+    if has_diagonal:
+        has_horizontal = has_horizontal or _is_one_surface(diagonal, horizontal, limits)
+        has_vertical = has_vertical or _is_one_surface(diagonal, vertical, limits)
+    # Sum in row-major order, so that all tiles at a corner compute identical bits.
+    upper_left, lower_left = (centre, vertical) if di > 0 else (vertical, centre)
+    upper_right, lower_right = (horizontal, diagonal) if di > 0 else (diagonal, horizontal)
+    has_upper_left, has_lower_left = (True, has_vertical) if di > 0 else (has_vertical, True)
+    has_upper_right, has_lower_right = (
+        (has_horizontal, has_diagonal) if di > 0 else (has_diagonal, has_horizontal)
     )
     if dj < 0:
-        upper, upper_aside = upper_aside, upper
-        upper_in, upper_aside_in = upper_aside_in, upper_in
-        lower, lower_aside = lower_aside, lower
-        lower_in, lower_aside_in = lower_aside_in, lower_in
-    total, members = 0.0, 0
-    if upper_in:
-        total, members = total + upper, members + 1
-    if upper_aside_in:
-        total, members = total + upper_aside, members + 1
-    if lower_in:
-        total, members = total + lower, members + 1
-    if lower_aside_in:
-        total, members = total + lower_aside, members + 1
-    return total / members
+        upper_left, upper_right = upper_right, upper_left
+        has_upper_left, has_upper_right = has_upper_right, has_upper_left
+        lower_left, lower_right = lower_right, lower_left
+        has_lower_left, has_lower_right = has_lower_right, has_lower_left
+    total, count = 0.0, 0
+    if has_upper_left:
+        total, count = total + upper_left, count + 1
+    if has_upper_right:
+        total, count = total + upper_right, count + 1
+    if has_lower_left:
+        total, count = total + lower_left, count + 1
+    if has_lower_right:
+        total, count = total + lower_right, count + 1
+    return total / count
 
 
 @compiled
 def _draw(q, frame, limits, flags, depth, owner):  # type: ignore[no-untyped-def]
-    """Draw all tiles; the number of samples beyond the range."""
+    """Draw all tiles; return the number of samples out of range."""
     perspective, over_q, drop = flags
     ax, ay, cx, cy, ox, oy = frame[:6]
     cell = frame[10]
@@ -222,19 +219,19 @@ def _draw(q, frame, limits, flags, depth, owner):  # type: ignore[no-untyped-def
         for j in range(q.shape[1]):
             if np.isnan(q[i, j]):
                 continue
-            if _beyond(np.float64(q[i, j]), frame, limits, over_q):
+            if _is_out_of_range(np.float64(q[i, j]), frame, limits, over_q):
                 clipped += 1
                 if drop:
                     continue
-            own = _held(np.float64(q[i, j]), limits)
+            centre = _clip(np.float64(q[i, j]), limits)
             for k in range(4):  # top left, top right, bottom right, bottom left
                 di = -1 if k < 2 else 1
                 dj = 1 if k == 1 or k == 2 else -1
-                corner = _corner(q, i, j, di, dj, own, limits)
+                corner = _corner(q, i, j, di, dj, centre, limits)
                 w = 1.0 / corner if perspective else 1.0
                 u[k] = (ax * (j + 0.5 * dj - cx) * w + ox) / cell + 0.5 * width
                 v[k] = (ay * (i + 0.5 * di - cy) * w - oy) / cell + 0.5 * height
-                z[k] = _depth_of(corner, frame, over_q)
+                z[k] = _display_depth(corner, frame, over_q)
             _fill(u, v, z, 0, 1, 2, i * q.shape[1] + j, depth, owner)
             _fill(u, v, z, 0, 2, 3, i * q.shape[1] + j, depth, owner)
     return clipped
@@ -242,7 +239,7 @@ def _draw(q, frame, limits, flags, depth, owner):  # type: ignore[no-untyped-def
 
 @compiled
 def _fill(u, v, z, a, b, c, number, depth, owner):  # type: ignore[no-untyped-def]
-    """One triangle into the cells whose centres it covers, where it is the nearest."""
+    """Draw a triangle into the cells whose centres it covers and where it is the nearest."""
     height, width = depth.shape
     left, right = min(u[a], u[b], u[c]), max(u[a], u[b], u[c])
     top, bottom = min(v[a], v[b], v[c]), max(v[a], v[b], v[c])
@@ -264,9 +261,9 @@ def _fill(u, v, z, a, b, c, number, depth, owner):  # type: ignore[no-untyped-de
             wb = ((u[c] - x) * (v[a] - y) - (u[a] - x) * (v[c] - y)) / area
             wc = 1.0 - wa - wb
             if min(wa, wb, wc) >= -_ON_BORDER:
-                there = wa * z[a] + wb * z[b] + wc * z[c]
-                if there > depth[row, column]:
-                    depth[row, column] = there
+                z_cell = wa * z[a] + wb * z[b] + wc * z[c]
+                if z_cell > depth[row, column]:
+                    depth[row, column] = z_cell
                     owner[row, column] = number
 
 
@@ -274,7 +271,7 @@ def _fill(u, v, z, a, b, c, number, depth, owner):  # type: ignore[no-untyped-de
 def _add_colors(  # type: ignore[no-untyped-def]
     q, start, color, frame, limits, flags, depth, same, sums, counts
 ):
-    """Add the colours of a block of samples to the cells that show their surface."""
+    """Add the colours of a block of samples to the cells of their surface."""
     perspective, over_q, drop = flags
     ax, ay, cx, cy, ox, oy = frame[:6]
     cell = frame[10]
@@ -283,16 +280,16 @@ def _add_colors(  # type: ignore[no-untyped-def]
         for j in range(q.shape[1]):
             if np.isnan(q[i, j]):
                 continue
-            if drop and _beyond(np.float64(q[i, j]), frame, limits, over_q):
+            if drop and _is_out_of_range(np.float64(q[i, j]), frame, limits, over_q):
                 continue
-            own = _held(np.float64(q[i, j]), limits)
-            w = 1.0 / own if perspective else 1.0
+            centre = _clip(np.float64(q[i, j]), limits)
+            w = 1.0 / centre if perspective else 1.0
             u = (ax * (j - cx) * w + ox) / cell + 0.5 * width
             v = (ay * (i + start - cy) * w - oy) / cell + 0.5 * height
             if not (0 <= u < width and 0 <= v < height):
                 continue
             row, column = int(v), int(u)
-            if abs(_depth_of(own, frame, over_q) - depth[row, column]) <= same:
+            if abs(_display_depth(centre, frame, over_q) - depth[row, column]) <= same:
                 for k in range(3):
                     sums[row, column, k] += color[i, j, k]
                 counts[row, column] += 1

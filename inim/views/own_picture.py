@@ -27,7 +27,7 @@ from inim.errors import FileError
 from inim.files.eia_file import write_eia
 from inim.files.image import read_rgbd, write_png, write_rgbd
 from inim.from_camera.fit import empty_share
-from inim.from_camera.picture import MOST, CameraPicture
+from inim.from_camera.picture import MAX_LOST_SHARE, CameraPicture
 from inim.generators import (
     SourceGenerator,
     algorithm_items,
@@ -98,7 +98,7 @@ class PictureRequest(Choices):
     @property
     def path(self) -> Path:
         """Path of the picture, after which the report is named."""
-        path = self.rgbd or self.picture.shown
+        path = self.rgbd or self.picture.path
         assert path is not None
         return path
 
@@ -165,7 +165,7 @@ def run_picture(
         warnings = _fitted_warnings(rgbd, display, str(request.rgbd))
     else:
         pixels_per_pitch = settings.capture_pixels_per_pitch
-        rgbd, warnings, notes = request.picture.fitted(display, pixels_per_pitch)
+        rgbd, warnings, notes = request.picture.read_and_fit(display, pixels_per_pitch)
     _check_picture(rgbd, display, str(request.path))
     for note in notes:
         on_note(note)
@@ -196,7 +196,7 @@ def _fitted_warnings(rgbd: RGBD, display: Display, name: str) -> tuple[str, ...]
             "--display"
         )
     empty = empty_share(rgbd.covered, display, rgbd.pixel_mm)
-    if empty > MOST:
+    if empty > MAX_LOST_SHARE:
         warnings.append(
             f"{name}: {empty:.1%} of the lens array is empty: fit the picture again with `inim "
             "generate --rgbd` and --fit cover, --orthographic or --missing-depth"

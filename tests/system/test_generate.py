@@ -163,17 +163,17 @@ def test_what_was_guessed_is_said(camera, capsys):
     Image.fromarray(small).save(camera / "half.png")
     more = (*CAMERA, "--depth-unit", "mm")
     assert main(words(camera, *more, depth="half.png")) == EXIT_PASSED
-    assert "brought to the colour's size by nearest pixel" in capsys.readouterr().err
+    assert "resampled to the colour's size by nearest pixel" in capsys.readouterr().err
 
 
 def test_eq_4_as_printed_is_shown_with_a_warning_of_what_it_does(camera, capsys):
     more = ("--orthographic", "--depth-unit", "mm", "--depth-map", "printed")
     assert main(words(camera, *more)) == EXIT_PASSED
     said = capsys.readouterr()
-    assert "of the samples lie beyond the display's range" in said.err
+    assert "of the samples are beyond the display's range" in said.err
     hint = said.err.partition("to show them there: ")[2].partition(";")[0]
     assert main(words(camera, *more, *hint.split())) == EXIT_PASSED
-    assert "0.0% of the samples lie beyond" in capsys.readouterr().err
+    assert "0.0% of the samples are beyond" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -183,7 +183,7 @@ def test_eq_4_as_printed_is_shown_with_a_warning_of_what_it_does(camera, capsys)
         ((*CAMERA, "--orthographic"), "give either"),
         (("--intrinsics", "1,2"), "--intrinsics 1,2"),
         ((*CAMERA, "--depth-unit", "inch"), "--depth-unit inch"),
-        ((*CAMERA, "--depth-unit", "m"), "wrong --depth-unit; --depth-unit mm"),
+        ((*CAMERA, "--depth-unit", "m"), "implausible --depth-unit of 1000 mm"),
         ((*CAMERA, "--missing", "1000,2000", "--depth-unit", "mm"), "no pixel has a depth"),
         ((*CAMERA, "--missing", "x"), "--missing x"),
         ((*CAMERA, "--depth-unit", "mm", "--near", "3000"), "--near 3000"),

@@ -194,8 +194,8 @@ def test_a_picture_that_is_mostly_clipped_or_empty_says_what_to_type(finished, c
     words += ["-D", "inim.reconstruction_spp=4", "--viewpoints", "centre"]
     assert main(["validate", *taken(folder), *words, "-o", str(folder / "lost")]) == EXIT_PASSED
     said = capsys.readouterr().err
-    clipped = "of its depths lie beyond the range that is mapped"
-    empty = "of the lens array show nothing: --fit cover"
+    clipped = "of its depths are out of range"
+    empty = "of the lens array is empty: --fit cover"
     assert clipped in said and "--near" in said and "--far" in said
     assert empty in said and "--orthographic" in said
     warnings = read_document(folder / "lost" / "report.json")["warnings"]

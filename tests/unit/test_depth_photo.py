@@ -13,7 +13,7 @@ from PIL import Image
 
 from inim.errors import FileError, UsageError
 from inim.from_camera.depth_photo import read_depth_photo
-from inim.from_camera.depth_photo.codes import upright
+from inim.from_camera.depth_photo.codes import rotate_upright
 from inim.from_camera.fit import Pinhole
 from inim.from_camera.picture_files import read_color
 from tests.depth_photographs import (
@@ -70,7 +70,7 @@ def test_near_and_far_give_the_distances_of_the_closed_form(tmp_path, kind, form
     assert not photo.values.near_is_large
     np.testing.assert_allclose(photo.values.depth, 1000 * closed(codes, 0.4, 6, most), rtol=1e-6)
     assert np.abs(photo.color.astype(int) - COLOR).max() <= JPEG_CODES
-    assert photo.said[0].endswith("metric")
+    assert photo.notes[0].endswith("metric")
 
 
 def test_millimetres_are_millimetres(tmp_path):
@@ -84,8 +84,8 @@ def test_without_a_unit_of_length_depth_is_relative_and_the_photograph_says_so(t
     assert not photo.values.has_unit
     assert photo.values.near_is_large
     np.testing.assert_allclose(1 / photo.values.depth, inverse(SMALL, 2, 9), rtol=1e-5)
-    assert "relative, no millimetres" in photo.said[0]
-    assert ("not stated" in photo.said[0]) == (units is None)
+    assert "relative, no millimetres" in photo.notes[0]
+    assert ("not given" in photo.notes[0]) == (units is None)
 
 
 def test_an_extension_of_the_metadata_is_put_together_whatever_its_order(tmp_path):
@@ -103,7 +103,7 @@ def test_apple_s_disparity_is_found_among_the_pictures_of_a_jpeg(tmp_path, order
     codes = np.asarray(Image.open(io.BytesIO(depth))).astype(float)
     np.testing.assert_allclose(photo.values.depth, 0.5 + codes / 255 * 2, rtol=1e-6)
     assert photo.values.near_is_large
-    assert "accuracy relative: relative" in photo.said[0]
+    assert "accuracy relative: relative" in photo.notes[0]
 
 
 def test_what_is_infinitely_far_is_farther_than_all_else_and_finite(tmp_path):
@@ -129,20 +129,20 @@ def test_colour_depth_and_camera_are_turned_alike(tmp_path, kind, orientation):
     else:
         data = WRITERS[kind](jpeg, DEPTH_PNG)
     photo = read(tmp_path, data, f"photo.{kind}")
-    np.testing.assert_allclose(photo.color, upright(COLOR, orientation), atol=JPEG_CODES)
+    np.testing.assert_allclose(photo.color, rotate_upright(COLOR, orientation), atol=JPEG_CODES)
     # Red is the code: depth has to be where its colour is.
     red = photo.color[::2, ::2, 0].astype(float)
     shown = photo.values.depth
     assert shown.shape == red.shape
     order = np.corrcoef(red.ravel(), shown.ravel())[0, 1]
     assert abs(order) > 0.9
-    stored = upright(SMALL, orientation).astype(float)
+    stored = rotate_upright(SMALL, orientation).astype(float)
     assert abs(np.corrcoef(stored.ravel(), shown.ravel())[0, 1]) > abs(order) - 0.01
     if kind in ("apple", "heic"):
         # The camera's middle goes where the pixel under it goes.
         mark = np.zeros((96, 128))
         mark[40, 60] = 1
-        y, x = np.argwhere(upright(mark, orientation))[0]
+        y, x = np.argwhere(rotate_upright(mark, orientation))[0]
         assert photo.camera is not None
         assert (photo.camera.cx, photo.camera.cy) == (
             pytest.approx(x, abs=0.51),
@@ -157,7 +157,7 @@ def test_upright_is_pillow_s_own_turning():
 
         stored = Image.open(io.BytesIO(picture(pixels, "PNG", orientation)))
         expected = np.asarray(ImageOps.exif_transpose(stored))
-        np.testing.assert_array_equal(upright(pixels, orientation), expected)
+        np.testing.assert_array_equal(rotate_upright(pixels, orientation), expected)
 
 
 def test_cameras_are_scaled_to_the_colour_picture(tmp_path):
@@ -177,7 +177,7 @@ def test_a_focal_length_in_35_mm_film_is_a_camera(tmp_path):
     photo = read(tmp_path, gdepth(stream.getvalue(), DEPTH_PNG))
     assert photo.camera is not None
     assert photo.camera.fx == pytest.approx(26 * np.hypot(128, 96) / np.hypot(36, 24))
-    assert "EXIF, 26 mm" in photo.said[1]
+    assert "EXIF, 26 mm" in photo.notes[1]
 
 
 @pytest.mark.parametrize("camera", [(100, 64, 48, "inf", "1e400"), (100, 64, "inf", 128, 96)])
@@ -208,7 +208,7 @@ def test_heic_without_apple_s_metadata_is_relative(tmp_path):
     photo = read(tmp_path, heic(COLOR, SMALL), "photo.heic")
     np.testing.assert_allclose(photo.values.depth, SMALL / 255, atol=1e-6)
     assert photo.values.near_is_large
-    assert "without Apple's metadata" in photo.said[0]
+    assert "without Apple's metadata" in photo.notes[0]
 
 
 #: Primaries of Display P3, adapted to ICC's white; and sRGB's.
@@ -277,59 +277,62 @@ HEADER = b"IHDR" + struct.pack(">IIBBBBB", 13_000, 13_000, 16, 0, 0, 0, 0)
 HUGE = DEPTH_PNG[:12] + HEADER + struct.pack(">I", zlib.crc32(HEADER)) + DEPTH_PNG[33:]
 APPLE = apple_jpeg(JPEG, picture(SMALL), apple_xml())
 DAMAGES = {
-    "no depth": (JPEG, "has no depth inside"),
+    "no depth": (JPEG, "no depth inside"),
     "another kind": (b"GIF89a" + bytes(50), "neither HEIC nor JPEG"),
     "empty": (b"", "neither HEIC nor JPEG"),
-    "entities": (with_xmp(JPEG, BOMB), "DOCTYPE; entities are refused"),
-    "broken XML": (with_xmp(JPEG, "<x:xmpmeta>"), "XMP metadata are broken"),
-    "deep XML": (with_xmp(JPEG, "<a>" * 70 + "</a>" * 70), "nest too deep"),
+    "entities": (with_xmp(JPEG, BOMB), "DOCTYPE, which is refused"),
+    "broken XML": (with_xmp(JPEG, "<x:xmpmeta>"), "XMP metadata are damaged"),
+    "deep XML": (with_xmp(JPEG, "<a>" * 70 + "</a>" * 70), "exceed 20000 elements or 64 levels"),
     "wide XML": (
         gdepth(JPEG, DEPTH_PNG, extended=1).replace(b"Near=", b"Nope="),
         "GDepth:Near of its depth is missing",
     ),
-    "near beyond far": (gdepth(JPEG, DEPTH_PNG, Near=5, Far=2), "goes from Near 5 to Far 2"),
+    "near beyond far": (
+        gdepth(JPEG, DEPTH_PNG, Near=5, Far=2),
+        "an invalid range from Near 5 to Far 2",
+    ),
     "far infinite": (gdepth(JPEG, DEPTH_PNG, Far="inf"), "GDepth:Far of its depth is 'inf'"),
     "format": (gdepth(JPEG, DEPTH_PNG, Format="RangeOther"), "GDepth:Format 'RangeOther'"),
     "base64": (
         edited(gdepth(JPEG, DEPTH_PNG), b'Data="iVBOR', b'Data="iVBO'),
-        "GDepth:Data is no base64",
+        "GDepth:Data is not base64",
     ),
-    "no picture": (gdepth(JPEG, b"nonsense"), "its depth is no JPEG or PNG"),
+    "no picture": (gdepth(JPEG, b"nonsense"), "its depth is not JPEG or PNG"),
     "huge": (gdepth(JPEG, HUGE), "unfolds from"),
     "coloured": (gdepth(JPEG, picture(COLOR, "PNG")), "is coloured"),
     "extension cut": (
         gdepth(JPEG, DEPTH_PNG, extended=1).replace(b"xmp/extension/", b"xmp/extensioX/", 1),
-        "of its extended XMP metadata are there",
+        "its extended XMP metadata have",
     ),
-    "cut off": (dynamic(JPEG, DEPTH_PNG)[:-10], "appended pictures were cut off"),
-    "not listed": (dynamic(JPEG, DEPTH_PNG, uri="other"), "its directory does not list"),
+    "cut off": (dynamic(JPEG, DEPTH_PNG)[:-10], "truncated: .* bytes of depth"),
+    "not listed": (dynamic(JPEG, DEPTH_PNG, uri="other"), "is missing from its directory"),
     "length": (
         edited(dynamic(JPEG, DEPTH_PNG), b"<Item:Length>", b"<Item:Length>-"),
-        "Item:Length '-17' of a picture in it is no size",
+        "Item:Length '-17' is not a size",
     ),
     "length beyond": (
         edited(dynamic(JPEG, DEPTH_PNG), b"<Item:Length>", b"<Item:Length>99999999"),
-        "appended pictures were cut off",
+        "truncated: .* bytes of depth",
     ),
-    "no end": (JPEG[:-2], "no end; it is cut short"),
+    "no end": (JPEG[:-2], "no end marker, as it is truncated"),
     "segment": (JPEG[:2] + b"\xff\xe1\xff\xff", "ends beyond the file"),
     "segments": (with_segments(JPEG, segment(0xE5, b"") * 10_001), "more than 10000 segments"),
-    "pictures cut": (APPLE[:-20], "lists a picture of"),
-    "list": (APPLE.replace(b"MPF\0MM", b"MPF\0XX"), "list of pictures .MPF. is damaged"),
+    "pictures cut": (APPLE[:-20], "truncated: an image of"),
+    "list": (APPLE.replace(b"MPF\0MM", b"MPF\0XX"), "list of images .MPF. is damaged"),
     "list beyond": (
         APPLE.replace(b"MM\0*\0\0\0\x08", b"MM\0*\xff\xff\xff\x08"),
-        "list of pictures .MPF. is damaged",
+        "list of images .MPF. is damaged",
     ),
     "disparity": (
         apple_jpeg(JPEG, picture(SMALL), apple_xml(least=3, most=1)),
-        "disparity goes from 3 to 1",
+        "disparity has an invalid range from 3 to 1",
     ),
 }
 
 
 def test_a_run_of_fill_bytes_costs_no_time(tmp_path):
     started = time.perf_counter()
-    with pytest.raises(FileError, match="no end; it is cut short"):
+    with pytest.raises(FileError, match="no end marker, as it is truncated"):
         read(tmp_path, JPEG[:-2] + b"\xff" * 50_000 + b"\0")
     assert time.perf_counter() - started < 5  # with their number squared: half a minute
 
@@ -349,7 +352,7 @@ def test_a_damaged_heic_has_its_line(tmp_path):
     for cut in (20, 100, 700, len(data) - 400):
         with pytest.raises(FileError, match=r"photo\.heic: not a readable HEIC"):
             read(tmp_path, data[:cut], "photo.heic")
-    with pytest.raises(FileError, match="has no depth inside"):
+    with pytest.raises(FileError, match="no depth inside"):
         read(tmp_path, data.replace(b"auxl", b"xuxl"), "photo.heic")
 
 
@@ -366,7 +369,7 @@ def test_begins_of_metadata_without_an_end_cost_no_time(tmp_path):
     pytest.importorskip("pillow_heif")
     data = heic(COLOR, SMALL) + b"<x:xmpmeta" * 500_000
     started = time.perf_counter()
-    assert "without Apple's metadata" in read(tmp_path, data, "photo.heic").said[0]
+    assert "without Apple's metadata" in read(tmp_path, data, "photo.heic").notes[0]
     assert time.perf_counter() - started < 10  # all of them: some minutes
 
 
@@ -376,7 +379,7 @@ def test_colours_of_other_primaries_are_said(tmp_path):
     nclx = b"nclx" + struct.pack(">H", 1)
     assert data.count(nclx) == 1
     photo = read(tmp_path, data.replace(nclx, b"nclx" + struct.pack(">H", 12)), "photo.heic")
-    assert "other primaries than sRGB" in photo.values.warnings[0]
+    assert "colour primaries are not sRGB" in photo.values.warnings[0]
     assert read(tmp_path, data, "photo.heic").values.warnings == ()
 
 
@@ -398,5 +401,5 @@ def test_without_pillow_heif_the_line_says_what_to_install(tmp_path, monkeypatch
 
 def test_a_segmentation_is_no_depth(tmp_path):
     data = dynamic(JPEG, DEPTH_PNG, ItemSemantic="Segmentation")
-    with pytest.raises(FileError, match="has no depth inside"):
+    with pytest.raises(FileError, match="no depth inside"):
         read(tmp_path, data)

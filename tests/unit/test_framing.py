@@ -9,7 +9,7 @@ import pytest
 from inim.display import DISPLAYS
 from inim.errors import FileError
 from inim.from_camera.depth_values import DepthValues
-from inim.from_camera.framing import frame
+from inim.from_camera.framing import choose_framing
 from inim.from_camera.picture import CameraPicture, ColorDepth
 
 DISPLAY = DISPLAYS["nominal"]
@@ -29,22 +29,22 @@ def box(rows=300, columns=400, at=(120, 220), size=(60, 80), near=500.0, far=300
 
 
 def test_the_subject_is_what_stands_before_the_background():
-    framing = frame(values(box()), 2.0)
+    framing = choose_framing(values(box()), 2.0)
     assert framing.near == pytest.approx(500, abs=1)
     nearness = 1 / 500, 1 / 550
     # A flat subject is given a tenth of the picture's range, and half of that behind it.
     extent = max(nearness[0] - nearness[1], 0.1 * (1 / 500 - 1 / 3000))
     assert framing.far == pytest.approx(1 / (nearness[1] - extent / 2), rel=0.01)
-    assert 500 < framing.middle < 550
-    assert "subject" in framing.said
+    assert 500 < framing.subject_depth < 550
+    assert "subject" in framing.reason
 
 
 @pytest.mark.parametrize("aspect", [0.5, 1.0, 2.5])
 @pytest.mark.parametrize("at", [(0, 0), (120, 160), (240, 320)])
 def test_cover_has_the_display_s_shape_and_the_whole_subject(aspect, at):
-    framing = frame(values(box(at=at)), aspect)
+    framing = choose_framing(values(box(at=at)), aspect)
     if framing.fit == "contain":  # in the corner the rim weighs little
-        assert "no subject" in framing.said
+        assert "no subject" in framing.reason
         assert at != (120, 160)
         return
     high = framing.rows.stop - framing.rows.start
@@ -58,10 +58,10 @@ def test_cover_has_the_display_s_shape_and_the_whole_subject(aspect, at):
 
 
 def test_a_subject_that_cover_would_cut_keeps_the_picture_whole():
-    framing = frame(values(box(at=(20, 150), size=(260, 100))), 4.0)
+    framing = choose_framing(values(box(at=(20, 150), size=(260, 100))), 4.0)
     assert framing.fit == "contain"
     assert (framing.rows, framing.columns) == (slice(0, 300), slice(0, 400))
-    assert "cover would cut the subject" in framing.said
+    assert "cover would cut the subject" in framing.reason
 
 
 @pytest.mark.parametrize("kind", ["ramp", "flat", "noise"])
@@ -72,17 +72,20 @@ def test_where_there_is_no_subject_everything_is_shown(kind):
         "flat": np.full((300, 400), 1.5),
         "noise": rng.normal(5, 0.5, (300, 400)),
     }[kind]
-    framing = frame(values(1000 / nearness), 2.0)
+    framing = choose_framing(values(1000 / nearness), 2.0)
     depth = (1000 / nearness).astype(np.float32)
     # Half a percent of the weight at either end, which is less than that of the pixels at the rim.
     assert ((depth >= framing.near) & (depth <= framing.far)).mean() > 0.95
     assert framing.fit == "contain"
-    assert framing.said.startswith("no subject")
+    assert framing.reason.startswith("no subject")
 
 
 def test_disparities_and_distances_are_framed_alike():
     depth = box()
-    a, b = frame(values(depth), 2.0), frame(values(1000 / depth, near_is_large=True), 2.0)
+    a, b = (
+        choose_framing(values(depth), 2.0),
+        choose_framing(values(1000 / depth, near_is_large=True), 2.0),
+    )
     assert (a.rows, a.columns, a.fit) == (b.rows, b.columns, b.fit)
     assert 1000 / b.near == pytest.approx(a.near, rel=1e-5)
     assert 1000 / b.far == pytest.approx(a.far, rel=1e-5)
@@ -91,7 +94,7 @@ def test_disparities_and_distances_are_framed_alike():
 def test_missing_depth_and_a_mirror_change_nothing():
     depth = box()
     depth[:40] = np.nan
-    a, b = frame(values(depth), 2.0), frame(values(depth[:, ::-1]), 2.0)
+    a, b = choose_framing(values(depth), 2.0), choose_framing(values(depth[:, ::-1]), 2.0)
     assert (a.near, a.far, a.fit, a.rows) == (b.near, b.far, b.fit, b.rows)
     assert abs(a.columns.start - (400 - b.columns.stop)) <= 1
 
@@ -99,7 +102,7 @@ def test_missing_depth_and_a_mirror_change_nothing():
 def test_a_finger_at_the_rim_is_no_subject():
     depth = box()
     depth[:20, :20] = 100
-    framing = frame(values(depth), 2.0)
+    framing = choose_framing(values(depth), 2.0)
     assert framing.near == pytest.approx(500, abs=1)
 
 
@@ -126,7 +129,7 @@ def test_a_flat_photograph_is_told_so():
     depth = values(np.full((30, 40), 1000.0))
     taken = ColorDepth(np.zeros((30, 40, 3), np.uint8), depth, 1.0, (40, 30), 0.0, (), None)
     picture = CameraPicture(photo=Path("p.jpg"), orthographic=True, fit="auto")
-    with pytest.raises(FileError, match=r"^p\.jpg: its depth is the same everywhere, 1000; "):
+    with pytest.raises(FileError, match=r"^p\.jpg: its depth is 1000 everywhere; "):
         picture.fit_to(taken, DISPLAY, 1)
     # Both ways out.
     for words in ({"near": 500.0, "far": 2000.0}, {"fit": "contain"}):

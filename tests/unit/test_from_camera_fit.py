@@ -236,9 +236,9 @@ def test_the_range_passes_over_stray_pixels_unless_stated():
 
 def test_one_end_that_all_depths_lie_beyond_is_told_without_the_other():
     depth = values(np.linspace(1000, 2000, 4000).reshape(40, 100))
-    with pytest.raises(UsageError, match=r"^--near 5000: the picture has no depth behind that"):
+    with pytest.raises(UsageError, match=r"^--near 5000: the picture has no depth behind it"):
         depth_range(depth, near=5000.0)
-    with pytest.raises(UsageError, match=r"^--far 500: the picture has no depth in front of that"):
+    with pytest.raises(UsageError, match=r"^--far 500: the picture has no depth in front of it"):
         depth_range(depth, far=500.0)
 
 
@@ -278,7 +278,7 @@ def test_a_stated_depth_range_shows_eq_4_where_it_is_printed():
     np.testing.assert_allclose(found, sorted(expected), rtol=1e-6)
     # Distances grow away from the viewer, and the wall comes out in front of the squares.
     (warning,) = made.warnings(shown.clipped)
-    assert "what is far is shown in front" in warning
+    assert "far points are shown in front" in warning
     assert "to show them there" not in warning
 
 

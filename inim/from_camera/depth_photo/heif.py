@@ -1,7 +1,7 @@
-"""Depth inside HEIC and HEIF: an auxiliary image of the photograph, by the package pillow-heif.
+"""Depth inside HEIC and HEIF: an auxiliary image of the photograph, read with pillow-heif.
 
-What its numbers stand for is said by Apple's metadata, which lie in the file as plain XMP packets,
-or by the codec's depth_representation_info (ITU-T H.265), which knows no unit.
+The coding of its numbers comes from Apple's metadata, stored as plain XMP packets, or from the
+codec's depth_representation_info (ITU-T H.265), which has no unit.
 """
 
 from __future__ import annotations
@@ -25,26 +25,28 @@ from inim.from_camera.depth_photo.codes import (
 
 _BRANDS = (b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1")
 _BEGIN, _END = b"<x:xmpmeta", b"</x:xmpmeta>"
-_MOST_PACKETS = 64
-_MOST_PACKET_BYTES = 2**20
-# Kinds of depth_representation_info: inverse distance, disparity, distance; a fourth is a table.
+_MAX_PACKETS = 64
+_MAX_PACKET_BYTES = 2**20
+# Types of depth_representation_info; a fourth type, a table, is not supported.
 _INVERSE, _DISPARITY, _DISTANCE = range(3)
 
 
 def is_heif(data: bytes) -> bool:
-    """Whether a file begins as HEIC or HEIF do."""
+    """True if the content is HEIC or HEIF."""
     return data[4:8] == b"ftyp" and data[8:12] in _BRANDS
 
 
 def read_heif(path: Path, data: bytes) -> tuple[Any, tuple[int, float], EmbeddedDepth | None]:
-    """The picture, for Pillow, what `by_exif` says, and its depth or None; both upright already.
+    """Read the Pillow picture, the result of `read_exif`, and the depth (None if absent).
+
+    Picture and depth are upright already.
 
     Raises
     ------
     UsageError
         pillow-heif is not installed.
     FileError
-        Damaged, or unfolding to far more than its size.
+        Damaged, or suspiciously large when decoded.
     """
     try:
         import pillow_heif
@@ -58,10 +60,10 @@ def read_heif(path: Path, data: bytes) -> tuple[Any, tuple[int, float], Embedded
             file = pillow_heif.open_heif(data)
             image = file[file.primary_index]
             depths = image.info["depth_images"]
-            for one in (image, *depths[:1]):
-                check_unfolding(path, 4 * one.size[0] * one.size[1], len(data))
+            for part in (image, *depths[:1]):
+                check_unfolding(path, 4 * part.size[0] * part.size[1], len(data))
             picture = image.to_pillow()
-            picture.info["exif"] = image.info.get("exif") or b""  # pillow-heif made it say upright
+            picture.info["exif"] = image.info.get("exif") or b""  # pillow-heif sets it to upright
             exif = read_exif(picture)
             codes = np.asarray(depths[0].to_pillow()) if depths else None
     except (FileError, MemoryError):
@@ -72,7 +74,7 @@ def read_heif(path: Path, data: bytes) -> tuple[Any, tuple[int, float], Embedded
     if codes is None:
         return picture, exif, None
     if codes.ndim != 2 or codes.dtype not in (np.uint8, np.uint16):
-        raise FileError(f"{path}: its depth image is none in grey of 8 or 16 bits")
+        raise FileError(f"{path}: its depth image is not grey of 8 or 16 bits; {REMEDY}")
     coding, camera, size = None, None, (0.0, 0.0)
     for packet in _packets(data):
         nodes = read_xmp(packet, path)
@@ -80,40 +82,38 @@ def read_heif(path: Path, data: bytes) -> tuple[Any, tuple[int, float], Embedded
         if coding is not None:
             camera, size = read_apple_camera(nodes)
             break
-    inside = EmbeddedDepth(codes, coding or _represented(depths[0], path), camera, size)
-    return picture, exif, inside
+    depth = EmbeddedDepth(codes, coding or _codec_coding(depths[0], path), camera, size)
+    return picture, exif, depth
 
 
 def _packets(data: bytes) -> list[bytes]:
-    """The XMP packets, found as their standard has scanners find them."""
+    """XMP packets, located by their markers as the standard recommends."""
     packets: list[bytes] = []
     at = 0
-    for _ in range(_MOST_PACKETS):  # whole ones or not: no file makes this slow
+    for _ in range(_MAX_PACKETS):  # counts incomplete packets too, which bounds the time
         begin = data.find(_BEGIN, at)
         if begin < 0:
             break
-        end = data.find(_END, begin, begin + _MOST_PACKET_BYTES)
+        end = data.find(_END, begin, begin + _MAX_PACKET_BYTES)
         at = (begin if end < 0 else end) + len(_BEGIN)
         if end >= 0:
             packets.append(data[begin : end + len(_END)])
     return packets
 
 
-def _represented(depth: Any, path: Path) -> Coding:
-    """Coding by the codec's own words; the larger the nearer where it has none."""
-    said = depth.info.get("metadata") or {}
-    kind = said.get("representation_type")
+def _codec_coding(depth: Any, path: Path) -> Coding:
+    """Coding from the codec's metadata; a disparity of unknown range without them."""
+    metadata = depth.info.get("metadata") or {}
+    kind = metadata.get("representation_type")
     names = ("d_min", "d_max") if kind == _DISPARITY else ("z_near", "z_far")
-    near, far = (float(said.get(name, np.nan)) for name in names)
-    words = "HEIF depth without Apple's metadata"
+    near, far = (float(metadata.get(name, np.nan)) for name in names)
+    source = "HEIF depth without Apple's metadata"
     if kind == _INVERSE and 0 < near < far:
-        return Coding(True, 1 / far, 1 / near, 0.0, f"{words}: inverse distance")
+        return Coding(True, 1 / far, 1 / near, 0.0, f"{source}: inverse distance")
     if kind == _DISTANCE and 0 <= near < far:
-        return Coding(False, near, far, 0.0, f"{words}: distance")
+        return Coding(False, near, far, 0.0, f"{source}: distance")
     if kind == _DISPARITY and 0 <= near < far:
-        return Coding(True, near, far, 0.0, f"{words}: disparity")
+        return Coding(True, near, far, 0.0, f"{source}: disparity")
     if kind in (None, _INVERSE, _DISPARITY):
-        return Coding(True, 0.0, 1.0, 0.0, f"{words}: disparity of unknown range")
-    raise FileError(
-        f"{path}: its depth is of a kind that is not read (depth representation {kind}); {REMEDY}"
-    )
+        return Coding(True, 0.0, 1.0, 0.0, f"{source}: disparity of unknown range")
+    raise FileError(f"{path}: unsupported depth representation {kind}; {REMEDY}")
