@@ -399,7 +399,7 @@ class CameraPicture:
     def read_and_fit(
         self, display: Display, pixels_per_pitch: float
     ) -> tuple[RGBD, tuple[str, ...], tuple[str, ...]]:
-        """Check, read and fit the picture; return RGB-D in the display frame, warnings and notes."""
+        """Check, read and fit the picture; return its RGB-D on the display, warnings and notes."""
         self.check_files()
         self.check_choices()
         self.camera()
