@@ -1,14 +1,15 @@
-"""Results kept from run to run, by the digest of what decides them.
+"""Result cache: results stored under the digest of their inputs.
 
-A record's address is the digest of all that decides it: scene and mesh bytes, display, viewpoint,
-seed, samples, versions and the program's own code; no file names and no times. Equal parts make
-equal results, bit for bit, so there is nothing to invalidate. Records are npz files. They are
-written to a temporary file and renamed, so a killed run leaves no half-written record. They are
-read against their checksums and their address; a damaged record is removed and its result is
-computed again. Any number of processes may share a folder.
+A record's address is the digest of its inputs: scene and mesh bytes, display, viewpoint, seed,
+samples, versions and the program's own code; no file names and no times. Equal inputs give equal
+results, bit for bit, so no record is ever invalidated. Records are npz files. They are written to a
+temporary file and renamed, so a killed run leaves no half-written record. They are read against
+their checksums and their address; a damaged record is removed and its result is computed again. Any
+number of processes may share a folder.
 
-The folder is `inim` in the user's cache folder, or the variable INIM_CACHE names it; "off" is none.
-Beyond a size, 8 GiB or INIM_CACHE_GIB, the least recently used records are deleted first.
+The folder is `inim` in the user's cache folder, or the folder in the variable INIM_CACHE; "off"
+disables the cache. Beyond a size, 8 GiB or INIM_CACHE_GIB, the least recently used records are
+deleted first.
 """
 
 from __future__ import annotations
@@ -35,46 +36,46 @@ _PACKAGE = Path(__file__).resolve().parent
 
 
 def address_of(product: str, parts: Mapping[str, str]) -> str:
-    """Where the result of a product lies whose parts have these digests."""
+    """Address of the result of a product with these digests of its inputs."""
     return value_digest([product, sorted(parts.items())])
 
 
 def value_digest(value: Any) -> str:
-    """Of anything that JSON can hold, and of arrays and dataclasses in it; 40 hex digits."""
+    """Digest of JSON values, and of arrays and dataclasses in them; 40 hex digits."""
     text = json.dumps(value, sort_keys=True, default=_plain)
     return hashlib.sha256(text.encode()).hexdigest()[:40]
 
 
 def array_digest(*arrays: np.ndarray | None) -> str:
-    """Of the shapes, types and bytes of arrays."""
-    found = hashlib.sha256()
+    """Digest of the shapes, types and bytes of arrays."""
+    digest = hashlib.sha256()
     for array in arrays:
         if array is None:
-            found.update(b"none")
+            digest.update(b"none")
             continue
-        found.update(f"{array.shape} {array.dtype.str} ".encode())
-        found.update(np.ascontiguousarray(array).data)
-    return found.hexdigest()[:40]
+        digest.update(f"{array.shape} {array.dtype.str} ".encode())
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()[:40]
 
 
 @cache
 def code_digest(*places: str) -> str:
-    """Of the source of modules and packages of this program: edited code makes other results.
+    """Digest of the source of this program's modules and packages, which changes with every edit.
 
     Parameters
     ----------
     places : str
         Paths below the package, such as ``"kernel"`` or ``"metrics.py"``.
     """
-    found = hashlib.sha256()
+    digest = hashlib.sha256()
     for place in places:
         path = _PACKAGE / place
         files = [path] if path.is_file() else sorted(path.rglob("*.py"))
         if not files:
             raise FileNotFoundError(place)
         for file in files:
-            found.update(str(file.relative_to(_PACKAGE)).encode() + b"\0" + file.read_bytes())
-    return found.hexdigest()[:40]
+            digest.update(str(file.relative_to(_PACKAGE)).encode() + b"\0" + file.read_bytes())
+    return digest.hexdigest()[:40]
 
 
 def _plain(value: Any) -> Any:
@@ -100,7 +101,7 @@ _FACTS = "facts"
 
 @dataclass(frozen=True)
 class Record:
-    """What is stored: arrays, and facts that JSON can hold."""
+    """Stored result: arrays, and facts as JSON values."""
 
     arrays: Mapping[str, np.ndarray]
     facts: Any = None
@@ -108,7 +109,7 @@ class Record:
 
 @dataclass(frozen=True)
 class StoreInfo:
-    """What a store holds."""
+    """Size of a store."""
 
     folder: Path
     records: int
@@ -117,7 +118,7 @@ class StoreInfo:
 
 
 def store_folder() -> Path | None:
-    """Where results are kept; None where they are not, or nobody knows the user's home."""
+    """Folder of the result cache; None if it is disabled or the user has no home folder."""
     named = os.environ.get(FOLDER_VARIABLE, "")
     if named:
         return None if named.lower() == _OFF else Path(named)
@@ -148,14 +149,14 @@ def _limit_bytes() -> int:
 
 
 class Store:
-    """Results in a folder.
+    """Stored results in a folder.
 
     Parameters
     ----------
     folder : Path
-        Made when something is first kept.
+        Created for the first record.
     limit_bytes : int
-        What all records together may take.
+        Maximum size of all records.
     """
 
     def __init__(self, folder: Path, limit_bytes: int) -> None:
@@ -185,7 +186,7 @@ class Store:
         return Record(arrays, facts)
 
     def holds(self, address: str) -> bool:
-        """Whether there is a record, whole or not."""
+        """True if a record exists, damaged or not."""
         return (self.folder / (address + _RECORD)).is_file()
 
     def keep(self, address: str, record: Record) -> bool:
@@ -202,7 +203,7 @@ class Store:
         return True
 
     def last_parts(self, topic: str) -> dict[str, str] | None:
-        """What decided the result that was last asked for under a topic."""
+        """Inputs of the last result requested under a topic."""
         try:
             parts = json.loads((self.folder / (topic + _REASONS)).read_text("utf-8"))
         except (OSError, ValueError):
@@ -210,52 +211,52 @@ class Store:
         return {str(k): str(v) for k, v in parts.items()} if isinstance(parts, dict) else None
 
     def remember_parts(self, topic: str, parts: Mapping[str, str]) -> None:
-        """Keep what decided a result, to tell next time what has changed."""
+        """Store the inputs of a result, to report changes in the next run."""
         path = self.folder / (topic + _REASONS)
         with contextlib.suppress(OSError), atomic_file(path) as temporary:
             temporary.write_text(json.dumps(dict(parts)), "utf-8")
 
     def info(self) -> StoreInfo:
-        """How much there is."""
+        """Number and size of the records."""
         sizes = [size for _, size, _ in self._files()]
         records = sum(path.suffix == _RECORD for path, _, _ in self._files())
         return StoreInfo(self.folder, records, sum(sizes), self._limit)
 
     def clear(self) -> StoreInfo:
-        """Remove everything the store has put there, and say what it was."""
-        held = self.info()
+        """Remove all records, and return their number and size."""
+        removed = self.info()
         for path, _, _ in self._files():
             with contextlib.suppress(OSError):
                 path.unlink()
-        return held
+        return removed
 
     def _make_room(self, needed: int) -> None:
-        """Remove what was not used for longest until so much fits."""
+        """Remove the least recently used records until `needed` bytes fit."""
         if self._held is None:
             self._held = sum(size for _, size, _ in self._files())
         if self._held + needed <= self._limit:
             return
         files = sorted(self._files(), key=lambda file: file[2])
-        held = sum(size for _, size, _ in files)
+        total_bytes = sum(size for _, size, _ in files)
         for path, size, _ in files:
             # Room for more than this one, so that not every record looks through the folder.
-            if held + needed <= 0.9 * self._limit:
+            if total_bytes + needed <= 0.9 * self._limit:
                 break
             with contextlib.suppress(OSError):
                 path.unlink()
-                held -= size
-        self._held = held
+                total_bytes -= size
+        self._held = total_bytes
 
     def _files(self) -> list[tuple[Path, int, float]]:
         """The store's own files: path, size, time of last use; others' are left alone."""
-        found = []
+        files = []
         with contextlib.suppress(OSError):
             for path in self.folder.iterdir():
                 with contextlib.suppress(OSError):  # it may go at any time
                     status = path.stat()
                     if path.suffix in (_RECORD, _REASONS):
-                        found.append((path, status.st_size, status.st_mtime))
-        return found
+                        files.append((path, status.st_size, status.st_mtime))
+        return files
 
 
 def _array(data: bytes) -> np.ndarray:
@@ -272,14 +273,14 @@ def _array(data: bytes) -> np.ndarray:
 
 
 class ResultCache:
-    """A store, and what successive runs have in common.
+    """Store together with the history of successive runs.
 
     Parameters
     ----------
     store : Store, optional
-        Without one, nothing is found and nothing kept.
+        Without a store, no result is looked up or kept.
     topic : str
-        Such as the scene's path: tells what has changed since the last run on it.
+        Topic such as the scene's path, to report changes since its last run.
     """
 
     def __init__(self, store: Store | None = None, topic: str = "") -> None:
@@ -287,7 +288,7 @@ class ResultCache:
         self._topic = topic
 
     def holds(self, product: str, parts: Mapping[str, Any]) -> bool:
-        """Whether `find` has a result now."""
+        """True if `find_or_make` would find a result."""
         return self._store is not None and self._store.holds(address_of(product, _digests(parts)))
 
     def find_or_make(
@@ -299,26 +300,26 @@ class ResultCache:
         *,
         explain: bool = True,
     ) -> tuple[Any, str | None]:
-        """A result, found or made, and why it was made.
+        """Look up a result or compute it, with the reason for computing.
 
         Parameters
         ----------
         product : str
-            What it is, for people, too.
+            Readable name of the result.
         parts : callable
-            All that decides it, by names that people can read; not called without a store.
+            All inputs by readable names; not called without a store.
         make : callable
         kinds : iterable of type
-            The dataclasses that the result is made of.
+            Dataclasses in the result.
         explain : bool
-            Keep the parts, to say next time which of them changed.
+            Store the inputs, to report changes in the next run.
 
         Returns
         -------
         result
         why : str or None
-            Why it had to be made, such as "changed: seed"; None where it was found, "" where
-            nobody knows.
+            Reason for computing, such as "changed: seed"; None if the result was stored, "" if
+            unknown.
         """
         if self._store is None:
             return make(), ""
@@ -326,14 +327,14 @@ class ResultCache:
         address, topic = address_of(product, digests), value_digest([self._topic, product])
         record = self._store.load(address)
         if record is None:
-            made = make()
-            self._store.keep(address, _packed(made))
+            result = make()
+            self._store.keep(address, _packed(result))
             why = _change(self._store.last_parts(topic), digests) if explain else ""
         else:
-            made, why = _unpacked(record, kinds), None
+            result, why = _unpacked(record, kinds), None
         if explain:
             self._store.remember_parts(topic, digests)
-        return made, why
+        return result, why
 
 
 def _digests(parts: Mapping[str, Any]) -> dict[str, str]:
@@ -363,26 +364,26 @@ def _packed(value: Any) -> Record:
                 type(part).__name__: {f.name: tree(getattr(part, f.name)) for f in fields(part)}
             }
         if isinstance(part, tuple | list):
-            return {"list": [tree(one) for one in part]}
+            return {"list": [tree(item) for item in part]}
         if isinstance(part, dict):
-            return {"dict": {name: tree(one) for name, one in part.items()}}
+            return {"dict": {name: tree(item) for name, item in part.items()}}
         return part
 
     return Record(arrays, tree(value))
 
 
 def _unpacked(record: Record, kinds: Iterable[type]) -> Any:
-    known = {kind.__name__: kind for kind in kinds}
+    classes = {kind.__name__: kind for kind in kinds}
 
     def value(part: Any) -> Any:
         if not isinstance(part, dict):
             return part
-        ((kind, held),) = part.items()
+        ((kind, content),) = part.items()
         if kind == "array":
-            return record.arrays[held]
+            return record.arrays[content]
         if kind == "list":
-            return tuple(value(one) for one in held)
-        whole = {name: value(one) for name, one in held.items()}
-        return whole if kind == "dict" else known[kind](**whole)
+            return tuple(value(item) for item in content)
+        whole = {name: value(item) for name, item in content.items()}
+        return whole if kind == "dict" else classes[kind](**whole)
 
     return value(record.facts)

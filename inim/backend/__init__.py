@@ -1,9 +1,9 @@
-"""Which renderer backend works on this machine: CUDA, or LLVM with a usable libLLVM.
+"""Choice of the renderer backend: CUDA, or LLVM with a usable libLLVM.
 
-Nothing here imports Mitsuba or Dr.Jit. A bad libLLVM does not raise, it aborts the
+This package never imports Mitsuba or Dr.Jit itself. A bad libLLVM does not raise, it aborts the
 process (LLVM 15 and 16 on x86), so each candidate is tried in a child process first and
-the verdict is remembered. `activate` makes this process use one: any, if Dr.Jit is not loaded yet,
-else the one that Dr.Jit has found.
+the result is stored. `activate` makes this process use a backend: any, if Dr.Jit is not loaded yet,
+otherwise the one that Dr.Jit loaded.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ _FOLDER_VERSION = r"llvm(?:@[\d.]+)?/(\d+(?:\.\d+)+)|llvm[-@](\d+(?:\.\d+)*)"
 
 
 def is_libllvm(name: str) -> bool:
-    """Whether a file of this name is LLVM's library rather than one of its parts."""
+    """True if a file name is that of LLVM's main library."""
     return re.fullmatch(_LIBRARY, name) is not None
 
 
@@ -57,10 +57,10 @@ def find_libllvm(search: Sequence[Path] | None = None) -> list[Path]:
     if search is None and os.environ.get(SEARCH_VARIABLE):
         search = [Path(part) for part in os.environ[SEARCH_VARIABLE].split(os.pathsep) if part]
     folders = _usual_folders() if search is None else search
-    found = [path for folder in folders for path in _libraries_in(folder)]
+    libraries = [path for folder in folders for path in _libraries_in(folder)]
     if search is None:
-        found += [Path(name) for name in machine.linker_cache(b"libLLVM")]
-    real = dict.fromkeys(path.resolve() for path in found if is_libllvm(path.name))
+        libraries += [Path(name) for name in machine.linker_cache(b"libLLVM")]
+    real = dict.fromkeys(path.resolve() for path in libraries if is_libllvm(path.name))
     files = [path for path in real if path.is_file()]
     packaged = [] if search is not None else wheel_folders()
 
@@ -105,7 +105,7 @@ def _names_in(folder: Path) -> list[str]:
 
 
 def known_bad(version: tuple[int, ...] | None) -> str:
-    """Why a version is refused without being run, or an empty string."""
+    """Reason why a version is rejected without a trial, or an empty string."""
     if version and version[0] <= 14:
         return f"LLVM {version[0]} is too old for Dr.Jit"
     # Their x86 code generator cannot select float minimum and maximum, and aborts.
@@ -115,7 +115,7 @@ def known_bad(version: tuple[int, ...] | None) -> str:
 
 
 class Backend(NamedTuple):
-    """A backend that was seen to work: what to load and how to call it in words.
+    """Working backend: its libraries and its description.
 
     Attributes
     ----------
@@ -143,13 +143,13 @@ def environment(backend: Backend) -> dict[str, str]:
 def activate(backend: Backend) -> None:
     """Make this process use `backend`.
 
-    Dr.Jit looks for its libraries once, when it is imported: where it is loaded already, what it
-    found is asked, and serves as well if it is no version that is known to fail.
+    Dr.Jit searches its libraries once, when it is imported. If it is already loaded, its own
+    choice is accepted unless its version is known to fail.
 
     Raises
     ------
     BackendError
-        Dr.Jit is loaded already, without what `backend` needs.
+        Dr.Jit is already loaded without a library that `backend` needs.
     """
     drjit = sys.modules.get("drjit")
     if drjit is not None:
@@ -191,7 +191,7 @@ def needed_by(library: Path | None) -> list[str]:
 
 
 def load(libraries: Iterable[str]) -> None:
-    """Load libraries into this process; what needs them later finds them by their own names."""
+    """Load libraries into this process, where later loads find them by name."""
     import ctypes
 
     for library in libraries:
@@ -221,31 +221,32 @@ _WITHOUT_TARGET = (
 )
 
 
-def choose_backend(wanted: str = "auto", search: Sequence[Path] | None = None) -> Backend:
-    """The backend to use: CUDA where it works, else the newest libLLVM that works.
+def choose_backend(requested: str = "auto", search: Sequence[Path] | None = None) -> Backend:
+    """Choose the backend: CUDA if it works, otherwise the newest working libLLVM.
 
     Parameters
     ----------
-    wanted : {"auto", "cuda", "llvm"}
+    requested : {"auto", "cuda", "llvm"}
         ``auto`` prefers CUDA.
     search : sequence of Path, optional
-        The folders to look for libLLVM in, instead of the usual ones. The environment
-        variable INIM_LLVM_SEARCH (folders joined by ``:``) does the same.
+        Folders for the search of libLLVM, instead of the usual ones. The environment
+        variable INIM_LLVM_SEARCH (folders joined by ``:``) has the same effect.
 
     Raises
     ------
     BackendError
-        Nothing works; the message says what was found, why it was refused, what to type.
+        No backend works; the message lists the candidates, the reasons of rejection, and the
+        remedy.
     UsageError
-        `wanted` is none of the three.
+        `requested` is none of the three.
     """
-    if wanted not in BACKENDS:
-        raise UsageError(f"backend {wanted!r} is unknown: choose one of {', '.join(BACKENDS)}")
-    if wanted != "llvm":
+    if requested not in BACKENDS:
+        raise UsageError(f"backend {requested!r} is unknown: choose one of {', '.join(BACKENDS)}")
+    if requested != "llvm":
         verdict = cuda_verdict()
         if verdict.usable:
             return Backend("cuda", "cuda_ad_rgb", None, None, verdict.device)
-        if wanted == "cuda":
+        if requested == "cuda":
             raise BackendError(f"no usable CUDA: {verdict.reason}; use --backend llvm or auto")
     return _choose_llvm(search)
 
@@ -275,9 +276,9 @@ def _choose_llvm(search: Sequence[Path] | None) -> Backend:
 def llvm_verdicts(search: Sequence[Path] | None = None) -> Iterator[tuple[Path, Verdict]]:
     """Each candidate with its verdict, newest first, tried only when asked for."""
     for library in find_libllvm(search):
-        known = known_bad(llvm_version(library))
-        if known:
-            yield library, Verdict(False, known)
+        reason = known_bad(llvm_version(library))
+        if reason:
+            yield library, Verdict(False, reason)
         else:
             yield (
                 library,
@@ -288,7 +289,7 @@ def llvm_verdicts(search: Sequence[Path] | None = None) -> Iterator[tuple[Path, 
 
 
 def cuda_verdict() -> Verdict:
-    """Whether CUDA works here. Costs nothing where the driver library is missing."""
+    """Trial of CUDA. Free if the driver library is missing."""
     named = os.environ.get("DRJIT_LIBCUDA_PATH")
     folders = os.environ.get("LD_LIBRARY_PATH", "").split(os.pathsep)
     places = [named] if named else [f"{folder}/libcuda.so.1" for folder in folders if folder]
@@ -303,7 +304,7 @@ def cuda_verdict() -> Verdict:
 
 
 def versions(packages: Iterable[str]) -> dict[str, str]:
-    """Of Python and of installed packages; "unknown" where one is not."""
+    """Versions of Python and of installed packages; "unknown" if not installed."""
     return {"python": platform.python_version(), **{name: _version(name) for name in packages}}
 
 

@@ -4,9 +4,9 @@ numba reads `.numba_config.yaml` from the current folder when it is imported and
 compiles. That file can name a folder of compiled kernels, which numba executes. Kernels of this
 package ignore it. A program's own kernels still obey it.
 
-numba writes compiled kernels beside the source, or else below the user's home, and refuses to start
-where neither can be written; `cache_folder` finds another folder. A damaged or full cache raises in
-the middle of a run; `disable_cache` lets the process go on without it.
+numba writes compiled kernels next to the source, or to the user's home, and fails to start
+if neither is writable; `cache_folder` chooses another folder. A damaged or full cache raises in
+the middle of a run; `disable_cache` lets the process continue without it.
 """
 
 from __future__ import annotations
@@ -156,14 +156,14 @@ def cache_folder(package: Path) -> str:
 
 
 def is_cache_fault(error: BaseException) -> bool:
-    """Whether an exception comes out of numba's reading or writing of compiled kernels."""
+    """True if an exception comes from numba's reading or writing of compiled kernels."""
     module = sys.modules.get(_CACHING)
     files = [frame.f_code.co_filename for frame in _frames(error.__traceback__)]
     return module is not None and module.__file__ in files
 
 
 def disable_cache(error: BaseException) -> None:
-    """Let this process compile what it needs, and drop the index that could not be read.
+    """Compile kernels without the cache from now on, and remove an unreadable index.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def _user_cache() -> Path:
 
 
 def _can_hold(folder: Path) -> bool:
-    """Whether files can be made in a folder, or it can be made."""
+    """True if files can be created in a folder, or it can be created."""
     if not folder.is_absolute():  # nobody knows the user's home
         return False
     while not os.path.lexists(folder) and folder != folder.parent:
@@ -218,6 +218,6 @@ def _user() -> int:
 
 
 def _is_private(folder: Path) -> bool:
-    found = folder.lstat()
-    ours = found.st_uid == _user() and not found.st_mode & (stat.S_IRWXG | stat.S_IRWXO)
-    return stat.S_ISDIR(found.st_mode) and ours
+    status = folder.lstat()
+    ours = status.st_uid == _user() and not status.st_mode & (stat.S_IRWXG | stat.S_IRWXO)
+    return stat.S_ISDIR(status.st_mode) and ours

@@ -70,7 +70,7 @@ answer(stage="done", reason="", version=version, device=device)
 
 
 class Verdict(NamedTuple):
-    """What trying one library said; `lasting` ones are worth remembering."""
+    """Result of trying one library; `lasting` results are stored."""
 
     usable: bool
     reason: str = ""
@@ -117,17 +117,17 @@ def probe(
 
 
 def _read_answer(code: int, output: str, errors: str) -> Verdict:
-    said = [line for line in output.splitlines() if line.startswith("INIM-PROBE ")]
-    if not said:
+    answers = [line for line in output.splitlines() if line.startswith("INIM-PROBE ")]
+    if not answers:
         import signal
 
         # An abort is the compiler's own verdict; other deaths may be a lack of memory.
         lasting = -code in (signal.SIGABRT, signal.SIGILL)
-        how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
-        return Verdict(False, f"it killed its process with {how}", lasting=lasting)
+        cause = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+        return Verdict(False, f"it killed its process with {cause}", lasting=lasting)
     import json
 
-    answer = json.loads(said[-1].removeprefix("INIM-PROBE "))
+    answer = json.loads(answers[-1].removeprefix("INIM-PROBE "))
     # Dr.Jit's exception says "not found" for every failure; its log has the cause.
     log = [line for line in errors.splitlines() if line.startswith("jit") and "HOME" not in line]
     reason = " ".join((log[0] if log and answer["reason"] else answer["reason"]).split())
@@ -148,26 +148,26 @@ def verdict_on(
     needed: Sequence[str] = (),
     extra: Sequence[str] = (),
 ) -> Verdict:
-    """The remembered verdict on a backend, or else that of a trial now.
+    """Stored result of a backend's trial, or the result of a trial now.
 
     Parameters
     ----------
     variant : str
-        The Mitsuba variant to start.
+        Mitsuba variant to start.
     library : Path
         The libLLVM, or CUDA's driver.
     variables : dict
-        Environment variables to add for the trial.
+        Environment variables for the trial.
     needed : sequence of str
         Libraries to load first.
     extra : sequence of str
-        Whatever else the verdict depends on.
+        Further inputs of the result.
     """
     search_path = os.environ.get("LD_LIBRARY_PATH", "")
     key = _fingerprint(variant, library, [search_path, *needed, *extra])
-    known = _from_cache(_read_cache().get(key))
-    if known:
-        return known
+    stored = _from_cache(_read_cache().get(key))
+    if stored:
+        return stored
     verdict = probe(variant, variables, needed)
     if key and verdict.lasting:
         # Re-read: another process may have added its own meanwhile.
@@ -176,7 +176,7 @@ def verdict_on(
 
 
 def cache_file() -> Path | None:
-    """Where verdicts are remembered, or None where the user has no home."""
+    """File of stored results, or None if the user has no home."""
     folder = machine.user_cache_folder()
     return folder / "backends.json" if folder else None
 
@@ -193,19 +193,21 @@ def _fingerprint(variant: str, library: Path, extra: Sequence[str]) -> str:
 
 
 def _renderer() -> list[str]:
-    """Names and times of the metadata folders of Dr.Jit and Mitsuba: each installation's own.
+    """Names and times of the metadata folders of Dr.Jit and Mitsuba, which identify an
+    installation.
 
-    importlib.metadata says the version, but takes longer to load than all else here takes to run.
+    importlib.metadata has the version, but takes longer to load than all other steps of this
+    module.
     """
-    found = []
+    folders = []
     for folder in sys.path:
         with contextlib.suppress(OSError), os.scandir(folder or ".") as entries:
-            found += [
+            folders += [
                 f"{entry.name}:{entry.stat().st_mtime_ns}"
                 for entry in entries
                 if re.fullmatch(_METADATA, entry.name)
             ]
-    return sorted(found)
+    return sorted(folders)
 
 
 def _from_cache(entry: object) -> Verdict | None:

@@ -141,7 +141,7 @@ def prepare(
 
     generator = make()
     if filling:
-        generator = _filled(
+        generator = _with_fill(
             name, generator, fill, make(leave_holes=True) if definition.leaves_holes else generator
         )
     return generator if mask is None or sparse else masked(generator, mask)
@@ -174,16 +174,16 @@ def _check_picture(rgbd: RGBD, display: Display) -> None:
         )
 
 
-def _filled(name: str, generator: Generator, fill: str, left: Generator) -> Generator:
+def _with_fill(name: str, generator: Generator, fill: str, with_holes: Generator) -> Generator:
     """A generator that fills the holes that another leaves."""
     from inim.generators.raycast.fill import Filled
 
-    if not (isinstance(generator, SourceGenerator) and isinstance(left, SourceGenerator)):
+    if not (isinstance(generator, SourceGenerator) and isinstance(with_holes, SourceGenerator)):
         raise UsageError(
             f"algorithm {name!r} does not say where its colours come from, and so not what is a "
             "hole; leave fill out"
         )
-    return Filled(generator, fill, left)
+    return Filled(generator, fill, with_holes)
 
 
 def find_sources(

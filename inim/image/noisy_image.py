@@ -36,7 +36,7 @@ class NoisyImage:
 
     @classmethod
     def from_image(cls, image: np.ndarray, noise: np.ndarray | None = None) -> NoisyImage:
-        """An image with known noise, None: without noise."""
+        """Image with noise; None means without noise."""
         return cls((image, noise))
 
     @property
@@ -113,6 +113,6 @@ _PIXELS = 2**18
 
 
 def row_bands(rows: int, columns: int, pixels: int | None = None) -> Iterator[slice]:
-    """Slices of rows from top to bottom, each of about as many pixels, one row at least."""
+    """Slices of rows from top to bottom, each of about `pixels` pixels and at least one row."""
     step = max(1, (pixels or _PIXELS) // max(1, columns))
     return (slice(first, min(first + step, rows)) for first in range(0, rows, step))

@@ -36,7 +36,7 @@ class Layer:
 
 @dataclass(frozen=True)
 class RGBD:
-    """What a depth camera in front of the display would hand to a generator.
+    """RGB-D picture of a depth camera in front of the display.
 
     An orthographic colour and depth picture in the display frame, centred on its axis.
 
@@ -124,25 +124,26 @@ class RGBD:
 
 @dataclass(frozen=True)
 class LayeredRGBD(RGBD):
-    """A layered depth image, whose columns are solid from each front only down to its back.
+    """Layered depth image: columns are solid from each front to its back.
 
-    After Shade et al., Layered depth images, SIGGRAPH 1998; a layer here also has a back. To a
-    generator that knows no layers it is the RGB-D picture of its front surface.
+    After Shade et al., Layered depth images, SIGGRAPH 1998; a layer here also has a back.
+    Generators without layers use it as the RGB-D picture of its front surface.
 
     Parameters
     ----------
     color, depth_mm, covered, pixel_mm :
         The front surface, as in `RGBD`.
     back_mm : (H, W) float32
-        Where the solid behind the front surface ends; -inf: never.
+        Back of the solid behind the front surface; -inf for none.
     deeper : tuple of Layer
-        What follows behind it, nearest first. A pixel covered in one is covered in all before it.
+        Further layers, nearest first. A pixel covered in one layer is covered in all previous
+        layers.
 
     Raises
     ------
     UsageError
-        As `RGBD`; a back in front of its front, or a layer without or in front of the one before
-        it.
+        As for `RGBD`; a back in front of its front, or a layer without a previous layer or in front
+        of it.
     """
 
     back_mm: NDArray[np.float32]

@@ -13,7 +13,7 @@ from pathlib import Path
 def atomic_file(path: Path) -> Iterator[Path]:
     """Yield the path of a temporary file, which replaces `path` if the block ends without error.
 
-    It lies in the same folder, which is created if needed, and has the same suffix.
+    The file is in the same folder, which is created if needed, and has the same suffix.
     """
     writer = f"{os.getpid()}-{threading.get_ident()}"
     temporary = path.with_name(f".{path.stem}.{writer}.partial{path.suffix}")

@@ -23,7 +23,7 @@ def cpu_text() -> str:
 
 
 def cpu_model() -> str:
-    """The processor's name, or its architecture where the system does not say."""
+    """Name of the processor, or its architecture if unavailable."""
     for line in cpu_text().splitlines():
         if line.startswith("model name"):
             return line.partition(":")[2].strip()
@@ -31,16 +31,16 @@ def cpu_model() -> str:
 
 
 def cpu_count() -> int:
-    """How many processors this process may use (its affinity, not the machine's)."""
+    """Number of processors available to this process, by its affinity."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def memory_limit_bytes() -> int:
-    """The memory this process may use [bytes]: the machine's, a container's or a shell's limit.
+    """Memory limit of this process in bytes: the machine's, a container's or a shell's.
 
-    0 where the system does not say.
+    0 if unavailable.
     """
     if not hasattr(os, "sysconf"):
         return 0
@@ -58,9 +58,9 @@ def peak_bytes(*, of_children: bool = False) -> int:
     """The most memory that this process, or one of its ended children, ever filled [bytes]."""
     import resource
 
-    whose = resource.RUSAGE_CHILDREN if of_children else resource.RUSAGE_SELF
+    scope = resource.RUSAGE_CHILDREN if of_children else resource.RUSAGE_SELF
     # In KiB by Linux, in bytes by macOS.
-    return resource.getrusage(whose).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+    return resource.getrusage(scope).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
 def _limit_files(membership: Path, root: Path = Path("/sys/fs/cgroup")) -> Iterator[Path]:
@@ -92,14 +92,15 @@ def _number_in(path: Path) -> int | None:
 def linker_cache(name: bytes) -> list[str]:
     """Paths in the linker's cache whose file name starts with `name`.
 
-    Read directly: `ldconfig -p` says the same, but is not on an ordinary user's PATH.
+    The cache is read directly: `ldconfig -p` gives the same list, but is not on an ordinary user's
+    PATH.
     """
     try:
         data = Path("/etc/ld.so.cache").read_bytes()
     except OSError:
         return []
-    found = re.findall(rb"/[^\0]*/" + re.escape(name) + rb"[^\0/]*(?=\0)", data)
-    return [os.fsdecode(path) for path in dict.fromkeys(found)]
+    paths = re.findall(rb"/[^\0]*/" + re.escape(name) + rb"[^\0/]*(?=\0)", data)
+    return [os.fsdecode(path) for path in dict.fromkeys(paths)]
 
 
 def user_cache_folder() -> Path | None:

@@ -1,4 +1,4 @@
-"""Who observes how a run goes on: its progress, and the time and samples that it took."""
+"""Observers of a run: its progress, its rendering times and its samples."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ class Observer:
         """A stage begins."""
 
     def line(self, text: str) -> None:
-        """A result worth a line."""
+        """Print a line of results."""
 
     def rendered(self, seconds: float, samples: int = 0) -> None:
-        """The renderer took so long for so many samples."""
+        """Record the rendering time and the sample count."""
         self.render_seconds += seconds
         self.samples += samples
 

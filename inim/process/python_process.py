@@ -1,8 +1,8 @@
-"""Start and end of Python processes, and what they ignore in the current folder.
+"""Start and end of Python processes, and protection from files in the current folder.
 
-`python -m` and `python -c` put the current folder before the standard library, and there lies
-whatever a user keeps next to a scene: a `numpy.py` would be executed. What `PYTHONPATH` names is
-the user's own choice, and stays. numba and matplotlib read configuration files there.
+`python -m` and `python -c` put the current folder before the standard library, so a
+`numpy.py` next to a scene would be executed. `PYTHONPATH` is
+the user's choice and remains in effect. numba and matplotlib read configuration files there.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def child_environment() -> dict[str, str]:
     except OSError:  # it was deleted
         here = None
     elsewhere = [place for place in sys.path if place and Path(place).resolve() != here]
-    found = PathFinder.find_spec("inim", elsewhere)
-    if found is not None and found.origin and Path(found.origin).resolve().parents[1] == home:
+    spec = PathFinder.find_spec("inim", elsewhere)
+    if spec is not None and spec.origin and Path(spec.origin).resolve().parents[1] == home:
         return dict(os.environ)
     places = [str(home), *filter(None, [os.environ.get("PYTHONPATH")])]
     return os.environ | {"PYTHONPATH": os.pathsep.join(places)}
@@ -87,7 +87,7 @@ _NAMES = (".numba_config.yaml", "matplotlibrc")
 
 @contextmanager
 def configuration_hidden() -> Iterator[None]:
-    """Hide these files from all packages of this process: a picture's folder configures nothing."""
+    """Hide configuration files of the current folder from all packages of this process."""
     exists = os.path.exists
 
     def exists_elsewhere(path: Any) -> bool:

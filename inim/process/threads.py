@@ -30,25 +30,25 @@ def threads(most: int | None = None) -> Iterator[Submit]:
     pending: list[Future[Any]] = []
 
     def submit(function: Callable[..., _Found], *arguments: Any, **named: Any) -> Future[_Found]:
-        one = pool.submit(function, *arguments, **named)
-        pending.append(one)
-        return one
+        future = pool.submit(function, *arguments, **named)
+        pending.append(future)
+        return future
 
     try:
         yield submit
     finally:
-        for one in pending:
-            one.cancel()
+        for future in pending:
+            future.cancel()
         wait(pending)
 
 
 @cache
 def _pool(count: int) -> ThreadPoolExecutor:
-    """The same threads again and again: each new one may keep memory of its own."""
+    """Pool of reused threads: each new thread may keep memory."""
     return ThreadPoolExecutor(count, "inim")
 
 
 def _now(function: Callable[..., _Found], *arguments: Any, **named: Any) -> Future[_Found]:
-    done: Future[_Found] = Future()
-    done.set_result(function(*arguments, **named))
-    return done
+    future: Future[_Found] = Future()
+    future.set_result(function(*arguments, **named))
+    return future

@@ -1,14 +1,14 @@
-"""Sampler plugin `inim_counter`: counter-based random numbers, well spread.
+"""Sampler plugin `inim_counter`: counter-based, well-distributed random numbers.
 
-The numbers of a sample follow from (seed, pixel, sample) and nothing else: which other pixels are
-traced with it, in what order and in how many passes changes none of them. So whatever is skipped
-leaves every other pixel its bits, and a picture may be traced in tiles, in part, or on and on.
+The numbers of a sample depend only on (seed, pixel, sample), not on the other traced pixels,
+their order or the number of passes. Skipping pixels therefore leaves the bits of all
+others unchanged, and an image may be traced in tiles, in part, or continued.
 
-Every pair of numbers that a path asks for is a point of the Sobol' (0, 2)-sequence, in an order and
-with an Owen scrambling of its own for each seed, pixel and pair (Burley, "Practical hash-based Owen
-scrambling", JCGT 9(4), 2020). Each sample alone is uniform and pictures of two seeds share nothing;
-but the samples of one pixel spread over it, its light and its lens, and leave less noise than as
-many independent ones.
+Every pair of numbers that a path requests is a point of the Sobol' (0, 2)-sequence, with a separate
+order and Owen scrambling for each seed, pixel and pair (Burley, "Practical hash-based Owen
+scrambling", JCGT 9(4), 2020). Each sample alone is uniform, and images with different seeds are
+independent. The samples of one pixel are well distributed over its area, its lights and its lens.
+They leave less noise than the same number of independent samples.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _TO_UNIT = 2.0**-24
 
 
 def _hashed(x: Any) -> Any:
-    """A number that has nothing to do with `x`, UInt32."""
+    """Hash of a number, UInt32."""
     for shift, factor in _HASH:
         x = (x ^ (x >> shift)) * factor
     return x ^ (x >> 16)
@@ -58,7 +58,7 @@ def _unit(x: Any) -> Any:
 
 
 def register() -> None:
-    """Define and register the class anew: plugins belong to the variant they were made in."""
+    """Define and register the class again: plugins belong to the active variant."""
 
     class CounterSampler(mi.Sampler):  # type: ignore[misc]
         """A stream of numbers for each pixel and sample."""
@@ -74,7 +74,7 @@ def register() -> None:
             self._stream = _hashed(_hashed(pixel) + _hashed(dr.opaque(mi.UInt32, seed)))
 
         def _next(self, active: Any) -> tuple[Any, Any]:
-            """Where a path's next number or pair lies in the sequence, and a key of its own."""
+            """Position of a path's next number or pair in the sequence, and its own key."""
             key = _hashed(self._stream)
             # The stream goes on by a step that is prime to its period.
             self._stream = dr.select(mi.Mask(active), self._stream + 0x9E3779B9, self._stream)

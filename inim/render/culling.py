@@ -1,18 +1,18 @@
-"""Which pixels are black for certain, and which layers no ray of a display can meet.
+"""Culling: pixels that are certainly black, and layers that no ray of a display can meet.
 
-Pixels (`BoundsGrid`): each triangle's box, each splat's, or each other shape's, is entered in a
-coarse grid of the display frame. A pixel's bundle of rays is a prism: in a slab of depths it stays
-within an interval across and one down. Where no slab has an occupied cell in there, no ray of the
-pixel meets a shape, and it is black: lights are hidden from cameras, and nothing else shines.
+Pixels (`BoundsGrid`): the bounding box of each triangle, splat or other shape is entered in a
+coarse grid of the display frame. A pixel's bundle of rays is a prism: in a depth slab it stays
+within one horizontal and one vertical interval. If no slab has an occupied cell there, no ray of
+the pixel meets a shape, and it is black, because lights are invisible to cameras.
 
-Layers (`in_view`): a layer behind the front surface is in view if a ray gets behind what is before
-it. So the places where rays may be are followed from the viewer's side into the depth, slice by
-slice. A cell has 8 by 8 of them, a bit each of a word. A slice is so thin that no ray of the
-display gets farther in it than to the next place: from one slice to the next they spread to all
-places around them, and where a solid is, there are none. What has no such place, in any slice that
-it reaches through, no ray meets: to leave it out changes no pixel. Too much is let in, never too
-little: paths that bend within the display's cone of directions, and what passes through solids
-thinner than a slice, such as sheets.
+Layers (`in_view`): a layer behind the front surface is in view if a ray can pass the layers in
+front of it. The algorithm follows the positions of possible rays from the viewer's side into the
+depth, slice by slice. A cell has 8 by 8 positions, one bit each of a word. A slice is so thin that
+no display ray moves by more than one position in it: between slices, rays spread to all
+neighbouring positions, and a solid stops them. A layer without a possible ray in any slice that it
+occupies is removed, which changes no pixel. The result includes too many layers, never too few: it
+also counts paths that bend within the display's cone of directions, and rays through solids thinner
+than a slice, such as sheets.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ Interval = tuple[np.ndarray, np.ndarray]
 
 @dataclass(frozen=True)
 class BoundsGrid:
-    """Where a scene's shapes are, coarsely.
+    """Coarse grid of the space occupied by a scene's shapes.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class BoundsGrid:
         slabs = np.arange(len(self.counts) + 1)
         # Depth below the start plane, of the borders of the slabs from the farthest on.
         ends = self.start_mm - (self.low_mm[2] + slabs * self.cell_mm[2])
-        seen = np.zeros((rays.rows, rays.columns), bool)
+        is_visible = np.zeros((rays.rows, rays.columns), bool)
         if isinstance(rays, NonSeparableRays):
             for k in range(len(self.counts)):
                 pair = ends[k : k + 2]
@@ -90,15 +90,15 @@ class BoundsGrid:
                 up = self._cells(
                     _non_separable(rays.y0_mm, rays.aside_y_mm, rays.step_y_mm, rays, pair), 1
                 )
-                _mark_each(self.counts[k], *across, *up, seen)
-            return seen
+                _mark_each(self.counts[k], *across, *up, is_visible)
+            return is_visible
         pupil = rays.pupil_place_mm, rays.pupil_slope
         for k in range(len(self.counts)):
             pair = ends[k : k + 2]
             across = self._cells(_separable(rays.x, pupil, pair), 0)
             up = self._cells(_separable(rays.y, pupil, pair), 1)
-            _mark(self.counts[k], *across, *up, seen)
-        return seen
+            _mark(self.counts[k], *across, *up, is_visible)
+        return is_visible
 
     def _cells(self, interval: Interval, axis: int) -> tuple[np.ndarray, np.ndarray]:
         """First cell of an interval and one past its last, clipped to the grid."""
@@ -144,7 +144,7 @@ def _boxes(shape: Any, display_from_world: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def _filled(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """How many boxes each cell of the grid lies in, from the cells of their corners."""
+    """Number of boxes in each cell of the grid, from the cells of their corners."""
     shape = tuple(n + 1 for n in _CELLS)
     change = np.zeros(shape, np.int64)
     for picks in np.indices((2, 2, 2)).reshape(3, -1).T:
@@ -158,7 +158,7 @@ def _filled(first: np.ndarray, last: np.ndarray) -> np.ndarray:
 
 
 def _separable(axis: AxisRays, pupil: tuple[float, float], ends: np.ndarray) -> Interval:
-    """What the bundles of an axis reach between two depths below the start plane.
+    """Reach of an axis's ray bundles between two depths below the start plane.
 
     The bundle's middle runs straight and its half width is convex in depth: extremes are at ends.
     """
@@ -173,12 +173,12 @@ def _separable(axis: AxisRays, pupil: tuple[float, float], ends: np.ndarray) -> 
 
 
 def _non_separable(
-    centre: np.ndarray, aside: np.ndarray, step: float, rays: NonSeparableRays, ends: np.ndarray
+    centre: np.ndarray, offset: np.ndarray, step: float, rays: NonSeparableRays, ends: np.ndarray
 ) -> Interval:
-    """As `_separable`, of bundles with a lens and a gap of their own."""
+    """Reach of bundles with individual lenses and gaps, as `_separable`."""
     tilt = (abs(rays.tilt_x * rays.step_x_mm) + abs(rays.tilt_y * rays.step_y_mm)) / 2
     slopes = [
-        (side * step / 2 - aside) / (rays.gap_mm + far * tilt)
+        (side * step / 2 - offset) / (rays.gap_mm + far * tilt)
         for side in (-1, 1)
         for far in (-1, 1)
     ]
@@ -188,23 +188,23 @@ def _non_separable(
 
 
 @compiled(parallel=True)
-def _mark(counts, left, right, low, high, seen):  # type: ignore[no-untyped-def]
+def _mark(counts, left, right, low, high, is_visible):  # type: ignore[no-untyped-def]
     """Mark pixels whose rectangle of cells, per column and per row, holds an occupied one."""
-    for i in prange(seen.shape[0]):
+    for i in prange(is_visible.shape[0]):
         below, above = counts[low[i]], counts[high[i]]
-        for j in range(seen.shape[1]):
+        for j in range(is_visible.shape[1]):
             a, b = left[j], right[j]
-            seen[i, j] |= above[b] - above[a] - below[b] + below[a] > 0
+            is_visible[i, j] |= above[b] - above[a] - below[b] + below[a] > 0
 
 
 @compiled(parallel=True)
-def _mark_each(counts, left, right, low, high, seen):  # type: ignore[no-untyped-def]
-    """As `_mark`, of rectangles that every pixel has for its own."""
-    for i in prange(seen.shape[0]):
-        for j in range(seen.shape[1]):
+def _mark_each(counts, left, right, low, high, is_visible):  # type: ignore[no-untyped-def]
+    """Mark pixels as `_mark`, with individual rectangles."""
+    for i in prange(is_visible.shape[0]):
+        for j in range(is_visible.shape[1]):
             below, above = counts[low[i, j]], counts[high[i, j]]
             a, b = left[i, j], right[i, j]
-            seen[i, j] |= above[b] - above[a] - below[b] + below[a] > 0
+            is_visible[i, j] |= above[b] - above[a] - below[b] + below[a] > 0
 
 
 # Along a cell.
@@ -220,7 +220,7 @@ _RIGHT = np.uint64(0x8080808080808080)
 def in_view(
     front_mm: NDArray[np.float32], back_mm: NDArray[np.float32], display: Display, pixel_mm: float
 ) -> NDArray[np.bool_]:
-    """Where a layer is not hidden from all rays of a display.
+    """Mask of layer pixels that some ray of a display can meet.
 
     Parameters
     ----------
@@ -235,10 +235,10 @@ def in_view(
     (layers, rows, columns) bool
         The front surface always is; False where there is no layer.
     """
-    seen = np.isfinite(front_mm)
-    if not seen[1:].any():
-        return seen
-    deeper = np.any(seen[1:], axis=0, keepdims=True)[0]
+    is_in_view = np.isfinite(front_mm)
+    if not is_in_view[1:].any():
+        return is_in_view
+    deeper = np.any(is_in_view[1:], axis=0, keepdims=True)[0]
     z_min, z_max = display.depth_range_mm
     # Samples may start off a pixel's centre, anywhere within it.
     slope = max(display.steepest_slopes) + display.pixel_pitch_mm / display.gap_mm
@@ -246,12 +246,12 @@ def in_view(
     bounds = np.linspace(z_max, z_min, 2 + int(travel * _PLACES / _CROSSED))
     # From farther away no ray gets there.
     part = (slice(None), *_around(deeper, math.ceil(travel) + 1))
-    seen[part] = _met(front_mm[part], back_mm[part], bounds)
-    return seen
+    is_in_view[part] = _met(front_mm[part], back_mm[part], bounds)
+    return is_in_view
 
 
 def _around(cells: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
-    """Rows and columns that hold all cells, and so many more on each side."""
+    """Rows and columns that contain all cells, with a margin on each side."""
     rows, columns = (np.flatnonzero(cells.any(axis=axis)) for axis in (1, 0))
     return (
         slice(max(rows[0] - margin, 0), rows[-1] + margin + 1),
@@ -263,35 +263,35 @@ def _met(
     front: NDArray[np.float32], back: NDArray[np.float32], bounds: np.ndarray
 ) -> NDArray[np.bool_]:
     """`in_view`, followed through slices between some depths, from near to far."""
-    seen = np.isfinite(front)
-    cells = np.flatnonzero(seen[1:].any(axis=0))
+    reachable = np.isfinite(front)
+    cells = np.flatnonzero(reachable[1:].any(axis=0))
     fronts, backs = (values.reshape(len(values), -1)[1:, cells] for values in (front, back))
-    found = np.zeros(fronts.shape, bool)
+    hit = np.zeros(fronts.shape, bool)
     rays = np.full(front.shape[1:], _EVERYWHERE)
     across = np.empty_like(rays)
     top = np.inf  # whatever a ray begins in, it meets
     for end in bounds[1:]:
         _spread_across(rays, across)
         _spread_down(across, rays)
-        found |= (fronts >= end) & (backs <= top) & (rays.reshape(-1)[cells] != 0)
+        hit |= (fronts >= end) & (backs <= top) & (rays.reshape(-1)[cells] != 0)
         rays[(front[0] >= end) & (back[0] <= end)] = 0
         rays.reshape(-1)[cells[((fronts >= end) & (backs <= end)).any(axis=0)]] = 0
         top = end
-    seen.reshape(len(seen), -1)[1:, cells] &= found
-    return seen
+    reachable.reshape(len(reachable), -1)[1:, cells] &= hit
+    return reachable
 
 
 @compiled
 def _spread_across(rays, out):  # type: ignore[no-untyped-def]
     """Rays spread to the places left and right of theirs; around the cells they are everywhere."""
-    one, seven = np.uint64(1), np.uint64(7)
+    one_bit, seven = np.uint64(1), np.uint64(7)
     rows, columns = rays.shape
     for r in range(rows):
         for c in range(columns):
             own = rays[r, c]
             before = rays[r, c - 1] if c > 0 else _EVERYWHERE
             after = rays[r, c + 1] if c + 1 < columns else _EVERYWHERE
-            own |= (own & ~_RIGHT) << one | (own & ~_LEFT) >> one
+            own |= (own & ~_RIGHT) << one_bit | (own & ~_LEFT) >> one_bit
             out[r, c] = own | (before & _RIGHT) >> seven | (after & _LEFT) << seven
 
 

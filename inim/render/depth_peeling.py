@@ -1,23 +1,25 @@
-"""Depth peeling: the layers of all that the depth camera's parallel rays meet.
+"""Depth peeling: all layers along the depth camera's parallel rays.
 
-A ray through a pixel's centre is followed through every surface, lights apart. What it enters by a
-front face and leaves by a back face is solid, and each solid that nothing solid covers in depth is
-a layer of that pixel: its front and its back. Which of them show sides, `inim.render.sides` says;
+A ray through a pixel's centre is followed through every surface except lights. The interval between
+a front face and a back face is solid, and each solid that no other covers in depth is a layer of
+that pixel: its front and its back. `inim.render.sides` determines which layers have sides;
 `inim.render.ground_truth.capture_layers` colours them.
 
-Which back belongs to which front:
+Fronts and backs are paired by these rules:
 
-* The last front still open, of the same shape if there is one, else of any: shapes inside or
-  through each other make one solid, and so do shapes that only together are closed.
-* A face that finds no partner is a sheet.
-* A shape that most rays enter by a back face and leave by a front face has its normals inside out,
-  and is turned round. What the renderer makes of its colour is not changed.
+* A back belongs to the last open front, of the same shape if there is one, otherwise of any: nested
+or
+  intersecting shapes form one solid, and so do shapes that are closed only together.
+* A face without a partner is a sheet.
+* If most rays enter a shape through a back face and leave through a front face, its normals are
+inverted.
+  They are reversed for pairing only; the rendered colour does not change.
 
-Sheets have no thickness, and walls may be thinner than the step in depth from one pixel to the
-next; rays aslant would slip between. So each column goes on down to the fronts beside it that its
-own slope and theirs make part of the same surface, but never to the next surface.
+Sheets have no thickness, and walls may be thinner than the depth step between adjacent pixels, so
+oblique rays would slip between. Each column is therefore extended down to the neighbouring fronts
+that belong to the same surface by both slopes, but never to the next surface.
 
-What no ray of the display can meet (`inim.render.culling`) is left out, and counted.
+Layers that no display ray can meet (`inim.render.culling`) are removed and counted.
 """
 
 from __future__ import annotations
@@ -56,29 +58,29 @@ _SAME_STEPS = 4
 
 @dataclass(frozen=True)
 class Peeled:
-    """The layers of a scene without their colours, (layers, rows, columns), nearest first.
+    """Layers of a scene without colours, (layers, rows, columns), nearest first.
 
     Attributes
     ----------
     display : Display
     rays : SeparableRays
-        Of the camera.
+        Rays of the camera.
     pixel_mm : float
     front_mm, back_mm : float32
-        In the display frame; -inf where there is no layer.
+        Depths in the display frame; -inf without a layer.
     near, far : float32
-        World distances on the ray between which a neighbouring ray's hit is the same surface.
+        World distances on the ray between which a neighbouring ray's hit is on the same surface.
     facing : bool
-        Whether the ray meets the front face.
+        True if the ray meets the front face.
     spread : float32
         Width in pixels over which colours are averaged.
     cut_share : float
-        Share of the covered pixels that lack layers beyond `MOST_LAYERS`.
+        Share of the covered pixels with more than `MOST_LAYERS` layers.
     hidden_share : float
-        Share of what lies behind the front surface that is left out: no ray of the display meets
-        it. Zero where nothing lies behind.
+        Removed share of the layers behind the front surface that no display ray
+        meets. Zero without such layers.
     has_sides : bool
-        Whether what lies between a front and a back is solid, and shows sides.
+        True if the space between a front and a back is solid and has sides.
     """
 
     display: Display
@@ -101,7 +103,7 @@ class Peeled:
 
     @cached_property
     def sides(self) -> Sides:
-        """What rays from the side meet of the layers."""
+        """Sides of the layers, for rays from the side."""
         back_mm = self.back_mm if self.has_sides else self.front_mm
         return Sides.of(self.front_mm, back_mm, self.display, self.pixel_mm)
 
@@ -121,19 +123,19 @@ def peel(
     fitted : FittedScene
     display : Display
     pixels_per_pitch : float
-        Of the picture.
+        Resolution of the picture.
     hidden : bool
-        Keep also what no ray of the display can meet.
+        Keep also the layers that no display ray can meet.
     observer : Observer, optional
-        Counts the time spent here.
+        Receives the rendering time.
     """
     started = time.perf_counter()
     rays = capture_rays(display, pixels_per_pitch, fitted.start_mm)
     peeled = (_splats if fitted.shows_splats else _surfaces)(fitted, display, rays)
     if not hidden:
         front, back = peeled.front_mm, peeled.back_mm
-        seen = in_view(front, back, display, peeled.pixel_mm)
-        peeled = _without(peeled, ~seen & peeled.covered)
+        is_in_view = in_view(front, back, display, peeled.pixel_mm)
+        peeled = _without(peeled, ~is_in_view & peeled.covered)
     if observer:
         observer.rendered(time.perf_counter() - started)
     return peeled
@@ -143,8 +145,8 @@ def _surfaces(fitted: FittedScene, display: Display, rays: SeparableRays) -> Pee
     """The layers of surfaces, the hidden ones too."""
     rows, columns, pixel_mm = rays.rows, rays.columns, rays.x.place_step_mm
     hits = _Hits.of(fitted, make_sensor(rays, fitted.fit.world_from_display), rows * columns)
-    front, back, hit, found = _solids(hits, _outward(hits))
-    layers = max(1, int(min(found.max(), MOST_LAYERS)))
+    front, back, hit, solid_counts = _solids(hits, _outward(hits))
+    layers = max(1, int(min(solid_counts.max(), MOST_LAYERS)))
     front, back, hit = front[:layers], back[:layers], hit[:layers]
     near, far, facing, spread = _same_surface(fitted, display, pixel_mm, hits, front, hit)
     shape = (layers, rows, columns)
@@ -161,19 +163,19 @@ def _surfaces(fitted: FittedScene, display: Display, rays: SeparableRays) -> Pee
         far.reshape(shape),
         facing.reshape(shape),
         spread.reshape(shape),
-        cut_share=_cut_share(found),
+        cut_share=_cut_share(solid_counts),
     )
 
 
 def _splats(fitted: FittedScene, display: Display, rays: SeparableRays) -> Peeled:
-    """The layers of splats, the hidden ones too; see `inim.render.splats`.
+    """Layers of splats, including hidden layers; see `inim.render.splats`.
 
-    They have no normals: how steep a surface is, the fronts beside it say.
+    Splats have no normals: neighbouring fronts determine the slope of a surface.
     """
     pixel_mm = rays.x.place_step_mm
     ray = centre_rays(make_sensor(rays, fitted.fit.world_from_display))
-    found = splats.runs(fitted.scene, fitted.integrator, ray, MOST_LAYERS)
-    layers = max(1, int(min(found.found.max(), MOST_LAYERS)))
+    splat_runs = splats.runs(fitted.scene, fitted.integrator, ray, MOST_LAYERS)
+    layers = max(1, int(min(splat_runs.count.max(), MOST_LAYERS)))
     shape = (layers, rays.rows, rays.columns)
     origin, along = (np.stack(vector, dtype=np.float64) for vector in (ray.o, ray.d))
     forward = fitted.fit.display_from_world
@@ -184,7 +186,7 @@ def _splats(fitted: FittedScene, display: Display, rays: SeparableRays) -> Peele
         z = np.tensordot(forward[2, :3], points, 1) + forward[2, 3]
         return np.where(there, z, -np.inf).astype(np.float32).reshape(shape)
 
-    front, back = depth(found.front), depth(found.back)
+    front, back = depth(splat_runs.front), depth(splat_runs.back)
     everywhere = np.ones(shape, bool)
     _close_gaps(front, back, _steepness(front, pixel_mm), everywhere, np.float32(pixel_mm))
     return Peeled(
@@ -193,11 +195,11 @@ def _splats(fitted: FittedScene, display: Display, rays: SeparableRays) -> Peele
         pixel_mm,
         front,
         back,
-        np.maximum(found.near[:layers], 0).reshape(shape),
+        np.maximum(splat_runs.near[:layers], 0).reshape(shape),
         np.full(shape, np.inf, np.float32),
         everywhere,
         _spread(front, display, pixel_mm),
-        cut_share=_cut_share(found.found),
+        cut_share=_cut_share(splat_runs.count),
         has_sides=False,
     )
 
@@ -216,14 +218,14 @@ def _steepness(front: np.ndarray, pixel_mm: float) -> np.ndarray:
     return slope
 
 
-def _cut_share(found: np.ndarray) -> float:
+def _cut_share(layer_counts: np.ndarray) -> float:
     """Share of the covered pixels that lack layers, from the numbers of those found."""
-    cut, covered = np.count_nonzero(found > MOST_LAYERS), np.count_nonzero(found)
+    cut, covered = np.count_nonzero(layer_counts > MOST_LAYERS), np.count_nonzero(layer_counts)
     return int(cut) / max(1, int(covered))
 
 
 def _without(peeled: Peeled, hidden: np.ndarray) -> Peeled:
-    """Leave out the hidden, (layers, rows, columns), and let what lies behind it move up."""
+    """Remove the hidden layers, (layers, rows, columns), and move deeper layers up."""
     behind = int(np.count_nonzero(peeled.covered[1:]))
     order = np.argsort(hidden, axis=0, kind="stable")
     layers = max(1, int((peeled.covered & ~hidden).sum(axis=0).max()))
@@ -231,11 +233,11 @@ def _without(peeled: Peeled, hidden: np.ndarray) -> Peeled:
     def kept(values: np.ndarray) -> np.ndarray:
         return np.take_along_axis(values, order, axis=0)[:layers]
 
-    there, nothing = kept(peeled.covered & ~hidden), np.float32(-np.inf)
+    there, no_layer = kept(peeled.covered & ~hidden), np.float32(-np.inf)
     return replace(
         peeled,
-        front_mm=np.where(there, kept(peeled.front_mm), nothing),
-        back_mm=np.where(there, kept(peeled.back_mm), nothing),
+        front_mm=np.where(there, kept(peeled.front_mm), no_layer),
+        back_mm=np.where(there, kept(peeled.back_mm), no_layer),
         near=kept(peeled.near),
         far=kept(peeled.far),
         facing=kept(peeled.facing),
@@ -246,7 +248,8 @@ def _without(peeled: Peeled, hidden: np.ndarray) -> Peeled:
 
 @dataclass(frozen=True)
 class _Hits:
-    """What each ray meets in turn; all but `count` are (hits, rays), of which `count` are there.
+    """Hits of each ray in order; all fields except `count` are (hits, rays), of which `count` are
+    valid.
 
     Attributes
     ----------
@@ -278,7 +281,7 @@ class _Hits:
             "distance": np.float32, "depth": np.float32, "slope": np.float32, "facing": np.bool_,
             "shape": np.uint32, "face": np.uint32,
         }  # fmt: skip
-        found: dict[str, list[np.ndarray]] = {name: [] for name in kinds}
+        collected: dict[str, list[np.ndarray]] = {name: [] for name in kinds}
         count = np.zeros(rays, np.int32)
         going = np.arange(rays, dtype=np.uint32)
         start = np.zeros(rays, np.float32)
@@ -287,28 +290,31 @@ class _Hits:
             going, start = going[hit.pop("met")], hit.pop("onward")
             if not len(going):
                 break
-            new = ~hit.pop("light") & ~_again(hit, hit.pop("step"), found, count, going)
+            new = ~hit.pop("light") & ~_again(hit, hit.pop("step"), collected, count, going)
             place = count[going]
-            while len(found["depth"]) <= place[new].max(initial=-1):
+            while len(collected["depth"]) <= place[new].max(initial=-1):
                 for name, kind in kinds.items():
-                    found[name].append(np.zeros(rays, kind))
+                    collected[name].append(np.zeros(rays, kind))
             for number in np.unique(place[new]):
                 here = new & (place == number)
                 for name in kinds:
-                    found[name][number][going[here]] = hit[name][here]
+                    collected[name][number][going[here]] = hit[name][here]
             count[going[new]] += 1
-        del found["face"]
-        none = np.zeros((0, rays))
+        del collected["face"]
+        empty = np.zeros((0, rays))
         return cls(
             count,
-            **{name: np.stack(v) if v else none.astype(kinds[name]) for name, v in found.items()},
+            **{
+                name: np.stack(v) if v else empty.astype(kinds[name])
+                for name, v in collected.items()
+            },
         )
 
 
 def _next_hit(
     fitted: FittedScene, sensor: Any, columns: int, going: np.ndarray, start: np.ndarray
 ) -> dict[str, np.ndarray]:
-    """What rays meet beyond the world distance `start`, and which of them do meet something.
+    """Next hit of rays beyond the world distance `start`, and the indices of the rays with a hit.
 
     One compiled kernel serves all steps.
     """
@@ -322,45 +328,47 @@ def _next_hit(
     light = hit.is_valid() & hit.shape.is_emitter()
     shape = dr.reinterpret_array(mi.UInt32, hit.shape)
     dr.eval(distance, step, light, shape, hit, ray)
-    met = np.flatnonzero(np.asarray(hit.is_valid()))
+    hit_rays = np.flatnonzero(np.asarray(hit.is_valid()))
 
     def stacked(vector: Any) -> np.ndarray:
         """(n, 3) float64 of a vector or point."""
-        return np.stack([np.asarray(part)[met].astype(np.float64) for part in vector], axis=-1)
+        return np.stack([np.asarray(part)[hit_rays].astype(np.float64) for part in vector], axis=-1)
 
     forward = fitted.fit.display_from_world
-    points = stacked(ray.o) + np.asarray(distance)[met].astype(np.float64)[:, None] * stacked(ray.d)
+    points = stacked(ray.o) + np.asarray(distance)[hit_rays].astype(np.float64)[:, None] * stacked(
+        ray.d
+    )
     normal = stacked(hit.n) @ fitted.fit.world_from_display[:3, :3]
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = np.nan_to_num(np.abs(normal[:, :2]).sum(axis=1) / np.abs(normal[:, 2]), nan=0.0)
     return {
-        "met": met,
-        "light": np.asarray(light)[met],
-        "distance": np.asarray(distance)[met],
-        "onward": np.asarray(distance + step)[met],
-        "step": np.asarray(step)[met],
+        "met": hit_rays,
+        "light": np.asarray(light)[hit_rays],
+        "distance": np.asarray(distance)[hit_rays],
+        "onward": np.asarray(distance + step)[hit_rays],
+        "step": np.asarray(step)[hit_rays],
         "depth": (points @ forward[2, :3] + forward[2, 3]).astype(np.float32),
         "slope": np.minimum(slope, np.finfo(np.float32).max).astype(np.float32),
-        "facing": np.asarray(dr.dot(hit.n, ray.d) < 0)[met],
-        "shape": np.asarray(shape)[met],
-        "face": np.asarray(hit.prim_index)[met],
+        "facing": np.asarray(dr.dot(hit.n, ray.d) < 0)[hit_rays],
+        "shape": np.asarray(shape)[hit_rays],
+        "face": np.asarray(hit.prim_index)[hit_rays],
     }
 
 
 def _again(
     hit: dict[str, np.ndarray],
     step: np.ndarray,
-    found: dict[str, list[np.ndarray]],
+    previous: dict[str, list[np.ndarray]],
     count: np.ndarray,
     going: np.ndarray,
 ) -> np.ndarray:
-    """Where a hit is the last one once more: its face, or its neighbour across an edge."""
+    """Mask of repeated hits: the same face, or its neighbour across an edge."""
     again = np.zeros(len(going), bool)
     for number in np.unique(count[going]):
         if number == 0:
             continue
         here = count[going] == number
-        last = {name: values[number - 1][going[here]] for name, values in found.items()}
+        last = {name: values[number - 1][going[here]] for name, values in previous.items()}
         now = {name: values[here] for name, values in hit.items()}
         same = (now["shape"] == last["shape"]) & (now["facing"] == last["facing"])
         travelled = now["distance"] - last["distance"]
@@ -396,13 +404,13 @@ def _solids(
     front = np.full((MOST_LAYERS, rays), -np.inf, np.float32)
     back = np.full((MOST_LAYERS, rays), -np.inf, np.float32)
     hit = np.zeros((MOST_LAYERS, rays), np.int32)
-    found = np.zeros(rays, np.int32)
-    _join(hits.count, hits.depth, facing, hits.shape, front, back, hit, found)
-    return front, back, hit, found
+    solid_counts = np.zeros(rays, np.int32)
+    _join(hits.count, hits.depth, facing, hits.shape, front, back, hit, solid_counts)
+    return front, back, hit, solid_counts
 
 
 @compiled
-def _join(count, depth, facing, shape, front, back, hit, found):  # type: ignore[no-untyped-def]
+def _join(count, depth, facing, shape, front, back, hit, solid_counts):  # type: ignore[no-untyped-def]
     """Join the hits of each ray to solids and these to layers; see the module's text."""
     most = max(1, depth.shape[0])
     partner = np.empty(most, np.int64)
@@ -434,12 +442,12 @@ def _join(count, depth, facing, shape, front, back, hit, found):  # type: ignore
                     hit[layers - 1, ray] = f
             if layers <= len(front):
                 back[layers - 1, ray] = end
-        found[ray] = layers
+        solid_counts[ray] = layers
 
 
 @compiled
 def _close_gaps(front, back, slope, facing, pixel):  # type: ignore[no-untyped-def]
-    """Lower the backs, (layers, rows, columns), to the fronts beside them of the same surface."""
+    """Lower the backs, (layers, rows, columns), to neighbouring fronts of the same surface."""
     layers, rows, columns = front.shape
     for k in range(layers):
         for r in range(rows):

@@ -1,11 +1,11 @@
-"""`inim_display`: the panel behind its lens array, as an area emitter on a rectangle.
+"""Emitter plugin `inim_display`: a panel with its lens array, as an area emitter on a rectangle.
 
-Radiance depends on where and in which direction a ray leaves the array, so any stock camera and
-integrator sees the display as an eye would, and it lights what stands before it. The rectangle is
-the array as it lies (see `inim.render.sensors`), wherever its `to_world` puts it: where
-a ray arrives comes from the rectangle's own coordinates, its slopes from the rectangle's frame.
+Radiance depends on the position and direction in which a ray leaves the array. Any stock camera and
+integrator therefore sees the display as an eye would, and it lights the scene. The rectangle is
+the aligned array (see `inim.render.sensors`), placed by its `to_world`: a ray's position
+is in the rectangle's own coordinates, its slopes are in the rectangle's frame.
 
-The array is one shape and the lens is analytic: thousands of instances hang the renderer, and
+The array is one shape with an analytic lens: thousands of instances hang the renderer, and
 its spawned rays would move by most of a display pixel.
 """
 
@@ -49,7 +49,7 @@ _OPS = Ops(dr.sqrt, dr.floor, dr.select, dr.abs)
 
 
 class LensedPanel:
-    """A panel behind its lens array: what leaves the array, in Dr.Jit.
+    """Panel with its lens array: the emitted light as Dr.Jit code.
 
     Parameters
     ----------
@@ -86,15 +86,15 @@ class LensedPanel:
             color = dr.gather(mi.Color3f, self.picture, place, lit)
             return mi.Spectrum(color * weight) & lit
         color = mi.Color3f(0.0)
-        for channel, (place, weight, shown) in enumerate(landings):
-            value = dr.gather(mi.Float, self.picture, 3 * place + channel, shown)
-            color[channel] = dr.select(shown, value * weight, 0.0)
+        for channel, (place, weight, masks) in enumerate(landings):
+            value = dr.gather(mi.Float, self.picture, 3 * place + channel, masks)
+            color[channel] = dr.select(masks, value * weight, 0.0)
         return mi.Spectrum(color)
 
     def landings(
         self, x: Any, y: Any, sx: Any, sy: Any, lit: Any = True
     ) -> list[tuple[Any, Any, Any]]:
-        """Where rays come from on the panel, as of `pixel`: once, or for red, green and blue."""
+        """Panel points of rays, as for `pixel`: one, or one for each of red, green and blue."""
         # Red stands for all colours where nothing tells them apart.
         rays = [
             through_array(self.trace, self.array, self.traits, _OPS, x, y, sx, sy, index)
@@ -134,29 +134,29 @@ def _brightness(values: dict[str, Any]) -> float:
 
 def _picture(values: dict[str, Any], display: Display) -> np.ndarray:
     """The EIA that the parameters name or hold, (rows, columns, 3) float32."""
-    given = [name for name in _PICTURES if name in values]
-    if len(given) != 1:
-        shown = f"both {' and '.join(given)}" if given else "no EIA"
-        raise SceneError(f"{PLUGIN}: has {shown}; give one of {', '.join(_PICTURES)}")
-    found = values[given[0]]
-    if given[0] == "filename":
-        return read_eia(Path(str(mi.file_resolver().resolve(found))), display)[0]
-    if given[0] == "bitmap":
-        if not isinstance(found, mi.Bitmap):
-            raise SceneError(f"{PLUGIN}: bitmap is a {type(found).__name__}; give an mi.Bitmap")
-        found = found.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
-    picture = np.array(found, np.float32)
+    names = [name for name in _PICTURES if name in values]
+    if len(names) != 1:
+        problem = f"both {' and '.join(names)}" if names else "no EIA"
+        raise SceneError(f"{PLUGIN}: has {problem}; give one of {', '.join(_PICTURES)}")
+    bitmap = values[names[0]]
+    if names[0] == "filename":
+        return read_eia(Path(str(mi.file_resolver().resolve(bitmap))), display)[0]
+    if names[0] == "bitmap":
+        if not isinstance(bitmap, mi.Bitmap):
+            raise SceneError(f"{PLUGIN}: bitmap is a {type(bitmap).__name__}; give an mi.Bitmap")
+        bitmap = bitmap.convert(mi.Bitmap.PixelFormat.RGB, mi.Struct.Type.Float32, srgb_gamma=False)
+    picture = np.array(bitmap, np.float32)
     rows, columns = display.eia_shape
     if picture.shape != (rows, columns, 3):
         raise SceneError(
-            f"{PLUGIN}: {given[0]} has shape {picture.shape}; the display needs "
+            f"{PLUGIN}: {names[0]} has shape {picture.shape}; the display needs "
             f"{(rows, columns, 3)}"
         )
     return picture
 
 
 def register() -> None:
-    """Define and register the class anew: plugins belong to the variant they were made in."""
+    """Define and register the class again: plugins belong to the active variant."""
     if not mi.variant().endswith("_ad_rgb"):
         mi.register_emitter(PLUGIN, refusing(PLUGIN, mi.Emitter))
         return
@@ -197,7 +197,7 @@ def register() -> None:
             self.refused = False
 
         def problem(self) -> str:
-            """Why it cannot be shown as it is, or an empty string."""
+            """Reason why the display cannot be shown, or an empty string."""
             shape = self.get_shape()
             if shape is not None and shape.shape_type() != int(mi.ShapeType.Rectangle):
                 return f"{PLUGIN}: stands on a 'rectangle' only; it is the lens array"
@@ -217,11 +217,12 @@ def register() -> None:
             return ""
 
         def can_be_shown(self) -> bool:
-            """Whether it stands as a display can.
+            """True if the shape is a valid display.
 
-            The shape is not known when a scene is loaded, so this is asked when the display is
-            first seen. Raises then if not; later it is black, with a warning: kernels are recorded
-            of all emitters there are, and this one must not spoil others' scenes.
+            The shape is unavailable while a scene loads, so it is checked when the display is first
+            rendered. The first check raises for an invalid shape; later it stays black, with a
+            warning, because kernels are recorded for all emitters, and this one must not break
+            other scenes.
             """
             problem = self.problem()
             if problem and not self.refused:
@@ -263,8 +264,10 @@ def register() -> None:
         def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
             if self.get_shape() is None:
                 return mi.Float(0.0)
-            seen = active & (dr.dot(ds.d, ds.n) < 0)
-            return dr.select(seen, self.get_shape().pdf_direction(it, ds, seen), 0.0)
+            faces_viewer = active & (dr.dot(ds.d, ds.n) < 0)
+            return dr.select(
+                faces_viewer, self.get_shape().pdf_direction(it, ds, faces_viewer), 0.0
+            )
 
         def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
             return self.radiance(ds.uv, -ds.d, active & (dr.dot(ds.d, ds.n) < 0))

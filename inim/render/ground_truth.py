@@ -1,4 +1,4 @@
-"""What the renderer knows for certain: the RGB-D picture, the true EIA and the true views."""
+"""Ground truth by the renderer: the RGB-D picture, the ground-truth EIA and views."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def capture_halves(
     skip: bool = True,
     observer: Observer | None = None,
 ) -> tuple[RGBD, RGBD]:
-    """As `capture`, by two independent halves of the samples; depth is the same in both.
+    """Capture two independent halves of the samples, as `capture`; depth is equal in both.
 
     `skip`: see `pickup`.
     """
@@ -81,18 +81,20 @@ class _Camera:
 
     def picture(self, fitted: FittedScene, color: np.ndarray, observer: Observer | None) -> RGBD:
         """Colour with depth and coverage."""
-        found = surface(fitted.scene, fitted.integrator, self.sensor, observer)
+        surfaces = surface(fitted.scene, fitted.integrator, self.sensor, observer)
         forward = fitted.fit.display_from_world
         with np.errstate(invalid="ignore"):  # rays that meet nothing end at infinity
-            depth = found.point @ forward[2, :3] + forward[2, 3]
-        depth = np.where(found.covered, depth, 0.0).astype(np.float32)
-        return RGBD(color, depth, found.covered, self.pixel_mm)
+            depth = surfaces.point @ forward[2, :3] + forward[2, 3]
+        depth = np.where(surfaces.covered, depth, 0.0).astype(np.float32)
+        return RGBD(color, depth, surfaces.covered, self.pixel_mm)
 
 
 def capture_absorption(
     fitted: FittedScene, display: Display, *, pixels_per_pitch: float
 ) -> tuple[splats.Absorption, float]:
-    """Where the rays of `capture` lose their light in splats; and display mm per world unit."""
+    """Depths of light absorption in splats along the rays of `capture`, and display mm per world
+    unit.
+    """
     camera = _Camera.of(fitted, display, pixels_per_pitch)
     lost = splats.absorption(fitted.scene, fitted.integrator, centre_rays(camera.sensor))
     # The rays are parallel to the display's axis.
@@ -107,11 +109,11 @@ def capture_layers(
     seed: int,
     observer: Observer | None = None,
 ) -> LayeredRGBD:
-    """All layers of a peeled scene (`inim.render.depth_peeling`), coloured at `spp` samples each.
+    """Colour all layers of a peeled scene (`inim.render.depth_peeling`) with `spp` samples each.
 
-    Depth and coverage of the front are those of `capture`; its colour is not mixed with what lies
-    beside it. A solid that shows its side (`inim.render.sides`) is a sheet, and the pieces of its
-    side are layers of their own behind it.
+    Depth and coverage of the front are those of `capture`; its colour is not mixed with its
+    surroundings. A solid with a side (`inim.render.sides`) is a sheet, and the pieces of its
+    side are separate layers behind it.
     """
     solids, sides = peeled.covered, peeled.sides
     first = np.zeros(solids.shape, np.int64)
@@ -128,13 +130,13 @@ def capture_layers(
         values[layer, sides.row, sides.column] = of_pieces
         return values
 
-    light, seen = _side_colours(fitted, peeled, spp, seed, observer)
+    light, has_samples = _side_colours(fitted, peeled, spp, seed, observer)
     color = stacked(_layer_colours(fitted, peeled, spp, seed, observer), light)
     covered, front = stacked(solids, True), stacked(peeled.front_mm, sides.front_mm)
     ends, top = peeled.back_mm.copy(), sides.is_first
     ends[sides.solid[top], sides.row[top], sides.column[top]] = sides.front_mm[top]
     back = stacked(ends, sides.back_mm)
-    unseen = covered & ~stacked(solids, seen)
+    unseen = covered & ~stacked(solids, has_samples)
     for k in range(1, layers):  # what no ray comes to looks like what is before it
         color[k][unseen[k]] = color[k - 1][unseen[k]]
     deeper = [Layer(color[k], front[k], back[k], covered[k]) for k in range(1, layers)]
@@ -144,12 +146,12 @@ def capture_layers(
 def _layer_colours(
     fitted: FittedScene, peeled: Peeled, spp: int, seed: int, observer: Observer | None
 ) -> np.ndarray:
-    """Light of each layer towards the viewer, what lies in front taken away.
+    """Light of each layer towards the viewer, with the layers in front removed.
 
-    (layers, rows, columns, 3) float32, linear RGB, black where there is no layer.
+    (layers, rows, columns, 3) float32, linear RGB, black without a layer.
 
-    Samples lie all over a pixel, or all over what a panel pixel's quarter sees where that is wider,
-    and only on the surface that the pixel's centre meets: a sample that would meet another is taken
+    Samples cover a pixel, or, if wider, the area that a quarter of a panel pixel sees. They count
+    only on the surface at the pixel's centre: a sample that would meet another surface is taken
     at the centre instead.
     """
     sensor = make_sensor(peeled.rays, fitted.fit.world_from_display)
@@ -170,10 +172,10 @@ def _layer_colours(
 def _side_colours(
     fitted: FittedScene, peeled: Peeled, spp: int, seed: int, observer: Observer | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Light of each piece of a side, (pieces, 3) float32, and whether any sample came to it.
+    """Light of each piece of a side, (pieces, 3) float32, and whether it has any sample.
 
-    The mean over the rays that come to it: the walls between its pixel and those beside weigh by
-    how many rays cross them.
+    The mean over the rays that reach it: the walls between its pixel and the neighbours are
+    weighted by the number of rays that cross them.
     """
     sides = peeled.sides
     color, weight = np.zeros((2, len(sides.row), 3))
@@ -205,7 +207,7 @@ class _Row:
 
 
 def _layer_light(fitted: FittedScene, sensor: Any, peeled: Peeled, layer: int) -> Any:
-    """What samples of one layer's pixels bring; see `inim.render.trace.Light`."""
+    """Light of samples of one layer's pixels; see `inim.render.trace.Light`."""
     covered = peeled.covered[layer]
     rows, columns = (mi.UInt32(places.astype(np.uint32)) for places in np.nonzero(covered))
 
@@ -221,17 +223,17 @@ def _layer_light(fitted: FittedScene, sensor: Any, peeled: Peeled, layer: int) -
         begin, end = dr.gather(mi.Float, near, index), dr.gather(mi.Float, far, index)
 
         def ray(within: Any) -> Any:
-            found = sensor.rays_through(place, within)
-            return mi.Ray3f(found.o + begin * found.d, found.d)
+            ray_sample = sensor.rays_through(place, within)
+            return mi.Ray3f(ray_sample.o + begin * ray_sample.d, ray_sample.d)
 
-        aside = ray((within - 0.5) * dr.gather(mi.Float, spread, index) + 0.5)
+        spread_ray = ray((within - 0.5) * dr.gather(mi.Float, spread, index) + 0.5)
         if fitted.shows_splats:
-            return splats.radiance(fitted.scene, fitted.integrator, sampler, aside)
-        hit = fitted.scene.ray_intersect(aside)
+            return splats.radiance(fitted.scene, fitted.integrator, sampler, spread_ray)
+        hit = fitted.scene.ray_intersect(spread_ray)
         same = hit.is_valid() & (begin + hit.t <= end) & ~hit.shape.is_emitter()
-        same &= (dr.dot(hit.n, aside.d) < 0) == dr.gather(mi.Bool, facing, index)
-        taken = dr.select(same, aside, ray(mi.Point2f(0.5)))
-        return fitted.integrator.sample(fitted.scene, sampler, mi.RayDifferential3f(taken))[0]
+        same &= (dr.dot(hit.n, spread_ray.d) < 0) == dr.gather(mi.Bool, facing, index)
+        chosen_ray = dr.select(same, spread_ray, ray(mi.Point2f(0.5)))
+        return fitted.integrator.sample(fitted.scene, sampler, mi.RayDifferential3f(chosen_ray))[0]
 
     return light
 
@@ -246,32 +248,33 @@ def pickup(
     mask: np.ndarray | None = None,
     observer: Observer | None = None,
 ) -> NoisyImage:
-    """The ground-truth EIA: every panel pixel path traced through its lens centre (Eq. 1).
+    """Render the ground-truth EIA: every panel pixel path traced through its lens centre (Eq. 1).
 
-    Over what shines of the pixel: each colour through a pickup of its own where sub-pixels have
-    places of their own, at `spp` samples each. Panel pixels outside the array lie under no lens and
-    are black.
+    Samples cover the emitting area of the pixel. With sub-pixels, each colour has a separate pickup
+    with `spp` samples. Panel pixels outside the array have no lens and are black.
 
     Parameters
     ----------
     skip : bool
-        Trace only pixels that may show anything (`inim.render.culling`): the same bits.
+        Trace only pixels that can be non-black (`inim.render.culling`): the same bits.
     mask : (rows, columns) bool, optional
-        Panel pixels to trace; the others stay black. It changes no bit of those that are traced.
+        Panel pixels to trace; the others stay black. It does not change the traced pixels.
     """
     mask = display.lensed if mask is None else mask & display.lensed
     # Also where a pixel lacks a colour: what is not shown is left out by the panel.
     places = [replace(subpixel, turn=None) for subpixel in SUBPIXELS[display.subpixels]]
-    seen = {}
+    pickups = {}
     for place in dict.fromkeys(places):
         rays = pickup_rays(display, fitted.start_mm, place)
         sensor = make_sensor(rays, fitted.fit.world_from_display)
-        seen[place] = _rendered(fitted, rays, sensor, spp, seed, skip, observer, mask=mask)
+        pickups[place] = _rendered(fitted, rays, sensor, spp, seed, skip, observer, mask=mask)
 
     def colours(half: str) -> np.ndarray:
         """Red of the first colour's pickup, green of the second's, blue of the third's."""
-        each = [getattr(seen[place], half)[..., channel] for channel, place in enumerate(places)]
-        return np.stack(each, axis=-1)
+        channels = [
+            getattr(pickups[place], half)[..., channel] for channel, place in enumerate(places)
+        ]
+        return np.stack(channels, axis=-1)
 
     return NoisyImage.from_halves(colours("first"), colours("second"))
 

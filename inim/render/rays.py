@@ -1,20 +1,21 @@
-"""The rays of a depth camera, of a display's pixels, and of an eye, as tables.
+"""Tables of the rays of a depth camera, of a display's pixels, and of an eye.
 
 | rays    | film plane        | ray of a film point q                                   |
 | ------- | ----------------- | ------------------------------------------------------- |
-| capture | any plane         | through q, straight back: what the RGB-D camera sees    |
+| capture | any plane         | through q, along z: the RGB-D camera                    |
 | pickup  | panel, z = -gap   | through q and the centre of the pixel's lens (Eq. 1)    |
 | eye     | lens array, z = 0 | from the eye through q: an off-axis frustum on the array |
 
 An eye may have a pupil, a disc about its centre e in the plane z = V, focused on the plane a
 distance F in front of it. The ray of q from the pupil's point e + u meets the ray from e in the
 plane of focus: with s the slope of that chief ray, it runs at s - u / F, and crosses z = `start_mm`
-at u (1 - (V - start) / F) beside it. Both changes are linear in u and the same for every pixel.
+with an offset of u (1 - (V - start) / F). Both changes are linear in u and the same for every
+pixel.
 
 All three are separable in x and y and linear inside a pixel. In the display frame a ray starts on
-the plane z = `start_mm`, just in front of the picture, at a place that depends on the film column
-(row), and runs back at a slope that does too. Only the pickup of an array that is hexagonal, turned
-or tilted is not separable: there each pixel has a lens, a place and a gap of its own.
+the plane z = `start_mm`, just in front of the scene. Its position and slope depend on the film
+column (row) only. The pickup of a hexagonal, rotated or tilted array is not separable: each pixel
+has an individual lens, position and gap.
 """
 
 from __future__ import annotations
@@ -57,8 +58,8 @@ class AxisRays:
 class SeparableRays:
     """The rays of one sensor, display frame, millimetres; see the module's text.
 
-    `pupil_place_mm` and `pupil_slope` are what place and slope change by from the middle of an
-    eye's pupil to its edge; both 0 where there is no pupil.
+    `pupil_place_mm` and `pupil_slope` are the changes of position and slope from the centre of an
+    eye's pupil to its edge; both are 0 without a pupil.
     """
 
     start_mm: float
@@ -69,7 +70,7 @@ class SeparableRays:
 
     @property
     def has_pupil(self) -> bool:
-        """Whether a pixel's rays come from all over a disc."""
+        """True if a pixel's rays start on a disc."""
         return self.pupil_slope != 0
 
     @property
@@ -85,24 +86,25 @@ class SeparableRays:
 
 @dataclass(frozen=True)
 class NonSeparableRays:
-    """Rays of a panel whose array lies freely: a lens, a place and a gap for every pixel.
+    """Rays of a panel under an arbitrary array: an individual lens, position and gap for every
+    pixel.
 
-    The pickup of displays that are not separable. A ray joins a point of its pixel and the centre
-    of the pixel's lens; display frame, millimetres. Tables are (rows, columns) float32: differences
-    are taken in float64 before, so nothing cancels.
+    These are the pickup rays of displays that are not separable. A ray joins a point of its pixel
+    and the centre of the pixel's lens; display frame, millimetres. Tables are (rows, columns)
+    float32: differences are computed in float64 first, to avoid cancellation.
 
     Attributes
     ----------
     start_mm : float
-        Plane that the rays start from.
+        Plane of the rays' starts.
     x0_mm, y0_mm :
-        The lens's centre.
+        Centre of the lens.
     aside_x_mm, aside_y_mm :
-        From the middle of the pixel's bundle to there.
+        Vector from the centre of the pixel's bundle to the lens centre.
     gap_mm :
-        Under the middle of the bundle.
+        Gap at the centre of the bundle.
     step_x_mm, step_y_mm : float
-        Across the bundle's base on the panel, in film order.
+        Size of the bundle's base on the panel, in film order.
     tilt_x, tilt_y : float
         Growth of the gap per millimetre.
     """
@@ -120,7 +122,7 @@ class NonSeparableRays:
 
     @property
     def has_pupil(self) -> bool:
-        """Whether a pixel's rays come from all over a disc: they never do."""
+        """Always False: a pixel's rays never start on a disc."""
         return False
 
     @property
@@ -148,24 +150,24 @@ def capture_rays(display: Display, pixels_per_pitch: float, start_mm: float) -> 
 def pickup_rays(
     display: Display, start_mm: float, subpixel: SubPixel = WHOLE_PIXEL
 ) -> SeparableRays | NonSeparableRays:
-    """One bundle per panel pixel, over what shines of it, through its lens centre (Eq. 1).
+    """Bundles from the emitting area of each panel pixel through its lens centre (Eq. 1).
 
     Parameters
     ----------
     display : Display
     start_mm : float
     subpixel : SubPixel
-        The part of each pixel that shines in the colour to be picked up, whatever its `turn`.
+        Emitting area of the colour, independent of its `turn`.
     """
     right = float(subpixel.right)
     width, height = float(subpixel.width) * display.pixel_fill, display.pixel_fill
     if not display.is_separable:
         return _non_separable(display, start_mm, right, width, height)
 
-    def axis(pixels: PixelAxis, sign: int, aside: float, share: float) -> AxisRays:
+    def axis(pixels: PixelAxis, sign: int, offset: float, share: float) -> AxisRays:
         # A step across the pixel moves the panel end of the ray; the lens centre stays.
         step = sign * display.pixel_pitch_mm / display.gap_mm
-        slope = pixels.slope - aside * step
+        slope = pixels.slope - offset * step
         return AxisRays(
             pixels.centre_mm + slope * start_mm, -slope, -step * start_mm * share, step * share
         )
@@ -180,15 +182,15 @@ def pickup_rays(
 def _non_separable(
     display: Display, start_mm: float, right: float, width: float, height: float
 ) -> NonSeparableRays:
-    """The bundles of a display, from what shines of its pixels.
+    """Bundles of a display from the emitting areas of its pixels.
 
     Parameters
     ----------
     display : Display
     start_mm : float
-        Plane that the rays start from.
+        Plane of the rays' starts.
     right, width, height : float
-        Of what shines: its centre, to the right of the pixel's, and its size, in pixels.
+        Emitting area: its centre, to the right of the pixel's, and its size, in pixels.
     """
     pixel = display.pixel_pitch_mm
     blocks = [pixel_rays(display, rows, (0.0, right)) for rows in row_blocks(display)]
@@ -216,7 +218,8 @@ def eye_rays(
     pixels_per_lens: int | tuple[float, float],
     start_mm: float,
 ) -> SeparableRays:
-    """From an eye through the lens array, which fills the film: `frustum_rays` of square lenses.
+    """Rays from an eye through the lens array, which fills the film: `frustum_rays` of square
+    lenses.
 
     Parameters
     ----------
@@ -244,7 +247,7 @@ def frustum_rays(
     viewpoint: Viewpoint,
     start_mm: float,
 ) -> SeparableRays:
-    """From an eye through a film that lies on the array: an off-axis frustum.
+    """Rays from an eye through a film on the array: an off-axis frustum.
 
     Parameters
     ----------
@@ -253,7 +256,7 @@ def frustum_rays(
     pixel_mm : tuple of float
         Width and height of its pixels, on the array.
     display : Display
-        Where the eye is focused, if it does not say.
+        Display for the default focus.
     viewpoint : Viewpoint
     start_mm : float
     """

@@ -1,4 +1,4 @@
-"""What an eye sees when a display shows an EIA."""
+"""Reconstruction: the view of an EIA on a display from an eye position."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ _BLACK = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
 
 
 class LensMesh:
-    """An EIA seen through the lens array as a refracting mesh, path traced by Mitsuba.
+    """EIA seen through the lens array as a refracting mesh, path traced by Mitsuba.
 
-    Nothing here knows a formula of optics: Snell's and Fresnel's laws are the renderer's
-    `dielectric`, the lenses are those of `inim.lens.full`. It is the independent check of the
-    analytic models, and some thirty times slower for as many samples, hundreds of times for as
-    little noise: each ray is reflected or refracted by chance, at two faces, among millions of
-    facets.
+    No optical formula of inim is involved: the renderer's `dielectric` implements Snell's and
+    Fresnel's laws, and `inim.lens.full` gives the lenses. It is the independent check of the
+    analytic models. It takes thirty times longer for the same number of samples, and hundreds of
+    times for the same noise: each ray is reflected or refracted at random, at two faces, among
+    millions of facets.
 
     A path is followed for two changes of direction, in and out of the glass, and then only the
-    panel counts: light on detours through the sheet is no part of the analytic models either.
+    panel counts: the analytic models do not include other paths through the sheet either.
 
-    How exact it is: facets depart from the surface by a hundredth of a panel pixel, and the
-    renderer starts each refracted ray 8.94e-5 (1 + max |p|) off the surface it left: 3e-3 mm at
-    the edge of an array 64 mm wide, of which the sine of the ray's angle to the normal (a half at
-    most) lands sideways, 3 per cent of a nominal panel pixel.
+    Accuracy: facets deviate from the surface by a hundredth of a panel pixel. The renderer starts
+    each refracted ray 8.94e-5 (1 + max |p|) off the surface: 3e-3 mm at the edge of an array 64 mm
+    wide. The sideways error is this distance times the sine of the ray's angle to the normal (at
+    most a half): 3 per cent of a nominal panel pixel.
 
     Parameters
     ----------
@@ -52,12 +52,12 @@ class LensMesh:
         Linear RGB, row 0 on top.
     display : Display
     sheet : SheetMesh
-        Of its lens array.
+        Mesh of its lens array.
 
     Attributes
     ----------
     start_mm : float
-        Rays start here, clear of the glass and near it: coordinates stay small.
+        Start plane of the rays, outside and near the glass, so that coordinates stay small.
     """
 
     def __init__(self, eia: np.ndarray, display: Display, sheet: SheetMesh) -> None:
@@ -75,11 +75,13 @@ class LensMesh:
     def light(self, sensor: Any, pixel: Any, within: Any, pupil: Any, sampler: Any) -> Any:
         """See `inim.render.trace.Light`."""
         ray = mi.RayDifferential3f(sensor.rays_through(pixel, within, pupil))
-        seen = {
+        light_by_half = {
             index: self._integrator.sample(scene, sampler, ray)[0]
             for index, scene in self._scenes.items()
         }
-        return mi.Color3f(*(seen[index][channel] for channel, index in enumerate(self._indices)))
+        return mi.Color3f(
+            *(light_by_half[index][channel] for channel, index in enumerate(self._indices))
+        )
 
 
 def _scene(eia: np.ndarray, display: Display, sheet: SheetMesh, index: float) -> dict[str, Any]:
@@ -341,10 +343,10 @@ class DisplayScene:
 
 
 class AnalyticLens:
-    """An EIA seen through lenses that are a formula.
+    """EIA seen through analytic lenses.
 
-    There is nothing but the display, so no ray needs a scene to find it: the sensor's rays start
-    on the array itself, and the panel says what they bring.
+    The scene contains only the display, so no intersection is needed: the sensor's rays start
+    on the array, and the panel gives their light.
     """
 
     start_mm = 0.0

@@ -1,10 +1,10 @@
-"""The reference kernel of all timings: one gather of four bytes per panel pixel, by Dr.Jit.
+"""Reference kernel of all timings: one gather of four bytes per panel pixel, by Dr.Jit.
 
-Milliseconds say as much about a machine as about an algorithm. So every time is also given as a
-multiple, in yardsticks, of the least work that could be called making an elemental image array:
-each panel pixel fetches one RGBA value of the picture, where its ray meets the central depth plane,
-and stores it. No depth is read. The kernel computes the address from the pixel's index, so the
-gather is the only load.
+Milliseconds depend on the machine as much as on the algorithm. Every time is therefore also given
+in kernel times, as a multiple of the least work that could be called generating an EIA: each panel
+pixel loads one RGBA value of the picture, at the intersection of its ray with the central depth
+plane, and stores it. No depth is read. The kernel computes the address from the pixel's index, so
+the gather is the only load.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from inim.render import variant
 
 @dataclass(frozen=True)
 class AxisAddress:
-    """How a panel column (or row, downwards) becomes a column of the picture; all by floor().
+    """Map from a panel column (or row, downwards) to a picture column, with floor().
 
-    Pixel `i` lies ``s = i + 0.5 - pixels / 2`` panel pixels from the axis, under lens
+    Pixel `i` is ``s = i + 0.5 - pixels / 2`` panel pixels from the axis, under lens
     ``n = s per_lens + lenses / 2``, whose centre is ``c = (n + 0.5 - lenses / 2)`` pitches from it;
     its ray meets the plane in picture column
     ``c cells_per_pitch + (c pixels_per_pitch - s) travel + cells / 2``.
@@ -43,7 +43,7 @@ class AxisAddress:
     pixels_per_pitch, cells_per_pitch : float
         Panel and picture pixels per lens pitch.
     travel : float
-        Picture pixels a ray travels sideways for each panel pixel off its lens centre.
+        Sideways movement of a ray in picture pixels per panel pixel of offset from its lens centre.
     """
 
     pixels: int
@@ -111,7 +111,7 @@ class ReferenceKernel:
         return value
 
     def addresses(self) -> np.ndarray:
-        """Where it gathers, (rows, columns) uint32: ``row * W + column`` of the picture."""
+        """Gather addresses, (rows, columns) uint32: ``row * W + column`` of the picture."""
         return np.asarray(self._address()).reshape(self.shape)
 
     def _address(self) -> Any:
@@ -123,7 +123,7 @@ class ReferenceKernel:
 
 @contextmanager
 def drjit_threads(count: int) -> Iterator[None]:
-    """Dr.Jit on so many threads, the caller's among them; as before afterwards."""
+    """Set Dr.Jit's number of threads, including the caller's, and restore it afterwards."""
     before = dr.thread_count()
     dr.set_thread_count(count)
     try:

@@ -84,19 +84,19 @@ class FittedScene:
 
     @property
     def shows_splats(self) -> bool:
-        """Whether it is made of splats, and of nothing else."""
+        """True if the scene consists of splats only."""
         return splats.shows_splats(self.integrator)
 
     @cached_property
     def splats(self) -> int:
-        """How many splats there are."""
+        """Number of splats."""
         if not self.shows_splats:
             return 0
         return sum(splats.splat_count(shape) for shape in self.scene.shapes())
 
     @cached_property
     def bounds(self) -> BoundsGrid:
-        """Where its shapes are, coarsely."""
+        """Coarse grid of the space occupied by its shapes."""
         return BoundsGrid.of(self.scene, self.fit.display_from_world, self.start_mm)
 
 
@@ -108,9 +108,9 @@ def open_scene(
     Raises
     ------
     FileError
-        A mesh that is damaged, whatever Mitsuba refuses, or a file that was saved since its scan.
+        A mesh is damaged, Mitsuba rejects a file, or a file was saved since its scan.
     SceneError
-        A scene with nothing to show.
+        A scene without visible shapes.
     """
     try:
         decoded = _decode(file)
@@ -181,7 +181,7 @@ def _load(file: SceneFile, decoded: Mapping[Path, Any]) -> Any:
 
 
 def _cause(error: Exception) -> str:
-    """What Mitsuba says; of a plugin in Python it quotes the whole traceback, whose end matters."""
+    """Message of Mitsuba's error; for a plugin in Python only the end of its traceback."""
     text = str(error).strip()
     return text.splitlines()[-1] if "Traceback (most recent call last)" in text else text
 
@@ -189,18 +189,18 @@ def _cause(error: Exception) -> str:
 def _children(state: Any, node: Any, kind: Any) -> list[Any]:
     """The nodes of a kind that a node holds."""
     reference = mi.Properties.Type.ResolvedReference
-    held = [name for name in node.props if node.props.type(name) == reference]
-    nodes = [state.nodes[node.props[name].index()] for name in held]
-    return [one for one in nodes if one.type == kind]
+    names = [name for name in node.props if node.props.type(name) == reference]
+    nodes = [state.nodes[node.props[name].index()] for name in names]
+    return [node for node in nodes if node.type == kind]
 
 
 def _unwrap(state: Any, node: Any) -> None:
     """Let an integrator that wraps others be the first of them."""
     while node.props.plugin_name() in _WRAPPERS:
-        held = _children(state, node, mi.ObjectType.Integrator)
-        if not held:
+        integrators = _children(state, node, mi.ObjectType.Integrator)
+        if not integrators:
             return
-        node.props = held[0].props
+        node.props = integrators[0].props
 
 
 def _check_needs(file: SceneFile, properties: Any) -> None:
@@ -212,7 +212,7 @@ def _check_needs(file: SceneFile, properties: Any) -> None:
 
 
 def _settle_file(file: SceneFile, properties: Any, decoded: Mapping[Path, Any]) -> None:
-    """Pass what was decoded; let other plugins open the very file that was scanned."""
+    """Pass decoded files as arrays; let other plugins open the scanned file itself."""
     if "filename" not in properties:
         return
     name = properties["filename"]

@@ -91,7 +91,7 @@ def _value(number: float) -> Any:
 
 
 def register() -> None:
-    """Define and register the classes anew: plugins belong to the variant they were made in."""
+    """Define and register the classes again: plugins belong to the active variant."""
     if not mi.variant().endswith("_ad_rgb"):
         for plugin in ("inim_rays", "inim_pickup", "inim_eye"):
             mi.register_sensor(plugin, refusing(plugin, mi.Sensor))
@@ -161,11 +161,11 @@ def register() -> None:
                 return self.non_separable_lines(pixel, within, active)
             start, run = [], []
             for axis in (0, 1):
-                aside = within[axis] - 0.5
+                offset = within[axis] - 0.5
                 place = dr.gather(mi.Float, self.places[axis], pixel[axis], active)
                 slope = dr.gather(mi.Float, self.slopes[axis], pixel[axis], active)
-                place = dr.fma(aside, self.place_steps[axis], place)
-                slope = dr.fma(aside, self.slope_steps[axis], slope)
+                place = dr.fma(offset, self.place_steps[axis], place)
+                slope = dr.fma(offset, self.slope_steps[axis], slope)
                 if pupil is not None:
                     place = dr.fma(pupil[axis], self.pupil_place, place)
                     slope = dr.fma(pupil[axis], self.pupil_slope, slope)
@@ -176,15 +176,15 @@ def register() -> None:
         def non_separable_lines(
             self, pixel: Any, within: Any, active: Any
         ) -> tuple[list[Any], list[Any]]:
-            """`lines_through` where each pixel has a lens, a place and a gap of its own."""
+            """Rays as `lines_through`, with an individual lens, position and gap for each pixel."""
             index = dr.fma(pixel.y, self.size.x, pixel.x)
             moved = [(within[axis] - 0.5) * self.steps[axis] for axis in (0, 1)]
             gap = dr.gather(mi.Float, self.gaps, index, active)
             gap = dr.fma(moved[0], self.tilts[0], dr.fma(moved[1], self.tilts[1], gap))
             start, run = [], []
             for axis in (0, 1):
-                aside = dr.gather(mi.Float, self.asides[axis], index, active)
-                slope = (moved[axis] - aside) / gap  # away from the viewer, to the panel
+                offset = dr.gather(mi.Float, self.asides[axis], index, active)
+                slope = (moved[axis] - offset) / gap  # away from the viewer, to the panel
                 centre = dr.gather(mi.Float, self.centres[axis], index, active)
                 start.append(dr.fma(-slope, self.start, centre))
                 run.append(slope)
@@ -316,7 +316,7 @@ _SQUARE = 1e-5
 
 
 def refusing(plugin: str, base: type) -> type:
-    """The plugin in a variant that it does not work in: it says so in one line."""
+    """Plugin class for an unsupported variant: it raises a one-line error."""
 
     def refuse(*_: Any) -> None:
         raise SceneError(
@@ -330,54 +330,54 @@ def refusing(plugin: str, base: type) -> type:
 def read_properties(
     plugin: str, props: Any, own: tuple[str, ...], stock: tuple[str, ...]
 ) -> dict[str, Any]:
-    """The values of a plugin's parameters, of a display's, and of its own.
+    """Read the parameters of a plugin: a display's, and its own.
 
     Parameters
     ----------
     plugin : str
     props : mi.Properties
     own : tuple of str
-        The plugin's, beside a display's parameters.
+        The plugin's own parameters, in addition to a display's.
     stock : tuple of str
-        Those that its base class reads; objects beside the plugin's own are left to it, too.
+        Parameters of its base class, which also receives all objects that are not the plugin's own.
 
     Raises
     ------
     SceneError
-        An unknown parameter, with the nearest known one.
+        An unknown parameter, with the nearest valid name.
     """
-    known = (*own, *_DISPLAY)
+    allowed = (*own, *_DISPLAY)
     values = {}
     for name in props:
-        if name in stock or (name not in known and props.type(name) in _OBJECTS):
+        if name in stock or (name not in allowed and props.type(name) in _OBJECTS):
             continue
-        if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"use {', '.join(known)}"
+        if name not in allowed:
+            near = difflib.get_close_matches(name, allowed, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"use {', '.join(allowed)}"
             raise SceneError(f"{plugin}: unknown parameter {name!r}; {hint}")
         values[name] = props[name]
     return values
 
 
 def display_of(plugin: str, values: dict[str, Any]) -> Display:
-    """The display that a plugin's parameters describe, as it is mounted.
+    """Display described by a plugin's parameters, with its misalignment.
 
     Parameters
     ----------
     plugin : str
     values : dict
-        `preset` (nominal), `misalign`, and what differs from the preset, by the names of `Display`.
+        `preset` (nominal), `misalign`, and changes to the preset under the names of `Display`.
 
     Raises
     ------
     InimError
-        They describe no possible display.
+        The parameters describe no possible display.
     """
     preset = values.get("preset", "nominal")
     if preset not in DISPLAYS:
         raise SceneError(f"{plugin}: preset = {preset!r}; use {' or '.join(DISPLAYS)}")
-    given = {name: values[name] for name in DISPLAY_KEYS if name in values}
-    display = Settings(display=preset, **given).make_display(plugin)
+    changes = {name: values[name] for name in DISPLAY_KEYS if name in values}
+    display = Settings(display=preset, **changes).make_display(plugin)
     try:
         return mounted(display, str(values.get("misalign", "")))
     except DisplayError as error:
@@ -385,7 +385,7 @@ def display_of(plugin: str, values: dict[str, Any]) -> Display:
 
 
 def half_extent_mm(display: Display) -> tuple[float, float]:
-    """Half the width and height, about the panel's centre, that hold the array as it lies."""
+    """Half the width and height, about the panel's centre, that contain the misaligned array."""
     array = lens_array(display)
     c, s = abs(array.cosine), abs(array.sine)
     half_x, half_y = display.width_mm / 2, display.height_mm / 2
@@ -395,14 +395,14 @@ def half_extent_mm(display: Display) -> tuple[float, float]:
 
 
 def display_place(plugin: str, to_world: np.ndarray, display: Display) -> np.ndarray:
-    """The map from the display frame, in millimetres, to the world.
+    """Map from the display frame, in millimetres, to the world.
 
     Parameters
     ----------
     plugin : str
     to_world : (4, 4) float64
-        Of the rectangle [-1, 1]^2 that is the array as it lies. How it stretches the rectangle's
-        normal does not matter.
+        Map of the rectangle [-1, 1]^2, which is the misaligned array. Its scale along the
+        rectangle's normal does not matter.
     display : Display
 
     Returns
@@ -413,7 +413,7 @@ def display_place(plugin: str, to_world: np.ndarray, display: Display) -> np.nda
     Raises
     ------
     SceneError
-        The rectangle is skewed or mirrored, or its sides are not in the array's proportion.
+        The rectangle is skewed or mirrored, or its aspect ratio does not match the array.
     """
     half_x, half_y = half_extent_mm(display)
     sides = np.linalg.norm(to_world[:3, :2], axis=0)

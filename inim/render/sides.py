@@ -1,17 +1,18 @@
-"""Sides: the faces of solids that a parallel camera sees edge-on, and the light they send.
+"""Sides: the faces of solids that a parallel camera sees edge-on, and their light.
 
-A face along the camera's rays has no pixel. Where a solid towers over the one beside it, rays of
-the display that run aslant meet its side, and what they meet need not look like its front: the base
-that a bust stands on is dark. So a solid that is open to the side over more of its depth than the
-display's steepest ray takes across a pixel gets side colours.
+A face along the camera's rays has no pixel. Where a solid is taller than its neighbour, oblique
+display rays meet its side, which may look different from its front: the base of a bust is dark. A
+solid therefore gets side colours if it is open to the side over more of its depth than the
+display's steepest ray crosses within a pixel.
 
-Its front becomes a sheet, which rays from above meet, and its body a pile of pieces below, which
-only rays from the side meet. No ray ends elsewhere for it: the pieces fill what the solid filled.
+Its front becomes a sheet, which rays from above meet, and its body a stack of pieces below, which
+only rays from the side meet. No ray ends at a different place: the pieces fill the space of the
+solid.
 
-A piece's colour is the mean of what the display's rays show that come to it: through any point of
-the walls between its pixel and the four beside it, at any slope that pixels of the display have,
-and from the viewer as far as the middle of the pixel beside with nothing in their way. There the
-camera's ray has seen that nothing is; from there on a ray meets the side, be it half a pixel before
+A piece's colour is the mean over the display rays that reach it: through any point of
+the walls between its pixel and the four neighbours, at any slope of the display's pixels,
+and unobstructed from the viewer to the centre of the neighbouring pixel, which the
+camera saw to be empty. From there a ray meets the side, up to half a pixel in front of
 the wall or behind it.
 """
 
@@ -45,18 +46,18 @@ _LEAST_SHARE = 1e-3
 
 @dataclass(frozen=True)
 class Sides:
-    """The pieces of all sides, by rows, columns and depths, nearest first.
+    """Pieces of all sides, ordered by rows, columns and depths, nearest first.
 
     Attributes
     ----------
     slopes : (2,) float
-        Steepest of the display's rays, across and down.
+        Slopes of the display's steepest rays, horizontally and vertically.
     solid, row, column : (pieces,) int32
-        Whose side: number of the solid in its pixel, and the pixel.
+        Number of the solid in its pixel, and the pixel.
     front_mm, back_mm : (pieces,) float32
-        Display z. A solid's last piece ends where it does.
+        Display z. A solid's last piece ends at the solid's back.
     low_mm, high_mm : (pieces, 4) float32
-        Of the tallest gap beside a piece, left, right, above and below; equal where there is none.
+        Tallest gap next to a piece, left, right, above and below; equal without a gap.
     """
 
     slopes: tuple[float, float]
@@ -113,7 +114,7 @@ class Sides:
 
 
 def _begins(*names: np.ndarray) -> NDArray[np.bool_]:
-    """Where any of the names is another than before."""
+    """Mask of entries that differ from the previous entry in any of the names."""
     new = np.ones(len(names[0]), bool)
     new[1:] = np.any([np.diff(values) != 0 for values in names], axis=0)
     return new
@@ -138,7 +139,7 @@ def _gap(front, back, row, column, low, high):  # type: ignore[no-untyped-def]
 
 @compiled
 def _count(front, back, least, tall, pieces):  # type: ignore[no-untyped-def]
-    """How many pieces of at most `tall` each solid has that is open by more than `least`."""
+    """Number of pieces, at most `tall` each, of every solid that is open by more than `least`."""
     for k in range(front.shape[0]):
         for r in range(front.shape[1]):
             for c in range(front.shape[2]):
@@ -191,7 +192,8 @@ def _cut(front, back, pieces):  # type: ignore[no-untyped-def]
 def side_light(
     fitted: FittedScene, sensor: Any, rays: SeparableRays, sides: Sides
 ) -> Callable[[bool], Any]:
-    """What samples of the walls of sides bring; see `inim.render.trace.Light`.
+    """Function that returns the light of samples on the walls of sides; see
+    `inim.render.trace.Light`.
 
     Parameters
     ----------
@@ -229,10 +231,10 @@ def side_light(
             along, level = sampler.next_2d()
             # A wall is as wide as a ray's slope towards it lets it appear.
             towards = dr.sqrt(dr.maximum(within.x, _LEAST_SHARE))
-            aside = 2 * within.y - 1
+            offset = 2 * within.y - 1
             is_left_or_right = across != 0
-            run_x = dr.select(is_left_or_right, -across * towards, aside) * slope_x
-            run_y = dr.select(is_left_or_right, aside, -up * towards) * slope_y
+            run_x = dr.select(is_left_or_right, -across * towards, offset) * slope_x
+            run_y = dr.select(is_left_or_right, offset, -up * towards) * slope_y
             # From a point of the wall back to the middle of the pixel beside, and to the viewer.
             place = (2 * along - 1) * half
             x += dr.select(is_left_or_right, across * half, place)
@@ -242,13 +244,13 @@ def side_light(
             depth = start - z
             ray, length = sensor.world_rays([x - run_x * depth, y - run_y * depth], [run_x, run_y])
             hit = first_not_light(fitted.scene, ray)
-            seen = ~hit.is_valid() | (hit.t >= (depth - before) * length)
+            is_unobstructed = ~hit.is_valid() | (hit.t >= (depth - before) * length)
             if seen_only:
-                return mi.Color3f(dr.select(seen, mi.Float(1), mi.Float(0)))
-            found = fitted.integrator.sample(
-                fitted.scene, sampler, mi.RayDifferential3f(ray), active=seen
+                return mi.Color3f(dr.select(is_unobstructed, mi.Float(1), mi.Float(0)))
+            radiance_sample = fitted.integrator.sample(
+                fitted.scene, sampler, mi.RayDifferential3f(ray), active=is_unobstructed
             )[0]
-            return dr.select(seen, found, 0)
+            return dr.select(is_unobstructed, radiance_sample, 0)
 
         return light
 

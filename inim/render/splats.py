@@ -1,14 +1,15 @@
-"""Marching rays through 3D Gaussian splats, as Mitsuba's integrator `volprim_rf_basic` does.
+"""Traversal of 3D Gaussian splats, equal to Mitsuba's integrator `volprim_rf_basic`.
 
-A ray meets the splats in the order in which it enters them. Each takes the share
-``opacity exp(-m/2)`` of what light is left, m being the least squared Mahalanobis distance of the
-ray from its centre, and it takes it all where that least is reached: at its **peak**. Colours and
-transmittance are the integrator's own; depths and layers are found here.
+A ray meets the splats in the order in which it enters them. Each absorbs the share ``opacity
+exp(-m/2)`` of the remaining light. m is the minimum squared Mahalanobis distance of the ray from
+its centre. The absorption is assigned to the point of this minimum: the splat's **peak**. Colours
+and transmittance are the integrator's own; this module computes depths and layers.
 
-* **Depth** is the peak of the splat at which half of the light is gone.
-* **Layers**: splats whose supports overlap along the ray make a **run**; between runs there is
-  nothing. A layer begins where half of the light is gone that was left at the end of the layer
-  before, and ends with its run, at the last peak.
+* **Depth** is the peak of the splat at which half of the light is absorbed.
+* **Layers**: splats with overlapping supports along the ray form a **run**; the space between runs
+is
+  empty. A layer begins where half of the light that remained after the previous layer is absorbed.
+  It ends with its run, at the last peak.
 """
 
 from __future__ import annotations
@@ -32,17 +33,17 @@ _LEAST_LIGHT = 0.01
 
 
 def shows_splats(integrator: Any) -> bool:
-    """Whether an integrator is the one of splats."""
+    """True for the integrator of splats."""
     return hasattr(integrator, "eval_transmission")
 
 
 def splat_count(shape: Any) -> int:
-    """How many splats a shape of splats has."""
+    """Number of splats in a shape of splats."""
     return len(mi.traverse(shape)["data"]) // _NUMBERS
 
 
 def radiance(scene: Any, integrator: Any, sampler: Any, ray: Any, active: Any = True) -> Any:
-    """What light rays bring, three channels, by an integrator in C++ or the one of splats."""
+    """Light along rays, three channels, by an integrator in C++ or the one of splats."""
     if shows_splats(integrator):
         # Differentiable integrators in Python take a mode, and gradients that there are none of.
         primal = dr.ADMode.Primal
@@ -52,7 +53,7 @@ def radiance(scene: Any, integrator: Any, sampler: Any, ray: Any, active: Any = 
 
 @dataclass(frozen=True)
 class Absorption:
-    """Where rays lose their light, (rays,) each.
+    """Depths of light absorption along rays, (rays,) each.
 
     Attributes
     ----------
@@ -74,9 +75,9 @@ class Absorption:
 
 def absorption(scene: Any, integrator: Any, ray: Any) -> Absorption:
     """Follow rays as far as the integrator does."""
-    found = _absorb(scene, integrator, ray)
-    dr.eval(found)
-    return Absorption(*(np.asarray(one) for one in found))
+    depths = _absorb(scene, integrator, ray)
+    dr.eval(depths)
+    return Absorption(*(np.asarray(depth) for depth in depths))
 
 
 @dataclass(frozen=True)
@@ -88,33 +89,33 @@ class Runs:
     near, front, back : float32
         Where the layer before it has ended, and where this one begins and ends; -inf where there
         is no layer.
-    found : (rays,) uint32
+    count : (rays,) uint32
         How many layers there are; those beyond the first dimension are cut off.
     """
 
     near: NDArray[np.float32]
     front: NDArray[np.float32]
     back: NDArray[np.float32]
-    found: NDArray[np.uint32]
+    count: NDArray[np.uint32]
 
 
 def runs(scene: Any, integrator: Any, ray: Any, most: int) -> Runs:
-    """Follow rays to their ends, through all that they meet; at most so many layers of each."""
+    """Follow rays to their ends through all splats, with at most `most` layers each."""
     rays = dr.width(ray.d)
     tables = [dr.full(mi.Float, -dr.inf, most * rays) for _ in range(3)]
     dr.eval(tables)
-    found = _layers(scene, integrator, ray, dr.arange(mi.UInt32, rays), rays, most, *tables)
-    dr.eval(found, tables)
+    count = _layers(scene, integrator, ray, dr.arange(mi.UInt32, rays), rays, most, *tables)
+    dr.eval(count, tables)
     near, front, back = (np.asarray(table).reshape(most, rays) for table in tables)
-    return Runs(near, front, back, np.asarray(found))
+    return Runs(near, front, back, np.asarray(count))
 
 
 def _next_splat(scene: Any, integrator: Any, ray: Any, active: Any) -> tuple[Any, Any, Any, Any]:
-    """The splat that rays enter next, whether there is one, what it lets pass, and its peak."""
+    """Next splat on each ray, a flag whether there is one, its transmittance, and its peak."""
     hit = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=False, active=active)
-    met = active & hit.is_valid() & hit.shape.is_ellipsoids()
-    passed = integrator.eval_transmission(hit, ray, met)
-    return hit, met, passed, dr.dispatch(hit.shape, _peak, hit.prim_index, ray, met)
+    is_hit = active & hit.is_valid() & hit.shape.is_ellipsoids()
+    passed = integrator.eval_transmission(hit, ray, is_hit)
+    return hit, is_hit, passed, dr.dispatch(hit.shape, _peak, hit.prim_index, ray, is_hit)
 
 
 def _peak(shape: Any, splat: Any, ray: Any, active: Any) -> Any:
@@ -143,18 +144,18 @@ def _absorb(scene: Any, integrator: Any, ray: Any) -> tuple[Any, ...]:
     tenth, half, most = mi.Float(dr.inf), mi.Float(dr.inf), mi.Float(dr.inf)
     last, count = mi.UInt32(0xFFFFFFFF), mi.UInt32(0)
     while active:
-        hit, met, passed, peak = _next_splat(scene, integrator, ray, active)
+        hit, is_hit, passed, peak = _next_splat(scene, integrator, ray, active)
         peak += dr.dot(ray.o - start, ray.d)
-        twice |= met & (hit.prim_index == last)
-        last = dr.select(met, hit.prim_index, last)
+        twice |= is_hit & (hit.prim_index == last)
+        last = dr.select(is_hit, hit.prim_index, last)
         before = left
-        left = dr.select(met, left * passed, left)
+        left = dr.select(is_hit, left * passed, left)
         tenth = dr.select((before > 0.9) & (left <= 0.9), peak, tenth)
         half = dr.select((before > 0.5) & (left <= 0.5), peak, half)
         most = dr.select((before > 0.1) & (left <= 0.1), peak, most)
-        ray.o = dr.select(met, hit.p + ray.d * _STEP, ray.o)
+        ray.o = dr.select(is_hit, hit.p + ray.d * _STEP, ray.o)
         count += 1
-        active = met & (left > _LEAST_LIGHT) & (count < integrator.max_depth)
+        active = is_hit & (left > _LEAST_LIGHT) & (count < integrator.max_depth)
     return left, tenth, half, most, twice
 
 
@@ -176,28 +177,28 @@ def _layers(
     active, is_open = mi.Bool(True), mi.Bool(False)
     left = mi.Float(1)  # of the light at the end of the layer before
     near, end, deepest = mi.Float(0), mi.Float(-dr.inf), mi.Float(-dr.inf)
-    found, count = mi.UInt32(0), mi.UInt32(0)
+    layer_count, count = mi.UInt32(0), mi.UInt32(0)
     while active:
-        hit, met, passed, peak = _next_splat(scene, integrator, ray, active)
+        hit, is_hit, passed, peak = _next_splat(scene, integrator, ray, active)
         travelled = dr.dot(ray.o - start, ray.d)
         entry, peak = travelled + hit.t, travelled + peak
-        begins = met & (entry > end)
+        begins = is_hit & (entry > end)
         closes = begins & is_open
-        dr.scatter(backs, deepest, found * rays + lane, closes & (found < most))
-        found += dr.select(closes, mi.UInt32(1), mi.UInt32(0))
+        dr.scatter(backs, deepest, layer_count * rays + lane, closes & (layer_count < most))
+        layer_count += dr.select(closes, mi.UInt32(1), mi.UInt32(0))
         near = dr.select(closes, end, near)
         left = dr.select(closes, 1, left)
         is_open &= ~closes
-        deepest = dr.select(begins, peak, dr.select(met, dr.maximum(deepest, peak), deepest))
+        deepest = dr.select(begins, peak, dr.select(is_hit, dr.maximum(deepest, peak), deepest))
         # A splat is symmetric about its peak.
-        end = dr.select(met, dr.maximum(end, 2 * peak - entry), end)
-        left = dr.select(met, left * passed, left)
-        opens = met & ~is_open & (left <= 0.5)
-        dr.scatter(fronts, peak, found * rays + lane, opens & (found < most))
-        dr.scatter(nears, near, found * rays + lane, opens & (found < most))
+        end = dr.select(is_hit, dr.maximum(end, 2 * peak - entry), end)
+        left = dr.select(is_hit, left * passed, left)
+        opens = is_hit & ~is_open & (left <= 0.5)
+        dr.scatter(fronts, peak, layer_count * rays + lane, opens & (layer_count < most))
+        dr.scatter(nears, near, layer_count * rays + lane, opens & (layer_count < most))
         is_open |= opens
-        ray.o = dr.select(met, hit.p + ray.d * _STEP, ray.o)
+        ray.o = dr.select(is_hit, hit.p + ray.d * _STEP, ray.o)
         count += 1
-        active = met & (count < integrator.max_depth)
-    dr.scatter(backs, deepest, found * rays + lane, is_open & (found < most))
-    return found + dr.select(is_open, mi.UInt32(1), mi.UInt32(0))
+        active = is_hit & (count < integrator.max_depth)
+    dr.scatter(backs, deepest, layer_count * rays + lane, is_open & (layer_count < most))
+    return layer_count + dr.select(is_open, mi.UInt32(1), mi.UInt32(0))

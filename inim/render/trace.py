@@ -32,13 +32,13 @@ Light = Callable[[Any, Any, Any, Any, Any], Any]
 
 
 def limit_rays(count: int) -> None:
-    """Trace at most so many rays at once, in this process: what its memory allows."""
+    """Limit the number of simultaneous rays in this process, according to its memory."""
     global _RAYS_PER_PASS
     _RAYS_PER_PASS = count
 
 
 def scene_light(scene: Any, integrator: Any) -> Light:
-    """What a sensor's rays bring of a Mitsuba scene."""
+    """Function that returns the light of a sensor's rays in a Mitsuba scene."""
 
     def light(sensor: Any, pixel: Any, within: Any, pupil: Any, sampler: Any) -> Any:
         ray = sensor.rays_through(pixel, within, pupil)
@@ -90,17 +90,17 @@ class Tracer:
         """
         started = time.perf_counter()
         total = np.zeros((len(pixels), 3))
-        for part, first, some in _passes(len(pixels), samples):
-            color = self._wavefront(pixels[part], first, some)
+        for part, first, sample_count in _passes(len(pixels), samples):
+            color = self._wavefront(pixels[part], first, sample_count)
             # Summing outside the kernel keeps the count out of it: no compilation per setting.
-            total[part] += np.stack([np.asarray(dr.block_sum(c, some)) for c in color], -1)
+            total[part] += np.stack([np.asarray(dr.block_sum(c, sample_count)) for c in color], -1)
         if self.observer:
             self.observer.rendered(time.perf_counter() - started, len(pixels) * samples)
         mean: np.ndarray = total / samples
         return mean
 
     def _wavefront(self, pixels: np.ndarray, first: int, samples: int) -> Any:
-        """What each sample of one pass brings; one compiled kernel for all passes."""
+        """Light of each sample of one pass; one compiled kernel for all passes."""
         lane = dr.arange(mi.UInt32, len(pixels) * samples)
         count = dr.opaque(mi.UInt32, samples)
         entry = lane // count
@@ -120,7 +120,7 @@ class Tracer:
 
 
 def mean_light(tracer: Tracer, spp: int, mask: np.ndarray | None = None) -> np.ndarray:
-    """Mean of what a sensor's rays bring to each film pixel, a box filter over its area.
+    """Mean light of each film pixel over its area, a box filter.
 
     Parameters
     ----------
@@ -128,11 +128,11 @@ def mean_light(tracer: Tracer, spp: int, mask: np.ndarray | None = None) -> np.n
     spp : int
         Samples per pixel.
     mask : (rows, columns) bool, optional
-        Pixels to be traced; the others stay black and cost nothing.
+        Pixels to trace; the others stay black and need no time.
 
     Returns
     -------
-    (rows, columns, 3) float32, linear RGB. Equal seeds give equal pixels, whatever the mask.
+    (rows, columns, 3) float32, linear RGB. Equal seeds give equal pixels for every mask.
     """
     rows, columns = tracer.shape
     image = np.zeros((rows * columns, 3), np.float32)
@@ -142,7 +142,7 @@ def mean_light(tracer: Tracer, spp: int, mask: np.ndarray | None = None) -> np.n
 
 
 def _bands(count: int, mask: np.ndarray | None = None) -> Iterator[np.ndarray]:
-    """Flat indices of the mask's pixels, so many at a time that their float64 sums are small."""
+    """Flat indices of the mask's pixels, in bands small enough for their float64 sums."""
     for first in range(0, count, _PIXELS_PER_BAND):
         last = min(first + _PIXELS_PER_BAND, count)
         if mask is None:
@@ -153,18 +153,22 @@ def _bands(count: int, mask: np.ndarray | None = None) -> Iterator[np.ndarray]:
 
 def _passes(pixels: int, samples: int) -> list[tuple[slice, int, int]]:
     """Pixels, first sample and samples of each pass, within `_RAYS_PER_PASS`."""
-    some = min(samples, _RAYS_PER_PASS)
-    each = max(1, _RAYS_PER_PASS // some)
+    samples_per_pass = min(samples, _RAYS_PER_PASS)
+    pixels_per_pass = max(1, _RAYS_PER_PASS // samples_per_pass)
     return [
-        (slice(start, min(start + each, pixels)), first, min(some, samples - first))
-        for start in range(0, pixels, each)
-        for first in range(0, samples, some)
+        (
+            slice(start, min(start + pixels_per_pass, pixels)),
+            first,
+            min(samples_per_pass, samples - first),
+        )
+        for start in range(0, pixels, pixels_per_pass)
+        for first in range(0, samples, samples_per_pass)
     ]
 
 
 @dataclass(frozen=True)
 class Surface:
-    """What the rays through pixel centres meet.
+    """Surfaces on the rays through pixel centres.
 
     Attributes
     ----------
@@ -207,7 +211,7 @@ def surface(scene: Any, integrator: Any, sensor: Any, observer: Observer | None 
         hit = first_not_light(scene, ray)
         distance = np.asarray(dr.select(hit.is_valid(), hit.t, dr.inf))
     shape = (rows, columns)
-    found = Surface(
+    result = Surface(
         covered=np.isfinite(distance).reshape(shape),
         distance=distance.astype(np.float64).reshape(shape),
         origin=np.stack([np.asarray(c, np.float64).reshape(shape) for c in ray.o], -1),
@@ -215,7 +219,7 @@ def surface(scene: Any, integrator: Any, sensor: Any, observer: Observer | None 
     )
     if observer:
         observer.rendered(time.perf_counter() - started)
-    return found
+    return result
 
 
 def first_not_light(scene: Any, ray: Any) -> Any:

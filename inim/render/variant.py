@@ -19,14 +19,14 @@ from inim.scene.parameters import check_plugin_folder
 _FEWEST_THREADS = 2
 
 
-def use(wanted: str = "auto") -> backends.Backend:
+def use(requested: str = "auto") -> backends.Backend:
     """Set a backend's variant for good, with inim's plugins: for a process of inim's own.
 
     Repeating it is free.
 
     Parameters
     ----------
-    wanted : {"auto", "llvm", "cuda"}
+    requested : {"auto", "llvm", "cuda"}
 
     Raises
     ------
@@ -36,7 +36,7 @@ def use(wanted: str = "auto") -> backends.Backend:
     check_plugin_folder(
         Path()
     )  # Mitsuba loads plugins from the current folder, whatever it renders
-    backend = backends.choose_backend(wanted)
+    backend = backends.choose_backend(requested)
     register_plugins()
     if mi.variant() != backend.variant:
         backends.activate(backend)
@@ -59,27 +59,27 @@ def _check_version(backend: backends.Backend) -> None:
 
 
 @contextmanager
-def borrowed(wanted: str = "auto") -> Iterator[None]:
-    """An RGB variant for as long as it lasts: for a process that somebody else's program runs.
+def borrowed(requested: str = "auto") -> Iterator[None]:
+    """Use an RGB variant temporarily, in a process that runs another program.
 
-    The active variant's backend is kept where `wanted` allows it. Afterwards, whatever happened,
-    the variant and the thread count are as before; only where no variant was active the one used
-    stays, as Mitsuba cannot go back to none.
+    The active variant's backend is kept if `requested` allows it. Afterwards, also after an
+    exception, the variant and the thread count are restored. If no variant was active, the new one
+    remains, because Mitsuba cannot unset it.
 
     Parameters
     ----------
-    wanted : {"auto", "llvm", "cuda"}
+    requested : {"auto", "llvm", "cuda"}
 
     Raises
     ------
     BackendError
-        When none works on this machine.
+        No backend works on this machine.
     UsageError
-        `wanted` is none of the three.
+        `requested` is none of the three.
     """
     check_plugin_folder(Path())
     before, threads = mi.variant(), dr.thread_count()
-    variant = _variant(before or "", wanted)
+    variant = _variant(before or "", requested)
     register_plugins()
     try:
         if threads < _FEWEST_THREADS:
@@ -94,31 +94,32 @@ def borrowed(wanted: str = "auto") -> Iterator[None]:
             dr.set_thread_count(threads)
 
 
-def _variant(active: str, wanted: str) -> str:
+def _variant(active: str, requested: str) -> str:
     """The RGB variant of the active one's backend, or of the one to be chosen."""
     family = active.partition("_")[0]
-    if wanted in ("auto", family) and family in ("cuda", "llvm"):
+    if requested in ("auto", family) and family in ("cuda", "llvm"):
         backend = backends.Backend(family, f"{family}_ad_rgb", None, None, "")
     else:
-        backend = backends.choose_backend(wanted)
+        backend = backends.choose_backend(requested)
     backends.activate(backend)
     return backend.variant
 
 
 @cache
 def register_plugins() -> None:
-    """Register inim's plugins in the variant that is active, if any, and in all that follow.
+    """Register inim's plugins in the active variant, if any, and in all later ones.
 
-    Afterwards `mi.load_file` and `mi.load_dict` know the emitter `inim_display` and the sensors
-    `inim_eye` and `inim_pickup`; see "In a scene of Mitsuba's" in the documents. Repeating it is
-    free. They work in the variants ``llvm_ad_rgb`` and ``cuda_ad_rgb``, and say so in any other.
+    Afterwards `mi.load_file` and `mi.load_dict` accept the emitter `inim_display` and the sensors
+    `inim_eye` and `inim_pickup`; see "A display in a Mitsuba scene" in the documentation. A
+    repeated call has no effect. The plugins work in the variants ``llvm_ad_rgb`` and
+    ``cuda_ad_rgb``, and raise a one-line error in any other.
     """
     mi.detail.add_variant_callback(_register)
     _register()
 
 
 def _register(_old: str | None = None, _new: str | None = None) -> None:
-    """Register the plugins anew: they belong to the variant they were made in."""
+    """Register the plugins again: they belong to the active variant."""
     if mi.variant() is None:
         return
     if not mi.variant().startswith("scalar"):

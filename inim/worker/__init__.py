@@ -1,7 +1,7 @@
-"""One supervised worker process per job, and what both sides need: a channel, output folders.
+"""One supervised worker process per job: the channel, and output folders.
 
-They need what POSIX systems have: locks that end with their process, folders opened without
-following links, memory limits. Where there is none of it, a line says so.
+They need POSIX: locks that end with their process, folders opened without
+following links, memory limits. On other systems a one-line error is raised.
 """
 
 from inim.errors import BackendError

@@ -106,7 +106,7 @@ Work = Callable[[Any, Path, Observer], bool]
 
 @dataclass(frozen=True)
 class Job:
-    """What a worker is given.
+    """Job of a worker.
 
     Attributes
     ----------
@@ -168,7 +168,7 @@ def _out_of_memory() -> str:
 
 
 def _carried_out(job: Job, observer: Observer, work: Work) -> bool:
-    """Carry out a job; once more where nothing but numba's cache of kernels was at fault."""
+    """Run a job; repeat it if only numba's kernel cache failed."""
     try:
         return work(job.request, job.staging, observer)
     except InimError:
@@ -185,7 +185,9 @@ def _carried_out(job: Job, observer: Observer, work: Work) -> bool:
 
 
 class _Patient(io.StringIO):
-    """A stdout whose reader may leave and whose disk may fill: the report is what counts."""
+    """Standard output that tolerates a closed reader or a full disk, because the report matters
+    more.
+    """
 
     def __init__(self, stream: Any) -> None:
         super().__init__()
@@ -217,7 +219,7 @@ class _OwnWords:
 
 
 def serve(job: Job, channel: int, work: Work) -> None:
-    """A worker's whole life: carry out the job under an observer, in silence but for results."""
+    """Entry point of the worker: run the job under an observer, printing results only."""
     os.environ.update(job.variables)  # this process has begun before they were known
     exit_with_parent()
     sys.stdout = _Patient(sys.stdout)

@@ -1,12 +1,12 @@
-"""One supervised worker per job: native code can die, the job's owner must not.
+"""Supervisor of workers: native code may crash, but the caller must survive.
 
-A damaged mesh, a kernel that will not compile or memory running out kill the process without an
-exception. So the heavy part runs in one worker process, and its supervisor turns any death into an
+A damaged mesh, a kernel that does not compile or lack of memory kill the process without an
+exception. The heavy part therefore runs in one worker process. Its supervisor turns a crash into an
 exit code and a sentence, and removes its staging folder.
 
-A job goes to the worker's stdin, pickled; what the worker says goes through a pipe of its own, a
-line of JSON each: its stages, and at last its outcome. It ends when its stdin does: with its
-supervisor.
+A job is pickled to the worker's stdin. The worker reports through a separate pipe, with one line of
+JSON per message: its stages, and finally its result. It ends when its stdin closes, and therefore
+with its supervisor.
 """
 
 from __future__ import annotations
@@ -52,41 +52,41 @@ def run_in_worker(
     debug: bool = False,
     on_start: OnStart | None = None,
 ) -> bool:
-    """Carry out a request in a worker process.
+    """Run a request in a worker process.
 
     Parameters
     ----------
     target : str
-        What carries it out, as ``module:function``; see `inim.worker.serve.Work`.
+        Function that runs the request, as ``module:function``; see `inim.worker.serve.Work`.
     make_request : callable
-        Returns what the worker is sent, which can be pickled, or raises what is wrong with it;
+        Returns the request, which must be picklable, or raises an error;
         called while the worker loads.
     staging : context manager
-        Yields the folder to build the result in, such as `inim.worker.output.staging_folder`.
+        Yields the folder for the result, such as `inim.worker.output.staging_folder`.
     fill : callable, optional
-        Puts into the folder what the worker reads there.
+        Writes the worker's input files into the folder.
     backend : {"auto", "llvm", "cuda"}
     about : str
-        What `ps` shows of the job.
+        Label of the job for `ps`.
     variables : mapping, optional
-        Of the worker's environment from its start on, beside this process's own.
+        Environment variables of the worker, in addition to this process's own.
     quiet : bool
         No result lines on stdout and no progress bar on stderr.
     debug : bool
         Let the worker print the traceback of an internal error.
     on_start : callable, optional
-        Is given the process, which it may end.
+        Receives the process, which it may end.
 
     Returns
     -------
     bool
-        Whether every check passed.
+        True if every check passed.
 
     Raises
     ------
     InimError
-        What `make_request` or the worker raised, or `WorkerError` / `OutOfMemoryError` where the
-        worker could not say.
+        Errors from `make_request` or the worker, or `WorkerError` / `OutOfMemoryError` if the
+        worker died.
     """
     process, messages = _start_worker(target, variables or {}, about)
     try:
@@ -109,11 +109,11 @@ def run_in_worker(
             _stdin(process).close()
 
 
-def outcome_of(said: dict[str, Any]) -> bool:
-    """Whether the worker's last words were that all is well; raises the error if they were one."""
-    if "error" in said:
-        raise _ERRORS.get(said["error"], InimError)(said["message"])
-    return bool(said["passed"])
+def outcome_of(message: dict[str, Any]) -> bool:
+    """Return whether the worker reports success; raise the error that it reports."""
+    if "error" in message:
+        raise _ERRORS.get(message["error"], InimError)(message["message"])
+    return bool(message["passed"])
 
 
 def _start_worker(
@@ -171,7 +171,7 @@ def _death(code: int, stage: str, memory_limit: int) -> InimError:
             f"the worker was killed during '{stage}' with {peak / 2**30:.1f} GiB in use of "
             f"{memory_limit / 2**30:.1f} GiB; lower inim.eia_spp or use a display with fewer pixels"
         )
-    how = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+    cause = signal.Signals(-code).name if code < 0 else f"exit code {code}"
     if code == -signal.SIGKILL:  # what the system does when memory is short, whoever took it
         return OutOfMemoryError(
             f"the worker was killed during '{stage}' with {peak / 2**30:.1f} GiB in use, by hand "
@@ -180,6 +180,6 @@ def _death(code: int, stage: str, memory_limit: int) -> InimError:
     if code == -signal.SIGTERM:
         return WorkerError(f"the worker was ended from outside during '{stage}'; run it again")
     return WorkerError(
-        f"the worker died during '{stage}' ({how}): a crash in native code; check the scene's "
+        f"the worker died during '{stage}' ({cause}): a crash in native code; check the scene's "
         "meshes, and run `inim sys-info` to check the backend"
     )

@@ -168,7 +168,7 @@ def _left(field: LightField) -> np.ndarray:
     shape, pixel = field.rgbd.shape, field.rgbd.pixel_mm
     made = prepare(field.display, f"template{_FILL}", shape=shape, pixel_mm=pixel)
     assert isinstance(made, Filled)
-    cells: np.ndarray = made.left.sources(field.rgbd)
+    cells: np.ndarray = made.with_holes.sources(field.rgbd)
     return cells
 
 

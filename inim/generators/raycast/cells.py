@@ -59,10 +59,10 @@ def cell_rays(
     ----------
     shape : (rows, columns)
     pixel_mm : float
-        The picture's pixel.
+        Width of the picture's pixels.
     display : Display
-    aside : (down, right) of Fraction
-        Where in its pixel each ray starts, in panel pixels from the centre.
+    pixel_offset : (down, right) of Fraction
+        Start of each ray in its pixel, in panel pixels from the centre.
     """
     rows, columns = shape
     down, right = pixel_offset
@@ -143,6 +143,6 @@ def _axis(
 
 
 def _twos(value: Fraction) -> int:
-    """How often 2 divides a fraction; negative where it divides the denominator."""
+    """Exponent of 2 in a fraction; negative if 2 divides the denominator."""
     above, below = abs(value.numerator), value.denominator
     return (above & -above).bit_length() - (below & -below).bit_length()

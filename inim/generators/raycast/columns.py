@@ -1,21 +1,21 @@
-"""Columns: what a ray can meet of a picture, cell by cell.
+"""Columns: the solids of a picture, cell by cell.
 
-A picture says where its surface is, and not how thick the thing is. Its pixels are columns, each
-from a front to a back, by one of four rules:
+A picture gives the position of its surface but not the thickness of the object. Its pixels are
+columns, each from a front to a back, by one of four rules:
 
 `SURFACE`
-    As thick as the surface that the pixel shows. Two neighbours of a pixel are one surface with it
-    if their depths differ by no more than `STEEPEST` times their distance. A column reaches back to
-    the lowest of the eight neighbours that are one surface with it, so that the surface has no
-    gaps, and by `THICKNESS_PX` picture pixels at least, so that its rim has a side. What such a
-    surface hides was not seen: a ray that passes behind one and meets nothing shows the last cell
-    that it passed over before its end, as if that surface went on behind what hides it.
+    As thick as the pixel's surface. Two neighbours are one surface if their depths differ by no
+    more than `STEEPEST` times their distance. A column extends back to the lowest of the eight
+    neighbours on the same surface, so that the surface has no gaps, and at least by `THICKNESS_PX`
+    picture pixels, so that its rim has a side. The region behind a surface is unknown: a ray that
+    passes behind a surface and has no later hit shows the last cell on its path, as if that cell's
+    surface continued.
 `SEEN`
-    The same, and what such a surface hides stays a hole: for whoever fills it (`raycast.fill`).
+    The same rule, but the hidden region stays a hole, for a later fill (`raycast.fill`).
 `SOLID`
-    Solid all the way back.
+    Columns without a back.
 `LAYERS`
-    The solids of a layered depth image (`inim.image.rgbd.LayeredRGBD`), one after another; of a
+    The solids of a layered depth image (`inim.image.rgbd.LayeredRGBD`), in order; for a
     picture without layers, `SURFACE`.
 """
 
@@ -39,16 +39,17 @@ THICKNESS_PX = 10.0
 
 @dataclass(frozen=True)
 class Columns:
-    """The columns of a picture.
+    """Columns of a picture.
 
     Attributes
     ----------
     layers : tuple of Layer
-        The front surface first.
+        Layers, the front surface first.
     end : bool
-        Whether backs count: rays may pass behind.
+        True if columns have backs, so that rays may pass behind them.
     continue_behind : bool
-        Whether a ray that passed behind one and met nothing shows what it passed over last.
+        True if a ray that passed behind a column without a later hit shows the last cell on its
+        path.
     """
 
     layers: tuple[Layer, ...]
@@ -57,12 +58,14 @@ class Columns:
 
     def fronts(self) -> np.ndarray:
         """Fronts of all layers, (layers, H, W) float32; -inf where there is none."""
-        none = np.float32(-np.inf)
-        return np.stack([np.where(one.covered, one.front_mm, none) for one in self.layers])
+        no_depth = np.float32(-np.inf)
+        return np.stack(
+            [np.where(layer.covered, layer.front_mm, no_depth) for layer in self.layers]
+        )
 
     def backs(self) -> np.ndarray:
         """Backs of all layers, (layers, H, W) float32."""
-        return np.stack([one.back_mm for one in self.layers])
+        return np.stack([layer.back_mm for layer in self.layers])
 
 
 def columns_of(rgbd: RGBD, rule: str) -> Columns:
@@ -79,19 +82,19 @@ def columns_of(rgbd: RGBD, rule: str) -> Columns:
 
 
 def surface_backs(depth_mm: np.ndarray, covered: np.ndarray, pixel_mm: float) -> np.ndarray:
-    """Where the column of each pixel ends, by the rule of `SURFACE`.
+    """Back of each pixel's column by the rule of `SURFACE`.
 
     Parameters
     ----------
     depth_mm : (H, W) float32
-        In the display frame, larger is nearer.
+        Depth in the display frame; larger is nearer.
     covered : (H, W) bool
     pixel_mm : float
 
     Returns
     -------
     (H, W) float32
-        inf where nothing is covered.
+        inf at uncovered pixels.
     """
     rows, columns = depth_mm.shape
     steps = np.float32(STEEPEST * pixel_mm), np.float32(STEEPEST * pixel_mm * math.sqrt(2))
@@ -103,7 +106,7 @@ def surface_backs(depth_mm: np.ndarray, covered: np.ndarray, pixel_mm: float) ->
 
 @compiled(parallel=True)
 def _end(depth, covered, straight, diagonal, thickness, front, back):  # type: ignore[no-untyped-def]
-    """Fill `front`, which is of nothing and has a border, and `back`."""
+    """Fill `front`, which is empty and has a border, and `back`."""
     rows, columns = depth.shape
     for i in prange(rows):
         for j in range(columns):
@@ -127,6 +130,8 @@ def _end(depth, covered, straight, diagonal, thickness, front, back):  # type: i
 
 @compiled
 def _lower(low, here, beside, most):  # type: ignore[no-untyped-def]
-    """A neighbour that is lower and one surface with `here`, or what was the lowest."""
+    """The neighbour if it is lower and on the same surface as `here`, otherwise the previous
+    lowest.
+    """
     joined = beside if here - beside <= most else low
     return joined if joined < low else low

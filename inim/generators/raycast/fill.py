@@ -1,27 +1,27 @@
 # Kernels have no types of their own.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""What the picture did not see: an option of every algorithm that says where its colours come from.
+"""Hole filling: an option of every algorithm that reports its sources.
 
-Definition. A hole belongs to one view: the pixels at its place under all other lenses send rays
-parallel to its own. In that view, in each of the eight directions, the next pixel that shows
-something names a surface. It is carried on at its depth to the hole, over the pixels between, and
-is a candidate if the picture could not see it there: if at that depth each of these pixels' rays is
-behind what the picture shows, or beyond the picture's edge. Where the picture shows something
-farther it saw that nothing is there. That rules out the foreground beside the background that it
-uncovers, and not what goes on behind it. The hole takes the mean of the candidates' colours, in
-linear light, each by its nearness. Nothing that is shown lies between it and a candidate, so
-nothing is carried over across a nearer surface.
+Definition. A hole belongs to one view: the pixels at its place under all other lenses have rays
+parallel to its own. In that view, in each of the eight directions, the next pixel with a source
+gives a surface. This surface is extended at its depth to the hole, over the pixels between. It is a
+candidate if the picture could not see it there: at that depth the rays of all these pixels must be
+behind the picture's surface, or outside the picture. If the picture shows a farther surface, the
+extension is empty space. This excludes the foreground next to the background that it uncovers, but
+not the background that continues behind it. The hole receives the mean of the candidates' colours,
+in linear light, weighted by nearness. No source is between the hole and a candidate, so no surface
+is extended across a nearer one.
 
-Where a surface ends, its pixels are mixed with what is beside it. A candidate's colour is therefore
-that of the picture's next pixel, away from the hole, if that is the same surface.
+Pixels at the edge of a surface are mixed with their surroundings. A candidate's colour is therefore
+that of the picture's next pixel, away from the hole, if it is on the same surface.
 
-What is not covered is seen ground under ``hidden``, as in a capture of a relic: a hole whose ray
-ends on it shows it, and stays; and no surface is carried on over it. Under ``all`` it is unknown,
-as in a photograph whose depth has gaps. A picture without ground has nothing to leave in a hole:
-where no surface is known to be hidden, the farthest are taken.
+Under ``hidden``, uncovered pixels are visible background, as in the capture of a relic: a hole
+whose ray ends there remains, and no surface is extended over it. Under ``all`` they are unknown, as
+in a photograph whose depth has gaps. In a picture without background, the farthest surfaces are
+used if no surface is certainly hidden.
 
-Each hole is filled by what its own view shows, never by another filled hole: results depend on no
-order, and the cost grows with the number of holes.
+Each hole is filled from sources in its own view, never from another filled hole: results do not
+depend on order, and the cost grows with the number of holes.
 """
 
 from __future__ import annotations
@@ -45,61 +45,63 @@ _REACH = 64
 
 
 class Filled(SourceGenerator):
-    """A generator whose holes are filled from their own views.
+    """Generator whose holes are filled from their own views.
 
-    Its sources are the generator's: holes are reported as they are without a fill.
+    Its sources are the generator's: holes are reported as without a fill.
 
     Parameters
     ----------
     made : SourceGenerator
-        Of a whole panel.
+        Generator of a whole panel.
     how : {"hidden", "all"}
-        See the module.
-    left : SourceGenerator
-        The same, but with holes where it shows what it only supposes.
+        Kind of fill, see the module.
+    with_holes : SourceGenerator
+        The same generator, with holes at pixels whose source is only an assumption.
 
     Raises
     ------
     UsageError
-        A display whose lenses stand in no rows and columns.
+        The lenses of the display do not form rows and columns.
     """
 
-    def __init__(self, made: SourceGenerator, how: str, left: SourceGenerator) -> None:
-        super().__init__(made.display, made.shape, made.pixel_mm)
+    def __init__(self, generator: SourceGenerator, fill: str, with_holes: SourceGenerator) -> None:
+        super().__init__(generator.display, generator.shape, generator.pixel_mm)
         if not self.display.is_separable:
             raise UsageError(
-                f"fill = {how!r}: this display has {self.display.not_separable_by}, so its lenses "
+                f"fill = {fill!r}: this display has {self.display.not_separable_by}, so its lenses "
                 "stand in no rows and columns; use fill=none"
             )
-        self.left = left
-        self._made, self._how = made, how
+        self.with_holes = with_holes
+        self._made, self._how = generator, fill
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
         return self._made.find(rgbd)
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
-        """See `Generator.generate`; what is filled has the alpha of what is shown."""
-        out = self.left.generate(rgbd, self.place(rgbd, out))
-        rays = self.left.rays()
-        seen = _Seen.of(rgbd, unknown=self._how == "all")
-        where, light = [], []
+        """See `Generator.generate`; filled pixels have the alpha of shown pixels."""
+        out = self.with_holes.generate(rgbd, self.place(rgbd, out))
+        rays = self.with_holes.rays()
+        visible = _VisibleSurfaces.of(rgbd, unknown=self._how == "all")
+        positions, light = [], []
         for ray in rays:
-            holes, colour = self._missing(ray, rgbd, seen)
+            holes, colour = self._missing(ray, rgbd, visible)
             share = np.zeros(4, np.float32)  # of the pixel's light, and of its alpha
             alike = sum(other.channels == ray.channels for other in rays)
             share[list(ray.channels)] = 1 / alike
             share[3] = len(ray.channels) / 3 / alike
-            where.append(holes)
+            positions.append(holes)
             light.append(colour * share)
-        pixels, of = np.unique(np.concatenate(where), return_inverse=True)
+        pixels, of = np.unique(np.concatenate(positions), return_inverse=True)
         total = np.zeros((len(pixels), 4), np.float32)
         np.add.at(total, of, np.concatenate(light))
         _add_light(out.reshape(-1, out.shape[-1]), pixels, total)
         return out
 
-    def _missing(self, ray: Ray, rgbd: RGBD, seen: _Seen) -> tuple[np.ndarray, np.ndarray]:
-        """The panel pixels whose ray meets nothing and can be filled, and what with.
+    def _missing(
+        self, ray: Ray, rgbd: RGBD, visible: _VisibleSurfaces
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Panel pixels with holes that can be filled, and their fill colours.
 
         Returns
         -------
@@ -119,23 +121,23 @@ class Filled(SourceGenerator):
             display.columns, display.lens_columns, display.elemental_image_pitch_mm, display
         )
         _fill(
-            holes, sources, down, across, _kept(rows), _kept(columns), *seen,
+            holes, sources, down, across, _kept(rows), _kept(columns), *visible,
             STEEPEST * self.pixel_mm, display.row_pitch_mm / display.pitch_mm,
-            display.depth_range_mm[0], bool((seen.front > -np.inf).all()), colour, filled,
+            display.depth_range_mm[0], bool((visible.front > -np.inf).all()), colour, filled,
         )  # fmt: skip
         return holes[filled], colour[filled]
 
 
-class _Seen(NamedTuple):
-    """What the picture says, of all its layers.
+class _VisibleSurfaces(NamedTuple):
+    """Visible surfaces of a picture, with all its layers.
 
     Attributes
     ----------
     front : (H, W) float32
-        Depth behind which nothing is seen; -inf where the ground is, the lowest number there is
-        where nothing is known.
+        Depth behind which the view is blocked; -inf at background, the lowest finite number
+        at unknown pixels.
     depth : (layers x H x W,) float32
-        Of what is shown; -inf where there is nothing.
+        Depth of each source; -inf at uncovered pixels.
     palette : (layers x H x W, 3) float32
         Linear RGB.
     """
@@ -145,10 +147,10 @@ class _Seen(NamedTuple):
     palette: np.ndarray
 
     @classmethod
-    def of(cls, rgbd: RGBD, *, unknown: bool) -> _Seen:
+    def of(cls, rgbd: RGBD, *, unknown: bool) -> _VisibleSurfaces:
         uncovered = np.finfo(np.float32).min if unknown else np.float32(-np.inf)
         layers = rgbd.layers
-        depth = [np.where(one.covered, one.front_mm, np.float32(-np.inf)) for one in layers]
+        depth = [np.where(layer.covered, layer.front_mm, np.float32(-np.inf)) for layer in layers]
         color = rgbd.palette.reshape(-1, rgbd.color.shape[2])[:, :3]
         if color.dtype == np.uint8:
             color = _LIGHT[color]
@@ -164,8 +166,8 @@ def _add_light(pixels: np.ndarray, at: np.ndarray, light: np.ndarray) -> None:
     if pixels.dtype != np.uint8:
         pixels[at] += light[:, :3]
         return
-    shown = _LIGHT[pixels[at, :3]] + light[:, :3]
-    pixels[at, :3] = srgb_to_uint8(srgb_from_linear(shown))
+    light_sum = _LIGHT[pixels[at, :3]] + light[:, :3]
+    pixels[at, :3] = srgb_to_uint8(srgb_from_linear(light_sum))
     alpha = pixels[at, 3] + np.rint(light[:, 3] * np.float32(255))
     pixels[at, 3] = np.minimum(alpha, 255).astype(np.uint8)
 
@@ -194,34 +196,36 @@ def _fill(
     """Fill each hole; see the module's definition."""
     for n in prange(len(holes)):
         i, j = divmod(holes[n], sources.shape[1])
-        if _seen_at(front, row_rays, i, column_rays, j, z_min) == -np.inf:
+        if _visible_depth(front, row_rays, i, column_rays, j, z_min) == -np.inf:
             continue
-        found, lenses = np.full(9, -1), np.zeros(9, np.int64)
+        sources, lenses = np.full(9, -1), np.zeros(9, np.int64)
         hidden, any_hidden, farthest = np.zeros(9, np.bool_), False, np.inf
         for k in range(9):
             step = k // 3 - 1, k % 3 - 1
-            found[k], lenses[k] = _next_shown(sources, i, j, step, down, across)
-            if found[k] < 0:
+            sources[k], lenses[k] = _next_shown(sources, i, j, step, down, across)
+            if sources[k] < 0:
                 continue
-            z = depth[found[k]]
-            seen = np.float32(np.inf)
+            z = depth[sources[k]]
+            visible_depth = np.float32(np.inf)
             for on in range(lenses[k]):
                 p, q = _beside(i, on * step[0], down), _beside(j, on * step[1], across)
-                seen = min(seen, _seen_at(front, row_rays, p, column_rays, q, z))
-            if seen == -np.inf:
-                found[k] = -1
+                visible_depth = min(
+                    visible_depth, _visible_depth(front, row_rays, p, column_rays, q, z)
+                )
+            if visible_depth == -np.inf:
+                sources[k] = -1
                 continue
-            hidden[k] = seen >= z - same_mm
+            hidden[k] = visible_depth >= z - same_mm
             any_hidden |= hidden[k]
             farthest = min(farthest, z)
         weight = red = green = blue = 0.0
         for k in range(9):
-            if found[k] < 0:
+            if sources[k] < 0:
                 continue
-            left = no_ground and not any_hidden and depth[found[k]] <= farthest + same_mm
+            left = no_ground and not any_hidden and depth[sources[k]] <= farthest + same_mm
             if hidden[k] or left:
                 step = k // 3 - 1, k % 3 - 1
-                source = _next_of_surface(found[k], step, depth, front.shape, same_mm)
+                source = _next_of_surface(sources[k], step, depth, front.shape, same_mm)
                 share = 1 / (lenses[k] * np.sqrt((step[0] * aspect) ** 2 + step[1] ** 2))
                 weight += share
                 red += share * palette[source, 0]
@@ -233,8 +237,8 @@ def _fill(
 
 
 @compiled
-def _seen_at(front, row_rays, i, column_rays, j, z):
-    """What the picture shows where a ray is at a depth; beyond its edge, what may be anything."""
+def _visible_depth(front, row_rays, i, column_rays, j, z):
+    """Depth that the picture shows where a ray is at a depth; inf outside the picture."""
     v0, dv, v1 = row_rays
     u0, du, u1 = column_rays
     v = np.floor((v0[i] + dv[i] * z) / v1)

@@ -197,7 +197,7 @@ def _passes(
     start = np.array([max(min(s * LANES, lenses - LANES), 0) for s in range(strips)])
     members = [np.flatnonzero((lens >= n) & (lens < n + LANES)) for n in start]
     run = np.concatenate(members)
-    strip = np.repeat(np.arange(strips), [len(each) for each in members])
+    strip = np.repeat(np.arange(strips), [len(members_of_strip) for members_of_strip in members])
     number, lane = 2 * pixels * strip + within[run], lens[run] - start[strip]
     # The nearest cell of any lens: the leftmost of rays that go right.
     step = np.tile([-1, 1], strips * pixels)
@@ -303,9 +303,10 @@ def _run(picture, rows, passes, cells, columns_end, continue_behind, empty, out)
 def _run_strip(  # type: ignore[no-untyped-def]
     r, s, start, most, picture, rows, passes, cells, columns_end, continue_behind, strip
 ):
-    """One panel row of a strip, a pass at a time, near to far until all lenses have hit.
+    """Trace one panel row of a strip, pass by pass, near to far until all lenses have a hit.
 
-    Rays that passed behind a column, and met nothing, go as in `raycast.shared_directions`.
+    Rays that passed behind a column without a later hit follow the rule of
+    `raycast.shared_directions`.
     """
     depth, back, payload, row_stride, _, farthest = picture
     row_exit, row_entry, row_offset = rows.exit_mm, rows.entry_mm, rows.offset
@@ -314,11 +315,11 @@ def _run_strip(  # type: ignore[no-untyped-def]
     least_end = np.float32(-np.inf)
     if columns_end:
         least_end = farthest_end(farthest, lens + rows.reach[r, 0], lens + rows.reach[r, 1], s)
-    each = 2 * len(strip) // LANES
+    width = 2 * len(strip) // LANES
     offset, exits, entries = passes.offset.reshape(-1), passes.exit_mm, passes.entry_mm
     nearest_exit = passes.nearest_exit.reshape(-1)
     cell_list = cells.cell
-    for p in range(s * each, (s + 1) * each):
+    for p in range(s * width, (s + 1) * width):
         number = r * len(passes.lanes) + p
         k, end = np.uintp(cells.first[number]), np.uintp(cells.first[number + 1])
         first = np.uintp(p) * pass_cells
@@ -326,8 +327,8 @@ def _run_strip(  # type: ignore[no-untyped-def]
             row_exit[cell_list[k, 0]] > most or nearest_exit[first + cell_list[k, 1]] > most
         ):
             k += np.uintp(1)
-        at = np.uintp((p - s * each) // 2 * LANES)
-        searching, shown = lanes_of(passes.lanes[p]), load(strip, at)
+        at = np.uintp((p - s * width) // 2 * LANES)
+        searching, payloads = lanes_of(passes.lanes[p]), load(strip, at)
         begin, behind = k, no_lanes()
         while k < end:
             i, q = np.uintp(cell_list[k, 0]), first + np.uintp(cell_list[k, 1])
@@ -345,7 +346,7 @@ def _run_strip(  # type: ignore[no-untyped-def]
                 hit = both(hit, at_least(load(entries, q * _LANES), end_mm))
                 hit = both(hit, at_least(same(row_entry[i]), end_mm))
                 behind = either(behind, but_not(below, hit))
-            shown = choose(hit, load(payload, cell), shown)
+            payloads = choose(hit, load(payload, cell), payloads)
             searching = but_not(searching, hit)
             if not any_lane(searching):
                 break
@@ -360,6 +361,6 @@ def _run_strip(  # type: ignore[no-untyped-def]
                 over = either(less(here, load(exits, q * _LANES)), less(here, same(row_exit[i])))
                 over = both(over, both(lost, lanes_of(cell_list[k, 2])))
                 covered = both(over, less(same(np.float32(-np.inf)), here))
-                shown = choose(covered, load(payload, cell), shown)
+                payloads = choose(covered, load(payload, cell), payloads)
                 lost = but_not(lost, over)
-        store(strip, at, shown)
+        store(strip, at, payloads)

@@ -1,23 +1,23 @@
-"""Local depth templates, and pictures laid out for them: all lenses at once, without a gather.
+"""Local depth templates, and pictures in their memory layout: all lenses at once, without a gather.
 
-Co-located pixels of all elemental images send parallel rays. Where the picture has a whole number
-of pixels per lens pitch, such rays meet the picture's cells alike, moved by whole lenses; so the
-list of cells that a ray visits, and of the depths at which it leaves them, is built once per
+Co-located pixels of all elemental images have parallel rays. If the picture has a whole number
+of pixels per lens pitch, such rays meet the same cells, shifted by whole lenses. The
+list of cells on a ray, with the depths of their exits, is then built once per
 direction (v, u) and serves every lens.
 
-The picture is copied into *phases*: cells at the same place of every lens pitch lie side by side,
-so what one template entry reads for a row of lenses is contiguous: a vector of depths, one of
-colours.
+The picture is copied into *phases*: cells at the same place of every lens pitch are adjacent, so
+the values that one template entry reads for a row of lenses are contiguous: a vector of depths, and
+one of colours.
 
 A strip of lenses (`raycast.simd`) follows a direction's list from near to far until each
-has hit.
+lens has a hit.
 
-Entries left above the nearest surface that the strip can reach cannot hit, as a hit takes a depth
-of at least the exit: they are passed over first. There is no such bound below. Where columns are
-solid, a ray under the farthest surface still hits the next covered cell, and that there is none
-left on its way only the cells themselves can tell: to ask them whether they are covered costs the
-load that asks them for their depth. Lenses with nothing covered in reach could be left out of a
-strip, yet hardly a search would end sooner, for the rays of others beside the object.
+Entries with exits above the nearest surface within reach of the strip cannot hit, because a hit
+needs a depth of at least the exit. They are skipped first. There is no such bound below. With solid
+columns, a ray under the farthest surface still hits the next covered cell, and only the cells
+themselves show whether there is one: testing their coverage costs as much as loading their depth.
+Lenses without covered cells in reach could be removed from a strip, but hardly a search would end
+sooner, because of the rays of other lenses next to the object.
 """
 
 from __future__ import annotations
@@ -49,24 +49,24 @@ _MOST_SLOTS = 2**25
 
 @dataclass(frozen=True)
 class Phases:
-    """Buffers and addresses of one display and picture size; filled anew for every picture.
+    """Buffers and addresses of one display and picture size, filled again for every picture.
 
     Attributes
     ----------
     depth : (slots down, per_pitch, per_pitch, slots across) float32
-        Depths by phase, -inf where nothing is covered; NaN around the picture.
+        Depths by phase, -inf at uncovered cells, NaN around the picture.
     back : same shape, float32
-        Where columns end, inf where nothing is covered; empty where none does.
+        Backs of columns, inf at uncovered cells; empty if no column has a back.
     payload : same shape, uint32
-        What a hit shows: an RGBA colour, or an index.
+        Result of a hit: an RGBA colour, or an index.
     origin : (row, column) of int
         Picture cell of slot (0, 0), phase (0, 0); negative where slots reach beyond the picture.
     window : (slots down, slots across) of int
         Slots that the rays of one lens can reach.
     nearest : (slots down, strips) float32
-        Greatest depth, in a row of slots, of what a strip of lenses can reach.
+        Greatest depth, in a row of slots, within reach of a strip of lenses.
     farthest : (slots down, strips) float32
-        The least depth, of the same, at which a column ends; inf where nothing is covered.
+        Least depth of a back within the same reach; inf without covered cells.
     """
 
     depth: np.ndarray
@@ -136,7 +136,7 @@ class Phases:
         return offset
 
     def slots(self, shape: PictureShape) -> np.ndarray:
-        """Flat slot of each cell of a picture, (cells,) int32; -1: beyond what rays reach."""
+        """Flat slot of each cell of a picture, (cells,) int32; -1 outside the reach of rays."""
         down, k, _, across = self.depth.shape
         rows, columns = (np.arange(count) for count in shape)
         reached = [
@@ -196,13 +196,13 @@ class PhaseGenerator(FirstHits):
         """See `SourceGenerator.find`."""
         return self.find_into(rgbd, np.empty(self.result_shape, np.int32))
 
-    def find_into(self, rgbd: RGBD, found: Sources) -> Sources:
+    def find_into(self, rgbd: RGBD, out: Sources) -> Sources:
         """See `SourceGenerator.find_into`."""
         columns = columns_of(rgbd, self._rule)
         deeper = range(1, len(columns.layers))
         payloads = [self._index, *(self._index + np.uint32(n * self._index.size) for n in deeper)]
-        self._run(columns, payloads, HOLE % 2**32, found.view(np.uint32))
-        return found
+        self._run(columns, payloads, HOLE % 2**32, out.view(np.uint32))
+        return out
 
     def shows_sources(self, rgbd: RGBD) -> bool:  # noqa: ARG002
         """See `SourceGenerator.shows_sources`."""
@@ -215,15 +215,17 @@ class PhaseGenerator(FirstHits):
         self.check(rgbd)
         out = self.place(rgbd, out)
         columns = columns_of(rgbd, self._rule)
-        words = [np.ascontiguousarray(one.color).view(np.uint32)[..., 0] for one in columns.layers]
+        words = [
+            np.ascontiguousarray(layer.color).view(np.uint32)[..., 0] for layer in columns.layers
+        ]
         self._run(columns, words, 0, out.view(np.uint32)[..., 0])
         return out
 
     def _fill(self, columns: Columns, payload: np.ndarray) -> None:
         """Take in a picture; the index, which is that of every picture, only once."""
         of_index = payload is self._index
-        known, self._holds_index = of_index and self._holds_index, False
-        self._phases.fill(columns.layers[0], None if known else payload)
+        is_current, self._holds_index = of_index and self._holds_index, False
+        self._phases.fill(columns.layers[0], None if is_current else payload)
         self._holds_index = of_index
 
 
@@ -355,13 +357,13 @@ def write_strip(strip, columns, start, pixels, row):  # type: ignore[no-untyped-
             u = pixels - BLOCK
             transpose(strip, np.uintp(u * LANES + n), row, np.uintp(u), columns, lens)
     for n in range(lanes):
-        written = 0 if n >= blocked else pixels if again else whole
-        for u in range(written, pixels):
+        word_count = 0 if n >= blocked else pixels if again else whole
+        for u in range(word_count, pixels):
             row[columns[start + n] + u] = strip[u * LANES + n]
 
 
 def fits_tables(display: Display, shape: PictureShape, pixel_mm: float, layers: int = 1) -> bool:
-    """Whether pictures laid out by phases, with all that rays reach around, take little memory.
+    """True if pictures in phases, with their margins, fit into the memory limit.
 
     Where they do not, rays are walked one by one: the same bits.
     """
@@ -380,7 +382,7 @@ def fits_tables(display: Display, shape: PictureShape, pixel_mm: float, layers: 
 
 @dataclass(frozen=True)
 class DirectionLists:
-    """Templates of one display and picture size; direction (v, u) is number ``v * pixels + u``.
+    """Templates of one display and picture size; direction (v, u) has the index ``v * pixels + u``.
 
     Attributes
     ----------
@@ -389,15 +391,15 @@ class DirectionLists:
     per_pitch : int
         Picture cells per lens pitch.
     first : (pixels^2 + 1,) int32
-        Where each direction's entries begin.
+        Start of each direction's entries.
     row, column : (n,) int32
         Cells of the lens with index (0, 0); lens (m, n) adds ``per_pitch * (m, n)``. Nearest first.
     exit_mm : (n,) float32
         Depths at which the ray leaves them, rounded up: a float32 depth reaches the exact exit
         if and only if it reaches this.
     entry_mm : (n,) float32
-        Depths at which it enters them, rounded down: a float32 depth lies at or below the exact
-        entry if and only if it does so here. inf for the first cells: rays come from in front.
+        Depths at which it enters them, rounded down: a float32 depth is at or below the exact entry
+        if and only if it is at or below this value. inf for the first cells.
     """
 
     pixels: int
@@ -410,14 +412,14 @@ class DirectionLists:
 
 
 def cells_per_pitch(display: Display, pixel_mm: float) -> int | None:
-    """Picture pixels per lens pitch where that is a whole number, alike on both axes, else None."""
+    """Picture pixels per lens pitch if whole and equal on both axes, otherwise None."""
     ratio = stated(display.pitch_mm) / stated(pixel_mm)
     square = stated(display.row_pitch_mm) == stated(display.pitch_mm)
     return int(ratio) if ratio.denominator == 1 and square and display.is_separable else None
 
 
 def shares_directions(display: Display) -> bool:
-    """Whether co-located pixels of all elemental images are parallel, as templates need."""
+    """True if co-located pixels of all elemental images have parallel rays, as templates need."""
     if not display.has_integer_ratio:
         return False
     pixels = round(display.pixels_per_lens)
@@ -437,17 +439,17 @@ def build_lists(
     column_rays, row_rays = cell_rays(shape, pixel_mm, display, pixel_offset)
     longest = sum(rays.most_cells(display.depth_range_mm) for rays in (column_rays, row_rays))
     cells, exits = np.empty((longest, 2), np.int64), np.empty(longest)
-    visited, left, first = [], [], [0]
+    visited, exits_by_direction, first = [], [], [0]
     for v in range(pixels):
         for u in range(pixels):
             count = walk(
                 *_ray(column_rays, u), *_ray(row_rays, v), *display.depth_range_mm, cells, exits
             )
             visited.append(cells[:count].copy())
-            left.append(exits[:count].copy())
+            exits_by_direction.append(exits[:count].copy())
             first.append(first[-1] + count)
     place = np.concatenate(visited).astype(np.int32)
-    exit_mm = np.concatenate(left)
+    exit_mm = np.concatenate(exits_by_direction)
     entry = np.roll(exit_mm, 1)
     entry[first[:-1]] = np.inf
     return DirectionLists(

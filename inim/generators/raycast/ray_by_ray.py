@@ -1,9 +1,9 @@
-"""Rays walked one by one through a picture's cells.
+"""Traversal of a picture's cells ray by ray.
 
 The traversal is that of Amanatides and Woo (Eurographics 1987). The depth at which a ray crosses a
-border is a quotient of whole numbers (see `raycast.cells`), rounded once and computed afresh for
-each border: nothing drifts, and corners are corners. `RayByRay` walks the runs of a ray's row and
-column, each computed once; `NonSeparable` serves rays that share neither.
+border is a quotient of whole numbers (see `raycast.cells`), rounded once and computed independently
+for each border: no error accumulates, and corners are exact. `RayByRay` uses the runs of a ray's
+row and column, each computed once; `NonSeparable` serves rays that share neither.
 """
 
 from __future__ import annotations
@@ -70,12 +70,12 @@ def first_hit(fronts, backs, continue_behind, u0, du, u1, v0, dv, v1, z_min, z_m
     while True:
         z_exit = max(z_u, z_v, z_min)
         if 0 <= u < columns and 0 <= v < rows:
-            met = _met(fronts, backs, v, u, z_entry, z_exit)
-            if met >= 0:
-                return (met * rows + v) * columns + u
-            if met == _OVER:
+            hit = _is_hit(fronts, backs, v, u, z_entry, z_exit)
+            if hit >= 0:
+                return (hit * rows + v) * columns + u
+            if hit == _OVER:
                 passed_over = v * columns + u
-            elif met == _OVER_NOTHING:
+            elif hit == _OVER_NOTHING:
                 passed_over = HOLE
             else:
                 behind = True
@@ -95,7 +95,7 @@ _OVER, _OVER_NOTHING, _BEHIND = -1, -2, -3
 
 
 @compiled
-def _met(fronts, backs, row, column, z_entry, z_exit):  # type: ignore[no-untyped-def]
+def _is_hit(fronts, backs, row, column, z_entry, z_exit):  # type: ignore[no-untyped-def]
     """The layer that a ray hits in a cell between two depths, or how it leaves it."""
     front = fronts[0, row, column]
     if front < z_exit:
@@ -142,7 +142,7 @@ def rounded_up(values: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class AxisRuns:
-    """For every panel column (or row): its ray's cells along that axis, nearest first.
+    """Cells of each panel column's (or row's) ray along that axis, nearest first.
 
     A ray's cells in the picture are the overlaps of its column runs with its row runs.
 
@@ -195,7 +195,7 @@ class FirstHits(SourceGenerator):
 
     Parameters
     ----------
-    display, shape, pixel_mm, aside, pixels :
+    display, shape, pixel_mm, pixel_offset, pixels :
         As for `SourceGenerator`.
     rule : str
         See `raycast.columns`.
@@ -215,17 +215,17 @@ class FirstHits(SourceGenerator):
         self._prepare()
 
     def _prepare(self) -> None:
-        """Make what all pictures share."""
+        """Compute the data shared by all pictures."""
 
 
 class RayByRay(FirstHits):
-    """Every ray by itself, over the runs of its row and its column, on separable displays.
+    """Separate traversal of every ray, over the runs of its row and column, on separable displays.
 
     Hits are those of `first_hit`: the depths of its borders, in float64, are those of the runs,
-    each computed once for its row or column and not for every ray. Runs left above the nearest
-    surface of all cannot hit, and are passed over; nothing of the kind holds below the farthest
-    one, as a ray under all surfaces hits the next column that has no end. A ray that stays in a
-    rectangle of the picture that covers nothing meets nothing.
+    each computed once for its row or column and not for every ray. Runs with exits above the
+    nearest surface of all cannot hit and are skipped. No such bound exists below the farthest
+    surface, because a ray under all surfaces hits the next column without a back. A ray inside an
+    empty rectangle of the picture has no hit.
     """
 
     def _prepare(self) -> None:
@@ -239,20 +239,20 @@ class RayByRay(FirstHits):
         return self.first_hits(columns_of(rgbd, self._rule))
 
     def first_hits(self, columns: Columns) -> Sources:
-        """As `find`, in a picture's columns."""
+        """Find first hits in a picture's columns."""
         fronts, backs = columns.fronts(), columns.backs()
         nearest, z_min = float(fronts[0].max()), self._rows.exit_mm[-1]  # where all rays end
         runs = [
             _below(axis, nearest, cells)
             for axis, cells in zip((self._rows, self._columns), self.shape, strict=True)
         ]
-        met = (fronts, backs, columns.continue_behind, z_min)
-        found = np.empty(self.result_shape, np.int32)
+        surfaces = (fronts, backs, columns.continue_behind, z_min)
+        sources = np.empty(self.result_shape, np.int32)
         if self.pixels is None:
-            _first_hits(*runs, _covered_above(fronts[0] > -np.inf), *met, found)
+            _first_hits(*runs, _covered_above(fronts[0] > -np.inf), *surfaces, sources)
         else:
-            _first_hits_at(*runs, self.pixels.rows, self.pixels.columns, *met, found[0])
-        return found
+            _first_hits_at(*runs, self.pixels.rows, self.pixels.columns, *surfaces, sources[0])
+        return sources
 
 
 def _below(runs: AxisRuns, nearest_mm: float, cells: int) -> tuple[np.ndarray, ...]:
@@ -284,26 +284,28 @@ def _covered_above(covered: np.ndarray) -> np.ndarray:
 
 
 @compiled(parallel=True)
-def _first_hits(rows, columns, above, fronts, backs, continue_behind, z_min, found):  # type: ignore[no-untyped-def]
+def _first_hits(rows, columns, above, fronts, backs, continue_behind, z_min, sources):  # type: ignore[no-untyped-def]
     """First hits of all panel pixels."""
     tops, bottoms, lefts, rights = rows[3], rows[4], columns[3], columns[4]
-    for i in prange(found.shape[0]):
+    for i in prange(sources.shape[0]):
         # Covered cells to the left, among the rows of cells that this panel row's rays visit.
         to_the_left = above[bottoms[i]] - above[tops[i]]
-        for j in range(found.shape[1]):
-            found[i, j] = HOLE
+        for j in range(sources.shape[1]):
+            sources[i, j] = HOLE
             if to_the_left[rights[j]] > to_the_left[lefts[j]]:
-                found[i, j] = _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min)
+                sources[i, j] = _first_hit(
+                    rows, i, columns, j, fronts, backs, continue_behind, z_min
+                )
 
 
 @compiled(parallel=True)
 def _first_hits_at(  # type: ignore[no-untyped-def]
-    rows, columns, at_row, at_column, fronts, backs, continue_behind, z_min, found
+    rows, columns, at_row, at_column, fronts, backs, continue_behind, z_min, sources
 ):
     """First hits of the panel pixels in some rows and columns, (n,) each."""
     for n in prange(len(at_row)):
         i, j = at_row[n], at_column[n]
-        found[n] = _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min)
+        sources[n] = _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min)
 
 
 @compiled
@@ -313,34 +315,34 @@ def _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min):  # t
     column_begin, column_cell, column_exit = columns[:3]
     _, high, wide = fronts.shape
     r, c = row_begin[i], column_begin[j]
-    came, passed_over, behind = np.inf, HOLE, False
+    entry_depth, passed_over, behind = np.inf, HOLE, False
     while True:
-        row_left, column_left = row_exit[r], column_exit[c]
-        left = max(row_left, column_left)
+        row_depth, column_depth = row_exit[r], column_exit[c]
+        exit_depth = max(row_depth, column_depth)
         row, column = row_cell[r], column_cell[c]
         if 0 <= row < high and 0 <= column < wide:
-            met = _met(fronts, backs, row, column, came, left)
-            if met >= 0:
-                return (met * high + row) * wide + column
-            if met == _OVER:
+            hit = _is_hit(fronts, backs, row, column, entry_depth, exit_depth)
+            if hit >= 0:
+                return (hit * high + row) * wide + column
+            if hit == _OVER:
                 passed_over = row * wide + column
-            elif met == _OVER_NOTHING:
+            elif hit == _OVER_NOTHING:
                 passed_over = HOLE
             else:
                 behind = True
-        if left <= z_min:
+        if exit_depth <= z_min:
             return passed_over if behind and continue_behind else HOLE
-        came = left
-        r += row_left >= left
-        c += column_left >= left
+        entry_depth = exit_depth
+        r += row_depth >= exit_depth
+        c += column_depth >= exit_depth
 
 
 class NonSeparable(FirstHits):
-    """First hits of rays that share nothing: hexagonal lattices, arrays turned or tilted.
+    """First hits of rays without shared rows or columns: hexagonal, rotated or tilted arrays.
 
-    Every ray, or those of a list, by itself; in blocks of panel rows, so that memory is small.
-    Coordinates are float64 from the pixel's position, no longer whole numbers: a ray that meets a
-    corner of cells, or the exact height of a column, may fall to either side by rounding.
+    Each ray is traced separately, in blocks of panel rows to limit memory. Coordinates are float64
+    from the pixel's position, not whole numbers: rounding may move a ray through a corner of cells,
+    or at the exact height of a column, to either side.
     """
 
     def find(self, rgbd: RGBD) -> Sources:
@@ -350,54 +352,57 @@ class NonSeparable(FirstHits):
         z_min, z_max = self.display.depth_range_mm
         # Above the nearest surface nothing is hit; just above it, a cell left exactly there counts.
         z_max = min(z_max, float(np.nextafter(np.float64(fronts[0].max()), np.inf)))
-        found = np.full(self.result_shape, HOLE, np.int32)
+        sources = np.full(self.result_shape, HOLE, np.int32)
         if z_max <= z_min:
-            return found
-        met = (fronts, backs, columns.continue_behind)
+            return sources
+        surfaces = (fronts, backs, columns.continue_behind)
         for lensed, cells, at in ray_blocks(self):
-            _free_first_hits(lensed, *met, cells, z_min, z_max, found[at])
-        return found
+            _free_first_hits(lensed, *surfaces, cells, z_min, z_max, sources[at])
+        return sources
 
 
 def ray_blocks(
-    made: SourceGenerator,
+    generator: SourceGenerator,
 ) -> Iterator[tuple[np.ndarray, tuple[np.ndarray, ...], tuple[slice, slice]]]:
-    """Rays of all that a generator makes, a block of panel rows at a time.
+    """Rays of all pixels of a generator, in blocks of panel rows.
 
     Yields
     ------
     lensed : (block rows, columns) bool
-        Whether they pass a lens.
+        True for rays through a lens.
     cells : four (block rows, columns) float64
         See `free_cell_rays`.
     at : (rows, columns) slices
-        Where in what is made they lie; of a list of pixels, a block is one row of those it has.
+        Position of the block in the result; for a list of pixels, a block is one row of its pixels.
     """
-    pixel_offset = float(made.pixel_offset[0]), float(made.pixel_offset[1])
-    for rows in row_blocks(made.display):
+    pixel_offset = float(generator.pixel_offset[0]), float(generator.pixel_offset[1])
+    for rows in row_blocks(generator.display):
         at = (rows, slice(None))
-        if made.pixels is None:
-            rays = pixel_rays(made.display, rows, pixel_offset)
-            yield rays.lens >= 0, free_cell_rays(made.shape, made.pixel_mm, rays), at
+        if generator.pixels is None:
+            rays = pixel_rays(generator.display, rows, pixel_offset)
+            yield rays.lens >= 0, free_cell_rays(generator.shape, generator.pixel_mm, rays), at
             continue
-        first, end = np.searchsorted(made.pixels.rows, (rows.start, rows.stop))
+        first, end = np.searchsorted(generator.pixels.rows, (rows.start, rows.stop))
         if first == end:
             continue
-        rays = pixel_rays(made.display, rows, pixel_offset)
-        few = made.pixels.rows[first:end] - rows.start, made.pixels.columns[first:end]
-        cells = free_cell_rays(made.shape, made.pixel_mm, rays)
-        picked = tuple(coordinate[few][None] for coordinate in cells)
+        rays = pixel_rays(generator.display, rows, pixel_offset)
+        listed_pixels = (
+            generator.pixels.rows[first:end] - rows.start,
+            generator.pixels.columns[first:end],
+        )
+        cells = free_cell_rays(generator.shape, generator.pixel_mm, rays)
+        picked = tuple(coordinate[listed_pixels][None] for coordinate in cells)
         yield np.ones((1, end - first), bool), picked, (slice(None), slice(first, end))
 
 
 @compiled(parallel=True)
-def _free_first_hits(lensed, fronts, backs, continue_behind, rays, z_min, z_max, found):  # type: ignore[no-untyped-def]
-    """`first_hit` of the pixels under lenses, into `found`; rays as of `free_cell_rays`."""
+def _free_first_hits(lensed, fronts, backs, continue_behind, rays, z_min, z_max, sources):  # type: ignore[no-untyped-def]
+    """`first_hit` of the pixels under lenses, into `sources`; rays as of `free_cell_rays`."""
     u0, du, v0, dv = rays
-    for i in prange(found.shape[0]):
-        for j in range(found.shape[1]):
+    for i in prange(sources.shape[0]):
+        for j in range(sources.shape[1]):
             if lensed[i, j]:
-                found[i, j] = first_hit(
+                sources[i, j] = first_hit(
                     fronts, backs, continue_behind,
                     u0[i, j], du[i, j], 1.0, v0[i, j], dv[i, j], 1.0, z_min, z_max,
                 )  # fmt: skip

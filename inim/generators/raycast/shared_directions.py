@@ -1,13 +1,13 @@
-"""First hits of every panel pixel's ray in a picture's columns, by the fastest way there is.
+"""First hits of every panel pixel's ray in a picture's columns, with the fastest method available.
 
-A ray is in a cell between the depths at which it enters and leaves it; the first cell, and in it
-the nearest layer, whose column reaches into that span is hit: ``front >= exit`` and
+A ray is in a cell between its entry depth and its exit depth. The first cell, and in it
+the nearest layer, whose column overlaps this interval is hit: ``front >= exit`` and
 ``back <= entry``. The last cell ends at z_min.
 
-Where one list of cells per direction serves all lenses, the front surface of a picture is laid out
-by phases (`raycast.polyphase`). Of a layered depth image, what lies deeper is little: only its
-cells are written, and looked at by rays that passed behind what is before them. Solid columns,
-behind which no ray passes, have a loop of their own.
+If one list of cells per direction serves all lenses, the front surface of a picture is stored
+in phases (`raycast.polyphase`). The deeper layers of a layered depth image are sparse: only their
+cells are stored, and tested by rays that passed behind the previous layers. Solid columns,
+behind which no ray passes, have a separate loop.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class SharedDirections(PhaseGenerator):
         self._reach = phases.row_reach(lists.row, lists.first[: -1 : lists.pixels])
         # Offsets run along rows of slots of one phase: which of them each entry lies in.
         self._phase_row = self._offset // phases.depth.shape[3]
-        self._deeper = _Deeper.none(phases)
+        self._deeper_layers = _Deeper.none(phases)
         self._slots = phases.slots(shape) if rule == LAYERS else np.empty(0, np.int32)
 
     def _run(
@@ -83,17 +83,18 @@ class SharedDirections(PhaseGenerator):
         phases, lists, lenses = self._phases, self._lists, self.display.lens_columns
         row_stride = phases.depth[0].size
         deeper = columns.layers[1:]
-        if len(deeper) != len(self._deeper.held):
-            self._deeper = _Deeper.none(phases, len(deeper))
-        self._deeper.hold(deeper, payloads[1:], self._slots)
-        held = self._deeper
+        if len(deeper) != len(self._deeper_layers.occupied):
+            self._deeper_layers = _Deeper.none(phases, len(deeper))
+        self._deeper_layers.hold(deeper, payloads[1:], self._slots)
+        deeper_phases = self._deeper_layers
         run = _run_layered if deeper else _run_surface if columns.end else _run_solid
         run(
             self.display.lens_rows, lists.pixels,
             (
                 phases.depth.reshape(-1), phases.back.reshape(-1), phases.payload.reshape(-1),
-                held.front, held.back, held.payload, row_stride,
-                row_stride // phases.depth.shape[3], phases.nearest, phases.farthest, held.nearest,
+                deeper_phases.front, deeper_phases.back, deeper_phases.payload, row_stride,
+                row_stride // phases.depth.shape[3], phases.nearest,
+                phases.farthest, deeper_phases.nearest,
             ),
             (
                 lists.first, self._offset, self._phase_row, self._reach, lists.exit_mm,
@@ -109,17 +110,17 @@ class SharedDirections(PhaseGenerator):
 
 @dataclass(frozen=True)
 class _Deeper:
-    """Phases of all layers but the first, (layers, slots); taken over from picture to picture.
+    """Phases of all layers except the first, (layers, slots), reused for later pictures.
 
     Attributes
     ----------
     front, back : float32
-        -inf where there is no layer; anything.
+        -inf, and any value, where no layer exists.
     payload : uint32
     nearest : (rows of slots, strips) float32
-        Greatest depth of what a strip of lenses can reach of them.
-    held : list of int32 array
-        The slots of each layer that hold something.
+        Greatest depth within reach of a strip of lenses.
+    occupied : list of int32 array
+        Occupied slots of each layer.
     reach : int
         Slots across that the rays of one lens can reach.
     """
@@ -128,7 +129,7 @@ class _Deeper:
     back: np.ndarray
     payload: np.ndarray
     nearest: np.ndarray
-    held: list[np.ndarray]
+    occupied: list[np.ndarray]
     reach: int
 
     @classmethod
@@ -146,10 +147,10 @@ class _Deeper:
         )
 
     def hold(self, layers: Sequence[Layer], words: Sequence[np.ndarray], slots: np.ndarray) -> None:
-        """Hold other layers, as many; only cells that hold something, or did, are touched."""
+        """Store the same number of other layers; only cells occupied now or before change."""
         self.nearest[:] = -np.inf
         for number, (layer, word) in enumerate(zip(layers, words, strict=True)):
-            self.front[number][self.held[number]] = -np.inf
+            self.front[number][self.occupied[number]] = -np.inf
             cells = np.flatnonzero(layer.covered)
             own = slots[cells]
             reached = own >= 0
@@ -160,7 +161,7 @@ class _Deeper:
             )  # fmt: skip
             if number == 0:
                 _bound(own, self.front[0], self.reach, self.nearest)
-            self.held[number] = own
+            self.occupied[number] = own
 
 
 @compiled
@@ -184,10 +185,11 @@ def _bound(own, fronts, reach, nearest):  # type: ignore[no-untyped-def]
 
 
 def _row_loop(columns_end: bool, layered: bool) -> Callable[..., None]:
-    """One row of lenses, a panel row and a strip at a time; see `raycast.polyphase`.
+    """Compile the loop over one row of lenses, one panel row and strip at a time; see
+    `raycast.polyphase`.
 
-    Compiled apart for columns without an end, for those of one layer and for more: what one kind
-    does not need would cost the others a third of their time.
+    There are separate versions for columns without backs, for one layer and for more: a common
+    version would take a third longer.
     """
 
     @compiled
@@ -211,7 +213,7 @@ def _row_loop(columns_end: bool, layered: bool) -> Callable[..., None]:
                     k, end = np.uintp(first[direction]), np.uintp(first[direction + 1])
                     while k < end and exits[k] > most:
                         k += np.uintp(1)
-                    begin, searching, shown = k, all_lanes(), same(empty)
+                    begin, searching, payloads = k, all_lanes(), same(empty)
                     behind = no_lanes()
                     while k < end:
                         if columns_end and not layered and entries[k] < least:
@@ -222,12 +224,12 @@ def _row_loop(columns_end: bool, layered: bool) -> Callable[..., None]:
                             behind = either(behind, hit)
                             below = hit
                             hit = both(below, at_least(same(entries[k]), load(back, cell)))
-                        shown = choose(hit, load(payload, cell), shown)
+                        payloads = choose(hit, load(payload, cell), payloads)
                         searching = but_not(searching, hit)
                         # Layers begin ever farther back: rays above one are above those behind.
                         if layered and deeper_nearest[first_row + phase_row[k], s] >= exits[k]:
-                            searching, shown = _hit_deeper(
-                                but_not(below, hit), searching, shown, same(exits[k]),
+                            searching, payloads = _hit_deeper(
+                                but_not(below, hit), searching, payloads, same(exits[k]),
                                 same(entries[k]), cell, deeper_front, deeper_back, deeper_payload,
                             )  # fmt: skip
                         if not any_lane(searching):
@@ -243,9 +245,9 @@ def _row_loop(columns_end: bool, layered: bool) -> Callable[..., None]:
                             depth = load(front, cell)
                             over = both(lost, less(depth, same(exits[k])))
                             covered = both(over, less(same(np.float32(-np.inf)), depth))
-                            shown = choose(covered, load(payload, cell), shown)
+                            payloads = choose(covered, load(payload, cell), payloads)
                             lost = but_not(lost, over)
-                    store(strip, np.uintp(u) * _LANES, shown)
+                    store(strip, np.uintp(u) * _LANES, payloads)
                 write_strip(strip, columns, start, pixels, out[m * pixels + v])
 
     row: Callable[..., None] = run_row
@@ -253,17 +255,17 @@ def _row_loop(columns_end: bool, layered: bool) -> Callable[..., None]:
 
 
 @compiled
-def _hit_deeper(below, searching, shown, left, came, cell, fronts, backs, payloads):  # type: ignore[no-untyped-def]
-    """What is searched for and shown, once lanes below the front surface met what lies deeper."""
+def _hit_deeper(below, searching, word, exit_z, entry_z, cell, fronts, backs, words):  # type: ignore[no-untyped-def]
+    """Search state and payloads after a test of the lanes below the front against deeper layers."""
     layer = 0
     while layer < len(fronts) and any_lane(below):
-        below = both(below, at_least(load(fronts[layer], cell), left))
-        hit = both(below, at_least(came, load(backs[layer], cell)))
-        shown = choose(hit, load(payloads[layer], cell), shown)
+        below = both(below, at_least(load(fronts[layer], cell), exit_z))
+        hit = both(below, at_least(entry_z, load(backs[layer], cell)))
+        word = choose(hit, load(words[layer], cell), word)
         searching = but_not(searching, hit)
         below = but_not(below, hit)
         layer += 1
-    return searching, shown
+    return searching, word
 
 
 _solid_row, _surface_row, _layered_row = (
@@ -274,28 +276,28 @@ _solid_row, _surface_row, _layered_row = (
 
 
 @compiled(parallel=True)
-def _run_solid(rows, pixels, met, lists, shown, out):  # type: ignore[no-untyped-def]
+def _run_solid(rows, pixels, picture, lists, payload_of, out):  # type: ignore[no-untyped-def]
     """All lens rows of columns without an end, shared among the threads."""
     for m in prange(rows):
         strip = np.empty(pixels * LANES, np.uint32)
         # The loop's own index is unsigned: passed on as it is, the row is compiled twice.
-        _solid_row(np.int64(m), *met, *lists, *shown, strip, out)
+        _solid_row(np.int64(m), *picture, *lists, *payload_of, strip, out)
 
 
 @compiled(parallel=True)
-def _run_surface(rows, pixels, met, lists, shown, out):  # type: ignore[no-untyped-def]
+def _run_surface(rows, pixels, picture, lists, payload_of, out):  # type: ignore[no-untyped-def]
     """All lens rows of columns of one layer that end."""
     for m in prange(rows):
         strip = np.empty(pixels * LANES, np.uint32)
-        _surface_row(np.int64(m), *met, *lists, *shown, strip, out)
+        _surface_row(np.int64(m), *picture, *lists, *payload_of, strip, out)
 
 
 @compiled(parallel=True)
-def _run_layered(rows, pixels, met, lists, shown, out):  # type: ignore[no-untyped-def]
+def _run_layered(rows, pixels, picture, lists, payload_of, out):  # type: ignore[no-untyped-def]
     """All lens rows of layered columns."""
     for m in prange(rows):
         strip = np.empty(pixels * LANES, np.uint32)
-        _layered_row(np.int64(m), *met, *lists, *shown, strip, out)
+        _layered_row(np.int64(m), *picture, *lists, *payload_of, strip, out)
 
 
 # Of usual pictures, with sides: what tables are made for is not known before a picture comes.
@@ -311,22 +313,22 @@ def first_hits(
     samples: int | str,
     mask: np.ndarray | None,
 ) -> SourceGenerator:
-    """The generator of first hits in the columns of pictures.
+    """Create the generator of first hits in the columns of pictures.
 
     Parameters
     ----------
     name : str
-        Of the algorithm, for errors.
+        Name of the algorithm, for error messages.
     display, shape, pixel_mm, mask :
         See `inim.generators.prepare`.
     rule : str
-        What the columns are; see `raycast.columns`.
+        Rule of the columns; see `raycast.columns`.
     samples : {1, 2, 4}
 
     Raises
     ------
     UsageError
-        Another number of samples, or rays so long that they are a slip.
+        An invalid number of samples, or rays of implausible length.
     """
     if str(samples) not in ("1", "2", "4"):
         raise UsageError(f"{name}: samples = {samples!r}; use 1, 2 or 4")

@@ -1,14 +1,12 @@
 """Vectors of neighbouring lenses, for compiled kernels.
 
-`LANES` lenses are worked on at once: their depths, colours and decisions are values of their own
-in a kernel (`Lanes`), which the compiler keeps in vector registers, whatever their width on the
-machine. Written as loops over arrays, the same work goes through memory after every step, and only
-some forms of it become vectors at all.
+Kernels process `LANES` lenses at once: their depths, colours and decisions are separate values
+(`Lanes`), which the compiler keeps in vector registers, for any register width. Loops over arrays
+would pass through memory after every step, and only some of them would be vectorised.
 
-Nothing here checks bounds: a load or store reaches `LANES` elements from its index.
+Bounds are not checked: a load or store reaches `LANES` elements from its index.
 
-Numba keeps compiled kernels by the file they stand in, whatever they call: after a change here run
-`make clean`, or old kernels meet new ones.
+Stored kernels are compiled again if this file changes, see `inim.backend.kernels`.
 """
 
 from __future__ import annotations
@@ -57,7 +55,7 @@ class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
 
 
 def _simple(build: Callable[..., Any]) -> Callable[..., Any]:
-    """Code generation from what the instructions are, given the arguments."""
+    """Code generator that applies one instruction to the arguments."""
     return lambda context, builder, signature, arguments: build(builder, *arguments)
 
 
@@ -101,8 +99,8 @@ def same(typing, number):  # type: ignore[no-untyped-def]
 
 def _filled(builder: Any, value: Any) -> Any:
     undefined = ir.Constant(ir.VectorType(value.type, LANES), ir.Undefined)
-    one = builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
-    return _shuffle(builder, one, undefined, [0] * LANES)
+    vector = builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
+    return _shuffle(builder, vector, undefined, [0] * LANES)
 
 
 @intrinsic
@@ -121,44 +119,44 @@ def no_lanes(typing):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def lanes_of(typing, bits):  # type: ignore[no-untyped-def]
-    """Flags from the bits of an unsigned integer, as many as it has; the lowest comes first."""
+    """Flags from the bits of an unsigned integer, lowest bit first."""
     flags = Lanes("flag", bits.bitwidth)
     return flags(bits), _simple(lambda builder, bits: builder.bitcast(bits, flags.vector))
 
 
 @intrinsic
 def at_least(typing, a, b):  # type: ignore[no-untyped-def]
-    """Where a >= b."""
+    """Flags of lanes with a >= b."""
     return a.flags(a, a), _simple(lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
 
 
 @intrinsic
 def less(typing, a, b):  # type: ignore[no-untyped-def]
-    """Where a < b; nowhere with NaN."""
+    """Flags of lanes with a < b; false for NaN."""
     return a.flags(a, a), _simple(lambda builder, a, b: builder.fcmp_ordered("<", a, b))
 
 
 @intrinsic
 def both(typing, a, b):  # type: ignore[no-untyped-def]
-    """Where two flags are set."""
+    """Flags set in both arguments."""
     return a(a, a), _simple(lambda builder, a, b: builder.and_(a, b))
 
 
 @intrinsic
 def either(typing, a, b):  # type: ignore[no-untyped-def]
-    """Where a flag is set."""
+    """Flags set in either argument."""
     return a(a, a), _simple(lambda builder, a, b: builder.or_(a, b))
 
 
 @intrinsic
 def but_not(typing, a, b):  # type: ignore[no-untyped-def]
-    """Where the first flag is set and the second is not."""
+    """Flags set in the first argument but not in the second."""
     return a(a, a), _simple(lambda builder, a, b: builder.and_(a, builder.not_(b)))
 
 
 @intrinsic
 def any_lane(typing, flags):  # type: ignore[no-untyped-def]
-    """Whether a flag is set in any lane."""
+    """True if a flag is set in any lane."""
     bits = ir.IntType(flags.count)
 
     def build(builder, flags):  # type: ignore[no-untyped-def]

@@ -1,13 +1,13 @@
-"""Several rays per panel pixel, averaged in linear light, and a ray per sub-pixel.
+"""Supersampling: several rays per panel pixel, averaged in linear light, and rays per sub-pixel.
 
 One ray per pixel aliases: an elemental image is a small, sharp picture of the scene, and textures
 and silhouettes finer than its pixels flicker.
 
-A red stripe at the left of its pixel sends its rays through the lens from there, a third of a pixel
-beside the green one's: each colour channel is a picture of its own, seen through points of its own.
+The rays of a red stripe start at the left of the pixel, a third of a pixel from the green stripe's:
+each colour channel is a separate image with its own rays.
 
-Only where a pixel's rays meet different things is there something to average. Elsewhere, and that
-is most of a panel, the mean of equal colours is that colour, bit for bit: shares are powers of two.
+Only pixels whose rays have different sources are averaged. In all others, most of a panel, the mean
+of equal colours is that colour, bit for bit, because the weights are powers of two.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ _STEPS = 4096
 def averaged(
     display: Display, samples: int, make: Callable[[PixelOffset], SourceGenerator]
 ) -> SourceGenerator:
-    """A generator of one or several rays per panel pixel, or per sub-pixel where it has some.
+    """Generator with one or several rays per panel pixel or sub-pixel.
 
     Parameters
     ----------
     display : Display
     samples : {1, 2, 4}
         Rays through the centre; through two points on the diagonal; through the centres of the
-        quarters of what shines (`Display.pixel_fill`). Colours are averaged in linear light, a hole
-        counting as black.
+        quarters of the emitting area (`Display.pixel_fill`). Colours are averaged in linear light,
+        and a hole counts as black.
     make : callable
-        Makes the generator of the rays through one place of every pixel.
+        Creates the generator of the rays through one point of every pixel.
     """
 
     def of_subpixel(subpixel: SubPixel) -> SourceGenerator:
@@ -63,7 +63,7 @@ def averaged(
 
 
 def _sampled_places(samples: int, subpixel: SubPixel, pixel_fill: float) -> tuple[PixelOffset, ...]:
-    """Centres of the quarters of what shines of a pixel, that each sample count looks through.
+    """Ray offsets for a sample count: centres of the quarters of a pixel's emitting area.
 
     Parameters
     ----------
@@ -81,16 +81,16 @@ def _sampled_places(samples: int, subpixel: SubPixel, pixel_fill: float) -> tupl
 
 
 class Supersampled(SourceGenerator):
-    """A generator that averages the colours of several rays per pixel.
+    """Generator that averages the colours of several rays per pixel.
 
     Its sources are those of the pixel centres.
 
     Parameters
     ----------
     make : callable
-        Makes the generator of the rays through one place of every pixel.
-    places : sequence of Aside
-        Two or four.
+        Creates the generator of the rays through one point of every pixel.
+    places : sequence of PixelOffset
+        Two or four offsets.
     """
 
     def __init__(
@@ -98,8 +98,8 @@ class Supersampled(SourceGenerator):
     ) -> None:
         self._make = make
         self._each = [make(place) for place in places]
-        one = self._each[0]
-        super().__init__(one.display, one.shape, one.pixel_mm, one.pixels)
+        first = self._each[0]
+        super().__init__(first.display, first.shape, first.pixel_mm, first.pixels)
 
     @cached_property
     def _centre(self) -> SourceGenerator:
@@ -112,21 +112,21 @@ class Supersampled(SourceGenerator):
 
     def rays(self) -> list[Ray]:
         """See `SourceGenerator.rays`."""
-        return [ray for one in self._each for ray in one.rays()]
+        return [ray for generator in self._each for ray in generator.rays()]
 
     @cached_property
-    def _found(self) -> np.ndarray:
-        """Where `samples` are written; kept for the next picture."""
+    def _sources(self) -> np.ndarray:
+        """Arrays for `samples`, reused for the next picture."""
         return np.empty((len(self._each), *self.result_shape), np.int32)
 
     def samples(self, rgbd: RGBD) -> np.ndarray:
         """Sources of each ray of every pixel, (rays, rows, columns), until the next call."""
-        for one, found in zip(self._each, self._found, strict=True):
-            one.sources(rgbd, found)
-        return self._found
+        for generator, sources in zip(self._each, self._sources, strict=True):
+            generator.sources(rgbd, sources)
+        return self._sources
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
-        """See `Generator.generate`; a hole counts as nothing."""
+        """See `Generator.generate`; a hole counts as black."""
         out = self.place(rgbd, out)
         palette = rgbd.palette.reshape(-1, rgbd.color.shape[2])
         if rgbd.color.dtype != np.uint8:
@@ -145,18 +145,18 @@ class Supersampled(SourceGenerator):
 
 
 class Subpixelled(SourceGenerator):
-    """A generator that takes each colour channel from a generator of its sub-pixels.
+    """Generator that takes each colour channel from a separate generator of its sub-pixels.
 
-    Its sources are those of the pixel centres. Pixels that lack a colour (`SubPixel.turn`) are
-    given what their neighbours' place of it would show: panels are driven by whole pixels, and
-    leave out what they cannot show. In RGBA, alpha is the mean of the three.
+    Its sources are those of the pixel centres. Pixels that lack a colour (`SubPixel.turn`) receive
+    the value of their neighbours' sub-pixel: panels are driven by whole pixels and
+    omit colours that they cannot show. In RGBA, alpha is the mean of the three.
 
     Parameters
     ----------
     pattern : str
         `Display.subpixels`.
     make : callable
-        Makes the generator of what one sub-pixel of every pixel shows.
+        Creates the generator of one sub-pixel of every pixel.
     """
 
     def __init__(self, pattern: str, make: Callable[[SubPixel], SourceGenerator]) -> None:
@@ -165,9 +165,9 @@ class Subpixelled(SourceGenerator):
         for channel, subpixel in enumerate(SUBPIXELS[pattern]):
             place = SubPixel(subpixel.right, subpixel.width)  # wherever it shines
             channels.setdefault(place, []).append(channel)
-        self._each = [(make(place), shown) for place, shown in channels.items()]
-        one = self._each[0][0]
-        super().__init__(one.display, one.shape, one.pixel_mm, one.pixels)
+        self._each = [(make(place), channel) for place, channel in channels.items()]
+        first = self._each[0][0]
+        super().__init__(first.display, first.shape, first.pixel_mm, first.pixels)
 
     @cached_property
     def _centre(self) -> SourceGenerator:
@@ -182,20 +182,20 @@ class Subpixelled(SourceGenerator):
         """See `SourceGenerator.rays`."""
         return [
             ray._replace(channels=tuple(channels))
-            for one, channels in self._each
-            for ray in one.rays()
+            for generator, channels in self._each
+            for ray in generator.rays()
         ]
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""
         out = self.place(rgbd, out)
         alpha = np.full(out.shape[:2], 1, np.uint16)  # to round the mean to the nearest
-        for one, channels in self._each:
-            shown = one.generate(rgbd)
+        for generator, channels in self._each:
+            image = generator.generate(rgbd)
             for channel in channels:
-                out[..., channel] = shown[..., channel]
+                out[..., channel] = image[..., channel]
             if out.dtype == np.uint8:
-                alpha += shown[..., 3] * np.uint16(len(channels))
+                alpha += image[..., 3] * np.uint16(len(channels))
         if out.dtype == np.uint8:
             out[..., 3] = alpha // 3
         return out
@@ -203,9 +203,10 @@ class Subpixelled(SourceGenerator):
 
 @cache
 def _transfer() -> tuple[np.ndarray, ...]:
-    """Light and opacity of each 8-bit code; code at each step's begin; light that begins each code.
+    """Light and opacity of each 8-bit code, code at the start of each step, and lowest light of
+    each code.
 
-    Exactly what `inim.image.color` makes of a float32: no interpolation.
+    The codes equal those of `inim.image.color` for float32, without interpolation.
     """
     opacity = np.arange(256, dtype=np.float32) / np.float32(255)
     # The codes grow with the light, and positive floats with their bits: bisect on these.
@@ -259,8 +260,8 @@ def _decode(codes, light, opacity, linear):  # type: ignore[no-untyped-def]
 def _mean_codes(sources, words, linear, step_code, code_begins, mean):  # type: ignore[no-untyped-def]
     """Mean RGBA words over (2 or 4, rows, columns) sources of colours, in their light (n, 4).
 
-    A source's colour is one on from it: a hole's is the first. Of two rays the other two are taken
-    to be holes, which add nothing.
+    A source's colour is at the next index, a hole's at the first. With two rays the other two count
+    as holes, which add zero.
     """
     rays, rows, columns = sources.shape
     share = np.float32(1 / rays)
@@ -287,7 +288,7 @@ def _mean_codes(sources, words, linear, step_code, code_begins, mean):  # type: 
 
 @compiled
 def _colour(source):  # type: ignore[no-untyped-def]
-    """Where a source's colour is."""
+    """Index of a source's colour."""
     return np.uintp(max(source, -1) + 1)
 
 
