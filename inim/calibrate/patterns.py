@@ -22,7 +22,7 @@ import numpy as np
 from inim.display import Display
 from inim.documents.calibration import PatternsDocument
 from inim.documents.document import encode
-from inim.files.image import encoded
+from inim.files.image import encode_image
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.version import __version__
 from inim.worker.output import published
@@ -105,7 +105,7 @@ def write_patterns(display: Display, folder: Path) -> Path:
     pictures = {}
     for name, codes in patterns((rows, columns)):
         grey = np.broadcast_to(codes, (rows, columns))
-        pictures[f"{name}.png"] = encoded(grey, "PNG", optimize=True)
+        pictures[f"{name}.png"] = encode_image(grey, "PNG", optimize=True)
     about = PatternsDocument(
         inim_version=__version__,
         display=display.name,

@@ -96,7 +96,7 @@ def new_scene(
     """
     from inim.files.mesh import UNIT_MM, read_mesh
     from inim.files.splat_ply import is_splats
-    from inim.files.triangle_mesh import read_bytes, smoothed
+    from inim.files.triangle_mesh import read_bytes, add_vertex_normals
     from inim.scene.relic_scene import bounds, merged, placed, scene_xml
 
     source, out = Path(source), Path(out)
@@ -111,7 +111,7 @@ def new_scene(
     meshes = read_mesh(source, warn)
     unit, up = _unit_and_up(source, meshes, unit, up)
     turn = _turn(up, front or _USUAL_FRONT[up])
-    parts = placed(merged([smoothed(m) for m in meshes]), turn, UNIT_MM[unit])
+    parts = placed(merged([add_vertex_normals(m) for m in meshes]), turn, UNIT_MM[unit])
     files = _part_files(out, parts)
     _check_targets(source, [out, *files], force)
     low, high = bounds(parts)

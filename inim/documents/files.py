@@ -38,7 +38,7 @@ def read_document(path: Path, remedy: str, *types: type[_D]) -> _D:
         Missing, not a regular file, too large, not strict JSON, or not as its type declares. The
         line names the file and the place in the document.
     """
-    data = read_file(path, _LARGEST_BYTES, way_out=remedy)
+    data = read_file(path, _LARGEST_BYTES, remedy=remedy)
     try:
         value_count = data.count(b",")
         if value_count > _LARGEST_VALUE_COUNT:

@@ -1,4 +1,4 @@
-"""Images in and out: linear float32 EXR and 8-bit sRGB PNG, written whole or not at all."""
+"""Reading and atomic writing of images: linear float32 EXR and 8-bit sRGB PNG."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.process.atomic_file import atomic_file
 from inim.version import __version__
 
-# A picture beyond this is a bomb or a mistake; 8K panels have 33 million pixels.
+# Limit against decompression bombs; 8K panels have 33 million pixels.
 _MOST_PIXELS = 2**28
-# Compressed files unfold: to this much whatever their size, beyond it to this many times it.
-# Noisy pictures unfold to twice their size, painted ones to tens of times, bombs to a thousand.
+# Limits on decoded data: this many bytes for any file, or this multiple of the file size. Noisy
+# pictures expand by a factor of 2, painted ones by tens, decompression bombs by a thousand.
 _MOST_UNFOLDED_BYTES = 2**28
 _MOST_UNFOLDING = 100
-# Without a store: it keeps nothing.
+# A cache without a folder stores no results.
 _NO_CACHE = ResultCache()
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` fill a temporary file beside `path`, then rename it into place.
+    """Let `write` fill a temporary file next to `path`, then rename it into place.
 
     Raises
     ------
     FileError
-        When the folder cannot be written or the disk is full; `path` is then as it was.
+        The folder cannot be written or the disk is full; `path` is then unchanged.
     """
     try:
         with atomic_file(path) as temporary:
@@ -54,21 +54,21 @@ def write_png(path: Path, linear: np.ndarray, cache: ResultCache = _NO_CACHE) ->
     """Write (H, W, 3) linear RGB as an 8-bit sRGB PNG."""
     pixels = srgb_codes(linear)
     # Level 1: level 6 costs four times the time for 5 % of the bytes on noisy pictures.
-    data = encoded(pixels, "PNG", cache, compress_level=1)
+    data = encode_image(pixels, "PNG", cache, compress_level=1)
     write_atomically(path, lambda p: p.write_bytes(data))
 
 
-def encoded(pixels: np.ndarray, form: str, cache: ResultCache = _NO_CACHE, **options: Any) -> bytes:
-    """A picture's file in memory, by Pillow.
+def encode_image(pixels: np.ndarray, form: str, cache: ResultCache = _NO_CACHE, **options: Any) -> bytes:
+    """Encode an image as the bytes of a file.
 
     Parameters
     ----------
     pixels : (H, W, 3) uint8
     form : {"PNG", "JPEG"}
     cache : ResultCache
-        Reading a picture from it is faster than compressing it.
+        Stores encoded images, as reading is faster than compressing.
     **options
-        Of Pillow's writer.
+        Options of Pillow's writer.
     """
 
     def make() -> np.ndarray:
@@ -92,19 +92,18 @@ def _pillow_version() -> str:
 
 def write_exr(path: Path, linear: np.ndarray, attributes: Mapping[str, Any] | None = None) -> None:
     """Write (H, W, 3) linear RGB as a one-part float32 EXR."""
-    # Packed, the file is the same, and channels need not be copied apart.
+    # Packed channels give the same file without copies.
     write_exr_parts(path, [({"RGB": linear}, "color")], attributes)
 
 
 def write_rgbd(path: Path, rgbd: RGBD, attributes: Mapping[str, Any] | None = None) -> None:
     """Write an RGB-D picture as a two-part EXR: part 0 R, G, B and A (coverage), part 1 Z.
 
-    Two parts, because a single RGBZ part breaks Mitsuba's textures. Z is millimetres in the
-    display frame, towards the viewer; where nothing is covered, Z is NaN and A is 0.
+    Two parts are needed because a single RGBZ part breaks Mitsuba's textures. Z is in millimetres
+    in the display frame, towards the viewer; in empty pixels, Z is NaN and A is 0.
 
-    A picture of n layers has 3 n parts: `color` and `depth` as above, `back` with the Z at which
-    the solid behind the front ends; then `color.1`, `depth.1`, `back.1` of the next layer, and so
-    on.
+    A picture of n layers has 3 n parts: `color` and `depth` as above, `back` with the Z of the
+    solid's back; then `color.1`, `depth.1`, `back.1` of the next layer, and so on.
     """
     layers = rgbd.layers
     header = {
@@ -126,28 +125,28 @@ def write_rgbd(path: Path, rgbd: RGBD, attributes: Mapping[str, Any] | None = No
 
 def _layer_parts(layer: Layer, number: int) -> list[tuple[dict[str, np.ndarray], str]]:
     """Colour, depth and back of a layer, and the names of their parts."""
-    nothing = np.float32(np.nan)
+    empty = np.float32(np.nan)
     colors = {name: layer.color[..., channel] for channel, name in enumerate("RGB")}
-    channels = {
+    parts = {
         "color": colors | {"A": layer.covered.astype(np.float32)},
-        "depth": {"Z": np.where(layer.covered, layer.front_mm, nothing)},
-        "back": {"Z": np.where(layer.covered, layer.back_mm, nothing)},
+        "depth": {"Z": np.where(layer.covered, layer.front_mm, empty)},
+        "back": {"Z": np.where(layer.covered, layer.back_mm, empty)},
     }
-    return [(made, f"{name}.{number}" if number else name) for name, made in channels.items()]
+    return [(part, f"{name}.{number}" if number else name) for name, part in parts.items()]
 
 
 def read_rgbd(path: Path | str) -> RGBD:
-    """Read what `write_rgbd` wrote: a `LayeredRGBD` where the file holds layers.
+    """Read a file of `write_rgbd`: a `LayeredRGBD` if it contains layers.
 
     Parameters
     ----------
     path : path
-        `rgbd.exr` of a report, or what `inim generate --rgbd` wrote.
+        `rgbd.exr` of a report, or a file from `inim generate --rgbd`.
 
     Raises
     ------
     FileError
-        Missing, damaged, or not an RGB-D picture of this kind.
+        Missing, damaged, or not an RGB-D picture of `inim`.
     """
     path = Path(path)
     parts = _read_parts(path)
@@ -173,10 +172,10 @@ def read_rgbd(path: Path | str) -> RGBD:
 
 
 def _read_layer(parts: list[dict[str, np.ndarray]]) -> Layer:
-    """A layer from the channels of its colour, depth and back."""
+    """Layer from the channels of its colour, depth and back."""
     color, depth, back = parts[0], parts[1]["Z"], parts[2]["Z"]
     rgb = np.stack([color[c] for c in "RGB"], axis=-1)
-    # A back of -inf is one: only what is not there becomes 0.
+    # Replace only missing values: -inf is a valid back.
     back = np.where(np.isnan(back), np.float32(0), back)
     return Layer(rgb, np.nan_to_num(depth), back, color["A"] > 0.5)
 
@@ -211,12 +210,12 @@ def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
 
 
 def check_unfolding(path: Path, bytes_unfolded: int, size: int | None = None) -> None:
-    """Raise `FileError` where a file, or `size` bytes of it, declare more than they can mean."""
+    """Raise `FileError` if a file, or `size` bytes of it, decode to suspiciously many bytes."""
     size = path.stat().st_size if size is None else size
     if bytes_unfolded > max(_MOST_UNFOLDED_BYTES, _MOST_UNFOLDING * size):
         raise FileError(
             f"{path}: unfolds from {size} to {bytes_unfolded} bytes; refused as damaged, save it "
-            "without compression if it is not"
+            "without compression if it is intact"
         )
 
 
@@ -250,17 +249,17 @@ def _write_exr_file(file: Any, path: Path) -> None:
 
 
 def _read_parts(path: Path) -> list[tuple[dict[str, np.ndarray], dict[str, Any]]]:
-    """Channels, float32, and header of each part, checked: OpenEXR accepts truncated files."""
+    """Read float32 channels and header of each part; also detect truncated files."""
     check_file(path)
     try:
-        with hushed():
+        with silence_output():
             import OpenEXR
 
             header = OpenEXR.File(str(path), header_only=True)
             check_unfolding(path, sum(_check_size(path, part.header) for part in header.parts))
             # Separate channels: packed "RGB" arrays would scramble A and Z in odd files.
             parts = OpenEXR.File(str(path), separate_channels=True).parts
-            read = [
+            contents = [
                 ({name: np.asarray(c.pixels) for name, c in part.channels.items()}, part.header)
                 for part in parts
             ]
@@ -269,55 +268,55 @@ def _read_parts(path: Path) -> list[tuple[dict[str, np.ndarray], dict[str, Any]]
     except Exception as error:
         cause = str(error).partition("\n")[0] or type(error).__name__
         raise FileError(f"{path}: not a readable EXR ({cause}); save it again") from error
-    arrays = [pixels for channels, _ in read for pixels in channels.values()]
-    lacking = any(not channels for channels, _ in read)
-    if lacking or not arrays or any(a.size == 0 or a.dtype.kind not in "fu" for a in arrays):
-        raise FileError(f"{path}: the EXR holds no pixels; it may be cut short")
+    arrays = [pixels for channels, _ in contents for pixels in channels.values()]
+    has_empty_part = any(not channels for channels, _ in contents)
+    if has_empty_part or not arrays or any(a.size == 0 or a.dtype.kind not in "fu" for a in arrays):
+        raise FileError(f"{path}: the EXR has no pixels, as it may be truncated; save it again")
     return [
         ({name: pixels.astype(np.float32, copy=False) for name, pixels in channels.items()}, header)
-        for channels, header in read
+        for channels, header in contents
     ]
 
 
-# Descriptor 2 and `sys.stdout` belong to the whole process, so that all threads that ask share one
-# silence: the first begins it, the last ends it. What others say meanwhile is lost, too.
+# Descriptor 2 and `sys.stdout` belong to the whole process, so the first thread that asks silences
+# them and the last one restores them. Other threads' output in between is lost.
 _silence = threading.Lock()
-_asking = 0
+_thread_count = 0
 _undo = contextlib.ExitStack()
 
 
 @contextlib.contextmanager
-def hushed() -> Iterator[None]:
-    """Keep a decoder's own words, hundreds of lines on a damaged file, off stdout and stderr.
+def silence_output() -> Iterator[None]:
+    """Suppress the output of decoders, which is hundreds of lines for damaged files.
 
-    Python's `print` carries some of OpenEXR's, descriptor 2 its others and all of libtiff's.
+    OpenEXR writes to Python's stdout and to descriptor 2, libtiff to descriptor 2.
     """
-    global _asking
+    global _thread_count
     with _silence:
-        if not _asking:
-            _begin_silence()
-        _asking += 1
+        if not _thread_count:
+            _redirect_output()
+        _thread_count += 1
     try:
         yield
     finally:
         with _silence:
-            _asking -= 1
-            if not _asking:
+            _thread_count -= 1
+            if not _thread_count:
                 _undo.close()
 
 
-def _begin_silence() -> None:
-    kept = os.dup(2)
-    _undo.callback(os.close, kept)
-    _undo.callback(os.dup2, kept, 2)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
-    os.close(nowhere)
+def _redirect_output() -> None:
+    stderr_copy = os.dup(2)
+    _undo.callback(os.close, stderr_copy)
+    _undo.callback(os.dup2, stderr_copy, 2)
+    null_device = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null_device, 2)
+    os.close(null_device)
     _undo.enter_context(contextlib.redirect_stdout(io.StringIO()))
 
 
 def _check_size(path: Path, header: Mapping[str, Any]) -> int:
-    """Bytes that a part's pixels take; a FileError where its size is absurd."""
+    """Size of a part's pixels in bytes; `FileError` for implausible sizes."""
     low, high = header["dataWindow"]
     columns, rows = int(high[0]) - int(low[0]) + 1, int(high[1]) - int(low[1]) + 1
     if columns < 1 or rows < 1 or columns * rows > _MOST_PIXELS:

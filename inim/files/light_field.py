@@ -1,17 +1,17 @@
 """4D light fields: sub-aperture views of an EIA, folders of views as in the HCI benchmark, quilts.
 
-A light field is a grid of views: row 0 is seen by the uppermost eye, column 0 by the leftmost. The
-pixels at one place under all lenses send parallel rays, so together they are one view, of one pixel
-per lens. An eye on the left is reached by rays that go left, from pixels to the right of their
-lens's axis: columns of views run against columns of pixels, and so do rows.
+A light field is a grid of views. Row 0 belongs to the uppermost eye, column 0 to the leftmost. The
+pixels at the same position under all lenses emit parallel rays and form one view, with one pixel
+per lens. Rays to an eye on the left start right of the lens axis: the order of view columns is
+opposite to that of pixel columns, and likewise for rows.
 
-Where lenses have a whole number of pixels, views are a permutation of the EIA's pixels; elsewhere a
-view takes, under each lens, the pixel nearest to its place.
+With a whole number of pixels per lens, the views are a permutation of the EIA's pixels. Otherwise a
+view takes the pixel nearest to its position under each lens.
 
-In a view, a point at depth z lies aside of where it is on the axis by z times the view's slope; so
-between neighbouring views it moves by ``d = z s / p`` pixels, for a step s of slope and a pixel p.
-That is the HCI benchmark's disparity: positive nearer than the plane that does not move, which is
-here the lens array. Honauer et al. (2016), https://lightfield-analysis.uni-konstanz.de.
+A view shifts a point at depth z by z times the view's slope. Between adjacent views the point moves
+by ``d = z s / p`` pixels, with the slope step s and the pixel size p. This is the HCI benchmark's
+disparity: positive in front of the plane without shift, here the lens array.
+Honauer et al. (2016), https://lightfield-analysis.uni-konstanz.de.
 """
 
 from __future__ import annotations
@@ -51,10 +51,10 @@ class LightField:
     views : (rows, columns, H, W, 3) uint8, sRGB
         Row 0 from the uppermost eye, column 0 from the leftmost.
     disparity : (H, W) float32, or None
-        Of the centre view: pixels to the next view, positive where nearer.
+        Disparity of the centre view: shift in pixels to the next view, positive if nearer.
     of_display : bool
-        Whether they are an EIA's views, as `write_hci` marks them: what lies on the lens array has
-        no disparity. Of others nobody knows where that plane is.
+        True for views of an EIA, as marked by `write_hci`: disparity is 0 on the lens array. For
+        other light fields the plane of disparity 0 is unknown.
     """
 
     views: NDArray[np.uint8]
@@ -63,7 +63,7 @@ class LightField:
 
 
 def view_grid(display: Display) -> tuple[int, int]:
-    """Rows and columns of views of an EIA: as many as a lens has whole pixels, at least one."""
+    """Rows and columns of views of an EIA: the number of whole pixels per lens, at least one."""
     _check_rows(display)
     down = display.elemental_row_pitch_mm / display.pixel_pitch_mm
     return max(1, int(down + 1e-9)), max(1, int(display.pixels_per_lens + 1e-9))
@@ -72,16 +72,16 @@ def view_grid(display: Display) -> tuple[int, int]:
 def sub_aperture_views(
     eia: np.ndarray, display: Display, grid: tuple[int, int] | None = None
 ) -> np.ndarray:
-    """The views of an EIA.
+    """Extract the views of an EIA.
 
     Parameters
     ----------
     eia : (rows, columns, ...) array
-        Of the display's `eia_shape`.
+        Shape: `eia_shape` of the display.
     display : Display
-        With a square lattice, neither turned nor tilted.
+        Square lattice without rotation or tilt.
     grid : (rows, columns), optional
-        Of views, their directions evenly spread over a lens's field; `view_grid` otherwise.
+        Number of views, evenly spaced over a lens's field; by default `view_grid`.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def sub_aperture_views(
     Raises
     ------
     UsageError
-        Another shape, or a display whose lenses do not stand in rows and columns.
+        Wrong shape, or a display without rows and columns of lenses.
     """
     _check_rows(display)
     if eia.shape[:2] != display.eia_shape:
@@ -107,53 +107,53 @@ def sub_aperture_views(
 def eia_from_views(
     views: np.ndarray, display: Display, shift: float = 0.0, pixel_mm: float | None = None
 ) -> np.ndarray:
-    """The EIA of a light field: each panel pixel shows the view nearest to its direction.
+    """Compute the EIA of a light field: each panel pixel takes the view nearest to its direction.
 
-    The inverse of `sub_aperture_views` where there is one.
+    Inverts `sub_aperture_views` for whole numbers of pixels per lens.
 
     Parameters
     ----------
     views : (view rows, view columns, H, W, ...) array
-        Of any number and size.
+        Any number and size.
     display : Display
-        With a square lattice, neither turned nor tilted.
+        Square lattice without rotation or tilt.
     shift : float
-        Disparity to add, in view pixels: moves all that is seen towards the viewer.
+        Disparity to add, in view pixels; positive values move the scene towards the viewer.
     pixel_mm : float, optional
-        A view's pixel on the array; None stretches the views over all of the array.
+        Size of a view's pixel on the array; by default the views are stretched over the array.
 
     Returns
     -------
     (rows, columns, ...) array, of the views' type
-        Zero beside the array, and where the shift leaves the views.
+        Zero outside the array, and where the shift exceeds the views.
     """
     _check_rows(display)
     down, across, height, width = views.shape[:4]
     cell_x, cell_y = display.elemental_image_pitch_mm, display.elemental_row_pitch_mm
     wide = display.width_mm / width if pixel_mm is None else pixel_mm
     high = display.height_mm / height if pixel_mm is None else pixel_mm
-    column, x = _place(display.columns, _lattice(display, 0), width, display.pitch_mm / wide)
-    row, y = _place(display.rows, _lattice(display, 1), height, display.row_pitch_mm / high)
-    # Against the pixels: the leftmost view from the rightmost pixel, the upper one from the lower.
+    column, x = _view_position(display.columns, _lattice(display, 0), width, display.pitch_mm / wide)
+    row, y = _view_position(display.rows, _lattice(display, 1), height, display.row_pitch_mm / high)
+    # Reversed order: the leftmost view belongs to the rightmost pixel, the upper one to the lowest.
     view_column = np.clip(np.floor((0.5 - x / cell_x) * across), 0, across - 1).astype(int)
     view_row = np.clip(np.floor((0.5 + y / cell_y) * down), 0, down - 1).astype(int)
-    # What comes nearer moves to the right for eyes on the left, and down for eyes above.
+    # Nearer points move to the right for eyes on the left, and down for eyes above.
     column = np.floor(column + shift * (view_column - (across - 1) / 2))
     row = np.floor(row + shift * (view_row - (down - 1) / 2))
-    beside_x = (column < 0) | (column >= width) | (display.columns.lens < 0)
-    beside_y = (row < 0) | (row >= height) | (display.rows.lens < 0)
+    outside_x = (column < 0) | (column >= width) | (display.columns.lens < 0)
+    outside_y = (row < 0) | (row >= height) | (display.rows.lens < 0)
     column = np.clip(column, 0, width - 1).astype(int)
     row = np.clip(row, 0, height - 1).astype(int)
     eia: np.ndarray = views[view_row[:, None], view_column[None, :], row[:, None], column[None, :]]
-    eia[beside_y] = 0
-    eia[:, beside_x] = 0
+    eia[outside_y] = 0
+    eia[:, outside_x] = 0
     return eia
 
 
 def disparity_step_mm(display: Display, across: int, pixel_mm: float) -> float:
-    """Depth on the display of one pixel of disparity.
+    """Depth per pixel of disparity [mm].
 
-    ``p g / (Q / n)``: a view's pixel over the step of slope between n views across a lens's field.
+    ``p g / (Q / n)``: pixel size of a view over the slope step between n views in a lens's field.
     """
     return pixel_mm * display.gap_mm * across / display.elemental_image_pitch_mm
 
@@ -162,23 +162,23 @@ def read_hci(folder: Path) -> LightField:
     """Read a light field in the HCI benchmark's layout.
 
     ``input_Cam000.png`` ..., row by row from the top left; the grid from ``parameters.cfg``
-    (``num_cams_x``, ``num_cams_y``), or a square one without it. The centre view's disparity, if
-    there: ``gt_disp_lowres.pfm`` or ``gt_disp_CamNNN.pfm``.
+    (``num_cams_x``, ``num_cams_y``), or a square one without it. The centre view's disparity is
+    optional: ``gt_disp_lowres.pfm`` or ``gt_disp_CamNNN.pfm``.
 
     Raises
     ------
     FileError
-        A view missing, damaged or of another size; or a grid that does not fit their number.
+        A view is missing, damaged or of another size, or the grid does not match their number.
     """
     if not folder.is_dir():
-        raise FileError(f"{folder}: no such folder; an HCI light field is a folder of views")
+        raise FileError(f"{folder}: no such folder; give the folder of an HCI light field's views")
     numbers = sorted(int(m[1]) for p in folder.iterdir() if (m := _VIEW.fullmatch(p.name)))
     if not numbers:
-        raise FileError(f"{folder}: holds no input_Cam000.png; it is no HCI light field")
+        raise FileError(f"{folder}: contains no input_Cam000.png; give the folder of the views")
     if numbers != list(range(len(numbers))) or len(numbers) > _MOST_VIEWS:
         missing = next(i for i, n in enumerate([*numbers, -1]) if i != n)
         raise FileError(f"{folder}: view input_Cam{missing:03}.png is missing; complete the folder")
-    down, across, of_display = _parameters(folder, len(numbers))
+    down, across, of_display = _read_parameters(folder, len(numbers))
     views: NDArray[np.uint8] | None = None
     for number in numbers:
         picture = _read_view(folder / f"input_Cam{number:03}.png")
@@ -195,15 +195,15 @@ def read_hci(folder: Path) -> LightField:
             )
         views[number] = picture
     assert views is not None
-    shaped = views.reshape(down, across, *views.shape[1:])
-    return LightField(shaped, _disparity(folder, shaped), of_display)
+    grid = views.reshape(down, across, *views.shape[1:])
+    return LightField(grid, _read_disparity(folder, grid), of_display)
 
 
 def centre_disparity(rgbd: RGBD, display: Display, across: int) -> NDArray[np.float32]:
-    """The disparity of the centre view of an EIA's, from the depth of its scene.
+    """Disparity of an EIA's centre view, from the depth of its scene.
 
-    The centre view looks straight back through the lens centres, and so does the depth camera: so
-    each lens has the depth of the picture's pixel that its centre lies in.
+    Centre view and depth camera both look straight back through the lens centres. Each lens takes
+    the depth of the pixel at its centre.
 
     Parameters
     ----------
@@ -215,20 +215,19 @@ def centre_disparity(rgbd: RGBD, display: Display, across: int) -> NDArray[np.fl
     Returns
     -------
     (lens_rows, lens_columns) float32
-        Pixels to the next view, positive in front of the array; NaN where nothing is.
+        Shift in pixels to the next view, positive in front of the array; NaN without surface.
     """
     rows, columns = rgbd.shape
-    # A centre on a pixel's border, of which rounding would choose either side, goes to the right
-    # and below.
+    # For centres on a pixel border, the offset selects the right and lower pixel despite rounding.
     row = rows / 2 - _lattice(display, 1) / rgbd.pixel_mm + 1e-6
     column = columns / 2 + _lattice(display, 0) / rgbd.pixel_mm + 1e-6
-    places = np.ix_(
+    pixels = np.ix_(
         np.clip(np.floor(row), 0, rows - 1).astype(int),
         np.clip(np.floor(column), 0, columns - 1).astype(int),
     )
     step = disparity_step_mm(display, across, display.width_mm / display.lens_columns)
-    found = np.where(rgbd.covered[places], rgbd.depth_mm[places] / step, np.nan)
-    return found.astype(np.float32)
+    disparity = np.where(rgbd.covered[pixels], rgbd.depth_mm[pixels] / step, np.nan)
+    return disparity.astype(np.float32)
 
 
 def write_hci(
@@ -242,23 +241,24 @@ def write_hci(
     Parameters
     ----------
     folder : Path
-        Made if need be; views and disparities in it are replaced.
+        Created if missing; views and disparities in it are replaced.
     views : array
     display : Display, optional
-        Whose EIA they are of: what is known of their geometry goes into ``parameters.cfg``.
+        Display of the EIA; its geometry is written to ``parameters.cfg``.
     disparity : (H, W) array, optional
-        Of the centre view; see `LightField`.
+        Disparity of the centre view; see `LightField`.
     """
     from PIL import Image
 
     down, across, height, width = views.shape[:4]
     for number, view in enumerate(views.reshape(-1, height, width, 3)):
         picture = Image.fromarray(np.ascontiguousarray(view))
-        put = partial(picture.save, format="PNG")
-        write_atomically(folder / f"input_Cam{number:03}.png", put)
+        write_atomically(
+            folder / f"input_Cam{number:03}.png", partial(picture.save, format="PNG")
+        )
     for stale in folder.glob("input_Cam*.png"):
-        found = _VIEW.fullmatch(stale.name)
-        if found and int(found[1]) >= down * across:
+        match = _VIEW.fullmatch(stale.name)
+        if match and int(match[1]) >= down * across:
             stale.unlink()
     for stale in folder.glob(_ANY_DISPARITY):
         stale.unlink()
@@ -279,26 +279,26 @@ def write_hci(
 
 
 def quilt_path(path: Path, columns: int, rows: int, aspect: float) -> Path:
-    """The path of a quilt, whose name says how to cut it up again.
+    """Path of a quilt with its layout in the file name.
 
-    ``NAME_qs8x6a0.75.png`` has 8 columns and 6 rows of views, each 0.75 times as wide as high, as
-    seen. What the name lacks of it is added, and what it says otherwise is replaced.
+    ``NAME_qs8x6a0.75.png`` has 8 columns and 6 rows of views, each with an aspect ratio (width over
+    height) of 0.75. A layout in the given name is replaced.
 
     Raises
     ------
     UsageError
-        Another kind of file.
+        The suffix is not .png.
     """
     if path.suffix.lower() != ".png":
-        raise UsageError(f"--quilt {path}: a quilt is a .png")
+        raise UsageError(f"--quilt {path}: a quilt is a .png; change the file name")
     stem = _QUILT_NAME.sub("", path.stem)
     return path.with_name(f"{stem}_qs{columns}x{rows}a{aspect:.6g}{path.suffix}")
 
 
 def write_quilt(path: Path, views: NDArray[np.uint8], columns: int, rows: int) -> None:
-    """Write views as a quilt: side by side in one picture.
+    """Write views as a quilt: a grid of tiles in one picture.
 
-    Tiles run from left to right and then upwards, as the eye moves from left to right.
+    Tiles run from left to right and then upwards, for eyes from left to right.
 
     Parameters
     ----------
@@ -307,24 +307,26 @@ def write_quilt(path: Path, views: NDArray[np.uint8], columns: int, rows: int) -
     views : (columns * rows, H, W, 3) uint8, sRGB
         From the leftmost eye to the rightmost.
     columns, rows : int
-        Of tiles.
+        Number of tiles.
     """
     from PIL import Image
 
     _, height, width, channels = views.shape
     tiles = views.reshape(rows, columns, height, width, channels)[::-1]
     picture = tiles.swapaxes(1, 2).reshape(rows * height, columns * width, channels)
-    shown = Image.fromarray(picture)
-    write_atomically(path, lambda p: shown.save(p, "PNG", compress_level=1))
+    quilt = Image.fromarray(picture)
+    write_atomically(path, lambda p: quilt.save(p, "PNG", compress_level=1))
 
 
-def _parameters(folder: Path, count: int) -> tuple[int, int, bool]:
-    """Rows and columns of the grid of views, and whether `write_hci` had a display."""
+def _read_parameters(folder: Path, count: int) -> tuple[int, int, bool]:
+    """Rows and columns of the grid of views, and True if they are views of an EIA."""
     path = folder / _PARAMETERS
     if not path.exists():
         side = round(count**0.5)
         if side * side != count:
-            raise FileError(f"{path}: missing, and {count} views make no square; state num_cams_x")
+            raise FileError(
+                f"{path}: missing, and {count} is not a square number; add it with num_cams_x and _y"
+            )
         return side, side, False
     text = read_file(path, _MOST_PARAMETER_BYTES)
     try:
@@ -334,9 +336,12 @@ def _parameters(folder: Path, count: int) -> tuple[int, int, bool]:
         across = parser.getint("extrinsics", "num_cams_x")
     except (ValueError, configparser.Error) as error:
         cause = str(error).partition("\n")[0]
-        raise FileError(f"{path}: not readable ({cause}); state num_cams_x and _y") from error
+        raise FileError(f"{path}: not readable ({cause}); give num_cams_x and _y") from error
     if down < 1 or across < 1 or down * across != count:
-        raise FileError(f"{path}: {across} x {down} cameras, but there are {count} views")
+        raise FileError(
+            f"{path}: {across} x {down} cameras, but there are {count} views; correct num_cams_x "
+            "and _y"
+        )
     return down, across, parser.get("inim", "projection", fallback="") == "parallel"
 
 
@@ -345,7 +350,7 @@ def _read_view(path: Path) -> NDArray[np.uint8]:
         return np.asarray(picture.convert("RGB"))
 
 
-def _disparity(folder: Path, views: np.ndarray) -> NDArray[np.float32] | None:
+def _read_disparity(folder: Path, views: np.ndarray) -> NDArray[np.float32] | None:
     down, across, height, width = views.shape[:4]
     centre = (down // 2) * across + across // 2
     for name in (_DISPARITY, f"gt_disp_Cam{centre:03}.pfm"):
@@ -364,13 +369,13 @@ def _disparity(folder: Path, views: np.ndarray) -> NDArray[np.float32] | None:
 def _check_rows(display: Display) -> None:
     if not display.is_separable:
         raise UsageError(
-            f"display {display.name}: with {display.not_separable_by} its lenses stand in no rows "
-            "and columns, so it has no grid of views; export for a square, aligned array"
+            f"display {display.name}: has no grid of views, as {display.not_separable_by} leaves "
+            "no rows and columns of lenses; export for a square, aligned array"
         )
 
 
 def _lattice(display: Display, axis: int) -> np.ndarray:
-    """Middles of the elemental images, columns (0) left to right or rows (1) top to bottom."""
+    """Centres of the elemental images, columns (0) left to right or rows (1) top to bottom."""
     if axis == 0:
         n, cell, shift = (
             display.lens_columns,
@@ -382,10 +387,10 @@ def _lattice(display: Display, axis: int) -> np.ndarray:
     return ((n - 1) / 2 - np.arange(n)) * cell + shift
 
 
-def _place(
+def _view_position(
     axis: PixelAxis, lattice: np.ndarray, pixels: int, per_lens: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Per panel pixel: its lens's place in a view, in view pixels, and its own under the lens."""
+    """Position of each panel pixel's lens in a view [view pixels], and of the pixel in its lens."""
     lens = np.clip(axis.lens, 0, len(lattice) - 1)
     return (lens + 0.5 - len(lattice) / 2) * per_lens + pixels / 2, axis.position_mm - lattice[lens]
 
@@ -393,21 +398,21 @@ def _place(
 def _pixels_of_views(display: Display, down: int, across: int) -> tuple[np.ndarray, np.ndarray]:
     """Panel rows, (view rows, lens rows), and columns, (view columns, lens columns)."""
     cell_x, cell_y = display.elemental_image_pitch_mm, display.elemental_row_pitch_mm
-    aside = (0.5 - (np.arange(across) + 0.5) / across) * cell_x
-    above = ((np.arange(down) + 0.5) / down - 0.5) * cell_y
+    x = (0.5 - (np.arange(across) + 0.5) / across) * cell_x
+    y = ((np.arange(down) + 0.5) / down - 0.5) * cell_y
     return (
-        _nearest(display.rows, _lattice(display, 1), above),
-        _nearest(display.columns, _lattice(display, 0), aside),
+        _nearest_pixels(display.rows, _lattice(display, 1), y),
+        _nearest_pixels(display.columns, _lattice(display, 0), x),
     )
 
 
-def _nearest(axis: PixelAxis, lattice: np.ndarray, aside: np.ndarray) -> np.ndarray:
-    """Index of the pixel nearest to each place under each lens, of those the lens owns."""
-    found = np.empty((len(aside), len(lattice)), np.int64)
+def _nearest_pixels(axis: PixelAxis, lattice: np.ndarray, offset: np.ndarray) -> np.ndarray:
+    """Index of the lens's pixel nearest to each offset from its centre, (offsets, lenses)."""
+    indices = np.empty((len(offset), len(lattice)), np.int64)
     for lens, middle in enumerate(lattice):
-        own = np.flatnonzero(axis.lens == lens)
-        if not own.size:
+        pixels = np.flatnonzero(axis.lens == lens)
+        if not pixels.size:
             raise UsageError(f"lens {lens} has no pixel of the panel; enlarge the panel")
-        places = axis.position_mm[own]
-        found[:, lens] = own[np.abs(places[None, :] - middle - aside[:, None]).argmin(axis=1)]
-    return found
+        distance = np.abs(axis.position_mm[pixels][None, :] - middle - offset[:, None])
+        indices[:, lens] = pixels[distance.argmin(axis=1)]
+    return indices

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from inim.errors import FileError
-from inim.files.image import check_unfolding, hushed, read_exr
+from inim.files.image import check_unfolding, silence_output, read_exr
 from inim.files.regular_file import open_file, read_file
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
@@ -104,7 +104,7 @@ def open_picture(
     """
     from PIL import Image
 
-    with open_file(path) if data is None else io.BytesIO(data) as file, hushed():
+    with open_file(path) if data is None else io.BytesIO(data) as file, silence_output():
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # on sizes, which are checked below
@@ -145,7 +145,7 @@ def _read_radiance(path: Path) -> np.ndarray:
 
     Ward, Real pixels, Graphics Gems II, 1991.
     """
-    data = read_file(path, _MOST_RADIANCE_BYTES, way_out="save it as EXR")
+    data = read_file(path, _MOST_RADIANCE_BYTES, remedy="save it as EXR")
     header = _RADIANCE.match(data)
     color = header and _FORMAT.search(header[1])
     if not header or not color:

@@ -12,7 +12,7 @@ import numpy as np
 
 from inim.errors import FileError
 from inim.files.image import write_atomically
-from inim.files.triangle_mesh import Mesh, numbers_in, usable_normals
+from inim.files.triangle_mesh import Mesh, parse_numbers, usable_normals
 from inim.image.color import linear_from_srgb
 
 _LINE_BYTES = 2**16
@@ -238,7 +238,7 @@ def _binary_columns(data: bytes, header: PlyHeader) -> dict[str, _Columns] | Non
 
 
 def _text_columns(data: bytes, header: PlyHeader) -> dict[str, _Columns] | None:
-    numbers = numbers_in(data[header.size :])
+    numbers = parse_numbers(data[header.size :])
     if numbers is None or numbers.size != sum(e.count * len(e.fields) for e in header.elements):
         return None
     tables, start = {}, 0
@@ -298,6 +298,6 @@ def _attributes(owner: str, columns: _Columns, kinds: dict[str, str]) -> dict[st
         values = _stacked(columns, (names,))
         code = kinds[names[0]]  # columns of a text body are floats whatever was declared
         if values is not None:
-            encoded = code[0] != "f"
-            attributes[name] = linear_from_srgb(values / np.iinfo(code).max) if encoded else values
+            is_srgb = code[0] != "f"
+            attributes[name] = linear_from_srgb(values / np.iinfo(code).max) if is_srgb else values
     return attributes

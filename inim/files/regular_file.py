@@ -1,7 +1,7 @@
-"""The door for files that a user names: opened as regular files only, and read to a limit.
+"""Safe access to files given by users: regular files only, read up to a limit.
 
-A pipe keeps its reader waiting for ever and a device never ends; so what was opened is looked at,
-not what a name meant a moment before.
+Pipes block their readers and devices never end. The check uses the opened descriptor, because the
+file behind a name may change in between.
 """
 
 from __future__ import annotations
@@ -16,68 +16,67 @@ from typing import BinaryIO
 
 from inim.errors import FileError
 
-# Neither waits for a pipe's other end, nor takes a terminal for its own.
+# Do not wait for a pipe's writer; do not become a terminal's controlling process.
 _FLAGS = os.O_RDONLY | sum(
     getattr(os, name, 0) for name in ("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC", "O_BINARY")
 )
 
 
 @contextmanager
-def open_file(path: Path, *, shown: str = "", way_out: str = "") -> Iterator[BinaryIO]:
-    """A regular file, open to read its bytes.
+def open_file(path: Path, *, label: str = "", remedy: str = "") -> Iterator[BinaryIO]:
+    """Open a regular file for reading bytes.
 
     Parameters
     ----------
     path : Path
-    shown : str
-        What to call it in errors; its path otherwise.
-    way_out : str
-        What errors end with.
+    label : str
+        Name for error messages; by default the path.
+    remedy : str
+        End of error messages.
 
     Raises
     ------
     FileError
-        Missing, unreadable, also later while it is open, a folder, or no regular file: a pipe, a
-        device, a socket.
+        Missing, unreadable (now or while it is open), a folder, a pipe, a device or a socket.
     """
     try:
         descriptor = os.open(path, _FLAGS)
     except (OSError, ValueError) as error:
-        raise _error(path, _why(error), shown, way_out) from None
+        raise _error(path, _describe(error), label, remedy) from None
     try:
         mode = os.fstat(descriptor).st_mode
         if not stat.S_ISREG(mode):
-            words = "is a folder" if stat.S_ISDIR(mode) else _IRREGULAR
-            raise _error(path, words, shown, way_out)
+            problem = "is a folder" if stat.S_ISDIR(mode) else _IRREGULAR
+            raise _error(path, problem, label, remedy)
         with open(descriptor, "rb", closefd=False) as file:
             yield file
     except OSError as error:
-        raise _error(path, _why(error), shown, way_out) from None
+        raise _error(path, _describe(error), label, remedy) from None
     finally:
         os.close(descriptor)
 
 
 def check_file(path: Path) -> None:
-    """Raise as `open_file` does; for files that others open by their names."""
+    """Raise the errors of `open_file`, for files that another library opens."""
     with open_file(path):
         pass
 
 
-def read_file(path: Path, most_bytes: int, *, shown: str = "", way_out: str = "") -> bytes:
-    """All of a regular file; parameters and errors as of `open_file`, and one for too large a file.
+def read_file(path: Path, most_bytes: int, *, label: str = "", remedy: str = "") -> bytes:
+    """Read a regular file; other parameters and errors as for `open_file`.
 
     Parameters
     ----------
     most_bytes : int
-        The largest that is read.
+        Largest accepted file size; larger files raise `FileError`.
     """
-    with open_file(path, shown=shown, way_out=way_out) as file:
+    with open_file(path, label=label, remedy=remedy) as file:
         size = os.fstat(file.fileno()).st_size
-        # A byte more, so that a file that cannot be read is an error though it states no size.
+        # Read one more byte: an unreadable file must raise an error even if its size is 0.
         data = (file.read(size + 1) or b"")[:size] if size <= most_bytes else b""
     if size > most_bytes:
         limit = f"{most_bytes / 2**20:g} MiB"
-        raise _error(path, f"has {size} bytes, and at most {limit} are read", shown, way_out)
+        raise _error(path, f"has {size} bytes, and at most {limit} are read", label, remedy)
     return data
 
 
@@ -91,5 +90,5 @@ def _why(error: OSError | ValueError) -> str:
     return _WORDS.get(error.errno or 0, f"cannot be read ({error.strerror or error})")
 
 
-def _error(path: Path, words: str, shown: str, way_out: str) -> FileError:
-    return FileError(f"{shown or path}: {words}{'; ' if way_out else ''}{way_out}")
+def _error(path: Path, problem: str, label: str, remedy: str) -> FileError:
+    return FileError(f"{label or path}: {problem}{'; ' if remedy else ''}{remedy}")

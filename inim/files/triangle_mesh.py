@@ -115,7 +115,7 @@ def first_line(error: BaseException) -> str:
     return "".join(c if c.isprintable() else "?" for c in text)[:120]
 
 
-def numbers_in(text: bytes) -> np.ndarray | None:
+def parse_numbers(text: bytes) -> np.ndarray | None:
     """All whitespace-separated numbers of a text as float64; None if anything else is there."""
     try:
         with warnings.catch_warnings():
@@ -131,7 +131,7 @@ def numbers_in(text: bytes) -> np.ndarray | None:
 _CREASE_DEG = 50.0
 
 
-def smoothed(mesh: Mesh, crease_deg: float = _CREASE_DEG) -> Mesh:
+def add_vertex_normals(mesh: Mesh, crease_deg: float = _CREASE_DEG) -> Mesh:
     """The mesh with vertex normals, made where it has none: smooth, but hard edges stay hard.
 
     Corners that meet at a vertex share a normal when a fan of faces, each turning by less than

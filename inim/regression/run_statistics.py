@@ -122,7 +122,7 @@ def read_statistics(folder: Path, stem: str) -> RunStatistics:
     path, fix = folder / f"{stem}.json", _fix(stem)
     try:
         document = read_document(path, fix, BaselineDocument)
-        data = read_file(folder / f"{stem}.npz", _MAX_BYTES, way_out=fix)
+        data = read_file(folder / f"{stem}.npz", _MAX_BYTES, remedy=fix)
         if hashlib.sha256(data).hexdigest() != document.arrays_sha256:
             raise ValueError("it belongs to another run, or is being replaced")
         return _statistics(document, _read_arrays(data))

@@ -16,7 +16,7 @@ import numpy as np
 
 from inim.cache import ResultCache, code_digest
 from inim.errors import FileError
-from inim.files.image import encoded
+from inim.files.image import encode_image
 from inim.files.picture import open_picture
 from inim.image.color import linear_from_srgb, magma
 from inim.metrics import SSIM_WINDOW, ssim_map
@@ -114,7 +114,7 @@ class Images:
         """
         # No "optimize": with it Pillow's JPEG writer runs out of buffer on noisy images.
         options = {"quality": quality, "subsampling": 0} if form == "JPEG" else png
-        coded = base64.b64encode(encoded(pixels, form, self.cache, **options)).decode("ascii")
+        coded = base64.b64encode(encode_image(pixels, form, self.cache, **options)).decode("ascii")
         return f"data:image/{form.lower()};base64,{coded}"
 
     def similarity(self, a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:

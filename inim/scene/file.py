@@ -377,9 +377,9 @@ class _Scan:
 
     def _bytes(self, path: Path, shown: str) -> bytes:
         left = _LARGEST_BYTES - self.xml_bytes
-        with open_file(path, shown=shown, way_out=_NAME_A_SCENE) as file:
+        with open_file(path, label=shown, remedy=_NAME_A_SCENE) as file:
             before = os.fstat(file.fileno())
-        text = read_file(path, left, shown=shown, way_out=_NAME_A_SCENE)
+        text = read_file(path, left, label=shown, remedy=_NAME_A_SCENE)
         self.xml_bytes += len(text)
         self.folder.contents[path.resolve()] = content_of(hashlib.sha256(text).digest(), before)
         return text

@@ -104,7 +104,7 @@ class SceneFolder:
 
     def _content(self, path: Path, name: str, where: str) -> Content:
         digest = hashlib.sha256()
-        with open_file(path, shown=f"{where}: {name!r}") as file:
+        with open_file(path, label=f"{where}: {name!r}") as file:
             found = os.fstat(file.fileno())
             self._check_bytes(found.st_size, name, where)
             while block := file.read(_BLOCK_BYTES):

@@ -241,7 +241,7 @@ def shown(value: Any) -> str:
 
 
 def _toml(path: Path) -> dict[str, Any]:
-    data = read_file(path, _LARGEST_BYTES, way_out="name a study (.toml)")
+    data = read_file(path, _LARGEST_BYTES, remedy="name a study (.toml)")
     try:
         text = data.decode("utf-8")
         _check_keys(text)

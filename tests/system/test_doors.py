@@ -21,7 +21,7 @@ from PIL import Image
 
 from inim.documents import write_document
 from inim.errors import EXIT_BASELINE, EXIT_USAGE, FileError
-from inim.files.image import hushed
+from inim.files.image import silence_output
 from inim.files.regular_file import open_file
 from tests.conftest import scene_text
 from tests.schemas import completed, report_document
@@ -284,12 +284,12 @@ def test_stderr_is_back_once_all_threads_have_decoded(capfd):
     inside, leave = threading.Barrier(2), threading.Event()
 
     def second() -> None:
-        with hushed():
+        with silence_output():
             inside.wait()
             leave.wait()
 
     thread = threading.Thread(target=second)
-    with hushed():
+    with silence_output():
         thread.start()
         inside.wait()
     os.write(2, b"lost")

@@ -489,12 +489,12 @@ def test_infinite_pixel_size_names_the_file(tmp_path):
 
 
 def test_surface_without_area_beside_a_sound_one_is_left_out(tmp_path):
-    from inim.files.triangle_mesh import smoothed
+    from inim.files.triangle_mesh import add_vertex_normals
 
     path = tmp_path / "a.obj"
     points = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\n"
     path.write_text(points + "o one\nf 1 2 3\no two\nusemtl b\nf 1 2 4\n")
-    meshes = [smoothed(mesh) for mesh in read_mesh(path)]
+    meshes = [add_vertex_normals(mesh) for mesh in read_mesh(path)]
     assert sum(len(mesh.faces) for mesh in meshes) == 1
 
 

@@ -15,7 +15,7 @@ from inim.commands.new_scene import COMMANDS, new_scene
 from inim.errors import FileError, UsageError
 from inim.files.mesh import read_mesh
 from inim.files.ply import write_ply
-from inim.files.triangle_mesh import Mesh, smoothed
+from inim.files.triangle_mesh import Mesh, add_vertex_normals
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.scene.relic_scene import STONE, scene_xml
 
@@ -196,11 +196,11 @@ def test_a_failed_write_leaves_nothing(tmp_path, monkeypatch):
 
 
 def test_box_keeps_its_edges_and_sphere_is_smooth():
-    cube = smoothed(box((1, 1, 1)))
+    cube = add_vertex_normals(box((1, 1, 1)))
     assert len(cube.vertices) == 24
     assert cube.normals is not None
     np.testing.assert_allclose(np.abs(cube.normals).max(axis=1), 1, atol=1e-6)
-    ball = smoothed(sphere())
+    ball = add_vertex_normals(sphere())
     assert ball.normals is not None
     assert np.einsum("ij,ij->i", ball.normals, ball.vertices).min() > 0.995
 
@@ -208,9 +208,9 @@ def test_box_keeps_its_edges_and_sphere_is_smooth():
 def test_a_soup_of_triangles_is_smoothed_as_one_surface():
     ball = sphere()
     soup = Mesh(ball.vertices[ball.faces.ravel()], np.arange(ball.faces.size).reshape(-1, 3))
-    normals = smoothed(soup).normals
+    normals = add_vertex_normals(soup).normals
     assert normals is not None
-    assert np.einsum("ij,ij->i", normals, smoothed(soup).vertices).min() > 0.995
+    assert np.einsum("ij,ij->i", normals, add_vertex_normals(soup).vertices).min() > 0.995
 
 
 def test_normals_of_the_file_are_kept_and_turned(tmp_path):

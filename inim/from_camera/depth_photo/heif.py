@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from inim.errors import FileError, UsageError
-from inim.files.image import check_unfolding, hushed
+from inim.files.image import check_unfolding, silence_output
 from inim.from_camera.depth_photo.codes import (
     REMEDY,
     Coding,
@@ -56,7 +56,7 @@ def read_heif(path: Path, data: bytes) -> tuple[Any, tuple[int, float], Embedded
             "pip install 'inim[photos]'"
         ) from error
     try:
-        with hushed():
+        with silence_output():
             file = pillow_heif.open_heif(data)
             image = file[file.primary_index]
             depths = image.info["depth_images"]
