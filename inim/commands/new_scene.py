@@ -96,7 +96,7 @@ def new_scene(
     """
     from inim.files.mesh import UNIT_MM, read_mesh
     from inim.files.splat_ply import is_splats
-    from inim.files.triangle_mesh import read_bytes, add_vertex_normals
+    from inim.files.triangle_mesh import add_vertex_normals, read_bytes
     from inim.scene.relic_scene import bounds, merged, placed, scene_xml
 
     source, out = Path(source), Path(out)

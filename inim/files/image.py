@@ -58,7 +58,9 @@ def write_png(path: Path, linear: np.ndarray, cache: ResultCache = _NO_CACHE) ->
     write_atomically(path, lambda p: p.write_bytes(data))
 
 
-def encode_image(pixels: np.ndarray, form: str, cache: ResultCache = _NO_CACHE, **options: Any) -> bytes:
+def encode_image(
+    pixels: np.ndarray, form: str, cache: ResultCache = _NO_CACHE, **options: Any
+) -> bytes:
     """Encode an image as the bytes of a file.
 
     Parameters

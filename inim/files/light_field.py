@@ -132,7 +132,9 @@ def eia_from_views(
     cell_x, cell_y = display.elemental_image_pitch_mm, display.elemental_row_pitch_mm
     wide = display.width_mm / width if pixel_mm is None else pixel_mm
     high = display.height_mm / height if pixel_mm is None else pixel_mm
-    column, x = _view_position(display.columns, _lattice(display, 0), width, display.pitch_mm / wide)
+    column, x = _view_position(
+        display.columns, _lattice(display, 0), width, display.pitch_mm / wide
+    )
     row, y = _view_position(display.rows, _lattice(display, 1), height, display.row_pitch_mm / high)
     # Reversed order: the leftmost view belongs to the rightmost pixel, the upper one to the lowest.
     view_column = np.clip(np.floor((0.5 - x / cell_x) * across), 0, across - 1).astype(int)
@@ -253,9 +255,7 @@ def write_hci(
     down, across, height, width = views.shape[:4]
     for number, view in enumerate(views.reshape(-1, height, width, 3)):
         picture = Image.fromarray(np.ascontiguousarray(view))
-        write_atomically(
-            folder / f"input_Cam{number:03}.png", partial(picture.save, format="PNG")
-        )
+        write_atomically(folder / f"input_Cam{number:03}.png", partial(picture.save, format="PNG"))
     for stale in folder.glob("input_Cam*.png"):
         match = _VIEW.fullmatch(stale.name)
         if match and int(match[1]) >= down * across:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from inim.errors import FileError
-from inim.files.image import check_unfolding, silence_output, read_exr
+from inim.files.image import check_unfolding, read_exr, silence_output
 from inim.files.regular_file import open_file, read_file
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"

@@ -80,14 +80,14 @@ def read_file(path: Path, most_bytes: int, *, label: str = "", remedy: str = "")
     return data
 
 
-_IRREGULAR = "is no regular file (a pipe, a device or a socket)"
-_WORDS = {errno.ENOENT: "no such file", errno.ENXIO: _IRREGULAR, errno.ENODEV: _IRREGULAR}
+_IRREGULAR = "is not a regular file (a pipe, a device or a socket)"
+_PROBLEMS = {errno.ENOENT: "no such file", errno.ENXIO: _IRREGULAR, errno.ENODEV: _IRREGULAR}
 
 
-def _why(error: OSError | ValueError) -> str:
-    if not isinstance(error, OSError):  # a name with a NUL in it, or none in this locale
+def _describe(error: OSError | ValueError) -> str:
+    if not isinstance(error, OSError):  # NUL in the name, or not encodable
         return "no such file"
-    return _WORDS.get(error.errno or 0, f"cannot be read ({error.strerror or error})")
+    return _PROBLEMS.get(error.errno or 0, f"cannot be read ({error.strerror or error})")
 
 
 def _error(path: Path, problem: str, label: str, remedy: str) -> FileError:
