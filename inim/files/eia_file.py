@@ -1,8 +1,7 @@
-"""EIA files: finished ones of any program read, and new ones written that know how large they are.
+"""Reading of EIAs from any program, and writing of EIAs with their physical size.
 
-An elemental image array only works under its lens sheet when every pixel is as large as the sheet
-was made for; so the size travels with the picture: in a PNG, an EXR, or a PDF that prints at true
-size.
+An EIA matches its lens array only at the correct pixel size. The size is therefore stored in the
+file: in a PNG, an EXR, or a PDF that prints at true size.
 """
 
 from __future__ import annotations
@@ -27,42 +26,42 @@ _GREY_16 = ("I;16", "I;16B", "I")
 
 
 def check_eia_name(path: Path) -> None:
-    """Raise `FileError` for a file that is missing or of another kind; it is not read.
+    """Raise `FileError` if a file is missing or not a PNG or EXR by its name.
 
-    Decoders are native code: only a worker under supervision lets them at a file.
+    The content is not decoded: only a supervised worker runs the native decoders.
     """
     if path.suffix.lower() not in (".png", ".exr"):
-        raise FileError(f"{path}: a finished EIA is a .png (sRGB) or an .exr (linear)")
+        raise FileError(f"{path}: not an EIA; give a .png (sRGB) or an .exr (linear)")
     check_file(path)
 
 
 def read_eia(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | None]:
-    """A finished EIA: linear EXR, or sRGB PNG (grey or colour, 8 or 16 bits, alpha or none).
+    """Read a finished EIA: linear EXR, or sRGB PNG (grey or colour, 8 or 16 bits, optional alpha).
 
-    Pillow reads colour of 16 bits as 8; grey and EXR keep what they have. A PNG's colour profile
-    is not looked at: its values are taken as sRGB.
+    Pillow reduces 16-bit colour to 8 bits; grey and EXR keep their precision. Colour profiles of
+    PNGs are ignored.
 
     Parameters
     ----------
     path : Path
     display : Display
-        Whose `eia_shape` it must have.
+        Its `eia_shape` must match the file.
 
     Returns
     -------
     eia : (rows, columns, 3) float32
-        Linear RGB, over black where it is transparent.
-    shown : (rows, columns) bool, or None
-        Where alpha is above 0; None for a file without alpha.
+        Linear RGB, composited over black.
+    mask : (rows, columns) bool, or None
+        True where alpha is above 0; None for a file without alpha.
 
     Raises
     ------
     FileError
-        Missing, damaged, of another kind or another size.
+        Missing, damaged, wrong format or wrong size.
     """
     check_eia_name(path)
-    read = _read_png if path.suffix.lower() == ".png" else _read_exr
-    eia, alpha = read(path, display)
+    reader = _read_png if path.suffix.lower() == ".png" else _read_exr
+    eia, alpha = reader(path, display)
     return eia, None if alpha is None else alpha > 0
 
 
@@ -71,23 +70,23 @@ def _check_size(path: Path, size: tuple[int, int], display: Display) -> None:
     if size != (columns, rows):
         raise FileError(
             f"{path}: has {size[0]} x {size[1]} pixels, display {display.name} needs {columns} x "
-            f"{rows}; make it for this display, or describe its own with --display or -D"
+            f"{rows}; generate it for this display, or set its display with --display or -D"
         )
 
 
 def _read_exr(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | None]:
     channels = read_exr_channels(path)
     _check_size(path, next(iter(channels.values())).shape[::-1], display)
-    wrong = [n for n in "RGB" if n not in channels or channels[n].shape != display.eia_shape]
-    if wrong:
+    missing = [n for n in "RGB" if n not in channels or channels[n].shape != display.eia_shape]
+    if missing:
         raise FileError(
-            f"{path}: no full channel {', '.join(wrong)}; it has {', '.join(channels) or 'none'}"
+            f"{path}: no full channel {', '.join(missing)}; it has {', '.join(channels) or 'none'}"
         )
     rgb = np.stack([channels[name] for name in "RGB"], axis=-1)
     alpha = channels.get("A")
     if alpha is None or alpha.shape != display.eia_shape:
         return rgb, None
-    # Colour is already multiplied by alpha, as EXR has it.
+    # EXR colours are premultiplied by alpha.
     return np.where((alpha > 0)[..., None], rgb, np.float32(0)), alpha
 
 
@@ -98,7 +97,7 @@ def _read_png(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | No
 
 
 def _linear(picture: Any) -> tuple[np.ndarray, np.ndarray | None]:
-    """Linear RGB and alpha of an open picture, decoded here."""
+    """Decode linear RGB and alpha of an open picture."""
     if picture.mode in _GREY_16:
         return _linear_codes(np.asarray(picture)[..., None], 65535), None
     if "transparency" not in picture.info and "A" not in picture.getbands():
@@ -111,7 +110,7 @@ def _linear(picture: Any) -> tuple[np.ndarray, np.ndarray | None]:
 
 
 def _linear_codes(codes: np.ndarray, white: int) -> np.ndarray:
-    """Linear RGB, (rows, columns, 3) float32, of grey or colour codes up to that of white."""
+    """Linear RGB, (rows, columns, 3) float32, of grey or colour codes from 0 to `white`."""
     linear = np.empty((*codes.shape[:2], 3), np.float32)
     for band in row_bands(*codes.shape[:2]):
         linear[band] = linear_from_srgb(codes[band].astype(np.float32) / white)
@@ -121,7 +120,7 @@ def _linear_codes(codes: np.ndarray, white: int) -> np.ndarray:
 EIA_SUFFIXES = (".png", ".exr")
 _MM_PER_INCH = 25.4
 _POINTS_PER_INCH = 72.0
-# A page beyond this many points a side is cut off by many viewers (PDF 1.7, annex C).
+# Many viewers crop pages with a side of more points (PDF 1.7, annex C).
 _MOST_POINTS = 14_400
 
 
@@ -136,21 +135,21 @@ def write_eia(
         .png or .exr.
     eia : (rows, columns, 3) float32, linear RGB
     empty : (rows, columns) bool, or None
-        Pixels whose centre meets nothing: alpha 0 there, unless they show light nevertheless, and
-        1 elsewhere; no alpha without it.
+        Pixels without a surface at their centre. They get alpha 0 if they are black, others 1; None
+        writes no alpha.
     pixel_mm : float
-        The panel's pixel.
+        Pixel pitch of the panel.
 
     Raises
     ------
     FileError
-        Another kind of file, or it cannot be written.
+        The suffix is wrong, or the file cannot be written.
     """
     suffix = path.suffix.lower()
     if suffix not in EIA_SUFFIXES:
-        raise FileError(f"{path}: an EIA is written as {' or '.join(EIA_SUFFIXES)}")
+        raise FileError(f"{path}: not an EIA file name; use {' or '.join(EIA_SUFFIXES)}")
     if path.is_dir():
-        raise FileError(f"{path}: is a folder; name a file")
+        raise FileError(f"{path}: is a folder; give a file")
     if empty is not None:
         empty = empty & ~eia.any(axis=-1)
     if suffix == ".png":
@@ -187,10 +186,10 @@ def _write_exr(
 
 
 def write_true_size_pdf(path: Path, eia: NDArray[np.float32], pixel_mm: float) -> None:
-    """Write an EIA as a PDF of one page that is exactly as large as the panel.
+    """Write an EIA as a one-page PDF with exactly the size of the panel.
 
-    The pixels are stored without loss and drawn unsmoothed; empty ones are black. Print it at 100 %
-    ("actual size"), at a resolution that is a multiple of the picture's if the printer has one.
+    Pixels are lossless and not interpolated; empty ones are black. Print at 100 % ("actual size"),
+    if possible at a multiple of the picture's resolution.
 
     Parameters
     ----------
@@ -202,10 +201,10 @@ def write_true_size_pdf(path: Path, eia: NDArray[np.float32], pixel_mm: float) -
     Raises
     ------
     FileError
-        Another kind of file, a page larger than PDF allows, or it cannot be written.
+        The suffix is wrong, the page is too large for PDF, or the file cannot be written.
     """
     if path.suffix.lower() != ".pdf":
-        raise FileError(f"{path}: a sheet for printing is a .pdf")
+        raise FileError(f"{path}: not a PDF file name; use .pdf")
     rows, columns = eia.shape[:2]
     width, height = (n * pixel_mm / _MM_PER_INCH * _POINTS_PER_INCH for n in (columns, rows))
     if max(width, height) > _MOST_POINTS:
@@ -232,13 +231,13 @@ def write_true_size_pdf(path: Path, eia: NDArray[np.float32], pixel_mm: float) -
 
 
 def _pdf(objects: list[bytes]) -> bytes:
-    """A PDF file of these objects, numbered from 1; the first is the catalogue."""
-    body, places = bytearray(b"%PDF-1.6\n%\xe2\xe3\xcf\xd3\n"), []
+    """PDF file of these objects, numbered from 1; the first is the catalogue."""
+    body, offsets = bytearray(b"%PDF-1.6\n%\xe2\xe3\xcf\xd3\n"), []
     for number, content in enumerate(objects, 1):
-        places.append(len(body))
+        offsets.append(len(body))
         body += b"%d 0 obj\n" % number + content + b"\nendobj\n"
     start = len(body)
     body += b"xref\n0 %d\n0000000000 65535 f \n" % (len(objects) + 1)
-    body += b"".join(b"%010d 00000 n \n" % place for place in places)
+    body += b"".join(b"%010d 00000 n \n" % offset for offset in offsets)
     body += b"trailer\n<< /Size %d /Root 1 0 R >>\n" % (len(objects) + 1)
     return bytes(body) + b"startxref\n%d\n%%%%EOF\n" % start

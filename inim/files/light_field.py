@@ -325,7 +325,7 @@ def _read_parameters(folder: Path, count: int) -> tuple[int, int, bool]:
         side = round(count**0.5)
         if side * side != count:
             raise FileError(
-                f"{path}: missing, and {count} is not a square number; add it with num_cams_x and _y"
+                f"{path}: missing, and {count} is not a square number; give num_cams_x and _y"
             )
         return side, side, False
     text = read_file(path, _MOST_PARAMETER_BYTES)

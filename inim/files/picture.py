@@ -1,8 +1,8 @@
-"""Readers of pictures: textures of a scene, portable float maps, and whatever Pillow opens.
+"""Readers of pictures: textures of a scene, portable float maps, and Pillow's formats.
 
-The content decides on the format, not the name, as in Mitsuba. Mitsuba reads PNG and JPEG itself,
-through libpng and libjpeg: Pillow has no 16-bit colours. All else is decoded here and passed as
-arrays, because Mitsuba's own readers trust what a header declares.
+The content determines the format, as in Mitsuba. Mitsuba reads PNG and JPEG itself, because Pillow
+has no 16-bit colours. Other formats are decoded here and passed as arrays, because Mitsuba's
+readers trust the header.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _EXR_MAGIC = b"\x76\x2f\x31\x01"
 _HEAD_BYTES = 16
 _FORMATS = ("PNG", "JPEG", "BMP", "TGA", "PPM")
 _READ_BY_MITSUBA = (b"\x89PNG", b"\xff\xd8")
-# A texture becomes floats.
+# Textures are converted to float32.
 _SAMPLE_BYTES = 4
 _UNKNOWN = (
     "not a picture that inim reads (EXR, PNG, JPEG, HDR, PFM, BMP, TGA, PPM); save it as PNG or EXR"
@@ -35,7 +35,7 @@ _UNKNOWN = (
 
 
 def read_texture(path: Path) -> np.ndarray | None:
-    """Decode a picture that a scene names.
+    """Decode a texture of a scene.
 
     Parameters
     ----------
@@ -45,12 +45,12 @@ def read_texture(path: Path) -> np.ndarray | None:
     Returns
     -------
     (H, W, 3 or 1) float32 of EXR, HDR and PFM, (H, W, 3) or (H, W) uint8 of others, or None
-        None of a sound PNG or JPEG, which Mitsuba reads.
+        None for a valid PNG or JPEG, which Mitsuba reads.
 
     Raises
     ------
     FileError
-        Missing, damaged, cut short, of another kind, or unfolding to far more than its size.
+        Missing, damaged, unsupported, or suspiciously large when decoded.
     """
     with open_file(path) as file:
         head = file.read(_HEAD_BYTES)
@@ -83,31 +83,31 @@ def open_picture(
     unknown: str = "",
     data: bytes | None = None,
 ) -> Iterator[Any]:
-    """A picture that Pillow has opened, checked; whatever is wrong with it is a `FileError`.
+    """Open a picture with Pillow and check its size.
 
     Parameters
     ----------
     path : Path
     formats : sequence of str
-        Pillow's names of those that are read.
+        Accepted formats, by Pillow's names.
     sample_bytes : int
-        That a sample takes once decoded.
+        Size of a decoded sample.
     unknown : str
-        What to say of a picture in no such format.
+        Error message for other formats.
     data : bytes, optional
-        The picture, where it was read already or lies inside the file.
+        Content of the picture, if already read or embedded in the file.
 
     Raises
     ------
     FileError
-        Missing, damaged, cut short, of another kind, or unfolding to far more than its size.
+        Missing, damaged, unsupported, or suspiciously large when decoded.
     """
     from PIL import Image
 
     with open_file(path) if data is None else io.BytesIO(data) as file, silence_output():
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # on sizes, which are checked below
+                warnings.simplefilter("ignore")  # sizes are checked below
                 with Image.open(file, formats=formats) as picture:
                     samples = picture.width * picture.height * len(picture.getbands())
                     size = None if data is None else len(data)
@@ -119,15 +119,15 @@ def open_picture(
             if unknown and isinstance(error, Image.UnidentifiedImageError):
                 raise FileError(f"{path}: {unknown}") from error
             cause = getattr(error, "strerror", None) or str(error).partition("\n")[0]
-            raise FileError(f"{path}: not a readable picture ({cause}); save it anew") from error
+            raise FileError(f"{path}: not a readable picture ({cause}); save it again") from error
 
 
-# No line of the header may be mistaken for the one that states the size.
+# Header lines that start with -Y or +Y are excluded: they give the size.
 _RADIANCE = re.compile(
     rb"#\?(?:RADIANCE|RGBE)\n((?:(?!-Y|\+Y)[\x20-\x7e\t]*\n)*?)\n-Y (\d{1,5}) \+X (\d{1,5})\n"
 )
 _FORMAT = re.compile(rb"^FORMAT=32-bit_rle_(rgbe|xyze)$", re.M)
-# By the format's own rule, lines of other lengths are not run-length coded.
+# The format run-length codes only lines of these lengths.
 _SHORTEST_CODED, _LONGEST_CODED = 8, 0x7FFF
 # Decoding takes about a second for each 10 MiB at worst.
 _MOST_RADIANCE_BYTES = 48 * 2**20
@@ -164,7 +164,9 @@ def _read_radiance(path: Path) -> np.ndarray:
     else:
         codes = data[at:]
         if not rows * columns or len(codes) != 4 * columns * rows:
-            raise FileError(f"{path}: is not as long as its {columns} x {rows} pixels; damaged")
+            raise FileError(
+                f"{path}: its length does not match {columns} x {rows} pixels; save it again"
+            )
         rgbe = np.frombuffer(codes, np.uint8).reshape(rows, columns, 4)
     scale = np.ldexp(np.float32(1), rgbe[..., 3].astype(np.int32) - _EXPONENT_OFFSET)
     scale = np.where(rgbe[..., 3] > 0, scale, np.float32(0))
@@ -173,7 +175,7 @@ def _read_radiance(path: Path) -> np.ndarray:
 
 
 def _radiance_line(data: bytes, at: int, columns: int) -> tuple[bytes | None, int]:
-    """The four channels of a run-length coded scan line, and its end; None where it is damaged."""
+    """Four channels of a run-length coded scan line (None if damaged), and the line's end."""
     if data[at : at + 4] != b"\2\2" + columns.to_bytes(2, "big"):
         return None, at
     at += 4
@@ -194,21 +196,21 @@ def _radiance_line(data: bytes, at: int, columns: int) -> tuple[bytes | None, in
 
 
 _PFM = re.compile(rb"(P[Ff])\s+(\d{1,6})\s+(\d{1,6})\s+([-+]?[\d.eE+-]{1,30})[ \t\r]*\n")
-# Of three floats in each of 2^28 pixels, with a header.
+# Three floats for each of 2^28 pixels, and a header.
 _MOST_PFM_BYTES = 12 * 2**28 + 2**10
 
 
 def read_pfm(path: Path) -> np.ndarray:
-    """A grey portable float map, (H, W) float32 with row 0 on top (the file has it below).
+    """Read a grey portable float map, (H, W) float32 with row 0 on top (at the end of the file).
 
     Raises
     ------
     FileError
-        Damaged, of another length than its header says, or in colour.
+        Damaged, wrong length, or in colour.
     """
     values, _ = _read_pfm(path)
     if values.shape[2] != 1:
-        raise FileError(f"{path}: is a PFM in colour; depth is a grey one, 'Pf'")
+        raise FileError(f"{path}: is a PFM in colour; save depth as a grey one, 'Pf'")
     return values[..., 0]
 
 
@@ -244,12 +246,12 @@ _VOLUME_HEAD = struct.Struct("<3sBiiiii6f")
 
 
 def check_volume(path: Path) -> None:
-    """Refuse a grid whose header does not fit its file: the renderer allocates what it says.
+    """Check a volume's header against its length: the renderer trusts the header.
 
     Raises
     ------
     FileError
-        Missing, of another kind, or not as long as it declares.
+        Missing, unsupported, or too short.
     """
     with open_file(path) as file:
         size, head = os.fstat(file.fileno()).st_size, file.read(_VOLUME_HEAD.size)
@@ -258,9 +260,9 @@ def check_volume(path: Path) -> None:
     magic, version, kind, x, y, z, channels, *_ = _VOLUME_HEAD.unpack(head)
     if (magic, version, kind) != (b"VOL", 3, 1) or min(x, y, z, channels) < 1:
         raise FileError(f"{path}: not a grid of Mitsuba's .vol format, version 3, of float32")
-    wanted = _VOLUME_HEAD.size + 4 * x * y * z * channels
-    if size < wanted:
+    expected = _VOLUME_HEAD.size + 4 * x * y * z * channels
+    if size < expected:
         raise FileError(
-            f"{path}: a grid of {x} x {y} x {z} x {channels} is {wanted} bytes long, this one is "
+            f"{path}: a grid of {x} x {y} x {z} x {channels} is {expected} bytes long, this one is "
             f"{size}; it is cut short or damaged"
         )

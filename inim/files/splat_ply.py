@@ -1,12 +1,12 @@
-"""3D Gaussian splats in and out: the PLY that their training writes.
+"""Reading and writing of 3D Gaussian splats in the PLY layout of their training.
 
-Of each splat it holds a centre, the logarithms of three standard deviations, a quaternion (real
-part first), the logit of an opacity, and colours as real spherical harmonics: `f_dc_*` of degree 0,
-`f_rest_*` of the higher ones, all of red first, then of green, then of blue. After Kerbl et al.,
-3D Gaussian Splatting for Real-Time Radiance Field Rendering, SIGGRAPH 2023.
+Each splat has a centre, the logarithms of three standard deviations, a quaternion (real part
+first), the logit of an opacity, and colours as real spherical harmonics: `f_dc_*` of degree 0,
+`f_rest_*` of higher degrees, in the order red, green, blue. See Kerbl et al., 3D Gaussian Splatting
+for Real-Time Radiance Field Rendering, SIGGRAPH 2023.
 
-Mitsuba's `ellipsoids` shapes trust such a file: they go by the order of its properties, take each
-for a float, and allocate what its header says. `check_splats` holds it against that first.
+Mitsuba's `ellipsoids` shapes trust such a file: they rely on the order of its properties, read all
+as floats, and allocate memory by the header. `check_splats` verifies this layout first.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from inim.errors import FileError
 from inim.files.image import write_atomically
 from inim.files.ply import PlyHeader, columns_of, is_ply, ply_header
 
-#: Mitsuba's shapes that are made of such a file.
+#: Mitsuba's shapes that read such a file.
 SPLAT_SHAPES = frozenset({"ellipsoids", "ellipsoidsmesh"})
 _CENTRE = ("x", "y", "z")
 _NORMAL = ("nx", "ny", "nz")
 _DC = ("f_dc_0", "f_dc_1", "f_dc_2")
 _SCALE = ("scale_0", "scale_1", "scale_2")
 _TURN = ("rot_0", "rot_1", "rot_2", "rot_3")
-# Coefficients of one colour up to degree 0, 1, 2 and 3.
+# Number of coefficients per colour up to degree 0, 1, 2 and 3.
 _HARMONICS = (1, 4, 9, 16)
-# As for meshes: squares must stay finite in float32. Logarithms of it bound the scales.
+# Squares must stay finite in float32, as for meshes. The logarithm bounds the scales.
 _MOST_EXTENT = 1e15
 _MOST_LOG = float(np.log(_MOST_EXTENT))
 
@@ -42,14 +42,14 @@ class Splats:
     ----------
     centre : (n, 3) float32
     log_scale : (n, 3) float32
-        Logarithms of the standard deviations along the splat's own axes.
+        Logarithms of the standard deviations along the splat's axes.
     turn : (n, 4) float32
         Unit quaternions from the splat's axes to the file's, real part first.
     logit : (n,) float32
-        Of the opacity.
+        Logit of the opacity.
     harmonics : (n, 1, 4, 9 or 16, 3) float32
-        Coefficients of red, green and blue; a colour is their sum and 0.5, sRGB. They are functions
-        of the direction that the ray runs in.
+        Coefficients of red, green and blue, for the direction of the ray. The sRGB colour is the
+        expansion plus 0.5.
     """
 
     centre: np.ndarray
@@ -61,18 +61,18 @@ class Splats:
     def __len__(self) -> int:
         return len(self.centre)
 
-    def __getitem__(self, which: np.ndarray) -> Splats:
-        return Splats(*(getattr(self, name)[which] for name in self.__dataclass_fields__))
+    def __getitem__(self, index: np.ndarray) -> Splats:
+        return Splats(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
     @property
     def opacity(self) -> np.ndarray:
-        """(n,) float64, 0 to 1."""
-        shown: np.ndarray = 1 / (1 + np.exp(-self.logit.astype(np.float64)))
-        return shown
+        """Opacity, (n,) float64 from 0 to 1."""
+        opacity: np.ndarray = 1 / (1 + np.exp(-self.logit.astype(np.float64)))
+        return opacity
 
 
 def is_splats(data: bytes) -> bool:
-    """Whether a file opens as a PLY of splats, of a kind that is read here or packed."""
+    """True if the content is a PLY of splats, plain or packed."""
     if not is_ply(data):
         return False
     words = data[: max(0, data.find(b"end_header"))].split()
@@ -80,32 +80,31 @@ def is_splats(data: bytes) -> bool:
 
 
 def read_splats(path: Path, data: bytes) -> Splats:
-    """The splats of a PLY, its properties in any order.
+    """Read the splats of a PLY with properties in any order.
 
     Raises
     ------
     FileError
-        Cut short, without a property that splats have, or with values that make no splat; one line
-        naming the file and the cause.
+        The file is truncated, lacks a property, or has invalid values.
     """
     return _splats(path, data, ply_header(path, data))
 
 
 def check_splats(path: Path, data: bytes) -> int:
-    """How many splats a PLY has that Mitsuba reads rightly.
+    """Count the splats of a PLY and check that Mitsuba reads them correctly.
 
     Raises
     ------
     FileError
-        As `read_splats`, and where Mitsuba would take one property for another.
+        As for `read_splats`, and if Mitsuba would confuse the properties.
     """
     header = ply_header(path, data)
     splats = _splats(path, data, header)
     fields = tuple((name, "f4") for name in _names(splats.harmonics.shape[1]))
     if header.order != "<" or header.elements[0].fields != fields:
         raise FileError(
-            f"{path}: its splats are not laid out as their training writes them, and Mitsuba would "
-            "misread them; convert it with `inim new-scene`"
+            f"{path}: the order or type of its splats' properties differs from the training "
+            "layout, which Mitsuba needs; convert it with `inim new-scene`"
         )
     return len(splats)
 
@@ -122,8 +121,8 @@ def write_splats(path: Path, splats: Splats) -> None:
     header += [f"property float {name}" for name in _names(splats.harmonics.shape[1])]
     head = ("\n".join([*header, "end_header"]) + "\n").encode("ascii")
 
-    def write(made: Path) -> None:
-        with made.open("wb") as file:
+    def write(temporary: Path) -> None:
+        with temporary.open("wb") as file:
             file.write(head)
             records.tofile(file)
 
@@ -131,13 +130,13 @@ def write_splats(path: Path, splats: Splats) -> None:
 
 
 def _names(harmonics: int) -> tuple[str, ...]:
-    """The properties in the order that Mitsuba goes by."""
+    """Properties in the order that Mitsuba expects."""
     rest = tuple(f"f_rest_{k}" for k in range(3 * (harmonics - 1)))
     return (*_CENTRE, *_NORMAL, *_DC, *rest, "opacity", *_SCALE, *_TURN)
 
 
 def _splats(path: Path, data: bytes, header: PlyHeader) -> Splats:
-    element = next((one for one in header.elements if one.name == "vertex"), None)
+    element = next((element for element in header.elements if element.name == "vertex"), None)
     names = [name for name, _ in element.fields] if element else []
     if "packed_position" in names:
         raise FileError(f"{path}: holds packed splats; export it as a plain, uncompressed PLY")
@@ -157,17 +156,17 @@ def _splats(path: Path, data: bytes, header: PlyHeader) -> Splats:
         raise FileError(f"{path}: its length does not match its header; it is cut short or damaged")
     vertex = columns["vertex"]
 
-    def stacked(wanted: tuple[str, ...]) -> np.ndarray:
-        made = np.empty((element.count, len(wanted)), np.float32)
-        with np.errstate(over="ignore"):  # beyond float32's range is infinite: refused below
-            for k, name in enumerate(wanted):
-                made[:, k] = vertex[name]
-        return made
+    def stack(properties: tuple[str, ...]) -> np.ndarray:
+        values = np.empty((element.count, len(properties)), np.float32)
+        with np.errstate(over="ignore"):  # overflow gives infinity, refused below
+            for k, name in enumerate(properties):
+                values[:, k] = vertex[name]
+        return values
 
-    rest = stacked(tuple(f"f_rest_{k}" for k in range(higher)))
-    colours = [stacked(_DC)[:, None], rest.reshape(element.count, 3, -1).transpose(0, 2, 1)]
+    rest = stack(tuple(f"f_rest_{k}" for k in range(higher)))
+    colours = [stack(_DC)[:, None], rest.reshape(element.count, 3, -1).transpose(0, 2, 1)]
     splats = Splats(
-        stacked(_CENTRE), stacked(_SCALE), stacked(_TURN), stacked(("opacity",))[:, 0],
+        stack(_CENTRE), stack(_SCALE), stack(_TURN), stack(("opacity",))[:, 0],
         np.concatenate(colours, axis=1),
     )  # fmt: skip
     length = np.linalg.norm(splats.turn.astype(np.float64), axis=1, keepdims=True)
@@ -177,23 +176,20 @@ def _splats(path: Path, data: bytes, header: PlyHeader) -> Splats:
 
 
 def _check(path: Path, splats: Splats, length: np.ndarray) -> None:
-    """Values that make splats, or a FileError naming the first that does not.
-
-    `length` is that of their quaternions: its squares leave float32's range, not float64's.
-    """
-    wrong = {
+    """Raise `FileError` for the first invalid splat; `length` (float64) is of the quaternions."""
+    problems = {
         "is not finite": ~np.isfinite(splats.centre).all(axis=1)
         | ~np.isfinite(splats.log_scale).all(axis=1)
         | ~np.isfinite(splats.turn).all(axis=1)
         | ~np.isfinite(splats.logit)
         | ~np.isfinite(splats.harmonics).all(axis=(1, 2)),
         "has no orientation (its quaternion is zero)": ~(length > 0),
-        "lies or reaches impossibly far": (np.abs(splats.centre) > _MOST_EXTENT).any(axis=1)
+        "has an implausible position or size": (np.abs(splats.centre) > _MOST_EXTENT).any(axis=1)
         | (splats.log_scale > _MOST_LOG).any(axis=1),
-        "is impossibly thin": (splats.log_scale < -_MOST_LOG).any(axis=1),
+        "is implausibly thin": (splats.log_scale < -_MOST_LOG).any(axis=1),
     }
-    for words, where in wrong.items():
-        if where.any():
+    for problem, mask in problems.items():
+        if mask.any():
             raise FileError(
-                f"{path}: splat {int(where.argmax())} {words}; clean the file and export it again"
+                f"{path}: splat {int(mask.argmax())} {problem}; clean the file and export it again"
             )

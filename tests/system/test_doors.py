@@ -256,7 +256,7 @@ def test_a_file_that_is_put_in_place_of_another_is_looked_at_once_it_is_open(tmp
         return opened(name, flags)
 
     monkeypatch.setattr(os, "open", replaced)
-    with pytest.raises(FileError, match="no regular file"), open_file(path):
+    with pytest.raises(FileError, match="not a regular file"), open_file(path):
         pass
 
 

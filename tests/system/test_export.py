@@ -288,7 +288,7 @@ def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
     ("more", "says"),
     [
         ((), "give --pdf FILE, --views DIR, --hci DIR or --quilt FILE"),
-        (("--pdf", "sheet.png"), "a sheet for printing is a .pdf"),
+        (("--pdf", "sheet.png"), "not a PDF file name; use .pdf"),
         (("--quilt", "q.jpg"), "a quilt is a .png"),
         (("--views", "v", "--grid", "8"), "--grid 8: write ACROSSxDOWN"),
         (("--quilt", "q.png", "--view-size", "8"), "--view-size 8: write ACROSSxDOWN"),

@@ -178,7 +178,7 @@ def pickup(world, **changes) -> dict:
         (panel, {"filename": "x.png"}, "both filename and eia; give one of"),
         (panel, {"eia": None}, "inim_display: has no EIA; give one of"),
         (panel, {"eia": None, "filename": "x.png"}, "x.png: no such file"),
-        (panel, {"eia": None, "filename": "x.jpg"}, "a finished EIA is a .png"),
+        (panel, {"eia": None, "filename": "x.jpg"}, "not an EIA; give a .png"),
         (panel, {"misalign": "rotation=1"}, "did you mean rotation_deg?"),
         (panel, {"thick": True}, "unknown parameter 'thick'"),
         (eye, {"film": {"type": "hdrfilm", "width": 48, "height": 48}}, "make it 48 x 40"),

@@ -53,7 +53,7 @@ def test_properties_may_stand_in_any_order_but_not_for_mitsuba(tmp_path):
     back = read_splats(path, data)
     np.testing.assert_allclose(back.harmonics, splats.harmonics, rtol=1e-6)
     np.testing.assert_allclose(back.turn, splats.turn, rtol=1e-6)
-    with pytest.raises(FileError, match="not laid out"):
+    with pytest.raises(FileError, match="differs from the training"):
         check_splats(path, data)
 
 
@@ -82,9 +82,9 @@ DAMAGES = {
     "nan": (lambda d: _changed(d, "f_rest_1", np.nan), "splat 3 is not finite"),
     "infinite": (lambda d: _changed(d, "z", np.inf), "splat 3 is not finite"),
     "no turn": (lambda d: _changed(d, "rot_0 rot_1 rot_2 rot_3", 0), "splat 3 has no orientation"),
-    "huge": (lambda d: _changed(d, "scale_0", 80), "splat 3 lies or reaches"),
-    "thin": (lambda d: _changed(d, "scale_2", -80), "splat 3 is impossibly thin"),
-    "far": (lambda d: _changed(d, "x", 1e20), "splat 3 lies or reaches"),
+    "huge": (lambda d: _changed(d, "scale_0", 80), "splat 3 has an implausible position"),
+    "thin": (lambda d: _changed(d, "scale_2", -80), "splat 3 is implausibly thin"),
+    "far": (lambda d: _changed(d, "x", 1e20), "splat 3 has an implausible position"),
 }  # fmt: skip
 
 
