@@ -98,7 +98,7 @@ def check_mesh(path: Path, mesh: Mesh) -> None:
 
 
 def has_area(vertices: np.ndarray, faces: np.ndarray) -> bool:
-    """Whether any face is more than a line; stops at the first block that has one."""
+    """True if any face has an area."""
     extent = float(np.ptp(vertices.astype(np.float64), axis=0).max())
     for start in range(0, len(faces), _FACES_AT_ONCE):
         block = faces[start : start + _FACES_AT_ONCE]

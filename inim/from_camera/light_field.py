@@ -60,7 +60,7 @@ def centre_view_picture(
 
 
 def eia_of_all_views(field: LightField, display: Display) -> tuple[np.ndarray, np.ndarray]:
-    """The EIA of all views, (rows, columns, 3) float32 linear RGB, and where it shows any."""
+    """EIA of all views, (rows, columns, 3) float32 linear RGB, and the mask of its views."""
     opaque = np.full((*field.views.shape[:4], 1), 255, np.uint8)
     codes = eia_from_views(
         _squared(np.concatenate([field.views, opaque], axis=-1)),
@@ -86,7 +86,7 @@ def _squared(views: np.ndarray) -> np.ndarray:
 
 
 def _pixel_mm(field: LightField, display: Display) -> float:
-    """A view's pixel, where all of the view lies on the array."""
+    """Pixel size of a view that fits the array."""
     height, width = field.views.shape[2:4]
     return min(display.width_mm / int(width), display.height_mm / int(height))
 
@@ -99,7 +99,7 @@ def step_mm(field: LightField, display: Display) -> float:
 
 
 def shift_px(field: LightField, display: Display) -> float:
-    """Disparity to add so that the middle comes to the central depth plane; none to an EIA's."""
+    """Disparity that moves the middle to the central depth plane; 0 for views of an EIA."""
     if field.of_display:
         return 0.0
     low, high = display.depth_range_mm
