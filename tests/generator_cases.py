@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import stated
+from inim.display.pixels import exact_length
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.scene.two_spheres import two_spheres
 from inim.stress.pictures import solids_of, tied, with_depth
@@ -209,7 +209,7 @@ def picture(display: str, name: str) -> RGBD:
     """A picture of the matrix."""
     made, per_pitch = PICTURES[name]
     shown = DISPLAYS[display]
-    return made(shown, float(1 / (stated(per_pitch) / stated(shown.pitch_mm))))
+    return made(shown, float(1 / (exact_length(per_pitch) / exact_length(shown.pitch_mm))))
 
 
 def pictures_for(display: str) -> list[str]:

@@ -39,7 +39,7 @@ HOLE = -1
 NO_LENS = -2
 
 
-def stated(value: float) -> Fraction:
+def exact_length(value: float) -> Fraction:
     """The fraction a person meant: the simplest one that rounds to this float, in any unit."""
     mantissa, power = math.frexp(value)
     simple = Fraction(mantissa).limit_denominator(10**6)
@@ -58,7 +58,9 @@ class Rays:
 
 def panel_pixels(display: Display) -> tuple[int, int]:
     """Rows and columns of the panel: as given, or the fewest that cover the elemental images."""
-    down, across = (elemental / stated(display.pixel_pitch_mm) for elemental in _elemental(display))
+    down, across = (
+        elemental / exact_length(display.pixel_pitch_mm) for elemental in _elemental(display)
+    )
     return (
         display.panel_rows or math.ceil(display.lens_rows * down),
         display.panel_columns or math.ceil(display.lens_columns * across),
@@ -67,9 +69,9 @@ def panel_pixels(display: Display) -> tuple[int, int]:
 
 def _elemental(display: Display) -> tuple[Fraction, Fraction]:
     """Pitch of the elemental images, down and across."""
-    pitch, given = stated(display.pitch_mm), display.elemental_pitch_mm
-    across = pitch if given is None else stated(given)
-    rows = pitch if display.pitch_y_mm is None else stated(display.pitch_y_mm)
+    pitch, given = exact_length(display.pitch_mm), display.elemental_pitch_mm
+    across = pitch if given is None else exact_length(given)
+    rows = pitch if display.pitch_y_mm is None else exact_length(display.pitch_y_mm)
     return across * rows / pitch, across
 
 
@@ -90,14 +92,14 @@ def lens_of_pixel(
 
 def all_rays(rgbd: RGBD, display: Display) -> tuple[Rays, Rays]:
     """Rays of the panel's rows, downwards, and of its columns, to the right."""
-    gap, cell = stated(display.gap_mm), stated(rgbd.pixel_mm)
-    pixel_pitch, across = stated(display.pixel_pitch_mm), stated(display.pitch_mm)
-    down = across if display.pitch_y_mm is None else stated(display.pitch_y_mm)
+    gap, cell = exact_length(display.gap_mm), exact_length(rgbd.pixel_mm)
+    pixel_pitch, across = exact_length(display.pixel_pitch_mm), exact_length(display.pitch_mm)
+    down = across if display.pitch_y_mm is None else exact_length(display.pitch_y_mm)
     found = []
     for pixels, lenses, cells, pitch, elemental, shift in zip(
         panel_pixels(display), (display.lens_rows, display.lens_columns), rgbd.shape,
         (down, across), _elemental(display),
-        (-stated(display.shift_y_mm), stated(display.shift_x_mm)), strict=True,
+        (-exact_length(display.shift_y_mm), exact_length(display.shift_x_mm)), strict=True,
     ):  # fmt: skip
         lens, start, slope = [], [], []
         for i in range(pixels):
@@ -115,7 +117,7 @@ def all_rays(rgbd: RGBD, display: Display) -> tuple[Rays, Rays]:
 def depth_range(display: Display) -> tuple[Fraction, Fraction]:
     """z_min and z_max as stated lengths."""
     low, high = display.depth_range_mm
-    return stated(low), stated(high)
+    return exact_length(low), exact_length(high)
 
 
 # -- exact --------------------------------------------------------------------------------------

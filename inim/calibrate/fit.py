@@ -228,7 +228,7 @@ def calibrate(
             f"photographs of {first[1]} x {first[0]} and of {other[1]} x {other[0]} pixels: take "
             "all with one camera, held the same way"
         )
-    steady = nominal.held()
+    steady = nominal.with_fixed_panel()
     guess, counted, edges = _begin(lenses, steady, camera, focal_px)
     free = np.ones(guess.steps.size, bool)
     if camera is not None:
@@ -260,7 +260,7 @@ def fit_pose(lenses: Lenses, display: Display, camera: Camera, name: str) -> Pos
         As for `calibrate`.
     """
     check_display(display)
-    steady = display.held()
+    steady = display.with_fixed_panel()
     guess, counted, _ = _begin({name: lenses}, steady, camera, None)
     guess = guess._replace(display=steady)
     free = np.arange(guess.steps.size) >= len(SHARED)

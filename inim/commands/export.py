@@ -80,7 +80,7 @@ class _Chosen:
 
     path: Path
     display: Display
-    mounted: Display
+    misaligned: Display
     lens_model: str
     distance_mm: float | None
     said: str
@@ -90,7 +90,7 @@ class _Chosen:
     @property
     def made_for(self) -> Display:
         """The display whose lenses its pixels look through: algorithms know the designed one."""
-        return self.mounted if self.is_truth else self.display
+        return self.misaligned if self.is_truth else self.display
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -125,19 +125,19 @@ def _pair(option: str, text: str, most: int) -> tuple[int, int]:
 
 
 def _chosen_eia(args: argparse.Namespace) -> _Chosen:
-    from inim.display.misalignment import mounted
+    from inim.display.misalignment import misaligned
     from inim.scene.file import choose_display
 
     if args.algorithm:
         raise UsageError("--algorithm: is for a report's folder; an EIA has no others beside it")
     design, settings = choose_display(**choices_of(args), source="inim export")
-    real, distance = mounted(design, settings.misalign), settings.viewing_distance_mm
+    real, distance = misaligned(design, settings.misalign), settings.viewing_distance_mm
     return _Chosen(args.what, design, real, settings.lens_model, distance, args.what.name)
 
 
 def _chosen_of_report(args: argparse.Namespace) -> _Chosen:
     """The algorithm that was named, or the best by the headline score; or the truth."""
-    from inim.display.misalignment import mounted
+    from inim.display.misalignment import misaligned
     from inim.report import TRUTH, Report
 
     if args.display or args.definitions:
@@ -150,7 +150,7 @@ def _chosen_of_report(args: argparse.Namespace) -> _Chosen:
     return _Chosen(
         path,
         design,
-        mounted(design, report.data.misalign),
+        misaligned(design, report.data.misalign),
         report.data.lens_model,
         report.data.settings.viewing_distance_mm,
         name + why,
@@ -252,7 +252,7 @@ def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
         if chosen.is_truth and chosen.report
         else chosen.path,
         chosen.display,
-        chosen.mounted,
+        chosen.misaligned,
         chosen.lens_model,
         chosen.distance_mm,
         columns,

@@ -188,7 +188,7 @@ def _choose(display: str, items: list[str]) -> tuple[Display, Settings]:
 
 
 def _findings(args: argparse.Namespace, design: Display, settings: Settings) -> Findings:
-    from inim.display.misalignment import mounted
+    from inim.display.misalignment import misaligned
     from inim.display.viewpoint import default_distance_mm
     from inim.inspect.findings import DEFAULT_LENS_MODEL, inspect_display
     from inim.lens import lens_model as find_lens_model
@@ -201,7 +201,7 @@ def _findings(args: argparse.Namespace, design: Display, settings: Settings) -> 
     return inspect_display(
         design,
         default_distance_mm(design) if distance is None else distance,
-        mounted=mounted(design, settings.misalign),
+        misaligned=misaligned(design, settings.misalign),
         lens_model=args.lens_model or (None if stated == DEFAULT_LENS_MODEL else stated),
         source=args.display,
     )

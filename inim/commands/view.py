@@ -120,7 +120,7 @@ def view_eia(
     InimError
         Of the kind that fits: a display or an EIA that cannot be, or that do not fit together.
     """
-    from inim.display.misalignment import mounted
+    from inim.display.misalignment import misaligned
     from inim.display.viewpoint import parse_viewpoints
     from inim.documents.parts import EyePosition
     from inim.files.eia_file import read_eia
@@ -139,7 +139,7 @@ def view_eia(
     design, settings = choose_display(display, definitions, "inim view")
     viewpoints = parse_viewpoints(settings.viewpoints, design, settings.viewing_distance_mm)
     eyes = [EyePosition(name=v.name, position_mm=v.position_mm) for v in viewpoints]
-    real = mounted(design, settings.misalign)
+    real = misaligned(design, settings.misalign)
     codes = srgb_codes(read_eia(eia, real)[0])
     model = shown_lens_model(real, settings.lens_model)
     stills = [

@@ -1,4 +1,4 @@
-"""The integral-imaging display: a pixel panel under a microlens array, and what follows from it.
+"""Integral-imaging display: a pixel panel under a microlens array, and its derived quantities.
 
 Frame (used by the whole program): origin at the centre of the lens-array plane, +x right and
 +y up as the viewer sees it, +z towards the viewer, millimetres. The panel is the plane z = -gap.
@@ -21,11 +21,11 @@ import numpy as np
 from inim.display.pixels import (
     SUBPIXELS,
     PixelAxis,
+    exact_length,
     least_gap_mm,
     pixel_axis,
     pixel_rays,
     row_blocks,
-    stated,
 )
 from inim.errors import DisplayError, known_words
 
@@ -101,56 +101,57 @@ class Display:
     Parameters
     ----------
     pitch_mm : float
-        Lens pitch P: from one lens to the next in a row.
+        Lens pitch P: distance between adjacent lenses in a row.
     focal_length_mm, gap_mm : float
-        Focal length f and gap g between lens array and panel. g > f shows real images in front
-        of the array, g < f virtual ones behind it; g = f (focused) needs a depth range.
+        Focal length f and gap g between lens array and panel. g > f gives real images in front of
+        the array, g < f virtual images behind it; g = f (focused) needs a depth range.
     pixel_pitch_mm : float
         Panel pixel P_D. P / P_D need not be an integer.
     lens_columns, lens_rows : int
-        Lenses across and down, N and M.
+        Number of lenses horizontally and vertically, N and M.
     panel_columns, panel_rows : int, optional
         Panel size in pixels, centred under the array; by default just enough to cover it.
     depth_min_mm, depth_max_mm : float, optional
-        The depth range to use instead of the one of Eq. 4's text; both or neither.
+        Depth range instead of the one in the text of Eq. 4; both or neither.
     elemental_pitch_mm : float, optional
-        Pitch of the elemental images on the panel where it differs from the lens pitch
+        Pitch of the elemental images on the panel; default: the lens pitch
         (``P (V + g) / V`` aims all lenses at a viewer at distance V).
     refractive_index, lens_thickness_mm, curved_side :
-        The plano-convex lens of the ``thick`` model: index (PMMA by default), centre thickness
-        (one pitch by default), and which way it bulges, ``"viewer"`` or ``"panel"``.
+        The plano-convex lens of the ``thick`` model: index (PMMA by default), centre thickness (one
+        pitch by default), and direction of the curved face, ``"viewer"`` or ``"panel"``.
     conic, asphere_a4, asphere_a6 : float
-        Its curved face beside a sphere: conic constant k, and even terms ``a4 r^4 + a6 r^6`` of
-        the sag, mm^-3 and mm^-5, positive where they deepen the bulge.
+        Deviation of its curved face from a sphere: conic constant k, and even terms ``a4 r^4 + a6
+        r^6`` of the sag, mm^-3 and mm^-5; positive values increase the sag.
     abbe_number : float, optional
-        V of the lens's material; without one, all colours are refracted alike.
+        V of the lens's material; without it, all colours have the same refractive index.
     pitch_y_mm : float, optional
-        From one row of lenses to the next: P by default, ``P sqrt(3) / 2`` on a hexagonal lattice.
+        Distance between adjacent lens rows: P by default, ``P sqrt(3) / 2`` on a hexagonal lattice.
     lattice : {"square", "hexagonal"}
         Hexagonal: every other row, the second from the top first, is half a pitch to the right.
     aperture : {"square", "round"}
     fill_factor : float
         Width of a lens's aperture in pitches, 0..1.
     between_lenses : {"dark", "clear"}
-        What lies outside the apertures: paint, or the sheet's bare flat surface.
+        Area outside the apertures: paint, or the sheet's bare flat surface.
     shift_x_mm, shift_y_mm, rotation_deg : float
-        Where the array lies over the panel: moved right and up, then turned about its own centre,
-        counter-clockwise as the viewer sees it. Panel, eye and picture stay.
+        Shift of the array over the panel, right and up, followed by a rotation about its own
+        centre, counter-clockwise as the viewer sees it. Panel, eye and picture keep their
+        positions.
     tilt_x_deg, tilt_y_deg : float
         Tilt of the panel against the array: the gap grows to the right, and upwards.
     subpixels : {"none", "rgb-stripe", "pentile"}
-        Where a pixel's colours come from: all from all of it; red, green and blue thirds from left
-        to right; or green right halves, and left halves red or blue in turn (red at the top left,
-        as on a chessboard).
+        Areas of a pixel's colours: the whole pixel for all; red, green and blue thirds from left to
+        right; or green right halves, and left halves alternately red and blue (red at the top left,
+        like a chessboard).
     pixel_fill : float
-        Width and height of what shines, in pixels or sub-pixels, 0..1; the rest is black.
+        Width and height of the emitting area, in pixels or sub-pixels, 0..1; the rest is black.
     name : str
-        What the display is called in reports.
+        Name of the display in reports.
 
     Raises
     ------
     DisplayError
-        When a value describes no possible display; the message names it.
+        A value describes no possible display; the message names it.
     """
 
     pitch_mm: float
@@ -243,10 +244,10 @@ class Display:
         object.__setattr__(self, name, int(value))
 
     def _check_depth_range(self) -> None:
-        given = (self.depth_min_mm, self.depth_max_mm)
-        if (given[0] is None) != (given[1] is None):
+        limits = (self.depth_min_mm, self.depth_max_mm)
+        if (limits[0] is None) != (limits[1] is None):
             raise DisplayError("give both depth_min_mm and depth_max_mm, or neither")
-        if given[0] is None and math.isinf(self.central_depth_mm):
+        if limits[0] is None and math.isinf(self.central_depth_mm):
             raise DisplayError(
                 f"gap_mm = focal_length_mm = {self.gap_mm}: a focused display has no depth range "
                 "of its own; state depth_min_mm and depth_max_mm"
@@ -273,21 +274,21 @@ class Display:
 
     @property
     def row_pitch_mm(self) -> float:
-        """From one row of lenses to the next."""
+        """Distance between adjacent lens rows."""
         if self.pitch_y_mm is not None:
             return self.pitch_y_mm
         return self.pitch_mm * (math.sqrt(3) / 2 if self.lattice == "hexagonal" else 1.0)
 
     @property
     def elemental_row_pitch_mm(self) -> float:
-        """From one row of elemental images to the next: in proportion to the lenses'."""
+        """Distance between adjacent rows of elemental images, in proportion to the lenses'."""
         if self.elemental_pitch_mm is None:
             return self.row_pitch_mm
         return self.row_pitch_mm * (self.elemental_pitch_mm / self.pitch_mm)
 
     @property
     def is_separable(self) -> bool:
-        """Whether a panel pixel's lens and ray follow from its row and its column apart."""
+        """True if a panel pixel's lens and ray depend on its row and its column separately."""
         return self.lattice == "square" and not (
             self.rotation_deg or self.tilt_x_deg or self.tilt_y_deg
         )
@@ -304,7 +305,7 @@ class Display:
 
     @property
     def has_integer_ratio(self) -> bool:
-        """Whether the panel is made of elemental images of one square, whole number of pixels."""
+        """True if all elemental images are squares of the same whole number of pixels."""
         whole = round(self.pixels_per_lens)
         covered = (self.lens_rows * whole, self.lens_columns * whole)
         return (
@@ -336,17 +337,20 @@ class Display:
     @property
     def _exact_pixels_per_lens(self) -> tuple[Fraction, Fraction]:
         """Down and across."""
-        pixel, across = stated(self.pixel_pitch_mm), stated(self.elemental_image_pitch_mm)
+        pixel, across = (
+            exact_length(self.pixel_pitch_mm),
+            exact_length(self.elemental_image_pitch_mm),
+        )
         return self._exact_row_pitch * self._exact_magnification / pixel, across / pixel
 
     @property
     def _exact_row_pitch(self) -> Fraction:
-        return stated(self.row_pitch_mm)
+        return exact_length(self.row_pitch_mm)
 
     @property
     def _exact_magnification(self) -> Fraction:
-        """Of the elemental images' lattice against that of the lenses, Q / P."""
-        return stated(self.elemental_image_pitch_mm) / stated(self.pitch_mm)
+        """Magnification of the elemental images' lattice relative to the lens lattice, Q / P."""
+        return exact_length(self.elemental_image_pitch_mm) / exact_length(self.pitch_mm)
 
     # -- depth ---------------------------------------------------------------------------------
 
@@ -371,16 +375,22 @@ class Display:
 
     @property
     def _exact_central_depth(self) -> Fraction:
-        f, g = stated(self.focal_length_mm), stated(self.gap_mm)
+        f, g = exact_length(self.focal_length_mm), exact_length(self.gap_mm)
         return f * g / (g - f)
 
     @property
     def _exact_scene_pixel(self) -> Fraction:
-        return abs(self._exact_central_depth) * stated(self.pixel_pitch_mm) / stated(self.gap_mm)
+        return (
+            abs(self._exact_central_depth)
+            * exact_length(self.pixel_pitch_mm)
+            / exact_length(self.gap_mm)
+        )
 
     @property
     def _exact_half_span(self) -> Fraction:
-        return abs(self._exact_central_depth) * self._exact_scene_pixel / stated(self.pitch_mm)
+        return (
+            abs(self._exact_central_depth) * self._exact_scene_pixel / exact_length(self.pitch_mm)
+        )
 
     @cached_property
     def depth_range_mm(self) -> tuple[float, float]:
@@ -399,12 +409,12 @@ class Display:
 
     @property
     def _clearance(self) -> Fraction:
-        """How far off the array a depth range has to end."""
-        return min(stated(self.pitch_mm), abs(self._exact_central_depth) / 2)
+        """Minimum distance of a depth range from the array."""
+        return min(exact_length(self.pitch_mm), abs(self._exact_central_depth) / 2)
 
     @property
     def depth_range_is_cut(self) -> bool:
-        """Whether the depth formula crossed the array and was cut."""
+        """True if the depth formula crossed the array and the range was cut."""
         if self.depth_min_mm is not None:
             return False
         centre, half = self._exact_central_depth, self._exact_half_span
@@ -486,11 +496,11 @@ class Display:
     @property
     def not_separable_by(self) -> str:
         """The settings that couple rows and columns, for messages; empty where `is_separable`."""
-        found = ["lattice = 'hexagonal'"] if self.lattice == "hexagonal" else []
+        reasons = ["lattice = 'hexagonal'"] if self.lattice == "hexagonal" else []
         for name in ("rotation_deg", "tilt_x_deg", "tilt_y_deg"):
             if getattr(self, name):
-                found.append(f"{name} = {getattr(self, name):g}")
-        return ", ".join(found)
+                reasons.append(f"{name} = {getattr(self, name):g}")
+        return ", ".join(reasons)
 
     @cached_property
     def lensed(self) -> np.ndarray:
@@ -519,17 +529,17 @@ class Display:
                 "from its row and its column apart; use a generator that traces every pixel's ray, "
                 "such as 'template' or 'gu2020'"
             )
-        pitch = stated(self.pitch_mm) if sign > 0 else self._exact_row_pitch
+        pitch = exact_length(self.pitch_mm) if sign > 0 else self._exact_row_pitch
         name = "shift_x_mm" if sign > 0 else "shift_y_mm"
         axis = pixel_axis(
             pixels,
             lenses,
             sign,
-            pixel=stated(self.pixel_pitch_mm),
+            pixel=exact_length(self.pixel_pitch_mm),
             pitch=pitch,
             elemental=pitch * self._exact_magnification,
-            gap=stated(self.gap_mm),
-            shift=stated(getattr(self, name)),
+            gap=exact_length(self.gap_mm),
+            shift=exact_length(getattr(self, name)),
         )
         if (axis.lens < 0).all():
             raise DisplayError(
@@ -538,18 +548,18 @@ class Display:
         return axis
 
     def capture_shape(self, pixels_per_pitch: float) -> tuple[int, int]:
-        """Rows and columns of an RGB-D picture that covers what oblique pixel rays can reach.
+        """Rows and columns of an RGB-D picture that covers the reach of oblique pixel rays.
 
-        The array as designed plus, on either side, what it juts out where it is moved or turned
-        and the sideways travel Q z / 2g of the outermost rays, in whole pixels, so that pixel
-        borders fall alike in every lens where a pitch is a whole number of them.
+        The size is the nominal array plus, on either side, its overhang after shift and rotation
+        and the sideways travel Q z / 2g of the outermost rays. It is in whole pixels, so that pixel
+        borders are equal in every lens if a pitch is a whole number of pixels.
         """
-        count = stated(pixels_per_pitch)
+        count = exact_length(pixels_per_pitch)
         pads = [
             math.ceil(max(side + beyond, 0.0) / self.pitch_mm * pixels_per_pitch - 1e-9)
             for side, beyond in zip(self._side_travel_mm, self._overhang_mm, strict=True)
         ]
-        down = self.lens_rows * self._exact_row_pitch / stated(self.pitch_mm) * count
+        down = self.lens_rows * self._exact_row_pitch / exact_length(self.pitch_mm) * count
         return (
             math.ceil(down) + 2 * pads[1],
             math.ceil(self._lenses_across * count) + 2 * pads[0],
@@ -565,7 +575,7 @@ class Display:
 
     @property
     def beside_panel_mm(self) -> tuple[float, float]:
-        """How much wider and higher than the panel the elemental images are; 0 where they fit."""
+        """Excess width and height of the elemental images over the panel; 0 if they fit."""
         rows, columns = self.eia_shape
         wide = self.lens_columns * self.elemental_image_pitch_mm - columns * self.pixel_pitch_mm
         high = self.lens_rows * self.elemental_row_pitch_mm - rows * self.pixel_pitch_mm
@@ -577,7 +587,7 @@ class Display:
         A quotient of floats may be its neighbour, which no rational ray casting takes for the
         length that was meant (1.7 / 5 is not 0.34).
         """
-        return float(stated(self.pitch_mm) / stated(pixels_per_pitch))
+        return float(exact_length(self.pitch_mm) / exact_length(pixels_per_pitch))
 
     @property
     def steepest_slopes(self) -> tuple[float, float]:
@@ -604,7 +614,7 @@ class Display:
 
     @property
     def _overhang_mm(self) -> tuple[float, float]:
-        """How far the array juts out, in x and y, of where it is designed to be."""
+        """Overhang of the array in x and y beyond its nominal position."""
         c, s = self._turn
         width, height = self.width_mm, self.height_mm
         return (
@@ -625,7 +635,7 @@ class Display:
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def derived(self) -> dict[str, Any]:
-        """What follows from them, for reports; infinite values become None (JSON has none)."""
+        """Derived quantities for reports; infinite values become None, because JSON has none."""
         low, high = self.depth_range_mm
         values: dict[str, Any] = {
             "width_mm": self.width_mm,
@@ -648,7 +658,7 @@ class Display:
         return {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in values.items()}
 
     def replace(self, **changes: Any) -> Display:
-        """A copy with some parameters changed, checked anew.
+        """Copy with some parameters changed and checked.
 
         Raises
         ------
@@ -664,7 +674,7 @@ class Display:
                 )
         return replace(self, **changes)
 
-    def held(self) -> Display:
+    def with_fixed_panel(self) -> Display:
         """A copy that states its panel and depth range: no change of a length moves them."""
         rows, columns = self.eia_shape
         low, high = self.depth_range_mm

@@ -1,4 +1,4 @@
-"""How an array really lies over its panel, where that is not as the display was designed."""
+"""Misalignment of an array over its panel, relative to the display's design."""
 
 from __future__ import annotations
 
@@ -66,29 +66,29 @@ def misalignment_text(misalignment: Mapping[str, float]) -> str:
     return ", ".join(f"{key}={value!r}" for key, value in misalignment.items())
 
 
-def mounted(display: Display, misalignment: str | Mapping[str, float]) -> Display:
-    """The display as it is on the bench.
+def misaligned(display: Display, misalignment: str | Mapping[str, float]) -> Display:
+    """Display with its misaligned array.
 
     Parameters
     ----------
     display : Display
-        As designed: what generators know.
+        Design, as generators use it.
     misalignment : str or mapping
-        By how much it is off; see `parse_misalignment`. Added to the design's own values.
+        Deviation; see `parse_misalignment`. It is added to the design's own values.
 
     Raises
     ------
     UsageError
         See `parse_misalignment`.
     DisplayError
-        No display can be mounted like that.
+        The misalignment is impossible.
     """
     off = parse_misalignment(misalignment)
     if not off:
         return display
     # Picture and panel stay as designed: the depth range and the pixels are not the array's.
     try:
-        return display.held().replace(
+        return display.with_fixed_panel().replace(
             name=f"{display.name}, misaligned",
             **_stretched(display, off.get("pitch_mm", 0.0)),
             **{key: getattr(display, key) + value for key, value in off.items()},
@@ -98,16 +98,16 @@ def mounted(display: Display, misalignment: str | Mapping[str, float]) -> Displa
 
 
 def _stretched(display: Display, off_mm: float) -> dict[str, float]:
-    """What follows a pitch that is off: rows, and elemental images made for the array as it is.
+    """Further changes with a wrong pitch: rows, and elemental images for the actual array.
 
     Those of the design stay on the panel, as they do under an array that is moved. A sheet's
     thickness is its own, also where the design takes it from the pitch.
     """
     if not off_mm:
         return {}
-    given = {key: getattr(display, key) for key in ("pitch_y_mm", "elemental_pitch_mm")}
+    explicit = {key: getattr(display, key) for key in ("pitch_y_mm", "elemental_pitch_mm")}
     scale = 1 + off_mm / display.pitch_mm
-    changed = {key: value * scale for key, value in given.items() if value is not None}
+    changed = {key: value * scale for key, value in explicit.items() if value is not None}
     if display.lens_thickness_mm is None:
         changed["lens_thickness_mm"] = display.pitch_mm
     return changed

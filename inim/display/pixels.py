@@ -1,4 +1,4 @@
-"""The pixels of a panel: what shines, which lens each lies under, where its ray goes.
+"""Pixels of a panel: emitting areas, lenses, and rays.
 
 `PixelAxis` is one axis of the panel, exactly, for displays that are separable. `pixel_rays` takes
 pixels one by one, in float64 from their positions: where the lattice is hexagonal, or the array is
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SubPixel:
-    """Where one colour of a pixel shines.
+    """Emitting area of one colour in a pixel.
 
     Attributes
     ----------
@@ -65,7 +65,9 @@ SUBPIXELS: dict[str, tuple[SubPixel, SubPixel, SubPixel]] = {
 }
 
 
-def shining(subpixel: SubPixel, fill: Any, where: Any, right: Any, down: Any, turn: Any) -> Any:
+def emission_profile(
+    subpixel: SubPixel, fill: Any, select: Any, right: Any, down: Any, turn: Any
+) -> Any:
     """Radiance of a point of a pixel at full drive, as a multiple of the panel's mean.
 
     Parameters
@@ -73,17 +75,17 @@ def shining(subpixel: SubPixel, fill: Any, where: Any, right: Any, down: Any, tu
     subpixel : SubPixel
     fill : float
         `Display.pixel_fill`.
-    where : callable
+    select : callable
         NumPy's `where` or Dr.Jit's `select`.
     right, down : array of float
-        Place inside the pixel, from its centre, in pixels: -1/2 .. 1/2.
+        Position inside the pixel, from its centre, in pixels: -1/2 .. 1/2.
     turn : array
         (row + column) modulo 2 of the pixel, counted from the top left.
 
     Returns
     -------
     array of float
-        0 where nothing shines. Its mean over the panel is 1: drive 1 in all colours is white.
+        0 outside the emitting area. Its mean over the panel is 1: drive 1 in all colours is white.
     """
     pixel_offset, half = right - float(subpixel.right), float(subpixel.width) / 2 * fill
     shines = (
@@ -91,14 +93,14 @@ def shining(subpixel: SubPixel, fill: Any, where: Any, right: Any, down: Any, tu
     )
     if subpixel.turn is not None:
         shines &= turn == subpixel.turn
-    return where(shines, 1.0 / (float(subpixel.share) * fill * fill), 0.0)
+    return select(shines, 1.0 / (float(subpixel.share) * fill * fill), 0.0)
 
 
 # Beyond this a float says more than a person states: 7 digits after the point, or 1/999983.
 _LARGEST_DENOMINATOR = 10**6
 
 
-def stated(value: float) -> Fraction:
+def exact_length(value: float) -> Fraction:
     """The length a person meant: the simplest fraction that rounds to this float.
 
     0.0636 stands for 636/10000 and 1/17 for a seventeenth, not for the binary fractions near
@@ -112,7 +114,7 @@ def stated(value: float) -> Fraction:
 
 @dataclass(frozen=True)
 class PixelAxis:
-    """One axis of the panel: where each pixel is, which lens it lies under, where its ray goes.
+    """One axis of the panel: position, lens and ray of each pixel.
 
     Rays of a square lattice that is neither turned nor tilted are separable, so such a display is
     two of these; `pixel_rays` is for the others. Pixel `i` sends its chief ray along
@@ -176,20 +178,20 @@ def pixel_axis(
 ) -> PixelAxis:
     """Address pixels by position: a running ``int(P / P_D)`` would drift over the array.
 
-    In whole numbers of a common unit, so that nothing is rounded before the last division and the
-    two halves of the panel mirror each other bit for bit (all but a pixel on the axis that lies on
-    a border between lenses: it has to go one way).
+    Positions are whole numbers of a common unit, so that only the last division rounds, and the two
+    halves of the panel are mirror images bit for bit (except a pixel on the axis at a border
+    between lenses, which must belong to one side).
 
     Parameters
     ----------
     pixels, lenses : int
-        Of the panel, centred on the axis, and of the array, centred at `shift`.
+        Number of panel pixels, centred on the axis, and of lenses, centred at `shift`.
     sign : {+1, -1}
-        Whether positions ascend with the index, as columns do, or descend, as rows do.
+        +1 if positions increase with the index, as for columns; -1 for rows.
     pixel, pitch, elemental, gap : Fraction
         P_D, P, the elemental images' pitch and g in millimetres.
     shift : Fraction
-        Where the array's centre lies on the display axis: lenses and elemental images move with it.
+        Position of the array's centre on the axis; lenses and elemental images move with it.
     """
     # In halves, as centres lie at half-integers: position = (2 i - n + 1) pixel / 2.
     lengths = (pixel / 2, pitch / 2, elemental, shift)
@@ -276,23 +278,22 @@ def row_blocks(display: Display) -> Iterator[slice]:
 def pixel_rays(
     display: Display, rows: slice, pixel_offset: tuple[float, float] = (0.0, 0.0)
 ) -> PixelRays:
-    """The rays of a block of panel rows.
+    """Rays of a block of panel rows.
 
     A pixel belongs to the lens whose elemental-image cell contains its centre: cells of the lens
-    lattice at the elemental images' pitch, moved and turned with the array.
+    lattice at the elemental images' pitch, shifted and rotated with the array.
 
     Parameters
     ----------
     display : Display
     rows : slice
-        With start and stop, as `row_blocks` gives them.
-    aside : (down, right) of float
-        Where in its pixel each ray starts, in pixels from the centre; it keeps its pixel's lens.
+        Slice with start and stop, from `row_blocks`.
+    pixel_offset : (down, right) of float
 
     Raises
     ------
     DisplayError
-        When the panel is tilted so far that it meets the array.
+        The tilted panel meets the array.
     """
     least_gap_mm(display)
     panel_rows, panel_columns = display.eia_shape
@@ -373,6 +374,6 @@ def _cell(
 
 
 def _stagger(display: Display, row: np.ndarray) -> np.ndarray:
-    """How far right a row of a hexagonal lattice lies, in pitches: as a whole it is centred."""
+    """Offset of a row of a centred hexagonal lattice to the right, in pitches."""
     pixel_offset: np.ndarray = np.mod(row, 2) / 2 - 0.25
     return pixel_offset if display.lens_rows > 1 else np.zeros_like(pixel_offset)

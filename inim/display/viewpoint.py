@@ -1,4 +1,4 @@
-"""Where the eye is, whether the display shows it an unrepeated picture, and the eye of a film."""
+"""Viewpoints: eye positions, their viewing zone, and the eye path of a film."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Viewpoint:
 
 
 def is_file_safe(name: str) -> bool:
-    """Whether a name can be that of a file: 1 to 64 letters, digits or ``. _ + -``."""
+    """True if a name is a valid file name: 1 to 64 letters, digits or ``. _ + -``."""
     return bool(_NAME.fullmatch(name)) and not name.startswith(".")
 
 
@@ -116,14 +116,14 @@ def check_viewpoint(viewpoint: Viewpoint, display: Display, *, allow_flips: bool
 def focus_distance_mm(viewpoint: Viewpoint, display: Display) -> float:
     """Distance from the eye to the plane it is focused on.
 
-    Where the viewpoint does not say: the display's central depth plane, where its picture is
-    sharpest, or the array itself if that plane is infinitely far (a focused display). A pinhole
-    eye is focused on everything; the array stands for it.
+    Default: the display's central depth plane, where its image is sharpest, or the array itself if
+    that plane is at infinity (a focused display). A pinhole eye is focused at all distances,
+    represented by the array.
 
     Raises
     ------
     ViewpointError
-        When the central depth plane is not in front of an eye that has a pupil.
+        The central depth plane is not in front of an eye with a pupil.
     """
     if viewpoint.focus_mm is not None:
         return viewpoint.focus_mm
@@ -210,19 +210,19 @@ def parse_viewpoints(
     pupil_mm: float = 0.0,
     focus_mm: float | None = None,
 ) -> tuple[Viewpoint, ...]:
-    """Viewpoints, each checked, from values or from text: ``"centre, mine=10 -5, far=0 0 900"``.
+    """Checked viewpoints from values or from text: ``"centre, mine=10 -5, far=0 0 900"``.
 
     Parameters
     ----------
     viewpoints : str, Viewpoint or sequence of them
         Names of `DEFAULT_VIEWPOINTS`, or ``name=x y [z]`` in millimetres, separated by commas.
     display : Display
-        Whose viewing zone they must lie in.
+        Display whose viewing zone must contain them.
     distance_mm : float, optional
-        Viewing distance where none is given; `default_distance_mm` otherwise.
+        Viewing distance for text without z; default: `default_distance_mm`.
     pupil_mm, focus_mm : float
-        Of every eye that is text; see `Viewpoint`. Eyes with a pupil come back with their focus
-        stated: what they see later may be a display that is not quite `display`.
+        For every eye given as text; see `Viewpoint`. Eyes with a pupil are returned with explicit
+        focus, because they may later see a misaligned display.
 
     Raises
     ------
@@ -238,14 +238,14 @@ def parse_viewpoints(
         else replace(_parse_one(item, display, distance), pupil_mm=pupil_mm, focus_mm=focus_mm)
         for item in viewpoint_items(viewpoints)
     ]
-    taken = {"eia"}  # the ground-truth EIA lies beside the views
+    names = {"eia"}  # the ground-truth EIA lies beside the views
     for eye in eyes:
         # Case apart, two names may be one file.
-        if eye.name.lower() in taken:
+        if eye.name.lower() in names:
             raise ViewpointError(
                 f"viewpoint {eye.name!r} is given twice, or its name is taken; rename it"
             )
-        taken.add(eye.name.lower())
+        names.add(eye.name.lower())
         check_viewpoint(eye, display)
     return tuple(
         replace(eye, focus_mm=focus_distance_mm(eye, display)) if eye.pupil_mm else eye

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from inim.display.misalignment import mounted
+from inim.display.misalignment import misaligned
 from inim.documents.document import Document, Part, doc
 from inim.documents.parts import (
     EIA_SCORES,
@@ -303,7 +303,7 @@ class ReportDocument(Document, tag="inim.report/2"):
     def __post_init__(self) -> None:
         check_names([*self.viewpoint_names, *self.algorithms])
         try:
-            mounted(self.display.given, self.misalign)
+            misaligned(self.display.given, self.misalign)
         except InimError as error:
             raise ValueError(f"misalign: {error}") from None
         for name in _TIMES:

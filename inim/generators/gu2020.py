@@ -31,7 +31,7 @@ import math
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import stated
+from inim.display.pixels import exact_length
 from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
@@ -152,8 +152,8 @@ class _Gu2020(SourceGenerator):
 
 def _sampled_depths(display: Display, step_mm: float) -> np.ndarray:
     """Depths from z_max down to z_min, in exact steps, each rounded once."""
-    low, high = map(stated, display.depth_range_mm)
-    step = stated(step_mm)
+    low, high = map(exact_length, display.depth_range_mm)
+    step = exact_length(step_mm)
     steps = math.ceil((high - low) / step)
     if steps > _MOST_STEPS:
         raise UsageError(

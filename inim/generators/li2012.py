@@ -39,7 +39,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import PixelAxis, stated
+from inim.display.pixels import PixelAxis, exact_length
 from inim.generators.base import (
     HOLE,
     PictureShape,
@@ -131,7 +131,7 @@ def forward_axes(
 
 def _lens_centres(lenses: int, pitch_mm: float, shift_mm: float) -> list[Fraction]:
     """Centres of the lenses of one axis, in its order."""
-    pitch, shift = stated(pitch_mm), stated(shift_mm)
+    pitch, shift = exact_length(pitch_mm), exact_length(shift_mm)
     return [Fraction(2 * n - lenses + 1, 2) * pitch + shift for n in range(lenses)]
 
 
@@ -143,8 +143,8 @@ def _axis(
     cell_mm: float,
     depths_mm: tuple[float, float],
 ) -> ForwardAxis:
-    gap, pixel = stated(display.gap_mm), stated(display.pixel_pitch_mm)
-    places = [Fraction(2 * c - cells + 1, 2) * stated(cell_mm) for c in range(cells)]
+    gap, pixel = exact_length(display.gap_mm), exact_length(display.pixel_pitch_mm)
+    places = [Fraction(2 * c - cells + 1, 2) * exact_length(cell_mm) for c in range(cells)]
     lens_z, lens_g, pixel_g, unit = _whole(
         centres, [x0 * gap for x0 in centres], [x * gap for x in places], [pixel]
     )

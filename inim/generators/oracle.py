@@ -10,8 +10,8 @@ generators walk from cell to cell. Nothing is rounded, so the definition decides
   centre, and at the centre to the left or upper one.
 * Columns are those of `template`: as thick as the pixel's surface, solid, or
   the layers of a layered depth image. The rule of the first is float32 arithmetic by definition.
-* A length is the number that a person wrote (0.0636 is 636/10000): `inim.display.pixels.stated`. A
-  float32 depth is exactly its value.
+* A length is the number that a person wrote: 0.0636 is 636/10000
+  (`inim.display.pixels.exact_length`). A float32 depth is exactly its value.
 
 `tests/oracle.py` checks this oracle with a second rational oracle, written independently with
 another method. Both must agree.
@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import stated
+from inim.display.pixels import exact_length
 from inim.generators.base import HOLE, Sources
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 
@@ -168,10 +168,10 @@ class _PanelAxis(NamedTuple):
 
 def _panel_axes(display: Display) -> tuple[_PanelAxis, _PanelAxis]:
     """The axis down the panel and the one across, of a separable display."""
-    (high, wide), pixel = display.eia_shape, stated(display.pixel_pitch_mm)
-    pitch, row_pitch = stated(display.pitch_mm), stated(display.row_pitch_mm)
-    elemental = stated(display.elemental_image_pitch_mm)
-    shift_x, shift_y = stated(display.shift_x_mm), stated(display.shift_y_mm)
+    (high, wide), pixel = display.eia_shape, exact_length(display.pixel_pitch_mm)
+    pitch, row_pitch = exact_length(display.pitch_mm), exact_length(display.row_pitch_mm)
+    elemental = exact_length(display.elemental_image_pitch_mm)
+    shift_x, shift_y = exact_length(display.shift_x_mm), exact_length(display.shift_y_mm)
     by_row = elemental * row_pitch / pitch
     return (
         _PanelAxis(high, display.lens_rows, -shift_y, row_pitch, by_row, pixel),
@@ -192,7 +192,7 @@ def axis_rays(
 
     A ray with an offset in its pixel keeps that pixel's lens.
     """
-    gap, cell = stated(display.gap_mm), stated(rgbd.pixel_mm)
+    gap, cell = exact_length(display.gap_mm), exact_length(rgbd.pixel_mm)
     down, across = _panel_axes(display)
     return (
         _rays(down, gap, rgbd.shape[0], cell, pixel_offset[0]),
@@ -229,7 +229,7 @@ def first_hits_of(
         See `exact_hits`.
     display : Display
     """
-    low, high = map(stated, display.depth_range_mm)
+    low, high = map(exact_length, display.depth_range_mm)
     columns_of_picture = column_layers(rgbd, columns)
     return np.array([_first_hit(line, *columns_of_picture, low, high) for line in lines], np.int64)
 

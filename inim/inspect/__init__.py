@@ -1,6 +1,6 @@
-"""What a display can do, worked out from its numbers alone: nothing is rendered.
+"""Properties of a display, computed from its numbers without rendering.
 
-Closed forms (`geometry`) are those of the display as designed; spots and light shares are traced
-through the lens array as it really lies (`spots`, `crosstalk`). `findings` puts them
-together; `output` and `figure` show them.
+Closed forms (`geometry`) describe the design. Spots and light shares are traced
+through the misaligned lens array (`spots`, `crosstalk`). `findings` combines
+them; `output` and `figure` present them.
 """

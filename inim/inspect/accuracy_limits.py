@@ -1,8 +1,8 @@
-"""Accuracy limits: inside them results were measured right; outside, validations warn.
+"""Accuracy limits: tested ranges of parameters; outside, validations warn.
 
-The study `reports/stress/study` finds them; `reports/stress` holds the run they are taken from, and
+The study `reports/stress/study` determines them, `reports/stress` has the run with the values, and
 a test compares the two. Inside all limits, sources of `template` and `layered` are exact on
-displays that are separable, float32 or float64 alike, and landing points of lens models are off by
+separable displays, in float32 and float64, and panel points of lens models have an error of
 at most `LANDING_PIXELS` in float32.
 """
 
@@ -43,25 +43,25 @@ def accuracy_warnings(
     slope: float | None = None,
     pixel_mm: float | None = None,
 ) -> list[str]:
-    """Sentences, each with its figure, on what lies outside the measured limits; empty if nothing.
+    """One sentence with numbers for each exceeded limit.
 
     Parameters
     ----------
     display : Display
     lens_model : str, optional
-        What views are reconstructed with; None: no views are.
+        Lens model of the reconstructed views; None without views.
     viewpoints : iterable of Viewpoint
-        Eyes that look.
+        Viewpoints of the views.
     slope : float, optional
-        Sideways travel per millimetre of the steepest ray, where it is not that of the eyes.
+        Sideways travel per millimetre of the steepest ray, in addition to those of the viewpoints.
     pixel_mm : float, optional
         Pixel of the RGB-D picture.
     """
-    found = _of_generators(display, pixel_mm)
+    warnings = _of_generators(display, pixel_mm)
     if lens_model is not None:
         eyes = [steepest_slope(display, eye) for eye in viewpoints]
-        found += _of_lenses(display, lens_model, max([*eyes, 0.0 if slope is None else slope]))
-    return found
+        warnings += _of_lenses(display, lens_model, max([*eyes, 0.0 if slope is None else slope]))
+    return warnings
 
 
 def lenses_beside_panel(display: Display) -> list[str]:
@@ -87,16 +87,16 @@ def steepest_slope(display: Display, eye: Viewpoint) -> float:
 
 
 def _of_generators(display: Display, pixel_mm: float | None) -> list[str]:
-    found = []
+    warnings = []
     if not _is_exact(display, display.pitch_mm if pixel_mm is None else pixel_mm):
-        found.append(
+        warnings.append(
             "the display's lengths have too many digits to be computed with exactly: a ray that "
             "meets a corner of the picture's pixels may be given to a neighbour (up to "
             f"{CHANGED_BY_ROUNDING:.0%} of the pixels of a noise picture, reports/stress); round "
             "gap_mm, pitch_mm and pixel_pitch_mm to four digits"
         )
     if not display.is_separable and _meets_corners(display):
-        found.append(
+        warnings.append(
             f"{display.not_separable_by}: rays of this array meet corners of the picture's pixels, "
             f"and rounding decides which neighbour they show (up to {CHANGED_BY_TIES:.0%} of the "
             "pixels of a noise picture, reports/stress); where the very pixel matters, change "
@@ -105,18 +105,18 @@ def _of_generators(display: Display, pixel_mm: float | None) -> list[str]:
     low, high = display.depth_range_mm
     farthest = max(abs(low), abs(high))
     with np.errstate(over="ignore"):
-        held = bool(np.isfinite(np.float32(farthest)))
-        depths = (high - low) / float(np.spacing(np.float32(farthest))) if held else 0.0
+        is_finite = bool(np.isfinite(np.float32(farthest)))
+        depths = (high - low) / float(np.spacing(np.float32(farthest))) if is_finite else 0.0
     if depths < FEWEST_DEPTHS:
-        found.append(
+        warnings.append(
             f"the depth range [{low:g}, {high:g}] mm holds {depths:.3g} steps of float32 depth, "
             f"fewer than {FEWEST_DEPTHS}: pictures cannot tell depths apart; widen the range"
         )
-    return found
+    return warnings
 
 
 def _is_exact(display: Display, pixel_mm: float) -> bool:
-    """Whether rays over the picture are whole numbers, which proves them exact.
+    """True if rays over the picture are whole numbers, which proves their exactness.
 
     Displays that are not separable have no such rays: see `_meets_corners`.
     """
@@ -127,29 +127,29 @@ def _is_exact(display: Display, pixel_mm: float) -> bool:
 
 
 def _meets_corners(display: Display) -> bool:
-    """Whether an array is turned so little off a regular angle that its rays still meet corners."""
+    """True if the array's rotation is so close to a regular angle that its rays meet corners."""
     off = math.remainder(display.rotation_deg, _REGULAR_TURN_DEG)
     return abs(off) < LEAST_TURN_DEG * (1 - 1e-9)
 
 
 def _of_lenses(display: Display, lens_model: str, slope: float) -> list[str]:
-    found = []
+    warnings = []
     model = find_lens_model(lens_model)
     limit = model.steepest_slope
     if slope > limit:
-        found.append(
+        warnings.append(
             f"rays travel {slope:.3g} mm sideways per millimetre, more than the {limit:g} that "
             f"the {lens_model} lens was measured safe for; move the eye back, or use fewer lenses"
         )
     widest = max(display.eia_shape)
     if widest > WIDEST_PANEL_PIXELS:
-        found.append(
+        warnings.append(
             f"a panel {widest} pixels wide: in float32 its far pixels are placed with an error of "
             f"more than {LANDING_PIXELS:g} pixels beyond {WIDEST_PANEL_PIXELS}; split the display"
         )
     if display.refractive_index < model.least_index:
-        found.append(
+        warnings.append(
             f"refractive_index = {display.refractive_index:.10g}: below {model.least_index:g} the "
             "power of a lens loses its digits in float32; use an index of a real material"
         )
-    return found
+    return warnings

@@ -45,7 +45,7 @@ def draw_figure(findings: Findings, folder: Path, name: str = "inspect") -> list
 
 
 def _figure(findings: Findings) -> Any:
-    """A figure of its own: no global state, no display."""
+    """Figure without global state or display."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -107,8 +107,8 @@ def _plan_view(axis: Any, findings: Findings) -> None:
             label="nearest, no flips",
         )
     if not zone.zone_is_empty:
-        at, aside = [zone.distance_mm] * 2, zone.flip_limit_x_mm
-        axis.plot(at, [-aside, aside], "_-", color=_BLUE, linewidth=1, label="flip limit")
+        at, limit_mm = [zone.distance_mm] * 2, zone.flip_limit_x_mm
+        axis.plot(at, [-limit_mm, limit_mm], "_-", color=_BLUE, linewidth=1, label="flip limit")
     eyes = [[v.position_mm[n] for v in zone.viewpoints] for n in (2, 0)]
     ring = {"color": _BLUE, "markersize": 6, "markerfacecolor": "white", "linestyle": "none"}
     axis.plot(*eyes, "o", **ring, label="default eyes")
@@ -150,14 +150,14 @@ def _all_spots(axes: list[Any], findings: Findings) -> None:
     reach = 1.12 * max([pixel / 2, *largest])
     angles = sorted({s.field_angle_deg for s in findings.spots})
     for n, (axis, angle) in enumerate(zip(axes, angles, strict=True)):
-        found = [s for s in findings.spots if s.field_angle_deg == angle]
+        spots = [s for s in findings.spots if s.field_angle_deg == angle]
         frame = {"fill": False, "edgecolor": _INK, "linestyle": "--", "zorder": 4}
         axis.add_patch(Rectangle((-pixel / 2, -pixel / 2), pixel, pixel, **frame))
         dots = {"markersize": 2, "markeredgewidth": 0, "alpha": 0.7, "linestyle": "none"}
-        for spot in found:
+        for spot in spots:
             colour, mark = _SPOT_MARKS[spot.colour]
             axis.plot(spot.x_um, spot.y_um, mark, color=colour, **dots, label=spot.colour)
-        radius = ", ".join(map(_radius, found))
+        radius = ", ".join(map(_radius, spots))
         axis.set_xlim(-reach, reach)
         axis.set_ylim(-reach, reach)
         axis.set_aspect("equal")
@@ -187,7 +187,7 @@ def _crosstalk(figure: Any, axis: Any, findings: Findings) -> None:
 
     crosstalk, zone = findings.crosstalk, findings.zone
     percent = 100 * crosstalk.share
-    known = percent[np.isfinite(percent)]
+    finite = percent[np.isfinite(percent)]
     mesh = axis.pcolormesh(
         crosstalk.eye_x_mm,
         crosstalk.eye_y_mm,
@@ -195,7 +195,7 @@ def _crosstalk(figure: Any, axis: Any, findings: Findings) -> None:
         cmap="cividis",
         shading="nearest",
         vmin=0,
-        vmax=max(_LEAST_SCALE_PERCENT, known.max(initial=0.0)),
+        vmax=max(_LEAST_SCALE_PERCENT, finite.max(initial=0.0)),
         rasterized=True,
     )
     bar = figure.colorbar(mesh, ax=axis, shrink=0.75, pad=0.02)

@@ -1,4 +1,4 @@
-"""Everything `inim inspect` has to say about a display: one value, and warnings in words."""
+"""Findings of `inim inspect`: one value, and warnings in sentences."""
 
 from __future__ import annotations
 
@@ -44,31 +44,30 @@ _LIES = {
 
 @dataclass(frozen=True)
 class Findings:
-    """What a display can do.
+    """Properties of a display.
 
     Attributes
     ----------
     source : str
         The scene file or preset.
     design, mounted : Display
-        As designed, and with its array as it really lies; mostly the same.
+        The design, and the misaligned display; usually equal.
     lens_model : str
     model_reason : str or None
-        Why this model and not `DEFAULT_LENS_MODEL`.
+        Reason for using another model than `DEFAULT_LENS_MODEL`.
     choices : tuple of PixelChoice
-        For `PIXEL_STEPS`.
     zone : ViewingLimits
     voxels : VoxelWidths
     spots : tuple of Spot
         Field angle by field angle, colour by colour.
     light : dict of str to LightShares
-        At each default eye position, by name; the one on the axis is ``"centre"``.
+        Light shares at each default eye position; the one on the axis is ``"centre"``.
     crosstalk : CrosstalkMap
     """
 
     source: str
     design: Display
-    mounted: Display
+    misaligned: Display
     lens_model: str
     model_reason: str | None
     choices: tuple[PixelChoice, ...]
@@ -80,7 +79,7 @@ class Findings:
 
 
 def usable_model(chosen: str | None, display: Display) -> tuple[str, str | None]:
-    """The lens model to use, and why it is not `DEFAULT_LENS_MODEL` where nobody chose another.
+    """Lens model to use, and the reason if the default was replaced.
 
     Raises
     ------
@@ -101,11 +100,11 @@ def inspect_display(
     design: Display,
     distance_mm: float,
     *,
-    mounted: Display | None = None,
+    misaligned: Display | None = None,
     lens_model: str | None = None,
     source: str = "",
 ) -> Findings:
-    """Work out what a display can do, seen from a distance.
+    """Compute the properties of a display at a viewing distance.
 
     Parameters
     ----------
@@ -113,18 +112,18 @@ def inspect_display(
     distance_mm : float
         Viewing distance.
     mounted : Display, optional
-        With its array as it really lies, if that is not as designed.
+        Misaligned display, if different from the design.
     lens_model : str, optional
-        `DEFAULT_LENS_MODEL` unless given, or its stand-in where such lenses cannot be ground.
+        Default: `DEFAULT_LENS_MODEL`, or its replacement if such lenses cannot be manufactured.
     source : str
-        What the display was read from.
+        Source of the display.
 
     Raises
     ------
     InimError
-        A lens model that cannot be, or a panel tilted so far that it meets the array.
+        An impossible lens model, or a tilted panel that meets the array.
     """
-    real = design if mounted is None else mounted
+    real = design if misaligned is None else misaligned
     least_gap_mm(real)
     model, reason = usable_model(lens_model, real)
     zone = viewing_limits(design, distance_mm)
@@ -132,7 +131,7 @@ def inspect_display(
     return Findings(
         source=source,
         design=design,
-        mounted=real,
+        misaligned=real,
         lens_model=model,
         model_reason=reason,
         choices=tuple(pixel_choice(design, times) for times in PIXEL_STEPS),
@@ -148,7 +147,7 @@ def inspect_display(
 
 
 def cautions(findings: Findings) -> list[str]:
-    """Warnings and, last, what is no fault but good to know; one sentence or two each."""
+    """Warnings, followed by hints; one or two sentences each."""
     return [
         *lenses_beside_panel(findings.design),
         *_on_depth(findings.design),
@@ -159,25 +158,25 @@ def cautions(findings: Findings) -> list[str]:
     ]
 
 
-def misalignments(design: Display, mounted: Display) -> list[str]:
-    """How the array lies over the panel, and what of that the panel's picture does not know."""
-    said = []
+def misalignments(design: Display, misaligned: Display) -> list[str]:
+    """Misalignments of the array, and the part that the EIA does not correct."""
+    sentences = []
     for name, words in _LIES.items():
-        known = getattr(design, name)
-        unknown = getattr(mounted, name) - known
-        for value, knows in ((known, "knows"), (unknown, "does not know")):
+        nominal = getattr(design, name)
+        unknown = getattr(misaligned, name) - nominal
+        for value, knows in ((nominal, "knows"), (unknown, "does not know")):
             if value:
-                how = words[0 if value > 0 else 1].format(f"{abs(value):.4g}")
-                said.append(f"array {how} (the design {knows})")
-    off = mounted.gap_mm - design.gap_mm
+                direction = words[0 if value > 0 else 1].format(f"{abs(value):.4g}")
+                sentences.append(f"array {direction} (the design {knows})")
+    off = misaligned.gap_mm - design.gap_mm
     if off:
         side = "far from" if off > 0 else "close to"
-        said.append(f"array {abs(off):.4g} mm too {side} the panel (the design does not know)")
-    off = mounted.pitch_mm - design.pitch_mm
+        sentences.append(f"array {abs(off):.4g} mm too {side} the panel (the design does not know)")
+    off = misaligned.pitch_mm - design.pitch_mm
     if off:
-        how = "far apart" if off > 0 else "close together"
-        said.append(f"lenses {abs(off):.4g} mm too {how} (the design does not know)")
-    return said
+        direction = "far apart" if off > 0 else "close together"
+        sentences.append(f"lenses {abs(off):.4g} mm too {direction} (the design does not know)")
+    return sentences
 
 
 def _on_depth(display: Display) -> Iterator[str]:
@@ -201,7 +200,7 @@ def _on_viewing(findings: Findings) -> Iterator[str]:
 
 
 def _way_out(findings: Findings) -> str:
-    """Where the viewing zone is, if not here."""
+    """Hint to the location of the viewing zone."""
     zone, display = findings.zone, findings.design
     if zone.nearest_distance_mm is None:
         return "no distance is free of them: elemental_pitch_mm and pitch_mm are too far apart"
@@ -225,9 +224,9 @@ def _on_lenses(findings: Findings) -> Iterator[str]:
     if large:
         worst = max(large, key=lambda s: s.rms_radius_um)
         first = min(large, key=lambda s: s.field_angle_deg)
-        where = "the axis" if first.field_angle_deg == 0 else f"{first.field_angle_deg:.3g}°"
+        position = "the axis" if first.field_angle_deg == 0 else f"{first.field_angle_deg:.3g}°"
         yield (
-            f"Spot larger than a pixel from {where} outwards: up to "
+            f"Spot larger than a pixel from {position} outwards: up to "
             f"{2 * worst.rms_radius_um:.3g} µm across (twice the RMS radius, at "
             f"{worst.field_angle_deg:.3g}°) on pixels of {pixel_um:.3g} µm; "
             "neighbouring directions blend."

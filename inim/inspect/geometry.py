@@ -35,14 +35,14 @@ def mode(display: Display) -> str:
 
 
 def has_whole_pixels(display: Display) -> bool:
-    """Whether elemental images are a whole number of pixels wide and high."""
+    """True if elemental images are a whole number of pixels wide and high."""
     sides = (display.elemental_image_pitch_mm, display.elemental_row_pitch_mm)
     counts = [side / display.pixel_pitch_mm for side in sides]
     return all(abs(n - round(n)) < _ROUNDING * n for n in counts)
 
 
 def pixel_choice(display: Display, times: float) -> PixelChoice:
-    """What this display would be with `times` as many pixels under each lens, all else as it is.
+    """Properties with `times` as many pixels under each lens, all else unchanged.
 
     One pixel's step in direction is atan(P_D / g) at the axis (Eq. 1: slope (x0 - x) / g), and the
     displayable depth 2 |D| P_I / P with P_I = |D| P_D / g (Eq. 3 and the text after Eq. 4) shrinks
@@ -157,20 +157,19 @@ class Samples(NamedTuple):
 
 @dataclass(frozen=True)
 class LightShares:
-    """What becomes of the rays from an eye to the lens array, in shares that add up to 1.
+    """Destinations of the rays from an eye to the lens array, as shares that add up to 1.
 
-    By reversibility: of the light the eye could get, what it gets and from where.
+    By reversibility, these are the shares of the light that reaches the eye, by origin.
 
     Attributes
     ----------
     own : float
-        From the elemental image of the lens it came through.
+        Light from the elemental image of the same lens.
     neighbour : float
-        From under a neighbour: crosstalk.
+        Light from a neighbour's elemental image: crosstalk.
     past_lenses : float
-        Through the bare sheet between lenses, bent by none.
+        Light through the bare sheet between lenses.
     beside_panel : float
-        The ray lands where no elemental image is.
     dark_between : float
         The ray meets the paint between lenses.
     blocked : float
@@ -241,50 +240,50 @@ def array_samples(display: Display) -> Samples:
 
 
 def _spread(lenses: int) -> tuple[np.ndarray, np.ndarray]:
-    """Up to 16 of a row of lenses, counted from one end, and how many each stands for.
+    """Indices of up to 16 lenses of a row, and the number of lenses that each represents.
 
-    The first and the last stand for themselves, the others for equal parts of what is between.
+    The first and the last represent themselves, the others equal parts of the rest.
     """
     if lenses <= _LENSES_ACROSS:
         return np.arange(lenses), np.ones(lenses)
     between = _LENSES_ACROSS - 2
-    each = (lenses - 2) / between
-    inner = np.floor(1 + (np.arange(between) + 0.5) * each)
-    stands_for = np.full(between, each)
+    lenses_per_sample = (lenses - 2) / between
+    inner = np.floor(1 + (np.arange(between) + 0.5) * lenses_per_sample)
+    stands_for = np.full(between, lenses_per_sample)
     return np.array([0, *inner, lenses - 1]), np.array([1, *stands_for, 1])
 
 
 def light_shares(
     design: Display,
-    mounted: Display,
+    misaligned: Display,
     model: str,
     eye_mm: tuple[float, float, float],
     samples: Samples | None = None,
 ) -> LightShares:
-    """Follow rays from an eye to the panel and sort them by what they meet.
+    """Trace rays from an eye to the panel and classify them by destination.
 
     Parameters
     ----------
     design : Display
-        What the panel's elemental images are laid out for.
+        Design of the elemental images.
     mounted : Display
-        The same with its array as it really lies.
+        The same display with its misaligned array.
     model : str
-        One of `inim.lens.lens_models` that is no mesh.
+        One of `inim.lens.lens_models` that is not a mesh.
     eye_mm : (x, y, z)
     samples : Samples, optional
         `array_samples(mounted)`, to make them once for many eyes.
     """
-    x, y, area = array_samples(mounted) if samples is None else samples
+    x, y, area = array_samples(misaligned) if samples is None else samples
     eye_x, eye_y, distance = eye_mm
-    landed = land(mounted, model, x, y, (x - eye_x) / distance, (y - eye_y) / distance)
+    landed = land(misaligned, model, x, y, (x - eye_x) / distance, (y - eye_y) / distance)
     light = landed.weight
     passes = light > 0
     cell_x, cell_y, is_lit = cell_of(design, landed.x_mm, landed.y_mm)
-    within = lens_at(mounted, x, y).in_aperture
+    within = lens_at(misaligned, x, y).in_aperture
     bent = passes & is_lit & ~np.isnan(landed.lens_x_mm)
     off = np.hypot(cell_x - landed.lens_x_mm, cell_y - landed.lens_y_mm)
-    own = bent & (off < mounted.pitch_mm / 8)
+    own = bent & (off < misaligned.pitch_mm / 8)
 
     def share(which: np.ndarray, weight: np.ndarray) -> float:
         return float((weight * area)[which].sum())
@@ -302,7 +301,7 @@ def light_shares(
 
 
 def crosstalk_map(
-    design: Display, mounted: Display, model: str, distance_mm: float
+    design: Display, misaligned: Display, model: str, distance_mm: float
 ) -> CrosstalkMap:
     """Crosstalk at eyes on a grid over 1.5 flip limits to all sides.
 
@@ -311,10 +310,10 @@ def crosstalk_map(
     alone = distance_mm * design.elemental_image_pitch_mm / (2 * design.gap_mm)
     reach = [limit if limit > 0 else alone for limit in design.flip_limit_mm(distance_mm)]
     eye_x, eye_y = (np.linspace(-_MAP_REACH, _MAP_REACH, _EYES_ACROSS) * v for v in reach)
-    samples = array_samples(mounted)
+    samples = array_samples(misaligned)
     share = [
         [
-            light_shares(design, mounted, model, (x, y, distance_mm), samples).crosstalk
+            light_shares(design, misaligned, model, (x, y, distance_mm), samples).crosstalk
             for x in eye_x
         ]
         for y in eye_y

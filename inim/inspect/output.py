@@ -69,7 +69,7 @@ def _line(label: str, value: str) -> str:
 
 
 def _n(value: float) -> str:
-    """At most four significant digits, and no minus before nothing."""
+    """Number with at most four significant digits, and without a minus sign before zero."""
     return f"{value + 0.0:.4g}"
 
 
@@ -90,8 +90,8 @@ def _display(findings: Findings) -> list[str]:
         _line("pixels per lens", f"{_n(d.pixels_per_lens)} pixels along one axis"),
         _line("lens model used below", findings.lens_model),
     ]
-    off = misalignments(d, findings.mounted)
-    lines += [_line("misalignment" if n == 0 else "", said) for n, said in enumerate(off)]
+    off = misalignments(d, findings.misaligned)
+    lines += [_line("misalignment" if n == 0 else "", sentence) for n, sentence in enumerate(off)]
     if off:
         lines += [
             _line("", "formulas are those of the aligned array; spots and light shares"),
@@ -111,8 +111,10 @@ def _depth_lines(findings: Findings) -> list[str]:
             _line("scene pixel P_I at D", f"{_n(d.scene_pixel_mm)} mm"),
         ]
     stated = d.depth_min_mm is not None
-    how = "stated" if stated else "by the formula, cut off the array" * d.depth_range_is_cut
-    lines.append(_line("depth range", f"{_n(low)} to {_n(high)} mm" + (f" ({how})" if how else "")))
+    origin = "stated" if stated else "by the formula, cut off the array" * d.depth_range_is_cut
+    lines.append(
+        _line("depth range", f"{_n(low)} to {_n(high)} mm" + (f" ({origin})" if origin else ""))
+    )
     if kind != "focused" and not stated:
         lines.append(_line("depth span by the formula", f"{_n(d.depth_span_mm)} mm"))
     return lines + _voxels(findings)
@@ -149,7 +151,7 @@ def _choices(findings: Findings) -> list[str]:
         "MB/frame": lambda c: f"{c.frame_mb:.3g}",
     }
     rows = [list(columns)]
-    rows += [[shown(choice) for shown in columns.values()] for choice in findings.choices]
+    rows += [[column(choice) for column in columns.values()] for choice in findings.choices]
     names = ("", *("half", "this", "double")[: len(PIXEL_STEPS)])
     widths = [max(len(row[n]) for row in rows) for n in range(len(columns))]
     table = [
@@ -175,11 +177,11 @@ def _viewing_lines(findings: Findings) -> list[str]:
     ]
     if zone.zone_is_empty:
         return [*lines, _line("eye may move aside", "nowhere: every eye here sees flipped views")]
-    aside = (
+    limits = (
         f"±{_n(zone.flip_limit_x_mm)} mm (±{_n(zone.flip_limit_x_deg)}°) across, "
         f"±{_n(zone.flip_limit_y_mm)} mm (±{_n(zone.flip_limit_y_deg)}°) up and down"
     )
-    return [*lines, _line("eye may move aside", aside)]
+    return [*lines, _line("eye may move aside", limits)]
 
 
 def _spots(findings: Findings) -> list[str]:
@@ -217,9 +219,13 @@ def _light_lines(findings: Findings) -> list[str]:
 
 
 def _warnings(findings: Findings) -> list[str]:
-    said = cautions(findings)
+    sentences = cautions(findings)
     wrap = textwrap.TextWrapper(_COLUMNS, initial_indent="  * ", subsequent_indent="    ").wrap
-    return ["To know", *(line for sentence in said for line in wrap(sentence))] if said else []
+    return (
+        ["To know", *(line for sentence in sentences for line in wrap(sentence))]
+        if sentences
+        else []
+    )
 
 
 def inspect_document(findings: Findings) -> InspectDocument:
@@ -243,7 +249,7 @@ def inspect_document(findings: Findings) -> InspectDocument:
             eye_y_mm=crosstalk.eye_y_mm.tolist(),
             share=[[_finite(share) for share in row] for row in crosstalk.share.tolist()],
         ),
-        misalignment=misalignments(findings.design, findings.mounted),
+        misalignment=misalignments(findings.design, findings.misaligned),
         warnings=cautions(findings),
     )
 

@@ -1,6 +1,6 @@
-"""Rays traced to the panel, which lens bent them, and spot diagrams.
+"""Tracing of rays to the panel, assignment to lenses, and spot diagrams.
 
-A spot is what one lens makes of a point, on the axis or off it.
+A spot is the image of a point through one lens, on or off the axis.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _NEIGHBOURS = {
 
 
 class Landings(NamedTuple):
-    """Where rays meet the panel.
+    """Panel points of rays.
 
     Attributes
     ----------
@@ -127,24 +127,24 @@ def array_to_display(
 def cell_of(
     display: Display, x_mm: np.ndarray, y_mm: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The lens whose elemental image holds a panel point, and whether any does.
+    """Lens whose elemental image contains a panel point, with a flag whether there is one.
 
-    Elemental images lie under their lenses like the lattice itself, drawn to their own pitch Q:
-    the array frame scaled by Q / P.
+    The elemental images form the lattice of the lenses at their own pitch Q: the array frame scaled
+    by Q / P.
 
     Parameters
     ----------
     display : Display
-        As designed: what the panel's picture was made for.
+        Design of the panel's EIA.
     x_mm, y_mm : (n,) float64
-        On the panel, display frame.
+        Panel points, display frame.
 
     Returns
     -------
     lens_x_mm, lens_y_mm : (n,) float64
         The lens's centre, array frame.
     is_lit : (n,) bool
-        False beside the panel and beside all elemental images.
+        False outside the panel and outside all elemental images.
     """
     array, traits = lens_array(display), lens_traits(display)
     rows, columns = display.eia_shape
@@ -157,14 +157,14 @@ def cell_of(
 
 
 class Lens(NamedTuple):
-    """The lens whose cell holds a point of the array plane, for (n,) points.
+    """Lens whose cell contains a point of the array plane, for (n,) points.
 
     Attributes
     ----------
     x_mm, y_mm : (n,) float64
         Its centre, array frame.
     exists : (n,) bool
-        Whether the point lies on the array.
+        True if the point is on the array.
     in_aperture : (n,) bool
     """
 
@@ -200,22 +200,22 @@ _RAYS_ACROSS = 32
 
 @dataclass(frozen=True)
 class Spot:
-    """The image of a point on the panel, through one lens.
+    """Image of a point on the panel, through one lens.
 
     Attributes
     ----------
     field_angle_deg : float
-        Between the axis and the line from the lens's centre to the point.
+        Angle between the axis and the line from the lens's centre to the point.
     colour : str
-        ``"all"`` where the material bends all alike, or one of `COLOURS`.
+        ``"all"`` without dispersion, or one of `COLOURS`.
     x_um, y_um : (n,) float64
-        Where its rays land, from their centre of gravity.
+        Panel points of its rays, relative to their centre of gravity.
     centre_x_mm, centre_y_mm : float
-        The centre of gravity, on the panel, display frame.
+        Centre of gravity on the panel, display frame.
     rms_radius_um, rms_radius_px : float
-        Root mean square distance from it, weighted by light; in panel pixels.
+        Root mean square distance from it, weighted by light; in µm and in panel pixels.
     lost_share : float
-        Of the aperture's rays: blocked, or bent by a neighbour they slipped over to.
+        Share of the aperture's rays that are blocked or refracted by a neighbouring lens.
     """
 
     field_angle_deg: float
@@ -258,23 +258,23 @@ def spot(
     colour: str = "all",
     index: float | None = None,
 ) -> Spot:
-    """Rays of one point that fill the aperture of the lens nearest the array's centre.
+    """Spot of one point through the full aperture of the lens nearest to the array's centre.
 
-    The point lies at the depth z, z tan(angle) to the right of the lens; at an infinite one, in
-    that direction. At the central depth plane, where the panel is imaged to, 1/f = 1/D + 1/g makes
-    its image a point; what is left are aberrations.
+    The point is at the depth z and z tan(angle) to the right of the lens, or in that direction at
+    infinite depth. At the central depth plane, 1/f = 1/D + 1/g gives a point image; the spot then
+    shows the aberrations only.
 
     Parameters
     ----------
     display : Display
-        As its array lies.
+        Display with its misaligned array.
     model : str
-        One of `inim.lens.lens_models` that is no mesh.
+        One of `inim.lens.lens_models` that is not a mesh.
     depth_mm : float
-        z of the point; may be behind the array, or infinite.
+        z of the point, possibly behind the array or infinite.
     field_angle_deg : float
     colour, index : str, float, optional
-        Refractive index of that colour, where it is not the display's own.
+        Refractive index of that colour; default: the display's.
     """
     x, y, lens_x, lens_y = _aperture_points(display)
     tangent = math.tan(math.radians(field_angle_deg))
@@ -292,8 +292,8 @@ def _aperture_points(display: Display) -> tuple[np.ndarray, np.ndarray, np.ndarr
     array, traits = lens_array(display), lens_traits(display)
     pitch, row = display.pitch_mm, display.row_pitch_mm
     # On the axis or, if that lies between lenses, up and to the right of it.
-    aside = np.array([pitch / 4]), np.array([row / 4])
-    lens_x, lens_y, _ = lens_centre(array, traits, NUMPY_OPS, *aside)
+    offset = np.array([pitch / 4]), np.array([row / 4])
+    lens_x, lens_y, _ = lens_centre(array, traits, NUMPY_OPS, *offset)
     height = row if not traits.hexagonal else row + pitch**2 / (4 * row)
     ticks = ((np.arange(_RAYS_ACROSS) + 0.5) / _RAYS_ACROSS - 0.5) * display.fill_factor
     right, up = (grid.ravel() for grid in np.meshgrid(ticks * pitch, ticks * height))

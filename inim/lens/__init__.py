@@ -1,20 +1,20 @@
-"""Lens models: where a viewer's ray that meets the lens array lands on the panel.
+"""Lens models: the panel point that a viewer's ray through the lens array reaches.
 
 A lens model is one file with one value, a `LensModel`, most of which is a pure function::
 
     trace(array, traits, ops, x, y, sx, sy, index) -> PanelRay
 
-In the array frame (`inim.lens.array`), `(x, y)` is where the ray crosses the principal plane z = 0
-and `(sx, sy)` how far it travels sideways per millimetre away from the viewer; `index` is the
-material's refractive index for the ray's colour. What comes back is the ray at z = -gap, behind the
-lens, and the share of light that gets through: 0 where nothing does. A ray may land under a
-neighbour's elemental image; that is crosstalk, and stays. The arithmetic comes in as `ops`, so the
-same code runs in float64 NumPy and in a Dr.Jit kernel.
+In the array frame (`inim.lens.array`), `(x, y)` is the ray's intersection with the principal plane
+z = 0 and `(sx, sy)` its sideways travel per millimetre away from the viewer; `index` is the
+material's refractive index for the ray's colour. The result is the ray at z = -gap, behind the
+lens, and its share of transmitted light, 0 for a blocked ray. A ray may end under a neighbour's
+elemental image; this crosstalk is kept. The arithmetic is passed as `ops`, so the same code runs in
+float64 NumPy and in a Dr.Jit kernel.
 
-A model may also be a body, the array as a mesh, that the renderer traces rays through.
+A model may also be a mesh of the array, through which the renderer traces rays.
 
-Other packages announce theirs through the entry-point group ``inim.lens_models``, under the model's
-name, and need nothing but this package's public names::
+Other packages register models in the entry-point group ``inim.lens_models``, under the model's
+name, and need only this package's public names::
 
     [project.entry-points."inim.lens_models"]
     mine = "my_package.lens:model"
@@ -101,19 +101,19 @@ def lens_model(name: str) -> LensModel:
         return _OWN[name]
     if name not in lens_models():
         raise UsageError(f"lens model {name!r}: {known_words(name, lens_models())}")
-    what, found = f"lens model {name!r}", load(_ENTRY_POINTS, name, "lens model")
-    if not isinstance(found, LensModel):
-        raise UsageError(f"{what} is a {type(found).__name__}; announce an inim.lens.LensModel")
-    if found.name != name:
-        raise UsageError(f"{what} calls itself {found.name!r}; give both one name")
-    if found.stand_in not in _OWN:
-        raise UsageError(f"{what}: its stand_in is {found.stand_in!r}; use {' or '.join(_OWN)}")
+    label, model = f"lens model {name!r}", load(_ENTRY_POINTS, name, "lens model")
+    if not isinstance(model, LensModel):
+        raise UsageError(f"{label} is a {type(model).__name__}; announce an inim.lens.LensModel")
+    if model.name != name:
+        raise UsageError(f"{label} calls itself {model.name!r}; give both one name")
+    if model.stand_in not in _OWN:
+        raise UsageError(f"{label}: its stand_in is {model.stand_in!r}; use {' or '.join(_OWN)}")
     return replace(
-        found,
-        trace=found.trace and _attributed(name, _full_sized(found.trace)),
-        mesh=found.mesh and _attributed(name, found.mesh),
-        check=_attributed(name, found.check),
-        transmittance=_attributed(name, _checked_transmittance(found.transmittance)),
+        model,
+        trace=model.trace and _attributed(name, _full_sized(model.trace)),
+        mesh=model.mesh and _attributed(name, model.mesh),
+        check=_attributed(name, model.check),
+        transmittance=_attributed(name, _checked_transmittance(model.transmittance)),
     )
 
 
@@ -132,7 +132,7 @@ def _attributed(name: str, function: _Function) -> _Function:
 
 
 def _full_sized(trace: Trace) -> Trace:
-    """Let a trace return one value for each ray: a constant weight, say, is repeated."""
+    """Let a trace return one value for all rays, such as a constant weight."""
 
     def full_sized(
         array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, sx: Any, sy: Any, index: Any
@@ -154,7 +154,9 @@ def _checked_transmittance(transmittance: Callable[[Display], float]) -> Callabl
 
 
 def foreign_identity(name: str) -> dict[str, str]:
-    """`inim.plugins.identity` of another package's model, for what decides a view; else empty."""
+    """`inim.plugins.identity` of another package's model, as a cache input; empty for built-in
+    models.
+    """
     return {} if name in _OWN else identity(_ENTRY_POINTS, name)
 
 
@@ -164,7 +166,7 @@ def drawn_live() -> list[str]:
 
 
 def drawn_as(name: str) -> str:
-    """The model, one of `drawn_live`, that stands in for another, which need not be known here."""
+    """Model in `drawn_live` that replaces another in the virtual display."""
     try:
         model = lens_model(name)
     except UsageError:
@@ -175,7 +177,7 @@ def drawn_as(name: str) -> str:
 
 
 def check_lens_model(name: str, display: Display) -> None:
-    """Raise unless the model exists and the display's lenses can be what it describes.
+    """Raise unless the model exists and the display's lenses are possible for it.
 
     Raises
     ------
@@ -188,7 +190,7 @@ def check_lens_model(name: str, display: Display) -> None:
 
 
 def white_exposure(display: Display, name: str) -> np.float32:
-    """What a view is multiplied by so that the panel's white looks white on the axis.
+    """Exposure factor of a view that makes the panel's white appear white on the axis.
 
     No viewer compares a display with its scene side by side: the loss at a lens's two faces is set
     right with the panel's brightness.
@@ -223,21 +225,21 @@ def trace_to_panel(
     index: float | None = None,
     dtype: type = np.float64,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Trace viewer's rays to the panel, in NumPy.
+    """Trace a viewer's rays to the panel, in NumPy.
 
     Parameters
     ----------
     display : Display
     name : str
-        One of `lens_models`, but no mesh.
+        One of `lens_models` that is not a mesh.
     x_mm, y_mm : (...) array
-        Where the rays cross the array plane z = 0, display frame.
+        Intersections of the rays with the array plane z = 0, display frame.
     slope_x, slope_y : (...) array
         Sideways travel per millimetre away from the viewer.
     index : float, optional
-        Refractive index, where it is not the display's own.
+        Refractive index; default: the display's.
     dtype : float type
-        What to compute in.
+        Type of the computation.
 
     Returns
     -------
@@ -246,7 +248,7 @@ def trace_to_panel(
     Raises
     ------
     UsageError, DisplayError
-        As `check_lens_model`; or the model is a mesh.
+        As for `check_lens_model`; or the model is a mesh.
     """
     model = lens_model(name)
     trace = model.function

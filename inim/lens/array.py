@@ -1,8 +1,9 @@
-"""The lens array as numbers, rays through it, and the arithmetic that lens models are written in.
+"""Lens array as numbers, rays through it, and the arithmetic of lens models.
 
-Lens models work in the *array frame*: the display frame, moved to the array's centre and turned
-with it. Kinds of lens and lattice are Python values (`LensTraits`): what a display does not have is
-not compiled. Lengths may be Dr.Jit scalars (`LensArray`): changing one compiles nothing anew.
+Lens models work in the *array frame*: the display frame, moved to the array's centre and rotated
+with it. Kinds of lens and lattice are Python values (`LensTraits`): features that a display lacks
+are not compiled. Lengths may be Dr.Jit scalars (`LensArray`): changing one needs no new
+compilation.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from inim.display import Display
 
 
 class Ops(NamedTuple):
-    """The functions a lens model may use, so that it runs on NumPy and on Dr.Jit alike."""
+    """Functions for lens models, available in NumPy and in Dr.Jit."""
 
     sqrt: Any
     floor: Any
@@ -28,7 +29,7 @@ NUMPY_OPS = Ops(np.sqrt, np.floor, np.where, np.abs)
 
 
 class LensTraits(NamedTuple):
-    """What kind of lenses a display has: Python values, fixed when a kernel is compiled."""
+    """Kind of lenses of a display: Python values, fixed when a kernel is compiled."""
 
     hexagonal: bool
     round_aperture: bool
@@ -42,28 +43,26 @@ class LensTraits(NamedTuple):
 
 
 class LensArray(NamedTuple):
-    """What lens models need of a `Display`; each value may be a float or a Dr.Jit scalar.
+    """Numbers of a `Display` for lens models; each value may be a float or a Dr.Jit scalar.
 
     Lengths in millimetres.
 
     Attributes
     ----------
     pitch_x, pitch_y :
-        Between neighbours of a row; between rows.
+        Distance of neighbours in a row; distance of rows.
     half_columns, half_rows :
         N / 2 and M / 2.
     gap, focal_length :
         g and f.
     radius, thickness :
-        Of the plano-convex lens.
     design_index :
-        The index it is designed for, which places its principal planes for all colours.
+        Refractive index of the design, which determines the principal planes for all colours.
     conic, a4, a6 :
-        Of its curved face.
     half_aperture :
         Half the aperture's width.
     shift_x, shift_y, cosine, sine :
-        Where the array lies over the panel.
+        Shift and rotation of the array over the panel.
     tilt_x, tilt_y :
         Growth of the gap per millimetre.
     """
@@ -163,9 +162,9 @@ def _in_row(array: LensArray, ops: Ops, x: Any, y: Any, row: Any) -> tuple[Any, 
     from_top = 2 * array.half_rows - 1 - row
     odd = from_top - 2 * ops.floor(from_top / 2)
     # About the axis: all rows lie a quarter of a pitch to one side or the other.
-    aside = ops.where(array.half_rows > 0.5, odd / 2 - 0.25, 0.0)
-    column = ops.floor(x / array.pitch_x + array.half_columns - aside)
-    centre_x = (column + 0.5 - array.half_columns + aside) * array.pitch_x
+    row_offset = ops.where(array.half_rows > 0.5, odd / 2 - 0.25, 0.0)
+    column = ops.floor(x / array.pitch_x + array.half_columns - row_offset)
+    centre_x = (column + 0.5 - array.half_columns + row_offset) * array.pitch_x
     centre_y = (row + 0.5 - array.half_rows) * array.pitch_y
     inside = (column >= 0) & (column < 2 * array.half_columns)
     inside &= (row >= 0) & (row < 2 * array.half_rows)
@@ -173,7 +172,7 @@ def _in_row(array: LensArray, ops: Ops, x: Any, y: Any, row: Any) -> tuple[Any, 
 
 
 def in_aperture(array: LensArray, traits: LensTraits, dx: Any, dy: Any) -> Any:
-    """Whether a point lies in a lens's aperture, given its place from the lens's centre."""
+    """True if a point, given relative to the lens's centre, is in the lens's aperture."""
     if traits.round_aperture:
         return dx * dx + dy * dy <= array.half_aperture * array.half_aperture
     half_y = array.half_aperture * (array.pitch_y / array.pitch_x)
@@ -186,7 +185,7 @@ def in_aperture(array: LensArray, traits: LensTraits, dx: Any, dy: Any) -> Any:
 
 
 class PanelRay(NamedTuple):
-    """Where a ray meets the plane z = -gap, its direction there, and the light it carries.
+    """Ray at the plane z = -gap: its position, its slopes, and its share of light.
 
     `x`, `y` in millimetres; `sx`, `sy` sideways travel per millimetre away from the viewer;
     `weight` the share of light that gets through, 0 where none does.
@@ -209,18 +208,18 @@ def pass_straight(
     arriving: tuple[Any, Any, Any, Any],
     clear_weight: Any,
 ) -> PanelRay:
-    """A lens's ray where it met the aperture; beside it, the ray past the lens or nothing.
+    """Ray of a lens inside its aperture; outside it, the ray past the lens or a blocked ray.
 
     Parameters
     ----------
     ray : PanelRay
-        Through the lens.
+        Ray through the lens.
     within, inside : bool
-        In the aperture; on the array.
+        Masks of rays in the aperture and on the array.
     arriving : (x, y, sx, sy)
-        The ray as it would go on past the lens, from the plane z = 0.
+        Undeviated ray past the lens, from the plane z = 0.
     clear_weight :
-        What the bare sheet lets through.
+        Transmittance of the bare sheet.
     """
     if traits.full_aperture:
         return ray

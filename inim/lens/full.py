@@ -1,12 +1,12 @@
 r"""`full`: the lens array as a body, a plano-convex sheet of triangles, path traced.
 
-The independent check of `thick`, whose lenses it has; `inim.render.reconstruct` traces the rays.
+An independent check of `thick`, with the same lenses; `inim.render.reconstruct` traces the rays.
 
-The sheet lies as `inim.lens.thick` says. Its curved face is one patch of flat facets for each lens,
-with the exact surface's normals at their corners; neighbours meet in an edge, so corners there
-are doubled. The flat face reaches a margin beyond the lenses, as far as a ray inside the glass can
-get aside: nothing leaves through the sheet's ends, just as in the analytic models. Where the
-margin would show on the curved side it is the *mount*, which is black, as are the ends.
+The position of the sheet is that of `inim.lens.thick`. Its curved face is one patch of flat facets
+for each lens, with the exact surface's normals at their corners; neighbours meet in an edge, so
+corners there are doubled. The flat face extends beyond the lenses by the largest sideways travel of
+a ray inside the glass, so that no ray leaves through the sheet's ends, as in the analytic models.
+On the curved side this margin is the black *mount*; the ends are black, too.
 
     bulge to the viewer          ____   ____
                         mount  _/    \_/    \_  mount      curved face
@@ -71,9 +71,9 @@ def facets_per_lens(display: Display) -> int:
     An even number: a mirrored lens is the same mesh.
     """
     trial = 8
-    wanted = _WANTED_ERROR_PIXELS * display.pixel_pitch_mm
+    tolerance_mm = _WANTED_ERROR_PIXELS * display.pixel_pitch_mm
     # The error falls with the square of a facet's width.
-    facets = math.ceil(trial * math.sqrt(facet_error_mm(display, trial) / wanted))
+    facets = math.ceil(trial * math.sqrt(facet_error_mm(display, trial) / tolerance_mm))
     lenses = display.lens_columns * display.lens_rows
     most = math.isqrt(_MOST_TRIANGLES // (2 * lenses))
     return max(2, min(facets + facets % 2, most - most % 2))
@@ -226,7 +226,7 @@ def _with_margin(nodes: np.ndarray, margin: float) -> np.ndarray:
 
 
 def _mount(array: LensArray, counts: tuple[int, int], facets: int, margin: float) -> _Part:
-    """What closes the body: from the outermost lenses out to the margin's edge, and the ends.
+    """Black mount from the outermost lenses to the margin's edge, and the ends.
 
     Faces have corners, and normals, of their own.
     """

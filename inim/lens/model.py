@@ -1,12 +1,12 @@
-"""What a lens model is: where rays go; and refraction at one face, for models that trace it.
+"""Interface of lens models, and refraction at one face for models that trace it.
 
-Frame of a face: origin at its vertex, z along the light's way (depth), as lens designers have it:
-a face whose centre of curvature lies behind it has a positive curvature. Its sag is::
+Frame of a face: origin at its vertex, z along the light's direction (depth), as in lens design: a
+face whose centre of curvature is behind it has a positive curvature. Its sag is::
 
     z(r) = c r^2 / (1 + sqrt(1 - (1 + k) c^2 r^2)) + a4 r^4 + a6 r^6
 
 (Spencer and Murty, J. Opt. Soc. Am. 52, 672, 1962, who also give the vector form of Snell's law.)
-Roots are written so that nothing cancels: float32 is enough for landing points.
+Roots are written without cancellation: float32 is sufficient for panel points.
 """
 
 from __future__ import annotations
@@ -70,36 +70,36 @@ def _lossless(display: Display) -> float:  # noqa: ARG001
 
 @dataclass(frozen=True)
 class LensModel:
-    """A lens model: a function `trace`, or a body `mesh` that the renderer traces rays through.
+    """Lens model: a function `trace`, or a `mesh` through which the renderer traces rays.
 
     Attributes
     ----------
     name : str
-        As settings have it.
+        Name in settings.
     summary : str
         One line.
     trace : callable, optional
-        See `inim.lens`. It serves NumPy and the renderer, and tells in advance which panel pixels
-        a view depends on.
+        See `inim.lens`. It runs in NumPy and in the renderer, and determines in advance the panel
+        pixels of a view.
     mesh : callable, optional
-        From a `Display` to its lens array as a `SheetMesh`. Path traced: rays scatter between the
-        lenses, and any panel pixel may be observed.
+        From a `Display` to its lens array as a `SheetMesh`. It is path traced: rays scatter between
+        the lenses, and any panel pixel may contribute.
     check : callable
-        Of a `Display`; raises `DisplayError` where its lenses cannot be what the model describes:
-        a thick lens that cannot be ground.
+        Function of a `Display` that raises `DisplayError` if its lenses are impossible for the
+        model, such as a thick lens that cannot be manufactured.
     transmittance : callable
-        From a `Display` to the share of the panel's light, above 0, that its lenses let through
-        along the axis. Views are exposed by its inverse.
+        From a `Display` to the share of the panel's light, above 0, that its lenses transmit along
+        the axis. The exposure of views is its inverse.
     refracts : bool
-        Whether the material's index matters: only then are colours traced apart.
+        True if the material's index matters: only then are colours traced separately.
     stand_in : str
-        The simpler model in its place where this one cannot be: in `inim inspect` if it is a mesh
-        or, chosen by nobody, refuses the display; in the virtual display, which draws models that
-        stand in for themselves.
+        Simpler replacement for this model: in `inim inspect` if it is a mesh or, as the default,
+        rejects the display; and in the virtual display, which draws only models that are their own
+        replacement.
     steepest_slope : float
-        Sideways travel per millimetre of the steepest ray that it was measured safe for in float32.
+        Sideways travel per millimetre of the steepest ray with tested float32 accuracy.
     least_index : float
-        Refractive index below which it loses its digits in float32.
+        Smallest refractive index with sufficient digits in float32.
 
     Raises
     ------
@@ -148,7 +148,7 @@ _ON_FACE = 3e-6
 
 
 class Face(NamedTuple):
-    """A face of revolution; what it has not is None, and is not computed.
+    """Face of revolution; absent terms are None and are not computed.
 
     Attributes
     ----------
@@ -197,30 +197,30 @@ def meet(ops: Ops, face: Face, x: Any, y: Any, d: Any) -> tuple[Any, Any]:
     Parameters
     ----------
     x, y :
-        Where the ray crosses the vertex plane z = 0, mm.
+        Intersection of the ray with the vertex plane z = 0, mm.
     d : (dx, dy, dz)
         Unit vector along the light, dz > 0.
 
     Returns
     -------
-    path, met :
-        Millimetres, negative where the face lies in front of its vertex plane. Of a conic's two
-        points it is the one next to the vertex.
+    path, is_hit :
+        Millimetres, negative if the face is in front of its vertex plane. Of a conic's two
+        intersections it is the one next to the vertex.
     """
     c = face.curvature
     r_squared = x * x + y * y
     ahead = d[2] - c * (x * d[0] + y * d[1])
     bent = c * c if face.conic is None else c * c * (1.0 + face.conic * (d[2] * d[2]))
     under = ahead * ahead - bent * r_squared
-    met = (under > 0) & (ahead > 0)
-    path = c * r_squared / ops.where(met, ahead + ops.sqrt(ops.where(met, under, 0.0)), 1.0)
+    is_hit = (under > 0) & (ahead > 0)
+    path = c * r_squared / ops.where(is_hit, ahead + ops.sqrt(ops.where(is_hit, under, 0.0)), 1.0)
     if face.asphere is None:
-        return path, met
+        return path, is_hit
     return _meet_asphere(ops, face, x, y, d, path)
 
 
 def _meet_asphere(ops: Ops, face: Face, x: Any, y: Any, d: Any, path: Any) -> tuple[Any, Any]:
-    """From the conic to the asphere by Newton's method, a fixed number of steps."""
+    """Path from the conic to the asphere by Newton's method, with a fixed number of steps."""
     for _ in range(_NEWTON_STEPS):
         px, py = x + path * d[0], y + path * d[1]
         r_squared = px * px + py * py

@@ -1,11 +1,11 @@
 """`thick`: a plano-convex lens, refracted exactly at both faces.
 
-Where it stands: the front principal plane is the plane z = 0 that rays arrive on, and the panel
-lies the gap g behind the rear principal plane, so f and g mean what they mean for a thin lens.
-With the bulge towards the viewer the vertex is at z = 0 and the rear principal plane t - t/n
-behind it; with the bulge towards the panel the flat face is at z = t/n and the vertex is the rear
-principal plane, t - t/n behind z = 0 (Hecht, Optics, thick lenses: h = f (n - 1) t / (R n)). The
-planes are those of the design index: nothing moves with a ray's colour.
+Position: the front principal plane is the plane z = 0, and the panel is at the distance g behind
+the rear principal plane, so f and g have the same meaning as for a thin lens. With the bulge
+towards the viewer the vertex is at z = 0 and the rear principal plane t - t/n behind it; with the
+bulge towards the panel the flat face is at z = t/n and the vertex is the rear principal plane, t -
+t/n behind z = 0 (Hecht, Optics, thick lenses: h = f (n - 1) t / (R n)). The planes use the design
+index, so that they do not depend on a ray's colour.
 
 The bulges of lenses that fill their cells make one relief, and a ray meets its first bulge: one
 that would reach its lens through a neighbour's bulge is the neighbour's. None leaves a bulge and
@@ -13,9 +13,9 @@ strikes the next: at a slope b it would have to leave at more than 90 - b degree
 n sin(a - b) >= cos(2 b) for its angle a in the glass. That takes rays 70 degrees off the axis in
 PMMA, 45 at n = 1.3, and there are none from n = 1.6.
 
-Lenses with gaps between them are sunk in a sheet of thickness t, their vertices flush with its
-surface: beside the apertures that surface is painted dark, or is the bare face of a plane-parallel
-plate; what strikes the walls of a lens's hole is lost.
+Lenses with gaps between them are sunk in a sheet of thickness t, with vertices flush with its
+surface. Outside the apertures that surface is painted dark, or is the bare face of a plane-parallel
+plate. Light on the walls of a lens's hole is lost.
 
 Weights are the unpolarised Fresnel transmittances of the two faces; the factor n^2 of radiance
 inside glass cancels between them.
@@ -59,25 +59,25 @@ def check(display: Display) -> None:
     array, traits = lens_array(display), lens_traits(display)
     face = bulge(array, traits._replace(bulges_to_viewer=True))  # its sag counts as height
     reach = math.sqrt(_reach_squared(array, traits, NUMPY_OPS))
-    where = f"the aperture's edge ({reach:.4g} mm from the lens's axis)"
+    position = f"the aperture's edge ({reach:.4g} mm from the lens's axis)"
     if (1 + array.conic) * reach**2 >= array.radius**2:
         conic = f" and conic {array.conic:g}" if traits.conic else ""
         raise DisplayError(
             f"thick lens: a face of radius f (n - 1) = {array.radius:.4g} mm{conic} does not "
-            f"reach {where}; use a longer focal_length_mm or a higher refractive_index"
+            f"reach {position}; use a longer focal_length_mm or a higher refractive_index"
         )
     heights = np.linspace(0, reach, _HEIGHTS + 1)[1:]
     turned = heights[steepness(NUMPY_OPS, face, heights**2) <= 0]
     if turned.size:
         raise DisplayError(
             f"asphere_a4 = {array.a4:g}, asphere_a6 = {array.a6:g}: the face turns back at "
-            f"{turned[0]:.4g} mm, inside {where}; use smaller terms or a smaller fill_factor"
+            f"{turned[0]:.4g} mm, inside {position}; use smaller terms or a smaller fill_factor"
         )
     height = float(sag(NUMPY_OPS, face, reach**2))
     if array.thickness < height:
         raise DisplayError(
             f"lens_thickness_mm = {array.thickness:g}: the bulge alone is {height:.4g} mm high at "
-            f"{where}; make the lens thicker"
+            f"{position}; make the lens thicker"
         )
     behind = array.thickness / array.design_index if traits.bulges_to_viewer else 0.0
     if display.gap_mm <= behind:
@@ -94,9 +94,10 @@ def on_axis_transmittance(display: Display) -> float:
 
 
 def relief_mm(display: Display) -> tuple[float, float]:
-    """Curvature of the bulges along the light's way, mm^-1, and depth of their relief's foot, mm.
+    """Curvature of the lens surfaces along the light, mm^-1, and depth of the foot of their
+    relief, mm.
 
-    For whoever traces spherical faces with other arithmetic than `Ops`.
+    For callers that trace spherical faces with other arithmetic than `Ops`.
     """
     array, traits = lens_array(display), lens_traits(display)
     face = bulge(array, traits)
@@ -125,12 +126,14 @@ def _trace_bulge_first(
         lens = _first_bulge(array, traits, ops, face, x, y, arriving)
     else:
         lens = _bulge_of(ops, face, x, y, arriving, (centre_x, centre_y, on_array))
-        lens = lens._replace(met=lens.met & within & in_aperture(array, traits, lens.x, lens.y))
+        lens = lens._replace(
+            is_hit=lens.is_hit & within & in_aperture(array, traits, lens.x, lens.y)
+        )
     d, front = refract(ops, arriving, normal(ops, face, lens.x, lens.y, lens.z), 1.0 / index)
     u, v = carry(lens.x, lens.y, d, array.thickness - lens.z)
     d, back = refract(ops, d, _AGAINST_THE_LIGHT, index)
     u, v = carry(u, v, d, array.gap - array.thickness / array.design_index)
-    ray = _on_panel(ops, lens, u, v, d, lens.met, front * back)
+    ray = _on_panel(ops, lens, u, v, d, lens.is_hit, front * back)
     past, clear = _through_plate(array, ops, x, y, arriving, index)
     return pass_straight(array, traits, ops, ray, within, on_array, past, clear)
 
@@ -146,14 +149,14 @@ def _trace_flat_first(
     x, y = carry(x, y, inner, array.thickness)  # on the vertex plane, beyond the face
     lens = _first_bulge(array, traits, ops, face, x, y, inner)
     d, back = refract(ops, inner, normal(ops, face, lens.x, lens.y, lens.z), index)
-    leaves = lens.met & (d[2] > _ALONG_THE_ARRAY)
+    leaves = lens.is_hit & (d[2] > _ALONG_THE_ARRAY)
     d = (d[0], d[1], ops.where(leaves, d[2], 1.0))
     u, v = carry(lens.x, lens.y, d, -lens.z)
     if traits.full_aperture:
         within, on_array = True, True
     else:
         centre_x, centre_y, on_array = lens_centre(array, traits, ops, x, y)
-        within = in_aperture(array, traits, lens.x, lens.y) & lens.met
+        within = in_aperture(array, traits, lens.x, lens.y) & lens.is_hit
         leaves &= within & in_aperture(array, traits, u, v)
         # A ray of the sheet that ends up in an aperture but on no lens has met a wall.
         within |= in_aperture(array, traits, x - centre_x, y - centre_y)
@@ -162,15 +165,17 @@ def _trace_flat_first(
     return pass_straight(array, traits, ops, ray, within, on_array, past, clear)
 
 
-class _Met(NamedTuple):
-    """Where a ray meets a bulge: the lens's centre, the point seen from its vertex, whether."""
+class _SurfaceHit(NamedTuple):
+    """Intersection with a lens surface: the lens's centre, the point relative to its vertex, a
+    flag.
+    """
 
     centre_x: Any
     centre_y: Any
     x: Any
     y: Any
     z: Any
-    met: Any
+    is_hit: Any
 
 
 def bulge(array: LensArray, traits: LensTraits) -> Face:
@@ -199,18 +204,22 @@ def _reach_squared(array: LensArray, traits: LensTraits, ops: Ops) -> Any:
     return ops.where(edge < cell, edge, cell)
 
 
-def _bulge_of(ops: Ops, face: Face, x: Any, y: Any, d: Any, lens: tuple[Any, Any, Any]) -> _Met:
-    """Where a ray through (x, y) of the vertex plane meets the face of a given lens."""
+def _bulge_of(
+    ops: Ops, face: Face, x: Any, y: Any, d: Any, lens: tuple[Any, Any, Any]
+) -> _SurfaceHit:
+    """Intersection of a ray through (x, y) of the vertex plane with the face of a given lens."""
     centre_x, centre_y, exists = lens
     x, y = x - centre_x, y - centre_y
-    path, met = meet(ops, face, x, y, d)
-    return _Met(centre_x, centre_y, x + path * d[0], y + path * d[1], path * d[2], met & exists)
+    path, is_hit = meet(ops, face, x, y, d)
+    return _SurfaceHit(
+        centre_x, centre_y, x + path * d[0], y + path * d[1], path * d[2], is_hit & exists
+    )
 
 
 def _first_bulge(
     array: LensArray, traits: LensTraits, ops: Ops, face: Face, x: Any, y: Any, d: Any
-) -> _Met:
-    """Where a ray meets the relief of all bulges, one solid of overlapping caps.
+) -> _SurfaceHit:
+    """Intersection of a ray with the relief of all lenses, one solid of overlapping caps.
 
     At the foot of the relief a ray is inside the glass for certain. The cap of the cell it is in
     there is the deepest around it; where the ray crosses that cap it may lie within the next one's,
@@ -228,7 +237,7 @@ def _first_bulge(
 def _through_plate(
     array: LensArray, ops: Ops, x: Any, y: Any, d: Any, index: Any
 ) -> tuple[tuple[Any, Any, Any, Any], Any]:
-    """A ray past the lenses, through a plate of the sheet's thickness, and what gets through.
+    """Ray outside the lenses, through a plate of the sheet's thickness, and its transmittance.
 
     As if it went straight on from the plane z = 0.
     """
@@ -239,7 +248,7 @@ def _through_plate(
 
 
 def _on_panel(
-    ops: Ops, lens: _Met, u: Any, v: Any, d: Any, passes: Any, transmittance: Any
+    ops: Ops, lens: _SurfaceHit, u: Any, v: Any, d: Any, passes: Any, transmittance: Any
 ) -> PanelRay:
     """The ray of a lens at the panel; `u` and `v` are seen from the lens's axis."""
     return PanelRay(

@@ -20,7 +20,7 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import SUBPIXELS, shining
+from inim.display.pixels import SUBPIXELS, emission_profile
 from inim.errors import SceneError
 from inim.files.eia_file import read_eia
 from inim.lens import (
@@ -116,7 +116,7 @@ class LensedPanel:
         place = mi.UInt32(dr.select(lit, row * self.columns + column, 0.0))
         if self.subpixels is not None:
             turn = mi.UInt32(dr.select(lit, row + column, 0.0)) & 1
-            weight = weight * shining(
+            weight = weight * emission_profile(
                 self.subpixels[channel], self.fill, dr.select,
                 across - column - 0.5, along - row - 0.5, turn,
             )  # fmt: skip

@@ -20,7 +20,7 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import stated
+from inim.display.pixels import exact_length
 from inim.generators.base import PictureShape
 from inim.render import variant
 
@@ -66,14 +66,14 @@ def axis_addresses(
     display: Display, shape: PictureShape, pixel_mm: float
 ) -> tuple[AxisAddress, AxisAddress]:
     """Addressing of rows and of columns for a picture of `shape` with pixels of `pixel_mm`."""
-    panel, pitch, cell = map(stated, (display.pixel_pitch_mm, display.pitch_mm, pixel_mm))
+    panel, pitch, cell = map(exact_length, (display.pixel_pitch_mm, display.pitch_mm, pixel_mm))
     lenses = (display.lens_rows, display.lens_columns)
     rows, columns = (
         AxisAddress(
             pixels,
             count,
             cells,
-            float(panel / stated(display.elemental_image_pitch_mm)),
+            float(panel / exact_length(display.elemental_image_pitch_mm)),
             float(pitch / panel),
             float(pitch / cell),
             float(panel / cell) * plane_mm(display) / display.gap_mm,

@@ -24,7 +24,7 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import DISPLAYS, Display
-from inim.display.misalignment import mounted
+from inim.display.misalignment import misaligned
 from inim.display.viewpoint import Viewpoint, default_distance_mm
 from inim.errors import DisplayError, SceneError, ViewpointError
 from inim.lens import lens_array
@@ -379,7 +379,7 @@ def display_of(plugin: str, values: dict[str, Any]) -> Display:
     changes = {name: values[name] for name in DISPLAY_KEYS if name in values}
     display = Settings(display=preset, **changes).make_display(plugin)
     try:
-        return mounted(display, str(values.get("misalign", "")))
+        return misaligned(display, str(values.get("misalign", "")))
     except DisplayError as error:
         raise DisplayError(f"{plugin}: {error}") from None
 

@@ -1,7 +1,7 @@
-"""Reading a scene's XML before Mitsuba does: settings, files it names, and whether it is safe.
+"""Scan of a scene's XML before Mitsuba reads it: settings, named files, and safety.
 
-Mitsuba opens whatever path a scene names, follows include chains for minutes and dies on deep
-nesting; so a scene is scanned first, in bounded time, and refused with one line.
+Mitsuba opens any path that a scene names, follows include chains for minutes and crashes on deep
+nesting. A scene is therefore scanned first, in bounded time, and rejected with one line.
 """
 
 from __future__ import annotations
@@ -53,25 +53,25 @@ class SceneFile:
     ----------
     path : Path
     settings : dict of str to str
-        `inim.*` texts, the command line's over the file's.
+        `inim.*` texts; the command line overrides the file.
     parameters : dict of str to str
-        What to hand to Mitsuba's loader.
+        Parameters for Mitsuba's loader.
     meshes : tuple of (str, Path)
         Shape plugin and mesh file of the scene's shapes, to be decoded for Mitsuba.
     pictures, volumes : tuple of Path
-        Pictures to be decoded for Mitsuba or checked, and grids to be checked: Mitsuba allocates
-        what a header declares.
+        Pictures to be decoded for Mitsuba or checked, and grids to be checked, because Mitsuba
+        allocates the size in a header.
     named : dict of str to Path
-        By the name in the scene, every file that it names and where that is.
+        Path of every named file, by its name in the scene.
     contents : dict of Path to tuple
-        Of the XML and all files it names, what was read: SHA-256, size and times of change.
+        SHA-256, size and modification times of the XML and all named files as read.
     definitions, allowed : dict, tuple of Path
-        With which it was scanned.
+        Arguments of the scan.
     sha256 : str
-        Over the XML and all files it names.
+        Digest of the XML and all named files.
     rendered_sha256 : str
-        Over what the renderer makes of them: elements with their parameters put in, and the bytes
-        of files. Not over `inim.*` settings, comments, layout, includes, or the names of files.
+        Digest of the renderer's input: elements with substituted parameters, and the bytes of
+        files, without `inim.*` settings, comments, layout, includes, or the names of files.
     """
 
     path: Path
@@ -88,7 +88,7 @@ class SceneFile:
     rendered_sha256: str
 
     def check_unchanged(self) -> None:
-        """Raise `FileError` where a file is not as it was scanned; for whoever has loaded them all.
+        """Raise `FileError` if a file has changed since the scan; called after loading all files.
 
         Files are loaded by name: one that is saved meanwhile would be taken for the one scanned,
         and its pictures kept in the result cache under a digest that is not theirs.
@@ -157,7 +157,7 @@ def read_scene_file(
     scan = _scan(path, definitions, allowed)
     scan.folder.check_whole(str(path))
     # Mitsuba refuses parameters that a scene does not use; the inim.* ones mostly are not.
-    wanted = {
+    changed_defaults = {
         k: v
         for k, v in definitions.items()
         if not k.startswith(PREFIX) or k in scan.parameters.used
@@ -165,7 +165,7 @@ def read_scene_file(
     return SceneFile(
         path,
         scan.settings,
-        wanted,
+        changed_defaults,
         tuple((kind, file) for kind, file in scan.files if kind in _MESH_TYPES),
         tuple(file for kind, file in scan.files if kind in _PICTURE_TYPES),
         tuple(file for kind, file in scan.files if kind in _VOLUME_TYPES),
@@ -174,7 +174,7 @@ def read_scene_file(
         definitions,
         allowed,
         scan.hash.hexdigest(),
-        scan.rendered(wanted),
+        scan.rendered(changed_defaults),
     )
 
 
@@ -195,21 +195,21 @@ def choose_display(
     source: str = "display",
     scene: SceneFile | None = None,
 ) -> tuple[Display, Settings]:
-    """The display of a run, as designed, and the settings of the run.
+    """Design display and settings of a run.
 
     Parameters
     ----------
     display : Display, str or Path, optional
         A display; the name of a preset; or the path of an XML file with `inim.*` settings. A preset
-        replaces the preset that a scene starts from. A display or a file replaces everything that
-        a scene states of its display; a file also replaces misalignment and luminance. None: the
-        scene's display, or the default one.
+        replaces the scene's preset. A display or a file replaces all display settings of a scene; a
+        file also replaces misalignment and luminance. None: the scene's display, or the default
+        one.
     definitions : mapping of str to str, optional
         Single settings to override, as after -D. With a `Display`, they cannot be its parameters.
     source : str
-        What to name in an error where there is no file.
+        Name for error messages without a file.
     scene : SceneFile, optional
-        Read with these definitions. Without a scene, a display file gives all settings.
+        Scene read with these definitions. Without a scene, a display file gives all settings.
 
     Raises
     ------
@@ -282,25 +282,25 @@ def _with_file(
 def _scan(
     path: Path, definitions: dict[str, str], allowed: Iterable[Path], *, files: bool = True
 ) -> _Scan:
-    """A scan of a whole scene, whose `-D` keys are all known."""
-    for one in allowed:
-        if not one.is_dir():
-            raise UsageError(f"--allow-folder {one}: is no folder; name one that is there")
+    """Scan a whole scene and check that all `-D` keys exist."""
+    for place in allowed:
+        if not place.is_dir():
+            raise UsageError(f"--allow-folder {place}: no such folder; give an existing one")
     try:
-        folder = SceneFolder(path.resolve().parent, [one.resolve() for one in allowed])
+        folder = SceneFolder(path.resolve().parent, [place.resolve() for place in allowed])
     # A relative path, and the current folder was deleted; or a circle of links.
     except (OSError, RuntimeError) as error:
         why = getattr(error, "strerror", None) or "its links form a circle"
         raise FileError(f"{path}: cannot be found ({why}); give its full path") from None
     scan = _Scan(folder, definitions, files)
-    scan.read(path, shown=str(path), level=0)
+    scan.read(path, label=str(path), level=0)
     for key in definitions:
         if key.startswith(PREFIX) or key in scan.defaults:
             continue
         if key in Settings.__dataclass_fields__:
             raise SceneError(f"{path}: -D {key}: the setting is called {PREFIX}{key}")
-        known = ", ".join(k for k in scan.defaults if not k.startswith(PREFIX)) or "none"
-        raise SceneError(f"{path}: -D {key}: the scene has no such parameter (it has: {known})")
+        available = ", ".join(k for k in scan.defaults if not k.startswith(PREFIX)) or "none"
+        raise SceneError(f"{path}: -D {key}: the scene has no such parameter (it has: {available})")
     return scan
 
 
@@ -322,33 +322,33 @@ class _Scan:
     @property
     def settings(self) -> dict[str, str]:
         """The `inim.*` texts, the command line's over the file's."""
-        given = {**self.defaults, **self._definitions}
-        return {k: v for k, v in given.items() if k.startswith(PREFIX)}
+        texts = {**self.defaults, **self._definitions}
+        return {k: v for k, v in texts.items() if k.startswith(PREFIX)}
 
     def rendered(self, parameters: Mapping[str, str]) -> str:
         """See `SceneFile.rendered_sha256`; the parameters are those handed to the renderer."""
-        found = self._rendered.copy()
-        found.update(repr(sorted(parameters.items())).encode())
-        return found.hexdigest()
+        digest = self._rendered.copy()
+        digest.update(repr(sorted(parameters.items())).encode())
+        return digest.hexdigest()
 
     def _see(self, tag: str, attributes: Mapping[str, str], level: int, *, end: bool) -> None:
-        """Take an element's begin or end into what the renderer sees."""
+        """Add the start or end of an element to the digest of the renderer's input."""
         if tag not in _UNSEEN and not (tag == "scene" and level):
             words = ["end", tag] if end else [tag, *(sorted(attributes.items()))]
             self._rendered.update(repr(words).encode())
 
-    def read(self, path: Path, shown: str, level: int) -> None:
-        """Parse one file; `shown` is its name in messages."""
-        text = self._bytes(path, shown)
+    def read(self, path: Path, label: str, level: int) -> None:
+        """Parse one file; `label` is its name in messages."""
+        text = self._bytes(path, label)
         self.hash.update(text)
-        self.folder.add_place(path.resolve().parent, shown)
+        self.folder.add_place(path.resolve().parent, label)
         stack: list[tuple[str, str]] = []
         parser = expat.ParserCreate()
 
         def start(tag: str, attributes: dict[str, str]) -> None:
-            where = f"{shown}:{parser.CurrentLineNumber}"
-            substituted = self._substituted(attributes, where)
-            content = self._element(tag, substituted, stack, where, level)
+            location = f"{label}:{parser.CurrentLineNumber}"
+            substituted = self._substituted(attributes, location)
+            content = self._element(tag, substituted, stack, location, level)
             self._see(tag, substituted | content, level, end=False)
             stack.append((tag, substituted.get("type", "")))
 
@@ -357,12 +357,12 @@ class _Scan:
             self._see(tag, {}, level, end=True)
 
         def doctype(*_: object) -> None:
-            raise SceneError(f"{shown}: has a DOCTYPE; entities are refused, remove it")
+            raise SceneError(f"{label}: has a DOCTYPE; entities are refused, remove it")
 
         def declaration(_version: str, encoding: str | None, _alone: int) -> None:
             # Read otherwise here than by Mitsuba, a scene could hide what it names.
             if encoding and encoding.lower() not in _ENCODINGS:
-                raise FileError(f"{shown}: unknown encoding {encoding[:40]!r}; save it as UTF-8")
+                raise FileError(f"{label}: unknown encoding {encoding[:40]!r}; save it as UTF-8")
 
         parser.StartElementHandler = start
         parser.EndElementHandler = finish
@@ -371,86 +371,88 @@ class _Scan:
         try:
             parser.Parse(text, True)
         except expat.ExpatError as error:
-            raise FileError(f"{shown}: broken XML ({error})") from None
+            raise FileError(f"{label}: broken XML ({error})") from None
         except (LookupError, ValueError) as error:
-            raise FileError(f"{shown}: unreadable XML ({error})") from None
+            raise FileError(f"{label}: unreadable XML ({error})") from None
 
-    def _bytes(self, path: Path, shown: str) -> bytes:
+    def _bytes(self, path: Path, label: str) -> bytes:
         left = _LARGEST_BYTES - self.xml_bytes
-        with open_file(path, label=shown, remedy=_NAME_A_SCENE) as file:
+        with open_file(path, label=label, remedy=_NAME_A_SCENE) as file:
             before = os.fstat(file.fileno())
-        text = read_file(path, left, label=shown, remedy=_NAME_A_SCENE)
+        text = read_file(path, left, label=label, remedy=_NAME_A_SCENE)
         self.xml_bytes += len(text)
         self.folder.contents[path.resolve()] = content_of(hashlib.sha256(text).digest(), before)
         return text
 
-    def _substituted(self, attributes: dict[str, str], where: str) -> dict[str, str]:
+    def _substituted(self, attributes: dict[str, str], location: str) -> dict[str, str]:
         try:
             return {k: self.parameters.substitute(text) for k, text in attributes.items()}
         except ValueError as error:
-            raise SceneError(f"{where}: {error}") from None
+            raise SceneError(f"{location}: {error}") from None
 
     def _element(
         self,
         tag: str,
         attributes: dict[str, str],
         stack: list[tuple[str, str]],
-        where: str,
+        location: str,
         level: int,
     ) -> dict[str, str]:
         """Check an element; its attributes that name a file, with the file's digest instead."""
         self.elements += 1
         if len(stack) >= _DEEPEST:
-            raise SceneError(f"{where}: nested deeper than {_DEEPEST} levels; flatten the scene")
+            raise SceneError(f"{location}: nested deeper than {_DEEPEST} levels; flatten the scene")
         if self.elements > _MOST_ELEMENTS:
-            raise SceneError(f"{where}: more than {_MOST_ELEMENTS} elements; simplify the scene")
+            raise SceneError(f"{location}: more than {_MOST_ELEMENTS} elements; simplify the scene")
         if not stack and level == 0 and tag != "scene":
-            raise FileError(f"{where}: <{tag}> is no Mitsuba scene; the root must be <scene>")
-        self._plugin(attributes.get("type", ""), where)
+            raise FileError(f"{location}: <{tag}> is no Mitsuba scene; the root must be <scene>")
+        self._plugin(attributes.get("type", ""), location)
         if tag == "default" and "name" in attributes:
-            self._default(attributes["name"], attributes.get("value", ""), where)
+            self._default(attributes["name"], attributes.get("value", ""), location)
         elif tag == "include":
-            self._include(attributes.get("filename", ""), where, level)
+            self._include(attributes.get("filename", ""), location, level)
         elif tag == "path":
-            self.folder.add_path(attributes.get("value", ""), where)
+            self.folder.add_path(attributes.get("value", ""), location)
         elif tag == "string" and attributes.get("name") == "filename":
             kind = stack[-1][1] if stack else ""
-            return {"value": self._names_file(attributes.get("value", ""), kind, where)}
+            return {"value": self._names_file(attributes.get("value", ""), kind, location)}
         elif tag == "spectrum" and "filename" in attributes:
-            return {"filename": self._names_file(attributes["filename"], "", where)}
+            return {"filename": self._names_file(attributes["filename"], "", location)}
         return {}
 
-    def _plugin(self, name: str, where: str) -> None:
+    def _plugin(self, name: str, location: str) -> None:
         if not name:
             return
         if not _PLUGIN.fullmatch(name):
-            raise SceneError(f"{where}: {name[:80]!r} cannot be the name of a plugin")
+            raise SceneError(f"{location}: {name[:80]!r} cannot be the name of a plugin")
         self.plugins += 1
         if self.plugins > _MOST_PLUGINS:
             raise SceneError(
-                f"{where}: more than {_MOST_PLUGINS} shapes, materials and lights; merge the "
+                f"{location}: more than {_MOST_PLUGINS} shapes, materials and lights; merge the "
                 "shapes into one mesh"
             )
 
-    def _default(self, name: str, value: str, where: str) -> None:
+    def _default(self, name: str, value: str, location: str) -> None:
         try:
             self.parameters.define(name, value)
         except ValueError as error:
-            raise SceneError(f"{where}: {error}") from None
+            raise SceneError(f"{location}: {error}") from None
         self.defaults.setdefault(name, value)
 
-    def _include(self, name: str, where: str, level: int) -> None:
+    def _include(self, name: str, location: str, level: int) -> None:
         self.includes += 1
         if self.includes > _MOST_INCLUDES or level >= _DEEPEST // 4:
-            raise SceneError(f"{where}: more than {_MOST_INCLUDES} includes, or a circle of them")
-        path = self.folder.included(name, where)
-        self.read(path, shown=f"{where}: {name}", level=level + 1)
+            raise SceneError(
+                f"{location}: more than {_MOST_INCLUDES} includes, or a circle of them"
+            )
+        path = self.folder.included(name, location)
+        self.read(path, label=f"{location}: {name}", level=level + 1)
 
-    def _names_file(self, name: str, kind: str, where: str) -> str:
-        """Take note of a file; the digest of what is in it."""
+    def _names_file(self, name: str, kind: str, location: str) -> str:
+        """Register a named file, and return the digest of its content."""
         if not self._look_for_files:
             return ""
-        path, digest = self.folder.file(name, where)
+        path, digest = self.folder.file(name, location)
         self.files.setdefault((kind, path))
         self.hash.update(digest)
         return digest.hex()

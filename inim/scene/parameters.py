@@ -1,11 +1,11 @@
-"""A scene's parameters and files: what each `$name`, and each file name in it, stands for.
+"""Parameters and files of a scene: substitution of `$name`, and resolution of file names.
 
-Mitsuba looks a file name up in the folders of the files it reads, in `<path>`s and in the current
-folder, for plugins as well; so a name must mean one file only, wherever it is looked for, and none
-may lie outside the scene's folder and those that its reader allows.
+Mitsuba searches a file name in the folders of the files it reads, in `<path>`s and in the current
+folder, also for plugins. A name must therefore mean the same file in all of them, and no file
+may be outside the scene's folder and the allowed folders.
 
-`$name` in the attributes of a scene's XML is substituted as Mitsuba 3.9 does it: the scan of a
-scene is worth what it knows of the file names Mitsuba will open. So this repeats Mitsuba's own
+`$name` in the attributes of a scene's XML is substituted as in Mitsuba 3.9, because the scan must
+determine the file names that Mitsuba will open. This module repeats Mitsuba's
 rules (longest name first, a backslash escapes), in bounded length and time.
 """
 
@@ -55,131 +55,140 @@ class SceneFolder:
 
     @property
     def named(self) -> dict[str, Path]:
-        """By the name in the scene, every file it names."""
+        """Path of every named file, by its name in the scene."""
         return {name: path for name, (path, _) in self._named.items()}
 
-    def add_place(self, place: Path, where: str) -> None:
-        """Names are looked up in this folder, too; `where` is for messages, here and below."""
+    def add_place(self, place: Path, location: str) -> None:
+        """Names are looked up in this folder, too; `location` is for messages, here and below."""
         self._places.setdefault(place)
         if len(self._places) > _MOST_PLACES:
-            raise SceneError(f"{where}: more than {_MOST_PLACES} folders; gather the files in one")
+            raise SceneError(
+                f"{location}: more than {_MOST_PLACES} folders; gather the files in one"
+            )
 
-    def add_path(self, name: str, where: str) -> None:
-        """As `add_place`, by the name in a `<path>`."""
-        self.add_place(self._inside(self._folder, name, where), where)
+    def add_path(self, name: str, location: str) -> None:
+        """Add the folder named in a `<path>`, as `add_place`."""
+        self.add_place(self._inside(self._folder, name, location), location)
 
-    def included(self, name: str, where: str) -> Path:
+    def included(self, name: str, location: str) -> Path:
         """The XML that an `<include>` names, there or not."""
-        path = self._found(name, where) or self._inside(self._folder, name, where)
-        self._named.setdefault(name, (path, where))
+        path = self._found(name, location) or self._inside(self._folder, name, location)
+        self._named.setdefault(name, (path, location))
         return path
 
-    def file(self, name: str, where: str) -> tuple[Path, bytes]:
-        """The one file that a name means, and the SHA-256 of what is in it.
+    def file(self, name: str, location: str) -> tuple[Path, bytes]:
+        """Resolve a file name, and compute the SHA-256 of the file.
 
         Raises
         ------
         FileError
-            It is not there, or cannot be read.
+            The file is missing or unreadable.
         SceneError
-            It lies outside, or means several files; or there are too many of them.
+            The file is outside the allowed folders, the name is ambiguous, or there are too many
+            files.
         """
-        path = self._found(name, where)
+        path = self._found(name, location)
         if path is None or not path.is_file():
-            raise FileError(f"{where}: {name!r} is not there; paths start at the scene's folder")
-        self._named.setdefault(name, (path, where))
+            raise FileError(f"{location}: {name!r} is not there; paths start at the scene's folder")
+        self._named.setdefault(name, (path, location))
         if len(self._named) > _MOST_FILES:
-            raise SceneError(f"{where}: names more than {_MOST_FILES} files; simplify the scene")
+            raise SceneError(f"{location}: names more than {_MOST_FILES} files; simplify the scene")
         if path not in self.contents:
-            self.contents[path] = self._content(path, name, where)
+            self.contents[path] = self._content(path, name, location)
         return path, self.contents[path][0]
 
-    def check_whole(self, shown: str) -> None:
-        """Refuse what only the whole scene shows: a name of two files, plugins in its folders."""
-        for name, (path, where) in self._named.items():
-            if self._found(name, where) != path:
-                raise SceneError(f"{where}: {name!r} names several files; rename all but one")
+    def check_whole(self, label: str) -> None:
+        """Reject ambiguous file names, and plugins in the folders of the whole scene."""
+        for name, (path, location) in self._named.items():
+            if self._found(name, location) != path:
+                raise SceneError(f"{location}: {name!r} names several files; rename all but one")
         for place in (*self._places, Path()):
-            check_plugin_folder(place, f"{shown}: ")
+            check_plugin_folder(place, f"{label}: ")
 
-    def _content(self, path: Path, name: str, where: str) -> Content:
+    def _content(self, path: Path, name: str, location: str) -> Content:
         digest = hashlib.sha256()
-        with open_file(path, label=f"{where}: {name!r}") as file:
-            found = os.fstat(file.fileno())
-            self._check_bytes(found.st_size, name, where)
+        with open_file(path, label=f"{location}: {name!r}") as file:
+            status = os.fstat(file.fileno())
+            self._check_bytes(status.st_size, name, location)
             while block := file.read(_BLOCK_BYTES):
                 self._bytes += len(block)
-                self._check_bytes(0, name, where)
+                self._check_bytes(0, name, location)
                 digest.update(block)
-        return content_of(digest.digest(), found)
+        return content_of(digest.digest(), status)
 
-    def _check_bytes(self, more: int, name: str, where: str) -> None:
+    def _check_bytes(self, more: int, name: str, location: str) -> None:
         if self._bytes + more > _MOST_BYTES:
             raise SceneError(
-                f"{where}: with {name!r}, the scene's files hold {self._bytes + more} bytes; at "
+                f"{location}: with {name!r}, the scene's files hold {self._bytes + more} bytes; at "
                 f"most {_MOST_BYTES}"
             )
 
-    def _found(self, name: str, where: str) -> Path | None:
+    def _found(self, name: str, location: str) -> Path | None:
         """The one file or folder that a name can mean; None where there is none."""
-        paths = [self._resolved(place, name, where) for place in self._places]
+        paths = [self._resolved(place, name, location) for place in self._places]
         try:
             there = {path for path in paths if path.exists()}
         except OSError as error:
-            raise _unusable(name, where, error) from None
+            raise _unusable(name, location, error) from None
         # What is not there cannot be opened; it matters where the file should have been.
         for path in there or paths:
-            self._check_inside(path, name, where)
+            self._check_inside(path, name, location)
         if len(there) > 1:
-            raise SceneError(f"{where}: {name!r} names several files; rename all but one")
+            raise SceneError(f"{location}: {name!r} names several files; rename all but one")
         return there.pop() if there else None
 
-    def _inside(self, place: Path, name: str, where: str) -> Path:
-        path = self._resolved(place, name, where)
-        self._check_inside(path, name, where)
+    def _inside(self, place: Path, name: str, location: str) -> Path:
+        path = self._resolved(place, name, location)
+        self._check_inside(path, name, location)
         return path
 
-    def _resolved(self, place: Path, name: str, where: str) -> Path:
+    def _resolved(self, place: Path, name: str, location: str) -> Path:
         try:
             return (place / name).resolve()
         except (OSError, ValueError, RuntimeError) as error:
-            raise _unusable(name, where, error) from None
+            raise _unusable(name, location, error) from None
 
-    def _check_inside(self, path: Path, name: str, where: str) -> None:
+    def _check_inside(self, path: Path, name: str, location: str) -> None:
         if not any(path.is_relative_to(folder) for folder in self._allowed):
             raise SceneError(
-                f"{where}: {name!r} lies outside the scene's folder; copy it beside the scene, or "
+                f"{location}: {name!r} lies outside the scene's folder; copy it beside the scene, "
+                "or "
                 f"add --allow-folder {shlex.quote(str(self._to_allow(path)))}"
             )
 
     def _to_allow(self, path: Path) -> Path:
-        """The folder to propose: the first below what the file and the scene have in common."""
+        """Folder to propose for --allow-folder: the first below the common parent of file and
+        scene.
+        """
         folder, top = path if path.is_dir() else path.parent, Path(path.anchor)
-        common = next((one for one in self._folder.parents if folder.is_relative_to(one)), top)
+        common = next(
+            (parent for parent in self._folder.parents if folder.is_relative_to(parent)), top
+        )
         return folder if common in (top, folder) else common / folder.relative_to(common).parts[0]
 
 
-def content_of(sha256: bytes, found: os.stat_result) -> Content:
-    """What a file held when this was found of it."""
-    return sha256, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+def content_of(sha256: bytes, status: os.stat_result) -> Content:
+    """Content record of a file from its digest and status."""
+    return sha256, status.st_size, status.st_mtime_ns, status.st_ctime_ns
 
 
-def _unusable(name: str, where: str, error: Exception) -> FileError:
+def _unusable(name: str, location: str, error: Exception) -> FileError:
     cause = getattr(error, "strerror", None) or error
-    return FileError(f"{where}: {name[:120]!r} is no usable file name ({cause})")
+    return FileError(f"{location}: {name[:120]!r} is no usable file name ({cause})")
 
 
-def check_plugin_folder(place: Path, shown: str = "") -> None:
+def check_plugin_folder(place: Path, label: str = "") -> None:
     """Refuse a folder with `plugins/*.so`: Mitsuba looks for plugins where it looks for files.
 
     Raises
     ------
     SceneError
-        The message starts with `shown`.
+        The message starts with `label`.
     """
     for library in _libraries(place / "plugins"):
         raise SceneError(
-            f"{shown}{library} would be loaded into the renderer and run; move the folder "
+            f"{label}{library} would be loaded into the renderer and run; move the "
+            "folder "
             "'plugins' elsewhere"
         )
 
@@ -201,7 +210,7 @@ _NAME = re.compile(r"(?<!\\)\$(\w*)", re.ASCII)
 
 
 class SceneParameters:
-    """What `$name` stands for, first definition first.
+    """Values of `$name`; the first definition wins.
 
     Parameters
     ----------
@@ -209,13 +218,13 @@ class SceneParameters:
         The command line's; a scene's own `<default>`s yield to them.
     """
 
-    def __init__(self, given: Mapping[str, str]) -> None:
+    def __init__(self, definitions: Mapping[str, str]) -> None:
         self._values: dict[str, str] = {}
         self._longest_first: list[str] = []
         self._substituted = 0
         #: Names that were asked for.
         self.used: set[str] = set()
-        for name, value in given.items():
+        for name, value in definitions.items():
             self.define(name, value)
 
     def define(self, name: str, value: str) -> None:
@@ -236,12 +245,12 @@ class SceneParameters:
         self._longest_first = sorted(self._values, key=len, reverse=True)
 
     def substitute(self, text: str) -> str:
-        """The text as Mitsuba takes it.
+        """Substitute parameters in a text as Mitsuba does.
 
         Raises
         ------
         ValueError
-            A parameter that nothing defines, or a text that grows out of bounds.
+            An undefined parameter, or a text beyond the size limit.
         """
         if "$" not in text:
             return text
@@ -258,18 +267,18 @@ class SceneParameters:
     def _replaced(self, text: str, name: str) -> str:
         """Each `$name` that no backslash precedes, by its value; the value is not looked into."""
         key, value = f"${name}", self._values[name]
-        done, at, last = [], 0, ""
-        while (found := text.find(key, at)) >= 0:
-            last = text[found - 1] if found > at else last
+        pieces, at, last = [], 0, ""
+        while (start := text.find(key, at)) >= 0:
+            last = text[start - 1] if start > at else last
             escaped = last == "\\"
             if not escaped:
                 self.used.add(name)
             new = key if escaped else value
-            done += [text[at:found], new]
-            at, last = found + len(key), new[-1:] or last
+            pieces += [text[at:start], new]
+            at, last = start + len(key), new[-1:] or last
             self._count(len(new))
-        done.append(text[at:])
-        text = "".join(done)
+        pieces.append(text[at:])
+        text = "".join(pieces)
         if len(text) > _LONGEST_VALUE:
             raise ValueError(f"parameter ${name[:40]} makes a text too long; shorten its value")
         return text

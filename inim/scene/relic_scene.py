@@ -1,10 +1,10 @@
-"""A new scene around a relic, turned, scaled and centred: of meshes, or of 3D Gaussian splats.
+"""New scenes of a relic, rotated, scaled and centred: from meshes, or from 3D Gaussian splats.
 
-Meshes are lit from three sides. Mitsuba's `to_world` turns splats, but not their colours, which are
-functions of the direction in the file's axes. So splats are turned here, with their harmonics, and
-written to a new file. Their file has no unit of length. The relic becomes `SIZE_MM` large: the
-integrator continues 1e-4 behind each splat that it enters, whatever the unit, which must be little
-against the splats and much against the rounding of coordinates.
+Meshes are lit from three sides. Mitsuba's `to_world` rotates splats, but not their colours, which
+are functions of the direction in the file's axes. Splats are therefore rotated in this module, with
+their harmonics, and written to a new file. Their file has no unit of length. The relic becomes
+`SIZE_MM` large, because the integrator continues 1e-4 units behind each splat that it enters: a
+small distance relative to the splats, and a large one relative to the rounding of coordinates.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def _one(group: Sequence[Mesh]) -> Mesh:
 
 
 def bounds(meshes: Sequence[Mesh]) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corner (3,) float64 of what the faces use."""
+    """Lower and upper corner (3,) float64 of the vertices in faces."""
     used = [mesh.vertices[np.unique(mesh.faces)] for mesh in meshes]
     low = np.min([points.min(axis=0) for points in used], axis=0)
     return low.astype(float), np.max([points.max(axis=0) for points in used], axis=0).astype(float)
@@ -89,12 +89,12 @@ _LAMPS = {
 
 
 def scene_xml(files: Mapping[Path, Mesh], half_mm: np.ndarray, title: str, display: str) -> str:
-    """The scene's text.
+    """Text of the scene.
 
     Parameters
     ----------
     files : mapping of Path to Mesh
-        The relic's PLY files, each in the scene's folder; those with a texture have a PNG beside.
+        The relic's PLY files in the scene's folder; a texture is a PNG next to its file.
     half_mm : (3,) float array
         Half the size of the relic's bounding box, which is centred on the origin.
     title, display : str
@@ -115,7 +115,7 @@ def scene_xml(files: Mapping[Path, Mesh], half_mm: np.ndarray, title: str, displ
 
 
 def _brightest(part: Mesh) -> float:
-    """Linear light that the brightest hundredth of a part sends back of what falls on it."""
+    """Share of light reflected by the brightest hundredth of a part, linear."""
     if part.texture is not None:
         code = np.quantile(part.texture.max(axis=-1), _BRIGHTEST_QUANTILE)
         return float(linear_from_srgb(code / 255))
@@ -125,7 +125,7 @@ def _brightest(part: Mesh) -> float:
 
 
 def defaults_xml(title: str, display: str, **more: str) -> list[str]:
-    """How a new scene begins: its settings, and robust intersections."""
+    """First lines of a new scene: its settings, and robust intersections."""
     defaults = {"title": title, "display": display, "algorithms": "wang2024,template", **more}
     lines = ["<?xml version='1.0' encoding='utf-8'?>", '<scene version="3.0.0">']
     lines += ["    <!-- Lengths are millimetres; +y is up, +z towards the viewer. -->"]
@@ -286,7 +286,7 @@ class Frame:
         return cls(low - margin, high + margin)
 
     def holds(self, points: np.ndarray) -> np.ndarray:
-        """Which points, (n, 3), lie within."""
+        """Mask of points, (n, 3), inside the box."""
         inside: np.ndarray = np.all((points >= self.low) & (points <= self.high), axis=1)
         return inside
 
@@ -318,21 +318,21 @@ def placed_splats(splats: Splats, turn: np.ndarray, frame: Frame) -> tuple[Splat
     UsageError
         None are left.
     """
-    shown = splats[splats.opacity > _FAINTEST]
-    small = _reach(shown).max(axis=1) <= _FARTHEST * (frame.high - frame.low).max()
-    inside = frame.holds(shown.centre) & small
+    visible = splats[splats.opacity > _FAINTEST]
+    small = _reach(visible).max(axis=1) <= _FARTHEST * (frame.high - frame.low).max()
+    inside = frame.holds(visible.centre) & small
     if not inside.any():
         raise UsageError(
             f"--crop {frame}: holds no splats that are small against it; they are in "
             f"{Frame.around(splats)}"
         )
-    kept = turned(shown[inside], turn)
-    reach = _reach(kept)
-    low, high = (kept.centre - reach).min(axis=0), (kept.centre + reach).max(axis=0)
+    relic = turned(visible[inside], turn)
+    reach = _reach(relic)
+    low, high = (relic.centre - reach).min(axis=0), (relic.centre + reach).max(axis=0)
     scale = SIZE_MM / (high - low).max()
-    centre = (kept.centre - (low + high) / 2) * scale
-    log_scale = kept.log_scale + np.float32(np.log(scale))
-    moved = replace(kept, centre=centre.astype(np.float32), log_scale=log_scale)
+    centre = (relic.centre - (low + high) / 2) * scale
+    log_scale = relic.log_scale + np.float32(np.log(scale))
+    moved = replace(relic, centre=centre.astype(np.float32), log_scale=log_scale)
     return moved, (high - low) / 2 * scale
 
 
@@ -414,16 +414,16 @@ def _quaternion(turn: np.ndarray) -> np.ndarray:
     return vectors[:, -1]
 
 
-def _product(one: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Quaternion `one` times each of `others`, (n, 4)."""
-    w, v = one[0], one[1:]
+def _product(left: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Quaternion `left` times each of `others`, (n, 4)."""
+    w, v = left[0], left[1:]
     real = w * others[:, 0] - others[:, 1:] @ v
     rest = w * others[:, 1:] + others[:, :1] * v + np.cross(v, others[:, 1:])
     return np.column_stack([real, rest])
 
 
 def _band_rotation(turn: np.ndarray, first: int, last: int) -> np.ndarray:
-    """What a rotation does to the coefficients of a degree: the real Wigner matrix.
+    """Real Wigner matrix: the effect of a rotation on the coefficients of one degree.
 
     Turned functions of a degree are of that degree, so the matrix follows from their values in as
     many directions as there are of them, and more for good measure.
@@ -438,9 +438,9 @@ def _band_rotation(turn: np.ndarray, first: int, last: int) -> np.ndarray:
 def _basis(directions: np.ndarray) -> np.ndarray:
     """Real spherical harmonics up to degree 3, (n, 16), in the order and signs of splat files."""
     x, y, z = directions.T
-    one = np.ones_like(x)
+    ones = np.ones_like(x)
     columns = [
-        0.28209479177387814 * one,
+        0.28209479177387814 * ones,
         -0.4886025119029199 * y, 0.4886025119029199 * z, -0.4886025119029199 * x,
         1.0925484305920792 * x * y, -1.0925484305920792 * y * z,
         0.31539156525252005 * (3 * z * z - 1), -1.0925484305920792 * x * z,

@@ -1,7 +1,7 @@
-"""Two spheres before nothing, in closed form: the paper's kind of scene without a renderer.
+"""Closed-form scene of two spheres on an empty background, similar to the paper's scene.
 
-Everything a measurement needs comes from one function, what a ray meets: the RGB-D picture (rays
-straight back), the true EIA (rays of the panel pixels) and the true view (rays from an eye).
+All outputs derive from one function, the intersection of a ray: the RGB-D picture (rays along z),
+the ground-truth EIA (rays of the panel pixels) and the ground-truth view (rays from an eye).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _SUBPIXELS = 4
 
 @dataclass(frozen=True)
 class _Hits:
-    """What rays meet: linear RGB, depth in millimetres, and whether there is anything."""
+    """Intersections of rays: linear RGB, depth in millimetres, and a flag."""
 
     color: np.ndarray
     depth_mm: np.ndarray
@@ -72,7 +72,7 @@ def two_spheres_eia(display: Display) -> np.ndarray:
 
 
 def two_spheres_view(display: Display, eye: Viewpoint, pixels_per_lens: int) -> np.ndarray:
-    """What an eye sees through the window of the array, (rows, columns, 3) float32 linear RGB."""
+    """Render the ground-truth view from an eye, (rows, columns, 3) float32 linear RGB."""
     fine = pixels_per_lens * _SUBPIXELS
     x = _places(display.lens_columns * fine, display.pitch_mm / fine, +1)
     y = _places(display.lens_rows * fine, display.pitch_mm / fine, -1)

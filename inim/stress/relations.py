@@ -96,7 +96,7 @@ class Relation:
     first_hit: bool = False
     own_columns: bool = False
     one_layer: bool = False
-    mounted: bool = False
+    misaligned: bool = False
 
 
 def run_relations(
@@ -166,7 +166,7 @@ def check_relation(
     )
     compared = broken = uncertain = 0
     # Whether rounding excuses what is broken; else there is no need to look for it.
-    excused = bool(explained) or not (relation.bitwise or (exact and not relation.mounted))
+    excused = bool(explained) or not (relation.bitwise or (exact and not relation.misaligned))
     try:
         for comparison in relation.check(show, algorithm):
             pixels = np.argwhere(comparison.which & ~comparison.same)
@@ -181,7 +181,7 @@ def check_relation(
                 uncertain += int(near[tuple(pixels.T)].sum())
     except InimError as error:
         # Arrays whose rows and columns are not independent need not be served.
-        return replace(result, message=str(error), passed=relation.mounted and not exact)
+        return replace(result, message=str(error), passed=relation.misaligned and not exact)
     except Exception as error:
         message = " ".join(f"{type(error).__name__}: {error}".split())[:300]
         return replace(result, message=message)
@@ -492,9 +492,9 @@ RELATIONS = [
     Relation("uncovered pixels do not matter", _uncovered, bitwise=True),
     Relation("one thread or all", _threads(noise_pictures), bitwise=True),
     Relation("tiles or whole", _tiles, bitwise=True),
-    Relation("turned right round, as straight", _turned_round, mounted=True),
-    Relation("mounted array upside down", _flip((0, 1), _even, _TURNED), mounted=True),
-    Relation("mounted array in a mirror", _flip((0,), _odd, _MIRRORED), mounted=True),
-    Relation("mounted array, all lengths x 2^10", _scale(2.0**10, _even), True, mounted=True),
-    Relation("mounted array, one thread or all", _threads(_odd), True, mounted=True),
+    Relation("turned right round, as straight", _turned_round, misaligned=True),
+    Relation("mounted array upside down", _flip((0, 1), _even, _TURNED), misaligned=True),
+    Relation("mounted array in a mirror", _flip((0,), _odd, _MIRRORED), misaligned=True),
+    Relation("mounted array, all lengths x 2^10", _scale(2.0**10, _even), True, misaligned=True),
+    Relation("mounted array, one thread or all", _threads(_odd), True, misaligned=True),
 ]

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from inim.display import Display
-from inim.display.misalignment import mounted
+from inim.display.misalignment import misaligned
 from inim.display.viewpoint import Viewpoint, eye_path
 from inim.errors import FileError, InimError, UsageError
 from inim.lens import check_lens_model
@@ -119,7 +119,7 @@ def _displays(request: FilmRequest, report: Report) -> tuple[Display, Display]:
     """The report's display with its misalignment, and as designed."""
     design = report.display
     try:
-        display = mounted(design, report.data.misalign)
+        display = misaligned(design, report.data.misalign)
         check_lens_model(request.lens_model, display)
     except InimError as error:
         raise FileError(f"{request.folder}: {error}") from None

@@ -100,7 +100,7 @@ def _misaligned(random: np.random.Generator, design: Display) -> Display:
     def off(most: float) -> float:
         return float(random.uniform(-most, most))
 
-    return design.held().replace(
+    return design.with_fixed_panel().replace(
         name=f"{design.name}, hidden",
         pitch_mm=design.pitch_mm * (1 + off(0.01)),
         rotation_deg=off(2.0),

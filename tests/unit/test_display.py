@@ -375,8 +375,8 @@ def test_what_decides_rays_through_lens_centres_is_kept_through_pinholes(name):
 
 def test_rays_through_pinholes_are_those_of_the_display():
     """The pickup of the true EIA, the depth camera and the viewing zone know no lens."""
-    for mounted in ({}, {"rotation_deg": 2.0, "tilt_x_deg": 1.0}):
-        theirs = display(**LENSES, **mounted)
+    for misaligned in ({}, {"rotation_deg": 2.0, "tilt_x_deg": 1.0}):
+        theirs = display(**LENSES, **misaligned)
         point = theirs.through_pinholes()
         ours, others = (pixel_rays(d, slice(0, d.eia_shape[0])) for d in (theirs, point))
         for name in ("lens", "x0", "y0", "slope_x", "slope_y", "gap_mm"):

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from inim.display.pixels import SUBPIXELS as PATTERNS
-from inim.display.pixels import stated
+from inim.display.pixels import exact_length
 from inim.generators import (
     HOLE,
     MASKED,
@@ -125,7 +125,7 @@ def test_lists_rays_with_shared_runs_and_free_rays_find_the_same(display, column
         rgbd = picture(display, name)
         size = (shown, rgbd.shape, rgbd.pixel_mm, columns)
         alone = RayByRay(*size).sources(rgbd)
-        whole = stated(shown.pitch_mm) / stated(rgbd.pixel_mm)
+        whole = exact_length(shown.pitch_mm) / exact_length(rgbd.pixel_mm)
         shared = shares_directions(shown)
         tables = whole.denominator == 1 and shown.row_pitch_mm == shown.pitch_mm
         if tables and (shared or columns != "layers"):
@@ -159,7 +159,7 @@ _QUARTERS = {
 )
 def test_a_pixel_shows_the_mean_of_the_rays_from_what_shines_of_it(algorithm, display, samples):
     shown = DISPLAYS[display]
-    fill = stated(shown.pixel_fill)
+    fill = exact_length(shown.pixel_fill)
     pixels = chosen_pixels(shown, 150)
     for name in ("random, sparse, odd size", "layers"):
         rgbd = picture(display, name)

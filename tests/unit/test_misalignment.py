@@ -3,27 +3,32 @@
 import pytest
 
 from inim.display import DISPLAYS
-from inim.display.misalignment import MISALIGNMENTS, misalignment_text, mounted, parse_misalignment
+from inim.display.misalignment import (
+    MISALIGNMENTS,
+    misaligned,
+    misalignment_text,
+    parse_misalignment,
+)
 from inim.errors import DisplayError, UsageError
 
 NOMINAL = DISPLAYS["nominal"]
 
 
 def test_nothing_off_is_the_design_itself():
-    assert mounted(NOMINAL, "") is NOMINAL
-    assert mounted(NOMINAL, " , ") is NOMINAL
+    assert misaligned(NOMINAL, "") is NOMINAL
+    assert misaligned(NOMINAL, " , ") is NOMINAL
 
 
 def test_offsets_add_to_the_design_s_own():
     turned = NOMINAL.replace(rotation_deg=2.0, shift_y_mm=-0.3)
-    off = mounted(turned, "rotation_deg = -0.5, shift_y_mm=0.1,gap_mm=0.2")
+    off = misaligned(turned, "rotation_deg = -0.5, shift_y_mm=0.1,gap_mm=0.2")
     assert off.rotation_deg == 1.5
     assert off.shift_y_mm == pytest.approx(-0.2)
     assert off.gap_mm == pytest.approx(3.5)
 
 
 def test_picture_and_panel_stay_as_designed():
-    off = mounted(NOMINAL, "gap_mm=0.2, shift_x_mm=3")
+    off = misaligned(NOMINAL, "gap_mm=0.2, shift_x_mm=3")
     assert off.depth_range_mm == NOMINAL.depth_range_mm
     assert off.eia_shape == NOMINAL.eia_shape
     assert off.central_depth_mm != NOMINAL.central_depth_mm
@@ -31,18 +36,18 @@ def test_picture_and_panel_stay_as_designed():
 
 def test_a_pitch_that_is_off_stretches_the_lattice_and_nothing_else():
     aimed = NOMINAL.replace(elemental_pitch_mm=1.01, pitch_y_mm=0.9)
-    off = mounted(aimed, "pitch_mm=0.02")
+    off = misaligned(aimed, "pitch_mm=0.02")
     assert (off.pitch_mm, off.row_pitch_mm) == pytest.approx((1.02, 0.918))
     # What is made for the array as it lies aims at the same distance.
     assert off.elemental_image_pitch_mm / off.pitch_mm == pytest.approx(1.01)
     assert off.eia_shape == aimed.eia_shape
     assert (off.focal_length_mm, off.lens_thickness_mm) == (3.0, 1.0)
-    assert mounted(NOMINAL, "pitch_mm=0.02").elemental_image_pitch_mm == 1.02
+    assert misaligned(NOMINAL, "pitch_mm=0.02").elemental_image_pitch_mm == 1.02
 
 
 @pytest.mark.parametrize("key", MISALIGNMENTS)
 def test_every_key_moves_something(key):
-    assert getattr(mounted(NOMINAL, f"{key}=0.25"), key) == getattr(NOMINAL, key) + 0.25
+    assert getattr(misaligned(NOMINAL, f"{key}=0.25"), key) == getattr(NOMINAL, key) + 0.25
 
 
 @pytest.mark.parametrize(
@@ -60,16 +65,16 @@ def test_every_key_moves_something(key):
 )
 def test_what_cannot_be_read_is_named(text, says):
     with pytest.raises(UsageError, match=says):
-        mounted(NOMINAL, text)
+        misaligned(NOMINAL, text)
 
 
 def test_numbers_and_their_text_are_the_same_misalignment():
     off = {"rotation_deg": 1 / 3, "gap_mm": -0.1}
     assert parse_misalignment(misalignment_text(off)) == off
-    assert mounted(NOMINAL, misalignment_text(off)) == mounted(NOMINAL, off)
+    assert misaligned(NOMINAL, misalignment_text(off)) == misaligned(NOMINAL, off)
 
 
 @pytest.mark.parametrize("text", ["gap_mm=-4", "pitch_mm=-1", "tilt_x_deg=80", "shift_x_mm=nan"])
 def test_what_cannot_be_mounted_names_misalignment_and_value(text):
     with pytest.raises(DisplayError, match=f"misalign '{text}"):
-        mounted(NOMINAL, text)
+        misaligned(NOMINAL, text)

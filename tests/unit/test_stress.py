@@ -205,7 +205,7 @@ def test_arrays_that_need_not_be_served_may_be_refused():
     (relation,) = (r for r in RELATIONS if r.name == "mounted array upside down")
     (row,) = run_relations(["li2012"], relations=[relation])
     assert row.passed and row.compared == 0 and "independent" in row.message
-    (row,) = run_relations(["li2012"], relations=[replace(relation, mounted=False)])
+    (row,) = run_relations(["li2012"], relations=[replace(relation, misaligned=False)])
     assert not row.passed
 
 

@@ -14,7 +14,7 @@ import pytest
 from msgspec.structs import replace
 
 from inim.display import DISPLAYS
-from inim.display.misalignment import MISALIGNMENTS, misalignment_text, mounted
+from inim.display.misalignment import MISALIGNMENTS, misaligned, misalignment_text
 from inim.documents import read_document, schema
 from inim.documents.parts import DisplayRecord, SceneFile
 from inim.documents.tolerate import FailedDisplay, ToleranceDocument
@@ -83,7 +83,7 @@ def test_errors_by_the_geometry_are_of_all_that_can_be_off(name):
     study = ToleranceStudy(spreads, alone=5)
     for parameter in spreads:
         for error in study.draw_alone(parameter):
-            off = mounted(DISPLAYS[name], misalignment_text({parameter: error}))
+            off = misaligned(DISPLAYS[name], misalignment_text({parameter: error}))
             assert getattr(off, parameter) == getattr(DISPLAYS[name], parameter) + error
 
 

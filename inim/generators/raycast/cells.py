@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import PixelAxis, PixelRays, stated
+from inim.display.pixels import PixelAxis, PixelRays, exact_length
 from inim.errors import UsageError
 from inim.generators.base import CENTRE, PixelOffset
 
@@ -122,7 +122,7 @@ def _axis(
     sign: int,
     pixel_offset: Fraction,
 ) -> CellRays:
-    cell, gap = stated(cell_mm), stated(display.gap_mm)
+    cell, gap = exact_length(cell_mm), exact_length(display.gap_mm)
     # In cells: start = cells / 2 + centre / cell, slope = offset unit / (cell gap).
     per_offset = sign * pixels.unit_mm / pixel_offset.denominator / (cell * gap)
     per_centre = sign * pixels.unit_mm / cell

@@ -198,14 +198,14 @@ def _fill(
         i, j = divmod(holes[n], sources.shape[1])
         if _visible_depth(front, row_rays, i, column_rays, j, z_min) == -np.inf:
             continue
-        sources, lenses = np.full(9, -1), np.zeros(9, np.int64)
+        neighbours, lenses = np.full(9, -1), np.zeros(9, np.int64)
         hidden, any_hidden, farthest = np.zeros(9, np.bool_), False, np.inf
         for k in range(9):
             step = k // 3 - 1, k % 3 - 1
-            sources[k], lenses[k] = _next_shown(sources, i, j, step, down, across)
-            if sources[k] < 0:
+            neighbours[k], lenses[k] = _next_shown(sources, i, j, step, down, across)
+            if neighbours[k] < 0:
                 continue
-            z = depth[sources[k]]
+            z = depth[neighbours[k]]
             visible_depth = np.float32(np.inf)
             for on in range(lenses[k]):
                 p, q = _beside(i, on * step[0], down), _beside(j, on * step[1], across)
@@ -213,19 +213,21 @@ def _fill(
                     visible_depth, _visible_depth(front, row_rays, p, column_rays, q, z)
                 )
             if visible_depth == -np.inf:
-                sources[k] = -1
+                neighbours[k] = -1
                 continue
             hidden[k] = visible_depth >= z - same_mm
             any_hidden |= hidden[k]
             farthest = min(farthest, z)
         weight = red = green = blue = 0.0
         for k in range(9):
-            if sources[k] < 0:
+            if neighbours[k] < 0:
                 continue
-            left = no_ground and not any_hidden and depth[sources[k]] <= farthest + same_mm
-            if hidden[k] or left:
+            is_fallback = (
+                no_ground and not any_hidden and depth[neighbours[k]] <= farthest + same_mm
+            )
+            if hidden[k] or is_fallback:
                 step = k // 3 - 1, k % 3 - 1
-                source = _next_of_surface(sources[k], step, depth, front.shape, same_mm)
+                source = _next_of_surface(neighbours[k], step, depth, front.shape, same_mm)
                 share = 1 / (lenses[k] * np.sqrt((step[0] * aspect) ** 2 + step[1] ** 2))
                 weight += share
                 red += share * palette[source, 0]

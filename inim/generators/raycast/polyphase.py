@@ -30,7 +30,7 @@ import numpy as np
 
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
-from inim.display.pixels import stated
+from inim.display.pixels import exact_length
 from inim.generators.base import CENTRE, HOLE, PictureShape, PixelOffset, Sources
 from inim.generators.raycast.cells import CellRays, cell_rays
 from inim.generators.raycast.columns import Columns, columns_of
@@ -413,8 +413,8 @@ class DirectionLists:
 
 def cells_per_pitch(display: Display, pixel_mm: float) -> int | None:
     """Picture pixels per lens pitch if whole and equal on both axes, otherwise None."""
-    ratio = stated(display.pitch_mm) / stated(pixel_mm)
-    square = stated(display.row_pitch_mm) == stated(display.pitch_mm)
+    ratio = exact_length(display.pitch_mm) / exact_length(pixel_mm)
+    square = exact_length(display.row_pitch_mm) == exact_length(display.pitch_mm)
     return int(ratio) if ratio.denominator == 1 and square and display.is_separable else None
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
-from inim.display.pixels import SUBPIXELS, SubPixel, stated
+from inim.display.pixels import SUBPIXELS, SubPixel, exact_length
 from inim.generators.base import CENTRE, PixelOffset, Ray, SourceGenerator, Sources
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD
@@ -73,7 +73,7 @@ def _sampled_places(samples: int, subpixel: SubPixel, pixel_fill: float) -> tupl
     pixel_fill : float
         `Display.pixel_fill`.
     """
-    fill = stated(pixel_fill)
+    fill = exact_length(pixel_fill)
     return tuple(
         (down * fill, subpixel.right + right * subpixel.width * fill)
         for down, right in _PLACES[samples]

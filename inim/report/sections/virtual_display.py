@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from inim.display import Display
-from inim.display.misalignment import mounted
+from inim.display.misalignment import misaligned
 from inim.documents.picture import PictureDocument
 from inim.documents.report import ReportDocument
 from inim.report.images import Images
@@ -60,7 +60,7 @@ def shown_display(
 ) -> str:
     """The live display of EIAs, the two that matter most first; see `report_display`."""
     misalign = "" if isinstance(data, PictureDocument) else data.misalign
-    display = mounted(data.display.given, misalign)
+    display = misaligned(data.display.given, misalign)
     eyes = [eye for eye in data.viewpoints if eye.position_mm[2] > 0]
     eyes.sort(key=lambda eye: eye.name != "centre")
     if not eyes:

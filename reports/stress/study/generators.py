@@ -13,7 +13,7 @@ import numpy as np
 
 from inim import metrics
 from inim.display import Display
-from inim.display.pixels import stated
+from inim.display.pixels import exact_length
 from inim.errors import InimError
 from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
 from inim.generators.oracle import PixelOffset
@@ -263,7 +263,7 @@ def _compare_means(
     algorithm_output = found[pixels[:, 0], pixels[:, 1]].astype(float)
     mean, uncertain, exact = np.zeros(algorithm_output.shape), np.zeros(len(pixels), bool), 0
     palette = rgbd.palette.reshape(-1, 3).astype(float)
-    fill = stated(display.pixel_fill)
+    fill = exact_length(display.pixel_fill)
     for down, right in _RAY_PLACES[variant.samples]:
         rays = rays_over(display, rgbd, pixels, (down * fill, right * fill))
         known = answer(variant.oracle, rays, rgbd, display, np.float64)

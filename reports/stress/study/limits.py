@@ -88,7 +88,7 @@ def accuracy_limits_of(generators: Rows, lens_models: Rows, pixels_per_lens: int
     ran = [r for r in generators if r["outcome"] == "ran"]
     exact = [r for r in ran if r["exact"]]
     unguarded = [r for r in exact if not r["guards"]]
-    mounted = [r for r in ran if r["form"] == "mounted"]
+    misaligned = [r for r in ran if r["form"] == "mounted"]
     optics = [r for r in lens_models if r["outcome"] == "ran"]
     return {
         "slope": {
@@ -101,8 +101,8 @@ def accuracy_limits_of(generators: Rows, lens_models: Rows, pixels_per_lens: int
         "least_index": _last_safe(optics, "index", "thin", -math.inf),
         "changed_by_rounding": _most_changed(r for r in exact if not r["safe"]),
         "changed_by_ties": {
-            "warned": _most_changed(r for r in mounted if r["guards"]),
-            "unwarned": _most_changed(r for r in mounted if not r["guards"]),
+            "warned": _most_changed(r for r in misaligned if r["guards"]),
+            "unwarned": _most_changed(r for r in misaligned if not r["guards"]),
         },
         "exact": {
             "rows": len(unguarded),

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import stated
+from inim.display.pixels import exact_length
 from inim.generators import HOLE
 from inim.generators.oracle import column_layers, first_hits_of
 from inim.generators.registry import properties
@@ -243,12 +243,12 @@ def _crossings(start: np.ndarray, slope: np.ndarray, low: float, high: float) ->
 def _gu2020(rays: Rays, rgbd: RGBD, display: Display, push: tuple) -> np.ndarray:
     """The first of the depths z_max, z_max - P_I, ..., z_min at which the surface is as near."""
     low, high = map(Fraction, display.depth_range_mm)
-    f, g = stated(display.focal_length_mm), stated(display.gap_mm)
+    f, g = exact_length(display.focal_length_mm), exact_length(display.gap_mm)
     # P_I = |D| P_D / g with D = f g / (g - f); a picture pixel where that is infinite.
     step = (
-        stated(rgbd.pixel_mm)
+        exact_length(rgbd.pixel_mm)
         if display.gap_mm == display.focal_length_mm
-        else abs(f / (g - f)) * stated(display.pixel_pitch_mm)
+        else abs(f / (g - f)) * exact_length(display.pixel_pitch_mm)
     )
     depths = _stepped(low, high, step)
     depth = framed(rgbd.depth_mm, rgbd.covered, push[2])
@@ -404,12 +404,12 @@ def _landing(
 
     `lens` is the lens's number, how many there are, their pitch and the array's shift.
     """
-    pixel = stated(display.pixel_pitch_mm)
+    pixel = exact_length(display.pixel_pitch_mm)
     number, lenses, pitch, shift = lens
-    centre = Fraction(2 * number + 1 - lenses, 2) * stated(pitch) + stated(shift)
+    centre = Fraction(2 * number + 1 - lenses, 2) * exact_length(pitch) + exact_length(shift)
     x0 = float(centre / pixel)
-    X = (2 * cell + 1 - cells) / 2 * float(stated(rgbd.pixel_mm) / pixel)
-    place: np.ndarray = x0 + (x0 - X) * float(stated(display.gap_mm)) / z
+    X = (2 * cell + 1 - cells) / 2 * float(exact_length(rgbd.pixel_mm) / pixel)
+    place: np.ndarray = x0 + (x0 - X) * float(exact_length(display.gap_mm)) / z
     return place
 
 

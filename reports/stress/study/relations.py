@@ -105,7 +105,7 @@ def all_relations() -> list[tuple[Relation, tuple[str, ...]]]:
     """Every relation, with the algorithms it is checked of."""
     found = []
     for relation in RELATIONS:
-        algorithms = _OF_MOUNTED if relation.mounted else _ALGORITHMS
+        algorithms = _OF_MOUNTED if relation.misaligned else _ALGORITHMS
         found.append((relation, algorithms[:-1] if relation.one_layer else algorithms))
     return [*found, *_IMPLEMENTATIONS]
 

@@ -15,7 +15,7 @@ from fractions import Fraction
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import pixel_rays, stated
+from inim.display.pixels import exact_length, pixel_rays
 from inim.generators.li2012 import _position, forward_axes
 from inim.generators.oracle import AxisRays, axis_rays
 from inim.generators.raycast.cells import CellRays, cell_rays, free_cell_rays
@@ -122,13 +122,13 @@ def _landing(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
         unit=dtype(axis.unit),
         **{name: getattr(axis, name).astype(dtype) for name in ("lens_z", "lens_g", "pixel_g")},
     )
-    pixel, gap = stated(display.pixel_pitch_mm), stated(display.gap_mm)
+    pixel, gap = exact_length(display.pixel_pitch_mm), exact_length(display.gap_mm)
     lenses = range(0, display.lens_columns, max(1, display.lens_columns // 3))
     for n in lenses:
-        x0 = Fraction(2 * n + 1 - display.lens_columns, 2) * stated(display.pitch_mm)
+        x0 = Fraction(2 * n + 1 - display.lens_columns, 2) * exact_length(display.pitch_mm)
         for k in np.linspace(0, len(rows) - 1, _RAYS * 2).astype(int):
             cell, z = int(columns[k]), Fraction(float(depth[k]))
-            x = Fraction(2 * cell + 1 - rgbd.shape[1], 2) * stated(rgbd.pixel_mm)
+            x = Fraction(2 * cell + 1 - rgbd.shape[1], 2) * exact_length(rgbd.pixel_mm)
             with np.errstate(over="ignore", invalid="ignore"):
                 place = _position(typed, n, cell, dtype(depth[k]))
             if np.isfinite(place):
