@@ -69,7 +69,7 @@ def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[st
 
     from inim.render.sensors import half_extent_mm
 
-    told = {k: v for k, v in display.given().items() if v is not None and k != "name"}
+    told = {k: v for k, v in display.parameters().items() if v is not None and k != "name"}
     picture = mi.TensorXf(np.ascontiguousarray(eia, np.float32))
     return {
         "type": "rectangle",

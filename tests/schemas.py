@@ -75,7 +75,7 @@ def flat(part: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 # Examples of dataclasses: examples of their fields need not fit together.
-DATACLASSES = {"Display": DISPLAYS["nominal"].given(), "Settings": asdict(Settings())}
+DATACLASSES = {"Display": DISPLAYS["nominal"].parameters(), "Settings": asdict(Settings())}
 
 
 def types_of(part: dict[str, Any]) -> list[str]:

@@ -42,7 +42,10 @@ def display_file(calibration: Calibration, preset: str) -> str:
     preset : str
         Preset that the file changes, for reports.
     """
-    values, defaults = calibration.display.given(), {f.name: f.default for f in fields(Display)}
+    values, defaults = (
+        calibration.display.parameters(),
+        {f.name: f.default for f in fields(Display)},
+    )
     positions = ", ".join(calibration.names)
     lines = [
         '<scene version="3.0.0">',
@@ -133,7 +136,7 @@ def calibration_document(calibration: Calibration, title: str, command: str) -> 
         positions=[_position(calibration, n) for n in range(len(calibration.names))],
         next=[
             NextPosition(
-                where=suggestion.description,
+                description=suggestion.description,
                 eye_mm=suggestion.eye_mm,
                 standard_errors=suggestion.errors,
             )

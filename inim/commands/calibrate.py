@@ -181,7 +181,7 @@ def _table(found: Calibration) -> list[str]:
     """The display's parameters, a line each."""
     lines = []
     for name, one in found.estimates.items():
-        if name not in found.guess.display.given():
+        if name not in found.guess.display.parameters():
             continue
         value = f"{one.value:12.5f} ± {one.error:.2g}" if one.is_known else "not determined"
         lines.append(f"{name:18}{value}")

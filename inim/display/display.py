@@ -188,7 +188,7 @@ class Display:
 
     def __post_init__(self) -> None:
         # msgspec leaves absent fields to the class, and omits them when it encodes the display.
-        self.__dict__.update(self.given())
+        self.__dict__.update(self.parameters())
         for name in _LENGTHS:
             self._take_number(name)
             if getattr(self, name) is not None and not getattr(self, name) > 0:
@@ -630,11 +630,11 @@ class Display:
 
     # -- plain data ----------------------------------------------------------------------------
 
-    def given(self) -> dict[str, Any]:
-        """The parameters, by name: `Display(**d.given()) == d`."""
+    def parameters(self) -> dict[str, Any]:
+        """The parameters, by name: `Display(**d.parameters()) == d`."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
-    def derived(self) -> dict[str, Any]:
+    def derived_quantities(self) -> dict[str, Any]:
         """Derived quantities for reports; infinite values become None, because JSON has none."""
         low, high = self.depth_range_mm
         values: dict[str, Any] = {

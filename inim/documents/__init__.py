@@ -1,4 +1,4 @@
-"""Documents that inim writes: one typed declaration each, in a file of its own.
+"""Documents that inim writes: one typed declaration per document and file.
 
 A declaration is a `Document` of typed fields, each with its description. Its JSON Schema, its
 reader with all checks, and the table in the documentation follow from it.

@@ -106,7 +106,7 @@ class CameraPosition(Part):
 class NextPosition(Part):
     """A position to photograph from next."""
 
-    where: Annotated[str, doc("The position in words.")]
+    description: Annotated[str, doc("The position in words.")]
     eye_mm: Annotated[Vector, doc("Position of the camera's pupil, display frame, mm.")]
     standard_errors: Annotated[
         dict[str, float],

@@ -69,8 +69,8 @@ def write_forms(
         that all forms agree.
     """
     text = encode(document)
-    read = decode(text, type(document))
-    texts = {file: render(read) for file, render in forms.items()}
+    decoded = decode(text, type(document))
+    texts = {file: render(decoded) for file, render in forms.items()}
     for file, content in {**texts, name: text}.items():
         write_text(folder / file, content)
 
@@ -83,10 +83,10 @@ def write_listed(
     write_forms(replace(document, files=files), folder, name, forms)
 
 
-def folder_files(folder: Path, *written: str) -> list[str]:
+def folder_files(folder: Path, *names: str) -> list[str]:
     """All files below `folder`, and those still to be written there."""
     present = (str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
-    return sorted({*present, *written})
+    return sorted({*present, *names})
 
 
 def write_text(path: Path, content: str) -> None:

@@ -209,7 +209,7 @@ class CrosstalkGrid(Part):
 class InspectDocument(Document, tag="inim.inspect/2"):
     """Inspection of a display.
 
-    `inspect.json` of `inim inspect DISPLAY -o OUT`, and what `--json` prints: the properties of a
+    `inspect.json` of `inim inspect DISPLAY -o OUT`, and the output of `--json`: the properties of a
     display, before anything is rendered. null stands for infinity, and for unknown values.
     """
 

@@ -79,13 +79,13 @@ class DerivedDisplay(Part):
 class DisplayRecord(Part):
     """The display as designed."""
 
-    given: Annotated[Display, doc("Its parameters.")]
+    parameters: Annotated[Display, doc("Its parameters.")]
     derived: DerivedDisplay
 
     @classmethod
     def of(cls, display: Display) -> DisplayRecord:
         """Record a display."""
-        return cls(given=display, derived=DerivedDisplay(**display.derived()))
+        return cls(parameters=display, derived=DerivedDisplay(**display.derived_quantities()))
 
 
 class EyePosition(Part):
@@ -164,8 +164,7 @@ class Checks(Part):
     def word(self) -> Literal["passed", "ran clean", "failed", "no verdict"]:
         """The verdict in a word or two.
 
-        "ran clean" if all checks passed, but none of them is of quality; "no verdict" if nothing
-        was checked.
+        "ran clean" if all checks passed, but none concerns quality; "no verdict" without checks.
         """
         if not self.passed:
             return "failed"
@@ -289,7 +288,7 @@ class Change(Part):
 class Drift(Part):
     """A score of both runs."""
 
-    what: Annotated[
+    subject: Annotated[
         str, doc("Scored object: an algorithm's EIA, or one of its views as `ALGORITHM/VIEWPOINT`.")
     ]
     score: Annotated[str, doc("Name of the score.")]

@@ -190,7 +190,7 @@ class Scoring(Part):
 class ReferenceViews(Part):
     """Views of the ground-truth EIA through the same lenses.
 
-    No algorithm scores higher on the display by more than noise, unless a warning says so.
+    A warning lists algorithms that score higher by more than noise.
     """
 
     views: Annotated[dict[str, Scores], doc("Scores against the scene, by viewpoint.")]
@@ -240,8 +240,8 @@ class AlgorithmResult(Part):
 class SkippedStep(Part):
     """A step of the run, in words."""
 
-    what: Annotated[str, doc("The step.")]
-    done: Annotated[str, doc("The part that was done.")]
+    step: Annotated[str, doc("The step.")]
+    performed: Annotated[str, doc("The part that was done.")]
     skipped: Annotated[str, doc("The part that was skipped.")]
     why: Annotated[str, doc("Why that is safe.")]
 
@@ -303,7 +303,7 @@ class ReportDocument(Document, tag="inim.report/2"):
     def __post_init__(self) -> None:
         check_names([*self.viewpoint_names, *self.algorithms])
         try:
-            misaligned(self.display.given, self.misalign)
+            misaligned(self.display.parameters, self.misalign)
         except InimError as error:
             raise ValueError(f"misalign: {error}") from None
         for name in _TIMES:
@@ -318,10 +318,12 @@ class ReportDocument(Document, tag="inim.report/2"):
                 check_scores(f"{place}.{name[:40]!a}", views[name], VIEW_SCORES)
         for name, result in self.algorithms.items():
             check_scores(f"algorithms.{name}.eia", result.eia, _ALGORITHM_EIA_SCORES)
-            for view, found in result.views.items():
-                check_scores(f"algorithms.{name}.{view[:40]!a}", found, ALGORITHM_VIEW_SCORES)
+            for view, scores_by_view in result.views.items():
+                check_scores(
+                    f"algorithms.{name}.{view[:40]!a}", scores_by_view, ALGORITHM_VIEW_SCORES
+                )
         for place, views in {
-            **{f"algorithms.{name}": one.views for name, one in self.algorithms.items()},
+            **{f"algorithms.{name}": result.views for name, result in self.algorithms.items()},
             "reference": self.reference.views,
         }.items():
             for view in views:

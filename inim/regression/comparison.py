@@ -341,7 +341,9 @@ def drift(baseline: RunStatistics, candidate: RunStatistics) -> list[Drift]:
             change = None if old is None or new is None else float(new) - float(old)
             if change is not None and not math.isfinite(change):
                 change = None
-            rows.append(Drift(what=scored, score=name, baseline=old, candidate=new, change=change))
+            rows.append(
+                Drift(subject=scored, score=name, baseline=old, candidate=new, change=change)
+            )
     return rows
 
 

@@ -1,4 +1,4 @@
-"""Reports: what a validation found, as data and in the forms people and machines read."""
+"""Reports: the results of a validation, as data, as a page and as text."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Report:
 
     @property
     def passed(self) -> bool:
-        """Whether every check passed; False too when there is no verdict or no check at all."""
+        """True if every check passed; False without a verdict or any check."""
         return self.data.verdict.word in ("passed", "ran clean")
 
     @property
@@ -73,7 +73,7 @@ class Report:
         Raises
         ------
         FileError
-            No report there, or not one as its schema says.
+            The folder has no report, or one that is invalid against its schema.
         """
         path = Path(folder) / "report.json"
         data = read_document(path, _WAY_OUT, ReportDocument, PictureDocument)
@@ -87,18 +87,18 @@ class Report:
     @property
     def display(self) -> Display:
         """The display as designed."""
-        return self.data.display.given
+        return self.data.display.parameters
 
     def eia_path(self, name: str, option: str, *, true: str = TRUTH) -> Path:
-        """The EIA of an algorithm, or the true one, linear.
+        """Path of the linear EIA of an algorithm, or of the ground-truth EIA.
 
         Parameters
         ----------
         name : str
         option : str
-            What named it.
+            Option that gave the name, for error messages.
         true : str
-            What names the true one.
+            Name of the ground-truth EIA.
 
         Raises
         ------
@@ -124,11 +124,11 @@ class Report:
         write_forms(self.data, self.folder, "report.json", forms)
 
     def _repr_html_(self) -> str | None:
-        """The page in a frame of its own: its styles must not reach the notebook around it.
+        """The page in an isolated frame, so that its styles do not affect the notebook.
 
-        Scripts run in it, so that the virtual display is live, but in an origin of its own: they
-        cannot reach the notebook's page, cookies or kernel, nor open windows, and the page's
-        policy allows no script but the report's.
+        Its scripts run, so that the virtual display is interactive, but in a separate origin: they
+        cannot access the notebook's page, cookies or kernel, nor open windows, and the page's
+        policy allows only the report's own scripts.
         """
         try:
             page = read_file(self.html_path, _MOST_PAGE_BYTES).decode("utf-8")

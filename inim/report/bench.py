@@ -133,9 +133,9 @@ def write_bench(data: BenchDocument, folder: Path, parts_of: PartsOf = scene_par
     """
     data = decode(encode(data), BenchDocument)  # as it is read: infinite values are null
     parts = parts_of(data)
-    for one in parts:
-        if one.figure is not None:
-            save(one.figure, folder, one.plot)
+    for part in parts:
+        if part.figure is not None:
+            save(part.figure, folder, part.plot)
     forms = {
         "bench.md": lambda data: render_markdown(data, parts),
         "bench.html": lambda data: _page(data, parts, folder),
@@ -225,7 +225,7 @@ def _remarks(data: BenchDocument, parts: Sequence[Part]) -> list[str]:
     ]
     if slow:
         lines.append(f"Fewer runs, being slow: {', '.join(slow)}.")
-    lines += [line for one in parts for line in one.remarks]
+    lines += [line for part in parts for line in part.remarks]
     return [*lines, *data.notes]
 
 
@@ -234,9 +234,9 @@ def render_markdown(data: BenchDocument, parts: Sequence[Part]) -> str:
     blocks = [f"## {markdown_line(data.title)}"]
     blocks += [f"⚠ {markdown_line(w)}" for w in data.warnings]
     blocks.append(_listed(_remarks(data, parts)))
-    for table in (table for one in parts for table in one.tables):
+    for table in (table for part in parts for table in part.tables):
         blocks.append(markdown_section(table.caption, table.heads, table.rows))
-    for heading, lines in (one.claims for one in parts if one.claims[1]):
+    for heading, lines in (part.claims for part in parts if part.claims[1]):
         blocks += [f"### {markdown_line(heading)}", _listed(lines)]
     return "\n\n".join([*blocks, markdown_command(data.command)])
 
@@ -250,17 +250,17 @@ def _page(data: BenchDocument, parts: Sequence[Part], folder: Path) -> str:
     conditions = bullets(data.warnings, "cautions")
     conditions += bullets(_remarks(data, parts), "remarks")
     sections = [Section("conditions", "Conditions", conditions)]
-    for one in parts:
-        body = lead(one.lead)
-        body += saved_plot(folder / f"{one.plot}.svg", one.title)
-        heading, claims = one.claims
+    for part in parts:
+        body = lead(part.lead)
+        body += saved_plot(folder / f"{part.plot}.svg", part.title)
+        heading, claims = part.claims
         if claims:
             body += element("h3", text(heading)) + bullets(claims, "claims")
-        body += "".join(text_table(t.caption, t.heads, t.rows, "bench") for t in one.tables)
-        sections.append(Section(one.name, one.title, body))
+        body += "".join(text_table(t.caption, t.heads, t.rows, "bench") for t in part.tables)
+        sections.append(Section(part.name, part.title, body))
     facts = [_thread_words(data), data.backend.device, f"inim {data.inim_version}"]
     if data.scene is not None:
-        facts.insert(0, f"Display {data.scene.display.given.name}")
+        facts.insert(0, f"Display {data.scene.display.parameters.name}")
     sections.append(how_to_reproduce(data))
     return document_page(data, "bench.json", map(text, facts), sections, style=_STYLE)
 
@@ -287,7 +287,7 @@ def _draw_scene(scene: BenchScene) -> Any:
 
 
 def _score_panel(axis: Any, scene: BenchScene, score: BenchScore) -> list[Name]:
-    """A panel whose better end is below, whatever a score's better end is; the names for it."""
+    """Draw a panel with its better end at the bottom, and return the names to place."""
     key, label, best = score.key, score.label, score.best
     is_higher = score.better == "higher"
     if is_higher and best is not None:
@@ -311,10 +311,12 @@ def _error(algorithm: BenchAlgorithm, key: str) -> float | None:
     return None if value is None or math.isnan(value) else value
 
 
-def _panel(axis: Any, scene: BenchScene, key: str, shown: Callable[[float], float]) -> list[Name]:
+def _panel(
+    axis: Any, scene: BenchScene, key: str, transform: Callable[[float], float]
+) -> list[Name]:
     """Draw one panel; the names that go into it."""
     points = [
-        (a.name, a.median_ms, shown(value), key in a.fronts, a.min_ms)
+        (a.name, a.median_ms, transform(value), key in a.fronts, a.min_ms)
         for a in scene.algorithms
         if (value := _error(a, key)) is not None
     ]
@@ -325,7 +327,7 @@ def _panel(axis: Any, scene: BenchScene, key: str, shown: Callable[[float], floa
     across(axis, "yardstick", x=scene.yardstick.median_ms)
     floor = scene.noise_floor.get(key)
     if floor is not None:
-        axis.axhline(shown(floor), **LINES["floor"])
-        across(axis, "noise floor", y=shown(floor))
+        axis.axhline(transform(floor), **LINES["floor"])
+        across(axis, "noise floor", y=transform(floor))
     axis.margins(0.12, 0.12)
     return [point_name(*point[:4]) for point in points]

@@ -103,11 +103,13 @@ def _draw(maps: Maps) -> Any:
         np.stack([np.concatenate([panel, outline], axis=-1) for _, panel, outline in maps])[..., k]
         for k in range(4)
     ]
-    limits = [max(float(np.nanquantile(np.abs(one), _QUANTILE)), 1e-9) for one in residuals]
+    limits = [
+        max(float(np.nanquantile(np.abs(residual), _QUANTILE)), 1e-9) for residual in residuals
+    ]
     for n, (name, *_) in enumerate(maps):
-        for k, (what, unit) in enumerate(kinds):
+        for k, (title, unit) in enumerate(kinds):
             axis = axes[4 * n + k]
-            bar = _draw_map(axis, residuals[k][n], limits[k], f"{name}: {what}", unit)
+            bar = _draw_map(axis, residuals[k][n], limits[k], f"{name}: {title}", unit)
             for side in (axis.xaxis, axis.yaxis):
                 side.set_major_locator(MaxNLocator(integer=True))
             bar.ax.tick_params(labelsize=8)
@@ -116,10 +118,10 @@ def _draw(maps: Maps) -> Any:
 
 def _draw_map(axis: Any, values: np.ndarray, limit: float, title: str, unit: str) -> Any:
     """Draw signed values, white at zero, and return their colour bar."""
-    shown = axis.imshow(values, cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest")
+    image = axis.imshow(values, cmap="RdBu_r", vmin=-limit, vmax=limit, interpolation="nearest")
     style(axis, title, "", "")
     axis.grid(False)
-    bar = axis.figure.colorbar(shown, ax=axis, shrink=0.8)
+    bar = axis.figure.colorbar(image, ax=axis, shrink=0.8)
     bar.ax.set_title(unit, fontsize=8)
     return bar
 
@@ -168,10 +170,10 @@ def _next(data: CalibrationDocument) -> str:
     names = list(data.next[0].standard_errors)
     now = {name: data.parameters[name].standard_error for name in names}
     advised = {"as it is": now}
-    advised |= {f"from {position.where}": position.standard_errors for position in data.next}
+    advised |= {f"from {position.description}": position.standard_errors for position in data.next}
     rows = [
-        [where, *(number(errors[name], _NAMES[name][2] + 1) for name in names)]
-        for where, errors in advised.items()
+        [position, *(number(errors[name], _NAMES[name][2] + 1) for name in names)]
+        for position, errors in advised.items()
     ]
     heads = ["Position", *(_NAMES[name][1] for name in names)]
     return lead(_NEXT) + text_table(
@@ -281,8 +283,8 @@ def write_photo(
 def _draw_flow(flow: np.ndarray) -> Any:
     figure, axes = new_figure(2, 0.75 + 3.6 * flow.shape[0] / max(flow.shape[1], 1), 1)
     largest = max(float(np.nanmax(np.abs(flow), initial=0.0)), 1e-3)
-    for k, what in enumerate(("to the right", "down")):
-        _draw_map(axes[k], flow[..., k], largest, what, "px")
+    for k, direction in enumerate(("to the right", "down")):
+        _draw_map(axes[k], flow[..., k], largest, direction, "px")
     return figure
 
 
@@ -331,13 +333,13 @@ def _causes(data: PhotoDocument) -> str:
 def _pictures(folder: Path) -> str:
     images = Images(folder, ENCODINGS[1])
     photo, plain, matched = (images.read(f"{name}.png") for name in _PICTURES)
-    shown = (
+    pictures = (
         (photo, "Photograph", "what is compared of it"),
         (plain, "Simulation", "exposed alike"),
         (matched, "Simulation, matched", "shift, blur and tone put in"),
         (difference(photo, matched), "Difference", f"of the two, times {DIFFERENCE_GAIN}"),
     )
-    figures = (figure(images.embed(p, name), name, remark) for p, name, remark in shown)
+    figures = (figure(images.embed(p, name), name, remark) for p, name, remark in pictures)
     return element("div", *figures, class_="photos")
 
 

@@ -54,23 +54,23 @@ class _Frame:
 
 def plan_view(display: DisplayRecord, viewpoints: Sequence[EyePosition] = ()) -> str:
     """The plan view."""
-    given, derived = display.given, display.derived
+    parameters, derived = display.parameters, display.derived
     eyes = _eyes(viewpoints)
-    frame = _frame(given, derived, eyes)
-    drawn = [
+    frame = _frame(parameters, derived, eyes)
+    elements = [
         _zone(frame, derived),
         _depth_range(frame, derived),
-        _hardware(frame, given, derived),
+        _hardware(frame, parameters, derived),
         *_eye_marks(frame, eyes),
         _scale_bar(frame),
     ]
-    return _svg(_description(given, derived, eyes), "plan", (_WIDTH, _HEIGHT), drawn)
+    return _svg(_description(parameters, derived, eyes), "plan", (_WIDTH, _HEIGHT), elements)
 
 
-def _svg(description: str, class_: str, size: tuple[float, float], drawn: Iterable[str]) -> str:
+def _svg(description: str, class_: str, size: tuple[float, float], elements: Iterable[str]) -> str:
     """A drawing coloured by the style sheet's classes, with its own description."""
     whole = {"role": "img", "aria_label": description, "viewBox": f"0 0 {size[0]:g} {size[1]:g}"}
-    return element("svg", *drawn, class_=class_, **whole)
+    return element("svg", *elements, class_=class_, **whole)
 
 
 def _band(x: float, y: float, width: float, height: float) -> str:
@@ -89,19 +89,19 @@ def _eyes(viewpoints: Sequence[EyePosition]) -> dict[tuple[float, float], str]:
     eyes: dict[tuple[float, float], str] = {}
     for viewpoint in viewpoints[:_MOST_EYES_DRAWN]:
         x, _, z = viewpoint.position_mm
-        where, name = (round(x, 6), round(z, 6)), plain(viewpoint.name)
-        eyes[where] = f"{eyes[where]}, {name}" if where in eyes else name
+        position, name = (round(x, 6), round(z, 6)), plain(viewpoint.name)
+        eyes[position] = f"{eyes[position]}, {name}" if position in eyes else name
     return eyes
 
 
 def _frame(
-    given: Display, derived: DerivedDisplay, eyes: Mapping[tuple[float, float], str]
+    parameters: Display, derived: DerivedDisplay, eyes: Mapping[tuple[float, float], str]
 ) -> _Frame:
     far = [derived.depth_max_mm, derived.width_mm / 4, *(z for _, z in eyes)]
     nearest = derived.nearest_viewing_distance_mm
     if nearest is not None:
         far.append(nearest)
-    low = min(-given.gap_mm, derived.depth_min_mm)
+    low = min(-parameters.gap_mm, derived.depth_min_mm)
     px_per_mm = (_WIDTH - _LEFT - _RIGHT) / (max(far) - low)
     half = max([derived.width_mm / 2, *(abs(x) for x, _ in eyes)])
     room = (_HEIGHT - _TOP - _BOTTOM) / 2
@@ -111,7 +111,7 @@ def _frame(
 
 
 def _zone(frame: _Frame, derived: DerivedDisplay) -> str:
-    """Where an eye may stand: inside the viewing cones of both outermost lenses."""
+    """Region of allowed eye positions: inside the viewing cones of both outermost lenses."""
     slope = math.tan(math.radians(derived.viewing_half_angle_deg))
     half = derived.width_mm / 2
     end = frame.low_z_mm + (_WIDTH - _LEFT - _RIGHT + 24) / frame.px_per_mm
@@ -137,14 +137,14 @@ def _depth_range(frame: _Frame, derived: DerivedDisplay) -> str:
     return _band(x, top, width, height) + plane + _label(x, _HEIGHT - 26, words, "start")
 
 
-def _hardware(frame: _Frame, given: Display, derived: DerivedDisplay) -> str:
+def _hardware(frame: _Frame, parameters: Display, derived: DerivedDisplay) -> str:
     """The panel and the lens array; the gap is widened where it would not be visible."""
     half = derived.width_mm / 2
     array = frame.z(0)
-    panel = min(frame.z(-given.gap_mm), array - _SMALLEST_GAP_PX)
+    panel = min(frame.z(-parameters.gap_mm), array - _SMALLEST_GAP_PX)
     top, bottom = frame.x(-half), frame.x(half)
     # A bulge per lens, fewer where they would run together.
-    count = min(given.lens_columns, _MOST_LENSES_DRAWN)
+    count = min(parameters.lens_columns, _MOST_LENSES_DRAWN)
     step = (bottom - top) / count
     bulges = "".join(f"q4,{step / 2:.2f} 0,{step:.2f}" for _ in range(count))
     return (
@@ -167,7 +167,7 @@ def _eye_marks(frame: _Frame, eyes: Mapping[tuple[float, float], str]) -> Iterab
 
 
 def _scale_bar(frame: _Frame) -> str:
-    """A bar of a round length along z, with what is and is not to scale."""
+    """Bar of a round length along z, with a note on scales."""
     longest = 160 / frame.px_per_mm
     power = 10.0 ** math.floor(math.log10(longest))
     length = max(n * power for n in (1, 2, 5) if n * power <= longest)
@@ -180,14 +180,14 @@ def _scale_bar(frame: _Frame) -> str:
 
 
 def _description(
-    given: Display, derived: DerivedDisplay, eyes: Mapping[tuple[float, float], str]
+    parameters: Display, derived: DerivedDisplay, eyes: Mapping[tuple[float, float], str]
 ) -> str:
-    seen = "; ".join(f"{name} at {short(z)} mm" for (_, z), name in eyes.items())
+    eye_positions = "; ".join(f"{name} at {short(z)} mm" for (_, z), name in eyes.items())
     low, high = short(derived.depth_min_mm), short(derived.depth_max_mm)
-    gap, width = short(given.gap_mm), short(derived.width_mm)
+    gap, width = short(parameters.gap_mm), short(derived.width_mm)
     return (
         f"Plan view: panel {gap} mm behind a lens array {width} mm wide; "
-        f"depth range from {low} to {high} mm; eyes: {seen or 'none'}."
+        f"depth range from {low} to {high} mm; eyes: {eye_positions or 'none'}."
     )
 
 
@@ -248,14 +248,14 @@ def _profile(rgbd: RGBD, display: Display) -> str:
     frame = _Profile(max(rgbd.shape[1] * rgbd.pixel_mm, 2 * half), *ends)
     left, width = frame.x(-half), frame.x(half) - frame.x(-half)
     height = max(1.5, frame.y(low) - frame.y(high))
-    drawn = [_band(left, frame.y(high), width, height), _surface(frame, rgbd)]
-    drawn.append(_level(frame, half, 0.0, "panel"))
+    elements = [_band(left, frame.y(high), width, height), _surface(frame, rgbd)]
+    elements.append(_level(frame, half, 0.0, "panel"))
     centre = display.central_depth_mm
     if ends[0] <= centre <= ends[1]:
-        drawn.append(_level(frame, half, centre, "cdp"))
-    drawn += _profile_labels(frame, low, high)
+        elements.append(_level(frame, half, centre, "cdp"))
+    elements += _profile_labels(frame, low, high)
     words = f"Captured surface from {mm(ends[0])} to {mm(ends[1])}, from above"
-    return _svg(words, "plan profile", (_PROFILE_SIDE, _PROFILE_SIDE), drawn)
+    return _svg(words, "plan profile", (_PROFILE_SIDE, _PROFILE_SIDE), elements)
 
 
 def _surface(frame: _Profile, rgbd: RGBD) -> str:
@@ -286,13 +286,13 @@ def _level(frame: _Profile, half: float, z_mm: float, kind: str) -> str:
 
 def _profile_labels(frame: _Profile, low: float, high: float) -> list[str]:
     """The ends of the depth range and the array, left out where they would run into others."""
-    wanted = [
+    labels = [
         (frame.y(high) - 6, f"depth range to {mm(high)}"),
         (frame.y(low) + 16, f"from {mm(low)}"),
         (frame.y(0.0) + 16, "lens array"),
     ]
     placed: list[tuple[float, str]] = []
-    for y, words in wanted:
+    for y, words in labels:
         if all(abs(y - other) > _PROFILE_LABEL_PX for other, _ in placed):
             placed.append((y, words))
     scale = "to scale" if frame.stretch == 1 else f"depths drawn × {frame.stretch}"

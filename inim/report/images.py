@@ -1,7 +1,7 @@
-"""The report's images: read from its folder, compared, and embedded in the page.
+"""Images of a report: read from its folder, compared, and embedded in the page.
 
-Images are embedded so that the page needs no other file. An `Encoding` says how small; the page
-tries the `ENCODINGS` in turn, and what it shows smaller lies in full in the report's folder.
+Images are embedded so that the page needs no other file. An `Encoding` sets their size. The page
+tries the `ENCODINGS` in order; images shown smaller are stored in full in the report's folder.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _LEFT_OUT = "left out, the page would be too large"
 
 @dataclass(frozen=True)
 class Encoding:
-    """How images are embedded: `longest_px` 0 leaves them out."""
+    """Size of embedded images: `longest_px` 0 omits them."""
 
     form: str
     quality: int
@@ -79,7 +79,7 @@ class Images:
         longest_px: int | None = None,
         **attributes: object,
     ) -> str:
-        """An img with the picture in it, or a visible box that says it is missing."""
+        """Image element with embedded pixels, or a visible box for a missing image."""
         if pixels is None or min(pixels.shape[:2]) < 1:
             return _box("missing", alt)
         limit = min(self.encoding.longest_px, longest_px or self.encoding.longest_px)
@@ -118,9 +118,9 @@ class Images:
         return f"data:image/{form.lower()};base64,{coded}"
 
     def similarity(self, a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
-        """SSIM's map of two images in colours, (rows, columns, 3) uint8: black is 1.
+        """SSIM map of two images in colours, (rows, columns, 3) uint8: black is 1.
 
-        None unless the two are alike in size, and no smaller than SSIM's window.
+        None unless both have the same size, and at least that of SSIM's window.
         """
         if a is None or b is None or a.shape != b.shape or min(a.shape[:2]) < SSIM_WINDOW:
             return None
@@ -148,7 +148,7 @@ class Images:
 
 
 def difference(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
-    """|a − b| of the sRGB values, amplified and clipped; None unless the two are alike in size."""
+    """|a − b| of the sRGB values, amplified and clipped; None for different sizes."""
     if a is None or b is None or a.shape != b.shape:
         return None
     change = np.abs(a.astype(np.int16) - b.astype(np.int16))
@@ -156,7 +156,7 @@ def difference(a: np.ndarray | None, b: np.ndarray | None) -> np.ndarray | None:
 
 
 def is_wide(pixels: np.ndarray | None) -> bool:
-    """Whether a picture is too wide for a narrow column."""
+    """True if an image is too wide for a narrow column."""
     return pixels is not None and pixels.shape[1] > _WIDE * pixels.shape[0]
 
 

@@ -1,8 +1,8 @@
-"""The page of every report: one HTML file that needs no network and no other file.
+"""Page of every report: one HTML file that needs no network and no other file.
 
-A page is a header, a list of sections and a footer. Everything but embedded images, the page's own
-style sheets and its own scripts is refused by its content security policy, and it can be read as a
-whole with scripts off. Whatever comes from outside is escaped in `text`, and only there.
+A page is a header, a list of sections and a footer. Its content security policy allows only
+embedded images and the page's own style sheets and scripts. The whole page can be read without
+scripts. External strings are escaped in `text`, and only there.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Widget:
     marker: str
 
     def is_in(self, html: str) -> bool:
-        """Whether `html` needs the script."""
+        """True if `html` needs the script."""
         return self.marker in html
 
 
@@ -89,7 +89,7 @@ def render_page(
     style: str = "",
     widgets: Sequence[Widget] = (),
 ) -> str:
-    """The whole page.
+    """Whole page as HTML.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def render_page(
     facts : iterable of str
         HTML, shown in one line below the heading.
     sections : iterable of Section
-        In their order. The navigation links to them where there are several.
+        Sections in order. The navigation links to them if there are several.
     window_title : str
         Plain text for the browser's window.
     footer : str
@@ -108,26 +108,28 @@ def render_page(
     style : str
         CSS that only this kind of page needs.
     widgets : sequence of Widget
-        Their styles are always in the page, their scripts only where a section needs them.
+        Widgets: styles are always in the page, scripts only if a section needs them.
 
     Returns
     -------
     str
         HTML that ends in a line break.
     """
-    shown = [section for section in sections if section.body]
+    nonempty = [section for section in sections if section.body]
     scripts = [package_text("page.js")]
-    scripts += [w.script for w in widgets if any(w.is_in(s.body) for s in shown)]
+    scripts += [w.script for w in widgets if any(w.is_in(s.body) for s in nonempty)]
     styles = [package_text("report.css"), *(w.style for w in widgets), style]
     head = _head(window_title, "".join(styles), scripts)
-    main = "\n".join(map(_section, shown))
+    main = "\n".join(map(_section, nonempty))
     title = element(
         "div", element("h1", text(heading)), element("p", " · ".join(facts), class_="facts")
     )
     skip, contents = [], []
-    if len(shown) > 1:
-        first = f"#{shown[0].anchor}"
-        links = [element("a", text(section.title), href=f"#{section.anchor}") for section in shown]
+    if len(nonempty) > 1:
+        first = f"#{nonempty[0].anchor}"
+        links = [
+            element("a", text(section.title), href=f"#{section.anchor}") for section in nonempty
+        ]
         skip = [element("a", "Skip to the content", class_="skip", href=first)]
         contents = [element("nav", *links, aria_label="Sections")]
     parts = [
@@ -171,8 +173,8 @@ def badge(word: str, *lines: str) -> str:
 
 def check_badge(verdict: Checks, warnings: Sequence[str] = ()) -> str:
     """The verdict, with links to the sections `checks` and `warnings`."""
-    none = "; no criteria set" * (verdict.word == "ran clean")
-    counted = f"{verdict.passed_count} of {len(verdict.checks)} checks passed{none}"
+    suffix = "; no criteria set" * (verdict.word == "ran clean")
+    counted = f"{verdict.passed_count} of {len(verdict.checks)} checks passed{suffix}"
     lines = [f'<a href="#checks">{counted}</a>']
     if warnings:
         words = f"{len(warnings)} warning{'s' * (len(warnings) > 1)}"
@@ -220,7 +222,7 @@ def document_page(
 
 
 def how_to_reproduce(document: Document, more: str = "") -> Section:
-    """The command of a report and whatever could make another run differ.
+    """Section with the command of a report and all conditions that could change a repeated run.
 
     Parameters
     ----------
@@ -242,16 +244,16 @@ def how_to_reproduce(document: Document, more: str = "") -> Section:
         "Versions": {"inim": data["inim_version"], **data.get("versions", {})},
         "Backend": data.get("backend", {}),
     }
-    drawn = [_facts_table(caption, values) for caption, values in tables.items() if values]
-    below = "".join(drawn)
-    if len(drawn) > 1:  # the longest on the left, the others one below another on the right
-        stack = element("div", *drawn[1:], class_="stack")
-        below = element("div", drawn[0], stack, class_="columns")
+    parts = [_facts_table(caption, values) for caption, values in tables.items() if values]
+    below = "".join(parts)
+    if len(parts) > 1:  # the longest on the left, the others one below another on the right
+        stack = element("div", *parts[1:], class_="stack")
+        below = element("div", parts[0], stack, class_="columns")
     return Section("reproduce", "How to reproduce", command + more + below, is_folded=True)
 
 
 def _is_fact(key: str, value: object) -> bool:
-    """True unless the command or another section shows it: folders, and what is nested."""
+    """True unless the command or another section shows the value: folders, and nested values."""
     first = value[0] if isinstance(value, (list, tuple)) and value else value
     return key != "allow_folders" and not isinstance(first, dict)
 
@@ -281,9 +283,13 @@ def text(value: object) -> str:
 
 def element(name: str, *content: str, **attributes: object) -> str:
     """An element around HTML `content`; attributes are escaped, ``class_`` becomes class."""
-    given = {key.rstrip("_").replace("_", "-"): value for key, value in attributes.items()}
-    written = "".join(f' {k}="{text(v)}"' for k, v in given.items() if v is not None)
-    return f"<{name}{written}>{''.join(content)}</{name}>"
+    html_attributes = {
+        key.rstrip("_").replace("_", "-"): value for key, value in attributes.items()
+    }
+    attribute_text = "".join(
+        f' {k}="{text(v)}"' for k, v in html_attributes.items() if v is not None
+    )
+    return f"<{name}{attribute_text}>{''.join(content)}</{name}>"
 
 
 def radio(name: str, value: str, label: str, is_checked: bool) -> str:
@@ -308,7 +314,7 @@ def void(name: str, **attributes: object) -> str:
 
 
 def lead(words: object, kind: str = "lead") -> str:
-    """A paragraph of plain text that introduces what follows."""
+    """Introductory paragraph of plain text."""
     return element("p", text(words), class_=kind)
 
 
@@ -320,8 +326,8 @@ def bullets(lines: Iterable[object], class_: str) -> str:
 
 def folded(title: str, *content: str, is_open: bool = False) -> str:
     """HTML that shows when its title is clicked; paper shows it anyway."""
-    given = {"open": "open"} if is_open else {}
-    return element("details", element("summary", title), *content, **given)
+    html_attributes = {"open": "open"} if is_open else {}
+    return element("details", element("summary", title), *content, **html_attributes)
 
 
 def plot(svg: bytes, alt: str, caption: str = "", **attributes: object) -> str:

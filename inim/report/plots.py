@@ -1,4 +1,4 @@
-"""What all plots share: an algorithm's colour and mark, axes, names at their points, and files.
+"""Common parts of plots: colours and markers of algorithms, axes, point labels, and files.
 
 Without a date or random ids equal data give equal files, and text stays text.
 """
@@ -51,7 +51,7 @@ _MARK_PX = 8.0
 
 
 def colour_of(name: str) -> str:
-    """The colour of an algorithm, whatever its options: what it states itself, or one of three."""
+    """Colour of an algorithm, independent of its options: its own, or one of three."""
     algorithm = name.partition(":")[0]
     if algorithm == _YARDSTICK:
         return SOFT
@@ -59,18 +59,18 @@ def colour_of(name: str) -> str:
 
 
 def marker_of(name: str) -> str:
-    """The mark of an algorithm, whatever its options: what it states itself, or a circle."""
+    """Marker of an algorithm, independent of its options: its own, or a circle."""
     algorithm = name.partition(":")[0]
     return "x" if algorithm == _YARDSTICK else _stated(algorithm, "marker") or "o"
 
 
-def _stated(algorithm: str, what: str) -> str | None:
-    """A property of an algorithm; None of what is none here: a finished EIA, another machine's."""
+def _stated(algorithm: str, key: str) -> str | None:
+    """Property of an algorithm; None for a finished EIA or an algorithm of another machine."""
     try:
-        found: str | None = getattr(properties(algorithm), what)
+        value: str | None = getattr(properties(algorithm), key)
     except UsageError:
         return None
-    return found
+    return value
 
 
 def style(axis: Any, title: str, x_label: str, y_label: str) -> None:
@@ -91,14 +91,14 @@ def plain_ticks(axis: Any) -> None:
     """0.3, 1, 100 rather than powers of ten; between them only where there is just one or none."""
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
-    shown = FuncFormatter(lambda value, _: _short(value))
+    formatter = FuncFormatter(lambda value, _: _short(value))
     for side in (axis.xaxis, axis.yaxis):
         if side.get_scale() == "linear":
             continue
         low, high = sorted(side.get_view_interval())
-        side.set_major_formatter(shown)
+        side.set_major_formatter(formatter)
         within_a_decade = side.get_scale() == "log" and high < 10 * low
-        side.set_minor_formatter(shown if within_a_decade else NullFormatter())
+        side.set_minor_formatter(formatter if within_a_decade else NullFormatter())
 
 
 def _short(value: float) -> str:
@@ -137,7 +137,7 @@ def svg(figure: Any) -> bytes:
 
 
 def on_front(points: Mapping[str, tuple[float, float]]) -> set[str]:
-    """Of points to be small in both values, those that no other beats in one and equals in both."""
+    """Names of the Pareto-optimal points, with both values to be minimised."""
     return {
         name
         for name, (x, y) in points.items()
@@ -184,16 +184,16 @@ def set_apart(axis: Any, names: Sequence[Name]) -> None:
     renderer = axis.figure.canvas.get_renderer()
     room = axis.get_window_extent(renderer).padded(10)
     marks = [axis.transData.transform((n.x, n.y)) for n in names]
-    taken = [
+    occupied = [
         Bbox.from_bounds(x - _MARK_PX / 2, y - _MARK_PX / 2, _MARK_PX, _MARK_PX) for x, y in marks
     ]
-    taken += [text.get_window_extent(renderer) for text in axis.texts]
+    occupied += [text.get_window_extent(renderer) for text in axis.texts]
     for name in sorted(names, key=lambda n: -n.size):
-        written = [_write(axis, name, place) for place in _PLACES]
-        boxes = [text.get_window_extent(renderer) for text in written]
-        best = min(range(len(boxes)), key=lambda i: (_overlap(boxes[i], taken, room), i))
-        taken.append(boxes[best])
-        for i, text in enumerate(written):
+        label_options = [_write(axis, name, place) for place in _PLACES]
+        boxes = [text.get_window_extent(renderer) for text in label_options]
+        best = min(range(len(boxes)), key=lambda i: (_overlap(boxes[i], occupied, room), i))
+        occupied.append(boxes[best])
+        for i, text in enumerate(label_options):
             if i != best:
                 text.remove()
 
@@ -211,9 +211,9 @@ def _write(axis: Any, name: Name, place: tuple[float, float, str]) -> Any:
     )
 
 
-def _overlap(box: Any, taken: Sequence[Any], room: Any) -> float:
-    """Area covered twice, and what sticks out of the panel, square pixels."""
-    covered = sum(_common_area(box, other) for other in taken)
+def _overlap(box: Any, occupied: Sequence[Any], room: Any) -> float:
+    """Area of overlaps and of parts outside the panel, in square pixels."""
+    covered = sum(_common_area(box, other) for other in occupied)
     return float(covered + box.width * box.height - _common_area(box, room))
 
 
@@ -223,13 +223,13 @@ def _common_area(a: Any, b: Any) -> float:
 
 
 def across(axis: Any, words: str, x: float | None = None, y: float | None = None) -> None:
-    """Words at the end of a line across the panel, at x or at y."""
+    """Write a label at the end of a line across the panel, at x or at y."""
     from matplotlib.transforms import blended_transform_factory as blended
 
     font = {"fontsize": 7.5, "color": SOFT}
     if x is not None:
-        where = blended(axis.transData, axis.transAxes)
-        axis.text(x, 0.99, f" {words}", transform=where, va="top", **font)
+        transform = blended(axis.transData, axis.transAxes)
+        axis.text(x, 0.99, f" {words}", transform=transform, va="top", **font)
     else:
-        where = blended(axis.transAxes, axis.transData)
-        axis.text(0.99, y, words, transform=where, ha="right", va="bottom", **font)
+        transform = blended(axis.transAxes, axis.transData)
+        axis.text(0.99, y, words, transform=transform, ha="right", va="bottom", **font)

@@ -122,7 +122,7 @@ def checks_table(data: StressRecord) -> Table:
 def _hits(rows: Hits) -> Table:
     """Wrong sources of each algorithm, family by family."""
     families = list(dict.fromkeys(r.family for r in rows))
-    found = []
+    table_rows = []
     for algorithm, members in _grouped(rows, "algorithm").items():
         cells = [algorithm]
         for family in families:
@@ -130,14 +130,16 @@ def _hits(rows: Hits) -> Table:
             pixels = sum(r.pixels for r in ran)
             cells.append(per_cent(sum(r.wrong for r in ran) / pixels, 2) if pixels else MISSING)
         refused = sum(r.outcome == "refused" for r in members)
-        found.append([*cells, str(len(members)), str(refused)])
+        table_rows.append([*cells, str(len(members)), str(refused)])
     heads = ["algorithm", *(f"{family}: wrong" for family in families), "cases", "refused"]
-    return Table("hits", "Panel pixels that show another source than the first hit", heads, found)
+    return Table(
+        "hits", "Panel pixels that show another source than the first hit", heads, table_rows
+    )
 
 
 def _wrong(rows: Hits) -> Table:
     """Cases in which an exact algorithm is wrong, with the warning that a validation would give."""
-    found = [
+    table_rows = [
         [
             r.algorithm,
             f"{r.family}: {r.case}",
@@ -148,17 +150,17 @@ def _wrong(rows: Hits) -> Table:
         if r.exact and r.wrong
     ]
     heads = ["algorithm", "case", "wrong pixels", "warning that a validation gives"]
-    return Table("hits", "First hits by definition that are wrong", heads, found)
+    return Table("hits", "First hits by definition that are wrong", heads, table_rows)
 
 
 def _errors(rows: Hits) -> Table:
-    found = [
+    table_rows = [
         [r.algorithm, f"{r.family}: {r.case}", r.outcome, r.message]
         for r in rows
         if r.outcome in ("refused", "crashed")
     ]
     heads = ["algorithm", "case", "outcome", "message"]
-    return Table("refused", "Refused, or crashed", heads, found)
+    return Table("refused", "Refused, or crashed", heads, table_rows)
 
 
 def relations_table(rows: Sequence[RelationResult]) -> Table:
@@ -179,8 +181,8 @@ def relations_table(rows: Sequence[RelationResult]) -> Table:
             verdict = f"refused: {members[0].message}"
         if not all(member.passed for member in members):
             verdict = "FAILS"
-        who = ", ".join(member.algorithm for member in members)
-        table_rows.append([name, who, count(compared), str(broken), str(uncertain), verdict])
+        algorithms = ", ".join(member.algorithm for member in members)
+        table_rows.append([name, algorithms, count(compared), str(broken), str(uncertain), verdict])
     heads = ["relation", "of", "pixels or rays", "broken", "of these uncertain", "verdict"]
     return Table("relations", "Relations that need no oracle", heads, table_rows)
 
@@ -207,14 +209,14 @@ def jitter_table(data: StressRecord) -> Table:
 def write_stress(
     data: StressRecord, folder: Path, tables: Sequence[Table], lines: Sequence[str]
 ) -> None:
-    """Write all forms of a stress run into a folder, `stress.json` last: it marks a whole one.
+    """Write all forms of a stress run into a folder, `stress.json` last, as a mark of completeness.
 
     Parameters
     ----------
     data : StressRecord
-        Its `files` are listed here.
+        Record; its `files` are set here.
     folder : Path
-        Empty but for figures; the page shows `stress.svg`.
+        Folder that contains figures only; the page shows `stress.svg`.
     tables : sequence of Table
     lines : sequence of str
         Sentences of the page and of the Markdown.
@@ -243,10 +245,10 @@ def _page(data: StressRecord, folder: Path, tables: Sequence[Table], lines: Sequ
     """A run as one HTML page: `lines` above the verdict, the figure above the limits."""
     above = {"verdict": bullets(lines, "remarks"), "limits": _figure(folder)}
     bodies: dict[str, str] = {}
-    for one in tables:
-        if one.rows:
-            body = bodies.setdefault(one.part, above.get(one.part, ""))
-            bodies[one.part] = body + text_table(one.caption, one.heads, one.rows, "stress")
+    for table in tables:
+        if table.rows:
+            body = bodies.setdefault(table.part, above.get(table.part, ""))
+            bodies[table.part] = body + text_table(table.caption, table.heads, table.rows, "stress")
     sections = [Section(part, _PARTS[part], body) for part, body in bodies.items()]
     facts = [
         "passed" if data.passed else "FAILED",

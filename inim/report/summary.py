@@ -37,8 +37,10 @@ _MOST_FAILURES = 20
 
 def render_summary(data: ReportDocument) -> str:
     """The report in a few lines of Markdown: verdict and scores with their references."""
-    wanted = suggested_criteria(data) if data.verdict.word == "ran clean" else ""
-    criteria = [f"To set criteria: `-D 'inim.min_ssim_to_reference={wanted}'`."] if wanted else []
+    suggestion = suggested_criteria(data) if data.verdict.word == "ran clean" else ""
+    criteria = (
+        [f"To set criteria: `-D 'inim.min_ssim_to_reference={suggestion}'`."] if suggestion else []
+    )
     command = full_command(data)
     preview = [f"**{PREVIEW_WORDS}** {markdown_command(command)}"] if command else []
     blocks = [
@@ -101,12 +103,12 @@ def _regression(data: ReportDocument | CompareDocument) -> list[str]:
 
     So drift shows, also where all is well.
     """
-    found = data.regression
-    if found is None:
+    comparison = data.regression
+    if comparison is None:
         return []
-    title = f"**Against {markdown_text(found.baseline)}**"
-    if found.reason:
-        title += f" ({markdown_text(found.reason, _LONGEST_SENTENCE)})"
+    title = f"**Against {markdown_text(comparison.baseline)}**"
+    if comparison.reason:
+        title += f" ({markdown_text(comparison.reason, _LONGEST_SENTENCE)})"
     heads = ["comparison", "changed", "nearest to its limit", "value", "limit"]
     rows = []
     for kind, label in _KINDS.items():
@@ -126,7 +128,7 @@ def _kind_row(of_kind: list[Check]) -> list[str]:
 
 
 def _strain(check: Check) -> float:
-    """How much of what is allowed a comparison takes up; most of all if it failed."""
+    """Share of the tolerance that a comparison uses; highest if it failed."""
     value, limit = check.value, check.limit
     if not is_number(value):
         return float("inf")
@@ -136,7 +138,7 @@ def _strain(check: Check) -> float:
 
 def _verdict_line(data: ReportDocument) -> str:
     parts = [
-        f"Display {markdown_text(data.display.given.name)}",
+        f"Display {markdown_text(data.display.parameters.name)}",
         f"lens model {markdown_text(data.lens_model)}",
         markdown_text(data.backend.variant),
         f"inim {markdown_text(data.inim_version)}",
@@ -234,7 +236,7 @@ def render_junit(data: ReportDocument | CompareDocument) -> str:
     Returns
     -------
     str
-        A well-formed XML document, whatever the names of the checks.
+        Well-formed XML document for any names of the checks.
     """
     suite = ET.Element("testsuite")
     for check in data.verdict.checks:

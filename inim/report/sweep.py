@@ -94,8 +94,8 @@ def render_sweep(rows: Sequence[Mapping[str, Any]], about: SweepTable) -> str:
         for field in ("scene", "display", "algorithm")
     ]
     passed = all(row["status"] == "ok" and row.get("passed") for row in rows)
-    done = sum(not result.failed for result in results)
-    words = f"{done} of {len(results)} results, {len(rows)} rows"
+    finished_count = sum(not result.failed for result in results)
+    words = f"{finished_count} of {len(results)} results, {len(rows)} rows"
     query = element("p", "All rows are in sweep.parquet, in this page's folder; for example:")
     query += element("pre", element("code", text(_QUERY)), tabindex=0)
     return document_page(
@@ -117,12 +117,12 @@ def render_sweep(rows: Sequence[Mapping[str, Any]], about: SweepTable) -> str:
 
 
 def _matrices(results: Sequence[Result]) -> str:
-    found = []
+    matrices = []
     for display in names_of(results, "display"):
         for settings in names_of(results, "settings"):
             own = [c for c in results if (c.display, c.settings) == (display, settings)]
-            found += [matrix(display, settings, own)] if own else []
-    return lead(_SCORES) + "".join(found)
+            matrices += [matrix(display, settings, own)] if own else []
+    return lead(_SCORES) + "".join(matrices)
 
 
 def _pareto(results: Sequence[Result]) -> str:
@@ -141,13 +141,13 @@ def _pareto(results: Sequence[Result]) -> str:
 
 def time_column(results: Sequence[Result]) -> str:
     """Yardsticks where every result was timed in them; else seconds, taken once, cold."""
-    done = [c for c in results if not c.failed]
-    timed = bool(done) and all(c.scores["yardsticks"] is not None for c in done)
+    finished = [c for c in results if not c.failed]
+    timed = bool(finished) and all(c.scores["yardsticks"] is not None for c in finished)
     return "yardsticks" if timed else "seconds"
 
 
 def _points(results: Sequence[Result], display: str, column: str) -> dict[str, tuple[float, float]]:
-    """By algorithm, mean time and mean of 1 − SSIM to the reference."""
+    """Mean time and mean of 1 − SSIM to the reference, by algorithm."""
     own = [c for c in results if c.display == display]
     points = {}
     for name in names_of(own, "algorithm"):
@@ -165,21 +165,21 @@ def _drawing(panels: Mapping[str, Mapping[str, tuple[float, float]]], unit: str)
     figure, axes = new_figure(across, _PANEL_HEIGHT * down, down, sharex=True, sharey=True)
     for axis in axes[len(panels) :]:
         axis.set_visible(False)
-    drawn = [
+    panel_points = [
         (axis, display, points, on_front(points))
         for axis, (display, points) in zip(axes, panels.items(), strict=False)
     ]
-    for axis, display, points, front in drawn:
+    for axis, display, points, front in panel_points:
         for name, point in points.items():
             draw_point(axis, name, *point, name in front)
         draw_front(axis, [points[name] for name in front])
         style(axis, display, f"{unit} per EIA (↙ better)", f"1 − {HEADLINE_WORDS}")
         axis.set_xscale("log")
         axis.margins(0.24, 0.14)
-    for axis, *_ in drawn:
+    for axis, *_ in panel_points:
         plain_ticks(axis)
     figure.canvas.draw()  # the layout is final, so names can be placed
-    for axis, _, points, front in drawn:
+    for axis, _, points, front in panel_points:
         set_apart(axis, [point_name(name, *at, name in front) for name, at in points.items()])
     return svg(figure)
 
@@ -191,8 +191,8 @@ def matrix(display: str, settings: str, results: Sequence[Result]) -> str:
     rows = []
     for scene in names_of(results, "scene"):
         own = {c.algorithm: c for c in results if c.scene == scene}
-        kept = (c.scores[HEADLINE] for c in own.values() if not c.failed)
-        best = max((value for value in kept if value is not None), default=None)
+        scores = (c.scores[HEADLINE] for c in own.values() if not c.failed)
+        best = max((value for value in scores if value is not None), default=None)
         cells = [_cell(own.get(name), best) for name in algorithms]
         rows.append([text(scene), *cells, *_reference(list(own.values()))])
     caption = f"Display {display}, {settings}" if settings else f"Display {display}"
@@ -208,20 +208,20 @@ def _cell(result: Result | None, best: float | None) -> str:
     is_best = value is not None and value == best
     small = f"{'best · ' if is_best else ''}{number(result.scores[HEADLINE_TO_SCENE], 4)} scene"
     whole = f"{number(result.scores[MAIN.to_reference_key], 4)} whole"
-    shown = element("span", text(number(value, 4)), class_="best" if is_best else None)
-    return shown + element("small", text(small)) + element("small", text(whole))
+    number_text = element("span", text(number(value, 4)), class_="best" if is_best else None)
+    return number_text + element("small", text(small)) + element("small", text(whole))
 
 
 def _reference(results: Sequence[Result]) -> list[str]:
-    """The reference against the scene, and the truth against itself; alike for all algorithms."""
-    done = [c for c in results if not c.failed]
-    if not done:
+    """Reference against ground truth, and the noise floor; equal for all algorithms."""
+    finished = [c for c in results if not c.failed]
+    if not finished:
         return [MISSING, MISSING]
-    return [text(number(done[0].scores[k], 4)) for k in REFERENCES]
+    return [text(number(finished[0].scores[k], 4)) for k in REFERENCES]
 
 
 def best_displays(results: Sequence[Result]) -> str:
-    """For each relic, its displays by what a viewer gets of the best algorithm on each."""
+    """Displays of each relic, ordered by the best algorithm's SSIM to the ground truth."""
     if all(result.failed for result in results):
         return ""
     several = len(names_of(results, "settings")) > 1
@@ -230,13 +230,13 @@ def best_displays(results: Sequence[Result]) -> str:
     columns += [(m.on_relic_key if m.has_relic_score else m.key, m.digits) for m in others]
     rows = []
     for scene in names_of(results, "scene"):
-        found = _ranking([c for c in results if c.scene == scene and not c.failed])
-        for place, result in enumerate(found):
-            shown = result.display + (f" ({result.settings})" if several else "")
+        ranking = _ranking([c for c in results if c.scene == scene and not c.failed])
+        for place, result in enumerate(ranking):
+            label = result.display + (f" ({result.settings})" if several else "")
             rows.append(
                 [
                     text(scene) if place == 0 else "",
-                    element("b", text(shown)) if place == 0 else text(shown),
+                    element("b", text(label)) if place == 0 else text(label),
                     text(result.algorithm),
                     *(text(number(result.scores[key], digits)) for key, digits in columns),
                 ]
@@ -254,15 +254,15 @@ def best_displays(results: Sequence[Result]) -> str:
 
 
 def _ranking(results: Sequence[Result]) -> list[Result]:
-    """The best algorithm's result on each display, in falling order of what a viewer gets."""
+    """Best algorithm's result on each display, in falling order of SSIM to the ground truth."""
     best: dict[tuple[str, str], tuple[float, Result]] = {}
     for result in results:
         value = result.scores[HEADLINE]
         place = (result.display, result.settings)
         if value is not None and (place not in best or value > best[place][0]):
             best[place] = (value, result)
-    found = [result for _, result in best.values()]
-    return sorted(found, key=lambda one: -(one.scores[HEADLINE_TO_SCENE] or -math.inf))
+    best_results = [result for _, result in best.values()]
+    return sorted(best_results, key=lambda result: -(result.scores[HEADLINE_TO_SCENE] or -math.inf))
 
 
 def cost_table(results: Sequence[Result]) -> str:
@@ -274,8 +274,8 @@ def cost_table(results: Sequence[Result]) -> str:
         for display in displays:
             own = [c for c in results if (c.scene, c.display) == (scene, display)]
             spent = {c.settings: c.scores["unit_seconds"] for c in own}
-            known = [v for v in spent.values() if v is not None]
-            cells.append(number(sum(known), 1) if known else MISSING)
+            costs = [v for v in spent.values() if v is not None]
+            cells.append(number(sum(costs), 1) if costs else MISSING)
         rows.append([scene, *cells])
     caption = "Seconds of the validations the rows come from, whatever else ran at the same time"
     return text_table(caption, ["Scene", *displays], rows, "sweep")
@@ -283,7 +283,7 @@ def cost_table(results: Sequence[Result]) -> str:
 
 def failures(rows: Sequence[Mapping[str, Any]]) -> str:
     """Each unit that failed and why, and each check that did not pass; empty where all is well."""
-    found: dict[tuple[str, str], None] = {}
+    reasons: dict[tuple[str, str], None] = {}
     varied = varied_settings(rows)
     for row in rows:
         words = [row["scene"], row["display"], settings_of(row, varied)]
@@ -291,8 +291,8 @@ def failures(rows: Sequence[Mapping[str, Any]]) -> str:
             words.append(row["algorithm"])
         error = row["error"] if row["status"] != "ok" else row.get("failed_checks")
         if error:
-            found[" · ".join(str(word) for word in words if word), str(error)] = None
-    lines = [element("li", element("b", text(what)), " ", text(why)) for what, why in found]
+            reasons[" · ".join(str(word) for word in words if word), str(error)] = None
+    lines = [element("li", element("b", text(label)), " ", text(why)) for label, why in reasons]
     return element("ul", *lines, class_="failures") if lines else ""
 
 
@@ -377,18 +377,18 @@ def varied_settings(rows: Sequence[Row]) -> list[str]:
 
 
 def settings_of(row: Row, varied: Iterable[str]) -> str:
-    """The varied settings of a row, as text; empty where nothing varies."""
+    """Varied settings of a row, as text; empty if none vary."""
     return ", ".join(f"{name} = {row.get(name)}" for name in varied)
 
 
 def names_of(results: Sequence[Result], field: str) -> list[str]:
-    """The values of a field, each once, in order."""
+    """Values of a field, each once, in order."""
     return list(dict.fromkeys(getattr(result, field) for result in results))
 
 
 def mean(values: Iterable[Any]) -> float | None:
-    """The arithmetic mean; None of nothing, or where a value is missing or not finite."""
-    known = list(values)
-    if not known or not all(is_number(v) and math.isfinite(v) for v in known):
+    """Arithmetic mean; None for an empty list, or if a value is missing or not finite."""
+    numbers = list(values)
+    if not numbers or not all(is_number(v) and math.isfinite(v) for v in numbers):
         return None
-    return math.fsum(known) / len(known)
+    return math.fsum(numbers) / len(numbers)

@@ -91,7 +91,7 @@ def _sentence(row: ParameterTolerance) -> str:
 
 
 def _beside(row: ParameterTolerance) -> str:
-    """What a calibration reaches, where one is given."""
+    """Accuracy of a calibration, if given."""
     error = row.calibration_standard_error
     if error is None or row.tolerance is None:
         return ""
@@ -124,7 +124,7 @@ def _page(data: ToleranceDocument) -> str:
         f"EIA of {data.algorithm}",
         ", ".join(data.viewpoints),
     ]
-    failed = [f"{one.display}: {one.error}" for one in data.failed]
+    failed = [f"{failure.display}: {failure.error}" for failure in data.failed]
     return document_page(
         data,
         "tolerate.json",
@@ -171,9 +171,14 @@ def _table(rows: Sequence[ParameterTolerance]) -> str:
     cells = []
     for row in rows:
         bears, ends = row.tolerance, row.interval or [None, None]
-        known = MISSING if bears is None else _with_unit(row, bears)
+        tolerance_text = MISSING if bears is None else _with_unit(row, bears)
         between = ["…" if end is None else f"{end:.3g}" for end in ends]
-        line = [_words(row.name), known, " – ".join(between), _with_unit(row, row.farthest)]
+        line = [
+            _words(row.name),
+            tolerance_text,
+            " – ".join(between),
+            _with_unit(row, row.farthest),
+        ]
         line += [
             number(row.scatter, 4),
             f"{row.distribution} {_with_unit(row, row.spread)}",
@@ -195,7 +200,7 @@ def _panel(data: ToleranceDocument, row: ParameterTolerance) -> str:
     style(axis, name, row.name.rpartition("_")[2], "SSIM to the reference")
     axis.axhline(aligned - data.criterion, **LINES["floor"])
     axis.set_xlim(-1.04 * row.farthest, 1.04 * row.farthest)
-    scores = [draw.score for one in data.parameters for draw in one.draws]
+    scores = [draw.score for parameter_row in data.parameters for draw in parameter_row.draws]
     low, high = min([*scores, aligned - 2 * data.criterion]), max([*scores, aligned])
     axis.set_ylim(low - 0.05 * (high - low), high + 0.08 * (high - low))
     error = row.calibration_standard_error

@@ -76,15 +76,15 @@ def _heads() -> list[str]:
 
 
 def _columns() -> list[tuple[str, str]]:
-    """Label and name of every score: on what the picture covers, then of the whole view."""
-    found = []
+    """Label and name of every score: first on the picture's region, then of the whole view."""
+    columns = []
     for on_relic in (True, False):
         for metric in all_metrics():
             if metric.has_relic_score or not on_relic:
                 label = " ".join(filter(None, (metric.label, metric.unit)))
                 own = (f"{label}, covered", metric.on_relic_key)
-                found.append(own if on_relic else (label, metric.key))
-    return found
+                columns.append(own if on_relic else (label, metric.key))
+    return columns
 
 
 def _cells(scores: Mapping[str, Any]) -> list[str]:
@@ -108,13 +108,13 @@ def _remarks(data: PictureDocument) -> list[str]:
 
 def _markdown(data: PictureDocument) -> str:
     lines = [*data.warnings, *_remarks(data)]
-    known = [
+    paragraphs = [
         [name, per_cent(result.wrong_source, 2), per_cent(result.hole_fraction, 1)]
         for name, result in data.algorithms.items()
     ]
     blocks = [
         f"## {markdown_text(data.title)}: {verdict_words(data)}",
-        markdown_table(["algorithm", "wrong source", "holes"], known),
+        markdown_table(["algorithm", "wrong source", "holes"], paragraphs),
         *(
             markdown_section(f"To {words}", _heads(), _rows(data, to))
             for to, words in _REFERENCES.items()
@@ -128,19 +128,19 @@ def _page(data: PictureDocument, folder: Path, encoding: Encoding) -> str:
     images = Images(folder, encoding)
     best = data.best_algorithm
     names = sorted(data.algorithms, key=lambda name: name != best)
-    shown = [Shown(_EXACT, ("eia", "exact.png"), "exact"), *map(of_algorithm, names)]
+    candidates = [Shown(_EXACT, ("eia", "exact.png"), "exact"), *map(of_algorithm, names)]
     return document_page(
         data,
         "report.json",
         [
             "Without a scene",
-            f"display {text(data.display.given.name)}",
+            f"display {text(data.display.parameters.name)}",
             f"{text(data.lens_model)} lenses",
         ],
         [
             Section("overview", "Picture", _overview(data, images, best)),
             Section("warnings", "Warnings", bullets(data.warnings, "cautions")),
-            Section(ANCHOR, TITLE, shown_display(data, images, shown)),
+            Section(ANCHOR, TITLE, shown_display(data, images, candidates)),
             Section("scores", "Scores", _scores(data)),
             Section("views", "Views", _views(data, images)),
             Section("display", "Display", display(data, images), is_folded=True),
@@ -160,9 +160,9 @@ def _first_view(data: PictureDocument) -> str | None:
 
 
 def _overview(data: PictureDocument, images: Images, best: str | None) -> str:
-    """The picture on the array, its depth, and what the display shows of it."""
+    """Overview: the picture on the array, its depth, and its reconstructed view."""
     color, depth = (_on_array(data, images.read(f"rgbd_{k}.png")) for k in ("color", "depth"))
-    far, near = map(mm, data.display.given.depth_range_mm)
+    far, near = map(mm, data.display.parameters.depth_range_mm)
     shots = [
         figure(images.embed(color, "The picture as it lies on the lens array"), "Picture", _LIES),
         figure(
@@ -173,24 +173,24 @@ def _overview(data: PictureDocument, images: Images, best: str | None) -> str:
     ]
     view = _first_view(data)
     if best is not None and view is not None:
-        made = images.read("views", best, f"{view}.png")
+        best_view = images.read("views", best, f"{view}.png")
         scores = data.algorithms[best].views[view].to_exact
         words = (
             f"from {view}, by {best}: {MAIN.label} {score(scores, MAIN.on_relic_key)} to the exact "
             "EIA's view, where the picture covers"
         )
         shots.append(
-            figure(images.embed(made, f"View of the display from {view}"), "Display", words)
+            figure(images.embed(best_view, f"View of the display from {view}"), "Display", words)
         )
     wide = "hero wide" if is_wide(color) else "hero"
     return failures(data) + element("div", *shots, class_=wide)
 
 
 def _on_array(data: PictureDocument, pixels: np.ndarray | None) -> np.ndarray | None:
-    """The part of the fitted picture that lies on the lens array: oblique rays see beyond it."""
+    """Part of the fitted picture on the lens array; oblique rays reach beyond it."""
     if pixels is None:
         return None
-    display, pixel_mm = data.display.given, data.picture.pixel_mm
+    display, pixel_mm = data.display.parameters, data.picture.pixel_mm
     cut = [
         max(0, round((n - length / pixel_mm) / 2))
         for n, length in zip(pixels.shape, (display.height_mm, display.width_mm), strict=False)
@@ -203,7 +203,7 @@ def _scores(data: PictureDocument) -> str:
     rows = [_row(name, result, names) for name, result in data.algorithms.items()]
     exact = [score(data.exact[view], MAIN.on_relic_key) for view in names]
     head = element("em", text(_EXACT)) + " " + element("span", "to the picture", class_="aside")
-    rows.append([head, *(element("span", text(one)) for one in exact), "", "", ""])
+    rows.append([head, *(element("span", text(value)) for value in exact), "", "", ""])
     heads = ["Algorithm", *names, "Wrong source", "Holes", "Seconds"]
     caption = (
         f"{MAIN.label} where the picture covers: to the exact EIA's view; small: to the picture"
@@ -233,14 +233,14 @@ def _row(name: str, result: PictureAlgorithm, viewpoints: list[str]) -> list[str
 
 def _views(data: PictureDocument, images: Images) -> str:
     """A row of images for each viewpoint: warped, exact, then each algorithm's."""
-    shown = {"picture": "The picture, warped", "exact": _EXACT}
-    shown |= {algorithm: algorithm for algorithm in data.algorithms}
+    labels = {"picture": "The picture, warped", "exact": _EXACT}
+    labels |= {algorithm: algorithm for algorithm in data.algorithms}
     rows = []
     for name in data.viewpoint_names:
-        pictures = [images.read("views", place, f"{name}.png") for place in shown]
+        pictures = [images.read("views", place, f"{name}.png") for place in labels]
         figures = [
             figure(images.embed(picture, f"{words} from {name}"), words)
-            for picture, words in zip(pictures, shown.values(), strict=True)
+            for picture, words in zip(pictures, labels.values(), strict=True)
         ]
         kind = "views wide" if is_wide(pictures[0]) else "views"
         row = element("div", *figures, class_=kind, style=f"--count:{len(figures)}")

@@ -1,8 +1,8 @@
-"""How all reports write numbers, scores and checks.
+"""Labels of all reports: numbers, scores and checks.
 
-A number is written the same way in the page, the Markdown and the JUnit file, and whatever is
-missing or not a number shows as "–". What is shown of scores
-follows the metrics that `inim.metrics` knows.
+A number has the same form in the page, the Markdown and the JUnit file; missing and invalid
+values appear as "–". The scores follow
+the metrics in `inim.metrics`.
 """
 
 from __future__ import annotations
@@ -48,8 +48,8 @@ def number(value: float | None, digits: int) -> str:
     """`value` with fixed digits and a true minus sign; "–" where there is none."""
     if not is_number(value):
         return MISSING
-    shown = INFINITE if math.isinf(value) else f"{abs(value):.{digits}f}"
-    return f"−{shown}" if value < 0 else shown
+    number_text = INFINITE if math.isinf(value) else f"{abs(value):.{digits}f}"
+    return f"−{number_text}" if value < 0 else number_text
 
 
 def short(value: object) -> str:
@@ -99,7 +99,7 @@ def metric_scores(scores: Mapping[str, Any], kind: ScoreKind = "scene") -> list[
         A view's to the scene or to the reference, of the whole or on the relic; an EIA's to the
         true one.
     """
-    found = []
+    texts = []
     for metric in all_metrics():
         if (kind.startswith("relic") and not metric.has_relic_score) or (
             kind == "eia" and not metric.has_eia_score
@@ -110,10 +110,10 @@ def metric_scores(scores: Mapping[str, Any], kind: ScoreKind = "scene") -> list[
             "relic": metric.on_relic_key,
             "relic to reference": metric.on_relic_to_reference_key,
         }
-        shown = score(scores, keys.get(kind, metric.key))
-        unit = f"{NBSP}{metric.unit}" if metric.unit and shown != MISSING else ""
-        found.append((metric.label, shown + unit))
-    return found
+        score_text = score(scores, keys.get(kind, metric.key))
+        unit = f"{NBSP}{metric.unit}" if metric.unit and score_text != MISSING else ""
+        texts.append((metric.label, score_text + unit))
+    return texts
 
 
 def _may_be_infinite(metric: Metric | None) -> bool:
@@ -133,14 +133,14 @@ def check_value(check: Check) -> str:
 
 
 def check_limit(check: Check) -> str:
-    """A check's limit, with as many digits as its value."""
+    """Limit of a check, with as many digits as its value."""
     return _check_number(check, check.limit)
 
 
 def _check_number(check: Check, value: float | None) -> str:
-    """A number of a check.
+    """Number of a check.
 
-    "0.9000 ≥ 0.9000, failed" helps nobody, nor does a limit of 0.000001 printed as "0.0000".
+    The digits increase until a failed value differs from its limit, and a small limit from zero.
     """
     if check.unit is not None:  # a comparison, in units of its own
         unit = plain(check.unit)
@@ -151,10 +151,10 @@ def _check_number(check: Check, value: float | None) -> str:
     return number(value, digits)
 
 
-def _misleads(check: Check, shown: float | None, digits: int) -> bool:
-    """Whether so few digits make a value the same as its limit, or zero."""
+def _misleads(check: Check, displayed: float | None, digits: int) -> bool:
+    """True if these digits make a value equal to its limit, or zero."""
     value, limit = check.value, check.limit
-    if shown and number(abs(shown), digits) == number(0, digits):
+    if displayed and number(abs(displayed), digits) == number(0, digits):
         return True
     if not (is_number(value) and is_number(limit)) or value == limit:
         return False
@@ -167,7 +167,7 @@ def check_finding(check: Check) -> str:
 
 
 def check_interval(check: Check) -> str:
-    """The confidence interval of a check's value; empty where its noise is not known."""
+    """Confidence interval of a check's value; empty if its noise is unknown."""
     low, high = check.interval or (None, None)
     if not (is_number(low) and is_number(high)):
         return ""

@@ -172,7 +172,7 @@ def _identity(unit: Unit, algorithm: str) -> dict[str, Any]:
     row["unit"] = unit.hash or None
     if unit.plan is None:
         return row | _given(unit)
-    settings, display = asdict(unit.plan.settings), unit.plan.display.given()
+    settings, display = asdict(unit.plan.settings), unit.plan.display.parameters()
     row["scene_sha256"] = unit.plan.file.sha256
     row |= {key: display[key] for key in DISPLAY_COLUMNS}
     row["pixels_per_lens"] = unit.plan.display.pixels_per_lens

@@ -126,7 +126,7 @@ def test_the_word_patterns_writes_them(tmp_path, capsys):
 @pytest.fixture
 def bench(monkeypatch, tmp_path):
     """A display file, its calibration, an EIA, and a photograph of it from the left."""
-    given = {k: v for k, v in HIDDEN.given().items() if v is not None and k != "name"}
+    given = {k: v for k, v in HIDDEN.parameters().items() if v is not None and k != "name"}
     lines = [f'<default name="inim.{k}" value="{v}"/>' for k, v in given.items()]
     (tmp_path / "mine.xml").write_text(f'<scene version="3.0.0">{"".join(lines)}</scene>')
     camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)

@@ -505,7 +505,7 @@ def test_the_display_file_is_the_display(tmp_path):
     path = tmp_path / "mine.xml"
     path.write_text(display_file(result, "phone"), "utf-8")
     read, _ = choose_display(str(path))
-    for key, value in result.display.given().items():
+    for key, value in result.display.parameters().items():
         if key in PARAMETERS:  # digits end at a hundredth of the error
             assert abs(getattr(read, key) - value) <= 0.005 * result.estimates[key].error, key
         elif key != "name":

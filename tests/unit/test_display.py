@@ -59,8 +59,8 @@ def test_focused_display_needs_a_depth_range():
     focused = display(gap_mm=3.0, depth_min_mm=-5, depth_max_mm=20)
     assert math.isinf(focused.central_depth_mm) and math.isinf(focused.depth_span_mm)
     assert focused.depth_range_mm == (-5.0, 20.0)
-    assert focused.derived()["central_depth_mm"] is None
-    assert focused.derived()["depth_span_mm"] is None
+    assert focused.derived_quantities()["central_depth_mm"] is None
+    assert focused.derived_quantities()["depth_span_mm"] is None
 
 
 @pytest.mark.parametrize(("gap", "side"), [(3.3, 1), (2.7, -1)])
@@ -303,12 +303,12 @@ def test_elemental_pitch_without_any_viewing_distance_is_an_error():
 
 @pytest.mark.parametrize("shown", [*DISPLAYS.values(), display(depth_min_mm=1, depth_max_mm=2)])
 def test_given_values_make_the_same_display(shown):
-    assert Display(**shown.given()) == shown
-    assert Display(**json.loads(json.dumps(shown.given()))) == shown
+    assert Display(**shown.parameters()) == shown
+    assert Display(**json.loads(json.dumps(shown.parameters()))) == shown
 
 
 def test_derived_values_are_those_of_the_properties_and_fit_json():
-    derived = PHONE.derived()
+    derived = PHONE.derived_quantities()
     assert json.loads(json.dumps(derived, allow_nan=False)) == derived
     assert (derived["eia_rows"], derived["eia_columns"]) == PHONE.eia_shape == (1080, 2400)
     assert (derived["depth_min_mm"], derived["depth_max_mm"]) == PHONE.depth_range_mm
@@ -361,7 +361,7 @@ RAYS: dict[str, Any] = {
 
 
 def test_displays_that_differ_in_their_lenses_are_one_through_pinholes():
-    assert {*LENSES, *RAYS} == NOMINAL.given().keys()
+    assert {*LENSES, *RAYS} == NOMINAL.parameters().keys()
     theirs = display(**LENSES)
     assert theirs.through_pinholes() == NOMINAL.through_pinholes() == display(name="")
 
@@ -370,7 +370,7 @@ def test_displays_that_differ_in_their_lenses_are_one_through_pinholes():
 def test_what_decides_rays_through_lens_centres_is_kept_through_pinholes(name):
     given = {"depth_min_mm": 10.0, "depth_max_mm": 50.0} | {name: RAYS[name]}
     kept = display(**LENSES, **given).through_pinholes()
-    assert kept.given() == NOMINAL.given() | given | {"name": ""}
+    assert kept.parameters() == NOMINAL.parameters() | given | {"name": ""}
 
 
 def test_rays_through_pinholes_are_those_of_the_display():

@@ -101,7 +101,7 @@ def test_a_study_takes_a_file_from_beside_itself(scene, mine, tmp_path):
     )
     study.write_text(f'{text}file = "elsewhere/mine.xml"\n')
     (unit,) = expand(read_study(study), tmp_path / "out")
-    assert unit.plan.display.given() == choose_display(mine)[0].given()
+    assert unit.plan.display.parameters() == choose_display(mine)[0].parameters()
     study.write_text(f'{text}file = "elsewhere/mine.xml"\ngap_mm = 3.5\n')
     with pytest.raises(InimError, match=r"display 'mine': gap_mm: belongs into its file"):
         read_study(study)

@@ -38,7 +38,7 @@ BINARY = {
     "pitch_mm": 1.0, "focal_length_mm": 1.5, "gap_mm": 2.0, "pixel_pitch_mm": 0.125,
     "lens_columns": 4, "lens_rows": 3,
 }  # fmt: skip
-NOMINAL = {**DISPLAYS["nominal"].given(), "lens_columns": 4, "lens_rows": 3}
+NOMINAL = {**DISPLAYS["nominal"].parameters(), "lens_columns": 4, "lens_rows": 3}
 VIRTUAL = {"focal_length_mm": 3.6, "depth_min_mm": -41.0, "depth_max_mm": -20.0}
 SOLID = "template:columns=solid"
 BASES = pytest.mark.parametrize("base", [BINARY, NOMINAL], ids=["binary", "nominal"])

@@ -20,7 +20,7 @@ HALF = (6.0, 5.0)
 
 def told(display=DISPLAY) -> dict:
     """A display's parameters."""
-    return {k: v for k, v in display.given().items() if v is not None and k != "name"}
+    return {k: v for k, v in display.parameters().items() if v is not None and k != "name"}
 
 
 def picture(seed: int = 1, display=DISPLAY) -> np.ndarray:

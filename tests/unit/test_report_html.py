@@ -89,7 +89,7 @@ def view_scores(ssim: float) -> dict[str, Any]:
 
 def displayed(**changes: Any) -> dict[str, Any]:
     display = DISPLAYS["nominal"].replace(**changes)
-    return {"given": display.given(), "derived": display.derived()}
+    return {"given": display.parameters(), "derived": display.derived_quantities()}
 
 
 def report(algorithms: dict[str, float], views: tuple[str, ...] = VIEWS) -> dict[str, Any]:
@@ -475,7 +475,7 @@ def test_times_in_yardsticks_are_taken_where_all_have_them(folder):
 
 
 def test_what_was_skipped_is_listed_with_its_reason(folder):
-    rows = [{"what": HOSTILE, "done": "3 of 5", "skipped": "2", "why": "nothing moves there"}]
+    rows = [{"step": HOSTILE, "performed": "3 of 5", "skipped": "2", "why": "nothing moves there"}]
     page = Page(render_html({**report(ALGORITHMS), "skipped": rows}, folder))
     assert "3 of 5 2 nothing moves there" in page.text
     assert page.scripts == [PAGE_SCRIPT, WIPE.script]

@@ -34,7 +34,7 @@ from tests.conftest import small_display
 from tests.schemas import completed
 
 DISPLAY = small_display(12, 10, 8)
-NOMINAL = DISPLAYS["nominal"].given()
+NOMINAL = DISPLAYS["nominal"].parameters()
 MADE = msgspec.convert(
     completed(
         "baseline",

@@ -73,7 +73,7 @@ def test_another_name_is_refused():
 
 def test_derived_lengths_of_a_display_are_those_of_the_code():
     for display in DISPLAYS.values():
-        assert list(DerivedDisplay.__struct_fields__) == list(display.derived())
+        assert list(DerivedDisplay.__struct_fields__) == list(display.derived_quantities())
 
 
 @pytest.mark.parametrize("path", COMMITTED, ids=lambda path: str(path.relative_to(ROOT)))

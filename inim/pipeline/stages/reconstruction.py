@@ -43,7 +43,7 @@ class Optics:
 
     def cache_key(self) -> dict[str, Any]:
         """Return all values that affect a view, by the names of the settings."""
-        display = {f"display {k}": v for k, v in self.display.given().items() if k != "name"}
+        display = {f"display {k}": v for k, v in self.display.parameters().items() if k != "name"}
         package = foreign_identity(self.lens_model)
         settings = {name: value for name, value in vars(self).items() if name != "display"}
         return display | settings | {"lens_model's package": package}

@@ -72,7 +72,7 @@ class Scene:
 
     @cached_property
     def _key(self) -> dict[str, Any]:
-        parameters = self.display.through_pinholes().given()
+        parameters = self.display.through_pinholes().parameters()
         return {
             "scene": self.file.rendered_sha256,
             "fit_share": self.fit_share,

@@ -85,12 +85,12 @@ class SkippedSteps:
     def add(self, step: str, work: str, skipped: str, reason: str) -> None:
         """Add a row; merge rows that differ only in the name after the colon."""
         kind, _, name = step.partition(": ")
-        details = {"done": work, "skipped": skipped, "why": reason}
+        details = {"performed": work, "skipped": skipped, "why": reason}
         for row in self.rows:
-            if name and row["what"].startswith(f"{kind}: ") and row.items() >= details.items():
-                row["what"] += f", {name}"
+            if name and row["step"].startswith(f"{kind}: ") and row.items() >= details.items():
+                row["step"] += f", {name}"
                 return
-        self.rows.append({"what": step, **details})
+        self.rows.append({"step": step, **details})
 
 
 @dataclass(frozen=True)

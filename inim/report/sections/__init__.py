@@ -1,9 +1,9 @@
-"""The page of a validation, `report.html`, and its sections.
+"""Page of a validation, `report.html`, and its sections.
 
-Each module in this folder registers one or several sections in its ``SECTIONS``; adding a section
-is adding a file. Images are embedded. Should they make the page too large, it is built again with
-smaller ones; what is shown smaller or compressed is in full in the report's folder. It can
-be read as a whole with scripts off: they only move what stands there anyway.
+Each module in this folder registers one or several sections in its ``SECTIONS``; to add a section,
+add a file. Images are embedded. If the page is too large, it is built again with smaller images;
+images shown smaller or compressed are stored in full in the report's folder. The whole page can be
+read without scripts, which only move existing content.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ LARGEST_PAGE_BYTES = 10_000_000
 
 @dataclass(frozen=True)
 class ReportSection:
-    """A part of the page.
+    """Section of the page.
 
     Attributes
     ----------
     place : int
-        Sections stand on the page in the order of their places.
+        Position; sections are sorted by it.
     anchor, title : str
-        As of `inim.report.page.Section`.
+        As for `inim.report.page.Section`.
     body : callable
-        From the report's data and its images to HTML; empty where the section does not apply.
+        Function from the report's data and its images to HTML; empty if the section does not apply.
     widget : Widget, optional
-        What the section needs of style sheets and scripts.
+        Style sheets and scripts of the section.
     is_folded : bool
-        As of `inim.report.page.Section`.
+        As for `inim.report.page.Section`.
     """
 
     place: int
@@ -54,11 +54,12 @@ class ReportSection:
 
 @cache
 def all_sections() -> tuple[ReportSection, ...]:
-    """Every section that a module in this folder registers, in order."""
+    """All sections registered in this folder, in order."""
     modules = [
-        import_module(f"{__name__}.{found.name}") for found in pkgutil.iter_modules(__path__)
+        import_module(f"{__name__}.{module_info.name}")
+        for module_info in pkgutil.iter_modules(__path__)
     ]
-    sections: list[ReportSection] = [one for module in modules for one in module.SECTIONS]
+    sections: list[ReportSection] = [section for module in modules for section in module.SECTIONS]
     return tuple(sorted(sections, key=lambda section: section.place))
 
 
@@ -82,11 +83,11 @@ def render_html(data: ReportDocument, folder: Path, cache: ResultCache | None = 
     return small_enough(lambda encoding: _page(data, Images(Path(folder), encoding, cache)))
 
 
-def small_enough(made: Callable[[Encoding], str]) -> str:
+def small_enough(build: Callable[[Encoding], str]) -> str:
     """The first page below `LARGEST_PAGE_BYTES` of those with ever smaller images, or the last."""
     page = ""
     for encoding in ENCODINGS:
-        page = made(encoding)
+        page = build(encoding)
         if len(page.encode()) < LARGEST_PAGE_BYTES:
             break
     return page
@@ -96,7 +97,7 @@ def _page(data: ReportDocument, images: Images) -> str:
     listed = all_sections()
     with threads() as submit:  # packing and comparing images takes the longest
         begun = [submit(section.body, data, images) for section in listed]
-        bodies = [one.result() for one in begun]
+        bodies = [future.result() for future in begun]
     return document_page(
         data,
         "report.json",
@@ -114,7 +115,7 @@ def _page(data: ReportDocument, images: Images) -> str:
 
 def _facts(data: ReportDocument) -> list[str]:
     return [
-        f"Display {text(data.display.given.name)}",
+        f"Display {text(data.display.parameters.name)}",
         f"lens model {text(data.lens_model)}",
         text(data.backend.variant),
         f"inim {text(data.inim_version)}",

@@ -1,4 +1,4 @@
-"""The display, in words, drawn, and listed; and what the algorithms were given: RGB-D."""
+"""Display section: description, drawing and parameters; and the RGB-D input of the algorithms."""
 
 from __future__ import annotations
 
@@ -78,11 +78,11 @@ def display(data: ReportDocument | PictureDocument, _images: Images) -> str:
     """The section on the display."""
     derived = data.display.derived
     focus = "focused" if derived.central_depth_mm is None else MISSING
-    given = asdict(data.display.given)
-    listed = {k: v for k, v in given.items() if k not in _PECULIAR or v != _PECULIAR[k][0]}
-    known = _GIVEN | {k: row[1:] for k, row in _PECULIAR.items()}
+    parameters = asdict(data.display.parameters)
+    listed = {k: v for k, v in parameters.items() if k not in _PECULIAR or v != _PECULIAR[k][0]}
+    labels = _GIVEN | {k: row[1:] for k, row in _PECULIAR.items()}
     tables = [
-        _quantities("Given", listed, known, "default"),
+        _quantities("Given", listed, labels, "default"),
         _quantities("Derived", msgspec.structs.asdict(derived), _DERIVED, focus),
     ]
     misalign = "" if isinstance(data, PictureDocument) else data.misalign
@@ -111,13 +111,13 @@ def _plan(data: ReportDocument | PictureDocument) -> str:
 
 
 def _display_words(data: ReportDocument | PictureDocument) -> str:
-    """What the figures mean, in sentences."""
-    given, derived = data.display.given, data.display.derived
-    lenses = f"{given.lens_columns} × {given.lens_rows}"
+    """Meaning of the figures, in sentences."""
+    parameters, derived = data.display.parameters, data.display.derived
+    lenses = f"{parameters.lens_columns} × {parameters.lens_rows}"
     size = f"{short(derived.width_mm)} × {mm(derived.height_mm)}"
     pixels = f"{derived.eia_columns} × {derived.eia_rows}"
     words = (
-        f"{lenses} lenses of {mm(given.pitch_mm)} make a display of {size} with {pixels} "
+        f"{lenses} lenses of {mm(parameters.pitch_mm)} make a display of {size} with {pixels} "
         f"pixels, {short(derived.pixels_per_lens)} across each lens. "
         f"{_focus_words(derived)} Each lens sends its directions within "
         f"±{short(derived.viewing_half_angle_deg)}°; an eye on the axis sees one unbroken "
@@ -140,22 +140,25 @@ def _caution(title: str, words: str) -> str:
 
 
 def _quantities(
-    caption: str, values: Mapping[str, Any], known: Mapping[str, tuple[str, str, str]], none: str
+    caption: str,
+    values: Mapping[str, Any],
+    labels: Mapping[str, tuple[str, str, str]],
+    missing: str,
 ) -> str:
     rows = []
-    for key in [*(k for k in known if k in values), *(k for k in values if k not in known)]:
+    for key in [*(k for k in labels if k in values), *(k for k in values if k not in labels)]:
         value = values[key]
-        label, unit, meaning = known.get(key, (key, "", ""))
+        label, unit, meaning = labels.get(key, (key, "", ""))
         space = "" if unit == "°" else NBSP
-        shown = none if value is None else short(value) + (space + unit if unit else "")
-        rows.append([label, shown, meaning])
+        value_text = missing if value is None else short(value) + (space + unit if unit else "")
+        rows.append([label, value_text, meaning])
     return text_table(caption, ["Quantity", "Value", "Meaning"], rows, "quantities")
 
 
 def rgbd_input(data: ReportDocument, images: Images) -> str:
     """The section on the RGB-D input."""
     colour, depth = (images.read(f"rgbd_{kind}.png") for kind in ("color", "depth"))
-    rgbd, (far, near) = data.rgbd, map(mm, data.display.given.depth_range_mm)
+    rgbd, (far, near) = data.rgbd, map(mm, data.display.parameters.depth_range_mm)
     words = (
         f"What the algorithms were given: {rgbd.columns} × {rgbd.rows} pixels of "
         f"{mm(rgbd.pixel_mm)}, {per_cent(rgbd.covered_fraction, 1)} of them covered by the relic, "
@@ -166,15 +169,15 @@ def rgbd_input(data: ReportDocument, images: Images) -> str:
         figure(images.embed(colour, "RGB-D input, colour"), "Colour"),
         figure(images.embed(depth, "RGB-D input, depth"), "Depth", remark),
     ]
-    drawing = depth_profile(images.folder, data.display.given)
+    drawing = depth_profile(images.folder, data.display.parameters)
     if drawing:
         shots.append(figure(drawing, "Depth along the array", _profile_words(data)))
     return lead(words) + element("div", *shots, class_="three")
 
 
 def _profile_words(data: ReportDocument) -> str:
-    """Whether the relic is where the display can show it."""
-    low, high = data.display.given.depth_range_mm
+    """Position of the relic relative to the depth range, in sentences."""
+    low, high = data.display.parameters.depth_range_mm
     first, last = data.rgbd.depth_min_mm, data.rgbd.depth_max_mm
     if first is None or last is None:
         return "seen from above"
@@ -186,36 +189,37 @@ def _profile_words(data: ReportDocument) -> str:
 
 def splats(data: ReportDocument, _images: Images) -> str:
     """The section on splats; empty for other scenes."""
-    found = data.scene.splats
-    if found is None:
+    translucency = data.scene.splats
+    if translucency is None:
         return ""
-    shares = found.coverage_histogram
+    shares = translucency.coverage_histogram
     rows = [
         (f"{k / len(shares):.0%} to {(k + 1) / len(shares):.0%}", per_cent(share, 1))
         for k, share in enumerate(shares)
     ]
-    return lead(_words(data, found)) + text_table(
+    return lead(_words(data, translucency)) + text_table(
         "Coverage: what share of the light a pixel's ray loses", ["Coverage", "Pixels"], rows
     )
 
 
-def _words(data: ReportDocument, found: Splats) -> str:
-    """What the figures mean, in sentences."""
+def _words(data: ReportDocument, translucency: Splats) -> str:
+    """Meaning of the figures, in sentences."""
     words = (
-        f"{short(found.count)} splats touch "
-        f"{per_cent(found.touched_fraction, 1)} of the picture's pixels, and take "
-        f"{per_cent(found.mean_coverage, 1)} of their light on average. "
+        f"{short(translucency.count)} splats touch "
+        f"{per_cent(translucency.touched_fraction, 1)} of the picture's pixels, and take "
+        f"{per_cent(translucency.mean_coverage, 1)} of their light on average. "
         "A depth map has one depth for each: here, that at which half of the light is gone. "
-        f"{per_cent(found.without_depth_fraction, 1)} of these pixels never lose half: the "
+        f"{per_cent(translucency.without_depth_fraction, 1)} of these pixels never lose half: the "
         "algorithms are not given them. "
-        f"{per_cent(found.never_opaque_fraction, 1)} never lose nine tenths: what shows "
+        f"{per_cent(translucency.never_opaque_fraction, 1)} never lose nine tenths: what shows "
         "through them moves otherwise than they do. "
     )
-    if found.depth_spread_mm is not None:
-        low, high = data.display.given.depth_range_mm
+    if translucency.depth_spread_mm is not None:
+        low, high = data.display.parameters.depth_range_mm
         words += (
-            f"In the others, the light is lost over {mm(found.depth_spread_mm)} of depth (median; "
-            f"{mm(found.depth_spread_p95_mm)} in one of twenty), from the first tenth to "
+            f"In the others, the light is lost over {mm(translucency.depth_spread_mm)} of depth "
+            "(median; "
+            f"{mm(translucency.depth_spread_p95_mm)} in one of twenty), from the first tenth to "
             f"the last, of a depth range of {mm(high - low)}."
         )
     return words

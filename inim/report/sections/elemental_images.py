@@ -43,9 +43,9 @@ def elemental_images(data: ReportDocument, images: Images) -> str:
     floor = metric_scores(data.noise_floor.eia, "eia")
     figures = [_eia_figure(images, truth, window, TRUE_EIA, ("To itself", floor))]
     for name, result in data.algorithms.items():
-        made, scores = images.read("eia", f"{name}.png"), result.eia
+        eia, scores = images.read("eia", f"{name}.png"), result.eia
         facts = [*metric_scores(scores, "eia"), ("Holes", score(scores, "hole_fraction"))]
-        figures.append(_eia_figure(images, made, window, name, ("To the true EIA", facts)))
+        figures.append(_eia_figure(images, eia, window, name, ("To the true EIA", facts)))
     intro = lead(_INTRO)
     return intro + element("div", *figures, class_="eias")
 
@@ -65,7 +65,7 @@ def _eia_figure(
 
 
 def _marker(pixels: np.ndarray | None, window: _Window) -> str:
-    """A frame over the whole array where the magnified part lies."""
+    """Frame around the magnified part of the whole EIA."""
     if pixels is None or window.of(pixels) is None:
         return ""
     rows, columns = pixels.shape[:2]
@@ -79,7 +79,7 @@ def _marker(pixels: np.ndarray | None, window: _Window) -> str:
 def _busiest_window(truth: np.ndarray | None, data: ReportDocument) -> _Window:
     """The few lenses in the central half of the array whose pixels vary most."""
     rows, columns = (0, 0) if truth is None else truth.shape[:2]
-    pixels_per_lens = data.display.given.pixels_per_lens
+    pixels_per_lens = data.display.parameters.pixels_per_lens
     size = max(1, round(_CROP_LENSES * pixels_per_lens))
     height, width = min(size, rows), min(size, columns)
     if truth is None:

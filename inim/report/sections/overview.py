@@ -1,4 +1,6 @@
-"""The first screen: every score, what failed, and one viewpoint: truth, reference and best view."""
+"""First screen: all scores, the failures, and one viewpoint as ground truth, reference and best
+view.
+"""
 
 from __future__ import annotations
 
@@ -111,8 +113,8 @@ def _reference_row(
 
 
 def _noise(precision: Precision, view: str, key: str) -> str:
-    known = precision.get(view, {}).get(key)
-    half = None if known is None else known.half_width
+    score_precision = precision.get(view, {}).get(key)
+    half = None if score_precision is None else score_precision.half_width
     return "" if half is None else element("small", text(f"± {number(half, MAIN.digits)}"))
 
 
@@ -126,14 +128,14 @@ def _hero(data: ReportDocument, images: Images) -> str:
     shots = [_shot(images, truth, view, TRUTH, f"from {view}: the scene itself")]
     own = score(data.reference.views[view], HEADLINE_TO_SCENE)
     reference = f"{MAIN.label} {own} on the relic to the scene"
-    shown = images.read("views", "reference", f"{view}.png")
-    shots.append(_shot(images, shown, view, REFERENCE, reference))
+    reference_view = images.read("views", "reference", f"{view}.png")
+    shots.append(_shot(images, reference_view, view, REFERENCE, reference))
     if best is not None:
-        made = images.read("views", best, f"{view}.png")
+        best_view = images.read("views", best, f"{view}.png")
         scores = data.algorithms[best].views.get(view, {})
         words = f"{MAIN.label} {score(scores, HEADLINE)} on the relic to the reference"
         words += ", best on average" * (len(data.algorithms) > 1)
-        shots.append(_shot(images, made, view, best, words))
+        shots.append(_shot(images, best_view, view, best, words))
     return element("div", *shots, class_="hero wide" if is_wide(truth) else "hero")
 
 

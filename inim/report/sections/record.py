@@ -22,7 +22,7 @@ from inim.report.wording import (
 )
 
 _TOTAL, _RENDER = "total", "mitsuba_render"
-_EXACT = "Every score on this page is what it would be, had nothing been skipped."
+_EXACT = "Skipping did not change any score."
 _NO_CRITERIA = (
     "These checks cover the run only: all pictures exist, are finite and are not black. No quality "
     "criteria are set. inim.min_ssim_to_reference sets the minimum SSIM on the relic to the "
@@ -33,7 +33,7 @@ _SAMPLES = (
     "of them, some would differ by no more than that. Nothing else that was skipped changes a "
     "score."
 )
-_SKIPPED = {"what": "What", "done": "Done", "skipped": "Skipped", "why": "Why"}
+_SKIPPED = {"step": "Step", "performed": "Performed", "skipped": "Skipped", "why": "Reason"}
 _MEANINGS = (
     (
         TRUTH,
@@ -92,7 +92,7 @@ def check_list(verdict: Checks) -> str:
     """Every check with its numbers, the failed ones first."""
     if not verdict.checks:
         return element("p", "Nothing was checked.")
-    rows = [_check_row(check) for check in sorted(verdict.checks, key=lambda one: one.passed)]
+    rows = [_check_row(check) for check in sorted(verdict.checks, key=lambda check: check.passed)]
     heads = ["Check", "Value", "Relation", "Limit", "Verdict", "Interval of the value"]
     if not any(row[-1] for row in rows):
         heads, rows = heads[:-1], [row[:-1] for row in rows]
@@ -100,14 +100,14 @@ def check_list(verdict: Checks) -> str:
 
 
 def _no_criteria(data: ReportDocument) -> str:
-    """What the checks do not say, and criteria to set; empty where there are some."""
+    """Limits of the checks, with suggested criteria; empty if criteria exist."""
     if data.verdict.word != "ran clean":
         return ""
     words = lead(_NO_CRITERIA)
-    wanted = suggested_criteria(data)
-    if not wanted:
+    criteria = suggested_criteria(data)
+    if not criteria:
         return words
-    line = f"-D 'inim.min_ssim_to_reference={wanted}'"
+    line = f"-D 'inim.min_ssim_to_reference={criteria}'"
     return words + element("pre", element("code", text(line)), tabindex=0)
 
 
@@ -123,14 +123,14 @@ def _check_row(check: Check) -> list[str]:
 
 
 def _timings(data: ReportDocument) -> str:
-    """Where the time went, stage by stage, and how much of it the renderer took."""
-    taken = data.timings
-    stages = {k: v for k, v in taken.items() if k not in (_TOTAL, _RENDER)}
-    total = taken[_TOTAL]
+    """Time of each stage, and the renderer's share."""
+    timings = data.timings
+    stages = {k: v for k, v in timings.items() if k not in (_TOTAL, _RENDER)}
+    total = timings[_TOTAL]
     rows = [_stage_row(name, seconds, total) for name, seconds in stages.items()]
     listed = table("Wall-clock time", ["Stage", "Seconds", "Share of the total"], rows, "timings")
     words = f"{number(total, 2)}{NBSP}s in all"
-    render = taken[_RENDER]
+    render = timings[_RENDER]
     if total > 0:
         share = per_cent(render / total, 0)
         words += f", of which the renderer took {number(render, 2)}{NBSP}s ({share})"
@@ -152,7 +152,7 @@ def _skipped(data: ReportDocument) -> str:
     if not rows:
         return ""
     words = _SAMPLES if data.settings.score_error > 0 else _EXACT
-    caption = "What this run did and skipped"
+    caption = "Performed and skipped steps"
     listed = text_table(caption, list(_SKIPPED.values()), rows, "skips")
     return lead(words) + listed
 

@@ -1,4 +1,6 @@
-"""What changed against the baseline: failures in words and images, and the drift of all else."""
+"""Changes relative to the baseline: failures in words and images, and the drift of all other
+values.
+"""
 
 from __future__ import annotations
 
@@ -39,22 +41,22 @@ _WORDS = (
 
 def regression(data: ReportDocument | CompareDocument, images: Images) -> str:
     """The section on the baseline; empty for a run that was not compared with one."""
-    found = data.regression
-    if found is None:
+    comparison = data.regression
+    if comparison is None:
         return ""
     judged = [check for check in data.verdict.checks if check.kind is not None]
     failed = sum(not check.passed for check in judged)
     changed = f"{failed} changed" if failed else "nothing changed"
-    words = f"Of {len(judged)} comparisons with {found.baseline}, {changed}. "
-    if found.reason:
-        words += f"That baseline was accepted because: {found.reason}. "
-    pictures = _images(found, images)
-    return lead(words + _WORDS) + pictures + _circumstances(found) + _drift(found)
+    words = f"Of {len(judged)} comparisons with {comparison.baseline}, {changed}. "
+    if comparison.reason:
+        words += f"That baseline was accepted because: {comparison.reason}. "
+    pictures = _images(comparison, images)
+    return lead(words + _WORDS) + pictures + _circumstances(comparison) + _drift(comparison)
 
 
-def _images(found: Regression, images: Images) -> str:
+def _images(comparison: Regression, images: Images) -> str:
     rows = []
-    for name in found.pictures[:_MOST_PICTURES]:
+    for name in comparison.pictures[:_MOST_PICTURES]:
         shots = [
             figure(
                 images.embed(images.read(_FOLDER, f"{name}-{kind}.png"), f"{name}, {kind}"),
@@ -71,10 +73,10 @@ def _images(found: Regression, images: Images) -> str:
     return "".join(rows)
 
 
-def _circumstances(found: Regression) -> str:
+def _circumstances(comparison: Regression) -> str:
     rows = [
         [row.name, *(MISSING if v is None else v for v in (row.baseline, row.candidate))]
-        for row in found.circumstances
+        for row in comparison.circumstances
     ]
     if not rows:
         return ""
@@ -82,7 +84,7 @@ def _circumstances(found: Regression) -> str:
     return text_table("What else differs between the two runs, not judged", heads, rows, "facts")
 
 
-def _drift(found: Regression) -> str:
+def _drift(comparison: Regression) -> str:
     """The reported scores that moved most, passed or not."""
 
     def size(row: Drift) -> float:
@@ -90,10 +92,10 @@ def _drift(found: Regression) -> str:
             return 0.0
         return abs(row.change) / max(abs(row.baseline), 0.1)
 
-    moved = sorted(found.drift, key=size, reverse=True)
+    moved = sorted(comparison.drift, key=size, reverse=True)
     rows = [
         [
-            f"{row.what}: {_words(row.score)}",
+            f"{row.subject}: {_words(row.score)}",
             short(row.baseline),
             short(row.candidate),
             "+" * (row.change is not None and row.change >= 0) + short(row.change),

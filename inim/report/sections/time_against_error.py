@@ -1,4 +1,4 @@
-"""Time against error: what each algorithm of the run took, and how far it came."""
+"""Time against error: time and error of each algorithm of the run."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def time_against_error(data: ReportDocument, images: Images) -> str:
     known_floor = floor if floor is not None and math.isfinite(floor) else None
     figure = (tuple(views), tuple(eias), unit, known_floor)
     # Loading matplotlib takes the longest.
-    drawn = images.cached(
+    plot_html = images.cached(
         "time against error",
         lambda: np.frombuffer(_drawing(*figure), np.uint8),
         figure=figure,
@@ -76,10 +76,10 @@ def time_against_error(data: ReportDocument, images: Images) -> str:
     )
     alt = f"Time against error. {words}" if words else "Time against error"
     if unit == _YARDSTICKS:
-        how = text(_WORDS + _RATIOS)
+        description = text(_WORDS + _RATIOS)
     else:
-        how = text(_WORDS + _SECONDS) + element("code", "inim bench") + "."
-    return element("p", how, class_="lead") + plot(drawn, alt, width=760, height=330)
+        description = text(_WORDS + _SECONDS) + element("code", "inim bench") + "."
+    return element("p", description, class_="lead") + plot(plot_html, alt, width=760, height=330)
 
 
 def _times(data: ReportDocument) -> tuple[dict[str, float], str]:
@@ -112,11 +112,11 @@ def _drawing(
         ("Views", views, 1.0, f"1 − {HEADLINE_WORDS}, mean", None),
         ("Elemental images", eias, -1.0, f"EIA {PSNR.label} to the true EIA, {PSNR.unit}", floor),
     )
-    written = []
+    labels = []
     for axis, (title, points, sign, label, line) in zip(axes, panels, strict=True):
         axis.set_xscale("log")
         style(axis, title, f"{unit} (↙ better)", label)
-        written.append(_panel(axis, points, sign))
+        labels.append(_panel(axis, points, sign))
         if line is not None and points:
             axis.axhline(line, **LINES["floor"])
             across(axis, "noise floor", y=line)
@@ -129,7 +129,7 @@ def _drawing(
         warnings.simplefilter("ignore", UserWarning)
         for axis in axes:
             axis.autoscale_view()  # now all has its place, and names can be set apart in it
-        for axis, names in zip(axes, written, strict=True):
+        for axis, names in zip(axes, labels, strict=True):
             set_apart(axis, names)
         return svg(figure)
 

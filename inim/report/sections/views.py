@@ -1,7 +1,7 @@
-"""What is seen from each viewpoint: two views in one place, all side by side, and parallax.
+"""Views section: comparison slider, all views side by side, and parallax.
 
-The controls and the stage of the first stay hidden until the script finds the images of the second
-to put there: these are what stands without scripts.
+The controls and the stage of the slider stay hidden until the script has loaded its images from
+the views below, which need no script.
 """
 
 from __future__ import annotations
@@ -81,10 +81,10 @@ def views(data: ReportDocument, images: Images) -> str:
 
 
 def _wipe(data: ReportDocument, images: Images) -> str:
-    """Any two of the images below over each other: ground truth and best algorithm at first.
+    """Comparison slider of any two images below; initially ground truth and best algorithm.
 
-    The script finds a picture by what it shows and from where. Empty without a viewpoint, or where
-    images are missing or left out.
+    The script finds an image by its content and viewpoint. Empty without a viewpoint, or if
+    images are missing or omitted.
     """
     viewpoints, best = data.viewpoint_names, data.best_algorithm
     if not viewpoints or not images.encoding.longest_px:
@@ -132,7 +132,7 @@ def _choice(label: str, name: str, options: Sequence[str], chosen: str) -> str:
 
 
 def _scale(images: Images) -> str:
-    """What the colours of an SSIM map stand for."""
+    """Colour scale of an SSIM map."""
     bar = np.repeat(images.similarity_scale(), 12, axis=0)
     words = [element("span", text(word)) for word in ("1, alike", "SSIM", "0 or below, unlike")]
     picture = images.embed(bar, "Colours of the SSIM maps, from black for 1 to pale yellow for 0")
@@ -191,15 +191,17 @@ def _viewpoint(data: ReportDocument, images: Images, eye: EyePosition) -> str:
             ("Whole to reference", metric_scores(scores, "reference")),
             ("Whole to scene", metric_scores(scores)),
         ]
-        made = compared(name, images.read("views", name, f"{view}.png"), "reference", reference)
-        figures.append(captioned(name, "compared with reference", made, facts))
+        comparison = compared(
+            name, images.read("views", name, f"{view}.png"), "reference", reference
+        )
+        figures.append(captioned(name, "compared with reference", comparison, facts))
     kind = "views wide" if is_wide(truth) else "views"
     row = element("div", *figures, class_=kind, style=f"--count:{len(figures)}")
     return folded(heading, row)
 
 
 def parallax(data: ReportDocument, images: Images) -> str:
-    """The section on parallax; empty with fewer than two viewpoints in a line."""
+    """Parallax section; empty with fewer than two viewpoints in a line."""
     best = data.best_algorithm
     sources = [(TRUTH, ("truth",))] + ([(best, ("views", best))] if best else [])
     strips = [
@@ -244,7 +246,7 @@ def _strip(
 def _strip_shot(
     images: Images, direction: str, view: str, label: str, place: tuple[str, ...]
 ) -> str:
-    """One small picture with a line through its centre, across the direction of movement."""
+    """Small image with a line through its centre, across the direction of movement."""
     pixels = images.read(*place, f"{view}.png")
     picture = images.embed(pixels, f"{label} from {view}", _THUMBNAIL_PX)
     kind = "upright" if direction == "left to right" else "level"

@@ -42,8 +42,8 @@ def report_display(
     """The section of a report."""
     best = data.best_algorithm
     names = sorted(data.algorithms, key=lambda name: name != best)
-    shown = [Shown(REFERENCE, ("truth", "eia.png"), "reference"), *map(of_algorithm, names)]
-    return shown_display(data, images, shown, most_bytes=most_bytes)
+    candidates = [Shown(REFERENCE, ("truth", "eia.png"), "reference"), *map(of_algorithm, names)]
+    return shown_display(data, images, candidates, most_bytes=most_bytes)
 
 
 def of_algorithm(name: str) -> Shown:
@@ -54,26 +54,27 @@ def of_algorithm(name: str) -> Shown:
 def shown_display(
     data: ReportDocument | PictureDocument,
     images: Images,
-    shown: Sequence[Shown],
+    candidates: Sequence[Shown],
     *,
     most_bytes: int = REPORT_PANEL_BYTES,
 ) -> str:
     """The live display of EIAs, the two that matter most first; see `report_display`."""
     misalign = "" if isinstance(data, PictureDocument) else data.misalign
-    display = misaligned(data.display.given, misalign)
+    display = misaligned(data.display.parameters, misalign)
     eyes = [eye for eye in data.viewpoints if eye.position_mm[2] > 0]
     eyes.sort(key=lambda eye: eye.name != "centre")
     if not eyes:
         return _left_out("no viewpoint has a position")
     if not images.encoding.longest_px:
         return _left_out("the page would be too large; `inim view` shows it alone")
-    panels, missing = _panels(shown, images, display)
+    panels, missing = _panels(candidates, images, display)
     if not panels:
         return _left_out(f"{', '.join(missing)} cannot be read, or not of the panel's size")
     view = eyes[0].name
     words = f"from {view}, {data.lens_model} lenses"
     stills = [
-        Still(eia.name, words, images.read("views", eia.views, f"{view}.png")) for eia in shown[:2]
+        Still(eia.name, words, images.read("views", eia.views, f"{view}.png"))
+        for eia in candidates[:2]
     ]
     remarks = [f"Not there, or not of the panel's size: {', '.join(missing)}."] if missing else []
     if data.lens_model not in live_lens_models(display):
@@ -94,16 +95,16 @@ def shown_display(
 
 
 def _panels(
-    shown: Sequence[Shown], images: Images, display: Display
+    candidates: Sequence[Shown], images: Images, display: Display
 ) -> tuple[list[Panel], list[str]]:
     """The EIAs, and the names of those that are not there."""
     panels, missing = [], []
-    for one in shown:
-        codes = images.read(*one.file)
+    for candidate in candidates:
+        codes = images.read(*candidate.file)
         if codes is None or codes.shape[:2] != display.eia_shape:
-            missing.append(one.name)
+            missing.append(candidate.name)
         else:
-            panels.append(Panel(one.name, codes))
+            panels.append(Panel(candidate.name, codes))
     return panels, missing
 
 

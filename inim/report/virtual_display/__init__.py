@@ -93,23 +93,23 @@ def live_display(
     lens_model: str = "thick",
     remarks: Sequence[str] = (),
 ) -> str:
-    """The section's content: the live display, hidden until the script shows it, and its stand-in.
+    """Section content: the virtual display, hidden until its script runs, and its replacement.
 
     Parameters
     ----------
     display : Display
-        As its array lies.
+        Display with its misaligned array.
     panels : sequence of Panel
-        Of its size, the most important first.
+        Panels of its size, the most important first.
     eyes : sequence of EyePosition
-        The first is where the eye starts.
+        Eye positions; the eye starts at the first.
     stills : sequence of Still
     images : Images
         Embeds the stills.
     most_bytes : int
-        Room for the panels.
+        Maximum size of the panels.
     lens_model : str
-        What the display starts with, or the one nearest to it that is drawn live.
+        Initial lens model, or its replacement in the virtual display.
     remarks : sequence of str
         Sentences below the display.
     """
@@ -121,12 +121,12 @@ def live_display(
     start = [0, min(1, len(embedded) - 1)]
     data = {
         "optics": _optics(display),
-        "panels": [{"name": one.name, "source": one.source} for one in embedded],
+        "panels": [{"name": panel.name, "source": panel.source} for panel in embedded],
         "viewpoints": [{"name": e.name, "position_mm": list(e.position_mm)} for e in eyes],
         "start": start,
     }
     return (
-        _live(display, [one.name for one in embedded], start, eyes, lens_model)
+        _live(display, [panel.name for panel in embedded], start, eyes, lens_model)
         + _stand_in(stills, images)
         + note
         + _data_element(data)
@@ -156,13 +156,13 @@ def shown_lens_model(display: Display, lens_model: str) -> str:
 
 def _stand_in(stills: Sequence[Still], images: Images) -> str:
     why = element("p", text(_NEEDED), class_="note", id="virtual-display-why")
-    shown = [
+    pictures = [
         figure(images.embed(s.codes, f"{s.name} {s.remark}", _STILL_PX), s.name, s.remark)
         for s in stills
     ]
     wide = any(is_wide(s.codes) for s in stills)
-    pictured = element("div", *shown, class_="stills wide" if wide else "stills")
-    return element("div", why, pictured if shown else "", class_="stand-in")
+    pictured = element("div", *pictures, class_="stills wide" if wide else "stills")
+    return element("div", why, pictured if pictures else "", class_="stand-in")
 
 
 def _live(
@@ -202,10 +202,10 @@ def _controls(eyes: Sequence[EyePosition], several: bool, models: Sequence[str],
     if several:
         box = void("input", type="checkbox", name_="together", checked="checked")
         parts.append(_choices("Compare", [element("label", box, "side by side")]))
-    both = void("input", type="checkbox", name_="pair")
+    stereo = void("input", type="checkbox", name_="pair")
     limits = {"min": 0, "max": 200, "step": 1, "value": _BETWEEN_EYES_MM}
     between = void("input", type="number", name_="between", **limits)
-    pair = [element("label", both, "two eyes"), element("label", between, "mm apart")]
+    pair = [element("label", stereo, "two eyes"), element("label", between, "mm apart")]
     parts.append(_choices("Stereo pair", pair))
     return element("div", *parts, class_="controls")
 
@@ -261,7 +261,7 @@ def _where() -> str:
 
 def _embedding_words(embedded: Sequence[_Embedded], left_out: Sequence[str]) -> list[str]:
     words = []
-    if any(not one.is_exact for one in embedded):
+    if any(not panel.is_exact for panel in embedded):
         words.append(
             "The panels are too large to be embedded exactly: they are compressed with loss here, "
             "and exact in the folder."
@@ -284,14 +284,14 @@ def _display_words(display: Display) -> list[str]:
 
 
 def _optics(display: Display) -> dict[str, Any]:
-    """Everything the live display needs of a `Display`, for JSON; lengths in millimetres.
+    """Values of a `Display` for the virtual display, as JSON; lengths in millimetres.
 
-    `traits` are names the shader is compiled with.
+    `traits` are names for the compilation of the shader.
 
     Parameters
     ----------
     display : Display
-        As its array really lies.
+        Display with its misaligned array.
     """
     array, traits = lens_array(display), lens_traits(display)
     rows, columns = display.eia_shape
@@ -333,7 +333,7 @@ def _optics(display: Display) -> dict[str, Any]:
 
 
 def _data_element(data: Mapping[str, Any]) -> str:
-    """`data` and the shader as a block that the script reads and nothing runs."""
+    """Block with `data` and the shader, which the script reads and the browser does not execute."""
     whole = {**data, "shader": package_text(_FOLDER, "virtual_display.glsl")}
     coded = json.dumps(whole, allow_nan=False).replace("<", "\\u003c").replace("&", "\\u0026")
     return f'<script type="application/json" id="virtual-display-data">{coded}</script>'
@@ -351,7 +351,7 @@ class _Embedded:
 def embed_panels(
     panels: Sequence[Panel], most_bytes: int, images: Images
 ) -> tuple[list[_Embedded], list[str]]:
-    """As many panels as fit, and the names of those left out.
+    """Embed as many panels as fit, and return the names of the others.
 
     Parameters
     ----------
@@ -365,7 +365,7 @@ def embed_panels(
     """
     for form, quality in _FORMS:
         first = [_embed(images, panel, form, quality) for panel in panels[:2]]
-        if sum(len(one.source) for one in first) <= most_bytes:
+        if sum(len(panel.source) for panel in first) <= most_bytes:
             return _fill_up(images, panels, first, form, quality, most_bytes)
     return [], [panel.name for panel in panels]
 
@@ -379,12 +379,12 @@ def _fill_up(
     most_bytes: int,
 ) -> tuple[list[_Embedded], list[str]]:
     left_out = []
-    room = most_bytes - sum(len(one.source) for one in embedded)
+    room = most_bytes - sum(len(panel.source) for panel in embedded)
     for panel in panels[2:]:
-        one = _embed(images, panel, form, quality)
-        if len(one.source) <= room:
-            embedded.append(one)
-            room -= len(one.source)
+        embedded_panel = _embed(images, panel, form, quality)
+        if len(embedded_panel.source) <= room:
+            embedded.append(embedded_panel)
+            room -= len(embedded_panel.source)
         else:
             left_out.append(panel.name)
     return embedded, left_out

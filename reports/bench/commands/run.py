@@ -121,7 +121,10 @@ def bench_commands(
     return {
         "title": plan.settings.title or plan.request.scene.stem,
         "scene": {"path": str(plan.request.scene), "sha256": plan.file.sha256},
-        "display": {"given": plan.display.given(), "derived": plan.display.derived()},
+        "display": {
+            "parameters": plan.display.parameters(),
+            "derived": plan.display.derived_quantities(),
+        },
         "lens_model": plan.settings.lens_model,
         "algorithms": ALGORITHMS,
         "viewpoints": [v.name for v in plan.viewpoints],

@@ -76,8 +76,8 @@ def _products(rows: Sequence[Mapping[str, str]]) -> dict[str, tuple[float, float
     """Samples traced and left out of each picture; None of one that was read from the store."""
     found: dict[str, tuple[float, float] | None] = {}
     for row in rows:
-        kind, colon, names = row["what"].partition(": ")
-        traced, left_out = _count(row["done"]), _count(row["skipped"])
+        kind, colon, names = row["step"].partition(": ")
+        traced, left_out = _count(row["performed"]), _count(row["skipped"])
         both = None if traced is None or left_out is None else (traced, left_out)
         # Alike ones are one row, as `inim.pipeline.memo` tells them.
         for name in names.split(", ") if colon else [""]:

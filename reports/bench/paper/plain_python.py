@@ -42,7 +42,7 @@ def time_plain_python(
         The child process ended without times.
     """
     names = [method.name for method in methods]
-    given = {k: v for k, v in display.given().items() if v is not None}
+    given = {k: v for k, v in display.parameters().items() if v is not None}
     request = {
         "display": given, "pixels_per_pitch": pixels_per_pitch, "names": names,
         "runs": rounds.runs, "warmups": rounds.warmups,

@@ -102,7 +102,7 @@ def bench_views(
     equal = (noise[FULL] / noise["thick"]) ** 2
     models[-1]["equal_noise_ms"] = models[-1]["view_ms"] * equal
     return {
-        "display": {"given": display.given(), "derived": display.derived()},
+        "display": {"parameters": display.parameters(), "derived": display.derived_quantities()},
         "rows": lenses * pixels_per_lens,
         "columns": lenses * pixels_per_lens,
         "spp": spp,
