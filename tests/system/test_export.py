@@ -185,7 +185,7 @@ def test_a_report_s_light_field_has_a_view_in_the_middle(tmp_path, pixels, views
     picture = RGBD(np.ones((*shape, 3), np.float32), depth, np.ones(shape, bool), 0.2)
     write_rgbd(tmp_path / "OUT/rgbd.exr", picture)
     write_exr(tmp_path / "OUT/eia/template.exr", np.ones((*display.eia_shape, 3), np.float32))
-    shown = {"given": display.parameters(), "derived": display.derived_quantities()}
+    shown = {"parameters": display.parameters(), "derived": display.derived_quantities()}
     data = report_document(report_data() | {"display": shown})
     Report(tmp_path / "OUT", data).write()
     assert export(tmp_path, "--hci", "hci", "--algorithm", "template").code == EXIT_PASSED

@@ -92,7 +92,7 @@ def test_report_has_jod_to_scene_and_reference_with_intervals(validated):
 def test_it_is_seen_as_the_display_from_the_eye(validated):
     _, data = validated
     (position,) = (one["position_mm"] for one in data["viewpoints"])
-    pixel = data["display"]["given"]["pitch_mm"] / data["settings"]["view_pixels_per_lens"]
+    pixel = data["display"]["parameters"]["pitch_mm"] / data["settings"]["view_pixels_per_lens"]
     degree = 2 * np.linalg.norm(position) * np.tan(np.radians(0.5))
     assert {one.luminance_cd_m2 for one in SEEN} == {123.0}
     assert {round(one.pixels_per_degree, 6) for one in SEEN} == {round(degree / pixel, 6)}

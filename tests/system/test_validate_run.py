@@ -135,7 +135,7 @@ def test_report_has_the_results_of_its_algorithms_and_viewpoints(finished):
             for key, sure in result["precision"][view].items():
                 low, high = sure["interval"]
                 assert low < result["views"][view][key] < high
-    shown = data["display"]["given"]
+    shown = data["display"]["parameters"]
     assert (shown["lens_columns"], shown["lens_rows"]) == (8, 6)
     assert data["settings"]["algorithms"] == "template,wang2024"
     assert data["verdict"]["passed"] is True

@@ -86,7 +86,7 @@ def display_words(**settings: object) -> list[str]:
 
 def report_data(display: Display = DISPLAY) -> dict[str, Any]:
     data = report(ALGORITHMS)
-    data["display"] = {"given": display.parameters(), "derived": display.derived_quantities()}
+    data["display"] = {"parameters": display.parameters(), "derived": display.derived_quantities()}
     places = {"centre": (0, 0), "left": (-20, 0), "right": (20, 0), "up": (0, 15), "down": (0, -15)}
     data["viewpoints"] = [{"name": n, "position_mm": [*p, 180.0]} for n, p in places.items()]
     return data

@@ -89,7 +89,7 @@ def view_scores(ssim: float) -> dict[str, Any]:
 
 def displayed(**changes: Any) -> dict[str, Any]:
     display = DISPLAYS["nominal"].replace(**changes)
-    return {"given": display.parameters(), "derived": display.derived_quantities()}
+    return {"parameters": display.parameters(), "derived": display.derived_quantities()}
 
 
 def report(algorithms: dict[str, float], views: tuple[str, ...] = VIEWS) -> dict[str, Any]:
@@ -192,7 +192,7 @@ def test_hostile_names_are_shown_as_text_and_never_run(folder):
     data["timings"] = {HOSTILE: 1.0}
     data["backend"] = {"variant": HOSTILE, "libllvm": HOSTILE, "device": HOSTILE}
     data["verdict"]["checks"] = [{**check(HOSTILE, 0.95), "detail": HOSTILE}]
-    data["display"]["given"]["name"] = HOSTILE
+    data["display"]["parameters"]["name"] = HOSTILE
     html = render_html(data, folder)
     page = Page(html)
     html.encode("utf-8")

@@ -79,8 +79,8 @@ def test_scores_of_a_viewpoint_that_is_not_there_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d["display"]["given"].update(pitch_mm=-1.0), "pitch_mm = -1"),
-        (lambda d: d["display"]["given"].update(lens_columns=12.0), "got `float`"),
+        (lambda d: d["display"]["parameters"].update(pitch_mm=-1.0), "pitch_mm = -1"),
+        (lambda d: d["display"]["parameters"].update(lens_columns=12.0), "got `float`"),
         (lambda d: d.update(misalign="text"), "misalign 'text': write KEY=NUMBER"),
         (lambda d: d.update(misalign="gap_mm=-99"), "misalign: "),
         (lambda d: d["timings"].pop("total"), "timings: total is missing"),

@@ -27,7 +27,7 @@ PAGE_SCRIPT = package_text("page.js")
 def shown_report(folder: Path, names=("template",), display: Display = DISPLAY) -> dict[str, Any]:
     """A report of a small display whose EIAs are there."""
     data = report(dict.fromkeys(names, 0.9) | {names[0]: 0.95})
-    data["display"] = {"given": display.parameters(), "derived": display.derived_quantities()}
+    data["display"] = {"parameters": display.parameters(), "derived": display.derived_quantities()}
     for seed, place in enumerate(["truth/eia", *(f"eia/{name}" for name in names)]):
         rows, columns = display.eia_shape
         save(folder / f"{place}.png", noise(seed, max(rows, columns))[:rows, :columns])
@@ -74,7 +74,7 @@ def test_only_the_display_s_own_script_may_run(tmp_path):
 def test_hostile_names_stay_names(tmp_path):
     name = "<script>alert(1)<!--"
     data = shown_report(tmp_path) | report({"template": 0.9}, views=(name,))
-    data["display"] = {"given": DISPLAY.parameters(), "derived": DISPLAY.derived_quantities()}
+    data["display"] = {"parameters": DISPLAY.parameters(), "derived": DISPLAY.derived_quantities()}
     data["title"] = data["lens_model"] = HOSTILE
     data["misalign"] = ""
     page = render_html(data, tmp_path)
@@ -119,13 +119,13 @@ def test_it_starts_with_the_lens_model_nearest_to_the_report_s(
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [
-        (lambda d: d["display"]["given"].update(lens_rows=11), "not of the panel's size"),
+        (lambda d: d["display"]["parameters"].update(lens_rows=11), "not of the panel's size"),
         (lambda d: d["viewpoints"][0].update(position_mm=[0, 0, -4]), "no viewpoint"),
     ],
 )
 def test_what_cannot_be_shown_live_is_left_out_with_its_reason(tmp_path, spoil, words):
     data = shown_report(tmp_path) | report({"template": 0.9}, views=("centre",))
-    data["display"] = {"given": DISPLAY.parameters(), "derived": DISPLAY.derived_quantities()}
+    data["display"] = {"parameters": DISPLAY.parameters(), "derived": DISPLAY.derived_quantities()}
     spoil(data)
     page = render_html(data, tmp_path)
     assert words in Page(page).text
