@@ -1,6 +1,6 @@
-"""A virtual bench for integral-imaging displays: render, generate, reconstruct, score.
+"""Simulation of integral-imaging displays: render, generate, reconstruct, score.
 
-Importing this package loads nothing heavy and chooses no renderer variant; each name below is
+Importing this package loads no large package and sets no renderer variant; each name below is
 loaded when first used.
 """
 

@@ -1,8 +1,7 @@
-"""The command line: `inim COMMAND ...`.
+"""Command line: `inim COMMAND ...`.
 
 A module of `inim.commands` has one or several commands in its `COMMANDS`. Only the module of the
-command that is named is imported, and what is heavy is imported by its `run`: `--help` answers at
-once.
+requested command is imported, and its `run` imports large packages, so that `--help` is fast.
 """
 
 from __future__ import annotations
@@ -22,8 +21,8 @@ from inim.errors import (
     EXIT_PASSED,
     EXIT_USAGE,
     InimError,
-    known_words,
     missing_package,
+    suggest_words,
 )
 from inim.process.python_process import configuration_hidden
 from inim.version import __version__
@@ -88,8 +87,8 @@ def main(argv: list[str] | None = None) -> int:
         argv = ["--help"]
     parser = _parser(argv[0])
     if argv[0] not in COMMANDS and not argv[0].startswith("-"):
-        known = known_words(argv[0], COMMANDS, f"there are {', '.join(COMMANDS)}")
-        parser.error(f"{argv[0]}: no such command; {known}")
+        suggestion = suggest_words(argv[0], COMMANDS, f"there are {', '.join(COMMANDS)}")
+        parser.error(f"{argv[0]}: no such command; {suggestion}")
     args = parser.parse_args(argv)
     try:
         return int(args.run(args))

@@ -19,7 +19,7 @@ EXIT_INTERNAL = 5
 
 
 class InimError(Exception):
-    """Base of all errors raised on purpose; `exit_code` is what the command returns."""
+    """Base class of all deliberate errors; `exit_code` is the command's exit code."""
 
     exit_code = EXIT_INTERNAL
 
@@ -73,7 +73,7 @@ class BaselineError(InimError):
 
 
 def missing_package(error: Exception) -> UsageError | None:
-    """What to say where this Python has not what inim needs: a wrong Python, most often."""
+    """Error message for a missing dependency, usually caused by the wrong Python."""
     module = str(getattr(error, "name", None))
     if not isinstance(error, ModuleNotFoundError) or module.startswith("inim."):
         return None
@@ -91,22 +91,24 @@ class WorkerError(InimError):
 _LONGEST_WORD = 80
 
 
-def known_words(word: object, known: Iterable[str], otherwise: str = "", prefix: str = "") -> str:
-    """The way out where nobody knows a word: "did you mean X?", or all there are.
+def suggest_words(
+    word: object, allowed: Iterable[str], otherwise: str = "", prefix: str = ""
+) -> str:
+    """Remedy for an unknown word: "did you mean X?", or a list of all allowed words.
 
     Parameters
     ----------
     word : object
-    known : iterable of str
+    allowed : iterable of str
     otherwise : str
-        What to say instead of "use A or B" where no known word is like it.
+        Text instead of "use A or B" if no allowed word is similar.
     prefix : str
-        Stands before the word that is meant.
+        Text before the suggested word.
     """
     import difflib
 
-    known = list(known)
-    near = difflib.get_close_matches(str(word)[:_LONGEST_WORD], known, n=1)
+    allowed = list(allowed)
+    near = difflib.get_close_matches(str(word)[:_LONGEST_WORD], allowed, n=1)
     if near:
         return f"did you mean {prefix}{near[0]}?"
-    return otherwise or f"use {' or '.join(known)}"
+    return otherwise or f"use {' or '.join(allowed)}"

@@ -1,4 +1,4 @@
-"""Plugins: what other packages announce through entry points, and errors that name them.
+"""Plugins: entry points of other packages, and errors that name them.
 
 Generators, metrics and lens models of other packages are entry points of the groups
 ``inim.generators``, ``inim.metrics`` and ``inim.lens_models``.
@@ -22,22 +22,22 @@ def announced(group: str) -> list[str]:
     return sorted({point.name for point in metadata.entry_points(group=group)})
 
 
-def load(group: str, name: str, kind: str, make: Callable[[Any], Any] = lambda found: found) -> Any:
-    """What an announced name stands for.
+def load(group: str, name: str, kind: str, make: Callable[[Any], Any] = lambda value: value) -> Any:
+    """Load the object of an entry point.
 
     Parameters
     ----------
     group, name : str
-        Of the entry point; the name must be announced.
+        The entry point; the name must be registered.
     kind : str
-        For errors: "metric".
+        Kind of plugin for error messages: "metric".
     make : callable, optional
-        Makes the result of what is announced; what it raises counts as a failure to load.
+        Converts the object; its exceptions count as a failure to load.
 
     Raises
     ------
     UsageError
-        Announced by several packages, or it cannot be imported.
+        Several packages register the name, or it cannot be imported.
     """
     points = list(metadata.entry_points(group=group, name=name))
     values = sorted({point.value for point in points})
@@ -56,18 +56,18 @@ def load(group: str, name: str, kind: str, make: Callable[[Any], Any] = lambda f
 
 
 def identity(group: str, name: str) -> dict[str, str]:
-    """What tells one state of a plugin from another: entry point, version, SHA-256 of its module.
+    """Identity of a plugin's state: entry point, version, SHA-256 of its module.
 
     Who writes a plugin edits its file long before its version.
     """
     point = next(iter(metadata.entry_points(group=group, name=name)))
-    found = {"entry_point": point.value}
+    record = {"entry_point": point.value}
     if point.dist is not None:
-        found["version"] = point.dist.version
+        record["version"] = point.dist.version
     spec = util.find_spec(point.module)
     if spec is not None and spec.origin is not None:
-        found["sha256"] = hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()
-    return found
+        record["sha256"] = hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()
+    return record
 
 
 @contextmanager
@@ -79,12 +79,12 @@ def attribute_errors(group: str, kind: str, name: str) -> Iterator[None]:
     group, kind : str
         As for `load`.
     name : str
-        Of the plugin, with or without its options.
+        Name of the plugin, with or without its options.
 
     Raises
     ------
     InimError
-        Instead of any exception except out-of-memory errors: of its own type, or a `UsageError`.
+        Replaces any exception except out-of-memory errors; keeps its type, or is a `UsageError`.
     """
     try:
         yield

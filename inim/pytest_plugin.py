@@ -1,13 +1,13 @@
-"""A pytest fixture that validates a scene against its baseline.
+"""Pytest fixture that validates a scene against its baseline.
 
 ::
 
     def test_my_generator_shows_what_it_did(inim_validate):
         inim_validate("scenes/jade.xml", algorithms="mine", viewpoints="centre")
 
-Baselines lie in `inim_baselines/` beside the test's file, one folder for each test; another place
-is set with ``inim_baselines`` in the ini file. A missing one fails the test. ``pytest
---inim-update --inim-reason "why"`` accepts what the tests make as the new baselines.
+Baselines are stored in `inim_baselines/` next to the test's file, one folder for each test, or in
+the folder ``inim_baselines`` of the ini file. A missing baseline fails the test. ``pytest --inim-
+update --inim-reason "why"`` accepts the tests' results as new baselines.
 """
 
 from __future__ import annotations
@@ -48,10 +48,10 @@ def inim_validate(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..
     Returns
     -------
     callable
-        Takes a scene and what `inim.validate` takes, and `name` for the baseline where a test has
-        several; a scene's path starts at the test's folder, or is absolute. Returns the report,
-        whose folder lies below the test's `tmp_path`. Fails the test, with a line for each failed
-        check, where a check fails, and where there is no baseline.
+        Function of a scene and the arguments of `inim.validate`, and `name` for the baseline if a
+        test has several. A scene's path is relative to the test's folder, or absolute. Returns the
+        report, whose folder is inside the test's `tmp_path`. Fails the test, with a line for each
+        failed check, or if the baseline is missing.
     """
     config = request.config
 
@@ -81,10 +81,10 @@ def inim_validate(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..
 
 
 def _folder(config: pytest.Config, test: Path) -> Path:
-    given = config.getini("inim_baselines")
-    if given:
+    folder = config.getini("inim_baselines")
+    if folder:
         root = config.inipath.parent if config.inipath else config.rootpath
-        return Path(root / given)
+        return Path(root / folder)
     return test.parent / "inim_baselines"
 
 

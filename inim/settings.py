@@ -15,7 +15,7 @@ from os import PathLike
 from typing import Any
 
 from inim.display import DISPLAYS, Display
-from inim.errors import DisplayError, SceneError, UsageError, known_words
+from inim.errors import DisplayError, SceneError, UsageError, suggest_words
 
 PREFIX = "inim."
 #: Text of an optional number that is not set, whatever the scene states.
@@ -57,7 +57,7 @@ def _setting(
 
 @dataclass(frozen=True)
 class Settings:
-    """What a scene file or the command line says about display, viewer, sampling and criteria.
+    """Settings of display, viewer, sampling and criteria, from a scene file or the command line.
 
     Every field is one `inim.*` key; None means "not given".
     """
@@ -153,28 +153,28 @@ class Settings:
         values : mapping of str to str
             Keys with the `inim.` prefix.
         source : str
-            What to name in an error: the scene's path.
+            Name for error messages: the scene's path.
 
         Raises
         ------
         SceneError
             Unknown key (with the nearest known one) or a value of the wrong kind.
         """
-        known = {f.name: f for f in fields(cls)}
+        fields_by_name = {f.name: f for f in fields(cls)}
         parsed: dict[str, Any] = {}
         for key, text in values.items():
             name = key.removeprefix(PREFIX)
-            if name not in known:
-                hint = known_words(name, known, "see `inim settings`", PREFIX)
+            if name not in fields_by_name:
+                hint = suggest_words(name, fields_by_name, "see `inim settings`", PREFIX)
                 raise SceneError(f"{source}: unknown setting {key!r}; {hint}")
-            kind = str(known[name].type)
+            kind = str(fields_by_name[name].type)
             if text.strip() == NOT_SET and "None" in kind and not kind.startswith("str"):
                 continue
             parsed[name] = _read(key, text, kind, source)
-            low = known[name].metadata["low"]
+            low = fields_by_name[name].metadata["low"]
             if low is not None and parsed[name] < low:
                 raise SceneError(f"{source}: {key} = {text}: must be at least {low:g}")
-            high = known[name].metadata["high"]
+            high = fields_by_name[name].metadata["high"]
             if high < math.inf and parsed[name] > high:
                 raise SceneError(f"{source}: {key} = {text}: must be at most {high:.7g}")
         return cls(**parsed)
@@ -190,30 +190,32 @@ class Settings:
             Values that describe no possible display.
         """
         if self.display not in DISPLAYS:
-            way_out = known_words(self.display, DISPLAYS)
+            way_out = suggest_words(self.display, DISPLAYS)
             if self.display.lower().endswith(".xml"):
                 way_out = f"name a file with --display: --display {self.display}"
             raise SceneError(
                 f"{source}: {PREFIX}display = {self.display!r}: no such preset; {way_out}"
             )
         preset = DISPLAYS[self.display]
-        given = {key: getattr(self, key) for key in DISPLAY_KEYS if getattr(self, key) is not None}
-        if not given:
+        parameters = {
+            key: getattr(self, key) for key in DISPLAY_KEYS if getattr(self, key) is not None
+        }
+        if not parameters:
             return preset
-        if not {"panel_columns", "panel_rows"} & given.keys() and (
-            given.keys() & {"pitch_mm", "pixel_pitch_mm", "lens_columns", "lens_rows"}
+        if not {"panel_columns", "panel_rows"} & parameters.keys() and (
+            parameters.keys() & {"pitch_mm", "pixel_pitch_mm", "lens_columns", "lens_rows"}
         ):
             # The preset's panel belongs to the preset's array; a changed array gets its own.
-            given |= {"panel_columns": None, "panel_rows": None}
+            parameters |= {"panel_columns": None, "panel_rows": None}
         try:
-            made = preset.replace(name=f"{preset.name}, changed", **given)
+            display = preset.replace(name=f"{preset.name}, changed", **parameters)
             # A panel that is given without its lenses has as many as fit on it.
             counted = {
                 f"lens_{axis}": lenses
-                for axis, lenses in zip(("rows", "columns"), made.lenses_on_panel, strict=True)
-                if given.get(f"panel_{axis}") and f"lens_{axis}" not in given
+                for axis, lenses in zip(("rows", "columns"), display.lenses_on_panel, strict=True)
+                if parameters.get(f"panel_{axis}") and f"lens_{axis}" not in parameters
             }
-            return made.replace(**counted) if counted else made
+            return display.replace(**counted) if counted else display
         except DisplayError as error:
             raise DisplayError(f"{source}: {error}") from None
 
@@ -258,15 +260,15 @@ class Settings:
             limit = _read(key, text.strip(), "float", source)
             if not 0 <= limit <= 1:
                 raise SceneError(f"{source}: {key} = {item!r}: a limit lies in 0..1")
-            for one in names:
-                if one not in algorithms:
+            for name in names:
+                if name not in algorithms:
                     raise SceneError(
-                        f"{source}: {key} names {one!r}, which is not among the algorithms run "
+                        f"{source}: {key} names {name!r}, which is not among the algorithms run "
                         f"({', '.join(algorithms)})"
                     )
-                if one in limits:
-                    raise SceneError(f"{source}: {key} limits {one!r} twice; keep one limit")
-                limits[one] = limit
+                if name in limits:
+                    raise SceneError(f"{source}: {key} limits {name!r} twice; keep one limit")
+                limits[name] = limit
         return limits
 
 
@@ -278,10 +280,10 @@ def _read(key: str, text: str, kind: str, source: str) -> Any:
     try:
         value = int(text) if whole else float(text)
     except ValueError:
-        wanted = "a whole number" if whole else "a number"
+        requirement = "a whole number" if whole else "a number"
         if not whole and _DECIMAL_COMMA.fullmatch(text.strip()):
-            wanted += f"; write {text.strip().replace(',', '.')}"
-        raise SceneError(f"{source}: {key} = {text[:40]!r}: must be {wanted}") from None
+            requirement += f"; write {text.strip().replace(',', '.')}"
+        raise SceneError(f"{source}: {key} = {text[:40]!r}: must be {requirement}") from None
     if not abs(value) < _LARGEST:
         raise SceneError(f"{source}: {key} = {text[:40]!r}: must be finite and below {_LARGEST:g}")
     # A whole number stays one where it need not be.
@@ -293,6 +295,6 @@ def setting_table() -> str:
     rows = ["| key | default | meaning |", "| --- | --- | --- |"]
     for f in fields(Settings):
         default = "preset" if f.default is None and f.name in DISPLAY_KEYS else f.default
-        shown = "" if default in (None, "") else f"`{default}`"
-        rows.append(f"| `{PREFIX}{f.name}` | {shown} | {f.metadata['meaning']} |")
+        default_text = "" if default in (None, "") else f"`{default}`"
+        rows.append(f"| `{PREFIX}{f.name}` | {default_text} | {f.metadata['meaning']} |")
     return "\n".join(rows)

@@ -201,7 +201,7 @@ class Timing:
     Attributes
     ----------
     cold_s : float
-        First call, including compilation and loading.
+        First call, with compilation and loading.
     times_s : tuple of float
         Warm runs, in order.
     slow : bool

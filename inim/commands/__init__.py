@@ -1,1 +1,1 @@
-"""The commands, one a file; see `inim.cli` for what makes a module one."""
+"""Commands of the program, one per file; `inim.cli` describes such a module."""

@@ -15,7 +15,7 @@ from inim.commands.options import (
     print_outcome,
     print_warning,
 )
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError, known_words
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError, suggest_words
 
 if TYPE_CHECKING:
     from inim.calibrate.fit import Calibration
@@ -97,17 +97,17 @@ def _calibrate(args: argparse.Namespace, display: Display, preset: str) -> int:
     camera = _camera(args.intrinsics)
     check_display(display)
     lenses, focal_px = _lenses(photos, display)
-    found = calibrate(lenses, display, camera=camera, focal_px=focal_px)
-    document = _write(found, args, out, preset)
-    print("\n".join(_table(found)))
+    calibration = calibrate(lenses, display, camera=camera, focal_px=focal_px)
+    document = _write(calibration, args, out, preset)
+    print("\n".join(_table(calibration)))
     for warning in document.warnings:
         print_warning(warning)
     print_outcome(f"calibrated: {out}, {_report_folder(out) / 'calibration.html'}")
-    return EXIT_CHECK_FAILED if found.unknown else EXIT_PASSED
+    return EXIT_CHECK_FAILED if calibration.unknown else EXIT_PASSED
 
 
 def _camera(text: str | None) -> Camera | None:
-    """What `--intrinsics` says."""
+    """Camera given by `--intrinsics`."""
     from inim.calibrate.model import Camera
 
     if text is None:
@@ -135,14 +135,17 @@ def _lenses(photos: Path, display: Display) -> tuple[dict[str, Lenses], float | 
     from inim.calibrate.photographs import read_positions
 
     positions = read_positions(photos, display)
-    stated = {one.focal_length_px for one in positions}
+    stated = {position.focal_length_px for position in positions}
     if len(stated - {None}) > 1:
         raise UsageError(
             f"{photos}: the camera's focal length is not the same in all positions; photograph all "
             "with one lens and without zoom"
         )
-    found = {one.name: find_lenses(decode(one), display, one.name) for one in positions}
-    return found, stated.pop() if len(stated) == 1 else None
+    lenses = {
+        position.name: find_lenses(decode(position), display, position.name)
+        for position in positions
+    }
+    return lenses, stated.pop() if len(stated) == 1 else None
 
 
 def _report_folder(out: Path) -> Path:
@@ -150,7 +153,7 @@ def _report_folder(out: Path) -> Path:
 
 
 def _write(
-    found: Calibration, args: argparse.Namespace, out: Path, preset: str
+    calibration: Calibration, args: argparse.Namespace, out: Path, preset: str
 ) -> CalibrationDocument:
     """Write the report's folder, then the display file."""
     import shlex
@@ -169,21 +172,25 @@ def _write(
     }
     command = shlex.join(["inim", "calibrate", args.photos, *option_words(options)])
     title = f"Calibration: {Path(args.photos).resolve().name}"
-    document = calibration_document(found, title, command)
+    document = calibration_document(calibration, title, command)
     folder = _report_folder(out)
     with published(folder, FILES) as staging:
-        write_calibration(document, residual_maps(found), staging)
-    write_text(out, display_file(found, preset))
+        write_calibration(document, residual_maps(calibration), staging)
+    write_text(out, display_file(calibration, preset))
     return document
 
 
-def _table(found: Calibration) -> list[str]:
-    """The display's parameters, a line each."""
+def _table(calibration: Calibration) -> list[str]:
+    """Lines with the display's parameters."""
     lines = []
-    for name, one in found.estimates.items():
-        if name not in found.guess.display.parameters():
+    for name, estimate in calibration.estimates.items():
+        if name not in calibration.guess.display.parameters():
             continue
-        value = f"{one.value:12.5f} ± {one.error:.2g}" if one.is_known else "not determined"
+        value = (
+            f"{estimate.value:12.5f} ± {estimate.error:.2g}"
+            if estimate.is_known
+            else "not determined"
+        )
         lines.append(f"{name:18}{value}")
     return lines
 
@@ -198,11 +205,11 @@ def _add_photo_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("photo", type=Path, metavar="PHOTO", help="JPEG or PNG, as photographed")
     parser.add_argument("--eia", type=Path, required=True, help="what the panel shows, PNG or EXR")
     add_choices(parser, "display", "definitions")
-    stood = parser.add_mutually_exclusive_group()
-    stood.add_argument(
+    position_options = parser.add_mutually_exclusive_group()
+    position_options.add_argument(
         "--position", metavar="NAME", help="of the calibration, where the camera stood"
     )
-    stood.add_argument(
+    position_options.add_argument(
         "--patterns",
         type=Path,
         metavar="FOLDER",
@@ -234,10 +241,10 @@ def _photo(args: argparse.Namespace) -> int:
     else:
         pose, position = _pose(args.patterns, display, camera, shape), args.patterns.resolve().name
     eia, _ = read_eia(args.eia, display)
-    light, seen = simulate(eia, display, camera, pose, shape)
-    found = compare(photograph, light, seen, str(args.photo))
+    light, is_display = simulate(eia, display, camera, pose, shape)
+    difference = compare(photograph, light, is_display, str(args.photo))
     document = photo_document(
-        found,
+        difference,
         display,
         camera.focal_px * display.pitch_mm / _distance_mm(pose),
         title=f"Photograph: {args.photo.name}",
@@ -248,11 +255,11 @@ def _photo(args: argparse.Namespace) -> int:
     )
     out = args.out or default_out(args.photo, "photo")
     pictures = {
-        "photograph": found.photograph,
-        "simulation": found.stages[0].picture,
-        "matched": found.stages[-1].picture,
+        "photograph": difference.photograph,
+        "simulation": difference.stages[0].picture,
+        "matched": difference.stages[-1].picture,
     }
-    _write_photo(document, pictures, found.flow, out)
+    _write_photo(document, pictures, difference.flow, out)
     print("\n".join(_lines(document)))
     print_outcome(f"compared: {out / 'photo.html'}")
     return EXIT_PASSED
@@ -269,11 +276,11 @@ def _calibration(display: Path) -> CalibrationDocument:
     )
 
 
-def _check_shape(name: Path, shape: tuple[int, ...], wanted: tuple[int, int]) -> None:
-    if shape != wanted:
+def _check_shape(name: Path, shape: tuple[int, ...], expected: tuple[int, int]) -> None:
+    if shape != expected:
         raise UsageError(
             f"{name}: {shape[1]} x {shape[0]} pixels, and those of the calibration have "
-            f"{wanted[1]} x {wanted[0]}; photograph with the same camera, held the same way"
+            f"{expected[1]} x {expected[0]}; photograph with the same camera, held the same way"
         )
 
 
@@ -291,20 +298,22 @@ def _calibrated_pose(positions: list[CameraPosition], name: str | None) -> tuple
         )
     name = next(iter(places)) if name is None else name
     if name not in places:
-        raise UsageError(f"--position {name}: {known_words(name, places)}")
+        raise UsageError(f"--position {name}: {suggest_words(name, places)}")
     return Pose(np.array(places[name].turn), np.array(places[name].eye_mm)), name
 
 
 def _pose(folder: Path, display: Display, camera: Camera, shape: tuple[int, int]) -> Pose:
-    """Where a camera stood that photographed the patterns."""
+    """Pose of the camera that photographed the patterns."""
     from inim.calibrate.decode import decode
     from inim.calibrate.fit import fit_pose
     from inim.calibrate.lattice import find_lenses
     from inim.calibrate.photographs import read_position
 
-    seen = read_position(folder, display)
-    _check_shape(folder, seen.shape, shape)
-    return fit_pose(find_lenses(decode(seen), display, seen.name), display, camera, seen.name)
+    position = read_position(folder, display)
+    _check_shape(folder, position.shape, shape)
+    return fit_pose(
+        find_lenses(decode(position), display, position.name), display, camera, position.name
+    )
 
 
 def _distance_mm(pose: Pose) -> float:

@@ -1,4 +1,4 @@
-"""`inim baseline accept` and `inim compare`: what later runs are compared with, and two reports."""
+"""Commands `inim baseline accept` and `inim compare`."""
 
 from __future__ import annotations
 
@@ -57,27 +57,27 @@ def _compare(args: argparse.Namespace) -> int:
 
 
 def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[str]]:
-    """Compare two reports and write what was found into a folder.
+    """Compare two reports and write the result into a folder.
 
     Parameters
     ----------
     before, after : Path
-        Folders of reports; `before` stands for the baseline.
+        Folders of reports; `before` is the baseline.
     out : Path
-        Of `compare.json`, `compare.html`, `junit.xml` and `summary.md`.
+        Folder for `compare.json`, `compare.html`, `junit.xml` and `summary.md`.
 
     Returns
     -------
     passed : bool
     lines : list of str
-        The verdicts as text, failed ones first.
+        Results as text, failures first.
 
     Raises
     ------
     BaselineError
-        The two were made under conditions that differ, or one has nothing to compare.
+        The reports were made under different conditions, or one has no data for a comparison.
     FileError
-        No report there, or `out` cannot be written.
+        A report is missing, or `out` cannot be written.
     """
     from inim.documents.compare import CompareDocument, Side
     from inim.documents.parts import Checks
@@ -116,13 +116,13 @@ def _copy_pictures(reports: list[Report], name: str, staging: Path) -> bool:
     from inim.pipeline.output.baseline import FOLDER
     from inim.report.images import ENCODINGS, Images, difference
 
-    found = [Images(r.folder, ENCODINGS[0]).read(f"{name}.png") for r in reports]
-    change = difference(found[0], found[1])
-    if found[0] is None or found[1] is None or change is None:
+    images = [Images(r.folder, ENCODINGS[0]).read(f"{name}.png") for r in reports]
+    change = difference(images[0], images[1])
+    if images[0] is None or images[1] is None or change is None:
         return False
     target = staging / FOLDER / name
     target.parent.mkdir(parents=True, exist_ok=True)
-    for pixels, kind in ((found[0], "baseline"), (found[1], "candidate"), (change, "difference")):
+    for pixels, kind in ((images[0], "baseline"), (images[1], "candidate"), (change, "difference")):
         Image.fromarray(pixels).save(target.with_name(f"{target.name}-{kind}.png"))
     return True
 

@@ -1,12 +1,12 @@
 """`inim depth`: depth of a single photograph by a learned model, through `transformers`.
 
-Models come in two kinds. Some say metres (ZoeDepth, Depth Pro, GLPN, the metric Depth Anything);
-their numbers are kept. Most say inverse depth, larger where nearer, up to an unknown scale and
-shift (MiDaS, DPT, Depth Anything). These are turned the right way round: the least and the largest
-are taken for the far and the near end, ``far / near`` is stated (`--ratio`), and the result is a
-relative distance from 1, near, to that ratio, far.
+There are two kinds of models. Some return metres (ZoeDepth, Depth Pro, GLPN, the metric Depth
+Anything); their numbers are kept. Most return inverse depth, larger for nearer objects, up to an
+unknown scale and shift (MiDaS, DPT, Depth Anything). These are inverted: the smallest and the
+largest value become the far and the near end, with the given ratio ``far / near`` (`--ratio`). The
+result is a relative distance from 1, near, to that ratio, far.
 
-Nothing of this is installed with inim itself: the extra is ``inim[depth]``.
+The models need the extra ``inim[depth]``.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def _run(args: argparse.Namespace) -> int:
 
     _check(args)
     estimator = _estimator(args.model)
-    metric = says_distance(estimator.model.config, args.model, args.says)
+    metric = returns_distance(estimator.model.config, args.model, args.says)
     predicted = _predicted(estimator, args.photo, args.model)
     if metric:
         depth, unit = predicted, "--depth-unit m"
@@ -114,16 +114,16 @@ def _estimator(model: str) -> Any:
         ) from error
 
 
-def says_distance(config: Any, model: str, said: str = "auto") -> bool:
-    """Whether a model says metres, by its configuration; inverse depth otherwise.
+def returns_distance(config: Any, model: str, model_output: str = "auto") -> bool:
+    """True if a model returns metres, by its configuration; otherwise it returns inverse depth.
 
     Raises
     ------
     UsageError
-        A kind of model that is not known, and nothing was stated.
+        An unknown kind of model without an explicit option.
     """
-    if said != "auto":
-        return said == "metres"
+    if model_output != "auto":
+        return model_output == "metres"
     kind = getattr(config, "model_type", None)
     stated = getattr(config, "depth_estimation_type", None)
     if stated in ("metric", "relative"):
@@ -137,7 +137,7 @@ def says_distance(config: Any, model: str, said: str = "auto") -> bool:
 
 
 def _predicted(estimator: Any, photo: Path, model: str) -> np.ndarray:
-    """What the model says of a photograph, (H, W) float32."""
+    """Output of the model for a photograph, (H, W) float32."""
     import numpy as np
     from PIL import Image
 
@@ -147,8 +147,8 @@ def _predicted(estimator: Any, photo: Path, model: str) -> np.ndarray:
     color = read_color(photo)
     codes = color if color.dtype == np.uint8 else srgb_to_uint8(srgb_from_linear(color))
     try:
-        said = estimator(Image.fromarray(codes))["predicted_depth"]
-        depth = np.squeeze(np.asarray(said.detach().cpu().float().numpy(), np.float32))
+        output = estimator(Image.fromarray(codes))["predicted_depth"]
+        depth = np.squeeze(np.asarray(output.detach().cpu().float().numpy(), np.float32))
     except MemoryError as error:
         raise OutOfMemoryError(f"{photo}: not enough memory; scale the picture down") from error
     except Exception as error:

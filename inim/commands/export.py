@@ -1,4 +1,4 @@
-"""`inim export`: an EIA for printing, and what it shows as views for other programs."""
+"""Command `inim export`: an EIA for printing, and its views for other programs."""
 
 from __future__ import annotations
 
@@ -61,20 +61,20 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class _Chosen:
-    """An EIA, and all that is known of it.
+    """EIA to export, with its display.
 
     Attributes
     ----------
     path : Path
-    display, mounted : Display
-        As designed, and as its array really lies.
+    display, misaligned : Display
+        The design, and the misaligned display.
     lens_model : str
     distance_mm : float, optional
-        Of the eyes.
-    said : str
-        Which it is, and why.
+        Distance of the eyes.
+    description : str
+        Name of the EIA and the reason of its choice.
     report : Report, optional
-        That it is of.
+        Report of the EIA.
     is_truth : bool
     """
 
@@ -83,13 +83,13 @@ class _Chosen:
     misaligned: Display
     lens_model: str
     distance_mm: float | None
-    said: str
+    description: str
     report: Report | None = None
     is_truth: bool = False
 
     @property
     def made_for(self) -> Display:
-        """The display whose lenses its pixels look through: algorithms know the designed one."""
+        """Display for which the EIA was generated: algorithms use the design."""
         return self.misaligned if self.is_truth else self.display
 
 
@@ -106,13 +106,13 @@ def _run(args: argparse.Namespace) -> int:
             raise UsageError(f"--{option.replace('_', '-')}: is of a quilt; add --quilt FILE")
     chosen = _chosen_of_report(args) if args.what.is_dir() else _chosen_eia(args)
     quilt = None if args.quilt is None else _quilt(args, chosen)
-    written = _write_sheet_and_views(args, chosen)
+    lines = _write_sheet_and_views(args, chosen)
     if quilt is not None:
         from inim.views.quilt import make_quilt
 
-        written.append(make_quilt(quilt, quiet=args.quiet, debug=args.debug))
+        lines.append(make_quilt(quilt, quiet=args.quiet, debug=args.debug))
     if not args.quiet:
-        print("\n".join([*map(str, written), f"exported {chosen.said}"]))
+        print("\n".join([*map(str, lines), f"exported {chosen.description}"]))
     return EXIT_PASSED
 
 
@@ -160,7 +160,7 @@ def _chosen_of_report(args: argparse.Namespace) -> _Chosen:
 
 
 def _best(report: Report) -> tuple[str, str]:
-    """The best algorithm, and the words that say so."""
+    """Best algorithm, with a phrase for the reason."""
     from inim.metrics.headline import HEADLINE_WORDS
 
     names, best = list(report.data.algorithms), report.data.best_algorithm
@@ -227,8 +227,8 @@ def _write_views(folder: Path, views: np.ndarray) -> None:
 
     for row, line in enumerate(views):
         for column, view in enumerate(line):
-            put = partial(Image.fromarray(view).save, format="PNG")
-            write_atomically(folder / f"view_{row:02}_{column:02}.png", put)
+            save = partial(Image.fromarray(view).save, format="PNG")
+            write_atomically(folder / f"view_{row:02}_{column:02}.png", save)
 
 
 def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:

@@ -82,7 +82,9 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _run_folder(args: argparse.Namespace) -> int:
-    """Each photograph of a folder; one that fails is said, and the others are made."""
+    """Generate an EIA from each photograph of a folder; failures are listed, the others are
+    written.
+    """
     from inim.files.eia_file import EIA_SUFFIXES
     from inim.from_camera.depth_photo import SUFFIXES
     from inim.worker.output import default_out
@@ -102,9 +104,9 @@ def _run_folder(args: argparse.Namespace) -> int:
     for path in photos:
         name = path.stem if stems.count(path.stem) == 1 else path.name
         print(path, flush=True)
-        one = argparse.Namespace(**vars(args) | {"photo": path, "out": out / f"{name}.png"})
+        single_args = argparse.Namespace(**vars(args) | {"photo": path, "out": out / f"{name}.png"})
         try:
-            _run_one(one)
+            _run_one(single_args)
         except (FileError, UsageError, OutOfMemoryError) as error:
             failed += 1
             print_warning(str(error), "failed")
@@ -113,7 +115,7 @@ def _run_folder(args: argparse.Namespace) -> int:
 
 
 def _check_options(args: argparse.Namespace) -> None:
-    """Refuse what is wrong for every photograph, once."""
+    """Reject options that are wrong for every photograph, once."""
     from inim.generators import check_algorithm
     from inim.scene.file import choose_display
 
@@ -138,7 +140,7 @@ def _run_one(args: argparse.Namespace) -> None:
 
 
 def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
-    """Make and write what the arguments ask for; the report's lines, and warnings."""
+    """Generate and write the requested files; return the lines of output, and warnings."""
     from inim.scene.file import choose_display
 
     started = time.perf_counter()
@@ -151,13 +153,13 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     from inim.generators import check_algorithm
 
     check_algorithm(_algorithm(args))
-    taken = picture.read()
-    fitted, depth_map = picture.fit_to(taken, display, settings.capture_pixels_per_pitch)
+    photograph = picture.read()
+    fitted, depth_map = picture.fit_to(photograph, display, settings.capture_pixels_per_pitch)
     eia, empty = _generated(_algorithm(args), fitted.rgbd, display)
-    report = _report(picture, taken, fitted, depth_map, display, empty, args.fill)
+    report = _report(picture, photograph, fitted, depth_map, display, empty, args.fill)
     report.append(_written(args, fitted.rgbd, eia, empty, display))
     report.append(f"seconds    {time.perf_counter() - started:.1f}")
-    return report, picture.warnings(taken, fitted, depth_map)
+    return report, picture.warnings(photograph, fitted, depth_map)
 
 
 def _of_light_field(args: argparse.Namespace, display: Display, settings: Settings) -> list[str]:
@@ -175,8 +177,8 @@ def _of_light_field(args: argparse.Namespace, display: Display, settings: Settin
     if args.true_views:
         if args.rgbd is not None:
             raise UsageError("--rgbd: the true views have no depth; leave it or --true-views out")
-        eia, shown = eia_of_all_views(field, display)
-        empty: np.ndarray | None = ~shown
+        eia, fitted = eia_of_all_views(field, display)
+        empty: np.ndarray | None = ~fitted
     else:
         pixels_per_pitch = settings.capture_pixels_per_pitch
         rgbd, clipped = centre_view_picture(field, display, pixels_per_pitch, str(args.hci))
@@ -232,14 +234,14 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
 
 
 def _algorithm(args: argparse.Namespace) -> str:
-    """The algorithm, with what fills its holes."""
+    """Algorithm with its hole filling."""
     return str(args.algorithm) + ("" if args.fill == "none" else f":fill={args.fill}")
 
 
 def _generated(
     algorithm: str, rgbd: RGBD, display: Display
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """A picture's EIA, linear RGB, and where it shows nothing, if the algorithm says."""
+    """Linear RGB EIA of a picture, and its holes if the algorithm reports them."""
     from inim.generators import foreign_errors, prepare
     from inim.pipeline.stages.generation import run_generator
 
@@ -256,7 +258,7 @@ def _written(
     empty: np.ndarray | None,
     display: Display,
 ) -> str:
-    """Write what -o, --pdf and --rgbd ask for; the report's line on it."""
+    """Write the files of -o, --pdf and --rgbd; return the line of output."""
     from inim.files.eia_file import write_eia, write_true_size_pdf
     from inim.files.image import write_rgbd
 
@@ -265,8 +267,8 @@ def _written(
         write_true_size_pdf(args.pdf, eia, display.pixel_pitch_mm)
     if args.rgbd is not None and rgbd is not None:
         write_rgbd(args.rgbd, rgbd)
-    written = [path for path in (args.out, args.pdf, args.rgbd) if path is not None]
-    return f"written    {', '.join(map(str, written))}"
+    paths = [path for path in (args.out, args.pdf, args.rgbd) if path is not None]
+    return f"written    {', '.join(map(str, paths))}"
 
 
 def _display_line(display: Display) -> str:
@@ -278,7 +280,7 @@ def _display_line(display: Display) -> str:
 
 def _report(
     picture: CameraPicture,
-    taken: ColorDepth,
+    photograph: ColorDepth,
     fitted: PictureFit,
     depth_map: DepthMap,
     display: Display,
@@ -287,26 +289,27 @@ def _report(
 ) -> list[str]:
     import numpy as np
 
-    rows, columns = taken.color.shape[:2]
-    unit = " mm" if taken.values.has_unit else ""
+    rows, columns = photograph.color.shape[:2]
+    unit = " mm" if photograph.values.has_unit else ""
     pixel, panel = display.pixel_pitch_mm, display.eia_shape
-    if taken.camera is None:
+    if photograph.camera is None:
         projection = "orthographic"
     else:
-        angle = 2 * np.degrees(np.arctan(columns / (2 * taken.camera.fx)))
+        angle = 2 * np.degrees(np.arctan(columns / (2 * photograph.camera.fx)))
         projection = f"unprojected ({angle:.3g} degrees wide), frame at {fitted.frame_at:.5g}{unit}"
     holes = "not told by this algorithm"
     if empty is not None:
         holes = f"{(empty & display.lensed).sum() / max(1, display.lensed.sum()):.1%} of the pixels"
     return [
         _display_line(display),
-        *picture.notes(taken, fitted),
-        f"picture    colour {columns} x {rows}, depth {taken.depth_size[0]} x "
-        f"{taken.depth_size[1]}, {projection}",
+        *picture.notes(photograph, fitted),
+        f"picture    colour {columns} x {rows}, depth {photograph.depth_size[0]} x "
+        f"{photograph.depth_size[1]}, {projection}",
         f"depth      {depth_map.near:.5g} (near) .. {depth_map.far:.5g} (far){unit}, "
         f"{depth_map.name}, onto {float(depth_map.z_mm(np.array(depth_map.near))):.4g} .. "
         f"{float(depth_map.z_mm(np.array(depth_map.far))):.4g} mm",
-        f"missing    {taken.missing:.1%} of the depth picture, filled: {picture.missing_depth}",
+        f"missing    {photograph.missing:.1%} of the depth picture, filled: "
+        f"{picture.missing_depth}",
         f"clipped    {fitted.clipped:.1%} of the samples lay beyond, "
         f"{'left out' if picture.out_of_range == 'drop' else 'taken to the ends'}",
         f"empty      {fitted.empty:.1%} of the array's area",

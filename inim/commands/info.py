@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inim.commands.options import Command, add_choices, add_debug, add_exit_codes, no_arguments
-from inim.errors import EXIT_PASSED, BackendError, FileError, UsageError, known_words
+from inim.errors import EXIT_PASSED, BackendError, FileError, UsageError, suggest_words
 
 if TYPE_CHECKING:
     from inim.backend import Verdict
@@ -128,9 +128,9 @@ def sys_info() -> str:
     rows = [(name, facts[name]) for name in ("python", "platform", "cpu", "cores")]
     rows.append(("memory", f"{facts['memory_bytes'] / 2**30:.1f} GiB"))
     rows += [(name, version or "not installed") for name, version in facts["versions"].items()]
-    for found in facts["libllvm"]:
-        words = "usable" if found["usable"] else f"refused: {found['reason']}"
-        rows.append(("libLLVM", f"{found['version'] or '?'}  {found['path']}  {words}"))
+    for library in facts["libllvm"]:
+        words = "usable" if library["usable"] else f"refused: {library['reason']}"
+        rows.append(("libLLVM", f"{library['version'] or '?'}  {library['path']}  {words}"))
     rows.append(("CUDA", facts["cuda"]["device"] or f"not used: {facts['cuda']['reason']}"))
     if isinstance(chosen, dict):
         chosen = " ".join(str(chosen[name]) for name in ("variant", "device"))
@@ -165,9 +165,9 @@ def _inspect(args: argparse.Namespace) -> int:
     from inim.inspect.output import as_text, inspect_document
 
     findings = _findings(args, *_choose(args.display, args.definitions))
-    shown = encode(inspect_document(findings))
-    files = [] if args.out is None else _write(findings, shown, args.out)
-    print(shown if args.json else as_text(findings))
+    json_text = encode(inspect_document(findings))
+    files = [] if args.out is None else _write(findings, json_text, args.out)
+    print(json_text if args.json else as_text(findings))
     if files and not args.json:
         print("\nwritten: " + ", ".join(str(args.out / name) for name in files))
     return EXIT_PASSED
@@ -181,7 +181,7 @@ def _choose(display: str, items: list[str]) -> tuple[Display, Settings]:
     if display not in DISPLAYS and not (display.lower().endswith(".xml") or Path(display).exists()):
         raise UsageError(
             f"{display}: neither a scene file nor a preset; give a .xml file, or "
-            f"{known_words(display, DISPLAYS)}; and change single values with -D inim.KEY=VALUE"
+            f"{suggest_words(display, DISPLAYS)}; and change single values with -D inim.KEY=VALUE"
         )
     chosen = display if display in DISPLAYS else Path(display)
     return choose_display(chosen, parse_definitions(items), display)
@@ -207,7 +207,7 @@ def _findings(args: argparse.Namespace, design: Display, settings: Settings) -> 
     )
 
 
-def _write(findings: Findings, shown: str, folder: Path) -> list[str]:
+def _write(findings: Findings, json_text: str, folder: Path) -> list[str]:
     """The figure first and the JSON last: where the JSON is, all is."""
     from inim.files.image import write_atomically
     from inim.inspect.figure import draw_figure
@@ -219,9 +219,9 @@ def _write(findings: Findings, shown: str, folder: Path) -> list[str]:
             f"{folder}: cannot be made a folder ({error.strerror}); choose another with -o"
         ) from None
     path = folder / "inspect.json"
-    drawn = draw_figure(findings, folder, "inspect")
-    write_atomically(path, lambda p: p.write_text(shown + "\n", encoding="utf-8"))
-    return [*drawn, path.name]
+    figures = draw_figure(findings, folder, "inspect")
+    write_atomically(path, lambda p: p.write_text(json_text + "\n", encoding="utf-8"))
+    return [*figures, path.name]
 
 
 COMMANDS = {

@@ -1,9 +1,9 @@
 """`inim new-scene`: a fitted stock Mitsuba 3 scene around a relic, a mesh or splats.
 
-The mesh is turned (+y up, +z towards the viewer), scaled to millimetres, centred and written as
-PLY beside the scene. Units and axes that a format does not state are asked for, never guessed.
-Splats (`inim.scene.relic_scene`) have no unit, and shine by themselves.
-The scene is plain Mitsuba: `mi.load_file` opens it, and the display travels in its `<default>`s.
+The mesh is rotated (+y up, +z towards the viewer), scaled to millimetres, centred and written as
+PLY next to the scene. Units and axes that a format does not define are requested, never guessed.
+Splats (`inim.scene.relic_scene`) have no unit, and emit light. The scene is plain Mitsuba:
+`mi.load_file` opens it, and its `<default>`s contain the display.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def new_scene(
     warn: Callable[[str], object] = print_warning,
     say: Callable[[str], object] = print,
 ) -> Path:
-    """Write a scene for the mesh `source`, with its PLY and textures beside it.
+    """Write a scene for the mesh `source`, with its PLY and textures in the same folder.
 
     Parameters
     ----------
@@ -66,21 +66,21 @@ def new_scene(
         Length of one unit of the file: mm, cm, m, in. None only for glTF, which is metres, and
         for splats, which have none.
     up, front : str or None
-        The axis of the file that points up and the one that faces the viewer: x, -x, y, ...
-        `up` None only for glTF (y); `front` None takes z, or -y where z is up.
+        Axes of the file that point up and towards the viewer: x, -x, y, ... `up` may be None for
+        glTF only (y); None for `front` means z, or -y if z is up.
     crop : str or None
-        Of splats: x0,x1,y0,y1,z0,z1 of the box to keep, in the file's axes and unit. None takes
+        For splats: x0,x1,y0,y1,z0,z1 of the box to keep, in the file's axes and unit. None keeps
         nearly all.
     title : str or None
-        Name in reports; None takes the mesh file's name.
+        Name in reports; None means the mesh file's name.
     display : str
         Preset of `inim.display.DISPLAYS`.
     force : bool
         Replace existing files; numbered parts that only the replaced scene needs are removed.
     warn : callable
-        Called with a line for each picture that the mesh names and the scene goes without.
+        Called with a line for each missing image of the mesh.
     say : callable
-        Called with a line for the box that was taken of splats.
+        Called with a line about the box of splats.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def new_scene(
     Raises
     ------
     FileError
-        The mesh is not usable, or the scene cannot be written.
+        The mesh is unusable, or the scene cannot be written.
     UsageError
         Unit or axis missing or impossible, unknown display, or a file in the way.
     """
@@ -166,7 +166,7 @@ def _splat_scene(
     warn: Callable[[str], object],
     say: Callable[[str], object],
 ) -> Path:
-    """As `new_scene`, of splats."""
+    """Write a scene of splats, as `new_scene`."""
     from inim.files.splat_ply import read_splats, write_splats
     from inim.scene.relic_scene import Frame, placed_splats, splat_scene_xml
 
@@ -240,8 +240,8 @@ def _check_size(source: Path, size_mm: np.ndarray, warn: Callable[[str], object]
     """Ask about a unit that makes a relic smaller than a bead or larger than a temple."""
     largest = float(size_mm.max())
     if not _PLAUSIBLE_MM[0] <= largest <= _PLAUSIBLE_MM[1]:
-        shown = f"{largest:.3g} mm" if largest < 1000 else f"{largest / 1000:.3g} m"
-        warn(f"{source}: is {shown} large; is --unit right? Pictures do not depend on it")
+        size_text = f"{largest:.3g} mm" if largest < 1000 else f"{largest / 1000:.3g} m"
+        warn(f"{source}: is {size_text} large; is --unit right? Pictures do not depend on it")
 
 
 def _turn(up: str, front: str) -> np.ndarray:
@@ -278,7 +278,7 @@ def _part_files(out: Path, parts: Sequence[Mesh]) -> dict[Path, Mesh]:
 
 
 def _stem(out: Path) -> str:
-    """The scene's name as its parts bear it: nothing that XML or Mitsuba reads otherwise."""
+    """Name of the scene for its parts, without characters special to XML or Mitsuba."""
     from inim.scene.relic_scene import xml_text
 
     return xml_text(out.stem).replace("\\", "_").replace("$", "_") or "relic"
@@ -310,7 +310,7 @@ def _leftovers(out: Path, files: Collection[Path]) -> list[Path]:
 def _write_all(
     out: Path, files: Mapping[Path, Callable[[Path], object]], xml: str, leftovers: Sequence[Path]
 ) -> None:
-    """All files, each by its writer, into a hidden folder beside `out`, then renamed; last `out`.
+    """Write all files into a hidden folder next to `out`, then rename them, `out` last.
 
     The leftovers of an earlier scene go when the new one stands.
     """

@@ -1,4 +1,4 @@
-"""What a command is, options that several have, and the last line that they print."""
+"""Interface of commands, shared options, and the last line of output."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ class Command(NamedTuple):
     Attributes
     ----------
     summary : str
-        A line of help.
+        One line of help.
     add_arguments : callable
-        Adds the command's arguments to a parser.
+        Adds arguments to a parser.
     run : callable
-        Carries the command out, given the parsed arguments; returns the exit code.
+        Runs the command with the parsed arguments; returns the exit code.
     """
 
     summary: str
@@ -120,7 +120,7 @@ def add_debug(parser: _Options) -> None:
 
 
 def add_picture(parser: _Options) -> None:
-    """A camera's two pictures, and what they mean; `picture_of` gathers them."""
+    """Add options for a camera's colour and depth images; `picture_of` collects them."""
     add = parser.add_argument
     add("--color", type=Path, metavar="FILE", help="PNG, JPEG, ... (sRGB) or EXR (linear)")
     add("--depth", type=Path, metavar="FILE", help=".png, .pgm, .tif, .exr, .pfm or .npy")
@@ -143,7 +143,7 @@ def add_picture(parser: _Options) -> None:
 
 
 def picture_of(args: argparse.Namespace) -> CameraPicture:
-    """What the options of `add_picture` say."""
+    """Picture defined by the options of `add_picture`."""
     from dataclasses import fields
 
     from inim.from_camera.picture import CameraPicture
@@ -152,7 +152,7 @@ def picture_of(args: argparse.Namespace) -> CameraPicture:
 
 
 def print_warning(text: str, kind: str = "warning") -> None:
-    """Print a warning, an error, or what failed of several, as one line of stderr.
+    """Print a warning, an error, or a list of failures as one line of stderr.
 
     Control characters in file names must not break the promise of one line.
     """

@@ -106,7 +106,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _ended(passed: bool, out: Path, quiet: bool) -> int:
-    """Print the verdict and where the report lies; the exit code."""
+    """Print the verdict and the report's path; return the exit code."""
     if not quiet:
         print_outcome(f"{_words(passed, out)}; report: {out / 'report.html'}")
     return EXIT_PASSED if passed else EXIT_CHECK_FAILED
@@ -199,8 +199,8 @@ def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
         )
     for option in ("eias", "misalign", "baseline", "preview", "time", "lazy", "allow_folders"):
         if getattr(args, option):
-            shown = f"--{option.removesuffix('s').replace('_', '-')}"
-            raise UsageError(f"{shown}: needs the ground truth of a scene; leave it out")
+            option_name = f"--{option.removesuffix('s').replace('_', '-')}"
+            raise UsageError(f"{option_name}: needs the ground truth of a scene; leave it out")
     request = PictureRequest(
         picture_of(args), args.rgbd, args.out, args.backend, **choices_of(args)
     )
@@ -234,7 +234,7 @@ def _demo_request(args: argparse.Namespace) -> Request:
 
 
 def _demo_scene() -> Path:
-    """In an installed package, or in a clone's own folder."""
+    """Scene of the demo, in an installed package or in a clone."""
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "demo", package.parent / "scenes"):
         if (folder / "amphora.xml").is_file():

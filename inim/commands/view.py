@@ -1,7 +1,8 @@
-"""`inim view` and `inim film`: the virtual display alone as one HTML file, and films of a report.
+"""Commands `inim view` and `inim film`: the virtual display as one HTML file, and films of a
+report.
 
-Nothing is rendered for a view: a report's panels and views are in its folder, and for a bare EIA
-the views that stand in for the live display come from the lens models in NumPy.
+A view needs no rendering: a report's panels and views are in its folder, and the replacement views
+of a bare EIA come from the lens models in NumPy.
 """
 
 from __future__ import annotations
@@ -62,19 +63,18 @@ def view_report(folder: Path, out: Path | None = None) -> Path:
     Parameters
     ----------
     folder : Path
-        Of the report.
+        Folder of the report.
     out : Path, optional
-        `virtual-display.html` in it otherwise.
 
     Returns
     -------
     Path
-        What was written.
+        Path of the page.
 
     Raises
     ------
     FileError
-        No report there, or none that has panels to show.
+        The report is missing, or has no panels.
     """
     from inim.report import Report
     from inim.report.images import ENCODINGS, Images
@@ -108,17 +108,17 @@ def view_eia(
     display, definitions :
         See `inim.scene.file.choose_display`.
     out : Path, optional
-        `EIA-view.html` in the current folder otherwise.
+        Default: `EIA-view.html` in the current folder.
 
     Returns
     -------
     Path
-        What was written.
+        Path of the page.
 
     Raises
     ------
     InimError
-        Of the kind that fits: a display or an EIA that cannot be, or that do not fit together.
+        An impossible display or EIA, or an EIA of another size than the display's.
     """
     from inim.display.misalignment import misaligned
     from inim.display.viewpoint import parse_viewpoints
@@ -172,7 +172,7 @@ def _words(display: Display) -> str:
 
 
 def _page(title: str, facts: str, content: str) -> str:
-    """One HTML file that needs nothing else."""
+    """Self-contained HTML page."""
     from inim.report.page import Section, render_page, text
     from inim.report.virtual_display import ANCHOR, LIVE, TITLE
 

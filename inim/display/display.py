@@ -27,7 +27,7 @@ from inim.display.pixels import (
     pixel_rays,
     row_blocks,
 )
-from inim.errors import DisplayError, known_words
+from inim.errors import DisplayError, suggest_words
 
 _LENGTHS = (
     "pitch_mm",
@@ -670,7 +670,7 @@ class Display:
             if name not in names:
                 raise DisplayError(
                     f"Display.replace: {name!r} is no parameter of a display; "
-                    f"{known_words(name, names)}"
+                    f"{suggest_words(name, names)}"
                 )
         return replace(self, **changes)
 

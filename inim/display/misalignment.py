@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from inim.display.display import Display
-from inim.errors import DisplayError, UsageError, known_words
+from inim.errors import DisplayError, UsageError, suggest_words
 
 #: What can be off, and what a positive number means.
 MISALIGNMENTS = {
@@ -50,7 +50,7 @@ def parse_misalignment(misalignment: str | Mapping[str, float]) -> dict[str, flo
     numbers: dict[str, float] = {}
     for item, (key, value) in zip(items, pairs, strict=True):
         if key not in MISALIGNMENTS or value == "":
-            hint = known_words(key, MISALIGNMENTS)
+            hint = suggest_words(key, MISALIGNMENTS)
             raise UsageError(f"misalign {item!r}: write KEY=NUMBER; {hint}")
         if key in numbers:
             raise UsageError(f"misalign: {key} is given twice; keep one")

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from inim.display.display import Display
-from inim.errors import UsageError, ViewpointError, known_words
+from inim.errors import UsageError, ViewpointError, suggest_words
 
 #: Direction of each named viewpoint, in shares of the side step below.
 DEFAULT_VIEWPOINTS = {
@@ -149,7 +149,7 @@ def named_viewpoint(name: str, display: Display, distance_mm: float) -> Viewpoin
     """One of `DEFAULT_VIEWPOINTS` placed inside this display's viewing zone."""
     if name not in DEFAULT_VIEWPOINTS:
         raise ViewpointError(
-            f"viewpoint {name!r}: {known_words(name, DEFAULT_VIEWPOINTS)}, or give a position as "
+            f"viewpoint {name!r}: {suggest_words(name, DEFAULT_VIEWPOINTS)}, or give a position as "
             "'name=x y' or 'name=x y z' (mm)"
         )
     across, up = DEFAULT_VIEWPOINTS[name]

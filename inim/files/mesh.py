@@ -30,12 +30,13 @@ def read_mesh(path: Path, warn: Callable[[str], object] = _silent) -> list[Mesh]
     ----------
     path : Path
     warn : callable
-        Called with a line for each thing that the file names and the meshes go without.
+        Called with a line for each missing companion file.
 
     Raises
     ------
     FileError
-        Missing, of another kind, damaged or without faces; one line naming the file and the cause.
+        The file is missing, of another kind, damaged or without faces; one line with the file and
+        the cause.
     """
     path = Path(path)
     data = read_bytes(path)

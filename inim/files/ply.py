@@ -48,7 +48,7 @@ class PlyElement:
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """What a PLY file says about its body.
+    """Header of a PLY file.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class PlyHeader:
 
     @property
     def is_text(self) -> bool:
-        """Whether the body is text."""
+        """True if the body is text."""
         return self.order == "="
 
 
@@ -123,8 +123,8 @@ def _with_property(path: Path, element: PlyElement, words: list[str]) -> PlyElem
             fields, lists = [(name, _TYPES[kind])], element.lists
         case _:
             raise FileError(f"{path}: PLY property {' '.join(words)[:60]!r} is unknown; damaged")
-    known = {name for name, _ in element.fields}
-    if known & {name for name, _ in fields}:
+    names = {name for name, _ in element.fields}
+    if names & {name for name, _ in fields}:
         raise FileError(f"{path}: PLY property {words[-1][:40]!r} is there twice; damaged")
     return PlyElement(element.name, element.count, (*element.fields, *fields), lists)
 
@@ -201,9 +201,9 @@ def write_ply(path: Path, mesh: Mesh) -> None:
     """
     parts = [("xyz", mesh.vertices), (("nx", "ny", "nz"), mesh.normals)]
     parts += [("uv", mesh.uv), ("rgb", mesh.color)]
-    given = [(names, array) for names, array in parts if array is not None]
-    names = [name for group, _ in given for name in group]
-    records = np.hstack([array for _, array in given]).astype("<f4")
+    present = [(names, array) for names, array in parts if array is not None]
+    names = [name for group, _ in present for name in group]
+    records = np.hstack([array for _, array in present]).astype("<f4")
     faces = np.empty(len(mesh.faces), [("count", "u1"), ("index", "<i4", 3)])
     faces["count"], faces["index"] = 3, mesh.faces
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(records)}"]

@@ -1,6 +1,6 @@
-"""A triangle mesh as it stands in its file: its value, what every mesh must satisfy, its normals.
+"""Triangle mesh: its value, validity checks, and normals.
 
-`Mesh` is what readers make and writers take; the checks hold for every format.
+Readers return a `Mesh` and writers accept one; the checks apply to every format.
 """
 
 from __future__ import annotations
@@ -71,14 +71,15 @@ def read_bytes(path: Path) -> bytes:
 
 
 def check_mesh(path: Path, mesh: Mesh) -> None:
-    """Raise `FileError` unless a mesh has faces of its own vertices, all finite and of sane extent.
+    """Raise `FileError` unless a mesh has faces with valid vertices, all finite and of plausible
+    extent.
 
-    Mitsuba trusts what it is given: an index out of range ends the process.
+    Mitsuba does not check its input: an index out of range ends the process.
     """
     vertices, faces = mesh.vertices, mesh.faces
     if not len(faces):
-        what = "points or lines but no faces" if len(vertices) else "no vertices and no faces"
-        raise FileError(f"{path}: holds {what}; inim needs a triangle mesh")
+        content = "points or lines but no faces" if len(vertices) else "no vertices and no faces"
+        raise FileError(f"{path}: holds {content}; inim needs a triangle mesh")
     bad = ~np.isfinite(vertices).all(axis=1)
     if bad.any():
         raise FileError(
@@ -148,14 +149,14 @@ def add_vertex_normals(mesh: Mesh, crease_deg: float = _CREASE_DEG) -> Mesh:
     corner = faces.reshape(-1)
     key = group * len(mesh.vertices) + corner
     _, first, index = np.unique(key, return_index=True, return_inverse=True)
-    taken = corner[first]
+    normals = corner[first]
     return replace(
         mesh,
-        vertices=mesh.vertices[taken],
+        vertices=mesh.vertices[normals],
         faces=index.reshape(-1, 3).astype(np.uint32),
         normals=_mean_normals(group, first, area),
-        uv=None if mesh.uv is None else mesh.uv[taken],
-        color=None if mesh.color is None else mesh.color[taken],
+        uv=None if mesh.uv is None else mesh.uv[normals],
+        color=None if mesh.color is None else mesh.color[normals],
         attributes={},
     )
 
@@ -165,8 +166,8 @@ def _with_area(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     points, faces = mesh.vertices.astype(np.float64), mesh.faces.astype(np.int64)
     a, b, c = (points[faces[:, k]] for k in range(3))
     area = np.cross(b - a, c - a)
-    kept = np.linalg.norm(area, axis=1) > 0
-    return faces[kept], area[kept]
+    has_area = np.linalg.norm(area, axis=1) > 0
+    return faces[has_area], area[has_area]
 
 
 def _mean_normals(group: np.ndarray, first: np.ndarray, area: np.ndarray) -> np.ndarray:
@@ -188,14 +189,14 @@ def _fans(places: np.ndarray, area: np.ndarray, least_cosine: float) -> np.ndarr
     start, end = places.reshape(-1), np.roll(places, -1, axis=1).reshape(-1)
     key = np.minimum(start, end) * (int(places.max()) + 1) + np.maximum(start, end)
     order = np.argsort(key, kind="stable")
-    one, two = order[:-1], order[1:]
-    smooth = (key[one] == key[two]) & (
-        np.einsum("ij,ij->i", unit[one // 3], unit[two // 3]) >= least_cosine
+    previous, two = order[:-1], order[1:]
+    smooth = (key[previous] == key[two]) & (
+        np.einsum("ij,ij->i", unit[previous // 3], unit[two // 3]) >= least_cosine
     )
-    one, two = one[smooth], two[smooth]
+    previous, two = previous[smooth], two[smooth]
     after = np.roll(np.arange(start.size).reshape(-1, 3), -1, axis=1).reshape(-1)
-    along = start[one] == start[two]
-    left = np.concatenate([one, after[one]])
+    along = start[previous] == start[two]
+    left = np.concatenate([previous, after[previous]])
     right = np.concatenate([np.where(along, two, after[two]), np.where(along, after[two], two)])
     return _joined(start.size, left, right)
 

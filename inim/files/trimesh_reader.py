@@ -43,7 +43,7 @@ class _Companions(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
         self.lacking: dict[str, None] = {}
 
     def get(self, name: str) -> Any:
-        """Bytes of a companion file; trimesh catches what this raises."""
+        """Bytes of a companion file; trimesh catches the exceptions of this method."""
         try:
             data = self._read(name)
             if (mimetypes.guess_type(name)[0] or "").startswith("image/"):
@@ -54,7 +54,7 @@ class _Companions(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
         return data
 
     def _read(self, name: str) -> bytes:
-        """From one of the places where trimesh looks."""
+        """Read a file from one of the folders that trimesh searches."""
         for candidate in (name.strip(), name.strip().lstrip("/"), os.path.split(name)[-1]):
             with suppress(ValueError, FileError):
                 return read_file(self.absolute(candidate), _MOST_COMPANION_BYTES)
@@ -64,20 +64,20 @@ class _Companions(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
 def read_with_trimesh(
     path: Path, data: bytes, kind: str, warn: Callable[[str], object], *, materials: bool = True
 ) -> list[Mesh]:
-    """Every surface of the *transformed* scene; whatever trimesh throws is a FileError.
+    """Read every surface of the *transformed* scene; any exception of trimesh becomes a FileError.
 
     Parameters
     ----------
     path : Path
-        Next to which the files lie that the mesh names.
+        Path of the mesh, next to its companion files.
     data : bytes
         Content of the file.
     kind : str
-        What trimesh calls the format.
+        Name of the format in trimesh.
     warn : callable
-        Called with a line for each named file that the surfaces go without.
+        Called with a line for each missing companion file.
     materials : bool
-        Whether materials and textures are read.
+        True to read materials and textures.
     """
     try:
         if kind in ("glb", "gltf"):
@@ -111,7 +111,7 @@ def read_with_trimesh(
 
 
 def _check_gltf(data: bytes) -> None:
-    """Refuse accessors without data: trimesh makes as many zeros as they declare."""
+    """Reject accessors without data, which trimesh would fill with zeros of the declared size."""
     text = data
     if data.startswith(b"glTF"):
         text = data[20 : 20 + int.from_bytes(data[12:16], "little")]
@@ -146,8 +146,8 @@ def _mesh(path: Path, part: Any, *, linear_colors: bool) -> Mesh:
     if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
         raise FileError(f"{path}: vertices of {vertices.shape[1:]} numbers; the file is damaged")
     # Normals that trimesh would compute are not the file's; it keeps the file's in this cache.
-    given = part.vertex_normals if "vertex_normals" in part._cache else None
-    normals = usable_normals(None if given is None else np.asarray(given, np.float32))
+    normals = part.vertex_normals if "vertex_normals" in part._cache else None
+    normals = usable_normals(None if normals is None else np.asarray(normals, np.float32))
     color, uv, texture = _appearance(path, part, linear_colors)
     if part.visual.kind == "face":  # one colour a face: give every face its own corners
         color = np.repeat(_color(part.visual.face_colors, linear_colors), 3, axis=0)

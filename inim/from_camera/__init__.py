@@ -1,4 +1,4 @@
-"""The user's own pictures: colour and depth of a real camera, brought into the display frame.
+"""Users' own pictures: colour and depth of a real camera, converted to the display frame.
 
 | module          | contents                                                                      |
 | --------------- | ----------------------------------------------------------------------------- |
@@ -11,5 +11,5 @@
 | `tiles`         | rendering of samples, as tiles, into the cells of the display's picture       |
 | `light_field`   | EIAs of a 4D light field: from its centre view, or from all its views         |
 
-All of it is NumPy and numba; nothing imports the renderer.
+The package uses NumPy and numba, and never imports the renderer.
 """

@@ -72,7 +72,7 @@ def eia_of_all_views(field: LightField, display: Display) -> tuple[np.ndarray, n
 
 
 def _squared(views: np.ndarray) -> np.ndarray:
-    """As many rows of views as columns, with nothing in those that are added.
+    """Pad a light field with empty views to a square grid.
 
     From view to view the eye moves as far down as across, so a lens's field, as high as it is wide,
     has room for more rows than a wide grid has.

@@ -50,7 +50,7 @@ _PLAUSIBLE_FLOATS = (1e-12, 1e15)
 
 
 def read_color(path: Path) -> NDArray[np.uint8] | NDArray[np.float32]:
-    """A colour picture, upright as its camera says (EXIF).
+    """Colour picture, rotated by its EXIF orientation.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def _decoded_color(path: Path) -> NDArray[np.uint8]:
 
 
 def convert_to_srgb(picture: Any, path: Path) -> Any:
-    """A Pillow picture in the colours of sRGB, where a profile in it says that they are others.
+    """Convert a Pillow picture with a colour profile to sRGB.
 
     Raises
     ------
@@ -145,12 +145,13 @@ def read_depth(path: Path, *, swap_bytes: bool = False) -> DepthFile:
         PNG, PGM, TIFF or JPEG in grey of 8, 16 or 32 bits; EXR (channel Z, Y, V or R of the
         first part); PFM; or NumPy's .npy with a (H, W) array.
     swap_bytes : bool
-        The two bytes of 16-bit numbers are stored the other way round than the format says.
+        The two bytes of 16-bit numbers are swapped relative to the format.
 
     Raises
     ------
     FileError
-        Missing, damaged, of another kind, not one number per pixel, or bytes in the wrong order.
+        The file is missing, damaged, of another kind, has several numbers per pixel, or bytes in
+        the wrong order.
     """
     readers = {".exr": _read_exr, ".pfm": read_pfm, ".npy": _read_npy}
     suffix = path.suffix.lower()
@@ -237,7 +238,7 @@ def write_depth(path: Path, values: np.ndarray, meaning: str) -> None:
     path : Path
     values : (H, W) float array
     meaning : str
-        What the numbers are: kept in the file as ``inim:depth``.
+        Meaning of the numbers, stored in the file as ``inim:depth``.
     """
     write_exr_parts(path, [({"Z": values}, "depth")], {"inim:depth": meaning})
 
@@ -282,7 +283,7 @@ def _check_byte_order(path: Path, stored: np.ndarray, swapped: bool) -> None:
 def _roughness(values: np.ndarray) -> float:
     """Mean difference of neighbours in a row, of pixels that have a value."""
     left, right = values[:, :-1], values[:, 1:]
-    both = (left != 0) & (right != 0)
-    if not both.any():
+    is_valid_pair = (left != 0) & (right != 0)
+    if not is_valid_pair.any():
         return 0.0
-    return float(np.abs(left[both].astype(np.float64) - right[both]).mean())
+    return float(np.abs(left[is_valid_pair].astype(np.float64) - right[is_valid_pair]).mean())

@@ -29,7 +29,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar
 
-from inim.errors import UsageError, known_words
+from inim.errors import UsageError, suggest_words
 from inim.generators.base import Generator
 from inim.plugins import announced, attribute_errors, load
 from inim.settings import value_text
@@ -223,7 +223,7 @@ def find_algorithm(name: str) -> Algorithm:
     if name == PICKUP:
         raise UsageError(f"algorithm {name!r} needs the scene, not a picture: use `inim validate`")
     if name not in announced(_ENTRY_POINTS):
-        raise UsageError(f"algorithm {name!r}: {known_words(name, algorithm_names())}")
+        raise UsageError(f"algorithm {name!r}: {suggest_words(name, algorithm_names())}")
 
     def made(prepare: Prepare) -> Algorithm:
         definition = Algorithm(name, prepare, own=False)
@@ -333,7 +333,7 @@ def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
         Any other value.
     """
     if value not in choices:
-        raise UsageError(f"{name} = {value!r}: {known_words(value, choices)}")
+        raise UsageError(f"{name} = {value!r}: {suggest_words(value, choices)}")
     return str(value)
 
 

@@ -31,7 +31,7 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from inim.display import Display
-from inim.errors import UsageError, known_words
+from inim.errors import UsageError, suggest_words
 from inim.lens import full, pinhole, thick, thin
 from inim.lens.array import (
     NUMPY_OPS,
@@ -100,7 +100,7 @@ def lens_model(name: str) -> LensModel:
     if name in _OWN:
         return _OWN[name]
     if name not in lens_models():
-        raise UsageError(f"lens model {name!r}: {known_words(name, lens_models())}")
+        raise UsageError(f"lens model {name!r}: {suggest_words(name, lens_models())}")
     label, model = f"lens model {name!r}", load(_ENTRY_POINTS, name, "lens model")
     if not isinstance(model, LensModel):
         raise UsageError(f"{label} is a {type(model).__name__}; announce an inim.lens.LensModel")

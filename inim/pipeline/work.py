@@ -1,4 +1,4 @@
-"""A validation in this process, from a plan to a written report; what its worker carries out."""
+"""Validation inside the worker: from a plan to a written report."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def run(plan: Plan, staging: Path, observer: Observer | None = None) -> Report:
 def setup(
     plan: Plan, folder: Path, observer: Observer, store: Any = None
 ) -> tuple[Run, Renderer, Images]:
-    """What a plan's stages run with."""
+    """Create the run, the renderer and the images of a plan."""
     request = plan.request
     cache = ResultCache(store, str(request.scene.resolve()))
     renderer = Renderer(request.backend, observer, plan.rays_in_flight, not request.no_skip)
@@ -64,7 +64,7 @@ def setup(
 
 
 def _print_scores(observer: Observer, data: ReportDocument) -> None:
-    """Each view's scores on the relic, the whole picture's beside them, and what to ask of them."""
+    """Print the scores of each view, on the relic and whole, and suggested criteria."""
     width, best = max(len(name) for name in data.algorithms), data.best_algorithm
     for name, result in data.algorithms.items():
         for view, score in result.views.items():
@@ -77,5 +77,7 @@ def _print_scores(observer: Observer, data: ReportDocument) -> None:
             )
     if best is not None and len(data.algorithms) > 1:
         observer.line(f"best: {best}, by its mean {HEADLINE_WORDS}")
-    if data.verdict.word == "ran clean" and (wanted := suggested_criteria(data)):
-        observer.line(f"no criteria set; for later runs: -D 'inim.min_ssim_to_reference={wanted}'")
+    if data.verdict.word == "ran clean" and (criteria := suggested_criteria(data)):
+        observer.line(
+            f"no criteria set; for later runs: -D 'inim.min_ssim_to_reference={criteria}'"
+        )

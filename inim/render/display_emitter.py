@@ -252,24 +252,26 @@ def register() -> None:
         def eval(self, si: Any, active: Any = True) -> Any:
             return self.radiance(si.uv, si.to_world(si.wi), active & (si.wi.z > 0))
 
-        def sample_direction(self, it: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:
+        def sample_direction(
+            self, interaction: Any, sample: Any, active: Any = True
+        ) -> tuple[Any, Any]:
             if self.get_shape() is None:
                 return dr.zeros(mi.DirectionSample3f), mi.Spectrum(0.0)
-            ds = self.get_shape().sample_direction(it, sample, active)
+            ds = self.get_shape().sample_direction(interaction, sample, active)
             active = active & (dr.dot(ds.d, ds.n) < 0) & (ds.pdf > 0)
-            value = self.eval_direction(it, ds, active)
+            value = self.eval_direction(interaction, ds, active)
             ds.emitter = mi.EmitterPtr(self)
             return ds, dr.select(active, value / ds.pdf, 0.0)
 
-        def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+        def pdf_direction(self, interaction: Any, ds: Any, active: Any = True) -> Any:
             if self.get_shape() is None:
                 return mi.Float(0.0)
             faces_viewer = active & (dr.dot(ds.d, ds.n) < 0)
             return dr.select(
-                faces_viewer, self.get_shape().pdf_direction(it, ds, faces_viewer), 0.0
+                faces_viewer, self.get_shape().pdf_direction(interaction, ds, faces_viewer), 0.0
             )
 
-        def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+        def eval_direction(self, interaction: Any, ds: Any, active: Any = True) -> Any:
             return self.radiance(ds.uv, -ds.d, active & (dr.dot(ds.d, ds.n) < 0))
 
         def sample_position(self, time: Any, sample: Any, active: Any = True) -> tuple[Any, Any]:

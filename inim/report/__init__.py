@@ -11,7 +11,7 @@ from inim.display import Display
 from inim.documents.files import read_document, write_forms
 from inim.documents.picture import PictureDocument
 from inim.documents.report import ReportDocument
-from inim.errors import FileError, UsageError, known_words
+from inim.errors import FileError, UsageError, suggest_words
 from inim.files.regular_file import read_file
 
 __all__ = ["TRUTH", "Report"]
@@ -107,7 +107,7 @@ class Report:
         """
         names = [true, *self.data.algorithms]
         if name not in names:
-            raise UsageError(f"{option} {name}: {known_words(name, names)}")
+            raise UsageError(f"{option} {name}: {suggest_words(name, names)}")
         place = ("truth", "eia") if name == true else ("eia", name)
         return Path(self.folder, place[0], f"{place[1]}.exr")
 

@@ -22,7 +22,7 @@ from typing import Any
 
 from inim.display import DISPLAYS, Display
 from inim.display.viewpoint import Viewpoint, is_file_safe, viewpoint_items
-from inim.errors import FileError, InimError, UsageError, known_words
+from inim.errors import FileError, InimError, UsageError, suggest_words
 from inim.files.regular_file import check_file, read_file
 from inim.lens import lens_models
 from inim.pipeline.stages.method import parse_methods
@@ -198,7 +198,7 @@ class Tables:
         for name in table:
             if name not in allowed:
                 key = f"{before}{name[:_MOST_SHOWN]}"
-                raise self.wrong(key, f"unknown key; {known_words(name, allowed)}")
+                raise self.wrong(key, f"unknown key; {suggest_words(name, allowed)}")
 
     def text(self, key: str, value: Any) -> str:
         """A text that is not empty."""
@@ -231,7 +231,7 @@ class Tables:
     def one_of(self, key: str, value: Any, allowed: Sequence[str]) -> str:
         """One of a few words."""
         if value not in allowed:
-            raise self.wrong(key, f"{shown(value)}: {known_words(value, allowed)}")
+            raise self.wrong(key, f"{shown(value)}: {suggest_words(value, allowed)}")
         return str(value)
 
 

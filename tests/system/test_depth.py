@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 from inim.cli import main
-from inim.commands.depth import relative_distance, says_distance
+from inim.commands.depth import relative_distance, returns_distance
 from inim.errors import EXIT_PASSED, UsageError
 from inim.from_camera.picture_files import read_depth
 from tests.system.conftest import assert_refused
@@ -103,12 +103,12 @@ def test_what_a_model_says_follows_from_its_kind_or_is_asked_for():
     def config(kind, **more):
         return SimpleNamespace(model_type=kind, **more)
 
-    assert says_distance(config("zoedepth"), "m")
-    assert not says_distance(config("dpt"), "m")
-    assert not says_distance(config("depth_anything", depth_estimation_type="relative"), "m")
-    assert says_distance(config("dpt"), "m", "metres")
+    assert returns_distance(config("zoedepth"), "m")
+    assert not returns_distance(config("dpt"), "m")
+    assert not returns_distance(config("depth_anything", depth_estimation_type="relative"), "m")
+    assert returns_distance(config("dpt"), "m", "metres")
     with pytest.raises(UsageError, match="--says inverse"):
-        says_distance(config("odd"), "m")
+        returns_distance(config("odd"), "m")
 
 
 @pytest.mark.parametrize(

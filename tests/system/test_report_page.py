@@ -28,7 +28,9 @@ UNFOLD = "document.querySelectorAll('details').forEach((d) => {{ d.open = {}; }}
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = report_folder(tmp_path_factory.mktemp("report"))
     data = report_data()
-    data["skipped"] = [{"step": "samples", "performed": "3", "skipped": "5", "why": "no noise there"}]
+    data["skipped"] = [
+        {"step": "samples", "performed": "3", "skipped": "5", "why": "no noise there"}
+    ]
     path = folder / "report.html"
     path.write_text(render_html(data, folder), encoding="utf-8")
     return path

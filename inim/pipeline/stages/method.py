@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 
 from inim.display.viewpoint import is_file_safe
-from inim.errors import InimError, UsageError, known_words
+from inim.errors import InimError, UsageError, suggest_words
 from inim.files.eia_file import check_eia_name, read_eia
 from inim.generators import (
     PICKUP,
@@ -213,7 +213,7 @@ def _parse_algorithm(text: str) -> Method:
     if name == PICKUP:
         return PickupMethod(label, _pickup_samples(label, options))
     if name not in (names := algorithm_names()):
-        raise UsageError(f"algorithm {name!r}: {known_words(name, [*names, PICKUP])}")
+        raise UsageError(f"algorithm {name!r}: {suggest_words(name, [*names, PICKUP])}")
     check_algorithm(text)
     if not _LABEL.fullmatch(label):
         raise UsageError(
