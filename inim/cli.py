@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable
 from importlib import import_module
 from typing import Any, NoReturn
 
-from inim.commands.options import add_exit_codes, print_warning
+from inim.commands.options import Command, add_exit_codes, print_warning
 from inim.errors import (
     EXIT_INTERNAL,
     EXIT_PASSED,
@@ -27,36 +27,35 @@ from inim.errors import (
 from inim.process.python_process import configuration_hidden
 from inim.version import __version__
 
-#: In the order of the help; each with its module in `inim.commands`.
-COMMANDS = {
-    "demo": "validate",
-    "validate": "validate",
-    "baseline": "compare",
-    "compare": "compare",
-    "new-scene": "new_scene",
-    "bench": "bench",
-    "stress": "bench",
-    "sweep": "sweep",
-    "tolerate": "sweep",
-    "view": "view",
-    "film": "view",
-    "inspect": "info",
-    "calibrate": "calibrate",
-    "photo": "calibrate",
-    "generate": "generate",
-    "export": "export",
-    "depth": "depth",
-    "cache": "info",
-    "sys-info": "info",
-    "algorithms": "info",
-    "settings": "info",
+#: Groups of the help; each command with its module in `inim.commands`.
+GROUPS = {
+    "first steps": {
+        "demo": "validate",
+        "new-scene": "new_scene",
+        "validate": "validate",
+        "view": "view",
+    },
+    "your own pictures and displays": {
+        "generate": "generate",
+        "depth": "depth",
+        "export": "export",
+        "film": "view",
+        "inspect": "info",
+        "calibrate": "calibrate",
+        "photo": "calibrate",
+        "tolerate": "sweep",
+    },
+    "comparisons": {"compare": "compare", "baseline": "compare", "sweep": "sweep"},
+    "information": {"info": "info"},
+    "for developers of algorithms": {"bench": "bench", "stress": "bench"},
 }
+COMMANDS = {name: module for group in GROUPS.values() for name, module in group.items()}
 
 
 class _Parser(argparse.ArgumentParser):
     """One line per mistake instead of a page of usage."""
 
-    #: The command whose help to name, where it is not this parser's own.
+    #: Command named in errors, if not this parser's own.
     about = ""
 
     def error(self, message: str) -> NoReturn:
@@ -110,20 +109,36 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _parser(named: str | None) -> argparse.ArgumentParser:
-    """A parser of the command that is named; of all commands where none is."""
-    parser = _Parser(prog="inim", description="A virtual bench for integral-imaging displays.")
+    """Parser of the named command, or of all commands."""
+    parser = _Parser(prog="inim", description="Simulation of integral-imaging displays.")
     add_exit_codes(parser)
+    if named not in COMMANDS:
+        parser.epilog = f"{_command_list()}\n{parser.epilog}"
     parser.add_argument("--version", action="version", version=f"inim {__version__}")
     # argparse keeps the type of what add_subparsers returns to itself.
     commands: Any = parser.add_subparsers(required=True, metavar="COMMAND")
     if named in COMMANDS:
         parser.about = f"inim {named}"
     for name in [named] if named in COMMANDS else COMMANDS:
-        command = import_module(f"inim.commands.{COMMANDS[name]}").COMMANDS[name]
-        own = commands.add_parser(name, help=command.summary)
+        command = _command(name)
+        own = commands.add_parser(name, description=f"{command.summary.capitalize()}.")
         command.add_arguments(own)
         own.set_defaults(run=command.run)
     return parser
+
+
+def _command(name: str) -> Command:
+    """Import a command from its module."""
+    command: Command = import_module(f"inim.commands.{COMMANDS[name]}").COMMANDS[name]
+    return command
+
+
+def _command_list() -> str:
+    """Commands and their summaries, by group."""
+    lines = []
+    for title, names in GROUPS.items():
+        lines += [f"{title}:", *(f"  {name:<10} {_command(name).summary}" for name in names), ""]
+    return "\n".join(lines)
 
 
 def _complete(parser: argparse.ArgumentParser) -> None:

@@ -165,7 +165,7 @@ class Settings:
         for key, text in values.items():
             name = key.removeprefix(PREFIX)
             if name not in fields_by_name:
-                hint = suggest_words(name, fields_by_name, "see `inim settings`", PREFIX)
+                hint = suggest_words(name, fields_by_name, "see `inim info settings`", PREFIX)
                 raise SceneError(f"{source}: unknown setting {key!r}; {hint}")
             kind = str(fields_by_name[name].type)
             if text.strip() == NOT_SET and "None" in kind and not kind.startswith("str"):
@@ -291,7 +291,7 @@ def _read(key: str, text: str, kind: str, source: str) -> Any:
 
 
 def setting_table() -> str:
-    """The table of settings as Markdown, for the documents and `inim settings`."""
+    """The table of settings as Markdown, for the documents and `inim info settings`."""
     rows = ["| key | default | meaning |", "| --- | --- | --- |"]
     for f in fields(Settings):
         default = "preset" if f.default is None and f.name in DISPLAY_KEYS else f.default

@@ -94,10 +94,6 @@ def _stress(args: argparse.Namespace) -> int:
 
 
 COMMANDS = {
-    "bench": Command(
-        "time the algorithms against their error, in yardsticks", _add_bench_arguments, _bench
-    ),
-    "stress": Command(
-        "find where the numbers stop being trustworthy", _add_stress_arguments, _stress
-    ),
+    "bench": Command("time algorithms and compare time with error", _add_bench_arguments, _bench),
+    "stress": Command("test algorithms for numerical stability", _add_stress_arguments, _stress),
 }

@@ -361,10 +361,6 @@ def _lines(document: PhotoDocument) -> list[str]:
 
 
 COMMANDS = {
-    "calibrate": Command(
-        "a real display's parameters, from photographs of patterns", _add_arguments, _run
-    ),
-    "photo": Command(
-        "a photograph of a calibrated display beside its simulation", _add_photo_arguments, _photo
-    ),
+    "calibrate": Command("measure a real display from photographs", _add_arguments, _run),
+    "photo": Command("compare a photograph with its simulation", _add_photo_arguments, _photo),
 }

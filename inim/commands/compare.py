@@ -129,9 +129,7 @@ def _copy_pictures(reports: list[Report], name: str, staging: Path) -> bool:
 
 COMMANDS = {
     "baseline": Command(
-        "accept a report as what later runs are compared with", _add_baseline_arguments, _baseline
+        "accept a report as the baseline of later runs", _add_baseline_arguments, _baseline
     ),
-    "compare": Command(
-        "compare two reports by statistics, as with a baseline", _add_compare_arguments, _compare
-    ),
+    "compare": Command("compare two reports statistically", _add_compare_arguments, _compare),
 }

@@ -3,8 +3,8 @@
 There are two kinds of models. Some return metres (ZoeDepth, Depth Pro, GLPN, the metric Depth
 Anything); their numbers are kept. Most return inverse depth, larger for nearer objects, up to an
 unknown scale and shift (MiDaS, DPT, Depth Anything). These are inverted: the smallest and the
-largest value become the far and the near end, with the given ratio ``far / near`` (`--ratio`). The
-result is a relative distance from 1, near, to that ratio, far.
+largest value become the far and the near end, of the given ratio ``far / near`` (`--depth-ratio`).
+The result is a relative distance from 1, near, to that ratio, far.
 
 The models need the extra ``inim[depth]``.
 """
@@ -42,13 +42,17 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("photo", type=Path, help="PNG, JPEG, ... or EXR")
     add("-o", "--out", type=Path, required=True, help="depth, .exr or .npy")
-    add("--model", default=_DEFAULT_MODEL, help=f"its name, or a local folder ({_DEFAULT_MODEL})")
-    add("--says", default="auto", help="what the model says: inverse, metres, or auto")
     add(
-        "--ratio",
+        "--model",
+        default=_DEFAULT_MODEL,
+        help=f"name or local folder of the model ({_DEFAULT_MODEL})",
+    )
+    add("--model-output", default="auto", help="output of the model: inverse, metres, or auto")
+    add(
+        "--depth-ratio",
         type=float,
         default=_DEFAULT_RATIO,
-        help="of the farthest distance to the nearest, where the model says inverse depth (4)",
+        help="ratio of farthest to nearest distance, for inverse depth (4)",
     )
     add_debug(parser)
 
@@ -58,13 +62,16 @@ def _run(args: argparse.Namespace) -> int:
 
     _check(args)
     estimator = _estimator(args.model)
-    metric = returns_distance(estimator.model.config, args.model, args.says)
+    metric = returns_distance(estimator.model.config, args.model, args.model_output)
     predicted = _predicted(estimator, args.photo, args.model)
     if metric:
         depth, unit = predicted, "--depth-unit m"
         depth = np.where(depth > 0, depth, np.float32(np.nan))
     else:
-        depth, unit = relative_distance(predicted, args.ratio), "--depth-unit none --far-is-large"
+        depth, unit = (
+            relative_distance(predicted, args.depth_ratio),
+            "--depth-unit none --far-is-large",
+        )
     _write(args.out, depth, "distance in metres" if metric else "relative distance")
     low, high = float(np.nanmin(depth)), float(np.nanmax(depth))
     kind = "metres" if metric else "inverse depth, turned round to relative distance"
@@ -82,10 +89,14 @@ def _check(args: argparse.Namespace) -> None:
     check_file(args.photo)
     if os.path.realpath(args.out) == os.path.realpath(args.photo):
         raise UsageError(f"-o {args.out}: is the photograph; give it another name")
-    if args.says not in _KINDS:
-        raise UsageError(f"--says {args.says}: use {', '.join(_KINDS[:-1])} or {_KINDS[-1]}")
-    if not 1 < args.ratio < math.inf:
-        raise UsageError(f"--ratio {args.ratio:g}: far is farther than near; give more than 1")
+    if args.model_output not in _KINDS:
+        raise UsageError(
+            f"--model-output {args.model_output}: use {', '.join(_KINDS[:-1])} or {_KINDS[-1]}"
+        )
+    if not 1 < args.depth_ratio < math.inf:
+        raise UsageError(
+            f"--depth-ratio {args.depth_ratio:g}: far is farther than near; give more than 1"
+        )
 
 
 def _estimator(model: str) -> Any:
@@ -131,8 +142,8 @@ def returns_distance(config: Any, model: str, model_output: str = "auto") -> boo
     if kind in _METRIC_TYPES or kind in _INVERSE_TYPES:
         return kind in _METRIC_TYPES
     raise UsageError(
-        f"--model {model}: nothing is known of what a {kind} model says; state --says inverse "
-        "(larger is nearer) or --says metres"
+        f"--model {model}: the output of {kind} models is unknown; give "
+        "--model-output inverse (larger is nearer) or --model-output metres"
     )
 
 

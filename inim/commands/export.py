@@ -32,29 +32,49 @@ _TILES, _SPP = "8x6", 32
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Write an EIA as a sheet to print, or what it shows: its sub-aperture views, of one pixel "
-        "per lens, as pictures or as an HCI light field; or views rendered through the lens array "
-        "as a quilt."
+        "Write an EIA as a sheet to print; its sub-aperture views, with one pixel per lens, as "
+        "images or as an HCI light field; or views rendered through the lens array as a quilt."
     )
     add = parser.add_argument
     add("what", type=Path, metavar="OUT|EIA", help="a report's folder, or an EIA (.png, .exr)")
     add_choices(parser, "display", "definitions")
-    add("--algorithm", metavar="NAME", help="of a report: whose EIA, or truth (the best's)")
-    add("--pdf", type=Path, metavar="FILE", help="a PDF that prints at true size")
-    add("--views", type=Path, metavar="DIR", help="folder for view_ROW_COLUMN.png")
+    add(
+        "-a",
+        "--algorithms",
+        dest="algorithm",
+        metavar="NAME",
+        help="report: algorithm, or truth for the ground-truth EIA (the best algorithm)",
+    )
+    add("--pdf", type=Path, metavar="FILE", help="write a PDF that prints at true size")
+    add(
+        "--views",
+        type=Path,
+        metavar="DIR",
+        help="write sub-aperture views, view_ROW_COLUMN.png, into this folder",
+    )
     add(
         "--hci",
         type=Path,
         metavar="DIR",
-        help="folder for input_Cam000.png ..., parameters.cfg, and a report's true disparity",
+        help="write an HCI light field into this folder, for a report with true disparity",
     )
-    add("--grid", metavar="COLSxROWS", help="of those views (as a lens has pixels)")
-    add("--quilt", type=Path, metavar="FILE", help=".png; _qsCOLSxROWSaASPECT is added to its name")
-    add("--tiles", metavar="COLSxROWS", help=f"of the quilt ({_TILES})")
-    add("--view-size", metavar="WxH", help="of a tile, in pixels (8x6: 420x560)")
-    add("--aspect", type=float, help="width over height of a tile, as seen (square pixels)")
-    add("--spp", type=int, metavar="N", help=f"samples per pixel of a tile ({_SPP})")
-    add("--scene", type=Path, metavar="XML", help="for a quilt of the truth (the report's)")
+    add("--grid", metavar="COLSxROWS", help="number of these views (the pixels per lens)")
+    add(
+        "--quilt",
+        type=Path,
+        metavar="FILE",
+        help="write a quilt, .png; _qsCOLSxROWSaASPECT is added to its name",
+    )
+    add("--tiles", metavar="COLSxROWS", help=f"tiles of the quilt ({_TILES})")
+    add("--view-size", metavar="WxH", help="size of a tile in pixels (8x6: 420x560)")
+    add("--aspect", type=float, help="displayed width over height of a tile (square pixels)")
+    add("--view-spp", type=int, metavar="N", help=f"samples per pixel of a tile ({_SPP})")
+    add(
+        "--scene",
+        type=Path,
+        metavar="XML",
+        help="scene for a quilt of the ground truth (the report's)",
+    )
     add_allow_folder(parser)
     add_quiet(parser)
 
@@ -101,9 +121,9 @@ def _run(args: argparse.Namespace) -> int:
     for option, path in (("--views", args.views), ("--hci", args.hci)):
         if path is not None and path.exists() and not path.is_dir():
             raise FileError(f"{option} {path}: is a file; name a folder")
-    for option in ("tiles", "view_size", "aspect", "spp", "scene"):
+    for option in ("tiles", "view_size", "aspect", "view_spp", "scene"):
         if getattr(args, option) is not None and args.quilt is None:
-            raise UsageError(f"--{option.replace('_', '-')}: is of a quilt; add --quilt FILE")
+            raise UsageError(f"--{option.replace('_', '-')}: needs a quilt; add --quilt FILE")
     chosen = _chosen_of_report(args) if args.what.is_dir() else _chosen_eia(args)
     quilt = None if args.quilt is None else _quilt(args, chosen)
     lines = _write_sheet_and_views(args, chosen)
@@ -129,7 +149,7 @@ def _chosen_eia(args: argparse.Namespace) -> _Chosen:
     from inim.scene.file import choose_display
 
     if args.algorithm:
-        raise UsageError("--algorithm: is for a report's folder; an EIA has no others beside it")
+        raise UsageError("--algorithms: needs a report's folder; an EIA has no algorithms")
     design, settings = choose_display(**choices_of(args), source="inim export")
     real, distance = misaligned(design, settings.misalign), settings.viewing_distance_mm
     return _Chosen(args.what, design, real, settings.lens_model, distance, args.what.name)
@@ -146,7 +166,7 @@ def _chosen_of_report(args: argparse.Namespace) -> _Chosen:
         )
     report = Report.load(args.what)
     name, why = (args.algorithm, "") if args.algorithm else _best(report)
-    path, design = report.eia_path(name, "--algorithm"), report.display
+    path, design = report.eia_path(name, "--algorithms"), report.display
     return _Chosen(
         path,
         design,
@@ -168,7 +188,7 @@ def _best(report: Report) -> tuple[str, str]:
         return names[0], ", the report's only algorithm"
     if best is None:
         raise UsageError(
-            f"{report.folder}: has no scores to choose by; name one with --algorithm: "
+            f"{report.folder}: has no scores to choose by; name one with --algorithms: "
             f"{', '.join([*names, 'truth'])}"
         )
     return best, f", the best of {len(names)} by {HEADLINE_WORDS}"
@@ -237,7 +257,7 @@ def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
     from inim.views.quilt import QuiltRequest, check_quilt
 
     if args.scene is not None and not chosen.is_truth:
-        raise UsageError("--scene: is traced for the truth only; add --algorithm truth")
+        raise UsageError("--scene: needs the ground truth; add --algorithms truth")
     columns, rows = tiles = _pair("--tiles", args.tiles or _TILES, 1000)
     if args.view_size is not None:
         width, height = _pair("--view-size", args.view_size, 2**28)
@@ -260,7 +280,7 @@ def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
         width,
         height,
         aspect if args.aspect is None else args.aspect,
-        _SPP if args.spp is None else args.spp,
+        _SPP if args.view_spp is None else args.view_spp,
     )
     try:
         check_quilt(request)
@@ -270,7 +290,5 @@ def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
 
 
 COMMANDS = {
-    "export": Command(
-        "write an EIA as PDF, or its views: pictures, HCI, quilt", _add_arguments, _run
-    )
+    "export": Command("write an EIA as PDF, views, light field or quilt", _add_arguments, _run)
 }

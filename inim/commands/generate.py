@@ -14,6 +14,7 @@ from inim.commands.options import (
     add_debug,
     add_picture,
     choices_of,
+    classify_input,
     picture_of,
     print_outcome,
     print_warning,
@@ -31,49 +32,66 @@ if TYPE_CHECKING:
 
 _DEFAULT_ALGORITHM = "template"
 _EPILOG = """depth
-  Distances (--depth-unit mm, cm, m, or 5000 for 5000 units per metre): 0, negative and not finite
-  values are missing. Numbers without a unit (--depth-unit none): only what is not finite, and
-  --missing. Both grow away from the camera, unless --near-is-large.
+  Distances (--depth-unit mm, cm, m, or 5000 for 5000 units per metre): 0, negative and non-finite
+  values are missing. Numbers without a unit (--depth-unit none): non-finite values and those of
+  --missing are missing. Both grow away from the camera, unless --near-is-large.
 
 photographs with depth inside
-  Named by themselves: depth, unit and direction are the file's own. Taken as orthographic, or with
-  --intrinsics photo by the file's own camera; --fit is auto.
+  Just give the file name: depth, unit and direction are the file's own. The photograph is treated
+  as orthographic, or with --intrinsics photo as seen by the file's own camera. --fit is auto.
 
 perspective
-  --intrinsics unprojects every sample to its place in space; the array then shows that space, and
-  at the distance --frame-at the camera's picture fits it. --orthographic takes the picture as is.
+  --intrinsics unprojects every sample to its position in space. The array then shows this space,
+  and at the distance --frame-at the camera's picture fits it. --orthographic uses the picture as
+  it is.
   Linear depth keeps an unprojected scene straight, reciprocal depth an orthographic one.
 """
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Make an elemental image array of a camera's colour and depth picture, or of photographs "
-        "with depth inside."
+        "Generate an elemental image array (EIA) from a camera's colour and depth pictures, a "
+        "photograph with depth inside, or a light field."
     )
     parser.epilog = _EPILOG
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     add = parser.add_argument
     add(
-        "photo",
+        "input",
         type=Path,
-        nargs="?",
-        help="a photograph with depth inside (HEIC, or JPEG of Android or Apple), or a folder of "
-        "them; --color and --depth otherwise",
+        metavar="INPUT",
+        help="a colour picture with --depth; a photograph with depth inside (HEIC, or JPEG from "
+        "Android or Apple) or a folder of them; or the folder of an HCI 4D light field",
     )
     add_picture(parser)
     add_choices(parser, "display", "definitions")
-    add("--hci", type=Path, metavar="DIR", help="instead of both: an HCI 4D light field")
-    add("--true-views", action="store_true", help="with --hci: of all views, not of the centre one")
-    add("--algorithm", default=_DEFAULT_ALGORITHM, help="see `inim algorithms`; template:samples=4")
-    add("--fill", default="none", help="holes of the EIA: none, hidden (behind things), or all")
-    add("-o", "--out", type=Path, help="EIA, .png or .exr (eia.png); of a folder one, too")
-    add("--pdf", type=Path, help="also a PDF that prints at true size")
-    add("--rgbd", type=Path, help="also the fitted colour and depth, .exr")
+    add("--all-views", action="store_true", help="light field: use all views, not the centre one")
+    add(
+        "-a",
+        "--algorithms",
+        dest="algorithm",
+        metavar="ALGORITHM",
+        default=_DEFAULT_ALGORITHM,
+        help="one algorithm with options, such as template:samples=4; see `inim info algorithms`",
+    )
+    add("--fill", default="none", help="filling of holes: none, hidden (by a surface), or all")
+    add("-o", "--out", type=Path, help="EIA, .png or .exr (eia.png); for a folder, a folder")
+    add("--pdf", type=Path, help="also write a PDF that prints at true size")
+    add(
+        "--save-rgbd",
+        type=Path,
+        metavar="FILE",
+        help="also write the fitted colour and depth, .exr",
+    )
     add_debug(parser)
 
 
 def _run(args: argparse.Namespace) -> int:
+    classify_input(args)
+    if args.scene is not None:
+        raise UsageError(f"{args.input}: is a scene; use inim validate, which generates its EIAs")
+    if args.fitted is not None:
+        raise UsageError(f"{args.input}: no depth; add --depth FILE")
     if args.photo is not None and args.photo.is_dir():
         return _run_folder(args)
     args.out = args.out or Path("eia.png")
@@ -89,9 +107,10 @@ def _run_folder(args: argparse.Namespace) -> int:
     from inim.from_camera.depth_photo import SUFFIXES
     from inim.worker.output import default_out
 
-    for option in ("pdf", "rgbd", "hci"):
+    for option in ("pdf", "save_rgbd"):
         if getattr(args, option) is not None:
-            raise UsageError(f"--{option}: is for one picture; leave it out with a folder")
+            name = option.replace("_", "-")
+            raise UsageError(f"--{name}: needs a single picture; leave it out with a folder")
     folder, out = args.photo, args.out or default_out(args.photo, "eia")
     if out.suffix.lower() in EIA_SUFFIXES or out.is_file():
         raise UsageError(f"-o {out}: {folder} is a folder; name a folder for its EIAs")
@@ -131,8 +150,7 @@ def _run_one(args: argparse.Namespace) -> None:
         report, warnings = _generate(args)
     except MemoryError as error:
         raise OutOfMemoryError(
-            f"{args.photo or args.color or args.hci}: not enough memory for a picture of this "
-            "size; scale it down"
+            f"{args.input}: not enough memory for a picture of this size; scale it down"
         ) from error
     for warning in warnings:
         print_warning(warning)
@@ -147,7 +165,7 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     picture = picture_of(args)
     _check(args, picture)
     display, settings = choose_display(**choices_of(args), source="inim generate")
-    if args.hci is not None:
+    if args.light_field is not None:
         return _of_light_field(args, display, settings), ()
     picture.camera()
     from inim.generators import check_algorithm
@@ -172,16 +190,18 @@ def _of_light_field(args: argparse.Namespace, display: Display, settings: Settin
         step_mm,
     )
 
-    field = read_hci(args.hci)
+    field = read_hci(args.light_field)
     rgbd, clipped = None, None
-    if args.true_views:
-        if args.rgbd is not None:
-            raise UsageError("--rgbd: the true views have no depth; leave it or --true-views out")
+    if args.all_views:
+        if args.save_rgbd is not None:
+            raise UsageError(
+                "--save-rgbd: the light field's views have no depth; leave it or --all-views out"
+            )
         eia, fitted = eia_of_all_views(field, display)
         empty: np.ndarray | None = ~fitted
     else:
         pixels_per_pitch = settings.capture_pixels_per_pitch
-        rgbd, clipped = centre_view_picture(field, display, pixels_per_pitch, str(args.hci))
+        rgbd, clipped = centre_view_picture(field, display, pixels_per_pitch, str(args.light_field))
         eia, empty = _generated(_algorithm(args), rgbd, display)
     down, across, height, width = field.views.shape[:4]
     report = [
@@ -200,23 +220,23 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
     from inim.files.eia_file import EIA_SUFFIXES
     from inim.generators.registry import FILLS, one_of
 
-    if args.hci is not None:
-        if args.photo is not None:
-            raise UsageError(f"{args.photo}: a photograph and --hci; give one of them")
-        for name in ("color", "depth", "depth_unit", "intrinsics", "near", "far", "frame_at"):
+    if args.light_field is not None:
+        for name in ("depth_unit", "intrinsics", "near", "far", "frame_at"):
             if getattr(args, name) is not None:
                 option = f"--{name.replace('_', '-')}"
-                raise UsageError(f"{option}: the light field of --hci has its own; leave it out")
-    elif args.true_views:
-        raise UsageError("--true-views: are those of a light field; name it with --hci DIR")
+                raise UsageError(
+                    f"{option}: the light field {args.input} has its own; leave it out"
+                )
+    elif args.all_views:
+        raise UsageError(f"--all-views: {args.input} is not a light field; leave it out")
     else:
         picture.check_files()
     picture.check_choices()
-    if one_of("--fill", args.fill, FILLS) != "none" and args.true_views:
-        raise UsageError("--fill: the true views have no algorithm's holes; leave it out")
+    if one_of("--fill", args.fill, FILLS) != "none" and args.all_views:
+        raise UsageError("--fill: with --all-views no algorithm leaves holes; leave it out")
     suffixes = (("-o", args.out, EIA_SUFFIXES), ("--pdf", args.pdf, (".pdf",)))
     outputs: dict[str, str] = {}
-    for option, path, allowed in (*suffixes, ("--rgbd", args.rgbd, (".exr",))):
+    for option, path, allowed in (*suffixes, ("--save-rgbd", args.save_rgbd, (".exr",))):
         if path is None:
             continue
         if path.suffix.lower() not in allowed:
@@ -224,7 +244,7 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
         if path.is_dir():
             raise FileError(f"{path}: is a folder; name a file with {option}")
         place = os.path.realpath(path)
-        inputs = [os.path.realpath(p) for p in (args.photo, args.color, args.depth) if p]
+        inputs = [os.path.realpath(p) for p in (args.input, args.depth) if p]
         if place in inputs or place in outputs:
             raise UsageError(
                 f"{option} {path}: is also {outputs.get(place, 'what is read')}; give it another "
@@ -258,16 +278,16 @@ def _written(
     empty: np.ndarray | None,
     display: Display,
 ) -> str:
-    """Write the files of -o, --pdf and --rgbd; return the line of output."""
+    """Write the files of -o, --pdf and --save-rgbd; return the line of output."""
     from inim.files.eia_file import write_eia, write_true_size_pdf
     from inim.files.image import write_rgbd
 
     write_eia(args.out, eia, empty, display.pixel_pitch_mm)
     if args.pdf is not None:
         write_true_size_pdf(args.pdf, eia, display.pixel_pitch_mm)
-    if args.rgbd is not None and rgbd is not None:
-        write_rgbd(args.rgbd, rgbd)
-    paths = [path for path in (args.out, args.pdf, args.rgbd) if path is not None]
+    if args.save_rgbd is not None and rgbd is not None:
+        write_rgbd(args.save_rgbd, rgbd)
+    paths = [path for path in (args.out, args.pdf, args.save_rgbd) if path is not None]
     return f"written    {', '.join(map(str, paths))}"
 
 
@@ -319,6 +339,4 @@ def _report(
     ]
 
 
-COMMANDS = {
-    "generate": Command("make EIAs of your own colour and depth pictures", _add_arguments, _run)
-}
+COMMANDS = {"generate": Command("generate EIAs from your own pictures", _add_arguments, _run)}

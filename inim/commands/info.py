@@ -1,4 +1,4 @@
-"""Commands that inform: about a display before anything is rendered, and about the installation."""
+"""Commands `inim inspect`, about a display, and `inim info`, about the installation."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inim.commands.options import Command, add_choices, add_debug, add_exit_codes, no_arguments
+from inim.commands.options import Command, add_choices, add_debug, add_exit_codes
 from inim.errors import EXIT_PASSED, BackendError, FileError, UsageError, suggest_words
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from inim.settings import Settings
 
 
-_NO_STORE = "no store is used: INIM_CACHE is off, or there is no home folder; let it name a folder"
+_NO_STORE = "no cache: INIM_CACHE is off, or there is no home folder; set INIM_CACHE to a folder"
 _DISTRIBUTIONS = ("inim", "mitsuba", "drjit", "numpy", "OpenEXR", "trimesh", "flip-evaluator")
 
 
@@ -36,38 +36,25 @@ def _settings(_: argparse.Namespace) -> int:
     return EXIT_PASSED
 
 
-def _add_cache_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.description = (
-        "Results of validations are kept and found again by what decides them. "
-        "INIM_CACHE names their folder, or is 'off'; INIM_CACHE_GIB is the most they may take "
-        "(8): what was not used for longest goes first."
-    )
-    parser.add_argument("action", choices=("info", "clear"))
-
-
 def _cache(args: argparse.Namespace) -> int:
     from inim.cache import open_store
 
     store = open_store()
     if store is None:
         print(_NO_STORE)
-    elif args.action == "clear":
-        print(f"removed {_held(store.clear())}")
+    elif args.clear:
+        print(f"removed {_size_text(store.clear())}")
     else:
         info = store.info()
-        print(f"{_held(info)}, at most {info.limit_bytes / 2**30:.3g} GiB")
+        print(f"{_size_text(info)}, at most {info.limit_bytes / 2**30:.3g} GiB")
     return EXIT_PASSED
 
 
-def _held(info: StoreInfo) -> str:
+def _size_text(info: StoreInfo) -> str:
     return f"{info.records} results, {info.size_bytes / 2**20:.1f} MiB, in {info.folder}"
 
 
-def _add_sys_info_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--json", action="store_true", help="as JSON")
-
-
-def _sys_info(args: argparse.Namespace) -> int:
+def _system(args: argparse.Namespace) -> int:
     import json
 
     print(json.dumps(describe(), indent=1) if args.json else sys_info())
@@ -138,11 +125,37 @@ def sys_info() -> str:
     return "\n".join(f"{name:<15} {value}" for name, value in rows)
 
 
+def _add_info_arguments(parser: argparse.ArgumentParser) -> None:
+    subjects = parser.add_subparsers(required=True, metavar="SUBJECT")
+    for name, (summary, run) in _SUBJECTS.items():
+        own = subjects.add_parser(name, help=summary, description=summary.capitalize() + ".")
+        own.set_defaults(show=run)
+        if name == "cache":
+            own.epilog = (
+                "INIM_CACHE is the folder, or 'off'; INIM_CACHE_GIB is its maximum size (8)."
+            )
+            own.add_argument("--clear", action="store_true", help="remove all cached results")
+        if name == "system":
+            own.add_argument("--json", action="store_true", help="print JSON")
+
+
+def _info(args: argparse.Namespace) -> int:
+    return int(args.show(args))
+
+
+_SUBJECTS = {
+    "algorithms": ("list the algorithms and their options", _algorithms),
+    "settings": ("list the inim.* settings of scene files", _settings),
+    "cache": ("show the folder and the size of the result cache", _cache),
+    "system": ("show the renderer's backends and the installed versions", _system),
+}
+
+
 def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:
     add_exit_codes(parser)
     parser.description = (
-        "Say what a display can do, before anything is rendered: depth, viewing zone, voxel size, "
-        "spots, crosstalk, and what its pixels per lens cost and give."
+        "Compute the properties of a display without rendering: depth, viewing zone, voxel size, "
+        "spots, crosstalk, and the effect of more or fewer pixels per lens."
     )
     parser.add_argument("display", metavar="SCENE|PRESET", help="scene (.xml), nominal or phone")
     add_choices(parser, "definitions")
@@ -226,10 +239,7 @@ def _write(findings: Findings, json_text: str, folder: Path) -> list[str]:
 
 COMMANDS = {
     "inspect": Command(
-        "say what a display can do, before anything is rendered", _add_inspect_arguments, _inspect
+        "compute a display's depth, viewing zone and resolution", _add_inspect_arguments, _inspect
     ),
-    "cache": Command("what the store of results holds; empty it", _add_cache_arguments, _cache),
-    "sys-info": Command("what the renderer can run on here", _add_sys_info_arguments, _sys_info),
-    "algorithms": Command("list the algorithms and their options", no_arguments, _algorithms),
-    "settings": Command("list the inim.* settings of scene files", no_arguments, _settings),
+    "info": Command("show algorithms, settings, cache or system", _add_info_arguments, _info),
 }

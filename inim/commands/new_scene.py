@@ -346,4 +346,4 @@ def _write_part(part: Mesh, path: Path) -> None:
         write_ply(path, part)
 
 
-COMMANDS = {"new-scene": Command("write a fitted scene for a mesh or splats", _add_arguments, _run)}
+COMMANDS = {"new-scene": Command("create a lit scene from a mesh or splats", _add_arguments, _run)}

@@ -38,10 +38,6 @@ class Command(NamedTuple):
     run: Callable[[argparse.Namespace], int]
 
 
-def no_arguments(_: argparse.ArgumentParser) -> None:
-    """The arguments of a command that has none."""
-
-
 def add_exit_codes(parser: argparse.ArgumentParser) -> None:
     """The exit codes below a command's help."""
     parser.epilog = _EXIT_CODES
@@ -57,7 +53,7 @@ def add_allow_folder(parser: _Options) -> None:
         default=[],
         type=Path,
         metavar="DIR",
-        help="files that the scene names may lie in this folder, too; may be repeated",
+        help="allow files of the scene in this folder; may be repeated",
     )
 
 
@@ -67,31 +63,30 @@ _CHOICES: dict[str, dict[str, Any]] = {
         "action": "append",
         "default": [],
         "metavar": "KEY=VALUE",
-        "help": "override an inim.* setting or a scene parameter; may be repeated",
+        "help": "set an inim.* setting or a scene parameter; may be repeated",
     },
-    "display": {"help": "a preset, nominal or phone, or an .xml with inim.* settings"},
+    "display": {"help": "preset (nominal or phone) or an .xml file with inim.* settings"},
     "algorithms": {
-        "help": "algorithms with options, separated by commas; see `inim algorithms`",
+        "help": "algorithms with options, separated by commas; see `inim info algorithms`",
     },
-    "viewpoints": {"help": "names, or 'name=x y [z]' in mm, separated by commas"},
-    "lens_model": {"help": "lens model: pinhole, thin, thick, full, or another package's"},
-    "misalign": {
-        "metavar": "KEY=NUMBER,...",
-        "help": "how far the array lies off what generators know, such as 'rotation_deg=0.5'",
-    },
+    "viewpoints": {"help": "names or 'name=x y [z]' in mm, separated by commas"},
+    "lens_model": {"help": "pinhole, thin, thick, full, or a model from another package"},
 }
 
 
 def add_choices(parser: _Options, *names: str) -> None:
     """Options for a display, its EIAs and its viewer, all by default; `choices_of` reads them."""
     for name in names or _CHOICES:
-        option = "-D" if name == "definitions" else f"--{name.replace('_', '-')}"
-        parser.add_argument(option, dest=name, **_CHOICES[name])
+        options = [f"--{name.replace('_', '-')}"]
+        if name == "definitions":
+            options = ["-D"]
+        elif name == "algorithms":
+            options.insert(0, "-a")
+        parser.add_argument(*options, dest=name, **_CHOICES[name])
 
 
 def choices_of(args: argparse.Namespace) -> dict[str, Any]:
     """Values of the options of `add_choices` that a parser has, as `Choices` has them."""
-    from inim.display.misalignment import parse_misalignment
     from inim.display.viewpoint import viewpoint_items
     from inim.generators import algorithm_items
     from inim.scene.file import parse_definitions
@@ -102,7 +97,6 @@ def choices_of(args: argparse.Namespace) -> dict[str, Any]:
         "algorithms": algorithm_items,
         "viewpoints": viewpoint_items,
         "lens_model": str,
-        "misalign": parse_misalignment,
     }
     texts = {name: getattr(args, name, None) for name in parsers}
     return {name: parsers[name](text) for name, text in texts.items() if text is not None}
@@ -120,26 +114,63 @@ def add_debug(parser: _Options) -> None:
 
 
 def add_picture(parser: _Options) -> None:
-    """Add options for a camera's colour and depth images; `picture_of` collects them."""
+    """Add options for a camera's depth and projection; `picture_of` collects them."""
     add = parser.add_argument
-    add("--color", type=Path, metavar="FILE", help="PNG, JPEG, ... (sRGB) or EXR (linear)")
-    add("--depth", type=Path, metavar="FILE", help=".png, .pgm, .tif, .exr, .pfm or .npy")
+    add(
+        "--depth",
+        type=Path,
+        metavar="FILE",
+        help="depth of the colour picture INPUT: .png, .pgm, .tif, .exr, .pfm or .npy",
+    )
     add("--depth-unit", metavar="UNIT", help="mm, cm, m, units per metre (5000), or none")
-    add("--intrinsics", metavar="FX,FY,CX,CY", help="pixels of the colour picture; photo: its own")
-    add("--orthographic", action="store_true", help="take the picture as orthographic")
+    add(
+        "--intrinsics",
+        metavar="FX,FY,CX,CY",
+        help="camera, in pixels of the colour picture; photo: its own",
+    )
+    add("--orthographic", action="store_true", help="treat the picture as orthographic")
     add("--depth-map", default="linear", help="linear, reciprocal (Li 2012), or printed (Eq. 4)")
     direction = parser.add_mutually_exclusive_group()
-    direction.add_argument("--near-is-large", action="store_true", help="white is near")
-    direction.add_argument("--far-is-large", action="store_true", help="as distances are")
-    add("--near", type=float, metavar="D", help="nearest depth mapped: mm, or without a unit plain")
-    add("--far", type=float, metavar="D", help="farthest (defaults: the 0.5 and 99.5 %% quantiles)")
+    direction.add_argument("--near-is-large", action="store_true", help="large values are near")
+    direction.add_argument(
+        "--far-is-large", action="store_true", help="large values are far, as for distances"
+    )
+    add(
+        "--near",
+        type=float,
+        metavar="D",
+        help="nearest depth to map (mm, or raw values if unitless)",
+    )
+    add(
+        "--far",
+        type=float,
+        metavar="D",
+        help="farthest depth to map (defaults: 0.5 and 99.5 %% quantiles)",
+    )
     add("--out-of-range", default="clip", help="depths beyond --near and --far: clip or drop")
-    add("--missing", default="", metavar="N,...", help="numbers of the file that mean no depth")
-    add("--missing-depth", default="none", help="missing depth: none, nearest, behind or far")
-    add("--fit", help="contain: all of the picture; cover: all of the array; auto: by its depth")
-    add("--frame-at", type=float, metavar="D", help="distance at which it fits (the median)")
-    add("--max-slope", type=float, default=10.0, help="slope up to which samples are one surface")
-    add("--swap-bytes", action="store_true", help="16-bit depth in the other byte order")
+    add(
+        "--missing",
+        default="",
+        metavar="N,...",
+        help="values in the file that stand for missing depth",
+    )
+    add(
+        "--missing-depth",
+        default="none",
+        help="filling of missing depth: none, nearest, behind or far",
+    )
+    add(
+        "--fit",
+        help="contain: the whole picture; cover: the whole array; auto: by the subject's depth",
+    )
+    add(
+        "--frame-at",
+        type=float,
+        metavar="D",
+        help="distance at which the picture fits the array (median)",
+    )
+    add("--max-slope", type=float, default=10.0, help="largest slope within one surface (10)")
+    add("--swap-bytes", action="store_true", help="swap the bytes of 16-bit depth")
 
 
 def picture_of(args: argparse.Namespace) -> CameraPicture:
@@ -149,6 +180,32 @@ def picture_of(args: argparse.Namespace) -> CameraPicture:
     from inim.from_camera.picture import CameraPicture
 
     return CameraPicture(**{f.name: getattr(args, f.name) for f in fields(CameraPicture)})
+
+
+def classify_input(args: argparse.Namespace) -> None:
+    """Set the kind of the positional argument INPUT, by its content and --depth.
+
+    Exactly one of `scene`, `fitted`, `light_field`, `color` and `photo` becomes the path: a scene
+    (.xml), a fitted RGB-D picture (.exr), a folder of an HCI light field, the colour picture of
+    --depth, or a photograph with depth inside (or a folder of them).
+    """
+    kinds = ("scene", "fitted", "light_field", "color", "photo")
+    vars(args).update(dict.fromkeys(kinds))
+    suffix = args.input.suffix.lower()
+    if args.depth is not None:
+        kind = "color"
+    elif any(map(_is_of_light_field, os.listdir(args.input) if args.input.is_dir() else ())):
+        kind = "light_field"
+    elif suffix == ".xml":
+        kind = "scene"
+    else:
+        kind = "fitted" if suffix == ".exr" else "photo"
+    setattr(args, kind, args.input)
+
+
+def _is_of_light_field(name: str) -> bool:
+    """True for the names of files in an HCI light field."""
+    return name == "parameters.cfg" or name.startswith("input_Cam")
 
 
 def print_warning(text: str, kind: str = "warning") -> None:

@@ -118,21 +118,21 @@ def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:
         "--study",
         type=Path,
         metavar="FILE",
-        help="how the errors scatter (.toml), see docs/how-to/tolerate.md (by the geometry)",
+        help="distributions of the errors (.toml), see docs/how-to/tolerate.md",
     )
     add_choices(parser, "definitions", "display", "viewpoints")
     parser.add_argument(
-        "--algorithm",
-        dest="algorithms",
+        "-a",
+        "--algorithms",
         default="pickup",
-        help="whose EIA is shown (pickup: the traced one, which loses by the error alone)",
+        help="one algorithm for the EIA (pickup: the ray-traced EIA)",
     )
     parser.add_argument(
         "--criterion",
         type=float,
         default=0.01,
         metavar="LOSS",
-        help="SSIM on the relic to the reference that may be lost (0.01)",
+        help="largest tolerated loss of SSIM on the relic to the reference (0.01)",
     )
     parser.add_argument(
         "--calibration",
@@ -170,12 +170,12 @@ def _tolerate(args: argparse.Namespace) -> int:
 
 COMMANDS = {
     "sweep": Command(
-        "validate a whole study: scenes x displays x algorithms x viewpoints x settings",
+        "validate all combinations of scenes, displays, algorithms and settings",
         _add_arguments,
         _sweep,
     ),
     "tolerate": Command(
-        "how accurately pitch, gap, rotation, shift and tilt of a display must be known",
+        "compute the tolerances of pitch, gap, rotation, shift and tilt",
         _add_tolerance_arguments,
         _tolerate,
     ),

@@ -17,6 +17,7 @@ from inim.commands.options import (
     add_picture,
     add_quiet,
     choices_of,
+    classify_input,
     picture_of,
     print_outcome,
     print_warning,
@@ -29,13 +30,18 @@ if TYPE_CHECKING:
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Render a scene, generate its elemental image array with each algorithm, "
-        "look at it through the lens array, and score every view against the scene."
+        "Render a scene, generate its elemental image array (EIA) with each algorithm, look at it "
+        "through the lens array, and score every view against the ground truth."
     )
     add_exit_codes(parser)
     add = parser.add_argument
-    add("scene", type=Path, nargs="?", help="Mitsuba scene (.xml) with inim.* settings")
-    add("-o", "--out", type=Path, help="folder for the report (default: SCENE-report)")
+    add(
+        "input",
+        type=Path,
+        metavar="INPUT",
+        help="Mitsuba scene (.xml) with inim.* settings; or a picture of your own, see below",
+    )
+    add("-o", "--out", type=Path, help="folder for the report (default: INPUT-report)")
     add_choices(parser)
     add_allow_folder(parser)
     add(
@@ -44,42 +50,44 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=FILE",
-        help="score a finished EIA, .png (sRGB) or .exr (linear), too, or with "
-        "`--algorithms none` only; may be repeated",
+        help="also score a finished EIA, .png (sRGB) or .exr (linear), or with `--algorithms none` "
+        "only this EIA; may be repeated",
     )
-    add("--backend", default="auto", choices=("auto", "llvm", "cuda"))
+    add(
+        "--backend",
+        default="auto",
+        choices=("auto", "llvm", "cuda"),
+        help="renderer backend (auto: CUDA if it works, otherwise LLVM)",
+    )
     add(
         "--baseline",
         type=Path,
         metavar="DIR",
-        help="compare with this baseline, made by `inim baseline accept`; a change fails",
+        help="compare with this baseline from `inim baseline accept`; a change fails",
     )
     _add_preview(parser)
     add(
         "--time",
         action="store_true",
-        help="time the generators in yardsticks, too; with --baseline, 15 %% slower fails",
+        help="also time the generators; with --baseline, 15 %% slower fails",
     )
     add(
         "--lazy",
         action="store_true",
-        help="make and render only the panel pixels that the viewpoints observe: the same scores "
-        "of views, none of whole EIAs",
+        help="generate only the panel pixels that the viewpoints observe: equal scores of views, "
+        "none of EIAs",
     )
     add(
         "--no-skip",
         action="store_true",
-        help="do everything, also what changes no result, and use no store",
+        help="perform all work, even if it cannot change a result, without the cache",
     )
     add_quiet(parser)
     picture = parser.add_argument_group(
-        "in place of a scene",
-        "A picture of your own: what can be scored without ground truth is, the rest says why not. "
-        "Colour and depth as for `inim generate`, or what its --rgbd wrote; --display may be an "
-        ".xml with inim.* settings.",
+        "pictures of your own",
+        "INPUT is a colour picture with --depth, a photograph with depth inside, or the output of "
+        "`inim generate --save-rgbd` (.exr). Scores that need a scene are listed with the reason.",
     )
-    picture.add_argument("--rgbd", type=Path, metavar="FILE", help="fitted colour and depth, .exr")
-    picture.add_argument("--photo", type=Path, metavar="FILE", help="a photo with depth inside")
     add_picture(picture)
 
 
@@ -87,21 +95,17 @@ def _add_preview(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--preview",
         action="store_true",
-        help="a first look in seconds: template alone, from the centre, by few samples; -D and "
-        "the options above override it",
+        help="first look in seconds: template only, from the centre, few samples; other options "
+        "override this",
     )
 
 
 def _run(args: argparse.Namespace) -> int:
     _check_words(args)
-    if args.rgbd or args.color or args.depth or args.photo:
-        passed, out = _validate_picture(args)
-    elif args.scene is None:
-        raise UsageError(
-            "validate: name a scene, or a picture with --photo, --rgbd, or --color and --depth"
-        )
-    else:
-        passed, out = _validate_scene(args)
+    classify_input(args)
+    if args.light_field is not None or (args.photo is not None and args.photo.is_dir()):
+        raise UsageError(f"{args.input}: is a folder; give a scene (.xml) or a picture")
+    passed, out = _validate_scene(args) if args.scene else _validate_picture(args)
     return _ended(passed, out, args.quiet)
 
 
@@ -130,25 +134,19 @@ def _words(passed: bool, out: Path) -> str:
 
 
 def _check_words(args: argparse.Namespace) -> None:
-    """Bytes that are no text in this locale cannot go into a report."""
-    texts = (args.scene, args.out, *args.definitions, args.algorithms, *args.eias, args.viewpoints)
+    """Reject names that cannot be encoded in this locale, and so not in a report."""
+    texts = (args.input, args.out, *args.definitions, args.algorithms, *args.eias, args.viewpoints)
     for word in map(str, texts):
         if not word.isascii() and any("\ud800" <= c <= "\udfff" for c in word):
             raise UsageError(
-                f"{word!a}: is no text in this locale ({sys.getfilesystemencoding()}); "
+                f"{word!a}: cannot be encoded in this locale ({sys.getfilesystemencoding()}); "
                 "rename it, or set PYTHONUTF8=1"
             )
 
 
 def _validate_scene(args: argparse.Namespace) -> tuple[bool, Path]:
-    from inim.files.triangle_mesh import MESH_SUFFIXES
     from inim.worker.output import default_out
 
-    if args.scene.suffix.lower() in MESH_SUFFIXES and args.scene.is_file():
-        raise UsageError(
-            f"{args.scene}: is a mesh; make a scene of it first: inim new-scene "
-            f"{shlex.quote(str(args.scene))}"
-        )
     args.out = args.out or default_out(args.scene, "report")
     return _validated(args, _request), args.out
 
@@ -189,20 +187,20 @@ def _validated(
 
 
 def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
+    from inim.files.triangle_mesh import MESH_SUFFIXES
     from inim.views.own_picture import PictureRequest, ignore_message, run_picture
 
-    if args.scene is not None:
-        raise UsageError(f"{args.scene}: a scene and a picture; validate one of them")
-    if args.rgbd is not None and (args.color or args.depth or args.photo):
+    if args.input.suffix.lower() in MESH_SUFFIXES and args.input.is_file():
         raise UsageError(
-            "--rgbd: is a fitted picture; leave --color, --depth and --photo out, or --rgbd"
+            f"{args.input}: is a mesh; make a scene of it first: inim new-scene "
+            f"{shlex.quote(str(args.input))}"
         )
-    for option in ("eias", "misalign", "baseline", "preview", "time", "lazy", "allow_folders"):
+    for option in ("eias", "baseline", "preview", "time", "lazy", "allow_folders"):
         if getattr(args, option):
             option_name = f"--{option.removesuffix('s').replace('_', '-')}"
             raise UsageError(f"{option_name}: needs the ground truth of a scene; leave it out")
     request = PictureRequest(
-        picture_of(args), args.rgbd, args.out, args.backend, **choices_of(args)
+        picture_of(args), args.fitted, args.out, args.backend, **choices_of(args)
     )
     on_warning = ignore_message if args.quiet else print_warning
     on_note = ignore_message if args.quiet else print
@@ -212,7 +210,7 @@ def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
 
 
 def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.description = "Validate the amphora that comes with inim, and say where its report lies."
+    parser.description = "Validate the bundled amphora and print the path of its report."
     add_exit_codes(parser)
     parser.add_argument("-o", "--out", type=Path, help="folder for the report (amphora-report)")
     _add_preview(parser)
@@ -239,17 +237,17 @@ def _demo_scene() -> Path:
     for folder in (package / "demo", package.parent / "scenes"):
         if (folder / "amphora.xml").is_file():
             return folder / "amphora.xml"
-    raise FileError(f"{package / 'demo'}: the amphora is not there; install inim again")
+    raise FileError(f"{package / 'demo'}: missing; install inim again")
 
 
 COMMANDS = {
     "demo": Command(
-        "validate the amphora that comes with inim: the first thing to type",
+        "validate the bundled amphora: start here",
         _add_demo_arguments,
         _demo,
     ),
     "validate": Command(
-        "render a scene, generate its EIA with each algorithm, score every view",
+        "render a scene, generate EIAs, and score every view",
         _add_arguments,
         _run,
     ),

@@ -207,10 +207,10 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
     add("folder", type=Path, metavar="OUT", help="a report's folder")
     add("-o", "--out", type=Path, metavar="FILM", help=f".gif, .webp or .mp4 (OUT/{_FILM})")
     add(
-        "--show",
-        action="append",
-        metavar="NAME",
-        help="algorithm, or reference; repeated: side by side (reference and the best algorithm)",
+        "-a",
+        "--algorithms",
+        metavar="NAME,...",
+        help="panes: algorithms, or reference (reference and the best algorithm)",
     )
     add(
         "--path",
@@ -218,18 +218,18 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
         help="'circle' inside the viewing zone, or eye positions 'x y [z], x y [z], ...' in mm, "
         "there and back (circle)",
     )
-    add("--allow-flips", action="store_true", help="the path may leave the viewing zone")
+    add("--allow-flips", action="store_true", help="allow the path to leave the viewing zone")
     add_choices(parser, "lens_model")
     add(
         "--scene",
         type=Path,
-        help="the report's scene (.xml), in a pane of its own; with inim[perception] installed, "
-        "the others are scored against it as films, in JOD",
+        help="add a pane with the report's scene (.xml); with inim[perception], the other panes "
+        "are scored against it as films, in JOD",
     )
     add_allow_folder(parser)
     add("--frames", type=int, default=48, metavar="N", help="frames (48)")
     add("--rate", type=float, default=16.0, metavar="FPS", help="frames per second (16)")
-    add("--spp", type=int, default=32, metavar="N", help="samples per pixel (32)")
+    add("--view-spp", type=int, default=32, metavar="N", help="samples per pixel (32)")
     add_quiet(parser)
 
 
@@ -250,12 +250,14 @@ def _film(args: argparse.Namespace) -> int:
     request = FilmRequest(
         folder=str(args.folder),
         out=str(args.out or args.folder / _FILM),
-        show=tuple(args.show or [REFERENCE, *([best] if best else [])]),
+        show=tuple(map(str.strip, args.algorithms.split(",")))
+        if args.algorithms
+        else (REFERENCE, *([best] if best else [])),
         path=args.path,
         lens_model=model,
         frames=args.frames,
         frames_per_second=args.rate,
-        spp=args.spp,
+        spp=args.view_spp,
         pixels_per_lens=report.data.settings.view_pixels_per_lens,
         allow_flips=args.allow_flips,
         scene=args.scene and TracedScene.of(report, args.scene, args.allow_folders),
@@ -268,9 +270,9 @@ def _film(args: argparse.Namespace) -> int:
 
 COMMANDS = {
     "view": Command(
-        "see a report's panels, or any EIA, through the lens array in a browser",
+        "view a report's EIAs, or any EIA, in a browser",
         _add_view_arguments,
         _view,
     ),
-    "film": Command("film a report's display with an eye that moves", _add_film_arguments, _film),
+    "film": Command("film a report's display with a moving eye", _add_film_arguments, _film),
 }

@@ -78,7 +78,7 @@ class PictureAlgorithm(Part):
 class PictureDocument(Document, tag="inim.picture/2"):
     """Report of a picture without a scene.
 
-    `report.json` in the folder of `inim validate` on a picture of one's own (`--rgbd`, or `--color`
+    `report.json` in the folder of `inim validate` on a user's own picture (fitted, or colour
     and `--depth`): all scores that need no ground truth.
     """
 

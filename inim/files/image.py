@@ -143,7 +143,7 @@ def read_rgbd(path: Path | str) -> RGBD:
     Parameters
     ----------
     path : path
-        `rgbd.exr` of a report, or a file from `inim generate --rgbd`.
+        `rgbd.exr` of a report, or a file from `inim generate --save-rgbd`.
 
     Raises
     ------

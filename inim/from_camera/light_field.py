@@ -34,12 +34,10 @@ def centre_view_picture(
     down, across = field.views.shape[:2]
     if field.disparity is None:
         raise FileError(
-            f"{name}: no gt_disp_lowres.pfm, the disparity of the centre view; use --true-views"
+            f"{name}: no gt_disp_lowres.pfm, the disparity of the centre view; use --all-views"
         )
     if not (down % 2 and across % 2):
-        raise FileError(
-            f"{name}: {across} x {down} views have none in the middle; use --true-views"
-        )
+        raise FileError(f"{name}: {across} x {down} views have none in the middle; use --all-views")
     if not np.isfinite(field.disparity).any():
         raise FileError(f"{name}: no pixel of the disparity is finite; it is damaged")
     step = step_mm(field, display)

@@ -241,7 +241,7 @@ class CameraPicture:
             )
         for name in ("color", "depth"):
             if getattr(self, name) is None:
-                raise UsageError(f"--{name}: missing; give --color FILE and --depth FILE")
+                raise UsageError(f"{name}: missing; give a colour picture and --depth FILE")
         if bool(self.intrinsics) == self.orthographic:
             raise UsageError(
                 "give either --intrinsics fx,fy,cx,cy (perspective picture, unprojected) or "

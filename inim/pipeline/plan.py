@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from inim.display import Display
-from inim.display.misalignment import misaligned
+from inim.display.misalignment import misaligned, misalignment_text, parse_misalignment
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.documents.parts import Conditions, DisplayRecord
 from inim.errors import OutOfMemoryError, SceneError, UsageError
@@ -121,7 +121,10 @@ def make_plan(request: Request) -> Plan:
     source = str(request.scene)
     display, settings = choose_display(request.display, definitions, source, file)
     settings = replace(settings, **request.overrides())
-    misalignment = settings.misalign if request.misalign is None else request.misalign
+    misalignment = parse_misalignment(
+        settings.misalign if request.misalign is None else request.misalign
+    )
+    settings = replace(settings, misalign=misalignment_text(misalignment))
     misaligned_display = misaligned(display, misalignment)
     check_lens_model(settings.lens_model, misaligned_display)
     all_metrics()  # raises if another package's metric cannot be loaded

@@ -101,7 +101,7 @@ class Choices:
         `scene_keys` are the keys of the settings in the scene file.
         """
         options = {f"--{name.replace('_', '-')}": v for name, v in self.overrides().items()}
-        for name in self._pupil():
+        for name in (*self._pupil(), *(["misalign"] if self.misalign is not None else ())):
             del options[f"--{name.replace('_', '-')}"]
         is_object = isinstance(self.display, Display)
         return {
@@ -115,6 +115,8 @@ class Choices:
     ) -> dict[str, str]:
         """Definitions, including values without an option: a `Display`, a `Viewpoint`'s pupil."""
         keys = [*self._pupil(), *(DISPLAY_KEYS if isinstance(self.display, Display) else ())]
+        if self.misalign is not None:
+            keys.append("misalign")
         values = {key: getattr(settings, key) for key in keys}
         return {**self.definitions} | {
             f"{PREFIX}{key}": NOT_SET if value is None else value_text(key, value)

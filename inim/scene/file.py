@@ -235,7 +235,7 @@ def choose_display(
         other = [key for key in definitions if not key.startswith(PREFIX)]
         if scene is None and other:
             raise SceneError(
-                f"-D {other[0]}: a display has inim.* settings only; see `inim settings`"
+                f"-D {other[0]}: a display has inim.* settings only; see `inim info settings`"
             )
         if display is not None:
             if f"{PREFIX}display" in definitions:

@@ -66,7 +66,7 @@ class ToleranceRequest:
         criterion = None if self.criterion == type(self).criterion else self.criterion
         options |= {
             "--study": self.study,
-            "--algorithm": None if algorithm == PICKUP else algorithm,
+            "--algorithms": None if algorithm == PICKUP else algorithm,
             "--criterion": criterion,
             "--calibration": self.calibration,
         }
@@ -145,7 +145,7 @@ def _design(request: ToleranceRequest) -> Plan:
     )
     if len(plan.methods) != 1:
         names = ",".join(validation.algorithms or ())
-        raise UsageError(f"--algorithm {names}: name one; of several, run each")
+        raise UsageError(f"--algorithms {names}: give a single algorithm")
     return plan
 
 

@@ -102,7 +102,7 @@ def _check_request(request: FilmRequest) -> FilmRequest:
     for name, value, high in (
         ("--frames", request.frames, _MAX_FRAMES),
         ("--rate", request.frames_per_second, 100),
-        ("--spp", request.spp, 2**16),
+        ("--view-spp", request.spp, 2**16),
     ):
         if not 1 <= value <= high:
             raise UsageError(f"{name} {value:g}: must be in 1..{high}")
@@ -130,7 +130,7 @@ def _read_eias(request: FilmRequest, report: Report, display: Display) -> list[n
     """Read the EIAs of the panes, (rows, columns, 3) float32 linear."""
     from inim.files.eia_file import read_eia
 
-    paths = [report.eia_path(name, "--show", true=REFERENCE) for name in request.show]
+    paths = [report.eia_path(name, "--algorithms", true=REFERENCE) for name in request.show]
     return [read_eia(path, display)[0] for path in paths]
 
 

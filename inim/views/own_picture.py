@@ -115,9 +115,9 @@ class PictureRequest(Choices):
             for name, (value, default) in values.items()
             if value != default
         }
-        return option_words(
-            {"-o": self.folder, **picture, "--rgbd": self.rgbd, **self.options(settings)}
-        )
+        source = self.rgbd or picture.pop("--photo", None) or picture.pop("--color", None)
+        words = option_words({"-o": self.folder, **picture, **self.options(settings)})
+        return [str(source), *words]
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def _fitted_warnings(rgbd: RGBD, display: Display, name: str) -> tuple[str, ...]
     if empty > MAX_LOST_SHARE:
         warnings.append(
             f"{name}: {empty:.1%} of the lens array is empty: fit the picture again with `inim "
-            "generate --rgbd` and --fit cover, --orthographic or --missing-depth"
+            "generate --save-rgbd` and --fit cover, --orthographic or --missing-depth"
         )
     return tuple(warnings)
 
@@ -212,7 +212,7 @@ def _check_picture(rgbd: RGBD, display: Display, name: str) -> None:
     if outside_share > MOST_OUTSIDE:
         raise FileError(
             f"{name}: {outside_share:.0%} of it is outside the display's depth range, {low:.4g} to "
-            f"{high:.4g} mm; fit it to this display with `inim generate --rgbd`"
+            f"{high:.4g} mm; fit it to this display with `inim generate --save-rgbd`"
         )
     if not np.isfinite(rgbd.palette).all():
         raise FileError(f"{name}: has colours that are not finite; replace them")

@@ -110,7 +110,7 @@ def check_quilt(request: QuiltRequest) -> QuiltRequest:
     if not 0.01 <= request.aspect <= 100:
         raise UsageError(f"--aspect {request.aspect:g}: must be width over height, such as 0.75")
     if not 1 <= request.spp <= _MAX_SAMPLES:
-        raise UsageError(f"--spp {request.spp}: must be in 1..{_MAX_SAMPLES}")
+        raise UsageError(f"--view-spp {request.spp}: must be in 1..{_MAX_SAMPLES}")
     if request.path.is_dir():
         raise FileError(f"{request.path}: is a folder; give the path of a file with --quilt")
     assert request.eyes

@@ -181,5 +181,5 @@ def _death(code: int, stage: str, memory_limit: int) -> InimError:
         return WorkerError(f"the worker was ended from outside during '{stage}'; run it again")
     return WorkerError(
         f"the worker died during '{stage}' ({cause}): a crash in native code; check the scene's "
-        "meshes, and run `inim sys-info` to check the backend"
+        "meshes, and run `inim info system` to check the backend"
     )

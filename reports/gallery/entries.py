@@ -112,13 +112,14 @@ ENTRIES = {
     ),
     "rotation": Entry(
         "Array turned on its panel",
-        "The array lies turned by an angle. An algorithm that does not know (`--misalign`) shows a "
-        "picture turned by about ten times as much, which breaks up where lenses show their "
-        "neighbours' elemental images. One that knows (`-D inim.rotation_deg`) loses nothing.",
+        "The array is rotated on its panel. If the algorithms do not use the angle "
+        "(`inim.misalign`), the image is rotated about ten times as much and breaks up where "
+        "lenses show their neighbours' elemental images. If they use it (`-D inim.rotation_deg`), "
+        "nothing is lost.",
         "scenes/amphora.xml",
         {
             **{
-                f"{angle}°, not known": ("--misalign", f"rotation_deg={angle}", *_CENTRE)
+                f"{angle}°, not known": ("-D", f"inim.misalign=rotation_deg={angle}", *_CENTRE)
                 for angle in _ANGLES
             },
             "0°": _CENTRE,
@@ -137,8 +138,8 @@ ENTRIES = {
         "scenes/amphora.xml",
         {
             "3.3 mm": _CENTRE,
-            "3.4 mm": ("--misalign", "gap_mm=0.1", *_CENTRE),
-            "3.6 mm": ("--misalign", "gap_mm=0.3", *_CENTRE),
+            "3.4 mm": ("-D", "inim.misalign=gap_mm=0.1", *_CENTRE),
+            "3.6 mm": ("-D", "inim.misalign=gap_mm=0.3", *_CENTRE),
         },
         shows_scene=True,
     ),

@@ -209,7 +209,7 @@ DOORS: dict[str, tuple[Read, ...]] = {
     "xml": (_open_scene,),
     "document-report": (
         _command(_REPORT, "export", "OUT", "--quilt", "quilt.png", "--hci", "field"),
-        _command(_REPORT, "export", "OUT", "--quilt", "quilt.png", "--algorithm", "truth"),
+        _command(_REPORT, "export", "OUT", "--quilt", "quilt.png", "--algorithms", "truth"),
         _command(_REPORT, *_ACCEPT),
         _command(_REPORT, "film", "OUT"),
         _command(_REPORT, "view", "OUT"),

@@ -44,7 +44,7 @@ def test_scores_are_known_as_well_as_said(scene, tmp_path, monkeypatch):
         found = ssim_scores(data)
         assert found.keys() == best.keys()
         off = max(abs(found[name] - best[name]) for name in best)
-        (row,) = [row for row in data["skipped"] if row["what"] == "samples"]
+        (row,) = [row for row in data["skipped"] if row["step"] == "samples"]
         print(f"{scene}: {asked} asked for, {off:.3f} off; {row['done']}; {row['why']}")
         assert off <= asked
     assert data["settings"]["eia_spp"] >= 32

@@ -71,7 +71,7 @@ def test_inverse_depth_is_turned_round(monkeypatch, photo, capsys):
     inverse = np.linspace(3, 11, 42 * 56).reshape(1, 42, 56)
     seen = stand_in(monkeypatch, inverse, model_type="dpt")
     out = photo.with_name("d.exr")
-    assert main(["depth", str(photo), "-o", str(out), "--ratio", "5"]) == EXIT_PASSED
+    assert main(["depth", str(photo), "-o", str(out), "--depth-ratio", "5"]) == EXIT_PASSED
     assert seen == [("depth-anything/Depth-Anything-V2-Small-hf", (56, 42))]
     depth = read_depth(out).values
     assert depth.shape == (42, 56)
@@ -88,7 +88,7 @@ def test_metres_are_kept_and_make_an_eia(monkeypatch, photo, capsys):
     np.testing.assert_allclose(read_depth(out).values, metres, rtol=1e-6)
     use = capsys.readouterr().out.split("use it with ")[1].split()
     size = [w for k in ("columns", "rows") for w in ("-D", f"inim.lens_{k}=8")]
-    more = ["--color", str(photo), "--orthographic", *size, "-o", str(eia)]
+    more = [str(photo), "--orthographic", *size, "-o", str(eia)]
     assert main(["generate", *more, *use]) == EXIT_PASSED
     said = capsys.readouterr()
     assert "1000 (near) .. 4000 (far) mm" in said.out
@@ -107,7 +107,7 @@ def test_what_a_model_says_follows_from_its_kind_or_is_asked_for():
     assert not returns_distance(config("dpt"), "m")
     assert not returns_distance(config("depth_anything", depth_estimation_type="relative"), "m")
     assert returns_distance(config("dpt"), "m", "metres")
-    with pytest.raises(UsageError, match="--says inverse"):
+    with pytest.raises(UsageError, match="--model-output inverse"):
         returns_distance(config("odd"), "m")
 
 
@@ -115,8 +115,8 @@ def test_what_a_model_says_follows_from_its_kind_or_is_asked_for():
     ("more", "says"),
     [
         (("-o", "d.png"), "-o d.png"),
-        (("-o", "d.exr", "--ratio", "1"), "--ratio 1"),
-        (("-o", "d.exr", "--says", "feet"), "--says feet"),
+        (("-o", "d.exr", "--depth-ratio", "1"), "--depth-ratio 1"),
+        (("-o", "d.exr", "--model-output", "feet"), "--model-output feet"),
     ],
 )
 def test_a_mistake_is_one_line(photo, more, says):

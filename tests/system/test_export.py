@@ -89,8 +89,8 @@ def test_the_best_algorithm_is_exported_unless_another_is_named(folder):
     why = ", the best of 2 by SSIM on the relic, to the reference"
     for given, name, said in (
         ([], "template", why),
-        (["--algorithm", "wang2024"], "wang2024", ""),
-        (["--algorithm", "truth"], "truth", ""),
+        (["--algorithms", "wang2024"], "wang2024", ""),
+        (["--algorithms", "truth"], "truth", ""),
     ):
         ended = export(folder, "--hci", name, *given)
         assert (ended.code, ended.stdout) == (0, f"{name}\nexported {name}{said}\n"), ended.stderr
@@ -106,7 +106,7 @@ def test_without_scores_to_choose_by_it_asks(folder):
     path.write_text(json.dumps(data), encoding="utf-8")
     ended = export(folder, "--pdf", "sheet.pdf")
     assert ended.code == EXIT_USAGE
-    assert_one_line(ended.stderr, ["--algorithm", "wang2024, template, truth"])
+    assert_one_line(ended.stderr, ["--algorithms", "wang2024, template, truth"])
     assert not (folder / "sheet.pdf").exists()
     del data["algorithms"]["wang2024"]
     path.write_text(json.dumps(data), encoding="utf-8")
@@ -117,12 +117,12 @@ def test_without_scores_to_choose_by_it_asks(folder):
 @pytest.mark.parametrize(
     ("more", "said"),
     [
-        (["--pdf", "p.pdf", "--algorithm", "tempate"], ["tempate", "did you mean template?"]),
-        (["--pdf", "p.pdf", "--algorithm", "Truth"], ["did you mean truth?"]),
+        (["--pdf", "p.pdf", "--algorithms", "tempate"], ["tempate", "did you mean template?"]),
+        (["--pdf", "p.pdf", "--algorithms", "Truth"], ["did you mean truth?"]),
         (["--pdf", "p.pdf", "--display", "phone"], ["has its own display"]),
         (["--hci", "h", "--grid", "8x8"], ["--grid 8x8", "no view in the middle"]),
         (["--pdf", "p.pdf", "--tiles", "8x6"], ["--tiles", "--quilt FILE"]),
-        (["--quilt", "q.png", "--scene", "scene.xml"], ["--scene", "--algorithm truth"]),
+        (["--quilt", "q.png", "--scene", "scene.xml"], ["--scene", "--algorithms truth"]),
         (["--quilt", "q.png", "--tiles", "10x10"], ["--tiles 10x10", "--view-size"]),
         (["--quilt", "q.jpg", "--pdf", "p.pdf"], ["q.jpg", "a quilt is a .png"]),
     ],
@@ -147,10 +147,10 @@ def test_a_report_s_light_field_is_generated_to_what_its_picture_sampled_once_a_
     Lenses see the picture's pixel at their centre; the light field has one sample a lens, in codes
     of 8 bits.
     """
-    assert export(folder, "--hci", "hci", "--algorithm", "template").code == EXIT_PASSED
+    assert export(folder, "--hci", "hci", "--algorithms", "template").code == EXIT_PASSED
     given = words(QUICK, "lens_columns", "lens_rows", "pixel_pitch_mm")
-    out = ["-o", "eia.exr", "--rgbd", "rgbd.exr"]
-    ended = run_here("generate", "--hci", "hci", *given, *out, folder=folder)
+    out = ["-o", "eia.exr", "--save-rgbd", "rgbd.exr"]
+    ended = run_here("generate", "hci", *given, *out, folder=folder)
     assert ended.code == EXIT_PASSED, ended.stderr
     assert "clipped    0.0%" in ended.stdout
     display, own = Report.load(folder / "OUT").display, read_rgbd(folder / "OUT/rgbd.exr")
@@ -188,7 +188,7 @@ def test_a_report_s_light_field_has_a_view_in_the_middle(tmp_path, pixels, views
     shown = {"parameters": display.parameters(), "derived": display.derived_quantities()}
     data = report_document(report_data() | {"display": shown})
     Report(tmp_path / "OUT", data).write()
-    assert export(tmp_path, "--hci", "hci", "--algorithm", "template").code == EXIT_PASSED
+    assert export(tmp_path, "--hci", "hci", "--algorithms", "template").code == EXIT_PASSED
     field = read_hci(tmp_path / "hci")
     assert field.views.shape == (views, views, 20, 24, 3)
     step = 3.3 * views  # of depth, g P / (Q / n)
@@ -201,8 +201,8 @@ def test_a_quilt_of_the_truth_is_the_scene_traced_again(folder, renderer):
     from inim.render.scene import open_scene
     from inim.scene.file import read_scene_file
 
-    asked = ["--algorithm", "truth", "--quilt", "q.png", "--tiles", "3x2", "--view-size", "50x64"]
-    ended = export(folder, *asked, "--spp", "4")
+    asked = ["--algorithms", "truth", "--quilt", "q.png", "--tiles", "3x2", "--view-size", "50x64"]
+    ended = export(folder, *asked, "--view-spp", "4")
     assert (ended.code, ended.stdout) == (0, "q_qs3x2a0.78125.png\nexported truth\n"), ended.stderr
     views = quilt_views(folder / "q_qs3x2a0.78125.png", 3, 2)
     file = read_scene_file(folder / "scene.xml", {"red": "0.9,0.1,0.1"})
@@ -227,7 +227,7 @@ def test_a_quilt_of_the_truth_is_the_scene_traced_again(folder, renderer):
     ended = export(folder, *asked)
     assert ended.code == EXIT_USAGE
     assert_one_line(ended.stderr, ["scene.xml", "differs from the report's scene", "--scene"])
-    assert export(folder, *asked, "--scene", "kept.xml", "--spp", "2").code == EXIT_PASSED
+    assert export(folder, *asked, "--scene", "kept.xml", "--view-spp", "2").code == EXIT_PASSED
 
 
 @pytest.mark.parametrize("model", ["pinhole", "thin"])
@@ -243,7 +243,7 @@ def test_a_quilt_s_tiles_are_what_eyes_see_across_the_zone(tmp_path, renderer, m
     write_eia(tmp_path / "eia.exr", generate(rgbd, DISPLAY), None, DISPLAY.pixel_pitch_mm)
     names = ("lens_columns", "lens_rows", "pixel_pitch_mm")
     given = [*words(QUICK, *names), "-D", f"inim.lens_model={model}"]
-    asked = ["--quilt", "made/q.png", "--tiles", "3x2", "--view-size", "60x48", "--spp", "16"]
+    asked = ["--quilt", "made/q.png", "--tiles", "3x2", "--view-size", "60x48", "--view-spp", "16"]
     ended = run_here("export", "eia.exr", *given, *asked, folder=tmp_path)
     assert (ended.code, ended.stdout) == (0, "made/q_qs3x2a1.25.png\nexported eia.exr\n")
     views = quilt_views(tmp_path / "made/q_qs3x2a1.25.png", 3, 2)
@@ -279,7 +279,7 @@ def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
     one = np.asarray(Image.open(tmp_path / "views" / "view_02_03.png"))
     np.testing.assert_array_equal(one, views[2, 3])
     back = tmp_path / "back.png"
-    given = ["--hci", str(tmp_path / "hci"), "--true-views", *more, "-o", str(back)]
+    given = [str(tmp_path / "hci"), "--all-views", *more, "-o", str(back)]
     assert main(["generate", *given]) == EXIT_PASSED
     np.testing.assert_array_equal(np.asarray(Image.open(back).convert("RGB")), eia)
 
@@ -293,7 +293,7 @@ def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
         (("--views", "v", "--grid", "8"), "--grid 8: write ACROSSxDOWN"),
         (("--quilt", "q.png", "--view-size", "8"), "--view-size 8: write ACROSSxDOWN"),
         (("--views", "eia.png"), "is a file; name a folder"),
-        (("--views", "v", "--algorithm", "template"), "is for a report's folder"),
+        (("--views", "v", "--algorithms", "template"), "needs a report's folder"),
         (("--views", "v", "-D", "inim.rotation_deg=3"), "rotation_deg = 3"),
         (("--views", "v", "--display", "phone"), "needs 2400 x 1080"),
     ],

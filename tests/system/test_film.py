@@ -74,8 +74,8 @@ def test_frames_are_views_along_the_path_side_by_side(folder, renderer):
 
 
 def test_one_panel_by_name(folder):
-    ended = film("OUT", "-o", "film.gif", "--show", "wang2024", "--frames", "2", "--spp", "4",
-                 "--quiet", folder=folder)  # fmt: skip
+    ended = film("OUT", "-o", "film.gif", "--algorithms", "wang2024", "--frames", "2",
+                 "--view-spp", "4", "--quiet", folder=folder)  # fmt: skip
     assert (ended.code, ended.stdout) == (0, ""), ended.stderr
     frames = read(folder.parent / "film.gif")
     assert [f.shape for f in frames] == [(LABEL + 400, 480, 3)] * 2
@@ -87,7 +87,7 @@ def test_one_panel_by_name(folder):
     [
         (["-o", "film.avi"], ["film.avi", ".gif"]),
         (["-o", "OUT"], ["OUT"]),
-        (["--show", "magic"], ["magic", "template", "wang2024"]),
+        (["--algorithms", "magic"], ["magic", "template", "wang2024"]),
         (["--path", "0 0 180, 80 0 180"], ["outside the viewing zone"]),
         (["--path", "somewhere"], ["--path", "x y"]),
         (["--frames", "0"], ["--frames 0"]),

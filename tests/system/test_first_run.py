@@ -86,7 +86,7 @@ def test_preview_drops_criteria_for_algorithms_that_it_leaves_out(tmp_path):
 
 def test_pictures_have_no_preview(tmp_path):
     says = ["--preview", "scene"]
-    assert_refused("validate", "--rgbd", "a.exr", "--preview", folder=tmp_path, says=says)
+    assert_refused("validate", "a.exr", "--preview", folder=tmp_path, says=says)
 
 
 def on_a_terminal(words: list[str], folder: Path) -> str:

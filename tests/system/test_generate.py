@@ -46,7 +46,7 @@ def camera(tmp_path):
 
 
 def words(folder: Path, *more: str, color: str = "color.png", depth: str = "depth.png"):
-    files = ["--color", str(folder / color), "--depth", str(folder / depth)]
+    files = [str(folder / color), "--depth", str(folder / depth)]
     return ["generate", *files, *DISPLAY, "-o", str(folder / "eia.png"), *more]
 
 
@@ -137,7 +137,7 @@ def test_the_ray_tracer_sees_the_same(camera, capsys, renderer):
 
 def test_every_output_is_written_and_the_picture_kept(camera, capsys):
     pdf, rgbd = camera / "sheet.pdf", camera / "fitted.exr"
-    more = (*CAMERA, "--depth-unit", "mm", "--pdf", str(pdf), "--rgbd", str(rgbd))
+    more = (*CAMERA, "--depth-unit", "mm", "--pdf", str(pdf), "--save-rgbd", str(rgbd))
     assert main(words(camera, *more)) == EXIT_PASSED
     assert f"written    {camera / 'eia.png'}, {pdf}, {rgbd}" in capsys.readouterr().out
     kept = read_rgbd(rgbd)
@@ -194,12 +194,12 @@ def test_eq_4_as_printed_is_shown_with_a_warning_of_what_it_does(camera, capsys)
         ((*CAMERA, "--frame-at", "-5", "--depth-unit", "mm"), "--frame-at -5"),
         ((*CAMERA, "--missing-depth", "paint"), "--missing-depth paint"),
         ((*CAMERA, "--fill", "paint"), "--fill = 'paint': use none or hidden or all"),
-        ((*CAMERA, "--fill", "all", "--algorithm", "template:fill=all"), "given twice"),
+        ((*CAMERA, "--fill", "all", "--algorithms", "template:fill=all"), "given twice"),
         ((*CAMERA, "--fit", "zoom"), "--fit zoom"),
         ((*CAMERA, "--out-of-range", "in"), "--out-of-range in"),
         ((*CAMERA, "--depth-map", "log"), "--depth-map log"),
         ((*CAMERA, "--max-slope", "0"), "--max-slope 0"),
-        ((*CAMERA, "--algorithm", "magic"), "algorithm 'magic'"),
+        ((*CAMERA, "--algorithms", "magic"), "algorithm 'magic'"),
         ((*CAMERA, "--display", "watch"), "watch"),
         ((*CAMERA, "-D", "pitch=1"), "-D pitch"),
         ((*CAMERA, "-D", "inim.gap_mm=2.7", "--depth-map", "reciprocal"), "central depth plane"),
@@ -269,8 +269,8 @@ def test_the_centre_view_with_its_disparity_agrees_with_the_true_views(tmp_path,
     given = {"lens_columns": 40, "lens_rows": 30, "pixel_pitch_mm": repr(1 / 35)}
     given |= {"depth_min_mm": 10, "depth_max_mm": 60}
     more = [word for k, v in given.items() for word in ("-D", f"inim.{k}={v}")]
-    more += ["--hci", str(tmp_path / "lf")]
-    for name, option in (("centre.png", ()), ("true.png", ("--true-views",))):
+    more += [str(tmp_path / "lf")]
+    for name, option in (("centre.png", ()), ("true.png", ("--all-views",))):
         assert main(["generate", *more, *option, "-o", str(tmp_path / name)]) == EXIT_PASSED
     said = capsys.readouterr()
     assert "5 x 3 of 40 x 30 pixels" in said.out
@@ -295,11 +295,11 @@ def test_the_centre_view_with_its_disparity_agrees_with_the_true_views(tmp_path,
 @pytest.mark.parametrize(
     ("more", "says"),
     [
-        (["--hci", "lf"], "4 x 4 views have none in the middle"),
-        (["--hci", "none"], "no such folder"),
-        (["--hci", "lf", "--color", "c.png"], "--color: the light field of --hci"),
-        (["--true-views", "--color", "c.png", "--depth", "d.png"], "name it with --hci"),
-        (["--hci", "lf", "--true-views", "--rgbd", "r.exr"], "have no depth"),
+        (["lf"], "4 x 4 views have none in the middle"),
+        (["none"], "none"),
+        (["lf", "--near", "1"], "--near: the light field lf"),
+        (["c.png", "--all-views", "--depth", "d.png"], "not a light field"),
+        (["lf", "--all-views", "--save-rgbd", "r.exr"], "have no depth"),
     ],
 )
 def test_a_light_field_s_mistakes_are_one_line(tmp_path, more, says):

@@ -1,4 +1,4 @@
-"""`inim generate PHOTO`, of a folder, and `inim validate --photo`: as the user types them."""
+"""`inim generate PHOTO`, of a folder, and `inim validate PHOTO`: as the user types them."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def line(text: str, name: str) -> str:
 def test_a_photograph_needs_nothing_but_its_name(tmp_path, capsys):
     photo, out, fitted = (tmp_path / name for name in ("photo.jpg", "eia.png", "fitted.exr"))
     photo.write_bytes(METRIC)
-    assert generate(photo, "-o", out, "--rgbd", fitted) == EXIT_PASSED
+    assert generate(photo, "-o", out, "--save-rgbd", fitted) == EXIT_PASSED
     said = capsys.readouterr()
     assert said.err == ""
     assert "units m: metric" in line(said.out, "photo")
@@ -71,7 +71,7 @@ def test_stated_choices_win(tmp_path, capsys):
     photo, fitted = tmp_path / "photo.jpg", tmp_path / "fitted.exr"
     photo.write_bytes(METRIC)
     ends = ("--near", "400", "--far", "4000")
-    words = (photo, "-o", tmp_path / "eia.png", "--rgbd", fitted, "--fit", "contain", *ends)
+    words = (photo, "-o", tmp_path / "eia.png", "--save-rgbd", fitted, "--fit", "contain", *ends)
     assert generate(*words) == EXIT_PASSED
     out = capsys.readouterr().out
     assert "framed" not in out
@@ -113,7 +113,7 @@ def test_an_auto_fit_of_two_files_is_that_of_the_photograph(tmp_path, capsys):
     depth = np.vectorize(distance_mm)(CODES).astype(np.float32)
     np.save(tmp_path / "depth.npy", depth)
     (tmp_path / "photo.jpg").write_bytes(METRIC)
-    files = ("--color", tmp_path / "color.png", "--depth", tmp_path / "depth.npy")
+    files = (tmp_path / "color.png", "--depth", tmp_path / "depth.npy")
     stated = ("--depth-unit", "mm", "--orthographic", "--fit", "auto")
     assert generate(*files, *stated, "-o", tmp_path / "eia.png") == EXIT_PASSED
     of_files = line(capsys.readouterr().out, "framed")
@@ -140,7 +140,7 @@ def test_of_a_folder_the_broken_one_is_said_and_the_others_are_made(tmp_path, ca
     assert sorted(p.name for p in out.iterdir()) == ["a.png", "c.heic.png", "c.jpeg.png"]
     assert said.out.count("framed") == 3
     assert said.out.splitlines()[-1] == f"3 of 4 photographs made; EIAs: {out}"
-    assert re.fullmatch(rf"inim: failed: {folder / 'b.JPG'}: .*cut short\n", said.err)
+    assert re.fullmatch(rf"inim: failed: {folder / 'b.JPG'}: .*truncated.*\n", said.err)
     # As alone.
     assert generate(folder / "a.jpg", "-o", tmp_path / "a.png") == EXIT_PASSED
     assert (tmp_path / "a.png").read_bytes() == (out / "a.png").read_bytes()
@@ -156,12 +156,11 @@ def test_a_whole_folder_passes(tmp_path):
     ("words", "says"),
     [
         (["phone", "-o", "eia.png"], "-o eia.png: phone is a folder; name a folder"),
-        (["phone", "-o", "o", "--pdf", "a.pdf"], "--pdf: is for one picture"),
+        (["phone", "-o", "o", "--pdf", "a.pdf"], "--pdf: needs a single picture"),
         (["phone", "-o", "o", "--fit", "round"], "--fit round: use contain, cover or auto"),
         (["phone", "-o", "o", "--display", "wall"], "wall"),
         (["empty", "-o", "o"], "empty: no photograph in it"),
         (["phone/a.jpg", "--depth-unit", "m"], "--depth-unit: phone/a.jpg contains its depth"),
-        (["phone/a.jpg", "--color", "a.png"], "--color: phone/a.jpg contains its depth"),
         (["phone/a.jpg", "--intrinsics", "photo"], "contains no camera"),
         (
             ["phone/a.jpg", "--intrinsics", "photo", "--orthographic"],
@@ -171,11 +170,11 @@ def test_a_whole_folder_passes(tmp_path):
             ["phone/a.jpg", "--frame-at", "300"],
             "--frame-at: has no effect on an orthographic picture",
         ),
-        (["phone/a.jpg", "--hci", "phone"], "a photograph and --hci"),
+        (["phone/a.jpg", "--all-views"], "not a light field"),
         (["phone/a.jpg", "-o", "phone/a.jpg"], "-o phone/a.jpg"),
         (["phone/none.jpg"], "phone/none.jpg: no such file"),
         (["phone/notes.txt"], "phone/notes.txt: neither HEIC nor JPEG"),
-        (["--color", "a.png", "--depth", "b.png", "--intrinsics", "photo"], "--intrinsics photo"),
+        (["a.png", "--depth", "b.png", "--intrinsics", "photo"], "--intrinsics photo"),
     ],
 )
 def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, words, says):
@@ -187,7 +186,7 @@ def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, words, says):
 def test_a_photograph_is_validated(tmp_path, capsys, renderer):
     photo, out = tmp_path / "photo.jpg", tmp_path / "report"
     photo.write_bytes(METRIC)
-    words = ["--photo", str(photo), "-o", str(out), "--algorithms", "template:samples=4"]
+    words = [str(photo), "-o", str(out), "--algorithms", "template:samples=4"]
     assert main(["validate", *words, "--viewpoints", "centre", *DISPLAY]) == EXIT_PASSED
     said = capsys.readouterr()
     assert "units m: metric" in line(said.out, "photo")
@@ -200,6 +199,6 @@ def test_a_photograph_is_validated(tmp_path, capsys, renderer):
     assert data["picture"]["notes"][1].removeprefix("framed") in (
         out / "report.html"
     ).read_text().replace("&#x27;", "'")
-    assert f"--photo {photo}" in data["command"]
-    assert main(["validate", "--photo", str(tmp_path), "-o", str(out)]) == EXIT_USAGE
+    assert f"inim validate {photo}" in data["command"]
+    assert main(["validate", str(tmp_path), "-o", str(out)]) == EXIT_USAGE
     assert f"{tmp_path}: is a folder" in capsys.readouterr().err

@@ -133,9 +133,9 @@ def test_baseline_sweep_s_table_and_bench_have_it(validated, tmp_path):
 
 def test_film_is_scored_against_the_scene_that_it_names(validated, tmp_path):
     out, _ = validated
-    words = ("film", out, "-o", tmp_path / "film.webp", "--frames", "4", "--spp", "4")
+    words = ("film", out, "-o", tmp_path / "film.webp", "--frames", "4", "--view-spp", "4")
     scene = out.parent / "tiny.xml"
-    said = run(*words, "--scene", scene, "--show", "template", folder=tmp_path)
+    said = run(*words, "--scene", scene, "--algorithms", "template", folder=tmp_path)
     assert "template: " in said
     assert "JOD as a film, at " in said
     assert "123 cd/m^2" in said

@@ -74,14 +74,14 @@ def rendered(report: dict[str, Any]) -> set[str]:
     """Products of the renderer that were made, not read."""
     kinds = ("RGB-D", "ground-truth", "true view")
     return {
-        row["what"]
+        row["step"]
         for row in report["skipped"]
-        if row["what"].startswith(kinds) and "samples traced" in row["done"]
+        if row["step"].startswith(kinds) and "samples traced" in row["performed"]
     }
 
 
 def reason(report: dict[str, Any], what: str) -> str:
-    (row,) = [row for row in report["skipped"] if row["what"].startswith(what)]
+    (row,) = [row for row in report["skipped"] if row["step"].startswith(what)]
     return f"{row['done']}; {row['why']}"
 
 
@@ -101,7 +101,7 @@ def test_everything_done_scores_the_same(cached_bench):
     everything = cached_bench.report("--no-skip")
     assert lasting(everything) == lasting(skipping)
     assert "0 samples" in next(
-        row["skipped"] for row in everything["skipped"] if row["what"] == "ground-truth EIA"
+        row["skipped"] for row in everything["skipped"] if row["step"] == "ground-truth EIA"
     )
 
 
@@ -110,11 +110,11 @@ SAMPLES = {"capture_spp": "16", "eia_spp": "16", "view_spp": "32", "reconstructi
 
 def test_sampling_ends_when_scores_are_known(bench):
     report = bench.report(**SAMPLES, score_error="0.9")
-    (row,) = [row for row in report["skipped"] if row["what"] == "samples"]
+    (row,) = [row for row in report["skipped"] if row["step"] == "samples"]
     taken = report["settings"]["eia_spp"]
     assert taken in (2, 4, 8)
     assert [report["settings"][name] for name in SAMPLES] == [taken, taken, 2 * taken, taken]
-    assert row["done"] == f"{taken} per EIA pixel, {2 * taken} per view pixel"
+    assert row["performed"] == f"{taken} per EIA pixel, {2 * taken} per view pixel"
     assert row["skipped"] == f"{16 - taken} and {32 - 2 * taken} more"
     assert "target 0.9" in row["why"]
     whole = bench.report(**SAMPLES)
@@ -228,15 +228,15 @@ def test_a_cache_of_damaged_records_changes_nothing(cached_bench):
 
 
 def test_the_cache_command(bench):
-    def cache(action: str, where: str | None = None) -> str:
+    def cache(*words: str, where: str | None = None) -> str:
         variables = {"INIM_CACHE": where or str(bench.folder / "cache")}
-        ended = run_here("cache", action, folder=bench.folder, variables=variables)
+        ended = run_here("info", "cache", *words, folder=bench.folder, variables=variables)
         assert (ended.code, ended.stderr) == (0, "")
         return ended.stdout
 
-    assert cache("info").startswith("0 results, 0.0 MiB")
+    assert cache().startswith("0 results, 0.0 MiB")
     bench.report()
-    assert not cache("info").startswith("0 results")
-    assert cache("clear").startswith("removed ")
-    assert cache("info").startswith("0 results")
-    assert "no store is used" in cache("info", "off")
+    assert not cache().startswith("0 results")
+    assert cache("--clear").startswith("removed ")
+    assert cache().startswith("0 results")
+    assert "no cache" in cache(where="off")

@@ -1,7 +1,7 @@
 """`inim tolerate` on a tiny display: drawn, swept, and said.
 
 Expected: what is computed once is not computed again, and another criterion computes nothing;
-scores are those of validations with `--misalign`; mistakes are one line.
+scores are those of misaligned validations; mistakes are one line.
 """
 
 from __future__ import annotations
@@ -125,8 +125,8 @@ def test_a_display_that_cannot_be_mounted_is_named_and_the_others_count(tmp_path
     ("words", "says"),
     [
         (("--criterion", "0"), ["--criterion 0", "between 0 and 1"]),
-        (("--algorithm", "template,gu2020"), ["--algorithm template,gu2020", "name one"]),
-        (("--algorithm", "templat"), ["did you mean template"]),
+        (("--algorithms", "template,gu2020"), ["--algorithms template,gu2020", "single algorithm"]),
+        (("--algorithms", "templat"), ["did you mean template"]),
         (("-D", "inim.misalign=gap_mm=1"), ["misalign", "leave it out"]),
         (("--display", "fone"), ["did you mean phone"]),
         (("--calibration", "tiny.xml"), ["tiny.xml", "not a JSON document"]),

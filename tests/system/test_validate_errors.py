@@ -41,7 +41,7 @@ def test_a_mesh_in_place_of_a_scene_is_told_what_makes_one(tmp_path):
 
 SETTINGS = [
     ("inim.pich_mm=1", "did you mean inim.pitch_mm?"),
-    ("inim.zzz=1", "inim settings"),
+    ("inim.zzz=1", "inim info settings"),
     ("inim.=1", "unknown setting"),
     ("foo=1", "-D foo: the scene has no such parameter"),
     ("pitch_mm=1", "-D pitch_mm: the setting is called inim.pitch_mm"),

@@ -54,7 +54,7 @@ def test_the_array_lies_in_a_tile_undistorted_and_as_large_as_fits(size, aspect,
         ({"columns": 200}, "--tiles: 1200 views"),
         ({"width": 40_000, "height": 40_000}, "--view-size: "),
         ({"aspect": float("nan")}, "--aspect nan"),
-        ({"spp": 0}, "--spp 0"),
+        ({"spp": 0}, "--view-spp 0"),
         ({"out": Path("q.webp")}, "a quilt is a .png"),
     ],
 )

@@ -93,7 +93,10 @@ LAB = Display(
             {"viewpoints": [Viewpoint("mine", 0, 0, 400, pupil_mm=4.0, focus_mm=360.5)]},
             ["--viewpoints=mine=0 0 400", "-D", "inim.pupil_mm=4", "-D", "inim.focus_mm=360.5"],
         ),
-        ({"misalign": {"tilt_x_deg": 1, "gap_mm": 0.1}}, ["--misalign=tilt_x_deg=1,gap_mm=0.1"]),
+        (
+            {"misalign": {"tilt_x_deg": 1, "gap_mm": 0.1}},
+            ["-D", "inim.misalign=tilt_x_deg=1,gap_mm=0.1"],
+        ),
         (
             {"definitions": {"inim.fit_share": 0.5, "inim.seed": np.int32(3)}},
             ["-D", "inim.fit_share=0.5", "-D", "inim.seed=3"],

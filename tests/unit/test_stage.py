@@ -86,8 +86,8 @@ def test_the_report_says_what_was_made_found_and_why(run):
     for factor in (2, 2):
         product(Picture("one", np.arange(3.0)), factor, run=run)
     made, found = run.skipped.rows
-    assert (made["what"], made["done"]) == ("product of 2", "made (not made before)")
-    assert (found["done"], found["skipped"]) == ("read from the cache", "all of it")
+    assert (made["step"], made["performed"]) == ("product of 2", "made (not made before)")
+    assert (found["performed"], found["skipped"]) == ("read from the cache", "all of it")
 
 
 def test_words_may_be_made_of_the_samples_traced(run):
@@ -103,5 +103,5 @@ def test_words_may_be_made_of_the_samples_traced(run):
     )(function)
     told = Run(run.cache, observer)
     assert traced(3, run=told) == 3
-    assert told.skipped.rows[0]["done"] == "15 (not made before)"
+    assert told.skipped.rows[0]["performed"] == "15 (not made before)"
     assert set(observer.timings) == {"render"}

@@ -84,9 +84,7 @@ def read_depth_photo(path: Path) -> DepthPhoto:
     if is_heif(data):
         return _decode_photo(path, *read_heif(path, data), is_upright=True)
     if not data.startswith(MAGIC):
-        raise FileError(
-            f"{path}: neither HEIC nor JPEG; give other pictures as --color and --depth"
-        )
+        raise FileError(f"{path}: neither HEIC nor JPEG; for other pictures add --depth FILE")
     depth = read_jpeg_depth(path, data)
     with open_picture(path, ("JPEG",), 1, data=data) as picture:
         return _decode_photo(path, picture, read_exif(picture), depth, is_upright=False)
