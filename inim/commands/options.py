@@ -194,7 +194,7 @@ def classify_input(args: argparse.Namespace) -> None:
     suffix = args.input.suffix.lower()
     if args.depth is not None:
         kind = "color"
-    elif any(map(_is_of_light_field, os.listdir(args.input) if args.input.is_dir() else ())):
+    elif args.input.is_dir() and any(map(_is_of_light_field, args.input.iterdir())):
         kind = "light_field"
     elif suffix == ".xml":
         kind = "scene"
@@ -203,9 +203,9 @@ def classify_input(args: argparse.Namespace) -> None:
     setattr(args, kind, args.input)
 
 
-def _is_of_light_field(name: str) -> bool:
-    """True for the names of files in an HCI light field."""
-    return name == "parameters.cfg" or name.startswith("input_Cam")
+def _is_of_light_field(path: Path) -> bool:
+    """True for the files of an HCI light field, by name."""
+    return path.name == "parameters.cfg" or path.name.startswith("input_Cam")
 
 
 def print_warning(text: str, kind: str = "warning") -> None:
