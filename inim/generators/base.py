@@ -133,7 +133,7 @@ class Ray(NamedTuple):
 
     Attributes
     ----------
-    aside : (down, right)
+    pixel_offset : (down, right)
         Start in its pixel, in pixels from the centre.
     channels : tuple of int
         Colour channels of the ray.
@@ -162,7 +162,7 @@ class SourceGenerator(ABC):
         Width of their pixels.
     pixels : PixelList, optional
         Return one row of these pixels, (1, n), instead of the panel; see `PixelsOnPanel`.
-    aside : Aside
+    pixel_offset : PixelOffset
         Start of each ray in its pixel.
     """
 

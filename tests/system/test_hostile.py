@@ -96,7 +96,7 @@ def test_a_folder_can_be_allowed(tmp_path):
     (tmp_path / "common/plugins/evil.so").write_text("")
     with pytest.raises(SceneError, match=r"evil\.so would be loaded"):
         read_scene_file(folder / "s.xml", allowed=[tmp_path])
-    with pytest.raises(UsageError, match=r"--allow-folder .*nowhere: is no folder"):
+    with pytest.raises(UsageError, match=r"--allow-folder .*nowhere: no such folder"):
         read_scene_file(folder / "s.xml", allowed=[tmp_path / "nowhere"])
 
 

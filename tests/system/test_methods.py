@@ -205,7 +205,7 @@ def task_of(plan: Plan, folder: Path) -> MethodSetup:
         ("gone.png", "gone.png: no such file"),
         ("folder.png", "folder.png: is a folder"),
         ("gone.exr", "gone.exr: no such file"),
-        ("mine.tif", "is a .png"),
+        ("mine.tif", "not an EIA"),
         ("text.png", "text.png: not a readable PNG"),
         ("text.exr", "text.exr: not a readable EXR"),
         ("cut.png", "cut.png: not a readable picture"),

@@ -55,7 +55,7 @@ def package():
         patch.setattr(cvvdp, "_model", model)
         if not installed:
             patch.setattr(cvvdp, "is_installed", lambda: True)
-            patch.setattr(cvvdp, "_predicted", predicted)
+            patch.setattr(cvvdp, "_predict", predicted)
         metrics._all_metrics.cache_clear()
         yield
     metrics._all_metrics.cache_clear()

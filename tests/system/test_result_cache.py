@@ -82,7 +82,7 @@ def rendered(report: dict[str, Any]) -> set[str]:
 
 def reason(report: dict[str, Any], what: str) -> str:
     (row,) = [row for row in report["skipped"] if row["step"].startswith(what)]
-    return f"{row['done']}; {row['why']}"
+    return f"{row['performed']}; {row['why']}"
 
 
 def test_a_rerun_renders_nothing_and_says_the_same(bench):

@@ -39,7 +39,7 @@ def left(rgbd: RGBD, display: Display, algorithm: str) -> tuple[np.ndarray, np.n
     """Sources and EIA with the holes that a fill is given."""
     made = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, fill="all")
     assert isinstance(made, Filled)
-    return made.left.sources(rgbd), made.left.generate(rgbd)
+    return made.with_holes.sources(rgbd), made.with_holes.generate(rgbd)
 
 
 def wall_and_plate(display: Display, per_pitch: int = 4) -> RGBD:
