@@ -24,6 +24,7 @@ from inim.errors import (
     missing_package,
     suggest_words,
 )
+from inim.process.interrupts import raise_again
 from inim.process.python_process import configuration_hidden
 from inim.version import __version__
 
@@ -100,6 +101,7 @@ def main(argv: list[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_PASSED
     except Exception as error:
+        raise_again()
         if getattr(args, "debug", False):
             raise
         missing = missing_package(error)

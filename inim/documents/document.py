@@ -31,6 +31,8 @@ else:  # before Python 3.11 there is none
 _LARGEST_INTEGER_DIGITS = 20
 _SHOWN_CHARACTERS = 60
 _NOT_FINITE = "not_finite"
+# JSON escape of half of a surrogate pair. Only those of undecodable file names are valid.
+_SURROGATE = "\\ud"
 
 _Path = tuple[str | int, ...]
 
@@ -109,6 +111,11 @@ def decode(text: str, *types: type[_D]) -> _D:
         raise ValueError("nested too deeply") from None
     except ValueError as error:
         raise ValueError(f"not a JSON document ({error})") from None
+    if _SURROGATE in text.lower():
+        try:
+            json.dumps(values, ensure_ascii=False).encode(errors="surrogateescape")
+        except UnicodeEncodeError:
+            raise ValueError("contains half of a surrogate pair") from None
     schemas = [str(type_.__struct_config__.tag) for type_ in types]
     name = values.get("schema") if isinstance(values, dict) else None
     if name not in schemas:

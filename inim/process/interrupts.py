@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from typing import NoReturn
 
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # the last is that of a terminal that closes
+_received: list[int] = []
 _SIGNALS = [getattr(signal, name) for name in _NAMES if hasattr(signal, name)]
 
 
@@ -33,7 +34,14 @@ def _set_handlers(handler: object) -> None:
 
 
 def _raise(number: int, _: object) -> NoReturn:
+    _received.append(number)
     raise KeyboardInterrupt(number)
+
+
+def raise_again() -> None:
+    """Raise the last interrupt again: an import that it cut short may have replaced it."""
+    if _received:
+        raise KeyboardInterrupt(_received[-1])
 
 
 @contextmanager

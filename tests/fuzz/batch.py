@@ -234,7 +234,7 @@ _WITHOUT_RENDERER = (
     *(door for kind, doors in DOORS.items() if kind.startswith("document") for door in doors),
 )
 #: What a refusal may name besides the file itself.
-_NAMED = ("scene.xml", "OUT", "OTHER", "base", "display nominal")
+_NAMED = ("scene.xml", "Mitsuba scene (.xml)", "OUT", "OTHER", "base", "display nominal")
 
 
 def outcome(read: Read, path: Path) -> str:

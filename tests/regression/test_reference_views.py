@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from inim.pipeline.launch import validate
@@ -28,7 +29,8 @@ KEYS = ("ssim_on_relic", "ssim")
 @pytest.mark.parametrize("scene", ["amphora", "wine_coin", "tripod", "jade"])
 def test_no_view_is_above_the_reference_by_more_than_noise(scene, seed, tmp_path):
     definitions = SMALL | {"inim.seed": seed}
-    data = validate(SCENES / f"{scene}.xml", tmp_path / "out", definitions=definitions).data
+    report = validate(SCENES / f"{scene}.xml", tmp_path / "out", definitions=definitions)
+    data = msgspec.to_builtins(report.data)
     above = {}
     for name, run in data["algorithms"].items():
         for view, scores in run["views"].items():

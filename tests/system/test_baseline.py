@@ -435,7 +435,7 @@ def test_workflow_s_steps_pass_on_a_clean_copy(tmp_path):
     }
     run_steps = [step for step in steps() if "run" in step]
     assert [s["name"] for s in run_steps] == [
-        "Install", "Get a libLLVM", "Jade disc", "Goblet and coin", "Summary"
+        "Install", "Jade disc", "Goblet and coin", "Summary"
     ]  # fmt: skip
     for step in run_steps[1:]:
         execute(step, copy, variables)

@@ -488,7 +488,7 @@ def test_result_of_a_generator_is_looked_at(generator, says):
 
 
 def test_list_of_algorithms_names_options_and_what_cannot_be_loaded(tmp_path, others):
-    done = run_here("algorithms", folder=tmp_path, variables=others)
+    done = run_here("info", "algorithms", folder=tmp_path, variables=others)
     assert done.code == EXIT_PASSED
     rows = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
     assert rows["example:brightness=1.0"].startswith("The picture as if all of it lay")

@@ -157,3 +157,9 @@ def test_reader_accepts_its_documents_and_refuses_what_the_schema_refuses(name):
 def test_committed_report_reads_and_writes_back_equal(path):
     text = path.read_text("utf-8")
     assert json.loads(encode(decode(text, ReportDocument))) == json.loads(text)
+
+
+def test_half_of_a_surrogate_pair_is_refused():
+    text = '{"schema": "inim.report/2", "title": "\\ud800"}'
+    with pytest.raises(ValueError, match="half of a surrogate pair"):
+        decode(text, ReportDocument)

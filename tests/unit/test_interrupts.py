@@ -106,3 +106,23 @@ python_process.end_process(child)
 say(str(child.returncode))
 """
     assert ended(code) == (0, "-9 ", "")
+
+
+def test_an_interrupt_that_an_import_replaced_is_raised_again():
+    """Expected: numpy's import turns KeyboardInterrupt into ImportError; the exit code is 130."""
+    code = """
+import os, signal, sys
+from inim.process.interrupts import raise_again, raise_interrupts
+raise_interrupts()
+try:
+    os.kill(os.getpid(), signal.SIGINT)
+    for _ in range(10**6): pass
+except KeyboardInterrupt:
+    pass
+try:
+    raise_again()
+except KeyboardInterrupt as interrupt:
+    sys.exit(interrupt.args[0])
+"""
+    ended = subprocess.run([sys.executable, "-c", code], check=False)
+    assert ended.returncode == signal.SIGINT
