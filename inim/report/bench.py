@@ -218,9 +218,9 @@ def _remarks(data: BenchDocument, parts: Sequence[Part]) -> list[str]:
         f"{_thread_words(data)}, {data.backend.device}; load average "
         f"{number(data.load.start, 2)} at the start, {number(data.load.end, 2)} at the end, on "
         f"{data.load.cores or MISSING} cores.",
-        f"Medians of {data.rounds.runs} runs after {data.rounds.warmups} warm-ups, all in turn "
+        f"Medians of {data.rounds.runs} runs after {data.rounds.warmups} warm-ups, alternating "
         "with the reference kernel: one 4-byte gather per display pixel where its ray meets the "
-        "central depth plane. A yardstick is the time of that kernel. Spread: half the distance "
+        "central depth plane. A kernel time is the time of that kernel. Spread: half the distance "
         "between the quartiles.",
     ]
     if slow:

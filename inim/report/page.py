@@ -237,7 +237,7 @@ def how_to_reproduce(document: Document, more: str = "") -> Section:
     scene = data.get("scene") or {}  # null in a bench of something else
     facts = {**scene, **scene.get("fit", {})}
     tables = {
-        "Settings; what is not listed is the display's own": {
+        "Settings; others are those of the display": {
             key: value for key, value in data.get("settings", {}).items() if value is not None
         },
         "Scene": {key: value for key, value in facts.items() if _is_fact(key, value)},

@@ -94,7 +94,7 @@ _KINDS = {
     "noise": "noise of the ground truth",
     "score": "scores",
     "pixels": "EIAs of the reference input",
-    "time": "times in yardsticks",
+    "time": "times relative to the reference kernel",
 }
 
 

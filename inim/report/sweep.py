@@ -62,19 +62,18 @@ _SCORES = (
     "another: scores depend on the scene."
 )
 _PARETO = (
-    "Down and left is better; a point is the mean over the scenes. Coloured: no other is as fast "
-    "and as good. Grey: another is both. "
+    "Down and left is better; a point is the mean over the scenes. Coloured: Pareto-optimal. "
+    "Grey: another algorithm is as fast and as good. "
 )
 _TIMES = {
     "yardsticks": "Times are ratios to one gather per display pixel, taken in the same process.",
     "seconds": "Seconds were taken once, cold, while other work ran; put time = true into "
-    "the study for ratios to the yardstick.",
+    "the study for ratios to the reference kernel.",
 }
 _BEST = (
-    "What a viewer gets of a relic from the best algorithm on each display: the mean SSIM on the "
-    "relic to the scene, next to the reference. Each display's views "
-    "have as many pixels as it has lenses to fill them, so a display is judged at its own "
-    "resolution; FLIP weighs differences as an eye does."
+    "Mean SSIM on the relic to the scene of the best algorithm on each display, next to the "
+    "reference. The resolution of views follows the number of lenses, so each display is compared "
+    "at its own resolution. FLIP weights differences by visibility."
 )
 _QUERY = """SELECT scene, display, algorithm, avg(ssim_on_relic_to_reference) AS kept
 FROM 'sweep.parquet' WHERE status = 'ok'
@@ -277,7 +276,7 @@ def cost_table(results: Sequence[Result]) -> str:
             costs = [v for v in spent.values() if v is not None]
             cells.append(number(sum(costs), 1) if costs else MISSING)
         rows.append([scene, *cells])
-    caption = "Seconds of the validations the rows come from, whatever else ran at the same time"
+    caption = "Seconds of the validations, including the effect of other load"
     return text_table(caption, ["Scene", *displays], rows, "sweep")
 
 

@@ -38,15 +38,15 @@ _STYLE = """
 .lead { max-width: 90ch; }
 """
 _ALONE = (
-    "One parameter at a time, all others exact: each point is a display, at the error it was drawn "
-    "with. Dashed: the aligned display's score less the criterion. Black: the curve fitted; red, "
-    "dotted: the largest error, either way, that it lets through."
+    "One parameter at a time, all others exact. Each point is a display with its error. Dashed: "
+    "the "
+    "aligned display's score minus the criterion. Black: fitted curve. Red, dotted: the tolerance "
+    "on either side."
 )
 _CALIBRATED = " Green: where a calibration leaves 95 % of displays."
 _TOGETHER = (
-    "All parameters at once, each drawn from its own spread. Solid: the share of these displays "
-    "that lose no more than so much. Dashed: the same if each error cost what it costs alone, and "
-    "losses added up."
+    "All parameters at once, each drawn from its own spread. Solid: the share of displays with at "
+    "most this loss. Dashed: the same share if the single losses added up."
 )
 
 
@@ -62,15 +62,15 @@ def sentences(data: ToleranceDocument) -> list[str]:
         together = data.together
         low, high = together.interval
         lines.append(
-            f"Off in all of that at once, as their spreads say, {per_cent(together.share, 0)} "
-            f"of {len(together.draws)} displays lose no more ({per_cent(low, 0)} to "
+            f"With all errors at once, drawn from their spreads, {per_cent(together.share, 0)} "
+            f"of {len(together.draws)} displays stay within the criterion ({per_cent(low, 0)} to "
             f"{per_cent(high, 0)})."
         )
         if together.to_sum is not None and together.part_of_each is not None:
             lines.append(
-                f"Together, errors cost {together.to_sum:.2g} times the sum of what each costs "
-                "alone: if losses add up, all at once may each be "
-                f"{together.part_of_each:.2g} of the errors above."
+                f"The loss of all errors together is {together.to_sum:.2g} times the sum of the "
+                "single losses. If losses add up, each error may be "
+                f"{together.part_of_each:.2g} of its tolerance above."
             )
     return lines
 
@@ -79,10 +79,10 @@ def _sentence(row: ParameterTolerance) -> str:
     name = _words(row.name)
     bears, interval = row.tolerance, row.interval
     if interval is None:
-        return f"{name.capitalize()}: too few displays could be validated to say."
+        return f"{name.capitalize()}: too few displays could be validated for a result."
     if bears is None:
         farthest = _with_unit(row, row.farthest)
-        return f"{name.capitalize()} may be off by {farthest}, or by more; a larger reach tells."
+        return f"{name.capitalize()} may deviate by {farthest} or more; draw from a larger reach."
     low, high = ("more than was drawn" if end is None else f"{end:.3g}" for end in interval)
     return (
         f"With this sheet, {name} must be known to {_with_unit(row, bears)} (95{NBSP}% interval "
@@ -112,9 +112,10 @@ def _with_unit(row: ParameterTolerance, value: float) -> str:
 def _page(data: ToleranceDocument) -> str:
     criterion = number(data.criterion, 4).rstrip("0")
     introduction = (
-        f"An elemental image array made for the display as designed, shown on one that is off. Its "
-        f"score is {HEADLINE_WORDS}, the mean over the viewpoints; the reference knows the error. "
-        f"What may be lost: {criterion} of the {number(data.aligned, 4)} that the aligned "
+        f"An EIA of the nominal display is shown on misaligned displays. The score is "
+        f"{HEADLINE_WORDS}, averaged over the viewpoints; the reference uses the misaligned "
+        f"display. The tolerated loss is {criterion} of the {number(data.aligned, 4)} that the "
+        "aligned "
         "display scores."
     )
     rows = data.parameters
@@ -130,10 +131,10 @@ def _page(data: ToleranceDocument) -> str:
         "tolerate.json",
         map(text, facts),
         [
-            Section("failures", "What failed", bullets(failed, "failures")),
+            Section("failures", "Failed displays", bullets(failed, "failures")),
             Section(
                 "bears",
-                "What this display can bear",
+                "Tolerances",
                 lead(introduction) + bullets(sentences(data), "remarks") + _table(rows),
             ),
             Section(
@@ -146,9 +147,7 @@ def _page(data: ToleranceDocument) -> str:
                 "together",
                 "All errors at once",
                 lead(_TOGETHER)
-                + plot(
-                    _draw_together(data, data.together), "Share of displays against what they lose"
-                )
+                + plot(_draw_together(data, data.together), "Share of displays against their loss")
                 if data.together is not None
                 else "",
             ),

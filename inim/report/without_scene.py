@@ -39,15 +39,14 @@ _STYLE = """
 .remarks { max-width: 90ch; padding-left: 1.2em; }
 """
 _EXACT = "Exact first hits"
-_LIES = "as it lies on the lens array"
+_LIES = "on the lens array"
 _REFERENCES = {"to_picture": "the picture, warped", "to_exact": "the exact EIA's view"}
 _LEAD = (
-    "Wrong source: panel pixels that show another pixel of the picture than the first one that "
-    "their ray meets, by rational arithmetic. The picture, warped: as the eye would see it by its "
-    "own depth, with no display between; every display blurs that. The exact EIA's view: what the "
-    "EIA of the exact first hits, four rays a pixel, shows through the same lenses: all that an "
-    "algorithm can get out of this picture. Covered: of the pixels that the picture, warped, meets "
-    f"and those within {RELIC_MARGIN_PX} pixels of one."
+    "Wrong source: panel pixels whose source is not the first pixel on their ray, by rational "
+    "arithmetic. The picture, warped: the view from the eye by the picture's own depth, without a "
+    "display and its blur. The exact EIA's view: the EIA of the exact first hits, with four rays "
+    "per pixel, through the same lenses. Covered: restricted to the pixels that the warped picture "
+    f"covers, plus a margin of {RELIC_MARGIN_PX} pixels."
 )
 
 

@@ -20,8 +20,8 @@ from inim.metrics.headline import HEADLINE, preferred_algorithm
 
 ScoreKind = Literal["scene", "reference", "relic", "relic to reference", "eia"]
 
-#: The scene itself; the true EIA through the lenses; and that EIA, on the panel.
-TRUTH, REFERENCE, TRUE_EIA = "Ground truth", "Reference", "True EIA"
+#: Ground-truth view; reference view; ground-truth EIA.
+TRUTH, REFERENCE, TRUE_EIA = "Ground truth", "Reference", "Ground-truth EIA"
 
 MISSING = "–"
 INFINITE = "∞"

@@ -280,7 +280,7 @@ def test_eia_crop_shows_the_same_busiest_lenses_of_every_array_unscaled(folder):
     save(folder / "eia/template.png", made)
     page = Page(render_html(report(ALGORITHMS), folder))
     cut = np.s_[top : top + size, left : left + size]
-    crop = page.picture("Magnified elemental images, True EIA")
+    crop = page.picture("Magnified elemental images, Ground-truth EIA")
     np.testing.assert_array_equal(crop, truth[cut])
     crop = page.picture("Magnified elemental images, template")
     np.testing.assert_array_equal(crop, made[cut])

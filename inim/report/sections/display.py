@@ -96,8 +96,8 @@ def display(data: ReportDocument | PictureDocument, _images: Images) -> str:
     if misalign.strip():
         words += _caution(
             "Misaligned.",
-            f"The array lies off this design by {misalign}. The true EIA and views are those of "
-            "the display as it lies; the algorithms know only the design.",
+            f"The array is misaligned by {misalign}. The ground-truth EIA and the views use the "
+            "misaligned display; the algorithms use the design.",
         )
     every = folded(element("h3", "Every parameter"), element("div", *tables, class_="columns"))
     return words + _plan(data) + every
@@ -160,7 +160,7 @@ def rgbd_input(data: ReportDocument, images: Images) -> str:
     colour, depth = (images.read(f"rgbd_{kind}.png") for kind in ("color", "depth"))
     rgbd, (far, near) = data.rgbd, map(mm, data.display.parameters.depth_range_mm)
     words = (
-        f"What the algorithms were given: {rgbd.columns} × {rgbd.rows} pixels of "
+        f"Input of the algorithms: {rgbd.columns} × {rgbd.rows} pixels of "
         f"{mm(rgbd.pixel_mm)}, {per_cent(rgbd.covered_fraction, 1)} of them covered by the relic, "
         f"depths from {mm(rgbd.depth_min_mm)} to {mm(rgbd.depth_max_mm)} towards the viewer."
     )
@@ -198,7 +198,7 @@ def splats(data: ReportDocument, _images: Images) -> str:
         for k, share in enumerate(shares)
     ]
     return lead(_words(data, translucency)) + text_table(
-        "Coverage: what share of the light a pixel's ray loses", ["Coverage", "Pixels"], rows
+        "Coverage: share of the light that a pixel's ray loses", ["Coverage", "Pixels"], rows
     )
 
 
@@ -210,9 +210,9 @@ def _words(data: ReportDocument, translucency: Splats) -> str:
         f"{per_cent(translucency.mean_coverage, 1)} of their light on average. "
         "A depth map has one depth for each: here, that at which half of the light is gone. "
         f"{per_cent(translucency.without_depth_fraction, 1)} of these pixels never lose half: the "
-        "algorithms are not given them. "
-        f"{per_cent(translucency.never_opaque_fraction, 1)} never lose nine tenths: what shows "
-        "through them moves otherwise than they do. "
+        "algorithms do not receive them. "
+        f"{per_cent(translucency.never_opaque_fraction, 1)} never lose nine tenths: "
+        "the background visible through them moves differently. "
     )
     if translucency.depth_spread_mm is not None:
         low, high = data.display.parameters.depth_range_mm

@@ -15,9 +15,9 @@ from inim.report.wording import TRUE_EIA, metric_scores, score
 _CROP_LENSES = 5
 _WHOLE_EIA_PX = 420
 _INTRO = (
-    f"What lies on the panel: about {_CROP_LENSES} × {_CROP_LENSES} elemental images, magnified, "
-    "where the true one varies most near the centre; below each, the whole array scaled down, "
-    "with that place marked."
+    f"About {_CROP_LENSES} × {_CROP_LENSES} elemental images of the panel, magnified, where the "
+    "ground-truth EIA varies most near the centre. The whole EIA below each is scaled down and "
+    "marks this region."
 )
 
 
@@ -45,7 +45,7 @@ def elemental_images(data: ReportDocument, images: Images) -> str:
     for name, result in data.algorithms.items():
         eia, scores = images.read("eia", f"{name}.png"), result.eia
         facts = [*metric_scores(scores, "eia"), ("Holes", score(scores, "hole_fraction"))]
-        figures.append(_eia_figure(images, eia, window, name, ("To the true EIA", facts)))
+        figures.append(_eia_figure(images, eia, window, name, ("To the ground-truth EIA", facts)))
     intro = lead(_INTRO)
     return intro + element("div", *figures, class_="eias")
 

@@ -27,15 +27,15 @@ from inim.report.wording import (
 
 _FAILURES_ON_TOP = 3
 _NOTE = (
-    "Large: SSIM on the relic to the reference, what the algorithm keeps of what this display can "
-    "show; ± is noise. Small: the same to the scene, what the viewer gets; and both of the whole "
-    "picture, most of which may be ground. "
+    "Large: SSIM on the relic to the reference view, which measures the algorithm alone; ± is the "
+    "95 % interval. Small: SSIM on the relic to the scene, which includes the display; and both "
+    "scores of the whole picture with its background. "
 )
 
 
 def overview(data: ReportDocument, images: Images) -> str:
     """The table of scores above the images of the centre viewpoint."""
-    link = element("a", "What the numbers mean", href="#meaning")
+    link = element("a", "Meaning of the numbers", href="#meaning")
     note = element("p", text(_NOTE), link, class_="note")
     others = [lead(line, "note") for line in disagreements(data)]
     parts = [failures(data), _scores(data), note, *others, _hero(data, images)]

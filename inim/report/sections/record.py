@@ -29,57 +29,58 @@ _NO_CRITERIA = (
     "reference. --baseline compares with an accepted run. Criteria that this run would just pass:"
 )
 _SAMPLES = (
-    "Samples ended when every SSIM had the precision that inim.score_error requires: with all "
-    "of them, some would differ by no more than that. Nothing else that was skipped changes a "
+    "Sampling ended when every SSIM had the precision that inim.score_error requires. With all "
+    "samples, some scores would differ by at most that amount. No other skipped step changes a "
     "score."
 )
 _SKIPPED = {"step": "Step", "performed": "Performed", "skipped": "Skipped", "why": "Reason"}
 _MEANINGS = (
     (
         TRUTH,
-        "The scene itself, rendered from the viewpoint: no display between.",
+        "The scene, rendered from the viewpoint without a display.",
     ),
     (
         TRUE_EIA,
-        "The elemental images path traced through the centre of every lens.",
+        "The EIA of the scene, path traced through the centre of every lens.",
     ),
     (
         REFERENCE,
-        "The view of the true EIA through this display's lenses: what a perfect algorithm would "
-        "show on it. What lies between reference and scene is lost by the display, not by an "
-        "algorithm. No algorithm is above it by more than noise, unless a warning says so.",
+        "The view of the ground-truth EIA through this display's lenses. The difference between "
+        "reference and scene is the loss of the display, not of an algorithm. A warning lists "
+        "algorithms that score above the reference by more than noise.",
     ),
     (
         "SSIM to reference",
-        "Likeness of a reconstructed view and the reference, from structure: 1 is "
-        "identical. It isolates what the algorithm lost. On the relic it is the headline: the "
-        "best algorithm is the one with the highest mean over the viewpoints.",
+        "Structural similarity of a reconstructed view and the reference view: 1 is identical. It "
+        "measures the loss of the algorithm. On the relic it is the headline score: the best "
+        "algorithm has the highest mean over the viewpoints.",
     ),
     (
         "SSIM to scene",
-        "Likeness of a reconstructed view and the scene: what the viewer gets, "
-        "losses of the display included.",
+        "Structural similarity of a reconstructed view and the ground-truth view. It includes the "
+        "loss of the display.",
     ),
     (
         "Noise floor",
-        "The score of the ground truth against itself, one half of its samples against the other. "
-        "Plain scores, such as the EIA's, mean nothing beyond it; of those free of noise ± tells.",
+        "The score of one half of the ground truth's samples against the other half. Smaller "
+        "differences of plain scores, such as the EIA's, have no meaning. For noise-corrected "
+        "scores, ± is the 95 % interval.",
     ),
     (
         "On the relic",
-        "Of the relic's pixels in the true view and those within "
-        f"{RELIC_MARGIN_PX} pixels of one, alike for all algorithms. An empty background is easy, "
-        "flatters every algorithm, and can decide which is best.",
+        "Restricted to the relic's pixels in the ground-truth view, plus a margin of "
+        f"{RELIC_MARGIN_PX} pixels, equal for all algorithms. An empty background raises every "
+        "score and can change the order of the algorithms.",
     ),
     (
-        "Free of noise",
-        "Noise of the samples makes pictures less alike. What it took is estimated from the two "
-        "halves of the samples and given back; ± is the 95 % interval. report.json has the plain "
-        "scores of the noisy pictures beside them.",
+        "Noise-corrected",
+        "Noise of the samples lowers the similarity of images. The loss is estimated from two "
+        "halves of the samples and added back; ± is the 95 % interval. report.json also has the "
+        "plain scores of the noisy images.",
     ),
     ("PSNR", "Peak signal-to-noise ratio in dB, higher is better; ∞ for identical images."),
-    ("FLIP", "Difference an eye would notice when flipping between two images: 0 is none."),
-    ("Holes", "Share of the panel's pixels for which an algorithm found no colour."),
+    ("FLIP", "Visible difference when alternating between two images; 0 is none."),
+    ("Holes", "Share of the panel's pixels for which an algorithm has no source."),
     (
         "Across scenes",
         "Scores are never compared across scenes: a smooth relic scores higher "
@@ -91,7 +92,7 @@ _MEANINGS = (
 def check_list(verdict: Checks) -> str:
     """Every check with its numbers, the failed ones first."""
     if not verdict.checks:
-        return element("p", "Nothing was checked.")
+        return element("p", "No checks.")
     rows = [_check_row(check) for check in sorted(verdict.checks, key=lambda check: check.passed)]
     heads = ["Check", "Value", "Relation", "Limit", "Verdict", "Interval of the value"]
     if not any(row[-1] for row in rows):
@@ -178,9 +179,7 @@ SECTIONS = (
         is_folded=True,
     ),
     ReportSection(110, "timings", "Timings", lambda data, _: _timings(data), is_folded=True),
-    ReportSection(
-        120, "skipped", "What was skipped", lambda data, _: _skipped(data), is_folded=True
-    ),
+    ReportSection(120, "skipped", "Skipped steps", lambda data, _: _skipped(data), is_folded=True),
     ReportSection(
         130,
         "warnings",
@@ -195,6 +194,6 @@ SECTIONS = (
         is_folded=True,
     ),
     ReportSection(
-        150, "meaning", "What the numbers mean", lambda _, __: _meanings(), is_folded=True
+        150, "meaning", "Meaning of the numbers", lambda _, __: _meanings(), is_folded=True
     ),
 )

@@ -34,8 +34,8 @@ _FOLDER = "regression"
 _MOST_DRIFTS = 12
 _MOST_PICTURES = 6
 _WORDS = (
-    "A change fails if it is larger than what noise explains and large enough to count; Sidak's "
-    "correction over all tests of a kind keeps false alarms to one run in a thousand. "
+    "A change fails if it is larger than noise explains and large enough to matter. Sidak's "
+    "correction over all tests of a kind limits false alarms to one run in a thousand. "
 )
 
 
@@ -46,7 +46,7 @@ def regression(data: ReportDocument | CompareDocument, images: Images) -> str:
         return ""
     judged = [check for check in data.verdict.checks if check.kind is not None]
     failed = sum(not check.passed for check in judged)
-    changed = f"{failed} changed" if failed else "nothing changed"
+    changed = f"{failed} changed" if failed else "none changed"
     words = f"Of {len(judged)} comparisons with {comparison.baseline}, {changed}. "
     if comparison.reason:
         words += f"That baseline was accepted because: {comparison.reason}. "
@@ -64,7 +64,7 @@ def _images(comparison: Regression, images: Images) -> str:
                 remark,
             )
             for kind, label, remark in (
-                ("baseline", "Before", "what the baseline holds of it"),
+                ("baseline", "Before", "as stored in the baseline"),
                 ("candidate", "Now", ""),
                 ("difference", "Difference", "amplified; black is equal"),
             )
@@ -80,8 +80,8 @@ def _circumstances(comparison: Regression) -> str:
     ]
     if not rows:
         return ""
-    heads = ["What made it", "Baseline", "This run"]
-    return text_table("What else differs between the two runs, not judged", heads, rows, "facts")
+    heads = ["Circumstance", "Baseline", "This run"]
+    return text_table("Other differences between the two runs, not tested", heads, rows, "facts")
 
 
 def _drift(comparison: Regression) -> str:
@@ -153,4 +153,4 @@ def _page(data: CompareDocument, folder: Path) -> str:
 def _runs(data: CompareDocument) -> str:
     sides = [msgspec.to_builtins(side.circumstances) for side in (data.before, data.after)]
     rows = [[name, *(side.get(name, MISSING) for side in sides)] for name in _SHOWN]
-    return text_table("What made them", ["", "Before", "After"], rows, "facts")
+    return text_table("Circumstances", ["", "Before", "After"], rows, "facts")

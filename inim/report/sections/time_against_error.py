@@ -33,14 +33,14 @@ from inim.report.sections import ReportSection
 from inim.report.wording import plain
 
 _YARDSTICKS = "yardsticks"
-_WORDS = "Down and left is better; the line joins those that no other beats in both. "
+_WORDS = "Down and left is better; the line joins the Pareto-optimal algorithms. "
 _RATIOS = (
-    "Times are medians of warm runs, in turn with the yardstick, one gather of 4 bytes per display "
-    "pixel."
+    "Times are medians of warm runs, alternating with the reference kernel, one gather of 4 bytes "
+    "per display pixel."
 )
 _SECONDS = (
-    "Times are of one run as it came, preparation and compiling included: they tell a second from "
-    "a minute. Warm ones, in turn, and in yardsticks come with "
+    "Times are of a single run, with preparation and compilation, and therefore rough. For warm "
+    "times relative to the reference kernel, use "
 )
 
 

@@ -43,10 +43,10 @@ from inim.report.wording import (
 )
 
 _INTRO = (
-    "Below each picture are its difference and its SSIM map. Differences are absolute differences "
-    f"of the sRGB values, amplified ×{NBSP}{DIFFERENCE_GAIN}: black is equal. The reference is "
-    "compared with the ground truth, which shows what the display loses; an algorithm is compared "
-    "with the reference, which shows what the algorithm loses."
+    "Each image is shown with its difference and its SSIM map. Differences are absolute "
+    f"differences of the sRGB values, amplified ×{NBSP}{DIFFERENCE_GAIN}: black is equal. The "
+    "reference is compared with the ground truth: this is the loss of the display. An algorithm is "
+    "compared with the reference: this is the loss of the algorithm."
 )
 _WIPE_ID = "wipe"
 WIPE = Widget(package_text("wipe.css"), package_text("wipe.js"), f'id="{_WIPE_ID}"')
@@ -56,13 +56,13 @@ _WIPE_WAYS = (
     ("difference", f"difference ×{NBSP}{DIFFERENCE_GAIN}", False),
 )
 _WIPE_HELP = (
-    "Drag across the picture, or move the slider with the arrow keys, to uncover one of the two "
-    "under the other; flip between them where they lie; or see their difference."
+    "Drag across the image, or move the slider with the arrow keys, to uncover one image under the "
+    "other; alternate between them; or show their difference."
 )
 _THUMBNAIL_PX = 320
 _PARALLAX = (
     "Ground truth above, the best algorithm below. The frame is the lens array: the farther a "
-    "point is from it, the more it moves against the centre line. Both rows should move alike."
+    "point is from it, the more it moves against the centre line. Both rows should move equally."
 )
 
 
@@ -71,7 +71,7 @@ def views(data: ReportDocument, images: Images) -> str:
     rows = [_viewpoint(data, images, eye) for eye in data.viewpoints]
     names = data.viewpoint_names
     below = [
-        f" {metric.label}'s map shows what is lost where, from black for nothing to pale yellow "
+        f" {metric.label}'s map shows the local loss, from black for none to pale yellow "
         f"for {metric.heat_map_max:g} {metric.unit} or more."
         for metric in all_metrics()
         if names and images.read("maps", metric.name, "reference", f"{names[0]}.png") is not None

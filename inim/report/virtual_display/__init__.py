@@ -52,8 +52,8 @@ _HELP = (
     "pinch for the distance, arrow keys move the eye (with Shift farther), + and − go nearer and "
     "back, Home returns."
 )
-_SWAYS = "The eye sways by itself until you touch the page or press a key."
-_ABOVE = "From above, to scale: the display, the zone without flipped views, and the eye before it."
+_SWAYS = "The eye moves until you touch the page or press a key."
+_ABOVE = "From above, to scale: the display, the viewing zone, and the eye."
 #: Between the eyes of a pair: most adults' are 54 to 74 mm apart.
 _BETWEEN_EYES_MM = 63
 
