@@ -93,9 +93,9 @@ class Settings:
     tilt_x_deg: float | None = _setting(None, "panel tilted: the gap grows to the right (0)")
     tilt_y_deg: float | None = _setting(None, "panel tilted: the gap grows upwards (0)")
     subpixels: str | None = _setting(None, "none, rgb-stripe or pentile (none)")
-    pixel_fill: float | None = _setting(None, "width of what shines, in (sub-)pixels (1)")
+    pixel_fill: float | None = _setting(None, "width of the emitting area, in (sub-)pixels (1)")
     misalign: str = _setting(
-        "", "what the array is off by where generators do not know: 'rotation_deg=0.5, gap_mm=0.1'"
+        "", "misalignment unknown to the generators: 'rotation_deg=0.5, gap_mm=0.1'"
     )
     fit_share: float = _setting(
         0.85, "share of the array the relic may fill, 0..1", low=1e-6, high=1
@@ -133,7 +133,7 @@ class Settings:
     )
     score_error: float = _setting(
         0.0,
-        "stop sampling as soon as every SSIM is known this well (0.01, say); 0: take all samples",
+        "stop sampling when every SSIM has this precision, such as 0.01; 0: take all samples",
         low=0,
         high=1,
     )

@@ -20,9 +20,9 @@ from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
 def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
     add_exit_codes(parser)
     parser.description = (
-        "Time each algorithm on a scene's display-ready picture, and set the times against the "
-        "errors. All take turns with a reference kernel of one 4-byte gather per display pixel; "
-        "times are given in its time, too: in yardsticks."
+        "Time each algorithm on a scene's display-ready picture and compare time with error. All "
+        "run alternately with a reference kernel of one 4-byte gather per display pixel; times are "
+        "also given as multiples of its time."
     )
     parser.add_argument("scene", type=Path, help="Mitsuba scene (.xml)")
     parser.add_argument("-o", "--out", type=Path, help="folder (default: SCENE-bench)")
@@ -56,8 +56,8 @@ def _bench(args: argparse.Namespace) -> int:
 def _add_stress_arguments(parser: argparse.ArgumentParser) -> None:
     add_exit_codes(parser)
     parser.description = (
-        "Set algorithms, other people's too, against the exact first hits and against relations "
-        "that hold whatever the right answer is; measure what small errors of depth cost."
+        "Compare algorithms, also from other packages, with exact first hits and with relations "
+        "that hold for every correct result; measure the effect of small depth errors."
     )
     parser.add_argument(
         "scene",

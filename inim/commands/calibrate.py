@@ -198,16 +198,16 @@ def _table(calibration: Calibration) -> list[str]:
 def _add_photo_arguments(parser: argparse.ArgumentParser) -> None:
     add_exit_codes(parser)
     parser.description = (
-        "Simulate a photograph of a display that `inim calibrate` has measured, taken from one of "
-        "the positions of that calibration or from where the patterns were photographed again, "
-        "and tell how it differs from the real one: shift, blur, tone; SSIM, PSNR and FLIP."
+        "Simulate a photograph of a display measured by `inim calibrate`, from one of the "
+        "calibration's positions or from a new position with photographs of the patterns. Compare "
+        "it with the real photograph: shift, blur, tone; SSIM, PSNR and FLIP."
     )
     parser.add_argument("photo", type=Path, metavar="PHOTO", help="JPEG or PNG, as photographed")
-    parser.add_argument("--eia", type=Path, required=True, help="what the panel shows, PNG or EXR")
+    parser.add_argument("--eia", type=Path, required=True, help="EIA on the panel, PNG or EXR")
     add_choices(parser, "display", "definitions")
     position_options = parser.add_mutually_exclusive_group()
     position_options.add_argument(
-        "--position", metavar="NAME", help="of the calibration, where the camera stood"
+        "--position", metavar="NAME", help="camera position of the calibration"
     )
     position_options.add_argument(
         "--patterns",

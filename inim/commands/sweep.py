@@ -29,9 +29,9 @@ _KEPT = "results are kept: run it again to go on"
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_exit_codes(parser)
     parser.description = (
-        "Validate all combinations of a study's scenes, displays, settings and algorithms, into "
-        "one table. What is there already is not computed again: run it again after a kill, or "
-        "with more in the study."
+        "Validate all combinations of a study's scenes, displays, settings and algorithms, and "
+        "write one table. Existing results are reused: run it again after a kill, or with a larger "
+        "study."
     )
     parser.add_argument("study", type=Path, help="the study (.toml), see docs/how-to/sweep.md")
     parser.add_argument("-o", "--out", type=Path, help="folder (default: STUDY-sweep)")
@@ -108,9 +108,9 @@ def _print_failed(failed: Mapping[str, str]) -> None:
 def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:
     add_exit_codes(parser)
     parser.description = (
-        "How accurately must pitch, gap, rotation, shift and tilt of a display be known? Displays "
-        "are drawn that are off, and shown an EIA made for the design. What is there already is "
-        "not computed again."
+        "Compute the tolerances of pitch, gap, rotation, shift and tilt: draw misaligned displays "
+        "at "
+        "random, and show each the EIA of the design. Existing results are reused."
     )
     parser.add_argument("scene", type=Path, help="Mitsuba scene (.xml)")
     parser.add_argument("-o", "--out", type=Path, help="folder (default: SCENE-tolerate)")

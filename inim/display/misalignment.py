@@ -8,15 +8,15 @@ from typing import Any
 from inim.display.display import Display
 from inim.errors import DisplayError, UsageError, suggest_words
 
-#: What can be off, and what a positive number means.
+#: Kinds of misalignment, with the meaning of a positive number.
 MISALIGNMENTS = {
-    "shift_x_mm": "the array lies to the right",
-    "shift_y_mm": "the array lies too high",
-    "rotation_deg": "the array is turned counter-clockwise, as the viewer sees it",
+    "shift_x_mm": "the array is shifted to the right",
+    "shift_y_mm": "the array is shifted up",
+    "rotation_deg": "the array is rotated counter-clockwise, as the viewer sees it",
     "tilt_x_deg": "the gap grows to the right",
     "tilt_y_deg": "the gap grows upwards",
-    "gap_mm": "the array stands too far from the panel",
-    "pitch_mm": "the lenses lie too far apart",
+    "gap_mm": "the gap is larger",
+    "pitch_mm": "the lens pitch is larger",
 }
 
 

@@ -180,7 +180,7 @@ def _with_fill(name: str, generator: Generator, fill: str, with_holes: Generator
 
     if not (isinstance(generator, SourceGenerator) and isinstance(with_holes, SourceGenerator)):
         raise UsageError(
-            f"algorithm {name!r} does not say where its colours come from, and so not what is a "
+            f"algorithm {name!r} does not report its sources, and so not what is a "
             "hole; leave fill out"
         )
     return Filled(generator, fill, with_holes)
@@ -212,7 +212,7 @@ def find_sources(
     """
     generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, **options)
     if not isinstance(generator, SourceGenerator):
-        raise UsageError(f"algorithm {algorithm!r} does not say where its colours come from")
+        raise UsageError(f"algorithm {algorithm!r} does not report its sources")
     return generator.sources(rgbd)
 
 

@@ -164,18 +164,18 @@ def misalignments(design: Display, misaligned: Display) -> list[str]:
     for name, words in _LIES.items():
         nominal = getattr(design, name)
         unknown = getattr(misaligned, name) - nominal
-        for value, knows in ((nominal, "knows"), (unknown, "does not know")):
+        for value, origin in ((nominal, "in the design"), (unknown, "not in the design")):
             if value:
                 direction = words[0 if value > 0 else 1].format(f"{abs(value):.4g}")
-                sentences.append(f"array {direction} (the design {knows})")
+                sentences.append(f"array {direction} ({origin})")
     off = misaligned.gap_mm - design.gap_mm
     if off:
         side = "far from" if off > 0 else "close to"
-        sentences.append(f"array {abs(off):.4g} mm too {side} the panel (the design does not know)")
+        sentences.append(f"array {abs(off):.4g} mm too {side} the panel (not in the design)")
     off = misaligned.pitch_mm - design.pitch_mm
     if off:
         direction = "far apart" if off > 0 else "close together"
-        sentences.append(f"lenses {abs(off):.4g} mm too {direction} (the design does not know)")
+        sentences.append(f"lenses {abs(off):.4g} mm too {direction} (not in the design)")
     return sentences
 
 

@@ -46,7 +46,7 @@ _SHARES = (
     ("blocked", "vignetted, total reflection"),
     ("reflected", "reflected at lens faces"),
     ("astray", "goes astray in all"),
-    ("crosstalk", "crosstalk, of what arrives"),
+    ("crosstalk", "crosstalk, share of arriving"),
 )
 
 
@@ -95,7 +95,7 @@ def _display(findings: Findings) -> list[str]:
     if off:
         lines += [
             _line("", "formulas are those of the aligned array; spots and light shares"),
-            _line("", "are traced through the array as it lies"),
+            _line("", "are traced through the misaligned array"),
         ]
     return lines
 
@@ -159,10 +159,10 @@ def _choices(findings: Findings) -> list[str]:
         for name, row in zip(names, rows, strict=True)
     ]
     return [
-        "Pixels per lens: what they give and cost",
+        "Pixels per lens: benefit and cost",
         *table,
         f"  The picture has {d.lens_columns} x {d.lens_rows} points in each view, one per lens, "
-        "whatever their number.",
+        "independent of the pixels per lens.",
     ]
 
 
@@ -176,12 +176,15 @@ def _viewing_lines(findings: Findings) -> list[str]:
         _line("viewing distance", f"{_n(zone.distance_mm)} mm"),
     ]
     if zone.zone_is_empty:
-        return [*lines, _line("eye may move aside", "nowhere: every eye here sees flipped views")]
+        return [
+            *lines,
+            _line("sideways eye movement", "none: every eye sees flipped views"),
+        ]
     limits = (
         f"±{_n(zone.flip_limit_x_mm)} mm (±{_n(zone.flip_limit_x_deg)}°) across, "
         f"±{_n(zone.flip_limit_y_mm)} mm (±{_n(zone.flip_limit_y_deg)}°) up and down"
     )
-    return [*lines, _line("eye may move aside", limits)]
+    return [*lines, _line("sideways eye movement", limits)]
 
 
 def _spots(findings: Findings) -> list[str]:
@@ -198,7 +201,7 @@ def _spots(findings: Findings) -> list[str]:
             )
         )
     if not find_lens_model(findings.lens_model).refracts:
-        lines.append("  Without refraction, the width of a cell's directions is what spreads here.")
+        lines.append("  Without refraction, the spot is the spread of a cell's directions.")
     return lines
 
 

@@ -163,7 +163,7 @@ def _overview(data: PictureDocument, images: Images, best: str | None) -> str:
     color, depth = (_on_array(data, images.read(f"rgbd_{k}.png")) for k in ("color", "depth"))
     far, near = map(mm, data.display.parameters.depth_range_mm)
     shots = [
-        figure(images.embed(color, "The picture as it lies on the lens array"), "Picture", _LIES),
+        figure(images.embed(color, "The picture on the lens array"), "Picture", _LIES),
         figure(
             images.embed(depth, "Its depth"),
             "Depth",

@@ -231,7 +231,7 @@ def column_groups() -> dict[str, dict[str, str]]:
         "the view against the scene": view_columns(),
         "against the reference view": to_reference_columns(),
         "the reference against the scene": prefixed_view_columns("reference"),
-        "the truth against itself": prefixed_view_columns("noise_floor"),
+        "noise floor": prefixed_view_columns("noise_floor"),
     }
     groups = {
         "names": _of("string", "scene", "display", "algorithm", "viewpoint"),

@@ -115,9 +115,7 @@ def test_scene_s_settings_are_read_and_the_command_line_wins(capsys, tmp_path):
     assert (data["depth"]["mode"], data["depth"]["central_depth_mm"]) == ("virtual", -27)
     assert data["lens_model"]["name"] == "thin"
     assert data["viewing"]["distance_mm"] == 500
-    assert data["misalignment"] == [
-        "array turned by 0.5° counter-clockwise (the design does not know)"
-    ]
+    assert data["misalignment"] == ["array turned by 0.5° counter-clockwise (not in the design)"]
     words = ("--json", "--distance", "300", "--lens-model", "pinhole", "-D", "inim.gap_mm=3.3")
     data = read_text(inspect(capsys, scene, *words))
     assert (data["depth"]["mode"], data["lens_model"]["name"]) == ("real", "pinhole")

@@ -167,7 +167,7 @@ def test_the_page_begins_with_picture_depth_view_and_live_display(finished):
     assert sections[: sections.index("scores")] == ["overview", "warnings", "virtual-display"]
     first = page[page.index('id="overview"') : page.index('id="virtual-display"')]
     assert re.findall(r'alt="([^"]+)"', first) == [
-        "The picture as it lies on the lens array",
+        "The picture on the lens array",
         "Its depth",
         "View of the display from l",
     ]

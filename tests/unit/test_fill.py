@@ -245,7 +245,7 @@ def test_what_cannot_be_filled_is_refused(monkeypatch) -> None:
         prepare(display.replace(lattice="hexagonal"), "gu2020:fill=all", **size)
     colours = Algorithm("mine", lambda display, shape, pixel_mm: _Colours(), own=False)
     monkeypatch.setattr(inim.generators, "find_algorithm", lambda name: colours)
-    with pytest.raises(UsageError, match="'mine' does not say where its colours come from"):
+    with pytest.raises(UsageError, match="'mine' does not report its sources"):
         prepare(display, "mine:fill=all", **size)
 
 

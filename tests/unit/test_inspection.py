@@ -334,9 +334,9 @@ def test_misalignment_is_told_in_words_with_who_knows():
     known = NOMINAL.replace(shift_x_mm=-0.2)
     real = known.replace(rotation_deg=0.5, gap_mm=3.2)
     assert set(misalignments(known, real)) == {
-        "array moved 0.2 mm to the left (the design knows)",
-        "array turned by 0.5° counter-clockwise (the design does not know)",
-        "array 0.1 mm too close to the panel (the design does not know)",
+        "array moved 0.2 mm to the left (in the design)",
+        "array turned by 0.5° counter-clockwise (not in the design)",
+        "array 0.1 mm too close to the panel (not in the design)",
     }
     assert misalignments(NOMINAL, NOMINAL) == []
 
