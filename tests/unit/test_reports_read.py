@@ -63,7 +63,7 @@ def test_a_sound_one_is_read(tmp_path):
     assert Report.load(tmp_path).data == msgspec.convert(SOUND, ReportDocument)
 
 
-@pytest.mark.parametrize("name", ["../secret", "a/b", "", ".", "a\0", "a\\b", "\ud800"])
+@pytest.mark.parametrize("name", ["../secret", "a/b", "", ".", "a\0", "a\\b", "\udc80"])
 def test_a_name_that_leads_out_of_the_folder_is_refused(name, tmp_path):
     algorithm = SOUND["algorithms"]["template"]
     assert "names no file" in refusal(tmp_path, changed(algorithms={name: algorithm}))

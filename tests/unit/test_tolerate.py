@@ -312,7 +312,7 @@ def test_the_sentences_say_what_the_numbers_do(found):
     assert apart.endswith("A calibration reaches 0.196 mm in 95 % of cases: not good enough.")
     assert f"{found.together.share:.0%}".replace("%", " %") in share
     assert "60 displays" in share
-    assert sums.startswith("Together, errors cost 1 times the sum of what each costs alone")
+    assert sums.startswith("The loss of all errors together is 1 times the sum of the single losses")
 
 
 def test_an_error_that_may_be_larger_than_all_drawn_is_said_so(found):
@@ -321,7 +321,7 @@ def test_an_error_that_may_be_larger_than_all_drawn_is_said_so(found):
         replace(found.parameters[1], interval=(0.1, None)),
     ]
     turned, apart = plainly(sentences(replace(found, parameters=rows, together=None)))
-    assert turned == "Rotation may be off by 0.06 deg, or by more; a larger reach tells."
+    assert turned == "Rotation may deviate by 0.06 deg or more; draw from a larger reach."
     assert "(95 % interval 0.1 to more than was drawn)" in apart
 
 
