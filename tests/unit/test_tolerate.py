@@ -312,7 +312,9 @@ def test_the_sentences_say_what_the_numbers_do(found):
     assert apart.endswith("A calibration reaches 0.196 mm in 95 % of cases: not good enough.")
     assert f"{found.together.share:.0%}".replace("%", " %") in share
     assert "60 displays" in share
-    assert sums.startswith("The loss of all errors together is 1 times the sum of the single losses")
+    assert sums.startswith(
+        "The loss of all errors together is 1 times the sum of the single losses"
+    )
 
 
 def test_an_error_that_may_be_larger_than_all_drawn_is_said_so(found):
