@@ -151,16 +151,16 @@ def activate(backend: Backend) -> None:
     BackendError
         Dr.Jit is already loaded without a library that `backend` needs.
     """
-    drjit = sys.modules.get("drjit")
-    if drjit is not None:
-        _check_loaded(drjit, backend.name)
+    if "drjit" in sys.modules:
+        check_loaded(backend.name)
         return
     load(needed_by(backend.libllvm))
     os.environ.update(environment(backend))
 
 
-def _check_loaded(drjit: Any, name: str) -> None:
+def check_loaded(name: str) -> None:
     """Raise `BackendError` unless Dr.Jit, as it is loaded, can use CUDA or LLVM."""
+    drjit = sys.modules["drjit"]
     way_out = "import inim.render, which chooses one, before mitsuba and drjit"
     if name == "cuda":
         if not drjit.has_backend(drjit.JitBackend.CUDA):

@@ -112,7 +112,9 @@ def register_plugins() -> None:
     Afterwards `mi.load_file` and `mi.load_dict` accept the emitter `inim_display` and the sensors
     `inim_eye` and `inim_pickup`; see "A display in a Mitsuba scene" in the documentation. A
     repeated call has no effect. The plugins work in the variants ``llvm_ad_rgb`` and
-    ``cuda_ad_rgb``, and raise a one-line error in any other.
+    ``cuda_ad_rgb``, and raise a one-line error in any other. Import `inim.render` before
+    `mitsuba`: it chooses a libLLVM that works. Otherwise Dr.Jit takes the system's, and
+    `mi.set_variant` raises `BackendError` if that one aborts the process.
     """
     mi.detail.add_variant_callback(_register)
     _register()
@@ -122,6 +124,8 @@ def _register(_old: str | None = None, _new: str | None = None) -> None:
     """Register the plugins again: they belong to the active variant."""
     if mi.variant() is None:
         return
+    if mi.variant().startswith("llvm"):
+        backends.check_loaded("llvm")
     if not mi.variant().startswith("scalar"):
         counter_sampler.register()
     for plugins in (scene, sensors, display_emitter):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS, Viewpoint
-from inim.errors import FileError, SceneError
+from inim.errors import BackendError, FileError, SceneError
 from inim.image.color import srgb_codes
 from tests.conftest import no_cuda, small_display, square
 
@@ -27,6 +27,20 @@ def picture(seed: int = 1, display=DISPLAY) -> np.ndarray:
     rows, columns = display.eia_shape
     random = np.random.default_rng(seed).random((rows // 16, columns // 16, 3), np.float32)
     return random.repeat(16, axis=0).repeat(16, axis=1)
+
+
+def test_a_libllvm_that_aborts_is_refused_when_the_variant_is_set(monkeypatch):
+    """Mitsuba imported before `inim.render`: Dr.Jit took the system's libLLVM 15."""
+    import drjit
+    import mitsuba as mi
+
+    from inim.render import variant
+
+    if not mi.variant().startswith("llvm"):
+        pytest.skip("the variant uses no libLLVM")
+    monkeypatch.setattr(drjit.detail, "llvm_version", lambda: (14, 0, 6))
+    with pytest.raises(BackendError, match=r"LLVM 14 is too old.*import inim\.render"):
+        variant._register()
 
 
 def turned(name: str):
