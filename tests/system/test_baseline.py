@@ -171,7 +171,7 @@ def test_fresh_seed_passes_and_its_drift_shows(bench):
     summary = (bench.folder / "fresh" / "summary.md").read_text(encoding="utf-8")
     assert "nearest to its limit" in summary
     page = (bench.folder / "fresh" / "report.html").read_text(encoding="utf-8")
-    assert "nothing changed" in page
+    assert "none changed" in page
     assert "the first" in page
 
 

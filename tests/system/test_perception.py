@@ -101,7 +101,7 @@ def test_it_is_seen_as_the_display_from_the_eye(validated):
 def test_page_and_files_show_it(validated):
     out, data = validated
     page = (out / "report.html").read_text("utf-8")
-    assert "CVVDP&#x27;s map shows what is lost where" in page
+    assert "CVVDP&#x27;s map shows the local loss" in page
     for name, run in data["algorithms"].items():
         jod = run["views"]["centre"]["cvvdp_to_reference_jod"]
         assert f"<dd>CVVDP <b>{jod:.2f}\N{NO-BREAK SPACE}JOD</b></dd>" in page

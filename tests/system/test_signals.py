@@ -77,7 +77,7 @@ def test_interrupt_while_modules_load_is_one_line(tmp_path, module):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_after_the_outcome_was_said_is_an_ordinary_end(number):
     code = "import atexit, os, signal, sys\nfrom inim.program import run\nimport inim.cli\n"
-    code += f"atexit.register(os.kill, os.getpid(), {int(number)})\nrun('algorithms')"
+    code += f"atexit.register(os.kill, os.getpid(), {int(number)})\nrun('info', 'algorithms')"
     ended = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, preexec_fn=hear
     )

@@ -309,6 +309,6 @@ def test_help_names_every_exit_code(capsys):
 
 
 def test_settings_table_names_every_tiny_setting(capsys):
-    assert main(["settings"]) == EXIT_PASSED
+    assert main(["info", "settings"]) == EXIT_PASSED
     table = capsys.readouterr().out
     assert all(f"`{key}`" in table for key in TINY)
