@@ -137,7 +137,6 @@ def make_reference(
         Display-ready.
     eia : (rows, columns, 3) float32
         Ground truth, linear RGB.
-    display : Display
     views_of : callable
         The views of an EIA.
     viewing : sequence of Viewing, optional
@@ -315,8 +314,6 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, renderer: Rend
         As for a validation; its sampling settings hold here too.
     names : sequence of str
         Algorithms with their options.
-    rounds : Rounds
-    renderer : Renderer
     """
     observer = renderer.observer
     observer.begin(["open scene", "capture RGB-D", "ground-truth EIA", "time", "score", "write"])
@@ -362,10 +359,8 @@ class _Inputs:
         Display-ready, the front surface only.
     layered : RGBD
         With its layers, where a method reads them.
-    reference : Reference
     noise_floor : dict
         See `noise_floor`.
-    layers : CapturedLayers or None
     """
 
     rgbd: RGBD

@@ -140,11 +140,9 @@ def record(
 
     Parameters
     ----------
-    title : str
     command : sequence of str
         The words that repeat it.
     backend : inim.backend.Backend
-    rounds : Rounds
     load : float or None
         `load_average` before anything was loaded.
     """

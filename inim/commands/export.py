@@ -85,17 +85,14 @@ class _Chosen:
 
     Attributes
     ----------
-    path : Path
     display, misaligned : Display
         The design, and the misaligned display.
-    lens_model : str
     distance_mm : float, optional
         Distance of the eyes.
     description : str
         Name of the EIA and the reason of its choice.
     report : Report, optional
         Report of the EIA.
-    is_truth : bool
     """
 
     path: Path

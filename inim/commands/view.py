@@ -64,7 +64,6 @@ def view_report(folder: Path, out: Path | None = None) -> Path:
     ----------
     folder : Path
         Folder of the report.
-    out : Path, optional
 
     Returns
     -------

@@ -44,7 +44,6 @@ class DepthConvention:
     ----------
     unit_mm : float or None
         Millimetres per unit; 0 for numbers without a unit.
-    near_is_large : bool or None
     missing : tuple of float
         Numbers that mean "no depth"; infinite values and NaN always do.
     has_range : bool
@@ -65,11 +64,8 @@ class DepthValues:
     ----------
     depth : (H, W) float32
         Millimetres, or raw values if unitless; NaN where missing.
-    near_is_large : bool
-    has_unit : bool
     step : float
         Quantisation step of the file, in the same unit; 0 for floats.
-    warnings : tuple of str
     inverse_step : float
         Quantisation step of the inverse depth, for files that quantise it; otherwise 0.
     """
@@ -110,7 +106,6 @@ def interpret_depth(file: DepthFile, convention: DepthConvention, name: str) -> 
 
     Parameters
     ----------
-    file : DepthFile
     convention : DepthConvention
         Properties given by the user.
     name : str

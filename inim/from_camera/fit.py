@@ -51,7 +51,6 @@ class DepthMap:
     name : {"linear", "reciprocal", "printed"}
     near, far : float
         Range of d; values beyond it are clipped.
-    offset_mm, slope : float
     low_mm, high_mm : float
         Range to which display depths are clipped.
     """
@@ -105,7 +104,6 @@ def depth_range(
 
     Parameters
     ----------
-    values : DepthValues
     near, far : float, optional
         Ends set by the user; by default the 0.5 % and 99.5 % quantiles.
 
@@ -151,7 +149,6 @@ def map_depth(name: str, values: DepthValues, ends: tuple[float, float], to: Dis
         Supplies the direction of the depths.
     ends : (near, far)
         See `depth_range`.
-    to : Display
 
     Raises
     ------
@@ -267,7 +264,6 @@ class PictureFit:
 
     Attributes
     ----------
-    rgbd : RGBD
     clipped : float
         Share of the samples with depth that are out of range.
     empty : float
@@ -310,8 +306,6 @@ def fit_picture(
     color : (H, W, 3) uint8 sRGB, or float32 linear RGB
     values : DepthValues
         Same rows and columns as `color`.
-    depth_map : DepthMap
-    display : Display
     camera : Pinhole or None
         None for an orthographic picture.
     pixels_per_pitch : float
@@ -429,8 +423,6 @@ def empty_share(covered: np.ndarray, display: Display, cell_mm: float) -> float:
     Parameters
     ----------
     covered : (rows, columns) bool
-    display : Display
-    cell_mm : float
     """
     rows, columns = covered.shape
     x = np.abs((np.arange(columns) + 0.5) * cell_mm - columns * cell_mm / 2)

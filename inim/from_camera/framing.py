@@ -46,7 +46,6 @@ class Framing:
     subject_depth : float
         Median depth of the subject.
     fit : {"contain", "cover"}
-    reason : str
     """
 
     rows: slice
@@ -63,7 +62,6 @@ def choose_framing(values: DepthValues, aspect: float) -> Framing:
 
     Parameters
     ----------
-    values : DepthValues
     aspect : float
         Width over height of the display.
     """

@@ -171,7 +171,6 @@ class ColorDepth:
         Size of the depth file.
     missing : float
         Share of the depth pixels without depth.
-    warnings : tuple of str
     camera : Pinhole or None
         None for orthographic pictures.
     notes : tuple of str

@@ -235,7 +235,6 @@ def write_depth(path: Path, values: np.ndarray, meaning: str) -> None:
 
     Parameters
     ----------
-    path : Path
     values : (H, W) float array
     meaning : str
         Meaning of the numbers, stored in the file as ``inim:depth``.

@@ -92,11 +92,9 @@ def draw_tiles(
 
     Parameters
     ----------
-    tiles : CameraTiles
     color : (H, W, 3) uint8 sRGB, or float32 linear RGB
     shape : (rows, columns)
         Number of cells, centred on the display's axis.
-    cell_mm : float
     same_mm : float
         Maximum depth difference between a cell and the samples that contribute to its colour.
     """

@@ -54,14 +54,10 @@ class Plan:
 
     Attributes
     ----------
-    request : Request
-    file : SceneFile
-    settings : Settings
     display : Display
         Display as designed, which generators use.
     misaligned_display : Display
         Display with its misalignment, for ground truth and views.
-    viewpoints : tuple of Viewpoint
     methods : tuple of Method
         Methods to score, in the report's order.
     ssim_limits : dict of str to float
@@ -70,7 +66,6 @@ class Plan:
         Memory of the run's images at peak.
     rays_in_flight : int
         Rays that the renderer may trace at once in the remaining memory.
-    baseline : RunStatistics, optional
     """
 
     request: Request

@@ -58,7 +58,6 @@ class Choices:
         Names with options; see `inim.generators.algorithm_items`.
     viewpoints : tuple of str or Viewpoint, optional
         See `inim.display.viewpoint.viewpoint_items`.
-    lens_model : str, optional
     misalign : dict of str to float, optional
         See `inim.display.misalignment.parse_misalignment`.
     """

@@ -31,14 +31,8 @@ def run(plan: Plan, staging: Path, observer: Observer | None = None) -> Report:
 
     Parameters
     ----------
-    plan : Plan
     staging : Path
         An empty folder; see `inim.worker.output`.
-    observer : Observer, optional
-
-    Returns
-    -------
-    Report
     """
     observer = observer or Observer()
     store = None if plan.request.no_skip else open_store()

@@ -49,9 +49,7 @@ class RunStatistics:
         Must be equal for a comparison.
     circumstances : Circumstances
         Versions, samples, seed, machine, date; may differ.
-    pictures : mapping of str to TileStatistics
     scores : mapping of str to mapping of str to ScoreEstimate
-    fingerprints : mapping of str to Fingerprint
     times : mapping of str to tuple of float
         `log_ratios` by algorithm; empty without timing.
     reported : mapping of str to mapping of str to float or None

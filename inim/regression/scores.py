@@ -137,7 +137,6 @@ def view_scores(
 
     Parameters
     ----------
-    reference, test : NoisyImage
     region : (rows, columns) bool, optional
         The relic's region, for additional scores by `on_relic_key`.
     keys : sequence of str, optional

@@ -188,10 +188,8 @@ class Verdict:
         Confidence interval of `value`.
     passed : bool
         False if a value is missing or not finite.
-    unit : str
     p_value : float, optional
         P-value of no change, without correction for multiple tests.
-    detail : str
     """
 
     name: str

@@ -193,7 +193,6 @@ def measure_jitter(rgbd: RGBD, display: Display, algorithms: Sequence[str]) -> l
     ----------
     rgbd : RGBD
         Linear float colours.
-    display : Display
     algorithms : sequence of str
         Those that read layers are given the picture's front alone.
     """

@@ -50,7 +50,6 @@ class StressRequest:
 
     Attributes
     ----------
-    out : Path
     algorithms : tuple of str, optional
         With options if need be; None: all.
     quick : bool

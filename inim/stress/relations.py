@@ -52,8 +52,6 @@ class Comparison:
 
     Attributes
     ----------
-    display : Display
-    rgbd : RGBD
     same, which : (rows, columns) bool
         Panel pixels that keep the relation, and those it speaks of.
     """
@@ -75,7 +73,6 @@ class Relation:
 
     Attributes
     ----------
-    name : str
     check : callable
         ``check(show, algorithm)`` yields comparisons.
     bitwise : bool
@@ -109,7 +106,6 @@ def run_relations(
 
     Parameters
     ----------
-    algorithms : sequence of str
     show : callable
         Function to test instead of `algorithm_output`.
     relations : sequence of Relation, optional
@@ -143,8 +139,6 @@ def check_relation(
 
     Parameters
     ----------
-    relation : Relation
-    algorithm : str
     show : callable
         Function that returns the algorithm's output.
     exact : bool

@@ -29,7 +29,6 @@ class SweepPlace:
 
     Attributes
     ----------
-    out : Path
     scheduler : str, optional
         Address of a dask scheduler; None: this machine.
     workers : int, optional
@@ -55,11 +54,6 @@ class SweepPlace:
 @dataclass(frozen=True)
 class SweepRequest:
     """Request for a sweep.
-
-    Attributes
-    ----------
-    study : Path
-    place : SweepPlace
     """
 
     study: Path
@@ -76,7 +70,6 @@ class SweepPlan:
 
     Attributes
     ----------
-    study : Study
     results : Results
         Where results lie.
     units : list of Unit
@@ -174,7 +167,6 @@ def run_sweep(request: SweepRequest, *, quiet: bool = True, debug: bool = False)
 
     Parameters
     ----------
-    request : SweepRequest
     quiet, debug : bool
         As for `carry_out`.
 
@@ -204,8 +196,6 @@ def carry_out(
 
     Parameters
     ----------
-    study : Study
-    place : SweepPlace
     quiet : bool
         Print no lines and no progress bar.
     debug : bool

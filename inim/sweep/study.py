@@ -85,10 +85,8 @@ class Study:
     ----------
     path : Path
         The study's file.
-    title : str
     scenes : dict of str to Path
         Scene files by their names in the table.
-    displays : tuple of NamedDisplay
     algorithms : tuple of str
         Algorithms as in a report, with options in the given order.
     variations : dict of str to dict of str to str
@@ -168,10 +166,6 @@ _MOST_PARTS = 4
 
 class Tables:
     """Tables of a TOML file, with error messages that give the key.
-
-    Parameters
-    ----------
-    path : Path
 
     Raises
     ------

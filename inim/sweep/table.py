@@ -74,12 +74,10 @@ def unit_document(
 
     Parameters
     ----------
-    data : ReportDocument
     times : mapping of str to sequence of float
         `inim.regression.log_ratios` by algorithm; empty without timing.
     unit : str
         Hash of the key.
-    algorithm : str
     making, key : dict
         All inputs that determine the result.
     """
@@ -299,7 +297,6 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]], about: SweepTable
 
     Parameters
     ----------
-    path : Path
     rows : sequence of mapping
         Values by `columns`; missing values are null.
     about : SweepTable

@@ -109,8 +109,6 @@ class SweepTask:
         absolute.
     key : dict
         The unit's key; the worker's key must be equal.
-    algorithms : tuple of str
-    keep_report : bool
     threads : int, optional
         None uses all threads.
     memory_bytes : int
@@ -152,7 +150,6 @@ def attempt(task: SweepTask, on_start: OnStart | None = None) -> InimError | Non
 
     Parameters
     ----------
-    task : SweepTask
     on_start : callable, optional
         See `inim.worker.supervisor.run_in_worker`.
     """

@@ -95,7 +95,6 @@ def expand(study: Study, out: Path, allow_folders: tuple[Path, ...] = ()) -> lis
 
     Parameters
     ----------
-    study : Study
     out : Path
         The sweep's folder.
     allow_folders : tuple of Path

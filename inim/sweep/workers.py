@@ -129,7 +129,6 @@ def on_worker(task: SweepTask, alone: bool = True) -> tuple[float, str]:
 
     Parameters
     ----------
-    task : SweepTask
     alone : bool
         Wait until no other task is in work on this dask worker: on a cluster.
 
@@ -156,12 +155,10 @@ def run_tasks(
 
     Parameters
     ----------
-    tasks : sequence of SweepTask
     scheduler : str, optional
         Its address, `tcp://HOST:PORT`; None: this machine.
     workers : int
         Tasks at the same time on this machine.
-    progress : Progress
 
     Returns
     -------

@@ -50,10 +50,8 @@ def parameter_tolerances(
 
     Parameters
     ----------
-    study : ToleranceStudy
     scores : mapping of str to float or None
         Of each display, by its `misalignment_text`; None: it could not be validated.
-    criterion : float
     reached : mapping of str to float
         Standard errors of a calibration, by parameter.
 
@@ -311,8 +309,6 @@ def tolerance_interval(
         Of the draws.
     farthest : float
         To which they reach.
-    criterion : float
-    seed : str
 
     Returns
     -------

@@ -43,7 +43,6 @@ class ToleranceRequest:
     validation : Request
         A validation of the scene on the nominal display. Its single algorithm provides the EIA. The
         default is the ray-traced EIA, so that the misalignment alone causes the loss.
-    place : SweepPlace
     study : Path, optional
         Distributions of the errors; see `inim.tolerate.study`.
     criterion : float

@@ -70,7 +70,6 @@ class ToleranceStudy:
         Displays with all errors at once.
     reach : float
         Range of a parameter's single draws in multiples of its spread, on either side.
-    seed : int
     """
 
     spreads: Mapping[str, Spread]

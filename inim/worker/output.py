@@ -65,7 +65,6 @@ def staging_folder(out: Path, names: Sequence[str] = REPORT) -> Iterator[Path]:
 
     Parameters
     ----------
-    out : Path
     names : sequence of str
         Files and folders/ that the result will contain for certain, its JSON first.
 

@@ -75,7 +75,6 @@ class EmbeddedDepth:
     Attributes
     ----------
     codes : (h, w) uint8 or uint16
-    coding : Coding
     camera : Pinhole or None
         Camera of the stored colour picture, before its rotation upright.
     camera_size : (columns, rows)
@@ -198,7 +197,6 @@ def read_xmp(packet: bytes, path: Path) -> list[dict[str, str]]:
 
     Parameters
     ----------
-    packet : bytes
     path : Path
         Photograph, for messages.
 

@@ -68,8 +68,6 @@ class Capture:
 
     Attributes
     ----------
-    camera : DepthCamera
-    rgbd : RGBD
     halves : (RGBD, RGBD)
         Half images with independent colour samples and the same depth.
     layered : LayeredRGBD, optional
@@ -79,8 +77,6 @@ class Capture:
         See `Layers`.
     hidden_share : float
         Share of the hidden layers that no ray of the display meets; they are left out.
-    checks : tuple of Check
-    warnings : tuple of str
     """
 
     camera: DepthCamera

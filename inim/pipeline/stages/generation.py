@@ -212,10 +212,8 @@ def run_generator(
     ----------
     name : str
         Name of the generator in error messages.
-    generator : Generator
     rgbd : RGBD
         Linear float32.
-    display : Display
     mask : (rows, columns) bool, optional
         Panel pixels that the generator was prepared for.
 

@@ -50,7 +50,6 @@ def pick_up_eia(
 
     Parameters
     ----------
-    scene : Scene
     display : Display
         A display of pinholes: misaligned for the ground truth, as designed for a method.
     eia_spp : int
@@ -135,8 +134,6 @@ def render_view(
 
     Parameters
     ----------
-    scene : Scene
-    viewpoint : Viewpoint
     view_pixels_per_lens : int, or (down, across)
         See `inim.render.rays.eye_rays`.
     view_spp : int
@@ -185,8 +182,6 @@ class GroundTruth:
         Views of the ground-truth EIA.
     viewing : dict of str to Viewing or None
         Viewing conditions of each view; None if no metric needs them.
-    checks : tuple of Check
-    warnings : tuple of str
     """
 
     display: Display

@@ -26,7 +26,6 @@ class Optics:
     ----------
     display : Display
         Display with its misalignment.
-    lens_model : str
     view_pixels_per_lens : int, or (down, across)
         See `inim.render.rays.eye_rays`.
     reconstruction_spp : int
