@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from inim.backend.trial import Verdict, verdict_on
 from inim.errors import BackendError, UsageError, missing_package
@@ -316,12 +316,3 @@ def _version(package: str) -> str:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
         return "unknown"
-
-
-def backend_data(backend: Backend) -> dict[str, Any]:
-    """The backend under the names of report.json and bench.json."""
-    return {
-        "variant": backend.variant,
-        "libllvm": backend.libllvm_version,
-        "device": backend.device,
-    }

@@ -1,4 +1,4 @@
-"""The bench of a scene as a command: checked, measured in a worker process, written whole."""
+"""Run of `inim bench`: check the request, measure in a worker process, and write the results."""
 
 from __future__ import annotations
 
@@ -6,16 +6,14 @@ import os
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 from msgspec.structs import replace as replaced
 
-from inim.backend.choice import backend_data, versions
 from inim.bench.evaluate import bench_scene, choose_algorithms
 from inim.documents.bench import BenchAlgorithm, BenchDocument, BenchRounds, Load
-from inim.documents.parts import Backend
+from inim.documents.parts import Backend, origin
 from inim.errors import UsageError
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request, option_words
@@ -23,7 +21,6 @@ from inim.pipeline.stages.scene import Renderer
 from inim.process.observer import Observer
 from inim.report.bench import write_bench
 from inim.timing import Rounds, max_threads
-from inim.version import __version__
 from inim.worker.output import publish, staging_folder
 from inim.worker.supervisor import run_in_worker
 
@@ -38,28 +35,25 @@ class BenchRequest:
     Attributes
     ----------
     validation : Request
-        A validation of the scene, with the algorithms to time: its display and sampling hold.
-    rounds : Rounds
-        How often everything runs, and on how many threads.
+        Validation of the scene; its algorithms are timed, and its display and sampling apply.
     """
 
     validation: Request
     rounds: Rounds = field(default_factory=Rounds)
 
-    @property
-    def out(self) -> Path:
-        """Folder of the results."""
-        return self.validation.out
-
     def plan(self) -> Plan:
-        """The plan of the validation: display, viewpoints and sampling.
-
-        Algorithms are chosen apart: their options are not settings.
-        """
-        return make_plan(replace(self.validation, algorithms=("template",)))
+        """Plan the validation, and check the algorithms and the number of threads."""
+        most, threads = max_threads(), self.rounds.threads
+        if threads is not None and not 1 <= threads <= most:
+            raise UsageError(f"--threads {threads}: this machine has 1 to {most}")
+        # Timed algorithms may have options that are not allowed in file names.
+        plan = make_plan(replace(self.validation, algorithms=("template",)))
+        if self.validation.algorithms is not None:
+            choose_algorithms(self.validation.algorithms)
+        return plan
 
     def command(self, plan: Plan) -> list[str]:
-        """The command line that repeats this request."""
+        """Return the command line that repeats this request."""
         names = ("runs", "warmups", "threads")
         values = {name: getattr(self.rounds, name) for name in names}
         return [
@@ -70,38 +64,28 @@ class BenchRequest:
 
 
 def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False) -> None:
-    """Measure in a worker process, and write `bench.json` and its pages to `request.out`.
+    """Measure in a worker process, and write `bench.json` and its pages.
 
     Raises
     ------
     InimError
-        Errors from the worker, or `WorkerError` / `OutOfMemoryError` if it died.
-        Errors in the request are detected before rendering.
+        Errors in the request, detected before rendering, or from the worker.
     """
-    load = load_average()  # before the worker starts to load: what others do
+    load = load_average()  # of the other processes, before the worker starts
     run_in_worker(
-        "inim.bench.job:work",
-        lambda: (request, _plan(request), load),
-        staging_folder(request.out, _FILES),
+        "inim.bench.job:run_job",
+        lambda: (request, request.plan(), load),
+        staging_folder(request.validation.out, _FILES),
         backend="llvm",
         quiet=quiet,
         debug=debug,
     )
 
 
-def _plan(request: BenchRequest) -> Plan:
-    """The request's plan; raises the `InimError` that fits where it cannot be carried out."""
-    most, threads = max_threads(), request.rounds.threads
-    if threads is not None and not 1 <= threads <= most:
-        raise UsageError(f"--threads {threads}: this machine has 1 to {most}")
-    plan = request.plan()
-    if request.validation.algorithms is not None:
-        choose_algorithms(request.validation.algorithms)
-    return plan
-
-
-def work(job: tuple[BenchRequest, Plan, float | None], staging: Path, observer: Observer) -> bool:
-    """The worker's side: measure, write, publish."""
+def run_job(
+    job: tuple[BenchRequest, Plan, float | None], staging: Path, observer: Observer
+) -> bool:
+    """Entry point in the worker: measure, write and publish."""
     request, plan, load = job
     observer.stage("start")
     renderer = Renderer("llvm", observer)
@@ -110,10 +94,10 @@ def work(job: tuple[BenchRequest, Plan, float | None], staging: Path, observer: 
     names, notes = choose_algorithms(request.validation.algorithms)
     scene = bench_scene(plan, names, request.rounds, renderer)
     _print_algorithms(observer, scene.algorithms)
-    busy = replaced(document.load, end=load_average())
+    final_load = replaced(document.load, end=load_average())
     observer.stage("write")
-    write_bench(replaced(document, notes=notes, scene=scene, load=busy), staging)
-    publish(staging, request.out, _MARKER)
+    write_bench(replaced(document, notes=notes, scene=scene, load=final_load), staging)
+    publish(staging, request.validation.out, _MARKER)
     return True
 
 
@@ -129,30 +113,27 @@ def _print_algorithms(observer: Observer, algorithms: Sequence[BenchAlgorithm]) 
 
 
 _VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
-# Share of the cores that others may keep busy before times are in doubt.
+# Times are doubtful if other processes use more than this share of the cores.
 _BUSY = 0.25
 
 
 def record(
     title: str, command: Sequence[str], backend: Any, rounds: Rounds, load: float | None
 ) -> BenchDocument:
-    """A document without results, load at the end and list of files.
+    """Create a document without results, final load and list of files.
 
     Parameters
     ----------
     command : sequence of str
-        The words that repeat it.
+        Words of the command line that repeats it.
     backend : inim.backend.Backend
     load : float or None
         `load_average` before anything was loaded.
     """
     return BenchDocument(
         title=title,
-        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        inim_version=__version__,
-        versions=versions(_VERSIONS),
-        command=shlex.join(command),
-        backend=Backend(**backend_data(backend)),
+        **origin(shlex.join(command), _VERSIONS),
+        backend=Backend.of(backend),
         threads=rounds.threads or max_threads(),
         threading_layer=os.environ.get("NUMBA_THREADING_LAYER", "default"),
         rounds=BenchRounds(runs=rounds.runs, warmups=rounds.warmups),
@@ -173,13 +154,13 @@ def load_average() -> float | None:
 
 
 def warn_of_load(before: float | None) -> list[str]:
-    """A warning where others were at work when the measurement began."""
+    """Warn if other processes were busy when the measurement began."""
     cores = os.cpu_count() or 1
     if before is None:
-        return ["the load of this machine is not known: times may be those of a busy one"]
+        return ["the load of this machine is unknown; the times may be those of a busy machine"]
     if before <= _BUSY * cores:
         return []
     return [
         f"the machine was busy: load average {before:.2f} on {cores} cores at the start; "
-        "trust ratios and fastest runs more than medians, and run it again alone"
+        "medians are less reliable than ratios and fastest runs; repeat it on an idle machine"
     ]

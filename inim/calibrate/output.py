@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import fields
-from datetime import datetime, timezone
 from typing import NamedTuple
 
 import numpy as np
 
-from inim.backend.choice import versions
 from inim.calibrate.fit import Calibration
 from inim.calibrate.model import PARAMETERS, SHARED, Camera, Guess, Observations, Pose, centres
 from inim.display import Display
@@ -24,7 +22,7 @@ from inim.documents.calibration import (
     ParameterEstimate,
     Vector,
 )
-from inim.documents.parts import DisplayRecord
+from inim.documents.parts import DisplayRecord, origin
 from inim.settings import DISPLAY_KEYS, PREFIX
 from inim.version import __version__
 
@@ -121,10 +119,7 @@ def calibration_document(calibration: Calibration, title: str, command: str) -> 
     advice = next_positions(calibration)
     return CalibrationDocument(
         title=title,
-        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        inim_version=__version__,
-        versions=versions(_VERSIONS),
-        command=command,
+        **origin(command, _VERSIONS),
         display=DisplayRecord.of(calibration.display),
         parameters={name: _estimate(calibration, name) for name in PARAMETERS},
         not_determined=calibration.unknown,

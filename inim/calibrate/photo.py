@@ -9,23 +9,20 @@ and has a different tone curve (tone). The rest has other causes.
 
 from __future__ import annotations
 
-from datetime import datetime, timezone
 from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import binary_erosion, gaussian_filter, shift
 from scipy.optimize import least_squares, minimize_scalar
 
-from inim.backend.choice import versions
 from inim.calibrate.model import Camera, Pose, rays
 from inim.display import Display
 from inim.documents.calibration import MatchedStage, PhotoDocument, Shift, ToneCurve
-from inim.documents.parts import DisplayRecord
+from inim.documents.parts import DisplayRecord, origin
 from inim.errors import FileError
 from inim.lens import trace_to_pixels
 from inim.metrics import score
 from inim.process.threads import threads
-from inim.version import __version__
 
 #: Side of the squares whose movement the flow tells.
 BLOCK_PX = 64
@@ -338,10 +335,7 @@ def photo_document(
     rows, columns = difference.window
     return PhotoDocument(
         title=title,
-        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        inim_version=__version__,
-        versions=versions(("numpy", "scipy")),
-        command=command,
+        **origin(command, ("numpy", "scipy")),
         photograph=photograph,
         eia=eia,
         position=position,

@@ -49,7 +49,7 @@ def _bench(args: argparse.Namespace) -> int:
     request = BenchRequest(validation, Rounds(args.runs, args.warmups, args.threads))
     run_bench(request, quiet=args.quiet, debug=args.debug)
     if not args.quiet:
-        print_outcome(f"bench: {request.out / 'bench.html'}")
+        print_outcome(f"bench: {validation.out / 'bench.html'}")
     return EXIT_PASSED
 
 

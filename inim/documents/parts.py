@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from typing import Annotated, Literal
+from datetime import datetime, timezone
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta, field
 
+from inim.backend.choice import versions
 from inim.display import Display
 from inim.documents.document import Document, Part, doc
+from inim.version import __version__
 
 Created = Annotated[
     str,
@@ -39,6 +42,22 @@ class Backend(Part):
     variant: Annotated[str, doc("Variant of Mitsuba.")]
     libllvm: Annotated[str | None, doc("Version of the LLVM library; null: the CUDA backend.")]
     device: Annotated[str, doc("Name of the processor or graphics card.")]
+
+    @classmethod
+    def of(cls, backend: Any) -> Backend:
+        """Record an `inim.backend.Backend`."""
+        return cls(variant=backend.variant, libllvm=backend.libllvm_version, device=backend.device)
+
+
+def utc_now() -> str:
+    """Return the time of creation for a document."""
+    return datetime.now(timezone.utc).isoformat(timespec="seconds")
+
+
+def origin(command: str, packages: Iterable[str] | None = None) -> dict[str, Any]:
+    """Fields of a document on its origin: time, version of inim, command, versions of packages."""
+    fields = {"created": utc_now(), "inim_version": __version__, "command": command}
+    return fields if packages is None else fields | {"versions": versions(packages)}
 
 
 class DerivedDisplay(Part):

@@ -51,7 +51,7 @@ def validate_in_worker(
         return make_plan(make_request())
 
     return run_in_worker(
-        "inim.pipeline.work:work",
+        "inim.pipeline.job:run_job",
         plan,
         staging_folder(out),
         backend=backend,

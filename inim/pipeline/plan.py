@@ -14,8 +14,10 @@ from inim.generators import algorithm_items
 from inim.lens import check_lens_model
 from inim.metrics import SSIM_WINDOW, Viewing, all_metrics
 from inim.pipeline.request import PREVIEW, Request, definition_words
+from inim.pipeline.stages.capture import DepthCamera
 from inim.pipeline.stages.method import Method, parse_methods
 from inim.pipeline.stages.reconstruction import Optics
+from inim.pipeline.stages.scene import Renderer, Scene
 from inim.regression import BASELINE, RunStatistics, check_comparable, read_statistics
 from inim.scene.file import SceneFile, choose_display, read_scene_file
 from inim.settings import PREFIX, Settings
@@ -89,6 +91,12 @@ class Plan:
     def command(self) -> list[str]:
         """Arguments of `python -m inim.validate` that repeat the run."""
         return self.request.command(self.settings, self.file.settings)
+
+    def camera(self, renderer: Renderer) -> DepthCamera:
+        """Depth camera in front of the scene, which the renderer opens on first use."""
+        s = self.settings
+        scene = Scene(self.file, self.display, s.fit_share, renderer)
+        return DepthCamera(scene, s.capture_pixels_per_pitch, s.capture_spp, s.seed)
 
     @property
     def optics(self) -> Optics:

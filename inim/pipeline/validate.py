@@ -16,7 +16,7 @@ from inim.pipeline.output.baseline import collect_statistics, compare_with_basel
 from inim.pipeline.output.images import Images
 from inim.pipeline.output.report_data import make_report
 from inim.pipeline.plan import Plan
-from inim.pipeline.stages.capture import DepthCamera, capture_relic, measure_translucency
+from inim.pipeline.stages.capture import capture_relic, measure_translucency
 from inim.pipeline.stages.ground_truth import (
     collect_ground_truth,
     render_ground_truth_eia,
@@ -29,7 +29,7 @@ from inim.pipeline.stages.method import (
     prepare_methods,
 )
 from inim.pipeline.stages.reconstruction import find_observed_pixels, reconstruct_views
-from inim.pipeline.stages.scene import Renderer, Scene, describe_scene
+from inim.pipeline.stages.scene import Renderer, describe_scene
 from inim.pipeline.stages.scoring import (
     compute_heat_maps,
     compute_noise_floor,
@@ -58,9 +58,9 @@ def validate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Report
 def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evaluation:
     """Render the ground truth, generate the EIA of every method and score them."""
     s, eyes, optics = plan.settings, plan.viewpoints, plan.optics
-    scene = Scene(plan.file, plan.display, s.fit_share, renderer)
+    camera = plan.camera(renderer)
+    scene = camera.scene
     mask = find_observed_pixels(eyes, optics, renderer, run=run) if plan.request.lazy else None
-    camera = DepthCamera(scene, s.capture_pixels_per_pitch, s.capture_spp, s.seed)
     setup = MethodSetup(camera, s.eia_spp, mask)
     prepared_methods = prepare_methods(plan.methods, setup, run=run)
 

@@ -11,7 +11,7 @@ import io
 import math
 import zipfile
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -67,10 +67,6 @@ class RunStatistics:
     reported: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
     reason: str = ""
     accepted: str = ""
-
-    def accept(self, reason: str, accepted: str) -> RunStatistics:
-        """Return these statistics as a baseline."""
-        return replace(self, reason=reason, accepted=accepted)
 
 
 def write_statistics(folder: Path, stem: str, statistics: RunStatistics) -> list[str]:

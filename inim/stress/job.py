@@ -1,4 +1,4 @@
-"""A whole stress run: first hits, relations and jitter of algorithms, then data, table and page."""
+"""Run of `inim stress`: first hits, relations and jitter of algorithms."""
 
 from __future__ import annotations
 
@@ -6,14 +6,12 @@ import shlex
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from inim.backend.choice import backend_data, versions
-from inim.documents.parts import Backend
+from inim.documents.parts import Backend, origin
 from inim.documents.stress import (
     Claim,
     FirstHits,
@@ -21,26 +19,25 @@ from inim.documents.stress import (
     RelationResult,
     StressDocument,
 )
-from inim.errors import SceneError, UsageError
+from inim.errors import UsageError
 from inim.generators import algorithm_names, check_algorithm, is_own
 from inim.image.rgbd import RGBD
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request, option_words
-from inim.pipeline.stages.capture import DepthCamera, capture_relic
-from inim.pipeline.stages.scene import Renderer, Scene
+from inim.pipeline.stages.capture import capture_nonempty
+from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
 from inim.process.observer import Observer
 from inim.report.stress import summary_lines, tables_of, write_stress
-from inim.version import __version__
 from inim.worker.output import publish, staging_folder
 from inim.worker.supervisor import run_in_worker
 
 _MARKER = "stress.json"
 _FILES = (_MARKER, "stress.html", "stress.md")
 _VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
-# What is run unless algorithms are named; with it all that other packages announce.
+# Default algorithms, in addition to those of other packages.
 _DEFAULT = ("template", "layered", "gu2020", "wang2024", "wang2024:matching=ray", "li2012")
-# Lenses along each side of the display whose picture is jittered: of a full run, of a quick one.
+# Lenses along each side of the display for jitter, by the quick mode.
 _LENSES = {False: 32, True: 16}
 
 
@@ -51,12 +48,11 @@ class StressRequest:
     Attributes
     ----------
     algorithms : tuple of str, optional
-        With options if need be; None: all.
+        Names with options; default: all.
     quick : bool
         Fewer and smaller cases.
     validation : Request, optional
-        A validation of the scene whose captured picture is jittered, instead of two synthetic
-        spheres.
+        Validation of the scene whose depth is jittered; default: two synthetic spheres.
     """
 
     out: Path
@@ -65,7 +61,7 @@ class StressRequest:
     validation: Request | None = None
 
     def command(self, plan: Plan | None) -> list[str]:
-        """The command line that repeats this request, after `inim stress`."""
+        """Arguments of `inim stress` that repeat this request."""
         algorithms = None if self.algorithms is None else ",".join(self.algorithms)
         words = option_words({"--algorithms": algorithms, "--quick": self.quick})
         if self.validation is None or plan is None:
@@ -73,13 +69,7 @@ class StressRequest:
         return [*self.validation.command(plan.settings, plan.file.settings), *words]
 
     def chosen(self) -> list[str]:
-        """The algorithms to run.
-
-        Raises
-        ------
-        UsageError
-            An unknown one, an unknown option, or one given twice.
-        """
+        """Algorithms to run; raises `UsageError` for unknown or repeated ones."""
         if self.algorithms is None:
             return [*_DEFAULT, *(n for n in algorithm_names() if not is_own(n))]
         for name in self.algorithms:
@@ -91,13 +81,7 @@ class StressRequest:
         return list(self.algorithms)
 
     def plan(self) -> Plan | None:
-        """The plan of the validation: its display and sampling; None without a scene.
-
-        Raises
-        ------
-        InimError
-            The request cannot be carried out.
-        """
+        """Check the request and plan its validation; None without a scene."""
         self.chosen()
         if self.validation is None:
             return None
@@ -107,18 +91,10 @@ class StressRequest:
 def run_stress(request: StressRequest, *, quiet: bool = True, debug: bool = False) -> bool:
     """Measure in a worker process, and write `stress.json` and its pages to `request.out`.
 
-    Returns
-    -------
-    bool
-        True if every check passes.
-
-    Raises
-    ------
-    InimError
-        Errors from the worker, or `WorkerError` / `OutOfMemoryError` if it died.
+    Returns True if every check passed. Raises the `InimError` of the request or the worker.
     """
     return run_in_worker(
-        "inim.stress.job:work",
+        "inim.stress.job:run_job",
         lambda: (request, request.plan()),
         staging_folder(request.out, _FILES),
         backend="llvm",
@@ -127,10 +103,10 @@ def run_stress(request: StressRequest, *, quiet: bool = True, debug: bool = Fals
     )
 
 
-def work(job: tuple[StressRequest, Plan | None], staging: Path, observer: Observer) -> bool:
-    """The worker's side: measure, write, publish; whether every check holds."""
+def run_job(job: tuple[StressRequest, Plan | None], staging: Path, observer: Observer) -> bool:
+    """Entry point in the worker: measure, write and publish; True if every check passed."""
     request, plan = job
-    document = _measured(request, plan, observer)
+    document = _measure(request, plan, observer)
     observer.stage("write")
     write_stress(document, staging, tables_of(document), summary_lines(document))
     publish(staging, request.out, _MARKER)
@@ -140,15 +116,14 @@ def work(job: tuple[StressRequest, Plan | None], staging: Path, observer: Observ
     return document.passed
 
 
-def _measured(request: StressRequest, plan: Plan | None, observer: Observer) -> StressDocument:
-    """The content of stress.json."""
+def _measure(request: StressRequest, plan: Plan | None, observer: Observer) -> StressDocument:
     from inim.stress.checks import cases, check_first_hits, measure_jitter
     from inim.stress.relations import run_relations
 
     started, renderer = time.perf_counter(), Renderer("llvm", observer)
     observer.stage("start")
     names = request.chosen()
-    words = shlex.join(["inim", "stress", *request.command(plan)])
+    command = shlex.join(["inim", "stress", *request.command(plan)])
     parts = [f"{name}: {part}" for name in names for part in ("first hits", "relations")]
     observer.begin([*parts, "jitter", "write"])
     first_hits: list[FirstHits] = []
@@ -159,12 +134,18 @@ def _measured(request: StressRequest, plan: Plan | None, observer: Observer) -> 
         observer.stage(f"{name}: relations")
         relations += run_relations([name])
     observer.stage("jitter")
-    picture, display, source = _picture_of(request.quick, plan, renderer)
+    if plan is None:
+        picture, display = spheres(_LENSES[request.quick])
+        source = "two spheres"
+    else:
+        run, camera = Run(observer=observer), plan.camera(renderer)
+        picture = capture_nonempty(camera, layers=False, run=run).rgbd
+        display, source = plan.display, str(plan.request.scene)
     jitter = measure_jitter(picture, display, names)
     checks = _checks(names, first_hits, relations)
     return StressDocument(
         title="Stress" if plan is None else f"Stress: {plan.request.scene.stem}",
-        **record(words, request.quick, renderer.backend, _VERSIONS),
+        **record(command, request.quick, renderer.backend, _VERSIONS),
         algorithms=names,
         first_hits=first_hits,
         relations=relations,
@@ -178,15 +159,9 @@ def _measured(request: StressRequest, plan: Plan | None, observer: Observer) -> 
 
 
 def record(command: str, quick: bool, backend: Any, packages: Sequence[str]) -> dict[str, Any]:
-    """Fields of a stress document on its origin: command, versions, mode, backend, time."""
-    return {
-        "created": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "inim_version": __version__,
-        "versions": versions(packages),
-        "command": command,
-        "mode": "quick" if quick else "full",
-        "backend": Backend(**backend_data(backend)),
-    }
+    """Fields of a stress document on its origin, mode and backend."""
+    mode = "quick" if quick else "full"
+    return {**origin(command, packages), "mode": mode, "backend": Backend.of(backend)}
 
 
 def _checks(
@@ -214,13 +189,6 @@ def _checks(
     return claims
 
 
-def _picture_of(quick: bool, plan: Plan | None, renderer: Renderer) -> tuple[RGBD, Any, str]:
-    """The picture whose depth is jittered, its display, and its name."""
-    if plan is not None:
-        return _captured(plan, renderer)
-    return (*spheres(_LENSES[quick]), "two spheres")
-
-
 def spheres(lenses: int) -> tuple[RGBD, Any]:
     """Two spheres in closed form, and the nominal display with `lenses` lenses along each side."""
     from inim.display import DISPLAYS
@@ -231,13 +199,3 @@ def spheres(lenses: int) -> tuple[RGBD, Any]:
     ready = two_spheres(display, display.capture_shape(5), display.pitch_mm / 5)
     linear = linear_from_srgb(ready.color[..., :3] / np.float32(255))
     return replace(ready, color=linear), display
-
-
-def _captured(plan: Plan, renderer: Renderer) -> tuple[RGBD, Any, str]:
-    """Capture a scene as a validation does."""
-    s, scene = plan.settings, Scene(plan.file, plan.display, plan.settings.fit_share, renderer)
-    camera = DepthCamera(scene, s.capture_pixels_per_pitch, s.capture_spp, s.seed)
-    rgbd = capture_relic(camera, layers=False, run=Run(observer=renderer.observer)).rgbd
-    if not rgbd.covered.any():
-        raise SceneError(f"{plan.request.scene}: the depth camera sees nothing to jitter")
-    return rgbd, plan.display, str(plan.request.scene)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 from inim import backend as backends
+from inim.documents.parts import origin
 from inim.documents.unit import SweepTable
 from inim.errors import FileError
 from inim.pipeline.request import option_words
@@ -20,7 +20,6 @@ from inim.sweep.table import TABLE, check_pyarrow, failed_rows, finished_rows, w
 from inim.sweep.task import FOLDER, Results, SweepTask, make_task, report_folder
 from inim.sweep.unit import Unit, expand, making_of
 from inim.sweep.workers import Progress, check_answers, check_dask, choose_slots, run_tasks
-from inim.version import __version__
 
 
 @dataclass(frozen=True)
@@ -53,8 +52,7 @@ class SweepPlace:
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """Request for a sweep.
-    """
+    """Request for a sweep."""
 
     study: Path
     place: SweepPlace
@@ -178,12 +176,7 @@ def run_sweep(request: SweepRequest, *, quiet: bool = True, debug: bool = False)
     check_pyarrow()
     study = read_study(request.study)
     outcome = carry_out(study, request.place, quiet=quiet, debug=debug)
-    about = SweepTable(
-        title=study.title,
-        command=request.command(),
-        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        inim_version=__version__,
-    )
+    about = SweepTable(title=study.title, **origin(request.command()))
     write_table(request.place.out / TABLE, outcome.rows, about)
     write_page(request.place.out / PAGE, outcome.rows, about)
     return outcome

@@ -173,7 +173,7 @@ def _carry_out(task: SweepTask, on_start: OnStart | None) -> None:
             "that all machines share"
         )
     run_in_worker(
-        "inim.sweep.task:work",
+        "inim.sweep.task:run_job",
         lambda: task,
         _staging(task),
         backend=task.request.backend,
@@ -223,7 +223,7 @@ def report_folder(out: Path, unit: str) -> Path:
     return out / _REPORTS / unit
 
 
-def work(task: SweepTask, staging: Path, observer: Observer) -> bool:
+def run_job(task: SweepTask, staging: Path, observer: Observer) -> bool:
     """The worker's side: validate, and put the results where the sweep looks for them."""
     plan = make_plan(task.request)
     _check_same(task, plan)
@@ -260,7 +260,7 @@ def _check_same(task: SweepTask, plan: Plan) -> None:
 
 
 def _validated(task: SweepTask, plan: Plan, staging: Path, observer: Observer) -> Report:
-    from inim.pipeline.work import run
+    from inim.pipeline.job import run
     from inim.render import variant
 
     variant.use(task.request.backend)

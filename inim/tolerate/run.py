@@ -7,12 +7,11 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
 from inim.display.misalignment import misalignment_text
-from inim.documents.parts import DisplayRecord, SceneFile
+from inim.documents.parts import DisplayRecord, SceneFile, origin
 from inim.documents.tolerate import FailedDisplay, ToleranceDocument
 from inim.errors import SceneError, UsageError
 from inim.generators import PICKUP
@@ -26,7 +25,6 @@ from inim.sweep.run import SweepPlace, SweepPlan, carry_out, plan_study
 from inim.sweep.study import AS_SCENE, NamedDisplay, Study
 from inim.tolerate.findings import aligned_score, parameter_tolerances
 from inim.tolerate.study import ToleranceStudy, read_standard_errors, read_tolerance_study
-from inim.version import __version__
 
 # What this command itself gives: the error that is drawn, and a criterion of its own.
 _OWN = ("misalign", "min_ssim_to_reference")
@@ -113,9 +111,7 @@ def run_tolerance(
     parameters, together = parameter_tolerances(study, scores, request.criterion, reached)
     document = ToleranceDocument(
         title=f"Tolerances: {plan.settings.title or plan.request.scene.stem}",
-        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        inim_version=__version__,
-        command=request.command(plan.settings),
+        **origin(request.command(plan.settings)),
         scene=SceneFile(path=str(plan.request.scene), sha256=plan.file.sha256),
         display=DisplayRecord.of(plan.display),
         viewpoints=[viewpoint.name for viewpoint in plan.viewpoints],

@@ -84,7 +84,7 @@ class FilmRequest:
 def make_film(request: FilmRequest, *, quiet: bool = True, debug: bool = False) -> None:
     """Render a film in a worker process, after checking the request; raises `InimError`."""
     run_in_worker(
-        "inim.views.film:work",
+        "inim.views.film:run_job",
         lambda: _check_request(request),
         hidden_folder(Path(request.out)),
         about=request.out,
@@ -134,7 +134,7 @@ def _read_eias(request: FilmRequest, report: Report, display: Display) -> list[n
     return [read_eia(path, display)[0] for path in paths]
 
 
-def work(request: FilmRequest, staging: Path, observer: Observer) -> bool:
+def run_job(request: FilmRequest, staging: Path, observer: Observer) -> bool:
     """Entry point in the worker: render all views, write the film and publish it."""
     observer.stage("start")
     out = Path(request.out)

@@ -5,18 +5,16 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from inim import metrics
-from inim.backend.choice import backend_data, versions
 from inim.backend.kernels import compiled, prange
 from inim.display import Display, Viewpoint
 from inim.display.viewpoint import parse_viewpoints
-from inim.documents.parts import Backend, Check, Checks, DisplayRecord, EyePosition
+from inim.documents.parts import Backend, Check, Checks, DisplayRecord, EyePosition, origin
 from inim.documents.picture import (
     FittedPicture,
     PictureAlgorithm,
@@ -55,7 +53,6 @@ from inim.pipeline.stages.stage import Run
 from inim.process.observer import Observer
 from inim.report.without_scene import write_picture_report
 from inim.scene.file import choose_display
-from inim.version import __version__
 from inim.worker.output import default_out, publish, staging_folder
 from inim.worker.supervisor import run_in_worker
 
@@ -172,7 +169,7 @@ def run_picture(
     for warning in warnings:
         on_warning(warning)
     passed = run_in_worker(
-        "inim.views.own_picture:work",
+        "inim.views.own_picture:run_job",
         lambda: _Plan(request, display, settings, algorithms, viewpoints, warnings, notes),
         staging_folder(request.folder, _FILES),
         fill=lambda staging: write_rgbd(staging / "rgbd.exr", rgbd),
@@ -218,7 +215,7 @@ def _check_picture(rgbd: RGBD, display: Display, name: str) -> None:
         raise FileError(f"{name}: has colours that are not finite; replace them")
 
 
-def work(plan: _Plan, staging: Path, observer: Observer) -> bool:
+def run_job(plan: _Plan, staging: Path, observer: Observer) -> bool:
     """Entry point in the worker: generate, reconstruct, score, write and publish."""
     request, display, settings = plan.request, plan.display, plan.settings
     observer.stage("start")
@@ -229,15 +226,12 @@ def work(plan: _Plan, staging: Path, observer: Observer) -> bool:
     write_rgbd_pngs(staging, rgbd, display)
     data = PictureDocument(
         title=request.path.stem,
-        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        inim_version=__version__,
-        versions=versions(_VERSIONS),
-        command=shlex.join(["inim", "validate", *request.command(settings)]),
+        **origin(shlex.join(["inim", "validate", *request.command(settings)]), _VERSIONS),
         display=DisplayRecord.of(display),
         lens_model=settings.lens_model,
         picture=_describe_picture(rgbd, plan.notes),
         warnings=[*plan.warnings],
-        backend=Backend(**backend_data(renderer.backend)),
+        backend=Backend.of(renderer.backend),
         **results,
     )
     write_picture_report(data, staging)

@@ -89,7 +89,7 @@ class QuiltRequest:
 def make_quilt(request: QuiltRequest, *, quiet: bool = True, debug: bool = False) -> Path:
     """Render a quilt in a worker process, after checking the request, and return its path."""
     run_in_worker(
-        "inim.views.quilt:work",
+        "inim.views.quilt:run_job",
         lambda: check_quilt(request),
         hidden_folder(request.path),
         about=str(request.path),
@@ -125,7 +125,7 @@ def check_quilt(request: QuiltRequest) -> QuiltRequest:
     return request
 
 
-def work(request: QuiltRequest, staging: Path, observer: Observer) -> bool:
+def run_job(request: QuiltRequest, staging: Path, observer: Observer) -> bool:
     """Entry point in the worker: render all views, write the quilt and publish it."""
     observer.stage("start")
     rows, columns = request.window

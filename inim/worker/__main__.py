@@ -12,5 +12,5 @@ from inim.worker.serve import read_job, serve
 if __name__ == "__main__":
     module, _, function = sys.argv[1].partition(":")
     with configuration_hidden():
-        work = getattr(import_module(module), function)
-        serve(read_job(), int(sys.argv[2]), work)
+        run_job = getattr(import_module(module), function)
+        serve(read_job(), int(sys.argv[2]), run_job)

@@ -1,7 +1,6 @@
-"""A worker's side of its life: one job under an observer, with results on stdout, a progress bar on
-stderr and silence otherwise.
+"""The worker process, which `inim.worker.supervisor` starts: it runs one job under an observer.
 
-See `inim.worker.supervisor`, whose process it is.
+It prints results on stdout and a progress bar on stderr, and silences libraries.
 """
 
 from __future__ import annotations
@@ -99,9 +98,9 @@ class ConsoleObserver(Observer):
             self._bar.refresh()
 
 
-#: What a worker does: from a request, its staging folder and an observer to a published result,
-#: and whether every check passed.
-Work = Callable[[Any, Path, Observer], bool]
+#: Entry point of a worker: publishes the result of a request, built in a staging folder; returns
+#: True if every check passed.
+RunJob = Callable[[Any, Path, Observer], bool]
 
 
 @dataclass(frozen=True)
@@ -129,24 +128,24 @@ class Job:
     debug: bool = False
 
 
-def answer(job: Job, channel: Any, work: Work) -> None:
-    """Carry out a job, saying stages and the outcome on the channel."""
+def answer(job: Job, channel: Any, run_job: RunJob) -> None:
+    """Run a job and send its stages and its outcome through the channel."""
 
-    def say(message: dict[str, Any]) -> None:
-        with contextlib.suppress(OSError):  # the supervisor has died, and nobody hears it
+    def send(message: dict[str, Any]) -> None:
+        with contextlib.suppress(OSError):  # the supervisor has ended
             channel.write(json.dumps(message) + "\n")
             channel.flush()
 
     try:
-        with ConsoleObserver(job.quiet, lambda stage: say({"stage": stage})) as observer:
-            passed = _carried_out(job, observer, work)
-        say({"passed": passed})
+        with ConsoleObserver(job.quiet, lambda stage: send({"stage": stage})) as observer:
+            passed = _run_with_retry(job, observer, run_job)
+        send({"passed": passed})
     except InimError as error:
         if job.debug and error.__cause__:
             traceback.print_exception(error.__cause__)
-        say({"error": type(error).__name__, "message": str(error)})
+        send({"error": type(error).__name__, "message": str(error)})
     except MemoryError:
-        say({"error": "OutOfMemoryError", "message": _out_of_memory()})
+        send({"error": "OutOfMemoryError", "message": _out_of_memory()})
     except Exception as error:
         if job.debug:
             raise
@@ -155,7 +154,7 @@ def answer(job: Job, channel: Any, work: Work) -> None:
             f"internal error: {type(error).__name__}: {text}; "
             "run again with --debug for the traceback, and report it"
         )
-        say({"error": type(missing).__name__, "message": str(missing)})
+        send({"error": type(missing).__name__, "message": str(missing)})
 
 
 def _out_of_memory() -> str:
@@ -167,10 +166,10 @@ def _out_of_memory() -> str:
     )
 
 
-def _carried_out(job: Job, observer: Observer, work: Work) -> bool:
+def _run_with_retry(job: Job, observer: Observer, run_job: RunJob) -> bool:
     """Run a job; repeat it if only numba's kernel cache failed."""
     try:
-        return work(job.request, job.staging, observer)
+        return run_job(job.request, job.staging, observer)
     except InimError:
         raise
     except Exception as error:
@@ -181,7 +180,7 @@ def _carried_out(job: Job, observer: Observer, work: Work) -> bool:
         if not is_cache_fault(error):
             raise
         disable_cache(error)
-    return work(job.request, job.staging, observer)
+    return run_job(job.request, job.staging, observer)
 
 
 class _Patient(io.StringIO):
@@ -218,7 +217,7 @@ class _OwnWords:
         return getattr(self._stream, name)
 
 
-def serve(job: Job, channel: int, work: Work) -> None:
+def serve(job: Job, channel: int, run_job: RunJob) -> None:
     """Entry point of the worker: run the job under an observer, printing results only."""
     os.environ.update(job.variables)  # this process has begun before they were known
     exit_with_parent()
@@ -237,7 +236,7 @@ def serve(job: Job, channel: int, work: Work) -> None:
         contextlib.suppress(BrokenPipeError),
         os.fdopen(channel, "w", encoding="utf-8") as outcome_channel,
     ):
-        answer(job, outcome_channel, work)
+        answer(job, outcome_channel, run_job)
 
 
 def read_job() -> Job:

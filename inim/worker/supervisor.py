@@ -57,7 +57,7 @@ def run_in_worker(
     Parameters
     ----------
     target : str
-        Function that runs the request, as ``module:function``; see `inim.worker.serve.Work`.
+        Function that runs the request, as ``module:function``; see `inim.worker.serve.RunJob`.
     make_request : callable
         Returns the request, which must be picklable, or raises an error;
         called while the worker loads.

@@ -28,6 +28,7 @@ from inim.files.eia_file import read_eia
 from inim.files.image import read_exr, write_exr
 from inim.generators import SourceGenerator, algorithm_items
 from inim.image.color import linear_from_srgb
+from inim.pipeline.job import setup
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.stages.capture import DepthCamera
@@ -35,7 +36,6 @@ from inim.pipeline.stages.generation import run_generator
 from inim.pipeline.stages.method import MethodSetup, parse_eias, parse_methods
 from inim.pipeline.stages.scene import Scene
 from inim.pipeline.stages.stage import Run as StageRun
-from inim.pipeline.work import setup
 from inim.process.observer import Observer
 from tests.conftest import small_display, square
 from tests.schemas import read_document

@@ -111,7 +111,7 @@ def test_broken_kernel_cache_costs_a_compilation_and_no_more(tmp_path, monkeypat
     import numba
     from numba.core import caching
 
-    from inim.worker.serve import Job, _carried_out
+    from inim.worker.serve import Job, _run_with_retry
 
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
     path = tmp_path / "twice.py"
@@ -129,12 +129,12 @@ def test_broken_kernel_cache_costs_a_compilation_and_no_more(tmp_path, monkeypat
                 tries.append(1)
                 return module.twice(21) == 42
 
-            assert _carried_out(Job(None, Path()), Observer(), work)
+            assert _run_with_retry(Job(None, Path()), Observer(), work)
             assert len(tries) <= most
 
 
 def test_fault_of_the_job_is_not_tried_again():
-    from inim.worker.serve import Job, _carried_out
+    from inim.worker.serve import Job, _run_with_retry
 
     tries = []
 
@@ -143,7 +143,7 @@ def test_fault_of_the_job_is_not_tried_again():
         raise EOFError("of the job itself")
 
     with pytest.raises(EOFError):
-        _carried_out(Job(None, Path()), Observer(), work)
+        _run_with_retry(Job(None, Path()), Observer(), work)
     assert len(tries) == 1
 
 
@@ -352,7 +352,7 @@ import sys
 from pathlib import Path
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
-from inim.pipeline.work import run
+from inim.pipeline.job import run
 from inim.scene.file import parse_definitions
 folder, count = Path(sys.argv[1]), int(sys.argv[2])
 for k in range(count):

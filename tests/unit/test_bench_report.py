@@ -72,7 +72,7 @@ def scene_bench(scores=(), **values):
             algorithm("mix|er:a=b", 40.0, None, usual | {"eia_psnr_db": None} | values, ()),
         ],
         noise_floor={"eia_ssim": 0.99, "eia_psnr_db": 50.0, "view_ssim_to_reference": 0.999},
-        scores=[*(score.described() for score in all_scores() if score.key in SCORED), *scores],
+        scores=[*(score.record() for score in all_scores() if score.key in SCORED), *scores],
         captured_layers=None,
     )
     return bench(scene)

@@ -305,9 +305,9 @@ def test_equal_seeds_give_equal_layers(open_fitted):
 
 def validated(folder, algorithms):
     """A small validation of a red ball before a green wall, and what it made."""
+    from inim.pipeline.job import run
     from inim.pipeline.plan import make_plan
     from inim.pipeline.request import Request
-    from inim.pipeline.work import run
 
     scene = folder / "scene.xml"
     scene.write_text(around(sphere((0, 0, 6), 3.0, RED), square((0, 0, 0), 5.5, GREEN)))

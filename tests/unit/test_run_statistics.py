@@ -71,7 +71,7 @@ def statistics():
 
 
 def test_what_is_written_is_read_back(statistics, tmp_path):
-    kept = statistics.accept("because", "2026-01-01")
+    kept = replace(statistics, reason="because", accepted="2026-01-01")
     assert write_statistics(tmp_path, BASELINE, kept) == ["baseline.json", "baseline.npz"]
     found = read_statistics(tmp_path, BASELINE)
     assert replace(found, pictures={}, fingerprints={}) == replace(
@@ -108,7 +108,7 @@ def test_a_baseline_that_is_replaced_meanwhile_is_one_of_the_two(statistics, tmp
 
     def write() -> None:
         for version in itertools.cycle((1, 0)):
-            kept = versions[version].accept(str(version), "2026-01-01")
+            kept = replace(versions[version], reason=str(version), accepted="2026-01-01")
             write_statistics(tmp_path, BASELINE, kept)
             if time.monotonic() > ends and not version:
                 return

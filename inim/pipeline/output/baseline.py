@@ -11,8 +11,7 @@ import math
 import re
 import shutil
 from collections.abc import Mapping
-from dataclasses import dataclass
-from datetime import datetime, timezone
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ import numpy as np
 from inim.backend import Backend
 from inim.backend.choice import versions
 from inim.display import Display
-from inim.documents.parts import Check, Circumstances, Regression
+from inim.documents.parts import Check, Circumstances, Regression, utc_now
 from inim.documents.report import AlgorithmResult
 from inim.errors import BaselineError, UsageError
 from inim.files.image import write_png
@@ -179,8 +178,8 @@ def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
     if folder is None:
         regression = report.data.regression
         folder = Path(regression.baseline) if regression else default_baseline(report.data.title)
-    today = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    write_statistics(folder, BASELINE, candidate.accept(reason.strip(), today))
+    accepted = replace(candidate, reason=reason.strip(), accepted=utc_now())
+    write_statistics(folder, BASELINE, accepted)
     return folder
 
 
@@ -235,7 +234,7 @@ def _circumstances(plan: Plan, backend: Backend) -> Circumstances:
     packages: dict[str, Any] = {**versions((*_VERSIONS, *perception_packages()))}
     return Circumstances(
         title=plan.settings.title or plan.request.scene.stem,
-        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        created=utc_now(),
         inim=__version__,
         **{name.replace("-", "_"): version for name, version in packages.items()},
         libllvm=backend.libllvm_version,

@@ -5,16 +5,14 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import datetime, timezone
 from pathlib import Path
 from time import perf_counter
 
 import msgspec
 
 from inim import metrics
-from inim.backend.choice import backend_data, versions
 from inim.documents.files import folder_files
-from inim.documents.parts import Backend, Checks, DisplayRecord, EyePosition
+from inim.documents.parts import Backend, Checks, DisplayRecord, EyePosition, origin
 from inim.documents.report import (
     CapturedPicture,
     MetricSettings,
@@ -35,7 +33,6 @@ from inim.pipeline.plan import Plan
 from inim.pipeline.stages.scoring import reported_scores
 from inim.regression import kernel_times
 from inim.report import Report
-from inim.version import __version__
 
 _VERSIONS = ("drjit", "flip-evaluator", "mitsuba", "numba", "numpy", "OpenEXR", "scikit-image")
 
@@ -60,10 +57,10 @@ def make_report(
     reference_views, reference_precision = reported_scores(evaluation.reference_scores)
     data = ReportDocument(
         title=plan.settings.title or plan.request.scene.stem,
-        created=datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        inim_version=__version__,
-        versions=versions((*_VERSIONS, *metrics.perception_packages())),
-        command=shlex.join(["python", "-m", "inim.validate", *plan.command]),
+        **origin(
+            shlex.join(["python", "-m", "inim.validate", *plan.command]),
+            (*_VERSIONS, *metrics.perception_packages()),
+        ),
         preview=_preview(plan),
         scene=msgspec.convert(
             {
@@ -78,7 +75,7 @@ def make_report(
         settings=plan.settings,
         display=DisplayRecord.of(plan.display),
         misalign=plan.settings.misalign,
-        backend=Backend(**backend_data(evaluation.backend)),
+        backend=Backend.of(evaluation.backend),
         lens_model=plan.settings.lens_model,
         viewpoints=[EyePosition(name=v.name, position_mm=v.position_mm) for v in plan.viewpoints],
         rgbd=_describe_capture(evaluation.capture.rgbd),

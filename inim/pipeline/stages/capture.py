@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from inim.documents.parts import Check
+from inim.errors import SceneError
 from inim.image.noisy_image import replace_nonfinite
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.pipeline.stages.checks import check, nonfinite_checks
@@ -113,6 +114,17 @@ def capture_relic(camera: DepthCamera, *, layers: bool, run: Run) -> Capture:
     run.skipped.add(
         "layers behind the picture", "nothing", "peeling the scene", "no algorithm reads them"
     )
+    return capture
+
+
+def capture_nonempty(camera: DepthCamera, *, layers: bool, run: Run) -> Capture:
+    """Capture as `capture_relic`; raises `SceneError` if the camera's picture is empty."""
+    capture = capture_relic(camera, layers=layers, run=run)
+    if not capture.rgbd.covered.any():
+        raise SceneError(
+            f"{camera.scene.file.path}: the depth camera's picture is empty; "
+            "check the scene's shapes"
+        )
     return capture
 
 

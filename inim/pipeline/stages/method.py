@@ -29,13 +29,21 @@ from inim.generators import (
     properties,
 )
 from inim.image.noisy_image import NoisyImage
+from inim.image.rgbd import RGBD
 from inim.pipeline.stages.capture import Capture, DepthCamera
 from inim.pipeline.stages.generation import GeneratedEIA, hole_fraction, prepare_generator
 from inim.pipeline.stages.ground_truth import covered_pixels, pick_up_eia
 from inim.pipeline.stages.scene import seed_of
 from inim.pipeline.stages.stage import Run
 from inim.regression import is_steady, log_ratios
-from inim.timing import REFERENCE_KERNEL, Rounds, display_ready, prepare_method, time_methods
+from inim.timing import (
+    REFERENCE_KERNEL,
+    Rounds,
+    TimedMethod,
+    display_ready,
+    prepare_method,
+    time_methods,
+)
 
 #: Replaces the algorithms if only finished EIAs are scored.
 _NONE = "none"
@@ -283,6 +291,18 @@ _ROUNDS = 31
 _MAX_REPETITIONS = 5
 
 
+def prepare_timed_methods(names: Sequence[str], capture: Capture) -> tuple[list[TimedMethod], RGBD]:
+    """Prepare generators for timing on the display-ready capture; also return its front surface."""
+    front = display_ready(capture.rgbd)
+    layered = front if capture.layered is None else display_ready(capture.layered)
+    display = capture.camera.scene.display
+    timed_methods = [
+        prepare_method(name, layered if properties(name).reads_layers else front, display)
+        for name in names
+    ]
+    return timed_methods, front
+
+
 def generator_times(
     methods: Sequence[Method], capture: Capture, *, run: Run
 ) -> dict[str, tuple[float, ...]]:
@@ -291,18 +311,13 @@ def generator_times(
     The generators run on the display-ready picture. Rounds are added until
     `inim.regression.is_steady` holds for all, up to `_MAX_REPETITIONS` times.
     """
-    generators = [method for method in methods if method.is_timed]
-    log_times: dict[str, tuple[float, ...]] = {method.name: () for method in generators}
-    display = capture.camera.scene.display
+    log_times: dict[str, tuple[float, ...]] = {m.name: () for m in methods if m.is_timed}
     with run.observer.timed("time"):
-        rgbd = display_ready(capture.rgbd)
-        layered_rgbd = rgbd if capture.layered is None else display_ready(capture.layered)
-        timed_methods = [
-            prepare_method(m.name, layered_rgbd if m.reads_layers else rgbd, display)
-            for m in generators
-        ]
+        timed_methods, rgbd = prepare_timed_methods([*log_times], capture)
         for _ in range(_MAX_REPETITIONS):
-            timings = time_methods(timed_methods, rgbd, display, Rounds(runs=_ROUNDS))
+            timings = time_methods(
+                timed_methods, rgbd, capture.camera.scene.display, Rounds(runs=_ROUNDS)
+            )
             kernel = timings[REFERENCE_KERNEL].times_s
             log_times = {
                 name: log_times[name] + log_ratios(timings[name].times_s, kernel)

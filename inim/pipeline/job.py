@@ -19,7 +19,7 @@ from inim.report.wording import suggested_criteria
 from inim.worker.output import publish
 
 
-def work(plan: Plan, staging: Path, observer: Observer) -> bool:
+def run_job(plan: Plan, staging: Path, observer: Observer) -> bool:
     """Carry out the plan and publish its report; whether every check passed."""
     report = run(plan, staging, observer)
     publish(staging, plan.request.out)
