@@ -1,9 +1,8 @@
-"""`inim new-scene`: a fitted stock Mitsuba 3 scene around a relic, a mesh or splats.
+"""`inim new-scene`: a lit Mitsuba 3 scene of a relic, from a mesh or from Gaussian splats.
 
 The mesh is rotated (+y up, +z towards the viewer), scaled to millimetres, centred and written as
 PLY next to the scene. Units and axes that a format does not define are requested, never guessed.
-Splats (`inim.scene.relic_scene`) have no unit, and emit light. The scene is plain Mitsuba:
-`mi.load_file` opens it, and its `<default>`s contain the display.
+Splats (`inim.scene.relic_scene`) have no unit, and emit light. `mi.load_file` opens the scene.
 """
 
 from __future__ import annotations
@@ -26,8 +25,12 @@ if TYPE_CHECKING:
     import numpy as np
 
     from inim.files.triangle_mesh import Mesh
+    from inim.scene.relic_scene import Frame
 
-# As `inim.scene` reads.
+    # Path of each part of a scene, and the function that writes it.
+    _Writers = dict[Path, Callable[[Path], object]]
+
+# The limit of `inim.scene.file`.
 _MOST_SCENE_BYTES = 2**26
 _UNITS = ("mm", "cm", "m", "in")
 _PLAUSIBLE_MM = (2.0, 30_000.0)
@@ -36,7 +39,7 @@ _AXES = {
     for sign in ("", "-")
     for axis in "xyz"
 }
-# What faces the viewer where nobody says: glTF's rule for y up, the CAD and Blender habit for z up.
+# Default axis towards the viewer by the upward axis: of glTF for y, of CAD and Blender for z.
 _USUAL_FRONT = {"y": "z", "-y": "z", "z": "-y", "-z": "-y", "x": "z", "-x": "z"}
 
 
@@ -49,7 +52,7 @@ def new_scene(
     front: str | None = None,
     crop: str | None = None,
     title: str | None = None,
-    display: str = "nominal",
+    display: str | None = None,
     force: bool = False,
     warn: Callable[[str], object] = print_warning,
     say: Callable[[str], object] = print,
@@ -63,24 +66,22 @@ def new_scene(
     out : Path
         The scene's XML; `<stem>.ply` and `<stem>.png` go into the same folder.
     unit : str or None
-        Length of one unit of the file: mm, cm, m, in. None only for glTF, which is metres, and
-        for splats, which have none.
+        Length of one unit of the file: mm, cm, m, in. None only for glTF (metres) and splats
+        (no unit).
     up, front : str or None
         Axes of the file that point up and towards the viewer: x, -x, y, ... `up` may be None for
-        glTF only (y); None for `front` means z, or -y if z is up.
-    crop : str or None
-        For splats: x0,x1,y0,y1,z0,z1 of the box to keep, in the file's axes and unit. None keeps
-        nearly all.
-    title : str or None
-        Name in reports; None means the mesh file's name.
-    display : str
-        Preset of `inim.display.DISPLAYS`.
+        glTF only (y). The default for `front` is z, or -y if z is up.
+    crop : str, optional
+        For splats: x0,x1,y0,y1,z0,z1 of the box to keep, in the file's axes and unit. The default
+        keeps nearly all.
+    title : str, optional
+        Name in reports; default: the mesh file's name.
+    display : str, optional
+        Preset of `inim.display.DISPLAYS` to write into the scene.
     force : bool
         Replace existing files; numbered parts that only the replaced scene needs are removed.
-    warn : callable
-        Called with a line for each missing image of the mesh.
-    say : callable
-        Called with a line about the box of splats.
+    warn, say : callable
+        Receive warnings, and a note on the box of splats.
 
     Returns
     -------
@@ -94,32 +95,36 @@ def new_scene(
     UsageError
         Unit or axis missing or impossible, unknown display, or a file in the way.
     """
-    from inim.files.mesh import UNIT_MM, read_mesh
     from inim.files.splat_ply import is_splats
-    from inim.files.triangle_mesh import add_vertex_normals, read_bytes
-    from inim.scene.relic_scene import bounds, merged, placed, scene_xml
+    from inim.files.triangle_mesh import read_bytes
+    from inim.scene.relic_scene import Frame, scene_xml, splat_scene_xml
 
-    source, out = Path(source), Path(out)
+    source, out, note = Path(source), Path(out), ""
     _check_choices(out, unit, up, front, display)
-    data = read_bytes(source)
+    data, title = read_bytes(source), title or source.stem
+    warnings: list[str] = []
+    writers: _Writers
     if is_splats(data):
         if unit is not None:
             raise UsageError(f"{source}: splats have no unit; leave out --unit {unit}")
-        return _splat_scene(source, data, out, up, front, crop, title, display, force, warn, say)
-    if crop is not None:
-        raise UsageError(f"{source}: --crop is for splats; cut a mesh where it was made")
-    meshes = read_mesh(source, warn)
-    unit, up = _unit_and_up(source, meshes, unit, up)
-    turn = _turn(up, front or _USUAL_FRONT[up])
-    parts = placed(merged([add_vertex_normals(m) for m in meshes]), turn, UNIT_MM[unit])
-    files = _part_files(out, parts)
-    _check_targets(source, [out, *files], force)
-    low, high = bounds(parts)
-    _check_size(source, high - low, warn)
-    xml = scene_xml(files, (high - low) / 2, title or source.stem, display)
-    leftovers = [path for path in _leftovers(out, files) if not path.samefile(source)]
-    writers = {path: partial(_write_part, part) for path, part in files.items()}
+        frame = None if crop is None else Frame.parse(crop)
+        writers, half, warnings, note = _place_splats(source, data, out, up, front, frame)
+        xml = splat_scene_xml(next(iter(writers)).name, half, title, display)
+    else:
+        if crop is not None:
+            raise UsageError(f"{source}: --crop is for splats; crop a mesh in a mesh editor")
+        parts, size = _place_mesh(source, unit, up, front, warn)
+        files = _part_files(out, parts)
+        writers = {path: partial(_write_part, part) for path, part in files.items()}
+        warnings = _size_warnings(source, float(size.max()))
+        xml = scene_xml(files, size / 2, title, display)
+    _check_targets(source, [out, *writers], force)
+    for warning in warnings:
+        warn(warning)
+    leftovers = [path for path in _leftovers(out, writers) if not path.samefile(source)]
     _write_all(out, writers, xml, leftovers)
+    if note:
+        say(note)
     return out
 
 
@@ -131,72 +136,74 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     axes = f"{', '.join(_AXES)}; write a negative one as --up=-z"
     add("--up", metavar="AXIS", help=f"axis of the mesh that points up: {axes} (glTF: y)")
     add("--front", metavar="AXIS", help="axis that faces the viewer (default z; -y where z is up)")
-    add("--crop", metavar="BOX", help="of splats, what to keep: x0,x1,y0,y1,z0,z1 (nearly all)")
+    add("--crop", metavar="BOX", help="splats: box to keep, x0,x1,y0,y1,z0,z1 (nearly all)")
     add("--title", help="name of the scene in reports (default: the mesh file's name)")
-    add("--display", default="nominal", help="display preset: nominal or phone")
+    add("--display", help="display preset to write into the scene: nominal or phone")
     add("--force", action="store_true", help="replace existing files")
 
 
 def _run(args: argparse.Namespace) -> int:
+    options = ("unit", "up", "front", "crop", "title", "display", "force")
     path = new_scene(
         args.mesh,
         args.out or Path(f"{args.mesh.stem}-scene.xml"),
-        unit=args.unit,
-        up=args.up,
-        front=args.front,
-        crop=args.crop,
-        title=args.title,
-        display=args.display,
-        force=args.force,
+        **{name: getattr(args, name) for name in options},
     )
     print(f"wrote {path}; next: inim validate {shlex.quote(str(path))}")
     return 0
 
 
-def _splat_scene(
+def _place_mesh(
     source: Path,
-    data: bytes,
-    out: Path,
+    unit: str | None,
     up: str | None,
     front: str | None,
-    crop: str | None,
-    title: str | None,
-    display: str,
-    force: bool,
     warn: Callable[[str], object],
-    say: Callable[[str], object],
-) -> Path:
-    """Write a scene of splats, as `new_scene`."""
+) -> tuple[Sequence[Mesh], np.ndarray]:
+    """Read, rotate, scale and centre a mesh; return its parts and the size of their box, mm."""
+    from inim.files.mesh import UNIT_MM, read_mesh
+    from inim.files.triangle_mesh import add_vertex_normals
+    from inim.scene.relic_scene import bounds, merged, placed
+
+    meshes = read_mesh(source, warn)
+    unit, up = _unit_and_up(source, meshes, unit, up)
+    turn = _turn(up, front or _USUAL_FRONT[up])
+    parts = placed(merged([add_vertex_normals(m) for m in meshes]), turn, UNIT_MM[unit])
+    low, high = bounds(parts)
+    return parts, high - low
+
+
+def _place_splats(
+    source: Path, data: bytes, out: Path, up: str | None, front: str | None, frame: Frame | None
+) -> tuple[_Writers, np.ndarray, list[str], str]:
+    """Rotate, crop and scale splats; return their writer, half their size, warnings and a note."""
     from inim.files.splat_ply import read_splats, write_splats
-    from inim.scene.relic_scene import Frame, placed_splats, splat_scene_xml
+    from inim.scene.relic_scene import Frame, placed_splats
 
     splats = read_splats(source, data)
-    frame = Frame.parse(crop) if crop is not None else Frame.around(splats)
+    frame = Frame.around(splats) if frame is None else frame
     if up is None:
         raise UsageError(
             f"{source}: splats state no up axis, give --up (x, y, z, -x, -y, -z), mostly -y; "
-            f"nearly all lie in {frame} (x0,x1,y0,y1,z0,z1)"
+            f"nearly all of them are in {frame} (x0,x1,y0,y1,z0,z1)"
         )
     placed, half = placed_splats(splats, _turn(up, front or _USUAL_FRONT[up]), frame)
-    part = out.parent / f"{_stem(out)}.ply"
-    _check_targets(source, [out, part], force)
+    counts = f"{len(placed)} of {len(splats)} splats"
+    warnings = []
     if len(placed) < len(splats):
-        warn(
-            f"{source}: {len(placed)} of {len(splats)} splats are shown; the others are fainter "
-            f"than a hundredth, outside --crop {frame}, or half as wide as that"
+        warnings.append(
+            f"{source}: {counts} are shown; the others are fainter than a hundredth, outside "
+            f"--crop {frame}, or half as wide as that box"
         )
-    leftovers = [path for path in _leftovers(out, [part]) if not path.samefile(source)]
-    xml = splat_scene_xml(part.name, half, title or source.stem, display)
-    _write_all(out, {part: lambda path: write_splats(path, placed)}, xml, leftovers)
-    say(f"took {len(placed)} of {len(splats)} splats, --crop={frame}")
-    return out
+    writers: _Writers = {out.parent / f"{_stem(out)}.ply": lambda path: write_splats(path, placed)}
+    return writers, half, warnings, f"took {counts}, --crop={frame}"
 
 
 # --- Arguments ----------------------------------------------------------------------------------
 
 
 def _check_choices(
-    out: Path, unit: str | None, up: str | None, front: str | None, display: str
+    out: Path, unit: str | None, up: str | None, front: str | None, display: str | None
 ) -> None:
     from inim.display import DISPLAYS
 
@@ -205,7 +212,7 @@ def _check_choices(
     for option, axis in (("--up", up), ("--front", front)):
         if axis is not None and axis not in _AXES:
             raise UsageError(f"{option} {axis}: unknown axis; one of {', '.join(_AXES)}")
-    if display not in DISPLAYS:
+    if display is not None and display not in DISPLAYS:
         raise UsageError(f"--display {display}: unknown; one of {', '.join(DISPLAYS)}")
     if out.is_dir() or not out.name:
         raise UsageError(f"{out}: is a folder; name the scene's file, such as {out / 'relic.xml'}")
@@ -236,12 +243,12 @@ def _unit_and_up(
     return unit, up
 
 
-def _check_size(source: Path, size_mm: np.ndarray, warn: Callable[[str], object]) -> None:
-    """Ask about a unit that makes a relic smaller than a bead or larger than a temple."""
-    largest = float(size_mm.max())
-    if not _PLAUSIBLE_MM[0] <= largest <= _PLAUSIBLE_MM[1]:
-        size_text = f"{largest:.3g} mm" if largest < 1000 else f"{largest / 1000:.3g} m"
-        warn(f"{source}: is {size_text} large; is --unit right? Pictures do not depend on it")
+def _size_warnings(source: Path, largest_mm: float) -> list[str]:
+    """Warn of a unit that makes a relic smaller than a bead or larger than a temple."""
+    if _PLAUSIBLE_MM[0] <= largest_mm <= _PLAUSIBLE_MM[1]:
+        return []
+    size = f"{largest_mm:.3g} mm" if largest_mm < 1000 else f"{largest_mm / 1000:.3g} m"
+    return [f"{source}: is {size} large; is --unit right? Images do not depend on it"]
 
 
 def _turn(up: str, front: str) -> np.ndarray:
@@ -285,15 +292,12 @@ def _stem(out: Path) -> str:
 
 
 def _leftovers(out: Path, files: Collection[Path]) -> list[Path]:
-    """Numbered parts of the scene that `out` still holds and of which the new one has no use.
-
-    Named after the scene and named by it, so that no bystander is taken for one.
-    """
+    """Numbered parts that the existing scene `out` names and the new scene does not need."""
     from inim.scene.relic_scene import attribute
 
     try:
         text = read_file(out, _MOST_SCENE_BYTES).decode("utf-8", errors="replace")
-    except FileError:  # none, or none that was written here
+    except FileError:  # there is no earlier scene
         return []
     ours = re.compile(re.escape(_stem(out)) + r"-\d+\.(?:ply|png)")
     return [
@@ -302,7 +306,7 @@ def _leftovers(out: Path, files: Collection[Path]) -> list[Path]:
         if ours.fullmatch(path.name)
         and path not in files
         and f'"{attribute(path.name)}"' in text
-        # A scene called relic-2 has a relic-2.ply of its own.
+        # The file relic-2.ply belongs to the scene relic-2.xml, if that exists.
         and not path.with_suffix(out.suffix).exists()
     ]
 
@@ -310,10 +314,7 @@ def _leftovers(out: Path, files: Collection[Path]) -> list[Path]:
 def _write_all(
     out: Path, files: Mapping[Path, Callable[[Path], object]], xml: str, leftovers: Sequence[Path]
 ) -> None:
-    """Write all files into a hidden folder next to `out`, then rename them, `out` last.
-
-    The leftovers of an earlier scene go when the new one stands.
-    """
+    """Write all files into a hidden folder, then rename them, `out` last; remove the leftovers."""
     import tempfile
 
     try:
@@ -335,7 +336,7 @@ def _write_all(
 
 
 def _write_part(part: Mesh, path: Path) -> None:
-    """A part's PLY, or its texture."""
+    """Write a part's PLY, or its texture."""
     from PIL import Image
 
     from inim.files.ply import write_ply

@@ -88,7 +88,9 @@ _LAMPS = {
 }
 
 
-def scene_xml(files: Mapping[Path, Mesh], half_mm: np.ndarray, title: str, display: str) -> str:
+def scene_xml(
+    files: Mapping[Path, Mesh], half_mm: np.ndarray, title: str, display: str | None = None
+) -> str:
     """Text of the scene.
 
     Parameters
@@ -98,7 +100,7 @@ def scene_xml(files: Mapping[Path, Mesh], half_mm: np.ndarray, title: str, displ
     half_mm : (3,) float array
         Half the size of the relic's bounding box, which is centred on the origin.
     title, display : str
-        Values of `inim.title` and `inim.display`.
+        Values of `inim.title` and `inim.display`; without a display, the default applies.
     """
     radius = math.hypot(*half_mm)
     lines = defaults_xml(title, display)
@@ -124,9 +126,9 @@ def _brightest(part: Mesh) -> float:
     return max(STONE)
 
 
-def defaults_xml(title: str, display: str, **more: str) -> list[str]:
+def defaults_xml(title: str, display: str | None, **more: str) -> list[str]:
     """First lines of a new scene: its settings, and robust intersections."""
-    defaults = {"title": title, "display": display, "algorithms": "wang2024,template", **more}
+    defaults = {"title": title, **({} if display is None else {"display": display}), **more}
     lines = ["<?xml version='1.0' encoding='utf-8'?>", '<scene version="3.0.0">']
     lines += ["    <!-- Lengths are millimetres; +y is up, +z towards the viewer. -->"]
     for key, value in defaults.items():
@@ -354,7 +356,7 @@ def turned(splats: Splats, turn: np.ndarray) -> Splats:
     )
 
 
-def splat_scene_xml(name: str, half_mm: np.ndarray, title: str, display: str) -> str:
+def splat_scene_xml(name: str, half_mm: np.ndarray, title: str, display: str | None = None) -> str:
     """The scene's text.
 
     Parameters
@@ -364,7 +366,7 @@ def splat_scene_xml(name: str, half_mm: np.ndarray, title: str, display: str) ->
     half_mm : (3,) float64
         Half the size of the relic, which is centred on the origin.
     title, display : str
-        Values of `inim.title` and `inim.display`.
+        See `scene_xml`.
     """
     # There is no light to sample: noise is that of a pixel's area alone, and a few samples do.
     lines = defaults_xml(title, display, score_error="0.01")

@@ -322,8 +322,11 @@ def test_robust_intersections_and_defaults_are_in_the_scene(tmp_path):
     out = new_scene(saved(tmp_path, sphere()), tmp_path / "a.xml", unit="m", up="y", title="T")
     text = out.read_text(encoding="utf-8")
     assert '<boolean name="embree_use_robust_intersections" value="true"/>' in text
-    assert '<default name="inim.display" value="nominal"/>' in text
-    assert '<default name="inim.algorithms" value="wang2024,template"/>' in text
+    assert "inim.display" not in text
+    assert "inim.algorithms" not in text
+    mesh = saved(tmp_path, sphere())
+    out = new_scene(mesh, tmp_path / "b.xml", unit="m", up="y", display="phone")
+    assert '<default name="inim.display" value="phone"/>' in out.read_text(encoding="utf-8")
     assert '<default name="inim.title" value="T"/>' in text
 
 

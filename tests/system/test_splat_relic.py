@@ -65,7 +65,7 @@ def test_a_relic_with_y_down_stands_upright_and_is_not_mirrored(mi, tmp_path):
 
 def test_what_splats_do_not_say_is_asked_for(tmp_path):
     source, out = signpost(tmp_path), tmp_path / "a.xml"
-    with pytest.raises(UsageError, match=r"--up .*nearly all lie in -"):
+    with pytest.raises(UsageError, match=r"--up .*nearly all of them are in -"):
         new_scene(source, out, unit=None, up=None)
     with pytest.raises(UsageError, match="splats have no unit"):
         new_scene(source, out, unit="mm", up="-y")
