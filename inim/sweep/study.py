@@ -245,53 +245,19 @@ def _toml(path: Path) -> dict[str, Any]:
         raise FileError(f"{path}: no TOML ({words})") from None
 
 
-_TOKEN = re.compile(r"[\n=,\[\]{}.#\"']")
-_ENDS = {
-    '"': re.compile(r'["\\\n]'),
-    "'": re.compile(r"['\n]"),
-    '"""': re.compile(r'"""|\\'),
-    "'''": re.compile(r"'''"),
-}
+# Strings and comments; unclosed ones extend to the end of the line or the file.
+_TEXT = re.compile(
+    r'"""(?:\\?.)*?(?:"""|\Z)|\'\'\'.*?(?:\'\'\'|\Z)|"(?:\\.|[^"\\\n])*"?|\'[^\'\n]*\'?|#[^\n]*',
+    re.DOTALL,
+)
 
 
 def _check_keys(text: str) -> None:
-    """Raise ValueError for a key of too many dotted parts: their memory grows with the square.
-
-    The check is one pass over everything except strings and comments. Only keys contain this many
-    dots.
-    """
-    at = dots = 0
-    while token := _TOKEN.search(text, at):
-        mark, at = token[0], token.end()
-        if mark == ".":
-            dots += 1
-            if dots >= _MOST_PARTS:
-                line = text.count("\n", 0, at) + 1
-                raise ValueError(f"line {line}: a key of more than {_MOST_PARTS} parts")
-        elif mark in "\"'":
-            at = _text_end(text, token.start())
-        elif mark == "#":
-            at = text.find("\n", at) % (len(text) + 1)
-        else:
-            dots = 0
-
-
-def _text_end(text: str, at: int) -> int:
-    """End of a quoted string; the end of the file if it is not closed."""
-    quote = text[at]
-    mark = 3 * quote if text.startswith(3 * quote, at) else quote
-    at += len(mark)
-    while match := _ENDS[mark].search(text, at):
-        at = match.end()
-        if match[0] == mark:
-            # Up to two quotes may stand before those that end a text of several lines.
-            while len(mark) == 3 and at < match.end() + 2 and text.startswith(quote, at):
-                at += 1
-            return at
-        if match[0] == "\n":
-            break
-        at += 1  # what a backslash makes ordinary
-    return len(text)
+    """Raise ValueError for a key of too many dotted parts: their memory grows with the square."""
+    keys = _TEXT.sub(lambda match: "\n" * match[0].count("\n"), text)
+    for number, line in enumerate(keys.split("\n"), 1):
+        if any(part.count(".") >= _MOST_PARTS for part in re.split(r"[=,\[\]{}]", line)):
+            raise ValueError(f"line {number}: a key of more than {_MOST_PARTS} parts")
 
 
 class _Reader(Tables):
