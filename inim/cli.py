@@ -46,7 +46,7 @@ GROUPS = {
         "photo": "calibrate",
         "tolerate": "sweep",
     },
-    "comparisons": {"compare": "compare", "baseline": "compare", "sweep": "sweep"},
+    "comparisons": {"compare": "validate", "baseline": "validate", "sweep": "sweep"},
     "information": {"info": "info"},
     "for developers of algorithms": {"bench": "bench", "stress": "bench"},
 }

@@ -57,8 +57,8 @@ def inim_validate(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..
 
     def validated(scene: str | Path, *, name: str | None = None, **options: Any) -> Report:
         from inim.errors import BaselineError
+        from inim.pipeline.baseline import accept
         from inim.pipeline.launch import validate
-        from inim.pipeline.output.baseline import accept
 
         label = re.sub(r"[^\w.+-]+", "-", name or request.node.name).strip("-.") or "test"
         baseline = _folder(config, request.path) / label

@@ -1,4 +1,4 @@
-"""`inim validate`: a scene, or a picture of the user's own, becomes a scored report."""
+"""`inim validate`, `demo`, `baseline` and `compare`: scored reports of scenes and own pictures."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from inim.commands.options import (
     Command,
@@ -240,7 +240,54 @@ def _demo_scene() -> Path:
     raise FileError(f"{package / 'demo'}: missing; install inim again")
 
 
+def _add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
+    add_exit_codes(parser)
+    actions: Any = parser.add_subparsers(required=True, metavar="accept")
+    accept = actions.add_parser("accept", help="make a report the baseline of its scene")
+    accept.add_argument("out", type=Path, metavar="OUT", help="folder of a report")
+    accept.add_argument(
+        "--reason", required=True, help="reason in one line, stored in the baseline"
+    )
+    accept.add_argument(
+        "--to",
+        type=Path,
+        metavar="DIR",
+        help="folder of the baseline (default: that of the comparison, or reports/baselines/TITLE)",
+    )
+
+
+def _baseline(args: argparse.Namespace) -> int:
+    from inim.pipeline.baseline import accept
+
+    print(f"baseline: {accept(args.out, args.reason, args.to)}")
+    return EXIT_PASSED
+
+
+def _add_compare_arguments(parser: argparse.ArgumentParser) -> None:
+    add_exit_codes(parser)
+    add = parser.add_argument
+    add("baseline", type=Path, metavar="OUT_A", help="folder of the earlier report")
+    add("candidate", type=Path, metavar="OUT_B", help="folder of the later report")
+    add("-o", "--out", type=Path, help="folder (default: compare)")
+    add("--quiet", action="store_true", help="print errors only")
+
+
+def _compare(args: argparse.Namespace) -> int:
+    from inim.pipeline.baseline import compare_reports
+
+    out = args.out or Path("compare")
+    passed, lines = compare_reports(args.baseline, args.candidate, out)
+    if not args.quiet:
+        print("\n".join(lines))
+        print(f"{'passed' if passed else 'FAILED'}; comparison: {out / 'compare.html'}")
+    return EXIT_PASSED if passed else EXIT_CHECK_FAILED
+
+
 COMMANDS = {
+    "baseline": Command(
+        "accept a report as the baseline of later runs", _add_baseline_arguments, _baseline
+    ),
+    "compare": Command("compare two reports statistically", _add_compare_arguments, _compare),
     "demo": Command(
         "validate the bundled amphora: start here",
         _add_demo_arguments,

@@ -173,6 +173,31 @@ class Check(Part):
         return self.criterion or self.kind is not None
 
 
+def check(
+    name: str,
+    value: float | None,
+    relation: Relation,
+    limit: float,
+    detail: str = "",
+    interval: tuple[float, float] | None = None,
+    criterion: bool = False,
+) -> Check:
+    """Compare a value with a limit; a value that is missing or not finite fails."""
+    passed = value is not None and math.isfinite(value)
+    if value is not None and passed:
+        passed = bool(value >= limit if relation == ">=" else value <= limit)
+    return Check(
+        name=name,
+        value=value,
+        relation=relation,
+        limit=limit,
+        passed=passed,
+        detail=detail,
+        interval=interval,
+        criterion=criterion,
+    )
+
+
 class Checks(Part):
     """The verdict: all checks."""
 

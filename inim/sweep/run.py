@@ -24,18 +24,18 @@ from inim.sweep.workers import Progress, check_answers, check_dask, choose_slots
 
 @dataclass(frozen=True)
 class SweepPlace:
-    """Location of a sweep: the workers, and the folder of the results.
+    """Workers of a sweep, and the folder of its results.
 
     Attributes
     ----------
     scheduler : str, optional
         Address of a dask scheduler; None: this machine.
     workers : int, optional
-        Tasks at the same time on this machine.
+        Largest number of simultaneous tasks on this machine.
     threads : int, optional
-        Of each worker.
+        Threads of each worker.
     allow_folders : tuple of Path
-        As of a validation, for all scenes: a study cannot allow itself any.
+        Additional folders for the files of all scenes.
     """
 
     out: Path
@@ -45,7 +45,7 @@ class SweepPlace:
     allow_folders: tuple[Path, ...] = ()
 
     def words(self) -> list[str]:
-        """Its part of a command line."""
+        """Format the options of a command line."""
         options = {f"--{name}": getattr(self, name) for name in ("scheduler", "workers", "threads")}
         return option_words({"-o": self.out, **options, "--allow-folder": self.allow_folders})
 
@@ -58,7 +58,7 @@ class SweepRequest:
     place: SweepPlace
 
     def command(self) -> str:
-        """The command line that repeats this request."""
+        """Return the command line that repeats this request."""
         return shlex.join(["inim", "sweep", str(self.study), *self.place.words()])
 
 
@@ -69,11 +69,11 @@ class SweepPlan:
     Attributes
     ----------
     results : Results
-        Where results lie.
+        Finished results.
     units : list of Unit
-        In the study's order.
+        Units in the study's order.
     tasks : list of SweepTask
-        One for each unit that lacks a result.
+        One for each unit without all its results.
     """
 
     study: Study
@@ -88,7 +88,7 @@ class SweepPlan:
         left = sum(len(task.algorithms) for task in self.tasks)
         return [
             f"{self.study.title}: {len(self.units)} validations of {algorithms} algorithms; "
-            f"{total - left} of {total} results are there, {len(self.tasks)} validations to run",
+            f"{total - left} of {total} results exist, {len(self.tasks)} validations to run",
             *(f"cannot be run: {u.label}: {u.error}" for u in self.units if u.error),
         ]
 
@@ -101,7 +101,7 @@ def plan_study(study: Study, place: SweepPlace, threads: int | None = None) -> S
     InimError
         An error in the study.
     """
-    # A cluster's workers stand elsewhere.
+    # The workers of a cluster have other current folders.
     scenes = {name: path.absolute() for name, path in study.scenes.items()}
     results = Results(place.out.absolute())
     allowed = tuple(folder.absolute() for folder in place.allow_folders)
@@ -122,7 +122,7 @@ def _tasks(
             for name in study.algorithms
             if results.read(unit.hash, name, making_of(unit.plan, name)) is None
         ]
-        if study.keep_reports:  # a report shows all algorithms beside one another
+        if study.keep_reports:  # a report shows all algorithms
             whole = (report_folder(results.out, unit.hash) / "report.json").is_file()
             missing = [] if whole and not missing else list(study.algorithms)
         if missing:
@@ -132,7 +132,7 @@ def _tasks(
     return list(tasks.values())
 
 
-_NOT_THERE = "its worker put no result into {}: choose a folder with -o that all machines share"
+_MISSING = "its worker wrote no result into {}: choose a folder with -o that all machines share"
 
 
 @dataclass(frozen=True)
@@ -166,23 +166,23 @@ def run_sweep(request: SweepRequest, *, quiet: bool = True, debug: bool = False)
     Parameters
     ----------
     quiet, debug : bool
-        As for `carry_out`.
+        See `compute_results`.
 
     Raises
     ------
     InimError
-        As for `carry_out`, or the package for writing the table is missing.
+        See `compute_results`; or the package for writing the table is missing.
     """
     check_pyarrow()
     study = read_study(request.study)
-    outcome = carry_out(study, request.place, quiet=quiet, debug=debug)
+    outcome = compute_results(study, request.place, quiet=quiet, debug=debug)
     about = SweepTable(title=study.title, **origin(request.command()))
     write_table(request.place.out / TABLE, outcome.rows, about)
     write_page(request.place.out / PAGE, outcome.rows, about)
     return outcome
 
 
-def carry_out(
+def compute_results(
     study: Study, place: SweepPlace, *, quiet: bool = True, debug: bool = False
 ) -> SweepResult:
     """Compute the missing results of a study.
@@ -204,12 +204,12 @@ def carry_out(
     check_dask()
     if place.scheduler is not None:
         check_answers(place.scheduler)
-    # How many cores another machine has is its own affair.
+    # The number of threads on a cluster is the choice of its workers.
     plan = plan_study(study, place, threads if place.scheduler is None else place.threads)
     plan = replace(plan, tasks=[replace(task, debug=debug) for task in plan.tasks])
     _make_folder(plan.results.out, place.out)
-    errors = _computed(plan, place.scheduler, workers, Progress(len(plan.tasks), quiet=quiet))
-    rows, failed = _assembled(plan, errors)
+    errors = _run_tasks(plan, place.scheduler, workers, Progress(len(plan.tasks), quiet=quiet))
+    rows, failed = _collect_rows(plan, errors)
     return SweepResult(rows, len(plan.units), len(plan.tasks), failed)
 
 
@@ -223,23 +223,23 @@ def _make_folder(out: Path, path_for_messages: Path) -> None:
         ) from None
 
 
-def _computed(
+def _run_tasks(
     plan: SweepPlan, scheduler: str | None, workers: int, progress: Progress
 ) -> dict[str, str]:
-    """Carry out the tasks, here or elsewhere; by unit, the error of each that failed."""
+    """Run the tasks; return the error messages of failed units."""
     for line in plan.lines():
         progress.say(line)
     if not plan.tasks:
         return {}
     try:
         if scheduler is None:
-            backends.choose_backend(plan.study.backend)  # once, and before anything is started
+            backends.choose_backend(plan.study.backend)  # raises before any task starts
         return run_tasks(plan.tasks, scheduler, workers, progress)
     finally:
         progress.close()
 
 
-def _assembled(
+def _collect_rows(
     plan: SweepPlan, errors: dict[str, str]
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
     """Collect all rows in the study's order, and the failures."""
@@ -253,7 +253,7 @@ def _assembled(
             if result is not None:
                 rows += finished_rows(unit, name, result)
                 continue
-            error = unit.error or errors.get(unit.hash) or _NOT_THERE.format(plan.results.out)
+            error = unit.error or errors.get(unit.hash) or _MISSING.format(plan.results.out)
             failed[unit.label] = error
             rows += failed_rows(unit, name, error)
     return rows, failed

@@ -29,11 +29,16 @@ from inim.pipeline.stages.method import parse_methods
 from inim.scene.file import display_of
 from inim.settings import PREFIX, Settings
 
-#: The display that a scene itself names.
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+#: Name of the display that each scene sets.
 AS_SCENE = "scene"
 
 _PARAMETERS = tuple(f.name for f in fields(Display) if f.name != "name")
-# What has a place of its own in a study.
+# Settings with a key elsewhere in a study.
 _ELSEWHERE = {
     "title": "study.title",
     "display": "study.displays",
@@ -57,7 +62,7 @@ _KEYS = (
     "keep_reports",
 )
 _BACKENDS = ("auto", "llvm", "cuda")
-#: More than this is a slip: a day of work at ten seconds each.
+#: Largest number of validations: a day at ten seconds each.
 MOST_UNITS = 10_000
 
 
@@ -65,12 +70,7 @@ MOST_UNITS = 10_000
 class NamedDisplay:
     """A display of a study.
 
-    Attributes
-    ----------
-    name : str
-        In the table.
-    display : Display, str or Path, optional
-        As of a `Request`; None for `AS_SCENE`.
+    `display` is that of a `Request`; None for `AS_SCENE`.
     """
 
     name: str
@@ -118,12 +118,7 @@ class Study:
 def read_study(path: Path) -> Study:
     """Read and check a study.
 
-    Raises
-    ------
-    FileError
-        Missing, unreadable, or no TOML.
-    UsageError
-        A key, name or value that makes no sense; the message names file, key and way out.
+    Raises `FileError` for a file that is not TOML, and `UsageError` for an invalid key or value.
     """
     reader = _Reader(path)
     reader.check_names("", reader.tables, _TABLES)
@@ -151,12 +146,7 @@ def read_study(path: Path) -> Study:
     )
 
 
-if sys.version_info >= (3, 11):
-    import tomllib
-else:
-    import tomli as tomllib
-
-#: Of algorithms, displays or lens models; each is looked up or made, to be checked.
+#: Largest number of algorithms, displays or lens models.
 MOST_NAMED = 100
 # Characters of a value in a message.
 _MOST_SHOWN = 40
@@ -165,23 +155,17 @@ _MOST_PARTS = 4
 
 
 class Tables:
-    """Tables of a TOML file, with error messages that give the key.
-
-    Raises
-    ------
-    FileError
-        Missing, unreadable, or no TOML.
-    """
+    """Tables of a TOML file, with error messages that give the key."""
 
     def __init__(self, path: Path) -> None:
         self.path, self.tables = path, _toml(path)
 
     def wrong(self, key: str, words: str) -> UsageError:
-        """The error for a key."""
+        """Error for a key."""
         return UsageError(f"{self.path}: {key}: {words}")
 
     def table(self, name: str) -> Mapping[str, Any]:
-        """A table; empty where there is none."""
+        """A table; empty if it is missing."""
         table = self.tables.get(name, {})
         if not isinstance(table, dict):
             raise self.wrong(name, f"write it as a table, [{name}]")
@@ -195,13 +179,13 @@ class Tables:
                 raise self.wrong(key, f"unknown key; {suggest_words(name, allowed)}")
 
     def text(self, key: str, value: Any) -> str:
-        """A text that is not empty."""
+        """Check a text that must not be empty."""
         if not isinstance(value, str) or not value.strip():
             raise self.wrong(key, f"must be a text, not {shown(value)}")
         return value.strip()
 
     def texts(self, key: str, value: Any, most: int = MOST_NAMED) -> list[str]:
-        """A list of texts, none twice."""
+        """Check a list of different texts."""
         if not isinstance(value, list) or not value:
             raise self.wrong(key, f"must be a list of texts, not {shown(value)}")
         self.check_count(key, value, most)
@@ -212,25 +196,25 @@ class Tables:
         return texts
 
     def check_count(self, key: str, values: Sequence[object], most: int) -> None:
-        """Refuse more than a study can mean."""
+        """Reject lists that are too long."""
         if len(values) > most:
             raise self.wrong(key, f"{len(values)} of them; at most {most}: split the study")
 
     def switch(self, key: str, value: Any) -> bool:
-        """True or false."""
+        """Check a value that must be true or false."""
         if not isinstance(value, bool):
             raise self.wrong(key, f"must be true or false, not {shown(value)}")
         return value
 
     def one_of(self, key: str, value: Any, allowed: Sequence[str]) -> str:
-        """One of a few words."""
+        """Check a value that must be one of a few words."""
         if value not in allowed:
             raise self.wrong(key, f"{shown(value)}: {suggest_words(value, allowed)}")
         return str(value)
 
 
 def shown(value: Any) -> str:
-    """A value as the study's author may have written it, in a few characters."""
+    """Format a value for a message, in a few characters."""
     return repr(value)[:_MOST_SHOWN]
 
 
@@ -241,8 +225,7 @@ def _toml(path: Path) -> dict[str, Any]:
         _check_keys(text)
         return dict(tomllib.loads(text))
     except (ValueError, RecursionError) as error:
-        words = " ".join(str(error).split())[:200]
-        raise FileError(f"{path}: no TOML ({words})") from None
+        raise FileError(f"{path}: no TOML ({' '.join(str(error).split())[:200]})") from None
 
 
 # Strings and comments; unclosed ones extend to the end of the line or the file.
@@ -263,15 +246,15 @@ def _check_keys(text: str) -> None:
 class _Reader(Tables):
     """Reader of a sweep's study."""
 
-    def required(self, name: str) -> Any:
-        """Value of a required key of [study]."""
+    def required_texts(self, name: str, most: int = MOST_NAMED) -> list[str]:
+        """Texts of a required key of [study]."""
         if name not in self.table("study"):
             raise self.wrong(f"study.{name}", f"is missing; add a line {name} = [...] to [study]")
-        return self.table("study")[name]
+        return self.texts(f"study.{name}", self.table("study")[name], most)
 
     def scenes(self) -> dict[str, Path]:
         """Scenes by file name; by the path as written if file names are equal."""
-        names = self.texts("study.scenes", self.required("scenes"), MOST_UNITS)
+        names = self.required_texts("scenes", MOST_UNITS)
         stems = [Path(name).stem for name in names]
         shared = Counter(stems)
         scenes = {}
@@ -281,20 +264,18 @@ class _Reader(Tables):
                 check_file(scene)
             except FileError as error:
                 why = str(error).removeprefix(f"{scene}: ")
-                raise self.wrong(
-                    "study.scenes", f"{shown(name)}: {why}; paths start at the study's folder"
-                ) from None
+                words = f"{shown(name)}: {why}; paths are relative to the study's folder"
+                raise self.wrong("study.scenes", words) from None
             scenes[stem if shared[stem] == 1 else name] = scene
         return scenes
 
     def algorithms(self) -> tuple[str, ...]:
-        """The names that methods have in reports."""
-        names = self.texts("study.algorithms", self.required("algorithms"))
+        """Algorithms under their names in reports."""
+        names = self.required_texts("algorithms")
         for name in names:
             if "," in name:
-                raise self.wrong(
-                    "study.algorithms", f"{shown(name)}: write one algorithm in each text"
-                )
+                words = f"{shown(name)}: write one algorithm in each text"
+                raise self.wrong("study.algorithms", words)
         try:
             return tuple(c.name for c in parse_methods(names, {}))
         except InimError as error:
@@ -310,30 +291,24 @@ class _Reader(Tables):
         )
 
     def displays(self) -> tuple[NamedDisplay, ...]:
-        """Those that are named; all of the study's own if none is; else each scene's."""
+        """Displays in [study]; by default all of the study's own, else each scene's."""
         own = self._own_displays()
         named = self.table("study").get("displays")
         if named is None:
             return tuple(own.values()) or (NamedDisplay(AS_SCENE),)
-        displays_by_name = {AS_SCENE: NamedDisplay(AS_SCENE)}
-        for name, preset in DISPLAYS.items():
-            displays_by_name[name] = NamedDisplay(name, preset)
-        displays_by_name |= own
+        presets = {name: NamedDisplay(name, preset) for name, preset in DISPLAYS.items()}
+        displays_by_name = {AS_SCENE: NamedDisplay(AS_SCENE), **presets, **own}
         names = self.texts("study.displays", named)
         for name in names:
             if name not in displays_by_name:
-                raise self.wrong(
-                    "study.displays",
-                    f"{shown(name)} is unknown; use {', '.join(displays_by_name)}, or add a "
-                    "[[display]] "
-                    "so named",
-                )
+                words = f"{shown(name)} is unknown; use {', '.join(displays_by_name)}, or add it"
+                raise self.wrong("study.displays", f"{words} as a [[display]]")
         return tuple(displays_by_name[name] for name in names)
 
     def _own_displays(self) -> dict[str, NamedDisplay]:
         tables = self.tables.get("display", [])
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
-            raise self.wrong("display", "write each display as a table of its own, [[display]]")
+            raise self.wrong("display", "write each display as a separate table, [[display]]")
         self.check_count("display", tables, MOST_NAMED)
         displays: dict[str, NamedDisplay] = {}
         for table in tables:
@@ -357,7 +332,7 @@ class _Reader(Tables):
         return displays
 
     def _from_file(self, name: str, table: Mapping[str, Any]) -> NamedDisplay:
-        """A display that a file describes, which may lie elsewhere than the study."""
+        """Display described by a file."""
         label = f"display {name!r}: file"
         if others := [key for key in table if key not in ("name", "file")]:
             raise self.wrong(f"display {name!r}: {others[0]}", "belongs into its file")
@@ -365,7 +340,7 @@ class _Reader(Tables):
         if not file.lower().endswith(".xml"):
             raise self.wrong(label, f"{shown(file)}: name an .xml with inim.* settings")
         path = self.path.parent / file
-        display_of(path)  # report its mistakes before anything is run
+        display_of(path)  # raises for an invalid file
         return NamedDisplay(name, path)
 
     def variations(self) -> dict[str, dict[str, str]]:
@@ -380,13 +355,10 @@ class _Reader(Tables):
             name: value if isinstance(value, list) else [value] for name, value in table.items()
         }
         lens_model = self.table("study").get("lens_model", [])
-        models, allowed = (
-            lens_model if isinstance(lens_model, list) else [lens_model],
-            tuple(lens_models()),
-        )
+        models = lens_model if isinstance(lens_model, list) else [lens_model]
         self.check_count("study.lens_model", models, MOST_NAMED)
         for model in models:
-            self.one_of("study.lens_model", model, allowed)
+            self.one_of("study.lens_model", model, tuple(lens_models()))
             axes.setdefault("lens_model", []).append(model)
         for name, values in axes.items():
             if not values:
@@ -402,12 +374,11 @@ class _Reader(Tables):
         return variations
 
     def _values(self, before: str, table: Mapping[str, Any]) -> dict[str, str]:
-        """Numbers and texts as -D has them."""
+        """Format numbers and texts as values of -D."""
         for name, value in table.items():
             if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-                raise self.wrong(
-                    f"{before}{name}", f"must be a number or a text, not {shown(value)}"
-                )
+                words = f"must be a number or a text, not {shown(value)}"
+                raise self.wrong(f"{before}{name}", words)
         return {name: str(value) for name, value in table.items()}
 
     def _settings(self, key: str, words: Mapping[str, str]) -> Settings:

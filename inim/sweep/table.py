@@ -22,7 +22,7 @@ from inim.report.wording import check_finding
 from inim.settings import PREFIX, Settings
 from inim.sweep.unit import Unit
 
-#: Of the display: what papers state of it.
+#: Columns of the display's parameters.
 DISPLAY_COLUMNS = (
     "pitch_mm",
     "focal_length_mm",
@@ -31,7 +31,7 @@ DISPLAY_COLUMNS = (
     "lens_columns",
     "lens_rows",
 )
-#: Of which a row has the reference's scores, too, under these prefixes.
+#: Prefixes of the reference's and the noise floor's scores in each row.
 REFERENCES = ("reference", "noise_floor")
 
 
@@ -43,7 +43,7 @@ def view_columns() -> dict[str, Metric]:
 
 
 def to_reference_columns() -> dict[str, Metric]:
-    """Columns of a view's scores against the reference view, likewise."""
+    """Columns of a view's scores against the reference view, with their metrics."""
     metrics = all_metrics()
     on_relic = {
         metric.on_relic_to_reference_key: metric for metric in metrics if metric.has_relic_score
@@ -52,12 +52,12 @@ def to_reference_columns() -> dict[str, Metric]:
 
 
 def prefixed_view_columns(prefix: str) -> dict[str, Metric]:
-    """Columns of the scores of one of `REFERENCES`, likewise."""
+    """Columns of the scores of one of `REFERENCES`, with their metrics."""
     return {f"{prefix}_{key}": metric for key, metric in view_columns().items()}
 
 
 def eia_columns(start: str = "eia") -> dict[str, Metric]:
-    """Columns of an EIA's scores, likewise."""
+    """Columns of an EIA's scores, with their metrics."""
     return {f"{start}_{metric.key}": metric for metric in all_metrics() if metric.has_eia_score}
 
 
@@ -129,8 +129,8 @@ def _failed_checks(data: ReportDocument, algorithm: str) -> list[str]:
 
 def _is_of(check: str, algorithm: str) -> bool:
     """True if a check belongs to an algorithm: ``NAME: …``, ``NAME/VIEW: …``, ``eia/NAME: …``."""
-    own = check.removeprefix("eia/").removeprefix("views/")
-    return own.startswith((f"{algorithm}: ", f"{algorithm}/"))
+    name = check.removeprefix("eia/").removeprefix("views/")
+    return name.startswith((f"{algorithm}: ", f"{algorithm}/"))
 
 
 def finished_rows(unit: Unit, algorithm: str, result: UnitDocument) -> list[dict[str, Any]]:
@@ -178,7 +178,7 @@ def _identity(unit: Unit, algorithm: str) -> dict[str, Any]:
 
 
 def _given(unit: Unit) -> dict[str, Any]:
-    """Settings that the study itself names, where the scene's could not be had."""
+    """Settings of the study, for a unit whose scene cannot be read."""
     definitions = unit.request.definitions
     settings = asdict(Settings.parse(definitions, unit.label))
     return {key: settings[key] for key in SETTING_COLUMNS if f"{PREFIX}{key}" in definitions}
@@ -202,7 +202,7 @@ _OF_GENERATION = ("seconds", "yardsticks")
 _OF_VALIDATION = ("unit_seconds", "render_seconds")
 _MEASURED = (*_OF_GENERATION, *_OF_VALIDATION, "passed", "failed_checks")
 TABLE = "sweep.parquet"
-# Of a setting, by its annotation; what is not among the settings is measured.
+# Column types of settings, by their annotations.
 _TYPES = {"str": "string", "int": "int64", "float": "float64"}
 _SETTINGS = {f.name: _TYPES[str(f.type).split(" ")[0]] for f in fields(Settings)}
 _MADE = (
@@ -283,7 +283,7 @@ def columns_as_markdown() -> str:
 
 
 def check_pyarrow() -> None:
-    """Raise the `UsageError` with the line to type where pyarrow is missing."""
+    """Raise `UsageError` with the installation command if pyarrow is missing."""
     try:
         import pyarrow.parquet  # noqa: F401
     except ImportError:

@@ -22,10 +22,12 @@ from inim.documents import read_document
 from inim.documents.document import encode
 from inim.documents.unit import UnitDocument
 from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, WorkerError
+from inim.pipeline.baseline import FOLDER as STATISTICS
 from inim.pipeline.plan import LEAST_BYTES, Plan, make_plan
 from inim.pipeline.request import Request
 from inim.process.interrupts import delayed_interrupts
 from inim.process.observer import Observer
+from inim.regression import CANDIDATE, read_statistics
 from inim.report import Report
 from inim.sweep.table import unit_document
 from inim.sweep.unit import Unit, key_of, making_of
@@ -37,13 +39,7 @@ FOLDER = "units"
 
 @dataclass(frozen=True)
 class Results:
-    """The results in the folder of a sweep.
-
-    Attributes
-    ----------
-    out : Path
-        Of the sweep; on a cluster, a folder that all its machines share.
-    """
+    """The results in the folder of a sweep; on a cluster, all machines share this folder."""
 
     out: Path
 
@@ -52,7 +48,7 @@ class Results:
         return self.out / FOLDER / unit / f"{algorithm}.json"
 
     def read(self, unit: str, algorithm: str, making: Mapping[str, Any]) -> UnitDocument | None:
-        """A result; None if none of this making can be read."""
+        """Read a result; None if it is missing or has other inputs."""
         try:
             document = read_document(self.path(unit, algorithm), "", UnitDocument)
         except FileError:
@@ -61,15 +57,9 @@ class Results:
         return document if own == (unit, algorithm, making) else None
 
     def write(self, document: UnitDocument) -> None:
-        """Put a result there, whole: a reader sees it or does not.
-
-        Raises
-        ------
-        FileError
-            The folder cannot be written.
-        """
+        """Write a result atomically; raises `FileError` if the folder cannot be written."""
         path = self.path(document.unit, document.algorithm)
-        # A process's number is its own on one machine only, and the folder may be shared.
+        # Process numbers are not unique in a folder that several machines share.
         temporary = path.with_name(f".{uuid.uuid4().hex}.tmp")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -88,9 +78,9 @@ class Results:
 
 
 _REPORTS = "reports"
-# With one thread the renderer's own file readers hang; see `inim.render.variant`.
+# With one thread the renderer's file readers hang; see `inim.render.variant`.
 _FEWEST_RENDER_THREADS = 2
-# A worker that died may have been killed for what others did; twice is its own doing.
+# The memory use of other processes may kill a worker once.
 _ATTEMPTS = 2
 
 
@@ -131,7 +121,7 @@ class SweepTask:
 def make_task(
     unit: Unit, algorithms: Sequence[str], *, keep_report: bool, threads: int | None
 ) -> SweepTask:
-    """The task of computing some algorithms of a unit."""
+    """Create the task of computing some algorithms of a unit."""
     assert unit.plan is not None
     return SweepTask(
         unit.hash,
@@ -146,12 +136,9 @@ def make_task(
 
 
 def attempt(task: SweepTask, on_start: OnStart | None = None) -> InimError | None:
-    """Carry out a task; the error that ended it, or None once its results are there.
+    """Run a task, again if its worker died; return the error, or None if its results exist.
 
-    Parameters
-    ----------
-    on_start : callable, optional
-        See `inim.worker.supervisor.run_in_worker`.
+    `on_start` receives the worker's process.
     """
     error: InimError | None = None
     for _ in range(_ATTEMPTS):
@@ -159,8 +146,8 @@ def attempt(task: SweepTask, on_start: OnStart | None = None) -> InimError | Non
             _carry_out(task, on_start)
         except (WorkerError, OutOfMemoryError) as death:
             error = death
-        except InimError as its_own:
-            return its_own
+        except InimError as task_error:
+            return task_error
         else:
             return None
     return error
@@ -169,8 +156,8 @@ def attempt(task: SweepTask, on_start: OnStart | None = None) -> InimError | Non
 def _carry_out(task: SweepTask, on_start: OnStart | None) -> None:
     if not (task.request.out / FOLDER).is_dir():
         raise FileError(
-            f"{task.request.out}: is not there on {socket.gethostname()}; choose a folder with -o "
-            "that all machines share"
+            f"{task.request.out}: missing on {socket.gethostname()}; choose a folder with -o that "
+            "all machines share"
         )
     run_in_worker(
         "inim.sweep.task:run_job",
@@ -178,26 +165,20 @@ def _carry_out(task: SweepTask, on_start: OnStart | None) -> None:
         _staging(task),
         backend=task.request.backend,
         about=str(task.request.out),
-        variables=_threads(task.threads),
+        # numba reads it when it is imported.
+        variables={} if task.threads is None else {"NUMBA_NUM_THREADS": str(task.threads)},
         debug=task.debug,
         on_start=on_start,
     )
 
 
-def _threads(count: int | None) -> dict[str, str]:
-    """Environment variables that numba reads when it is imported."""
-    return {} if count is None else {"NUMBA_NUM_THREADS": str(count)}
-
-
 def _staging(task: SweepTask) -> AbstractContextManager[Path]:
-    """Temporary folder for the report: next to its final place if it is kept, otherwise on the
-    local disk.
+    """Temporary folder for the report: on the local disk unless the report is kept.
 
-    A report has some megabytes of images, thousands of times more than its rows, which would burden
-    a shared disk. All units use one folder, so that each removes the remains of killed units.
+    All units use one folder, so that each removes the remains of killed units.
     """
     if task.keep_report:
-        return staging_folder(_report_folder(task))
+        return staging_folder(report_folder(task.request.out, task.unit))
     folder = Path(tempfile.gettempdir()) / f"inim-sweep-{os.getuid()}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
@@ -214,25 +195,21 @@ def _staging(task: SweepTask) -> AbstractContextManager[Path]:
     return staging_folder(folder / "unit")
 
 
-def _report_folder(task: SweepTask) -> Path:
-    return report_folder(task.request.out, task.unit)
-
-
 def report_folder(out: Path, unit: str) -> Path:
     """Folder of a unit's report, if it is kept."""
     return out / _REPORTS / unit
 
 
 def run_job(task: SweepTask, staging: Path, observer: Observer) -> bool:
-    """The worker's side: validate, and put the results where the sweep looks for them."""
+    """Entry point in the worker: validate, and write the results into the sweep's folder."""
     plan = make_plan(task.request)
     _check_same(task, plan)
-    report = _validated(task, plan, staging, observer)
-    times = _times(staging)
+    report = _validate(task, plan, staging, observer)
+    times = read_statistics(staging / STATISTICS, CANDIDATE).times
     results = Results(task.request.out)
     with delayed_interrupts():
-        if task.keep_report:  # before the results: they say that nothing is left to do
-            publish(staging, _report_folder(task))
+        if task.keep_report:  # before the results, which mark the unit as finished
+            publish(staging, report_folder(task.request.out, task.unit))
         for name in task.algorithms:
             results.write(
                 unit_document(
@@ -248,7 +225,7 @@ def run_job(task: SweepTask, staging: Path, observer: Observer) -> bool:
 
 
 def _check_same(task: SweepTask, plan: Plan) -> None:
-    """Raise unless the worker's key equals the unit's: the scene or the code differs otherwise."""
+    """Raise `UsageError` if the scene or the code differs from that of the sweep's start."""
     key = key_of(plan)
     changed = [name for name in task.key if key.get(name) != task.key[name]]
     if changed:
@@ -259,7 +236,7 @@ def _check_same(task: SweepTask, plan: Plan) -> None:
         )
 
 
-def _validated(task: SweepTask, plan: Plan, staging: Path, observer: Observer) -> Report:
+def _validate(task: SweepTask, plan: Plan, staging: Path, observer: Observer) -> Report:
     from inim.pipeline.job import run
     from inim.render import variant
 
@@ -270,10 +247,3 @@ def _validated(task: SweepTask, plan: Plan, staging: Path, observer: Observer) -
 
     with drjit_threads(max(_FEWEST_RENDER_THREADS, task.threads)):
         return run(plan, staging, observer)
-
-
-def _times(staging: Path) -> Mapping[str, Sequence[float]]:
-    from inim.pipeline.output.baseline import FOLDER as STATISTICS
-    from inim.regression import CANDIDATE, read_statistics
-
-    return read_statistics(staging / STATISTICS, CANDIDATE).times

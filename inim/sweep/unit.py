@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -28,9 +28,9 @@ from inim.sweep.study import Study
 from inim.version import __version__
 
 _VERSIONS = ("drjit", "flip-evaluator", "mitsuba", "numba", "numpy", "scikit-image")
-# Of the settings: what is no part of a result, or is in the key under another name.
+# Settings that do not affect a score, or are in the key under another name.
 _NOT_DECIDING = ("title", "algorithms", "viewpoints", "min_ssim_to_reference")
-# Code of ours that no score passes through.
+# Code that does not affect scores.
 _NOT_SCORING = (
     "cli.py",
     "commands/",
@@ -79,7 +79,7 @@ class Unit:
         return " · ".join(filter(None, (self.scene, self.display, self.variation)))
 
     def only(self, algorithms: Sequence[str]) -> Request:
-        """The request for some of its algorithms; criteria for the others would be refused."""
+        """Request for some of the algorithms, without the criteria of the others."""
         assert self.plan is not None
         limits = [f"{n}:{v!r}" for n, v in self.plan.ssim_limits.items() if n in algorithms]
         key = f"{PREFIX}min_ssim_to_reference"
@@ -91,24 +91,29 @@ class Unit:
 
 
 def expand(study: Study, out: Path, allow_folders: tuple[Path, ...] = ()) -> list[Unit]:
-    """All units, in the study's order: scene by scene, display by display.
+    """Expand a study to its units: scene by scene, display by display.
 
-    Parameters
-    ----------
-    out : Path
-        The sweep's folder.
-    allow_folders : tuple of Path
-        As of a validation.
-
-    Raises
-    ------
-    InimError
-        That of the first unit, where not one can be carried out.
+    `out` is the sweep's folder. If no unit can be validated, raises the error of the first one.
     """
-    requests = list(_requests(study, out, allow_folders))
-    units = [_unit(*names, request) for names, request in requests]
+    units = []
+    for scene, path in study.scenes.items():
+        for display in study.displays:
+            for variation, definitions in study.variations.items():
+                request = Request(
+                    path,
+                    out,
+                    definitions=definitions,
+                    display=display.display,
+                    algorithms=study.algorithms,
+                    viewpoints=study.viewpoints,
+                    backend=study.backend,
+                    time=study.time,
+                    lazy=study.lazy,
+                    allow_folders=allow_folders,
+                )
+                units.append(_unit(scene, display.name, variation, request))
     if all(unit.plan is None for unit in units):
-        make_plan(requests[0][1])
+        make_plan(units[0].request)
     return units
 
 
@@ -120,29 +125,8 @@ def _unit(scene: str, display: str, variation: str, request: Request) -> Unit:
     return Unit(scene, display, variation, request, plan, unit_hash(key_of(plan)))
 
 
-def _requests(
-    study: Study, out: Path, allow_folders: tuple[Path, ...]
-) -> Iterator[tuple[tuple[str, str, str], Request]]:
-    for scene, path in study.scenes.items():
-        for display in study.displays:
-            for variation, words in study.variations.items():
-                request = Request(
-                    path,
-                    out,
-                    definitions=words,
-                    display=display.display,
-                    algorithms=study.algorithms,
-                    viewpoints=study.viewpoints,
-                    backend=study.backend,
-                    time=study.time,
-                    lazy=study.lazy,
-                    allow_folders=allow_folders,
-                )
-                yield (scene, display.name, variation), request
-
-
 def key_of(plan: Plan) -> dict[str, Any]:
-    """Everything a validation's scores depend on, but the algorithm, as JSON has it."""
+    """Inputs of a validation's scores, except the algorithm, as JSON values."""
     settings = {k: v for k, v in asdict(plan.settings).items() if k not in _NOT_DECIDING}
     key = {
         "scene": plan.file.sha256,
@@ -170,16 +154,13 @@ def _nameless(display: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def unit_hash(key: Mapping[str, Any]) -> str:
-    """The name of a key: the first digits of its SHA-256."""
+    """Hash of a key: the first digits of its SHA-256."""
     text = json.dumps(key, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:_HASH_DIGITS]
 
 
 def making_of(plan: Plan, algorithm: str) -> dict[str, Any]:
-    """Further inputs of one algorithm's result: its own criterion, another package's code.
-
-    Our own code is in every key.
-    """
+    """Further inputs of an algorithm's result: its criterion, and another package's code."""
     inputs: dict[str, Any] = {"min_ssim_to_reference": plan.ssim_limits.get(algorithm)}
     name = parse_algorithm(algorithm)[0]
     if is_own(name) or name == PICKUP:
@@ -189,13 +170,13 @@ def making_of(plan: Plan, algorithm: str) -> dict[str, Any]:
 
 @cache
 def _versions() -> dict[str, str]:
-    """Looked up once: each look reads the packages' own files."""
+    """Versions, cached because each lookup reads files of the packages."""
     return versions(_VERSIONS)
 
 
 @cache
 def _own_code() -> str:
-    """SHA-256 of the code that scores pass through: versions stay, while their code is edited."""
+    """SHA-256 of the code that affects scores, which may change without a new version."""
     root = Path(inim.__file__).parent
     digest = hashlib.sha256()
     for path in sorted(root.rglob("*.py")):

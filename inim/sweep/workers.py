@@ -75,7 +75,7 @@ class Progress:
     total : int
         Number of tasks.
     quiet : bool
-        Neither lines nor a bar.
+        Print neither lines nor a bar.
     """
 
     def __init__(self, total: int, *, quiet: bool = False) -> None:
@@ -93,7 +93,7 @@ class Progress:
         self._counts = (f"[{n:{len(str(total))}}/{total}]" for n in range(1, total + 1))
 
     def ended(self, label: str, seconds: float, error: str) -> None:
-        """A task is done, or has failed with a sentence."""
+        """Report a finished task, or a failed one with its error message."""
         self._bar.update()
         failure = f"  FAILED: {error}" if error else ""
         self.say(f"{next(self._counts)} {seconds:7.1f} s  {label}{failure}")
@@ -105,17 +105,17 @@ class Progress:
         self._bar.clear()
         try:
             print(line, flush=True)
-        except OSError:  # the reader left, or its disk is full; the results are what counts
+        except OSError:  # a closed reader or a full disk must not stop the sweep
             self._quiet = True
         self._bar.refresh()
 
     def close(self) -> None:
-        """Take the bar away; lines stay."""
+        """Remove the bar."""
         self._bar.close()
 
 
 def check_dask() -> None:
-    """Raise the `UsageError` with the line to type where dask.distributed is missing."""
+    """Raise `UsageError` with the installation command if dask.distributed is missing."""
     try:
         import distributed  # noqa: F401
     except ImportError:
@@ -130,13 +130,13 @@ def on_worker(task: SweepTask, alone: bool = True) -> tuple[float, str]:
     Parameters
     ----------
     alone : bool
-        Wait until no other task is in work on this dask worker: on a cluster.
+        Wait until no other task runs on this dask worker, as on a cluster.
 
     Returns
     -------
     seconds : float
     error : str
-        The error that ended the task, or "".
+        Message of the task's error, or "".
     """
     with _ONE_AT_A_TIME if alone else nullcontext():
         if _ENDED.is_set():
@@ -149,26 +149,24 @@ def on_worker(task: SweepTask, alone: bool = True) -> tuple[float, str]:
 def run_tasks(
     tasks: Sequence[SweepTask], scheduler: str | None, workers: int, progress: Progress
 ) -> dict[str, str]:
-    """Carry out tasks on the workers of a scheduler, or on this machine.
-
-    On this machine, tasks run at the same time as long as the memory holds them.
+    """Run tasks on the workers of a scheduler, or on this machine as far as the memory permits.
 
     Parameters
     ----------
     scheduler : str, optional
-        Its address, `tcp://HOST:PORT`; None: this machine.
+        Address, `tcp://HOST:PORT`; None: this machine.
     workers : int
-        Tasks at the same time on this machine.
+        Largest number of simultaneous tasks on this machine.
 
     Returns
     -------
     dict of str to str
-        By unit, the error of each that failed.
+        Error message of each failed unit.
 
     Raises
     ------
     UsageError
-        No scheduler answers there.
+        No scheduler answers at the address.
     """
     limit = backends.memory_limit_bytes() or sys.maxsize
     connection = _local(workers, limit) if scheduler is None else _client(scheduler)
@@ -190,7 +188,7 @@ def run_tasks(
             future.add_done_callback(ended.put)
         try:
             return _collect(client, futures, ended, progress)
-        finally:  # after an interrupt, children still run and tasks still wait
+        finally:  # after an interrupt, some tasks still run
             _ENDED.set()
             while _CHILDREN:
                 end_process(_CHILDREN.pop())
@@ -220,7 +218,7 @@ def _collect(
 
 
 def _result_of(future: Any) -> tuple[float, str]:
-    """Result of `on_worker`, or a sentence on how dask lost the task."""
+    """Result of `on_worker`, or an error message if dask lost the task."""
     if future.status == "finished":
         result: tuple[float, str] = future.result()
         return result
@@ -237,26 +235,23 @@ def _key(task: SweepTask) -> str:
 
 
 def check_answers(scheduler: str) -> None:
-    """Raise a `UsageError` with the remedy if no scheduler answers at an address.
-
-    A dask client that cannot connect takes twice its patience to give up, and prints tracebacks.
-    """
+    """Raise `UsageError` if no scheduler answers; a dask client would wait and print tracebacks."""
     host, _, port = scheduler.rpartition("://")[2].rpartition(":")
     if not (host and port.isdigit()):
         raise UsageError(
-            f"--scheduler {scheduler}: write tcp://HOST:PORT, as `dask scheduler` says"
+            f"--scheduler {scheduler}: write tcp://HOST:PORT, as `dask scheduler` prints it"
         )
     try:
         socket.create_connection((host.strip("[]"), int(port)), _ANSWERS_WITHIN_S).close()
     except (OSError, OverflowError) as error:
         raise UsageError(
-            f"--scheduler {scheduler}: nobody answers there ({error}); start one: dask scheduler"
+            f"--scheduler {scheduler}: no answer ({error}); start one: dask scheduler"
         ) from None
 
 
 @contextmanager
 def _local(workers: int, memory_bytes: int) -> Iterator[Any]:
-    """A client of a scheduler and a worker in this process."""
+    """Client of a scheduler and a worker in this process."""
     from distributed import Client, LocalCluster
 
     _silence_dask()
@@ -273,23 +268,21 @@ def _local(workers: int, memory_bytes: int) -> Iterator[Any]:
 
 
 def _silence_dask() -> None:
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # our own lines name every error
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # `Progress` prints every error
 
 
 @contextmanager
 def _client(scheduler: str) -> Iterator[Any]:
-    """A client of a scheduler elsewhere."""
+    """Client of the scheduler at an address."""
     from distributed import Client
 
     _silence_dask()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of versions that differ; ours are in every key
+        warnings.simplefilter("ignore")  # about different versions, which are part of the key
         try:
             client = Client(scheduler, timeout=_ANSWERS_WITHIN_S, set_as_default=False)
         except (OSError, ValueError) as error:
             words = " ".join(str(error).split())[:160]
-            raise UsageError(
-                f"--scheduler {scheduler}: what answers there is no dask scheduler ({words})"
-            ) from None
+            raise UsageError(f"--scheduler {scheduler}: not a dask scheduler ({words})") from None
     with client:
         yield client

@@ -21,7 +21,7 @@ from inim.pipeline.request import Request, option_words
 from inim.report.sweep import mean
 from inim.report.tolerate import write_tolerance
 from inim.settings import PREFIX, Settings
-from inim.sweep.run import SweepPlace, SweepPlan, carry_out, plan_study
+from inim.sweep.run import SweepPlace, SweepPlan, compute_results, plan_study
 from inim.sweep.study import AS_SCENE, NamedDisplay, Study
 from inim.tolerate.findings import aligned_score, parameter_tolerances
 from inim.tolerate.study import ToleranceStudy, read_standard_errors, read_tolerance_study
@@ -103,10 +103,10 @@ def run_tolerance(
     # Alone and first: all others find in the cache what they share with it.
     first = {_ALIGNED: swept.variations[_ALIGNED]}
     options = {"quiet": quiet, "debug": debug}
-    aligned = carry_out(replace(swept, variations=first), request.place, **options)
+    aligned = compute_results(replace(swept, variations=first), request.place, **options)
     for why in aligned.failed.values():
         raise SceneError(f"{plan.request.scene}: as designed, it cannot be validated: {why}")
-    outcome = carry_out(swept, request.place, **options)
+    outcome = compute_results(swept, request.place, **options)
     scores = _scores(outcome.rows)
     parameters, together = parameter_tolerances(study, scores, request.criterion, reached)
     document = ToleranceDocument(

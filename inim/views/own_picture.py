@@ -14,7 +14,7 @@ from inim import metrics
 from inim.backend.kernels import compiled, prange
 from inim.display import Display, Viewpoint
 from inim.display.viewpoint import parse_viewpoints
-from inim.documents.parts import Backend, Check, Checks, DisplayRecord, EyePosition, origin
+from inim.documents.parts import Backend, Check, Checks, DisplayRecord, EyePosition, check, origin
 from inim.documents.picture import (
     FittedPicture,
     PictureAlgorithm,
@@ -42,10 +42,10 @@ from inim.image.noisy_image import NoisyImage, replace_nonfinite
 from inim.image.rgbd import RGBD
 from inim.lens import check_lens_model
 from inim.metrics.headline import MAIN
-from inim.pipeline.output.images import write_rgbd_pngs
+from inim.pipeline.images import write_rgbd_pngs
 from inim.pipeline.request import Choices, option_words
-from inim.pipeline.stages.checks import BLACK, check
 from inim.pipeline.stages.generation import GeneratorHandle, hole_fraction
+from inim.pipeline.stages.ground_truth import BLACK
 from inim.pipeline.stages.method import parse_methods
 from inim.pipeline.stages.reconstruction import Optics, reconstruct_views
 from inim.pipeline.stages.scene import Renderer

@@ -159,7 +159,7 @@ def _baseline(place: str) -> Read:
     """A plan with the baseline, and the verdict of a run on it."""
 
     def read(path: Path) -> None:
-        from inim.pipeline.output.baseline import compare_with_baseline
+        from inim.pipeline.baseline import compare_with_baseline
         from inim.pipeline.plan import make_plan
         from inim.pipeline.request import Request
         from inim.regression import CANDIDATE, read_statistics

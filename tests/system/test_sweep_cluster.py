@@ -109,7 +109,7 @@ def test_a_killed_driver_loses_nothing_and_doubles_nothing(scheduler, tmp_path):
     assert not (out / TABLE).exists()
     ended = sweep(*words, folder=tmp_path)
     assert ended.code == EXIT_PASSED, ended.stderr
-    assert f"{len(before)} of 16 results are there" in ended.stdout
+    assert f"{len(before)} of 16 results exist" in ended.stdout
     after = results(out)
     assert len(after) == 16
     assert {name: after[name] for name in before} == before  # nothing was done again

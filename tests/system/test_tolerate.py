@@ -87,7 +87,7 @@ def test_another_criterion_computes_nothing(drawn):
     before = written(folder)
     words = (*COMMAND, *definitions(TINY), "--criterion", "0.03")
     planned = run_here(*words, "--dry-run", folder=folder)
-    assert planned.stdout.endswith("16 of 16 results are there, 0 validations to run\n")
+    assert planned.stdout.endswith("16 of 16 results exist, 0 validations to run\n")
     strict = read_document(folder / "out" / "tolerate.json")
     reached = {"parameters": {"shift_x_mm": {"standard_error": 0.001}}}
     (folder / "calibration.json").write_text(json.dumps(completed("calibration", reached)))

@@ -13,13 +13,14 @@ import numpy as np
 import pytest
 
 from inim import metrics
+from inim.documents.parts import check
 from inim.errors import EXIT_INTERNAL, EXIT_USAGE, InimError, UsageError
 from inim.pipeline import validate as validating
 from inim.pipeline.job import run as run_plan
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.stages import generation as generating
-from inim.pipeline.stages.checks import check, missing_viewpoints
+from inim.pipeline.stages.scoring import missing_viewpoints
 from inim.process.observer import Observer
 from inim.report import Report
 from tests.conftest import scene_text, square

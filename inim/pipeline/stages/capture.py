@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from inim.documents.parts import Check
+from inim.documents.parts import Check, check
 from inim.errors import SceneError
 from inim.image.noisy_image import replace_nonfinite
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
-from inim.pipeline.stages.checks import check, nonfinite_checks
 from inim.pipeline.stages.scene import EMPTY_RAYS, Scene, samples_traced, seed_of
 from inim.pipeline.stages.stage import RENDERING, Run, stage
 
@@ -115,6 +114,11 @@ def capture_relic(camera: DepthCamera, *, layers: bool, run: Run) -> Capture:
         "layers behind the picture", "nothing", "peeling the scene", "no algorithm reads them"
     )
     return capture
+
+
+def nonfinite_checks(name: str, count: int) -> list[Check]:
+    """A failed check if pixels are not finite; otherwise empty."""
+    return [check(f"{name}: pixels not finite", count, "<=", 0, "taken as black")] if count else []
 
 
 def capture_nonempty(camera: DepthCamera, *, layers: bool, run: Run) -> Capture:

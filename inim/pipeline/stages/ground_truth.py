@@ -10,21 +10,17 @@ import numpy as np
 
 from inim.display import Display, Viewpoint
 from inim.display.pixels import SUBPIXELS
-from inim.documents.parts import Check
-from inim.image.noisy_image import NoisyImage
+from inim.documents.parts import Check, check
+from inim.image.noisy_image import NoisyImage, row_bands
 from inim.metrics import Viewing, all_metrics, relic_region
-from inim.pipeline.stages.capture import Capture
-from inim.pipeline.stages.checks import (
-    BLACK,
-    CLIPPED_SHARE,
-    any_colour,
-    check,
-    nonfinite_checks,
-    out_of_range_share,
-)
+from inim.pipeline.stages.capture import Capture, nonfinite_checks
 from inim.pipeline.stages.scene import EMPTY_RAYS, Scene, samples_traced, seed_of
 from inim.pipeline.stages.stage import RENDERING, Run, stage
 
+#: An image whose brightest value is below this is black.
+BLACK = 1e-4
+#: Above this share of clipped pixels, scores depend more on exposure than on the algorithm.
+CLIPPED_SHARE = 0.01
 _NOT_OBSERVED = "no requested view has a sample there; "
 
 
@@ -200,6 +196,19 @@ class GroundTruth:
         return self.regions[view], self.viewing[view]
 
 
+def out_of_range_share(eia: np.ndarray) -> float:
+    """Share of pixels that are below black or brighter than the panel's white."""
+    rows = row_bands(*eia.shape[:2])
+    counts = (np.count_nonzero(_any_colour((eia[r] < 0) | (eia[r] > 1))) for r in rows)
+    return float(sum(counts) / (eia.shape[0] * eia.shape[1]))
+
+
+def _any_colour(mask: np.ndarray) -> np.ndarray:
+    """Same as `any(axis=-1)` over three colours, six times as fast."""
+    pixels: np.ndarray = mask[..., 0] | mask[..., 1] | mask[..., 2]
+    return pixels
+
+
 def collect_ground_truth(
     capture: Capture,
     eia: NoisyImage,
@@ -223,7 +232,7 @@ def collect_ground_truth(
         check(f"{name}: brightest value", float(image.max()), ">=", BLACK, "not black")
         for name, image in images.items()
     ]
-    clipped = {name: float(any_colour(image > 1).mean()) for name, image in images.items()}
+    clipped = {name: float(_any_colour(image > 1).mean()) for name, image in images.items()}
     worst = max(clipped, key=lambda name: clipped[name])
     warnings = []
     if clipped[worst] > CLIPPED_SHARE:

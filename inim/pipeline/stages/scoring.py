@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from inim import metrics
-from inim.documents.parts import Check, ScorePrecision
+from inim.documents.parts import Check, ScorePrecision, check
 from inim.documents.report import AlgorithmResult, NoiseFloor
 from inim.image.noisy_image import NoisyImage
 from inim.metrics import Viewing
 from inim.metrics.headline import HEADLINE, HEADLINE_WORDS
-from inim.pipeline.stages.checks import (
+from inim.pipeline.stages.capture import nonfinite_checks
+from inim.pipeline.stages.generation import GeneratedEIA, ReferenceOutput
+from inim.pipeline.stages.ground_truth import (
     BLACK,
     CLIPPED_SHARE,
-    check,
-    missing_viewpoints,
-    nonfinite_checks,
+    GroundTruth,
     out_of_range_share,
 )
-from inim.pipeline.stages.generation import GeneratedEIA, ReferenceOutput
-from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.pipeline.stages.stage import SCORING, Run, stage
 from inim.process.threads import Submit, threads
 from inim.regression import (
@@ -257,6 +255,15 @@ def _scoring_threads(truth: GroundTruth, run: Run) -> Iterator[Submit]:
     largest = max(math.prod(image.shape) for image in (truth.eia, *truth.views.values()))
     with run.observer.timed("score"), threads(_PIXELS_AT_ONCE // largest) as submit:
         yield submit
+
+
+def missing_viewpoints(name: str, expected: Sequence[str], views: Collection[str]) -> list[Check]:
+    """A failed check if views are missing; otherwise empty."""
+    missing = [view for view in expected if view not in views]
+    if not missing and views:
+        return []
+    detail = ", ".join(missing) or "no views"
+    return [check(f"{name}: viewpoints missing", max(1, len(missing)), "<=", 0, detail)]
 
 
 def _content_check(name: str, output: GeneratedEIA) -> Check:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,8 @@ import numpy as np
 from inim.backend import Backend
 from inim.backend.choice import versions
 from inim.display import Display
-from inim.documents.parts import Check, Circumstances, Regression, utc_now
+from inim.documents.compare import CompareDocument, Side
+from inim.documents.parts import Check, Checks, Circumstances, Regression, utc_now
 from inim.documents.report import AlgorithmResult
 from inim.errors import BaselineError, UsageError
 from inim.files.image import write_png
@@ -38,6 +39,7 @@ from inim.regression import (
     ScoreEstimate,
     TileStatistics,
     Verdict,
+    all_passed,
     changed_circumstances,
     compare,
     drift,
@@ -46,10 +48,15 @@ from inim.regression import (
 )
 from inim.regression.comparison import changed_pixels, tile_pictures
 from inim.report import Report
+from inim.report.images import ENCODINGS, Images, difference
+from inim.report.sections.regression import write_comparison
 from inim.version import __version__
+from inim.worker.output import published
 
 #: Folder of a report for the candidate and, after a failure, images of the differences.
 FOLDER = "regression"
+#: Files of a comparison of two reports; the first marks a whole comparison.
+COMPARISON_FILES = ("compare.json", "compare.html", "junit.xml", "summary.md")
 #: Default folder of baselines, relative to the current folder.
 BASELINES = Path("reports/baselines")
 
@@ -79,14 +86,9 @@ def compare_with_baseline(
         new = candidate.fingerprints[name]
         _write_reference_difference(folder, name, output, old, new, plan.display)
     verdicts = compare(baseline, candidate, path)
-    failed = [v for v in verdicts if v.kind == "picture" and not v.passed]
-    pictures = [
-        name
-        for name in baseline.pictures
-        if any(v.name.startswith(f"{name}: ") for v in failed)
-        and write_difference(folder, name, baseline, candidate)
-    ]
-    data = regression_data(path, baseline, candidate, pictures)
+    names = _failed_pictures(baseline, verdicts)
+    pictures = [name for name in names if write_difference(folder, name, baseline, candidate)]
+    data = _regression_data(path, baseline, candidate, pictures)
     return BaselineComparison(data, tuple(verdict.as_check() for verdict in verdicts))
 
 
@@ -123,7 +125,7 @@ def write_difference(
     return True
 
 
-def regression_data(
+def _regression_data(
     path: str, baseline: RunStatistics, candidate: RunStatistics, pictures: list[str]
 ) -> Regression:
     """Results of a comparison, without its checks."""
@@ -199,9 +201,73 @@ def _check_complete(candidate: RunStatistics, out: Path) -> None:
         raise BaselineError(f"{out}: cannot be a baseline: {problem.strip()}; make a new report")
 
 
-def verdict_lines(verdicts: list[Verdict]) -> list[str]:
-    """Format the verdicts as lines of text, failed ones first."""
-    return [v.line() for v in sorted(verdicts, key=lambda v: v.passed)]
+def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[str]]:
+    """Compare two reports and write the result into a folder.
+
+    Parameters
+    ----------
+    before, after : Path
+        Folders of reports; `before` is the baseline.
+    out : Path
+        Folder for `compare.json`, `compare.html`, `junit.xml` and `summary.md`.
+
+    Returns
+    -------
+    passed : bool
+    lines : list of str
+        Results as text, failures first.
+
+    Raises
+    ------
+    BaselineError
+        The reports were made under different conditions, or one has no data for a comparison.
+    FileError
+        A report is missing, or `out` cannot be written.
+    """
+    (report, old), (other, new) = read_run(before), read_run(after)
+    if out.exists() and any(out.samefile(folder) for folder in (before, after)):
+        raise UsageError(f"{out}: is one of the reports; choose another folder with -o")
+    verdicts = compare(old, new, str(before))
+    with published(out, COMPARISON_FILES) as staging:
+        names = _failed_pictures(old, verdicts)
+        data = CompareDocument(
+            title=new.circumstances.title or after.name,
+            created=new.circumstances.created,
+            before=Side(folder=str(before), circumstances=old.circumstances),
+            after=Side(folder=str(after), circumstances=new.circumstances),
+            conditions=new.conditions,
+            regression=_regression_data(
+                str(before),
+                old,
+                new,
+                [n for n in names if _copy_pictures(report, other, n, staging)],
+            ),
+            verdict=Checks(
+                passed=all_passed(verdicts), checks=[verdict.as_check() for verdict in verdicts]
+            ),
+        )
+        write_comparison(data, staging)
+    return all_passed(verdicts), [v.line() for v in sorted(verdicts, key=lambda v: v.passed)]
+
+
+def _failed_pictures(baseline: RunStatistics, verdicts: Sequence[Verdict]) -> list[str]:
+    failed = [v.name for v in verdicts if v.kind == "picture" and not v.passed]
+    return [n for n in baseline.pictures if any(name.startswith(f"{n}: ") for name in failed)]
+
+
+def _copy_pictures(before: Report, after: Report, name: str, staging: Path) -> bool:
+    """Write both reports' images of a name and their difference; False if one is missing."""
+    from PIL import Image
+
+    old, new = (Images(r.folder, ENCODINGS[0]).read(f"{name}.png") for r in (before, after))
+    change = difference(old, new)
+    if old is None or new is None or change is None:
+        return False
+    target = staging / FOLDER / name
+    target.parent.mkdir(parents=True, exist_ok=True)
+    for pixels, kind in ((old, "baseline"), (new, "candidate"), (change, "difference")):
+        Image.fromarray(pixels).save(target.with_name(f"{target.name}-{kind}.png"))
+    return True
 
 
 _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")

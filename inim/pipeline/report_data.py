@@ -28,7 +28,7 @@ from inim.image.rgbd import RGBD
 from inim.inspect.accuracy_limits import accuracy_warnings, lenses_beside_panel
 from inim.metrics.headline import HEADLINE
 from inim.pipeline.adaptive_sampling import Evaluation
-from inim.pipeline.output.baseline import BaselineComparison
+from inim.pipeline.baseline import BaselineComparison
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.scoring import reported_scores
 from inim.regression import kernel_times

@@ -1,1 +1,0 @@
-"""Output of a validation: images, report data, statistics and baselines."""
