@@ -43,9 +43,9 @@ from inim.stress.pictures import (
     tied,
 )
 
-# Panel pixels of a case that are followed in fractions.
+# Panel pixels of a case that the oracle checks.
 _MOST_PIXELS = 100
-# Random displays: of a full run, of a quick one.
+# Number of random displays, by the quick mode.
 _RANDOM = {False: 8, True: 3}
 
 
@@ -132,47 +132,39 @@ def check_first_hits(algorithm: str, case: Case) -> FirstHits:
     )
 
 
-#: Bits of depth that cameras and files come with.
+#: Usual bit depths of depth maps.
 BITS = (8, 10, 16)
 
 
 def quantised(rgbd: RGBD, display: Display, bits: int, offset: int = 0) -> RGBD:
-    """Depths rounded to 2^bits steps over the display's range, then moved by `offset` steps."""
+    """Round depths to 2^bits steps over the display's range, then move them by `offset` steps."""
     low, high = display.depth_range_mm
     steps = 2**bits - 1
     code = np.clip(np.rint((rgbd.depth_mm.astype(float) - low) / (high - low) * steps), 0, steps)
     code = np.clip(code + offset, 0, steps)
-    depth = (low + code / steps * (high - low)).astype(np.float32)
+    return _with_depth(rgbd, (low + code / steps * (high - low)).astype(np.float32))
+
+
+def _with_depth(rgbd: RGBD, depth: np.ndarray) -> RGBD:
     return RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm)
-
-
-def _moved(rgbd: RGBD, towards: float) -> RGBD:
-    depth = np.nextafter(rgbd.depth_mm, np.float32(towards))
-    return RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm)
-
-
-def _scattered(rgbd: RGBD) -> RGBD:
-    """Each pixel an ulp up or down, or left alone, by chance."""
-    by = np.random.default_rng(0).integers(-1, 2, rgbd.shape)
-    depth = rgbd.depth_mm
-    up, down = (np.nextafter(depth, np.float32(s)) for s in (np.inf, -np.inf))
-    moved = np.where(by > 0, up, np.where(by < 0, down, depth))
-    return RGBD(rgbd.color, moved, rgbd.covered, rgbd.pixel_mm)
 
 
 def _jitters(rgbd: RGBD, display: Display) -> dict[str, tuple[RGBD, RGBD]]:
     """Pictures before and after each kind of jitter."""
+    up, down = (np.nextafter(rgbd.depth_mm, np.float32(end)) for end in (np.inf, -np.inf))
+    sign = np.random.default_rng(0).integers(-1, 2, rgbd.shape)
+    random = np.where(sign > 0, up, np.where(sign < 0, down, rgbd.depth_mm))
     jitters = {
-        "+1 ulp": (rgbd, _moved(rgbd, np.inf)),
-        "-1 ulp": (rgbd, _moved(rgbd, -np.inf)),
-        "an ulp by chance": (rgbd, _scattered(rgbd)),
+        "+1 ulp": (rgbd, _with_depth(rgbd, up)),
+        "-1 ulp": (rgbd, _with_depth(rgbd, down)),
+        "an ulp by chance": (rgbd, _with_depth(rgbd, random)),
     }
     for bits in BITS:
         base = quantised(rgbd, display, bits)
         jitters[f"{bits} bits"] = (rgbd, base)
-        for sign in (1, -1):
-            moved = quantised(rgbd, display, bits, sign)
-            jitters[f"{sign:+d} quantum of {bits} bits"] = (base, moved)
+        for step in (1, -1):
+            moved = quantised(rgbd, display, bits, step)
+            jitters[f"{step:+d} quantum of {bits} bits"] = (base, moved)
     return jitters
 
 
@@ -187,19 +179,14 @@ JITTERS = (
 
 
 def measure_jitter(rgbd: RGBD, display: Display, algorithms: Sequence[str]) -> list[Jitter]:
-    """A row for each kind and algorithm: share of changed panel pixels, and 1 - SSIM of the EIA.
+    """Measure the share of changed panel pixels and 1 - SSIM of the EIA, by kind and algorithm.
 
-    Parameters
-    ----------
-    rgbd : RGBD
-        Linear float colours.
-    algorithms : sequence of str
-        Those that read layers are given the picture's front alone.
+    The picture has linear float colours. Algorithms that read layers get its front surface only.
     """
     jitters = _jitters(rgbd, display)
     rows = []
     for algorithm in algorithms:
-        # Pictures that several kinds of jitter start from are shown once.
+        # Several kinds of jitter share a picture.
         images_by_picture: dict[int, tuple[np.ndarray, np.ndarray]] = {}
         for kind in JITTERS:
             for picture in jitters[kind]:

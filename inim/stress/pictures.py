@@ -26,7 +26,7 @@ DISPLAYS: tuple[dict[str, object], ...] = (
     {"gap_mm": 4.0, "pixel_pitch_mm": 0.125},
     {"focal_length_mm": 3.3, "gap_mm": 3.0, "pixel_pitch_mm": 0.19},
 )
-#: Arrays whose rays share nothing: one of each kind, and one that is off in every way.
+#: Arrays without separable rays: one of each kind, and one with all misalignments.
 MOUNTINGS: dict[str, dict[str, object]] = {
     "turned": {"rotation_deg": 4.0},
     "tilted": {"tilt_x_deg": 3.0, "tilt_y_deg": -2.0},
@@ -43,13 +43,13 @@ MOUNTINGS: dict[str, dict[str, object]] = {
 }
 SHAPES = ("spikes", "slits", "checkerboard", "ramp", "stairs")
 
-# A pixel and its neighbours: (rows, columns) away. Mirrored and transposed they are the same set.
+# Offsets of a pixel and its neighbours, (rows, columns), a symmetric set.
 _AROUND = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
-# Covered neighbours from which deeper layers are covered too.
+# Number of covered neighbours that deeper layers need to be covered.
 _MOST = 4
-# Share of the picture's pixels that get a depth at which a given ray leaves them.
+# Share of the picture's pixels with a depth at which a given ray leaves them.
 _TIED = 0.3
-# Rows and columns of pictures above which random displays are seen through a window.
+# Largest number of rows and columns of a random picture.
 _LARGEST_RANDOM = 160
 
 
@@ -100,10 +100,7 @@ def shaped(kind: str, display: Display, shape: tuple[int, int], pixel_mm: float)
 
 
 def tied(display: Display, shape: tuple[int, int], pixel_mm: float, ulps: int) -> RGBD:
-    """Depths that are the float32 nearest to one at which some ray leaves the pixel, moved by ulps.
-
-    The display is separable.
-    """
+    """Depths within `ulps` of one at which a ray leaves the pixel, for a separable display."""
     blank = noise(display, shape, pixel_mm, seed=ulps + 5)
     depth = _boundary_depths(display, blank)
     for _ in range(abs(ulps)):
@@ -146,22 +143,18 @@ def random_picture(seed: int) -> PictureCase:
     if rng.random() < 0.4:
         return display, noise(display, (40, 36), pitch / float(rng.uniform(0.5, 3)), seed)
     shape = display.capture_shape(per_pitch)
-    if max(shape) > _LARGEST_RANDOM:  # a display out of focus reaches far; its picture need not
+    if max(shape) > _LARGEST_RANDOM:  # the depth range of such a display is large
         return display, noise(display, *window(display), seed)
     return display, noise(display, shape, pitch / per_pitch, seed)
 
 
 def window(display: Display, cells: int = 48) -> tuple[tuple[int, int], float]:
-    """A picture around the axis whose pixel is an eighth of how far rays travel sideways."""
+    """Shape and pixel size of a picture around the axis; rays travel eight pixels sideways."""
     reach = max(map(abs, display.depth_range_mm)) * display.pitch_mm / (2 * display.gap_mm)
-    return (cells, cells), _one_digit(reach / 8)
-
-
-def _one_digit(length: float) -> float:
-    """Next smaller number with one significant digit."""
-    power = math.floor(math.log10(length))
-    digit = math.floor(length / 10.0**power) or 1
-    return float(Fraction(digit) * Fraction(10) ** power)
+    # Round down to one significant digit.
+    power = math.floor(math.log10(reach / 8))
+    digit = math.floor(reach / 8 / 10.0**power) or 1
+    return (cells, cells), float(Fraction(digit) * Fraction(10) ** power)
 
 
 def noise_pictures() -> Iterator[PictureCase]:
@@ -179,11 +172,11 @@ def misaligned_pictures(rows: int) -> Iterator[PictureCase]:
 
 
 def solids_of(rgbd: RGBD, display: Display) -> LayeredRGBD:
-    """A picture with layers: three solids in each pixel, between its depths and its neighbours'.
+    """Add layers: three solids in each pixel, between its depths and those of its neighbours.
 
-    A depth at which a ray leaves a pixel is that at which it enters the next one, so a picture of
-    ties is one of ties at fronts and backs. The last solid goes all the way back. Deeper layers are
-    covered where most neighbours are, and have colours of their own.
+    A ray enters a pixel at the depth at which it leaves the previous one, so a picture with ties
+    has ties at fronts and backs. The last solid extends to infinity. Deeper layers are covered
+    where most neighbours are, and have other colours.
     """
     low = np.float32(display.depth_range_mm[0])
     depth_mm = np.where(rgbd.covered, rgbd.depth_mm, low)
@@ -206,26 +199,19 @@ Show = Callable[[RGBD, Display, str], np.ndarray]
 
 
 def is_first_hit(algorithm: str) -> bool:
-    """True if an algorithm is defined by the first hit of each ray, so that one answer is correct.
-
-    It is then held to `inim.generators.oracle`, and to relations that follow from it alone.
-    """
+    """True if an algorithm is defined by the first hit of each ray, which has one correct result."""
     return properties(algorithm).exact
 
 
 def input_of(rgbd: RGBD, display: Display, algorithm: str) -> RGBD:
-    """The picture itself, or one with layers made of it for an algorithm that reads them."""
+    """Return the picture, with layers if the algorithm reads them."""
     return solids_of(rgbd, display) if properties(algorithm).reads_layers else rgbd
 
 
 def algorithm_output(rgbd: RGBD, display: Display, algorithm: str, **options: Any) -> np.ndarray:
-    """Output of an algorithm for each panel pixel, for comparison with another picture's.
+    """Output of an algorithm, (rows, columns, 3) float, for comparison with another picture's.
 
-    Returns
-    -------
-    (rows, columns, 3) float
-        The colours of its sources, which distinguish holes from black, if the algorithm reports
-        them; otherwise its EIA.
+    It is the EIA; or, if the algorithm reports its sources, the result of `colours_of`.
     """
     picture = input_of(rgbd, display, algorithm)
     generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, **options)
@@ -235,10 +221,7 @@ def algorithm_output(rgbd: RGBD, display: Display, algorithm: str, **options: An
 
 
 def colours_of(sources: np.ndarray, rgbd: RGBD) -> np.ndarray:
-    """Colours of sources, comparable between pictures whose pixels have other positions.
-
-    Each layer has its own, and so have holes and pixels without a lens.
-    """
+    """Colours of sources, different for each layer, for holes and for pixels without a lens."""
     flat = rgbd.color.reshape(-1, 3)
     layer, cell = np.divmod(np.maximum(sources, 0), len(flat))
     colours: np.ndarray = np.where(
@@ -248,10 +231,7 @@ def colours_of(sources: np.ndarray, rgbd: RGBD) -> np.ndarray:
 
 
 def eia_of(rgbd: RGBD, display: Display, algorithm: str) -> tuple[np.ndarray, np.ndarray]:
-    """Comparable output, (rows, columns, n), and the linear EIA.
-
-    Sources where the algorithm names them, with the EIA of their colours; otherwise its EIA twice.
-    """
+    """Sources, (rows, columns, 1), and linear EIA; the EIA twice without sources."""
     generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
     if isinstance(generator, SourceGenerator):
         sources = generator.sources(rgbd)

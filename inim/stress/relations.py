@@ -33,11 +33,11 @@ from inim.stress.pictures import (
     small_display,
 )
 
-# By how much lengths are moved to see what hangs on rounding: about an ulp of float32.
+# Relative change of lengths to find pixels that depend on rounding: about an ulp of float32.
 _NUDGE = 1e-7
-# Rows of hexagonal arrays: an even number is the same upside down, an odd one in a mirror.
+# Lens rows of hexagonal arrays with symmetry: even for a half turn, odd for a mirror.
 _EVEN, _ODD = 4, 3
-# The colour of an object put in: brighter than any mean of the others', which are below 1.
+# Colour of an added object; all other colours are below 1.
 _MARK = np.float32(1024)
 _NOT_PROMISED = "follows from the definition of a first hit, which this algorithm's is not"
 _BY_NEIGHBOURS = "follows for columns of their own: a surface's end where their neighbours' do"
@@ -53,7 +53,7 @@ class Comparison:
     Attributes
     ----------
     same, which : (rows, columns) bool
-        Panel pixels that keep the relation, and those it speaks of.
+        Panel pixels that satisfy the relation, and those to which it applies.
     """
 
     display: Display
@@ -63,7 +63,7 @@ class Comparison:
 
 
 _Check = Callable[[Show, str], Iterator[Comparison]]
-#: How many of the panel pixels (n, 2) hang on rounding: of picture, display, algorithm, pixels.
+#: Counts the panel pixels (n, 2) that depend on rounding, for a picture, display and algorithm.
 Doubt = Callable[[RGBD, Display, str, np.ndarray], int]
 
 
@@ -76,15 +76,15 @@ class Relation:
     check : callable
         ``check(show, algorithm)`` yields comparisons.
     bitwise : bool
-        Whether not even a pixel within rounding may differ.
+        Rounding excuses no difference.
     first_hit : bool
-        Whether it follows only from the definition of a first hit.
+        The relation follows only from the definition of a first hit.
     own_columns : bool
-        And that only where a pixel's column depends on no other pixel.
+        It also requires that a pixel's column depends on no other pixel.
     one_layer : bool
-        Whether it is one of pictures without layers.
-    mounted : bool
-        Whether it is one of arrays whose rays are float64, where ties are left to rounding.
+        The pictures have no layers.
+    misaligned : bool
+        The rays of the arrays are float64, and ties depend on rounding.
     """
 
     name: str
@@ -102,14 +102,9 @@ def run_relations(
     show: Show = algorithm_output,
     relations: Sequence[Relation] | None = None,
 ) -> list[RelationResult]:
-    """Rows for each relation and algorithm to which it applies; see `check_relation`.
+    """Check each relation (default: `RELATIONS`) for the algorithms to which it applies.
 
-    Parameters
-    ----------
-    show : callable
-        Function to test instead of `algorithm_output`.
-    relations : sequence of Relation, optional
-        Default: `RELATIONS`.
+    `show` replaces `algorithm_output`.
     """
     rows = []
     for relation in RELATIONS if relations is None else relations:
@@ -159,7 +154,7 @@ def check_relation(
         passed=False,
     )
     compared = broken = uncertain = 0
-    # Whether rounding excuses what is broken; else there is no need to look for it.
+    # True if rounding excuses differences.
     excused = bool(explained) or not (relation.bitwise or (exact and not relation.misaligned))
     try:
         for comparison in relation.check(show, algorithm):
@@ -174,7 +169,7 @@ def check_relation(
                 near = within_rounding(comparison.rgbd, comparison.display, algorithm, show)
                 uncertain += int(near[tuple(pixels.T)].sum())
     except InimError as error:
-        # Arrays whose rows and columns are not independent need not be served.
+        # An algorithm may reject arrays whose rows and columns are not independent.
         return replace(result, message=str(error), passed=relation.misaligned and not exact)
     except Exception as error:
         message = " ".join(f"{type(error).__name__}: {error}".split())[:300]
@@ -226,14 +221,14 @@ def same_colour(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return is_equal
 
 
-# -- moved, mirrored, turned ----------------------------------------------------------------------
+# -- shifts and symmetries ------------------------------------------------------------------------
 
 
 def _shift(show: Show, algorithm: str) -> Iterator[Comparison]:
     """A picture moved by one pitch shows under the next lens."""
     for display, rgbd in noise_pictures():
         if not display.has_integer_ratio:
-            continue  # lenses differ: no two show alike
+            continue  # lenses have different numbers of pixels
         cells, pixels = 2, round(display.pixels_per_lens)
         moved = RGBD(
             np.roll(rgbd.color, cells, axis=1),
@@ -251,7 +246,7 @@ def _shift(show: Show, algorithm: str) -> Iterator[Comparison]:
 
 
 def _away_from_rim(display: Display, rgbd: RGBD, cells: int) -> np.ndarray:
-    """Panel pixels whose rays stay clear of the cells that wrapped around the picture's side."""
+    """Panel pixels whose rays do not reach the cells that `np.roll` moved to the other side."""
     ends = np.array(display.depth_range_mm)[:, None]
     at = (display.columns.centre_mm + display.columns.slope * ends) / rgbd.pixel_mm
     at += rgbd.shape[1] / 2
@@ -261,7 +256,7 @@ def _away_from_rim(display: Display, rgbd: RGBD, cells: int) -> np.ndarray:
 
 
 def _flip(axes: tuple[int, ...], pictures: _Pictures, negated: Sequence[str] = ()) -> _Check:
-    """A picture flipped along axes gives the EIA flipped, on a display whose `negated` are."""
+    """Flipping the picture and negating misalignments flips the EIA."""
 
     def check(show: Show, algorithm: str) -> Iterator[Comparison]:
         for display, rgbd in pictures():
@@ -314,7 +309,7 @@ def _turned_round(show: Show, algorithm: str) -> Iterator[Comparison]:
     rgbd = noise(straight, straight.capture_shape(2), 0.5)
     turned = straight.replace(rotation_deg=360.0)
     same = same_colour(show(rgbd, straight, algorithm), show(rgbd, turned, algorithm))
-    # Doubt is the straight one's, which meets corners exactly: moved, no ray does.
+    # Rounding matters for the aligned array only, whose rays pass exactly through corners.
     yield Comparison(straight, rgbd, same, straight.lensed)
 
 
@@ -351,11 +346,11 @@ def _short(depth: np.ndarray) -> np.ndarray:
 
 
 def _stretch(show: Show, algorithm: str) -> Iterator[Comparison]:
-    """Scene, gap and depth range stretched along z alone: every ray meets the same cells."""
+    """Stretching scene, gap and depth range along z: every ray crosses the same cells."""
     for display, rgbd in noise_pictures():
         low, high = display.depth_range_mm
         base = display.replace(depth_min_mm=low, depth_max_mm=high)
-        # f follows, so that D and P_I, which some algorithms step by, stretch too.
+        # f is stretched, too, because the step of some algorithms depends on D and P_I.
         long = base.replace(
             focal_length_mm=display.focal_length_mm * 4,
             gap_mm=display.gap_mm * 4,
@@ -368,7 +363,7 @@ def _stretch(show: Show, algorithm: str) -> Iterator[Comparison]:
 
 
 def _along_z(show: Show, algorithm: str) -> Iterator[Comparison]:
-    """Scene and depth range moved along z: rays under lens centres, which run along it, agree."""
+    """Moving scene and depth range along z does not change rays that are parallel to z."""
     display = small_display(depth_min_mm=16.0, depth_max_mm=24.0)
     rgbd = noise(display, display.capture_shape(3), 1 / 3)
     depth = np.round(rgbd.depth_mm * 64) / np.float32(64)
@@ -407,7 +402,7 @@ def _with_object(
 ) -> Comparison:
     marked = np.where(there[..., None], _MARK, rgbd.color)
     other = RGBD(marked, depth, rgbd.covered | there, rgbd.pixel_mm)
-    # The object's colour is told apart, also where the picture had its pixels before.
+    # The object's pixels have its colour in both pictures.
     painted = RGBD(marked, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
     before, after = show(painted, display, algorithm), show(other, display, algorithm)
     shows = (after > 1).any(axis=-1)
@@ -424,11 +419,11 @@ def _uncovered(show: Show, algorithm: str) -> Iterator[Comparison]:
             yield Comparison(display, rgbd, same_colour(before, after), display.lensed)
 
 
-# -- other ways of doing it ---------------------------------------------------------------------
+# -- other ways of computing --------------------------------------------------------------------
 
 
 def _threads(pictures: _Pictures) -> _Check:
-    """One thread or all, and once more: the same bits."""
+    """Equal bits with one thread and with all."""
 
     def check(show: Show, algorithm: str) -> Iterator[Comparison]:
         import numba
@@ -449,7 +444,7 @@ def _threads(pictures: _Pictures) -> _Check:
 
 
 def _tiles(show: Show, algorithm: str) -> Iterator[Comparison]:
-    """Made in three pieces by a mask, the panel is the same as whole."""
+    """Equality of a panel generated in three masked parts with a whole one."""
     for display, rgbd in noise_pictures():
         whole = show(rgbd, display, algorithm)
         pieces = np.full_like(whole, np.nan)

@@ -32,12 +32,12 @@ from inim.documents.tolerate import (
 from inim.errors import SceneError
 from inim.tolerate.study import LEAST_ALONE, ToleranceStudy
 
-# Of figures that were fitted or drawn: no draw knows more, and another processor rounds alike.
+# Significant digits of fitted values; other processors round differently beyond them.
 _DIGITS = 4
-# Of a normal error: the median of its size is this part of its standard deviation.
+# Median of |x| over the standard deviation, for a normal distribution.
 _MEDIAN_OF_NORMAL = 0.6745
 _HALVINGS = 40
-# Of a curve's line, either way.
+# Points of a curve's line on either side.
 _POINTS = 20
 
 Scores = Mapping[str, float | None]
@@ -46,19 +46,11 @@ Scores = Mapping[str, float | None]
 def parameter_tolerances(
     study: ToleranceStudy, scores: Scores, criterion: float, reached: Mapping[str, float]
 ) -> tuple[list[ParameterTolerance], Together | None]:
-    """Tolerances of each parameter alone, and losses of displays with all errors at once.
+    """Compute the tolerance of each parameter, and the losses of displays with all errors at once.
 
-    Parameters
-    ----------
-    scores : mapping of str to float or None
-        Of each display, by its `misalignment_text`; None: it could not be validated.
-    reached : mapping of str to float
-        Standard errors of a calibration, by parameter.
-
-    Raises
-    ------
-    SceneError
-        The display as designed has no score.
+    `scores` are by `misalignment_text`, None if a display could not be validated. `reached` are
+    the standard errors of a calibration, by parameter. Raises `SceneError` if the display as
+    designed has no score.
     """
     aligned = aligned_score(scores)
     rows: list[ParameterTolerance] = []
@@ -89,14 +81,14 @@ def aligned_score(scores: Scores) -> float:
     """Score of the display as designed."""
     aligned = scores.get("")
     if aligned is None:
-        raise SceneError("the display as designed has no score: the relic is in none of its views")
+        raise SceneError("the display as designed has no score: no view shows the relic")
     return aligned
 
 
 def _scored(
     draws: Sequence[Mapping[str, float]], scores: Scores
 ) -> list[tuple[Mapping[str, float], float]]:
-    """The draws that have a score, with it."""
+    """Draws with their scores, without those that have none."""
     pairs = [(errors, scores.get(misalignment_text(errors))) for errors in draws]
     return [(errors, score) for errors, score in pairs if score is not None]
 
@@ -126,7 +118,7 @@ def _alone(
 
 
 def _places(farthest: float) -> list[float]:
-    """Errors to draw a curve at, closer together near zero."""
+    """Errors at which a curve is drawn, denser near zero."""
     half = [farthest * (i / _POINTS) ** 2 for i in range(_POINTS + 1)]
     return [-error for error in half[:0:-1]] + half
 
@@ -138,7 +130,7 @@ def _together(
     rows: Sequence[ParameterTolerance],
     curves: Mapping[str, Curve],
 ) -> Together:
-    """The share of displays that lose no more, and whether losses add up."""
+    """Share of displays within the criterion, and ratio of losses to the sums of single losses."""
     lost = [aligned - score for _, score in draws]
     passed = sum(loss <= criterion for loss in lost)
     whole = len(curves) == len(rows)
@@ -146,7 +138,7 @@ def _together(
         sum(curve.loss(errors[name]) for name, curve in curves.items()) if whole else None
         for errors, _ in draws
     ]
-    # Of losses that matter: small ones are noise.
+    # Small losses are noise.
     ratios = [
         loss / total
         for loss, total in zip(lost, sums, strict=True)
@@ -168,17 +160,19 @@ def _together(
 def _part_of_each(
     rows: Sequence[ParameterTolerance], curves: Mapping[str, Curve], criterion: float
 ) -> float | None:
-    """The part of its tolerance that each error may have at once, if losses add up."""
-    bears = {row.name: row.tolerance for row in rows if row.tolerance is not None}
+    """Share of the tolerances that all errors may reach at once, if losses add up."""
+    tolerances = {row.name: row.tolerance for row in rows if row.tolerance is not None}
+    if not tolerances:
+        return None
     low, high = 0.0, 1.0
-    for _ in range(_HALVINGS if bears else 0):
+    for _ in range(_HALVINGS):
         part = (low + high) / 2
         total = sum(
             max(curves[name].loss(part * end), curves[name].loss(-part * end))
-            for name, end in bears.items()
+            for name, end in tolerances.items()
         )
         low, high = (part, high) if total <= criterion else (low, part)
-    return high if bears else None
+    return high
 
 
 def _rounded(value: float) -> float:
@@ -191,23 +185,14 @@ def _rounded_or_none(value: float | None) -> float | None:
 
 _RESAMPLED = 200
 _COVERAGE = 0.95
-# Residuals beyond this count by their size, no longer by their square: in `_stretched` units, of
-# which near zero one is the criterion.
+# Residuals above this, in units of `_stretched`, have linear instead of quadratic weight.
 _OUTLIER = 0.1
 _LEAST_POWER, _LARGEST_POWER = 0.5, 6.0
 
 
 @dataclass(frozen=True)
 class Curve:
-    """The law, of one parameter.
-
-    Attributes
-    ----------
-    power : float
-        p.
-    below, above : float
-        w of negative and of positive errors, in the parameter's unit.
-    """
+    """The law of one parameter: its p, and its w below and above zero in the parameter's unit."""
 
     power: float
     below: float
@@ -218,7 +203,7 @@ class Curve:
         return float(_law(astuple(self), np.array(error)))
 
     def tolerance(self, criterion: float) -> float:
-        """The largest error, either way, that costs no more."""
+        """Largest error in either direction whose loss is within the criterion."""
         part: float = (-math.log1p(-criterion)) ** (1 / self.power)
         return min(self.below, self.above) * part
 
@@ -226,19 +211,10 @@ class Curve:
 def fit_curve(
     errors: Sequence[float], losses: Sequence[float], criterion: float, near: Curve | None = None
 ) -> Curve:
-    """The law that draws follow; draws that do not, if few, change little.
+    """Fit the law to draws; a few outliers change it little.
 
     Losses are compared in a scale that is linear up to the criterion and logarithmic beyond it, so
-    that large losses do not outweigh those that decide.
-
-    Parameters
-    ----------
-    errors, losses : sequence of float
-        Of the draws; not all errors are zero.
-    criterion : float
-        The loss that matters.
-    near : Curve, optional
-        Where to begin.
+    that losses near the criterion decide. Not all errors are zero; the fit starts at `near`.
     """
     from scipy.optimize import least_squares
 
@@ -246,8 +222,7 @@ def fit_curve(
     stretched_loss, farthest = _stretched(lost, criterion), float(np.abs(e).max())
 
     def curve(x: np.ndarray) -> tuple[float, float, float]:
-        # By the power and, either way, the error that costs the criterion: they hang together far
-        # less than power and widths do.
+        # The errors whose loss is the criterion depend far less on the power than the widths do.
         power, below, above = np.exp(x)
         wider = (-math.log1p(-criterion)) ** (1 / power)
         return power, below / wider, above / wider
@@ -272,7 +247,7 @@ def fit_curve(
 
 
 def _crossing(error: np.ndarray, lost: np.ndarray, criterion: float, power: float) -> float:
-    """The error that would cost the criterion if each draw alone were believed: their median."""
+    """Median over the draws of the error whose loss would be the criterion by this draw alone."""
     counts = lost > criterion / 4
     if not counts.any():
         return float(3 * np.abs(error).max())
@@ -299,34 +274,19 @@ def tolerance_interval(
     criterion: float,
     seed: str,
 ) -> list[float | None]:
-    """The 95 % interval of a curve's tolerance, by draws drawn again from the draws.
-
-    Parameters
-    ----------
-    curve : Curve
-        Fitted to all draws.
-    errors, losses : sequence of float
-        Of the draws.
-    farthest : float
-        To which they reach.
-
-    Returns
-    -------
-    list of two float or None
-        None: beyond the draws.
-    """
-    bears, random = curve.tolerance(criterion), Random(seed)
+    """The 95 % interval of a curve's tolerance by bootstrap; None for ends beyond `farthest`."""
+    tolerance, random = curve.tolerance(criterion), Random(seed)
     pairs = [pair for pair in zip(errors, losses, strict=True) if pair[0]]
     crossings = []
     for _ in range(_RESAMPLED):
         again = random.choices(pairs, k=len(pairs))
         fitted = fit_curve([e for e, _ in again], [loss for _, loss in again], criterion, curve)
-        crossings.append(fitted.tolerance(criterion) / bears)
+        crossings.append(fitted.tolerance(criterion) / tolerance)
     crossings.sort()
     outside = round(len(crossings) * (1 - _COVERAGE) / 2)
-    # Draws drawn again scatter less than new ones would, by the numbers fitted to them.
+    # The fitted parameters reduce the scatter of resampled draws.
     wider = math.sqrt(len(pairs) / (len(pairs) - len(astuple(curve))))
-    ends = (bears * crossings[place] ** wider for place in (outside, -1 - outside))
+    ends = (tolerance * crossings[place] ** wider for place in (outside, -1 - outside))
     return [end if end <= farthest else None for end in ends]
 
 

@@ -26,9 +26,9 @@ from inim.sweep.study import AS_SCENE, NamedDisplay, Study
 from inim.tolerate.findings import aligned_score, parameter_tolerances
 from inim.tolerate.study import ToleranceStudy, read_standard_errors, read_tolerance_study
 
-# What this command itself gives: the error that is drawn, and a criterion of its own.
+# Settings that this command sets.
 _OWN = ("misalign", "min_ssim_to_reference")
-# On a screen, the display that is off by nothing.
+# Label of the display without misalignment.
 _ALIGNED = "aligned"
 
 
@@ -56,7 +56,7 @@ class ToleranceRequest:
     calibration: Path | None = None
 
     def command(self, settings: Settings) -> str:
-        """The command line that repeats this request."""
+        """Return the command line that repeats this request."""
         validation = self.validation
         options = validation.options(settings)
         algorithm = options.pop("--algorithms", None)
@@ -81,18 +81,10 @@ def plan_tolerance(request: ToleranceRequest) -> SweepPlan:
 def run_tolerance(
     request: ToleranceRequest, *, quiet: bool = True, debug: bool = False
 ) -> ToleranceDocument:
-    """Draw displays, let the sweep compute the missing ones, and write the tolerances.
+    """Draw displays, validate the missing ones with a sweep, and write the tolerances.
 
-    Returns
-    -------
-    ToleranceDocument
-        Also written to the folder, with its page.
-
-    Raises
-    ------
-    InimError
-        An error in the scene, study or calibration, or the aligned display cannot be
-        validated. Other displays that fail are listed in the document.
+    The returned document is also written to the folder, with its page. It lists displays that
+    failed; but if the aligned display fails, a `SceneError` is raised.
     """
     if not 0 < request.criterion < 1:
         raise UsageError(f"--criterion {request.criterion:g}: must lie between 0 and 1")
@@ -100,7 +92,7 @@ def run_tolerance(
     study = read_tolerance_study(request.study, plan.display)
     reached = {} if request.calibration is None else read_standard_errors(request.calibration)
     swept = _sweep(request, plan, _displays(study))
-    # Alone and first: all others find in the cache what they share with it.
+    # Run the aligned display first, alone: the others reuse its cached results.
     first = {_ALIGNED: swept.variations[_ALIGNED]}
     options = {"quiet": quiet, "debug": debug}
     aligned = compute_results(replace(swept, variations=first), request.place, **options)
@@ -129,7 +121,7 @@ def run_tolerance(
 
 
 def _design(request: ToleranceRequest) -> Plan:
-    """The validation of the display as designed, planned."""
+    """Plan the validation of the display as designed."""
     validation = request.validation
     plan = make_plan(
         replace(
@@ -152,7 +144,7 @@ def _definitions(validation: Request) -> dict[str, str]:
 
 
 def _displays(study: ToleranceStudy) -> list[str]:
-    """Misalignment of each display: none first, then single parameters, then all together."""
+    """Misalignments of the displays: none, then single parameters, then all together."""
     alone = [{name: error} for name in study.spreads for error in study.draw_alone(name)]
     return [
         misalignment_text(misalignment) for misalignment in ({}, *alone, *study.draw_together())

@@ -24,33 +24,29 @@ from inim.documents.calibration import CalibrationDocument
 from inim.errors import FileError
 from inim.sweep.study import MOST_UNITS, Tables, shown
 
-#: Fewer draws say nothing of a curve of three numbers.
+#: Fewest draws for a curve with three parameters.
 LEAST_ALONE = 5
 _DISTRIBUTIONS = ("normal", "uniform")
-# Of a pixel: what an error does, by default, to the place that an eye sees on the panel.
+# Default shift of the observed panel point by an error, in pixels.
 _DEFAULT_SHARE = 0.05
-# Steps of it, from anywhere, never leave a large gap: of all numbers it is worst to approximate.
+# Golden-ratio steps cover a range evenly, whatever their start and number.
 _GOLDEN = (math.sqrt(5) - 1) / 2
-# Of an error as it is drawn: enough for any sheet, and short to read.
+# Significant digits of a drawn error.
 _DIGITS = 4
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Distribution of one parameter's error about zero.
+    """Distribution of a parameter's error about zero: "normal" or "uniform".
 
-    Attributes
-    ----------
-    distribution : {"normal", "uniform"}
-    size : float
-        Standard deviation, or half of the range.
+    `size` is the standard deviation, or half of the range.
     """
 
     distribution: str
     size: float
 
     def at(self, share: float) -> float:
-        """The error that a share of all displays stays below."""
+        """Quantile of the error for a share of the displays."""
         if self.distribution == "uniform":
             return self.size * (2 * share - 1)
         return self.size * NormalDist().inv_cdf(share)
@@ -79,20 +75,17 @@ class ToleranceStudy:
     seed: int = 0
 
     def draw_alone(self, name: str) -> list[float]:
-        """Errors of one parameter, evenly over its range from a random start.
-
-        More draws add to them.
-        """
+        """Errors of one parameter, evenly over its range; more draws keep the earlier ones."""
         start = Random(f"{self.seed} alone {name}").random()
         farthest = self.reach * self.spreads[name].size
         places = ((start + i * _GOLDEN) % 1 for i in range(self.alone))
         return [_short(farthest * (2 * place - 1)) for place in places]
 
     def draw_together(self) -> list[dict[str, float]]:
-        """Errors of each display, by parameter, as they scatter; more displays add to them."""
+        """Random errors of each display, by parameter; more displays keep the earlier ones."""
         return [
             {
-                # As text, a seed gives the same numbers in every version of Python.
+                # Text seeds give the same numbers in every version of Python.
                 name: _short(spread.at(max(Random(f"{self.seed} {i} {name}").random(), 2**-53)))
                 for name, spread in self.spreads.items()
             }
@@ -105,10 +98,10 @@ def _short(value: float) -> float:
 
 
 def default_spreads(display: Display) -> dict[str, Spread]:
-    """Errors that each move the observed panel point by the same fraction of a pixel.
+    """Errors that each shift the observed panel point by the same fraction of a pixel.
 
-    At the edge of the array, for an eye on its axis and twice as far as the nearest usable one:
-    there a ray reaches P / 4g sideways for each millimetre of gap.
+    The point is at the edge of the array; the eye is on its axis, twice as far as the nearest
+    usable position. A ray there moves P / 4g sideways for each millimetre of gap.
     """
     pixel = display.pixel_pitch_mm
     half_width, half_height = display.width_mm / 2, display.height_mm / 2
@@ -130,14 +123,9 @@ def default_spreads(display: Display) -> dict[str, Spread]:
 
 
 def read_tolerance_study(path: Path | None, display: Display) -> ToleranceStudy:
-    """Read and check a study; by the display's geometry where there is none, or no errors in it.
+    """Read and check a study; without a file or errors in it, use `default_spreads`.
 
-    Raises
-    ------
-    FileError
-        Missing, unreadable, or no TOML.
-    UsageError
-        A key or value that makes no sense; the message names file, key and way out.
+    Raises `FileError` for a file that is not TOML, and `UsageError` for an invalid key or value.
     """
     if path is None:
         return ToleranceStudy(default_spreads(display))
@@ -164,13 +152,13 @@ class _Reader(Tables):
     """Reader of a tolerance study."""
 
     def count(self, key: str, value: Any, least: int) -> int:
-        """A whole number."""
+        """Check a whole number."""
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
             raise self.wrong(key, f"must be a whole number of at least {least}, not {shown(value)}")
         return value
 
     def size(self, key: str, value: Any) -> float:
-        """A positive number."""
+        """Check a positive number."""
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < 1e9:
             raise self.wrong(key, f"must be a positive number, not {shown(value)}")
         return float(value)
@@ -190,17 +178,11 @@ class _Reader(Tables):
         return spreads
 
 
-_REMEDY = "name the calibration.json that a calibration wrote"
+_REMEDY = "give the calibration.json that a calibration wrote"
 
 
 def read_standard_errors(path: Path) -> dict[str, float]:
-    """Standard errors of the misalignments that the calibration determined, by parameter.
-
-    Raises
-    ------
-    FileError
-        As `inim.documents.read_document`, or a standard error that is not positive.
-    """
+    """Standard errors of the misalignments that the calibration determined, by parameter."""
     parameters = read_document(path, _REMEDY, CalibrationDocument).parameters
     errors = {
         name: estimate.standard_error

@@ -382,4 +382,4 @@ def test_what_is_no_calibration_is_refused(tmp_path, text, words):
         read_standard_errors(path)
     assert words in str(caught.value)
     assert str(caught.value).startswith(f"{path}: ")
-    assert str(caught.value).endswith("name the calibration.json that a calibration wrote")
+    assert str(caught.value).endswith("give the calibration.json that a calibration wrote")
