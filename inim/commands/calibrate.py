@@ -1,10 +1,10 @@
-"""`inim calibrate` and `inim photo`: a real display's parameters, and photographs of it."""
+"""`inim calibrate` and `inim photo`: parameters of a real display, and photographs of it."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from inim.commands.options import (
     Command,
@@ -58,12 +58,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o",
         "--out",
         type=Path,
-        help="display file (PHOTOS.xml), its report beside it; of patterns, their folder",
+        help="display file (PHOTOS.xml), with its report next to it; patterns: their folder",
     )
     parser.add_argument(
         "--intrinsics",
         metavar="FX,FY,CX,CY,K1,K2",
-        help="of the camera where known, as OpenCV gives them, pixels; fitted otherwise",
+        help="camera in pixels, as OpenCV gives it; fitted by default",
     )
     add_debug(parser)
 
@@ -122,14 +122,14 @@ def _camera(text: str | None) -> Camera | None:
     if not (fx > 0 and abs(fx - fy) < _SQUARE * fx):
         raise UsageError(
             f"--intrinsics {text}: focal lengths of {fx:g} and {fy:g} pixels; both must be above 0 "
-            "and alike, for pixels are taken to be square"
+            "and equal, because pixels are assumed to be square"
         )
     # Pixel centres are at half-integers here, at integers there.
     return Camera((fx + fy) / 2, cx + 0.5, cy + 0.5, k1, k2)
 
 
 def _lenses(photos: Path, display: Display) -> tuple[dict[str, Lenses], float | None]:
-    """The lenses that each position shows, and the focal length that the photographs state."""
+    """Lenses in the photographs of each position, and the focal length in their metadata."""
     from inim.calibrate.decode import decode
     from inim.calibrate.lattice import find_lenses
     from inim.calibrate.photographs import read_positions
@@ -138,8 +138,8 @@ def _lenses(photos: Path, display: Display) -> tuple[dict[str, Lenses], float | 
     stated = {position.focal_length_px for position in positions}
     if len(stated - {None}) > 1:
         raise UsageError(
-            f"{photos}: the camera's focal length is not the same in all positions; photograph all "
-            "with one lens and without zoom"
+            f"{photos}: the camera's focal length differs between positions; photograph all with "
+            "one lens and without zoom"
         )
     lenses = {
         position.name: find_lenses(decode(position), display, position.name)
@@ -213,7 +213,7 @@ def _add_photo_arguments(parser: argparse.ArgumentParser) -> None:
         "--patterns",
         type=Path,
         metavar="FOLDER",
-        help="photographs of all patterns from where the camera stood, if elsewhere",
+        help="photographs of all patterns from another camera position",
     )
     parser.add_argument("-o", "--out", type=Path, help="folder (PHOTO-photo)")
     add_debug(parser)
@@ -224,11 +224,12 @@ def _photo(args: argparse.Namespace) -> int:
     from inim.calibrate.photo import compare, photo_document, simulate
     from inim.calibrate.photographs import read_colors
     from inim.files.eia_file import read_eia
+    from inim.report.calibration import PHOTO_FILES, write_photo
     from inim.scene.file import choose_display
-    from inim.worker.output import default_out
+    from inim.worker.output import default_out, published
 
     if not (args.display or "").lower().endswith(".xml"):
-        raise UsageError("--display: name the display file that inim calibrate wrote")
+        raise UsageError("--display: give the display file that inim calibrate wrote")
     display, _ = choose_display(**choices_of(args), source="inim photo")
     calibration = _calibration(Path(args.display))
     fitted = calibration.camera
@@ -246,7 +247,7 @@ def _photo(args: argparse.Namespace) -> int:
     document = photo_document(
         difference,
         display,
-        camera.focal_px * display.pitch_mm / _distance_mm(pose),
+        camera.focal_px * display.pitch_mm / float(sum(x * x for x in pose.eye_mm) ** 0.5),
         title=f"Photograph: {args.photo.name}",
         command=_command(args),
         photograph=str(args.photo),
@@ -259,7 +260,8 @@ def _photo(args: argparse.Namespace) -> int:
         "simulation": difference.stages[0].picture,
         "matched": difference.stages[-1].picture,
     }
-    _write_photo(document, pictures, difference.flow, out)
+    with published(out, PHOTO_FILES) as staging:
+        write_photo(document, pictures, difference.flow, staging)
     print("\n".join(_lines(document)))
     print_outcome(f"compared: {out / 'photo.html'}")
     return EXIT_PASSED
@@ -272,15 +274,15 @@ def _calibration(display: Path) -> CalibrationDocument:
 
     path = display.with_name(f"{display.stem}-calibration") / "calibration.json"
     return read_document(
-        path, "keep the report that inim calibrate wrote beside it", CalibrationDocument
+        path, "keep the report of inim calibrate next to the display file", CalibrationDocument
     )
 
 
 def _check_shape(name: Path, shape: tuple[int, ...], expected: tuple[int, int]) -> None:
     if shape != expected:
         raise UsageError(
-            f"{name}: {shape[1]} x {shape[0]} pixels, and those of the calibration have "
-            f"{expected[1]} x {expected[0]}; photograph with the same camera, held the same way"
+            f"{name}: {shape[1]} x {shape[0]} pixels, but the calibration's photographs have "
+            f"{expected[1]} x {expected[0]}; use the same camera in the same orientation"
         )
 
 
@@ -293,8 +295,8 @@ def _calibrated_pose(positions: list[CameraPosition], name: str | None) -> tuple
     places = {position.name: position for position in positions}
     if name is None and len(places) > 1:
         raise UsageError(
-            f"--position: the camera stood in one; use {' or '.join(places)}, or --patterns FOLDER "
-            "of photographs from where it stood"
+            f"--position: missing; use {' or '.join(places)}, or --patterns FOLDER with "
+            "photographs from another position"
         )
     name = next(iter(places)) if name is None else name
     if name not in places:
@@ -316,10 +318,6 @@ def _pose(folder: Path, display: Display, camera: Camera, shape: tuple[int, int]
     )
 
 
-def _distance_mm(pose: Pose) -> float:
-    return float(sum(x * x for x in pose.eye_mm) ** 0.5)
-
-
 def _command(args: argparse.Namespace) -> str:
     import shlex
 
@@ -334,14 +332,6 @@ def _command(args: argparse.Namespace) -> str:
         "-o": args.out,
     }
     return shlex.join(["inim", "photo", str(args.photo), *option_words(options)])
-
-
-def _write_photo(document: PhotoDocument, pictures: dict[str, Any], flow: Any, out: Path) -> None:
-    from inim.report.calibration import PHOTO_FILES, write_photo
-    from inim.worker.output import published
-
-    with published(out, PHOTO_FILES) as staging:
-        write_photo(document, pictures, flow, staging)
 
 
 def _lines(document: PhotoDocument) -> list[str]:

@@ -74,7 +74,7 @@ def _run(args: argparse.Namespace) -> int:
         )
     _write(args.out, depth, "distance in metres" if metric else "relative distance")
     low, high = float(np.nanmin(depth)), float(np.nanmax(depth))
-    kind = "metres" if metric else "inverse depth, turned round to relative distance"
+    kind = "metres" if metric else "inverse depth, converted to relative distance"
     print(f"model      {args.model}: {kind}")
     print(f"depth      {low:.4g} (near) .. {high:.4g} (far), {depth.shape[1]} x {depth.shape[0]}")
     print(f"written    {args.out}; use it with --depth {args.out} {unit}")
@@ -100,13 +100,13 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _estimator(model: str) -> Any:
-    """The `transformers` pipeline for a model."""
-    if model == _DEFAULT_MODEL and os.path.lexists(model):  # a folder would be preferred
+    """Load the `transformers` pipeline of a model."""
+    if model == _DEFAULT_MODEL and os.path.lexists(model):  # transformers would prefer the folder
         raise UsageError(
-            f"--model {model}: lies in the current folder, too; give --model ./{model}, or move it"
+            f"--model {model}: is also in the current folder; give --model ./{model}, or move it"
         )
     try:
-        import torch  # noqa: F401 (the pipeline's own message about it is a page long)
+        import torch  # noqa: F401 (the pipeline's error message is a page long)
         from transformers import pipeline
     except ImportError as error:
         raise UsageError(
@@ -167,21 +167,16 @@ def _predicted(estimator: Any, photo: Path, model: str) -> np.ndarray:
         raise FileError(f"--model {model}: failed on {photo} ({cause}); try another") from error
     if depth.ndim != 2 or not np.isfinite(depth).all():
         raise FileError(
-            f"--model {model}: said an array of shape {depth.shape}, or values not finite; "
-            "it is no depth-estimation model, or damaged"
+            f"--model {model}: its output has the shape {depth.shape}, or values not finite; "
+            "it is not a depth-estimation model, or damaged"
         )
     return depth
 
 
 def relative_distance(inverse: np.ndarray, ratio: float) -> np.ndarray:
-    """Distances, 1 where inverse depth is largest to `ratio` where it is least; all 1 if flat.
+    """Convert inverse depth, known up to scale and shift, to distances from 1 to `ratio`.
 
-    Parameters
-    ----------
-    inverse : (H, W) float array
-        Inverse depth up to scale and shift, larger where nearer.
-    ratio : float
-        Farthest distance over nearest, above 1.
+    The inverse depth is an (H, W) float array, larger for nearer objects. A flat one becomes 1.
     """
     import numpy as np
 

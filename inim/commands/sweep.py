@@ -1,4 +1,4 @@
-"""`inim sweep` and `inim tolerate`: a whole study validated; how accurate a display must be."""
+"""`inim sweep` and `inim tolerate`: validations of a study, and tolerances of a display."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 if TYPE_CHECKING:
     from inim.sweep.run import SweepPlace
 
-_KEPT = "results are kept: run it again to go on"
+_KEPT = "results are kept; run it again to continue"
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,13 +46,16 @@ def _add_place(parser: argparse.ArgumentParser) -> None:
         help="run on the workers of this dask scheduler, which share the folder",
     )
     parser.add_argument(
-        "--workers", type=int, metavar="N", help="validations at once, here (one for each core)"
+        "--workers",
+        type=int,
+        metavar="N",
+        help="simultaneous validations on this machine (one per core)",
     )
     parser.add_argument(
-        "--threads", type=int, metavar="T", help="threads of each (the cores there are for it)"
+        "--threads", type=int, metavar="T", help="threads of each (its share of the cores)"
     )
     parser.add_argument(
-        "--dry-run", action="store_true", help="say what is there and what would be run, and stop"
+        "--dry-run", action="store_true", help="list finished and remaining validations, and stop"
     )
     add_allow_folder(parser)
 
@@ -81,7 +84,7 @@ def _sweep(args: argparse.Namespace) -> int:
         return EXIT_PASSED
     with _results_kept():
         outcome = run_sweep(request, quiet=args.quiet, debug=args.debug)
-    if args.quiet:  # else each was printed when it happened
+    if args.quiet:  # otherwise each was printed immediately
         _print_failed(outcome.failed)
     else:
         words = f"{outcome.computed} of {outcome.units} validations run, {len(outcome.rows)} rows"
@@ -109,8 +112,7 @@ def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:
     add_exit_codes(parser)
     parser.description = (
         "Compute the tolerances of pitch, gap, rotation, shift and tilt: draw misaligned displays "
-        "at "
-        "random, and show each the EIA of the design. Existing results are reused."
+        "at random, and show the EIA of the design on each. Existing results are reused."
     )
     parser.add_argument("scene", type=Path, help="Mitsuba scene (.xml)")
     parser.add_argument("-o", "--out", type=Path, help="folder (default: SCENE-tolerate)")
@@ -138,7 +140,7 @@ def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:
         "--calibration",
         type=Path,
         metavar="FILE",
-        help="calibration.json: what a calibration reaches, to be set beside",
+        help="calibration.json whose accuracy is compared with the tolerances",
     )
     _add_place(parser)
     add_quiet(parser)

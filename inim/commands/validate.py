@@ -101,23 +101,22 @@ def _add_preview(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    _check_words(args)
+    _check_encoding(args)
     classify_input(args)
     if args.light_field is not None or (args.photo is not None and args.photo.is_dir()):
         raise UsageError(f"{args.input}: is a folder; give a scene (.xml) or a picture")
-    passed, out = _validate_scene(args) if args.scene else _validate_picture(args)
-    return _ended(passed, out, args.quiet)
+    return _validate_scene(args, _request) if args.scene else _validate_picture(args)
 
 
-def _ended(passed: bool, out: Path, quiet: bool) -> int:
+def _finish(passed: bool, out: Path, quiet: bool) -> int:
     """Print the verdict and the report's path; return the exit code."""
     if not quiet:
-        print_outcome(f"{_words(passed, out)}; report: {out / 'report.html'}")
+        print_outcome(f"{_verdict_text(passed, out)}; report: {out / 'report.html'}")
     return EXIT_PASSED if passed else EXIT_CHECK_FAILED
 
 
-def _words(passed: bool, out: Path) -> str:
-    """The verdict as its report has it; "FAILED" stands out, below the checks that did."""
+def _verdict_text(passed: bool, out: Path) -> str:
+    """Verdict of a report, after the checks that failed."""
     from inim.documents import read_document
     from inim.documents.picture import PictureDocument
     from inim.documents.report import ReportDocument
@@ -133,8 +132,8 @@ def _words(passed: bool, out: Path) -> str:
     return "\n".join([*lines, "FAILED"])
 
 
-def _check_words(args: argparse.Namespace) -> None:
-    """Reject names that cannot be encoded in this locale, and so not in a report."""
+def _check_encoding(args: argparse.Namespace) -> None:
+    """Reject names that cannot be encoded in this locale."""
     texts = (args.input, args.out, *args.definitions, args.algorithms, *args.eias, args.viewpoints)
     for word in map(str, texts):
         if not word.isascii() and any("\ud800" <= c <= "\udfff" for c in word):
@@ -144,11 +143,22 @@ def _check_words(args: argparse.Namespace) -> None:
             )
 
 
-def _validate_scene(args: argparse.Namespace) -> tuple[bool, Path]:
+def _validate_scene(
+    args: argparse.Namespace, make_request: Callable[[argparse.Namespace], Request]
+) -> int:
+    from inim.pipeline.launch import validate_in_worker
     from inim.worker.output import default_out
 
     args.out = args.out or default_out(args.scene, "report")
-    return _validated(args, _request), args.out
+    passed = validate_in_worker(
+        lambda: make_request(args),
+        args.scene,
+        args.out,
+        backend=args.backend,
+        quiet=args.quiet,
+        debug=args.debug,
+    )
+    return _finish(passed, args.out, args.quiet)
 
 
 def _request(args: argparse.Namespace) -> Request:
@@ -170,29 +180,13 @@ def _request(args: argparse.Namespace) -> Request:
     )
 
 
-def _validated(
-    args: argparse.Namespace, request_of: Callable[[argparse.Namespace], Request]
-) -> bool:
-    """Validate `args.scene` into `args.out`; whether every check passed."""
-    from inim.pipeline.launch import validate_in_worker
-
-    return validate_in_worker(
-        lambda: request_of(args),
-        args.scene,
-        args.out,
-        backend=args.backend,
-        quiet=args.quiet,
-        debug=args.debug,
-    )
-
-
-def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
+def _validate_picture(args: argparse.Namespace) -> int:
     from inim.files.triangle_mesh import MESH_SUFFIXES
     from inim.views.own_picture import PictureRequest, ignore_message, run_picture
 
     if args.input.suffix.lower() in MESH_SUFFIXES and args.input.is_file():
         raise UsageError(
-            f"{args.input}: is a mesh; make a scene of it first: inim new-scene "
+            f"{args.input}: is a mesh; create a scene from it first: inim new-scene "
             f"{shlex.quote(str(args.input))}"
         )
     for option in ("eias", "baseline", "preview", "time", "lazy", "allow_folders"):
@@ -202,11 +196,14 @@ def _validate_picture(args: argparse.Namespace) -> tuple[bool, Path]:
     request = PictureRequest(
         picture_of(args), args.fitted, args.out, args.backend, **choices_of(args)
     )
-    on_warning = ignore_message if args.quiet else print_warning
-    on_note = ignore_message if args.quiet else print
-    return run_picture(
-        request, quiet=args.quiet, debug=args.debug, on_warning=on_warning, on_note=on_note
+    passed, out = run_picture(
+        request,
+        quiet=args.quiet,
+        debug=args.debug,
+        on_warning=ignore_message if args.quiet else print_warning,
+        on_note=ignore_message if args.quiet else print,
     )
+    return _finish(passed, out, args.quiet)
 
 
 def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:
@@ -218,26 +215,19 @@ def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _demo(args: argparse.Namespace) -> int:
-    from inim.worker.output import default_out
-
-    args.scene, args.backend = _demo_scene(), "auto"
-    args.out = args.out or default_out(args.scene, "report")
-    return _ended(_validated(args, _demo_request), args.out, args.quiet)
+    package = Path(__file__).resolve().parents[1]
+    # In an installed package, or in a clone.
+    scenes = [folder / "amphora.xml" for folder in (package / "demo", package.parent / "scenes")]
+    args.scene, args.backend = next(filter(Path.is_file, scenes), None), "auto"
+    if args.scene is None:
+        raise FileError(f"{package / 'demo'}: missing; install inim again")
+    return _validate_scene(args, _demo_request)
 
 
 def _demo_request(args: argparse.Namespace) -> Request:
     from inim.pipeline.request import Request
 
     return Request(args.scene, args.out, preview=args.preview)
-
-
-def _demo_scene() -> Path:
-    """Scene of the demo, in an installed package or in a clone."""
-    package = Path(__file__).resolve().parents[1]
-    for folder in (package / "demo", package.parent / "scenes"):
-        if (folder / "amphora.xml").is_file():
-            return folder / "amphora.xml"
-    raise FileError(f"{package / 'demo'}: missing; install inim again")
 
 
 def _add_baseline_arguments(parser: argparse.ArgumentParser) -> None:

@@ -199,7 +199,7 @@ Show = Callable[[RGBD, Display, str], np.ndarray]
 
 
 def is_first_hit(algorithm: str) -> bool:
-    """True if an algorithm is defined by the first hit of each ray, which has one correct result."""
+    """True if an algorithm is defined by the first hit of each ray, which is unique."""
     return properties(algorithm).exact
 
 

@@ -97,8 +97,8 @@ def test_too_few_positions_are_told_what_is_missing(photos, tmp_path, capsys):
     [
         (["-o", "mine.png"], "a display file is an .xml; name it mine.xml"),
         (["--intrinsics", "1,2,3"], "write FX,FY,CX,CY,K1,K2"),
-        (["--intrinsics", "900,1000,3,4,0,0"], "pixels are taken to be square"),
-        (["--intrinsics", "0,0,3,4,0,0"], "pixels are taken to be square"),
+        (["--intrinsics", "900,1000,3,4,0,0"], "pixels are assumed to be square"),
+        (["--intrinsics", "0,0,3,4,0,0"], "pixels are assumed to be square"),
         (["-D", "inim.lattice=hexagonal"], "lattice = 'hexagonal' cannot be calibrated"),
     ],
 )
@@ -111,7 +111,7 @@ def test_a_mistake_is_one_line(photos, words, line, capsys):
 def test_zoom_between_positions_is_refused(photos, capsys):
     photos.stated.update(near=1900.0, far=2500.0)
     assert run(photos) == 2
-    assert "focal length is not the same in all positions" in capsys.readouterr().err
+    assert "focal length differs between positions" in capsys.readouterr().err
 
 
 def test_the_word_patterns_writes_them(tmp_path, capsys):
@@ -169,6 +169,6 @@ def test_a_photograph_is_simulated_from_where_the_patterns_were_photographed(ben
 def test_patterns_of_another_camera_are_refused(bench, capsys):
     bench.shape = (100, 200)
     assert photo("--patterns", "again") == 2
-    assert "again: 200 x 100 pixels, and those of the calibration have 480 x 360" in (
+    assert "again: 200 x 100 pixels, and the calibration's photographs have 480 x 360" in (
         capsys.readouterr().err
     )
