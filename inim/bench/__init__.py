@@ -2,12 +2,11 @@
 
 All methods and a reference kernel run alternately in one loop (`inim.timing`), on display-ready
 pictures. Times are given in milliseconds and in kernel times: multiples of the reference kernel's
-time, one 4-byte gather per display pixel. `inim bench SCENE` runs all of it. These functions are
-public, for further studies:
+time, one 4-byte gather per display pixel. `inim bench SCENE` runs all of it. Public functions for
+further studies:
 
 * `bench_scene`: render a scene, time methods on it, evaluate their EIAs;
-* `prepare_method`, `time_methods`, `method_data`: methods on any display-ready picture;
-* `time_calls`, `ratios`: any other calls;
+* `method_data`, with `inim.timing`: times of methods on any display-ready picture;
 * `make_reference`, `evaluate`, `noise_floor`: errors of the timed EIAs;
 * `record`, and `inim.report.bench.write_bench`: further content of bench.json, and its pages.
 """
@@ -22,39 +21,15 @@ from inim.bench.evaluate import (
     noise_floor,
 )
 from inim.bench.job import load_average, record
-from inim.timing import (
-    REFERENCE_KERNEL,
-    Rounds,
-    TimedMethod,
-    Timing,
-    display_ready,
-    linear_picture,
-    prepare_method,
-    ratios,
-    threads,
-    time_calls,
-    time_methods,
-)
 
 __all__ = [
-    "REFERENCE_KERNEL",
-    "Rounds",
-    "TimedMethod",
-    "Timing",
     "available",
     "bench_scene",
-    "display_ready",
     "evaluate",
-    "linear_picture",
     "load_average",
     "make_reference",
     "mark_fronts",
     "method_data",
     "noise_floor",
-    "prepare_method",
-    "ratios",
     "record",
-    "threads",
-    "time_calls",
-    "time_methods",
 ]

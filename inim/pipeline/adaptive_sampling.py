@@ -34,7 +34,7 @@ from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.scoring import MethodResult, Scores
 from inim.pipeline.stages.stage import Run
-from inim.regression import ScoreEstimate, is_above, score_interval
+from inim.regression.scores import ScoreEstimate, is_above, score_interval
 from inim.settings import Settings
 
 if TYPE_CHECKING:

@@ -31,22 +31,24 @@ from inim.pipeline.plan import Plan, conditions_of
 from inim.pipeline.stages.generation import ReferenceOutput
 from inim.pipeline.stages.scoring import Statistics
 from inim.process import machine
-from inim.regression import (
-    BASELINE,
-    CANDIDATE,
-    Fingerprint,
-    RunStatistics,
-    ScoreEstimate,
-    TileStatistics,
-    Verdict,
-    all_passed,
+from inim.regression.comparison import (
     changed_circumstances,
+    changed_pixels,
     compare,
     drift,
+    tile_pictures,
+)
+from inim.regression.fingerprints import Fingerprint
+from inim.regression.run_statistics import (
+    BASELINE,
+    CANDIDATE,
+    RunStatistics,
     read_statistics,
     write_statistics,
 )
-from inim.regression.comparison import changed_pixels, tile_pictures
+from inim.regression.scores import ScoreEstimate
+from inim.regression.tiles import TileStatistics
+from inim.regression.verdict import Verdict, all_passed
 from inim.report import Report
 from inim.report.images import ENCODINGS, Images, difference
 from inim.report.sections.regression import write_comparison
@@ -277,7 +279,7 @@ _SAMPLING = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp", "seed")
 def collect_statistics(
     evaluation: Evaluation, truth: Statistics, times: Mapping[str, tuple[float, ...]]
 ) -> RunStatistics:
-    """Collect all statistics of a run; `times` are `inim.regression.log_ratios` by generator."""
+    """Collect all statistics of a run; `times` are logarithms of kernel times, by generator."""
     pictures: dict[str, TileStatistics] = {}
     scores: dict[str, dict[str, ScoreEstimate]] = {}
     fingerprints: dict[str, Fingerprint] = {}

@@ -18,7 +18,8 @@ from inim.pipeline.stages.capture import DepthCamera
 from inim.pipeline.stages.method import Method, parse_methods
 from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import Renderer, Scene
-from inim.regression import BASELINE, RunStatistics, check_comparable, read_statistics
+from inim.regression.comparison import check_comparable
+from inim.regression.run_statistics import BASELINE, RunStatistics, read_statistics
 from inim.scene.file import SceneFile, choose_display, read_scene_file
 from inim.settings import PREFIX, Settings
 

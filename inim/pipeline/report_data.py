@@ -31,7 +31,7 @@ from inim.pipeline.adaptive_sampling import Evaluation
 from inim.pipeline.baseline import BaselineComparison
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.scoring import reported_scores
-from inim.regression import kernel_times
+from inim.regression.comparison import kernel_times
 from inim.report import Report
 
 _VERSIONS = ("drjit", "flip-evaluator", "mitsuba", "numba", "numpy", "OpenEXR", "scikit-image")

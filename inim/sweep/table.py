@@ -75,7 +75,7 @@ def unit_document(
     Parameters
     ----------
     times : mapping of str to sequence of float
-        `inim.regression.log_ratios` by algorithm; empty without timing.
+        `inim.regression.comparison.log_ratios` by algorithm; empty without timing.
     unit : str
         Hash of the key.
     making, key : dict

@@ -27,7 +27,7 @@ from inim.pipeline.plan import LEAST_BYTES, Plan, make_plan
 from inim.pipeline.request import Request
 from inim.process.interrupts import delayed_interrupts
 from inim.process.observer import Observer
-from inim.regression import CANDIDATE, read_statistics
+from inim.regression.run_statistics import CANDIDATE, read_statistics
 from inim.report import Report
 from inim.sweep.table import unit_document
 from inim.sweep.unit import Unit, key_of, making_of

@@ -18,7 +18,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from inim import reconstruct
-from inim.bench import Rounds, load_average
+from inim.bench import load_average
 from inim.bench.job import record
 from inim.display import Display, Viewpoint
 from inim.errors import InimError
@@ -30,6 +30,7 @@ from inim.process.observer import Observer
 from inim.report.bench import Part, write_bench
 from inim.scene.file import parse_definitions
 from inim.scene.two_spheres import two_spheres
+from inim.timing import Rounds
 from inim.worker.output import publish, staging_folder
 from inim.worker.serve import ConsoleObserver
 

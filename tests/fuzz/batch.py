@@ -162,7 +162,7 @@ def _baseline(place: str) -> Read:
         from inim.pipeline.baseline import compare_with_baseline
         from inim.pipeline.plan import make_plan
         from inim.pipeline.request import Request
-        from inim.regression import CANDIDATE, read_statistics
+        from inim.regression.run_statistics import CANDIDATE, read_statistics
 
         folder = path.parent
         with _in_place_of(folder / place, path):

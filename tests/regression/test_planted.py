@@ -36,7 +36,10 @@ from inim.pipeline.stages.scoring import (
 from inim.pipeline.stages.stage import Run
 from inim.pipeline.validate import evaluate
 from inim.process.observer import Observer
-from inim.regression import RunStatistics, Verdict, compare, fingerprint, reference_input
+from inim.regression.comparison import compare
+from inim.regression.fingerprints import fingerprint, reference_input
+from inim.regression.run_statistics import RunStatistics
+from inim.regression.verdict import Verdict
 
 SCENE = Path(__file__).parents[2] / "scenes" / "jade.xml"
 SMALL = {

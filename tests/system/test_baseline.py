@@ -294,7 +294,8 @@ def test_baseline_that_is_none_ends_with_4(bench, tmp_path, change, words):
 
 def test_times_of_another_machine_end_with_4(timed):
     from inim.errors import BaselineError
-    from inim.regression import check_times, read_statistics
+    from inim.regression.comparison import check_times
+    from inim.regression.run_statistics import read_statistics
 
     base = read_statistics(timed.folder / "timed-base", "baseline")
     check_times(base, base.circumstances, "here")

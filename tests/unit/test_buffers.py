@@ -14,7 +14,7 @@ from inim.image.color import linear_from_srgb, srgb_codes, srgb_from_linear, srg
 from inim.image.noisy_image import NoisyImage, row_bands
 from inim.image.rgbd import RGBD
 from inim.metrics.flip import FLIP_REACH
-from inim.regression import fingerprint, reference_input
+from inim.regression.fingerprints import fingerprint, reference_input
 from inim.regression.tiles import tile_statistics
 from tests.conftest import small_display
 

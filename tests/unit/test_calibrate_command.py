@@ -169,6 +169,6 @@ def test_a_photograph_is_simulated_from_where_the_patterns_were_photographed(ben
 def test_patterns_of_another_camera_are_refused(bench, capsys):
     bench.shape = (100, 200)
     assert photo("--patterns", "again") == 2
-    assert "again: 200 x 100 pixels, and the calibration's photographs have 480 x 360" in (
+    assert "again: 200 x 100 pixels, but the calibration's photographs have 480 x 360" in (
         capsys.readouterr().err
     )

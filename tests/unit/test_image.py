@@ -11,7 +11,7 @@ from inim.files import image
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
-from inim.regression import view_scores
+from inim.regression.scores import view_scores
 
 RANDOM = np.random.default_rng(3)
 

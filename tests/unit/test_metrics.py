@@ -11,8 +11,7 @@ from inim.errors import UsageError
 from inim.image.color import srgb_from_linear
 from inim.image.noisy_image import NoisyImage
 from inim.metrics import Metric
-from inim.regression import ScoreEstimate, view_scores
-from inim.regression.scores import compare_scores
+from inim.regression.scores import ScoreEstimate, compare_scores, view_scores
 
 
 def absolute(reference: np.ndarray, test: np.ndarray) -> float:

@@ -15,7 +15,7 @@ from inim.image.color import linear_from_srgb, srgb_from_linear
 from inim.image.noisy_image import NoisyImage
 from inim.metrics import Metric, Viewing, cvvdp
 from inim.pipeline.stages.reconstruction import Optics
-from inim.regression import view_scores
+from inim.regression.scores import view_scores
 from inim.report.wording import disagreements
 from tests.schemas import report_document
 

@@ -9,14 +9,6 @@ from scipy import stats
 
 from inim.image.noisy_image import NoisyImage
 from inim.metrics import find
-from inim.regression import (
-    is_above,
-    log_ratios,
-    score_interval,
-    tile_statistics,
-    view_scores,
-    view_tile,
-)
 from inim.regression.comparison import (
     MAX_SLOWDOWN,
     codes_from_linear,
@@ -25,6 +17,7 @@ from inim.regression.comparison import (
     compare_times,
     is_steady,
     kernel_times,
+    log_ratios,
 )
 from inim.regression.fingerprints import (
     compare_fingerprints,
@@ -33,8 +26,14 @@ from inim.regression.fingerprints import (
     reference_input,
     sampled_pixels,
 )
-from inim.regression.scores import ScoreEstimate, compare_scores
-from inim.regression.tiles import eia_tile
+from inim.regression.scores import (
+    ScoreEstimate,
+    compare_scores,
+    is_above,
+    score_interval,
+    view_scores,
+)
+from inim.regression.tiles import eia_tile, tile_statistics, view_tile
 from inim.regression.verdict import (
     FALSE_ALARM_RATE,
     Verdict,

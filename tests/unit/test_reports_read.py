@@ -15,7 +15,7 @@ import pytest
 
 from inim.documents.report import ReportDocument
 from inim.errors import BaselineError, FileError
-from inim.regression import BASELINE, read_statistics
+from inim.regression.run_statistics import BASELINE, read_statistics
 from inim.report import Report
 from tests.schemas import completed
 

@@ -17,19 +17,16 @@ from inim.documents.compare import BaselineDocument
 from inim.documents.parts import Conditions
 from inim.errors import EXIT_BASELINE, BaselineError
 from inim.image.noisy_image import NoisyImage
-from inim.regression import (
+from inim.regression.comparison import check_comparable, compare, differing_conditions
+from inim.regression.fingerprints import fingerprint, reference_input
+from inim.regression.run_statistics import (
     BASELINE,
     RunStatistics,
-    ScoreEstimate,
-    check_comparable,
-    compare,
-    fingerprint,
     read_statistics,
-    reference_input,
-    tile_statistics,
     write_statistics,
 )
-from inim.regression.comparison import differing_conditions
+from inim.regression.scores import ScoreEstimate
+from inim.regression.tiles import tile_statistics
 from tests.conftest import small_display
 from tests.schemas import completed
 

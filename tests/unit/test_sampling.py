@@ -5,7 +5,7 @@ import math
 import pytest
 
 from inim.pipeline.adaptive_sampling import largest_uncertainty, next_share, scale_samples
-from inim.regression import ScoreEstimate
+from inim.regression.scores import ScoreEstimate
 from inim.settings import Settings
 
 

@@ -35,7 +35,7 @@ from inim.pipeline.stages.generation import GeneratedEIA, hole_fraction, prepare
 from inim.pipeline.stages.ground_truth import covered_pixels, pick_up_eia
 from inim.pipeline.stages.scene import seed_of
 from inim.pipeline.stages.stage import Run
-from inim.regression import is_steady, log_ratios
+from inim.regression.comparison import is_steady, log_ratios
 from inim.timing import (
     REFERENCE_KERNEL,
     Rounds,
@@ -306,10 +306,10 @@ def prepare_timed_methods(names: Sequence[str], capture: Capture) -> tuple[list[
 def generator_times(
     methods: Sequence[Method], capture: Capture, *, run: Run
 ) -> dict[str, tuple[float, ...]]:
-    """Log ratios of each generator's times to the reference kernel (`inim.regression.log_ratios`).
+    """Logarithms of each generator's kernel times, one per round.
 
     The generators run on the display-ready picture. Rounds are added until
-    `inim.regression.is_steady` holds for all, up to `_MAX_REPETITIONS` times.
+    `inim.regression.comparison.is_steady` holds for all generators.
     """
     log_times: dict[str, tuple[float, ...]] = {m.name: () for m in methods if m.is_timed}
     with run.observer.timed("time"):

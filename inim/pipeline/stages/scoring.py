@@ -25,16 +25,9 @@ from inim.pipeline.stages.ground_truth import (
 )
 from inim.pipeline.stages.stage import SCORING, Run, stage
 from inim.process.threads import Submit, threads
-from inim.regression import (
-    Fingerprint,
-    ScoreEstimate,
-    TileStatistics,
-    eia_tile,
-    score_interval,
-    tile_statistics,
-    view_scores,
-    view_tile,
-)
+from inim.regression.fingerprints import Fingerprint
+from inim.regression.scores import ScoreEstimate, score_interval, view_scores
+from inim.regression.tiles import TileStatistics, eia_tile, tile_statistics, view_tile
 
 # Scoring takes about 100 bytes per pixel: 0.4 GB for all images scored at once.
 _PIXELS_AT_ONCE = 2**22

@@ -7,7 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from inim.bench import (
+from inim.display import Display, Viewpoint
+from inim.errors import DisplayError
+from inim.generators import prepare
+from inim.image.rgbd import RGBD
+from inim.lens import check_lens_model
+from inim.pipeline.plan import Plan
+from inim.pipeline.stages.generation import run_generator
+from inim.timing import (
     REFERENCE_KERNEL,
     Rounds,
     display_ready,
@@ -16,13 +23,6 @@ from inim.bench import (
     threads,
     time_calls,
 )
-from inim.display import Display, Viewpoint
-from inim.errors import DisplayError
-from inim.generators import prepare
-from inim.image.rgbd import RGBD
-from inim.lens import check_lens_model
-from inim.pipeline.plan import Plan
-from inim.pipeline.stages.generation import run_generator
 
 _ALGORITHM = "template"
 # `full` scatters rays between the lenses: all of the EIA may be observed.

@@ -13,23 +13,20 @@ from dataclasses import dataclass
 from typing import Any
 
 from inim import metrics
-from inim.bench import (
-    REFERENCE_KERNEL,
-    Rounds,
-    TimedMethod,
-    Timing,
-    available,
-    evaluate,
-    linear_picture,
-    make_reference,
-    method_data,
-    prepare_method,
-    time_methods,
-)
+from inim.bench import available, evaluate, make_reference, method_data
 from inim.display import Display
 from inim.display.viewpoint import parse_viewpoints
 from inim.image.rgbd import RGBD
 from inim.scene.two_spheres import two_spheres_eia, two_spheres_view
+from inim.timing import (
+    REFERENCE_KERNEL,
+    Rounds,
+    TimedMethod,
+    Timing,
+    linear_picture,
+    prepare_method,
+    time_methods,
+)
 from reports.bench.paper.claims import claims
 from reports.bench.paper.plain_python import PLAIN_PYTHON, time_plain_python
 from reports.bench.paper.steps import depth_steps

@@ -20,8 +20,8 @@ def measure(lenses: int, pixels_per_pitch: int = 2) -> dict[str, Any]:
     """
     import numpy as np
 
-    from inim.bench import prepare_method
     from inim.generators.raycast import polyphase  # noqa: F401
+    from inim.timing import prepare_method
     from reports.bench.study import picture_of, square_display
 
     imported = peak_bytes()

@@ -15,9 +15,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from inim.bench import Rounds, TimedMethod, Timing, prepare_method, time_calls
 from inim.display import Display
 from inim.errors import WorkerError
+from inim.timing import Rounds, TimedMethod, Timing, prepare_method, time_calls
 from reports.bench.study import picture_of
 
 #: Follows the name of an algorithm that ran as plain Python.

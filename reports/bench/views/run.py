@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from inim.bench import Rounds, Timing, ratios, threads, time_calls
 from inim.display.viewpoint import parse_viewpoints
 from inim.lens import FULL
 from inim.report.bench import Part, Table, milliseconds, times
 from inim.report.wording import number, per_cent
 from inim.scene.two_spheres import two_spheres_eia
+from inim.timing import Rounds, Timing, ratios, threads, time_calls
 from reports.bench.parts import items, part
 from reports.bench.study import new_parser, run_study, square_display
 
