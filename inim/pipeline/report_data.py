@@ -29,7 +29,6 @@ from inim.inspect.accuracy_limits import accuracy_warnings, lenses_beside_panel
 from inim.metrics.headline import HEADLINE
 from inim.pipeline.adaptive_sampling import Evaluation
 from inim.pipeline.baseline import BaselineComparison
-from inim.pipeline.plan import Plan
 from inim.pipeline.stages.scoring import reported_scores
 from inim.regression.comparison import kernel_times
 from inim.report import Report
@@ -54,14 +53,26 @@ def make_report(
         algorithms[name] = msgspec.structs.replace(
             algorithms[name], yardsticks=kernel_times(ratios)
         )
+    preview = None
+    if plan.request.preview:
+        command = replace(plan, request=replace(plan.request, preview=False)).command
+        preview = Preview(full_command=shlex.join(["inim", "validate", *command]))
+    settings = plan.settings
+    # Lenses outside the panel, and displays beyond the tested accuracy limits.
+    display_warnings = lenses_beside_panel(plan.display) + accuracy_warnings(
+        plan.display,
+        settings.lens_model,
+        viewpoints=plan.viewpoints,
+        pixel_mm=plan.display.capture_pixel_mm(settings.capture_pixels_per_pitch),
+    )
     reference_views, reference_precision = reported_scores(evaluation.reference_scores)
     data = ReportDocument(
-        title=plan.settings.title or plan.request.scene.stem,
+        title=settings.title or plan.request.scene.stem,
         **origin(
             shlex.join(["python", "-m", "inim.validate", *plan.command]),
             (*_VERSIONS, *metrics.perception_packages()),
         ),
-        preview=_preview(plan),
+        preview=preview,
         scene=msgspec.convert(
             {
                 "path": str(plan.request.scene),
@@ -72,11 +83,11 @@ def make_report(
             },
             SceneRecord,
         ),
-        settings=plan.settings,
+        settings=settings,
         display=DisplayRecord.of(plan.display),
-        misalign=plan.settings.misalign,
+        misalign=settings.misalign,
         backend=Backend.of(evaluation.backend),
-        lens_model=plan.settings.lens_model,
+        lens_model=settings.lens_model,
         viewpoints=[EyePosition(name=v.name, position_mm=v.position_mm) for v in plan.viewpoints],
         rgbd=_describe_capture(evaluation.capture.rgbd),
         noise_floor=noise_floor,
@@ -89,29 +100,12 @@ def make_report(
             "total": perf_counter() - observer.started,
         },
         skipped=[SkippedStep(**row) for row in evaluation.run.skipped.rows],
-        warnings=[*_display_warnings(plan), *evaluation.warnings],
+        warnings=[*display_warnings, *evaluation.warnings],
         verdict=Checks(passed=all(check.passed for check in checks), checks=checks),
         files=folder_files(folder, "report.html", "report.json", "junit.xml", "summary.md"),
         regression=comparison.data,
     )
     return Report(folder, data)
-
-
-def _preview(plan: Plan) -> Preview | None:
-    if not plan.request.preview:
-        return None
-    command = replace(plan, request=replace(plan.request, preview=False)).command
-    return Preview(full_command=shlex.join(["inim", "validate", *command]))
-
-
-def _display_warnings(plan: Plan) -> list[str]:
-    """Warn of lenses outside the panel, and of displays beyond the tested accuracy limits."""
-    return lenses_beside_panel(plan.display) + accuracy_warnings(
-        plan.display,
-        plan.settings.lens_model,
-        viewpoints=plan.viewpoints,
-        pixel_mm=plan.display.capture_pixel_mm(plan.settings.capture_pixels_per_pitch),
-    )
 
 
 def _scoring() -> Scoring:

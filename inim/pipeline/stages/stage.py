@@ -21,7 +21,7 @@ from inim.process.observer import Observer
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
-# The work done, the work skipped, and the reason why skipping is safe.
+# Work done, work skipped, and the reason why skipping is safe.
 _Step = tuple[str, str, str]
 #: A step, or a function of the samples traced and the arguments that returns one.
 Describe = _Step | Callable[..., _Step]
