@@ -66,10 +66,7 @@ class BenchRequest:
 def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False) -> None:
     """Measure in a worker process, and write `bench.json` and its pages.
 
-    Raises
-    ------
-    InimError
-        Errors in the request, detected before rendering, or from the worker.
+    Raises the `InimError` of the request, before anything is rendered, or of the worker.
     """
     load = load_average()  # of the other processes, before the worker starts
     run_in_worker(
@@ -122,13 +119,8 @@ def record(
 ) -> BenchDocument:
     """Create a document without results, final load and list of files.
 
-    Parameters
-    ----------
-    command : sequence of str
-        Words of the command line that repeats it.
-    backend : inim.backend.Backend
-    load : float or None
-        `load_average` before anything was loaded.
+    `command` are the words of the command line that repeats it, `backend` is an
+    `inim.backend.Backend`, and `load` is the `load_average` before anything was loaded.
     """
     return BenchDocument(
         title=title,

@@ -128,10 +128,7 @@ def _estimator(model: str) -> Any:
 def returns_distance(config: Any, model: str, model_output: str = "auto") -> bool:
     """True if a model returns metres, by its configuration; otherwise it returns inverse depth.
 
-    Raises
-    ------
-    UsageError
-        An unknown kind of model without an explicit option.
+    Raises `UsageError` for an unknown kind of model without an explicit option.
     """
     if model_output != "auto":
         return model_output == "metres"

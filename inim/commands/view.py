@@ -58,22 +58,9 @@ def _view(args: argparse.Namespace) -> int:
 
 
 def view_report(folder: Path, out: Path | None = None) -> Path:
-    """Write the virtual display of a report, with all its panels.
+    """Write the virtual display of a report, with all its panels; return the path of the page.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the report.
-
-    Returns
-    -------
-    Path
-        Path of the page.
-
-    Raises
-    ------
-    FileError
-        The report is missing, or has no panels.
+    Raises `FileError` if the report is missing or has no panels.
     """
     from inim.report import Report
     from inim.report.images import ENCODINGS, Images
@@ -98,26 +85,11 @@ def view_eia(
     definitions: Mapping[str, str] | None = None,
     out: Path | None = None,
 ) -> Path:
-    """Write the virtual display of an EIA.
+    """Write the virtual display of an EIA, and return the path of the page.
 
-    Parameters
-    ----------
-    eia : Path
-        PNG (sRGB) or EXR (linear), of the display's panel size.
-    display, definitions :
-        See `inim.scene.file.choose_display`.
-    out : Path, optional
-        Default: `EIA-view.html` in the current folder.
-
-    Returns
-    -------
-    Path
-        Path of the page.
-
-    Raises
-    ------
-    InimError
-        An impossible display or EIA, or an EIA of another size than the display's.
+    The EIA is a PNG (sRGB) or EXR (linear) of the panel's size. Display and definitions are those
+    of `inim.scene.file.choose_display`. The default of `out` is `EIA-view.html` in the EIA's
+    folder.
     """
     from inim.display.misalignment import misaligned
     from inim.display.viewpoint import parse_viewpoints

@@ -79,13 +79,7 @@ class DepthValues:
 
 
 def parse_unit(text: str) -> float:
-    """Millimetres per unit of ``mm``, ``cm``, ``m``, ``none`` (0) or a number of units per metre.
-
-    Raises
-    ------
-    UsageError
-        Invalid unit.
-    """
+    """Millimetres per unit of ``mm``, ``cm``, ``m``, ``none`` (0) or a number per metre."""
     if text in _UNITS_MM:
         return _UNITS_MM[text]
     if text == "none":
@@ -274,20 +268,9 @@ def _direction_options(near_is_large: bool) -> tuple[str, str]:
 def fill_missing_depth(
     depth: NDArray[np.float32], rule: str, *, near_is_large: bool = False
 ) -> NDArray[np.float32]:
-    """Fill the missing pixels (NaN) of a depth picture.
+    """Fill the missing pixels (NaN) of a depth picture, (H, W) float32, by one of `FILL_RULES`.
 
-    Parameters
-    ----------
-    depth : (H, W) float32
-    rule : str
-        One of `FILL_RULES`.
-    near_is_large : bool
-        True if numbers grow towards the viewer.
-
-    Returns
-    -------
-    (H, W) float32
-        NaN where the rule has no depth to use; the input itself if there is no pixel to fill.
+    Pixels stay NaN where the rule has no depth to use. Without missing pixels, returns the input.
     """
     empty = np.isnan(depth)
     if rule == "none" or not empty.any() or empty.all():

@@ -102,15 +102,8 @@ def depth_range(
 ) -> tuple[float, float]:
     """Nearest and farthest depth to map, in the unit of `values`.
 
-    Parameters
-    ----------
-    near, far : float, optional
-        Ends set by the user; by default the 0.5 % and 99.5 % quantiles.
-
-    Raises
-    ------
-    UsageError
-        Near is not in front of far, or all of the picture is beyond one end.
+    The user may set either end; by default they are the 0.5 % and 99.5 % quantiles. Raises
+    `UsageError` if near is not in front of far, or if all of the picture is beyond one end.
     """
     ends = np.quantile(sample(values.depth), (_STRAY, 1 - _STRAY), method="nearest")
     nearest, farthest = (float(v) for v in (ends[::-1] if values.near_is_large else ends))
@@ -221,13 +214,7 @@ class Pinhole:
 
 
 def parse_intrinsics(text: str) -> Pinhole:
-    """Parse ``fx,fy,cx,cy`` in pixels.
-
-    Raises
-    ------
-    UsageError
-        Not four finite numbers, or a focal length that is not positive.
-    """
+    """Parse ``fx,fy,cx,cy`` in pixels; raises `UsageError` for invalid numbers."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
@@ -418,12 +405,7 @@ def _tolerance(values: DepthValues, depth_map: DepthMap, step_mm: float) -> floa
 
 
 def empty_share(covered: np.ndarray, display: Display, cell_mm: float) -> float:
-    """Share of a fitted picture's cells on the lens array without a surface.
-
-    Parameters
-    ----------
-    covered : (rows, columns) bool
-    """
+    """Share of the lens array without a surface of a fitted picture; `covered` is its coverage."""
     rows, columns = covered.shape
     x = np.abs((np.arange(columns) + 0.5) * cell_mm - columns * cell_mm / 2)
     y = np.abs((np.arange(rows) + 0.5) * cell_mm - rows * cell_mm / 2)

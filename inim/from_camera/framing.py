@@ -58,13 +58,7 @@ class Framing:
 
 
 def choose_framing(values: DepthValues, aspect: float) -> Framing:
-    """Choose crop and depth range of a picture by its subject.
-
-    Parameters
-    ----------
-    aspect : float
-        Width over height of the display.
-    """
+    """Choose crop and depth range by the subject; `aspect` is width over height of the display."""
     step = max(1, math.ceil(max(values.depth.shape) / _SAMPLED_PX))
     small = values.depth[step // 2 :: step, step // 2 :: step].astype(np.float64)
     valid = ~np.isnan(small)

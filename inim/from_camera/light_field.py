@@ -24,12 +24,9 @@ from inim.image.rgbd import RGBD
 def centre_view_picture(
     field: LightField, display: Display, pixels_per_pitch: float = 5, name: str = "light field"
 ) -> tuple[RGBD, float]:
-    """The centre view with its disparity as a picture in the display frame, and the clipped share.
+    """Picture of the centre view and its disparity in the display frame, and the clipped share.
 
-    Raises
-    ------
-    FileError
-        There is no disparity, or no view in the middle.
+    Raises `FileError` if there is no disparity, or no view in the middle.
     """
     down, across = field.views.shape[:2]
     if field.disparity is None:

@@ -100,13 +100,8 @@ def resample_nearest(depth: NDArray[np.float32], shape: tuple[int, int]) -> NDAr
 def edge_shift(color: np.ndarray, depth: NDArray[np.float32]) -> tuple[int, int] | None:
     """Shift in pixels (right, down) that aligns the depth's edges with the colour's.
 
-    None if the pictures are aligned, or if the match is not significant.
-
-    Parameters
-    ----------
-    color : (H, W, 3) array
-    depth : (H, W) float32
-        NaN where missing.
+    None if the pictures are aligned, or if the match is not significant. `color` is (H, W, 3);
+    `depth` is (H, W) float32, NaN where missing.
     """
     step = max(1, math.ceil(depth.shape[1] / _COMPARISON_PX))
     small = depth[::step, ::step]
@@ -272,13 +267,7 @@ class CameraPicture:
         return parse_intrinsics(self.intrinsics)
 
     def read(self) -> ColorDepth:
-        """Read the files.
-
-        Raises
-        ------
-        InimError
-            A file is damaged or contradicts the options.
-        """
+        """Read the files; raises an `InimError` if one is damaged or contradicts the options."""
         if self.photo is not None:
             return self._read_photo(self.photo)
         assert self.color is not None

@@ -93,13 +93,7 @@ def _decoded_color(path: Path) -> NDArray[np.uint8]:
 
 
 def convert_to_srgb(picture: Any, path: Path) -> Any:
-    """Convert a Pillow picture with a colour profile to sRGB.
-
-    Raises
-    ------
-    FileError
-        A damaged profile.
-    """
+    """Convert a Pillow picture to sRGB; raises `FileError` for a damaged colour profile."""
     from PIL import ImageCms
 
     profile = picture.info.get("icc_profile")
@@ -189,12 +183,9 @@ def _decoded_depth(path: Path) -> np.ndarray:
 
 
 def depth_numbers(picture: Any, path: Path, *, wide: bool = False) -> np.ndarray:
-    """The numbers of an open depth picture, (H, W); `wide`: it can hold 32 bits.
+    """Numbers of an open depth picture, (H, W); `wide`: it can hold 32 bits.
 
-    Raises
-    ------
-    FileError
-        Coloured, or of a palette.
+    Raises `FileError` for a coloured picture or one with a palette.
     """
     if picture.mode == "P":
         raise FileError(f"{path}: holds numbers of a palette, not depths; save it as grey")
@@ -231,14 +222,7 @@ def _read_exr(path: Path) -> np.ndarray:
 
 
 def write_depth(path: Path, values: np.ndarray, meaning: str) -> None:
-    """Write depth, (H, W) float, as an EXR of one channel, Z.
-
-    Parameters
-    ----------
-    values : (H, W) float array
-    meaning : str
-        Meaning of the numbers, stored in the file as ``inim:depth``.
-    """
+    """Write depth, (H, W) float, as an EXR with the channel Z and the attribute ``inim:depth``."""
     write_exr_parts(path, [({"Z": values}, "depth")], {"inim:depth": meaning})
 
 

@@ -20,20 +20,14 @@ from inim.worker.output import publish
 
 
 def run_job(plan: Plan, staging: Path, observer: Observer) -> bool:
-    """Carry out the plan and publish its report; whether every check passed."""
+    """Entry point in the worker: validate and publish the report; True if every check passed."""
     report = run(plan, staging, observer)
     publish(staging, plan.request.out)
     return report.passed
 
 
 def run(plan: Plan, staging: Path, observer: Observer | None = None) -> Report:
-    """Carry out a plan in this process and write its report into `staging`.
-
-    Parameters
-    ----------
-    staging : Path
-        An empty folder; see `inim.worker.output`.
-    """
+    """Carry out a plan in this process and write its report into `staging`, an empty folder."""
     observer = observer or Observer()
     store = None if plan.request.no_skip else open_store()
     with observer.timed("start"):

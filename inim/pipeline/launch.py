@@ -28,21 +28,11 @@ def validate_in_worker(
     quiet: bool = True,
     debug: bool = False,
 ) -> bool:
-    """Validate in a worker process; the report is in `out` afterwards.
+    """Validate in a worker process, which writes the report to `out`; True if every check passed.
 
     `make_request` returns the request for this scene, folder and backend; it is called while the
     worker loads. `quiet` suppresses result lines and the progress bar, and `debug` prints the
-    traceback of an internal error.
-
-    Returns
-    -------
-    bool
-        True if every check passed.
-
-    Raises
-    ------
-    InimError
-        The request or the scene is invalid, or the worker failed; see `run_in_worker`.
+    traceback of an internal error. Raises an `InimError` as `run_in_worker` does.
     """
 
     def plan() -> Plan:

@@ -107,11 +107,7 @@ def view_tile(shape: tuple[int, int]) -> tuple[int, int]:
 def eia_tile(shape: tuple[int, int], lens_counts: tuple[int, int]) -> tuple[int, int]:
     """Tile of an EIA: approximately a whole number of elemental images.
 
-    Parameters
-    ----------
-    shape : (rows, columns)
-        Shape of the EIA.
-    lens_counts : (rows, columns)
+    Both arguments are (rows, columns): of the EIA, and of its lenses.
     """
     steps = [math.ceil(lenses / _MAX_TILES_PER_SIDE) for lenses in lens_counts]
     rows, columns = (

@@ -132,16 +132,9 @@ def check_relation(
 ) -> RelationResult:
     """Check one relation of one algorithm.
 
-    Parameters
-    ----------
-    show : callable
-        Function that returns the algorithm's output.
-    exact : bool
-        True if the definition decides ties, so that none depends on rounding.
-    explained : str
-        Reason why the algorithm may violate the relation; it is then measured only.
-    doubt : callable, optional
-        Function that counts pixels that depend on rounding, instead of `within_rounding`.
+    `show` returns the algorithm's output; with `exact`, its definition decides ties, so that none
+    depends on rounding. `explained` is the reason why the algorithm may violate the relation, which
+    is then measured only. `doubt` replaces `within_rounding`.
     """
     result = RelationResult(
         relation=relation.name,

@@ -94,13 +94,7 @@ class SweepPlan:
 
 
 def plan_study(study: Study, place: SweepPlace, threads: int | None = None) -> SweepPlan:
-    """Plan all units of a study and look up their results. Writes no files.
-
-    Raises
-    ------
-    InimError
-        An error in the study.
-    """
+    """Plan all units of a study and look up their results, without writing files."""
     # The workers of a cluster have other current folders.
     scenes = {name: path.absolute() for name, path in study.scenes.items()}
     results = Results(place.out.absolute())
@@ -161,18 +155,7 @@ class SweepResult:
 
 
 def run_sweep(request: SweepRequest, *, quiet: bool = True, debug: bool = False) -> SweepResult:
-    """Compute the missing results of a study, and write its table and page.
-
-    Parameters
-    ----------
-    quiet, debug : bool
-        See `compute_results`.
-
-    Raises
-    ------
-    InimError
-        See `compute_results`; or the package for writing the table is missing.
-    """
+    """Compute the missing results of a study as `compute_results`, and write its table and page."""
     check_pyarrow()
     study = read_study(request.study)
     outcome = compute_results(study, request.place, quiet=quiet, debug=debug)
@@ -187,18 +170,9 @@ def compute_results(
 ) -> SweepResult:
     """Compute the missing results of a study.
 
-    Parameters
-    ----------
-    quiet : bool
-        Print no lines and no progress bar.
-    debug : bool
-        Let workers print the traceback of an internal error.
-
-    Raises
-    ------
-    InimError
-        An error in the study, or no backend or cluster is available. A failed unit is not an
-        exception but an error in its rows.
+    `quiet` suppresses lines and progress bar; `debug` lets workers print the traceback of an
+    internal error. Raises an `InimError` for an error in the study, or without a backend or a
+    cluster. A failed unit raises nothing; its rows contain the error.
     """
     workers, threads = choose_slots(place.workers, place.threads, cpu_count())
     check_dask()

@@ -72,14 +72,8 @@ def unit_document(
 ) -> UnitDocument:
     """Result of a finished validation for one algorithm.
 
-    Parameters
-    ----------
-    times : mapping of str to sequence of float
-        `inim.regression.comparison.log_ratios` by algorithm; empty without timing.
-    unit : str
-        Hash of the key.
-    making, key : dict
-        All inputs that determine the result.
+    `times` are `inim.regression.comparison.log_ratios` by algorithm, empty without timing; `unit`
+    is the hash of the key; `making` and `key` are all inputs that determine the result.
     """
     result, floor = data.algorithms[algorithm], data.noise_floor
     failed = _failed_checks(data, algorithm)
@@ -219,10 +213,8 @@ _MADE = (
 def column_groups() -> dict[str, dict[str, str]]:
     """Name and type of every column by group, in the table's order.
 
-    Raises
-    ------
-    UsageError
-        Another package's metric cannot be loaded, or would have the name of another column.
+    Raises `UsageError` if a metric of another package cannot be loaded or has the name of another
+    column.
     """
     floor = eia_columns("noise_floor_eia")
     scores = {
@@ -293,15 +285,7 @@ def check_pyarrow() -> None:
 
 
 def write_table(path: Path, rows: Sequence[Mapping[str, Any]], about: SweepTable) -> None:
-    """Write rows as Parquet, completely or not at all.
-
-    Parameters
-    ----------
-    rows : sequence of mapping
-        Values by `columns`; missing values are null.
-    about : SweepTable
-        Metadata of the table.
-    """
+    """Write rows, with values by `columns`, as a Parquet file; missing values are null."""
     import pyarrow as pa
     from pyarrow import parquet
 

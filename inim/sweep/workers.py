@@ -38,15 +38,10 @@ _TICK_S = 0.5
 
 
 def choose_slots(workers: int | None, threads: int | None, cores: int) -> tuple[int, int]:
-    """Number of workers and threads of each; open choices follow from the number of cores.
+    """Number of workers and threads of each; missing choices follow from the number of cores.
 
     A validation spends more than half of its time on one thread: scoring, compiling, writing
-    pictures. So a worker for each core is faster than one with them all (docs/how-to/sweep.md).
-
-    Raises
-    ------
-    UsageError
-        Less than one of either.
+    images. So one worker per core is faster than one with all cores (docs/how-to/sweep.md).
     """
     for option, value in (("--workers", workers), ("--threads", threads)):
         if value is not None and value < 1:
@@ -125,18 +120,10 @@ def check_dask() -> None:
 
 
 def on_worker(task: SweepTask, alone: bool = True) -> tuple[float, str]:
-    """Run one task on a dask worker, in a separate process.
+    """Run one task on a dask worker, in a separate process; return the seconds and the error.
 
-    Parameters
-    ----------
-    alone : bool
-        Wait until no other task runs on this dask worker, as on a cluster.
-
-    Returns
-    -------
-    seconds : float
-    error : str
-        Message of the task's error, or "".
+    The error message is "" after success. With `alone`, wait until no other task runs on this dask
+    worker, as on a cluster.
     """
     with _ONE_AT_A_TIME if alone else nullcontext():
         if _ENDED.is_set():
@@ -151,22 +138,9 @@ def run_tasks(
 ) -> dict[str, str]:
     """Run tasks on the workers of a scheduler, or on this machine as far as the memory permits.
 
-    Parameters
-    ----------
-    scheduler : str, optional
-        Address, `tcp://HOST:PORT`; None: this machine.
-    workers : int
-        Largest number of simultaneous tasks on this machine.
-
-    Returns
-    -------
-    dict of str to str
-        Error message of each failed unit.
-
-    Raises
-    ------
-    UsageError
-        No scheduler answers at the address.
+    `scheduler` is an address, `tcp://HOST:PORT`; `workers` is the largest number of simultaneous
+    tasks on this machine. Returns the error message of each failed unit. Raises `UsageError` if no
+    scheduler answers.
     """
     limit = backends.memory_limit_bytes() or sys.maxsize
     connection = _local(workers, limit) if scheduler is None else _client(scheduler)

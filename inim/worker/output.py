@@ -33,12 +33,8 @@ def default_out(source: Path | None, kind: str) -> Path:
 def hidden_folder(out: Path) -> Iterator[Path]:
     """Yield an empty folder next to `out`, on the same file system; remove it afterwards.
 
-    Those that killed processes left for the same `out` are removed first.
-
-    Raises
-    ------
-    FileError
-        The place cannot be written.
+    Removes the folders that killed processes left for the same `out`. Raises `FileError` if the
+    folder cannot be written.
     """
     prefix = f".{out.name[:32]}."  # a name may be as long as the file system allows
     with _file_errors(out):
@@ -63,15 +59,8 @@ def hidden_folder(out: Path) -> Iterator[Path]:
 def staging_folder(out: Path, names: Sequence[str] = REPORT) -> Iterator[Path]:
     """Yield an empty folder next to `out` to build a result in; remove it afterwards.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Files and folders/ that the result will contain for certain, its JSON first.
-
-    Raises
-    ------
-    FileError
-        `out` is a file or cannot be written, or a file of other origin is in the way.
+    `names` are files and folders/ that the result will contain, its JSON first. Raises `FileError`
+    if `out` is a file or cannot be written, or if a file of other origin is in the way.
     """
     with _file_errors(out):
         if os.path.lexists(out) and not out.is_dir():
@@ -87,12 +76,9 @@ def staging_folder(out: Path, names: Sequence[str] = REPORT) -> Iterator[Path]:
 
 @contextmanager
 def published(out: Path, names: Sequence[str]) -> Iterator[Path]:
-    """Yield a folder to write these files in; move them into `out` if the block ends without error.
+    """Yield a folder to write files in; move them into `out` if the block ends without error.
 
-    Raises
-    ------
-    FileError
-        As `staging_folder` and `publish`; the first name is the marker.
+    Parameters and errors are those of `staging_folder`.
     """
     with staging_folder(out, names) as staging:
         yield staging
@@ -104,11 +90,7 @@ def publish(staging: Path, out: Path, marker: str = _MARKER) -> None:
 
     The result's JSON, `marker`, is moved last and its predecessor is removed first: a killed run
     never leaves a report of mixed origin. Of two runs into one folder, the later one remains.
-
-    Raises
-    ------
-    FileError
-        A file cannot be moved, or a file of other origin is in the way.
+    Raises `FileError` if a file of other origin is in the way.
     """
     with _file_errors(out), delayed_interrupts(), _locked(out.parent):
         files = (str(p.relative_to(staging)) for p in staging.rglob("*") if p.is_file())
@@ -135,13 +117,7 @@ def publish(staging: Path, out: Path, marker: str = _MARKER) -> None:
 
 
 def publish_file(temporary: Path, out: Path) -> None:
-    """Move a finished file to its place.
-
-    Raises
-    ------
-    FileError
-        The place cannot be written.
-    """
+    """Move a finished file to its final path."""
     with _file_errors(out):
         temporary.replace(out)
 

@@ -119,7 +119,7 @@ def outcome_of(message: dict[str, Any]) -> bool:
 def _start_worker(
     target: str, variables: Mapping[str, str], about: str
 ) -> tuple[subprocess.Popen[bytes], IO[str]]:
-    """Start a worker; the process, and the messages it will send."""
+    """Start a worker; return the process and its stream of messages."""
     read_end, write_end = os.pipe()
     # A terminal sends SIGINT to all processes. A child has its parent's mask from its first
     # instruction on; Python's own start would answer with a traceback.
@@ -143,13 +143,7 @@ def _stdin(process: subprocess.Popen[bytes]) -> IO[bytes]:
 
 
 def _carry_out(process: subprocess.Popen[bytes], messages: IO[str], job: Job) -> dict[str, Any]:
-    """Give a worker its job and wait for its end; its last message.
-
-    Raises
-    ------
-    InimError
-        The kind of its death, if it could not send the outcome.
-    """
+    """Send a worker its job and wait for its last message; raises an `InimError` if it crashed."""
     message: dict[str, Any] = {"stage": "start"}
     with contextlib.suppress(OSError):  # it has died already
         pickle.dump(job, _stdin(process))
@@ -164,7 +158,7 @@ def _carry_out(process: subprocess.Popen[bytes], messages: IO[str], job: Job) ->
 
 
 def _death(code: int, stage: str, memory_limit: int) -> InimError:
-    """The error for a worker that ended without a word."""
+    """Error for a worker that ended without a result."""
     peak = backends.peak_bytes(of_children=True)
     if memory_limit and peak > _MEMORY_SHARE * memory_limit:
         return OutOfMemoryError(

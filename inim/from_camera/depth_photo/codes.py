@@ -91,13 +91,7 @@ class EmbeddedDepth:
 
 
 def parse_number(text: str | None, path: Path, name: str) -> float:
-    """Parse a number of a photograph's metadata.
-
-    Raises
-    ------
-    FileError
-        Missing, invalid or too large.
-    """
+    """Parse a number of a photograph's metadata; raises `FileError` if it is missing or invalid."""
     try:
         value = float(text or "")
     except ValueError:
@@ -193,22 +187,9 @@ def rotate_camera(camera: Pinhole, size: tuple[int, int], orientation: int) -> P
 
 
 def read_xmp(packet: bytes, path: Path) -> list[dict[str, str]]:
-    """Properties of each element, in document order.
+    """Properties ("DepthMap:Near") of each element, in document order.
 
-    Parameters
-    ----------
-    path : Path
-        Photograph, for messages.
-
-    Returns
-    -------
-    list of dict of str to str
-        Properties ("DepthMap:Near") of each element, from its attributes and child elements.
-
-    Raises
-    ------
-    FileError
-        Invalid XML, a document type, or too many elements.
+    Raises `FileError` for invalid XML, a document type, or too many elements.
     """
     nodes: list[dict[str, str]] = []
     stack: list[tuple[dict[str, str], list[str]]] = []
@@ -266,13 +247,7 @@ def collect_properties(nodes: list[dict[str, str]], prefix: str) -> dict[str, st
 
 
 def read_apple_coding(nodes: list[dict[str, str]], path: Path) -> Coding | None:
-    """Coding from Apple's metadata; None if they do not describe a depth image.
-
-    Raises
-    ------
-    FileError
-        Invalid range.
-    """
+    """Coding from Apple's metadata; None if they do not describe a depth image."""
     properties = collect_properties(nodes, "apdi") | collect_properties(nodes, "depthData")
     kind = properties.get("apdi:AuxiliaryImageType", "")
     if kind not in _KINDS:

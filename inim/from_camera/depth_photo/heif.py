@@ -39,14 +39,8 @@ def is_heif(data: bytes) -> bool:
 def read_heif(path: Path, data: bytes) -> tuple[Any, tuple[int, float], EmbeddedDepth | None]:
     """Read the Pillow picture, the result of `read_exif`, and the depth (None if absent).
 
-    Picture and depth are upright already.
-
-    Raises
-    ------
-    UsageError
-        pillow-heif is not installed.
-    FileError
-        Damaged, or suspiciously large when decoded.
+    Picture and depth are upright already. Raises `FileError` for a damaged file, and `UsageError`
+    if pillow-heif is not installed.
     """
     try:
         import pillow_heif

@@ -50,13 +50,7 @@ _GUID_BYTES = 32
 
 
 def read_jpeg_depth(path: Path, data: bytes) -> EmbeddedDepth | None:
-    """Depth inside a JPEG; None if there is no supported one.
-
-    Raises
-    ------
-    FileError
-        The file is damaged.
-    """
+    """Depth inside a JPEG; None if there is no supported one."""
     parts = list(_segments(path, data))
     nodes = _metadata(path, parts)
     google = collect_properties(nodes, "GDepth")

@@ -206,30 +206,12 @@ def run_generator(
     display: Display,
     mask: np.ndarray | None = None,
 ) -> tuple[np.ndarray, float, np.ndarray | None]:
-    """Generate an EIA.
+    """Generate the EIA of a linear float32 picture; `mask` is that of the prepared generator.
 
-    Parameters
-    ----------
-    name : str
-        Name of the generator in error messages.
-    rgbd : RGBD
-        Linear float32.
-    mask : (rows, columns) bool, optional
-        Panel pixels that the generator was prepared for.
-
-    Returns
-    -------
-    eia : (rows, columns, 3) float32
-        Linear RGB; values may be not finite.
-    seconds : float
-        Run time.
-    empty : (rows, columns) bool, or None
-        Holes among the panel pixels in the mask; None if the generator does not report them.
-
-    Raises
-    ------
-    UsageError
-        Another package's generator failed, or its result does not fit the display.
+    Returns the EIA, (rows, columns, 3) float32 linear RGB, possibly with values that are not
+    finite; the run time in seconds; and the holes within the mask, (rows, columns) bool, or None if
+    the generator does not report them. Raises `UsageError` if another package's generator fails, or
+    if its result does not fit the display.
     """
     start = time.perf_counter()
     with foreign_errors(name):

@@ -44,23 +44,10 @@ def pick_up_eia(
 ) -> tuple[NoisyImage, float]:
     """Trace the EIA from the scene through every lens centre (Eq. 1); black outside the mask.
 
-    Parameters
-    ----------
-    display : Display
-        A display of pinholes: misaligned for the ground truth, as designed for a method.
-    eia_spp : int
-        Samples per panel pixel, both halves.
-    seed : int
-        Seed of this image; see `seed_of`.
-    mask : (rows, columns) bool, optional
-        Panel pixels to trace; all if None.
-    name : str
-        Name in the report.
-
-    Returns
-    -------
-    eia : NoisyImage
-    seconds : float
+    The display has pinholes: misaligned for the ground truth, as designed for a method. `eia_spp`
+    are the samples per panel pixel of both halves, `seed` is that of the image (`seed_of`), `mask`
+    selects panel pixels, (rows, columns) bool, and `name` is the name in the report. Also returns
+    the time in seconds.
     """
     from inim.render.ground_truth import pickup
 
@@ -128,20 +115,9 @@ def render_view(
 ) -> tuple[NoisyImage, np.ndarray]:
     """Render the scene from a viewpoint through the window of the lens array.
 
-    Parameters
-    ----------
-    view_pixels_per_lens : int, or (down, across)
-        See `inim.render.rays.eye_rays`.
-    view_spp : int
-        Samples per pixel, both halves.
-    seed : int
-        Seed of the run.
-
-    Returns
-    -------
-    view : NoisyImage
-    relic : (rows, columns) bool
-        Pixels of the relic.
+    `view_pixels_per_lens` is explained in `inim.render.rays.eye_rays`; `view_spp` are the samples
+    per pixel of both halves, and `seed` is the run's. Also returns the relic's pixels, (rows,
+    columns) bool.
     """
     from inim.render.ground_truth import true_view
 

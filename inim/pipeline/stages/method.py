@@ -191,12 +191,8 @@ class PickupMethod(Method):
 def parse_methods(algorithms: Sequence[str], eias: Mapping[str, Path]) -> tuple[Method, ...]:
     """Parse the methods of a run: algorithms with options, and finished EIAs by name.
 
-    With finished EIAs, the only algorithm may be "none".
-
-    Raises
-    ------
-    UsageError
-        No method, an unknown or repeated one, or a name that cannot be a file name.
+    With finished EIAs, the only algorithm may be "none". Raises `UsageError` without a method, and
+    for unknown or repeated methods and names that cannot be file names.
     """
     if [*algorithms] == [_NONE] and eias:
         algorithms = ()
