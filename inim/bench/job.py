@@ -32,10 +32,7 @@ _FILES = (_MARKER, "bench.html", "bench.md")
 class BenchRequest:
     """Request for a bench run.
 
-    Attributes
-    ----------
-    validation : Request
-        Validation of the scene; its algorithms are timed, and its display and sampling apply.
+    The validation's algorithms are timed; its display and sampling apply.
     """
 
     validation: Request

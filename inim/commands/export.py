@@ -81,18 +81,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class _Chosen:
-    """EIA to export, with its display.
+    """EIA to export, with the design of its display and the misaligned display.
 
-    Attributes
-    ----------
-    display, misaligned : Display
-        The design, and the misaligned display.
-    distance_mm : float, optional
-        Distance of the eyes.
-    description : str
-        Name of the EIA and the reason of its choice.
-    report : Report, optional
-        Report of the EIA.
+    `distance_mm` is the distance of the eyes, and `description` is the name of the EIA with the
+    reason of its choice.
     """
 
     path: Path

@@ -21,16 +21,10 @@ _Options = Any
 
 
 class Command(NamedTuple):
-    """A command of `inim`.
+    """A command of `inim`: one line of help, and functions.
 
-    Attributes
-    ----------
-    summary : str
-        One line of help.
-    add_arguments : callable
-        Adds arguments to a parser.
-    run : callable
-        Runs the command with the parsed arguments; returns the exit code.
+    `add_arguments` adds arguments to a parser; `run` runs the command with the parsed arguments and
+    returns the exit code.
     """
 
     summary: str

@@ -55,20 +55,10 @@ _STORED_VIEW_BYTES = 12
 class Plan:
     """A request with its scene's settings, after all checks that need no native code.
 
-    Attributes
-    ----------
-    display : Display
-        Display as designed, which generators use.
-    misaligned_display : Display
-        Display with its misalignment, for ground truth and views.
-    methods : tuple of Method
-        Methods to score, in the report's order.
-    ssim_limits : dict of str to float
-        Smallest SSIM to the reference that passes, by method.
-    images_bytes : int
-        Memory of the run's images at peak.
-    rays_in_flight : int
-        Rays that the renderer may trace at once in the remaining memory.
+    `display` is the display as designed, which generators use; `misaligned_display` is for ground
+    truth and views. `ssim_limits` are the smallest SSIM to the reference that pass, by method.
+    `images_bytes` is the peak memory of the run's images, and `rays_in_flight` the number of rays
+    that the renderer may trace at once in the remaining memory.
     """
 
     request: Request

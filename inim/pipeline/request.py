@@ -47,19 +47,10 @@ def option_words(options: Mapping[str, Any]) -> list[str]:
 class Choices:
     """A user's choices of display, viewpoints and algorithms; None: as in the scene.
 
-    Attributes
-    ----------
-    definitions : dict of str to str
-        Settings and scene parameters.
-    display : Display, str or Path, optional
-        A display, a preset's name, or a file with `inim.*` settings; see
-        `inim.scene.file.choose_display`.
-    algorithms : tuple of str, optional
-        Names with options; see `inim.generators.algorithm_items`.
-    viewpoints : tuple of str or Viewpoint, optional
-        See `inim.display.viewpoint.viewpoint_items`.
-    misalign : dict of str to float, optional
-        See `inim.display.misalignment.parse_misalignment`.
+    `definitions` are settings and scene parameters. `display` is a display, a preset's name, or a
+    file with `inim.*` settings. See `inim.scene.file.choose_display`,
+    `inim.generators.algorithm_items`, `inim.display.viewpoint.viewpoint_items` and
+    `inim.display.misalignment.parse_misalignment`.
     """
 
     definitions: Mapping[str, str] = field(default_factory=dict)

@@ -10,16 +10,8 @@ from contextlib import contextmanager
 class Observer:
     """Observes a run and counts; the command line's version also prints and draws a bar.
 
-    Attributes
-    ----------
-    timings : dict of str to float
-        Seconds of each stage.
-    render_seconds : float
-        Spent inside the renderer.
-    samples : int
-        Traced there.
-    started : float
-        Time of its creation, by `time.perf_counter`.
+    `timings` are the seconds of each stage, `render_seconds` and `samples` are counted in the
+    renderer, and `started` is the time of creation by `time.perf_counter`.
     """
 
     def __init__(self) -> None:

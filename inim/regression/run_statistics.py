@@ -43,19 +43,10 @@ _HEADERS = {
 class RunStatistics:
     """Conditions, image statistics, scores and times of a run.
 
-    Attributes
-    ----------
-    conditions : Conditions
-        Must be equal for a comparison.
-    circumstances : Circumstances
-        Versions, samples, seed, machine, date; may differ.
-    scores : mapping of str to mapping of str to ScoreEstimate
-    times : mapping of str to tuple of float
-        `log_ratios` by algorithm; empty without timing.
-    reported : mapping of str to mapping of str to float or None
-        Scores without a verdict, to list their changes.
-    reason, accepted : str
-        Reason and date of acceptance; empty in a candidate.
+    Conditions must be equal for a comparison; circumstances (versions, samples, seed, machine,
+    date) may differ. `times` are `log_ratios` by algorithm, empty without timing; `reported` are
+    scores without a verdict, to list their changes. Only a baseline has the reason and the date of
+    acceptance.
     """
 
     conditions: Conditions

@@ -43,16 +43,10 @@ _LENSES = {False: 32, True: 16}
 
 @dataclass(frozen=True)
 class StressRequest:
-    """Request for a stress run.
+    """Request for a stress run; `quick` runs fewer and smaller cases.
 
-    Attributes
-    ----------
-    algorithms : tuple of str, optional
-        Names with options; default: all.
-    quick : bool
-        Fewer and smaller cases.
-    validation : Request, optional
-        Validation of the scene whose depth is jittered; default: two synthetic spheres.
+    By default, all algorithms are tested. The depth of the validation's scene is jittered; without
+    one, that of two synthetic spheres.
     """
 
     out: Path

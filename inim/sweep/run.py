@@ -26,16 +26,9 @@ from inim.sweep.workers import Progress, check_answers, check_dask, choose_slots
 class SweepPlace:
     """Workers of a sweep, and the folder of its results.
 
-    Attributes
-    ----------
-    scheduler : str, optional
-        Address of a dask scheduler; None: this machine.
-    workers : int, optional
-        Largest number of simultaneous tasks on this machine.
-    threads : int, optional
-        Threads of each worker.
-    allow_folders : tuple of Path
-        Additional folders for the files of all scenes.
+    `scheduler` is the address of a dask scheduler; without one, the sweep runs on this machine,
+    with at most `workers` simultaneous tasks. `threads` are those of each worker. `allow_folders`
+    are additional folders for the files of all scenes.
     """
 
     out: Path
@@ -64,17 +57,7 @@ class SweepRequest:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """Units of a study, and the remaining tasks.
-
-    Attributes
-    ----------
-    results : Results
-        Finished results.
-    units : list of Unit
-        Units in the study's order.
-    tasks : list of SweepTask
-        One for each unit without all its results.
-    """
+    """Units of a study in its order, and a task for each unit without all its results."""
 
     study: Study
     results: Results
@@ -131,16 +114,10 @@ _MISSING = "its worker wrote no result into {}: choose a folder with -o that all
 
 @dataclass(frozen=True)
 class SweepResult:
-    """Result of a sweep.
+    """Result of a sweep: the rows of the table.
 
-    Attributes
-    ----------
-    rows : list of dict
-        Rows of the table.
-    units, computed : int
-        Validations of the study, and the number that this run computed.
-    failed : dict of str to str
-        Error message of each failed unit, by label.
+    `units` is the number of validations of the study, `computed` the number that this run computed,
+    and `failed` the error message of each failed unit, by label.
     """
 
     rows: list[dict[str, Any]]

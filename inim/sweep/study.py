@@ -81,25 +81,11 @@ class NamedDisplay:
 class Study:
     """Combinations of a sweep.
 
-    Attributes
-    ----------
-    path : Path
-        The study's file.
-    scenes : dict of str to Path
-        Scene files by their names in the table.
-    algorithms : tuple of str
-        Algorithms as in a report, with options in the given order.
-    variations : dict of str to dict of str to str
-        All combinations of lens models and settings, by the values that distinguish them.
-    viewpoints : tuple of str or Viewpoint, optional
-        As in a `Request`; default: each scene's own.
-    backend : {"auto", "llvm", "cuda"}
-    time : bool
-        Time the generators in kernel times.
-    keep_reports : bool
-        Keep the whole report of each validation.
-    lazy : bool
-        Generate only the panel pixels that the viewpoints observe. EIAs then have no scores.
+    `scenes` are files by their names in the table; `algorithms` have the names of a report;
+    `variations` are all combinations of lens models and settings, by the values that distinguish
+    them. The viewpoints are those of a `Request`, by default each scene's own. `time`,
+    `keep_reports` and `lazy` are switches: time the generators; keep the report of each validation;
+    generate only the panel pixels that the viewpoints observe, so that EIAs have no scores.
     """
 
     path: Path

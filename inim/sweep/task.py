@@ -88,23 +88,10 @@ _ATTEMPTS = 2
 class SweepTask:
     """Remaining work of a unit; sent between processes and machines.
 
-    Attributes
-    ----------
-    unit : str
-        The unit's hash.
-    label : str
-        Label on the screen.
-    request : Request
-        Request for the remaining algorithms. Its `out` is the sweep's folder, and all paths are
-        absolute.
-    key : dict
-        The unit's key; the worker's key must be equal.
-    threads : int, optional
-        None uses all threads.
-    memory_bytes : int
-        Planned memory of its images and the renderer.
-    debug : bool
-        Let the worker print the traceback of an internal error.
+    `unit` is the hash of the unit, `label` its label on the screen, and `key` its key, which the
+    worker's key must equal. The request is for the remaining algorithms; its `out` is the sweep's
+    folder, and all paths are absolute. Without `threads`, the worker uses all. `memory_bytes` is
+    the planned memory of its images and the renderer.
     """
 
     unit: str

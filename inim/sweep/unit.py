@@ -49,20 +49,9 @@ _HASH_DIGITS = 16
 class Unit:
     """One validation of a study.
 
-    Attributes
-    ----------
-    scene, display : str
-        Names in the table.
-    variation : str
-        Values of the settings that vary; empty if none do.
-    request : Request
-        Request with all algorithms of the study; its `out` is unused.
-    plan : Plan, optional
-        None if the unit cannot be validated.
-    hash : str
-        Hash of the key; empty without a plan.
-    error : str
-        One-line reason if the unit cannot be validated, otherwise empty.
+    `scene` and `display` are names in the table; `variation` contains the values of the settings
+    that vary. The request has all algorithms of the study; its `out` is unused. A unit that cannot
+    be validated has a one-line `error`, no plan, and an empty `hash` of its key.
     """
 
     scene: str

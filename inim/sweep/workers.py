@@ -65,12 +65,7 @@ _ENDED = threading.Event()
 class Progress:
     """Progress of a sweep: a line for each finished task, and a bar on a terminal.
 
-    Parameters
-    ----------
-    total : int
-        Number of tasks.
-    quiet : bool
-        Print neither lines nor a bar.
+    With `quiet`, there are neither lines nor a bar.
     """
 
     def __init__(self, total: int, *, quiet: bool = False) -> None:

@@ -36,17 +36,10 @@ _ALIGNED = "aligned"
 class ToleranceRequest:
     """Request for a tolerance run.
 
-    Attributes
-    ----------
-    validation : Request
-        A validation of the scene on the nominal display. Its single algorithm provides the EIA. The
-        default is the ray-traced EIA, so that the misalignment alone causes the loss.
-    study : Path, optional
-        Distributions of the errors; see `inim.tolerate.study`.
-    criterion : float
-        Largest tolerated loss of score relative to the aligned display.
-    calibration : Path, optional
-        `calibration.json` whose accuracy is compared with the tolerances.
+    The validation is that of the scene on the nominal display. Its single algorithm provides the
+    EIA; the default is the ray-traced EIA, so that the misalignment alone causes the loss. `study`
+    contains the distributions of the errors, and `criterion` is the largest tolerated loss of score
+    relative to the aligned display. The accuracy of `calibration` is compared with the tolerances.
     """
 
     validation: Request

@@ -56,16 +56,9 @@ class Spread:
 class ToleranceStudy:
     """Design of the random draws.
 
-    Attributes
-    ----------
-    spreads : dict of str to Spread
-        Distribution by parameter; the other parameters are exact.
-    alone : int
-        Draws per parameter, with all others exact.
-    together : int
-        Displays with all errors at once.
-    reach : float
-        Range of a parameter's single draws in multiples of its spread, on either side.
+    `spreads` are distributions by parameter; other parameters are exact. `alone` is the number of
+    draws per parameter, within `reach` times its spread on either side; `together` is the number of
+    displays with all errors at once.
     """
 
     spreads: Mapping[str, Spread]

@@ -32,12 +32,7 @@ _REDRAW_S = 1.0
 class ConsoleObserver(Observer):
     """Prints result lines and draws a bar that counts stages; the bar only on a terminal.
 
-    Parameters
-    ----------
-    quiet : bool
-        Neither lines nor bar.
-    on_stage : callable
-        Called with each stage's name.
+    With `quiet`, there are neither lines nor a bar. `on_stage` receives each stage's name.
     """
 
     def __init__(self, quiet: bool, on_stage: Callable[[str], None]) -> None:
@@ -107,18 +102,9 @@ RunJob = Callable[[Any, Path, Observer], bool]
 class Job:
     """Job of a worker.
 
-    Attributes
-    ----------
-    request : object
-        Anything that can be pickled.
-    staging : Path
-        Folder to build the result in.
-    variables : dict of str to str
-        Of the environment: the backend's.
-    quiet : bool
-        No result lines on stdout and no progress bar on stderr.
-    debug : bool
-        Print the traceback of an internal error.
+    The request is any object that can be pickled; the result is built in the folder `staging`.
+    `variables` are environment variables of the backend. `quiet` suppresses result lines and the
+    progress bar; `debug` prints the traceback of an internal error.
     """
 
     request: Any

@@ -49,16 +49,9 @@ _RAY_WARNING = "a photograph's depth along the ray was interpreted as depth alon
 class Coding:
     """Mapping from the codes of a depth image to distances.
 
-    Attributes
-    ----------
-    inverse : bool
-        True if the codes quantise the inverse of the distance.
-    first, last : float
-        Quantity at code 0 and at the largest code.
-    unit_mm : float
-        Millimetres per unit of distance; 0 if the file has no reliable unit.
-    description : str
-        Format and scale.
+    `first` and `last` are the quantity at code 0 and at the largest code: the distance, or with
+    `inverse` its inverse. `unit_mm` is 0 if the file has no reliable unit. `description` is the
+    format and scale.
     """
 
     inverse: bool

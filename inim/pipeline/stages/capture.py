@@ -52,7 +52,7 @@ class Layers:
     """All layers as two half images, with the shares left out (`inim.render.depth_peeling`).
 
     `covered_shares` are the shares of the pixels covered by the first solid, by the second, and so
-    on.
+    on. No ray of the display meets the `hidden_share` of the hidden layers.
     """
 
     halves: tuple[LayeredRGBD, LayeredRGBD]
@@ -66,17 +66,9 @@ class Layers:
 class Capture:
     """Input of the methods.
 
-    Attributes
-    ----------
-    halves : (RGBD, RGBD)
-        Half images with independent colour samples and the same depth.
-    layered : LayeredRGBD, optional
-        Includes the layers behind the front surface; None if no method reads them.
-    layered_halves : (LayeredRGBD, LayeredRGBD) or ()
-    covered_shares : tuple of float
-        See `Layers`.
-    hidden_share : float
-        Share of the hidden layers that no ray of the display meets; they are left out.
+    The half images have independent colour samples and the same depth. `layered` includes the
+    layers behind the front surface; it is None, and `layered_halves` empty, if no method reads
+    them. `covered_shares` and `hidden_share` are those of `Layers`.
     """
 
     camera: DepthCamera

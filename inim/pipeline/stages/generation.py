@@ -44,17 +44,9 @@ class ReferenceOutput:
 class GeneratedEIA:
     """Output of a method.
 
-    Attributes
-    ----------
-    eia : NoisyImage
-        Its noise is half the difference of the EIAs of the input's half images. Values may be not
-        finite.
-    seconds : float or None
-        Run time; None if it was not measured.
-    hole_fraction : float or None
-        Share of the lensed panel pixels that are holes; None if unknown.
-    reference_output : ReferenceOutput, optional
-        Only for a generator that generates whole EIAs.
+    The noise of the EIA is half the difference of the EIAs of the input's half images; its values
+    may be not finite. `seconds` and `hole_fraction`, the share of the lensed panel pixels that are
+    holes, are None if unknown. Only generators of whole EIAs have a reference output.
     """
 
     eia: NoisyImage

@@ -75,14 +75,8 @@ class MethodSetup:
 class Method:
     """A source of an EIA to score; it can be pickled.
 
-    Attributes
-    ----------
-    name : str
-        Name in the report and its files: the algorithm with its options.
-    verb : str
-        First word of its stage's name.
-    is_timed : bool
-        True for generators, which the run can time.
+    `name` is the name in the report and its files: the algorithm with its options. `verb` is the
+    first word of its stage's name. The run can time a method with `is_timed`: a generator.
     """
 
     name: str
@@ -165,10 +159,7 @@ class FileMethod(Method):
 class PickupMethod(Method):
     """Ray tracing of the scene through every lens centre: the ground truth as an algorithm.
 
-    Attributes
-    ----------
-    spp : int
-        Samples per panel pixel; 0: same as the ground truth.
+    `spp` are the samples per panel pixel; 0: as many as the ground truth.
     """
 
     spp: int = 0

@@ -22,16 +22,9 @@ from inim.pipeline.stages.stage import RENDERING, Run, stage
 class Optics:
     """Optical settings for reconstructed views.
 
-    Attributes
-    ----------
-    display : Display
-        Display with its misalignment.
-    view_pixels_per_lens : int, or (down, across)
-        See `inim.render.rays.eye_rays`.
-    reconstruction_spp : int
-        Samples per view pixel, both halves.
-    seed : int
-        Seed of the run; the same for all EIAs, so that equal EIAs have equal views.
+    The display includes its misalignment. `view_pixels_per_lens`, a number or (down, across), is
+    explained in `inim.render.rays.eye_rays`. `reconstruction_spp` are the samples per view pixel of
+    both halves. The seed is the same for all EIAs, so that equal EIAs have equal views.
     """
 
     display: Display

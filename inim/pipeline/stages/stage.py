@@ -33,14 +33,8 @@ _CACHED: _Step = ("read from the cache", "all of it", "its inputs and code are u
 class Code:
     """Code that affects a result: a change makes cached results invalid.
 
-    Attributes
-    ----------
-    paths : tuple of str
-        Files and folders of the package.
-    packages : tuple of str
-        Distributions whose versions count.
-    plugins : callable, optional
-        Returns the identities of other packages' plugins.
+    `paths` are files and folders of the package, `packages` are distributions whose versions count,
+    and `plugins` returns the identities of other packages' plugins.
     """
 
     paths: tuple[str, ...]
