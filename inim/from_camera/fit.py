@@ -149,8 +149,6 @@ def map_depth(name: str, values: DepthValues, ends: tuple[float, float], to: Dis
         `reciprocal` for depths that are not distances, or for a display whose CDP is behind the
         array; `printed` for a flat picture or a focused display.
     """
-    if name not in DEPTH_MAPS:
-        raise UsageError(f"--depth-map {name}: use {' or '.join(DEPTH_MAPS)}")
     low, high = to.depth_range_mm
     near, far = ends
     if name == "reciprocal":
@@ -316,9 +314,7 @@ def fit_picture(
     """
     rows, columns = values.depth.shape
     size = display.width_mm, display.height_mm
-    larger = {"contain": min, "cover": max}.get(fit)
-    if larger is None:
-        raise UsageError(f"--fit {fit}: use {' or '.join(FITS)}")
+    larger = {"contain": min, "cover": max}[fit]
     if camera is None:
         frame_at = None
         scale = larger(size[0] / columns, size[1] / rows)
@@ -340,9 +336,11 @@ def fit_picture(
         share = max_slope * coarseness / min(camera.fx, camera.fy)
         tolerance, share = 0.0, max(share, 1.5 * values.inverse_step * depth_map.far)
     inverse = camera is not None or depth_map.is_reciprocal
+    with np.errstate(divide="ignore"):
+        q: NDArray[np.float32] = np.float32(1) / values.depth if inverse else values.depth
     ends = [1 / d if inverse else d for d in (depth_map.near, depth_map.far)]
     tiles = CameraTiles(
-        q=_inverse(values.depth) if inverse else values.depth,
+        q=q,
         q_low=min(ends),
         q_high=max(ends),
         perspective=camera is not None,
@@ -382,12 +380,6 @@ def _check_distances(values: DepthValues) -> None:
             f"--intrinsics: unprojection needs distances above 0, and there is a depth of "
             f"{least:g}; use --orthographic, or --missing {least:g} if it means no depth"
         )
-
-
-def _inverse(depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    with np.errstate(divide="ignore"):
-        inverse: NDArray[np.float32] = np.float32(1) / depth
-    return inverse
 
 
 def _tolerance(values: DepthValues, depth_map: DepthMap, step_mm: float) -> float:

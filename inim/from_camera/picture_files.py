@@ -1,8 +1,8 @@
-"""The colour and the depth picture of a camera, as they are stored.
+"""Reading of a camera's colour and depth picture.
 
-Sixteen-bit depth is the usual, and its byte order the usual accident: a reader that takes the two
-bytes the other way round turns 2047 into 65287. Surfaces are smooth, so in the right order most
-neighbours differ by little, and in the wrong one by multiples of 256.
+Depth often has 16 bits, and some files have the wrong byte order, which turns 2047 into 65287.
+Surfaces are smooth: in the right order most neighbours differ by little, in the wrong order by
+multiples of 256.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ _PICTURES = {
     ".jpg": ("JPEG",),
     ".jpeg": ("JPEG",),
 }
-# Of an EXR, the first of these: as this program, renderers and depth estimators call it.
+# Names of the depth channel of an EXR in this program, renderers and depth estimators, by priority.
 _CHANNELS = ("Z", "Y", "V", "depth.Z", "Depth.Z", "depth.V", "Depth.V", "R")
 _MOST_PIXELS = 2**28
-# Colour channels of a grey picture saved as colour agree; those of a false-colour one do not.
+# Largest difference between the colour channels of a grey picture.
 _MOST_CHANNEL_DIFFERENCE = 2
-# Swapped bytes raise the differences of neighbours by far more; noise does by less.
+# Swapped bytes increase the differences of neighbours by more than this factor, noise by less.
 _SMOOTHER = 4.0
 _ROWS_LOOKED_AT = 512
-# No depth in any unit lies outside; swapped bytes of a float do.
+# Range of depths in any unit; swapped bytes of a float give values outside.
 _PLAUSIBLE_FLOATS = (1e-12, 1e15)
 
 
@@ -71,7 +71,7 @@ def read_color(path: Path) -> NDArray[np.uint8] | NDArray[np.float32]:
     if is_exr(path):
         linear = read_exr(path)
         if not np.isfinite(linear).all():
-            raise FileError(f"{path}: holds colours that are not finite; save it anew")
+            raise FileError(f"{path}: has colours that are not finite; save it again")
         return np.broadcast_to(linear, (*linear.shape[:2], 3)) if linear.shape[2] == 1 else linear
     return _decoded_color(path)
 
@@ -81,7 +81,7 @@ def _decoded_color(path: Path) -> NDArray[np.uint8]:
 
     with open_picture(path, _COLOR_FORMATS, 1, _NO_COLOR) as picture:
         upright = convert_to_srgb(ImageOps.exif_transpose(picture), path)
-        if upright.mode.startswith("I"):  # Pillow would cut 16 bits off at 255
+        if upright.mode.startswith("I"):  # Pillow would clip 16 bits to 255
             grey = np.asarray(upright, np.float32) / _CODES_OF_16_BITS
             codes = np.rint(np.clip(grey, 0, 255)).astype(np.uint8)
             return np.repeat(codes[..., None], 3, axis=-1)
@@ -116,14 +116,9 @@ def convert_to_srgb(picture: Any, path: Path) -> Any:
 
 @dataclass(frozen=True)
 class DepthFile:
-    """Numbers of a depth picture.
+    """Numbers of a depth picture as stored, (H, W) float32, row 0 on top.
 
-    Attributes
-    ----------
-    values : (H, W) float32
-        As stored, row 0 on top; anything at all where there is none.
-    largest : int or None
-        The largest number its kind of whole numbers can hold; None for floats.
+    `largest` is the largest number of their integer type; None for floats.
     """
 
     values: NDArray[np.float32]
@@ -154,7 +149,12 @@ def read_depth(path: Path, *, swap_bytes: bool = False) -> DepthFile:
             f"{path}: a depth picture is a .png, .pgm, .tif, .exr, .pfm or .npy; save it as one"
         )
     check_file(path)
-    stored = readers[suffix](path) if suffix in readers else _decoded_depth(path)
+    if suffix in readers:
+        stored = readers[suffix](path)
+    else:
+        formats = _PICTURES[suffix]
+        with open_picture(path, formats, 4) as picture:
+            stored = depth_numbers(picture, path, wide=formats == ("TIFF",))
     if stored.ndim == 3 and stored.shape[2] == 1:
         stored = stored[..., 0]
     if stored.ndim != 2 or stored.size == 0:
@@ -172,14 +172,8 @@ def read_depth(path: Path, *, swap_bytes: bool = False) -> DepthFile:
         stored = stored.byteswap()
     _check_byte_order(path, stored, swap_bytes)
     largest = int(np.iinfo(stored.dtype).max) if stored.dtype.kind in "ui" else None
-    with np.errstate(over="ignore"):  # becomes infinite, and infinite is missing
+    with np.errstate(over="ignore"):  # infinite values are missing
         return DepthFile(np.ascontiguousarray(stored, np.float32), largest)
-
-
-def _decoded_depth(path: Path) -> np.ndarray:
-    formats = _PICTURES[path.suffix.lower()]
-    with open_picture(path, formats, 4) as picture:
-        return depth_numbers(picture, path, wide=formats == ("TIFF",))
 
 
 def depth_numbers(picture: Any, path: Path, *, wide: bool = False) -> np.ndarray:
@@ -188,7 +182,7 @@ def depth_numbers(picture: Any, path: Path, *, wide: bool = False) -> np.ndarray
     Raises `FileError` for a coloured picture or one with a palette.
     """
     if picture.mode == "P":
-        raise FileError(f"{path}: holds numbers of a palette, not depths; save it as grey")
+        raise FileError(f"{path}: has a colour palette instead of depths; save it as grey")
     pixels = np.asarray(picture)
     if pixels.ndim == 3:
         pixels = _grey(path, pixels)
@@ -213,7 +207,7 @@ def _grey(path: Path, pixels: np.ndarray) -> np.ndarray:
 def _read_exr(path: Path) -> np.ndarray:
     channels = read_exr_channels(path)
     for name in _CHANNELS:
-        # Red is depth only where a picture has nothing but colours, all alike.
+        # Red is depth only in a picture with nothing but equal colour channels.
         if name in channels and (name != "R" or set(channels) <= set("RGBA")):
             return channels[name]
     raise FileError(
@@ -232,9 +226,9 @@ def _read_npy(path: Path) -> np.ndarray:
         if not isinstance(array, np.ndarray):
             raise ValueError("several arrays")
         return np.array(array, array.dtype.newbyteorder("="))
-    except Exception as error:  # of any kind: its header is read as Python
+    except Exception as error:  # of any type: NumPy reads the header as Python
         cause = str(error).partition("\n")[0]
-        raise FileError(f"{path}: not a readable .npy array ({cause}); save it anew") from error
+        raise FileError(f"{path}: not a readable .npy array ({cause}); save it again") from error
 
 
 def _check_byte_order(path: Path, stored: np.ndarray, swapped: bool) -> None:
@@ -244,27 +238,27 @@ def _check_byte_order(path: Path, stored: np.ndarray, swapped: bool) -> None:
         if not _PLAUSIBLE_FLOATS[0] < middle < _PLAUSIBLE_FLOATS[1]:
             raise FileError(
                 f"{path}: half of its values are about {middle:.3g}, as when the bytes of floats "
-                "are in the wrong order; save it anew (a PFM's byte order is the sign of its scale)"
+                "are in the wrong order; save it again (PFM: the sign of its scale)"
             )
         return
     if stored.dtype.itemsize != 2 or stored.shape[1] < 2:
         return
     rows = stored[:: max(1, len(stored) // _ROWS_LOOKED_AT)]
-    if not (rows & 0xFF).any():  # eight bits, shifted up: either order makes a smooth picture
+    if not (rows & 0xFF).any():  # shifted 8-bit values are smooth in both orders
         return
     as_is, other = _roughness(rows), _roughness(rows.byteswap())
     if as_is > _SMOOTHER * other:
         first = int(rows[rows != 0][0])
-        way_out = "leave out --swap-bytes" if swapped else "say --swap-bytes, or save it anew"
+        remedy = "leave out --swap-bytes" if swapped else "add --swap-bytes, or save it again"
         raise FileError(
-            f"{path}: its 16-bit values look byte-swapped ({first} where "
-            f"{int(np.uint16(first).byteswap())} is meant): neighbours differ by {as_is:.4g} as "
-            f"read and by {other:.4g} the other way round; {way_out}"
+            f"{path}: its 16-bit values look byte-swapped ({first} instead of "
+            f"{int(np.uint16(first).byteswap())}): neighbours differ by {as_is:.4g} as read and "
+            f"by {other:.4g} in the other byte order; {remedy}"
         )
 
 
 def _roughness(values: np.ndarray) -> float:
-    """Mean difference of neighbours in a row, of pixels that have a value."""
+    """Mean difference between valid neighbours in a row."""
     left, right = values[:, :-1], values[:, 1:]
     is_valid_pair = (left != 0) & (right != 0)
     if not is_valid_pair.any():

@@ -1,4 +1,4 @@
-"""SIGINT, SIGTERM and SIGHUP as exceptions, and blocks that they must not cut in two."""
+"""SIGINT, SIGTERM and SIGHUP as exceptions, and blocks that they do not interrupt."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import NoReturn
 
-_NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # the last is that of a terminal that closes
+_NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # the last when a terminal closes
 _received: list[int] = []
 _SIGNALS = [getattr(signal, name) for name in _NAMES if hasattr(signal, name)]
 
@@ -23,7 +23,7 @@ def raise_interrupts() -> None:
 
 
 def ignore_interrupts() -> None:
-    """Ignore these signals from now on: the outcome is printed."""
+    """Ignore these signals after the outcome was printed."""
     _set_handlers(signal.SIG_IGN)
 
 
@@ -39,7 +39,7 @@ def _raise(number: int, _: object) -> NoReturn:
 
 
 def raise_again() -> None:
-    """Raise the last interrupt again: an import that it cut short may have replaced it."""
+    """Raise the last interrupt again, which an interrupted import may have replaced."""
     if _received:
         raise KeyboardInterrupt(_received[-1])
 

@@ -1,4 +1,4 @@
-"""Facts about this machine: its processor, memory, linker's cache and user's folders."""
+"""Properties of this machine: processor, memory, the linker's cache and the user's folders."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ def memory_limit_bytes() -> int:
 
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     limits = [_number_in(path) for path in _limit_files(Path("/proc/self/cgroup"))]
-    # What `ulimit -v` sets: addresses, of which a renderer takes more than it fills.
+    # `ulimit -v` limits addresses, of which a renderer reserves more than it uses.
     addresses = resource.getrlimit(resource.RLIMIT_AS)[0]
     limits.append(None if addresses == resource.RLIM_INFINITY else addresses)
     return min([total, *(limit for limit in limits if limit)])
 
 
 def peak_bytes(*, of_children: bool = False) -> int:
-    """The most memory that this process, or one of its ended children, ever filled [bytes]."""
+    """Peak memory of this process, or of one of its ended children [bytes]."""
     import resource
 
     scope = resource.RUSAGE_CHILDREN if of_children else resource.RUSAGE_SELF
@@ -64,7 +64,7 @@ def peak_bytes(*, of_children: bool = False) -> int:
 
 
 def _limit_files(membership: Path, root: Path = Path("/sys/fs/cgroup")) -> Iterator[Path]:
-    """The limits of this process's control group and of each group above it."""
+    """Files with the memory limits of this process's control group and of its parents."""
     try:
         lines = membership.read_text().splitlines()
     except OSError:
@@ -104,7 +104,7 @@ def linker_cache(name: bytes) -> list[str]:
 
 
 def user_cache_folder() -> Path | None:
-    """The user's cache folder for inim; None where the user has no home."""
+    """Cache folder for inim; None if the user has no home folder."""
     named = Path(os.environ.get("XDG_CACHE_HOME", ""))
     if named.is_absolute():
         return named / "inim"

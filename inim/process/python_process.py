@@ -22,20 +22,20 @@ if TYPE_CHECKING:
     import subprocess
 
 
-# A worker that moves its results is waited for as long.
+# Time for a worker to finish moving its results.
 _PATIENCE_S = 10.0
 _HAS_SAFE_PATH = sys.version_info >= (3, 11)
 
 
 def python_code(code: str, *arguments: str) -> list[str]:
-    """The command that runs some code; `arguments` are its ``sys.argv[1:]``."""
+    """Command that runs some code; `arguments` are its ``sys.argv[1:]``."""
     if _HAS_SAFE_PATH:
         return [sys.executable, "-P", "-c", code, *arguments]
     return [sys.executable, "-c", f"import sys; del sys.path[0]\n{code}", *arguments]
 
 
 def python_module(module: str, *arguments: str) -> list[str]:
-    """The command that runs a module as a program."""
+    """Command that runs a module as a program."""
     if _HAS_SAFE_PATH:
         return [sys.executable, "-P", "-m", module, *arguments]
     run = f"import runpy; runpy.run_module({module!r}, run_name='__main__', alter_sys=True)"
@@ -43,11 +43,11 @@ def python_module(module: str, *arguments: str) -> list[str]:
 
 
 def child_environment() -> dict[str, str]:
-    """Variables for a child; with the package's own place, where it would be found by no other."""
+    """Environment variables for a child, with the package's folder if it is not found otherwise."""
     home = Path(inim.__file__).resolve().parents[1]
     try:
         here = Path.cwd()
-    except OSError:  # it was deleted
+    except OSError:  # the current folder was deleted
         here = None
     elsewhere = [place for place in sys.path if place and Path(place).resolve() != here]
     spec = PathFinder.find_spec("inim", elsewhere)
@@ -58,7 +58,7 @@ def child_environment() -> dict[str, str]:
 
 
 def exit_with_parent() -> None:
-    """End this process as soon as its parent has ended: the parent holds the stdin open."""
+    """End this process as soon as its parent has ended and thereby closed its stdin."""
     threading.Thread(target=_wait_for_parent, daemon=True).start()
 
 
@@ -80,8 +80,8 @@ def end_process(process: subprocess.Popen[Any]) -> None:
         process.wait()
 
 
-#: As both packages ask for them: by `os.path.exists` of the bare name. numba's can name a folder
-#: whose compiled kernels are executed; matplotlib's changes pictures, and a FIFO would hang.
+# numba and matplotlib look for these names with `os.path.exists`. numba's file can name a folder
+# whose compiled kernels are executed; matplotlib's changes figures, and a FIFO would hang.
 _NAMES = (".numba_config.yaml", "matplotlibrc")
 
 

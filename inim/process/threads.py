@@ -1,4 +1,4 @@
-"""Calls in threads: most of the work is in libraries that let other threads run."""
+"""Calls in threads, for libraries that release the interpreter lock."""
 
 from __future__ import annotations
 
@@ -10,26 +10,26 @@ from typing import Any, TypeVar
 
 from inim.process.machine import cpu_count
 
-_Found = TypeVar("_Found")
+_Result = TypeVar("_Result")
 #: Starts a call, `submit(function, *arguments)`; its result is that of the `Future` it returns.
 Submit = Callable[..., "Future[Any]"]
 
 
 @contextmanager
 def threads(most: int | None = None) -> Iterator[Submit]:
-    """Threads, one per processor but no more than `most`; the block ends when all calls have.
+    """Threads, one per processor but at most `most`; the block waits for all calls.
 
-    Where that leaves one, there is none: calls are made as they are submitted, never two at once.
-    A call must not submit others: threads that wait for one another would wait for ever.
+    With a single thread, calls run when they are submitted. A call must not submit others, because
+    threads that wait for each other would never end.
     """
     count = cpu_count() if most is None else min(cpu_count(), most)
     if count < 2:
-        yield _now
+        yield _run_now
         return
     pool = _pool(count)
     pending: list[Future[Any]] = []
 
-    def submit(function: Callable[..., _Found], *arguments: Any, **named: Any) -> Future[_Found]:
+    def submit(function: Callable[..., _Result], *arguments: Any, **named: Any) -> Future[_Result]:
         future = pool.submit(function, *arguments, **named)
         pending.append(future)
         return future
@@ -48,7 +48,7 @@ def _pool(count: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(count, "inim")
 
 
-def _now(function: Callable[..., _Found], *arguments: Any, **named: Any) -> Future[_Found]:
-    future: Future[_Found] = Future()
+def _run_now(function: Callable[..., _Result], *arguments: Any, **named: Any) -> Future[_Result]:
+    future: Future[_Result] = Future()
     future.set_result(function(*arguments, **named))
     return future

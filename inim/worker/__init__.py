@@ -1,8 +1,4 @@
-"""One supervised worker process per job: the channel, and output folders.
-
-They need POSIX: locks that end with their process, folders opened without
-following links, memory limits. On other systems a one-line error is raised.
-"""
+"""One supervised worker process per job, and output folders; they need POSIX locks and limits."""
 
 from inim.errors import BackendError
 

@@ -1,6 +1,6 @@
-"""Output folders that appear whole or not at all.
+"""Output folders that appear complete or not at all.
 
-A result is built in a hidden folder next to its place, and then moved there. A list of its files
+A result is built in a hidden folder next to its final folder, and then moved. A list of its files
 marks an output folder: a later run replaces and deletes the files in that list, and no others.
 """
 
@@ -41,12 +41,12 @@ def hidden_folder(out: Path) -> Iterator[Path]:
         out.parent.mkdir(parents=True, exist_ok=True)
         with _locked(out.parent):
             for path in out.parent.glob(f"{glob.escape(prefix)}*.partial"):
-                # The lock of a living process on its folder ends the block.
+                # The folder of a running process is locked.
                 with suppress(OSError), _locked(path, fcntl.LOCK_EX | fcntl.LOCK_NB):
                     shutil.rmtree(path, ignore_errors=True)
             folder = Path(tempfile.mkdtemp(prefix=prefix, suffix=".partial", dir=out.parent))
             descriptor = os.open(folder, os.O_RDONLY)
-            with suppress(OSError):  # a file system without locks: nothing is removed there
+            with suppress(OSError):  # a file system without locks
                 fcntl.flock(descriptor, fcntl.LOCK_SH)
     try:
         yield folder
@@ -133,7 +133,7 @@ def _write_list(staging: Path, out: Path, marker: str, names: Collection[str]) -
 
 
 def _read_list(out: Path, marker: str) -> set[str]:
-    """Names of the files that earlier runs moved into `out`, without those that lead outside."""
+    """Names of the files that earlier runs moved into `out`, without paths outside it."""
     path = out / list_name(marker)
     if not os.path.lexists(path):
         return set()
@@ -149,7 +149,7 @@ def _read_list(out: Path, marker: str) -> set[str]:
 
 
 def _check_replaceable(out: Path, name: str, listed: Collection[str]) -> None:
-    """Raise a `FileError` if a link or a file of other origin is where a file is to be moved."""
+    """Raise a `FileError` if a link or a file of other origin is at the target of a file."""
     place = out
     for part in Path(name).parts:
         place /= part
@@ -163,8 +163,8 @@ def _check_replaceable(out: Path, name: str, listed: Collection[str]) -> None:
 
 def _in_the_way(path: Path) -> FileError:
     return FileError(
-        f"{path}: is in the way, and not what an earlier run has put there; remove it, or choose "
-        "another folder with -o"
+        f"{path}: is in the way, and not from an earlier run; remove it, or choose another folder "
+        "with -o"
     )
 
 
@@ -174,7 +174,7 @@ def _file_errors(out: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise FileError(
-            f"{out}: cannot be written ({error.strerror}); choose another place with -o"
+            f"{out}: cannot be written ({error.strerror}); choose another folder with -o"
         ) from None
 
 

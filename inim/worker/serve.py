@@ -131,7 +131,11 @@ def answer(job: Job, channel: Any, run_job: RunJob) -> None:
             traceback.print_exception(error.__cause__)
         send({"error": type(error).__name__, "message": str(error)})
     except MemoryError:
-        send({"error": "OutOfMemoryError", "message": _out_of_memory()})
+        message = (
+            f"out of memory with {backends.peak_bytes() / 2**30:.1f} GiB in use of "
+            f"{backends.memory_limit_bytes() / 2**30:.1f} GiB; use a display with fewer pixels"
+        )
+        send({"error": "OutOfMemoryError", "message": message})
     except Exception as error:
         if job.debug:
             raise
@@ -141,15 +145,6 @@ def answer(job: Job, channel: Any, run_job: RunJob) -> None:
             "run again with --debug for the traceback, and report it"
         )
         send({"error": type(missing).__name__, "message": str(missing)})
-
-
-def _out_of_memory() -> str:
-    peak = backends.peak_bytes()
-    limit = backends.memory_limit_bytes()
-    return (
-        f"out of memory with {peak / 2**30:.1f} GiB in use of {limit / 2**30:.1f} GiB; use a "
-        "display with fewer pixels"
-    )
 
 
 def _run_with_retry(job: Job, observer: Observer, run_job: RunJob) -> bool:
@@ -169,15 +164,13 @@ def _run_with_retry(job: Job, observer: Observer, run_job: RunJob) -> bool:
     return run_job(job.request, job.staging, observer)
 
 
-class _Patient(io.StringIO):
-    """Standard output that tolerates a closed reader or a full disk, because the report matters
-    more.
-    """
+class _TolerantOutput(io.StringIO):
+    """Standard output that ignores a closed reader or a full disk."""
 
     def __init__(self, stream: Any) -> None:
         super().__init__()
         self._stream = stream
-        if isinstance(stream, io.TextIOWrapper):  # a name must not fail for its encoding
+        if isinstance(stream, io.TextIOWrapper):  # a file name may be impossible to encode
             stream.reconfigure(errors="backslashreplace")
 
     def write(self, text: str) -> int:
@@ -187,15 +180,15 @@ class _Patient(io.StringIO):
         return len(text)
 
 
-class _OwnWords:
-    """A stderr without Dr.Jit's remarks, such as one on a missing home folder."""
+class _FilteredErrors:
+    """Standard error without messages of Dr.Jit, such as that of a missing home folder."""
 
     def __init__(self, stream: Any) -> None:
         self._stream = stream
         self._dropping = False
 
     def write(self, text: str) -> int:
-        # The line's end may come by itself.
+        # The end of the line may be written separately.
         self._dropping = text.startswith("jit_") or (self._dropping and text == "\n")
         return len(text) if self._dropping else int(self._stream.write(text))
 
@@ -205,19 +198,19 @@ class _OwnWords:
 
 def serve(job: Job, channel: int, run_job: RunJob) -> None:
     """Entry point of the worker: run the job under an observer, printing results only."""
-    os.environ.update(job.variables)  # this process has begun before they were known
+    os.environ.update(job.variables)  # chosen after this process started
     exit_with_parent()
-    sys.stdout = _Patient(sys.stdout)
+    sys.stdout = _TolerantOutput(sys.stdout)
     if not job.debug:
-        # What libraries mutter would break the one-line promise; our own stderr stays.
+        # Libraries must not write to stderr, where an error is a single line.
         warnings.simplefilter("ignore")
         logging.getLogger().addHandler(logging.NullHandler())
         own = os.fdopen(os.dup(2), "w", errors="backslashreplace", buffering=1)
-        sys.stderr = _OwnWords(own)
+        sys.stderr = _FilteredErrors(own)
         silence = os.open(os.devnull, os.O_WRONLY)
         os.dup2(silence, 2)
         os.close(silence)
-    # What a supervisor that died has not read is written once more when the channel closes.
+    # Closing the channel of a supervisor that ended writes unread messages again.
     with (
         contextlib.suppress(BrokenPipeError),
         os.fdopen(channel, "w", encoding="utf-8") as outcome_channel,

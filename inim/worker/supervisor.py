@@ -30,7 +30,7 @@ from inim.worker.serve import Job
 
 OnStart = Callable[["subprocess.Popen[bytes]"], object]
 
-# A worker that died while holding this share of the memory died of it.
+# A crash with this share of the memory in use is attributed to lack of memory.
 _MEMORY_SHARE = 0.8
 _ERRORS = {
     cls.__name__: cls
@@ -105,7 +105,7 @@ def run_in_worker(
     finally:
         end_process(process)
         messages.close()
-        with contextlib.suppress(OSError):  # of a job that was never read
+        with contextlib.suppress(OSError):  # the job was never read
             _stdin(process).close()
 
 
@@ -121,8 +121,8 @@ def _start_worker(
 ) -> tuple[subprocess.Popen[bytes], IO[str]]:
     """Start a worker; return the process and its stream of messages."""
     read_end, write_end = os.pipe()
-    # A terminal sends SIGINT to all processes. A child has its parent's mask from its first
-    # instruction on; Python's own start would answer with a traceback.
+    # A terminal sends SIGINT to all processes, and Python would print a traceback while it starts.
+    # A child inherits the mask of its parent.
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         process = subprocess.Popen(
@@ -145,7 +145,7 @@ def _stdin(process: subprocess.Popen[bytes]) -> IO[bytes]:
 def _carry_out(process: subprocess.Popen[bytes], messages: IO[str], job: Job) -> dict[str, Any]:
     """Send a worker its job and wait for its last message; raises an `InimError` if it crashed."""
     message: dict[str, Any] = {"stage": "start"}
-    with contextlib.suppress(OSError):  # it has died already
+    with contextlib.suppress(OSError):  # it has already ended
         pickle.dump(job, _stdin(process))
         _stdin(process).flush()
     for line in messages:
@@ -166,13 +166,15 @@ def _death(code: int, stage: str, memory_limit: int) -> InimError:
             f"{memory_limit / 2**30:.1f} GiB; lower inim.eia_spp or use a display with fewer pixels"
         )
     cause = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-    if code == -signal.SIGKILL:  # what the system does when memory is short, whoever took it
+    if code == -signal.SIGKILL:  # sent by the system when memory is short
         return OutOfMemoryError(
             f"the worker was killed during '{stage}' with {peak / 2**30:.1f} GiB in use, by hand "
             "or for lack of memory; free some, or use a display with fewer pixels"
         )
     if code == -signal.SIGTERM:
-        return WorkerError(f"the worker was ended from outside during '{stage}'; run it again")
+        return WorkerError(
+            f"the worker was terminated by another process during '{stage}'; run it again"
+        )
     return WorkerError(
         f"the worker died during '{stage}' ({cause}): a crash in native code; check the scene's "
         "meshes, and run `inim info system` to check the backend"
