@@ -145,7 +145,7 @@ def _chosen_eia(args: argparse.Namespace) -> _Chosen:
 
 
 def _chosen_of_report(args: argparse.Namespace) -> _Chosen:
-    """The algorithm that was named, or the best by the headline score; or the truth."""
+    """Given algorithm or the ground truth; by default the best by the headline score."""
     from inim.display.misalignment import misaligned
     from inim.report import TRUTH, Report
 
@@ -208,19 +208,18 @@ def _write_sheet_and_views(args: argparse.Namespace, chosen: _Chosen) -> list[Pa
 def _light_field(
     args: argparse.Namespace, chosen: _Chosen, codes: np.ndarray, grid: tuple[int, int] | None
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Views, and of a report's the disparity of the one in the middle."""
+    """Views; for a report also the disparity of the centre view."""
     from inim.files.image import read_rgbd
     from inim.files.light_field import centre_disparity, sub_aperture_views, view_grid
 
     display = chosen.made_for
     if chosen.report is None:
         return sub_aperture_views(codes, display, grid), None
-    if grid is None:  # one fewer where none would be in the middle
+    if grid is None:  # odd numbers, for a centre view
         down, across = (n - 1 + n % 2 for n in view_grid(display))
     elif not (grid[0] % 2 and grid[1] % 2):
         raise UsageError(
-            f"--grid {args.grid}: has no view in the middle to give the disparity of; use odd "
-            "numbers"
+            f"--grid {args.grid}: has no centre view, which needs a disparity; use odd numbers"
         )
     else:
         down, across = grid
@@ -241,7 +240,7 @@ def _write_views(folder: Path, views: np.ndarray) -> None:
 
 
 def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
-    """The quilt asked for, checked."""
+    """Request for the quilt, checked."""
     from inim.views.frames import TracedScene
     from inim.views.quilt import QuiltRequest, check_quilt
 
@@ -254,7 +253,7 @@ def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
     elif tiles in _QUILTS:
         width, height, aspect = _QUILTS[tiles]
     else:
-        raise UsageError(f"--tiles {args.tiles}: say how large they are with --view-size WxH")
+        raise UsageError(f"--tiles {args.tiles}: unknown size of a tile; give --view-size WxH")
     request = QuiltRequest(
         args.quilt,
         TracedScene.of(chosen.report, args.scene, args.allow_folders)

@@ -1,4 +1,4 @@
-"""`inim generate`: the user's own colour and depth pictures become elemental image arrays."""
+"""`inim generate`: EIAs from the user's own colour and depth pictures."""
 
 from __future__ import annotations
 
@@ -100,9 +100,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _run_folder(args: argparse.Namespace) -> int:
-    """Generate an EIA from each photograph of a folder; failures are listed, the others are
-    written.
-    """
+    """Generate an EIA from each photograph of a folder, and list the failures."""
     from inim.files.eia_file import EIA_SUFFIXES
     from inim.from_camera.depth_photo import SUFFIXES
     from inim.worker.output import default_out
@@ -129,12 +127,12 @@ def _run_folder(args: argparse.Namespace) -> int:
         except (FileError, UsageError, OutOfMemoryError) as error:
             failed += 1
             print_warning(str(error), "failed")
-    print_outcome(f"{len(photos) - failed} of {len(photos)} photographs made; EIAs: {out}")
+    print_outcome(f"{len(photos) - failed} of {len(photos)} photographs converted; EIAs: {out}")
     return EXIT_CHECK_FAILED if failed else EXIT_PASSED
 
 
 def _check_options(args: argparse.Namespace) -> None:
-    """Reject options that are wrong for every photograph, once."""
+    """Reject options that are invalid for every photograph."""
     from inim.generators import check_algorithm
     from inim.scene.file import choose_display
 
@@ -181,7 +179,7 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
 
 
 def _of_light_field(args: argparse.Namespace, display: Display, settings: Settings) -> list[str]:
-    """Make and write the EIA of a light field; the report's lines."""
+    """Generate and write the EIA of a light field; return the lines of output."""
     from inim.files.light_field import read_hci
     from inim.from_camera.light_field import (
         centre_view_picture,
@@ -211,12 +209,12 @@ def _of_light_field(args: argparse.Namespace, display: Display, settings: Settin
         f"{shift_px(field, display):+.4g} pixels added",
     ]
     if clipped is not None:
-        report.append(f"clipped    {clipped:.1%} of the samples lay beyond the depth range")
+        report.append(f"clipped    {clipped:.1%} of the samples were beyond the depth range")
     return [*report, _written(args, rgbd, eia, empty, display)]
 
 
 def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
-    """Refuse arguments that are wrong by themselves."""
+    """Reject arguments that are invalid independently of the files' content."""
     from inim.files.eia_file import EIA_SUFFIXES
     from inim.generators.registry import FILLS, one_of
 
@@ -247,7 +245,7 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
         inputs = [os.path.realpath(p) for p in (args.input, args.depth) if p]
         if place in inputs or place in outputs:
             raise UsageError(
-                f"{option} {path}: is also {outputs.get(place, 'what is read')}; give it another "
+                f"{option} {path}: is also {outputs.get(place, 'an input file')}; choose another "
                 "name"
             )
         outputs[place] = option
@@ -317,7 +315,7 @@ def _report(
     else:
         angle = 2 * np.degrees(np.arctan(columns / (2 * photograph.camera.fx)))
         projection = f"unprojected ({angle:.3g} degrees wide), frame at {fitted.frame_at:.5g}{unit}"
-    holes = "not told by this algorithm"
+    holes = "unknown for this algorithm"
     if empty is not None:
         holes = f"{(empty & display.lensed).sum() / max(1, display.lensed.sum()):.1%} of the pixels"
     return [
@@ -330,8 +328,8 @@ def _report(
         f"{float(depth_map.z_mm(np.array(depth_map.far))):.4g} mm",
         f"missing    {photograph.missing:.1%} of the depth picture, filled: "
         f"{picture.missing_depth}",
-        f"clipped    {fitted.clipped:.1%} of the samples lay beyond, "
-        f"{'left out' if picture.out_of_range == 'drop' else 'taken to the ends'}",
+        f"clipped    {fitted.clipped:.1%} of the samples were out of range, "
+        f"{'omitted' if picture.out_of_range == 'drop' else 'moved to its ends'}",
         f"empty      {fitted.empty:.1%} of the array's area",
         f"holes      {holes} of the EIA, fill: {fill}",
         f"size       {panel[1]} x {panel[0]} pixels of {pixel:.6g} mm: {panel[1] * pixel:.6g} x "

@@ -62,10 +62,10 @@ def _system(args: argparse.Namespace) -> int:
 
 
 def describe() -> dict[str, Any]:
-    """All that a report about this machine needs, ready for JSON."""
+    """Describe the machine and the installation, as JSON values."""
     import platform
 
-    from inim.backend.choice import choose_backend, cuda_verdict, llvm_verdicts
+    from inim.backend.choice import choose_backend, cuda_verdict, llvm_verdicts, versions
     from inim.backend.trial import cache_file
     from inim.process.machine import cpu_count, cpu_model, memory_limit_bytes
 
@@ -81,22 +81,16 @@ def describe() -> dict[str, Any]:
         "cpu": cpu_model(),
         "cores": cpu_count(),
         "memory_bytes": memory_limit_bytes(),
-        "versions": {name: _installed_version(name) for name in _DISTRIBUTIONS},
+        "versions": {
+            name: None if version == "unknown" else version
+            for name, version in versions(_DISTRIBUTIONS).items()
+            if name != "python"
+        },
         "libllvm": [_candidate(path, verdict) for path, verdict in llvm_verdicts()],
         "cuda": {"usable": cuda.usable, "reason": cuda.reason, "device": cuda.device},
         "chosen": chosen,
         "cache": str(cache_file() or ""),
     }
-
-
-def _installed_version(name: str) -> str | None:
-    """The installed version of a Python distribution, or None."""
-    from importlib import metadata
-
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return None
 
 
 def _candidate(library: Path, verdict: Verdict) -> dict[str, Any]:
@@ -137,10 +131,6 @@ def _add_info_arguments(parser: argparse.ArgumentParser) -> None:
             own.add_argument("--clear", action="store_true", help="remove all cached results")
         if name == "system":
             own.add_argument("--json", action="store_true", help="print JSON")
-
-
-def _info(args: argparse.Namespace) -> int:
-    return int(args.show(args))
 
 
 _SUBJECTS = {
@@ -221,7 +211,7 @@ def _findings(args: argparse.Namespace, design: Display, settings: Settings) -> 
 
 
 def _write(findings: Findings, json_text: str, folder: Path) -> list[str]:
-    """The figure first and the JSON last: where the JSON is, all is."""
+    """Write the figure, then the JSON, which marks a complete result."""
     from inim.files.image import write_atomically
     from inim.inspect.figure import draw_figure
 
@@ -229,7 +219,7 @@ def _write(findings: Findings, json_text: str, folder: Path) -> list[str]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError(
-            f"{folder}: cannot be made a folder ({error.strerror}); choose another with -o"
+            f"{folder}: cannot be created ({error.strerror}); choose another folder with -o"
         ) from None
     path = folder / "inspect.json"
     figures = draw_figure(findings, folder, "inspect")
@@ -241,5 +231,9 @@ COMMANDS = {
     "inspect": Command(
         "compute a display's depth, viewing zone and resolution", _add_inspect_arguments, _inspect
     ),
-    "info": Command("show algorithms, settings, cache or system", _add_info_arguments, _info),
+    "info": Command(
+        "show algorithms, settings, cache or system",
+        _add_info_arguments,
+        lambda args: int(args.show(args)),
+    ),
 }

@@ -33,13 +33,13 @@ class Command(NamedTuple):
 
 
 def add_exit_codes(parser: argparse.ArgumentParser) -> None:
-    """The exit codes below a command's help."""
+    """Add the exit codes below a command's help."""
     parser.epilog = _EXIT_CODES
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
 
 
 def add_allow_folder(parser: _Options) -> None:
-    """`--allow-folder DIR`, into `allow_folders`."""
+    """Add `--allow-folder DIR`, stored in `allow_folders`."""
     parser.add_argument(
         "--allow-folder",
         dest="allow_folders",
@@ -69,7 +69,7 @@ _CHOICES: dict[str, dict[str, Any]] = {
 
 
 def add_choices(parser: _Options, *names: str) -> None:
-    """Options for a display, its EIAs and its viewer, all by default; `choices_of` reads them."""
+    """Add options for a display, its EIAs and its viewer, by default all; see `choices_of`."""
     for name in names or _CHOICES:
         options = [f"--{name.replace('_', '-')}"]
         if name == "definitions":
@@ -80,7 +80,7 @@ def add_choices(parser: _Options, *names: str) -> None:
 
 
 def choices_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Values of the options of `add_choices` that a parser has, as `Choices` has them."""
+    """Values of the options of `add_choices`, as fields of `Choices`."""
     from inim.display.viewpoint import viewpoint_items
     from inim.generators import algorithm_items
     from inim.scene.file import parse_definitions
@@ -97,13 +97,13 @@ def choices_of(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def add_quiet(parser: _Options) -> None:
-    """`--quiet` and `--debug`."""
+    """Add `--quiet` and `--debug`."""
     parser.add_argument("--quiet", action="store_true", help="print errors only")
     add_debug(parser)
 
 
 def add_debug(parser: _Options) -> None:
-    """`--debug`."""
+    """Add `--debug`."""
     parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
 
 
@@ -188,18 +188,16 @@ def classify_input(args: argparse.Namespace) -> None:
     suffix = args.input.suffix.lower()
     if args.depth is not None:
         kind = "color"
-    elif args.input.is_dir() and any(map(_is_of_light_field, args.input.iterdir())):
+    elif args.input.is_dir() and any(
+        path.name == "parameters.cfg" or path.name.startswith("input_Cam")
+        for path in args.input.iterdir()
+    ):
         kind = "light_field"
     elif suffix == ".xml":
         kind = "scene"
     else:
         kind = "fitted" if suffix == ".exr" else "photo"
     setattr(args, kind, args.input)
-
-
-def _is_of_light_field(path: Path) -> bool:
-    """True for the files of an HCI light field, by name."""
-    return path.name == "parameters.cfg" or path.name.startswith("input_Cam")
 
 
 def print_warning(text: str, kind: str = "warning") -> None:
@@ -212,7 +210,7 @@ def print_warning(text: str, kind: str = "warning") -> None:
 
 
 def print_outcome(text: str) -> None:
-    """Print a command's last line; a reader that left, or a full disk, changes no exit code."""
+    """Print a command's last line; a closed reader or a full disk changes no exit code."""
     try:
         print(text, flush=True)
     except OSError:

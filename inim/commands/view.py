@@ -1,8 +1,7 @@
-"""Commands `inim view` and `inim film`: the virtual display as one HTML file, and films of a
-report.
+"""Commands `inim view`, the virtual display as an HTML file, and `inim film`.
 
 A view needs no rendering: a report's panels and views are in its folder, and the replacement views
-of a bare EIA come from the lens models in NumPy.
+of a single EIA come from the lens models in NumPy.
 """
 
 from __future__ import annotations
@@ -20,15 +19,15 @@ if TYPE_CHECKING:
 
     from inim.display import Display
 
-#: A page alone may be larger than a report: it is not sent by mail with each run.
+#: Largest size of a page.
 _MOST_BYTES = 60_000_000
 _PAGE = "virtual-display.html"
 
 
 def _add_view_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Write the virtual display of a report, or of any elemental image array, as one HTML file "
-        "that needs nothing else."
+        "Write the virtual display of a report, or of any elemental image array, as one "
+        "self-contained HTML file."
     )
     add = parser.add_argument
     add("what", type=Path, metavar="OUT|EIA", help="a report's folder, or an EIA (.png, .exr)")
@@ -73,7 +72,7 @@ def view_report(folder: Path, out: Path | None = None) -> Path:
     if not LIVE.is_in(content):
         raise FileError(
             f"{folder}: the report's panels cannot be shown (missing, of another size than its "
-            "display, or too large); make it anew with inim validate"
+            "display, or too large); run inim validate again"
         )
     page = _page(report.data.title or folder.name, f"Display {report.display.name}", content)
     return _written(folder / _PAGE if out is None else out, page)

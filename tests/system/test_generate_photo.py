@@ -139,7 +139,7 @@ def test_of_a_folder_the_broken_one_is_said_and_the_others_are_made(tmp_path, ca
     said = capsys.readouterr()
     assert sorted(p.name for p in out.iterdir()) == ["a.png", "c.heic.png", "c.jpeg.png"]
     assert said.out.count("framed") == 3
-    assert said.out.splitlines()[-1] == f"3 of 4 photographs made; EIAs: {out}"
+    assert said.out.splitlines()[-1] == f"3 of 4 photographs converted; EIAs: {out}"
     assert re.fullmatch(rf"inim: failed: {folder / 'b.JPG'}: .*truncated.*\n", said.err)
     # As alone.
     assert generate(folder / "a.jpg", "-o", tmp_path / "a.png") == EXIT_PASSED

@@ -95,28 +95,6 @@ def parse_number(text: str | None, path: Path, name: str) -> float:
     return value
 
 
-def range_coding(
-    path: Path, form: str, near: float, far: float, unit_mm: float, description: str, inverse: bool
-) -> Coding:
-    """Coding of a depth image with a nearest and farthest distance.
-
-    ``RangeLinear``: ``d = near + v (far - near)``; ``RangeInverse``:
-    ``d = far near / (far - v (far - near))``, so 1 / d is linear between 1 / near and 1 / far.
-
-    Raises
-    ------
-    FileError
-        Invalid range.
-    """
-    if not (0 < near <= far if inverse else 0 <= near <= far and far > 0):
-        raise FileError(
-            f"{path}: its depth, {form}, has an invalid range from Near {near:g} to Far {far:g}; "
-            f"{REMEDY}"
-        )
-    ends = (1 / near, 1 / far) if inverse else (near, far)
-    return Coding(inverse, *ends, unit_mm, description)
-
-
 def decode_depth(depth: EmbeddedDepth) -> DepthValues:
     """Distances in mm if the file has a reliable unit; otherwise unitless values.
 

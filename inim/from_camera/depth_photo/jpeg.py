@@ -26,7 +26,6 @@ from inim.from_camera.depth_photo.codes import (
     EmbeddedDepth,
     collect_properties,
     parse_number,
-    range_coding,
     read_apple_camera,
     read_apple_coding,
     read_xmp,
@@ -118,7 +117,11 @@ def _metadata(path: Path, parts: list[tuple[int, int, bytes]]) -> list[dict[str,
 def _google(
     path: Path, image: bytes, properties: dict[str, str], prefix: str, nodes: list[dict[str, str]]
 ) -> EmbeddedDepth:
-    """Depth of GDepth or dynamic depth, which share their property names except the prefix."""
+    """Depth of GDepth or dynamic depth, which share their property names except the prefix.
+
+    ``RangeLinear``: ``d = near + v (far - near)``; ``RangeInverse``:
+    ``d = far near / (far - v (far - near))``, so 1 / d is linear between 1 / near and 1 / far.
+    """
     form = properties.get(f"{prefix}:Format", "")
     if form.lower() not in _RANGES:
         raise FileError(
@@ -134,7 +137,13 @@ def _google(
     name = "GDepth" if prefix == "GDepth" else "dynamic depth"
     scale = f"{form} {near:g} .. {far:g}, units {units[:20] if units else 'not given'}"
     is_inverse = form.lower() == _RANGES[0]
-    coding = range_coding(path, form, near, far, unit_mm, f"{name}, {scale}", is_inverse)
+    if not (0 < near <= far if is_inverse else 0 <= near <= far and far > 0):
+        raise FileError(
+            f"{path}: its depth, {form}, has an invalid range from Near {near:g} to Far {far:g}; "
+            f"{REMEDY}"
+        )
+    ends = (1 / near, 1 / far) if is_inverse else (near, far)
+    coding = Coding(is_inverse, *ends, unit_mm, f"{name}, {scale}")
     along_ray = properties.get(f"{prefix}:MeasureType", "").lower() == "opticray"
     camera, size = _google_camera(nodes)
     return EmbeddedDepth(_decode_image(path, image), coding, camera, size, along_ray=along_ray)
