@@ -13,6 +13,7 @@ import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -62,8 +63,14 @@ class RunStatistics:
 
 def write_statistics(folder: Path, stem: str, statistics: RunStatistics) -> list[str]:
     """Write `stem`.json and `stem`.npz into a folder, and return their names."""
+    arrays: dict[str, Any] = {
+        f"picture|{name}|{key}": array
+        for name, tiles in statistics.pictures.items()
+        for key, array in tiles.arrays().items()
+    }
+    arrays |= {f"sample|{name}": f.sample for name, f in statistics.fingerprints.items()}
     stream = io.BytesIO()
-    np.savez_compressed(stream, **_arrays(statistics))  # type: ignore[arg-type]
+    np.savez_compressed(stream, **arrays)
     data = stream.getvalue()
     document = BaselineDocument(
         reason=statistics.reason,
@@ -90,21 +97,14 @@ def write_statistics(folder: Path, stem: str, statistics: RunStatistics) -> list
     return names
 
 
-def _arrays(statistics: RunStatistics) -> dict[str, np.ndarray]:
-    arrays = {
-        f"picture|{name}|{key}": array
-        for name, tiles in statistics.pictures.items()
-        for key, array in tiles.arrays().items()
-    }
-    return arrays | {f"sample|{n}": f.sample for n, f in statistics.fingerprints.items()}
-
-
 def read_statistics(folder: Path, stem: str) -> RunStatistics:
     """Read the files of `write_statistics`.
 
     Raises `BaselineError` if the files are missing, damaged, or have another schema.
     """
-    path, fix = folder / f"{stem}.json", _fix(stem)
+    path, fix = folder / f"{stem}.json", "make a new report with inim validate"
+    if stem == BASELINE:
+        fix = "make one: inim baseline accept OUT --reason TEXT"
     try:
         document = read_document(path, fix, BaselineDocument)
         data = read_file(folder / f"{stem}.npz", _MAX_BYTES, remedy=fix)
@@ -116,12 +116,6 @@ def read_statistics(folder: Path, stem: str) -> RunStatistics:
     except (KeyError, ValueError) as error:
         cause = " ".join(str(error).split())[:200]
         raise BaselineError(f"{path}: damaged, or its .npz is ({cause}); {fix}") from None
-
-
-def _fix(stem: str) -> str:
-    if stem == BASELINE:
-        return "make one: inim baseline accept OUT --reason TEXT"
-    return "make a new report with inim validate"
 
 
 def _read_arrays(data: bytes) -> dict[str, np.ndarray]:
