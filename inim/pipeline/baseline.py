@@ -48,7 +48,7 @@ from inim.regression.run_statistics import (
 )
 from inim.regression.scores import ScoreEstimate
 from inim.regression.tiles import TileStatistics
-from inim.regression.verdict import Verdict, all_passed
+from inim.regression.verdict import all_passed, verdict_line
 from inim.report import Report
 from inim.report.images import ENCODINGS, Images, difference
 from inim.report.sections.regression import write_comparison
@@ -91,7 +91,7 @@ def compare_with_baseline(
     names = _failed_pictures(baseline, verdicts)
     pictures = [name for name in names if write_difference(folder, name, baseline, candidate)]
     data = _regression_data(path, baseline, candidate, pictures)
-    return BaselineComparison(data, tuple(verdict.as_check() for verdict in verdicts))
+    return BaselineComparison(data, tuple(verdicts))
 
 
 def _write_reference_difference(
@@ -244,15 +244,13 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
                 new,
                 [n for n in names if _copy_pictures(report, other, n, staging)],
             ),
-            verdict=Checks(
-                passed=all_passed(verdicts), checks=[verdict.as_check() for verdict in verdicts]
-            ),
+            verdict=Checks(passed=all_passed(verdicts), checks=verdicts),
         )
         write_comparison(data, staging)
-    return all_passed(verdicts), [v.line() for v in sorted(verdicts, key=lambda v: v.passed)]
+    return all_passed(verdicts), [*map(verdict_line, sorted(verdicts, key=lambda v: v.passed))]
 
 
-def _failed_pictures(baseline: RunStatistics, verdicts: Sequence[Verdict]) -> list[str]:
+def _failed_pictures(baseline: RunStatistics, verdicts: Sequence[Check]) -> list[str]:
     failed = [v.name for v in verdicts if v.kind == "picture" and not v.passed]
     return [n for n in baseline.pictures if any(name.startswith(f"{n}: ") for name in failed)]
 

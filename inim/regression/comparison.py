@@ -24,7 +24,7 @@ import msgspec
 import numpy as np
 
 from inim.display import Display
-from inim.documents.parts import Change, Circumstances, Conditions, Drift
+from inim.documents.parts import Change, Check, Circumstances, Conditions, Drift
 from inim.errors import BaselineError
 from inim.regression.fingerprints import Fingerprint, compare_fingerprints, sampled_pixels
 from inim.regression.run_statistics import RunStatistics
@@ -32,7 +32,7 @@ from inim.regression.scores import compare_scores
 from inim.regression.tiles import TileStatistics
 from inim.regression.verdict import (
     FALSE_ALARM_RATE,
-    Verdict,
+    make_verdict,
     shift_of,
     sidak,
     welch_half_width,
@@ -120,7 +120,7 @@ def _codes(values: np.ndarray) -> np.ndarray:
 
 def compare_pictures(
     baseline: Mapping[str, TileStatistics], candidate: Mapping[str, TileStatistics]
-) -> list[Verdict]:
+) -> list[Check]:
     """Verdicts on the baseline's images by name, each on its worst tile.
 
     An image that the candidate lacks, or has in another size, fails.
@@ -130,7 +130,7 @@ def compare_pictures(
     return [_verdict(name, old, candidate.get(name), level) for name, old in baseline.items()]
 
 
-def _verdict(name: str, old: TileStatistics, new: TileStatistics | None, level: float) -> Verdict:
+def _verdict(name: str, old: TileStatistics, new: TileStatistics | None, level: float) -> Check:
     label = f"{name}: tiles against the baseline"
     if new is None or (new.shape, new.tile) != (old.shape, old.tile):
         state = "is missing" if new is None else f"has {new.shape[1]} x {new.shape[0]} pixels"
@@ -162,7 +162,7 @@ def _verdict(name: str, old: TileStatistics, new: TileStatistics | None, level: 
 
 def compare_noise(
     baseline: Mapping[str, TileStatistics], candidate: Mapping[str, TileStatistics]
-) -> Verdict:
+) -> Check:
     """Verdict on the noise of the ground truth, which must not grow because it hides changes.
 
     The value is the median over tiles and colours of the ratio of standard errors; for an unchanged
@@ -180,7 +180,9 @@ def compare_noise(
         value = 1.0 if passed else math.inf
         interval, detail = (value, value), "no tile is noisy in both runs"
     name = "ground truth: noise against the baseline"
-    return Verdict(name, "noise", value, "<=", MAX_NOISE_RATIO, interval, passed, detail=detail)
+    return make_verdict(
+        name, "noise", value, "<=", MAX_NOISE_RATIO, interval, passed, detail=detail
+    )
 
 
 def _error_ratios(old: TileStatistics, new: TileStatistics | None) -> np.ndarray:
@@ -299,13 +301,14 @@ def check_times(baseline: RunStatistics, circumstances: Circumstances, path: str
             )
 
 
-def compare(baseline: RunStatistics, candidate: RunStatistics, path: str) -> list[Verdict]:
+def compare(baseline: RunStatistics, candidate: RunStatistics, path: str) -> list[Check]:
     """Verdicts on images, noise, scores, EIAs of the reference input, and times if measured.
 
     `path` is the baseline's, for messages. Raises `BaselineError` if the runs' conditions differ.
     """
     check_comparable(baseline, candidate.conditions, path)
     noise = compare_noise(_truth_tiles(baseline), _truth_tiles(candidate))
+    assert noise.value is not None
     verdicts = [
         *compare_pictures(baseline.pictures, candidate.pictures),
         noise,
@@ -412,7 +415,7 @@ def is_steady(ratios: Sequence[float]) -> bool:
 
 def compare_times(
     baseline: Mapping[str, Sequence[float]], candidate: Mapping[str, Sequence[float]]
-) -> list[Verdict]:
+) -> list[Check]:
     """Verdicts on the baseline's algorithms by their `log_ratios`; only a slowdown fails.
 
     An algorithm also fails if it has fewer than `MIN_ROUNDS`, or if its scatter could hide 30 %
@@ -422,7 +425,7 @@ def compare_times(
     return [_time_verdict(n, old, candidate.get(n, ()), level) for n, old in baseline.items()]
 
 
-def _time_verdict(name: str, old: Sequence[float], new: Sequence[float], level: float) -> Verdict:
+def _time_verdict(name: str, old: Sequence[float], new: Sequence[float], level: float) -> Check:
     label = f"{name}: time against the baseline"
     rounds = min(len(old), len(new))
     shift = shift_of(new, old, level)
@@ -440,7 +443,7 @@ def _time_verdict(name: str, old: Sequence[float], new: Sequence[float], level: 
     elif is_unclear:
         detail += "; the scatter is too large: time both on an idle machine"
     interval = (math.exp(shift.low), math.exp(min(shift.high, 700.0)))
-    return Verdict(
+    return make_verdict(
         label, "time", value, "<=", limit, interval, passed, "times", shift.p_value, detail
     )
 

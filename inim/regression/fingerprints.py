@@ -18,9 +18,10 @@ import numpy as np
 
 from inim.display import Display
 from inim.documents.compare import FingerprintRecord
+from inim.documents.parts import Check
 from inim.image.noisy_image import row_bands
 from inim.image.rgbd import RGBD
-from inim.regression.verdict import FALSE_ALARM_RATE, Verdict, binomial_interval
+from inim.regression.verdict import FALSE_ALARM_RATE, binomial_interval, make_verdict
 
 #: Share of the pixels that may change if an algorithm does not guarantee exact equality: rays that
 #: graze an edge depend on a machine's rounding.
@@ -133,7 +134,7 @@ def sampled_pixels(display: Display) -> np.ndarray:
 
 def compare_fingerprints(
     baseline: Mapping[str, Fingerprint], candidate: Mapping[str, Fingerprint]
-) -> list[Verdict]:
+) -> list[Check]:
     """Verdicts on the baseline's generators: equality, or the share of changed pixels.
 
     An algorithm that the candidate lacks fails.
@@ -141,17 +142,17 @@ def compare_fingerprints(
     return [_verdict(name, old, candidate.get(name)) for name, old in baseline.items()]
 
 
-def _verdict(name: str, old: Fingerprint, new: Fingerprint | None) -> Verdict:
+def _verdict(name: str, old: Fingerprint, new: Fingerprint | None) -> Check:
     label = f"{name}: changed pixels of the reference input"
     limit = 0.0 if old.exact else MAX_CHANGED
     if new is None or new.sample.shape != old.sample.shape:
-        return Verdict(
+        return make_verdict(
             label, "pixels", math.nan, "<=", limit, (math.nan, math.nan), False,
             detail="the EIA of the reference input is missing or of another size",
         )  # fmt: skip
     if new.eia_sha256 == old.eia_sha256:
         detail = "all values are equal"
-        return Verdict(label, "pixels", 0.0, "<=", limit, (0.0, 0.0), True, detail=detail)
+        return make_verdict(label, "pixels", 0.0, "<=", limit, (0.0, 0.0), True, detail=detail)
     # Averages of several rays may round to either of two codes.
     changed = (np.abs(old.sample.astype(np.int16) - new.sample) > 1).any(axis=-1)
     count, trials = int(np.count_nonzero(changed)), len(changed)
@@ -162,4 +163,6 @@ def _verdict(name: str, old: Fingerprint, new: Fingerprint | None) -> Verdict:
         detail += "; the SHA-256 of the EIA differs, and this algorithm guarantees equality"
     # For an exact algorithm, a change outside the sample counts, too.
     value = max(count, 1) / trials if old.exact else count / trials
-    return Verdict(label, "pixels", value, "<=", limit, interval, passed, "share", detail=detail)
+    return make_verdict(
+        label, "pixels", value, "<=", limit, interval, passed, "share", detail=detail
+    )

@@ -46,11 +46,11 @@ import msgspec
 import numpy as np
 
 from inim.documents.compare import Estimate
+from inim.documents.parts import Check
 from inim.image.noisy_image import NoisyImage
 from inim.metrics import Metric, Viewing, all_metrics, find, score_maps
 from inim.regression.verdict import (
     FALSE_ALARM_RATE,
-    Verdict,
     freedom_of_sum,
     sidak,
     welch_half_width,
@@ -295,7 +295,7 @@ def compare_scores(
     baseline: Mapping[str, Mapping[str, ScoreEstimate]],
     candidate: Mapping[str, Mapping[str, ScoreEstimate]],
     noise_ratio: float = 1.0,
-) -> list[Verdict]:
+) -> list[Check]:
     """Verdicts on the baseline's scores; a score that rises is as suspicious as one that falls.
 
     Scores are by scored object ("template/left"), then by score name ("ssim_to_reference"); one
@@ -327,7 +327,7 @@ def _verdict(
     new: ScoreEstimate | None,
     level: float,
     scale: float,
-) -> Verdict:
+) -> Check:
     metric = find(name)
     smallest, unit = (metric.tolerance, metric.unit) if metric else (0.0, "")
     label = f"{label} against the baseline"

@@ -169,66 +169,49 @@ def _rank_sum_distribution(m: int, n: int) -> np.ndarray:
 WITHIN: Relation = "within"
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """A row of a regression report.
+def make_verdict(
+    name: str,
+    kind: Kind,
+    value: float,
+    relation: Relation,
+    limit: float,
+    interval: tuple[float, float],
+    passed: bool,
+    unit: str = "",
+    p_value: float | None = None,
+    detail: str = "",
+) -> Check:
+    """Create a verdict: the check of a report that compares an object with the baseline's.
 
-    Attributes
-    ----------
-    name : str
-        Compared object; the same in every run.
-    kind : {"picture", "score", "pixels", "noise", "time"}
-    value : float
-        A change, a share or a ratio, in `unit`.
-    relation : {"within", "<="}
-    limit : float
-        Largest value that passes: the smallest change that counts, or the effect of noise if that
-        is larger.
-    interval : (float, float)
-        Confidence interval of `value`.
-    passed : bool
-        False if a value is missing or not finite.
-    p_value : float, optional
-        P-value of no change, without correction for multiple tests.
+    `value` is a change, a share or a ratio, in `unit`, and `interval` its confidence interval.
+    `limit` is the largest value that passes: the smallest change that counts, or the effect of
+    noise if that is larger. `p_value` is that of no change, not corrected for multiple tests.
     """
+    return Check(
+        name=name,
+        value=value,
+        relation=relation,
+        limit=limit,
+        passed=passed,
+        detail=detail,
+        interval=interval,
+        p_value=p_value,
+        unit=unit,
+        kind=kind,
+    )
 
-    name: str
-    kind: Kind
-    value: float
-    relation: Relation
-    limit: float
-    interval: tuple[float, float]
-    passed: bool
-    unit: str = ""
-    p_value: float | None = None
-    detail: str = ""
 
-    def as_check(self) -> Check:
-        """Return this verdict as a report check."""
-        return Check(
-            name=self.name,
-            value=self.value,
-            relation=self.relation,
-            limit=self.limit,
-            passed=self.passed,
-            detail=self.detail,
-            interval=self.interval,
-            p_value=self.p_value,
-            unit=self.unit,
-            kind=self.kind,
-        )
-
-    def line(self) -> str:
-        """Format the verdict as text."""
-        word = "passed" if self.passed else "FAILED"
-        low, high = self.interval
-        unit = f" {self.unit}" if self.unit else ""
-        sign = "within ±" if self.relation == WITHIN else "at most "
-        value = f"{self.value:+.4g}" if self.relation == WITHIN else f"{self.value:.4g}"
-        return (
-            f"{word}  {self.name}: {value}{unit} ({low:.4g} to {high:.4g}), {sign}{self.limit:.4g}"
-            f"{f'; {self.detail}' if self.detail else ''}"
-        )
+def verdict_line(verdict: Check) -> str:
+    """Format a verdict as text."""
+    low, high = verdict.interval or (math.nan, math.nan)
+    unit = f" {verdict.unit}" if verdict.unit else ""
+    sign = "within ±" if verdict.relation == WITHIN else "at most "
+    value = f"{verdict.value:{'+.4g' if verdict.relation == WITHIN else '.4g'}}"
+    return (
+        f"{'passed' if verdict.passed else 'FAILED'}  {verdict.name}: {value}{unit} "
+        f"({low:.4g} to {high:.4g}), {sign}{verdict.limit:.4g}"
+        f"{f'; {verdict.detail}' if verdict.detail else ''}"
+    )
 
 
 def within(
@@ -238,16 +221,16 @@ def within(
     half_width: float,
     smallest: float,
     **more: Any,
-) -> Verdict:
+) -> Check:
     """Verdict on a change, which fails only if it counts *and* noise does not explain it.
 
     `half_width` is that of the confidence interval, `smallest` the smallest change that counts, and
-    `more` other fields of `Verdict`.
+    `more` other arguments of `make_verdict`.
     """
     limit = max(smallest, half_width) if math.isfinite(half_width) else smallest
     is_finite = math.isfinite(change) and math.isfinite(half_width)
     interval = (change - half_width, change + half_width)
-    return Verdict(
+    return make_verdict(
         name,
         kind,
         change,
@@ -259,6 +242,6 @@ def within(
     )
 
 
-def all_passed(verdicts: Sequence[Verdict]) -> bool:
+def all_passed(verdicts: Sequence[Check]) -> bool:
     """True if there is a verdict and every verdict passed."""
     return bool(verdicts) and all(verdict.passed for verdict in verdicts)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inim.documents.parts import Check
 from inim.generators import prepare
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
@@ -39,7 +40,6 @@ from inim.process.observer import Observer
 from inim.regression.comparison import compare
 from inim.regression.fingerprints import fingerprint, reference_input
 from inim.regression.run_statistics import RunStatistics
-from inim.regression.verdict import Verdict
 
 SCENE = Path(__file__).parents[2] / "scenes" / "jade.xml"
 SMALL = {
@@ -115,7 +115,7 @@ def run(tmp_path_factory):
     return run_of(tmp_path_factory.mktemp("run"), seed=1)
 
 
-def failed(baseline: RunStatistics, candidate: RunStatistics) -> dict[str, Verdict]:
+def failed(baseline: RunStatistics, candidate: RunStatistics) -> dict[str, Check]:
     return {v.name: v for v in compare(baseline, candidate, "here") if not v.passed}
 
 
