@@ -237,7 +237,7 @@ def test_files_that_do_not_belong_together_are_named(camera, capsys):
 def test_an_input_is_never_written_over(camera):
     before = (camera / "color.png").read_bytes()
     more = (*CAMERA, "-o", str(camera / "color.png"))
-    assert_refused(*words(camera, *more), folder=camera, says=["give it another name"])
+    assert_refused(*words(camera, *more), folder=camera, says=["choose another name"])
     assert (camera / "color.png").read_bytes() == before
 
 
