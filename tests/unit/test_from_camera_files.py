@@ -74,9 +74,7 @@ def test_swapped_bytes_are_named_and_can_be_undone(tmp_path):
     depth = np.full((20, 30), 2047, np.uint16)
     depth[:, 15:] = 2060
     path.write_bytes(b"P5\n30 20\n65535\n" + depth.astype("<u2").tobytes())
-    with pytest.raises(
-        FileError, match=r"byte-swapped \(65287 instead of 2047\).*--swap-bytes"
-    ):
+    with pytest.raises(FileError, match=r"byte-swapped \(65287 instead of 2047\).*--swap-bytes"):
         read_depth(path)
     np.testing.assert_array_equal(read_depth(path, swap_bytes=True).values, depth)
     right, _ = saved(tmp_path, "png")
