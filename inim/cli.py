@@ -44,11 +44,11 @@ GROUPS = {
         "inspect": "info",
         "calibrate": "calibrate",
         "photo": "calibrate",
-        "tolerate": "sweep",
+        "tolerate": "study",
     },
-    "comparisons": {"compare": "validate", "baseline": "validate", "sweep": "sweep"},
+    "comparisons": {"compare": "validate", "baseline": "validate", "sweep": "study"},
     "information": {"info": "info"},
-    "for developers of algorithms": {"bench": "bench", "stress": "bench"},
+    "for developers of algorithms": {"bench": "study", "stress": "study"},
 }
 COMMANDS = {name: module for group in GROUPS.values() for name, module in group.items()}
 

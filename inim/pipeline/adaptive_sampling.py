@@ -38,7 +38,7 @@ from inim.regression.scores import ScoreEstimate, is_above, score_interval
 from inim.settings import Settings
 
 if TYPE_CHECKING:
-    from inim.pipeline.images import Images
+    from inim.pipeline.output import Images
 
 #: Share of all samples that the first round uses.
 FIRST_SHARE = 1 / 16

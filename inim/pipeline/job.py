@@ -8,7 +8,7 @@ from typing import Any
 from inim.cache import ResultCache, open_store
 from inim.documents.report import ReportDocument
 from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS
-from inim.pipeline.images import Images
+from inim.pipeline.output import Images
 from inim.pipeline.plan import Plan, check_baseline
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run

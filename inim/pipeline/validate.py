@@ -13,9 +13,8 @@ from __future__ import annotations
 
 from inim.pipeline.adaptive_sampling import Evaluation, sample_until_precise
 from inim.pipeline.baseline import collect_statistics, compare_with_baseline
-from inim.pipeline.images import Images
+from inim.pipeline.output import Images, make_report
 from inim.pipeline.plan import Plan
-from inim.pipeline.report_data import make_report
 from inim.pipeline.stages.capture import capture_relic, measure_translucency
 from inim.pipeline.stages.ground_truth import (
     collect_ground_truth,

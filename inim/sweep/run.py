@@ -17,8 +17,16 @@ from inim.process.machine import cpu_count
 from inim.report.sweep import PAGE, write_page
 from inim.sweep.study import Study, read_study
 from inim.sweep.table import TABLE, check_pyarrow, failed_rows, finished_rows, write_table
-from inim.sweep.task import FOLDER, Results, SweepTask, make_task, report_folder
-from inim.sweep.unit import Unit, expand, making_of
+from inim.sweep.unit import (
+    FOLDER,
+    Results,
+    SweepTask,
+    Unit,
+    expand,
+    make_task,
+    making_of,
+    report_folder,
+)
 from inim.sweep.workers import Progress, check_answers, check_dask, choose_slots, run_tasks
 
 

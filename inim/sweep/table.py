@@ -7,7 +7,7 @@ import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from msgspec import to_builtins
 
@@ -20,7 +20,9 @@ from inim.metrics import Metric, all_metrics
 from inim.report.sweep import SETTING_COLUMNS
 from inim.report.wording import check_finding
 from inim.settings import PREFIX, Settings
-from inim.sweep.unit import Unit
+
+if TYPE_CHECKING:
+    from inim.sweep.unit import Unit
 
 #: Columns of the display's parameters.
 DISPLAY_COLUMNS = (

@@ -42,7 +42,7 @@ from inim.image.noisy_image import NoisyImage, replace_nonfinite
 from inim.image.rgbd import RGBD
 from inim.lens import check_lens_model
 from inim.metrics.headline import MAIN
-from inim.pipeline.images import write_rgbd_pngs
+from inim.pipeline.output import write_rgbd_pngs
 from inim.pipeline.request import Choices, option_words
 from inim.pipeline.stages.generation import GeneratorHandle, hole_fraction
 from inim.pipeline.stages.ground_truth import BLACK

@@ -22,7 +22,7 @@ from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
 from inim.pipeline.adaptive_sampling import Evaluation
 from inim.pipeline.baseline import collect_statistics
-from inim.pipeline.images import Images
+from inim.pipeline.output import Images
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.stages.generation import GeneratedEIA, ReferenceOutput

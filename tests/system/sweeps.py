@@ -123,7 +123,7 @@ def workers_of(out: Path) -> list[int]:
         except OSError:
             continue
         of_this = os.fsencode(os.path.abspath(out)) in words  # noqa: PTH100
-        carries_out = b"inim.sweep.task:run_job" in words  # see `inim.worker`
+        carries_out = b"inim.sweep.unit:run_job" in words  # see `inim.worker`
         if carries_out and of_this and state != "Z":
             found.append(int(entry.name))
     return found

@@ -14,7 +14,7 @@ from inim.errors import UsageError, WorkerError
 from inim.pipeline.request import Request
 from inim.sweep import task
 from inim.sweep import workers as sweep_workers
-from inim.sweep.task import SweepTask, attempt
+from inim.sweep.unit import SweepTask, attempt
 from inim.sweep.workers import Progress, choose_slots, run_tasks
 
 GIB = 2**30
