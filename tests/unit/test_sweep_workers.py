@@ -12,7 +12,7 @@ import pytest
 
 from inim.errors import UsageError, WorkerError
 from inim.pipeline.request import Request
-from inim.sweep import task
+from inim.sweep import unit as sweep_unit
 from inim.sweep import workers as sweep_workers
 from inim.sweep.unit import SweepTask, attempt
 from inim.sweep.workers import Progress, choose_slots, run_tasks
@@ -133,7 +133,7 @@ def test_a_worker_s_death_is_tried_once_more_and_its_own_error_is_not(monkeypatc
             tries.append(one)
             raise error
 
-        monkeypatch.setattr(task, "_carry_out", carry_out)
+        monkeypatch.setattr(sweep_unit, "_carry_out", carry_out)
         assert attempt(make("1")) is error
         assert len(tries) == times
 
