@@ -258,7 +258,7 @@ def _turn(up: str, front: str) -> np.ndarray:
     y, z = np.array(_AXES[up], float), np.array(_AXES[front], float)
     if y @ z:
         free = [axis for axis in _AXES if axis[-1] != up[-1]]
-        raise UsageError(f"--front {front}: lies along --up {up}; one of {', '.join(free)}")
+        raise UsageError(f"--front {front}: is parallel to --up {up}; use one of {', '.join(free)}")
     return np.stack([np.cross(y, z), y, z])
 
 

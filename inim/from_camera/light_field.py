@@ -1,9 +1,9 @@
 """EIAs of a 4D light field: of its centre view and disparity, or of all its views.
 
 The views are laid over the lens array, and the outermost directions of a lens's field become the
-outermost views. A point of disparity d then stands at ``z = k (d + shift)``, with k from
+outermost views. A point of disparity d is then at ``z = k (d + shift)``, with k from
 `inim.files.light_field.disparity_step_mm`; the shift takes the middle of the disparities to the
-central depth plane. Views that `inim export` made of an EIA are not shifted, and give it back.
+central depth plane. Views from `inim export` are not shifted, and yield the same EIA again.
 Depth is not fitted to the display's range: so the EIA of the centre view can be compared, pixel by
 pixel, with that of the true views.
 """

@@ -40,7 +40,7 @@ _EVEN, _ODD = 4, 3
 # Colour of an added object; all other colours are below 1.
 _MARK = np.float32(1024)
 _NOT_PROMISED = "follows from the definition of a first hit, which this algorithm's is not"
-_BY_NEIGHBOURS = "follows for columns of their own: a surface's end where their neighbours' do"
+_BY_NEIGHBOURS = "follows only for columns whose ends do not depend on their neighbours"
 
 _LENGTHS = ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm", "shift_x_mm", "shift_y_mm")
 _Pictures = Callable[[], Iterable[PictureCase]]

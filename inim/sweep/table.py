@@ -227,21 +227,23 @@ def column_groups() -> dict[str, dict[str, str]]:
     }
     groups = {
         "names": _of("string", "scene", "display", "algorithm", "viewpoint"),
-        '"ok" or "failed", and why; scores are then null': _of("string", "status", "error"),
+        '"ok" or "failed", and the error; scores of a failed unit are null': _of(
+            "string", "status", "error"
+        ),
         **{title: _of("float64", *names) for title, names in scores.items()},
         "the EIA, before any optics": _of("float64", *eia_columns(), "hole_fraction", *floor),
-        "of generating the EIA: once, cold; median ratio, with `time = true`": _of(
+        "generation of the EIA: first run; kernel times, with `time = true`": _of(
             "float64", *_OF_GENERATION
         ),
-        "of the whole validation, and within the renderer": _of("float64", *_OF_VALIDATION),
-        "whether the validation's checks on truth and algorithm passed": {
+        "time of the validation, and of its rendering": _of("float64", *_OF_VALIDATION),
+        "checks of the ground truth and the algorithm": {
             "passed": "bool",
             "failed_checks": "string",
         },
-        "where the eye is": _of("float64", "x_mm", "y_mm", "z_mm"),
+        "position of the eye": _of("float64", "x_mm", "y_mm", "z_mm"),
         "the display": _parameters(*DISPLAY_COLUMNS, "pixels_per_lens"),
-        "settings asked for; null: not given": _parameters(*SETTING_COLUMNS),
-        "what made it": _of("string", *_MADE),
+        "settings; null: not given": _parameters(*SETTING_COLUMNS),
+        "origin": _of("string", *_MADE),
     }
     names = [name for group in groups.values() for name in group]
     for metric in all_metrics():
@@ -273,7 +275,7 @@ def columns_as_markdown() -> str:
         f"| {', '.join(f'`{name}`' for name in group)} | {title} |"
         for title, group in column_groups().items()
     ]
-    return "\n".join(["| columns | what |", "| --- | --- |", *rows])
+    return "\n".join(["| columns | content |", "| --- | --- |", *rows])
 
 
 def check_pyarrow() -> None:

@@ -52,8 +52,8 @@ def choose_slots(workers: int | None, threads: int | None, cores: int) -> tuple[
 
 
 _ANSWERS_WITHIN_S = 10
-# A dask worker with several threads takes as many tasks; on a cluster a validation wants its cores
-# to itself.
+# A dask worker with several threads runs several tasks at once; on a cluster, a validation needs
+# all cores of its worker.
 _ONE_AT_A_TIME = threading.Lock()
 # The resource of the worker on this machine that tasks share.
 _MEMORY = "memory"

@@ -80,7 +80,7 @@ def run_tolerance(
     failed; but if the aligned display fails, a `SceneError` is raised.
     """
     if not 0 < request.criterion < 1:
-        raise UsageError(f"--criterion {request.criterion:g}: must lie between 0 and 1")
+        raise UsageError(f"--criterion {request.criterion:g}: must be between 0 and 1")
     plan = _design(request)
     study = read_tolerance_study(request.study, plan.display)
     reached = {} if request.calibration is None else read_standard_errors(request.calibration)
