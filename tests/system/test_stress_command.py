@@ -162,7 +162,7 @@ def test_a_scene_that_shows_nothing_is_one_line(tmp_path):
     scene = write_scene(tmp_path, sphere((-1, -1, 0), 1e-4), sphere((1, 1, 1), 1e-4))
     ended = run_stress(scene, "--quick", "-o", "out", *definitions(TINY), folder=tmp_path)
     assert ended.returncode == EXIT_USAGE
-    assert_one_line(ended.stderr, ["tiny.xml", "sees nothing"])
+    assert_one_line(ended.stderr, ["tiny.xml", "picture is empty"])
 
 
 @pytest.mark.parametrize(
