@@ -114,7 +114,7 @@ def test_turning_never_mirrors(tmp_path, up):
         ({"up": None}, "--up"),
         ({"unit": "ft"}, "--unit ft"),
         ({"up": "w"}, "--up w"),
-        ({"front": "-y"}, "along --up"),
+        ({"front": "-y"}, "parallel to --up"),
         ({"display": "cinema"}, "--display cinema"),
         ({"name": "a.ply"}, r"name the scene a\.xml"),
     ],
