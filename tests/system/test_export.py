@@ -120,7 +120,7 @@ def test_without_scores_to_choose_by_it_asks(folder):
         (["--pdf", "p.pdf", "--algorithms", "tempate"], ["tempate", "did you mean template?"]),
         (["--pdf", "p.pdf", "--algorithms", "Truth"], ["did you mean truth?"]),
         (["--pdf", "p.pdf", "--display", "phone"], ["has its own display"]),
-        (["--hci", "h", "--grid", "8x8"], ["--grid 8x8", "no view in the middle"]),
+        (["--hci", "h", "--grid", "8x8"], ["--grid 8x8", "no centre view"]),
         (["--pdf", "p.pdf", "--tiles", "8x6"], ["--tiles", "--quilt FILE"]),
         (["--quilt", "q.png", "--scene", "scene.xml"], ["--scene", "--algorithms truth"]),
         (["--quilt", "q.png", "--tiles", "10x10"], ["--tiles 10x10", "--view-size"]),
