@@ -31,6 +31,8 @@ from inim.generators.base import (
     outside_depth_range,
 )
 from inim.generators.registry import (
+    COLOUR,
+    COLOURS,
     DEFAULT,
     FILL,
     FILLS,
@@ -54,6 +56,7 @@ from inim.image.rgbd import RGBD
 from inim.scene.file import display_of
 
 __all__ = [
+    "COLOURS",
     "FILLS",
     "HOLE",
     "MASKED",
@@ -109,8 +112,9 @@ def prepare(
         these pixels only (`properties`: ``takes_mask``); others run in full.
     **options
         Options of the algorithm, see its module. All algorithms that report their sources also have
-        ``fill``, "none", "hidden" or "all": the filling of pixels without a source, see
-        `inim.generators.raycast.fill`. It does not change the sources.
+        two options that do not change the sources: ``colour``, "nearest", "linear", "averaged" or
+        "smooth", the colour of a ray (`inim.generators.raycast.colour`); and ``fill``, "none",
+        "hidden" or "all", the filling of pixels without a source (`inim.generators.raycast.fill`).
 
     Raises
     ------
@@ -118,31 +122,45 @@ def prepare(
         Unknown algorithm or option, an invalid value of an option, or a mask of another size than
         the panel.
     """
-    display = display_of(display)
+    display, shape = display_of(display), (shape[0], shape[1])
     name, option_text = parse_algorithm(algorithm)
     definition = find_algorithm(name)
     merged = {**option_text, **options}
     definition.check_options(merged)
-    fill = "none" if definition.fills_itself else merged.pop(FILL, "none")
-    filling = one_of(FILL, fill, FILLS) != "none"
+
+    fill, colour = "none", "nearest"
+    if not definition.has_option(FILL):
+        fill = one_of(FILL, merged.pop(FILL, fill), FILLS)
+    if not definition.has_option(COLOUR):
+        default = definition.properties({}).colour
+        colour = one_of(COLOUR, merged.pop(COLOUR, default), COLOURS)
+    filling = fill != "none"
     # What fills a hole may lie outside the mask.
     sparse = definition.takes_mask and not filling
     if mask is not None:
         check_mask(mask, display)
         merged |= {MASK: mask} if sparse else {}
 
-    def make(**more: Any) -> Generator:
-        generator = definition.prepare(display, tuple(shape), float(pixel_mm), **merged, **more)
+    def prepare_generator(**more: Any) -> Generator:
+        generator = definition.prepare(display, shape, float(pixel_mm), **merged, **more)
         if not isinstance(generator, Generator):
             raise UsageError(
-                f"algorithm {name!r} made a {type(generator).__name__}, which cannot generate"
+                f"algorithm {name!r} returned a {type(generator).__name__}, which cannot generate"
             )
-        return generator
+        if colour == "nearest":
+            return generator
+        from inim.generators.raycast.colour import Coloured
 
-    generator = make()
+        source_generator = _with_sources(name, generator, COLOUR)
+        return Coloured(source_generator, display, shape, float(pixel_mm), colour)
+
+    generator = prepare_generator()
     if filling:
-        generator = _with_fill(
-            name, generator, fill, make(leave_holes=True) if definition.leaves_holes else generator
+        from inim.generators.raycast.fill import Filled
+
+        with_holes = prepare_generator(leave_holes=True) if definition.leaves_holes else generator
+        generator = Filled(
+            _with_sources(name, generator, FILL), fill, _with_sources(name, with_holes, FILL)
         )
     return generator if mask is None or sparse else masked(generator, mask)
 
@@ -174,16 +192,11 @@ def _check_picture(rgbd: RGBD, display: Display) -> None:
         )
 
 
-def _with_fill(name: str, generator: Generator, fill: str, with_holes: Generator) -> Generator:
-    """A generator that fills the holes that another leaves."""
-    from inim.generators.raycast.fill import Filled
-
-    if not (isinstance(generator, SourceGenerator) and isinstance(with_holes, SourceGenerator)):
-        raise UsageError(
-            f"algorithm {name!r} does not report its sources, and so not what is a "
-            "hole; leave fill out"
-        )
-    return Filled(generator, fill, with_holes)
+def _with_sources(name: str, generator: Generator, option: str) -> SourceGenerator:
+    """The generator, or `UsageError` if it does not report the sources that an option needs."""
+    if not isinstance(generator, SourceGenerator):
+        raise UsageError(f"algorithm {name!r} does not report its sources; leave {option} out")
+    return generator
 
 
 def find_sources(

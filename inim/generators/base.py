@@ -305,6 +305,10 @@ class PixelsOnPanel(SourceGenerator):
         sources[self._at] = self._listed.sources(rgbd)[0]
         return sources
 
+    def rays(self) -> list[Ray]:
+        """See `SourceGenerator.rays`."""
+        return [ray._replace(generator=PixelsOnPanel(ray.generator)) for ray in self._listed.rays()]
+
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""
         panel = self.place(rgbd, out)
@@ -372,6 +376,13 @@ class MaskedSources(SourceGenerator):
         """See `SourceGenerator.find`; `MASKED` outside the mask."""
         sources = self._whole.sources(rgbd)
         return np.where(self._mask, sources, np.int32(MASKED))
+
+    def rays(self) -> list[Ray]:
+        """See `SourceGenerator.rays`."""
+        return [
+            ray._replace(generator=MaskedSources(ray.generator, self._mask))
+            for ray in self._whole.rays()
+        ]
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""

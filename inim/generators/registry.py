@@ -47,13 +47,19 @@ FILL = "fill"
 #: Its values. What is filled: nothing; what is hidden behind a surface or by the picture's edge;
 #: and what the picture does not cover, too.
 FILLS = ("none", "hidden", "all")
+#: Option of every algorithm that reports its sources: the colour of a ray, from the pixels around
+#: its source; see `inim.generators.raycast.colour`.
+COLOUR = "colour"
+#: Values of `COLOUR`: the nearest pixel; interpolated; averaged over the footprint of a panel
+#: pixel; averaged and interpolated.
+COLOURS = ("nearest", "linear", "averaged", "smooth")
 #: The parameter of a `prepare` that can leave holes where it shows what it only supposes; not an
 #: option of the algorithm.
 LEAVE_HOLES = "leave_holes"
 
 _ENTRY_POINTS = "inim.generators"
-# Where `algorithm` leaves the properties of a `prepare`.
-_STATED = "__inim_algorithm__"
+# Attribute of a `prepare` that holds its declared properties.
+_PROPERTIES = "__inim_algorithm__"
 
 Prepare = Callable[..., Generator]
 _AnyPrepare = TypeVar("_AnyPrepare", bound=Prepare)
@@ -72,8 +78,10 @@ class AlgorithmProperties:
         Its EIA depends on comparisons of stored numbers only: the same bits on every machine.
     reads_layers : bool
         It makes use of `inim.image.rgbd.LayeredRGBD`.
+    colour : str
+        Default of its option `COLOUR`.
     color, marker : str, optional
-        Of its points in plots, as matplotlib names them.
+        Color and marker of its points in plots, as matplotlib names them.
     name : str
         Without the options.
     own : bool
@@ -87,6 +95,7 @@ class AlgorithmProperties:
     exact: bool = False
     portable: bool = False
     reads_layers: bool = False
+    colour: str = "nearest"
     color: str | None = None
     marker: str | None = None
     name: str = ""
@@ -100,17 +109,18 @@ def algorithm(
     exact: bool = False,
     portable: bool = False,
     reads_layers: bool = False,
+    colour: str = "nearest",
     color: str | None = None,
     marker: str | None = None,
 ) -> Callable[[_AnyPrepare], _AnyPrepare]:
-    """State the properties of an algorithm (see `AlgorithmProperties`); decorates its `prepare`."""
-    stated = AlgorithmProperties(exact, portable, reads_layers, color, marker)
+    """Declare the properties of an algorithm (see `AlgorithmProperties`); decorates `prepare`."""
+    declared = AlgorithmProperties(exact, portable, reads_layers, colour, color, marker)
 
-    def state(prepare: _AnyPrepare) -> _AnyPrepare:
-        setattr(prepare, _STATED, stated)
+    def declare(prepare: _AnyPrepare) -> _AnyPrepare:
+        setattr(prepare, _PROPERTIES, declared)
         return prepare
 
-    return state
+    return declare
 
 
 @dataclass(frozen=True)
@@ -151,10 +161,9 @@ class Algorithm:
         """True if `prepare` can leave holes for a later fill."""
         return LEAVE_HOLES in inspect.signature(self.prepare).parameters
 
-    @property
-    def fills_itself(self) -> bool:
-        """True if the algorithm has its own option ``fill``."""
-        return any(p.name == FILL for p in self.options)
+    def has_option(self, name: str) -> bool:
+        """True if `prepare` has an option of this name."""
+        return any(p.name == name for p in self.options)
 
     def check_options(self, options: Mapping[str, Any]) -> None:
         """Raise `UsageError` for an option that it does not have."""
@@ -162,29 +171,30 @@ class Algorithm:
             return
         names = [p.name for p in self.options]
         for key in options:
-            if key not in (*names, FILL):
+            if key not in (*names, FILL, COLOUR):
                 has = f"its options are {', '.join(names)}" if names else "it has none"
                 raise UsageError(f"algorithm {self.name!r} has no option {key!r}; {has}")
 
     def properties(self, options: Mapping[str, Any]) -> AlgorithmProperties:
-        """Its properties with some options."""
-        stated = getattr(self.prepare, _STATED, None)
-        stated = stated if isinstance(stated, AlgorithmProperties) else AlgorithmProperties()
-        columns = "layers" if stated.reads_layers else str(options.get("columns", "surface"))
+        """Properties with some options."""
+        declared = getattr(self.prepare, _PROPERTIES, None)
+        if not isinstance(declared, AlgorithmProperties):
+            declared = AlgorithmProperties()
+        columns = "layers" if declared.reads_layers else str(options.get("columns", "surface"))
         return replace(
-            stated, name=self.name, own=self.own, columns=columns, takes_mask=self.takes_mask
+            declared, name=self.name, own=self.own, columns=columns, takes_mask=self.takes_mask
         )
 
 
 @cache
-def _own() -> dict[str, Algorithm]:
+def _built_in() -> dict[str, Algorithm]:
     """The algorithms of this folder, the default one first."""
     package = __name__.rpartition(".")[0]
     algorithms = {}
     for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
         if not module.ispkg:
             prepare = getattr(import_module(f"{package}.{module.name}"), "prepare", None)
-            if prepare is not None and hasattr(prepare, _STATED):
+            if prepare is not None and hasattr(prepare, _PROPERTIES):
                 algorithms[module.name] = Algorithm(module.name, prepare, own=True)
     return {
         name: algorithms[name]
@@ -194,7 +204,7 @@ def _own() -> dict[str, Algorithm]:
 
 def is_own(name: str) -> bool:
     """True if an algorithm, given without options, is built-in. Loads no other package."""
-    return name in _own()
+    return name in _built_in()
 
 
 def foreign_errors(text: str) -> AbstractContextManager[None]:
@@ -207,7 +217,7 @@ def foreign_errors(text: str) -> AbstractContextManager[None]:
 def algorithm_names() -> list[str]:
     """All algorithms there are: the project's own, then those that other packages announce."""
     others = announced(_ENTRY_POINTS)
-    return [*_own(), *(n for n in others if n not in _own() and n != PICKUP)]
+    return [*_built_in(), *(n for n in others if n not in _built_in() and n != PICKUP)]
 
 
 def find_algorithm(name: str) -> Algorithm:
@@ -218,19 +228,19 @@ def find_algorithm(name: str) -> Algorithm:
     UsageError
         Unknown, announced twice, or an announced one that cannot be loaded.
     """
-    if name in _own():
-        return _own()[name]
+    if name in _built_in():
+        return _built_in()[name]
     if name == PICKUP:
         raise UsageError(f"algorithm {name!r} needs the scene, not a picture: use `inim validate`")
     if name not in announced(_ENTRY_POINTS):
         raise UsageError(f"algorithm {name!r}: {suggest_words(name, algorithm_names())}")
 
-    def made(prepare: Prepare) -> Algorithm:
+    def define(prepare: Prepare) -> Algorithm:
         definition = Algorithm(name, prepare, own=False)
         _ = definition.options  # its signature can be read
         return definition
 
-    definition: Algorithm = load(_ENTRY_POINTS, name, "algorithm", made)
+    definition: Algorithm = load(_ENTRY_POINTS, name, "algorithm", define)
     return definition
 
 

@@ -39,13 +39,13 @@ from inim.generators.base import PictureShape, SourceGenerator
 from inim.generators.registry import algorithm, one_of
 
 
-@algorithm(exact=True, portable=True, color="#0072b2", marker="o")
+@algorithm(exact=True, portable=True, colour="smooth", color="#0072b2", marker="o")
 def prepare(
     display: Display,
     shape: PictureShape,
     pixel_mm: float,
     *,
-    samples: int | str = 1,
+    samples: int | str = 4,
     columns: str = "surface",
     mask: np.ndarray | None = None,
     leave_holes: bool = False,

@@ -133,14 +133,13 @@ class Supersampled(SourceGenerator):
             _mean_colours(self.samples(rgbd), palette, out)
             return out
         # Light adds up, code values do not: average linear light, then encode again.
-        light, opacity, *encoding = _transfer()
         # A hole's colour comes first.
         words = np.zeros(len(palette) + 1, np.uint32)
         linear = np.zeros((len(words), 4), np.float32)
         words[1:] = palette.view(np.uint32)[:, 0]
-        _decode(palette, light, opacity, linear[1:])
+        decode_light(palette, linear[1:])
         mean = out.view(np.uint32)[..., 0]
-        _mean_codes(self.samples(rgbd), words, linear, *encoding, mean)
+        _mean_codes(self.samples(rgbd), words, linear, *transfer_tables()[2:], mean)
         return out
 
 
@@ -201,8 +200,26 @@ class Subpixelled(SourceGenerator):
         return out
 
 
+def decode_light(colours: np.ndarray, light: np.ndarray | None = None) -> np.ndarray:
+    """Linear light and opacity, (n, 4) float32, of sRGB codes (n, 4) or linear RGB (n, 3)."""
+    if light is None:
+        light = np.empty((len(colours), 4), np.float32)
+    if colours.dtype == np.uint8:
+        _decode(colours, *transfer_tables()[:2], light)
+    else:
+        light[:, :3], light[:, 3] = colours, 1
+    return light
+
+
+def encode_light(light: np.ndarray) -> np.ndarray:
+    """The sRGB codes and alpha, (n, 4) uint8, of linear light and opacity."""
+    codes = np.empty(light.shape, np.uint8)
+    _encode(light, *transfer_tables()[2:], codes)
+    return codes
+
+
 @cache
-def _transfer() -> tuple[np.ndarray, ...]:
+def transfer_tables() -> tuple[np.ndarray, ...]:
     """Light and opacity of each 8-bit code, code at the start of each step, and lowest light of
     each code.
 
@@ -249,11 +266,20 @@ def _mean_colours(sources, palette, mean):  # type: ignore[no-untyped-def]
 
 @compiled(parallel=True)
 def _decode(codes, light, opacity, linear):  # type: ignore[no-untyped-def]
-    """Light and opacity of (n, 4) codes; see `_transfer`."""
+    """Light and opacity of (n, 4) codes; see `transfer_tables`."""
     for n in prange(len(codes)):
         for c in range(3):
             linear[n, c] = light[codes[n, c]]
         linear[n, 3] = opacity[codes[n, 3]]
+
+
+@compiled(parallel=True)
+def _encode(light, step_code, code_begins, codes):  # type: ignore[no-untyped-def]
+    """Codes of (n, 4) light and opacity."""
+    for n in prange(len(light)):
+        for c in range(3):
+            codes[n, c] = light_code(light[n, c], step_code, code_begins)
+        codes[n, 3] = opacity_code(light[n, 3])
 
 
 @compiled(parallel=True)
@@ -277,12 +303,10 @@ def _mean_codes(sources, words, linear, step_code, code_begins, mean):  # type: 
                 continue
             if rays == 2:
                 c = d = np.uintp(0)
-            word = _opacity(_sum(linear, a, b, c, d, 3, share)) << np.uint32(24)
+            word = opacity_code(_sum(linear, a, b, c, d, 3, share)) << np.uint32(24)
             for channel in range(3):
                 total = _sum(linear, a, b, c, d, channel, share)
-                code = np.uint32(step_code[np.uintp(total * np.float32(_STEPS))])
-                code += np.uint32(total >= code_begins[np.uintp(code)])
-                word |= code << np.uint32(8 * channel)
+                word |= light_code(total, step_code, code_begins) << np.uint32(8 * channel)
             mean[row, column] = word
 
 
@@ -303,7 +327,15 @@ def _sum(linear, a, b, c, d, channel, share):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _opacity(alpha):  # type: ignore[no-untyped-def]
+def light_code(light, step_code, code_begins):  # type: ignore[no-untyped-def]
+    """The sRGB code of linear light; see `transfer_tables`."""
+    clipped = min(light, np.float32(1))
+    code = np.uint32(step_code[np.uintp(clipped * np.float32(_STEPS))])
+    return code + np.uint32(clipped >= code_begins[np.uintp(code)])
+
+
+@compiled
+def opacity_code(alpha):  # type: ignore[no-untyped-def]
     """The code of an opacity, to the nearest and the even one, without a call of the C library."""
     whole = np.float32(2**23)
     return np.uint32((alpha * np.float32(255) + whole) - whole)
