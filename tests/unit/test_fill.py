@@ -25,7 +25,7 @@ from inim.image.rgbd import RGBD
 from tests import oracle
 from tests.conftest import small_display
 
-SURFACE = "template"
+SURFACE = "template:samples=1:colour=nearest"
 WALL, NEAR = (0.1, 0.6, 0.2), (0.9, 0.1, 0.1)
 DEPTHS = {"depth_min_mm": 10.0, "depth_max_mm": 40.0}
 ARRAYS: list[dict[str, Any]] = [

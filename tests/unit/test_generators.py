@@ -163,7 +163,9 @@ def test_a_pixel_shows_the_mean_of_the_rays_from_what_shines_of_it(algorithm, di
     pixels = chosen_pixels(shown, 150)
     for name in ("random, sparse, odd size", "layers"):
         rgbd = picture(display, name)
-        eia = generate(rgbd, shown, f"{algorithm}:samples={samples}")[tuple(pixels.T)]
+        eia = generate(rgbd, shown, f"{algorithm}:samples={samples}:colour=nearest")[
+            tuple(pixels.T)
+        ]
         palette = np.concatenate([rgbd.palette.reshape(-1, 3), np.zeros((1, 3), np.float32)])
         for channel, place in enumerate(PATTERNS[shown.subpixels]):
             mean, sure = np.zeros(len(pixels)), np.ones(len(pixels), bool)
@@ -185,7 +187,8 @@ def test_codes_are_those_of_the_mean_light_to_the_last_bit(samples):
     shown, linear = DISPLAYS["both sides"], picture("both sides", "spikes")
     color = np.random.default_rng(1).integers(1, 256, (*linear.shape, 4)).astype(np.uint8)
     rgbd = RGBD(color, linear.depth_mm, linear.covered, linear.pixel_mm)
-    made = prepare(shown, f"template:samples={samples}", shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
+    algorithm = f"template:samples={samples}:colour=nearest"
+    made = prepare(shown, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
     sources = made.samples(rgbd)
     palette = np.append(rgbd.color.reshape(-1, 4), np.zeros((1, 4), np.uint8), axis=0)
     codes = palette[np.where(sources >= 0, sources, -1)] / np.float32(255)

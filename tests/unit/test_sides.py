@@ -154,7 +154,8 @@ def test_sides_move_no_ray(open_fitted, samples):
     )  # fmt: skip
     deeper = tuple(_recoloured(layer, color) for layer in rgbd.deeper)
     cut = LayeredRGBD(color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm, rgbd.back_mm, deeper)
-    made = [generate(one, DISPLAY, "layered", samples=samples) for one in (solids, cut)]
+    options = {"samples": samples, "colour": "nearest"}
+    made = [generate(one, DISPLAY, "layered", **options) for one in (solids, cut)]
     assert np.array_equal(*made)
     behind = find_sources(cut, DISPLAY, "layered", samples=1) >= rows * columns
     assert behind.mean() > 0.005, "or no ray meets a side anyway"
@@ -191,7 +192,7 @@ def test_who_looks_at_a_side_sees_its_colour(open_fitted):
 
     fitted, _, rgbd = captured(open_fitted, *box(3, 4, 4))
     truth = pickup(fitted, DISPLAY, spp=16, seed=2).image
-    shown = generate(rgbd, DISPLAY, "layered", samples=4)
+    shown = generate(rgbd, DISPLAY, "layered", colour="nearest")
     for rgb in (LEFT, RIGHT, ABOVE, BELOW):
         at = [_is_of(rgb, eia) for eia in (truth, shown)]
         assert at[0].sum() > 100

@@ -3,8 +3,8 @@
 """Colours of rays, evaluated after their sources: nearest pixel, interpolated or averaged.
 
 Definition. The sources of an algorithm do not depend on the colour. ``nearest`` copies the colour
-of the source. The others also read its neighbours on the same surface: covered pixels of the same
-layer whose depth differs by no more than `STEEPEST` times their distance.
+of the source. The others also read its neighbours on the same surface: covered pixels whose depth
+differs by no more than `STEEPEST` times their distance; of several layers the nearest in depth.
 
 Interpolation (``linear``, ``smooth``). The point at which a ray meets the surface is the ray's
 position at the depth of the source, moved to the border of the source's pixel if it is outside. The
@@ -243,28 +243,33 @@ def diffused(
     (layers x H x W, 4) float32
     """
     farthest = float(np.abs(front, where=front > -np.inf, out=np.zeros_like(front)).max())
-    largest = (max(footprint) * farthest) ** 2 / 12 - present
     scale = np.array(footprint, np.float32) / np.float32(12**0.5)
-    stride, done = 1, 0.0
     steepest = np.float32(STEEPEST * pixel_mm)
-    result, previous = light.copy(), light
-    while stride == 1 or largest > done:
-        result, previous = (result, previous) if stride == 1 else (previous.copy(), result)
+    for stride in _strides((max(footprint) * farthest) ** 2 / 12 - present):
+        result = np.empty_like(light)
         _diffuse(
-            front, previous, scale, np.float32(present), np.float32(least if stride == 1 else 0),
-            np.float32(done), stride, steepest, result,
+            front, light, scale, np.float32(present),
+            np.float32(least if stride == 1 else 0), stride, steepest, result,
         )  # fmt: skip
-        done += stride**2 / 4
-        stride *= 2
-    return result
+        light = result
+    return light
+
+
+def _strides(variance: float) -> list[int]:
+    """Distances of the neighbours in the passes for a variance, in picture pixels; at least one."""
+    strides = [1]
+    while variance > (4 ** len(strides) - 1) / 12:  # of all passes so far
+        strides.append(2 * strides[-1])
+    return strides
 
 
 @compiled(parallel=True)
-def _diffuse(front, light, scale, present, least, done, stride, steepest, result):
+def _diffuse(front, light, scale, present, least, stride, steepest, result):
     """One pass of the diffusion: its share of the variance, from neighbours at a distance."""
     layers, rows, columns = front.shape
-    most = np.float32(stride * stride) * np.float32(0.25)
-    weight = np.float32(0.5) / np.float32(stride * stride)
+    square = np.float32(stride * stride)
+    most, done = np.float32(0.25) * square, (square - np.float32(1)) / np.float32(12)
+    weight = np.float32(0.5) / square
     reach = steepest * np.float32(stride)
     for index in prange(layers * rows):
         line = np.int64(index)  # the loop's index is unsigned
@@ -284,11 +289,10 @@ def _diffuse(front, light, scale, present, least, done, stride, steepest, result
                 for side in (-stride, stride):
                     r = row + side if axis == 0 else row
                     c = column if axis == 0 else column + side
-                    if not (0 <= r < rows and 0 <= c < columns):
+                    neighbour = _neighbour(front, r, c, depth, reach)
+                    if neighbour < 0:
                         continue
-                    if abs(front[layer, r, c] - depth) > reach:
-                        continue
-                    other = (layer * rows + r) * columns + c
+                    other = (neighbour * rows + r) * columns + c
                     for channel in range(3):
                         difference = light[other, channel] - light[here, channel]
                         result[here, channel] += weight * share * difference
@@ -297,13 +301,18 @@ def _diffuse(front, light, scale, present, least, done, stride, steepest, result
 
 
 @compiled
-def _corner(front, layer, row, column, depth, reach):
-    """True if a pixel belongs to the surface of a depth."""
-    return (
-        0 <= row < front.shape[1]
-        and 0 <= column < front.shape[2]
-        and abs(front[layer, row, column] - depth) <= reach
-    )
+def _neighbour(front, row, column, depth, reach):
+    """Layer of a pixel that is nearest to a depth and on the same surface; -1 if there is none."""
+    if not (0 <= row < front.shape[1] and 0 <= column < front.shape[2]):
+        return -1
+    nearest = -1
+    for layer in range(front.shape[0]):
+        distance = abs(front[layer, row, column] - depth)
+        if distance <= reach:
+            reach, nearest = distance, layer
+            if distance == 0:
+                break
+    return nearest
 
 
 @compiled
@@ -332,8 +341,9 @@ def _interpolated(source, u0, du, v0, dv, front, light, steepest):
             r, c, weight = next_row, column, (unit - right) * down
         elif corner == 2:
             r, weight, reach = next_row, right * down, steepest * np.float32(np.sqrt(2.0))
-        if weight > 0 and _corner(front, layer, r, c, depth, reach):
-            other = (layer * rows + r) * columns + c
+        neighbour = _neighbour(front, r, c, depth, reach) if weight > 0 else -1
+        if neighbour >= 0:
+            other = (neighbour * rows + r) * columns + c
             red += weight * light[other, 0]
             green += weight * light[other, 1]
             blue += weight * light[other, 2]
