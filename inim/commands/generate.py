@@ -72,9 +72,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         dest="algorithm",
         metavar="ALGORITHM",
         default=_DEFAULT_ALGORITHM,
-        help="one algorithm with options, such as template:samples=4; see `inim info algorithms`",
+        help="one algorithm with options, such as template:samples=1; see `inim info algorithms`",
     )
-    add("--fill", default="none", help="filling of holes: none, hidden (by a surface), or all")
+    add("--fill", help="filling of holes: none, hidden (by a surface), all, or auto; see the docs")
     add("-o", "--out", type=Path, help="EIA, .png or .exr (eia.png); for a folder, a folder")
     add("--pdf", type=Path, help="also write a PDF that prints at true size")
     add(
@@ -230,7 +230,7 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
     else:
         picture.check_files()
     picture.check_choices()
-    if one_of("--fill", args.fill, FILLS) != "none" and args.all_views:
+    if args.fill is not None and one_of("--fill", args.fill, FILLS) != "none" and args.all_views:
         raise UsageError("--fill: with --all-views no algorithm leaves holes; leave it out")
     suffixes = (("-o", args.out, EIA_SUFFIXES), ("--pdf", args.pdf, (".pdf",)))
     outputs: dict[str, str] = {}
@@ -253,7 +253,7 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
 
 def _algorithm(args: argparse.Namespace) -> str:
     """Algorithm with its hole filling."""
-    return str(args.algorithm) + ("" if args.fill == "none" else f":fill={args.fill}")
+    return str(args.algorithm) + ("" if args.fill is None else f":fill={args.fill}")
 
 
 def _generated(

@@ -8,6 +8,7 @@ An algorithm is one file in this folder, or a function registered by another pac
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +115,7 @@ def prepare(
         Options of the algorithm, see its module. All algorithms that report their sources also have
         two options that do not change the sources: ``colour``, "nearest", "linear", "averaged" or
         "smooth", the colour of a ray (`inim.generators.raycast.colour`); and ``fill``, "none",
-        "hidden" or "all", the filling of pixels without a source (`inim.generators.raycast.fill`).
+        "hidden", "all" or "auto", the filling of holes (`inim.generators.raycast.fill`).
 
     Raises
     ------
@@ -122,47 +123,85 @@ def prepare(
         Unknown algorithm or option, an invalid value of an option, or a mask of another size than
         the panel.
     """
-    display, shape = display_of(display), (shape[0], shape[1])
+    display = display_of(display)
     name, option_text = parse_algorithm(algorithm)
     definition = find_algorithm(name)
     merged = {**option_text, **options}
     definition.check_options(merged)
-
+    defaults = definition.properties({})
     fill, colour = "none", "nearest"
     if not definition.has_option(FILL):
-        fill = one_of(FILL, merged.pop(FILL, fill), FILLS)
+        fill = one_of(FILL, merged.pop(FILL, defaults.fill), FILLS)
     if not definition.has_option(COLOUR):
-        default = definition.properties({}).colour
-        colour = one_of(COLOUR, merged.pop(COLOUR, default), COLOURS)
-    filling = fill != "none"
-    # What fills a hole may lie outside the mask.
-    sparse = definition.takes_mask and not filling
+        colour = one_of(COLOUR, merged.pop(COLOUR, defaults.colour), COLOURS)
     if mask is not None:
         check_mask(mask, display)
-        merged |= {MASK: mask} if sparse else {}
+    request = _Preparation(
+        definition, display, (shape[0], shape[1]), float(pixel_mm), colour, merged, mask
+    )
+    if fill != "auto":
+        return request.prepare(fill)
+    generator = request.prepare("none")
+    if not (isinstance(generator, SourceGenerator) and display.is_separable):
+        return generator
+    from inim.generators.raycast.fill import FilledFrames
 
-    def prepare_generator(**more: Any) -> Generator:
-        generator = definition.prepare(display, shape, float(pixel_mm), **merged, **more)
+    return FilledFrames(generator, lambda: request.prepare("hidden"))
+
+
+@dataclass(frozen=True)
+class _Preparation:
+    """Preparation of a generator whose options are parsed."""
+
+    definition: Algorithm
+    display: Display
+    shape: PictureShape
+    pixel_mm: float
+    colour: str
+    options: dict[str, Any]
+    mask: np.ndarray | None
+
+    def prepare(self, fill: str) -> Generator:
+        """Generator with one kind of fill, "none", "hidden" or "all"."""
+        if fill == "none" and self.definition.takes_mask and self.mask is not None:
+            return self._coloured(**{MASK: self.mask})
+        generator = self._coloured()
+        if fill != "none":
+            from inim.generators.raycast.fill import Filled
+
+            with_holes = generator
+            if self.definition.leaves_holes:
+                with_holes = self._coloured(leave_holes=True)
+            generator = Filled(
+                self._with_sources(generator, FILL), fill, self._with_sources(with_holes, FILL)
+            )
+        # The source of a fill may be outside the mask.
+        return generator if self.mask is None else masked(generator, self.mask)
+
+    def _coloured(self, **arguments: Any) -> Generator:
+        """Generator without a fill."""
+        generator = self.definition.prepare(
+            self.display, self.shape, self.pixel_mm, **self.options, **arguments
+        )
         if not isinstance(generator, Generator):
             raise UsageError(
-                f"algorithm {name!r} returned a {type(generator).__name__}, which cannot generate"
+                f"algorithm {self.definition.name!r} returned a {type(generator).__name__}, which "
+                "cannot generate"
             )
-        if colour == "nearest":
+        if self.colour == "nearest":
             return generator
         from inim.generators.raycast.colour import Coloured
 
-        source_generator = _with_sources(name, generator, COLOUR)
-        return Coloured(source_generator, display, shape, float(pixel_mm), colour)
+        source_generator = self._with_sources(generator, COLOUR)
+        return Coloured(source_generator, self.display, self.shape, self.pixel_mm, self.colour)
 
-    generator = prepare_generator()
-    if filling:
-        from inim.generators.raycast.fill import Filled
-
-        with_holes = prepare_generator(leave_holes=True) if definition.leaves_holes else generator
-        generator = Filled(
-            _with_sources(name, generator, FILL), fill, _with_sources(name, with_holes, FILL)
-        )
-    return generator if mask is None or sparse else masked(generator, mask)
+    def _with_sources(self, generator: Generator, option: str) -> SourceGenerator:
+        """The generator, or `UsageError` if it does not report the sources that an option needs."""
+        if not isinstance(generator, SourceGenerator):
+            raise UsageError(
+                f"algorithm {self.definition.name!r} does not report its sources; omit {option}"
+            )
+        return generator
 
 
 def _check_picture(rgbd: RGBD, display: Display) -> None:
@@ -190,13 +229,6 @@ def _check_picture(rgbd: RGBD, display: Display) -> None:
             "towards the viewer; convert other units, or fit the picture with `inim generate`",
             stacklevel=3,
         )
-
-
-def _with_sources(name: str, generator: Generator, option: str) -> SourceGenerator:
-    """The generator, or `UsageError` if it does not report the sources that an option needs."""
-    if not isinstance(generator, SourceGenerator):
-        raise UsageError(f"algorithm {name!r} does not report its sources; leave {option} out")
-    return generator
 
 
 def find_sources(

@@ -15,7 +15,7 @@ from inim.generators.base import PictureShape, SourceGenerator
 from inim.generators.registry import algorithm
 
 
-@algorithm(exact=True, reads_layers=True, colour="smooth", color="#6a51a3", marker="P")
+@algorithm(exact=True, reads_layers=True, colour="smooth", fill="auto", color="#6a51a3", marker="P")
 def prepare(
     display: Display,
     shape: PictureShape,

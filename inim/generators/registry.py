@@ -41,12 +41,12 @@ PICKUP = "pickup"
 #: The parameter of a `prepare` that takes a pixel mask; not an option of the algorithm.
 MASK = "mask"
 
-#: An option of every algorithm that says where its colours come from; see
+#: Option of every algorithm that reports its sources: the filling of holes; see
 #: `inim.generators.raycast.fill`.
 FILL = "fill"
-#: Its values. What is filled: nothing; what is hidden behind a surface or by the picture's edge;
-#: and what the picture does not cover, too.
-FILLS = ("none", "hidden", "all")
+#: Values of `FILL`: leave holes black; fill regions hidden by a surface or by the picture's edge;
+#: fill uncovered regions, too; "hidden" for pictures that fill their frame, otherwise "none".
+FILLS = ("none", "hidden", "all", "auto")
 #: Option of every algorithm that reports its sources: the colour of a ray, from the pixels around
 #: its source; see `inim.generators.raycast.colour`.
 COLOUR = "colour"
@@ -78,8 +78,8 @@ class AlgorithmProperties:
         Its EIA depends on comparisons of stored numbers only: the same bits on every machine.
     reads_layers : bool
         It makes use of `inim.image.rgbd.LayeredRGBD`.
-    colour : str
-        Default of its option `COLOUR`.
+    colour, fill : str
+        Defaults of its options `COLOUR` and `FILL`.
     color, marker : str, optional
         Color and marker of its points in plots, as matplotlib names them.
     name : str
@@ -96,6 +96,7 @@ class AlgorithmProperties:
     portable: bool = False
     reads_layers: bool = False
     colour: str = "nearest"
+    fill: str = "none"
     color: str | None = None
     marker: str | None = None
     name: str = ""
@@ -110,11 +111,12 @@ def algorithm(
     portable: bool = False,
     reads_layers: bool = False,
     colour: str = "nearest",
+    fill: str = "none",
     color: str | None = None,
     marker: str | None = None,
 ) -> Callable[[_AnyPrepare], _AnyPrepare]:
     """Declare the properties of an algorithm (see `AlgorithmProperties`); decorates `prepare`."""
-    declared = AlgorithmProperties(exact, portable, reads_layers, colour, color, marker)
+    declared = AlgorithmProperties(exact, portable, reads_layers, colour, fill, color, marker)
 
     def declare(prepare: _AnyPrepare) -> _AnyPrepare:
         setattr(prepare, _PROPERTIES, declared)

@@ -39,7 +39,7 @@ from inim.generators.base import PictureShape, SourceGenerator
 from inim.generators.registry import algorithm, one_of
 
 
-@algorithm(exact=True, portable=True, colour="smooth", color="#0072b2", marker="o")
+@algorithm(exact=True, portable=True, colour="smooth", fill="auto", color="#0072b2", marker="o")
 def prepare(
     display: Display,
     shape: PictureShape,

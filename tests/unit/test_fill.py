@@ -69,7 +69,7 @@ def hills(display: Display, seed: int = 5) -> RGBD:
 def test_uncovered_background_and_the_picture_beyond_its_edge_are_wall(more, samples) -> None:
     display = small_display(16, 15, **DEPTHS, **more)
     rgbd = wall_and_plate(display)
-    sources, plain = left(rgbd, display, f"{SURFACE}:samples={samples}")
+    sources, plain = left(rgbd, display, f"template:colour=nearest:samples={samples}")
     filled = generate(rgbd, display, SURFACE, samples=samples, fill="hidden")
     assert 0.08 < np.mean(sources[display.lensed] == HOLE) < 0.3
     holes = (sources == HOLE) & (plain == 0).all(axis=-1)
@@ -82,7 +82,7 @@ def test_uncovered_background_and_the_picture_beyond_its_edge_are_wall(more, sam
 def test_subpixels_are_filled_each_from_its_own_rays() -> None:
     display = small_display(16, 15, subpixels="rgb-stripe", **DEPTHS)
     rgbd = wall_and_plate(display)
-    method = f"{SURFACE}:samples=2"
+    method = "template:colour=nearest:samples=2"
     holes = (left(rgbd, display, method)[1] == 0).all(axis=-1)
     assert holes.sum() > 1000
     filled = generate(rgbd, display, method, fill="hidden")
@@ -211,7 +211,7 @@ def test_display_ready_pixels_are_the_codes_of_the_same_light(samples: int) -> N
     codes = srgb_to_uint8(srgb_from_linear(rgbd.color))
     opaque = np.concatenate([codes, np.full((*rgbd.shape, 1), 255, np.uint8)], axis=-1)
     shown = RGBD(opaque, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
-    method = f"{SURFACE}:samples={samples}:fill=all"
+    method = f"template:colour=nearest:samples={samples}:fill=all"
     linear, direct = generate(rgbd, display, method), generate(shown, display, method)
     far = np.abs(direct[..., :3].astype(int) - srgb_to_uint8(srgb_from_linear(linear)))
     # The picture's codes are rounded, and so is the light of a pixel that is shown in part.
@@ -224,7 +224,10 @@ def test_fill_does_not_depend_on_threads() -> None:
     display = small_display(9, 8, pixel_pitch_mm=0.0636)
     rgbd = hills(display)
     made = prepare(
-        display, f"{SURFACE}:samples=4:fill=all", shape=rgbd.shape, pixel_mm=rgbd.pixel_mm
+        display,
+        "template:colour=nearest:samples=4:fill=all",
+        shape=rgbd.shape,
+        pixel_mm=rgbd.pixel_mm,
     )
     together = made.generate(rgbd)
     before = numba.get_num_threads()
@@ -241,7 +244,7 @@ def test_what_cannot_be_filled_is_refused(monkeypatch) -> None:
     size = {"shape": (8, 8), "pixel_mm": 1.0}
     with pytest.raises(UsageError, match="fill = 'mirror': use none or hidden or all"):
         prepare(display, "template:fill=mirror", **size)
-    with pytest.raises(UsageError, match="stand in no rows and columns; use fill=none"):
+    with pytest.raises(UsageError, match="form no rows and columns; use fill=none"):
         prepare(display.replace(lattice="hexagonal"), "gu2020:fill=all", **size)
     colours = Algorithm("mine", lambda display, shape, pixel_mm: _Colours(), own=False)
     monkeypatch.setattr(inim.generators, "find_algorithm", lambda name: colours)

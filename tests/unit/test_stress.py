@@ -35,7 +35,7 @@ def prepare(display, shape, pixel_mm, *, fault="none"):
     '''An algorithm with a fault to choose.'''
     if fault == "refuses":
         raise UsageError("not today")
-    right = own(display, "template", shape=shape, pixel_mm=pixel_mm)
+    right = own(display, "template:samples=1:colour=nearest:fill=none", shape=shape, pixel_mm=pixel_mm)
     return Colours(right) if fault == "colours" else Sources(display, shape, pixel_mm, right, fault)
 
 class Sources(SourceGenerator):

@@ -20,12 +20,18 @@ whose ray ends there remains, and no surface is extended over it. Under ``all`` 
 in a photograph whose depth has gaps. In a picture without background, the farthest surfaces are
 used if no surface is certainly hidden.
 
+Under ``auto``, the default of `template` and `layered`, pictures that fill their frame (more than
+half of the pixels at its border are covered) are filled as under ``hidden``, and others are not.
+Arrays whose lenses form no rows and columns are not filled.
+
 Each hole is filled from sources in its own view, never from another filled hole: results do not
 depend on order, and the cost grows with the number of holes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -34,7 +40,7 @@ from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.display.pixels import PixelAxis
 from inim.errors import UsageError
-from inim.generators.base import HOLE, NO_LENS, Ray, SourceGenerator, Sources
+from inim.generators.base import HOLE, NO_LENS, Generator, Ray, SourceGenerator, Sources
 from inim.generators.raycast.cells import CellRays, cell_rays
 from inim.generators.raycast.columns import STEEPEST
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
@@ -51,10 +57,10 @@ class Filled(SourceGenerator):
 
     Parameters
     ----------
-    made : SourceGenerator
+    generator : SourceGenerator
         Generator of a whole panel.
-    how : {"hidden", "all"}
-        Kind of fill, see the module.
+    fill : {"hidden", "all"}
+        Kind of fill; see the module.
     with_holes : SourceGenerator
         The same generator, with holes at pixels whose source is only an assumption.
 
@@ -69,20 +75,20 @@ class Filled(SourceGenerator):
         if not self.display.is_separable:
             raise UsageError(
                 f"fill = {fill!r}: this display has {self.display.not_separable_by}, so its lenses "
-                "stand in no rows and columns; use fill=none"
+                "form no rows and columns; use fill=none"
             )
         self.with_holes = with_holes
-        self._made, self._how = generator, fill
+        self._generator, self._fill = generator, fill
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
-        return self._made.find(rgbd)
+        return self._generator.find(rgbd)
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`; filled pixels have the alpha of shown pixels."""
         out = self.with_holes.generate(rgbd, self.place(rgbd, out))
         rays = self.with_holes.rays()
-        visible = _VisibleSurfaces.of(rgbd, unknown=self._how == "all")
+        visible = _VisibleSurfaces.of(rgbd, unknown=self._fill == "all")
         positions, light = [], []
         for ray in rays:
             holes, colour = self._missing(ray, rgbd, visible)
@@ -126,6 +132,56 @@ class Filled(SourceGenerator):
             display.depth_range_mm[0], bool((visible.front > -np.inf).all()), colour, filled,
         )  # fmt: skip
         return holes[filled], colour[filled]
+
+
+class FilledFrames(SourceGenerator):
+    """Generator that fills the holes of pictures that fill their frame (``fill=auto``).
+
+    Photographs and light fields fill their frame; relics in front of a background do not.
+
+    Parameters
+    ----------
+    generator : SourceGenerator
+        Generator without a fill.
+    prepare_filled : callable
+        Prepares the same generator with a fill, when the first such picture comes.
+    """
+
+    def __init__(self, generator: SourceGenerator, prepare_filled: Callable[[], Generator]) -> None:
+        super().__init__(generator.display, generator.shape, generator.pixel_mm)
+        self._generator, self._prepare_filled = generator, prepare_filled
+
+    @cached_property
+    def _filled(self) -> Generator:
+        return self._prepare_filled()
+
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`."""
+        return self._generator.find(rgbd)
+
+    def find_into(self, rgbd: RGBD, out: Sources) -> Sources:
+        """See `SourceGenerator.find_into`."""
+        return self._generator.find_into(rgbd, out)
+
+    def rays(self) -> list[Ray]:
+        """See `SourceGenerator.rays`."""
+        return self._generator.rays()
+
+    def shows_sources(self, rgbd: RGBD) -> bool:
+        """See `SourceGenerator.shows_sources`."""
+        return not _fills_frame(rgbd) and self._generator.shows_sources(rgbd)
+
+    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
+        """See `Generator.generate`."""
+        generator = self._filled if _fills_frame(rgbd) else self._generator
+        return generator.generate(rgbd, out)
+
+
+def _fills_frame(rgbd: RGBD) -> bool:
+    """True if most pixels at the border of a picture are covered."""
+    covered = rgbd.covered
+    border = np.concatenate([covered[0], covered[-1], covered[:, 0], covered[:, -1]])
+    return bool(border.mean() > 0.5)
 
 
 class _VisibleSurfaces(NamedTuple):
