@@ -33,7 +33,6 @@ from inim.generators import (
     is_own,
     properties,
 )
-from inim.generators.raycast.supersampling import Supersampled
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.metrics import Viewing
@@ -182,10 +181,15 @@ def _scores(
 
 def _averaged_share(method: TimedMethod) -> float | None:
     """Share of the panel pixels whose rays have different sources; None for one ray per pixel."""
-    if not isinstance(method.generator, Supersampled):
+    if not isinstance(method.generator, SourceGenerator):
         return None
-    sources = method.generator.samples(method.rgbd)
-    return float((sources != sources[0]).any(axis=0).mean())
+    rays = method.generator.rays()
+    first, *others = [ray for ray in rays if ray.channels == rays[0].channels]
+    if not others:
+        return None
+    sources = first.generator.sources(method.rgbd).copy()
+    differ = [ray.generator.sources(method.rgbd) != sources for ray in others]
+    return float(np.any(differ, axis=0).mean())
 
 
 def _lensed_share(chosen: np.ndarray, exact: Sources) -> float:
@@ -233,9 +237,12 @@ def pareto(points: Sequence[tuple[float, float | None]]) -> list[bool]:
 # Algorithms to time by default, in addition to those of other packages.
 _DEFAULT = (
     "template",
-    "template:samples=2",
-    "template:samples=4",
-    "template:columns=solid",
+    "template:samples=1",
+    "template:samples=1:colour=averaged",
+    "template:samples=1:colour=nearest",
+    "template:samples=2:colour=nearest",
+    "template:samples=4:colour=nearest",
+    "template:samples=1:colour=nearest:columns=solid",
     "wang2024",
     "wang2024:matching=ray",
     "gu2020",

@@ -130,10 +130,12 @@ def prepare(
     definition.check_options(merged)
     defaults = definition.properties({})
     fill, colour = "none", "nearest"
-    if not definition.has_option(FILL):
-        fill = one_of(FILL, merged.pop(FILL, defaults.fill), FILLS)
     if not definition.has_option(COLOUR):
         colour = one_of(COLOUR, merged.pop(COLOUR, defaults.colour), COLOURS)
+    if not definition.has_option(FILL):
+        # The plain form shows its sources only.
+        default = "none" if colour == "nearest" else defaults.fill
+        fill = one_of(FILL, merged.pop(FILL, default), FILLS)
     if mask is not None:
         check_mask(mask, display)
     request = _Preparation(

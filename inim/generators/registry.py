@@ -79,7 +79,8 @@ class AlgorithmProperties:
     reads_layers : bool
         It makes use of `inim.image.rgbd.LayeredRGBD`.
     colour, fill : str
-        Defaults of its options `COLOUR` and `FILL`.
+        Defaults of its options `COLOUR` and `FILL`; with nearest colours, nothing is filled by
+        default.
     color, marker : str, optional
         Color and marker of its points in plots, as matplotlib names them.
     name : str

@@ -85,7 +85,7 @@ def main() -> None:
         near = _photographs(folder / "patterns", folder / "photographs" / "position-1")
         keep(near, args.out / "photographs.webp")
         made = folder / "made"
-        algorithm = "template:samples=4"
+        algorithm = "template"
         which = ("--display", found, "--algorithms", algorithm, "--viewpoints", "centre")
         run_inim("validate", args.scene, *which, "--preview", "-o", made)
         eia, photograph = made / "eia" / f"{algorithm}.png", folder / "photograph.jpg"

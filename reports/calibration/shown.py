@@ -25,7 +25,7 @@ from reports.calibration.cases import Case, draw_case
 
 #: An EIA for the calibrated display has to reach this share of what knowing the truth gives.
 TARGET = 0.98
-_ALGORITHM, _VIEWPOINTS = "template:samples=4", ("centre", "left")
+_ALGORITHM, _VIEWPOINTS = "template", ("centre", "left")
 _NAME = "shown"
 
 

@@ -69,9 +69,9 @@ VARIANTS = [
     Variant("template", "template", np.float32, exact=True),
     Variant(_SOLID, _SOLID, np.float32, exact=True),
     Variant("layered:samples=1", "layered", np.float32, exact=True),
-    Variant("template:samples=2", "template", np.float32, exact=True, samples=2),
-    Variant("template:samples=4", "template", np.float32, exact=True, samples=4),
-    Variant("layered:samples=4", "layered", np.float32, exact=True, samples=4),
+    Variant("template:samples=2:colour=nearest", "template", np.float32, exact=True, samples=2),
+    Variant("template:samples=4:colour=nearest", "template", np.float32, exact=True, samples=4),
+    Variant("layered:samples=4:colour=nearest", "layered", np.float32, exact=True, samples=4),
     *(Variant(name, name, np.float64) for name in _ROUNDED),
 ]
 _QUARTER = Fraction(1, 4)
