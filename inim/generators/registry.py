@@ -270,9 +270,14 @@ def algorithm_summary(name: str) -> tuple[str, str]:
         Unknown, or cannot be loaded.
     """
     definition = find_algorithm(name)
-    unsaid = (inspect.Parameter.empty, None)
-    defaults = ((p.name, "..." if p.default in unsaid else p.default) for p in definition.options)
-    return ":".join([name, *(f"{key}={value}" for key, value in defaults)]), definition.summary
+    no_default = (inspect.Parameter.empty, None)
+    defaults = {p.name: "..." if p.default in no_default else p.default for p in definition.options}
+    if definition.own:
+        properties = definition.properties({})
+        defaults |= {COLOUR: properties.colour, FILL: properties.fill}
+    return ":".join([name, *(f"{key}={value}" for key, value in defaults.items())]), (
+        definition.summary
+    )
 
 
 def parse_algorithm(text: str) -> tuple[str, dict[str, str]]:

@@ -15,6 +15,10 @@ from inim.pipeline.stages.scene import EMPTY_RAYS, Scene, samples_traced, seed_o
 from inim.pipeline.stages.stage import RENDERING, Run, stage
 
 
+# Share of pixels with too many solids from which a warning appears: one in 10,000.
+_LEAST_CUT_SHARE = 1e-4
+
+
 @dataclass(frozen=True)
 class DepthCamera:
     """A depth camera in front of a scene: parallel rays along the display's axis.
@@ -203,7 +207,7 @@ def _add_layers(capture: Capture, layers: Layers, run: Run) -> Capture:
             f"{layers.hidden_share:.2%} of the layers behind the front surface",
             "no ray of any panel pixel meets them",
         )
-    if layers.cut_share:
+    if layers.cut_share >= _LEAST_CUT_SHARE:
         warnings.append(
             f"RGB-D: {layers.cut_share:.2%} of the covered pixels have more than "
             f"{layers.max_solids} solids; the solids behind these are left out"
