@@ -27,8 +27,6 @@ from numpy.typing import NDArray
 
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
-from inim.generators.raycast.colour import reach_px
-from inim.generators.raycast.columns import STEEPEST
 from inim.render.rays import AxisRays, NonSeparableRays, SeparableRays
 from inim.render.splats import splat_count
 
@@ -250,64 +248,6 @@ def in_view(
     part = (slice(None), *_around(deeper, math.ceil(travel) + 1))
     is_in_view[part] = _met(front_mm[part], back_mm[part], bounds)
     return is_in_view
-
-
-def in_reach(
-    front_mm: NDArray[np.float32],
-    is_in_view: NDArray[np.bool_],
-    display: Display,
-    pixel_mm: float,
-) -> NDArray[np.bool_]:
-    """Mask of layer pixels whose colours may affect a ray that meets the surface near them.
-
-    Parameters
-    ----------
-    front_mm, is_in_view : (layers, rows, columns)
-        See `in_view`.
-    display : Display
-    pixel_mm : float
-        A cell.
-
-    Returns
-    -------
-    (layers, rows, columns) bool
-        True also for all pixels in view.
-    """
-    # A neighbour is at most this much farther away.
-    steepest_mm = STEEPEST * pixel_mm * math.sqrt(2)
-    z_min, z_max = display.depth_range_mm
-    depths = np.arange(z_min, z_max + 2 * pixel_mm, pixel_mm)
-    reach = [reach_px(display, pixel_mm, abs(z) + pixel_mm + steepest_mm) for z in depths]
-    reached = is_in_view.copy()
-    _mark_reached(front_mm, is_in_view, z_min, pixel_mm, np.array(reach), steepest_mm, reached)
-    return reached
-
-
-@compiled(parallel=True)
-def _mark_reached(front, is_in_view, z_min, step, reach, steepest_mm, reached):  # type: ignore[no-untyped-def]
-    layers, rows, columns = front.shape
-    for i in prange(rows):
-        row = np.int64(i)
-        for column in range(columns):
-            for layer in range(layers):
-                depth = front[layer, row, column]
-                if depth > -np.inf and not is_in_view[layer, row, column]:
-                    k = min(max(int((depth - z_min) / step), 0), len(reach) - 1)
-                    reached[layer, row, column] = _is_near(
-                        front, is_in_view, row, column, depth, reach[k], steepest_mm
-                    )
-
-
-@compiled
-def _is_near(front, is_in_view, row, column, depth, reach, steepest_mm):  # type: ignore[no-untyped-def]
-    """True if a pixel in view within reach may be on the same surface."""
-    for r in range(max(row - reach, 0), min(row + reach + 1, front.shape[1])):
-        for c in range(max(column - reach, 0), min(column + reach + 1, front.shape[2])):
-            most = steepest_mm * max(abs(r - row), abs(c - column))
-            for layer in range(len(front)):
-                if is_in_view[layer, r, c] and abs(front[layer, r, c] - depth) <= most:
-                    return True
-    return False
 
 
 def _around(cells: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:

@@ -38,7 +38,7 @@ from inim.backend.kernels import compiled
 from inim.display import Display
 from inim.process.observer import Observer
 from inim.render import splats
-from inim.render.culling import in_reach, in_view
+from inim.render.culling import in_view
 from inim.render.rays import SeparableRays, capture_rays
 from inim.render.scene import FittedScene
 from inim.render.sensors import make_sensor
@@ -135,8 +135,7 @@ def peel(
     if not hidden:
         front, back = peeled.front_mm, peeled.back_mm
         is_in_view = in_view(front, back, display, peeled.pixel_mm)
-        is_read = in_reach(front, is_in_view, display, peeled.pixel_mm)
-        peeled = _without(peeled, ~is_read & peeled.covered)
+        peeled = _without(peeled, ~is_in_view & peeled.covered)
     if observer:
         observer.rendered(time.perf_counter() - started)
     return peeled

@@ -39,10 +39,17 @@ RUNS = Path("out", "scoreboard")
 #: Of a true view's pixels: the picture shows what is there; does not, for something hides it; or
 #: does not, for it lies beyond the picture's edge.
 KINDS = ("shown", "uncovered", "beyond_edge")
-_FILL = ":fill=hidden"
+_FILL, _FAST = ":fill=hidden", ":samples=1:colour=nearest"
 # What matters beside an algorithm as it is. Most of `li2012`'s panel is holes: filled, it is fill.
 _OPTIONS = {
-    "template": (_FILL, ":samples=4", f":samples=4{_FILL}", ":columns=solid"),
+    "template": (
+        _FILL,
+        _FAST,
+        f"{_FAST}{_FILL}",
+        ":colour=nearest",
+        f":colour=nearest{_FILL}",
+        f"{_FAST}:columns=solid",
+    ),
     "layered": (_FILL,),
     "gu2020": (_FILL,),
     "wang2024": (":matching=ray", f":matching=ray{_FILL}"),

@@ -398,7 +398,7 @@ def test_name_with_options_works_in_every_form_of_the_report(evaluated):
         ("faulty:how=leave", "failed: SystemExit: 0 ("),
         ("faulty:how=badly", "failed: KeyError: 'badly' ("),
         ("faulty:how=refuse", "a picture of 4 pixels"),
-        ("faulty:how=none", "'faulty' made a NoneType, which cannot generate"),
+        ("faulty:how=none", "'faulty' returned a NoneType, which cannot generate"),
         ("faulty:how=shape", "the result is float32 (101, 136, 3); this"),
         ("gone", "'gone' (no_such_module:prepare) cannot be loaded: ModuleNotFoundError"),
     ],

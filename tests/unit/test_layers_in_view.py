@@ -7,7 +7,7 @@ import pytest
 
 from inim.generators import find_sources, generate
 from inim.image.rgbd import Layer, LayeredRGBD
-from inim.render.culling import in_reach, in_view
+from inim.render.culling import in_view
 from tests.conftest import small_display
 
 PER_PITCH = 4
@@ -132,25 +132,6 @@ def test_what_is_left_out_changes_no_pixel(mode, samples, seed):
     assert np.array_equal(*made)
     shown = find_sources(rgbd, display, "layered", samples=1) >= rgbd.covered.size
     assert shown.sum() > 50, "or nothing behind is in view anyway"
-
-
-@pytest.mark.parametrize("samples", [1, 4])
-@pytest.mark.parametrize("seed", range(2))
-def test_layers_out_of_reach_change_no_smooth_colour(samples, seed):
-    """Colours are read around a source, so the neighbours of layers in view stay."""
-    display = small_display(26, 26, pixels=9)
-    rgbd = plates_before_a_relief(display, seed)
-    front, back = stacked(rgbd)
-    visible = in_view(front, back, display, rgbd.pixel_mm)
-    read = in_reach(front, visible, display, rgbd.pixel_mm)
-    assert (visible <= read).all()
-    (behind,) = rgbd.deeper
-    assert (
-        0.1 < visible[1].sum() / behind.covered.sum() < read[1].sum() / behind.covered.sum() < 0.9
-    )
-    kept = replace(rgbd, deeper=(replace(behind, covered=read[1]),))
-    eias = [generate(picture, display, "layered", samples=samples) for picture in (rgbd, kept)]
-    assert np.array_equal(*eias)
 
 
 def test_one_layer_is_all_in_view():

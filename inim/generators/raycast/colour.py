@@ -263,34 +263,12 @@ def _strides(variance: float) -> list[int]:
     return strides
 
 
-def reach_px(display: Display, pixel_mm: float, depth_mm: float) -> int:
-    """Distance from a source within which the surface may affect a ray's colour.
-
-    It applies to every `colour` and every number of samples.
-
-    Parameters
-    ----------
-    display : Display
-    pixel_mm : float
-        Width of a picture pixel.
-    depth_mm : float
-        Largest distance of the surface there from the lens array.
-
-    Returns
-    -------
-    int
-        Picture pixels, along each axis.
-    """
-    footprint = _footprint(display, pixel_mm, (0, 1, 2), 1)
-    return 1 + sum(_strides((max(footprint) * depth_mm) ** 2 / 12))
-
-
 @compiled(parallel=True)
 def _diffuse(front, light, scale, present, least, stride, steepest, result):
     """One pass of the diffusion: its share of the variance, from neighbours at a distance."""
     layers, rows, columns = front.shape
     square = np.float32(stride * stride)
-    most, done = np.float32(0.25) * square, (square - np.float32(1)) / np.float32(12)
+    most, used = np.float32(0.25) * square, (square - np.float32(1)) / np.float32(12)
     weight = np.float32(0.5) / square
     reach = steepest * np.float32(stride)
     for index in prange(layers * rows):
@@ -305,7 +283,7 @@ def _diffuse(front, light, scale, present, least, stride, steepest, result):
                 continue
             for axis in range(2):
                 width = scale[axis] * depth
-                share = min(max(width * width - present - done, least), most)
+                share = min(max(width * width - present - used, least), most)
                 if share == 0:
                     continue
                 for side in (-stride, stride):
