@@ -16,7 +16,7 @@ _LABELS = {
 }
 #: The project's first hits with the naive fill: what `fill=hidden` is worth by itself.
 NEAREST = "template, holes from the nearest pixel"
-_SPLIT = ("splat", NEAREST, "template:samples=4:fill=hidden")
+_SPLIT = ("splat", NEAREST, "template:fill=hidden")
 _KINDS = {
     "shown": "shown",
     "uncovered": "uncovered, a hole",

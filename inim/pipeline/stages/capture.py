@@ -105,7 +105,7 @@ def capture_relic(camera: DepthCamera, *, layers: bool, run: Run) -> Capture:
     mean = replace(first, color=color.astype(np.float32))
     capture = Capture(camera, mean, halves, checks=tuple(nonfinite_checks("RGB-D", nonfinite)))
     if layers:
-        return _add_layers(capture, capture_layers(camera, run=run), run)
+        return _add_layers(capture, capture_layers(camera, run=run))
     run.skipped.add(
         "layers behind the picture", "nothing", "peeling the scene", "no algorithm reads them"
     )
@@ -176,7 +176,6 @@ def capture_layers(camera: DepthCamera) -> Layers:
         scene.fitted,
         scene.display,
         pixels_per_pitch=camera.pixels_per_pitch,
-        hidden=not scene.renderer.skip,
         observer=observer,
     )
     first, second = (
@@ -193,20 +192,15 @@ def capture_layers(camera: DepthCamera) -> Layers:
     return Layers((first, second), shares, peeled.cut_share, peeled.hidden_share, MOST_LAYERS)
 
 
-def _add_layers(capture: Capture, layers: Layers, run: Run) -> Capture:
+def _add_layers(capture: Capture, layers: Layers) -> Capture:
     """Return the capture with its layers, nonfinite colours replaced."""
     first, second = layers.halves
     warnings = []
     solids = ", ".join(f"{share:.2%}" for share in layers.covered_shares)
     detail = f"solids cover {solids} of the pixels, nearest first; the others are their sides"
-    checks = [check("RGB-D: layers", float(len(first.layers)), ">=", 1, detail)]
     if layers.hidden_share:
-        run.skipped.add(
-            "layers behind the picture",
-            "layers that a ray of the display can meet",
-            f"{layers.hidden_share:.2%} of the layers behind the front surface",
-            "no ray of any panel pixel meets them",
-        )
+        detail += f"; {layers.hidden_share:.2%} of the deeper layers are removed: no ray meets them"
+    checks = [check("RGB-D: layers", float(len(first.layers)), ">=", 1, detail)]
     if layers.cut_share >= _LEAST_CUT_SHARE:
         warnings.append(
             f"RGB-D: {layers.cut_share:.2%} of the covered pixels have more than "
