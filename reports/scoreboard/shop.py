@@ -4,8 +4,8 @@
 
 The views are those of https://github.com/linusmossberg/light-field-renderer (MIT licence), 960 x
 640, cameras in steps of 30.8 mm, their axes parallel. A window that moves by a whole number of
-pixels from view to view brings the middle of the scene to disparity 0; what it leaves is averaged
-over squares of pixels, so that an elemental image array of all views fits in memory.
+pixels from view to view brings the middle of the scene to disparity 0. The rest is averaged in
+linear light over squares of pixels, so that an elemental image array of all views fits in memory.
 
 No depth comes with them. The middle view's disparity is found in the true views, by a sweep of
 planes: of each disparity, how far the views that it brings to the middle one differ from it, in
@@ -26,6 +26,7 @@ from scipy.ndimage import shift as moved
 
 from inim.files.light_field import write_hci
 from inim.files.picture import write_pfm
+from inim.image.color import linear_from_srgb, srgb_codes
 
 _NAME = re.compile(r".*_(\d\d)_(\d\d)_.*\.jpg")
 _SIDE = 27
@@ -112,7 +113,8 @@ def main() -> None:
         high, wide = ((n - 2 * rim) // _SQUARE * _SQUARE for n in (whole.shape[0], whole.shape[1]))
         cut = whole[top : top + high, left : left + wide]
         squares = cut.reshape(high // _SQUARE, _SQUARE, wide // _SQUARE, _SQUARE, 3)
-        views[row, column] = np.rint(squares.mean(axis=(1, 3))).astype(np.uint8)
+        light = linear_from_srgb(squares.astype(np.float32) / 255).mean(axis=(1, 3))
+        views[row, column] = srgb_codes(light)
     grid = np.stack([np.stack([views[r, c] for c in range(_SIDE)]) for r in range(_SIDE)])
     tried = np.linspace(_LEAST - _CONVERGED, _MOST - _CONVERGED, _PLANES) / _SQUARE
     disparity = sweep(grid, tried)
