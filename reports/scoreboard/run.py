@@ -48,6 +48,8 @@ _OPTIONS = {
         f"{_FAST}{_FILL}",
         ":colour=nearest",
         f":colour=nearest{_FILL}",
+        ":samples=1:colour=linear",
+        ":colour=linear",
         f"{_FAST}:columns=solid",
     ),
     "layered": (_FILL,),
