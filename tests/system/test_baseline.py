@@ -77,7 +77,8 @@ class Planted:
 
 def prepare(display, shape, pixel_mm):
     """A generator that can go wrong."""
-    return Planted(prepared(display, "template:samples=1:colour=nearest", shape=shape, pixel_mm=pixel_mm))
+    name = "template:samples=1:colour=nearest"
+    return Planted(prepared(display, name, shape=shape, pixel_mm=pixel_mm))
 '''
 
 

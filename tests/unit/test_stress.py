@@ -35,7 +35,8 @@ def prepare(display, shape, pixel_mm, *, fault="none"):
     '''An algorithm with a fault to choose.'''
     if fault == "refuses":
         raise UsageError("not today")
-    right = own(display, "template:samples=1:colour=nearest:fill=none", shape=shape, pixel_mm=pixel_mm)
+    name = "template:samples=1:colour=nearest"
+    right = own(display, name, shape=shape, pixel_mm=pixel_mm)
     return Colours(right) if fault == "colours" else Sources(display, shape, pixel_mm, right, fault)
 
 class Sources(SourceGenerator):

@@ -14,7 +14,6 @@ from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.pipeline.stages.scene import EMPTY_RAYS, Scene, samples_traced, seed_of
 from inim.pipeline.stages.stage import RENDERING, Run, stage
 
-
 # Share of pixels with too many solids from which a warning appears: one in 10,000.
 _LEAST_CUT_SHARE = 1e-4
 
