@@ -20,9 +20,9 @@ whose ray ends there remains, and no surface is extended over it. Under ``all`` 
 in a photograph whose depth has gaps. In a picture without background, the farthest surfaces are
 used if no surface is certainly hidden.
 
-Under ``auto``, the default of `template` and `layered` except with nearest colours, pictures that fill their frame (more than
-half of the pixels at its border are covered) are filled as under ``hidden``, and others are not.
-Arrays whose lenses form no rows and columns are not filled.
+Under ``auto``, the default of `template` and `layered` except with nearest colours, pictures that
+fill their frame are filled as under ``hidden``: those with more than half of the pixels at their
+border covered. Other pictures, and displays whose lenses form no rows and columns, are not filled.
 
 Each hole is filled from sources in its own view, never from another filled hole: results do not
 depend on order, and the cost grows with the number of holes.
