@@ -11,6 +11,7 @@ the middle of a run; `disable_cache` lets the process continue without it.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import stat
 import sys
@@ -28,7 +29,7 @@ from inim.process.python_process import configuration_hidden
 
 with configuration_hidden():
     import numba
-    from numba.core import compiler, config
+    from numba.core import caching, compiler, config
 
 prange = numba.prange
 
@@ -43,6 +44,21 @@ class _Compiler(compiler.Compiler):  # type: ignore[misc]
     def _compile_core(self) -> Any:
         with _fixed_configuration():
             return super()._compile_core()
+
+
+class _KernelFiles(caching.IndexDataCacheFile):  # type: ignore[misc]
+    """Numba's files of a kernel: an index, and for each signature one with machine code."""
+
+    def save(self, key: Any, data: Any) -> None:
+        """Name the file after the signature.
+
+        numba numbers the files. Two processes that save different signatures at the same time would
+        take the same number, and one would later run the other's code.
+        """
+        digest = hashlib.sha256(repr(key).encode()).hexdigest()[:16]
+        base = self._index_name.removesuffix(".nbi")
+        self._data_name_pattern = f"{base}-{digest}.{{number:d}}.nbc"
+        super().save(key, data)
 
 
 @contextmanager
@@ -80,9 +96,12 @@ def compiled(
     finally:
         config.CACHE_DIR = before
     if not config.DISABLE_JIT:
+        files = kernel._cache._cache_file
         # numba compares the kernel's own file only; the functions that it calls are in others.
-        stored = kernel._cache._cache_file
-        stored._source_stamp = (stored._source_stamp, code_digest("generators"))
+        stamp = (files._source_stamp, code_digest("generators"))
+        kernel._cache._cache_file = _KernelFiles(
+            files._cache_path, kernel._cache._impl.filename_base, stamp
+        )
     if parallel:
         _parallel_kernels.append(kernel)
     if _is_forked:
@@ -120,7 +139,6 @@ if hasattr(os, "register_at_fork"):
 
 
 _VARIABLE = "NUMBA_CACHE_DIR"
-_CACHING = "numba.core.caching"
 
 
 def cache_folder(package: Path) -> str:
@@ -157,9 +175,7 @@ def cache_folder(package: Path) -> str:
 
 def is_cache_fault(error: BaseException) -> bool:
     """True if an exception comes from numba's reading or writing of compiled kernels."""
-    module = sys.modules.get(_CACHING)
-    files = [frame.f_code.co_filename for frame in _frames(error.__traceback__)]
-    return module is not None and module.__file__ in files
+    return caching.__file__ in [f.f_code.co_filename for f in _frames(error.__traceback__)]
 
 
 def disable_cache(error: BaseException) -> None:
@@ -170,7 +186,6 @@ def disable_cache(error: BaseException) -> None:
     error : BaseException
         For which `is_cache_fault` holds.
     """
-    caching = sys.modules[_CACHING]
     for frame in _frames(error.__traceback__):
         index = getattr(frame.f_locals.get("self"), "_index_path", None)
         if frame.f_code.co_filename == caching.__file__ and isinstance(index, str):

@@ -129,7 +129,7 @@ def test_ssim_is_scikit_image_s_own_number(shape):
 def test_relic_s_region_is_what_its_pixels_enter_by_ssim_s_window():
     relic = np.zeros((30, 40), bool)
     relic[14, 20] = relic[0, 39] = True
-    a = picture(30, 40)
+    a = np.zeros((30, 40, 3), np.float32)  # black, so that no change is lost in rounding
     b = a.copy()
     b[relic] += 0.5
     region = metrics.relic_region(relic)

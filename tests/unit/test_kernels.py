@@ -12,13 +12,19 @@ def twice(x):
 """
 
 
-def loads_from_disk(path):
-    """Whether a kernel of this module, imported and called afresh, was found on disk."""
+def load(path):
+    """The kernel of this module, imported afresh."""
     spec = util.spec_from_file_location("planted", path)
     module = util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    assert module.twice(3) == 6
-    return bool(sum(module.twice.stats.cache_hits.values()))
+    return module.twice
+
+
+def loads_from_disk(path):
+    """Whether a kernel of this module, imported and called afresh, was found on disk."""
+    kernel = load(path)
+    assert kernel(3) == 6
+    return bool(sum(kernel.stats.cache_hits.values()))
 
 
 def test_kernels_are_compiled_again_if_functions_in_other_files_change(tmp_path, monkeypatch):
@@ -29,3 +35,21 @@ def test_kernels_are_compiled_again_if_functions_in_other_files_change(tmp_path,
     monkeypatch.setattr(kernels, "code_digest", lambda *_: "of other code")
     assert not loads_from_disk(path)
     assert loads_from_disk(path)
+
+
+def test_kernels_saved_by_two_processes_at_once_are_not_mixed_up(tmp_path, monkeypatch):
+    path = tmp_path / "planted.py"
+    path.write_text(SOURCE)
+    kernel, other = load(path), load(path)
+    files, others = kernel._cache._cache_file, other._cache._cache_file
+    save_code = files._save_data
+
+    def save_code_later(name, code):
+        assert other(0.5) == 1.0
+        save_code(name, code)
+
+    monkeypatch.setattr(others, "_load_index", dict)  # as it was before
+    monkeypatch.setattr(files, "_save_data", save_code_later)
+    assert kernel(3) == 6
+    for value in (0.5, 3):
+        assert load(path)(value) == 2 * value
