@@ -98,7 +98,7 @@ def compiled(
     if not config.DISABLE_JIT:
         files = kernel._cache._cache_file
         # numba compares the kernel's own file only; the functions that it calls are in others.
-        stamp = (files._source_stamp, code_digest("generators"))
+        stamp = (files._source_stamp, code_digest("generators", "backend/kernels.py"))
         kernel._cache._cache_file = _KernelFiles(
             files._cache_path, kernel._cache._impl.filename_base, stamp
         )
