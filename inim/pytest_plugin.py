@@ -91,7 +91,7 @@ def _folder(config: pytest.Config, test: Path) -> Path:
 def _fail_unless_passed(report: Report) -> None:
     if report.passed:
         return
-    from inim.report.wording import check_sentence
+    from inim.report.labels import check_sentence
 
     failed = [check for check in report.data.verdict.checks if not check.passed]
     lines = [f"{check.name}: {check_sentence(check)}" for check in failed]

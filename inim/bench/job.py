@@ -13,7 +13,7 @@ from msgspec.structs import replace as replaced
 
 from inim.bench.evaluate import bench_scene, choose_algorithms
 from inim.documents.bench import BenchAlgorithm, BenchDocument, BenchRounds, Load
-from inim.documents.parts import Backend, origin
+from inim.documents.parts import BackendRecord, origin
 from inim.errors import UsageError
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request, option_words
@@ -122,7 +122,7 @@ def record(
     return BenchDocument(
         title=title,
         **origin(shlex.join(command), _VERSIONS),
-        backend=Backend.of(backend),
+        backend=BackendRecord.of(backend),
         threads=rounds.threads or max_threads(),
         threading_layer=os.environ.get("NUMBA_THREADING_LAYER", "default"),
         rounds=BenchRounds(runs=rounds.runs, warmups=rounds.warmups),

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares, minimize_scalar
 
 from inim.calibrate.model import Camera, Pose, rays
 from inim.display import Display
-from inim.documents.calibration import MatchedStage, PhotoDocument, Shift, ToneCurve
+from inim.documents.calibration import ImageShift, MatchedStage, PhotoDocument, ToneCurve
 from inim.documents.parts import DisplayRecord, origin
 from inim.errors import FileError
 from inim.lens import trace_to_pixels
@@ -341,7 +341,7 @@ def photo_document(
         position=position,
         display=DisplayRecord.of(display),
         window_px=(columns.start, rows.start, columns.stop, rows.stop),
-        geometry=Shift(
+        geometry=ImageShift(
             right_px=difference.right_px,
             down_px=difference.down_px,
             standard_error_px=float(difference.error_px),

@@ -120,7 +120,7 @@ def _verdict_text(passed: bool, out: Path) -> str:
     from inim.documents import read_document
     from inim.documents.picture import PictureDocument
     from inim.documents.report import ReportDocument
-    from inim.report.wording import check_sentence, verdict_words
+    from inim.report.labels import check_sentence, verdict_words
 
     types = ReportDocument, PictureDocument
     data = read_document(out / "report.json", "run it again", *types)

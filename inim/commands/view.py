@@ -62,12 +62,12 @@ def view_report(folder: Path, out: Path | None = None) -> Path:
     Raises `FileError` if the report is missing or has no panels.
     """
     from inim.report import Report
-    from inim.report.images import ENCODINGS, Images
+    from inim.report.images import ENCODINGS, ReportImages
     from inim.report.sections.virtual_display import report_display
     from inim.report.virtual_display import LIVE
 
     report = Report.load(folder)
-    pictures = Images(report.folder, ENCODINGS[0])
+    pictures = ReportImages(report.folder, ENCODINGS[0])
     content = report_display(report.data, pictures, most_bytes=_MOST_BYTES)
     if not LIVE.is_in(content):
         raise FileError(
@@ -95,7 +95,7 @@ def view_eia(
     from inim.documents.parts import EyePosition
     from inim.files.eia_file import read_eia
     from inim.image.color import srgb_codes
-    from inim.report.images import ENCODINGS, Images
+    from inim.report.images import ENCODINGS, ReportImages
     from inim.report.virtual_display import (
         LIVE,
         Panel,
@@ -121,7 +121,7 @@ def view_eia(
         [Panel(eia.stem, codes)],
         eyes,
         stills,
-        Images(eia.parent, ENCODINGS[0]),
+        ReportImages(eia.parent, ENCODINGS[0]),
         most_bytes=_MOST_BYTES,
         lens_model=settings.lens_model,
     )

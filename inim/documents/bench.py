@@ -5,7 +5,14 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from inim.documents.document import Part, doc
-from inim.documents.parts import Backend, DisplayRecord, Files, Record, SceneFile, Versions
+from inim.documents.parts import (
+    BackendRecord,
+    DisplayRecord,
+    Files,
+    SceneFileRecord,
+    TitledDocument,
+    Versions,
+)
 
 Scores = dict[str, float | None]
 
@@ -104,7 +111,7 @@ class CapturedLayers(Part):
     ]
 
 
-class BenchScene(SceneFile):
+class BenchScene(SceneFileRecord):
     """A scene on which algorithms were timed, with their times and errors."""
 
     display: DisplayRecord
@@ -149,7 +156,7 @@ class Load(Part):
     ]
 
 
-class BenchDocument(Record, tag="inim.bench/2"):
+class BenchDocument(TitledDocument, tag="inim.bench/2"):
     """Bench: run time against error.
 
     `bench.json` in the folder of `inim bench SCENE`, and of a study that is written with the same
@@ -157,7 +164,7 @@ class BenchDocument(Record, tag="inim.bench/2"):
     """
 
     versions: Versions
-    backend: Backend
+    backend: BackendRecord
     threads: Annotated[int, doc("Threads that every call was timed with.")]
     threading_layer: Annotated[str, doc("Threading layer of numba; `default`: none was chosen.")]
     rounds: BenchRounds

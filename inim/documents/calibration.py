@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Annotated
 
 from inim.documents.document import Document, Part, doc
-from inim.documents.parts import DisplayRecord, Files, Record, Versions
+from inim.documents.parts import DisplayRecord, Files, TitledDocument, Versions
 
 Vector = tuple[float, float, float]
 
@@ -114,7 +114,7 @@ class NextPosition(Part):
     ]
 
 
-class CalibrationDocument(Record, tag="inim.calibration/2"):
+class CalibrationDocument(TitledDocument, tag="inim.calibration/2"):
     """Calibration of a display.
 
     `calibration.json` in the folder of `inim calibrate`: a display's parameters, determined from
@@ -158,7 +158,7 @@ class PatternsDocument(Document, tag="inim.patterns/1"):
     pictures: Annotated[list[str], doc("File names in the order of display.")]
 
 
-class Shift(Part):
+class ImageShift(Part):
     """Displacement of the photograph against the simulation."""
 
     right_px: Annotated[float, doc("To the right, pixels of the photograph.")]
@@ -196,7 +196,7 @@ class MatchedStage(Part):
     ]
 
 
-class PhotoDocument(Record, tag="inim.photo/2"):
+class PhotoDocument(TitledDocument, tag="inim.photo/2"):
     """Photograph against simulation.
 
     `photo.json` of `inim photo`: differences between a photograph of a calibrated display and its
@@ -218,7 +218,7 @@ class PhotoDocument(Record, tag="inim.photo/2"):
         tuple[int, int, int, int],
         doc("Left, top, right and bottom of the compared part, pixels of the photograph."),
     ]
-    geometry: Shift
+    geometry: ImageShift
     blur_sigma_px: Annotated[
         float,
         doc(

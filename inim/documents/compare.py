@@ -44,7 +44,7 @@ class PictureSize(Part):
     shape: Annotated[_Size, doc("Rows and columns of the picture, in pixels.")]
 
 
-class Estimate(Part):
+class EstimateRecord(Part):
     """A score and its precision; null: unknown or not finite."""
 
     plain: Annotated[float | None, doc("The score of the noisy pictures.")]
@@ -81,7 +81,7 @@ class BaselineDocument(Document, tag="inim.baseline/2"):
         ),
     ]
     scores: Annotated[
-        dict[str, dict[str, Estimate]],
+        dict[str, dict[str, EstimateRecord]],
         doc(
             "Scores with their noise, by scored object (`reference/VIEWPOINT`, "
             "`ALGORITHM/VIEWPOINT`) and name."

@@ -36,7 +36,7 @@ LensModel = Annotated[str, doc("Lens model of the views.")]
 Warnings = Annotated[list[str], doc("What to know before trusting the results, a text each.")]
 
 
-class Backend(Part):
+class BackendRecord(Part):
     """The renderer's backend."""
 
     variant: Annotated[str, doc("Variant of Mitsuba.")]
@@ -44,7 +44,7 @@ class Backend(Part):
     device: Annotated[str, doc("Name of the processor or graphics card.")]
 
     @classmethod
-    def of(cls, backend: Any) -> Backend:
+    def of(cls, backend: Any) -> BackendRecord:
         """Record an `inim.backend.Backend`."""
         return cls(variant=backend.variant, libllvm=backend.libllvm_version, device=backend.device)
 
@@ -440,7 +440,7 @@ def check_names(names: Iterable[str]) -> None:
             raise ValueError(f"{name[:40]!a} names no file of the report")
 
 
-class Record(Document):
+class TitledDocument(Document):
     """A document with a title and the command that repeats it."""
 
     title: Annotated[str, doc("Title of its page.")]
@@ -449,7 +449,7 @@ class Record(Document):
     command: Command
 
 
-class SceneFile(Part):
+class SceneFileRecord(Part):
     """A scene's file."""
 
     path: Annotated[str, doc("Path of the scene's XML, as given.")]

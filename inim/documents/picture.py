@@ -8,7 +8,7 @@ from typing import Annotated
 from inim.documents.document import Document, Part, doc
 from inim.documents.parts import (
     VIEW_SCORES,
-    Backend,
+    BackendRecord,
     Checks,
     Command,
     Created,
@@ -91,7 +91,7 @@ class PictureDocument(Document, tag="inim.picture/2"):
     lens_model: LensModel
     picture: FittedPicture
     warnings: Warnings
-    backend: Backend
+    backend: BackendRecord
     viewpoints: Viewpoints
     oracle_pixels: Annotated[
         int,

@@ -10,7 +10,7 @@ from inim.documents.document import Document, Part, doc
 from inim.documents.parts import (
     EIA_SCORES,
     VIEW_SCORES,
-    Backend,
+    BackendRecord,
     Checks,
     Command,
     Created,
@@ -71,7 +71,7 @@ class Preview(Part):
     full_command: Annotated[str, doc("Command line for the full report.")]
 
 
-class Splats(Part):
+class Translucency(Part):
     """Translucency of a relic of 3D Gaussian splats, by the rays of the RGB-D picture."""
 
     count: Annotated[int, doc("Number of splats.")]
@@ -108,7 +108,7 @@ class Splats(Part):
     ]
 
 
-class Fit(Part):
+class SceneFit(Part):
     """Fit of the scene into the display."""
 
     scale_xy: Annotated[float, doc("Display millimetres per world unit, across and down.")]
@@ -131,8 +131,8 @@ class SceneRecord(Part):
         list[str], doc("Folders, besides the scene's own, with files that it may name.")
     ]
     shapes: Annotated[int, doc("Number of shapes that are not lights.")]
-    splats: Splats | None = None
-    fit: Fit
+    splats: Translucency | None = None
+    fit: SceneFit
 
 
 class CapturedPicture(Part):
@@ -270,7 +270,7 @@ class ReportDocument(Document, tag="inim.report/2"):
     misalign: Annotated[
         str, doc("Misalignment of the array that generators do not know; empty: none.")
     ]
-    backend: Backend
+    backend: BackendRecord
     lens_model: LensModel
     viewpoints: Viewpoints
     rgbd: CapturedPicture

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from inim.documents.document import Part, doc
-from inim.documents.parts import Backend, Files, Record, Versions
+from inim.documents.parts import BackendRecord, Files, TitledDocument, Versions
 
 _ALGORITHM = "The algorithm with its options."
 _MESSAGE = "Message of the refusal or crash; empty otherwise."
 
 
-class FirstHits(Part):
+class FirstHitsResult(Part):
     """Comparison of an algorithm with the exact first hits of a case."""
 
     algorithm: Annotated[str, doc(_ALGORITHM)]
@@ -85,12 +85,12 @@ class Claim(Part):
     passed: Annotated[bool, doc("True if there are cases and none breaks the claim.")]
 
 
-class StressRecord(Record):
+class StressRecord(TitledDocument):
     """Fields of every stress run, of algorithms or of the study of accuracy."""
 
     versions: Versions
     mode: Annotated[Literal["full", "quick"], doc("`quick`: fewer and smaller cases were run.")]
-    backend: Backend
+    backend: BackendRecord
     relations: Annotated[
         list[RelationResult], doc("Relations between results, for each relation and algorithm.")
     ]
@@ -113,5 +113,6 @@ class StressDocument(StressRecord, tag="inim.stress/3"):
 
     algorithms: Annotated[list[str], doc("The algorithms with their options.")]
     first_hits: Annotated[
-        list[FirstHits], doc("Comparisons with the exact first hits, for each algorithm and case.")
+        list[FirstHitsResult],
+        doc("Comparisons with the exact first hits, for each algorithm and case."),
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 from inim.documents.document import Part, doc
-from inim.documents.parts import DisplayRecord, Record, SceneFile
+from inim.documents.parts import DisplayRecord, SceneFileRecord, TitledDocument
 
 _SCORE = "SSIM on the relic to the reference, the mean over the viewpoints."
 
@@ -115,7 +115,7 @@ class FailedDisplay(Part):
     error: Annotated[str, doc("The reason, in a line.")]
 
 
-class ToleranceDocument(Record, tag="inim.tolerate/2"):
+class ToleranceDocument(TitledDocument, tag="inim.tolerate/2"):
     """Tolerances of a display.
 
     `tolerate.json` in the folder of `inim tolerate`: losses of errors of a display that its
@@ -124,7 +124,7 @@ class ToleranceDocument(Record, tag="inim.tolerate/2"):
     significant digits.
     """
 
-    scene: SceneFile
+    scene: SceneFileRecord
     display: DisplayRecord
     viewpoints: Annotated[list[str], doc("Names of the viewpoints over which scores are averaged.")]
     algorithm: Annotated[

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from inim.documents.document import Document, Part, doc
-from inim.documents.parts import Backend, Created, InimVersion, Record, Versions
+from inim.documents.parts import BackendRecord, Created, InimVersion, TitledDocument, Versions
 
 Scores = dict[str, float | None]
 
@@ -61,7 +61,7 @@ class UnitDocument(Document, tag="inim.unit/2"):
     created: Created
     inim_version: InimVersion
     versions: Versions
-    backend: Backend
+    backend: BackendRecord
     scores: Annotated[
         Scores,
         doc(
@@ -92,7 +92,7 @@ class UnitDocument(Document, tag="inim.unit/2"):
             raise ValueError("views: there is none")
 
 
-class SweepTable(Record, tag="inim.sweep/1"):
+class SweepTable(TitledDocument, tag="inim.sweep/1"):
     """Table of a sweep.
 
     Metadata of `sweep.parquet` in the folder of `inim sweep`, under these names after `inim:`.

@@ -50,7 +50,7 @@ from inim.regression.scores import ScoreEstimate
 from inim.regression.tiles import TileStatistics
 from inim.regression.verdict import all_passed, verdict_line
 from inim.report import Report
-from inim.report.images import ENCODINGS, Images, difference
+from inim.report.images import ENCODINGS, ReportImages, difference
 from inim.report.sections.regression import write_comparison
 from inim.version import __version__
 from inim.worker.output import published
@@ -259,7 +259,7 @@ def _copy_pictures(before: Report, after: Report, name: str, staging: Path) -> b
     """Write both reports' images of a name and their difference; False if one is missing."""
     from PIL import Image
 
-    old, new = (Images(r.folder, ENCODINGS[0]).read(f"{name}.png") for r in (before, after))
+    old, new = (ReportImages(r.folder, ENCODINGS[0]).read(f"{name}.png") for r in (before, after))
     change = difference(old, new)
     if old is None or new is None or change is None:
         return False

@@ -15,7 +15,7 @@ from inim.pipeline.stages.stage import Run
 from inim.pipeline.validate import validate
 from inim.process.observer import Observer
 from inim.report import Report
-from inim.report.wording import suggested_criteria
+from inim.report.labels import suggested_criteria
 from inim.worker.output import publish
 
 

@@ -18,7 +18,7 @@ from inim import metrics
 from inim.cache import ResultCache
 from inim.display import Display
 from inim.documents.files import folder_files
-from inim.documents.parts import Backend, Checks, DisplayRecord, EyePosition, origin
+from inim.documents.parts import BackendRecord, Checks, DisplayRecord, EyePosition, origin
 from inim.documents.report import (
     CapturedPicture,
     MetricSettings,
@@ -197,7 +197,7 @@ def make_report(
         settings=settings,
         display=DisplayRecord.of(plan.display),
         misalign=settings.misalign,
-        backend=Backend.of(evaluation.backend),
+        backend=BackendRecord.of(evaluation.backend),
         lens_model=settings.lens_model,
         viewpoints=[EyePosition(name=v.name, position_mm=v.position_mm) for v in plan.viewpoints],
         rgbd=_describe_capture(evaluation.capture.rgbd),

@@ -45,7 +45,7 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
-from inim.documents.compare import Estimate
+from inim.documents.compare import EstimateRecord
 from inim.documents.parts import Check
 from inim.image.noisy_image import NoisyImage
 from inim.metrics import Metric, Viewing, all_metrics, find, score_maps
@@ -110,13 +110,13 @@ class ScoreEstimate:
         """Noise-corrected score, to first order in the variance."""
         return self.plain - self.bias
 
-    def as_record(self) -> Estimate:
+    def as_record(self) -> EstimateRecord:
         """Return the compared values for a baseline's JSON; values that are not finite are null."""
-        values = {name: getattr(self, name) for name in Estimate.__struct_fields__}
-        return Estimate(**{k: v if math.isfinite(v) else None for k, v in values.items()})
+        values = {name: getattr(self, name) for name in EstimateRecord.__struct_fields__}
+        return EstimateRecord(**{k: v if math.isfinite(v) else None for k, v in values.items()})
 
     @classmethod
-    def of(cls, record: Estimate) -> ScoreEstimate:
+    def of(cls, record: EstimateRecord) -> ScoreEstimate:
         """Inverse of `as_record`; null becomes NaN, which passes no check."""
         values = msgspec.structs.asdict(record).items()
         return cls(**{name: math.nan if value is None else value for name, value in values})

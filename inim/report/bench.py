@@ -19,6 +19,7 @@ from inim.documents.bench import (
 )
 from inim.documents.document import decode, encode
 from inim.documents.files import write_listed
+from inim.report.labels import MISSING, number, per_cent
 from inim.report.page import (
     Section,
     bullets,
@@ -44,7 +45,6 @@ from inim.report.plots import (
     style,
 )
 from inim.report.summary import markdown_command, markdown_line, markdown_section
-from inim.report.wording import MISSING, number, per_cent
 
 #: The label of a time axis.
 TIME = "milliseconds per EIA"

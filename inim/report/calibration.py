@@ -11,7 +11,8 @@ import numpy as np
 from inim.documents.calibration import CalibrationDocument, PhotoDocument
 from inim.documents.files import write_listed
 from inim.files.image import write_png
-from inim.report.images import DIFFERENCE_GAIN, ENCODINGS, Images, difference
+from inim.report.images import DIFFERENCE_GAIN, ENCODINGS, ReportImages, difference
+from inim.report.labels import number, per_cent
 from inim.report.page import (
     Section,
     bullets,
@@ -25,7 +26,6 @@ from inim.report.page import (
     text_table,
 )
 from inim.report.plots import new_figure, save, style
-from inim.report.wording import number, per_cent
 
 #: Files of every calibration report, its JSON first.
 FILES = ("calibration.json", "calibration.html", "residuals.svg", "residuals.png")
@@ -331,7 +331,7 @@ def _causes(data: PhotoDocument) -> str:
 
 
 def _pictures(folder: Path) -> str:
-    images = Images(folder, ENCODINGS[1])
+    images = ReportImages(folder, ENCODINGS[1])
     photo, plain, matched = (images.read(f"{name}.png") for name in _PICTURES)
     pictures = (
         (photo, "Photograph", "what is compared of it"),

@@ -20,8 +20,8 @@ from inim.documents.parts import DerivedDisplay, DisplayRecord, EyePosition
 from inim.errors import InimError
 from inim.files.image import read_rgbd
 from inim.image.rgbd import RGBD
+from inim.report.labels import mm, plain, short
 from inim.report.page import element, text
-from inim.report.wording import mm, plain, short
 
 _WIDTH, _HEIGHT = 900.0, 250.0
 _LEFT, _RIGHT, _TOP, _BOTTOM = 24.0, 128.0, 34.0, 46.0

@@ -51,7 +51,7 @@ ENCODINGS = (
 
 
 @dataclass(frozen=True)
-class Images:
+class ReportImages:
     """The PNG files of a report's folder, how they are put on the page, and a cache of that."""
 
     folder: Path

@@ -21,7 +21,7 @@ import msgspec
 
 from inim.documents import Document
 from inim.documents.parts import Checks
-from inim.report.wording import MISSING, plain, short
+from inim.report.labels import MISSING, plain, short
 
 _POLICY = (
     "default-src 'none'; img-src data:; style-src 'unsafe-inline'; {scripts}; "

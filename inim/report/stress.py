@@ -10,11 +10,12 @@ from typing import TypeVar
 from inim.documents import Part
 from inim.documents.files import write_listed
 from inim.documents.stress import (
-    FirstHits,
+    FirstHitsResult,
     RelationResult,
     StressDocument,
     StressRecord,
 )
+from inim.report.labels import MISSING, number, per_cent
 from inim.report.page import (
     Section,
     bullets,
@@ -25,7 +26,6 @@ from inim.report.page import (
     text_table,
 )
 from inim.report.summary import markdown_command, markdown_line, markdown_section
-from inim.report.wording import MISSING, number, per_cent
 
 _STYLE = """
 .plot img { max-width: 1240px; }
@@ -47,7 +47,7 @@ _PARTS = {
     "refused": "Refused",
 }
 
-Hits = Sequence[FirstHits]
+Hits = Sequence[FirstHitsResult]
 _P = TypeVar("_P", bound=Part)
 
 

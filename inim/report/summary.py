@@ -11,7 +11,7 @@ from inim.documents.compare import CompareDocument
 from inim.documents.parts import Check, Checks
 from inim.documents.report import ReportDocument
 from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, MAIN
-from inim.report.wording import (
+from inim.report.labels import (
     MISSING,
     PREVIEW_WORDS,
     check_limit,

@@ -16,6 +16,7 @@ from inim.documents.files import write_text
 from inim.documents.unit import SweepTable
 from inim.metrics import all_metrics
 from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS, MAIN
+from inim.report.labels import MISSING, is_number, number
 from inim.report.page import (
     Section,
     badge,
@@ -39,7 +40,6 @@ from inim.report.plots import (
     style,
     svg,
 )
-from inim.report.wording import MISSING, is_number, number
 
 PAGE = "sweep.html"
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from inim.documents.files import write_forms
 from inim.documents.tolerate import ParameterTolerance, Together, ToleranceDocument
 from inim.metrics.headline import HEADLINE_WORDS
+from inim.report.labels import MISSING, NBSP, number, per_cent
 from inim.report.page import (
     Section,
     bullets,
@@ -20,7 +21,6 @@ from inim.report.page import (
     text_table,
 )
 from inim.report.plots import LINES, SOFT, across, new_figure, style, svg
-from inim.report.wording import MISSING, NBSP, number, per_cent
 
 PAGE = "tolerate.html"
 #: Of a normal error, 95 % lie within so many standard errors.

@@ -12,7 +12,8 @@ from inim.documents.files import write_listed
 from inim.documents.picture import PictureAlgorithm, PictureDocument
 from inim.metrics import RELIC_MARGIN_PX, all_metrics
 from inim.metrics.headline import MAIN
-from inim.report.images import Encoding, Images, is_wide
+from inim.report.images import Encoding, ReportImages, is_wide
+from inim.report.labels import mm, number, per_cent, score, verdict_words
 from inim.report.page import (
     Section,
     bullets,
@@ -29,11 +30,10 @@ from inim.report.page import (
 from inim.report.sections import small_enough
 from inim.report.sections.display import display
 from inim.report.sections.overview import failures
-from inim.report.sections.record import check_list
+from inim.report.sections.run import check_list
 from inim.report.sections.virtual_display import Shown, of_algorithm, shown_display
 from inim.report.summary import markdown_section, markdown_table, markdown_text
 from inim.report.virtual_display import ANCHOR, LIVE, TITLE
-from inim.report.wording import mm, number, per_cent, score, verdict_words
 
 _STYLE = """
 .remarks { max-width: 90ch; padding-left: 1.2em; }
@@ -124,7 +124,7 @@ def _markdown(data: PictureDocument) -> str:
 
 
 def _page(data: PictureDocument, folder: Path, encoding: Encoding) -> str:
-    images = Images(folder, encoding)
+    images = ReportImages(folder, encoding)
     best = data.best_algorithm
     names = sorted(data.algorithms, key=lambda name: name != best)
     candidates = [Shown(_EXACT, ("eia", "exact.png"), "exact"), *map(of_algorithm, names)]
@@ -158,7 +158,7 @@ def _first_view(data: PictureDocument) -> str | None:
     return "centre" if "centre" in names else next(iter(names), None)
 
 
-def _overview(data: PictureDocument, images: Images, best: str | None) -> str:
+def _overview(data: PictureDocument, images: ReportImages, best: str | None) -> str:
     """Overview: the picture on the array, its depth, and its reconstructed view."""
     color, depth = (_on_array(data, images.read(f"rgbd_{k}.png")) for k in ("color", "depth"))
     far, near = map(mm, data.display.parameters.depth_range_mm)
@@ -230,7 +230,7 @@ def _row(name: str, result: PictureAlgorithm, viewpoints: list[str]) -> list[str
     return [text(name), *cells, *map(text, [*last, number(result.seconds, 2)])]
 
 
-def _views(data: PictureDocument, images: Images) -> str:
+def _views(data: PictureDocument, images: ReportImages) -> str:
     """A row of images for each viewpoint: warped, exact, then each algorithm's."""
     labels = {"picture": "The picture, warped", "exact": _EXACT}
     labels |= {algorithm: algorithm for algorithm in data.algorithms}

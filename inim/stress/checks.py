@@ -22,7 +22,7 @@ from msgspec.structs import replace
 
 from inim import metrics
 from inim.display import Display
-from inim.documents.stress import FirstHits, Jitter
+from inim.documents.stress import FirstHitsResult, Jitter
 from inim.errors import InimError
 from inim.generators import SourceGenerator, foreign_errors, prepare
 from inim.generators.oracle import exact_hits
@@ -91,12 +91,12 @@ def _shaped(kind: str) -> PictureCase:
     return display, shaped(kind, display, display.capture_shape(2), 0.5)
 
 
-def check_first_hits(algorithm: str, case: Case) -> FirstHits:
+def check_first_hits(algorithm: str, case: Case) -> FirstHitsResult:
     """Run an algorithm on a case and compare its sources with the oracle's."""
     display, rgbd = case.make()
     exact = is_first_hit(algorithm)
     picture = input_of(rgbd, display, algorithm)
-    hits = FirstHits(
+    hits = FirstHitsResult(
         algorithm=algorithm,
         family=case.family,
         case=case.name,

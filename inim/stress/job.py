@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from inim.documents.parts import Backend, origin
+from inim.documents.parts import BackendRecord, origin
 from inim.documents.stress import (
     Claim,
-    FirstHits,
+    FirstHitsResult,
     JitteredPicture,
     RelationResult,
     StressDocument,
@@ -120,7 +120,7 @@ def _measure(request: StressRequest, plan: Plan | None, observer: Observer) -> S
     command = shlex.join(["inim", "stress", *request.command(plan)])
     parts = [f"{name}: {part}" for name in names for part in ("first hits", "relations")]
     observer.begin([*parts, "jitter", "write"])
-    first_hits: list[FirstHits] = []
+    first_hits: list[FirstHitsResult] = []
     relations: list[RelationResult] = []
     for name in names:
         observer.stage(f"{name}: first hits")
@@ -155,11 +155,11 @@ def _measure(request: StressRequest, plan: Plan | None, observer: Observer) -> S
 def record(command: str, quick: bool, backend: Any, packages: Sequence[str]) -> dict[str, Any]:
     """Fields of a stress document on its origin, mode and backend."""
     mode = "quick" if quick else "full"
-    return {**origin(command, packages), "mode": mode, "backend": Backend.of(backend)}
+    return {**origin(command, packages), "mode": mode, "backend": BackendRecord.of(backend)}
 
 
 def _checks(
-    names: Sequence[str], first_hits: Sequence[FirstHits], relations: Sequence[RelationResult]
+    names: Sequence[str], first_hits: Sequence[FirstHitsResult], relations: Sequence[RelationResult]
 ) -> list[Claim]:
     """The claims of the verdict, two for each algorithm."""
     claims = []

@@ -17,8 +17,8 @@ from inim.errors import UsageError
 from inim.files.image import write_atomically
 from inim.files.regular_file import check_file
 from inim.metrics import Metric, all_metrics
+from inim.report.labels import check_finding
 from inim.report.sweep import SETTING_COLUMNS
-from inim.report.wording import check_finding
 from inim.settings import PREFIX, Settings
 
 if TYPE_CHECKING:

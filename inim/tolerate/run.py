@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from inim.display.misalignment import misalignment_text
-from inim.documents.parts import DisplayRecord, SceneFile, origin
+from inim.documents.parts import DisplayRecord, SceneFileRecord, origin
 from inim.documents.tolerate import FailedDisplay, ToleranceDocument
 from inim.errors import SceneError, UsageError
 from inim.generators import PICKUP
@@ -97,7 +97,7 @@ def run_tolerance(
     document = ToleranceDocument(
         title=f"Tolerances: {plan.settings.title or plan.request.scene.stem}",
         **origin(request.command(plan.settings)),
-        scene=SceneFile(path=str(plan.request.scene), sha256=plan.file.sha256),
+        scene=SceneFileRecord(path=str(plan.request.scene), sha256=plan.file.sha256),
         display=DisplayRecord.of(plan.display),
         viewpoints=[viewpoint.name for viewpoint in plan.viewpoints],
         algorithm=plan.methods[0].name,

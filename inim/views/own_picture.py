@@ -14,7 +14,15 @@ from inim import metrics
 from inim.backend.kernels import compiled, prange
 from inim.display import Display, Viewpoint
 from inim.display.viewpoint import parse_viewpoints
-from inim.documents.parts import Backend, Check, Checks, DisplayRecord, EyePosition, check, origin
+from inim.documents.parts import (
+    BackendRecord,
+    Check,
+    Checks,
+    DisplayRecord,
+    EyePosition,
+    check,
+    origin,
+)
 from inim.documents.picture import (
     FittedPicture,
     PictureAlgorithm,
@@ -231,7 +239,7 @@ def run_job(plan: _Plan, staging: Path, observer: Observer) -> bool:
         lens_model=settings.lens_model,
         picture=_describe_picture(rgbd, plan.notes),
         warnings=[*plan.warnings],
-        backend=Backend.of(renderer.backend),
+        backend=BackendRecord.of(renderer.backend),
         **results,
     )
     write_picture_report(data, staging)

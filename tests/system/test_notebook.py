@@ -69,7 +69,7 @@ def test_virtual_display_is_live_in_the_frame(tab, report, tmp_path):
     while "−20.0" not in inside(tab, words):
         assert time.monotonic() < end, inside(tab, words)
         time.sleep(0.1)
-    assert inside(tab, "document.getElementById('wipe').clientHeight") > 300
+    assert inside(tab, "document.getElementById('slider').clientHeight") > 300
     assert tab.complaints == []
 
 

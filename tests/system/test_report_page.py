@@ -86,7 +86,7 @@ def test_headings_go_down_one_level_at_a_time(tab):
 
 
 def test_keyboard_reaches_every_control_and_leaves_it_again(tab):
-    """By the Tab key alone: each of the display's and the wipe's, and the page's last link."""
+    """By the Tab key alone: each of the display's and the slider's, and the page's last link."""
     wanted = tab.evaluate(
         "[...document.querySelectorAll(':is(a, button, select, input, canvas, [tabindex])')]"
         ".filter((e) => e.checkVisibility() && !e.disabled && (e.type !== 'radio' || e.checked))"
@@ -255,7 +255,7 @@ def test_a_table_wider_than_the_screen_says_so_and_scrolls_in_its_box(tab):
     assert tab.evaluate("document.documentElement.scrollWidth") == 390
 
 
-# --- The wipe: two views over each other --------------------------------------------------------
+# --- The comparison slider: two views over each other -------------------------------------------
 # Left of the border is the first picture and right of it the second, pixel for pixel; a flip shows
 # either; the difference is that of the page.
 
@@ -276,9 +276,9 @@ def seed_of(name: str, view: str) -> int:
 
 
 @pytest.fixture(scope="module")
-def wipe_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def slider_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A report whose reference was lost from the left, and one algorithm has no pictures at all."""
-    folder = tmp_path_factory.mktemp("wipe")
+    folder = tmp_path_factory.mktemp("slider")
     for name, place in PLACES.items():
         for view in ("centre", "left"):
             if (name, view) != ("Reference", "left"):
@@ -291,13 +291,13 @@ def wipe_page(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def wipe(shared_tab: Tab, wipe_page: Path) -> Tab:
+def slider(shared_tab: Tab, slider_page: Path) -> Tab:
     shared_tab.size(1000, 900)
     shared_tab.send("Emulation.setEmulatedMedia", media="", features=[])
     shared_tab.complaints.clear()
-    shared_tab.open(wipe_page)
+    shared_tab.open(slider_page)
     shared_tab.evaluate(
-        "Promise.all([...document.querySelectorAll('#wipe img')].map((i) => i.decode()))"
+        "Promise.all([...document.querySelectorAll('#slider img')].map((i) => i.decode()))"
     )
     return shared_tab
 
@@ -305,17 +305,17 @@ def wipe(shared_tab: Tab, wipe_page: Path) -> Tab:
 def choose(tab: Tab, name: str, value: str) -> None:
     tab.evaluate(
         f"(s => {{ s.value = {json.dumps(value)}; s.dispatchEvent(new Event('change')); }})"
-        f"(document.querySelector('#wipe [name={name}]'))"
+        f"(document.querySelector('#slider [name={name}]'))"
     )
 
 
 def stage(tab: Tab) -> np.ndarray:
     """The stage without its names and its line, at the pictures' own size, uint8."""
-    tab.middle("#wipe .stage")
-    hide = "document.querySelectorAll('#wipe .stage i, #wipe .stage b')"
+    tab.middle("#slider .stage")
+    hide = "document.querySelectorAll('#slider .stage i, #slider .stage b')"
     box: dict[str, Any] = tab.evaluate(
         f"(() => {{ {hide}.forEach((e) => {{ e.style.visibility = 'hidden'; }});"
-        "const b = document.querySelector('#wipe .stage').getBoundingClientRect();"
+        "const b = document.querySelector('#slider .stage').getBoundingClientRect();"
         "return {x: b.x + scrollX, y: b.y + scrollY, width: b.width, height: b.height}; })()"
     )
     shot = tab.send("Page.captureScreenshot", clip={**box, "scale": 1}, captureBeyondViewport=True)
@@ -334,7 +334,7 @@ def picture(name: str, view: str = "centre") -> np.ndarray:
     return codes(seed_of(name, view))
 
 
-def wiped(first: str, second: str, share: float, view: str = "centre") -> np.ndarray:
+def slider_picture(first: str, second: str, share: float, view: str = "centre") -> np.ndarray:
     return np.where(
         (np.arange(SIZE) + 0.5 < share * SIZE)[None, :, None],
         picture(first, view),
@@ -343,93 +343,93 @@ def wiped(first: str, second: str, share: float, view: str = "centre") -> np.nda
 
 
 def words(tab: Tab) -> str:
-    return str(tab.evaluate("document.querySelector('#wipe .stage').ariaLabel"))
+    return str(tab.evaluate("document.querySelector('#slider .stage').ariaLabel"))
 
 
-def test_border_parts_ground_truth_from_the_best_algorithm(wipe):
-    assert_alike(stage(wipe), wiped("Ground truth", "template", 0.5))
-    assert words(wipe) == ("Ground truth up to 50 % of the width, template beyond, from centre")
-    x, y = wipe.middle("#wipe .stage")
-    width = wipe.evaluate("document.querySelector('#wipe .stage').clientWidth")
-    wipe.mouse("mousePressed", (x, y))
-    wipe.mouse("mouseMoved", (x + width / 4, y))
-    wipe.mouse("mouseReleased", (x + width / 4, y))
-    wipe.mouse("mouseMoved", (x, y))  # let go: no more
-    assert_alike(stage(wipe), wiped("Ground truth", "template", 0.75))
-    assert wipe.complaints == []
+def test_border_parts_ground_truth_from_the_best_algorithm(slider):
+    assert_alike(stage(slider), slider_picture("Ground truth", "template", 0.5))
+    assert words(slider) == ("Ground truth up to 50 % of the width, template beyond, from centre")
+    x, y = slider.middle("#slider .stage")
+    width = slider.evaluate("document.querySelector('#slider .stage').clientWidth")
+    slider.mouse("mousePressed", (x, y))
+    slider.mouse("mouseMoved", (x + width / 4, y))
+    slider.mouse("mouseReleased", (x + width / 4, y))
+    slider.mouse("mouseMoved", (x, y))  # let go: no more
+    assert_alike(stage(slider), slider_picture("Ground truth", "template", 0.75))
+    assert slider.complaints == []
 
 
-def test_border_moves_from_the_keyboard(wipe):
-    wipe.evaluate("document.querySelector('#wipe [name=border]').focus()")
-    wipe.key("Home")
-    assert_alike(stage(wipe), picture("template"))
-    wipe.key("End")
-    assert_alike(stage(wipe), picture("Ground truth"))
-    wipe.key("ArrowLeft")
-    assert "up to 99 %" in wipe.evaluate("document.activeElement.getAttribute('aria-valuetext')")
+def test_border_moves_from_the_keyboard(slider):
+    slider.evaluate("document.querySelector('#slider [name=border]').focus()")
+    slider.key("Home")
+    assert_alike(stage(slider), picture("template"))
+    slider.key("End")
+    assert_alike(stage(slider), picture("Ground truth"))
+    slider.key("ArrowLeft")
+    assert "up to 99 %" in slider.evaluate("document.activeElement.getAttribute('aria-valuetext')")
 
 
-def test_flip_shows_either_where_it_lies(wipe):
-    wipe.click("#wipe [value=flip]")
-    assert_alike(stage(wipe), picture("Ground truth"))
-    wipe.click("#wipe [name=flip]")
-    assert_alike(stage(wipe), picture("template"))
-    wipe.click("#wipe .stage")
-    assert_alike(stage(wipe), picture("Ground truth"))
-    assert wipe.evaluate("document.querySelector('#wipe .spoken').textContent") == (
+def test_flip_shows_either_where_it_lies(slider):
+    slider.click("#slider [value=flip]")
+    assert_alike(stage(slider), picture("Ground truth"))
+    slider.click("#slider [name=flip]")
+    assert_alike(stage(slider), picture("template"))
+    slider.click("#slider .stage")
+    assert_alike(stage(slider), picture("Ground truth"))
+    assert slider.evaluate("document.querySelector('#slider .spoken').textContent") == (
         "Ground truth, from centre"
     )
-    wipe.click("#wipe [name=by-itself]")
-    wipe.until("document.querySelector('#wipe .stage').ariaLabel.startsWith('template')")
-    wipe.until("document.querySelector('#wipe .stage').ariaLabel.startsWith('Ground')")
-    wipe.click("#wipe [name=by-itself]")
-    before = words(wipe)
-    assert wipe.evaluate("new Promise((r) => setTimeout(r, 1000)).then(() => 1)") == 1
-    assert words(wipe) == before
-    assert wipe.complaints == []
+    slider.click("#slider [name=by-itself]")
+    slider.until("document.querySelector('#slider .stage').ariaLabel.startsWith('template')")
+    slider.until("document.querySelector('#slider .stage').ariaLabel.startsWith('Ground')")
+    slider.click("#slider [name=by-itself]")
+    before = words(slider)
+    assert slider.evaluate("new Promise((r) => setTimeout(r, 1000)).then(() => 1)") == 1
+    assert words(slider) == before
+    assert slider.complaints == []
 
 
-def test_difference_is_the_one_the_page_prints(wipe):
-    wipe.click("#wipe [value=difference]")
+def test_difference_is_the_one_the_page_prints(slider):
+    slider.click("#slider [value=difference]")
     change = abs(picture("Ground truth").astype(int) - picture("template"))
-    assert_alike(stage(wipe), np.minimum(4 * change, 255))
+    assert_alike(stage(slider), np.minimum(4 * change, 255))
 
 
-def test_any_two_pictures_from_any_viewpoint(wipe):
-    choose(wipe, "first", "Reference")
-    assert_alike(stage(wipe), wiped("Reference", "template", 0.5))
-    choose(wipe, "viewpoint", "left")
+def test_any_two_pictures_from_any_viewpoint(slider):
+    choose(slider, "first", "Reference")
+    assert_alike(stage(slider), slider_picture("Reference", "template", 0.5))
+    choose(slider, "viewpoint", "left")
     # The reference is lost there: the first picture that is not takes its place.
-    assert_alike(stage(wipe), wiped("Ground truth", "template", 0.5, "left"))
-    offered = "[...document.querySelector('#wipe [name=first]').options].map((o) => !o.disabled)"
-    assert wipe.evaluate(offered) == [True, False, True, False]
-    names = "[...document.querySelector('#wipe [name=first]').options].map((o) => o.text)"
-    assert wipe.evaluate(names) == [*PLACES, NAME]
-    assert wipe.evaluate("document.title") != "ran"
-    assert wipe.complaints == []
+    assert_alike(stage(slider), slider_picture("Ground truth", "template", 0.5, "left"))
+    offered = "[...document.querySelector('#slider [name=first]').options].map((o) => !o.disabled)"
+    assert slider.evaluate(offered) == [True, False, True, False]
+    names = "[...document.querySelector('#slider [name=first]').options].map((o) => o.text)"
+    assert slider.evaluate(names) == [*PLACES, NAME]
+    assert slider.evaluate("document.title") != "ran"
+    assert slider.complaints == []
 
 
-def test_without_scripts_and_on_paper_only_the_views_stand(wipe, wipe_page):
-    height = "document.getElementById('wipe').clientHeight"
-    assert wipe.evaluate(height) > 300
-    wipe.send("Emulation.setEmulatedMedia", media="print")
-    assert wipe.evaluate(height) == 0
-    wipe.send("Emulation.setEmulatedMedia", media="")
-    wipe.send("Emulation.setScriptExecutionDisabled", value=True)
+def test_without_scripts_and_on_paper_only_the_views_stand(slider, slider_page):
+    height = "document.getElementById('slider').clientHeight"
+    assert slider.evaluate(height) > 300
+    slider.send("Emulation.setEmulatedMedia", media="print")
+    assert slider.evaluate(height) == 0
+    slider.send("Emulation.setEmulatedMedia", media="")
+    slider.send("Emulation.setScriptExecutionDisabled", value=True)
     try:
-        wipe.open(wipe_page)
-        assert wipe.evaluate(height) == 0
+        slider.open(slider_page)
+        assert slider.evaluate(height) == 0
     finally:
-        wipe.send("Emulation.setScriptExecutionDisabled", value=False)
+        slider.send("Emulation.setScriptExecutionDisabled", value=False)
 
 
-def test_page_without_two_pictures_keeps_it_hidden(wipe, tmp_path):
+def test_page_without_two_pictures_keeps_it_hidden(slider, tmp_path):
     path = tmp_path / "truth" / "centre.png"
     path.parent.mkdir()
     Image.fromarray(codes(0)).save(path)
     (tmp_path / "report.html").write_text(
         render_html(report(ALGORITHMS, ("centre",)), tmp_path), encoding="utf-8"
     )
-    wipe.open(tmp_path / "report.html")
-    assert wipe.evaluate("document.getElementById('wipe').hidden") is True
-    assert wipe.complaints == []
+    slider.open(tmp_path / "report.html")
+    assert slider.evaluate("document.getElementById('slider').hidden") is True
+    assert slider.complaints == []

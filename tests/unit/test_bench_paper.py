@@ -11,7 +11,7 @@ import pytest
 from inim.documents import read_document
 from inim.documents.bench import BenchDocument
 from inim.report.bench import milliseconds, render_markdown, times, write_bench
-from inim.report.wording import per_cent
+from inim.report.labels import per_cent
 from reports.bench.paper.claims import claims
 from reports.bench.paper.report import parts_of
 from reports.bench.paper.scaling import growth, power_law

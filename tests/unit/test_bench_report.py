@@ -16,7 +16,7 @@ from inim.documents.bench import (
     Load,
     TimingRecord,
 )
-from inim.documents.parts import Backend, DisplayRecord
+from inim.documents.parts import BackendRecord, DisplayRecord
 from inim.report.bench import render_markdown, scene_parts, write_bench
 
 SCORED = ("eia_ssim", "eia_psnr_db", "view_ssim_to_reference")
@@ -50,7 +50,7 @@ def bench(scene=None, **study):
     return BenchDocument(
         title="Bench: <b>|", created="2024-01-01T00:00:00+00:00", inim_version="0",
         versions={"python": "3"}, command="inim bench x",
-        backend=Backend(variant="llvm", libllvm="22", device="cpu"), threads=2,
+        backend=BackendRecord(variant="llvm", libllvm="22", device="cpu"), threads=2,
         threading_layer="default", rounds=BenchRounds(runs=9, warmups=2),
         load=Load(start=0.1, end=0.2, cores=2), warnings=[], notes=[], scene=scene, study=study,
         files=[],

@@ -16,7 +16,7 @@ from inim.image.noisy_image import NoisyImage
 from inim.metrics import Metric, Viewing, cvvdp
 from inim.pipeline.stages.reconstruction import Optics
 from inim.regression.scores import view_scores
-from inim.report.wording import disagreements
+from inim.report.labels import disagreements
 from tests.schemas import report_document
 
 SEEN = Viewing(30.0, 400.0)

@@ -21,7 +21,7 @@ from inim.report import sections as report_html
 from inim.report.diagram import depth_profile, plan_view
 from inim.report.page import package_text
 from inim.report.sections import all_sections
-from inim.report.sections.views import WIPE
+from inim.report.sections.views import COMPARISON_SLIDER
 from tests.schemas import report_document
 
 PAGE_SCRIPT = package_text("page.js")
@@ -177,7 +177,7 @@ def test_page_needs_nothing_from_outside_and_forbids_it(folder):
     policy = [m["content"] for m in page.all("meta") if "http-equiv" in m]
     assert len(policy) == 1
     assert policy[0].startswith("default-src 'none'; img-src data:;")
-    assert page.scripts == [PAGE_SCRIPT, WIPE.script]
+    assert page.scripts == [PAGE_SCRIPT, COMPARISON_SLIDER.script]
     digests = [hashlib.sha256(script.encode()).digest() for script in page.scripts]
     allowed = " ".join(f"'sha256-{base64.b64encode(one).decode()}'" for one in digests)
     assert f"script-src {allowed};" in policy[0]
@@ -197,7 +197,7 @@ def test_hostile_names_are_shown_as_text_and_never_run(folder):
     page = Page(html)
     html.encode("utf-8")
     assert page.open == []
-    assert page.scripts == [PAGE_SCRIPT]  # and no wipe, for there are no pictures
+    assert page.scripts == [PAGE_SCRIPT]  # and no slider, for there are no pictures
     assert len(page.all("style")) == 1
     assert "<script>alert(1)</script>" in page.text
     assert "双耳陶罐" in page.text
@@ -478,4 +478,4 @@ def test_what_was_skipped_is_listed_with_its_reason(folder):
     rows = [{"step": HOSTILE, "performed": "3 of 5", "skipped": "2", "why": "nothing moves there"}]
     page = Page(render_html({**report(ALGORITHMS), "skipped": rows}, folder))
     assert "3 of 5 2 nothing moves there" in page.text
-    assert page.scripts == [PAGE_SCRIPT, WIPE.script]
+    assert page.scripts == [PAGE_SCRIPT, COMPARISON_SLIDER.script]

@@ -14,8 +14,7 @@ import pytest
 from inim.documents.parts import Check
 from inim.documents.report import ReportDocument
 from inim.report import Report
-from inim.report.summary import render_junit, render_summary
-from inim.report.wording import (
+from inim.report.labels import (
     check_limit,
     check_value,
     number,
@@ -23,6 +22,7 @@ from inim.report.wording import (
     suggested_criteria,
     verdict_words,
 )
+from inim.report.summary import render_junit, render_summary
 from tests.schemas import report_document
 
 HOSTILE = "<script>alert(1)</script> | `x` *b* [a](b)\n# 双耳陶罐 \x00"

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from inim.display import DISPLAYS
 from inim.display.misalignment import MISALIGNMENTS, misaligned, misalignment_text
 from inim.documents import read_document, schema
-from inim.documents.parts import DisplayRecord, SceneFile
+from inim.documents.parts import DisplayRecord, SceneFileRecord
 from inim.documents.tolerate import FailedDisplay, ToleranceDocument
 from inim.errors import FileError, SceneError, UsageError
 from inim.report.tolerate import sentences, write_tolerance
@@ -239,7 +239,7 @@ def document_of(scores, reached=(), **changes):
     parameters, together = parameter_tolerances(STUDY, scores, CRITERION, dict(reached))
     values = {
         "title": "T <b>&", "created": "2026-11-23T05:00:00+00:00", "inim_version": "1",
-        "command": "inim tolerate s.xml", "scene": SceneFile(path="s.xml", sha256="0" * 64),
+        "command": "inim tolerate s.xml", "scene": SceneFileRecord(path="s.xml", sha256="0" * 64),
         "display": DisplayRecord.of(NOMINAL), "viewpoints": ["centre"], "algorithm": "pickup",
         "criterion": CRITERION, "reach": 6.0, "seed": 3, "aligned": aligned_score(scores),
         "parameters": parameters, "together": together, "failed": [],

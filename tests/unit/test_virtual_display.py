@@ -14,7 +14,7 @@ from PIL import Image
 
 from inim.display import Display
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
-from inim.report.images import ENCODINGS, Images
+from inim.report.images import ENCODINGS, ReportImages
 from inim.report.page import package_text
 from inim.report.virtual_display import LIVE, Panel, embed_panels, still_view
 from tests.conftest import small_display
@@ -140,7 +140,7 @@ def test_missing_panel_is_named_and_the_rest_is_shown(tmp_path):
     assert "Not there, or not of the panel's size: wang2024." in Page(page).text
 
 
-IMAGES = Images(Path(), ENCODINGS[0])
+IMAGES = ReportImages(Path(), ENCODINGS[0])
 PANELS = [Panel(f"{i}", noise(i, 64)) for i in range(4)]
 
 

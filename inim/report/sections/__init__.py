@@ -18,9 +18,9 @@ from pathlib import Path
 from inim.cache import ResultCache
 from inim.documents.report import ReportDocument
 from inim.process.threads import threads
-from inim.report.images import ENCODINGS, Encoding, Images
+from inim.report.images import ENCODINGS, Encoding, ReportImages
+from inim.report.labels import verdict_words
 from inim.report.page import Section, Widget, check_badge, document_page, text
-from inim.report.wording import verdict_words
 
 #: A page above this is built again with smaller images.
 LARGEST_PAGE_BYTES = 10_000_000
@@ -47,7 +47,7 @@ class ReportSection:
     place: int
     anchor: str
     title: str
-    body: Callable[[ReportDocument, Images], str]
+    body: Callable[[ReportDocument, ReportImages], str]
     widget: Widget | None = None
     is_folded: bool = False
 
@@ -80,7 +80,7 @@ def render_html(data: ReportDocument, folder: Path, cache: ResultCache | None = 
         The page, below `LARGEST_PAGE_BYTES` unless the data without images is above it.
     """
     cache = cache or ResultCache()
-    return small_enough(lambda encoding: _page(data, Images(Path(folder), encoding, cache)))
+    return small_enough(lambda encoding: _page(data, ReportImages(Path(folder), encoding, cache)))
 
 
 def small_enough(build: Callable[[Encoding], str]) -> str:
@@ -93,7 +93,7 @@ def small_enough(build: Callable[[Encoding], str]) -> str:
     return page
 
 
-def _page(data: ReportDocument, images: Images) -> str:
+def _page(data: ReportDocument, images: ReportImages) -> str:
     listed = all_sections()
     with threads() as submit:  # packing and comparing images takes the longest
         begun = [submit(section.body, data, images) for section in listed]

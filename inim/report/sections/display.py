@@ -10,12 +10,12 @@ import msgspec
 
 from inim.documents.parts import DerivedDisplay
 from inim.documents.picture import PictureDocument
-from inim.documents.report import ReportDocument, Splats
+from inim.documents.report import ReportDocument, Translucency
 from inim.report.diagram import depth_profile, plan_view
-from inim.report.images import Images
+from inim.report.images import ReportImages
+from inim.report.labels import MISSING, NBSP, mm, per_cent, short
 from inim.report.page import element, figure, folded, lead, text, text_table
 from inim.report.sections import ReportSection
-from inim.report.wording import MISSING, NBSP, mm, per_cent, short
 
 # The renderer works in single precision, and so does the depth picture.
 _SLACK = 1e-5
@@ -74,7 +74,7 @@ _DERIVED = {
 }
 
 
-def display(data: ReportDocument | PictureDocument, _images: Images) -> str:
+def display(data: ReportDocument | PictureDocument, _images: ReportImages) -> str:
     """The section on the display."""
     derived = data.display.derived
     focus = "focused" if derived.central_depth_mm is None else MISSING
@@ -155,7 +155,7 @@ def _quantities(
     return text_table(caption, ["Quantity", "Value", "Meaning"], rows, "quantities")
 
 
-def rgbd_input(data: ReportDocument, images: Images) -> str:
+def rgbd_input(data: ReportDocument, images: ReportImages) -> str:
     """The section on the RGB-D input."""
     colour, depth = (images.read(f"rgbd_{kind}.png") for kind in ("color", "depth"))
     rgbd, (far, near) = data.rgbd, map(mm, data.display.parameters.depth_range_mm)
@@ -187,7 +187,7 @@ def _profile_words(data: ReportDocument) -> str:
     return f"seen from above, all rows together: the relic {place} the display's depth range"
 
 
-def splats(data: ReportDocument, _images: Images) -> str:
+def splats(data: ReportDocument, _images: ReportImages) -> str:
     """The section on splats; empty for other scenes."""
     translucency = data.scene.splats
     if translucency is None:
@@ -202,7 +202,7 @@ def splats(data: ReportDocument, _images: Images) -> str:
     )
 
 
-def _words(data: ReportDocument, translucency: Splats) -> str:
+def _words(data: ReportDocument, translucency: Translucency) -> str:
     """Meaning of the figures, in sentences."""
     words = (
         f"{short(translucency.count)} splats touch "

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from inim.documents.report import ReportDocument
-from inim.report.images import Images
+from inim.report.images import ReportImages
+from inim.report.labels import TRUE_EIA, metric_scores, score
 from inim.report.page import captioned, element, lead
 from inim.report.sections import ReportSection
-from inim.report.wording import TRUE_EIA, metric_scores, score
 
 _CROP_LENSES = 5
 _WHOLE_EIA_PX = 420
@@ -36,7 +36,7 @@ class _Window:
         return cut if cut.shape[:2] == (self.height, self.width) else None
 
 
-def elemental_images(data: ReportDocument, images: Images) -> str:
+def elemental_images(data: ReportDocument, images: ReportImages) -> str:
     """The section on the elemental images, of the same place in every array."""
     truth = images.read("truth", "eia.png")
     window = _busiest_window(truth, data)
@@ -51,7 +51,7 @@ def elemental_images(data: ReportDocument, images: Images) -> str:
 
 
 def _eia_figure(
-    images: Images,
+    images: ReportImages,
     pixels: np.ndarray | None,
     window: _Window,
     name: str,

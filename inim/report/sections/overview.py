@@ -11,10 +11,8 @@ from inim.documents.parts import Precision
 from inim.documents.picture import PictureDocument
 from inim.documents.report import AlgorithmResult, ReportDocument
 from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS, MAIN
-from inim.report.images import Images, is_wide
-from inim.report.page import element, figure, lead, table, text
-from inim.report.sections import ReportSection
-from inim.report.wording import (
+from inim.report.images import ReportImages, is_wide
+from inim.report.labels import (
     PREVIEW_WORDS,
     REFERENCE,
     TRUTH,
@@ -24,6 +22,8 @@ from inim.report.wording import (
     number,
     score,
 )
+from inim.report.page import element, figure, lead, table, text
+from inim.report.sections import ReportSection
 
 _FAILURES_ON_TOP = 3
 _NOTE = (
@@ -33,7 +33,7 @@ _NOTE = (
 )
 
 
-def overview(data: ReportDocument, images: Images) -> str:
+def overview(data: ReportDocument, images: ReportImages) -> str:
     """The table of scores above the images of the centre viewpoint."""
     link = element("a", "Meaning of the numbers", href="#meaning")
     note = element("p", text(_NOTE), link, class_="note")
@@ -118,7 +118,7 @@ def _noise(precision: Precision, view: str, key: str) -> str:
     return "" if half is None else element("small", text(f"± {number(half, MAIN.digits)}"))
 
 
-def _hero(data: ReportDocument, images: Images) -> str:
+def _hero(data: ReportDocument, images: ReportImages) -> str:
     """One viewpoint as the scene shows it, as the display could, and as the best algorithm does."""
     names, best = data.viewpoint_names, data.best_algorithm
     if not names:
@@ -139,7 +139,7 @@ def _hero(data: ReportDocument, images: Images) -> str:
     return element("div", *shots, class_="hero wide" if is_wide(truth) else "hero")
 
 
-def _shot(images: Images, pixels: Any, view: str, name: str, remark: str) -> str:
+def _shot(images: ReportImages, pixels: Any, view: str, name: str, remark: str) -> str:
     return figure(images.embed(pixels, f"{name}, viewpoint {view}"), name, remark)
 
 

@@ -13,7 +13,8 @@ from inim.documents.files import write_listed
 from inim.documents.parts import Drift, Regression
 from inim.documents.report import ReportDocument
 from inim.metrics import all_metrics
-from inim.report.images import ENCODINGS, Images
+from inim.report.images import ENCODINGS, ReportImages
+from inim.report.labels import MISSING, short
 from inim.report.page import (
     Section,
     check_badge,
@@ -25,9 +26,8 @@ from inim.report.page import (
     text_table,
 )
 from inim.report.sections import ReportSection
-from inim.report.sections.record import check_list
+from inim.report.sections.run import check_list
 from inim.report.summary import render_checks, render_junit
-from inim.report.wording import MISSING, short
 
 _FOLDER = "regression"
 # The rest is in report.json.
@@ -39,7 +39,7 @@ _WORDS = (
 )
 
 
-def regression(data: ReportDocument | CompareDocument, images: Images) -> str:
+def regression(data: ReportDocument | CompareDocument, images: ReportImages) -> str:
     """The section on the baseline; empty for a run that was not compared with one."""
     comparison = data.regression
     if comparison is None:
@@ -54,7 +54,7 @@ def regression(data: ReportDocument | CompareDocument, images: Images) -> str:
     return lead(words + _WORDS) + pictures + _circumstances(comparison) + _drift(comparison)
 
 
-def _images(comparison: Regression, images: Images) -> str:
+def _images(comparison: Regression, images: ReportImages) -> str:
     rows = []
     for name in comparison.pictures[:_MOST_PICTURES]:
         shots = [
@@ -140,7 +140,9 @@ def _page(data: CompareDocument, folder: Path) -> str:
         "compare.json",
         [text(f"{data.after.folder} against {data.before.folder}")],
         [
-            Section("regression", "What changed", regression(data, Images(folder, ENCODINGS[0]))),
+            Section(
+                "regression", "What changed", regression(data, ReportImages(folder, ENCODINGS[0]))
+            ),
             Section("checks", "Checks", check_list(data.verdict)),
             Section("runs", "The two runs", _runs(data)),
         ],

@@ -14,7 +14,8 @@ from inim.cache import code_digest
 from inim.documents.report import ReportDocument
 from inim.metrics.headline import HEADLINE_WORDS
 from inim.metrics.psnr import metric as PSNR  # noqa: N812
-from inim.report.images import Images
+from inim.report.images import ReportImages
+from inim.report.labels import plain
 from inim.report.page import element, plot, text
 from inim.report.plots import (
     LINES,
@@ -30,7 +31,6 @@ from inim.report.plots import (
     svg,
 )
 from inim.report.sections import ReportSection
-from inim.report.wording import plain
 
 _YARDSTICKS = "yardsticks"
 _WORDS = "Down and left is better; the line joins the Pareto-optimal algorithms. "
@@ -48,7 +48,7 @@ _SECONDS = (
 _Point = tuple[str, float, float]
 
 
-def time_against_error(data: ReportDocument, images: Images) -> str:
+def time_against_error(data: ReportDocument, images: ReportImages) -> str:
     """The section; empty where no algorithm has a time and a score."""
     times, unit = _times(data)
     views: list[_Point] = []  # 1 − mean main score to the reference, if no viewpoint lacks it

@@ -17,9 +17,16 @@ from inim.documents.report import ReportDocument
 from inim.metrics import all_metrics
 from inim.report.images import (
     DIFFERENCE_GAIN,
-    Images,
+    ReportImages,
     difference,
     is_wide,
+)
+from inim.report.labels import (
+    NBSP,
+    REFERENCE,
+    TRUTH,
+    metric_scores,
+    short,
 )
 from inim.report.page import (
     Widget,
@@ -34,13 +41,6 @@ from inim.report.page import (
     void,
 )
 from inim.report.sections import ReportSection
-from inim.report.wording import (
-    NBSP,
-    REFERENCE,
-    TRUTH,
-    metric_scores,
-    short,
-)
 
 _INTRO = (
     "Each image is shown with its difference and its SSIM map. Differences are absolute "
@@ -48,14 +48,18 @@ _INTRO = (
     "reference is compared with the ground truth: this is the loss of the display. An algorithm is "
     "compared with the reference: this is the loss of the algorithm."
 )
-_WIPE_ID = "wipe"
-WIPE = Widget(package_text("wipe.css"), package_text("wipe.js"), f'id="{_WIPE_ID}"')
-_WIPE_WAYS = (
+_SLIDER_ID = "slider"
+COMPARISON_SLIDER = Widget(
+    package_text("comparison_slider.css"),
+    package_text("comparison_slider.js"),
+    f'id="{_SLIDER_ID}"',
+)
+_WAYS = (
     ("slider", "slider", True),
     ("flip", "flip", False),
     ("difference", f"difference ×{NBSP}{DIFFERENCE_GAIN}", False),
 )
-_WIPE_HELP = (
+_HELP = (
     "Drag across the image, or move the slider with the arrow keys, to uncover one image under the "
     "other; alternate between them; or show their difference."
 )
@@ -66,7 +70,7 @@ _PARALLAX = (
 )
 
 
-def views(data: ReportDocument, images: Images) -> str:
+def views(data: ReportDocument, images: ReportImages) -> str:
     """The section on the views, one row of images for each viewpoint."""
     rows = [_viewpoint(data, images, eye) for eye in data.viewpoints]
     names = data.viewpoint_names
@@ -77,10 +81,10 @@ def views(data: ReportDocument, images: Images) -> str:
         if names and images.read("maps", metric.name, "reference", f"{names[0]}.png") is not None
     ]
     intro = lead(_INTRO + "".join(below)) + _scale(images)
-    return _wipe(data, images) + intro + "".join(rows)
+    return _comparison_slider(data, images) + intro + "".join(rows)
 
 
-def _wipe(data: ReportDocument, images: Images) -> str:
+def _comparison_slider(data: ReportDocument, images: ReportImages) -> str:
     """Comparison slider of any two images below; initially ground truth and best algorithm.
 
     The script finds an image by its content and viewpoint. Empty without a viewpoint, or if
@@ -94,7 +98,7 @@ def _wipe(data: ReportDocument, images: Images) -> str:
         return ""
     names = [TRUTH, REFERENCE, *data.algorithms]
     start = "centre" if "centre" in viewpoints else viewpoints[0]
-    ways = [radio("compare-by", *way) for way in _WIPE_WAYS]
+    ways = [radio("compare-by", *way) for way in _WAYS]
     choices = [
         _choice("From", "viewpoint", viewpoints, start),
         _choice("First", "first", names, names[0]),
@@ -120,9 +124,16 @@ def _wipe(data: ReportDocument, images: Images) -> str:
         element("p", class_="spoken", role="status"),
     ]
     controls = element("div", *choices, class_="controls")
-    kind = "wipe wide" if is_wide(truth) else "wipe"
+    kind = f"{_SLIDER_ID} wide" if is_wide(truth) else _SLIDER_ID
     return element(
-        "div", lead(_WIPE_HELP), controls, stage, *below, id=_WIPE_ID, class_=kind, hidden="hidden"
+        "div",
+        lead(_HELP),
+        controls,
+        stage,
+        *below,
+        id=_SLIDER_ID,
+        class_=kind,
+        hidden="hidden",
     )
 
 
@@ -131,7 +142,7 @@ def _choice(label: str, name: str, options: Sequence[str], chosen: str) -> str:
     return element("label", text(label), select(pairs, chosen, name_=name))
 
 
-def _scale(images: Images) -> str:
+def _scale(images: ReportImages) -> str:
     """Colour scale of an SSIM map."""
     bar = np.repeat(images.similarity_scale(), 12, axis=0)
     words = [element("span", text(word)) for word in ("1, alike", "SSIM", "0 or below, unlike")]
@@ -139,7 +150,7 @@ def _scale(images: Images) -> str:
     return element("figure", picture, element("figcaption", *words), class_="ssim-scale")
 
 
-def _viewpoint(data: ReportDocument, images: Images, eye: EyePosition) -> str:
+def _viewpoint(data: ReportDocument, images: ReportImages, eye: EyePosition) -> str:
     view = eye.name
     truth = images.read("truth", f"{view}.png")
     reference = images.read("views", "reference", f"{view}.png")
@@ -200,7 +211,7 @@ def _viewpoint(data: ReportDocument, images: Images, eye: EyePosition) -> str:
     return folded(heading, row)
 
 
-def parallax(data: ReportDocument, images: Images) -> str:
+def parallax(data: ReportDocument, images: ReportImages) -> str:
     """Parallax section; empty with fewer than two viewpoints in a line."""
     best = data.best_algorithm
     sources = [(TRUTH, ("truth",))] + ([(best, ("views", best))] if best else [])
@@ -230,7 +241,7 @@ def _lines_of_sight(eyes: Sequence[EyePosition]) -> list[tuple[str, list[EyePosi
 
 
 def _strip(
-    images: Images,
+    images: ReportImages,
     direction: str,
     views: Sequence[str],
     sources: Sequence[tuple[str, tuple[str, ...]]],
@@ -244,7 +255,7 @@ def _strip(
 
 
 def _strip_shot(
-    images: Images, direction: str, view: str, label: str, place: tuple[str, ...]
+    images: ReportImages, direction: str, view: str, label: str, place: tuple[str, ...]
 ) -> str:
     """Small image with a line through its centre, across the direction of movement."""
     pixels = images.read(*place, f"{view}.png")
@@ -260,5 +271,5 @@ def _strip_shot(
 
 SECTIONS = (
     ReportSection(50, "parallax", "Parallax", parallax),
-    ReportSection(60, "views", "Views", views, WIPE),
+    ReportSection(60, "views", "Views", views, COMPARISON_SLIDER),
 )

@@ -9,7 +9,8 @@ from inim.display import Display
 from inim.display.misalignment import misaligned
 from inim.documents.picture import PictureDocument
 from inim.documents.report import ReportDocument
-from inim.report.images import Images
+from inim.report.images import ReportImages
+from inim.report.labels import REFERENCE
 from inim.report.page import lead
 from inim.report.sections import ReportSection
 from inim.report.virtual_display import (
@@ -21,7 +22,6 @@ from inim.report.virtual_display import (
     live_display,
     live_lens_models,
 )
-from inim.report.wording import REFERENCE
 
 #: Room for a report's panels; the rest of the page has as much again.
 REPORT_PANEL_BYTES = 6_000_000
@@ -37,7 +37,7 @@ class Shown:
 
 
 def report_display(
-    data: ReportDocument, images: Images, *, most_bytes: int = REPORT_PANEL_BYTES
+    data: ReportDocument, images: ReportImages, *, most_bytes: int = REPORT_PANEL_BYTES
 ) -> str:
     """The section of a report."""
     best = data.best_algorithm
@@ -53,7 +53,7 @@ def of_algorithm(name: str) -> Shown:
 
 def shown_display(
     data: ReportDocument | PictureDocument,
-    images: Images,
+    images: ReportImages,
     candidates: Sequence[Shown],
     *,
     most_bytes: int = REPORT_PANEL_BYTES,
@@ -95,7 +95,7 @@ def shown_display(
 
 
 def _panels(
-    candidates: Sequence[Shown], images: Images, display: Display
+    candidates: Sequence[Shown], images: ReportImages, display: Display
 ) -> tuple[list[Panel], list[str]]:
     """The EIAs, and the names of those that are not there."""
     panels, missing = [], []

@@ -28,7 +28,7 @@ from inim.lens import (
     trace_to_pixels,
     white_exposure,
 )
-from inim.report.images import Images, is_wide
+from inim.report.images import ReportImages, is_wide
 from inim.report.page import Widget, element, figure, lead, package_text, radio, select, text, void
 
 ANCHOR, TITLE = "virtual-display", "Virtual display"
@@ -87,7 +87,7 @@ def live_display(
     panels: Sequence[Panel],
     eyes: Sequence[EyePosition],
     stills: Sequence[Still],
-    images: Images,
+    images: ReportImages,
     *,
     most_bytes: int,
     lens_model: str = "thick",
@@ -104,7 +104,7 @@ def live_display(
     eyes : sequence of EyePosition
         Eye positions; the eye starts at the first.
     stills : sequence of Still
-    images : Images
+    images : ReportImages
         Embeds the stills.
     most_bytes : int
         Maximum size of the panels.
@@ -154,7 +154,7 @@ def shown_lens_model(display: Display, lens_model: str) -> str:
     return lens_model if lens_model in live_lens_models(display) else drawn_as(lens_model)
 
 
-def _stand_in(stills: Sequence[Still], images: Images) -> str:
+def _stand_in(stills: Sequence[Still], images: ReportImages) -> str:
     why = element("p", text(_NEEDED), class_="note", id="virtual-display-why")
     pictures = [
         figure(images.embed(s.codes, f"{s.name} {s.remark}", _STILL_PX), s.name, s.remark)
@@ -349,7 +349,7 @@ class _Embedded:
 
 
 def embed_panels(
-    panels: Sequence[Panel], most_bytes: int, images: Images
+    panels: Sequence[Panel], most_bytes: int, images: ReportImages
 ) -> tuple[list[_Embedded], list[str]]:
     """Embed as many panels as fit, and return the names of the others.
 
@@ -360,7 +360,7 @@ def embed_panels(
         if they have to be.
     most_bytes : int
         For all data URIs together.
-    images : Images
+    images : ReportImages
         Embeds the panels.
     """
     for form, quality in _FORMS:
@@ -371,7 +371,7 @@ def embed_panels(
 
 
 def _fill_up(
-    images: Images,
+    images: ReportImages,
     panels: Sequence[Panel],
     embedded: list[_Embedded],
     form: str,
@@ -390,7 +390,7 @@ def _fill_up(
     return embedded, left_out
 
 
-def _embed(images: Images, panel: Panel, form: str, quality: int) -> _Embedded:
+def _embed(images: ReportImages, panel: Panel, form: str, quality: int) -> _Embedded:
     source = images.source(panel.codes, form, quality, compress_level=9)
     return _Embedded(panel.name, source, form == "PNG")
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from inim.report.bench import Part, Table, milliseconds, times
+from inim.report.labels import MISSING, is_number, number, per_cent
 from inim.report.plots import LINES, SOFT, colour_of, new_figure, plain_ticks, style
-from inim.report.wording import MISSING, is_number, number, per_cent
 from reports.bench.parts import items, part
 
 _MIB = 2**20

@@ -19,8 +19,8 @@ from inim.bench import bench_scene
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.scene import Renderer
 from inim.report.bench import TIME_HEADS, Part, Table, milliseconds, time_cells, times
+from inim.report.labels import is_number, number, per_cent
 from inim.report.plots import LINES, SOFT, colour_of, marker_of, new_figure, plain_ticks, style
-from inim.report.wording import is_number, number, per_cent
 from inim.timing import Rounds
 from reports.bench.parts import items, part
 from reports.bench.study import add_scene_arguments, new_parser, plan_of, run_study

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from inim.report.bench import TIME, TIME_HEADS, Part, Table, milliseconds, time_cells, times
+from inim.report.labels import MISSING, is_number, number, per_cent
 from inim.report.plots import colour_of, marker_of, new_figure, plain_ticks, style
-from inim.report.wording import MISSING, is_number, number, per_cent
 from reports.bench.paper.plain_python import PLAIN_PYTHON
 from reports.bench.parts import items, part
 

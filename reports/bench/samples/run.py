@@ -20,8 +20,8 @@ from typing import Any
 from inim.cache import FOLDER_VARIABLE
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
 from inim.report.bench import Part, Table
+from inim.report.labels import number
 from inim.report.plots import draw_front, draw_point, new_figure, plain_ticks, style
-from inim.report.wording import number
 from reports.bench.parts import items, part
 from reports.bench.process import run_measured
 from reports.bench.study import new_parser, run_study

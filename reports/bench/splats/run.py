@@ -23,7 +23,7 @@ from inim.cache import FOLDER_VARIABLE
 from inim.errors import EXIT_PASSED, WorkerError
 from inim.files.splat_ply import Splats, write_splats
 from inim.report.bench import Part, Table
-from inim.report.wording import number
+from inim.report.labels import number
 from reports.bench.parts import items, part
 from reports.bench.process import run_measured
 from reports.bench.study import new_parser, run_study

@@ -18,7 +18,7 @@ import numpy as np
 from inim.display.viewpoint import parse_viewpoints
 from inim.lens import FULL
 from inim.report.bench import Part, Table, milliseconds, times
-from inim.report.wording import number, per_cent
+from inim.report.labels import number, per_cent
 from inim.scene.two_spheres import two_spheres_eia
 from inim.timing import Rounds, Timing, ratios, threads, time_calls
 from reports.bench.parts import items, part

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
+from inim.report.labels import MISSING, is_number, per_cent, short
 from inim.report.stress import (
     Table,
     checks_table,
@@ -13,7 +14,6 @@ from inim.report.stress import (
     relations_table,
     small,
 )
-from inim.report.wording import MISSING, is_number, per_cent, short
 from reports.stress.study.document import StudyDocument
 
 Rows = Sequence[Mapping[str, Any]]

@@ -1,11 +1,11 @@
 "use strict";
-/* Two views in one place: drives the elements of #wipe with the page's own pictures, those that
-   say what they show (`data-shows`) and from where (`data-viewpoint`). A picture that is missing
-   is not offered; with fewer than two, #wipe stays hidden. */
+/* Comparison slider: drives the elements of #slider with the page's own images, found by
+   their content (`data-shows`) and viewpoint (`data-viewpoint`). A missing image is not offered;
+   with fewer than two, #slider stays hidden. */
 (() => {
-  const wipe = document.getElementById("wipe");
-  if (!wipe) return;
-  const one = (selector) => wipe.querySelector(selector);
+  const root = document.getElementById("slider");
+  if (!root) return;
+  const one = (selector) => root.querySelector(selector);
   const FLIP_MS = 700;  // slower than three a second, which is where flashes may harm
 
   const sources = new Map();  // by viewpoint, by what is shown
@@ -59,11 +59,11 @@
       labels[i].textContent = choices[side].value;
       labels[i].hidden = by === "flip" && flipped !== (i === 1);
     });
-    wipe.dataset.way = by;
-    wipe.classList.toggle("flipped", flipped);
+    root.dataset.way = by;
+    root.classList.toggle("flipped", flipped);
     stage.style.setProperty("--border", `${border.value}%`);
     one(".stage i").hidden = by !== "slider";
-    wipe.querySelectorAll(":scope > [data-way]").forEach((control) => {
+    root.querySelectorAll(":scope > [data-way]").forEach((control) => {
       control.hidden = control.dataset.way !== by;
     });
     stage.setAttribute("aria-label", words());
@@ -93,7 +93,7 @@
     show();
     say();
   }));
-  wipe.querySelectorAll("[name=compare-by]").forEach((radio) =>
+  root.querySelectorAll("[name=compare-by]").forEach((radio) =>
     radio.addEventListener("change", () => { show(); say(); keepTurning(); }));
   border.addEventListener("input", show);
   flip.addEventListener("click", () => { turn(); say(); });
@@ -118,5 +118,5 @@
   if (!usable.some((option) => option.selected)) choices.viewpoint.value = usable[0].value;
   offer();
   show();
-  wipe.hidden = false;
+  root.hidden = false;
 })();

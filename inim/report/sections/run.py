@@ -5,9 +5,7 @@ from __future__ import annotations
 from inim.documents.parts import Check, Checks
 from inim.documents.report import ReportDocument
 from inim.metrics import RELIC_MARGIN_PX, all_metrics
-from inim.report.page import bullets, element, how_to_reproduce, lead, mark, table, text, text_table
-from inim.report.sections import ReportSection
-from inim.report.wording import (
+from inim.report.labels import (
     NBSP,
     REFERENCE,
     TRUE_EIA,
@@ -20,6 +18,8 @@ from inim.report.wording import (
     relation,
     suggested_criteria,
 )
+from inim.report.page import bullets, element, how_to_reproduce, lead, mark, table, text, text_table
+from inim.report.sections import ReportSection
 
 _TOTAL, _RENDER = "total", "mitsuba_render"
 _EXACT = "Skipping did not change any score."
