@@ -301,8 +301,7 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, renderer: Rend
     observer, display, s = renderer.observer, plan.display, plan.settings
     observer.begin(["open scene", "capture RGB-D", "ground-truth EIA", "time", "score", "write"])
     run, camera = Run(observer=observer), plan.camera(renderer)
-    reads_layers = any(properties(name).reads_layers for name in names)
-    capture = capture_nonempty(camera, layers=reads_layers, run=run)
+    capture = capture_nonempty(camera, {properties(name).reads for name in names}, run=run)
     truth = render_ground_truth_eia(camera.scene, display, s.eia_spp, s.seed, None, run=run)
 
     def views_of(eia: np.ndarray) -> list[np.ndarray]:
@@ -339,7 +338,7 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, renderer: Rend
         noise_floor=floor,
         scores=[score.record() for score in all_scores()],
         captured_layers=None
-        if capture.layered is None
+        if LayeredRGBD not in capture.inputs
         else CapturedLayers(
             covered_shares=list(capture.covered_shares), hidden_share=capture.hidden_share
         ),

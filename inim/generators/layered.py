@@ -13,9 +13,10 @@ import numpy as np
 from inim.display import Display
 from inim.generators.base import PictureShape, SourceGenerator
 from inim.generators.registry import algorithm
+from inim.image.rgbd import LayeredRGBD
 
 
-@algorithm(exact=True, reads_layers=True, colour="smooth", fill="auto", color="#6a51a3", marker="P")
+@algorithm(exact=True, reads=LayeredRGBD, colour="smooth", fill="auto", color="#6a51a3", marker="P")
 def prepare(
     display: Display,
     shape: PictureShape,

@@ -31,6 +31,7 @@ from typing import Any, TypeVar
 
 from inim.errors import UsageError, suggest_words
 from inim.generators.base import Generator
+from inim.image.rgbd import RGBD
 from inim.plugins import announced, attribute_errors, load
 from inim.settings import value_text
 
@@ -76,8 +77,9 @@ class AlgorithmProperties:
         picture, or in those that its option `columns` names.
     portable : bool
         Its EIA depends on comparisons of stored numbers only: the same bits on every machine.
-    reads_layers : bool
-        It makes use of `inim.image.rgbd.LayeredRGBD`.
+    reads : type
+        Type of the pictures that it reads: `RGBD`, or `LayeredRGBD` for the surfaces behind the
+        front as well (`inim.image.rgbd`).
     colour, fill : str
         Defaults of its options `COLOUR` and `FILL`; with nearest colours, nothing is filled by
         default.
@@ -95,7 +97,7 @@ class AlgorithmProperties:
 
     exact: bool = False
     portable: bool = False
-    reads_layers: bool = False
+    reads: type[RGBD] = RGBD
     colour: str = "nearest"
     fill: str = "none"
     color: str | None = None
@@ -110,14 +112,14 @@ def algorithm(
     *,
     exact: bool = False,
     portable: bool = False,
-    reads_layers: bool = False,
+    reads: type[RGBD] = RGBD,
     colour: str = "nearest",
     fill: str = "none",
     color: str | None = None,
     marker: str | None = None,
 ) -> Callable[[_AnyPrepare], _AnyPrepare]:
     """Declare the properties of an algorithm (see `AlgorithmProperties`); decorates `prepare`."""
-    declared = AlgorithmProperties(exact, portable, reads_layers, colour, fill, color, marker)
+    declared = AlgorithmProperties(exact, portable, reads, colour, fill, color, marker)
 
     def declare(prepare: _AnyPrepare) -> _AnyPrepare:
         setattr(prepare, _PROPERTIES, declared)
@@ -183,7 +185,8 @@ class Algorithm:
         declared = getattr(self.prepare, _PROPERTIES, None)
         if not isinstance(declared, AlgorithmProperties):
             declared = AlgorithmProperties()
-        columns = "layers" if declared.reads_layers else str(options.get("columns", "surface"))
+        has_layers = declared.reads is not RGBD
+        columns = "layers" if has_layers else str(options.get("columns", "surface"))
         return replace(
             declared, name=self.name, own=self.own, columns=columns, takes_mask=self.takes_mask
         )

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 from inim.backend import Backend
 from inim.documents.parts import Check
 from inim.documents.report import AlgorithmResult
+from inim.image.rgbd import LayeredRGBD
 from inim.metrics.headline import HEADLINE_TO_SCENE, MAIN
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.capture import Capture
@@ -107,7 +108,7 @@ def stage_names(plan: Plan) -> list[str]:
     methods = [f"{method.verb} {method.name}" for method in plan.methods]
     eyes = len(plan.viewpoints)
     views = ["reconstruct views"] * eyes
-    capture = ["capture RGB-D", "capture layers"] if plan.reads_layers else ["capture RGB-D"]
+    capture = ["capture RGB-D", *(["capture layers"] if LayeredRGBD in plan.inputs else [])]
     names = [*methods, "open scene", *capture, "ground-truth EIA", *["ground-truth views"] * eyes]
     names += [*views, "score"]
     for method in methods:

@@ -32,7 +32,7 @@ from inim.documents.report import (
 )
 from inim.files.image import write_exr, write_png, write_rgbd
 from inim.image.color import linear_from_srgb, magma
-from inim.image.rgbd import RGBD
+from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.inspect.accuracy_limits import accuracy_warnings, lenses_beside_panel
 from inim.metrics.headline import HEADLINE
 from inim.pipeline.adaptive_sampling import Evaluation
@@ -83,9 +83,10 @@ class Images:
     def save_capture(self, capture: Capture, display: Display) -> None:
         """Write the RGB-D picture, and PNG files of its colour and depth."""
         rgbd = capture.rgbd
+        deepest = capture.inputs.get(LayeredRGBD, capture.inputs[RGBD]).rgbd
 
         def write() -> None:
-            write_rgbd(self.folder / "rgbd.exr", capture.layered or rgbd, self._attributes)
+            write_rgbd(self.folder / "rgbd.exr", deepest, self._attributes)
             write_rgbd_pngs(self.folder, rgbd, display, self.cache)
 
         self._submit(write, rgbd.color.nbytes)

@@ -11,6 +11,7 @@ from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.documents.parts import Conditions, DisplayRecord
 from inim.errors import OutOfMemoryError, SceneError, UsageError
 from inim.generators import algorithm_items
+from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.lens import check_lens_model
 from inim.metrics import SSIM_WINDOW, Viewing, all_metrics
 from inim.pipeline.request import PREVIEW, Request, definition_words
@@ -101,9 +102,9 @@ class Plan:
         return self.optics.viewing(eye, self.settings.luminance_cd_m2)
 
     @property
-    def reads_layers(self) -> bool:
-        """True if a method reads the layers behind the front surface."""
-        return any(method.reads_layers for method in self.methods)
+    def inputs(self) -> set[type[RGBD]]:
+        """Types of the methods' inputs."""
+        return {method.reads for method in self.methods}
 
 
 def make_plan(request: Request) -> Plan:
@@ -203,7 +204,7 @@ def _plan_memory(
     """Bytes of all images and number of rays in flight; raises if the images are too large."""
     from inim.backend import memory_limit_bytes
 
-    layers = _LAYERS_BYTES if any(m.reads_layers for m in methods) else 0
+    layers = _LAYERS_BYTES if any(m.reads is LayeredRGBD for m in methods) else 0
     images = {
         "use a display with fewer pixels": (display.eia_shape, _EIA_BYTES),
         "lower inim.capture_pixels_per_pitch": (

@@ -66,7 +66,7 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
     scene_record = describe_scene(scene, run=run)
     if "splats" in scene_record:
         scene_record = scene_record | {"splats": measure_translucency(camera, run=run)}
-    capture = capture_relic(camera, layers=plan.reads_layers, run=run)
+    capture = capture_relic(camera, plan.inputs, run=run)
     truth_eia = render_ground_truth_eia(
         scene, plan.misaligned_display, s.eia_spp, s.seed, mask, run=run
     )

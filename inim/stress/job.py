@@ -133,7 +133,7 @@ def _measure(request: StressRequest, plan: Plan | None, observer: Observer) -> S
         source = "two spheres"
     else:
         run, camera = Run(observer=observer), plan.camera(renderer)
-        picture = capture_nonempty(camera, layers=False, run=run).rgbd
+        picture = capture_nonempty(camera, {RGBD}, run=run).rgbd
         display, source = plan.display, str(plan.request.scene)
     jitter = measure_jitter(picture, display, names)
     checks = _checks(names, first_hits, relations)

@@ -205,7 +205,7 @@ def is_first_hit(algorithm: str) -> bool:
 
 def input_of(rgbd: RGBD, display: Display, algorithm: str) -> RGBD:
     """Return the picture, with layers if the algorithm reads them."""
-    return solids_of(rgbd, display) if properties(algorithm).reads_layers else rgbd
+    return rgbd if properties(algorithm).reads is RGBD else solids_of(rgbd, display)
 
 
 def algorithm_output(rgbd: RGBD, display: Display, algorithm: str, **options: Any) -> np.ndarray:

@@ -109,7 +109,7 @@ def run_relations(
     rows = []
     for relation in RELATIONS if relations is None else relations:
         for algorithm in algorithms:
-            if relation.one_layer and properties(algorithm).reads_layers:
+            if relation.one_layer and properties(algorithm).reads is not RGBD:
                 continue
             exact = is_first_hit(algorithm)
             explained = _NOT_PROMISED if relation.first_hit and not exact else ""

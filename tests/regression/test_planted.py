@@ -72,7 +72,7 @@ class Finished:
         """What it leaves, with another truth, another generator or other views planted."""
         truth, generate = truth or self.found.truth, generate or self.generate
         plan, capture, run = self.found.plan, self.found.capture, Run()
-        first, second = (generate(rgbd) for rgbd in capture.halves)
+        first, second = (generate(rgbd) for rgbd in capture.inputs[RGBD].halves)
         eia = NoisyImage.from_image((first + second) / 2, (first - second) / 2)
         made = GeneratedEIA(eia, None, None, self._reference(generate))
         how = (plan.viewpoints, plan.optics, self.renderer)

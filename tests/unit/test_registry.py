@@ -10,6 +10,7 @@ import pytest
 from inim import plugins
 from inim.errors import UsageError
 from inim.generators import algorithm, algorithm_names, is_own, properties, registry
+from inim.image.rgbd import RGBD, LayeredRGBD
 
 OWN = ["template", "gu2020", "layered", "li2012", "wang2024"]
 
@@ -59,7 +60,7 @@ def test_properties_of_our_own_load_no_compiler_and_no_renderer():
 def test_what_our_own_state():
     assert {n for n in OWN if properties(n).exact} == {"template", "layered"}
     assert {n for n in OWN if properties(n).portable} == {"template"}
-    assert {n for n in OWN if properties(n).reads_layers} == {"layered"}
+    assert {n for n in OWN if properties(n).reads is LayeredRGBD} == {"layered"}
     assert {n for n in OWN if properties(n).takes_mask} == {
         "template", "layered", "gu2020", "wang2024",
     }  # fmt: skip
@@ -71,7 +72,8 @@ def test_what_our_own_state():
 def test_another_package_states_its_properties_or_does_not():
     assert algorithm_names() == [*OWN, "plain", "stated"]
     plain, stated = properties("plain:brightness=2"), properties("stated:slow=yes")
-    assert not (plain.own or plain.exact or plain.reads_layers or plain.takes_mask)
+    assert not (plain.own or plain.exact or plain.takes_mask)
+    assert plain.reads is RGBD
     assert plain.color is None
     assert stated.exact and stated.color == "#123456" and stated.takes_mask
     assert not stated.own

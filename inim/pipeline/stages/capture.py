@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -65,20 +66,22 @@ class Layers:
     max_solids: int
 
 
+class Input(NamedTuple):
+    """Input of methods: a picture, and two half images with independent colour samples."""
+
+    rgbd: RGBD
+    halves: tuple[RGBD, RGBD]
+
+
 @dataclass(frozen=True)
 class Capture:
-    """Input of the methods.
+    """Inputs of the methods, by type; `RGBD` is always among them.
 
-    The half images have independent colour samples and the same depth. `layered` includes the
-    layers behind the front surface; it is None, and `layered_halves` empty, if no method reads
-    them. `covered_shares` and `hidden_share` are those of `Layers`.
+    `covered_shares` and `hidden_share` are those of `Layers`.
     """
 
     camera: DepthCamera
-    rgbd: RGBD
-    halves: tuple[RGBD, RGBD]
-    layered: LayeredRGBD | None = None
-    layered_halves: tuple[LayeredRGBD, ...] = ()
+    inputs: Mapping[type[RGBD], Input]
     covered_shares: tuple[float, ...] = ()
     hidden_share: float = 0.0
     checks: tuple[Check, ...] = ()
@@ -88,22 +91,22 @@ class Capture:
         """Return all values that affect the capture."""
         return self.camera.cache_key()
 
-    def input(self, *, layers: bool) -> tuple[RGBD, tuple[RGBD, ...]]:
-        """Input for a method, and its half images."""
-        if layers and self.layered is not None:
-            return self.layered, self.layered_halves
-        return self.rgbd, self.halves
+    @property
+    def rgbd(self) -> RGBD:
+        """The picture of the front surface."""
+        return self.inputs[RGBD].rgbd
 
 
-def capture_relic(camera: DepthCamera, *, layers: bool, run: Run) -> Capture:
-    """Capture colour and depth, and optionally the hidden layers; replace nonfinite values."""
+def capture_relic(camera: DepthCamera, inputs: Collection[type[RGBD]], *, run: Run) -> Capture:
+    """Capture colour and depth, and the other inputs of these types; replace nonfinite values."""
     first, second = capture_rgbd(camera, run=run)
     (first_color, second_color), nonfinite = replace_nonfinite(first.color, second.color)
     halves = replace(first, color=first_color), replace(second, color=second_color)
     color = np.float32(0.5) * (first_color + second_color)
     mean = replace(first, color=color.astype(np.float32))
-    capture = Capture(camera, mean, halves, checks=tuple(nonfinite_checks("RGB-D", nonfinite)))
-    if layers:
+    checks = tuple(nonfinite_checks("RGB-D", nonfinite))
+    capture = Capture(camera, {RGBD: Input(mean, halves)}, checks=checks)
+    if LayeredRGBD in inputs:
         return _add_layers(capture, capture_layers(camera, run=run))
     run.skipped.add(
         "layers behind the picture", "nothing", "peeling the scene", "no algorithm reads them"
@@ -116,9 +119,9 @@ def nonfinite_checks(name: str, count: int) -> list[Check]:
     return [check(f"{name}: pixels not finite", count, "<=", 0, "taken as black")] if count else []
 
 
-def capture_nonempty(camera: DepthCamera, *, layers: bool, run: Run) -> Capture:
+def capture_nonempty(camera: DepthCamera, inputs: Collection[type[RGBD]], *, run: Run) -> Capture:
     """Capture as `capture_relic`; raises `SceneError` if the camera's picture is empty."""
-    capture = capture_relic(camera, layers=layers, run=run)
+    capture = capture_relic(camera, inputs, run=run)
     if not capture.rgbd.covered.any():
         raise SceneError(
             f"{camera.scene.file.path}: the depth camera's picture is empty; "
@@ -208,10 +211,10 @@ def _add_layers(capture: Capture, layers: Layers) -> Capture:
     palettes, nonfinite = replace_nonfinite(first.palette, second.palette)
     checks += nonfinite_checks("RGB-D layers", nonfinite)
     first, second = _with_palette(first, palettes[0]), _with_palette(second, palettes[1])
+    mean = _with_palette(first, np.float32(0.5) * (first.palette + second.palette))
     return replace(
         capture,
-        layered=_with_palette(first, np.float32(0.5) * (first.palette + second.palette)),
-        layered_halves=(first, second),
+        inputs={**capture.inputs, LayeredRGBD: Input(mean, (first, second))},
         covered_shares=layers.covered_shares,
         hidden_share=layers.hidden_share,
         checks=(*capture.checks, *checks),

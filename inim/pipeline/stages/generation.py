@@ -125,7 +125,7 @@ class GeneratorHandle:
 )
 def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
     """Generate the EIA of a capture, and its noise from the half images."""
-    rgbd, halves = capture.input(layers=generator.properties.reads_layers)
+    rgbd, halves = capture.inputs[generator.properties.reads]
     eia, seconds, empty = generator.run(rgbd)
     holes = hole_fraction(empty, generator.display, generator.mask)
     del empty

@@ -85,9 +85,9 @@ class Method:
     is_timed: ClassVar[bool] = False
 
     @property
-    def reads_layers(self) -> bool:
-        """True if the input includes the layers behind the front surface."""
-        return False
+    def reads(self) -> type[RGBD]:
+        """Type of its input."""
+        return RGBD
 
     def check(self) -> None:
         """Raise an `InimError` for mistakes that can be detected without native code.
@@ -127,9 +127,9 @@ class GeneratorMethod(Method):
     is_timed = True
 
     @property
-    def reads_layers(self) -> bool:
+    def reads(self) -> type[RGBD]:
         """See `Method`."""
-        return properties(self.name).reads_layers
+        return properties(self.name).reads
 
     def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:
         """See `Method`."""
@@ -280,14 +280,10 @@ _MAX_REPETITIONS = 5
 
 def prepare_timed_methods(names: Sequence[str], capture: Capture) -> tuple[list[TimedMethod], RGBD]:
     """Prepare generators for timing on the display-ready capture; also return its front surface."""
-    front = display_ready(capture.rgbd)
-    layered = front if capture.layered is None else display_ready(capture.layered)
+    ready = {kind: display_ready(rgbd) for kind, (rgbd, _) in capture.inputs.items()}
     display = capture.camera.scene.display
-    timed_methods = [
-        prepare_method(name, layered if properties(name).reads_layers else front, display)
-        for name in names
-    ]
-    return timed_methods, front
+    timed_methods = [prepare_method(name, ready[properties(name).reads], display) for name in names]
+    return timed_methods, ready[RGBD]
 
 
 def generator_times(
