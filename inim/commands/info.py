@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from inim.backend import Verdict
     from inim.cache import StoreInfo
     from inim.display import Display
-    from inim.inspect.findings import Findings
+    from inim.inspect.findings import Inspection
     from inim.settings import Settings
 
 
@@ -165,12 +165,12 @@ def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _inspect(args: argparse.Namespace) -> int:
     from inim.documents.document import encode
-    from inim.inspect.output import as_text, inspect_document
+    from inim.inspect.output import as_text
 
-    findings = _findings(args, *_choose(args.display, args.definitions))
-    json_text = encode(inspect_document(findings))
-    files = [] if args.out is None else _write(findings, json_text, args.out)
-    print(json_text if args.json else as_text(findings))
+    inspection = _inspect_display(args, *_choose(args.display, args.definitions))
+    json_text = encode(inspection.document)
+    files = [] if args.out is None else _write(inspection, json_text, args.out)
+    print(json_text if args.json else as_text(inspection.document))
     if files and not args.json:
         print("\nwritten: " + ", ".join(str(args.out / name) for name in files))
     return EXIT_PASSED
@@ -190,7 +190,7 @@ def _choose(display: str, items: list[str]) -> tuple[Display, Settings]:
     return choose_display(chosen, parse_definitions(items), display)
 
 
-def _findings(args: argparse.Namespace, design: Display, settings: Settings) -> Findings:
+def _inspect_display(args: argparse.Namespace, design: Display, settings: Settings) -> Inspection:
     from inim.display.misalignment import misaligned
     from inim.display.viewpoint import default_distance_mm
     from inim.inspect.findings import DEFAULT_LENS_MODEL, inspect_display
@@ -210,7 +210,7 @@ def _findings(args: argparse.Namespace, design: Display, settings: Settings) -> 
     )
 
 
-def _write(findings: Findings, json_text: str, folder: Path) -> list[str]:
+def _write(inspection: Inspection, json_text: str, folder: Path) -> list[str]:
     """Write the figure, then the JSON, which marks a complete result."""
     from inim.files.image import write_atomically
     from inim.inspect.figure import draw_figure
@@ -222,7 +222,7 @@ def _write(findings: Findings, json_text: str, folder: Path) -> list[str]:
             f"{folder}: cannot be created ({error.strerror}); choose another folder with -o"
         ) from None
     path = folder / "inspect.json"
-    figures = draw_figure(findings, folder, "inspect")
+    figures = draw_figure(inspection, folder, "inspect")
     write_atomically(path, lambda p: p.write_text(json_text + "\n", encoding="utf-8"))
     return [*figures, path.name]
 

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
+
+from msgspec.structs import replace
 
 from inim.display import Display
 from inim.display.pixels import least_gap_mm
-from inim.documents.inspect import PixelChoice, ViewingLimits, VoxelWidths
+from inim.documents.inspect import InspectDocument, TracedModel
 from inim.errors import DisplayError
 from inim.inspect.accuracy_limits import lenses_beside_panel
 from inim.inspect.geometry import (
-    CrosstalkMap,
-    LightShares,
     array_samples,
     crosstalk_map,
+    depth_figures,
     has_whole_pixels,
     light_shares,
     pixel_choice,
+    size_of,
     viewing_limits,
     voxel_widths,
 )
@@ -25,6 +27,7 @@ from inim.inspect.spots import Spot, spots
 from inim.lens import check_lens_model
 from inim.lens import lens_model as find_lens_model
 from inim.settings import Settings
+from inim.version import __version__
 
 #: Tried first where none is chosen.
 DEFAULT_LENS_MODEL = Settings.lens_model
@@ -42,40 +45,11 @@ _LIES = {
 }
 
 
-@dataclass(frozen=True)
-class Findings:
-    """Properties of a display.
+class Inspection(NamedTuple):
+    """Properties of a display, and the spots with their points for the figure."""
 
-    Attributes
-    ----------
-    source : str
-        The scene file or preset.
-    design, mounted : Display
-        The design, and the misaligned display; usually equal.
-    lens_model : str
-    model_reason : str or None
-        Reason for using another model than `DEFAULT_LENS_MODEL`.
-    choices : tuple of PixelChoice
-    zone : ViewingLimits
-    voxels : VoxelWidths
-    spots : tuple of Spot
-        Field angle by field angle, colour by colour.
-    light : dict of str to LightShares
-        Light shares at each default eye position; the one on the axis is ``"centre"``.
-    crosstalk : CrosstalkMap
-    """
-
-    source: str
-    design: Display
-    misaligned: Display
-    lens_model: str
-    model_reason: str | None
-    choices: tuple[PixelChoice, ...]
-    zone: ViewingLimits
-    voxels: VoxelWidths
+    document: InspectDocument
     spots: tuple[Spot, ...]
-    light: dict[str, LightShares]
-    crosstalk: CrosstalkMap
 
 
 def usable_model(chosen: str | None, display: Display) -> tuple[str, str | None]:
@@ -103,7 +77,7 @@ def inspect_display(
     misaligned: Display | None = None,
     lens_model: str | None = None,
     source: str = "",
-) -> Findings:
+) -> Inspection:
     """Compute the properties of a display at a viewing distance.
 
     Parameters
@@ -111,7 +85,7 @@ def inspect_display(
     design : Display
     distance_mm : float
         Viewing distance.
-    mounted : Display, optional
+    misaligned : Display, optional
         Misaligned display, if different from the design.
     lens_model : str, optional
         Default: `DEFAULT_LENS_MODEL`, or its replacement if such lenses cannot be manufactured.
@@ -128,33 +102,38 @@ def inspect_display(
     model, reason = usable_model(lens_model, real)
     zone = viewing_limits(design, distance_mm)
     samples = array_samples(real)
-    return Findings(
+    all_spots = spots(real, model, design.central_depth_mm)
+    document = InspectDocument(
+        inim_version=__version__,
         source=source,
-        design=design,
-        misaligned=real,
-        lens_model=model,
-        model_reason=reason,
-        choices=tuple(pixel_choice(design, times) for times in PIXEL_STEPS),
-        zone=zone,
-        voxels=voxel_widths(design),
-        spots=spots(real, model, design.central_depth_mm),
+        display=design,
+        lens_model=TracedModel(name=model, reason=reason),
+        size=size_of(design),
+        depth=depth_figures(design),
+        pixels_per_lens=[pixel_choice(design, times) for times in PIXEL_STEPS],
+        viewing=zone,
+        voxel=voxel_widths(design),
+        spots=[spot.figures() for spot in all_spots],
         light={
             eye.name: light_shares(design, real, model, eye.position_mm, samples)
             for eye in zone.viewpoints
         },
         crosstalk=crosstalk_map(design, real, model, distance_mm),
+        misalignment=misalignments(design, real),
+        warnings=[],
     )
+    return Inspection(replace(document, warnings=cautions(document)), all_spots)
 
 
-def cautions(findings: Findings) -> list[str]:
+def cautions(data: InspectDocument) -> list[str]:
     """Warnings, followed by hints; one or two sentences each."""
     return [
-        *lenses_beside_panel(findings.design),
-        *_on_depth(findings.design),
-        *_on_viewing(findings),
-        *_on_lenses(findings),
-        *_on_crosstalk(findings),
-        *_on_pixels(findings.design),
+        *lenses_beside_panel(data.display),
+        *_on_depth(data.display),
+        *_on_viewing(data),
+        *_on_lenses(data),
+        *_on_crosstalk(data),
+        *_on_pixels(data.display),
     ]
 
 
@@ -189,19 +168,19 @@ def _on_depth(display: Display) -> Iterator[str]:
         )
 
 
-def _on_viewing(findings: Findings) -> Iterator[str]:
-    zone = findings.zone
+def _on_viewing(data: InspectDocument) -> Iterator[str]:
+    zone = data.viewing
     at = f"at {zone.distance_mm:.4g} mm"
     if zone.zone_is_empty:
-        yield f"Viewing zone empty {at}: every eye sees flipped views; {_way_out(findings)}."
-    nearest_point = findings.design.depth_range_mm[1]
+        yield f"Viewing zone empty {at}: every eye sees flipped views; {_way_out(data)}."
+    nearest_point = data.display.depth_range_mm[1]
     if zone.distance_mm <= nearest_point:
         yield f"Eye inside the picture {at}: the depth range reaches {nearest_point:.4g} mm."
 
 
-def _way_out(findings: Findings) -> str:
+def _way_out(data: InspectDocument) -> str:
     """Hint to the location of the viewing zone."""
-    zone, display = findings.zone, findings.design
+    zone, display = data.viewing, data.display
     if zone.nearest_distance_mm is None:
         return "no distance is free of them: elemental_pitch_mm and pitch_mm are too far apart"
     if zone.nearest_distance_mm > zone.distance_mm:
@@ -211,37 +190,37 @@ def _way_out(findings: Findings) -> str:
     return f"the elemental images aim at an eye at {aim:.4g} mm: come nearer"
 
 
-def _on_lenses(findings: Findings) -> Iterator[str]:
-    if findings.model_reason is not None:
+def _on_lenses(data: InspectDocument) -> Iterator[str]:
+    if data.lens_model.reason is not None:
         yield (
-            f"The {DEFAULT_LENS_MODEL} lens cannot be ground, so {findings.lens_model} lenses are "
-            f"used: {findings.model_reason}."
+            f"The {DEFAULT_LENS_MODEL} lens cannot be ground, so {data.lens_model.name} lenses are "
+            f"used: {data.lens_model.reason}."
         )
-    if not find_lens_model(findings.lens_model).refracts:  # no spot could be too large
+    if not find_lens_model(data.lens_model.name).refracts:  # no spot could be too large
         return
-    pixel_um = 1e3 * findings.design.pixel_pitch_mm
-    large = [s for s in findings.spots if 2 * s.rms_radius_um > pixel_um]
+    pixel_um = 1e3 * data.display.pixel_pitch_mm
+    radii = [(s.rms_radius_um or 0.0, s.field_angle_deg) for s in data.spots]
+    large = [(radius, angle) for radius, angle in radii if 2 * radius > pixel_um]
     if large:
-        worst = max(large, key=lambda s: s.rms_radius_um)
-        first = min(large, key=lambda s: s.field_angle_deg)
-        position = "the axis" if first.field_angle_deg == 0 else f"{first.field_angle_deg:.3g}°"
+        (radius, angle), first = max(large, key=lambda s: s[0]), min(angle for _, angle in large)
+        position = "the axis" if first == 0 else f"{first:.3g}°"
         yield (
             f"Spot larger than a pixel from {position} outwards: up to "
-            f"{2 * worst.rms_radius_um:.3g} µm across (twice the RMS radius, at "
-            f"{worst.field_angle_deg:.3g}°) on pixels of {pixel_um:.3g} µm; "
+            f"{2 * radius:.3g} µm across (twice the RMS radius, at "
+            f"{angle:.3g}°) on pixels of {pixel_um:.3g} µm; "
             "neighbouring directions blend."
         )
 
 
-def _on_crosstalk(findings: Findings) -> Iterator[str]:
-    share = findings.light["centre"].crosstalk
-    if share > _MOST_CROSSTALK:
+def _on_crosstalk(data: InspectDocument) -> Iterator[str]:
+    share = data.light["centre"].crosstalk_share
+    if share is None:
+        yield "No light of the panel reaches the eye on the axis."
+    elif share > _MOST_CROSSTALK:
         yield (
             f"Crosstalk on the axis: {100 * share:.3g} % of the light comes from under a "
             f"neighbouring lens (more than {100 * _MOST_CROSSTALK:g} %)."
         )
-    if not share >= 0:
-        yield "No light of the panel reaches the eye on the axis."
 
 
 def _on_pixels(display: Display) -> Iterator[str]:

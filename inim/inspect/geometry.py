@@ -7,21 +7,28 @@ equation number; the rest is plain geometry. Crosstalk is counted by rays from t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from inim.display import Display
 from inim.display.viewpoint import DEFAULT_VIEWPOINTS, named_viewpoint
-from inim.documents.inspect import PixelChoice, ViewingLimits, VoxelWidths
+from inim.documents.inspect import (
+    CrosstalkGrid,
+    DepthFigures,
+    LightRecord,
+    PixelChoice,
+    Size,
+    ViewingLimits,
+    VoxelWidths,
+)
 from inim.documents.parts import EyePosition
 from inim.errors import DisplayError
-from inim.inspect.spots import array_to_display, cell_of, land, lens_at
+from inim.inspect.spots import array_to_display, cell_of, finite_or_none, land, lens_at
+from inim.report.diagram import zone_outline_mm
 
 # Panels are driven with 8 bits of red, green and blue.
 _BYTES_PER_PIXEL = 3
-_OUTLINE_POINTS = 201
 _CURVE_POINTS = 241
 # Of a quotient of two lengths that are themselves rounded.
 _ROUNDING = 1e-12
@@ -41,6 +48,40 @@ def has_whole_pixels(display: Display) -> bool:
     return all(abs(n - round(n)) < _ROUNDING * n for n in counts)
 
 
+def size_of(display: Display) -> Size:
+    """Sizes of a display's array and panel."""
+    rows, columns = display.eia_shape
+    return Size(
+        width_mm=display.width_mm,
+        height_mm=display.height_mm,
+        lens_columns=display.lens_columns,
+        lens_rows=display.lens_rows,
+        panel_columns=columns,
+        panel_rows=rows,
+        panel_width_mm=columns * display.pixel_pitch_mm,
+        panel_height_mm=rows * display.pixel_pitch_mm,
+        pixels_per_lens=display.pixels_per_lens,
+        has_whole_pixels_per_lens=has_whole_pixels(display),
+    )
+
+
+def depth_figures(display: Display) -> DepthFigures:
+    """Depths at which a display is sharp."""
+    low, high = display.depth_range_mm
+    return DepthFigures(
+        mode=mode(display),
+        central_depth_mm=finite_or_none(display.central_depth_mm),
+        scene_pixel_mm=finite_or_none(display.scene_pixel_mm),
+        depth_span_mm=finite_or_none(display.depth_span_mm),
+        depth_min_mm=low,
+        depth_max_mm=high,
+        depth_range_is_cut=display.depth_range_is_cut,
+        depth_range_is_stated=display.depth_min_mm is not None,
+        voxel_at_depth_min_mm=float(voxel_mm(display, low)),
+        voxel_at_depth_max_mm=float(voxel_mm(display, high)),
+    )
+
+
 def pixel_choice(display: Display, times: float) -> PixelChoice:
     """Properties with `times` as many pixels under each lens, all else unchanged.
 
@@ -57,7 +98,7 @@ def pixel_choice(display: Display, times: float) -> PixelChoice:
         views_across=display.elemental_image_pitch_mm / pixel_mm,
         views_down=display.elemental_row_pitch_mm / pixel_mm,
         angular_step_deg=math.degrees(math.atan(pixel_mm / display.gap_mm)),
-        depth_span_mm=span / times if math.isfinite(span) else None,
+        depth_span_mm=finite_or_none(span / times),
         panel_columns=columns,
         panel_rows=rows,
         frame_mb=rows * columns * _BYTES_PER_PIXEL / 1e6,
@@ -84,17 +125,6 @@ def viewing_limits(display: Display, distance_mm: float) -> ViewingLimits:
         zone_distance_and_limit_x_mm=zone_outline_mm(display, 1.5 * distance_mm),
         viewpoints=[EyePosition(name=eye.name, position_mm=eye.position_mm) for eye in eyes],
     )
-
-
-def zone_outline_mm(display: Display, farthest_mm: float) -> list[tuple[float, float]]:
-    """Half widths of the viewing zone seen from above: (distance, farthest offset in x) in mm.
-
-    From where the zone begins to `farthest_mm` or to its end, if the elemental images' pitch makes
-    it close again; empty where it does not reach that far.
-    """
-    steps = [farthest_mm * (n + 1) / _OUTLINE_POINTS for n in range(_OUTLINE_POINTS)]
-    limits = [(z, display.flip_limit_mm(z)[0]) for z in steps]
-    return [(z, limit) for z, limit in limits if limit >= 0]
 
 
 def pixel_footprint_mm(display: Display, depth_mm: np.ndarray | float) -> np.ndarray:
@@ -155,68 +185,6 @@ class Samples(NamedTuple):
     area: np.ndarray
 
 
-@dataclass(frozen=True)
-class LightShares:
-    """Destinations of the rays from an eye to the lens array, as shares that add up to 1.
-
-    By reversibility, these are the shares of the light that reaches the eye, by origin.
-
-    Attributes
-    ----------
-    own : float
-        Light from the elemental image of the same lens.
-    neighbour : float
-        Light from a neighbour's elemental image: crosstalk.
-    past_lenses : float
-        Light through the bare sheet between lenses.
-    beside_panel : float
-    dark_between : float
-        The ray meets the paint between lenses.
-    blocked : float
-        Vignetted or totally reflected.
-    reflected : float
-        Lost at the lens's two faces (Fresnel).
-    """
-
-    own: float
-    neighbour: float
-    past_lenses: float
-    beside_panel: float
-    dark_between: float
-    blocked: float
-    reflected: float
-
-    @property
-    def crosstalk(self) -> float:
-        """Share of the light that arrives that comes from under a neighbour; NaN without light."""
-        arriving = self.own + self.neighbour + self.past_lenses
-        return self.neighbour / arriving if arriving > 0 else float("nan")
-
-    @property
-    def astray(self) -> float:
-        """All but the lens's own light and the faces' reflections."""
-        lost = self.beside_panel + self.dark_between + self.blocked
-        return lost + self.neighbour + self.past_lenses
-
-
-@dataclass(frozen=True)
-class CrosstalkMap:
-    """Crosstalk over eye positions at the viewing distance.
-
-    Attributes
-    ----------
-    eye_x_mm : (n,) float64
-    eye_y_mm : (m,) float64
-        Ascending.
-    share : (m, n) float64
-        See `LightShares.crosstalk`.
-    """
-
-    eye_x_mm: np.ndarray
-    eye_y_mm: np.ndarray
-    share: np.ndarray
-
-
 def array_samples(display: Display) -> Samples:
     """Points over the array: 16 on each of up to 256 cells.
 
@@ -259,20 +227,22 @@ def light_shares(
     model: str,
     eye_mm: tuple[float, float, float],
     samples: Samples | None = None,
-) -> LightShares:
+) -> LightRecord:
     """Trace rays from an eye to the panel and classify them by destination.
+
+    By reversibility, these are the shares of the light that reaches the eye, by origin.
 
     Parameters
     ----------
     design : Display
         Design of the elemental images.
-    mounted : Display
+    misaligned : Display
         The same display with its misaligned array.
     model : str
         One of `inim.lens.lens_models` that is not a mesh.
     eye_mm : (x, y, z)
     samples : Samples, optional
-        `array_samples(mounted)`, to make them once for many eyes.
+        `array_samples(misaligned)`, to make them once for many eyes.
     """
     x, y, area = array_samples(misaligned) if samples is None else samples
     eye_x, eye_y, distance = eye_mm
@@ -289,20 +259,29 @@ def light_shares(
         return float((weight * area)[which].sum())
 
     whole = np.ones_like(light)
-    return LightShares(
-        own=share(own, light),
-        neighbour=share(bent & ~own, light),
-        past_lenses=share(passes & is_lit & ~bent, light),
-        beside_panel=share(passes & ~is_lit, light),
-        dark_between=share(~passes & ~within, whole),
-        blocked=share(~passes & within, whole),
-        reflected=share(passes, 1 - light),
+    own_share, neighbour = share(own, light), share(bent & ~own, light)
+    past_lenses, beside_panel = (
+        share(passes & is_lit & ~bent, light),
+        share(passes & ~is_lit, light),
+    )
+    dark_between, blocked = share(~passes & ~within, whole), share(~passes & within, whole)
+    arriving = own_share + neighbour + past_lenses
+    return LightRecord(
+        own_share=own_share,
+        neighbour_share=neighbour,
+        past_lenses_share=past_lenses,
+        beside_panel_share=beside_panel,
+        dark_between_share=dark_between,
+        blocked_share=blocked,
+        reflected_share=share(passes, 1 - light),
+        crosstalk_share=neighbour / arriving if arriving > 0 else None,
+        astray_share=beside_panel + dark_between + blocked + neighbour + past_lenses,
     )
 
 
 def crosstalk_map(
     design: Display, misaligned: Display, model: str, distance_mm: float
-) -> CrosstalkMap:
+) -> CrosstalkGrid:
     """Crosstalk at eyes on a grid over 1.5 flip limits to all sides.
 
     Where the viewing zone is empty, the limit of a single lens, V Q / 2g, takes its place.
@@ -313,9 +292,9 @@ def crosstalk_map(
     samples = array_samples(misaligned)
     share = [
         [
-            light_shares(design, misaligned, model, (x, y, distance_mm), samples).crosstalk
+            light_shares(design, misaligned, model, (x, y, distance_mm), samples).crosstalk_share
             for x in eye_x
         ]
         for y in eye_y
     ]
-    return CrosstalkMap(eye_x, eye_y, np.array(share))
+    return CrosstalkGrid(eye_x_mm=eye_x.tolist(), eye_y_mm=eye_y.tolist(), share=share)

@@ -1,34 +1,14 @@
-"""Findings as text for a terminal, every number with its unit, and as JSON."""
+"""Findings as text for a terminal, every number with its unit."""
 
 from __future__ import annotations
 
-import math
 import textwrap
 from collections.abc import Callable
 
-from inim.display import Display
-from inim.documents.inspect import (
-    CrosstalkGrid,
-    DepthFigures,
-    InspectDocument,
-    LightRecord,
-    PixelChoice,
-    Size,
-    SpotFigures,
-    TracedModel,
-)
-from inim.inspect.findings import PIXEL_STEPS, Findings, cautions, misalignments
-from inim.inspect.geometry import (
-    LightShares,
-    aperture_blur_mm,
-    has_whole_pixels,
-    mode,
-    pixel_footprint_mm,
-    voxel_mm,
-)
-from inim.inspect.spots import Spot
+from inim.documents.inspect import InspectDocument, PixelChoice
+from inim.inspect.findings import PIXEL_STEPS
+from inim.inspect.geometry import aperture_blur_mm, mode, pixel_footprint_mm, voxel_mm
 from inim.lens import lens_model as find_lens_model
-from inim.version import __version__
 
 _COLUMNS = 100
 _LABEL = 30
@@ -50,16 +30,16 @@ _SHARES = (
 )
 
 
-def as_text(findings: Findings) -> str:
+def as_text(data: InspectDocument) -> str:
     """The whole text, without a last line break."""
     blocks = [
-        _display(findings),
-        _depth_lines(findings),
-        _choices(findings),
-        _viewing_lines(findings),
-        _spots(findings),
-        _light_lines(findings),
-        _warnings(findings),
+        _display(data),
+        _depth_lines(data),
+        _choices(data),
+        _viewing_lines(data),
+        _spots(data),
+        _light_lines(data),
+        _warnings(data),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block)
 
@@ -73,8 +53,8 @@ def _n(value: float) -> str:
     return f"{value + 0.0:.4g}"
 
 
-def _display(findings: Findings) -> list[str]:
-    d = findings.design
+def _display(data: InspectDocument) -> list[str]:
+    d = data.display
     rows, columns = d.eia_shape
     lens = f"f = {_n(d.focal_length_mm)} mm, gap g = {_n(d.gap_mm)} mm"
     lines = [
@@ -88,9 +68,9 @@ def _display(findings: Findings) -> list[str]:
         _line("", f"{lens}, aperture {_n(d.fill_factor * d.pitch_mm)} mm"),
         _line("panel", f"{columns} x {rows} pixels of {_n(1e3 * d.pixel_pitch_mm)} µm"),
         _line("pixels per lens", f"{_n(d.pixels_per_lens)} pixels along one axis"),
-        _line("lens model used below", findings.lens_model),
+        _line("lens model used below", data.lens_model.name),
     ]
-    off = misalignments(d, findings.misaligned)
+    off = data.misalignment
     lines += [_line("misalignment" if n == 0 else "", sentence) for n, sentence in enumerate(off)]
     if off:
         lines += [
@@ -100,8 +80,8 @@ def _display(findings: Findings) -> list[str]:
     return lines
 
 
-def _depth_lines(findings: Findings) -> list[str]:
-    d = findings.design
+def _depth_lines(data: InspectDocument) -> list[str]:
+    d = data.display
     low, high = d.depth_range_mm
     kind = mode(d)
     lines = ["Depth", _line("mode", _MODES[kind])]
@@ -117,11 +97,11 @@ def _depth_lines(findings: Findings) -> list[str]:
     )
     if kind != "focused" and not stated:
         lines.append(_line("depth span by the formula", f"{_n(d.depth_span_mm)} mm"))
-    return lines + _voxels(findings)
+    return lines + _voxels(data)
 
 
-def _voxels(findings: Findings) -> list[str]:
-    d = findings.design
+def _voxels(data: InspectDocument) -> list[str]:
+    d = data.display
     low, high = d.depth_range_mm
     places = {"far end": low, "near end": high}
     if mode(d) != "focused":
@@ -139,8 +119,8 @@ def _voxels(findings: Findings) -> list[str]:
     return lines
 
 
-def _choices(findings: Findings) -> list[str]:
-    d = findings.design
+def _choices(data: InspectDocument) -> list[str]:
+    d = data.display
     columns: dict[str, Callable[[PixelChoice], str]] = {
         "pixels/lens": lambda c: _n(c.pixels_per_lens),
         "pixel, µm": lambda c: _n(1e3 * c.pixel_pitch_mm),
@@ -151,7 +131,7 @@ def _choices(findings: Findings) -> list[str]:
         "MB/frame": lambda c: f"{c.frame_mb:.3g}",
     }
     rows = [list(columns)]
-    rows += [[column(choice) for column in columns.values()] for choice in findings.choices]
+    rows += [[column(choice) for column in columns.values()] for choice in data.pixels_per_lens]
     names = ("", *("half", "this", "double")[: len(PIXEL_STEPS)])
     widths = [max(len(row[n]) for row in rows) for n in range(len(columns))]
     table = [
@@ -166,8 +146,8 @@ def _choices(findings: Findings) -> list[str]:
     ]
 
 
-def _viewing_lines(findings: Findings) -> list[str]:
-    zone = findings.zone
+def _viewing_lines(data: InspectDocument) -> list[str]:
+    zone = data.viewing
     nearest = "none" if zone.nearest_distance_mm is None else f"{_n(zone.nearest_distance_mm)} mm"
     lines = [
         "Viewing",
@@ -187,26 +167,26 @@ def _viewing_lines(findings: Findings) -> list[str]:
     return [*lines, _line("sideways eye movement", limits)]
 
 
-def _spots(findings: Findings) -> list[str]:
-    focused = mode(findings.design) == "focused"
+def _spots(data: InspectDocument) -> list[str]:
+    focused = mode(data.display) == "focused"
     of = "a far point" if focused else "a point at D"
-    lines = [f"Spot of {of} through one lens ({findings.lens_model})"]
-    for spot in findings.spots:
+    lines = [f"Spot of {of} through one lens ({data.lens_model.name})"]
+    for spot in data.spots:
         colour = "" if spot.colour == "all" else f", {spot.colour}"
         lost = f", {100 * spot.lost_share:.3g} % of its rays lost" if spot.lost_share else ""
-        lines.append(
-            _line(
-                f"at {spot.field_angle_deg:.3g}°{colour}",
-                f"RMS radius {spot.rms_radius_um:6.2f} µm = {spot.rms_radius_px:.3f} pixels{lost}",
+        size = "no ray lands"
+        if spot.rms_radius_um is not None and spot.rms_radius_px is not None:
+            size = (
+                f"RMS radius {spot.rms_radius_um:6.2f} µm = {spot.rms_radius_px:.3f} pixels{lost}"
             )
-        )
-    if not find_lens_model(findings.lens_model).refracts:
+        lines.append(_line(f"at {spot.field_angle_deg:.3g}°{colour}", size))
+    if not find_lens_model(data.lens_model.name).refracts:
         lines.append("  Without refraction, the spot is the spread of a cell's directions.")
     return lines
 
 
-def _light_lines(findings: Findings) -> list[str]:
-    zone = findings.zone
+def _light_lines(data: InspectDocument) -> list[str]:
+    zone = data.viewing
     heads = [f"{v.name:>9}" for v in zone.viewpoints]
     x, y = ("".join(f"{v.position_mm[n] + 0.0:9.1f}" for v in zone.viewpoints) for n in (0, 1))
     lines = [
@@ -216,97 +196,13 @@ def _light_lines(findings: Findings) -> list[str]:
         _line("y, mm", y),
     ]
     for name, label in _SHARES:
-        values = [getattr(findings.light[v.name], name) for v in zone.viewpoints]
-        lines.append(_line(f"{label}, %", "".join(f"{100 * value + 0.0:9.2f}" for value in values)))
+        values = [getattr(data.light[v.name], f"{name}_share") for v in zone.viewpoints]
+        texts = ("-" if value is None else f"{100 * value + 0.0:.2f}" for value in values)
+        lines.append(_line(f"{label}, %", "".join(f"{cell:>9}" for cell in texts)))
     return lines
 
 
-def _warnings(findings: Findings) -> list[str]:
-    sentences = cautions(findings)
+def _warnings(data: InspectDocument) -> list[str]:
     wrap = textwrap.TextWrapper(_COLUMNS, initial_indent="  * ", subsequent_indent="    ").wrap
-    return (
-        ["To know", *(line for sentence in sentences for line in wrap(sentence))]
-        if sentences
-        else []
-    )
-
-
-def inspect_document(findings: Findings) -> InspectDocument:
-    """The findings as a document; infinite and unknown values are None."""
-    light = {name: _light(shares) for name, shares in findings.light.items()}
-    crosstalk = findings.crosstalk
-    return InspectDocument(
-        inim_version=__version__,
-        source=findings.source,
-        display=findings.design,
-        lens_model=TracedModel(name=findings.lens_model, reason=findings.model_reason),
-        size=_size(findings.design),
-        depth=_depth(findings.design),
-        pixels_per_lens=list(findings.choices),
-        viewing=findings.zone,
-        voxel=findings.voxels,
-        spots=[_spot(spot) for spot in findings.spots],
-        light=light,
-        crosstalk=CrosstalkGrid(
-            eye_x_mm=crosstalk.eye_x_mm.tolist(),
-            eye_y_mm=crosstalk.eye_y_mm.tolist(),
-            share=[[_finite(share) for share in row] for row in crosstalk.share.tolist()],
-        ),
-        misalignment=misalignments(findings.design, findings.misaligned),
-        warnings=cautions(findings),
-    )
-
-
-def _size(display: Display) -> Size:
-    rows, columns = display.eia_shape
-    return Size(
-        width_mm=display.width_mm,
-        height_mm=display.height_mm,
-        lens_columns=display.lens_columns,
-        lens_rows=display.lens_rows,
-        panel_columns=columns,
-        panel_rows=rows,
-        panel_width_mm=columns * display.pixel_pitch_mm,
-        panel_height_mm=rows * display.pixel_pitch_mm,
-        pixels_per_lens=display.pixels_per_lens,
-        has_whole_pixels_per_lens=has_whole_pixels(display),
-    )
-
-
-def _depth(display: Display) -> DepthFigures:
-    low, high = display.depth_range_mm
-    return DepthFigures(
-        mode=mode(display),
-        central_depth_mm=_finite(display.central_depth_mm),
-        scene_pixel_mm=_finite(display.scene_pixel_mm),
-        depth_span_mm=_finite(display.depth_span_mm),
-        depth_min_mm=low,
-        depth_max_mm=high,
-        depth_range_is_cut=display.depth_range_is_cut,
-        depth_range_is_stated=display.depth_min_mm is not None,
-        voxel_at_depth_min_mm=float(voxel_mm(display, low)),
-        voxel_at_depth_max_mm=float(voxel_mm(display, high)),
-    )
-
-
-def _spot(spot: Spot) -> SpotFigures:
-    return SpotFigures(
-        field_angle_deg=spot.field_angle_deg,
-        colour=spot.colour,
-        rms_radius_um=_finite(spot.rms_radius_um),
-        rms_radius_px=_finite(spot.rms_radius_px),
-        centre_x_mm=_finite(spot.centre_x_mm),
-        centre_y_mm=_finite(spot.centre_y_mm),
-        lost_share=spot.lost_share,
-    )
-
-
-def _light(shares: LightShares) -> LightRecord:
-    named = {f"{name}_share": value for name, value in vars(shares).items()}
-    return LightRecord(
-        **named, crosstalk_share=_finite(shares.crosstalk), astray_share=shares.astray
-    )
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+    lines = [line for sentence in data.warnings for line in wrap(sentence)]
+    return ["To know", *lines] if lines else []

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display import Display
+from inim.documents.inspect import SpotFigures
 from inim.lens import channel_indices, lens_array, lens_model, lens_traits, trace_to_panel
 from inim.lens.array import NUMPY_OPS, in_aperture, lens_centre, to_array, to_panel
 
@@ -227,6 +228,17 @@ class Spot:
     rms_radius_um: float
     rms_radius_px: float
     lost_share: float
+
+    def figures(self) -> SpotFigures:
+        """The spot without its points; None where no ray lands."""
+        values = {name: getattr(self, name) for name in SpotFigures.__struct_fields__}
+        lengths = {name: finite_or_none(v) for name, v in values.items() if name != "colour"}
+        return SpotFigures(**{**values, **lengths})
+
+
+def finite_or_none(value: float) -> float | None:
+    """A float for JSON: None if it is infinite or NaN."""
+    return float(value) if math.isfinite(value) else None
 
 
 def field_angles_deg(display: Display) -> tuple[float, float, float]:

@@ -141,6 +141,13 @@ class ReportImages:
 
         return self.cached("scale of SSIM", make, code=code_digest("image", "report/images.py"))
 
+    def drawing(self, product: str, make: Callable[[], bytes], **parts: Any) -> bytes:
+        """A drawing from the cache, or as `make` draws it: loading matplotlib takes the longest."""
+        code = code_digest("report", "display")
+        return self.cached(
+            product, lambda: np.frombuffer(make(), np.uint8), **parts, code=code
+        ).tobytes()
+
     def cached(self, product: str, make: Callable[[], np.ndarray], **parts: Any) -> np.ndarray:
         """An array from the cache, or as `make` computes it from the parts."""
         array: np.ndarray = self.cache.find_or_make(product, lambda: parts, make, explain=False)[0]

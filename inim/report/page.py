@@ -330,10 +330,14 @@ def folded(title: str, *content: str, is_open: bool = False) -> str:
     return element("details", element("summary", title), *content, **html_attributes)
 
 
+def svg_source(svg: bytes) -> str:
+    """A drawing as the source of an img element."""
+    return f"data:image/svg+xml;base64,{base64.b64encode(svg).decode('ascii')}"
+
+
 def plot(svg: bytes, alt: str, caption: str = "", **attributes: object) -> str:
     """A drawing as an embedded image: it scales, and its styles stay its own."""
-    source = f"data:image/svg+xml;base64,{base64.b64encode(svg).decode('ascii')}"
-    image = void("img", src=source, alt=alt, **attributes)
+    image = void("img", src=svg_source(svg), alt=alt, **attributes)
     words = element("figcaption", text(caption)) if caption else ""
     return element("figure", image, words, class_="plot")
 

@@ -6,9 +6,12 @@ Without a date or random ids equal data give equal files, and text stays text.
 from __future__ import annotations
 
 import io
-from collections.abc import Collection, Mapping, Sequence
+import warnings
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from threading import RLock
 from typing import Any
 
 from inim.errors import UsageError
@@ -16,19 +19,21 @@ from inim.files.image import write_atomically
 from inim.generators import properties
 
 _PNG_DPI = 160
-_INK = "#1e2022"
-#: Of labels and whatever else stands back.
+INK = "#1e2022"
+#: Colour of labels and other secondary parts.
 SOFT = "#5a5f63"
+#: Okabe and Ito's colours, distinguishable with any colour vision.
+BLUE, VERMILION, GREEN, ORANGE, SKY = "#0072b2", "#d55e00", "#009e73", "#e69f00", "#56b4e9"
+LEGEND = {"fontsize": 8, "frameon": False, "labelcolor": INK}
 # Of points that another beats in time and error.
 _BEATEN = "#b5b5b0"
 _LINE = "#dedbd3"
 _YARDSTICK = "yardstick"
-# Of algorithms that state none. With our own algorithms' they are Okabe and Ito's colours,
-# distinct to any colour vision.
-_OTHERS = ("#56b4e9", "#e69f00", "#8c6d31")
+# Of algorithms that state none.
+_OTHERS = (SKY, ORANGE, "#8c6d31")
 #: Lines across a panel.
 LINES: dict[str, dict[str, Any]] = {
-    "front": {"color": _INK, "linewidth": 0.8, "alpha": 0.35, "zorder": 1},
+    "front": {"color": INK, "linewidth": 0.8, "alpha": 0.35, "zorder": 1},
     "yardstick": {"color": SOFT, "linewidth": 1.0, "linestyle": ":", "zorder": 1},
     "floor": {"color": SOFT, "linewidth": 1.0, "linestyle": "--", "zorder": 1},
 }
@@ -48,6 +53,7 @@ _PLACES = (
     (6, -31, "left"),
 )
 _MARK_PX = 8.0
+_LOCK = RLock()
 
 
 def colour_of(name: str) -> str:
@@ -75,7 +81,7 @@ def _stated(algorithm: str, key: str) -> str | None:
 
 def style(axis: Any, title: str, x_label: str, y_label: str) -> None:
     """Title, labels, a light grid, no box."""
-    axis.set_title(title, loc="left", fontsize=10.5, color=_INK)
+    axis.set_title(title, loc="left", fontsize=10.5, color=INK)
     axis.set_xlabel(x_label, fontsize=9, color=SOFT)
     axis.set_ylabel(y_label, fontsize=9, color=SOFT)
     axis.grid(True, which="major", color=_LINE, linewidth=0.6)
@@ -108,15 +114,21 @@ def _short(value: float) -> str:
     return f"{value:g}"
 
 
-def new_figure(
-    columns: int, height: float, rows: int = 1, **options: Any
-) -> tuple[Any, Sequence[Any]]:
-    """A figure of a `height` in inches and its axes, row by row, without global state."""
+def blank_figure(size_inches: tuple[float, float], layout: str | None = None) -> Any:
+    """An empty figure without global state."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(4.2 * columns, height), layout="constrained")
+    figure = Figure(figsize=size_inches, layout=layout)
     FigureCanvasAgg(figure)
+    return figure
+
+
+def new_figure(
+    columns: int, height: float, rows: int = 1, **options: Any
+) -> tuple[Any, Sequence[Any]]:
+    """A figure of a `height` in inches and its axes, row by row."""
+    figure = blank_figure((4.2 * columns, height), "constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **options).ravel()
 
 
@@ -126,12 +138,25 @@ def save(figure: Any, folder: Path, name: str) -> None:
     write_atomically(folder / f"{name}.png", lambda path: figure.savefig(path, dpi=_PNG_DPI))
 
 
-def svg(figure: Any) -> bytes:
-    """A figure as SVG."""
+@contextmanager
+def reproducible() -> Iterator[None]:
+    """Draw equal files from equal data, in one thread at a time: matplotlib's settings are global.
+
+    Text stays text. A font here without some letter of a name is no reason for a warning: the
+    reader's fonts count.
+    """
     from matplotlib import rc_context
 
+    options = {"svg.hashsalt": "inim", "svg.fonttype": "none"}
+    with _LOCK, rc_context(options), warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        yield
+
+
+def svg(figure: Any) -> bytes:
+    """A figure as SVG."""
     stream = io.BytesIO()
-    with rc_context({"svg.hashsalt": "inim", "svg.fonttype": "none"}):
+    with reproducible():
         figure.savefig(stream, format="svg", metadata={"Date": None})
     return stream.getvalue()
 

@@ -11,10 +11,22 @@ import msgspec
 from inim.documents.parts import DerivedDisplay
 from inim.documents.picture import PictureDocument
 from inim.documents.report import ReportDocument, Translucency
-from inim.report.diagram import depth_profile, plan_view
+from inim.errors import InimError
+from inim.files.image import read_rgbd
+from inim.report.diagram import depth_profile, describe_plan, describe_profile, plan_view
 from inim.report.images import ReportImages
 from inim.report.labels import MISSING, NBSP, mm, per_cent, short
-from inim.report.page import element, figure, folded, lead, text, text_table
+from inim.report.page import (
+    element,
+    figure,
+    folded,
+    lead,
+    plot,
+    svg_source,
+    text,
+    text_table,
+    void,
+)
 from inim.report.sections import ReportSection
 
 # The renderer works in single precision, and so does the depth picture.
@@ -74,7 +86,7 @@ _DERIVED = {
 }
 
 
-def display(data: ReportDocument | PictureDocument, _images: ReportImages) -> str:
+def display(data: ReportDocument | PictureDocument, images: ReportImages) -> str:
     """The section on the display."""
     derived = data.display.derived
     focus = "focused" if derived.central_depth_mm is None else MISSING
@@ -100,14 +112,16 @@ def display(data: ReportDocument | PictureDocument, _images: ReportImages) -> st
             "misaligned display; the algorithms use the design.",
         )
     every = folded(element("h3", "Every parameter"), element("div", *tables, class_="columns"))
-    return words + _plan(data) + every
+    return words + _plan(data, images) + every
 
 
-def _plan(data: ReportDocument | PictureDocument) -> str:
-    drawing = plan_view(data.display, data.viewpoints)
-    caption = "Seen from above. Shaded: where an eye sees no flipped view."
-    scrolled = element("div", drawing, class_="scroll")
-    return element("figure", scrolled, element("figcaption", caption), class_="plan")
+def _plan(data: ReportDocument | PictureDocument, images: ReportImages) -> str:
+    display, eyes = data.display.parameters, data.viewpoints
+    places = [(eye.name, eye.position_mm) for eye in eyes]
+    drawing = images.drawing(
+        "plan view", lambda: plan_view(display, eyes), display=display, eyes=places
+    )
+    return plot(drawing, describe_plan(display, eyes))
 
 
 def _display_words(data: ReportDocument | PictureDocument) -> str:
@@ -169,10 +183,23 @@ def rgbd_input(data: ReportDocument, images: ReportImages) -> str:
         figure(images.embed(colour, "RGB-D input, colour"), "Colour"),
         figure(images.embed(depth, "RGB-D input, depth"), "Depth", remark),
     ]
-    drawing = depth_profile(images.folder, data.display.parameters)
-    if drawing:
+    if drawing := _profile(data, images):
         shots.append(figure(drawing, "Depth along the array", _profile_words(data)))
     return lead(words) + element("div", *shots, class_="three")
+
+
+def _profile(data: ReportDocument, images: ReportImages) -> str:
+    """Depth profile; empty without a readable ``rgbd.exr`` that shows something."""
+    try:
+        rgbd = read_rgbd(images.folder / "rgbd.exr")
+    except InimError:
+        return ""
+    if not rgbd.covered.any():
+        return ""
+    display = data.display.parameters
+    parts = {"display": display, "depth": rgbd.depth_mm, "covered": rgbd.covered}
+    drawing = images.drawing("depth profile", lambda: depth_profile(rgbd, display), **parts)
+    return void("img", src=svg_source(drawing), alt=describe_profile(rgbd), class_="drawing")
 
 
 def _profile_words(data: ReportDocument) -> str:

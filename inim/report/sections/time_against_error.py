@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
-
-from inim.cache import code_digest
 from inim.documents.report import ReportDocument
 from inim.metrics.headline import HEADLINE_WORDS
 from inim.metrics.psnr import metric as PSNR  # noqa: N812
@@ -21,11 +17,13 @@ from inim.report.plots import (
     LINES,
     Name,
     across,
+    blank_figure,
     colour_of,
     draw_front,
     marker_of,
     on_front,
     plain_ticks,
+    reproducible,
     set_apart,
     style,
     svg,
@@ -64,13 +62,7 @@ def time_against_error(data: ReportDocument, images: ReportImages) -> str:
     floor = data.noise_floor.eia[PSNR.key]
     known_floor = floor if floor is not None and math.isfinite(floor) else None
     figure = (tuple(views), tuple(eias), unit, known_floor)
-    # Loading matplotlib takes the longest.
-    plot_html = images.cached(
-        "time against error",
-        lambda: np.frombuffer(_drawing(*figure), np.uint8),
-        figure=figure,
-        code=code_digest("report"),
-    ).tobytes()
+    drawing = images.drawing("time against error", lambda: _drawing(*figure), figure=figure)
     words = "; ".join(
         f"{name} {time:.2g} {unit}, 1 − {HEADLINE_WORDS} {error:.3f}" for name, time, error in views
     )
@@ -79,7 +71,7 @@ def time_against_error(data: ReportDocument, images: ReportImages) -> str:
         description = text(_WORDS + _RATIOS)
     else:
         description = text(_WORDS + _SECONDS) + element("code", "inim bench") + "."
-    return element("p", description, class_="lead") + plot(plot_html, alt, width=760, height=330)
+    return element("p", description, class_="lead") + plot(drawing, alt, width=760, height=330)
 
 
 def _times(data: ReportDocument) -> tuple[dict[str, float], str]:
@@ -96,17 +88,14 @@ def _times(data: ReportDocument) -> tuple[dict[str, float], str]:
 
 
 @lru_cache(maxsize=8)  # a page too large is put together again
+@reproducible()
 def _drawing(
     views: tuple[_Point, ...], eias: tuple[_Point, ...], unit: str, floor: float | None
 ) -> bytes:
     """Both panels over one time axis, as SVG."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     # Margins for labels of any length that there can be: to lay them out takes half of the time.
-    figure = Figure(figsize=(9.2, 4.0))
+    figure = blank_figure((9.2, 4.0))
     figure.subplots_adjust(left=0.09, right=0.985, bottom=0.13, top=0.92, wspace=0.24)
-    FigureCanvasAgg(figure)
     axes = figure.subplots(1, 2, sharex=True)
     panels = (
         ("Views", views, 1.0, f"1 − {HEADLINE_WORDS}, mean", None),
@@ -123,15 +112,11 @@ def _drawing(
     axes[1].invert_yaxis()  # as in the other panel, down is better
     for axis in axes:
         plain_ticks(axis)
-    # Names may have letters that the font here has not: a warning would be about this machine, not
-    # the reader's.
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        for axis in axes:
-            axis.autoscale_view()  # now all has its place, and names can be set apart in it
-        for axis, names in zip(axes, labels, strict=True):
-            set_apart(axis, names)
-        return svg(figure)
+    for axis in axes:
+        axis.autoscale_view()  # now all has its place, and names can be set apart in it
+    for axis, names in zip(axes, labels, strict=True):
+        set_apart(axis, names)
+    return svg(figure)
 
 
 def _panel(axis: Any, points: Sequence[_Point], sign: float) -> list[Name]:
