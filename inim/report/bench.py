@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,19 +17,7 @@ from inim.documents.bench import (
     Scores,
 )
 from inim.documents.document import decode, encode
-from inim.documents.files import write_listed
 from inim.report.labels import MISSING, number, per_cent
-from inim.report.page import (
-    Section,
-    bullets,
-    document_page,
-    element,
-    how_to_reproduce,
-    lead,
-    saved_plot,
-    text,
-    text_table,
-)
 from inim.report.plots import (
     LINES,
     Name,
@@ -40,11 +27,10 @@ from inim.report.plots import (
     new_figure,
     plain_ticks,
     point_name,
-    save,
     set_apart,
     style,
 )
-from inim.report.summary import markdown_command, markdown_line, markdown_section
+from inim.report.study import PagePart, StudyPage, Table
 
 #: The label of a time axis.
 TIME = "milliseconds per EIA"
@@ -52,62 +38,11 @@ TIME = "milliseconds per EIA"
 TIME_HEADS = ("ms per EIA", "fastest", "spread", "runs", "Mpx/s", "yardsticks", "by fastest")
 # Below this share of wrong pixels the axis is linear, so that zero has a place on it.
 _LINEAR_SHARE = 1e-3
-_STYLE = """
-.plot img { max-width: 1160px; }
-.bench th, .bench td { white-space: nowrap; }
-.bench th:not(:first-child), .bench td { text-align: right; }
-.bench thead th { white-space: normal; vertical-align: bottom; overflow-wrap: normal; }
-.bench table { font-size: 13px; width: auto; min-width: min(100%, 700px); }
-.bench th, .bench td { padding-left: 5px; padding-right: 5px; }
-.bench { margin-bottom: 24px; }
-.claims { padding-left: 1.2em; max-width: 90ch; }
-.claims li { margin-bottom: 8px; }
-.remarks { max-width: 90ch; padding-left: 1.2em; }
-"""
-
-
-@dataclass(frozen=True)
-class Table:
-    """Text cells under heads; the first cell of a row names it."""
-
-    caption: str
-    heads: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-
-@dataclass(frozen=True)
-class Part:
-    """A part of a bench, or of a study that times something else.
-
-    Attributes
-    ----------
-    name, title, lead : str
-        Its anchor, its heading and the words below that.
-    tables : sequence of Table
-    plot : str
-        The plot's files are ``PLOT.svg`` and ``PLOT.png``.
-    figure : matplotlib Figure, optional
-    remarks : sequence of str
-        How it was measured; shown among the page's conditions.
-    claims : (str, sequence of str)
-        A heading and sentences below it; none if empty.
-    """
-
-    name: str
-    title: str
-    lead: str
-    tables: Sequence[Table]
-    plot: str = ""
-    figure: Any = None
-    remarks: Sequence[str] = ()
-    claims: tuple[str, Sequence[str]] = ("", ())
-
-
 #: Parts of the page, from the document as it is read from `bench.json`.
-PartsOf = Callable[[BenchDocument], Sequence[Part]]
+PartsOf = Callable[[BenchDocument], Sequence[PagePart]]
 
 
-def scene_parts(data: BenchDocument) -> list[Part]:
+def scene_parts(data: BenchDocument) -> list[PagePart]:
     """Time against error, where methods were timed on a scene."""
     if data.scene is None:
         return []
@@ -117,7 +52,9 @@ def scene_parts(data: BenchDocument) -> list[Part]:
         "A point's whisker ends at its fastest run."
     )
     tables = [_scene_table(data.scene)]
-    return [Part("scene", "Time against error", intro, tables, "pareto", _draw_scene(data.scene))]
+    return [
+        PagePart("scene", "Time against error", intro, tables, "pareto", _draw_scene(data.scene))
+    ]
 
 
 def write_bench(data: BenchDocument, folder: Path, parts_of: PartsOf = scene_parts) -> None:
@@ -132,15 +69,15 @@ def write_bench(data: BenchDocument, folder: Path, parts_of: PartsOf = scene_par
     parts_of : callable
     """
     data = decode(encode(data), BenchDocument)  # as it is read: infinite values are null
-    parts = parts_of(data)
-    for part in parts:
-        if part.figure is not None:
-            save(part.figure, folder, part.plot)
-    forms = {
-        "bench.md": lambda data: render_markdown(data, parts),
-        "bench.html": lambda data: _page(data, parts, folder),
-    }
-    write_listed(data, folder, "bench.json", forms)
+    bench_page(data, parts_of(data)).write(data, folder, "bench")
+
+
+def bench_page(data: BenchDocument, parts: Sequence[PagePart]) -> StudyPage:
+    """The page of a bench as it is read from `bench.json`."""
+    facts = [_thread_words(data), data.backend.device, f"inim {data.inim_version}"]
+    if data.scene is not None:
+        facts.insert(0, f"Display {data.scene.display.parameters.name}")
+    return StudyPage("Conditions", facts, _remarks(data, parts), parts, data.warnings)
 
 
 def milliseconds(value: float | None) -> str:
@@ -211,7 +148,7 @@ def _thread_words(data: BenchDocument) -> str:
     return f"{data.threads} thread{'s' * (data.threads != 1)}"
 
 
-def _remarks(data: BenchDocument, parts: Sequence[Part]) -> list[str]:
+def _remarks(data: BenchDocument, parts: Sequence[PagePart]) -> list[str]:
     """Conditions, in sentences."""
     slow = [a.name for a in data.scene.algorithms if a.slow] if data.scene is not None else []
     lines = [
@@ -227,42 +164,6 @@ def _remarks(data: BenchDocument, parts: Sequence[Part]) -> list[str]:
         lines.append(f"Fewer runs, being slow: {', '.join(slow)}.")
     lines += [line for part in parts for line in part.remarks]
     return [*lines, *data.notes]
-
-
-def render_markdown(data: BenchDocument, parts: Sequence[Part]) -> str:
-    """The bench as Markdown: conditions, tables, claims."""
-    blocks = [f"## {markdown_line(data.title)}"]
-    blocks += [f"⚠ {markdown_line(w)}" for w in data.warnings]
-    blocks.append(_listed(_remarks(data, parts)))
-    for table in (table for part in parts for table in part.tables):
-        blocks.append(markdown_section(table.caption, table.heads, table.rows))
-    for heading, lines in (part.claims for part in parts if part.claims[1]):
-        blocks += [f"### {markdown_line(heading)}", _listed(lines)]
-    return "\n\n".join([*blocks, markdown_command(data.command)])
-
-
-def _listed(lines: Sequence[str]) -> str:
-    return "\n".join(f"* {markdown_line(line)}" for line in lines)
-
-
-def _page(data: BenchDocument, parts: Sequence[Part], folder: Path) -> str:
-    """The whole bench as one HTML page, the plots that lie in `folder` embedded."""
-    conditions = bullets(data.warnings, "cautions")
-    conditions += bullets(_remarks(data, parts), "remarks")
-    sections = [Section("conditions", "Conditions", conditions)]
-    for part in parts:
-        body = lead(part.lead)
-        body += saved_plot(folder / f"{part.plot}.svg", part.title)
-        heading, claims = part.claims
-        if claims:
-            body += element("h3", text(heading)) + bullets(claims, "claims")
-        body += "".join(text_table(t.caption, t.heads, t.rows, "bench") for t in part.tables)
-        sections.append(Section(part.name, part.title, body))
-    facts = [_thread_words(data), data.backend.device, f"inim {data.inim_version}"]
-    if data.scene is not None:
-        facts.insert(0, f"Display {data.scene.display.parameters.name}")
-    sections.append(how_to_reproduce(data))
-    return document_page(data, "bench.json", map(text, facts), sections, style=_STYLE)
 
 
 def _draw_scene(scene: BenchScene) -> Any:

@@ -29,14 +29,6 @@ from inim.report.plots import new_figure, save, style
 
 #: Files of every calibration report, its JSON first.
 FILES = ("calibration.json", "calibration.html", "residuals.svg", "residuals.png")
-_STYLE = """
-.plot img { max-width: 1240px; }
-.calibration table { font-size: 13px; width: auto; min-width: min(100%, 700px); }
-.calibration th, .calibration td { white-space: nowrap; padding: 3px 8px; text-align: right; }
-.calibration th:first-child { text-align: left; }
-.calibration { margin-bottom: 24px; }
-.remarks { max-width: 90ch; padding-left: 1.2em; }
-"""
 # Label, label in a table's head, digits.
 _NAMES = {
     "pitch_mm": ("Lens pitch P, mm", "P, mm", 5),
@@ -141,7 +133,6 @@ def _page(data: CalibrationDocument, folder: Path) -> str:
             Section("correlation", "Correlations", _correlation(data)),
             how_to_reproduce(data),
         ],
-        style=_STYLE,
     )
 
 
@@ -161,7 +152,7 @@ def _parameters(data: CalibrationDocument) -> str:
             ]
         )
     heads = ["Parameter", "Found", "Standard error", "95 % interval", "Design", "Limit"]
-    return lead(_LEAD) + text_table("The display's parameters", heads, rows, "calibration")
+    return lead(_LEAD) + text_table("The display's parameters", heads, rows, "numbers")
 
 
 def _next(data: CalibrationDocument) -> str:
@@ -177,7 +168,7 @@ def _next(data: CalibrationDocument) -> str:
     ]
     heads = ["Position", *(_NAMES[name][1] for name in names)]
     return lead(_NEXT) + text_table(
-        "Standard errors with one more position", heads, rows, "calibration"
+        "Standard errors with one more position", heads, rows, "numbers"
     )
 
 
@@ -215,8 +206,8 @@ def _positions(data: CalibrationDocument) -> str:
         ]
         for name, error in data.camera.standard_errors.items()
     ]
-    return text_table("Where the camera stood", heads, rows, "calibration") + text_table(
-        "The camera", ["Intrinsic", "Value", "Standard error"], intrinsics, "calibration"
+    return text_table("Where the camera stood", heads, rows, "numbers") + text_table(
+        "The camera", ["Intrinsic", "Value", "Standard error"], intrinsics, "numbers"
     )
 
 
@@ -226,7 +217,7 @@ def _correlation(data: CalibrationDocument) -> str:
         [label, *(number(value, 2) for value in row)]
         for label, row in zip(labels, data.correlation.matrix, strict=True)
     ]
-    return text_table("Correlations of the estimates", ["", *labels], rows, "calibration")
+    return text_table("Correlations of the estimates", ["", *labels], rows, "numbers")
 
 
 _PICTURES = ("photograph", "simulation", "matched")
@@ -238,15 +229,6 @@ PHOTO_FILES = (
     "flow.svg",
     "flow.png",
 )
-_PHOTO_STYLE = """
-.plot img { max-width: 900px; }
-.photo table { width: auto; min-width: min(100%, 640px); }
-.photo th, .photo td { text-align: right; }
-.photo th:first-child { text-align: left; }
-.photos { display: flex; flex-wrap: wrap; gap: 16px; }
-.photos figure { flex: 0 1 calc(50% - 8px); min-width: 300px; margin: 0; }
-.photos img { width: 100%; height: auto; }
-"""
 _STAGES = (
     "Scores of the simulation against the photograph, as one cause after another is put into it: "
     "the exposure alone, then the remaining shift, then blur, then the response of panel and "
@@ -300,7 +282,6 @@ def _photo_page(data: PhotoDocument, folder: Path) -> str:
             Section("flow", "Remaining shift", _flow(folder)),
             how_to_reproduce(data),
         ],
-        style=_PHOTO_STYLE,
     )
 
 
@@ -327,7 +308,7 @@ def _causes(data: PhotoDocument) -> str:
         ),
     ]
     words = "What has to be changed in the simulation"
-    return text_table(words, ["Cause", "Found"], rows, "photo")
+    return text_table(words, ["Cause", "Found"], rows, "numbers")
 
 
 def _pictures(folder: Path) -> str:
@@ -340,7 +321,7 @@ def _pictures(folder: Path) -> str:
         (difference(photo, matched), "Difference", f"of the two, times {DIFFERENCE_GAIN}"),
     )
     figures = (figure(images.embed(p, name), name, remark) for p, name, remark in pictures)
-    return element("div", *figures, class_="photos")
+    return element("div", *figures, class_="columns")
 
 
 def _scores(data: PhotoDocument) -> str:
@@ -355,7 +336,7 @@ def _scores(data: PhotoDocument) -> str:
         for stage in data.stages
     ]
     heads = ["Simulation", "SSIM", "PSNR, dB", "FLIP", "squared error left"]
-    table = text_table("Against the photograph", heads, rows, "photo")
+    table = text_table("Against the photograph", heads, rows, "numbers")
     return lead(_STAGES) + table
 
 

@@ -86,7 +86,6 @@ def render_page(
     window_title: str,
     footer: str,
     verdict_badge: str = "",
-    style: str = "",
     widgets: Sequence[Widget] = (),
 ) -> str:
     """Whole page as HTML.
@@ -105,8 +104,6 @@ def render_page(
         Plain text.
     verdict_badge : str
         HTML, from `badge` or `check_badge`.
-    style : str
-        CSS that only this kind of page needs.
     widgets : sequence of Widget
         Widgets: styles are always in the page, scripts only if a section needs them.
 
@@ -118,7 +115,7 @@ def render_page(
     nonempty = [section for section in sections if section.body]
     scripts = [package_text("page.js")]
     scripts += [w.script for w in widgets if any(w.is_in(s.body) for s in nonempty)]
-    styles = [package_text("report.css"), *(w.style for w in widgets), style]
+    styles = [package_text("report.css"), *(w.style for w in widgets)]
     head = _head(window_title, "".join(styles), scripts)
     main = "\n".join(map(_section, nonempty))
     title = element(

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 from inim.documents import Part
-from inim.documents.files import write_listed
 from inim.documents.stress import (
     FirstHitsResult,
     RelationResult,
@@ -16,60 +14,20 @@ from inim.documents.stress import (
     StressRecord,
 )
 from inim.report.labels import MISSING, number, per_cent
-from inim.report.page import (
-    Section,
-    bullets,
-    document_page,
-    how_to_reproduce,
-    saved_plot,
-    text,
-    text_table,
-)
-from inim.report.summary import markdown_command, markdown_line, markdown_section
-
-_STYLE = """
-.plot img { max-width: 1240px; }
-.stress table { font-size: 13px; width: auto; min-width: min(100%, 700px); }
-.stress th, .stress td { text-align: left; vertical-align: top; padding: 3px 8px; }
-.stress thead th { vertical-align: bottom; }
-.stress { margin-bottom: 24px; }
-.remarks { max-width: 95ch; padding-left: 1.2em; }
-"""
-_PARTS = {
-    "verdict": "Verdict",
-    "hits": "First hits",
-    "limits": "Accuracy limits",
-    "generators": "Generators",
-    "lenses": "Lens models",
-    "relations": "Relations",
-    "jitter": "Jitter",
-    "guarded": "Violations and their warnings",
-    "refused": "Refused",
-}
+from inim.report.study import PagePart, StudyPage, Table
 
 Hits = Sequence[FirstHitsResult]
 _P = TypeVar("_P", bound=Part)
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table of texts; `part` is the section it belongs to."""
-
-    part: str
-    caption: str
-    heads: Sequence[str]
-    rows: Sequence[Sequence[str]]
-
-
-def tables_of(data: StressDocument) -> list[Table]:
-    """All tables, in the order of the page."""
+def parts_of(data: StressDocument) -> list[PagePart]:
+    """All parts, in the order of the page."""
     return [
-        checks_table(data),
-        _hits(data.first_hits),
-        _wrong(data.first_hits),
-        relations_table(data.relations),
-        jitter_table(data),
-        _errors(data.first_hits),
+        verdict_part(data),
+        PagePart("hits", "First hits", "", [_hits(data.first_hits), _wrong(data.first_hits)]),
+        relations_part(data.relations),
+        jitter_part(data),
+        PagePart("refused", "Refused", "", [_errors(data.first_hits)]),
     ]
 
 
@@ -110,13 +68,14 @@ def _grouped(rows: Sequence[_P], field: str) -> dict[str, list[_P]]:
     return groups
 
 
-def checks_table(data: StressRecord) -> Table:
+def verdict_part(data: StressRecord) -> PagePart:
     """The verdict, claim by claim."""
     rows = [
         [c.name, count(c.cases), count(c.broken), "holds" if c.passed else "FAILS"]
         for c in data.checks
     ]
-    return Table("verdict", "What is claimed", ["check", "cases", "broken", "verdict"], rows)
+    table = Table("Checked claims", ["check", "cases", "broken", "verdict"], rows)
+    return PagePart("verdict", "Verdict", "", [table])
 
 
 def _hits(rows: Hits) -> Table:
@@ -132,9 +91,7 @@ def _hits(rows: Hits) -> Table:
         refused = sum(r.outcome == "refused" for r in members)
         table_rows.append([*cells, str(len(members)), str(refused)])
     heads = ["algorithm", *(f"{family}: wrong" for family in families), "cases", "refused"]
-    return Table(
-        "hits", "Panel pixels that show another source than the first hit", heads, table_rows
-    )
+    return Table("Panel pixels that show another source than the first hit", heads, table_rows)
 
 
 def _wrong(rows: Hits) -> Table:
@@ -150,7 +107,7 @@ def _wrong(rows: Hits) -> Table:
         if r.exact and r.wrong
     ]
     heads = ["algorithm", "case", "wrong pixels", "warning that a validation gives"]
-    return Table("hits", "First hits by definition that are wrong", heads, table_rows)
+    return Table("First hits by definition that are wrong", heads, table_rows)
 
 
 def _errors(rows: Hits) -> Table:
@@ -160,10 +117,10 @@ def _errors(rows: Hits) -> Table:
         if r.outcome in ("refused", "crashed")
     ]
     heads = ["algorithm", "case", "outcome", "message"]
-    return Table("refused", "Refused, or crashed", heads, table_rows)
+    return Table("Refused, or crashed", heads, table_rows)
 
 
-def relations_table(rows: Sequence[RelationResult]) -> Table:
+def relations_part(rows: Sequence[RelationResult]) -> PagePart:
     """Relations, algorithms with one verdict in one row."""
     groups: dict[tuple[str, str, bool], list[RelationResult]] = {}
     for row in rows:
@@ -184,10 +141,11 @@ def relations_table(rows: Sequence[RelationResult]) -> Table:
         algorithms = ", ".join(member.algorithm for member in members)
         table_rows.append([name, algorithms, count(compared), str(broken), str(uncertain), verdict])
     heads = ["relation", "of", "pixels or rays", "broken", "of these uncertain", "verdict"]
-    return Table("relations", "Relations that need no oracle", heads, table_rows)
+    table = Table("Relations that need no oracle", heads, table_rows)
+    return PagePart("relations", "Relations", "", [table])
 
 
-def jitter_table(data: StressRecord) -> Table:
+def jitter_part(data: StressRecord) -> PagePart:
     """Effects of depth errors, algorithm by algorithm."""
     names = list(dict.fromkeys(row.algorithm for row in data.jitter))
     table_rows = []
@@ -200,14 +158,13 @@ def jitter_table(data: StressRecord) -> Table:
     heads = ["depth"] + [h for n in names for h in (f"{n}: changed", "SSIM loss")]
     picture = data.picture
     caption = (
-        f"What small errors of depth cost: {picture.name}, {picture.columns} × {picture.rows} "
-        "pixels"
+        f"Effect of small depth errors: {picture.name}, {picture.columns} × {picture.rows} pixels"
     )
-    return Table("jitter", caption, heads, table_rows)
+    return PagePart("jitter", "Depth errors", "", [Table(caption, heads, table_rows)])
 
 
 def write_stress(
-    data: StressRecord, folder: Path, tables: Sequence[Table], lines: Sequence[str]
+    data: StressRecord, folder: Path, parts: Sequence[PagePart], lines: Sequence[str]
 ) -> None:
     """Write all forms of a stress run into a folder, `stress.json` last, as a mark of completeness.
 
@@ -216,51 +173,16 @@ def write_stress(
     data : StressRecord
         Record; its `files` are set here.
     folder : Path
-        Folder that contains figures only; the page shows `stress.svg`.
-    tables : sequence of Table
+        Folder that contains figures only.
+    parts : sequence of PagePart
     lines : sequence of str
         Sentences of the page and of the Markdown.
     """
-    forms = {
-        "stress.md": lambda data: _markdown(data, tables, lines),
-        "stress.html": lambda data: _page(data, folder, tables, lines),
-    }
-    write_listed(data, folder, "stress.json", forms)
-
-
-def _markdown(data: StressRecord, tables: Sequence[Table], lines: Sequence[str]) -> str:
-    """A run as Markdown: sentences, then tables."""
-    return "\n\n".join(
-        [
-            f"## {markdown_line(data.title)}",
-            f"{data.mode} run, {number(data.seconds, 0)} s, inim {data.inim_version}",
-            "\n".join(f"* {markdown_line(line)}" for line in lines),
-            *(markdown_section(t.caption, t.heads, t.rows) for t in tables if t.rows),
-            markdown_command(data.command),
-        ]
-    )
-
-
-def _page(data: StressRecord, folder: Path, tables: Sequence[Table], lines: Sequence[str]) -> str:
-    """A run as one HTML page: `lines` above the verdict, the figure above the limits."""
-    above = {"verdict": bullets(lines, "remarks"), "limits": _figure(folder)}
-    bodies: dict[str, str] = {}
-    for table in tables:
-        if table.rows:
-            body = bodies.setdefault(table.part, above.get(table.part, ""))
-            bodies[table.part] = body + text_table(table.caption, table.heads, table.rows, "stress")
-    sections = [Section(part, _PARTS[part], body) for part, body in bodies.items()]
     facts = [
         "passed" if data.passed else "FAILED",
         f"{data.mode} run",
         f"{number(data.seconds, 0)} s",
-        text(data.backend.device),
+        data.backend.device,
+        f"inim {data.inim_version}",
     ]
-    sections.append(how_to_reproduce(data))
-    return document_page(data, "stress.json", facts, sections, style=_STYLE)
-
-
-def _figure(folder: Path) -> str:
-    words = "Error against parameter, single precision solid, double precision dashed"
-    caption = f"{words}. Generators at the foot of an axis: no pixel at all."
-    return saved_plot(folder / "stress.svg", words, caption)
+    StudyPage("Summary", facts, lines, parts).write(data, folder, "stress")

@@ -45,16 +45,6 @@ PAGE = "sweep.html"
 
 _MOST_ACROSS = 3
 _PANEL_HEIGHT = 4.0  # inches
-_STYLE = """
-.plot img { max-width: 1160px; }
-.scores { margin-bottom: 28px; }
-.scores td .best { color: var(--good); }
-.sweep table { width: auto; min-width: min(100%, 760px); }
-.sweep th, .sweep td { white-space: nowrap; }
-.sweep td:nth-child(n+4), .sweep th:nth-child(n+4) { text-align: right; }
-#cost .sweep td, #cost .sweep th:not(:first-child) { text-align: right; }
-.lead { max-width: 90ch; }
-"""
 _SCORES = (
     "Each number is a mean over the viewpoints. Large: SSIM on the relic to the reference view. It "
     "measures the algorithm alone. Small: SSIM on the relic to the scene, which includes the "
@@ -111,7 +101,6 @@ def render_sweep(rows: Sequence[Mapping[str, Any]], about: SweepTable) -> str:
         ],
         purpose="inim sweep",
         verdict_badge=badge("passed" if passed else "failed", text(words)),
-        style=_STYLE,
     )
 
 
@@ -248,7 +237,7 @@ def best_displays(results: Sequence[Result]) -> str:
         "Its reference",
     ]
     heads += [metric.label for metric in others]
-    listed = table("Displays by relic, the best first", [text(h) for h in heads], rows, "sweep")
+    listed = table("Displays by relic, the best first", [text(h) for h in heads], rows, "numbers")
     return lead(_BEST) + listed
 
 
@@ -277,7 +266,7 @@ def cost_table(results: Sequence[Result]) -> str:
             cells.append(number(sum(costs), 1) if costs else MISSING)
         rows.append([scene, *cells])
     caption = "Seconds of the validations, including the effect of other load"
-    return text_table(caption, ["Scene", *displays], rows, "sweep")
+    return text_table(caption, ["Scene", *displays], rows, "numbers")
 
 
 def failures(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -27,21 +27,10 @@ PAGE = "tolerate.html"
 _WITHIN = 1.96
 _PANEL_HEIGHT = 2.9  # inches
 _DRAWN, _CURVE, _BEARS, _REACHED = "#17596b", "#1e2022", "#a4262c", "#1c6b3c"
-_STYLE = """
-.panels { display: grid; grid-template-columns: repeat(auto-fit, minmax(290px, 1fr)); gap: 0 14px; }
-.tolerances table { font-size: 13px; width: auto; }
-.tolerances td, .tolerances th { white-space: nowrap; }
-.tolerances td, .tolerances th:not(:first-child) { text-align: right; }
-.tolerances thead th { white-space: normal; vertical-align: bottom; overflow-wrap: normal; }
-.tolerances { margin-bottom: 24px; }
-.remarks { max-width: 95ch; padding-left: 1.2em; }
-.lead { max-width: 90ch; }
-"""
 _ALONE = (
     "One parameter at a time, all others exact. Each point is a display with its error. Dashed: "
-    "the "
-    "aligned display's score minus the criterion. Black: fitted curve. Red, dotted: the tolerance "
-    "on either side."
+    "score of the aligned display minus the criterion. Black: fitted curve. Red, dotted: the "
+    "tolerance on either side."
 )
 _CALIBRATED = " Green: where a calibration leaves 95 % of displays."
 _TOGETHER = (
@@ -154,7 +143,6 @@ def _page(data: ToleranceDocument) -> str:
             how_to_reproduce(data),
         ],
         purpose="inim tolerate",
-        style=_STYLE,
     )
 
 
@@ -189,7 +177,7 @@ def _table(rows: Sequence[ParameterTolerance]) -> str:
             line += [within, MISSING if better is None else f"{better:.2g} ×"]
         cells.append(line)
     caption = "Errors that cost no more than the criterion, each alone"
-    return text_table(caption, heads, cells, "tolerances")
+    return text_table(caption, heads, cells, "numbers")
 
 
 def _panel(data: ToleranceDocument, row: ParameterTolerance) -> str:

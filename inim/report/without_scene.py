@@ -35,9 +35,6 @@ from inim.report.sections.virtual_display import Shown, of_algorithm, shown_disp
 from inim.report.summary import markdown_section, markdown_table, markdown_text
 from inim.report.virtual_display import ANCHOR, LIVE, TITLE
 
-_STYLE = """
-.remarks { max-width: 90ch; padding-left: 1.2em; }
-"""
 _EXACT = "Exact first hits"
 _LIES = "on the lens array"
 _REFERENCES = {"to_picture": "the picture, warped", "to_exact": "the exact EIA's view"}
@@ -148,7 +145,6 @@ def _page(data: PictureDocument, folder: Path, encoding: Encoding) -> str:
         ],
         words=f": {verdict_words(data)}",
         verdict_badge=check_badge(data.verdict, data.warnings),
-        style=_STYLE,
         widgets=[LIVE],
     )
 

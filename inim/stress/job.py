@@ -28,7 +28,7 @@ from inim.pipeline.stages.capture import capture_nonempty
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
 from inim.process.observer import Observer
-from inim.report.stress import summary_lines, tables_of, write_stress
+from inim.report.stress import parts_of, summary_lines, write_stress
 from inim.worker.output import publish, staging_folder
 from inim.worker.supervisor import run_in_worker
 
@@ -102,7 +102,7 @@ def run_job(job: tuple[StressRequest, Plan | None], staging: Path, observer: Obs
     request, plan = job
     document = _measure(request, plan, observer)
     observer.stage("write")
-    write_stress(document, staging, tables_of(document), summary_lines(document))
+    write_stress(document, staging, parts_of(document), summary_lines(document))
     publish(staging, request.out, _MARKER)
     for check in document.checks:
         word = "ok    " if check.passed else "FAILED"

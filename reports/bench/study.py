@@ -27,7 +27,8 @@ from inim.lens import white_exposure
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.process.observer import Observer
-from inim.report.bench import Part, write_bench
+from inim.report.bench import write_bench
+from inim.report.study import PagePart
 from inim.scene.file import parse_definitions
 from inim.scene.two_spheres import two_spheres
 from inim.timing import Rounds
@@ -74,7 +75,7 @@ def run_study(
     module: str,
     title: str,
     measure: Measure,
-    parts_of: Callable[[Mapping[str, Any]], Sequence[Part]],
+    parts_of: Callable[[Mapping[str, Any]], Sequence[PagePart]],
 ) -> int:
     """Measure and write; the exit code.
 

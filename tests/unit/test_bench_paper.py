@@ -10,7 +10,7 @@ import pytest
 
 from inim.documents import read_document
 from inim.documents.bench import BenchDocument
-from inim.report.bench import milliseconds, render_markdown, times, write_bench
+from inim.report.bench import bench_page, milliseconds, times, write_bench
 from inim.report.labels import per_cent
 from reports.bench.paper.claims import claims
 from reports.bench.paper.report import parts_of
@@ -89,7 +89,7 @@ def test_every_form_is_written_and_listed(tmp_path):
     read = json.loads((tmp_path / "bench.json").read_text("utf-8"))
     assert {p.name for p in tmp_path.iterdir()} == set(read["files"])
     ElementTree.parse(tmp_path / "paper.svg")
-    assert 'class="claims"' in (tmp_path / "bench.html").read_text("utf-8")
+    assert 'class="remarks claims"' in (tmp_path / "bench.html").read_text("utf-8")
 
 
 @pytest.mark.parametrize("name", ["paper", "views", "layered", "commands"])
@@ -101,7 +101,7 @@ def test_committed_results_are_still_read(name):
     parts = import_module(f"reports.bench.{name}.{run}").parts_of(data.study)
     assert_tables_are_whole(data, parts)
     committed = (folder / "bench.md").read_text("utf-8")
-    rows = [x for x in render_markdown(data, parts).splitlines() if x.startswith("|")]
+    rows = [x for x in bench_page(data, parts).markdown(data).splitlines() if x.startswith("|")]
     assert rows == [x for x in committed.splitlines() if x.startswith("|")]
 
 

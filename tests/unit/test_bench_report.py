@@ -17,7 +17,7 @@ from inim.documents.bench import (
     TimingRecord,
 )
 from inim.documents.parts import BackendRecord, DisplayRecord
-from inim.report.bench import render_markdown, scene_parts, write_bench
+from inim.report.bench import bench_page, scene_parts, write_bench
 
 SCORED = ("eia_ssim", "eia_psnr_db", "view_ssim_to_reference")
 
@@ -99,7 +99,7 @@ def test_equal_data_make_equal_files(tmp_path):
 def assert_tables_are_whole(data, parts):
     """Every row of every Markdown table has as many cells as the table's head."""
     wanted = [len(t.heads) for one in parts for t in one.tables for _ in range(len(t.rows) + 2)]
-    rows = [x for x in render_markdown(data, parts).splitlines() if x.startswith("|")]
+    rows = [x for x in bench_page(data, parts).markdown(data).splitlines() if x.startswith("|")]
     assert wanted
     assert [len(re.findall(r"(?<!\\)\|", row)) - 1 for row in rows] == wanted
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from inim.report.bench import Part, Table, milliseconds, times
+from inim.report.bench import milliseconds, times
 from inim.report.labels import MISSING, is_number, number, per_cent
 from inim.report.plots import LINES, SOFT, colour_of, new_figure, plain_ticks, style
+from inim.report.study import PagePart, Table
 from reports.bench.parts import items, part
 
 _MIB = 2**20
@@ -18,7 +19,7 @@ _SAME = {
 }
 
 
-def parts_of(data: Mapping[str, Any]) -> list[Part]:
+def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
     """Tables and plot of all commands."""
     found = part(data, "commands")
     lead = (
@@ -26,7 +27,7 @@ def parts_of(data: Mapping[str, Any]) -> list[Part]:
         "mark is a run; lines are the medians of those compared with."
     )
     tables, remarks = _tables(found), _remarks(found)
-    return [Part("commands", "Whole commands", lead, tables, "commands", _draw(found), remarks)]
+    return [PagePart("commands", "Whole commands", lead, tables, "commands", _draw(found), remarks)]
 
 
 def _tables(found: Mapping[str, Any]) -> list[Table]:

@@ -18,9 +18,10 @@ from msgspec import to_builtins
 from inim.bench import bench_scene
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.scene import Renderer
-from inim.report.bench import TIME_HEADS, Part, Table, milliseconds, time_cells, times
+from inim.report.bench import TIME_HEADS, milliseconds, time_cells, times
 from inim.report.labels import is_number, number, per_cent
 from inim.report.plots import LINES, SOFT, colour_of, marker_of, new_figure, plain_ticks, style
+from inim.report.study import PagePart, Table
 from inim.timing import Rounds
 from reports.bench.parts import items, part
 from reports.bench.study import add_scene_arguments, new_parser, plan_of, run_study
@@ -82,7 +83,7 @@ def _of_scene(plan: Plan, rounds: Rounds, listener: Any) -> dict[str, Any]:
 # -- the report ---------------------------------------------------------------------------------
 
 
-def parts_of(data: Mapping[str, Any]) -> list[Part]:
+def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
     """Tables and plot of all scenes."""
     lead = (
         "One RGB-D picture knows nothing behind its front surface; a picture with its layers does. "
@@ -92,7 +93,7 @@ def parts_of(data: Mapping[str, Any]) -> list[Part]:
         "share of the panel where they do not."
     )
     scenes = items(data, "layers")
-    return [Part("layers", "Layers", lead, _tables(scenes), "layers", _draw(scenes))]
+    return [PagePart("layers", "Layers", lead, _tables(scenes), "layers", _draw(scenes))]
 
 
 def _decibels(value: float | None) -> str:

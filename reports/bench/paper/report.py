@@ -6,16 +6,17 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from inim.report.bench import TIME, TIME_HEADS, Part, Table, milliseconds, time_cells, times
+from inim.report.bench import TIME, TIME_HEADS, milliseconds, time_cells, times
 from inim.report.labels import MISSING, is_number, number, per_cent
 from inim.report.plots import colour_of, marker_of, new_figure, plain_ticks, style
+from inim.report.study import PagePart, Table
 from reports.bench.paper.plain_python import PLAIN_PYTHON
 from reports.bench.parts import items, part
 
 _GIB = 2**30
 
 
-def parts_of(data: Mapping[str, Any]) -> list[Part]:
+def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
     """Whichever of the two there is data for."""
     found = []
     if data.get("scaling"):
@@ -28,7 +29,7 @@ def parts_of(data: Mapping[str, Any]) -> list[Part]:
 # -- growth -------------------------------------------------------------------------------------
 
 
-def _scaling(scaling: Mapping[str, Any]) -> Part:
+def _scaling(scaling: Mapping[str, Any]) -> PagePart:
     lead = (
         "Two spheres in closed form, 17 × 17 pixels to the lens. Left: more and more lenses, two "
         "picture pixels per pitch. Right: the same display, finer and finer pictures, of which "
@@ -43,7 +44,7 @@ def _scaling(scaling: Mapping[str, Any]) -> Part:
         "the imports."
     )
     tables, figure = _scaling_tables(scaling), _draw_scaling(scaling)
-    return Part("scaling", "How time grows", lead, tables, "scaling", figure, [remark])
+    return PagePart("scaling", "How time grows", lead, tables, "scaling", figure, [remark])
 
 
 def _scaling_tables(scaling: Mapping[str, Any]) -> list[Table]:
@@ -92,14 +93,14 @@ def _size_row(point: Mapping[str, Any]) -> list[str]:
 # -- the paper's experiments --------------------------------------------------------------------
 
 
-def _paper(paper: Mapping[str, Any]) -> Part:
+def _paper(paper: Mapping[str, Any]) -> PagePart:
     lead = (
         "Wang et al., Heritage Science 2024, timed plain Python on one thread; so do the dashed "
         "lines. Solid: the same lines compiled, on all threads. Two synthetic spheres, not the "
         "paper's scenes."
     )
     remarks = ["Plain Python above 2 s a run: at most 3 runs; above 10 s: one."]
-    return Part(
+    return PagePart(
         "paper",
         "The paper's experiments",
         lead,

@@ -19,9 +19,9 @@ from typing import Any
 
 from inim.cache import FOLDER_VARIABLE
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
-from inim.report.bench import Part, Table
 from inim.report.labels import number
 from inim.report.plots import draw_front, draw_point, new_figure, plain_ticks, style
+from inim.report.study import PagePart, Table
 from reports.bench.parts import items, part
 from reports.bench.process import run_measured
 from reports.bench.study import new_parser, run_study
@@ -137,7 +137,7 @@ def _rms(runs: Iterable[Mapping[str, Any]], kind: str, metric: str) -> float:
 # -- the report ---------------------------------------------------------------------------------
 
 
-def parts_of(data: Mapping[str, Any]) -> list[Part]:
+def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
     """A table for each scene, one of all, and time against error."""
     found = part(data, "samples")
     runs = items(found, "runs")
@@ -154,7 +154,7 @@ def parts_of(data: Mapping[str, Any]) -> list[Part]:
         "Processor seconds of all processes of a validation, without the result cache; one view "
         "and one algorithm. Wall-clock seconds are in bench.json."
     )
-    return [Part("samples", "Samples", lead, tables, "samples", _figure(groups), [remark])]
+    return [PagePart("samples", "Samples", lead, tables, "samples", _figure(groups), [remark])]
 
 
 def _levels(runs: Iterable[Mapping[str, Any]]) -> dict[tuple[int, int], list[Mapping[str, Any]]]:

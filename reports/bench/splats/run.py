@@ -22,8 +22,8 @@ import numpy as np
 from inim.cache import FOLDER_VARIABLE
 from inim.errors import EXIT_PASSED, WorkerError
 from inim.files.splat_ply import Splats, write_splats
-from inim.report.bench import Part, Table
 from inim.report.labels import number
+from inim.report.study import PagePart, Table
 from reports.bench.parts import items, part
 from reports.bench.process import run_measured
 from reports.bench.study import new_parser, run_study
@@ -105,7 +105,7 @@ def _run(words: Sequence[str], variables: Mapping[str, str]) -> dict[str, Any]:
     return taken
 
 
-def parts_of(data: Mapping[str, Any]) -> list[Part]:
+def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
     """One table."""
     lead = (
         "Whole commands by the number of splats: processor seconds of all processes, wall-clock "
@@ -125,7 +125,7 @@ def parts_of(data: Mapping[str, Any]) -> list[Part]:
     ]
     remark = "Each command ran once, in processes of its own, and no yardstick."
     table = Table("By the number of splats", heads, rows)
-    return [Part("splats", "Splats", lead, [table], remarks=[remark])]
+    return [PagePart("splats", "Splats", lead, [table], remarks=[remark])]
 
 
 def main() -> int:

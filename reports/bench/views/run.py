@@ -17,8 +17,9 @@ import numpy as np
 
 from inim.display.viewpoint import parse_viewpoints
 from inim.lens import FULL
-from inim.report.bench import Part, Table, milliseconds, times
+from inim.report.bench import milliseconds, times
 from inim.report.labels import number, per_cent
+from inim.report.study import PagePart, Table
 from inim.scene.two_spheres import two_spheres_eia
 from inim.timing import Rounds, Timing, ratios, threads, time_calls
 from reports.bench.parts import items, part
@@ -139,7 +140,7 @@ def _full(
 # -- the report ---------------------------------------------------------------------------------
 
 
-def parts_of(data: Mapping[str, Any]) -> list[Part]:
+def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
     """The table of views."""
     lead = (
         "One view of the two spheres on 64 × 64 lenses. The rectangle has the same picture for "
@@ -151,7 +152,7 @@ def parts_of(data: Mapping[str, Any]) -> list[Part]:
         "`thick`: while it is there, the renderer compiles its lights and materials into every "
         "scene's kernel."
     )
-    return [Part("views", "Views", lead, [_table(part(data, "views"))], remarks=[remark])]
+    return [PagePart("views", "Views", lead, [_table(part(data, "views"))], remarks=[remark])]
 
 
 def _table(views: Mapping[str, Any]) -> Table:

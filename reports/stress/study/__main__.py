@@ -17,7 +17,7 @@ from inim.process.observer import Observer
 from inim.report.stress import write_stress
 from inim.stress.job import record, spheres
 from reports.stress.study.document import StudyDocument
-from reports.stress.study.tables import summary_lines, tables_of
+from reports.stress.study.tables import parts_of, summary_lines
 
 _VERSIONS = ("drjit", "hypothesis", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
 _JITTERED = ("template", "gu2020", "wang2024:matching=ray", "li2012")
@@ -47,7 +47,7 @@ def main(argv: list[str] | None = None) -> int:
     from reports.stress.study.plots import draw_plots
 
     draw_plots(document, args.out)
-    write_stress(document, args.out, tables_of(document), summary_lines(document))
+    write_stress(document, args.out, parts_of(document), summary_lines(document))
     for check in document.checks:
         word = "ok    " if check.passed else "FAILED"
         print(f"{word}  {check.name}: {check.cases} cases, {check.broken} broken")

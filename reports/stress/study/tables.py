@@ -1,4 +1,4 @@
-"""The tables of the accuracy study, for its page and its Markdown alike."""
+"""The parts of the accuracy study, for its page and its Markdown alike."""
 
 from __future__ import annotations
 
@@ -7,31 +7,37 @@ from typing import Any
 
 from inim.report.labels import MISSING, is_number, per_cent, short
 from inim.report.stress import (
-    Table,
-    checks_table,
     count,
-    jitter_table,
-    relations_table,
+    jitter_part,
+    relations_part,
     small,
+    verdict_part,
 )
+from inim.report.study import PagePart, Table
 from reports.stress.study.document import StudyDocument
 
 Rows = Sequence[Mapping[str, Any]]
 
 
-def tables_of(data: StudyDocument) -> list[Table]:
-    """All tables, in the order of the page."""
+_LIMITS = (
+    "Error against parameter, single precision solid, double precision dashed. Generators at the "
+    "foot of an axis: no pixel at all."
+)
+
+
+def parts_of(data: StudyDocument) -> list[PagePart]:
+    """All parts, in the order of the page."""
     generators, optics = data.generators, data.lens_models
+    tables = [_families(generators), _variants(generators)]
     return [
-        checks_table(data),
-        _regions(data),
-        _families(generators),
-        _variants(generators),
-        _optics(optics),
-        relations_table(data.relations),
-        jitter_table(data),
-        _guarded(generators, optics),
-        _refusals(generators, optics),
+        verdict_part(data),
+        PagePart("limits", "Accuracy limits", _LIMITS, [_regions(data)], "stress"),
+        PagePart("generators", "Generators", "", tables),
+        PagePart("lenses", "Lens models", "", [_optics(optics)]),
+        relations_part(data.relations),
+        jitter_part(data),
+        PagePart("guarded", "Violations and their warnings", "", [_guarded(generators, optics)]),
+        PagePart("refused", "Refused", "", [_refusals(generators, optics)]),
     ]
 
 
@@ -79,7 +85,7 @@ def _regions(data: StudyDocument) -> Table:
         alike.setdefault((f"{r['family']}: {r['parameter']}", *ranges), []).append(name)
     rows = [[what, "; ".join(names), safe, tried] for (what, safe, tried), names in alike.items()]
     heads = ["parameter", "what", "safe", "tried"]
-    return Table("limits", "Accuracy limits: measured safe between", heads, rows)
+    return Table("Accuracy limits: measured safe between", heads, rows)
 
 
 def _range(low: float | None, high: float | None) -> str:
@@ -136,7 +142,7 @@ def _families(rows: Rows) -> Table:
         "family", "cases", "refused", "float32: changed", "worst ulp", "mean ulp",
         "float64: changed", "worst ulp", "mean ulp", "uncertain", "SSIM loss",
     ]  # fmt: skip
-    return Table("generators", "template, worst case of each family", heads, found)
+    return Table("template, worst case of each family", heads, found)
 
 
 def _variants(rows: Rows) -> Table:
@@ -164,7 +170,7 @@ def _variants(rows: Rows) -> Table:
         "generator", "cases", "refused", "changed, all", "changed, worst case", "uncertain, all",
         "changed though certain", "worst SSIM loss", "worst ulp", "mean ulp",
     ]  # fmt: skip
-    return Table("generators", "Every generator over all cases", heads, found)
+    return Table("Every generator over all cases", heads, found)
 
 
 def _dress(algorithm: str, dtype: str) -> str:
@@ -208,7 +214,7 @@ def _optics(rows: Rows) -> Table:
         "float64: worst ulp", "mean ulp", "worst, panel pixels", "float32: rays on another pixel",
         "uncertain", "changed though certain",
     ]  # fmt: skip
-    return Table("lenses", "Landing points of the lens models", heads, found)
+    return Table("Landing points of the lens models", heads, found)
 
 
 def _guarded(generators: Rows, optics: Rows) -> Table:
@@ -224,7 +230,7 @@ def _guarded(generators: Rows, optics: Rows) -> Table:
         why = row["guards"][0] if row["guards"] else "NOT GUARDED"
         found.append([row["family"], row["case"], f"{who}, {row['dtype']}", figure, why])
     heads = ["family", "case", "what", "figure", "the warning a run of it gives"]
-    return Table("guarded", "Violations, each with its warning", heads, found)
+    return Table("Violations, each with its warning", heads, found)
 
 
 def _refusals(generators: Rows, optics: Rows) -> Table:
@@ -236,4 +242,4 @@ def _refusals(generators: Rows, optics: Rows) -> Table:
             where.append(f"{row['case']} → {row['message']}")
     rows = [[name, str(len(said)), said[0]] for name, said in seen.items()]
     heads = ["family and error", "refused", "for example"]
-    return Table("refused", "What is refused, and with which sentence", heads, rows)
+    return Table("What is refused, and with which sentence", heads, rows)

@@ -1,0 +1,129 @@
+"""The pages of a bench, of a stress run, and of studies written with the same functions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from inim.documents.files import write_listed
+from inim.report.page import (
+    Section,
+    bullets,
+    document_page,
+    element,
+    how_to_reproduce,
+    lead,
+    saved_plot,
+    text,
+    text_table,
+)
+from inim.report.plots import save
+from inim.report.summary import markdown_command, markdown_line, markdown_section
+
+
+@dataclass(frozen=True)
+class Table:
+    """Text cells under heads; the first cell of a row names it. Without rows it is left out."""
+
+    caption: str
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+@dataclass(frozen=True)
+class PagePart:
+    """A part of the page of a bench, a stress run or a study.
+
+    Attributes
+    ----------
+    name, title, lead : str
+        Its anchor, its heading and the words below that.
+    tables : sequence of Table
+    plot : str
+        The plot's files are ``PLOT.svg`` and ``PLOT.png``.
+    figure : matplotlib Figure, optional
+    remarks : sequence of str
+        How it was measured; shown among the page's conditions.
+    claims : (str, sequence of str)
+        A heading and sentences below it; none if empty.
+    """
+
+    name: str
+    title: str
+    lead: str
+    tables: Sequence[Table]
+    plot: str = ""
+    figure: Any = None
+    remarks: Sequence[str] = ()
+    claims: tuple[str, Sequence[str]] = ("", ())
+
+
+@dataclass(frozen=True)
+class StudyPage:
+    """Content of a page besides its document.
+
+    Attributes
+    ----------
+    summary : str
+        Heading of the first section, with `warnings` and `remarks`.
+    facts, warnings, remarks : sequence of str
+    parts : sequence of PagePart
+    """
+
+    summary: str
+    facts: Sequence[str]
+    remarks: Sequence[str]
+    parts: Sequence[PagePart]
+    warnings: Sequence[str] = ()
+
+    def write(self, data: Any, folder: Path, stem: str) -> None:
+        """Write all forms into a folder, ``STEM.json`` last, as a mark of completeness.
+
+        Parameters
+        ----------
+        data : Document
+            Its `files` are listed here.
+        folder : Path
+            May hold figures; those of the parts are written first, for the page shows them.
+        stem : str
+        """
+        for part in self.parts:
+            if part.figure is not None:
+                save(part.figure, folder, part.plot)
+        forms = {
+            f"{stem}.md": self.markdown,
+            f"{stem}.html": lambda data: self._html(data, folder, f"{stem}.json"),
+        }
+        write_listed(data, folder, f"{stem}.json", forms)
+
+    def markdown(self, data: Any) -> str:
+        """The page as Markdown: remarks, tables, claims."""
+        blocks = [f"## {markdown_line(data.title)}", markdown_line(", ".join(self.facts))]
+        blocks += [f"⚠ {markdown_line(warning)}" for warning in self.warnings]
+        blocks.append(_listed(self.remarks))
+        for table in (table for part in self.parts for table in part.tables if table.rows):
+            blocks.append(markdown_section(table.caption, table.heads, table.rows))
+        for heading, lines in (part.claims for part in self.parts if part.claims[1]):
+            blocks += [f"### {markdown_line(heading)}", _listed(lines)]
+        return "\n\n".join([*blocks, markdown_command(data.command)])
+
+    def _html(self, data: Any, folder: Path, file: str) -> str:
+        summary = bullets(self.warnings, "cautions") + bullets(self.remarks, "remarks")
+        sections = [Section("summary", self.summary, summary)]
+        for part in self.parts:
+            body = saved_plot(folder / f"{part.plot}.svg", part.title)
+            heading, claims = part.claims
+            if claims:
+                body += element("h3", text(heading)) + bullets(claims, "remarks claims")
+            body += "".join(
+                text_table(t.caption, t.heads, t.rows, "numbers") for t in part.tables if t.rows
+            )
+            sections.append(Section(part.name, part.title, body and lead(part.lead) + body))
+        sections.append(how_to_reproduce(data))
+        return document_page(data, file, map(text, self.facts), sections)
+
+
+def _listed(lines: Iterable[str]) -> str:
+    return "\n".join(f"* {markdown_line(line)}" for line in lines)
