@@ -102,15 +102,15 @@ def _nearest_distance_mm(display: Display) -> float:
 @reproducible()
 def plan_view(display: Display, viewpoints: Sequence[EyePosition]) -> bytes:
     """The plan view with the eyes' names, as SVG."""
-    drawn = viewpoints[:_MOST_EYES_DRAWN]
+    first_eyes = viewpoints[:_MOST_EYES_DRAWN]
     names: dict[tuple[float, float], list[str]] = {}  # seen from above, up and down are one place
-    for eye in drawn:
+    for eye in first_eyes:
         x, _, z = eye.position_mm
         names.setdefault((round(z, 6), round(x, 6)), []).append(plain(eye.name).replace("$", r"\$"))
     figure = blank_figure(_PLAN_INCHES)
     figure.subplots_adjust(left=0.08, right=0.985, bottom=0.27, top=0.91)
     axis = figure.subplots()
-    draw_plan(axis, display, drawn)
+    draw_plan(axis, display, first_eyes)
     set_apart(axis, [Name(", ".join(n), z, x, SOFT, 8) for (z, x), n in names.items()])
     return svg(figure)
 
