@@ -34,6 +34,7 @@ exclude_patterns = ["generated", "notebooks/out"]
 html_theme = "furo"
 html_title = "inim"
 html_static_path = ["static"]
+html_extra_path = ["generated/site"]
 html_css_files = ["site.css"]
 html_theme_options = {"navigation_with_keys": True}
 

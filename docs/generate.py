@@ -1,4 +1,4 @@
-"""Generate the reference pages of settings, commands, algorithms, sweep columns and documents.
+"""Generate the reference pages, the gallery, and the virtual display of the front page.
 
 `python docs/generate.py` writes them into docs/generated. Every build of the site does this first.
 """
@@ -8,12 +8,16 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import tempfile
 from collections.abc import Iterator, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from PIL import Image
+
 from inim.cli import COMMANDS
+from inim.commands.view import view_eia
 from inim.documents import NAMES, schema
 from inim.pipeline.stages.method import algorithm_table
 from inim.settings import setting_table
@@ -40,6 +44,16 @@ def write(docs: Path) -> None:
         path, text = folder / name, text.rstrip() + "\n"
         if not path.exists() or path.read_text("utf-8") != text:  # unchanged pages are not rebuilt
             path.write_text(text, "utf-8")
+    _write_virtual_display(docs / "images" / "goblet-eia.webp", folder / "site")
+
+
+def _write_virtual_display(eia: Path, folder: Path) -> None:
+    """Write the virtual display of a compressed EIA into a folder that the site copies."""
+    folder.mkdir(exist_ok=True)
+    with tempfile.TemporaryDirectory() as temporary, Image.open(eia) as image:
+        codes = Path(temporary, "goblet and coin.png")
+        image.convert("RGB").save(codes)
+        view_eia(codes, out=folder / "virtual-display.html", most_bytes=500_000)
 
 
 def _commands() -> str:

@@ -83,12 +83,13 @@ def view_eia(
     display: Display | str | Path | None = None,
     definitions: Mapping[str, str] | None = None,
     out: Path | None = None,
+    most_bytes: int = _MOST_BYTES,
 ) -> Path:
     """Write the virtual display of an EIA, and return the path of the page.
 
     The EIA is a PNG (sRGB) or EXR (linear) of the panel's size. Display and definitions are those
     of `inim.scene.file.choose_display`. The default of `out` is `EIA-view.html` in the EIA's
-    folder.
+    folder. `most_bytes` limits the size of the EIA in the page: a large one is compressed.
     """
     from inim.display.misalignment import misaligned
     from inim.display.viewpoint import parse_viewpoints
@@ -122,13 +123,13 @@ def view_eia(
         eyes,
         stills,
         ReportImages(eia.parent, ENCODINGS[0]),
-        most_bytes=_MOST_BYTES,
+        most_bytes=most_bytes,
         lens_model=settings.lens_model,
     )
     if not LIVE.is_in(content):
         raise FileError(
             f"{eia}: {real.eia_shape[1]} x {real.eia_shape[0]} pixels are too many for one page of "
-            f"{_MOST_BYTES / 1e6:.0f} MB"
+            f"{most_bytes / 1e6:g} MB"
         )
     page = _page(eia.name, f"Display {_words(real)}", content)
     return _written(eia.with_name(f"{eia.stem}-view.html") if out is None else out, page)

@@ -47,6 +47,8 @@ from inim.report import Report
 # Images waiting to be written occupy memory: at most a quarter of a gigabyte.
 _WAITING_BYTES = 2**28
 _TIMER = "write pictures"
+# A layered depth image has other colours than the RGB-D picture, so both are stored.
+_INPUT_FILES = {RGBD: "rgbd.exr", LayeredRGBD: "layers.exr"}
 
 
 class Images:
@@ -81,12 +83,12 @@ class Images:
         self._submit(write, linear.nbytes)
 
     def save_capture(self, capture: Capture, display: Display) -> None:
-        """Write the RGB-D picture, and PNG files of its colour and depth."""
+        """Write the methods' inputs, and PNG files of the RGB-D picture's colour and depth."""
         rgbd = capture.rgbd
-        deepest = capture.inputs.get(LayeredRGBD, capture.inputs[RGBD]).rgbd
 
         def write() -> None:
-            write_rgbd(self.folder / "rgbd.exr", deepest, self._attributes)
+            for kind, content in capture.inputs.items():
+                write_rgbd(self.folder / _INPUT_FILES[kind], content.rgbd, self._attributes)
             write_rgbd_pngs(self.folder, rgbd, display, self.cache)
 
         self._submit(write, rgbd.color.nbytes)

@@ -1,4 +1,4 @@
-"""What the gallery shows, and how README's pictures are taken: titles, settings, colours."""
+"""Entries of the gallery, and settings of the pictures in README: titles, options, colours."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ _CENTRE = ("--viewpoints", "centre", "--algorithms", "template")
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry.
+    """Entry of the gallery.
 
     Attributes
     ----------
     title, text : str
     scene : str
     runs : mapping
-        Label of each run, empty where there is one, to options of `inim validate`.
+        Options of `inim validate` by the run's label; the label is empty if there is one run.
     lens : (column, row)
-        From which on elemental images are shown.
+        Upper left lens of the magnified elemental images.
     view : str
-        Whose view from the centre is shown, where there are several runs.
+        Method whose view from the centre is shown if there are several runs.
     shows_scene : bool
-        Before these.
+        If there are several runs, show the scene before their views.
     """
 
     title: str
@@ -41,21 +41,21 @@ class Entry:
 ENTRIES = {
     "amphora": Entry(
         "Painted amphora",
-        "A round body with fine figures. `template` gives each panel pixel the colour of one "
-        "picture pixel, and the figures' edges fray; `layered` gives it a mean of what it sees.",
+        "A round body with fine painted figures. `template` reads one RGB-D picture; `layered` "
+        "also reads the surfaces behind the front one, such as the far side of the handles.",
         "scenes/amphora.xml",
         lens=(18, 21),
     ),
     "wine_coin": Entry(
         "Goblet and coin",
-        "Two things at two depths: what the coin hides from the centre is seen from the side, and "
-        "one colour and depth picture does not have it.",
+        "Two objects at two depths. From the side, the eye sees parts of the goblet that the coin "
+        "hides from the centre. A single RGB-D picture does not contain them.",
         "scenes/wine_coin.xml",
         lens=(30, 34),
     ),
     "tripod": Entry(
         "Bronze tripod",
-        "Thin legs and handles before black, and a band in low relief.",
+        "Thin legs and handles in front of black, and a band in low relief.",
         "scenes/tripod.xml",
         lens=(26, 14),
     ),
@@ -68,63 +68,63 @@ ENTRIES = {
     ),
     "ibex": Entry(
         "Bronze ibex",
-        "Thin legs, horns and a ring that hang over gaps: what lies behind them is seen as soon as "
-        "the eye moves.",
+        "Thin legs, horns and a ring in front of gaps. The surfaces behind them become visible as "
+        "soon as the eye moves.",
         "scenes/ibex.xml",
         lens=(32, 10),
     ),
     "altar": Entry(
         "Altar group",
-        "Five bodies at different depths, before and beside each other and none touching the next.",
+        "Five separate figures at different depths, next to and in front of each other.",
         "scenes/altar.xml",
         lens=(18, 32),
     ),
     "phone": Entry(
         "The tripod on a phone",
-        "A panel of 2400 × 1080 pixels with 15.7 pixels per lens: lenses and pixels do not "
-        "divide evenly. The pictures show the middle of the display.",
+        "A panel of 2400 × 1080 pixels with 15.7 pixels per lens, which is not a whole number. "
+        "The pictures show the middle of the display.",
         "scenes/tripod.xml",
         {"": ("--display", "phone", *_TWO)},
         lens=(70, 16),
     ),
     "amphora_virtual": Entry(
         "Virtual mode",
-        "The panel is nearer to the lenses than their focal length (2.7 mm of 3 mm), and the "
-        "picture stands behind the array.",
+        "The panel is nearer to the lenses than their focal length (2.7 mm instead of 3 mm). The "
+        "image appears behind the array.",
         "scenes/amphora_virtual.xml",
         lens=(18, 21),
     ),
     "amphora_focused": Entry(
         "Focused mode",
-        "The panel is at the focal length: each lens shows one panel pixel at a time, and the "
-        "picture has as many pixels as the display has lenses.",
+        "The panel is at the focal length. An eye sees one panel pixel through each lens, so the "
+        "image has as many pixels as the display has lenses.",
         "scenes/amphora_focused.xml",
         lens=(18, 21),
     ),
     "lens_models": Entry(
         "Lens models",
-        "The reference through four models of the lens array. Through `pinhole` each lens shows an "
-        "eye one point of the panel; `thin` is a paraxial lens with its aperture; `thick` is "
-        "refracted exactly at both faces; `full` traces a mesh of the array, to check `thick`.",
+        "The reference view through four models of the lens array. `pinhole` shows one point of "
+        "the panel through each lens. `thin` is a paraxial lens with an aperture. `thick` refracts "
+        "exactly at both faces. `full` traces a mesh of the array and is the check of `thick`.",
         "scenes/amphora.xml",
         {m: ("--lens-model", m, *_CENTRE) for m in ("pinhole", "thin", "thick", "full")},
         view="reference",
     ),
     "rotation": Entry(
-        "Array turned on its panel",
-        "The array is rotated on its panel. If the algorithms do not use the angle "
-        "(`inim.misalign`), the image is rotated about ten times as much and breaks up where "
+        "Rotated lens array",
+        "The array is rotated relative to the panel. If the algorithms do not use the angle "
+        "(`inim.misalign`), the image rotates by about ten times the angle and breaks up where "
         "lenses show their neighbours' elemental images. If they use it (`-D inim.rotation_deg`), "
-        "nothing is lost.",
+        "no quality is lost.",
         "scenes/amphora.xml",
         {
             **{
-                f"{angle}°, not known": ("-D", f"inim.misalign=rotation_deg={angle}", *_CENTRE)
+                f"{angle}°, not used": ("-D", f"inim.misalign=rotation_deg={angle}", *_CENTRE)
                 for angle in _ANGLES
             },
             "0°": _CENTRE,
             **{
-                f"{angle}°, known": ("-D", f"inim.rotation_deg={angle}", *_CENTRE)
+                f"{angle}°, used": ("-D", f"inim.rotation_deg={angle}", *_CENTRE)
                 for angle in _ANGLES
             },
         },
@@ -132,9 +132,9 @@ ENTRIES = {
     ),
     "gap": Entry(
         "Panel too far from the lenses",
-        "The gap is 0.1 or 0.3 mm wider than the 3.3 mm of the design, and the algorithm does not "
-        "know. Lenses focus elsewhere, so that even the reference, which is made for the gap as it "
-        "is, loses.",
+        "The gap is 0.1 or 0.3 mm wider than the designed 3.3 mm. The algorithm assumes the "
+        "design. The lenses focus on another plane, so even the reference, which is ray traced "
+        "for the actual gap, scores lower.",
         "scenes/amphora.xml",
         {
             "3.3 mm": _CENTRE,
@@ -145,18 +145,18 @@ ENTRIES = {
     ),
     "zone": Entry(
         "An eye leaves the viewing zone",
-        "Beyond the zone a lens shows the eye its neighbour's elemental image: the picture flips, "
-        "lens after lens, until the eye is in the next zone and sees the picture again. "
-        "`inim film` keeps the eye in the zone; this is the report's virtual display of the true "
-        "EIA, with thin lenses.",
+        "Outside the zone, the eye sees the neighbour's elemental image through a lens: the image "
+        "flips, lens by lens, until the eye is in the next zone and sees the whole image again. "
+        "`inim film` keeps the eye in the zone. This film is taken from the report's virtual "
+        "display of the ground-truth EIA, with thin lenses.",
         "scenes/wine_coin.xml",
         {"": _TWO},
     ),
     "museum_room": Entry(
-        "In a room of a museum",
-        "A display is a light source in any scene of Mitsuba's: the amphora on its plinth, and on "
-        "a phone before it, whose EIA the command below made. The room is "
-        "`scenes/museum_room/room.xml`; [how such scenes are made](how-to/mitsuba-scenes.md).",
+        "In a museum room",
+        "A display is a light source that works in any Mitsuba scene. The amphora stands on its "
+        "plinth, and a phone in front of it displays the EIA that the command below generated. The "
+        "room is `scenes/museum_room/room.xml`; see [](how-to/mitsuba-scenes.md).",
         "scenes/amphora.xml",
         {
             "": (
@@ -168,13 +168,13 @@ ENTRIES = {
     ),
 }
 
-#: The room's picture, beside what `scenes/museum_room/room.xml` says.
+#: Arguments for rendering `scenes/museum_room/room.xml`.
 ROOM = {"scene": "scenes/museum_room/room.xml", "eia": "eia/layered.png", "spp": "256"}
 
 
 @dataclass(frozen=True)
 class _Eye:
-    """How an eye is moved, and how its film looks."""
+    """Path of the moving eye, and style of the film."""
 
     scene: str = "scenes/wine_coin.xml"
     algorithm: str = "layered"
@@ -190,22 +190,22 @@ class _Eye:
     frames: int = 32
     frame_ms: int = 100
     lens: tuple[int, int] = (28, 33)
-    words: tuple[str, str, str] = (
+    captions: tuple[str, str, str] = (
         "the scene",
         "the panel, magnified",
         "the panel through its lenses",
     )
     quality: int = 80
-    # The eye's way out of the zone in its half widths: to the middle of the next zone, at 4. The
-    # line below the picture reaches from `line[0]` to `line[1]`.
-    zone_way: float = 4
+    # The eye's farthest position in half widths of the zone: the middle of the next zone is at 4.
+    # The line below the picture reaches from `line[0]` to `line[1]`.
+    farthest: float = 4
     line: tuple[float, float] = (-2, 6)
     zones: tuple[tuple[float, float], ...] = ((-1, 1), (3, 5))
     zone_frames: int = 48
     zone_ms: int = 125
     zone_px: int = 320
-    zone_words: str = "white: viewing zones"
-    # The look.
+    zone_caption: str = "white: viewing zones"
+    # Style.
     space: int = 16
     below: int = 64
     text: int = 18
@@ -217,7 +217,7 @@ class _Eye:
     report_scene: str = "scenes/amphora.xml"
     report_options: tuple[str, ...] = (
         *("--algorithms", "wang2024,template,layered"),
-        "--no-skip",  # else the times are of the first run, which compiled
+        "--no-skip",  # cached times would include compilation
     )
     report_window: Mapping[str, Any] = field(
         default_factory=lambda: {"width": 1280, "height": 926, "deviceScaleFactor": 1.25}

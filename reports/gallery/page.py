@@ -1,4 +1,4 @@
-"""The gallery's page, of what `reports.gallery.run` kept."""
+"""Page of the gallery, from the files that `reports.gallery.run` wrote."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ _LINE = 76
 _GALLERY_HEAD = """\
 # Gallery
 
-What the bench shows of each relic, of the display's modes, and of arrays that lie wrong. Each entry
-has the command that made it. All was made by `python -m reports.gallery.run`; reports and pictures
-are in `reports/gallery`.
+Relics on a simulated display, the display's modes, lens models, and misaligned lens arrays. Each
+entry gives the command that produced it. `python -m reports.gallery.run` produces all of them; the
+reports and pictures are in `reports/gallery`.
 
-SSIM to the scene is what the viewer gets. SSIM to the reference is what the algorithm keeps of what
-the display can show; the reference is the ground-truth EIA through the same lenses. Both are on
-the relic, from the centre.
+SSIM to the ground truth compares the view with the scene itself: the result for a viewer. SSIM to
+the reference compares it with the view of the ground-truth EIA through the same lenses: the quality
+of the algorithm alone. Both are restricted to the relic and seen from the centre.
 """
 
 
 def gallery_page(root: Path) -> str:
-    """The gallery, of the entries below `root`/reports/gallery, as MyST Markdown for docs/."""
+    """MyST Markdown of the gallery, from the entries in `root`/reports/gallery, for docs/."""
     folder = root / "reports" / "gallery"
     order = json.loads((folder / "gallery.json").read_text("utf-8"))
     return "\n".join([_GALLERY_HEAD, *(_gallery_entry(folder / name) for name in order)])
@@ -43,14 +43,14 @@ def _gallery_entry(folder: Path) -> str:
     commands = "\n".join(_in_lines(report["command"]) for report in reports.values())
     if len(pictures) > 1:
         rows = "\n".join(f":::{{grid-item}}\n{picture}\n:::" for picture in pictures)
-        shown = f"::::{{grid}} {columns}\n:gutter: 2\n\n{rows}\n::::"
+        figures = f"::::{{grid}} {columns}\n:gutter: 2\n\n{rows}\n::::"
         scores = [_scores_by_algorithm(reports[""]) if is_one_run else _scores_by_run(reports)]
-    else:  # a film, of no view that is scored
-        shown, scores = pictures[0], []
+    else:  # a film without scores
+        figures, scores = pictures[0], []
     parts = [
         f"({folder.name.replace('_', '-')})=\n## {entry['title']}",
         entry["text"],
-        shown,
+        figures,
         *scores,
         f"```text\n{commands}\n```" if is_one_run else _folded(commands),
     ]
@@ -58,7 +58,7 @@ def _gallery_entry(folder: Path) -> str:
 
 
 def _in_lines(command: str) -> str:
-    """A command in lines that fit a page, broken before options only."""
+    """Command in lines that fit on the page, broken before options only."""
     first, *options = re.split(r" (?=-[oD-])", command)
     lines = [first]
     for option in options:
@@ -70,8 +70,8 @@ def _in_lines(command: str) -> str:
 
 
 def _figure(name: str, title: str, picture: Mapping[str, str]) -> str:
-    place, caption = f"../reports/gallery/{name}/{picture['file']}", picture["caption"]
-    return f"```{{figure}} {place}\n:alt: {title}, {caption}\n\n{caption}\n```"
+    path, caption = f"../reports/gallery/{name}/{picture['file']}", picture["caption"]
+    return f"```{{figure}} {path}\n:alt: {title}, {caption}\n\n{caption}\n```"
 
 
 def _folded(commands: str) -> str:
@@ -79,17 +79,17 @@ def _folded(commands: str) -> str:
 
 
 def _scores_by_algorithm(report: Mapping[str, Any]) -> str:
-    """The worst first; the reference last."""
-    views = [(name, found["views"]["centre"]) for name, found in report["algorithms"].items()]
-    views.sort(key=lambda each: each[1][HEADLINE])
+    """Scores of one run's algorithms, the worst first, and of the reference."""
+    views = [(name, result["views"]["centre"]) for name, result in report["algorithms"].items()]
+    views.sort(key=lambda view: view[1][HEADLINE])
     rows = [(f"`{n}`", _ssim(v[HEADLINE_TO_SCENE]), _ssim(v[HEADLINE])) for n, v in views]
-    own = report["reference"]["views"]["centre"][HEADLINE_TO_SCENE]
-    rows.append(("reference", _ssim(own), ""))
-    return _table(("SSIM on the relic", "to the scene", "to the reference"), rows)
+    reference = report["reference"]["views"]["centre"][HEADLINE_TO_SCENE]
+    rows.append(("reference", _ssim(reference), ""))
+    return _table(("SSIM on the relic", "to the ground truth", "to the reference"), rows)
 
 
 def _scores_by_run(reports: Mapping[str, Mapping[str, Any]]) -> str:
-    """In the order of the runs, which is that of what was changed."""
+    """Scores of several runs, in the order of the changed parameter."""
     rows = []
     for label, report in reports.items():
         view = report["algorithms"]["template"]["views"]["centre"]
@@ -97,9 +97,9 @@ def _scores_by_run(reports: Mapping[str, Mapping[str, Any]]) -> str:
         rows.append((label, *map(_ssim, (view[HEADLINE_TO_SCENE], view[HEADLINE], reference))))
     heads = (
         "SSIM on the relic",
-        "`template` to the scene",
+        "`template` to the ground truth",
         "to the reference",
-        "reference to the scene",
+        "reference to the ground truth",
     )
     return _table(heads, rows)
 
@@ -109,7 +109,7 @@ def _ssim(value: float) -> str:
 
 
 def _table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A Markdown table, numbers to the right."""
+    """Markdown table with numbers aligned to the right."""
     heads = tuple(heads)
     rule = ["---", *["---:"] * (len(heads) - 1)]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *rows))

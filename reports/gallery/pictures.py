@@ -1,4 +1,4 @@
-"""Pictures of reports, made small."""
+"""Pictures of reports, reduced for the gallery."""
 
 from __future__ import annotations
 
@@ -7,32 +7,32 @@ from pathlib import Path
 
 from PIL import Image
 
-#: Along a side of what `magnified` shows.
+#: Number of lenses along a side of a picture of `magnified`.
 LENSES_MAGNIFIED = 12
 _QUALITY = 85
 
 
 def picture(path: Path) -> Image.Image:
-    """A picture of a report."""
+    """Read a picture of a report."""
     with Image.open(path) as image:
         return image.convert("RGB")
 
 
 def middle(path: Path) -> Image.Image:
-    """Its middle square, where the relic is."""
+    """Read the middle square of a picture, which shows the relic."""
     image = picture(path)
     side = min(image.size)
     left, top = ((length - side) // 2 for length in image.size)
     return image.crop((left, top, left + side, top + side))
 
 
-def keep(image: Image.Image, path: Path) -> None:
-    """Write it small."""
+def save_small(image: Image.Image, path: Path) -> None:
+    """Write a strongly compressed picture."""
     image.save(path, quality=_QUALITY, method=6)
 
 
 def magnified(eia: Path, display: Mapping[str, float], lens: tuple[int, int]) -> Image.Image:
-    """Some lenses of an EIA from a lens (column, row) on, each panel pixel a square."""
+    """Magnify some elemental images, from the lens (column, row); each panel pixel is a square."""
     pixels = display["pixels_per_lens"]
     left, top = (round(pixels * at) for at in lens)
     side = round(pixels * LENSES_MAGNIFIED)

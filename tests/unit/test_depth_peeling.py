@@ -330,8 +330,11 @@ def test_layers_are_captured_for_those_that_want_them_and_change_nothing_else(tm
     alone, without = validated(tmp_path, "template")
     eias = [read_exr(out / "eia" / "template.exr") for out in (with_layers, without)]
     assert np.array_equal(*eias)
-    assert not isinstance(read_rgbd(without / "rgbd.exr"), LayeredRGBD)
-    rgbd = read_rgbd(with_layers / "rgbd.exr")
+    assert not (without / "layers.exr").exists()
+    pictures = [read_rgbd(out / "rgbd.exr") for out in (with_layers, without)]
+    assert not isinstance(pictures[0], LayeredRGBD)
+    assert np.array_equal(pictures[0].color, pictures[1].color)
+    rgbd = read_rgbd(with_layers / "layers.exr")
     assert isinstance(rgbd, LayeredRGBD) and len(rgbd.layers) > 2, "the wall, and the ball's side"
     assert "capture layers" in both.data.timings
     assert "capture layers" not in alone.data.timings
