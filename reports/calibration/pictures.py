@@ -20,7 +20,7 @@ from PIL import Image
 from reports.calibration.cases import Case, draw_case
 from reports.calibration.landing import Sheet
 from reports.calibration.photographs import Shot, calibrated, run_inim
-from reports.gallery.pictures import keep
+from reports.gallery.pictures import save_small
 
 _CASE = 1
 # White, stripes of the Gray code, a phase.
@@ -83,7 +83,7 @@ def main() -> None:
         folder = Path(name)
         found = calibrated(case, folder)
         near = _photographs(folder / "patterns", folder / "photographs" / "position-1")
-        keep(near, args.out / "photographs.webp")
+        save_small(near, args.out / "photographs.webp")
         made = folder / "made"
         algorithm = "template"
         which = ("--display", found, "--algorithms", algorithm, "--viewpoints", "centre")
@@ -100,7 +100,7 @@ def main() -> None:
                 size = (_WIDTH, round(_WIDTH * image.height / (box[2] - box[0])))
                 relic = image.convert("RGB").resize(size, Image.Resampling.LANCZOS, box)
                 pair.append(relic)
-        keep(_side_by_side(pair), args.out / "photograph.webp")
+        save_small(_side_by_side(pair), args.out / "photograph.webp")
 
 
 if __name__ == "__main__":
