@@ -108,11 +108,8 @@ def decode(position: Position) -> Decoded:
     position : Position
         Its photographs are read one after another.
 
-    Raises
-    ------
-    FileError
-        A photograph that cannot be read; too dark, saturated, unsharp; not in the order of the
-        patterns; or of another display's patterns. The line names the photographs.
+    Raises `FileError`: a photograph that cannot be read; too dark, saturated, unsharp; not in the
+    order of the patterns; or of another display's patterns. The line names the photographs.
     """
     rows, columns = position.panel
     paths = list(position.photographs)

@@ -209,14 +209,9 @@ def calibrate(
         Nominal display: the start of the search, and the source of parameters that are not fitted.
     camera : Camera, optional
         Calibrated intrinsics; fitted by default, starting from `focal_px` if given.
-    focal_px : float, optional
 
-    Raises
-    ------
-    UsageError
-        This kind of display cannot be calibrated.
-    FileError
-        The photographs have different sizes, show another display, or do not fit any such display.
+    Raises `UsageError`: this kind of display cannot be calibrated. `FileError`: the photographs
+    have different sizes, show another display, or do not fit any such display.
     """
     check_display(nominal)
     if not lenses:
@@ -248,16 +243,10 @@ def fit_pose(lenses: Lenses, display: Display, camera: Camera, name: str) -> Pos
 
     Parameters
     ----------
-    lenses : Lenses
-    display : Display
-    camera : Camera
     name : str
         Name of the photographs in error messages.
 
-    Raises
-    ------
-    UsageError, FileError
-        As for `calibrate`.
+    Raises `UsageError` or `FileError`: as for `calibrate`.
     """
     check_display(display)
     steady = display.with_fixed_panel()
@@ -281,10 +270,7 @@ def _fitted(
 ) -> tuple[Guess, tuple[Lenses, ...], Observations, np.ndarray]:
     """Best guess, renumbered lenses, the observations in the fit, and the sizes of residuals.
 
-    Raises
-    ------
-    FileError
-        No such display explains the photographs.
+    Raises `FileError`: no such display explains the photographs.
     """
     sizes = np.tile([_USUAL[0] * display.pixel_pitch_mm, _USUAL[1]], (len(counted), 1))
     for _ in range(_ROUNDS):

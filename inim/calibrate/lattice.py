@@ -74,16 +74,12 @@ def find_lenses(decoded: Decoded, display: Display, name: str) -> Lenses:
 
     Parameters
     ----------
-    decoded : Decoded
     display : Display
         Nominal display with a square lattice. Its pitch may be wrong by a fifth.
     name : str
         Name of the photographs in error messages.
 
-    Raises
-    ------
-    FileError
-        Too few lenses are visible to determine a lattice.
+    Raises `FileError`: too few lenses are visible to determine a lattice.
     """
     step = np.array([display.pitch_mm, display.row_pitch_mm]) / display.pixel_pitch_mm
     panel = np.stack([decoded.column, decoded.row], axis=-1, dtype=np.float32)

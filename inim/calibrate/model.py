@@ -225,7 +225,6 @@ def panel_points(display: Display, index: np.ndarray, arriving: np.ndarray) -> n
 
     Parameters
     ----------
-    display : Display
     index : (n, 2) int
         The lenses, column and row.
     arriving : (4, n)

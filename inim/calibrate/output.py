@@ -36,7 +36,6 @@ def display_file(calibration: Calibration, preset: str) -> str:
 
     Parameters
     ----------
-    calibration : Calibration
     preset : str
         Preset that the file changes, for reports.
     """

@@ -87,7 +87,6 @@ def write_patterns(display: Display, folder: Path) -> Path:
 
     Parameters
     ----------
-    display : Display
     folder : Path
         Created if missing; files from an earlier call are replaced.
 
@@ -96,10 +95,7 @@ def write_patterns(display: Display, folder: Path) -> Path:
     Path
         Path of the page.
 
-    Raises
-    ------
-    FileError
-        The folder cannot be written, or another file is in the way.
+    Raises `FileError`: the folder cannot be written, or another file is in the way.
     """
     rows, columns = display.eia_shape
     pictures = {}

@@ -112,9 +112,6 @@ def simulate(
     Parameters
     ----------
     eia : (rows, columns, 3) float array, linear
-    display : Display
-    camera : Camera
-    pose : Pose
     shape : (H, W)
         Of the photograph.
 
@@ -159,10 +156,8 @@ def compare(
     name : str
         Name of the photograph in error messages.
 
-    Raises
-    ------
-    FileError
-        The display covers too little of the photograph, or has no texture to compare.
+    Raises `FileError`: the display covers too little of the photograph, or has no texture to
+    compare.
     """
     counts = binary_erosion(is_display, iterations=_BORDER_PX)
     if np.count_nonzero(counts) < _FEWEST_PIXELS:
@@ -321,8 +316,6 @@ def photo_document(
 
     Parameters
     ----------
-    difference : Difference
-    display : Display
     lens_px : float
         Lens pitch in pixels of the photograph.
     title, command, photograph, eia, position : str

@@ -64,15 +64,12 @@ def read_positions(folder: Path, display: Display) -> list[Position]:
 
     Parameters
     ----------
-    folder : Path
     display : Display
         Whose patterns were shown.
 
-    Raises
-    ------
-    FileError
-        No such folder, or none in it; a file that is no picture; a number of pictures that is not
-        that of the patterns; pictures of different sizes, within a position or between them.
+    Raises `FileError`: no such folder, or none in it; a file that is no picture; a number of
+    pictures that is not that of the patterns; pictures of different sizes, within a position or
+    between them.
     """
     if not folder.is_dir():
         raise FileError(f"{folder}: no such folder; name the one that holds a folder a position")
@@ -160,10 +157,7 @@ def read_photograph(path: Path) -> np.ndarray:
     A colour photograph is converted to the luma of its codes. For a panel's greys of any tint, a
     power of the light remains a power of the luma.
 
-    Raises
-    ------
-    FileError
-        The file is missing, damaged or of another kind.
+    Raises `FileError`: the file is missing, damaged or of another kind.
     """
     with open_picture(path, _FORMATS, 1, _NOT_ONE) as picture:
         if picture.mode.startswith("I"):

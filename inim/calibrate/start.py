@@ -96,10 +96,7 @@ def focal_guess(
 def pose_guess(display: Display, lenses: Lenses, camera: Camera, name: str) -> Pose:
     """Pose of a camera in the lens array's own frame, with the lens 0, 0 at the origin.
 
-    Raises
-    ------
-    FileError
-        It stands behind the display: the photographs are mirrored.
+    Raises `FileError`: it stands behind the display: the photographs are mirrored.
     """
     pose = _pose(_homography(display, lenses), camera)
     if pose.eye_mm[2] <= 0:
@@ -161,10 +158,7 @@ class ArrayPlacement(NamedTuple):
 def find_placement(display: Display, lenses: Lenses, pose: Pose, name: str) -> ArrayPlacement:
     """Rotation, and where the lens of index 0 is: through a lens's centre rays go straight.
 
-    Raises
-    ------
-    FileError
-        The photographs are of another display.
+    Raises `FileError`: the photographs are of another display.
     """
     ((a, b), (c, d)), at_origin = _on_panel(display, lenses)
     x, y, z = pose.eye_mm
@@ -199,10 +193,7 @@ def number_lenses(
 ) -> LensNumbering:
     """Count the lenses of all positions together.
 
-    Raises
-    ------
-    FileError
-        More lenses are seen than there are.
+    Raises `FileError`: more lenses are seen than there are.
     """
     angle = math.radians(placements[0].rotation_deg)
     turn = rotation([0.0, 0.0, angle])[:2, :2]

@@ -43,7 +43,6 @@ def read_eia(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | Non
 
     Parameters
     ----------
-    path : Path
     display : Display
         Its `eia_shape` must match the file.
 
@@ -54,10 +53,7 @@ def read_eia(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | Non
     mask : (rows, columns) bool, or None
         True where alpha is above 0; None for a file without alpha.
 
-    Raises
-    ------
-    FileError
-        Missing, damaged, wrong format or wrong size.
+    Raises `FileError`: missing, damaged, wrong format or wrong size.
     """
     check_eia_name(path)
     reader = _read_png if path.suffix.lower() == ".png" else _read_exr
@@ -140,10 +136,7 @@ def write_eia(
     pixel_mm : float
         Pixel pitch of the panel.
 
-    Raises
-    ------
-    FileError
-        The suffix is wrong, or the file cannot be written.
+    Raises `FileError`: the suffix is wrong, or the file cannot be written.
     """
     suffix = path.suffix.lower()
     if suffix not in EIA_SUFFIXES:
@@ -196,12 +189,9 @@ def write_true_size_pdf(path: Path, eia: NDArray[np.float32], pixel_mm: float) -
     path : Path
         .pdf
     eia : (rows, columns, 3) float32, linear RGB
-    pixel_mm : float
 
-    Raises
-    ------
-    FileError
-        The suffix is wrong, the page is too large for PDF, or the file cannot be written.
+    Raises `FileError`: the suffix is wrong, the page is too large for PDF, or the file cannot be
+    written.
     """
     if path.suffix.lower() != ".pdf":
         raise FileError(f"{path}: not a PDF file name; use .pdf")

@@ -35,10 +35,7 @@ _NO_CACHE = ResultCache()
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
     """Let `write` fill a temporary file next to `path`, then rename it into place.
 
-    Raises
-    ------
-    FileError
-        The folder cannot be written or the disk is full; `path` is then unchanged.
+    Raises `FileError`: the folder cannot be written or the disk is full; `path` is then unchanged.
     """
     try:
         with atomic_file(path) as temporary:
@@ -185,10 +182,7 @@ def _read_layer(parts: list[dict[str, np.ndarray]]) -> Layer:
 def read_exr(path: Path) -> np.ndarray:
     """Read the colours of an EXR's first part: (H, W, 3) float32 of R, G, B, or (H, W, 1) of Y.
 
-    Raises
-    ------
-    FileError
-        Missing, damaged, too large, or without those channels.
+    Raises `FileError`: missing, damaged, too large, or without those channels.
     """
     channels = read_exr_channels(path)
     names = "Y" if "Y" in channels and "R" not in channels else "RGB"
@@ -203,10 +197,7 @@ def read_exr(path: Path) -> np.ndarray:
 def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
     """Read all channels of an EXR's first part, (H, W) float32 each where not subsampled.
 
-    Raises
-    ------
-    FileError
-        Missing, damaged or too large.
+    Raises `FileError`: missing, damaged or too large.
     """
     return _read_parts(path)[0][0]
 

@@ -87,10 +87,7 @@ def sub_aperture_views(
     -------
     (view rows, view columns, lens_rows, lens_columns, ...) array, of the EIA's type.
 
-    Raises
-    ------
-    UsageError
-        Wrong shape, or a display without rows and columns of lenses.
+    Raises `UsageError`: wrong shape, or a display without rows and columns of lenses.
     """
     _check_rows(display)
     if eia.shape[:2] != display.eia_shape:
@@ -167,10 +164,8 @@ def read_hci(folder: Path) -> LightField:
     (``num_cams_x``, ``num_cams_y``), or a square one without it. The centre view's disparity is
     optional: ``gt_disp_lowres.pfm`` or ``gt_disp_CamNNN.pfm``.
 
-    Raises
-    ------
-    FileError
-        A view is missing, damaged or of another size, or the grid does not match their number.
+    Raises `FileError`: a view is missing, damaged or of another size, or the grid does not match
+    their number.
     """
     if not folder.is_dir():
         raise FileError(f"{folder}: no such folder; give the folder of an HCI light field's views")
@@ -209,8 +204,6 @@ def centre_disparity(rgbd: RGBD, display: Display, across: int) -> NDArray[np.fl
 
     Parameters
     ----------
-    rgbd : RGBD
-    display : Display
     across : int
         Columns of views.
 
@@ -244,7 +237,6 @@ def write_hci(
     ----------
     folder : Path
         Created if missing; views and disparities in it are replaced.
-    views : array
     display : Display, optional
         Display of the EIA; its geometry is written to ``parameters.cfg``.
     disparity : (H, W) array, optional
@@ -284,10 +276,7 @@ def quilt_path(path: Path, columns: int, rows: int, aspect: float) -> Path:
     ``NAME_qs8x6a0.75.png`` has 8 columns and 6 rows of views, each with an aspect ratio (width over
     height) of 0.75. A layout in the given name is replaced.
 
-    Raises
-    ------
-    UsageError
-        The suffix is not .png.
+    Raises `UsageError`: the suffix is not .png.
     """
     if path.suffix.lower() != ".png":
         raise UsageError(f"--quilt {path}: a quilt is a .png; change the file name")

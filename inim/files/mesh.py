@@ -28,15 +28,11 @@ def read_mesh(path: Path, warn: Callable[[str], object] = _silent) -> list[Mesh]
 
     Parameters
     ----------
-    path : Path
     warn : callable
         Called with a line for each missing companion file.
 
-    Raises
-    ------
-    FileError
-        The file is missing, of another kind, damaged or without faces; one line with the file and
-        the cause.
+    Raises `FileError`: the file is missing, of another kind, damaged or without faces; one line
+    with the file and the cause.
     """
     path = Path(path)
     data = read_bytes(path)
@@ -48,14 +44,10 @@ def read_shape(path: Path, plugin: str) -> Mesh:
 
     Parameters
     ----------
-    path : Path
     plugin : str
         Mitsuba's name of the shape, which is that of the format.
 
-    Raises
-    ------
-    FileError
-        As `read_mesh`, and for Mitsuba's `.serialized` format.
+    Raises `FileError`: as `read_mesh`, and for Mitsuba's `.serialized` format.
     """
     if plugin not in _FORMATS_OF_SHAPES:
         raise FileError(f"{path}: {plugin} meshes are not read; export it as PLY")

@@ -47,10 +47,7 @@ def read_texture(path: Path) -> np.ndarray | None:
     (H, W, 3 or 1) float32 of EXR, HDR and PFM, (H, W, 3) or (H, W) uint8 of others, or None
         None for a valid PNG or JPEG, which Mitsuba reads.
 
-    Raises
-    ------
-    FileError
-        Missing, damaged, unsupported, or suspiciously large when decoded.
+    Raises `FileError`: missing, damaged, unsupported, or suspiciously large when decoded.
     """
     with open_file(path) as file:
         head = file.read(_HEAD_BYTES)
@@ -87,7 +84,6 @@ def open_picture(
 
     Parameters
     ----------
-    path : Path
     formats : sequence of str
         Accepted formats, by Pillow's names.
     sample_bytes : int
@@ -97,10 +93,7 @@ def open_picture(
     data : bytes, optional
         Content of the picture, if already read or embedded in the file.
 
-    Raises
-    ------
-    FileError
-        Missing, damaged, unsupported, or suspiciously large when decoded.
+    Raises `FileError`: missing, damaged, unsupported, or suspiciously large when decoded.
     """
     from PIL import Image
 
@@ -203,10 +196,7 @@ _MOST_PFM_BYTES = 12 * 2**28 + 2**10
 def read_pfm(path: Path) -> np.ndarray:
     """Read a grey portable float map, (H, W) float32 with row 0 on top (at the end of the file).
 
-    Raises
-    ------
-    FileError
-        Damaged, wrong length, or in colour.
+    Raises `FileError`: damaged, wrong length, or in colour.
     """
     values, _ = _read_pfm(path)
     if values.shape[2] != 1:
@@ -248,10 +238,7 @@ _VOLUME_HEAD = struct.Struct("<3sBiiiii6f")
 def check_volume(path: Path) -> None:
     """Check a volume's header against its length: the renderer trusts the header.
 
-    Raises
-    ------
-    FileError
-        Missing, unsupported, or too short.
+    Raises `FileError`: missing, unsupported, or too short.
     """
     with open_file(path) as file:
         size, head = os.fstat(file.fileno()).st_size, file.read(_VOLUME_HEAD.size)

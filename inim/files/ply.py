@@ -79,10 +79,7 @@ def is_ply(data: bytes) -> bool:
 def ply_header(path: Path, data: bytes) -> PlyHeader:
     """Parse the header of a PLY file.
 
-    Raises
-    ------
-    FileError
-        The header is damaged.
+    Raises `FileError`: the header is damaged.
     """
     order, comments, offset = "", [], 0
     elements: list[PlyElement] = []
@@ -156,10 +153,7 @@ def read_ply(path: Path, data: bytes, *, materials: bool = True) -> Mesh | None:
     Mesh or None
         None for other polygons, and where a picture is needed: trimesh reads these.
 
-    Raises
-    ------
-    FileError
-        The file is damaged.
+    Raises `FileError`: the file is damaged.
     """
     header = ply_header(path, data)
     columns = columns_of(data, header)

@@ -28,16 +28,13 @@ def open_file(path: Path, *, label: str = "", remedy: str = "") -> Iterator[Bina
 
     Parameters
     ----------
-    path : Path
     label : str
         Name for error messages; by default the path.
     remedy : str
         End of error messages.
 
-    Raises
-    ------
-    FileError
-        Missing, unreadable (now or while it is open), a folder, a pipe, a device or a socket.
+    Raises `FileError`: missing, unreadable (now or while it is open), a folder, a pipe, a device or
+    a socket.
     """
     try:
         descriptor = os.open(path, _FLAGS)

@@ -82,10 +82,7 @@ def is_splats(data: bytes) -> bool:
 def read_splats(path: Path, data: bytes) -> Splats:
     """Read the splats of a PLY with properties in any order.
 
-    Raises
-    ------
-    FileError
-        The file is truncated, lacks a property, or has invalid values.
+    Raises `FileError`: the file is truncated, lacks a property, or has invalid values.
     """
     return _splats(path, data, ply_header(path, data))
 
@@ -93,10 +90,7 @@ def read_splats(path: Path, data: bytes) -> Splats:
 def check_splats(path: Path, data: bytes) -> int:
     """Count the splats of a PLY and check that Mitsuba reads them correctly.
 
-    Raises
-    ------
-    FileError
-        As for `read_splats`, and if Mitsuba would confuse the properties.
+    Raises `FileError`: as for `read_splats`, and if Mitsuba would confuse the properties.
     """
     header = ply_header(path, data)
     splats = _splats(path, data, header)

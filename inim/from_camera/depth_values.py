@@ -105,12 +105,8 @@ def interpret_depth(file: DepthFile, convention: DepthConvention, name: str) -> 
     name : str
         File name for messages.
 
-    Raises
-    ------
-    FileError
-        No pixel has a depth, or the distances are implausible.
-    UsageError
-        The direction is not given and cannot be detected.
+    Raises `FileError`: no pixel has a depth, or the distances are implausible. `UsageError`: the
+    direction is not given and cannot be detected.
     """
     warnings: list[str] = []
     unit = convention.unit_mm

@@ -143,11 +143,8 @@ def map_depth(name: str, values: DepthValues, ends: tuple[float, float], to: Dis
     ends : (near, far)
         See `depth_range`.
 
-    Raises
-    ------
-    UsageError
-        `reciprocal` for depths that are not distances, or for a display whose CDP is behind the
-        array; `printed` for a flat picture or a focused display.
+    Raises `UsageError`: `reciprocal` for depths that are not distances, or for a display whose CDP
+    is behind the array; `printed` for a flat picture or a focused display.
     """
     low, high = to.depth_range_mm
     near, far = ends
@@ -307,10 +304,8 @@ def fit_picture(
     drop : bool
         Omit samples out of range instead of clipping them.
 
-    Raises
-    ------
-    UsageError
-        The depths cannot be unprojected, or no part of the picture is on the display.
+    Raises `UsageError`: the depths cannot be unprojected, or no part of the picture is on the
+    display.
     """
     rows, columns = values.depth.shape
     size = display.width_mm, display.height_mm

@@ -63,10 +63,7 @@ def read_color(path: Path) -> NDArray[np.uint8] | NDArray[np.float32]:
     (H, W, 3) uint8 sRGB, or (H, W, 3) float32 linear RGB of an EXR
         Row 0 on top.
 
-    Raises
-    ------
-    FileError
-        Missing, damaged or of another kind.
+    Raises `FileError`: missing, damaged or of another kind.
     """
     if is_exr(path):
         linear = read_exr(path)
@@ -136,11 +133,8 @@ def read_depth(path: Path, *, swap_bytes: bool = False) -> DepthFile:
     swap_bytes : bool
         The two bytes of 16-bit numbers are swapped relative to the format.
 
-    Raises
-    ------
-    FileError
-        The file is missing, damaged, of another kind, has several numbers per pixel, or bytes in
-        the wrong order.
+    Raises `FileError`: the file is missing, damaged, of another kind, has several numbers per
+    pixel, or bytes in the wrong order.
     """
     readers = {".exr": _read_exr, ".pfm": read_pfm, ".npy": _read_npy}
     suffix = path.suffix.lower()

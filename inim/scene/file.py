@@ -107,10 +107,7 @@ def parse_definitions(definitions: object) -> dict[str, str]:
     definitions : sequence of str, or mapping
         `key=value` items, as after -D; or texts and numbers by key.
 
-    Raises
-    ------
-    UsageError
-        An item without an equals sign, a key given twice, or another type.
+    Raises `UsageError`: an item without an equals sign, a key given twice, or another type.
     """
     if isinstance(definitions, Mapping):
         return {str(k): value_text(f"definitions[{k!r}]", v) for k, v in definitions.items()}
@@ -146,12 +143,8 @@ def read_scene_file(
     allowed : iterable of Path
         Folders besides its own where files that it names may lie.
 
-    Raises
-    ------
-    FileError
-        Missing, unreadable or broken XML, or a file it names that is not there.
-    SceneError
-        Too deep, too large, or naming files elsewhere; an unknown `-D` key.
+    Raises `FileError`: missing, unreadable or broken XML, or a file it names that is not there.
+    `SceneError`: too deep, too large, or naming files elsewhere; an unknown `-D` key.
     """
     definitions, allowed = dict(definitions or {}), tuple(allowed)
     scan = _scan(path, definitions, allowed)
@@ -181,10 +174,8 @@ def read_scene_file(
 def read_scene_settings(path: Path, definitions: Mapping[str, str] | None = None) -> dict[str, str]:
     """The `inim.*` texts of a scene, the command line's over the file's.
 
-    Raises
-    ------
-    FileError, SceneError
-        As `read_scene_file`, but that meshes and pictures are not looked for.
+    Raises `FileError` or `SceneError`: as `read_scene_file`, but that meshes and pictures are not
+    looked for.
     """
     return _scan(path, dict(definitions or {}), (), files=False).settings
 
@@ -211,10 +202,8 @@ def choose_display(
     scene : SceneFile, optional
         Scene read with these definitions. Without a scene, a display file gives all settings.
 
-    Raises
-    ------
-    InimError
-        An unknown setting or preset, values that describe no possible display, or another type.
+    Raises `InimError`: an unknown setting or preset, values that describe no possible display, or
+    another type.
     """
     definitions = definitions or {}
     texts = dict(definitions) if scene is None else dict(scene.settings)

@@ -79,13 +79,8 @@ class SceneFolder:
     def file(self, name: str, location: str) -> tuple[Path, bytes]:
         """Resolve a file name, and compute the SHA-256 of the file.
 
-        Raises
-        ------
-        FileError
-            The file is missing or unreadable.
-        SceneError
-            The file is outside the allowed folders, the name is ambiguous, or there are too many
-            files.
+        Raises `FileError`: the file is missing or unreadable. `SceneError`: the file is outside the
+        allowed folders, the name is ambiguous, or there are too many files.
         """
         path = self._found(name, location)
         if path is None or not path.is_file():
@@ -180,10 +175,7 @@ def _unusable(name: str, location: str, error: Exception) -> FileError:
 def check_plugin_folder(place: Path, label: str = "") -> None:
     """Refuse a folder with `plugins/*.so`: Mitsuba looks for plugins where it looks for files.
 
-    Raises
-    ------
-    SceneError
-        The message starts with `label`.
+    Raises `SceneError`: the message starts with `label`.
     """
     for library in _libraries(place / "plugins"):
         raise SceneError(
@@ -230,10 +222,7 @@ class SceneParameters:
     def define(self, name: str, value: str) -> None:
         """Give a parameter a value, unless it has one.
 
-        Raises
-        ------
-        ValueError
-            Too many of them, or one without a name.
+        Raises `ValueError`: too many of them, or one without a name.
         """
         if not name:
             raise ValueError("a parameter has no name")
@@ -247,10 +236,7 @@ class SceneParameters:
     def substitute(self, text: str) -> str:
         """Substitute parameters in a text as Mitsuba does.
 
-        Raises
-        ------
-        ValueError
-            An undefined parameter, or a text beyond the size limit.
+        Raises `ValueError`: an undefined parameter, or a text beyond the size limit.
         """
         if "$" not in text:
             return text

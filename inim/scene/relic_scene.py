@@ -262,9 +262,7 @@ class Frame:
     def parse(cls, words: str) -> Frame:
         """The box of `--crop`: x0,x1,y0,y1,z0,z1.
 
-        Raises
-        ------
-        UsageError
+        Raises `UsageError`.
         """
         try:
             numbers = np.array([float(word) for word in words.split(",")]).reshape(3, 2)
@@ -303,7 +301,6 @@ def placed_splats(splats: Splats, turn: np.ndarray, frame: Frame) -> tuple[Splat
 
     Parameters
     ----------
-    splats : Splats
     turn : (3, 3) float64
         Rotation from the file's axes to the scene's.
     frame : Frame
@@ -315,10 +312,7 @@ def placed_splats(splats: Splats, turn: np.ndarray, frame: Frame) -> tuple[Splat
     half_mm : (3,) float64
         Half the size of the box that their supports reach.
 
-    Raises
-    ------
-    UsageError
-        None are left.
+    Raises `UsageError`: none are left.
     """
     visible = splats[splats.opacity > _FAINTEST]
     small = _reach(visible).max(axis=1) <= _FARTHEST * (frame.high - frame.low).max()

@@ -73,12 +73,8 @@ def read_depth_photo(path: Path) -> DepthPhoto:
     path : Path
         HEIC or HEIF, or JPEG with dynamic depth, GDepth or Apple's disparity.
 
-    Raises
-    ------
-    FileError
-        Missing, damaged, unsupported format, or no depth.
-    UsageError
-        The file is HEIC, and pillow-heif is not installed.
+    Raises `FileError`: missing, damaged, unsupported format, or no depth. `UsageError`: the file is
+    HEIC, and pillow-heif is not installed.
     """
     data = read_file(path, _MAX_BYTES)
     if is_heif(data):
