@@ -143,7 +143,11 @@ def add_vertex_normals(mesh: Mesh, crease_deg: float = _CREASE_DEG) -> Mesh:
     if mesh.normals is not None:
         length = np.linalg.norm(mesh.normals, axis=1, keepdims=True)
         return replace(mesh, normals=(mesh.normals / length).astype(np.float32), attributes={})
-    faces, area = _with_area(mesh)
+    points, faces = mesh.vertices.astype(np.float64), mesh.faces.astype(np.int64)
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    area = np.cross(b - a, c - a)
+    has_area = np.linalg.norm(area, axis=1) > 0
+    faces, area = faces[has_area], area[has_area]
     place = np.unique(mesh.vertices, axis=0, return_inverse=True)[1].reshape(-1)
     group = _fans(place[faces], area, np.cos(np.radians(crease_deg)))
     corner = faces.reshape(-1)
@@ -161,15 +165,6 @@ def add_vertex_normals(mesh: Mesh, crease_deg: float = _CREASE_DEG) -> Mesh:
     )
 
 
-def _with_area(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """Faces (m, 3) int64 that have an area, and twice their area vectors (m, 3) float64."""
-    points, faces = mesh.vertices.astype(np.float64), mesh.faces.astype(np.int64)
-    a, b, c = (points[faces[:, k]] for k in range(3))
-    area = np.cross(b - a, c - a)
-    has_area = np.linalg.norm(area, axis=1) > 0
-    return faces[has_area], area[has_area]
-
-
 def _mean_normals(group: np.ndarray, first: np.ndarray, area: np.ndarray) -> np.ndarray:
     """Unit normals (k, 3) of the groups that the corners `first` (k,) belong to."""
     weights = np.repeat(area, 3, axis=0)
@@ -185,6 +180,9 @@ def _mean_normals(group: np.ndarray, first: np.ndarray, area: np.ndarray) -> np.
 
 def _fans(places: np.ndarray, area: np.ndarray, least_cosine: float) -> np.ndarray:
     """Group number of each corner (3 m,), given the places (m, 3) and face vectors (m, 3)."""
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
     unit = area / np.linalg.norm(area, axis=1, keepdims=True)
     start, end = places.reshape(-1), np.roll(places, -1, axis=1).reshape(-1)
     key = np.minimum(start, end) * (int(places.max()) + 1) + np.maximum(start, end)
@@ -198,18 +196,8 @@ def _fans(places: np.ndarray, area: np.ndarray, least_cosine: float) -> np.ndarr
     along = start[previous] == start[two]
     left = np.concatenate([previous, after[previous]])
     right = np.concatenate([np.where(along, two, after[two]), np.where(along, after[two], two)])
-    return _joined(start.size, left, right)
-
-
-def _joined(count: int, left: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Smallest member of each node's component under the edges left-right, by pointer jumping."""
-    label = np.arange(count)
-    while True:
-        low = np.minimum(label[left], label[right])
-        joined = label.copy()
-        for ends in (left, right, label[left], label[right]):
-            np.minimum.at(joined, ends, low)
-        joined = joined[joined]
-        if np.array_equal(joined, label):
-            return label
-        label = joined
+    shape = (start.size, start.size)
+    graph = coo_matrix((np.ones(left.size, bool), (left, right)), shape=shape)
+    # Numbers grow with the smallest corner of a fan.
+    group: np.ndarray = connected_components(graph, directed=False)[1]
+    return group.astype(np.int64)
