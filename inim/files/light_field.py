@@ -126,23 +126,10 @@ def eia_from_views(
     """
     _check_rows(display)
     down, across, height, width = views.shape[:4]
-    cell_x, cell_y = display.elemental_image_pitch_mm, display.elemental_row_pitch_mm
     wide = display.width_mm / width if pixel_mm is None else pixel_mm
     high = display.height_mm / height if pixel_mm is None else pixel_mm
-    column, x = _view_position(
-        display.columns, _lattice(display, 0), width, display.pitch_mm / wide
-    )
-    row, y = _view_position(display.rows, _lattice(display, 1), height, display.row_pitch_mm / high)
-    # Reversed order: the leftmost view belongs to the rightmost pixel, the upper one to the lowest.
-    view_column = np.clip(np.floor((0.5 - x / cell_x) * across), 0, across - 1).astype(int)
-    view_row = np.clip(np.floor((0.5 + y / cell_y) * down), 0, down - 1).astype(int)
-    # Nearer points move to the right for eyes on the left, and down for eyes above.
-    column = np.floor(column + shift * (view_column - (across - 1) / 2))
-    row = np.floor(row + shift * (view_row - (down - 1) / 2))
-    outside_x = (column < 0) | (column >= width) | (display.columns.lens < 0)
-    outside_y = (row < 0) | (row >= height) | (display.rows.lens < 0)
-    column = np.clip(column, 0, width - 1).astype(int)
-    row = np.clip(row, 0, height - 1).astype(int)
+    view_column, column, outside_x = _view_pixels(display, 0, width, wide, across, shift)
+    view_row, row, outside_y = _view_pixels(display, 1, height, high, down, shift)
     eia: np.ndarray = views[view_row[:, None], view_column[None, :], row[:, None], column[None, :]]
     eia[outside_y] = 0
     eia[:, outside_x] = 0
@@ -176,22 +163,21 @@ def read_hci(folder: Path) -> LightField:
         missing = next(i for i, n in enumerate([*numbers, -1]) if i != n)
         raise FileError(f"{folder}: view input_Cam{missing:03}.png is missing; complete the folder")
     down, across, of_display = _read_parameters(folder, len(numbers))
-    views: NDArray[np.uint8] | None = None
+    views: NDArray[np.uint8] = np.empty(0, np.uint8)
     for number in numbers:
-        picture = _read_view(folder / f"input_Cam{number:03}.png")
-        if views is None:
-            if picture.nbytes * len(numbers) > _MOST_BYTES:
-                raise FileError(
-                    f"{folder}: {len(numbers)} views of {picture.nbytes} bytes; too many"
-                )
-            views = np.empty((len(numbers), *picture.shape), np.uint8)
-        if picture.shape != views.shape[1:]:
+        path = folder / f"input_Cam{number:03}.png"
+        with open_picture(path, ("PNG",), 1) as picture:
+            view = np.asarray(picture.convert("RGB"))
+        if number == 0:
+            if view.nbytes * len(numbers) > _MOST_BYTES:
+                raise FileError(f"{folder}: {len(numbers)} views of {view.nbytes} bytes; too many")
+            views = np.empty((len(numbers), *view.shape), np.uint8)
+        if view.shape != views.shape[1:]:
             raise FileError(
-                f"{folder / f'input_Cam{number:03}.png'}: {picture.shape[1]} x {picture.shape[0]} "
-                f"pixels, the first view has {views.shape[2]} x {views.shape[1]}"
+                f"{path}: {view.shape[1]} x {view.shape[0]} pixels, the first view has "
+                f"{views.shape[2]} x {views.shape[1]}"
             )
-        views[number] = picture
-    assert views is not None
+        views[number] = view
     grid = views.reshape(down, across, *views.shape[1:])
     return LightField(grid, _read_disparity(folder, grid), of_display)
 
@@ -334,11 +320,6 @@ def _read_parameters(folder: Path, count: int) -> tuple[int, int, bool]:
     return down, across, parser.get("inim", "projection", fallback="") == "parallel"
 
 
-def _read_view(path: Path) -> NDArray[np.uint8]:
-    with open_picture(path, ("PNG",), 1) as picture:
-        return np.asarray(picture.convert("RGB"))
-
-
 def _read_disparity(folder: Path, views: np.ndarray) -> NDArray[np.float32] | None:
     down, across, height, width = views.shape[:4]
     centre = (down // 2) * across + across // 2
@@ -365,23 +346,31 @@ def _check_rows(display: Display) -> None:
 
 def _lattice(display: Display, axis: int) -> np.ndarray:
     """Centres of the elemental images, columns (0) left to right or rows (1) top to bottom."""
-    if axis == 0:
-        n, cell, shift = (
-            display.lens_columns,
-            display.elemental_image_pitch_mm,
-            display.shift_x_mm,
-        )
-        return (np.arange(n) - (n - 1) / 2) * cell + shift
-    n, cell, shift = display.lens_rows, display.elemental_row_pitch_mm, display.shift_y_mm
-    return ((n - 1) / 2 - np.arange(n)) * cell + shift
+    count, cell, shift, sign = (
+        (display.lens_columns, display.elemental_image_pitch_mm, display.shift_x_mm, 1),
+        (display.lens_rows, display.elemental_row_pitch_mm, display.shift_y_mm, -1),
+    )[axis]
+    return sign * (np.arange(count) - (count - 1) / 2) * cell + shift
 
 
-def _view_position(
-    axis: PixelAxis, lattice: np.ndarray, pixels: int, per_lens: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Position of each panel pixel's lens in a view [view pixels], and of the pixel in its lens."""
-    lens = np.clip(axis.lens, 0, len(lattice) - 1)
-    return (lens + 0.5 - len(lattice) / 2) * per_lens + pixels / 2, axis.position_mm - lattice[lens]
+def _view_pixels(
+    display: Display, axis: int, pixels: int, pixel_mm: float, views: int, shift: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """View, pixel of the view, and True outside the views, for each panel pixel of an axis."""
+    panel, pitch, cell = (
+        (display.columns, display.pitch_mm, display.elemental_image_pitch_mm),
+        (display.rows, display.row_pitch_mm, -display.elemental_row_pitch_mm),
+    )[axis]
+    lattice = _lattice(display, axis)
+    lens = np.clip(panel.lens, 0, len(lattice) - 1)
+    # Reversed order: the leftmost view belongs to the rightmost pixel, the upper one to the lowest.
+    within = (panel.position_mm - lattice[lens]) / cell
+    view = np.clip(np.floor((0.5 - within) * views), 0, views - 1).astype(int)
+    # Nearer points move to the right for eyes on the left, and down for eyes above.
+    centre = (lens + 0.5 - len(lattice) / 2) * (pitch / pixel_mm) + pixels / 2
+    pixel = np.floor(centre + shift * (view - (views - 1) / 2))
+    outside = (pixel < 0) | (pixel >= pixels) | (panel.lens < 0)
+    return view, np.clip(pixel, 0, pixels - 1).astype(int), outside
 
 
 def _pixels_of_views(display: Display, down: int, across: int) -> tuple[np.ndarray, np.ndarray]:

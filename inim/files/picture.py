@@ -117,7 +117,8 @@ def open_picture(
 
 # Header lines that start with -Y or +Y are excluded: they give the size.
 _RADIANCE = re.compile(
-    rb"#\?(?:RADIANCE|RGBE)\n((?:(?!-Y|\+Y)[\x20-\x7e\t]*\n)*?)\n-Y (\d{1,5}) \+X (\d{1,5})\n"
+    rb"#\?(?:RADIANCE|RGBE)\n((?:(?!-Y|\+Y)[\x20-\x7e\t]*\n)*?)\n"
+    rb"-Y ([1-9]\d{0,4}) \+X ([1-9]\d{0,4})\n"
 )
 _FORMAT = re.compile(rb"^FORMAT=32-bit_rle_(rgbe|xyze)$", re.M)
 # The format run-length codes only lines of these lengths.
@@ -143,52 +144,41 @@ def _read_radiance(path: Path) -> np.ndarray:
     color = header and _FORMAT.search(header[1])
     if not header or not color:
         raise FileError(f"{path}: invalid Radiance header; save it as EXR")
-    rows, columns, at = int(header[2]), int(header[3]), header.end()
+    rows, columns = int(header[2]), int(header[3])
     check_unfolding(path, 12 * rows * columns)
-    if _SHORTEST_CODED <= columns <= _LONGEST_CODED and data[at : at + 2] == b"\2\2":
-        lines = []
-        for row in range(rows):
-            line, at = _radiance_line(data, at, columns)
-            if line is None:
-                raise FileError(f"{path}: scan line {row} is damaged or cut short; save it again")
-            lines.append(line)
-        codes = b"".join(lines)
-        rgbe = np.frombuffer(codes, np.uint8).reshape(rows, 4, columns).transpose(0, 2, 1)
-    else:
-        codes = data[at:]
-        if not rows * columns or len(codes) != 4 * columns * rows:
-            raise FileError(
-                f"{path}: its length does not match {columns} x {rows} pixels; save it again"
-            )
-        rgbe = np.frombuffer(codes, np.uint8).reshape(rows, columns, 4)
+    stream = io.BytesIO(data[header.end() :])
+    try:
+        if _SHORTEST_CODED <= columns <= _LONGEST_CODED and data[header.end() :][:2] == b"\2\2":
+            codes = b"".join(_radiance_line(stream, columns) for _ in range(rows))
+            rgbe = np.frombuffer(codes, np.uint8).reshape(rows, 4, columns).transpose(0, 2, 1)
+        else:
+            rgbe = np.frombuffer(stream.read(), np.uint8).reshape(rows, columns, 4)
+    except ValueError:
+        raise FileError(f"{path}: its pixels are damaged or cut short; save it again") from None
     scale = np.ldexp(np.float32(1), rgbe[..., 3].astype(np.int32) - _EXPONENT_OFFSET)
     scale = np.where(rgbe[..., 3] > 0, scale, np.float32(0))
     rgb = rgbe[..., :3] * scale[..., None]
     return rgb @ _RGB_FROM_XYZ.T if color[1] == b"xyze" else rgb
 
 
-def _radiance_line(data: bytes, at: int, columns: int) -> tuple[bytes | None, int]:
-    """Four channels of a run-length coded scan line (None if damaged), and the line's end."""
-    if data[at : at + 4] != b"\2\2" + columns.to_bytes(2, "big"):
-        return None, at
-    at += 4
+def _radiance_line(stream: io.BytesIO, columns: int) -> bytes:
+    """Four channels of a run-length coded scan line; `ValueError` if it is damaged."""
+    if stream.read(4) != b"\2\2" + columns.to_bytes(2, "big"):
+        raise ValueError
     line = bytearray()
-    for channel in range(1, 5):
-        while len(line) < channel * columns:
-            count = data[at] if at + 1 < len(data) else 0
-            if count > 128:
-                run = data[at + 1 : at + 2] * (count - 128)
-                at += 2
-            else:
-                run = data[at + 1 : at + 1 + count]
-                at += 1 + count
+    for end in range(columns, 4 * columns + 1, columns):
+        while len(line) < end:
+            (count,) = stream.read(1)
+            run = stream.read(1) * (count - 128) if count > 128 else stream.read(count)
             line += run
-            if not run or len(line) > channel * columns or at > len(data):
-                return None, at
-    return bytes(line), at
+            if not run or len(line) > end:
+                raise ValueError
+    return bytes(line)
 
 
-_PFM = re.compile(rb"(P[Ff])\s+(\d{1,6})\s+(\d{1,6})\s+([-+]?[\d.eE+-]{1,30})[ \t\r]*\n")
+_PFM = re.compile(
+    rb"(P[Ff])\s+(\d{1,6})\s+(\d{1,6})\s+([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)[ \t\r]*\n"
+)
 # Three floats for each of 2^28 pixels, and a header.
 _MOST_PFM_BYTES = 12 * 2**28 + 2**10
 
@@ -208,10 +198,6 @@ def _read_pfm(path: Path) -> tuple[np.ndarray, float]:
     """Values of a portable float map, (H, W, 1 or 3) float32, and its signed scale."""
     data = read_file(path, _MOST_PFM_BYTES)
     header = _PFM.match(data)
-    try:
-        scale = float(header[4]) if header else 0.0
-    except ValueError:
-        header = None
     if not header:
         raise FileError(f"{path}: invalid PFM header; save it as EXR or .npy")
     columns, rows, channels = int(header[2]), int(header[3]), 3 if header[1] == b"PF" else 1
@@ -223,7 +209,7 @@ def _read_pfm(path: Path) -> tuple[np.ndarray, float]:
         )
     kind = "<f4" if header[4].startswith(b"-") else ">f4"
     stored = np.frombuffer(data, kind, offset=header.end()).reshape(rows, columns, channels)
-    return stored[::-1].astype(np.float32), scale
+    return stored[::-1].astype(np.float32), float(header[4])
 
 
 def write_pfm(path: Path, values: np.ndarray) -> None:
