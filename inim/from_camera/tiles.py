@@ -159,48 +159,35 @@ def _is_out_of_range(q, frame, limits, over_q):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _corner(q, i, j, di, dj, centre, limits):  # type: ignore[no-untyped-def]
-    """Mean q of the samples of `centre`'s surface at the corner (i + di/2, j + dj/2)."""
+def _corner(q, i, j, di, dj, limits, around):  # type: ignore[no-untyped-def]
+    """Mean q of the samples of (i, j)'s surface at the corner (i + di/2, j + dj/2).
+
+    `around` (4,) receives the four samples there.
+    """
     rows, columns = q.shape
-    horizontal = vertical = diagonal = np.float64(np.nan)  # the other samples at the corner
-    row, column = i + di, j + dj
-    if 0 <= column < columns:
-        horizontal = _clip(np.float64(q[i, column]), limits)
-    if 0 <= row < rows:
-        vertical = _clip(np.float64(q[row, j]), limits)
-        if 0 <= column < columns:
-            diagonal = _clip(np.float64(q[row, column]), limits)
-    has_horizontal = _is_one_surface(centre, horizontal, limits)
-    has_vertical = _is_one_surface(centre, vertical, limits)
-    has_diagonal = False
-    if has_horizontal and _is_one_surface(horizontal, diagonal, limits):
-        has_diagonal = True
-    if has_vertical and _is_one_surface(vertical, diagonal, limits):
-        has_diagonal = True
-    if has_diagonal:
-        has_horizontal = has_horizontal or _is_one_surface(diagonal, horizontal, limits)
-        has_vertical = has_vertical or _is_one_surface(diagonal, vertical, limits)
-    # Sum in row-major order, so that all tiles at a corner compute identical bits.
-    upper_left, lower_left = (centre, vertical) if di > 0 else (vertical, centre)
-    upper_right, lower_right = (horizontal, diagonal) if di > 0 else (diagonal, horizontal)
-    has_upper_left, has_lower_left = (True, has_vertical) if di > 0 else (has_vertical, True)
-    has_upper_right, has_lower_right = (
-        (has_horizontal, has_diagonal) if di > 0 else (has_diagonal, has_horizontal)
-    )
-    if dj < 0:
-        upper_left, upper_right = upper_right, upper_left
-        has_upper_left, has_upper_right = has_upper_right, has_upper_left
-        lower_left, lower_right = lower_right, lower_left
-        has_lower_left, has_lower_right = has_lower_right, has_lower_left
+    top, left = i + min(di, 0), j + min(dj, 0)
+    for k in range(4):
+        row, column = top + k // 2, left + k % 2
+        is_inside = 0 <= row < rows and 0 <= column < columns
+        around[k] = _clip(np.float64(q[row, column]), limits) if is_inside else np.nan
+    own = 2 * (di < 0) + (dj < 0)
+    horizontal, vertical, diagonal = own ^ 1, own ^ 2, own ^ 3
+    has_horizontal = _is_one_surface(around[own], around[horizontal], limits)
+    has_vertical = _is_one_surface(around[own], around[vertical], limits)
+    joins_horizontal = _is_one_surface(around[diagonal], around[horizontal], limits)
+    joins_vertical = _is_one_surface(around[diagonal], around[vertical], limits)
+    has_diagonal = (has_horizontal and joins_horizontal) or (has_vertical and joins_vertical)
+    has_horizontal = has_horizontal or (has_diagonal and joins_horizontal)
+    has_vertical = has_vertical or (has_diagonal and joins_vertical)
     total, count = 0.0, 0
-    if has_upper_left:
-        total, count = total + upper_left, count + 1
-    if has_upper_right:
-        total, count = total + upper_right, count + 1
-    if has_lower_left:
-        total, count = total + lower_left, count + 1
-    if has_lower_right:
-        total, count = total + lower_right, count + 1
+    for k in range(4):  # in row-major order, so that all tiles at a corner compute identical bits
+        if (
+            k == own
+            or (k == horizontal and has_horizontal)
+            or (k == vertical and has_vertical)
+            or (k == diagonal and has_diagonal)
+        ):
+            total, count = total + around[k], count + 1
     return total / count
 
 
@@ -211,7 +198,7 @@ def _draw(q, frame, limits, flags, depth, owner):  # type: ignore[no-untyped-def
     ax, ay, cx, cy, ox, oy = frame[:6]
     cell = frame[10]
     height, width = depth.shape
-    u, v, z = np.empty(4), np.empty(4), np.empty(4)
+    u, v, z, around = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
     clipped = 0
     for i in range(q.shape[0]):
         for j in range(q.shape[1]):
@@ -221,11 +208,10 @@ def _draw(q, frame, limits, flags, depth, owner):  # type: ignore[no-untyped-def
                 clipped += 1
                 if drop:
                     continue
-            centre = _clip(np.float64(q[i, j]), limits)
             for k in range(4):  # top left, top right, bottom right, bottom left
                 di = -1 if k < 2 else 1
                 dj = 1 if k == 1 or k == 2 else -1
-                corner = _corner(q, i, j, di, dj, centre, limits)
+                corner = _corner(q, i, j, di, dj, limits, around)
                 w = 1.0 / corner if perspective else 1.0
                 u[k] = (ax * (j + 0.5 * dj - cx) * w + ox) / cell + 0.5 * width
                 v[k] = (ay * (i + 0.5 * di - cy) * w - oy) / cell + 0.5 * height

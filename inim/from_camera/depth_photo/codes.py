@@ -5,8 +5,8 @@ With ``v`` the code divided by the largest code, the quantity is ``q = first + v
 
 Apple's ``apdi:FloatMinValue`` and ``FloatMaxValue`` are the quantity at the smallest and the
 largest code: 1/m for a disparity, m for a depth. The metres are reliable only if
-``depthData:Accuracy`` is "absolute". XMP (ISO 16684-1) is untrusted XML and is read in bounded
-time; document types, and so entities, are refused.
+``depthData:Accuracy`` is "absolute". XMP (ISO 16684-1) is untrusted XML: document types,
+and so entities, are refused.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from xml.parsers import expat
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -35,10 +35,7 @@ _NAMESPACES = {
     "http://ns.apple.com/depthData/1.0/": "depthData",
     "http://ns.adobe.com/xmp/note/": "xmpNote",
 }
-_MAX_DEPTH = 64
-_MAX_ELEMENTS = 20_000
-# Texts up to this length also belong to the parent element, which joins the numbers of a list.
-_SHORT = 4096
+_MAX_TAGS = 40_000
 # Largest distance in any unit, limited by float precision.
 _LARGEST = 1e9
 _ORIENTATION, _EXIF, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
@@ -157,52 +154,42 @@ def rotate_camera(camera: Pinhole, size: tuple[int, int], orientation: int) -> P
     return camera
 
 
+class _XmpBuilder(ElementTree.TreeBuilder):
+    """Builder of XMP elements without a document type."""
+
+    def doctype(self, *_: object) -> None:
+        """Refuse a document type, and so entities."""
+        raise ValueError("they contain a DOCTYPE, which is refused")
+
+
 def read_xmp(packet: bytes, path: Path) -> list[dict[str, str]]:
     """Properties ("DepthMap:Near") of each element, in document order.
 
     Raises `FileError` for invalid XML, a document type, or too many elements.
     """
-    nodes: list[dict[str, str]] = []
-    stack: list[tuple[dict[str, str], list[str]]] = []
-
-    def start(_: str, attributes: dict[str, str]) -> None:
-        if len(stack) >= _MAX_DEPTH or len(nodes) >= _MAX_ELEMENTS:
-            raise FileError(
-                f"{path}: its XMP metadata exceed {_MAX_ELEMENTS} elements or {_MAX_DEPTH} levels; "
-                f"{REMEDY}"
-            )
-        node = {name: text for key, text in attributes.items() if (name := _name(key))}
-        nodes.append(node)
-        stack.append((node, []))
-
-    def end(tag: str) -> None:
-        text = "".join(stack.pop()[1]).strip()
-        if not (text and stack):
-            return
-        if name := _name(tag):
-            stack[-1][0].setdefault(name, text)
-        if len(text) <= _SHORT:
-            stack[-1][1].append(f" {text} ")
-
-    def doctype(*_: object) -> None:
-        raise FileError(f"{path}: its XMP metadata contain a DOCTYPE, which is refused; {REMEDY}")
-
-    parser = expat.ParserCreate(namespace_separator=" ")
-    parser.buffer_text = True
-    parser.StartElementHandler = start
-    parser.EndElementHandler = end
-    parser.StartDoctypeDeclHandler = doctype
-    parser.CharacterDataHandler = lambda text: stack[-1][1].append(text)
+    if packet.count(b"<") > _MAX_TAGS:
+        raise FileError(f"{path}: its XMP metadata exceed {_MAX_TAGS} tags; {REMEDY}")
     try:
-        parser.Parse(packet.strip(b"\0 \n\r\t"), True)
-    except (expat.ExpatError, LookupError, ValueError) as error:
+        parser = ElementTree.XMLParser(target=_XmpBuilder())
+        root = ElementTree.fromstring(packet.strip(b"\0 \n\r\t"), parser)
+    except (ElementTree.ParseError, LookupError, ValueError) as error:
         raise FileError(f"{path}: its XMP metadata are damaged ({error}); {REMEDY}") from None
-    return nodes
+    return [_properties(element) for element in root.iter()]
+
+
+def _properties(element: ElementTree.Element) -> dict[str, str]:
+    """Attributes, and texts of children; the numbers of a list are joined."""
+    properties = {name: text for key, text in element.items() if (name := _name(key))}
+    for child in element:
+        texts = [(part.text or "").strip() for part in (child, *child.iterfind("*/*"))]
+        if (name := _name(child.tag)) and any(texts):
+            properties.setdefault(name, " ".join(texts).strip())
+    return properties
 
 
 def _name(key: str) -> str:
     """Property name with its usual prefix; empty for other namespaces."""
-    namespace, _, local = key.rpartition(" ")
+    namespace, _, local = key[1:].rpartition("}")
     prefix = _NAMESPACES.get(namespace)
     return f"{prefix}:{local}" if prefix else ""
 
