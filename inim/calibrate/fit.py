@@ -232,9 +232,26 @@ def calibrate(
     names = tuple(lenses)
     guess, counted, observations, sizes = _fitted(names, steady, guess, counted, edges, free, prior)
     covariance = _covariance(observations, guess, free, prior, sizes)
-    is_calibrated = camera is not None
-    return _result(
-        nominal, guess, covariance, is_calibrated, edges, names, counted, observations, sizes
+    errors = np.sqrt(np.diag(covariance))
+    fitted = SHARED if camera is None else PARAMETERS
+    count = len(fitted)
+    limits = {name: _scaled(share, name, nominal) for name, share in LIMITS.items()}
+    estimates = {
+        name: Estimate(float(value), float(error), limits.get(name, math.inf))
+        for name, value, error in zip(fitted, _shared(guess), errors, strict=False)
+    }
+    return Calibration(
+        nominal,
+        guess,
+        estimates,
+        pose_errors=tuple(errors[len(SHARED) :].reshape(-1, 6)),
+        correlation=covariance[:count, :count] / np.outer(errors[:count], errors[:count]),
+        covariance=covariance,
+        edges_seen=edges,
+        names=names,
+        lenses=counted,
+        observations=observations,
+        sizes=sizes,
     )
 
 
@@ -274,20 +291,21 @@ def _fitted(
     """
     sizes = np.tile([_USUAL[0] * display.pixel_pitch_mm, _USUAL[1]], (len(counted), 1))
     for _ in range(_ROUNDS):
-        observations = Observations.of([_thinned(lenses) for lenses in counted], display).sharpened(
-            guess
-        )
+        observations = _observed(counted, display, guess)
         guess = _solved(observations, guess, free, prior, sizes)
         sizes = _sizes(observations.residuals(guess))
         # The first guess may have been a lens off.
         guess, counted = renumber_lenses(guess, counted, edges_seen, display)
-    observations = Observations.of([_thinned(lenses) for lenses in counted], display).sharpened(
-        guess
-    )
+    observations = _observed(counted, display, guess)
     _check(names, display, sizes, counted)
     # One position alone begins with a distance of its own choice.
     check_pitch(display, guess.display.pitch_mm / display.pitch_mm, ", ".join(names))
     return guess, counted, observations, sizes
+
+
+def _observed(lenses: tuple[Lenses, ...], display: Display, guess: Guess) -> Observations:
+    """Observations in the fit, corrected for blur."""
+    return Observations.of([_thinned(position) for position in lenses], display).sharpened(guess)
 
 
 def _begin(
@@ -545,40 +563,3 @@ def _lines(observations: Observations) -> tuple[np.ndarray, np.ndarray]:
     column, row = np.concatenate(index).T
     first = np.concatenate(position) * (1 + max(int(column.max()), int(row.max())))
     return first + column, first + row
-
-
-def _result(
-    nominal: Display,
-    guess: Guess,
-    covariance: np.ndarray,
-    camera_is_known: bool,
-    edges_seen: tuple[bool, bool],
-    names: tuple[str, ...],
-    lenses: tuple[Lenses, ...],
-    observations: Observations,
-    sizes: np.ndarray,
-) -> Calibration:
-    errors = np.sqrt(np.diag(covariance))
-    names_fitted = PARAMETERS if camera_is_known else SHARED
-    count = len(names_fitted)
-    values = _shared(guess)
-    limits = {name: _scaled(share, name, nominal) for name, share in LIMITS.items()}
-    estimates = {
-        name: Estimate(float(values[n]), float(errors[n]), limits.get(name, math.inf))
-        for n, name in enumerate(names_fitted)
-    }
-    correlation = covariance[:count, :count] / np.outer(errors[:count], errors[:count])
-    pose_errors = tuple(errors[len(SHARED) :].reshape(-1, 6))
-    return Calibration(
-        nominal,
-        guess,
-        estimates,
-        pose_errors,
-        correlation,
-        covariance,
-        edges_seen,
-        names,
-        lenses,
-        observations,
-        sizes,
-    )

@@ -26,6 +26,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from inim.calibrate.lattice import Lenses
 from inim.display import Display
@@ -70,15 +71,8 @@ class Pose(NamedTuple):
 
 
 def rotation(vector: Any) -> np.ndarray:
-    """Rotation matrix of an axis times its angle, radians (Rodrigues)."""
-    x, y, z = vector
-    angle = float(np.sqrt(x * x + y * y + z * z))
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    half = np.sinc(angle / (2 * np.pi))
-    find_placement: np.ndarray = (
-        np.eye(3) + np.sinc(angle / np.pi) * cross + half**2 / 2 * cross @ cross
-    )
-    return find_placement
+    """Rotation matrix of an axis times its angle, radians."""
+    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
 
 
 def directions(camera: Camera, pixels: np.ndarray) -> np.ndarray:
@@ -275,9 +269,9 @@ def centres(
 def _vertices(array: LensArray, index: np.ndarray) -> np.ndarray:
     """Vertices of lenses, (n, 2), display frame."""
     c, s = array.cosine, array.sine
-    find_placement = _lens_centres(array, index) @ [[c, s], [-s, c]]
-    moved: np.ndarray = find_placement + np.array([array.shift_x, array.shift_y])
-    return moved
+    shift = np.array([array.shift_x, array.shift_y])
+    vertices: np.ndarray = _lens_centres(array, index) @ [[c, s], [-s, c]] + shift
+    return vertices
 
 
 def _seam_depth(array: LensArray, traits: LensTraits, share: float) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import fields
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,7 +19,6 @@ from inim.documents.calibration import (
     Correlation,
     NextPosition,
     ParameterEstimate,
-    Vector,
 )
 from inim.documents.parts import DisplayRecord, origin
 from inim.settings import DISPLAY_KEYS, PREFIX
@@ -39,10 +37,8 @@ def display_file(calibration: Calibration, preset: str) -> str:
     preset : str
         Preset that the file changes, for reports.
     """
-    values, defaults = (
-        calibration.display.parameters(),
-        {f.name: f.default for f in fields(Display)},
-    )
+    values = calibration.display.parameters()
+    defaults = {field.name: field.default for field in fields(Display)}
     positions = ", ".join(calibration.names)
     lines = [
         '<scene version="3.0.0">',
@@ -58,7 +54,7 @@ def display_file(calibration: Calibration, preset: str) -> str:
         text = f"{value:.{_DIGITS}g}" if isinstance(value, float) else str(value)
         if estimate is not None and estimate.is_known:
             text = f"{value:.{_decimals(estimate.error)}f}"
-        comment = "" if estimate is None else f" <!-- {_said(key, calibration)} -->"
+        comment = "" if estimate is None else f" <!-- {_describe_error(key, calibration)} -->"
         lines.append(f'    <default name="{PREFIX}{key}" value="{text}"/>{comment}')
     return "\n".join([*lines, "</scene>"]) + "\n"
 
@@ -73,7 +69,7 @@ def _comment(text: str) -> str:
     return "".join(c if c.isprintable() else " " for c in text).replace("--", "- -")
 
 
-def _said(key: str, calibration: Calibration) -> str:
+def _describe_error(key: str, calibration: Calibration) -> str:
     estimate = calibration.estimates[key]
     if not estimate.is_known:
         return f"as designed: not determined (standard error {estimate.error:.2g})"
@@ -88,22 +84,19 @@ def residual_maps(calibration: Calibration) -> list[tuple[str, np.ndarray, np.nd
     """
     display = calibration.guess.display
     observations = Observations.of(calibration.lenses, display).sharpened(calibration.guess)
-    maps = []
-    for name, lens, outlined, (of_rays, of_outlines) in zip(
-        calibration.names,
-        observations.lens,
-        observations.outlined,
-        observations.residuals(calibration.guess),
-        strict=True,
-    ):
-        shape = (display.lens_rows, display.lens_columns)
-        maps.append(
-            (name, _mapped(lens, -1e3 * of_rays, shape), _mapped(outlined, -of_outlines, shape))
+    shape = (display.lens_rows, display.lens_columns)
+    return [
+        (name, _mean_map(lens, -1e3 * rays_mm, shape), _mean_map(outlined, -outlines_px, shape))
+        for name, lens, outlined, (rays_mm, outlines_px) in zip(
+            *(calibration.names, observations.lens, observations.outlined),
+            observations.residuals(calibration.guess),
+            strict=True,
         )
-    return maps
+    ]
 
 
-def _mapped(index: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def _mean_map(index: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Mean of the values of each lens, given by column and row."""
     number = index[:, 1] * shape[1] + index[:, 0]
     size = shape[0] * shape[1]
     count = np.bincount(number, minlength=size)
@@ -128,14 +121,7 @@ def calibration_document(calibration: Calibration, title: str, command: str) -> 
             names=list(calibration.estimates), matrix=calibration.correlation.tolist()
         ),
         positions=[_position(calibration, n) for n in range(len(calibration.names))],
-        next=[
-            NextPosition(
-                description=suggestion.description,
-                eye_mm=suggestion.eye_mm,
-                standard_errors=suggestion.errors,
-            )
-            for suggestion in advice[:_MOST_ADVICE]
-        ],
+        next=advice[:_MOST_ADVICE],
         warnings=_warnings(calibration, advice),
         files=[],
     )
@@ -170,17 +156,14 @@ def _camera(calibration: Calibration) -> CameraEstimate:
 
 
 def _position(calibration: Calibration, n: int) -> CameraPosition:
-    pose, errors, lenses = (
-        calibration.guess.poses[n],
-        calibration.pose_errors[n],
-        calibration.lenses[n],
-    )
-    x, y, z = pose.eye_mm
+    pose, errors = calibration.guess.poses[n], calibration.pose_errors[n]
+    lenses, (x, y, z) = calibration.lenses[n], pose.eye_mm
+    right, down, away = map(tuple, pose.turn.tolist())
     return CameraPosition(
         name=calibration.names[n],
         eye_mm=tuple(pose.eye_mm.tolist()),
         eye_standard_error_mm=tuple(errors[3:].tolist()),
-        turn=_rows(pose.turn),
+        turn=(right, down, away),
         turn_standard_error_deg=tuple(np.degrees(errors[:3]).tolist()),
         off_straight_deg=math.degrees(math.atan2(math.hypot(x, y), z)),
         lenses=len(lenses.index),
@@ -190,22 +173,13 @@ def _position(calibration: Calibration, n: int) -> CameraPosition:
     )
 
 
-def _rows(matrix: np.ndarray) -> tuple[Vector, Vector, Vector]:
-    first, second, third = (tuple(row) for row in matrix.tolist())
-    return first, second, third
-
-
-def _warnings(calibration: Calibration, advice: Sequence[Advice]) -> list[str]:
+def _warnings(calibration: Calibration, advice: Sequence[NextPosition]) -> list[str]:
     warnings = []
     if calibration.unknown:
-        more = (
-            f"photograph from {advice[0].description}, too"
-            if advice
-            else "photograph from elsewhere"
-        )
+        place = f"{advice[0].description}, too" if advice else "elsewhere"
         warnings.append(
             f"not determined by these photographs, and left as designed: "
-            f"{', '.join(calibration.unknown)}; {more}"
+            f"{', '.join(calibration.unknown)}; photograph from {place}"
         )
     for axis, is_visible in zip("xy", calibration.edges_seen, strict=True):
         if not is_visible:
@@ -232,24 +206,7 @@ _LENSES = 24
 _OFF_CENTRE = 0.25
 
 
-class Advice(NamedTuple):
-    """A position to photograph from.
-
-    Attributes
-    ----------
-    where : str
-        In words.
-    eye_mm : (3,) tuple of float
-    errors : dict of str to float
-        Standard errors of the display's parameters, with one more position there.
-    """
-
-    description: str
-    eye_mm: tuple[float, float, float]
-    errors: dict[str, float]
-
-
-def next_positions(calibration: Calibration) -> list[Advice]:
+def next_positions(calibration: Calibration) -> list[NextPosition]:
     """Positions worth adding, the best one first.
 
     Each is one of some directions and distances; the best leaves the least product of standard
@@ -278,8 +235,12 @@ def next_positions(calibration: Calibration) -> list[Advice]:
             off = math.degrees(math.hypot(right, up) * half_angle)
             direction = f", {off:.0f}° off straight" if off else ""
             place = f"{words}{direction}, {distance:.0f} mm away"
-            advised.append(Advice(place, (float(eye[0]), float(eye[1]), float(eye[2])), named))
-    return sorted(advised, key=lambda suggestion: sum(map(math.log, suggestion.errors.values())))
+            advised.append(
+                NextPosition(description=place, eye_mm=tuple(eye.tolist()), standard_errors=named)
+            )
+    return sorted(
+        advised, key=lambda position: sum(map(math.log, position.standard_errors.values()))
+    )
 
 
 def _facing(eye: np.ndarray) -> Pose:

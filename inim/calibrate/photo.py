@@ -55,7 +55,7 @@ class Tone(NamedTuple):
         return response
 
 
-class Stage(NamedTuple):
+class MatchedPicture(NamedTuple):
     """The simulation after one more cause of a difference is put in.
 
     Attributes
@@ -87,7 +87,7 @@ class Difference(NamedTuple):
         Compared pixels of that part.
     photograph : (H, W, 3) float32
         That part, linear; black at other pixels, as in the stages.
-    stages : tuple of Stage
+    stages : tuple of MatchedPicture
         Simulation with the photograph's exposure only; then moved; then blurred; then with its tone
         curve.
     """
@@ -101,7 +101,7 @@ class Difference(NamedTuple):
     window: tuple[slice, slice]
     counts: np.ndarray
     photograph: np.ndarray
-    stages: tuple[Stage, ...]
+    stages: tuple[MatchedPicture, ...]
 
 
 def simulate(
@@ -196,7 +196,7 @@ def compare(
     gains = photo[counts].mean(axis=0) / np.maximum(sim[counts].mean(axis=0), 1e-9)
     mask = counts[..., None].astype(np.float32)
     stages = tuple(
-        Stage(stage, (np.clip(picture, 0, 1) * mask).astype(np.float32))
+        MatchedPicture(stage, (np.clip(picture, 0, 1) * mask).astype(np.float32))
         for stage, picture in (
             ("exposure only", sim * gains),
             ("moved", placed * gains),

@@ -336,7 +336,14 @@ class _Scan:
 
         def start(tag: str, attributes: dict[str, str]) -> None:
             location = f"{label}:{parser.CurrentLineNumber}"
-            substituted = self._substituted(attributes, location)
+            try:
+                substituted = {k: self.parameters.substitute(v) for k, v in attributes.items()}
+                if tag == "default" and "name" in substituted:
+                    name, value = substituted["name"], substituted.get("value", "")
+                    self.parameters.define(name, value)
+                    self.defaults.setdefault(name, value)
+            except ValueError as error:
+                raise SceneError(f"{location}: {error}") from None
             content = self._element(tag, substituted, stack, location, level)
             self._see(tag, substituted | content, level, end=False)
             stack.append((tag, substituted.get("type", "")))
@@ -373,12 +380,6 @@ class _Scan:
         self.folder.contents[path.resolve()] = content_of(hashlib.sha256(text).digest(), before)
         return text
 
-    def _substituted(self, attributes: dict[str, str], location: str) -> dict[str, str]:
-        try:
-            return {k: self.parameters.substitute(text) for k, text in attributes.items()}
-        except ValueError as error:
-            raise SceneError(f"{location}: {error}") from None
-
     def _element(
         self,
         tag: str,
@@ -396,9 +397,7 @@ class _Scan:
         if not stack and level == 0 and tag != "scene":
             raise FileError(f"{location}: <{tag}> is no Mitsuba scene; the root must be <scene>")
         self._plugin(attributes.get("type", ""), location)
-        if tag == "default" and "name" in attributes:
-            self._default(attributes["name"], attributes.get("value", ""), location)
-        elif tag == "include":
+        if tag == "include":
             self._include(attributes.get("filename", ""), location, level)
         elif tag == "path":
             self.folder.add_path(attributes.get("value", ""), location)
@@ -420,13 +419,6 @@ class _Scan:
                 f"{location}: more than {_MOST_PLUGINS} shapes, materials and lights; merge the "
                 "shapes into one mesh"
             )
-
-    def _default(self, name: str, value: str, location: str) -> None:
-        try:
-            self.parameters.define(name, value)
-        except ValueError as error:
-            raise SceneError(f"{location}: {error}") from None
-        self.defaults.setdefault(name, value)
 
     def _include(self, name: str, location: str, level: int) -> None:
         self.includes += 1

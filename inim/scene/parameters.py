@@ -16,6 +16,7 @@ import os
 import re
 import shlex
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
 from inim.errors import FileError, SceneError
@@ -104,19 +105,15 @@ class SceneFolder:
         digest = hashlib.sha256()
         with open_file(path, label=f"{location}: {name!r}") as file:
             status = os.fstat(file.fileno())
-            self._check_bytes(status.st_size, name, location)
+            self._bytes += status.st_size
+            if self._bytes > _MOST_BYTES:
+                raise SceneError(
+                    f"{location}: with {name!r}, the scene's files hold {self._bytes} bytes; at "
+                    f"most {_MOST_BYTES}"
+                )
             while block := file.read(_BLOCK_BYTES):
-                self._bytes += len(block)
-                self._check_bytes(0, name, location)
                 digest.update(block)
         return content_of(digest.digest(), status)
-
-    def _check_bytes(self, more: int, name: str, location: str) -> None:
-        if self._bytes + more > _MOST_BYTES:
-            raise SceneError(
-                f"{location}: with {name!r}, the scene's files hold {self._bytes + more} bytes; at "
-                f"most {_MOST_BYTES}"
-            )
 
     def _found(self, name: str, location: str) -> Path | None:
         """The one file or folder that a name can mean; None where there is none."""
@@ -147,8 +144,7 @@ class SceneFolder:
         if not any(path.is_relative_to(folder) for folder in self._allowed):
             raise SceneError(
                 f"{location}: {name!r} lies outside the scene's folder; copy it beside the scene, "
-                "or "
-                f"add --allow-folder {shlex.quote(str(self._to_allow(path)))}"
+                f"or add --allow-folder {shlex.quote(str(self._to_allow(path)))}"
             )
 
     def _to_allow(self, path: Path) -> Path:
@@ -177,20 +173,13 @@ def check_plugin_folder(place: Path, label: str = "") -> None:
 
     Raises `SceneError`: the message starts with `label`.
     """
-    for library in _libraries(place / "plugins"):
-        raise SceneError(
-            f"{label}{library} would be loaded into the renderer and run; move the "
-            "folder "
-            "'plugins' elsewhere"
-        )
-
-
-def _libraries(folder: Path) -> list[str]:
-    """Shared libraries in a folder; none where it cannot be looked into."""
-    try:
-        return sorted(str(p) for p in folder.iterdir() if p.suffix in _LIBRARIES)
-    except OSError:
-        return []
+    with suppress(OSError):  # a folder that cannot be read
+        for path in sorted((place / "plugins").iterdir()):
+            if path.suffix in _LIBRARIES:
+                raise SceneError(
+                    f"{label}{path} would be loaded into the renderer and run; move the folder "
+                    "'plugins' elsewhere"
+                )
 
 
 # Far above what scenes use. Parameters made of parameters grow as a power: ten levels of ten

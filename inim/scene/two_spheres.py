@@ -29,7 +29,7 @@ _SUBPIXELS = 4
 
 
 @dataclass(frozen=True)
-class _Hits:
+class _SphereHits:
     """Intersections of rays: linear RGB, depth in millimetres, and a flag."""
 
     color: np.ndarray
@@ -91,7 +91,7 @@ def _places(count: int, step_mm: float, sign: int) -> np.ndarray:
 
 def _first_hits(
     display: Display, x: np.ndarray, dx: np.ndarray, y: np.ndarray, dy: np.ndarray
-) -> _Hits:
+) -> _SphereHits:
     """Rays (x + dx z, y + dy z), columns by `x` and rows by `y`: the hit of largest z."""
     shape = (len(y), len(x))
     color = np.zeros((*shape, 3), np.float32)
@@ -103,7 +103,7 @@ def _first_hits(
         depth = np.where(nearer, z, depth)
         color[nearer] = _shade(sphere, np.stack([part[nearer] for part in normal], axis=-1))
     covered = np.isfinite(depth)
-    return _Hits(color, np.where(covered, depth, 0.0).astype(np.float32), covered)
+    return _SphereHits(color, np.where(covered, depth, 0.0).astype(np.float32), covered)
 
 
 def _hit(

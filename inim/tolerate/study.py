@@ -122,7 +122,7 @@ def read_tolerance_study(path: Path | None, display: Display) -> ToleranceStudy:
     """
     if path is None:
         return ToleranceStudy(default_spreads(display))
-    reader = _Reader(path)
+    reader = _ToleranceTables(path)
     reader.check_names("", reader.tables, ("study", "errors"))
     table, spreads = reader.table("study"), reader.spreads() or default_spreads(display)
     whole = {"alone": LEAST_ALONE, "together": 0, "seed": 0}
@@ -141,7 +141,7 @@ def read_tolerance_study(path: Path | None, display: Display) -> ToleranceStudy:
     return study
 
 
-class _Reader(Tables):
+class _ToleranceTables(Tables):
     """Reader of a tolerance study."""
 
     def count(self, key: str, value: Any, least: int) -> int:

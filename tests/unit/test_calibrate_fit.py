@@ -25,7 +25,6 @@ from inim.calibrate.model import (
     panel_points,
     project,
     rays,
-    rotation,
 )
 from inim.calibrate.output import calibration_document, display_file, next_positions, residual_maps
 from inim.display import DISPLAYS
@@ -128,15 +127,6 @@ def test_projection_is_opencv_s():
     there, _ = cv2.projectPoints(points, axes, -axes @ eye, matrix, np.array([0.4, -1, 0, 0]))
     here = project(Camera(1900.0, 246.0, 175.0, 0.4, -1.0), Pose(axes, eye), points)
     np.testing.assert_allclose(here, there[:, 0] + 0.5, atol=1e-8)
-
-
-def test_rotation_is_scipy_s():
-    from scipy.spatial.transform import Rotation
-
-    for vector in ([0.0, 0, 0], [1e-9, 0, 0], [0.3, -0.2, 0.9], [0, 3.1, 0]):
-        np.testing.assert_allclose(
-            rotation(vector), Rotation.from_rotvec(vector).as_matrix(), atol=1e-14
-        )
 
 
 # -- the lattice ----------------------------------------------------------------------------------
@@ -557,12 +547,14 @@ def test_advice_says_what_a_further_position_brings():
     assert decode(encode(document), CalibrationDocument) == document
     assert len(document.next) == 3
     own = three.estimates
-    assert all(one.errors[name] <= own[name].error for one in advised for name in PARAMETERS)
+    assert all(
+        one.standard_errors[name] <= own[name].error for one in advised for name in PARAMETERS
+    )
     best = advised[0]
     photo = photograph(HIDDEN, CAMERA, best.eye_mm, look_at(best.eye_mm), 9)
     seen = {name: lenses(name) for name in ("near", "left", "above")}
     more = calibrate({**seen, "new": find_lenses(photo, DESIGN, "new")}, DESIGN)
     for name in ("gap_mm", "focal_length_mm"):
-        promised = best.errors[name] / own[name].error
+        promised = best.standard_errors[name] / own[name].error
         kept = more.estimates[name].error / own[name].error
         assert promised / 2 < kept < 2 * promised, name
