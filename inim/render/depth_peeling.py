@@ -38,12 +38,11 @@ from inim.backend.kernels import compiled
 from inim.display import Display
 from inim.process.observer import Observer
 from inim.render import splats
+from inim.render.camera import Camera
 from inim.render.culling import in_view
 from inim.render.rays import SeparableRays, capture_rays
 from inim.render.scene import FittedScene
-from inim.render.sensors import make_sensor
 from inim.render.sides import Sides
-from inim.render.trace import centre_rays
 
 #: What lies behind more than this is cut off, and counted.
 MOST_LAYERS = 8
@@ -144,8 +143,8 @@ def peel(
 def _surfaces(fitted: FittedScene, display: Display, rays: SeparableRays) -> Peeled:
     """The layers of surfaces, the hidden ones too."""
     rows, columns, pixel_mm = rays.rows, rays.columns, rays.x.place_step_mm
-    hits = _Hits.of(fitted, make_sensor(rays, fitted.fit.world_from_display), rows * columns)
-    front, back, hit, solid_counts = _solids(hits, _outward(hits))
+    hits = _Hits.of(fitted, fitted.camera(rays))
+    front, back, hit, solid_counts = _solids(hits.count, hits.depth, _outward(hits), hits.shape)
     layers = max(1, int(min(solid_counts.max(), MOST_LAYERS)))
     front, back, hit = front[:layers], back[:layers], hit[:layers]
     near, far, facing, spread = _same_surface(fitted, display, pixel_mm, hits, front, hit)
@@ -173,7 +172,7 @@ def _splats(fitted: FittedScene, display: Display, rays: SeparableRays) -> Peele
     Splats have no normals: neighbouring fronts determine the slope of a surface.
     """
     pixel_mm = rays.x.place_step_mm
-    ray = centre_rays(make_sensor(rays, fitted.fit.world_from_display))
+    ray = fitted.camera(rays).centre_rays()
     splat_runs = splats.runs(fitted.scene, fitted.integrator, ray, MOST_LAYERS)
     layers = max(1, int(min(splat_runs.count.max(), MOST_LAYERS)))
     shape = (layers, rays.rows, rays.columns)
@@ -274,53 +273,48 @@ class _Hits:
     shape: np.ndarray
 
     @classmethod
-    def of(cls, fitted: FittedScene, sensor: Any, rays: int) -> _Hits:
+    def of(cls, fitted: FittedScene, camera: Camera) -> _Hits:
         """Follow the rays through all pixel centres to their ends."""
-        columns = int(sensor.film().size()[0])
-        kinds = {
-            "distance": np.float32, "depth": np.float32, "slope": np.float32, "facing": np.bool_,
-            "shape": np.uint32, "face": np.uint32,
-        }  # fmt: skip
-        collected: dict[str, list[np.ndarray]] = {name: [] for name in kinds}
+        rays = camera.shape[0] * camera.shape[1]
         count = np.zeros(rays, np.int32)
-        going = np.arange(rays, dtype=np.uint32)
-        start = np.zeros(rays, np.float32)
+        going, start = np.arange(rays, dtype=np.uint32), np.zeros(rays, np.float32)
+        # The previous hit of each ray, and all hits: number on its ray, ray, values.
+        previous: dict[str, np.ndarray] = {}
+        hits: list[tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]] = []
         for _ in range(_MOST_HITS):
-            hit = _next_hit(fitted, sensor, columns, going, start)
+            hit = _next_hit(fitted, camera, going, start)
             going, start = going[hit.pop("met")], hit.pop("onward")
             if not len(going):
                 break
-            new = ~hit.pop("light") & ~_again(hit, hit.pop("step"), collected, count, going)
-            place = count[going]
-            while len(collected["depth"]) <= place[new].max(initial=-1):
-                for name, kind in kinds.items():
-                    collected[name].append(np.zeros(rays, kind))
-            for number in np.unique(place[new]):
-                here = new & (place == number)
-                for name in kinds:
-                    collected[name][number][going[here]] = hit[name][here]
-            count[going[new]] += 1
-        del collected["face"]
-        empty = np.zeros((0, rays))
-        return cls(
-            count,
-            **{
-                name: np.stack(v) if v else empty.astype(kinds[name])
-                for name, v in collected.items()
-            },
-        )
+            is_light, step = hit.pop("light"), hit.pop("step")
+            if not previous:
+                previous = {name: np.zeros(rays, values.dtype) for name, values in hit.items()}
+            last = {name: values[going] for name, values in previous.items()}
+            new = ~is_light & ~((count[going] > 0) & _is_repeated(hit, last, step))
+            ray = going[new]
+            hits.append((count[ray], ray, {name: values[new] for name, values in hit.items()}))
+            for name, values in hits[-1][2].items():
+                previous[name][ray] = values
+            count[ray] += 1
+        kinds = {
+            "distance": np.float32, "depth": np.float32, "slope": np.float32, "facing": np.bool_,
+            "shape": np.uint32,
+        }  # fmt: skip
+        tables = {name: np.zeros((count.max(), rays), kind) for name, kind in kinds.items()}
+        for number, ray, hit in hits:
+            for name, table in tables.items():
+                table[number, ray] = hit[name]
+        return cls(count, **tables)
 
 
 def _next_hit(
-    fitted: FittedScene, sensor: Any, columns: int, going: np.ndarray, start: np.ndarray
+    fitted: FittedScene, camera: Camera, going: np.ndarray, start: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Next hit of rays beyond the world distance `start`, and the indices of the rays with a hit.
 
     One compiled kernel serves all steps.
     """
-    index, begin = mi.UInt32(going), mi.Float(start)
-    width = dr.opaque(mi.UInt32, columns)
-    ray = sensor.rays_through(mi.Point2u(index % width, index // width), mi.Point2f(0.5))
+    ray, begin = camera.centre_rays(mi.UInt32(going)), mi.Float(start)
     hit = fitted.scene.ray_intersect(mi.Ray3f(ray.o + begin * ray.d, ray.d))
     distance = begin + hit.t
     place = ray.o + distance * ray.d
@@ -328,55 +322,43 @@ def _next_hit(
     light = hit.is_valid() & hit.shape.is_emitter()
     shape = dr.reinterpret_array(mi.UInt32, hit.shape)
     dr.eval(distance, step, light, shape, hit, ray)
-    hit_rays = np.flatnonzero(np.asarray(hit.is_valid()))
+    met = np.flatnonzero(np.asarray(hit.is_valid()))
 
-    def stacked(vector: Any) -> np.ndarray:
-        """(n, 3) float64 of a vector or point."""
-        return np.stack([np.asarray(part)[hit_rays].astype(np.float64) for part in vector], axis=-1)
+    def chosen(values: Any) -> np.ndarray:
+        return np.asarray(values)[met]
+
+    def vectors(vector: Any) -> np.ndarray:
+        return np.stack([chosen(part).astype(np.float64) for part in vector], axis=-1)
 
     forward = fitted.fit.display_from_world
-    points = stacked(ray.o) + np.asarray(distance)[hit_rays].astype(np.float64)[:, None] * stacked(
-        ray.d
-    )
-    normal = stacked(hit.n) @ fitted.fit.world_from_display[:3, :3]
+    points = vectors(ray.o) + chosen(distance).astype(np.float64)[:, None] * vectors(ray.d)
+    normal = vectors(hit.n) @ fitted.fit.world_from_display[:3, :3]
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = np.nan_to_num(np.abs(normal[:, :2]).sum(axis=1) / np.abs(normal[:, 2]), nan=0.0)
     return {
-        "met": hit_rays,
-        "light": np.asarray(light)[hit_rays],
-        "distance": np.asarray(distance)[hit_rays],
-        "onward": np.asarray(distance + step)[hit_rays],
-        "step": np.asarray(step)[hit_rays],
+        "met": met,
+        "light": chosen(light),
+        "distance": chosen(distance),
+        "onward": chosen(distance + step),
+        "step": chosen(step),
         "depth": (points @ forward[2, :3] + forward[2, 3]).astype(np.float32),
         "slope": np.minimum(slope, np.finfo(np.float32).max).astype(np.float32),
-        "facing": np.asarray(dr.dot(hit.n, ray.d) < 0)[hit_rays],
-        "shape": np.asarray(shape)[hit_rays],
-        "face": np.asarray(hit.prim_index)[hit_rays],
+        "facing": chosen(dr.dot(hit.n, ray.d) < 0),
+        "shape": chosen(shape),
+        "face": chosen(hit.prim_index),
     }
 
 
-def _again(
-    hit: dict[str, np.ndarray],
-    step: np.ndarray,
-    previous: dict[str, list[np.ndarray]],
-    count: np.ndarray,
-    going: np.ndarray,
+def _is_repeated(
+    hit: dict[str, np.ndarray], last: dict[str, np.ndarray], step: np.ndarray
 ) -> np.ndarray:
-    """Mask of repeated hits: the same face, or its neighbour across an edge."""
-    again = np.zeros(len(going), bool)
-    for number in np.unique(count[going]):
-        if number == 0:
-            continue
-        here = count[going] == number
-        last = {name: values[number - 1][going[here]] for name, values in previous.items()}
-        now = {name: values[here] for name, values in hit.items()}
-        same = (now["shape"] == last["shape"]) & (now["facing"] == last["facing"])
-        travelled = now["distance"] - last["distance"]
-        # No straight line meets a triangle or a quadric twice from one side; grazing, it may be
-        # found again farther on than elsewhere.
-        most = np.where(now["face"] == last["face"], 16, 1) * _SAME_STEPS * step[here]
-        again[here] = same & (travelled <= most)
-    return again
+    """Mask of hits of the same face as the last hit, or of its neighbour across an edge."""
+    same = (hit["shape"] == last["shape"]) & (hit["facing"] == last["facing"])
+    # No straight line meets a triangle or a quadric twice from one side; grazing, it may be
+    # found again farther on than elsewhere.
+    most = np.where(hit["face"] == last["face"], 16, 1) * _SAME_STEPS * step
+    repeated: np.ndarray = same & (hit["distance"] - last["distance"] <= most)
+    return repeated
 
 
 def _outward(hits: _Hits) -> np.ndarray:
@@ -396,25 +378,21 @@ def _outward(hits: _Hits) -> np.ndarray:
     return facing
 
 
-def _solids(
-    hits: _Hits, facing: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Fronts, backs and the hit that each front is, (MOST_LAYERS, rays), and the layers found."""
-    rays = len(hits.count)
+@compiled
+def _solids(count, depth, facing, shape):  # type: ignore[no-untyped-def]
+    """Join the hits of each ray to solids and these to layers; see the module's text.
+
+    Returns fronts, backs and the hit that each front is, (MOST_LAYERS, rays), and the number of
+    layers per ray.
+    """
+    rays = len(count)
     front = np.full((MOST_LAYERS, rays), -np.inf, np.float32)
     back = np.full((MOST_LAYERS, rays), -np.inf, np.float32)
     hit = np.zeros((MOST_LAYERS, rays), np.int32)
     solid_counts = np.zeros(rays, np.int32)
-    _join(hits.count, hits.depth, facing, hits.shape, front, back, hit, solid_counts)
-    return front, back, hit, solid_counts
-
-
-@compiled
-def _join(count, depth, facing, shape, front, back, hit, solid_counts):  # type: ignore[no-untyped-def]
-    """Join the hits of each ray to solids and these to layers; see the module's text."""
     most = max(1, depth.shape[0])
     partner = np.empty(most, np.int64)
-    for ray in range(len(count)):
+    for ray in range(rays):
         n = count[ray]
         partner[:] = -1
         for own in (True, False):  # fronts of the same shape first
@@ -443,6 +421,7 @@ def _join(count, depth, facing, shape, front, back, hit, solid_counts):  # type:
             if layers <= len(front):
                 back[layers - 1, ray] = end
         solid_counts[ray] = layers
+    return front, back, hit, solid_counts
 
 
 @compiled

@@ -32,6 +32,7 @@ from inim.lens import (
     through_array,
 )
 from inim.lens import lens_model as find_lens_model
+from inim.render.camera import Camera
 from inim.render.sensors import (
     display_of,
     display_place,
@@ -39,6 +40,7 @@ from inim.render.sensors import (
     read_properties,
     refusing,
 )
+from inim.render.trace import Light
 
 PLUGIN = "inim_display"
 _OWN = ("filename", "bitmap", "eia", "lens_model", "brightness")
@@ -57,7 +59,14 @@ class LensedPanel:
     lens_model : str
     picture : flat Float, optional
         The EIA, row 0 on top. Without it, only `landings` work: where light would come from.
+
+    Attributes
+    ----------
+    start_mm : float
+        Start plane of the rays of `light`: only the display is there, so nothing is intersected.
     """
+
+    start_mm = 0.0
 
     def __init__(self, display: Display, lens_model: str, picture: Any = None) -> None:
         # Run-time values all: a literal would compile the kernel anew for every display.
@@ -77,6 +86,15 @@ class LensedPanel:
         self.array = LensArray(*map(value, lens_array(display)))
         self.traits = lens_traits(display)
         self.picture = picture
+
+    def light(self, camera: Camera) -> Light:
+        """Function that returns the light of a camera's rays, which start on the array."""
+
+        def light(index: Any, sampler: Any) -> Any:
+            (x, y), (sx, sy) = camera.lines(*camera.sample(index, sampler))
+            return self.leaving(x, y, sx, sy)
+
+        return light
 
     def leaving(self, x: Any, y: Any, sx: Any, sy: Any, lit: Any = True) -> Any:
         """Radiance along display-frame rays that cross z = 0 at (x, y) with slopes (sx, sy)."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import drjit as dr
@@ -25,9 +25,8 @@ from inim.render.rays import (
     pickup_rays,
 )
 from inim.render.scene import FittedScene
-from inim.render.sensors import make_sensor
 from inim.render.sides import side_light
-from inim.render.trace import Tracer, centre_rays, mean_light, scene_light, surface
+from inim.render.trace import Light, first_surface, mean_light, scene_light
 
 
 def capture(
@@ -40,9 +39,11 @@ def capture(
     observer: Observer | None = None,
 ) -> RGBD:
     """Colour by path tracing, depth and coverage by rays at pixel centres; depth never filtered."""
-    camera = _Camera.of(fitted, display, pixels_per_pitch)
-    tracer = _tracer(fitted, camera.sensor, seed, observer)
-    return camera.picture(fitted, mean_light(tracer, spp), observer)
+    rays = capture_rays(display, pixels_per_pitch, fitted.start_mm)
+    camera = fitted.camera(rays)
+    light = scene_light(fitted.scene, fitted.integrator, camera)
+    color = mean_light(light, camera.shape, spp, seed, observer=observer)
+    return _rgbd(fitted, rays, color, observer)
 
 
 def capture_halves(
@@ -59,34 +60,23 @@ def capture_halves(
 
     `skip`: see `pickup`.
     """
-    camera = _Camera.of(fitted, display, pixels_per_pitch)
-    halves = _rendered(fitted, camera.rays, camera.sensor, spp, seed, skip, observer)
-    first = camera.picture(fitted, halves.first, observer)
+    rays = capture_rays(display, pixels_per_pitch, fitted.start_mm)
+    halves = _render_halves(fitted, rays, spp, seed, skip, observer)
+    first = _rgbd(fitted, rays, halves.first, observer)
     return first, replace(first, color=halves.second)
 
 
-@dataclass(frozen=True)
-class _Camera:
-    """The depth camera: parallel rays straight back."""
-
-    rays: SeparableRays
-    sensor: Any
-    pixel_mm: float
-
-    @classmethod
-    def of(cls, fitted: FittedScene, display: Display, pixels_per_pitch: float) -> _Camera:
-        rays = capture_rays(display, pixels_per_pitch, fitted.start_mm)
-        sensor = make_sensor(rays, fitted.fit.world_from_display)
-        return cls(rays, sensor, rays.x.place_step_mm)
-
-    def picture(self, fitted: FittedScene, color: np.ndarray, observer: Observer | None) -> RGBD:
-        """Colour with depth and coverage."""
-        surfaces = surface(fitted.scene, fitted.integrator, self.sensor, observer)
-        forward = fitted.fit.display_from_world
-        with np.errstate(invalid="ignore"):  # rays that meet nothing end at infinity
-            depth = surfaces.point @ forward[2, :3] + forward[2, 3]
-        depth = np.where(surfaces.covered, depth, 0.0).astype(np.float32)
-        return RGBD(color, depth, surfaces.covered, self.pixel_mm)
+def _rgbd(
+    fitted: FittedScene, rays: SeparableRays, color: np.ndarray, observer: Observer | None
+) -> RGBD:
+    """Colour with the depth and coverage of the depth camera."""
+    camera = fitted.camera(rays)
+    covered, points = first_surface(fitted.scene, fitted.integrator, camera, observer)
+    forward = fitted.fit.display_from_world
+    with np.errstate(invalid="ignore"):  # rays that meet nothing end at infinity
+        depth = points @ forward[2, :3] + forward[2, 3]
+    depth = np.where(covered, depth, 0.0).astype(np.float32)
+    return RGBD(color, depth, covered, rays.x.place_step_mm)
 
 
 def capture_absorption(
@@ -95,10 +85,10 @@ def capture_absorption(
     """Depths of light absorption in splats along the rays of `capture`, and display mm per world
     unit.
     """
-    camera = _Camera.of(fitted, display, pixels_per_pitch)
-    lost = splats.absorption(fitted.scene, fitted.integrator, centre_rays(camera.sensor))
+    camera = fitted.camera(capture_rays(display, pixels_per_pitch, fitted.start_mm))
+    absorption = splats.absorption(fitted.scene, fitted.integrator, camera.centre_rays())
     # The rays are parallel to the display's axis.
-    return lost, 1 / float(np.linalg.norm(fitted.fit.world_from_display[:3, 2]))
+    return absorption, 1 / float(np.linalg.norm(fitted.fit.world_from_display[:3, 2]))
 
 
 def capture_layers(
@@ -154,18 +144,13 @@ def _layer_colours(
     only on the surface at the pixel's centre: a sample that would meet another surface is taken
     at the centre instead.
     """
-    sensor = make_sensor(peeled.rays, fitted.fit.world_from_display)
     colours = np.zeros((*peeled.front_mm.shape, 3), np.float32)
     for layer, covered in enumerate(peeled.covered):
         if not covered.any():
             continue
-        tracer = Tracer(
-            _layer_light(fitted, sensor, peeled, layer),
-            _Row(int(np.count_nonzero(covered))),
-            int(np.random.SeedSequence((seed, layer)).generate_state(1)[0]),
-            observer,
-        )
-        colours[layer][covered] = mean_light(tracer, spp)[0]
+        light, shape = _layer_light(fitted, peeled, layer), (int(np.count_nonzero(covered)),)
+        layer_seed = int(np.random.SeedSequence((seed, layer)).generate_state(1)[0])
+        colours[layer][covered] = mean_light(light, shape, spp, layer_seed, observer=observer)
     return colours
 
 
@@ -181,33 +166,19 @@ def _side_colours(
     color, weight = np.zeros((2, len(sides.row), 3))
     if not len(sides.row):
         return color, weight[:, 0] > 0
-    sensor = make_sensor(peeled.rays, fitted.fit.world_from_display)
-    light_of = side_light(fitted, sensor, peeled.rays, sides)
-    row, own = _Row(len(sides.walls)), np.random.SeedSequence((seed, MOST_LAYERS))
     piece, beside = sides.walls.T
     share = np.asarray(sides.slopes)[beside // 2] * (sides.high_mm - sides.low_mm)[piece, beside]
+    side_seed = int(np.random.SeedSequence((seed, MOST_LAYERS)).generate_state(1)[0])
     for seen_only, sums in ((False, color), (True, weight)):
-        tracer = Tracer(light_of(seen_only), row, int(own.generate_state(1)[0]), observer)
-        np.add.at(sums, piece, mean_light(tracer, spp)[0] * share[:, None])
+        light = side_light(fitted, peeled.rays, sides, seen_only)
+        mean = mean_light(light, piece.shape, spp, side_seed, observer=observer)
+        np.add.at(sums, piece, mean * share[:, None])
     return np.divide(color, weight, out=color, where=weight > 0), weight[:, 0] > 0
 
 
-@dataclass(frozen=True)
-class _Row:
-    """A sensor for `Tracer` whose film is one row of all pixels that a layer covers."""
-
-    pixels: int
-    has_pupil: bool = False
-
-    def film(self) -> _Row:
-        return self
-
-    def size(self) -> tuple[int, int]:
-        return self.pixels, 1
-
-
-def _layer_light(fitted: FittedScene, sensor: Any, peeled: Peeled, layer: int) -> Any:
-    """Light of samples of one layer's pixels; see `inim.render.trace.Light`."""
+def _layer_light(fitted: FittedScene, peeled: Peeled, layer: int) -> Light:
+    """Function that returns the light of samples of one layer's pixels."""
+    camera = fitted.camera(peeled.rays)
     covered = peeled.covered[layer]
     rows, columns = (mi.UInt32(places.astype(np.uint32)) for places in np.nonzero(covered))
 
@@ -217,13 +188,13 @@ def _layer_light(fitted: FittedScene, sensor: Any, peeled: Peeled, layer: int) -
     near, far = table(mi.Float, peeled.near), table(mi.Float, peeled.far)
     facing, spread = table(mi.Bool, peeled.facing), table(mi.Float, peeled.spread)
 
-    def light(_row: _Row, pixel: Any, within: Any, _pupil: Any, sampler: Any) -> Any:
-        index = pixel.x
+    def light(index: Any, sampler: Any) -> Any:
+        within = sampler.next_2d()
         place = mi.Point2u(dr.gather(mi.UInt32, columns, index), dr.gather(mi.UInt32, rows, index))
         begin, end = dr.gather(mi.Float, near, index), dr.gather(mi.Float, far, index)
 
         def ray(within: Any) -> Any:
-            ray_sample = sensor.rays_through(place, within)
+            ray_sample = camera.rays(place, within)
             return mi.Ray3f(ray_sample.o + begin * ray_sample.d, ray_sample.d)
 
         spread_ray = ray((within - 0.5) * dr.gather(mi.Float, spread, index) + 0.5)
@@ -266,8 +237,7 @@ def pickup(
     pickups = {}
     for place in dict.fromkeys(places):
         rays = pickup_rays(display, fitted.start_mm, place)
-        sensor = make_sensor(rays, fitted.fit.world_from_display)
-        pickups[place] = _rendered(fitted, rays, sensor, spp, seed, skip, observer, mask=mask)
+        pickups[place] = _render_halves(fitted, rays, spp, seed, skip, observer, mask)
 
     def colours(half: str) -> np.ndarray:
         """Red of the first colour's pickup, green of the second's, blue of the third's."""
@@ -295,20 +265,14 @@ def true_view(
     `skip`: see `pickup`; `pixels_per_lens`: see `eye_rays`.
     """
     rays = eye_rays(display, viewpoint, pixels_per_lens, fitted.start_mm)
-    sensor = make_sensor(rays, fitted.fit.world_from_display)
-    truth = _rendered(fitted, rays, sensor, spp, seed, skip, observer)
-    return truth, surface(fitted.scene, fitted.integrator, sensor, observer).covered
+    truth = _render_halves(fitted, rays, spp, seed, skip, observer)
+    camera = fitted.camera(rays)
+    return truth, first_surface(fitted.scene, fitted.integrator, camera, observer)[0]
 
 
-def _tracer(fitted: FittedScene, sensor: Any, seed: int, observer: Observer | None) -> Tracer:
-    light = scene_light(fitted.scene, fitted.integrator)
-    return Tracer(light, sensor, seed, observer)
-
-
-def _rendered(
+def _render_halves(
     fitted: FittedScene,
     rays: SeparableRays | NonSeparableRays,
-    sensor: Any,
     spp: int,
     seed: int,
     skip: bool,
@@ -318,8 +282,10 @@ def _rendered(
     if skip:
         visible = fitted.bounds.visible_pixels(rays)
         mask = visible if mask is None else mask & visible
-    halves = [
-        mean_light(_tracer(fitted, sensor, 2 * seed + half, observer), max(1, spp // 2), mask)
+    camera = fitted.camera(rays)
+    light = scene_light(fitted.scene, fitted.integrator, camera)
+    first, second = (
+        mean_light(light, camera.shape, max(1, spp // 2), 2 * seed + half, mask, observer)
         for half in (0, 1)
-    ]
-    return NoisyImage.from_halves(halves[0], halves[1])
+    )
+    return NoisyImage.from_halves(first, second)

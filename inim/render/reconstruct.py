@@ -17,10 +17,10 @@ from inim.lens import SheetMesh, channel_indices, lens_array
 from inim.lens import lens_model as find_lens_model
 from inim.process.observer import Observer
 from inim.render import variant
+from inim.render.camera import Camera
 from inim.render.display_emitter import LensedPanel
 from inim.render.rays import eye_rays
-from inim.render.sensors import make_sensor
-from inim.render.trace import Tracer, mean_light
+from inim.render.trace import Light, mean_light
 from inim.scene.file import display_of
 
 # Into the glass, out of it, and the panel is seen.
@@ -72,16 +72,19 @@ class LensMesh:
             {"type": "path", "max_depth": _MAX_DEPTH, "rr_depth": _NEVER}
         )
 
-    def light(self, sensor: Any, pixel: Any, within: Any, pupil: Any, sampler: Any) -> Any:
-        """See `inim.render.trace.Light`."""
-        ray = mi.RayDifferential3f(sensor.rays_through(pixel, within, pupil))
-        light_by_half = {
-            index: self._integrator.sample(scene, sampler, ray)[0]
-            for index, scene in self._scenes.items()
-        }
-        return mi.Color3f(
-            *(light_by_half[index][channel] for channel, index in enumerate(self._indices))
-        )
+    def light(self, camera: Camera) -> Light:
+        """Function that returns the light of a camera's rays."""
+
+        def light(index: Any, sampler: Any) -> Any:
+            ray = mi.RayDifferential3f(camera.rays(*camera.sample(index, sampler)))
+            by_glass = {
+                glass: self._integrator.sample(scene, sampler, ray)[0]
+                for glass, scene in self._scenes.items()
+            }
+            channels = (by_glass[glass][channel] for channel, glass in enumerate(self._indices))
+            return mi.Color3f(*channels)
+
+        return light
 
 
 def _scene(eia: np.ndarray, display: Display, sheet: SheetMesh, index: float) -> dict[str, Any]:
@@ -284,8 +287,8 @@ def observed_pixels(
     rows, columns = display.eia_shape
     marks = dr.zeros(mi.UInt32, rows * columns)
 
-    def light(sensor: Any, pixel: Any, within: Any, pupil: Any, sampler: Any) -> Any:  # noqa: ARG001
-        (x, y), (sx, sy) = sensor.lines_through(pixel, within, pupil)
+    def light(index: Any, sampler: Any) -> Any:
+        (x, y), (sx, sy) = camera.lines(*camera.sample(index, sampler))
         shares = []
         for place, weight, lit in panel.landings(x, y, sx, sy):
             dr.scatter(marks, mi.UInt32(1), place, lit & (weight > 0))
@@ -293,20 +296,11 @@ def observed_pixels(
         return mi.Color3f(*(shares * 3)[:3])
 
     for viewpoint in viewpoints:
-        sensor = _sensor(display, viewpoint, pixels_per_lens, AnalyticLens.start_mm)
+        rays = eye_rays(display, viewpoint, pixels_per_lens, LensedPanel.start_mm)
+        camera = Camera(rays, np.eye(4))
         for seed in seeds:
-            mean_light(Tracer(light, sensor, seed, observer), spp)
+            mean_light(light, camera.shape, spp, seed, observer=observer)
     return np.asarray(marks).reshape(rows, columns) > 0
-
-
-def _sensor(
-    display: Display,
-    viewpoint: Viewpoint,
-    pixels_per_lens: int | tuple[float, float],
-    start_mm: float,
-) -> Any:
-    """The sensor of an eye before a display."""
-    return make_sensor(eye_rays(display, viewpoint, pixels_per_lens, start_mm), np.eye(4))
 
 
 class DisplayScene:
@@ -323,10 +317,12 @@ class DisplayScene:
         model = find_lens_model(lens_model)
         model.check(display)
         self.display = display
+        self._lit_array: LensMesh | LensedPanel
         if model.mesh is not None:
-            self._shown: LensMesh | AnalyticLens = LensMesh(eia, display, model.mesh(display))
+            self._lit_array = LensMesh(eia, display, model.mesh(display))
         else:
-            self._shown = AnalyticLens(eia, display, lens_model)
+            picture = mi.Float(np.asarray(eia, np.float32).ravel())
+            self._lit_array = LensedPanel(display, lens_model, picture)
 
     def view(
         self,
@@ -338,24 +334,7 @@ class DisplayScene:
         observer: Observer | None = None,
     ) -> np.ndarray:
         """One view, (rows, columns, 3) float32; see `reconstruct` and `eye_rays`."""
-        sensor = _sensor(self.display, viewpoint, pixels_per_lens, self._shown.start_mm)
-        return mean_light(Tracer(self._shown.light, sensor, seed, observer), spp)
-
-
-class AnalyticLens:
-    """EIA seen through analytic lenses.
-
-    The scene contains only the display, so no intersection is needed: the sensor's rays start
-    on the array, and the panel gives their light.
-    """
-
-    start_mm = 0.0
-
-    def __init__(self, eia: np.ndarray, display: Display, lens_model: str) -> None:
-        picture = mi.Float(np.asarray(eia, np.float32).ravel())
-        self._panel = LensedPanel(display, lens_model, picture)
-
-    def light(self, sensor: Any, pixel: Any, within: Any, pupil: Any, sampler: Any) -> Any:
-        """See `inim.render.trace.Light`."""
-        (x, y), (sx, sy) = sensor.lines_through(pixel, within, pupil)
-        return self._panel.leaving(x, y, sx, sy)
+        rays = eye_rays(self.display, viewpoint, pixels_per_lens, self._lit_array.start_mm)
+        camera = Camera(rays, np.eye(4))
+        light = self._lit_array.light(camera)
+        return mean_light(light, camera.shape, spp, seed, observer=observer)

@@ -25,7 +25,9 @@ from inim.files.splat_ply import SPLAT_SHAPES, check_splats
 from inim.files.triangle_mesh import Mesh, read_bytes
 from inim.process.observer import Observer
 from inim.render import splats
+from inim.render.camera import Camera
 from inim.render.culling import BoundsGrid, box_corners
+from inim.render.rays import NonSeparableRays, SeparableRays
 from inim.scene.file import SceneFile
 
 # Keep the relic this share of the range clear of both ends: a depth equal to z_min in float64
@@ -81,6 +83,10 @@ class FittedScene:
     fit: Fit
     start_mm: float
     shapes: int
+
+    def camera(self, rays: SeparableRays | NonSeparableRays) -> Camera:
+        """Camera in the scene, from rays in the display frame."""
+        return Camera(rays, self.fit.world_from_display)
 
     @property
     def shows_splats(self) -> bool:

@@ -1,13 +1,6 @@
-"""Sensor plugins `inim_eye` and `inim_pickup`, and `inim_rays`: the rays of `inim.render.rays`.
+"""Sensor plugins `inim_eye` and `inim_pickup`, and the parameters of a display in a Mitsuba scene.
 
-The rays come as float64 tables, so the float32 rays carry one rounding and no cancellation; and as
-the tables are run-time values, all share one kernel, and the path tracer is compiled once for all.
-Non-separable rays are traced by a kernel of their own.
-
-`inim_rays` is given its rays by `make_sensor`. Its `to_world` is the display-to-world map, any
-invertible affine: it keeps lines and their order, so a picture squeezed into the display's depth
-range is exact geometry, lit in its own world. The two others stand in anybody's scene: they have a
-display's parameters and make their rays of them.
+The sensors have a display's parameters, and make the rays of a `Camera` of them.
 
 A display stands in a scene as a stock `rectangle`, whose square [-1, 1]^2 is the misaligned lens
 array. So one `to_world` gives its position, its rotation and the length of a millimetre in the
@@ -28,6 +21,7 @@ from inim.display.misalignment import misaligned
 from inim.display.viewpoint import Viewpoint, default_distance_mm
 from inim.errors import DisplayError, SceneError, ViewpointError
 from inim.lens import lens_array
+from inim.render.camera import Camera
 from inim.render.rays import NonSeparableRays, SeparableRays, frustum_rays, pickup_rays
 from inim.settings import DISPLAY_KEYS, Settings
 
@@ -37,39 +31,15 @@ _STOCK = ("to_world", "shutter_open", "shutter_close")
 _PIXELS_PER_PITCH = 4
 
 
-def make_sensor(rays: SeparableRays | NonSeparableRays, world_from_display: np.ndarray) -> Any:
-    """The Mitsuba sensor of a ray family, with a float32 box-filtered film of its size."""
-    sensor = mi.load_dict(
-        {
-            "type": "inim_rays",
-            "to_world": mi.ScalarTransform4f(np.asarray(world_from_display, np.float64)),
-            "film": _film(rays.rows, rays.columns),
-        }
-    )
-    sensor.set_rays(rays)
-    sensor.place(sensor.to_world_matrix())
-    return sensor
-
-
-def _film(rows: int, columns: int) -> dict[str, Any]:
-    """A float32 film, whose pixels are means over their areas."""
-    return {
-        "type": "hdrfilm",
-        "width": columns,
-        "height": rows,
-        "pixel_format": "rgb",
-        "component_format": "float32",
-        "rfilter": {"type": "box"},
-    }
-
-
-def _film_of(props: Any, rows: int, columns: int) -> tuple[int, int]:
+def _film_shape(props: Any, rows: int, columns: int) -> tuple[int, int]:
     """Rows and columns of a sensor's film; the sensor is given one where it has none."""
     for name in props:
         if props.type(name) == mi.Properties.Type.Object and isinstance(props[name], mi.Film):
             width, height = props[name].size()
             return int(height), int(width)
-    props["film"] = mi.load_dict(_film(rows, columns))
+    # Its pixels are means over their areas.
+    film = {"width": columns, "height": rows, "pixel_format": "rgb", "component_format": "float32"}
+    props["film"] = mi.load_dict({"type": "hdrfilm", **film, "rfilter": {"type": "box"}})
     return rows, columns
 
 
@@ -86,152 +56,15 @@ def _viewpoint(values: dict[str, Any], display: Display) -> Viewpoint:
         raise SceneError(f"inim_eye: {error}") from None
 
 
-def _value(number: float) -> Any:
-    return dr.opaque(mi.Float, float(number))
-
-
 def register() -> None:
     """Define and register the classes again: plugins belong to the active variant."""
     if not mi.variant().endswith("_ad_rgb"):
-        for plugin in ("inim_rays", "inim_pickup", "inim_eye"):
+        for plugin in ("inim_pickup", "inim_eye"):
             mi.register_sensor(plugin, refusing(plugin, mi.Sensor))
         return
 
-    class LensFrameSensor(mi.Sensor):  # type: ignore[misc]
-        """`inim_rays`, and the common part of the others; they differ in their rays alone."""
-
-        def __init__(self, props: Any) -> None:
-            super().__init__(props)
-            self.m_needs_sample_2 = True
-            self.m_needs_sample_3 = False
-
-        def set_rays(self, rays: SeparableRays | NonSeparableRays) -> None:
-            """Take the rays as run-time values, not as literals of the kernel."""
-
-            def table(numbers: np.ndarray) -> Any:
-                return mi.Float(np.asarray(numbers, np.float32).reshape(-1))
-
-            self.size = mi.Vector2u(
-                dr.opaque(mi.UInt32, rays.columns), dr.opaque(mi.UInt32, rays.rows)
-            )
-            self.start = _value(rays.start_mm)
-            self.has_pupil = rays.has_pupil
-            self.m_needs_sample_3 = rays.has_pupil
-            self.separable = isinstance(rays, SeparableRays)
-            if isinstance(rays, NonSeparableRays):
-                self.centres = [table(rays.x0_mm), table(rays.y0_mm)]
-                self.asides = [table(rays.aside_x_mm), table(rays.aside_y_mm)]
-                self.gaps = table(rays.gap_mm)
-                self.steps = [_value(rays.step_x_mm), _value(rays.step_y_mm)]
-                self.tilts = [_value(rays.tilt_x), _value(rays.tilt_y)]
-            else:
-                axes = (rays.x, rays.y)
-                self.places = [table(axis.place_mm) for axis in axes]
-                self.slopes = [table(axis.slope) for axis in axes]
-                self.place_steps = [_value(axis.place_step_mm) for axis in axes]
-                self.slope_steps = [_value(axis.slope_step) for axis in axes]
-                self.pupil_place = _value(rays.pupil_place_mm)
-                self.pupil_slope = _value(rays.pupil_slope)
-
-        def to_world_matrix(self) -> np.ndarray:
-            """`to_world`, (4, 4) float64."""
-            return np.asarray(self.m_to_world.matrix, np.float64).reshape(4, 4)
-
-        def place(self, world_from_display: np.ndarray) -> None:
-            """Take the map from the display frame to the world."""
-            rows = np.asarray(world_from_display)[:3]
-            self.linear = [[_value(number) for number in row[:3]] for row in rows]
-            self.shift = [_value(row[3]) for row in rows]
-
-        def lines_through(
-            self, pixel: Any, within: Any, pupil: Any = None, active: Any = True
-        ) -> tuple[list[Any], list[Any]]:
-            """Rays through film pixels as [x, y] on the start plane and [x, y] slopes.
-
-            Parameters
-            ----------
-            pixel : (n,) Point2u
-                Column and row.
-            within : (n,) Point2f
-                Position inside the pixel, 0..1, rightwards and downwards.
-            pupil : (n,) Point2f, optional
-                Point of the pupil, in the unit disc; its middle if None.
-            """
-            if not self.separable:
-                return self.non_separable_lines(pixel, within, active)
-            start, run = [], []
-            for axis in (0, 1):
-                offset = within[axis] - 0.5
-                place = dr.gather(mi.Float, self.places[axis], pixel[axis], active)
-                slope = dr.gather(mi.Float, self.slopes[axis], pixel[axis], active)
-                place = dr.fma(offset, self.place_steps[axis], place)
-                slope = dr.fma(offset, self.slope_steps[axis], slope)
-                if pupil is not None:
-                    place = dr.fma(pupil[axis], self.pupil_place, place)
-                    slope = dr.fma(pupil[axis], self.pupil_slope, slope)
-                start.append(place)
-                run.append(slope)
-            return start, run
-
-        def non_separable_lines(
-            self, pixel: Any, within: Any, active: Any
-        ) -> tuple[list[Any], list[Any]]:
-            """Rays as `lines_through`, with an individual lens, position and gap for each pixel."""
-            index = dr.fma(pixel.y, self.size.x, pixel.x)
-            moved = [(within[axis] - 0.5) * self.steps[axis] for axis in (0, 1)]
-            gap = dr.gather(mi.Float, self.gaps, index, active)
-            gap = dr.fma(moved[0], self.tilts[0], dr.fma(moved[1], self.tilts[1], gap))
-            start, run = [], []
-            for axis in (0, 1):
-                offset = dr.gather(mi.Float, self.asides[axis], index, active)
-                slope = (moved[axis] - offset) / gap  # away from the viewer, to the panel
-                centre = dr.gather(mi.Float, self.centres[axis], index, active)
-                start.append(dr.fma(-slope, self.start, centre))
-                run.append(slope)
-            return start, run
-
-        def rays_through(
-            self, pixel: Any, within: Any, pupil: Any = None, active: Any = True
-        ) -> Any:
-            """World rays through film pixels; see `lines_through`."""
-            return self.world_rays(*self.lines_through(pixel, within, pupil, active))[0]
-
-        def world_rays(self, start: list[Any], run: list[Any]) -> tuple[Any, Any]:
-            """World rays of `lines_through`, and how long they are for each mm of depth."""
-            place, towards = [*start, self.start], [*run, -1.0]
-            origin = [dr.dot(mi.Vector3f(*row), mi.Vector3f(*place)) for row in self.linear]
-            along = mi.Vector3f(
-                *(dr.dot(mi.Vector3f(*row), mi.Vector3f(*towards)) for row in self.linear)
-            )
-            ray = mi.Ray3f(
-                mi.Point3f(*(o + s for o, s in zip(origin, self.shift, strict=True))),
-                dr.normalize(along),
-            )
-            return ray, dr.norm(along)
-
-        def sample_ray(
-            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
-        ) -> tuple[Any, Any]:
-            film = self.film()
-            first, crop = mi.Vector2u(film.crop_offset()), mi.Vector2u(film.crop_size())
-            place = sample2 * mi.Vector2f(crop) + mi.Vector2f(first)
-            pixel = dr.minimum(mi.Point2u(place), mi.Point2u(first + crop) - 1)
-            pupil = mi.warp.square_to_uniform_disk_concentric(sample3) if self.has_pupil else None
-            ray = self.rays_through(pixel, place - mi.Point2f(pixel), pupil, active)
-            ray.time = time
-            return ray, mi.Spectrum(1.0)
-
-        def sample_ray_differential(
-            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
-        ) -> tuple[Any, Any]:
-            ray, weight = self.sample_ray(time, sample1, sample2, sample3, active)
-            return mi.RayDifferential3f(ray), weight
-
-        def to_string(self) -> str:
-            return type(self).__name__
-
-    class BeforeDisplay(LensFrameSensor):
-        """Makes its rays of a display, which its `to_world` puts into a world."""
+    class DisplaySensor(mi.Sensor):  # type: ignore[misc]
+        """Sensor whose rays follow from a display; its `to_world` puts the display into a world."""
 
         plugin: str
         own: tuple[str, ...]
@@ -241,7 +74,9 @@ def register() -> None:
             self.display = display_of(self.plugin, values)
             rays = self.rays(values, props)
             super().__init__(props)
-            self.set_rays(rays)
+            self.camera = Camera(rays, np.eye(4))
+            self.m_needs_sample_2 = True
+            self.m_needs_sample_3 = self.camera.has_pupil
             # A copy: what the base class hands out would keep the sensor alive for good.
             self.to_world: Any = mi.AffineTransform4f(self.m_to_world)
             self.parameters_changed([])
@@ -257,9 +92,31 @@ def register() -> None:
         def parameters_changed(self, keys: list[str]) -> None:
             super().parameters_changed(keys)
             self.m_to_world = self.to_world
-            self.place(display_place(self.plugin, self.to_world_matrix(), self.display))
+            to_world = np.asarray(self.m_to_world.matrix, np.float64).reshape(4, 4)
+            self.camera.place(display_place(self.plugin, to_world, self.display))
 
-    class PickupSensor(BeforeDisplay):
+        def sample_ray(
+            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+        ) -> tuple[Any, Any]:
+            film, camera = self.film(), self.camera
+            first, crop = mi.Vector2u(film.crop_offset()), mi.Vector2u(film.crop_size())
+            place = sample2 * mi.Vector2f(crop) + mi.Vector2f(first)
+            pixel = dr.minimum(mi.Point2u(place), mi.Point2u(first + crop) - 1)
+            pupil = mi.warp.square_to_uniform_disk_concentric(sample3) if camera.has_pupil else None
+            ray = camera.rays(pixel, place - mi.Point2f(pixel), pupil, active)
+            ray.time = time
+            return ray, mi.Spectrum(1.0)
+
+        def sample_ray_differential(
+            self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
+        ) -> tuple[Any, Any]:
+            ray, weight = self.sample_ray(time, sample1, sample2, sample3, active)
+            return mi.RayDifferential3f(ray), weight
+
+        def to_string(self) -> str:
+            return type(self).__name__
+
+    class PickupSensor(DisplaySensor):
         """`inim_pickup`: each panel pixel's light, through the centre of its lens."""
 
         plugin, own = "inim_pickup", ("start_mm",)
@@ -272,7 +129,7 @@ def register() -> None:
                     "their own, and a sensor has one for all; leave subpixels out"
                 )
             shape = display.eia_shape
-            if _film_of(props, *shape) != shape:
+            if _film_shape(props, *shape) != shape:
                 raise SceneError(
                     f"inim_pickup: its film is the panel, {shape[1]} x {shape[0]} pixels; give it "
                     "that width and height, or no film"
@@ -282,7 +139,7 @@ def register() -> None:
                 raise SceneError(f"inim_pickup: start_mm = {start!r}: must be a number")
             return pickup_rays(display, float(start))
 
-    class EyeSensor(BeforeDisplay):
+    class EyeSensor(DisplaySensor):
         """`inim_eye`: a pupil before the array, which fills the film."""
 
         plugin, own = "inim_eye", _EYE
@@ -291,7 +148,7 @@ def register() -> None:
             display = self.display
             half_x, half_y = half_extent_mm(display)
             per_mm = _PIXELS_PER_PITCH / display.pitch_mm
-            rows, columns = _film_of(props, *(round(2 * h * per_mm) for h in (half_y, half_x)))
+            rows, columns = _film_shape(props, *(round(2 * h * per_mm) for h in (half_y, half_x)))
             if abs(columns * half_y / half_x - rows) >= 1:
                 raise SceneError(
                     f"inim_eye: a film of {columns} x {rows} pixels has not the proportion of the "
@@ -302,7 +159,6 @@ def register() -> None:
             pixel = (2 * half_x / columns, 2 * half_y / rows)
             return frustum_rays((rows, columns), pixel, display, eye, eye.z_mm)
 
-    mi.register_sensor("inim_rays", LensFrameSensor)
     mi.register_sensor("inim_pickup", PickupSensor)
     mi.register_sensor("inim_eye", EyeSensor)
 

@@ -18,7 +18,6 @@ the wall or behind it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -32,7 +31,7 @@ from inim.backend.kernels import compiled
 from inim.display import Display
 from inim.render.rays import SeparableRays
 from inim.render.scene import FittedScene
-from inim.render.trace import first_not_light
+from inim.render.trace import Light, first_not_light
 
 #: Of a side as tall as the depth range. A panel pixel sees |z| P_D / g across, and of a side, by
 #: the steepest ray, 2 g / P times that: at the central depth plane of `nominal` a tenth of its
@@ -189,24 +188,20 @@ def _cut(front, back, pieces):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-def side_light(
-    fitted: FittedScene, sensor: Any, rays: SeparableRays, sides: Sides
-) -> Callable[[bool], Any]:
-    """Function that returns the light of samples on the walls of sides; see
-    `inim.render.trace.Light`.
+def side_light(fitted: FittedScene, rays: SeparableRays, sides: Sides, seen_only: bool) -> Light:
+    """Function that returns the light of samples on the walls of sides, one pixel per wall.
 
     Parameters
     ----------
     fitted : FittedScene
-    sensor, rays :
-        The camera.
+    rays : SeparableRays
+        Rays of the depth camera.
     sides : Sides
-
-    Returns
-    -------
-    Given False, the light of samples that get to the wall, black for others; given True, one for
-    those and zero for the others. Equal seeds draw equal samples.
+    seen_only : bool
+        Return 1 for a sample that reaches its wall unobstructed, instead of its light. The others
+        are 0 in both cases. Equal seeds draw equal samples.
     """
+    camera = fitted.camera(rays)
     piece, beside = sides.walls.T
     down, right = _BESIDE[beside].T
     row, column = sides.row[piece], sides.column[piece]
@@ -225,33 +220,31 @@ def side_light(
         )
     ]  # fmt: skip
 
-    def light_of(seen_only: bool) -> Any:
-        def light(_row: Any, pixel: Any, within: Any, _pupil: Any, sampler: Any) -> Any:
-            x, y, across, up, low, high = (dr.gather(mi.Float, t, pixel.x) for t in tables)
-            along, level = sampler.next_2d()
-            # A wall is as wide as a ray's slope towards it lets it appear.
-            towards = dr.sqrt(dr.maximum(within.x, _LEAST_SHARE))
-            offset = 2 * within.y - 1
-            is_left_or_right = across != 0
-            run_x = dr.select(is_left_or_right, -across * towards, offset) * slope_x
-            run_y = dr.select(is_left_or_right, offset, -up * towards) * slope_y
-            # From a point of the wall back to the middle of the pixel beside, and to the viewer.
-            place = (2 * along - 1) * half
-            x += dr.select(is_left_or_right, across * half, place)
-            y += dr.select(is_left_or_right, place, up * half)
-            z = dr.lerp(low, high, level)
-            before = half / dr.select(is_left_or_right, dr.abs(run_x), dr.abs(run_y))
-            depth = start - z
-            ray, length = sensor.world_rays([x - run_x * depth, y - run_y * depth], [run_x, run_y])
-            hit = first_not_light(fitted.scene, ray)
-            is_unobstructed = ~hit.is_valid() | (hit.t >= (depth - before) * length)
-            if seen_only:
-                return mi.Color3f(dr.select(is_unobstructed, mi.Float(1), mi.Float(0)))
-            radiance_sample = fitted.integrator.sample(
-                fitted.scene, sampler, mi.RayDifferential3f(ray), active=is_unobstructed
-            )[0]
-            return dr.select(is_unobstructed, radiance_sample, 0)
+    def light(index: Any, sampler: Any) -> Any:
+        within = sampler.next_2d()
+        x, y, across, up, low, high = (dr.gather(mi.Float, t, index) for t in tables)
+        along, level = sampler.next_2d()
+        # A wall is as wide as a ray's slope towards it lets it appear.
+        towards = dr.sqrt(dr.maximum(within.x, _LEAST_SHARE))
+        offset = 2 * within.y - 1
+        is_left_or_right = across != 0
+        run_x = dr.select(is_left_or_right, -across * towards, offset) * slope_x
+        run_y = dr.select(is_left_or_right, offset, -up * towards) * slope_y
+        # From a point of the wall back to the middle of the pixel beside, and to the viewer.
+        place = (2 * along - 1) * half
+        x += dr.select(is_left_or_right, across * half, place)
+        y += dr.select(is_left_or_right, place, up * half)
+        z = dr.lerp(low, high, level)
+        before = half / dr.select(is_left_or_right, dr.abs(run_x), dr.abs(run_y))
+        depth = start - z
+        ray, length = camera.world_rays([x - run_x * depth, y - run_y * depth], [run_x, run_y])
+        hit = first_not_light(fitted.scene, ray)
+        is_unobstructed = ~hit.is_valid() | (hit.t >= (depth - before) * length)
+        if seen_only:
+            return mi.Color3f(dr.select(is_unobstructed, mi.Float(1), mi.Float(0)))
+        radiance_sample = fitted.integrator.sample(
+            fitted.scene, sampler, mi.RayDifferential3f(ray), active=is_unobstructed
+        )[0]
+        return dr.select(is_unobstructed, radiance_sample, 0)
 
-        return light
-
-    return light_of
+    return light

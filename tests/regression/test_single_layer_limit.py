@@ -27,8 +27,7 @@ PER_PITCH = 20
 def test_four_samples_reach_the_single_layer_limit(open_fitted):
     from inim.render.ground_truth import capture, pickup
     from inim.render.rays import pickup_rays
-    from inim.render.sensors import make_sensor
-    from inim.render.trace import surface as trace_surface
+    from inim.render.trace import first_surface
 
     near, far = sphere((5, 2, 8), 3.5, "0.2,0.5,0.8"), sphere((-4, -1, 0), 6, "0.8,0.3,0.2")
     fitted = open_fitted(scene_text(near, far), NOMINAL)
@@ -45,11 +44,11 @@ def test_four_samples_reach_the_single_layer_limit(open_fitted):
     assert surface > limit + 10
 
     # The limit by what the picture lacks: rays that meet nothing, or what the camera never saw.
-    sensor = make_sensor(pickup_rays(NOMINAL, fitted.start_mm), fitted.fit.world_from_display)
-    met = trace_surface(fitted.scene, fitted.integrator, sensor)
+    camera = fitted.camera(pickup_rays(NOMINAL, fitted.start_mm))
+    covered, points = first_surface(fitted.scene, fitted.integrator, camera)
     shown = generate(rgbd, NOMINAL, SOLID, samples=4)
-    side = ~met.covered & (shown.sum(axis=-1) > 0.02)
-    unseen = met.covered & ~_seen(rgbd, met, fitted.fit.display_from_world)
+    side = ~covered & (shown.sum(axis=-1) > 0.02)
+    unseen = covered & ~_seen(rgbd, points, fitted.fit.display_from_world)
     known_elsewhere = np.where((side | unseen)[..., None], shown, truth)
     assert metrics.psnr_db(truth, known_elsewhere) == pytest.approx(limit, abs=0.3)
 
@@ -67,12 +66,12 @@ def _many_samples(rgbd, fold):
     return (total / fold**2).astype(np.float32)
 
 
-def _seen(rgbd, met, display_from_world):
+def _seen(rgbd, points, display_from_world):
     """Whether the picture holds the point that a ray meets, within a pixel and 0.5 mm."""
     with np.errstate(invalid="ignore"):
-        point = met.point @ display_from_world[:3, :3].T + display_from_world[:3, 3]
+        point = points @ display_from_world[:3, :3].T + display_from_world[:3, 3]
     rows, columns = rgbd.shape
-    found = np.zeros(met.covered.shape, bool)
+    found = np.zeros(points.shape[:2], bool)
     at = np.nan_to_num(point)
     column = np.floor(at[..., 0] / rgbd.pixel_mm + columns / 2).astype(int)
     row = np.floor(rows / 2 - at[..., 1] / rgbd.pixel_mm).astype(int)

@@ -279,13 +279,14 @@ def test_a_crop_of_the_view_is_that_part_of_it():
 
 
 def test_the_pickup_is_the_true_eia_of_what_stands_around(open_fitted):
-    """Squares in front of the array and behind it, by the bench's own sensor and by the plugin."""
+    """Squares in front of the array and behind it, by the bench's own camera and by the plugin."""
     import mitsuba as mi
 
+    from inim.render.camera import Camera
     from inim.render.rays import pickup_rays
-    from inim.render.sensors import make_sensor
+    from inim.render.trace import mean_light, scene_light
 
-    light = {"type": "constant", "radiance": 1.0}
+    sky = {"type": "constant", "radiance": 1.0}
     near = {
         "type": "rectangle",
         "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.8, 0.1, 0.1]}},
@@ -301,19 +302,19 @@ def test_the_pickup_is_the_true_eia_of_what_stands_around(open_fitted):
             name: shape | {"to_world": world @ mi.ScalarTransform4f().translate(at).scale(half)}
             for name, (shape, at, half) in places.items()
         }
-        return loaded(light=light, **shapes)
+        return loaded(light=sky, **shapes)
 
     start = DISPLAY.depth_range_mm[1]
-    own = make_sensor(pickup_rays(DISPLAY, start), np.eye(4))
-    expected, again = (
-        np.array(mi.render(scene(turned("as it is")), sensor=own, spp=64, seed=seed))
-        for seed in (0, 1)
-    )
+    camera = Camera(pickup_rays(DISPLAY, start), np.eye(4))
+    light = scene_light(scene(turned("as it is")), mi.load_dict({"type": "path"}), camera)
+    expected = mean_light(light, camera.shape, 64, seed=0)
     world = turned("all")
     plugin = mi.load_dict(pickup(world))
-    found = np.array(mi.render(scene(world), sensor=plugin, spp=64))
+    found, again = (
+        np.array(mi.render(scene(world), sensor=plugin, spp=64, seed=seed)) for seed in (0, 1)
+    )
     assert found.shape == (*DISPLAY.eia_shape, 3)
-    noise = np.abs(again - expected).mean()
+    noise = np.abs(again - found).mean()
     assert np.abs(found - expected).mean() < 1.1 * noise < 0.02, "other samples of the sky's light"
     for other in (found[::-1], found[:, ::-1]):
         assert np.abs(other - expected).mean() > 5 * noise

@@ -440,7 +440,7 @@ def test_pickup_rays_start_all_over_what_shines_and_pass_the_lens_centre(name, r
 
     from inim.display.pixels import SUBPIXELS as PATTERNS
     from inim.render.rays import pickup_rays
-    from inim.render.sensors import make_sensor
+    from inim.render.camera import Camera
 
     display = real_display(name, pixel_fill=0.8)
     rows, columns = display.eia_shape
@@ -451,9 +451,9 @@ def test_pickup_rays_start_all_over_what_shines_and_pass_the_lens_centre(name, r
     sure = sure & display.lensed
     tilts = [math.tan(math.radians(t)) for t in (display.tilt_x_deg, display.tilt_y_deg)]
     for subpixel in PATTERNS[display.subpixels]:
-        sensor = make_sensor(pickup_rays(display, 50.0, subpixel), np.eye(4))
+        camera = Camera(pickup_rays(display, 50.0, subpixel), np.eye(4))
         for across, down in CORNERS:
-            ray = sensor.rays_through(pixel, mi.Point2f(across, down))
+            ray = camera.rays(pixel, mi.Point2f(across, down))
             origin, run = (np.stack([np.asarray(c, float) for c in v]) for v in (ray.o, ray.d))
             # Pixels of the panel to the right and down, of what is 0.8 of the sub-pixel.
             right = float(subpixel.right) + (across - 0.5) * 0.8 * float(subpixel.width)

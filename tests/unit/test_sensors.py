@@ -10,15 +10,10 @@ pytestmark = pytest.mark.usefixtures("renderer")
 
 
 def rays_at_centres(family, world_from_display=None):
-    import drjit as dr
-    import mitsuba as mi
+    from inim.render.camera import Camera
 
-    from inim.render.sensors import make_sensor
-
-    sensor = make_sensor(family, np.eye(4) if world_from_display is None else world_from_display)
-    lane = dr.arange(mi.UInt32, family.rows * family.columns)
-    pixel = mi.Point2u(lane % family.columns, lane // family.columns)
-    ray = sensor.rays_through(pixel, mi.Point2f(0.5))
+    camera = Camera(family, np.eye(4) if world_from_display is None else world_from_display)
+    ray = camera.centre_rays()
     shape = (family.rows, family.columns)
     origin = np.stack([np.asarray(c, np.float64).reshape(shape) for c in ray.o], -1)
     direction = np.stack([np.asarray(c, np.float64).reshape(shape) for c in ray.d], -1)
@@ -124,22 +119,24 @@ def test_passes_of_any_size_give_the_same_pixels(open_fitted, monkeypatch):
     """A sample's numbers are counter-based: passes, bands and masks only sort the work."""
     from inim.render import trace
     from inim.render.rays import pickup_rays
-    from inim.render.sensors import make_sensor
 
     display = small_display()
     fitted = open_fitted(scene_text(sphere((0, 0, 0), 5.0)), display)
-    sensor = make_sensor(pickup_rays(display, fitted.start_mm), fitted.fit.world_from_display)
-    tracer = trace.Tracer(trace.scene_light(fitted.scene, fitted.integrator), sensor, 1)
-    whole = trace.mean_light(tracer, 48)
+    camera = fitted.camera(pickup_rays(display, fitted.start_mm))
+    light = trace.scene_light(fitted.scene, fitted.integrator, camera)
+
+    def traced(mask=None):
+        return trace.mean_light(light, camera.shape, 48, 1, mask)
+
+    whole = traced()
     mask = np.random.default_rng(1).random(whole.shape[:2]) < 0.1
-    assert np.array_equal(trace.mean_light(tracer, 48, mask), whole * mask[..., None])
+    assert np.array_equal(traced(mask), whole * mask[..., None])
     monkeypatch.setattr(trace, "_RAYS_PER_PASS", 48 * 1777)
     monkeypatch.setattr(trace, "_PIXELS_PER_BAND", 4321)
-    assert np.array_equal(trace.mean_light(tracer, 48), whole)
+    assert np.array_equal(traced(), whole)
     monkeypatch.setattr(trace, "_RAYS_PER_PASS", 20)  # pixels whose samples take three passes
-    few = np.flatnonzero(mask)[:50]
-    apart = tracer.means(few, 48)
-    assert np.abs(apart - whole.reshape(-1, 3)[few]).max() < 1e-6, "only sums are rounded elsewhere"
+    few = mask & (np.cumsum(mask).reshape(mask.shape) <= 50)
+    assert np.abs((traced(few) - whole)[few]).max() < 1e-6, "only sums are rounded elsewhere"
 
 
 def test_lights_are_hidden_from_depth_and_colour(open_fitted):

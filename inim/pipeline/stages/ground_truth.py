@@ -78,12 +78,11 @@ def covered_pixels(scene: Scene) -> np.ndarray:
     """Panel pixels whose centre ray hits the scene, (rows, columns) bool."""
     fitted = scene.fitted
     from inim.render.rays import pickup_rays
-    from inim.render.sensors import make_sensor
-    from inim.render.trace import surface
+    from inim.render.trace import first_surface
 
-    rays = pickup_rays(scene.display, fitted.start_mm)
-    sensor = make_sensor(rays, fitted.fit.world_from_display)
-    return surface(fitted.scene, fitted.integrator, sensor, scene.renderer.observer).covered
+    camera = fitted.camera(pickup_rays(scene.display, fitted.start_mm))
+    observer = scene.renderer.observer
+    return first_surface(fitted.scene, fitted.integrator, camera, observer)[0]
 
 
 def _view_samples(
