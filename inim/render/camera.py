@@ -45,9 +45,9 @@ class Camera:
     def __init__(
         self, rays: SeparableRays | NonSeparableRays, world_from_display: np.ndarray
     ) -> None:
-        self.shape = rays.rows, rays.columns
+        self.shape = rays.shape
         self.has_pupil = rays.has_pupil
-        self._width = dr.opaque(mi.UInt32, rays.columns)
+        self._width = dr.opaque(mi.UInt32, rays.shape[1])
         self._start = _value(rays.start_mm)
         self._is_separable = isinstance(rays, SeparableRays)
         if isinstance(rays, NonSeparableRays):

@@ -27,16 +27,13 @@ from numpy.typing import NDArray
 
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
-from inim.render.rays import AxisRays, NonSeparableRays, SeparableRays
+from inim.render.rays import Interval, NonSeparableRays, SeparableRays
 from inim.render.splats import splat_count
 
 # Cells across, down and in depth: finer than what a panel pixel sees gains little.
 _CELLS = (192, 192, 24)
 # What float32 rays and the renderer's own rounding may stray, in cells.
 _STRAY = 0.01
-
-#: Interval of a slab's ends across or down, for every column, row or pixel: low and high.
-Interval = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -80,24 +77,11 @@ class BoundsGrid:
         slabs = np.arange(len(self.counts) + 1)
         # Depth below the start plane, of the borders of the slabs from the farthest on.
         ends = self.start_mm - (self.low_mm[2] + slabs * self.cell_mm[2])
-        is_visible = np.zeros((rays.rows, rays.columns), bool)
-        if isinstance(rays, NonSeparableRays):
-            for k in range(len(self.counts)):
-                pair = ends[k : k + 2]
-                across = self._cells(
-                    _non_separable(rays.x0_mm, rays.aside_x_mm, rays.step_x_mm, rays, pair), 0
-                )
-                up = self._cells(
-                    _non_separable(rays.y0_mm, rays.aside_y_mm, rays.step_y_mm, rays, pair), 1
-                )
-                _mark_each(self.counts[k], *across, *up, is_visible)
-            return is_visible
-        pupil = rays.pupil_place_mm, rays.pupil_slope
-        for k in range(len(self.counts)):
-            pair = ends[k : k + 2]
-            across = self._cells(_separable(rays.x, pupil, pair), 0)
-            up = self._cells(_separable(rays.y, pupil, pair), 1)
-            _mark(self.counts[k], *across, *up, is_visible)
+        is_visible = np.zeros(rays.shape, bool)
+        for k, counts in enumerate(self.counts):
+            across, up = rays.reach(ends[k : k + 2])
+            cells = (*self._cells(across, 0), *self._cells(up, 1))
+            _mark(counts, *(np.broadcast_to(cell, rays.shape) for cell in cells), is_visible)
         return is_visible
 
     def _cells(self, interval: Interval, axis: int) -> tuple[np.ndarray, np.ndarray]:
@@ -157,49 +141,9 @@ def _filled(first: np.ndarray, last: np.ndarray) -> np.ndarray:
     return change[:-1, :-1, :-1]
 
 
-def _separable(axis: AxisRays, pupil: tuple[float, float], ends: np.ndarray) -> Interval:
-    """Reach of an axis's ray bundles between two depths below the start plane.
-
-    The bundle's middle runs straight and its half width is convex in depth: extremes are at ends.
-    """
-    lows, highs = [], []
-    for depth in ends:
-        middle = axis.place_mm + axis.slope * depth
-        half = abs(axis.place_step_mm + axis.slope_step * depth) / 2
-        half += abs(pupil[0] + pupil[1] * depth)
-        lows.append(middle - half)
-        highs.append(middle + half)
-    return np.minimum(*lows), np.maximum(*highs)
-
-
-def _non_separable(
-    centre: np.ndarray, offset: np.ndarray, step: float, rays: NonSeparableRays, ends: np.ndarray
-) -> Interval:
-    """Reach of bundles with individual lenses and gaps, as `_separable`."""
-    tilt = (abs(rays.tilt_x * rays.step_x_mm) + abs(rays.tilt_y * rays.step_y_mm)) / 2
-    slopes = [
-        (side * step / 2 - offset) / (rays.gap_mm + far * tilt)
-        for side in (-1, 1)
-        for far in (-1, 1)
-    ]
-    low, high = np.minimum.reduce(slopes), np.maximum.reduce(slopes)
-    reached = [centre + slope * (depth - rays.start_mm) for slope in (low, high) for depth in ends]
-    return np.minimum.reduce(reached), np.maximum.reduce(reached)
-
-
 @compiled(parallel=True)
 def _mark(counts, left, right, low, high, is_visible):  # type: ignore[no-untyped-def]
-    """Mark pixels whose rectangle of cells, per column and per row, holds an occupied one."""
-    for i in prange(is_visible.shape[0]):
-        below, above = counts[low[i]], counts[high[i]]
-        for j in range(is_visible.shape[1]):
-            a, b = left[j], right[j]
-            is_visible[i, j] |= above[b] - above[a] - below[b] + below[a] > 0
-
-
-@compiled(parallel=True)
-def _mark_each(counts, left, right, low, high, is_visible):  # type: ignore[no-untyped-def]
-    """Mark pixels as `_mark`, with individual rectangles."""
+    """Mark pixels whose rectangle of cells holds an occupied one."""
     for i in prange(is_visible.shape[0]):
         for j in range(is_visible.shape[1]):
             below, above = counts[low[i, j]], counts[high[i, j]]

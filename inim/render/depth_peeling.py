@@ -64,7 +64,6 @@ class Peeled:
     display : Display
     rays : SeparableRays
         Rays of the camera.
-    pixel_mm : float
     front_mm, back_mm : float32
         Depths in the display frame; -inf without a layer.
     near, far : float32
@@ -84,7 +83,6 @@ class Peeled:
 
     display: Display
     rays: SeparableRays
-    pixel_mm: float
     front_mm: NDArray[np.float32]
     back_mm: NDArray[np.float32]
     near: NDArray[np.float32]
@@ -94,6 +92,11 @@ class Peeled:
     cut_share: float
     hidden_share: float = 0.0
     has_sides: bool = True
+
+    @property
+    def pixel_mm(self) -> float:
+        """Side of a pixel."""
+        return self.rays.x.place_step_mm
 
     @property
     def covered(self) -> NDArray[np.bool_]:
@@ -142,28 +145,20 @@ def peel(
 
 def _surfaces(fitted: FittedScene, display: Display, rays: SeparableRays) -> Peeled:
     """The layers of surfaces, the hidden ones too."""
-    rows, columns, pixel_mm = rays.rows, rays.columns, rays.x.place_step_mm
+    pixel_mm = rays.x.place_step_mm
     hits = _Hits.of(fitted, fitted.camera(rays))
     front, back, hit, solid_counts = _solids(hits.count, hits.depth, _outward(hits), hits.shape)
     layers = max(1, int(min(solid_counts.max(), MOST_LAYERS)))
     front, back, hit = front[:layers], back[:layers], hit[:layers]
     near, far, facing, spread = _same_surface(fitted, display, pixel_mm, hits, front, hit)
-    shape = (layers, rows, columns)
-    slope = hits.slope[hit, np.arange(rows * columns)] if len(hits.slope) else np.zeros_like(front)
-    front, back = front.reshape(shape), back.reshape(shape)
-    _close_gaps(front, back, slope.reshape(shape), facing.reshape(shape), np.float32(pixel_mm))
-    return Peeled(
-        display,
-        rays,
-        pixel_mm,
-        front,
-        back,
-        near.reshape(shape),
-        far.reshape(shape),
-        facing.reshape(shape),
-        spread.reshape(shape),
-        cut_share=_cut_share(solid_counts),
+    slope = hits.slope[hit, np.arange(front.shape[1])]
+    front, back, near, far, facing, spread, slope = (
+        values.reshape(layers, *rays.shape)
+        for values in (front, back, near, far, facing, spread, slope)
     )
+    _close_gaps(front, back, slope, facing, np.float32(pixel_mm))
+    cut_share = _cut_share(solid_counts)
+    return Peeled(display, rays, front, back, near, far, facing, spread, cut_share)
 
 
 def _splats(fitted: FittedScene, display: Display, rays: SeparableRays) -> Peeled:
@@ -175,7 +170,7 @@ def _splats(fitted: FittedScene, display: Display, rays: SeparableRays) -> Peele
     ray = fitted.camera(rays).centre_rays()
     splat_runs = splats.runs(fitted.scene, fitted.integrator, ray, MOST_LAYERS)
     layers = max(1, int(min(splat_runs.count.max(), MOST_LAYERS)))
-    shape = (layers, rays.rows, rays.columns)
+    shape = (layers, *rays.shape)
     origin, along = (np.stack(vector, dtype=np.float64) for vector in (ray.o, ray.d))
     forward = fitted.fit.display_from_world
 
@@ -188,18 +183,11 @@ def _splats(fitted: FittedScene, display: Display, rays: SeparableRays) -> Peele
     front, back = depth(splat_runs.front), depth(splat_runs.back)
     everywhere = np.ones(shape, bool)
     _close_gaps(front, back, _steepness(front, pixel_mm), everywhere, np.float32(pixel_mm))
+    near = np.maximum(splat_runs.near[:layers], 0).reshape(shape)
+    far, spread = np.full(shape, np.inf, np.float32), _spread(front, display, pixel_mm)
+    cut_share = _cut_share(splat_runs.count)
     return Peeled(
-        display,
-        rays,
-        pixel_mm,
-        front,
-        back,
-        np.maximum(splat_runs.near[:layers], 0).reshape(shape),
-        np.full(shape, np.inf, np.float32),
-        everywhere,
-        _spread(front, display, pixel_mm),
-        cut_share=_cut_share(splat_runs.count),
-        has_sides=False,
+        display, rays, front, back, near, far, everywhere, spread, cut_share, has_sides=False
     )
 
 
@@ -300,7 +288,7 @@ class _Hits:
             "distance": np.float32, "depth": np.float32, "slope": np.float32, "facing": np.bool_,
             "shape": np.uint32,
         }  # fmt: skip
-        tables = {name: np.zeros((count.max(), rays), kind) for name, kind in kinds.items()}
+        tables = {name: np.zeros((max(1, count.max()), rays), kind) for name, kind in kinds.items()}
         for number, ray, hit in hits:
             for name, table in tables.items():
                 table[number, ray] = hit[name]
@@ -390,8 +378,7 @@ def _solids(count, depth, facing, shape):  # type: ignore[no-untyped-def]
     back = np.full((MOST_LAYERS, rays), -np.inf, np.float32)
     hit = np.zeros((MOST_LAYERS, rays), np.int32)
     solid_counts = np.zeros(rays, np.int32)
-    most = max(1, depth.shape[0])
-    partner = np.empty(most, np.int64)
+    partner = np.empty(len(depth), np.int64)
     for ray in range(rays):
         n = count[ray]
         partner[:] = -1
@@ -470,10 +457,6 @@ def _same_surface(
     hit: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Near, far, facing and spread of `Peeled`, (layers, rays)."""
-    covered = np.isfinite(front)
-    if not len(hits.depth):
-        zero = np.zeros(front.shape, np.float32)
-        return zero, zero, covered, zero + 1
     ray = np.arange(front.shape[1])
     own, facing = hits.distance[hit, ray], hits.facing[hit, ray]
     spread = _spread(front, display, pixel_mm)

@@ -21,17 +21,19 @@ has an individual lens, position and gap.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import SUBPIXELS, PixelAxis, PixelRays, SubPixel, pixel_rays, row_blocks
+from inim.display.pixels import SUBPIXELS, PixelAxis, SubPixel, pixel_rays, row_blocks
 from inim.display.viewpoint import Viewpoint, focus_distance_mm
 
 #: All of a pixel shines.
 WHOLE_PIXEL = SUBPIXELS["none"][0]
+
+#: Ends of an interval across or up: low and high of each column, row or pixel, mm.
+Interval = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -74,14 +76,27 @@ class SeparableRays:
         return self.pupil_slope != 0
 
     @property
-    def columns(self) -> int:
-        """Film width."""
-        return len(self.x.place_mm)
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the film."""
+        return len(self.y.place_mm), len(self.x.place_mm)
 
-    @property
-    def rows(self) -> int:
-        """Film height."""
-        return len(self.y.place_mm)
+    def reach(self, depths: np.ndarray) -> list[Interval]:
+        """Reach of ray bundles across and up, between two depths below the start plane.
+
+        The bundle's middle runs straight and its half width is convex in depth: extremes are at
+        ends.
+        """
+        reach = []
+        for axis, shape in ((self.x, (1, -1)), (self.y, (-1, 1))):
+            lows, highs = [], []
+            for depth in depths:
+                middle = (axis.place_mm + axis.slope * depth).reshape(shape)
+                half = abs(axis.place_step_mm + axis.slope_step * depth) / 2
+                half += abs(self.pupil_place_mm + self.pupil_slope * depth)
+                lows.append(middle - half)
+                highs.append(middle + half)
+            reach.append((np.minimum(*lows), np.maximum(*highs)))
+        return reach
 
 
 @dataclass(frozen=True)
@@ -120,20 +135,33 @@ class NonSeparableRays:
     tilt_x: float
     tilt_y: float
 
-    @property
-    def has_pupil(self) -> bool:
-        """Always False: a pixel's rays never start on a disc."""
-        return False
+    has_pupil = False
 
     @property
-    def columns(self) -> int:
-        """Film width."""
-        return int(self.x0_mm.shape[1])
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the film."""
+        return self.x0_mm.shape[0], self.x0_mm.shape[1]
 
-    @property
-    def rows(self) -> int:
-        """Film height."""
-        return int(self.x0_mm.shape[0])
+    def reach(self, depths: np.ndarray) -> list[Interval]:
+        """Reach of ray bundles; see `SeparableRays.reach`."""
+        tilt = (abs(self.tilt_x * self.step_x_mm) + abs(self.tilt_y * self.step_y_mm)) / 2
+        reach = []
+        for centre, offset, step in (
+            (self.x0_mm, self.aside_x_mm, self.step_x_mm),
+            (self.y0_mm, self.aside_y_mm, self.step_y_mm),
+        ):
+            slopes = [
+                (side * step / 2 - offset) / (self.gap_mm + far * tilt)
+                for side in (-1, 1)
+                for far in (-1, 1)
+            ]
+            places = [
+                centre + slope * (depth - self.start_mm)
+                for slope in (np.minimum.reduce(slopes), np.maximum.reduce(slopes))
+                for depth in depths
+            ]
+            reach.append((np.minimum.reduce(places), np.maximum.reduce(places)))
+        return reach
 
 
 def capture_rays(display: Display, pixels_per_pitch: float, start_mm: float) -> SeparableRays:
@@ -182,33 +210,22 @@ def pickup_rays(
 def _non_separable(
     display: Display, start_mm: float, right: float, width: float, height: float
 ) -> NonSeparableRays:
-    """Bundles of a display from the emitting areas of its pixels.
+    """Bundles from the emitting areas of pixels: centres `right` of the pixels', and sizes.
 
-    Parameters
-    ----------
-    display : Display
-    start_mm : float
-        Plane of the rays' starts.
-    right, width, height : float
-        Emitting area: its centre, to the right of the pixel's, and its size, in pixels.
+    Areas are in pixels.
     """
     pixel = display.pixel_pitch_mm
     blocks = [pixel_rays(display, rows, (0.0, right)) for rows in row_blocks(display)]
-
-    def table(of: Callable[[PixelRays], np.ndarray]) -> np.ndarray:
-        return np.concatenate([of(rays).astype(np.float32) for rays in blocks])
-
+    x0, y0, aside_x, aside_y, gap = (
+        np.concatenate(table).astype(np.float32)
+        for table in zip(
+            *((r.x0, r.y0, r.slope_x * r.gap_mm, r.slope_y * r.gap_mm, r.gap_mm) for r in blocks),
+            strict=True,
+        )
+    )
+    tilts = (math.tan(math.radians(tilt)) for tilt in (display.tilt_x_deg, display.tilt_y_deg))
     return NonSeparableRays(
-        start_mm,
-        table(lambda rays: rays.x0),
-        table(lambda rays: rays.y0),
-        table(lambda rays: rays.slope_x * rays.gap_mm),
-        table(lambda rays: rays.slope_y * rays.gap_mm),
-        table(lambda rays: rays.gap_mm),
-        width * pixel,
-        -height * pixel,
-        math.tan(math.radians(display.tilt_x_deg)),
-        math.tan(math.radians(display.tilt_y_deg)),
+        start_mm, x0, y0, aside_x, aside_y, gap, width * pixel, -height * pixel, *tilts
     )
 
 

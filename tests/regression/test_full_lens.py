@@ -75,7 +75,7 @@ def traced(eia, display, finer=4, spp=SPP):
     mesh = LensMesh(eia, display, sheet_mesh(display, finer * facets_per_lens(display)))
     rays = eye_rays(display, EYE, PER_LENS, mesh.start_mm)
     light = mesh.light(Camera(rays, np.eye(4)))
-    looks = [mean_light(light, (rays.rows, rays.columns), spp, seed) for seed in SEEDS]
+    looks = [mean_light(light, rays.shape, spp, seed) for seed in SEEDS]
     return np.stack([by_lens(look) for look in looks])
 
 

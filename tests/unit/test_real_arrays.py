@@ -439,8 +439,8 @@ def test_pickup_rays_start_all_over_what_shines_and_pass_the_lens_centre(name, r
     import mitsuba as mi
 
     from inim.display.pixels import SUBPIXELS as PATTERNS
-    from inim.render.rays import pickup_rays
     from inim.render.camera import Camera
+    from inim.render.rays import pickup_rays
 
     display = real_display(name, pixel_fill=0.8)
     rows, columns = display.eia_shape

@@ -14,7 +14,7 @@ def rays_at_centres(family, world_from_display=None):
 
     camera = Camera(family, np.eye(4) if world_from_display is None else world_from_display)
     ray = camera.centre_rays()
-    shape = (family.rows, family.columns)
+    shape = family.shape
     origin = np.stack([np.asarray(c, np.float64).reshape(shape) for c in ray.o], -1)
     direction = np.stack([np.asarray(c, np.float64).reshape(shape) for c in ray.d], -1)
     return origin, direction
@@ -64,7 +64,7 @@ def test_an_eye_s_film_of_any_size_is_filled_by_the_array():
 
     display = small_display(6, 5)
     rays = eye_rays(display, Viewpoint("eye", 7.0, -3.0, 150.0), (7 / 5, 20 / 6), start_mm=20.0)
-    assert (rays.rows, rays.columns) == (7, 20)
+    assert rays.shape == (7, 20)
     at_array = at_depth(*rays_at_centres(rays), 0.0)
     assert np.allclose(at_array[0, 0], (-3 + 3 / 20, 2.5 - 2.5 / 7), atol=1e-4)
     assert np.allclose(at_array[-1, -1], (3 - 3 / 20, -2.5 + 2.5 / 7), atol=1e-4)
