@@ -65,7 +65,7 @@ def describe() -> dict[str, Any]:
     """Describe the machine and the installation, as JSON values."""
     import platform
 
-    from inim.backend.choice import choose_backend, cuda_verdict, llvm_verdicts, versions
+    from inim.backend import choose_backend, cuda_verdict, llvm_verdicts, versions
     from inim.backend.trial import cache_file
     from inim.process.machine import cpu_count, cpu_model, memory_limit_bytes
 
@@ -94,7 +94,7 @@ def describe() -> dict[str, Any]:
 
 
 def _candidate(library: Path, verdict: Verdict) -> dict[str, Any]:
-    from inim.backend.choice import llvm_version
+    from inim.backend import llvm_version
 
     named = ".".join(map(str, llvm_version(library) or ()))
     version = verdict.version or named or None

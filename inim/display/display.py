@@ -29,6 +29,7 @@ from inim.display.pixels import (
 )
 from inim.errors import DisplayError, suggest_words
 
+# Must be positive; depths and shifts are of either sign.
 _LENGTHS = (
     "pitch_mm",
     "pitch_y_mm",
@@ -37,22 +38,6 @@ _LENGTHS = (
     "pixel_pitch_mm",
     "elemental_pitch_mm",
     "lens_thickness_mm",
-)
-_NUMBERS = (
-    "refractive_index",
-    "depth_min_mm",
-    "depth_max_mm",
-    "shift_x_mm",
-    "shift_y_mm",
-    "rotation_deg",
-    "tilt_x_deg",
-    "tilt_y_deg",
-    "fill_factor",
-    "pixel_fill",
-    "conic",
-    "asphere_a4",
-    "asphere_a6",
-    "abbe_number",
 )
 _WORDS = {
     "curved_side": ("viewer", "panel"),
@@ -65,20 +50,6 @@ _WORDS = {
 _LONGEST_MM = 1e38
 # Far above what a sheet glued by hand misses, and far below where a tilted panel meets its array.
 _STEEPEST_TILT_DEG = 10.0
-_OPTIONAL = frozenset(
-    {
-        "abbe_number",
-        "pitch_y_mm",
-        "depth_max_mm",
-        "depth_min_mm",
-        "elemental_pitch_mm",
-        "lens_thickness_mm",
-        "panel_columns",
-        "panel_rows",
-    }
-)
-
-
 # What a lens does to rays that do not go through its centre.
 _LENS_ONLY = (
     "refractive_index",
@@ -92,6 +63,28 @@ _LENS_ONLY = (
     "fill_factor",
     "between_lenses",
 )
+
+
+def _checked(name: str, kind: str, value: Any) -> Any:
+    """Value of a parameter as a plain number or word; NumPy's numbers are accepted."""
+    if value is None and "None" in kind:
+        return None
+    if kind.startswith("int"):
+        if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
+            raise DisplayError(f"{name} = {value!r}: must be a whole number of at least 1")
+        return int(value)
+    if kind.startswith("float"):
+        if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+            raise DisplayError(f"{name} = {value!r}: must be a finite number")
+        value = float(value)
+        if name.endswith("_mm") and abs(value) > _LONGEST_MM:
+            raise DisplayError(f"{name} = {value:g}: at most {_LONGEST_MM:g} mm can be pictured")
+        if name in _LENGTHS and value <= 0:
+            raise DisplayError(f"{name} = {value}: must be a positive length")
+    if name in _WORDS and value not in _WORDS[name]:
+        allowed = " or ".join(repr(word) for word in _WORDS[name])
+        raise DisplayError(f"{name} = {value!r}: use {allowed}")
+    return value
 
 
 @dataclass(frozen=True)
@@ -189,22 +182,13 @@ class Display:
     def __post_init__(self) -> None:
         # msgspec leaves absent fields to the class, and omits them when it encodes the display.
         self.__dict__.update(self.parameters())
-        for name in _LENGTHS:
-            self._take_number(name)
-            if getattr(self, name) is not None and not getattr(self, name) > 0:
-                raise DisplayError(f"{name} = {getattr(self, name)}: must be a positive length")
-        for name in _NUMBERS:
-            self._take_number(name)
-        for name in ("lens_columns", "lens_rows", "panel_columns", "panel_rows"):
-            self._take_count(name)
+        for field in fields(self):
+            value = _checked(field.name, str(field.type), getattr(self, field.name))
+            object.__setattr__(self, field.name, value)
         if self.refractive_index <= 1:
             raise DisplayError(
                 f"refractive_index = {self.refractive_index}: a lens needs an index above 1"
             )
-        for name, words in _WORDS.items():
-            if getattr(self, name) not in words:
-                allowed = " or ".join(repr(word) for word in words)
-                raise DisplayError(f"{name} = {getattr(self, name)!r}: use {allowed}")
         for name in ("fill_factor", "pixel_fill"):
             if not 0 < getattr(self, name) <= 1:
                 raise DisplayError(f"{name} = {getattr(self, name)}: must lie in 0..1, above 0")
@@ -222,26 +206,6 @@ class Display:
                     f"{getattr(self, name)}: a lens must cover at least one pixel"
                 )
         self._check_depth_range()
-
-    def _take_number(self, name: str) -> None:
-        """Make a float of any real number, NumPy's included; refuse the rest by name."""
-        value = getattr(self, name)
-        if value is None and name in _OPTIONAL:
-            return
-        if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
-            raise DisplayError(f"{name} = {value!r}: must be a finite number")
-        number = float(value)
-        if name.endswith("_mm") and abs(number) > _LONGEST_MM:
-            raise DisplayError(f"{name} = {number:g}: at most {_LONGEST_MM:g} mm can be pictured")
-        object.__setattr__(self, name, number)
-
-    def _take_count(self, name: str) -> None:
-        value = getattr(self, name)
-        if value is None and name in _OPTIONAL:
-            return
-        if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
-            raise DisplayError(f"{name} = {value!r}: must be a whole number of at least 1")
-        object.__setattr__(self, name, int(value))
 
     def _check_depth_range(self) -> None:
         limits = (self.depth_min_mm, self.depth_max_mm)
@@ -315,19 +279,15 @@ class Display:
             and self.eia_shape == covered
         )
 
-    @property
+    @cached_property
     def eia_shape(self) -> tuple[int, int]:
         """Rows and columns of the elemental image array, the panel's pixels.
 
         By default those that cover the array where it is designed to be, not moved nor turned.
         """
-        rows, columns = self._pixels_to_cover
-        return self.panel_rows or rows, self.panel_columns or columns
-
-    @cached_property
-    def _pixels_to_cover(self) -> tuple[int, int]:
         down, across = self._exact_pixels_per_lens
-        return math.ceil(self.lens_rows * down), math.ceil(self._lenses_across * across)
+        rows, columns = math.ceil(self.lens_rows * down), math.ceil(self._lenses_across * across)
+        return self.panel_rows or rows, self.panel_columns or columns
 
     @property
     def _lenses_across(self) -> Fraction:
@@ -337,20 +297,9 @@ class Display:
     @property
     def _exact_pixels_per_lens(self) -> tuple[Fraction, Fraction]:
         """Down and across."""
-        pixel, across = (
-            exact_length(self.pixel_pitch_mm),
-            exact_length(self.elemental_image_pitch_mm),
-        )
-        return self._exact_row_pitch * self._exact_magnification / pixel, across / pixel
-
-    @property
-    def _exact_row_pitch(self) -> Fraction:
-        return exact_length(self.row_pitch_mm)
-
-    @property
-    def _exact_magnification(self) -> Fraction:
-        """Magnification of the elemental images' lattice relative to the lens lattice, Q / P."""
-        return exact_length(self.elemental_image_pitch_mm) / exact_length(self.pitch_mm)
+        pixel, pitch = exact_length(self.pixel_pitch_mm), exact_length(self.pitch_mm)
+        across = exact_length(self.elemental_image_pitch_mm)
+        return exact_length(self.row_pitch_mm) * across / pitch / pixel, across / pixel
 
     # -- depth ---------------------------------------------------------------------------------
 
@@ -483,7 +432,7 @@ class Display:
         DisplayError
             Of any other: its pixels' rays are those of `inim.display.pixels`.
         """
-        return self._axis(self.eia_shape[1], self.lens_columns, +1)
+        return pixel_axis(self, +1)
 
     @cached_property
     def rows(self) -> PixelAxis:
@@ -491,7 +440,7 @@ class Display:
 
         See `columns`.
         """
-        return self._axis(self.eia_shape[0], self.lens_rows, -1)
+        return pixel_axis(self, -1)
 
     @property
     def not_separable_by(self) -> str:
@@ -522,31 +471,6 @@ class Display:
             )
         return under
 
-    def _axis(self, pixels: int, lenses: int, sign: int) -> PixelAxis:
-        if not self.is_separable:
-            raise DisplayError(
-                f"display {self.name}: with {self.not_separable_by} a pixel's lens does not follow "
-                "from its row and its column apart; use a generator that traces every pixel's ray, "
-                "such as 'template' or 'gu2020'"
-            )
-        pitch = exact_length(self.pitch_mm) if sign > 0 else self._exact_row_pitch
-        name = "shift_x_mm" if sign > 0 else "shift_y_mm"
-        axis = pixel_axis(
-            pixels,
-            lenses,
-            sign,
-            pixel=exact_length(self.pixel_pitch_mm),
-            pitch=pitch,
-            elemental=pitch * self._exact_magnification,
-            gap=exact_length(self.gap_mm),
-            shift=exact_length(getattr(self, name)),
-        )
-        if (axis.lens < 0).all():
-            raise DisplayError(
-                f"{name} = {getattr(self, name):g}: the array lies wholly beside its panel"
-            )
-        return axis
-
     def capture_shape(self, pixels_per_pitch: float) -> tuple[int, int]:
         """Rows and columns of an RGB-D picture that covers the reach of oblique pixel rays.
 
@@ -555,13 +479,19 @@ class Display:
         borders are equal in every lens if a pitch is a whole number of pixels.
         """
         count = exact_length(pixels_per_pitch)
-        pads = [
-            math.ceil(max(side + beyond, 0.0) / self.pitch_mm * pixels_per_pitch - 1e-9)
-            for side, beyond in zip(self._side_travel_mm, self._overhang_mm, strict=True)
+        reach_mm = max(abs(z) for z in self.depth_range_mm)
+        sizes, extents = (self.width_mm, self.height_mm), self.half_extent_mm
+        margins = [
+            slope * reach_mm + (extent - size / 2)
+            for slope, extent, size in zip(self.steepest_slopes, extents, sizes, strict=True)
         ]
-        down = self.lens_rows * self._exact_row_pitch / exact_length(self.pitch_mm) * count
+        pads = [
+            math.ceil(max(margin, 0.0) / self.pitch_mm * pixels_per_pitch - 1e-9)
+            for margin in margins
+        ]
+        down = exact_length(self.row_pitch_mm) / exact_length(self.pitch_mm)
         return (
-            math.ceil(down) + 2 * pads[1],
+            math.ceil(self.lens_rows * down * count) + 2 * pads[1],
             math.ceil(self._lenses_across * count) + 2 * pads[0],
         )
 
@@ -606,21 +536,19 @@ class Display:
         return across / (2 * gap), (c * cell_y + s * cell_x) / (2 * gap)
 
     @property
-    def _side_travel_mm(self) -> tuple[float, float]:
-        """Farthest that a pixel's ray gets from its lens's axis, in x and y, in the depth range."""
-        reach = max(abs(z) for z in self.depth_range_mm)
-        across, up = self.steepest_slopes
-        return across * reach, up * reach
+    def half_extent_mm(self) -> tuple[float, float]:
+        """Half the width and height, about the panel's centre, that contain the array."""
+        c, s = self._turn
+        half_x, half_y = self.width_mm / 2, self.height_mm / 2
+        return (
+            c * half_x + s * half_y + abs(self.shift_x_mm),
+            c * half_y + s * half_x + abs(self.shift_y_mm),
+        )
 
     @property
-    def _overhang_mm(self) -> tuple[float, float]:
-        """Overhang of the array in x and y beyond its nominal position."""
-        c, s = self._turn
-        width, height = self.width_mm, self.height_mm
-        return (
-            (c * width + s * height - width) / 2 + abs(self.shift_x_mm),
-            (c * height + s * width - height) / 2 + abs(self.shift_y_mm),
-        )
+    def tilt_slopes(self) -> tuple[float, float]:
+        """Growth of the gap per millimetre to the right and up."""
+        return math.tan(math.radians(self.tilt_x_deg)), math.tan(math.radians(self.tilt_y_deg))
 
     @property
     def _turn(self) -> tuple[float, float]:

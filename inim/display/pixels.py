@@ -165,36 +165,37 @@ class PixelAxis:
         return first.astype(np.int64), end.astype(np.int64)
 
 
-def pixel_axis(
-    pixels: int,
-    lenses: int,
-    sign: int,
-    *,
-    pixel: Fraction,
-    pitch: Fraction,
-    elemental: Fraction,
-    gap: Fraction,
-    shift: Fraction = Fraction(0),
-) -> PixelAxis:
-    """Address pixels by position: a running ``int(P / P_D)`` would drift over the array.
+def pixel_axis(display: Display, sign: int) -> PixelAxis:
+    """Columns (`sign` +1) or rows (-1, as positions descend) of a panel's pixels.
 
+    Pixels are addressed by position: a running ``int(P / P_D)`` would drift over the array.
     Positions are whole numbers of a common unit, so that only the last division rounds, and the two
     halves of the panel are mirror images bit for bit (except a pixel on the axis at a border
     between lenses, which must belong to one side).
 
-    Parameters
-    ----------
-    pixels, lenses : int
-        Number of panel pixels, centred on the axis, and of lenses, centred at `shift`.
-    sign : {+1, -1}
-        +1 if positions increase with the index, as for columns; -1 for rows.
-    pixel, pitch, elemental, gap : Fraction
-        P_D, P, the elemental images' pitch and g in millimetres.
-    shift : Fraction
-        Position of the array's centre on the axis; lenses and elemental images move with it.
+    Raises
+    ------
+    DisplayError
+        The display is not separable, or no pixel is under a lens.
     """
+    if not display.is_separable:
+        raise DisplayError(
+            f"display {display.name}: with {display.not_separable_by} a pixel's lens does not "
+            "follow from its row and its column apart; use a generator that traces every pixel's "
+            "ray, such as 'template' or 'gu2020'"
+        )
+    if sign > 0:
+        pixels, lenses = display.eia_shape[1], display.lens_columns
+        pitch, shift_name = exact_length(display.pitch_mm), "shift_x_mm"
+    else:
+        pixels, lenses = display.eia_shape[0], display.lens_rows
+        pitch, shift_name = exact_length(display.row_pitch_mm), "shift_y_mm"
+    across = exact_length(display.elemental_image_pitch_mm)
+    elemental = pitch * across / exact_length(display.pitch_mm)
+    shift_mm = getattr(display, shift_name)
     # In halves, as centres lie at half-integers: position = (2 i - n + 1) pixel / 2.
-    lengths = (pixel / 2, pitch / 2, elemental, shift)
+    pixel, gap = exact_length(display.pixel_pitch_mm), exact_length(display.gap_mm)
+    lengths = (pixel / 2, pitch / 2, elemental, exact_length(shift_mm))
     unit = _common_measure(lengths)
     half_pixel, half_pitch, cell, pixel_offset = (int(length / unit) for length in lengths)
     place = [(2 * i - pixels + 1) * half_pixel for i in range(pixels)]
@@ -202,9 +203,12 @@ def pixel_axis(
     lattice = [_cell_of(x - sign * pixel_offset, cell, lenses) for x in place]
     centre = tuple(sign * (2 * n - lenses + 1) * half_pitch + pixel_offset for n in lattice)
     offset = tuple(c - sign * x for c, x in zip(centre, place, strict=True))
+    lens = np.array([n if 0 <= n < lenses else -1 for n in lattice], np.int64)
+    if (lens < 0).all():
+        raise DisplayError(f"{shift_name} = {shift_mm:g}: the array lies wholly beside its panel")
     return PixelAxis(
         position_mm=np.array([_ratio(sign * x, unit) for x in place]),
-        lens=np.array([n if 0 <= n < lenses else -1 for n in lattice], np.int64),
+        lens=lens,
         centre_mm=np.array([_ratio(c, unit) for c in centre]),
         slope=np.array([_ratio(o, unit / gap) for o in offset]),
         centre=centre,
@@ -314,7 +318,7 @@ def pixel_rays(
     lens = np.where(inside, row * display.lens_columns + column, -1).astype(np.int64)
     down, right = pixel_offset
     x, y = x + right * pitch, y - down * pitch
-    tilt_x, tilt_y = _tilt(display)
+    tilt_x, tilt_y = display.tilt_slopes
     gap = display.gap_mm + tilt_x * x + tilt_y * y
     return PixelRays(lens, x0, y0, (x0 - x) / gap, (y0 - y) / gap, gap)
 
@@ -328,7 +332,7 @@ def least_gap_mm(display: Display) -> float:
         When the panel meets the array.
     """
     rows, columns = display.eia_shape
-    slopes = [abs(slope) for slope in _tilt(display)]
+    slopes = [abs(slope) for slope in display.tilt_slopes]
     gap = display.gap_mm - (slopes[0] * columns + slopes[1] * rows) * display.pixel_pitch_mm / 2
     if gap <= 0:
         raise DisplayError(
@@ -336,14 +340,6 @@ def least_gap_mm(display: Display) -> float:
             f"{display.gap_mm:g}); tilt it less"
         )
     return gap
-
-
-def _tilt(display: Display) -> tuple[float, float]:
-    """Growth of the gap per millimetre to the right and up."""
-    return (
-        math.tan(math.radians(display.tilt_x_deg)),
-        math.tan(math.radians(display.tilt_y_deg)),
-    )
 
 
 def _cell(

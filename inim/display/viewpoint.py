@@ -270,16 +270,22 @@ def viewpoint_of(viewpoint: Viewpoint | str, display: Display) -> Viewpoint:
 
 
 def _parse_one(item: str, display: Display, distance_mm: float) -> Viewpoint:
-    name, equals, position = item.partition("=")
+    name, equals, text = item.partition("=")
     if not equals:
         return named_viewpoint(name, display, distance_mm)
-    try:
-        numbers = [float(word) for word in position.split()]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in (2, 3):
+    position = _parse_position(text, distance_mm)
+    if position is None:
         raise ViewpointError(f"viewpoint {item!r}: give 'name=x y' or 'name=x y z' in millimetres")
-    return Viewpoint(name.strip(), *[*numbers, distance_mm][:3])
+    return Viewpoint(name.strip(), *position)
+
+
+def _parse_position(text: str, distance_mm: float) -> list[float] | None:
+    """Position x, y, z from "x y [z]"; None if it cannot be read."""
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        return None
+    return [*numbers, distance_mm][:3] if len(numbers) in (2, 3) else None
 
 
 def eye_path(
@@ -349,17 +355,11 @@ def zone_eyes(display: Display, count: int, distance_mm: float | None = None) ->
 
 def _waypoints(text: str, distance_mm: float) -> np.ndarray:
     """(points, 3) positions from their text."""
-    points = []
-    for item in text.split(","):
-        try:
-            numbers = [float(word) for word in item.split()]
-        except ValueError:
-            numbers = []
-        if len(numbers) not in (2, 3):
-            raise UsageError(
-                f"--path {text!r}: write 'circle', or positions 'x y [z], x y [z]' in millimetres"
-            )
-        points.append([*numbers, distance_mm][:3])
+    points = [_parse_position(item, distance_mm) for item in text.split(",")]
+    if None in points:
+        raise UsageError(
+            f"--path {text!r}: write 'circle', or positions 'x y [z], x y [z]' in millimetres"
+        )
     if len(points) < 2:
         raise UsageError(f"--path {text!r}: a path needs two positions at least")
     return np.array(points)

@@ -125,8 +125,8 @@ def lens_array(display: Display) -> LensArray:
         shift_y=display.shift_y_mm,
         cosine=math.cos(angle),
         sine=math.sin(angle),
-        tilt_x=math.tan(math.radians(display.tilt_x_deg)),
-        tilt_y=math.tan(math.radians(display.tilt_y_deg)),
+        tilt_x=display.tilt_slopes[0],
+        tilt_y=display.tilt_slopes[1],
     )
 
 

@@ -14,17 +14,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
 from inim.lens.array import LensArray, LensTraits, Ops, PanelRay
-
-if TYPE_CHECKING:
-    from inim.lens.array import Ops
-
 
 #: (array, traits, ops, x, y, sx, sy, index) to the ray at the panel; see `inim.lens`.
 Trace = Callable[[LensArray, LensTraits, Ops, Any, Any, Any, Any, Any], PanelRay]

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.backend.choice import versions
+from inim.backend import versions
 from inim.errors import UsageError
 from inim.image.color import srgb_from_linear
 from inim.metrics import cvvdp

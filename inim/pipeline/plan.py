@@ -202,7 +202,7 @@ def _plan_memory(
     display: Display, settings: Settings, views: int, methods: Sequence[Method]
 ) -> tuple[int, int]:
     """Bytes of all images and number of rays in flight; raises if the images are too large."""
-    from inim.backend import memory_limit_bytes
+    from inim.process.machine import memory_limit_bytes
 
     layers = _LAYERS_BYTES if any(m.reads is LayeredRGBD for m in methods) else 0
     images = {
@@ -233,7 +233,7 @@ def _plan_memory(
 def rays_in_flight(limit_bytes: int, images_bytes: int) -> int:
     """Number of rays to trace at once: a power of two, or 0 if memory is too small.
 
-    The memory limit (`inim.backend.memory_limit_bytes`) is 0 if unknown, and then taken as
+    The memory limit (`inim.process.machine.memory_limit_bytes`) is 0 if unknown, and then taken as
     unlimited.
     """
     if not limit_bytes:

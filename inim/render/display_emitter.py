@@ -36,7 +36,6 @@ from inim.render.camera import Camera
 from inim.render.sensors import (
     display_of,
     display_place,
-    half_extent_mm,
     read_properties,
     refusing,
 )
@@ -197,7 +196,7 @@ def register() -> None:
             self.refused = False
             self.display, self.eia, self.panel = display, eia, panel
             self.brightness = dr.opaque(mi.Float, brightness)
-            self.half_extent = [dr.opaque(mi.Float, half) for half in half_extent_mm(display)]
+            self.half_extent = [dr.opaque(mi.Float, half) for half in display.half_extent_mm]
             self.m_needs_sample_2 = True
             self.m_needs_sample_3 = True
             self.m_flags = mi.EmitterFlags.Surface | mi.EmitterFlags.SpatiallyVarying

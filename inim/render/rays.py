@@ -20,7 +20,6 @@ has an individual lens, position and gap.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -223,10 +222,8 @@ def _non_separable(
             strict=True,
         )
     )
-    tilts = (math.tan(math.radians(tilt)) for tilt in (display.tilt_x_deg, display.tilt_y_deg))
-    return NonSeparableRays(
-        start_mm, x0, y0, aside_x, aside_y, gap, width * pixel, -height * pixel, *tilts
-    )
+    steps = width * pixel, -height * pixel
+    return NonSeparableRays(start_mm, x0, y0, aside_x, aside_y, gap, *steps, *display.tilt_slopes)
 
 
 def eye_rays(

@@ -16,13 +16,13 @@ from typing import Any
 import mitsuba as mi
 import numpy as np
 
-from inim.backend import memory_limit_bytes
 from inim.display import Display
 from inim.errors import FileError, SceneError
 from inim.files.mesh import read_shape
 from inim.files.picture import check_volume, read_texture
 from inim.files.splat_ply import SPLAT_SHAPES, check_splats
 from inim.files.triangle_mesh import Mesh, read_bytes
+from inim.process.machine import memory_limit_bytes
 from inim.process.observer import Observer
 from inim.render import splats
 from inim.render.camera import Camera

@@ -20,7 +20,6 @@ from inim.display import DISPLAYS, Display
 from inim.display.misalignment import misaligned
 from inim.display.viewpoint import Viewpoint, default_distance_mm
 from inim.errors import DisplayError, SceneError, ViewpointError
-from inim.lens import lens_array
 from inim.render.camera import Camera
 from inim.render.rays import NonSeparableRays, SeparableRays, frustum_rays, pickup_rays
 from inim.settings import DISPLAY_KEYS, Settings
@@ -146,7 +145,7 @@ def register() -> None:
 
         def rays(self, values: dict[str, Any], props: Any) -> SeparableRays | NonSeparableRays:
             display = self.display
-            half_x, half_y = half_extent_mm(display)
+            half_x, half_y = display.half_extent_mm
             per_mm = _PIXELS_PER_PITCH / display.pitch_mm
             rows, columns = _film_shape(props, *(round(2 * h * per_mm) for h in (half_y, half_x)))
             if abs(columns * half_y / half_x - rows) >= 1:
@@ -240,16 +239,6 @@ def display_of(plugin: str, values: dict[str, Any]) -> Display:
         raise DisplayError(f"{plugin}: {error}") from None
 
 
-def half_extent_mm(display: Display) -> tuple[float, float]:
-    """Half the width and height, about the panel's centre, that contain the misaligned array."""
-    array = lens_array(display)
-    c, s = abs(array.cosine), abs(array.sine)
-    half_x, half_y = display.width_mm / 2, display.height_mm / 2
-    return c * half_x + s * half_y + abs(array.shift_x), c * half_y + s * half_x + abs(
-        array.shift_y
-    )
-
-
 def display_place(plugin: str, to_world: np.ndarray, display: Display) -> np.ndarray:
     """Map from the display frame, in millimetres, to the world.
 
@@ -271,7 +260,7 @@ def display_place(plugin: str, to_world: np.ndarray, display: Display) -> np.nda
     SceneError
         The rectangle is skewed or mirrored, or its aspect ratio does not match the array.
     """
-    half_x, half_y = half_extent_mm(display)
+    half_x, half_y = display.half_extent_mm
     sides = np.linalg.norm(to_world[:3, :2], axis=0)
     if not (np.isfinite(to_world).all() and sides.min() > 0):
         raise SceneError(f"{plugin}: to_world makes no rectangle of [-1, 1]^2; scale its sides")

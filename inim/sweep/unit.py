@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 import inim
-from inim.backend.choice import versions
+from inim.backend import versions
 from inim.documents import read_document
 from inim.documents.document import encode
 from inim.documents.unit import UnitDocument

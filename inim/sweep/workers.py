@@ -28,8 +28,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from typing import Any
 
-from inim import backend as backends
 from inim.errors import UsageError
+from inim.process import machine
 from inim.process.python_process import end_process
 from inim.sweep.unit import SweepTask, attempt
 
@@ -137,7 +137,7 @@ def run_tasks(
     tasks on this machine. Returns the error message of each failed unit. Raises `UsageError` if no
     scheduler answers.
     """
-    limit = backends.memory_limit_bytes() or sys.maxsize
+    limit = machine.memory_limit_bytes() or sys.maxsize
     connection = _local(workers, limit) if scheduler is None else _client(scheduler)
     _ENDED.clear()
     with connection as client:

@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from inim import backend as backends
 from inim.errors import InimError, missing_package
+from inim.process import machine
 from inim.process.observer import Observer
 from inim.process.python_process import exit_with_parent
 
@@ -132,8 +132,8 @@ def answer(job: Job, channel: Any, run_job: RunJob) -> None:
         send({"error": type(error).__name__, "message": str(error)})
     except MemoryError:
         message = (
-            f"out of memory with {backends.peak_bytes() / 2**30:.1f} GiB in use of "
-            f"{backends.memory_limit_bytes() / 2**30:.1f} GiB; use a display with fewer pixels"
+            f"out of memory with {machine.peak_bytes() / 2**30:.1f} GiB in use of "
+            f"{machine.memory_limit_bytes() / 2**30:.1f} GiB; use a display with fewer pixels"
         )
         send({"error": "OutOfMemoryError", "message": message})
     except Exception as error:

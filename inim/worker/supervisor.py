@@ -25,6 +25,7 @@ from typing import IO, Any
 from inim import backend as backends
 from inim import errors
 from inim.errors import InimError, OutOfMemoryError, WorkerError
+from inim.process import machine
 from inim.process.python_process import child_environment, end_process, python_module
 from inim.worker.serve import Job
 
@@ -153,13 +154,13 @@ def _carry_out(process: subprocess.Popen[bytes], messages: IO[str], job: Job) ->
             message = json.loads(line)
     code = process.wait()
     if "stage" in message:
-        raise _death(code, message["stage"], backends.memory_limit_bytes())
+        raise _death(code, message["stage"], machine.memory_limit_bytes())
     return message
 
 
 def _death(code: int, stage: str, memory_limit: int) -> InimError:
     """Error for a worker that ended without a result."""
-    peak = backends.peak_bytes(of_children=True)
+    peak = machine.peak_bytes(of_children=True)
     if memory_limit and peak > _MEMORY_SHARE * memory_limit:
         return OutOfMemoryError(
             f"the worker was killed during '{stage}' with {peak / 2**30:.1f} GiB in use of "

@@ -22,7 +22,6 @@ from typing import Any
 
 import msgspec
 
-from inim import backend
 from inim.errors import (
     EXIT_BASELINE,
     EXIT_CHECK_FAILED,
@@ -32,6 +31,7 @@ from inim.errors import (
     InimError,
     OutOfMemoryError,
 )
+from inim.process import machine
 from tests.fuzz.documents import mutated_document
 from tests.fuzz.mutations import mutated
 from tests.fuzz.specimens import DISPLAY, SPECIMENS, TINY
@@ -302,8 +302,8 @@ def main(kinds: Sequence[str], first: int, end: int, channel: Any) -> None:
     """Read mutations `first` to `end` of each format through all its doors."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     # Scenes are planned for the machine as it is: the limit below is that of one file.
-    machine = backend.memory_limit_bytes()
-    backend.memory_limit_bytes = lambda: machine
+    limit = machine.memory_limit_bytes()
+    machine.memory_limit_bytes = lambda: limit
     _load_once(kinds)
     for kind in kinds:
         print("format", kind, file=channel, flush=True)

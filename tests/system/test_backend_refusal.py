@@ -15,7 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from inim.backend import LLVM_VARIABLE, SEARCH_VARIABLE, choose_backend, environment, probe
+from inim.backend import LLVM_VARIABLE, SEARCH_VARIABLE, choose_backend, environment
+from inim.backend.trial import probe
 from inim.errors import EXIT_BACKEND, BackendError
 
 CHOOSE = """

@@ -11,13 +11,13 @@ from types import SimpleNamespace
 import pytest
 
 from inim import backend
-from inim.backend import Backend, Verdict, choice, trial
+from inim.backend import Backend, Verdict, trial
 from inim.commands.info import describe, sys_info
 from inim.errors import BackendError, UsageError
 from inim.process import machine
 
 GOOD = Verdict(True, version="19.1.7", device="2 threads", stage="done")
-WHEEL_FOLDERS = choice.wheel_folders
+WHEEL_FOLDERS = backend.wheel_folders
 X86 = os.uname().machine in ("x86_64", "i686")
 
 
@@ -29,7 +29,7 @@ def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         monkeypatch.delenv(name)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr(sys, "prefix", str(tmp_path / "venv"))
-    monkeypatch.setattr(choice, "wheel_folders", lambda: [])
+    monkeypatch.setattr(backend, "wheel_folders", lambda: [])
     monkeypatch.setattr(machine, "linker_cache", lambda name: [])
 
 
@@ -83,43 +83,43 @@ def refuse(monkeypatch: pytest.MonkeyPatch, **answers: Verdict) -> None:
     ],
 )
 def test_version_is_read_from_the_name_or_else_the_folder(path, version):
-    assert choice.llvm_version(Path(path)) == version
+    assert backend.llvm_version(Path(path)) == version
 
 
 def test_newest_version_comes_first_and_a_nameless_one_last(tmp_path):
     order = ["libLLVM.so.22.1", "libLLVM.so.19.1", "libLLVM-17.so.1", "libLLVM-9.so", "libLLVM.so"]
-    found = choice.find_libllvm([libraries(tmp_path / "lib", *sorted(order))])
+    found = backend.find_libllvm([libraries(tmp_path / "lib", *sorted(order))])
     assert [path.name for path in found] == order
 
 
 def test_other_files_named_alike_are_no_candidates(tmp_path):
     names = ["libLLVMX86CodeGen.a", "libLLVM-C.so", "libLLVMgold.so", "libLLVM-19.txt"]
-    assert choice.find_libllvm([libraries(tmp_path / "lib", *names)]) == []
+    assert backend.find_libllvm([libraries(tmp_path / "lib", *names)]) == []
 
 
 def test_aliases_of_one_file_are_one_candidate(tmp_path):
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     (folder / "libLLVM-19.so").symlink_to("libLLVM.so.19.1")
     (folder / "libLLVM-18.so").symlink_to("nowhere")
-    assert choice.find_libllvm([folder, folder]) == [(folder / "libLLVM.so.19.1").resolve()]
+    assert backend.find_libllvm([folder, folder]) == [(folder / "libLLVM.so.19.1").resolve()]
 
 
 def test_missing_folders_are_passed_over(tmp_path):
-    assert choice.find_libllvm([tmp_path / "none", Path("/dev/null")]) == []
+    assert backend.find_libllvm([tmp_path / "none", Path("/dev/null")]) == []
 
 
 def test_search_variable_replaces_the_usual_folders(monkeypatch, tmp_path):
     one = libraries(tmp_path / "one", "libLLVM-17.so.1")
     two = libraries(tmp_path / "two", "libLLVM-18.so.1")
     monkeypatch.setenv("INIM_LLVM_SEARCH", f"{one}{os.pathsep}{two}")
-    found = [path.name for path in choice.find_libllvm()]
+    found = [path.name for path in backend.find_libllvm()]
     assert found == ["libLLVM-18.so.1", "libLLVM-17.so.1"]
 
 
 def test_linker_cache_is_searched(monkeypatch, tmp_path):
     odd = libraries(tmp_path / "odd", "libLLVM.so.97.1") / "libLLVM.so.97.1"
     monkeypatch.setattr(machine, "linker_cache", lambda name: [str(odd)])
-    assert choice.find_libllvm()[0].name == "libLLVM.so.97.1"
+    assert backend.find_libllvm()[0].name == "libLLVM.so.97.1"
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,7 @@ def test_linker_cache_is_searched(monkeypatch, tmp_path):
 def test_installed_package_is_preferred_and_its_libraries_are_loaded_by_their_files(
     monkeypatch, tmp_path, packages, library
 ):
-    monkeypatch.setattr(choice, "wheel_folders", WHEEL_FOLDERS)
+    monkeypatch.setattr(backend, "wheel_folders", WHEEL_FOLDERS)
     monkeypatch.setattr(sys, "path", ["", str(tmp_path / packages)])
     libraries(tmp_path / packages / "karellen_llvm_core-22.1.8.dist-info")
     packaged = libraries((tmp_path / library).parent, "libLLVM.so.22.1") / "libLLVM.so.22.1"
@@ -140,18 +140,18 @@ def test_installed_package_is_preferred_and_its_libraries_are_loaded_by_their_fi
     folder = libraries(packaged.parent / "x86_64-unknown-linux-gnu", *needed)
     newer = libraries(tmp_path / "newer", "libLLVM.so.97.1") / "libLLVM.so.97.1"
     monkeypatch.setattr(machine, "linker_cache", lambda name: [str(newer)])
-    monkeypatch.setattr(choice, "_system_has_libatomic", lambda: True)
-    assert choice.find_libllvm()[:2] == [packaged, newer]
-    assert choice.needed_by(packaged) == [str(folder / name) for name in needed]
-    assert choice.needed_by(newer) == []
+    monkeypatch.setattr(backend, "_system_has_libatomic", lambda: True)
+    assert backend.find_libllvm()[:2] == [packaged, newer]
+    assert backend.needed_by(packaged) == [str(folder / name) for name in needed]
+    assert backend.needed_by(newer) == []
 
 
 @pytest.mark.skipif(
     (sys.platform, os.uname().machine) != ("linux", "x86_64"), reason="a library for Linux, x86-64"
 )
 def test_own_libatomic_serves_where_the_system_has_none(monkeypatch):
-    monkeypatch.setattr(choice, "_system_has_libatomic", lambda: False)
-    (path,) = choice.needed_by(None)
+    monkeypatch.setattr(backend, "_system_has_libatomic", lambda: False)
+    (path,) = backend.needed_by(None)
     exchange = ctypes.CDLL(path)["__atomic_compare_exchange_16"]
     exchange.argtypes = [ctypes.c_void_p] * 2 + [ctypes.c_uint64] * 2 + [ctypes.c_int] * 2
     exchange.restype = ctypes.c_bool
@@ -274,7 +274,7 @@ def test_broken_cuda_falls_back_to_llvm_unless_asked_for(monkeypatch, tmp_path):
 
 def probe_of(monkeypatch: pytest.MonkeyPatch, script: str, seconds: float = 20.0) -> Verdict:
     monkeypatch.setattr(trial, "PROBE", script)
-    return backend.probe("llvm_ad_rgb", {}, (), seconds)
+    return trial.probe("llvm_ad_rgb", {}, (), seconds)
 
 
 @pytest.mark.parametrize(
@@ -467,10 +467,10 @@ def test_group_of_a_container_may_be_the_root(tmp_path):
 
 def test_memory_limit_is_never_above_what_the_machine_has(monkeypatch, tmp_path):
     total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    assert 0 < backend.memory_limit_bytes() <= total
+    assert 0 < machine.memory_limit_bytes() <= total
     (tmp_path / "limit").write_text("123456789")
     monkeypatch.setattr(machine, "_limit_files", lambda path: [tmp_path / "limit"])
-    assert backend.memory_limit_bytes() == 123456789
+    assert machine.memory_limit_bytes() == 123456789
 
 
 def test_description_is_json_and_gives_each_library_its_reason(monkeypatch, tmp_path, tried):
@@ -480,7 +480,7 @@ def test_description_is_json_and_gives_each_library_its_reason(monkeypatch, tmp_
     assert [found["usable"] for found in facts["libllvm"]] == [True, False]
     assert facts["libllvm"][1]["reason"] == "LLVM 14 is too old for Dr.Jit"
     assert facts["chosen"]["libllvm"] == str(folder / "libLLVM.so.19.1")
-    assert facts["memory_bytes"] == backend.memory_limit_bytes()
+    assert facts["memory_bytes"] == machine.memory_limit_bytes()
 
 
 def test_text_form_works_with_and_without_a_backend(monkeypatch, tmp_path, tried):

@@ -349,14 +349,14 @@ def test_layers_are_captured_for_those_that_want_them_and_change_nothing_else(tm
 
 def test_memory_is_planned_for_layers_where_one_wants_them(tmp_path, monkeypatch):
     """A limit between what the two runs need refuses the one with layers, and says how to pass."""
-    from inim import backend
     from inim.errors import OutOfMemoryError
     from inim.pipeline.plan import make_plan
     from inim.pipeline.request import Request
+    from inim.process import machine
 
     scene = tmp_path / "scene.xml"
     scene.write_text(around(sphere((0, 0, 0), 3.0)))
-    monkeypatch.setattr(backend, "memory_limit_bytes", lambda: 4 * 2**30)
+    monkeypatch.setattr(machine, "memory_limit_bytes", lambda: 4 * 2**30)
     fine = {"inim.capture_pixels_per_pitch": "16"}
     make_plan(Request(scene, tmp_path, definitions=fine, algorithms=("template",)))
     with pytest.raises(OutOfMemoryError, match="capture_pixels_per_pitch"):

@@ -135,10 +135,9 @@ def test_an_array_may_lie_turned_and_shifted_on_its_panel():
     import mitsuba as mi
 
     from inim.render.reconstruct import DisplayScene
-    from inim.render.sensors import half_extent_mm
 
     display = DISPLAY.replace(rotation_deg=20, shift_x_mm=0.5, tilt_y_deg=1.0)
-    half = half_extent_mm(display)
+    half = display.half_extent_mm
     assert half[0] > HALF[0]
     world = turned("all")
     emitter = {"type": "inim_display", **told(), "misalign": "rotation_deg=20, shift_x_mm=0.5"}

@@ -70,7 +70,7 @@ class Crowd:
 def crowd_of(monkeypatch, tasks, workers, limit):
     crowd = Crowd()
     monkeypatch.setattr(sweep_workers, "attempt", crowd)
-    monkeypatch.setattr(sweep_workers.backends, "memory_limit_bytes", lambda: limit)
+    monkeypatch.setattr(sweep_workers.machine, "memory_limit_bytes", lambda: limit)
     assert run_tasks(tasks, None, workers, Progress(len(tasks), quiet=True)) == {}
     assert sorted(crowd.done) == sorted(t.unit for t in tasks)
     return crowd

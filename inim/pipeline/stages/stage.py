@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, Generic, ParamSpec, TypeVar
 
 from inim import metrics
-from inim.backend.choice import versions
+from inim.backend import versions
 from inim.cache import ResultCache, code_digest
 from inim.process.observer import Observer
 
