@@ -11,7 +11,7 @@ from inim.commands.options import Command, add_choices, add_debug, add_exit_code
 from inim.errors import EXIT_PASSED, BackendError, FileError, UsageError, suggest_words
 
 if TYPE_CHECKING:
-    from inim.backend import Verdict
+    from inim.backend.trial import Verdict
     from inim.cache import StoreInfo
     from inim.display import Display
     from inim.inspect.findings import Inspection
