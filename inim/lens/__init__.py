@@ -26,7 +26,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, wraps
-from typing import Any, TypeVar, cast
+from typing import Any
 
 import numpy as np
 
@@ -117,10 +117,7 @@ def lens_model(name: str) -> LensModel:
     )
 
 
-_Function = TypeVar("_Function", bound=Callable[..., Any])
-
-
-def _attributed(name: str, function: _Function) -> _Function:
+def _attributed(name: str, function: Any) -> Any:
     """Return another package's function, with the model named in its errors."""
 
     @wraps(function)
@@ -128,7 +125,7 @@ def _attributed(name: str, function: _Function) -> _Function:
         with attribute_errors(_ENTRY_POINTS, "lens model", name):
             return function(*values)
 
-    return cast(_Function, attributed)
+    return attributed
 
 
 def _full_sized(trace: Trace) -> Trace:

@@ -96,8 +96,11 @@ class BoundsGrid:
         return first.astype(np.int32), last.astype(np.int32)
 
 
-def box_corners(shape: Any) -> np.ndarray:
-    """The eight corners of a shape's box in the world, (8, 3) float64."""
+def world_points(shape: Any) -> np.ndarray:
+    """World points whose hull contains a shape, (n, 3) float64: vertices, or corners of its box."""
+    parameters = mi.traverse(shape)
+    if "vertex_positions" in parameters:
+        return np.asarray(parameters["vertex_positions"], np.float64).reshape(-1, 3)
     box = shape.bbox()
     ends = np.array([np.asarray(box.min).ravel(), np.asarray(box.max).ravel()], np.float64)
     picks = np.indices((2, 2, 2)).reshape(3, -1).T
@@ -105,12 +108,11 @@ def box_corners(shape: Any) -> np.ndarray:
 
 
 def _boxes(shape: Any, display_from_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Boxes in the display frame that hold a shape: of its triangles, or its own; low and high.
+    """Boxes in the display frame that contain a shape, low and high corners: one per triangle.
 
-    Of splats in shells, a box for each shell.
+    Splats have a box per shell, other shapes one box.
     """
     turn, shift = display_from_world[:3, :3], display_from_world[:3, 3]
-    parameters = mi.traverse(shape)
     if shape.is_ellipsoids() and isinstance(shape, mi.Mesh):
         points = np.asarray(shape.vertex_positions_buffer()).reshape(-1, 3)
         points = (points @ turn.T.astype(np.float32)).astype(np.float32) + shift.astype(np.float32)
@@ -118,13 +120,11 @@ def _boxes(shape: Any, display_from_world: np.ndarray) -> tuple[np.ndarray, np.n
         # Splats too faint for `extent_adaptive_clamping` have none.
         shells = shells[np.isfinite(shells).all(axis=(1, 2))]
         return shells.min(axis=1), shells.max(axis=1)
-    if "vertex_positions" in parameters and "faces" in parameters:
-        points = np.asarray(parameters["vertex_positions"], np.float64).reshape(-1, 3)
-        points = points @ turn.T + shift
-        corners = points[np.asarray(parameters["faces"]).reshape(-1, 3)]
-        return corners.min(axis=1), corners.max(axis=1)
-    points = box_corners(shape) @ turn.T + shift
-    return points.min(axis=0)[None], points.max(axis=0)[None]
+    points, parameters = world_points(shape) @ turn.T + shift, mi.traverse(shape)
+    if "faces" not in parameters:
+        return points.min(axis=0)[None], points.max(axis=0)[None]
+    corners = points[np.asarray(parameters["faces"]).reshape(-1, 3)]
+    return corners.min(axis=1), corners.max(axis=1)
 
 
 def _filled(first: np.ndarray, last: np.ndarray) -> np.ndarray:

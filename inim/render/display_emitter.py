@@ -36,6 +36,7 @@ from inim.render.camera import Camera
 from inim.render.sensors import (
     display_of,
     display_place,
+    read_number,
     read_properties,
     refusing,
 )
@@ -140,15 +141,6 @@ class LensedPanel:
         return place, weight, lit
 
 
-def _brightness(values: dict[str, Any]) -> float:
-    brightness = values.get("brightness", 1.0)
-    if isinstance(brightness, bool) or not isinstance(brightness, (int, float)):
-        raise SceneError(f"{PLUGIN}: brightness = {brightness!r}: must be a number")
-    if not (math.isfinite(brightness) and brightness >= 0):
-        raise SceneError(f"{PLUGIN}: brightness = {brightness:g}: must be finite and not negative")
-    return float(brightness)
-
-
 def _picture(values: dict[str, Any], display: Display) -> np.ndarray:
     """The EIA that the parameters name or hold, (rows, columns, 3) float32."""
     names = [name for name in _PICTURES if name in values]
@@ -187,7 +179,11 @@ def register() -> None:
             values = read_properties(PLUGIN, props, _OWN, ("sampling_weight",))
             display, lens_model = display_of(PLUGIN, values), values.get("lens_model", "thick")
             find_lens_model(lens_model).check(display)
-            brightness = _brightness(values)
+            brightness = read_number(PLUGIN, {"brightness": 1.0} | values, "brightness")
+            if not (math.isfinite(brightness) and brightness >= 0):
+                raise SceneError(
+                    f"{PLUGIN}: brightness = {brightness:g}: must be finite and not negative"
+                )
             eia = mi.TensorXf(_picture(values, display))
             panel = LensedPanel(display, lens_model, eia.array)
             panel.leaving(*(mi.Float(0.0),) * 4)  # another package's model may fail

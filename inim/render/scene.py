@@ -26,7 +26,7 @@ from inim.process.machine import memory_limit_bytes
 from inim.process.observer import Observer
 from inim.render import splats
 from inim.render.camera import Camera
-from inim.render.culling import BoundsGrid, box_corners
+from inim.render.culling import BoundsGrid, world_points
 from inim.render.rays import NonSeparableRays, SeparableRays
 from inim.scene.file import SceneFile
 
@@ -131,7 +131,7 @@ def open_scene(
         raise SceneError(f"{file.path}: nothing to show: the scene has no shape but lights")
     integrator = scene.integrator() or mi.load_dict(_DEFAULT_INTEGRATOR)
     _check_splats(file, scene, integrator)
-    points = np.concatenate([_extent_points(shape) for shape in relic])
+    points = np.concatenate([world_points(shape) for shape in relic])
     fit = fit_to_display(points, _orientation(scene), display, fit_share, str(file.path))
     low, high = display.depth_range_mm
     return FittedScene(scene, integrator, fit, high + _DEPTH_MARGIN * (high - low), len(relic))
@@ -146,7 +146,12 @@ def _decode(file: SceneFile) -> dict[Path, Any]:
             count += check_splats(path, read_bytes(path))
         else:
             decoded[path] = read_shape(path, plugin)
-    _check_room(file, count)
+    needed, limit = count * _SPLAT_BYTES, memory_limit_bytes()
+    if limit and needed > limit:  # without room for them, the renderer dies
+        raise SceneError(
+            f"{file.path}: {count} splats take {needed / 2**30:.1f} GiB of the "
+            f"{limit / 2**30:.1f} GiB there are; keep fewer with `inim new-scene --crop`"
+        )
     for path in file.pictures:
         decoded[path] = read_texture(path)
     for path in file.volumes:
@@ -168,57 +173,51 @@ def _load(file: SceneFile, decoded: Mapping[Path, Any]) -> Any:
         # lets some of them slip between triangles.
         state.root.props["embree_use_robust_intersections"] = True
         for node in state.nodes:
-            _check_needs(file, node.props)
-            _settle_file(file, node.props, decoded)
-        for node in _children(state, state.root, mi.ObjectType.Integrator):
-            _unwrap(state, node)
-            _check_integrator(file, node.props.plugin_name())
+            _pass_file(file, node.props, decoded)
+        for node in _integrators(state, state.root):
+            _unwrap(file, state, node)
             node.props["hide_emitters"] = True
         mi.parser.transform_all(config, state)
         loaded = mi.parser.instantiate(config, state)
     except (FileError, SceneError):
         raise
     except Exception as error:  # Mitsuba raises bare RuntimeErrors for everything
-        cause = " ".join(_cause(error).split())
+        text = str(error).strip()
+        if "Traceback (most recent call last)" in text:  # of a plugin in Python
+            text = text.splitlines()[-1]
+        cause = " ".join(text.split())
         raise FileError(f"{file.path}: the renderer refuses it: {cause[:400]}") from error
     finally:
         del resolver[0]
     return loaded[0] if isinstance(loaded, list) else loaded
 
 
-def _cause(error: Exception) -> str:
-    """Message of Mitsuba's error; for a plugin in Python only the end of its traceback."""
-    text = str(error).strip()
-    return text.splitlines()[-1] if "Traceback (most recent call last)" in text else text
-
-
-def _children(state: Any, node: Any, kind: Any) -> list[Any]:
-    """The nodes of a kind that a node holds."""
+def _integrators(state: Any, node: Any) -> list[Any]:
+    """Integrators directly below a node."""
     reference = mi.Properties.Type.ResolvedReference
     names = [name for name in node.props if node.props.type(name) == reference]
     nodes = [state.nodes[node.props[name].index()] for name in names]
-    return [node for node in nodes if node.type == kind]
+    return [node for node in nodes if node.type == mi.ObjectType.Integrator]
 
 
-def _unwrap(state: Any, node: Any) -> None:
-    """Let an integrator that wraps others be the first of them."""
-    while node.props.plugin_name() in _WRAPPERS:
-        integrators = _children(state, node, mi.ObjectType.Integrator)
-        if not integrators:
-            return
-        node.props = integrators[0].props
-
-
-def _check_needs(file: SceneFile, properties: Any) -> None:
-    need = _NEEDS.get(properties.plugin_name())
-    if need and need not in properties:
+def _unwrap(file: SceneFile, state: Any, node: Any) -> None:
+    """Replace an integrator that wraps others by the first of them."""
+    while node.props.plugin_name() in _WRAPPERS and (inner := _integrators(state, node)):
+        node.props = inner[0].props
+    name = node.props.plugin_name()
+    if name not in _INTEGRATORS:
         raise SceneError(
-            f"{file.path}: a {properties.plugin_name()!r} has no {need!r}; give it one"
+            f"{file.path}: integrator {name!r} gives no radiance ray by ray; use 'path' or "
+            "'volpath'"
         )
 
 
-def _settle_file(file: SceneFile, properties: Any, decoded: Mapping[Path, Any]) -> None:
+def _pass_file(file: SceneFile, properties: Any, decoded: Mapping[Path, Any]) -> None:
     """Pass decoded files as arrays; let other plugins open the scanned file itself."""
+    plugin = properties.plugin_name()
+    need = _NEEDS.get(plugin)
+    if need and need not in properties:
+        raise SceneError(f"{file.path}: a {plugin!r} has no {need!r}; give it one")
     if "filename" not in properties:
         return
     name = properties["filename"]
@@ -235,24 +234,6 @@ def _settle_file(file: SceneFile, properties: Any, decoded: Mapping[Path, Any]) 
         properties["filename"] = str(path)
 
 
-def _check_integrator(file: SceneFile, name: str) -> None:
-    if name not in _INTEGRATORS:
-        raise SceneError(
-            f"{file.path}: integrator {name!r} gives no radiance ray by ray; use 'path' or "
-            "'volpath'"
-        )
-
-
-def _check_room(file: SceneFile, count: int) -> None:
-    """Refuse more splats than memory holds: without it, the renderer dies."""
-    needed, limit = count * _SPLAT_BYTES, memory_limit_bytes()
-    if limit and needed > limit:
-        raise SceneError(
-            f"{file.path}: {count} splats take {needed / 2**30:.1f} GiB of the "
-            f"{limit / 2**30:.1f} GiB there are; keep fewer with `inim new-scene --crop`"
-        )
-
-
 def _check_splats(file: SceneFile, scene: Any, integrator: Any) -> None:
     """Refuse splats among other shapes or under another integrator: they would not be seen."""
     are_splats = [shape.is_ellipsoids() for shape in scene.shapes()]
@@ -266,14 +247,6 @@ def _check_splats(file: SceneFile, scene: Any, integrator: Any) -> None:
             f"{file.path}: splats shine by themselves, which other integrators do not show; use "
             f"{splats.INTEGRATOR!r}"
         )
-
-
-def _extent_points(shape: Any) -> np.ndarray:
-    """World points whose hull holds the shape: a mesh's vertices, else its box's corners."""
-    parameters = mi.traverse(shape)
-    if "vertex_positions" in parameters:
-        return np.asarray(parameters["vertex_positions"], np.float64).reshape(-1, 3)
-    return box_corners(shape)
 
 
 def _orientation(scene: Any) -> np.ndarray:

@@ -44,13 +44,10 @@ def _film_shape(props: Any, rows: int, columns: int) -> tuple[int, int]:
 
 def _viewpoint(values: dict[str, Any], display: Display) -> Viewpoint:
     """The eye that the parameters describe; on the axis, at the usual distance, by default."""
-    numbers = {name: values[name] for name in _EYE if name in values}
-    for name, number in numbers.items():
-        if isinstance(number, bool) or not isinstance(number, (int, float)):
-            raise SceneError(f"inim_eye: {name} = {number!r}: must be a number")
     usual = {"x_mm": 0.0, "y_mm": 0.0, "z_mm": default_distance_mm(display)}
+    given = {name: read_number("inim_eye", values, name) for name in _EYE if name in values}
     try:
-        return Viewpoint("eye", **(usual | numbers))
+        return Viewpoint("eye", **(usual | given))
     except ViewpointError as error:
         raise SceneError(f"inim_eye: {error}") from None
 
@@ -133,10 +130,10 @@ def register() -> None:
                     f"inim_pickup: its film is the panel, {shape[1]} x {shape[0]} pixels; give it "
                     "that width and height, or no film"
                 )
-            start = values.get("start_mm", display.depth_range_mm[1])
-            if isinstance(start, bool) or not isinstance(start, (int, float)):
-                raise SceneError(f"inim_pickup: start_mm = {start!r}: must be a number")
-            return pickup_rays(display, float(start))
+            start_mm = display.depth_range_mm[1]
+            if "start_mm" in values:
+                start_mm = read_number("inim_pickup", values, "start_mm")
+            return pickup_rays(display, start_mm)
 
     class EyeSensor(DisplaySensor):
         """`inim_eye`: a pupil before the array, which fills the film."""
@@ -212,6 +209,14 @@ def read_properties(
             raise SceneError(f"{plugin}: unknown parameter {name!r}; {hint}")
         values[name] = props[name]
     return values
+
+
+def read_number(plugin: str, values: dict[str, Any], name: str) -> float:
+    """Number of a parameter of a plugin; raises `SceneError` for another type."""
+    value = values[name]
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise SceneError(f"{plugin}: {name} = {value!r}: must be a number")
+    return float(value)
 
 
 def display_of(plugin: str, values: dict[str, Any]) -> Display:

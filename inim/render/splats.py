@@ -73,9 +73,29 @@ class Absorption:
     twice: NDArray[np.bool_]
 
 
+@dr.syntax  # type: ignore[untyped-decorator]
 def absorption(scene: Any, integrator: Any, ray: Any) -> Absorption:
     """Follow rays as far as the integrator does."""
-    depths = _absorb(scene, integrator, ray)
+    ray = mi.Ray3f(ray)
+    start = mi.Point3f(ray.o)
+    active, twice = mi.Bool(True), mi.Bool(False)
+    left = mi.Float(1)
+    tenth, half, most = mi.Float(dr.inf), mi.Float(dr.inf), mi.Float(dr.inf)
+    last, count = mi.UInt32(0xFFFFFFFF), mi.UInt32(0)
+    while active:
+        hit, is_hit, passed, peak = _next_splat(scene, integrator, ray, active)
+        peak += dr.dot(ray.o - start, ray.d)
+        twice |= is_hit & (hit.prim_index == last)
+        last = dr.select(is_hit, hit.prim_index, last)
+        before = left
+        left = dr.select(is_hit, left * passed, left)
+        tenth = dr.select((before > 0.9) & (left <= 0.9), peak, tenth)
+        half = dr.select((before > 0.5) & (left <= 0.5), peak, half)
+        most = dr.select((before > 0.1) & (left <= 0.1), peak, most)
+        ray.o = dr.select(is_hit, hit.p + ray.d * _STEP, ray.o)
+        count += 1
+        active = is_hit & (left > _LEAST_LIGHT) & (count < integrator.max_depth)
+    depths = left, tenth, half, most, twice
     dr.eval(depths)
     return Absorption(*(np.asarray(depth) for depth in depths))
 
@@ -99,79 +119,13 @@ class Runs:
     count: NDArray[np.uint32]
 
 
+@dr.syntax  # type: ignore[untyped-decorator]
 def runs(scene: Any, integrator: Any, ray: Any, most: int) -> Runs:
     """Follow rays to their ends through all splats, with at most `most` layers each."""
     rays = dr.width(ray.d)
-    tables = [dr.full(mi.Float, -dr.inf, most * rays) for _ in range(3)]
-    dr.eval(tables)
-    count = _layers(scene, integrator, ray, dr.arange(mi.UInt32, rays), rays, most, *tables)
-    dr.eval(count, tables)
-    near, front, back = (np.asarray(table).reshape(most, rays) for table in tables)
-    return Runs(near, front, back, np.asarray(count))
-
-
-def _next_splat(scene: Any, integrator: Any, ray: Any, active: Any) -> tuple[Any, Any, Any, Any]:
-    """Next splat on each ray, a flag whether there is one, its transmittance, and its peak."""
-    hit = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=False, active=active)
-    is_hit = active & hit.is_valid() & hit.shape.is_ellipsoids()
-    passed = integrator.eval_transmission(hit, ray, is_hit)
-    return hit, is_hit, passed, dr.dispatch(hit.shape, _peak, hit.prim_index, ray, is_hit)
-
-
-def _peak(shape: Any, splat: Any, ray: Any, active: Any) -> Any:
-    """Distance along rays at which they are nearest to a splat, in its own measure."""
-    if shape is None or not shape.is_ellipsoids():
-        return mi.Float(0)
-    hit = dr.zeros(mi.SurfaceInteraction3f)
-    hit.prim_index = splat
-    data = shape.eval_attribute_x("ellipsoid", hit, active)
-    centre, scale = (
-        mi.Point3f(*(data[k] for k in range(3))),
-        mi.Vector3f(*(data[3 + k] for k in range(3))),
-    )
-    own = dr.quat_to_matrix(mi.Matrix3f, mi.Quaternion4f(*(data[6 + k] for k in range(4)))).T
-    origin, along = own * (ray.o - centre) / scale, own * ray.d / scale
-    return -dr.dot(origin, along) / dr.dot(along, along)
-
-
-@dr.syntax  # type: ignore[untyped-decorator]
-def _absorb(scene: Any, integrator: Any, ray: Any) -> tuple[Any, ...]:
-    """The fields of `Absorption`."""
-    ray = mi.Ray3f(ray)
-    start = mi.Point3f(ray.o)
-    active, twice = mi.Bool(True), mi.Bool(False)
-    left = mi.Float(1)
-    tenth, half, most = mi.Float(dr.inf), mi.Float(dr.inf), mi.Float(dr.inf)
-    last, count = mi.UInt32(0xFFFFFFFF), mi.UInt32(0)
-    while active:
-        hit, is_hit, passed, peak = _next_splat(scene, integrator, ray, active)
-        peak += dr.dot(ray.o - start, ray.d)
-        twice |= is_hit & (hit.prim_index == last)
-        last = dr.select(is_hit, hit.prim_index, last)
-        before = left
-        left = dr.select(is_hit, left * passed, left)
-        tenth = dr.select((before > 0.9) & (left <= 0.9), peak, tenth)
-        half = dr.select((before > 0.5) & (left <= 0.5), peak, half)
-        most = dr.select((before > 0.1) & (left <= 0.1), peak, most)
-        ray.o = dr.select(is_hit, hit.p + ray.d * _STEP, ray.o)
-        count += 1
-        active = is_hit & (left > _LEAST_LIGHT) & (count < integrator.max_depth)
-    return left, tenth, half, most, twice
-
-
-@dr.syntax  # type: ignore[untyped-decorator]
-def _layers(
-    scene: Any,
-    integrator: Any,
-    ray: Any,
-    lane: Any,
-    rays: int,
-    most: int,
-    nears: Any,
-    fronts: Any,
-    backs: Any,
-) -> Any:
-    """Fill the tables of `Runs`; how many layers were found."""
+    lane = dr.arange(mi.UInt32, rays)
+    nears, fronts, backs = (dr.full(mi.Float, -dr.inf, most * rays) for _ in range(3))
+    dr.eval(nears, fronts, backs)
     ray = mi.Ray3f(ray)
     start = mi.Point3f(ray.o)
     active, is_open = mi.Bool(True), mi.Bool(False)
@@ -201,4 +155,31 @@ def _layers(
         count += 1
         active = is_hit & (count < integrator.max_depth)
     dr.scatter(backs, deepest, layer_count * rays + lane, is_open & (layer_count < most))
-    return layer_count + dr.select(is_open, mi.UInt32(1), mi.UInt32(0))
+    layer_count += dr.select(is_open, mi.UInt32(1), mi.UInt32(0))
+    dr.eval(layer_count, nears, fronts, backs)
+    near, front, back = (np.asarray(t).reshape(most, rays) for t in (nears, fronts, backs))
+    return Runs(near, front, back, np.asarray(layer_count))
+
+
+def _next_splat(scene: Any, integrator: Any, ray: Any, active: Any) -> tuple[Any, Any, Any, Any]:
+    """Next splat on each ray, a flag whether there is one, its transmittance, and its peak."""
+    hit = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=False, active=active)
+    is_hit = active & hit.is_valid() & hit.shape.is_ellipsoids()
+    passed = integrator.eval_transmission(hit, ray, is_hit)
+    return hit, is_hit, passed, dr.dispatch(hit.shape, _peak, hit.prim_index, ray, is_hit)
+
+
+def _peak(shape: Any, splat: Any, ray: Any, active: Any) -> Any:
+    """Distance along rays at which they are nearest to a splat, in its own measure."""
+    if shape is None or not shape.is_ellipsoids():
+        return mi.Float(0)
+    hit = dr.zeros(mi.SurfaceInteraction3f)
+    hit.prim_index = splat
+    data = shape.eval_attribute_x("ellipsoid", hit, active)
+    centre, scale = (
+        mi.Point3f(*(data[k] for k in range(3))),
+        mi.Vector3f(*(data[3 + k] for k in range(3))),
+    )
+    own = dr.quat_to_matrix(mi.Matrix3f, mi.Quaternion4f(*(data[6 + k] for k in range(4)))).T
+    origin, along = own * (ray.o - centre) / scale, own * ray.d / scale
+    return -dr.dot(origin, along) / dr.dot(along, along)
