@@ -271,7 +271,7 @@ class _Hits:
         hits: list[tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]] = []
         for _ in range(_MOST_HITS):
             hit = _next_hit(fitted, camera, going, start)
-            going, start = going[hit.pop("met")], hit.pop("onward")
+            going, start = going[hit.pop("rays")], hit.pop("onward")
             if not len(going):
                 break
             is_light, step = hit.pop("light"), hit.pop("step")
@@ -310,10 +310,10 @@ def _next_hit(
     light = hit.is_valid() & hit.shape.is_emitter()
     shape = dr.reinterpret_array(mi.UInt32, hit.shape)
     dr.eval(distance, step, light, shape, hit, ray)
-    met = np.flatnonzero(np.asarray(hit.is_valid()))
+    hit_rays = np.flatnonzero(np.asarray(hit.is_valid()))
 
     def chosen(values: Any) -> np.ndarray:
-        return np.asarray(values)[met]
+        return np.asarray(values)[hit_rays]
 
     def vectors(vector: Any) -> np.ndarray:
         return np.stack([chosen(part).astype(np.float64) for part in vector], axis=-1)
@@ -324,7 +324,7 @@ def _next_hit(
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = np.nan_to_num(np.abs(normal[:, :2]).sum(axis=1) / np.abs(normal[:, 2]), nan=0.0)
     return {
-        "met": met,
+        "rays": hit_rays,
         "light": chosen(light),
         "distance": chosen(distance),
         "onward": chosen(distance + step),

@@ -45,9 +45,9 @@ def _film_shape(props: Any, rows: int, columns: int) -> tuple[int, int]:
 def _viewpoint(values: dict[str, Any], display: Display) -> Viewpoint:
     """The eye that the parameters describe; on the axis, at the usual distance, by default."""
     usual = {"x_mm": 0.0, "y_mm": 0.0, "z_mm": default_distance_mm(display)}
-    given = {name: read_number("inim_eye", values, name) for name in _EYE if name in values}
+    positions = {name: read_number("inim_eye", values, name) for name in _EYE if name in values}
     try:
-        return Viewpoint("eye", **(usual | given))
+        return Viewpoint("eye", **(usual | positions))
     except ViewpointError as error:
         raise SceneError(f"inim_eye: {error}") from None
 
