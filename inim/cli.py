@@ -9,13 +9,15 @@ from __future__ import annotations
 import argparse
 import io
 import os
+import shlex
 import sys
 import traceback
 from collections.abc import Callable, Iterable
 from importlib import import_module
+from textwrap import fill
 from typing import Any, NoReturn
 
-from inim.commands.options import Command, add_exit_codes, print_warning
+from inim.commands.options import EXIT_CODES, Command, print_warning
 from inim.errors import (
     EXIT_INTERNAL,
     EXIT_PASSED,
@@ -90,6 +92,7 @@ def main(argv: list[str] | None = None) -> int:
         suggestion = suggest_words(argv[0], COMMANDS, f"there are {', '.join(COMMANDS)}")
         parser.error(f"{argv[0]}: no such command; {suggestion}")
     args = parser.parse_args(argv)
+    args.command_line = shlex.join(["inim", *argv])
     try:
         return int(args.run(args))
     except InimError as error:
@@ -112,10 +115,13 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser(named: str | None) -> argparse.ArgumentParser:
     """Parser of the named command, or of all commands."""
-    parser = _Parser(prog="inim", description="Simulation of integral-imaging displays.")
-    add_exit_codes(parser)
+    layout: dict[str, Any] = {
+        "formatter_class": argparse.RawDescriptionHelpFormatter,
+        "epilog": EXIT_CODES,
+    }
+    parser = _Parser(prog="inim", description="Simulation of integral-imaging displays.", **layout)
     if named not in COMMANDS:
-        parser.epilog = f"{_command_list()}\n{parser.epilog}"
+        parser.epilog = f"{_command_list()}\n{EXIT_CODES}"
     parser.add_argument("--version", action="version", version=f"inim {__version__}")
     # argparse keeps the type of what add_subparsers returns to itself.
     commands: Any = parser.add_subparsers(required=True, metavar="COMMAND")
@@ -123,8 +129,9 @@ def _parser(named: str | None) -> argparse.ArgumentParser:
         parser.about = f"inim {named}"
     for name in [named] if named in COMMANDS else COMMANDS:
         command = _command(name)
-        own = commands.add_parser(name, description=f"{command.summary.capitalize()}.")
+        own = commands.add_parser(name, description=f"{command.summary.capitalize()}.", **layout)
         command.add_arguments(own)
+        own.description = fill(own.description)
         own.set_defaults(run=command.run)
     return parser
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from inim.documents.bench import BenchAlgorithm, BenchDocument, BenchRounds, Loa
 from inim.documents.parts import BackendRecord, origin
 from inim.errors import UsageError
 from inim.pipeline.plan import Plan, make_plan
-from inim.pipeline.request import Request, option_words
+from inim.pipeline.request import Request
 from inim.pipeline.stages.scene import Renderer
 from inim.process.observer import Observer
 from inim.report.bench import write_bench
@@ -32,11 +31,13 @@ _FILES = (_MARKER, "bench.html", "bench.md")
 class BenchRequest:
     """Request for a bench run.
 
-    The validation's algorithms are timed; its display and sampling apply.
+    The validation's algorithms are timed; its display and sampling apply. `command` is the command
+    line, for the record.
     """
 
     validation: Request
     rounds: Rounds = field(default_factory=Rounds)
+    command: str = ""
 
     def plan(self) -> Plan:
         """Plan the validation, and check the algorithms and the number of threads."""
@@ -48,16 +49,6 @@ class BenchRequest:
         if self.validation.algorithms is not None:
             choose_algorithms(self.validation.algorithms)
         return plan
-
-    def command(self, plan: Plan) -> list[str]:
-        """Return the command line that repeats this request."""
-        names = ("runs", "warmups", "threads")
-        values = {name: getattr(self.rounds, name) for name in names}
-        return [
-            *("inim", "bench"),
-            *self.validation.command(plan.settings, plan.file.settings),
-            *option_words({f"--{k}": v for k, v in values.items() if v != getattr(Rounds(), k)}),
-        ]
 
 
 def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False) -> None:
@@ -84,7 +75,7 @@ def run_job(
     observer.stage("start")
     renderer = Renderer("llvm", observer)
     title = f"Bench: {plan.request.scene.stem}"
-    document = record(title, request.command(plan), renderer.backend, request.rounds, load)
+    document = record(title, request.command, renderer.backend, request.rounds, load)
     names, notes = choose_algorithms(request.validation.algorithms)
     scene = bench_scene(plan, names, request.rounds, renderer)
     _print_algorithms(observer, scene.algorithms)
@@ -112,16 +103,16 @@ _BUSY = 0.25
 
 
 def record(
-    title: str, command: Sequence[str], backend: Any, rounds: Rounds, load: float | None
+    title: str, command: str, backend: Any, rounds: Rounds, load: float | None
 ) -> BenchDocument:
     """Create a document without results, final load and list of files.
 
-    `command` are the words of the command line that repeats it, `backend` is an
+    `command` is the command line that repeats it, `backend` is an
     `inim.backend.Backend`, and `load` is the `load_average` before anything was loaded.
     """
     return BenchDocument(
         title=title,
-        **origin(shlex.join(command), _VERSIONS),
+        **origin(command, _VERSIONS),
         backend=BackendRecord.of(backend),
         threads=rounds.threads or max_threads(),
         threading_layer=os.environ.get("NUMBA_THREADING_LAYER", "default"),

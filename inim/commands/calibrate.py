@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING
 
 from inim.commands.options import (
     Command,
-    add_choices,
-    add_debug,
-    add_exit_codes,
-    choices_of,
-    print_outcome,
+    add_shared,
+    display_and_settings,
+    finish,
     print_warning,
 )
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError, suggest_words
+from inim.errors import UsageError, suggest_words
 
 if TYPE_CHECKING:
     from inim.calibrate.fit import Calibration
@@ -41,8 +39,7 @@ _SQUARE = 0.005
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_exit_codes(parser)
-    parser.epilog = _EPILOG + (parser.epilog or "")
+    parser.epilog = f"{_EPILOG}{parser.epilog}"
     parser.description = (
         "Fit a display's pitch, rotation, shift, gap, tilt and focal length to photographs of "
         "patterns that it shows; write a display file for --display, and a report. Code 1: "
@@ -53,25 +50,17 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="PHOTOS|patterns",
         help="folder of folders of photographs, one for each position; or the word patterns",
     )
-    add_choices(parser, "display", "definitions")
-    parser.add_argument(
-        "-o",
-        "--out",
-        type=Path,
-        help="display file (PHOTOS.xml), with its report next to it; patterns: their folder",
-    )
+    out = "display file (PHOTOS.xml), with its report next to it; patterns: their folder"
+    add_shared(parser, "display", "definitions", "debug", out=out)
     parser.add_argument(
         "--intrinsics",
         metavar="FX,FY,CX,CY,K1,K2",
         help="camera in pixels, as OpenCV gives it; fitted by default",
     )
-    add_debug(parser)
 
 
 def _run(args: argparse.Namespace) -> int:
-    from inim.scene.file import choose_display
-
-    display, settings = choose_display(**choices_of(args), source="inim calibrate")
+    display, settings = display_and_settings(args)
     if args.photos == _PATTERNS:
         return _write_patterns(args, display)
     return _calibrate(args, display, settings.display)
@@ -83,8 +72,7 @@ def _write_patterns(args: argparse.Namespace, display: Display) -> int:
     if args.intrinsics is not None:
         raise UsageError("--intrinsics: patterns have no camera; leave it out")
     page = write_patterns(display, args.out or Path(_PATTERNS))
-    print_outcome(f"patterns: open {page} on the display")
-    return EXIT_PASSED
+    return finish(True, f"patterns: open {page} on the display")
 
 
 def _calibrate(args: argparse.Namespace, display: Display, preset: str) -> int:
@@ -102,8 +90,8 @@ def _calibrate(args: argparse.Namespace, display: Display, preset: str) -> int:
     print("\n".join(_table(calibration)))
     for warning in document.warnings:
         print_warning(warning)
-    print_outcome(f"calibrated: {out}, {_report_folder(out) / 'calibration.html'}")
-    return EXIT_CHECK_FAILED if calibration.unknown else EXIT_PASSED
+    page = _report_folder(out) / "calibration.html"
+    return finish(not calibration.unknown, f"calibrated: {out}, {page}")
 
 
 def _camera(text: str | None) -> Camera | None:
@@ -156,23 +144,13 @@ def _write(
     calibration: Calibration, args: argparse.Namespace, out: Path, preset: str
 ) -> CalibrationDocument:
     """Write the report's folder, then the display file."""
-    import shlex
-
     from inim.calibrate.output import calibration_document, display_file, residual_maps
     from inim.documents.files import write_text
-    from inim.pipeline.request import option_words
     from inim.report.calibration import FILES, write_calibration
     from inim.worker.output import published
 
-    options = {
-        "-o": out,
-        "--display": args.display,
-        "--intrinsics": args.intrinsics,
-        "-D": args.definitions,
-    }
-    command = shlex.join(["inim", "calibrate", args.photos, *option_words(options)])
     title = f"Calibration: {Path(args.photos).resolve().name}"
-    document = calibration_document(calibration, title, command)
+    document = calibration_document(calibration, title, args.command_line)
     folder = _report_folder(out)
     with published(folder, FILES) as staging:
         write_calibration(document, residual_maps(calibration), staging)
@@ -196,7 +174,6 @@ def _table(calibration: Calibration) -> list[str]:
 
 
 def _add_photo_arguments(parser: argparse.ArgumentParser) -> None:
-    add_exit_codes(parser)
     parser.description = (
         "Simulate a photograph of a display measured by `inim calibrate`, from one of the "
         "calibration's positions or from a new position with photographs of the patterns. Compare "
@@ -204,7 +181,7 @@ def _add_photo_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("photo", type=Path, metavar="PHOTO", help="JPEG or PNG, as photographed")
     parser.add_argument("--eia", type=Path, required=True, help="EIA on the panel, PNG or EXR")
-    add_choices(parser, "display", "definitions")
+    add_shared(parser, "display", "definitions", "debug", out="folder (PHOTO-photo)")
     position_options = parser.add_mutually_exclusive_group()
     position_options.add_argument(
         "--position", metavar="NAME", help="camera position of the calibration"
@@ -215,8 +192,6 @@ def _add_photo_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="photographs of all patterns from another camera position",
     )
-    parser.add_argument("-o", "--out", type=Path, help="folder (PHOTO-photo)")
-    add_debug(parser)
 
 
 def _photo(args: argparse.Namespace) -> int:
@@ -225,12 +200,11 @@ def _photo(args: argparse.Namespace) -> int:
     from inim.calibrate.photographs import read_colors
     from inim.files.eia_file import read_eia
     from inim.report.calibration import PHOTO_FILES, write_photo
-    from inim.scene.file import choose_display
     from inim.worker.output import default_out, published
 
     if not (args.display or "").lower().endswith(".xml"):
         raise UsageError("--display: give the display file that inim calibrate wrote")
-    display, _ = choose_display(**choices_of(args), source="inim photo")
+    display, _ = display_and_settings(args)
     calibration = _calibration(Path(args.display))
     fitted = calibration.camera
     camera = Camera(*(getattr(fitted, field) for field in Camera._fields))
@@ -249,7 +223,7 @@ def _photo(args: argparse.Namespace) -> int:
         display,
         camera.focal_px * display.pitch_mm / float(sum(x * x for x in pose.eye_mm) ** 0.5),
         title=f"Photograph: {args.photo.name}",
-        command=_command(args),
+        command=args.command_line,
         photograph=str(args.photo),
         eia=str(args.eia),
         position=position,
@@ -262,9 +236,7 @@ def _photo(args: argparse.Namespace) -> int:
     }
     with published(out, PHOTO_FILES) as staging:
         write_photo(document, pictures, difference.flow, staging)
-    print("\n".join(_lines(document)))
-    print_outcome(f"compared: {out / 'photo.html'}")
-    return EXIT_PASSED
+    return finish(True, "\n".join([*_lines(document), f"compared: {out / 'photo.html'}"]))
 
 
 def _calibration(display: Path) -> CalibrationDocument:
@@ -316,22 +288,6 @@ def _pose(folder: Path, display: Display, camera: Camera, shape: tuple[int, int]
     return fit_pose(
         find_lenses(decode(position), display, position.name), display, camera, position.name
     )
-
-
-def _command(args: argparse.Namespace) -> str:
-    import shlex
-
-    from inim.pipeline.request import option_words
-
-    options = {
-        "--eia": args.eia,
-        "--display": args.display,
-        "--position": args.position,
-        "--patterns": args.patterns,
-        "-D": args.definitions,
-        "-o": args.out,
-    }
-    return shlex.join(["inim", "photo", str(args.photo), *option_words(options)])
 
 
 def _lines(document: PhotoDocument) -> list[str]:

@@ -16,7 +16,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inim.commands.options import Command, add_debug
+from inim.commands.options import Command, add_shared
 from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
 from inim.files.regular_file import check_file
 
@@ -54,7 +54,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         default=_DEFAULT_RATIO,
         help="ratio of farthest to nearest distance, for inverse depth (4)",
     )
-    add_debug(parser)
+    add_shared(parser, "debug")
 
 
 def _run(args: argparse.Namespace) -> int:

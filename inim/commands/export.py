@@ -7,7 +7,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import Command, add_allow_folder, add_choices, add_quiet, choices_of
+from inim.commands.options import (
+    Command,
+    add_shared,
+    check_report_arguments,
+    display_and_settings,
+)
 from inim.errors import EXIT_PASSED, FileError, UsageError, ViewpointError
 
 if TYPE_CHECKING:
@@ -36,15 +41,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "images or as an HCI light field; or views rendered through the lens array as a quilt."
     )
     add = parser.add_argument
-    add("what", type=Path, metavar="OUT|EIA", help="a report's folder, or an EIA (.png, .exr)")
-    add_choices(parser, "display", "definitions")
-    add(
-        "-a",
-        "--algorithms",
-        dest="algorithm",
-        metavar="NAME",
-        help="report: algorithm, or truth for the ground-truth EIA (the best algorithm)",
-    )
+    algorithms = "report: algorithm, or truth for the ground-truth EIA (the best algorithm)"
+    add_shared(parser, "source", "display", "definitions", algorithms=algorithms)
     add("--pdf", type=Path, metavar="FILE", help="write a PDF that prints at true size")
     add(
         "--views",
@@ -75,8 +73,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="XML",
         help="scene for a quilt of the ground truth (the report's)",
     )
-    add_allow_folder(parser)
-    add_quiet(parser)
+    add_shared(parser, "allow_folders", "quiet", "debug")
 
 
 @dataclass(frozen=True)
@@ -113,7 +110,7 @@ def _run(args: argparse.Namespace) -> int:
     for option in ("tiles", "view_size", "aspect", "view_spp", "scene"):
         if getattr(args, option) is not None and args.quilt is None:
             raise UsageError(f"--{option.replace('_', '-')}: needs a quilt; add --quilt FILE")
-    chosen = _chosen_of_report(args) if args.what.is_dir() else _chosen_eia(args)
+    chosen = _chosen_of_report(args) if args.source.is_dir() else _chosen_eia(args)
     quilt = None if args.quilt is None else _quilt(args, chosen)
     lines = _write_sheet_and_views(args, chosen)
     if quilt is not None:
@@ -135,13 +132,12 @@ def _pair(option: str, text: str, most: int) -> tuple[int, int]:
 
 def _chosen_eia(args: argparse.Namespace) -> _Chosen:
     from inim.display.misalignment import misaligned
-    from inim.scene.file import choose_display
 
-    if args.algorithm:
+    if args.algorithms:
         raise UsageError("--algorithms: needs a report's folder; an EIA has no algorithms")
-    design, settings = choose_display(**choices_of(args), source="inim export")
+    design, settings = display_and_settings(args)
     real, distance = misaligned(design, settings.misalign), settings.viewing_distance_mm
-    return _Chosen(args.what, design, real, settings.lens_model, distance, args.what.name)
+    return _Chosen(args.source, design, real, settings.lens_model, distance, args.source.name)
 
 
 def _chosen_of_report(args: argparse.Namespace) -> _Chosen:
@@ -149,12 +145,9 @@ def _chosen_of_report(args: argparse.Namespace) -> _Chosen:
     from inim.display.misalignment import misaligned
     from inim.report import TRUTH, Report
 
-    if args.display or args.definitions:
-        raise UsageError(
-            f"{args.what}: is a report, which has its own display; --display and -D are for an EIA"
-        )
-    report = Report.load(args.what)
-    name, why = (args.algorithm, "") if args.algorithm else _best(report)
+    check_report_arguments(args)
+    report = Report.load(args.source)
+    name, why = (args.algorithms, "") if args.algorithms else _best(report)
     path, design = report.eia_path(name, "--algorithms"), report.display
     return _Chosen(
         path,
@@ -273,7 +266,7 @@ def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
     try:
         check_quilt(request)
     except ViewpointError as error:
-        raise FileError(f"{args.what}: {error}") from None
+        raise FileError(f"{args.source}: {error}") from None
     return request
 
 

@@ -10,16 +10,15 @@ from typing import TYPE_CHECKING
 
 from inim.commands.options import (
     Command,
-    add_choices,
-    add_debug,
     add_picture,
-    choices_of,
+    add_shared,
     classify_input,
+    display_and_settings,
+    finish,
     picture_of,
-    print_outcome,
     print_warning,
 )
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, FileError, OutOfMemoryError, UsageError
+from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -53,8 +52,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "Generate an elemental image array (EIA) from a camera's colour and depth pictures, a "
         "photograph with depth inside, or a light field."
     )
-    parser.epilog = _EPILOG
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.epilog = f"{_EPILOG}\n{parser.epilog}"
     add = parser.add_argument
     add(
         "input",
@@ -64,7 +62,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "Android or Apple) or a folder of them; or the folder of an HCI 4D light field",
     )
     add_picture(parser)
-    add_choices(parser, "display", "definitions")
+    out = "EIA, .png or .exr (eia.png); for a folder, a folder"
+    add_shared(parser, "display", "definitions", "debug", out=out)
     add("--all-views", action="store_true", help="light field: use all views, not the centre one")
     add(
         "-a",
@@ -75,7 +74,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="one algorithm with options, such as template:samples=1; see `inim info algorithms`",
     )
     add("--fill", help="filling of holes: none, hidden (by a surface), all, or auto; see the docs")
-    add("-o", "--out", type=Path, help="EIA, .png or .exr (eia.png); for a folder, a folder")
     add("--pdf", type=Path, help="also write a PDF that prints at true size")
     add(
         "--save-rgbd",
@@ -83,7 +81,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="also write the fitted colour and depth, .exr",
     )
-    add_debug(parser)
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -127,19 +124,18 @@ def _run_folder(args: argparse.Namespace) -> int:
         except (FileError, UsageError, OutOfMemoryError) as error:
             failed += 1
             print_warning(str(error), "failed")
-    print_outcome(f"{len(photos) - failed} of {len(photos)} photographs converted; EIAs: {out}")
-    return EXIT_CHECK_FAILED if failed else EXIT_PASSED
+    converted = f"{len(photos) - failed} of {len(photos)} photographs converted"
+    return finish(not failed, f"{converted}; EIAs: {out}")
 
 
 def _check_options(args: argparse.Namespace) -> None:
     """Reject options that are invalid for every photograph."""
     from inim.generators import check_algorithm
-    from inim.scene.file import choose_display
 
     picture = picture_of(args)
     picture.check_files()
     picture.check_choices()
-    choose_display(**choices_of(args), source="inim generate")
+    display_and_settings(args)
     check_algorithm(_algorithm(args))
 
 
@@ -157,17 +153,15 @@ def _run_one(args: argparse.Namespace) -> None:
 
 def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     """Generate and write the requested files; return the lines of output, and warnings."""
-    from inim.scene.file import choose_display
+    from inim.generators import check_algorithm
 
     started = time.perf_counter()
     picture = picture_of(args)
     _check(args, picture)
-    display, settings = choose_display(**choices_of(args), source="inim generate")
+    display, settings = display_and_settings(args)
     if args.light_field is not None:
         return _of_light_field(args, display, settings), ()
     picture.camera()
-    from inim.generators import check_algorithm
-
     check_algorithm(_algorithm(args))
     photograph = picture.read()
     fitted, depth_map = picture.fit_to(photograph, display, settings.capture_pixels_per_pitch)

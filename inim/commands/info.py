@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inim.commands.options import Command, add_choices, add_debug, add_exit_codes
+from inim.commands.options import Command, add_shared
 from inim.errors import EXIT_PASSED, BackendError, FileError, UsageError, suggest_words
 
 if TYPE_CHECKING:
@@ -142,25 +142,21 @@ _SUBJECTS = {
 
 
 def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:
-    add_exit_codes(parser)
     parser.description = (
         "Compute the properties of a display without rendering: depth, viewing zone, voxel size, "
         "spots, crosstalk, and the effect of more or fewer pixels per lens."
     )
     parser.add_argument("display", metavar="SCENE|PRESET", help="scene (.xml), nominal or phone")
-    add_choices(parser, "definitions")
+    lens_model = "lens model: pinhole, thin or thick (thick, if it can be ground)"
+    out = "folder for inspect.json, .svg and .png"
+    add_shared(parser, "definitions", "debug", lens_model=lens_model, out=out)
     parser.add_argument(
         "--distance",
         type=float,
         metavar="MM",
         help="viewing distance (the scene's, or twice the nearest usable one)",
     )
-    parser.add_argument(
-        "--lens-model", help="lens model: pinhole, thin or thick (thick, if it can be ground)"
-    )
-    parser.add_argument("-o", "--out", type=Path, help="folder for inspect.json, .svg and .png")
     parser.add_argument("--json", action="store_true", help="JSON instead of text")
-    add_debug(parser)
 
 
 def _inspect(args: argparse.Namespace) -> int:

@@ -9,10 +9,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-if TYPE_CHECKING:
-    from inim.from_camera.picture import CameraPicture
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
 
-_EXIT_CODES = """exit codes:
+if TYPE_CHECKING:
+    from inim.display import Display
+    from inim.from_camera.picture import CameraPicture
+    from inim.pipeline.request import Request
+    from inim.settings import Settings
+
+#: Below the help of every command.
+EXIT_CODES = """exit codes:
   0 passed    1 a check failed    2 usage, scene or file error
   3 no usable backend, or out of memory    4 baseline missing or incomparable    5 internal error
 """
@@ -24,7 +30,7 @@ class Command(NamedTuple):
     """A command of `inim`: one line of help, and functions.
 
     `add_arguments` adds arguments to a parser; `run` runs the command with the parsed arguments and
-    returns the exit code.
+    returns the exit code. The arguments include `command_line`, the command as typed.
     """
 
     summary: str
@@ -32,55 +38,73 @@ class Command(NamedTuple):
     run: Callable[[argparse.Namespace], int]
 
 
-def add_exit_codes(parser: argparse.ArgumentParser) -> None:
-    """Add the exit codes below a command's help."""
-    parser.epilog = _EXIT_CODES
-    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+def _option(*flags: str, **settings: Any) -> tuple[tuple[str, ...], dict[str, Any]]:
+    return flags, settings
 
 
-def add_allow_folder(parser: _Options) -> None:
-    """Add `--allow-folder DIR`, stored in `allow_folders`."""
-    parser.add_argument(
+# Arguments that several commands share, by the name of their value.
+_SHARED = {
+    "scene": _option("scene", type=Path, help="Mitsuba scene (.xml)"),
+    "source": _option(
+        "source",
+        type=Path,
+        metavar="OUT|EIA",
+        help="a report's folder, or an EIA (.png, .exr)",
+    ),
+    "out": _option("-o", "--out", type=Path),
+    "definitions": _option(
+        "-D",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="set an inim.* setting or a scene parameter; may be repeated",
+    ),
+    "display": _option(
+        "--display", help="preset (nominal or phone) or an .xml file with inim.* settings"
+    ),
+    "algorithms": _option(
+        "-a",
+        "--algorithms",
+        help="algorithms with options, separated by commas; see `inim info algorithms`",
+    ),
+    "viewpoints": _option(
+        "--viewpoints", help="names or 'name=x y [z]' in mm, separated by commas"
+    ),
+    "lens_model": _option(
+        "--lens-model", help="pinhole, thin, thick, full, or a model from another package"
+    ),
+    "allow_folders": _option(
         "--allow-folder",
-        dest="allow_folders",
         action="append",
         default=[],
         type=Path,
         metavar="DIR",
         help="allow files of the scene in this folder; may be repeated",
-    )
-
-
-#: Options for a display, its EIAs and its viewer, as `inim.pipeline.request.Choices` has them.
-_CHOICES: dict[str, dict[str, Any]] = {
-    "definitions": {
-        "action": "append",
-        "default": [],
-        "metavar": "KEY=VALUE",
-        "help": "set an inim.* setting or a scene parameter; may be repeated",
-    },
-    "display": {"help": "preset (nominal or phone) or an .xml file with inim.* settings"},
-    "algorithms": {
-        "help": "algorithms with options, separated by commas; see `inim info algorithms`",
-    },
-    "viewpoints": {"help": "names or 'name=x y [z]' in mm, separated by commas"},
-    "lens_model": {"help": "pinhole, thin, thick, full, or a model from another package"},
+    ),
+    "preview": _option(
+        "--preview",
+        action="store_true",
+        help="first look in seconds: template only, from the centre, few samples; other options "
+        "override this",
+    ),
+    "quiet": _option("--quiet", action="store_true", help="print errors only"),
+    "debug": _option("--debug", action="store_true", help="show tracebacks of internal errors"),
 }
 
 
-def add_choices(parser: _Options, *names: str) -> None:
-    """Add options for a display, its EIAs and its viewer, by default all; see `choices_of`."""
-    for name in names or _CHOICES:
-        options = [f"--{name.replace('_', '-')}"]
-        if name == "definitions":
-            options = ["-D"]
-        elif name == "algorithms":
-            options.insert(0, "-a")
-        parser.add_argument(*options, dest=name, **_CHOICES[name])
+def add_shared(parser: _Options, *names: str, **help_texts: str) -> None:
+    """Add arguments that several commands share; a keyword replaces the help text of one."""
+    for name in (*help_texts, *names):
+        flags, settings = _SHARED[name]
+        if flags[0].startswith("-"):
+            settings = {**settings, "dest": name}
+        if name in help_texts:
+            settings = {**settings, "help": help_texts[name]}
+        parser.add_argument(*flags, **settings)
 
 
 def choices_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Values of the options of `add_choices`, as fields of `Choices`."""
+    """Display, algorithms and viewpoints of the arguments, as fields of `Choices`."""
     from inim.display.viewpoint import viewpoint_items
     from inim.generators import algorithm_items
     from inim.scene.file import parse_definitions
@@ -96,15 +120,36 @@ def choices_of(args: argparse.Namespace) -> dict[str, Any]:
     return {name: parsers[name](text) for name, text in texts.items() if text is not None}
 
 
-def add_quiet(parser: _Options) -> None:
-    """Add `--quiet` and `--debug`."""
-    parser.add_argument("--quiet", action="store_true", help="print errors only")
-    add_debug(parser)
+def display_and_settings(args: argparse.Namespace) -> tuple[Display, Settings]:
+    """Display and settings of a command without a scene, from --display and -D."""
+    from inim.scene.file import choose_display
+
+    chosen = choices_of(args)
+    source = " ".join(args.command_line.split()[:2])
+    return choose_display(chosen.get("display"), chosen["definitions"], source)
 
 
-def add_debug(parser: _Options) -> None:
-    """Add `--debug`."""
-    parser.add_argument("--debug", action="store_true", help="show tracebacks of internal errors")
+def request_of(args: argparse.Namespace) -> Request:
+    """Request to validate the scene of the arguments."""
+    from dataclasses import fields
+
+    from inim.pipeline.request import Request
+    from inim.pipeline.stages.method import parse_eias
+
+    values = {f.name: getattr(args, f.name) for f in fields(Request) if hasattr(args, f.name)}
+    if "eias" in values:
+        values["eias"] = parse_eias(values["eias"])
+    values["allow_folders"] = tuple(values.get("allow_folders", ()))
+    return Request(**values | choices_of(args))
+
+
+def check_report_arguments(args: argparse.Namespace) -> None:
+    """Reject a display for a `source` that is a report."""
+    if args.display or args.definitions:
+        raise UsageError(
+            f"{args.source}: is a report, which has its own display; --display and -D are for an "
+            "EIA"
+        )
 
 
 def add_picture(parser: _Options) -> None:
@@ -215,3 +260,10 @@ def print_outcome(text: str) -> None:
         print(text, flush=True)
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def finish(passed: bool, text: str, *, quiet: bool = False) -> int:
+    """Print a command's last line unless `quiet`, and return its exit code."""
+    if not quiet:
+        print_outcome(text)
+    return EXIT_PASSED if passed else EXIT_CHECK_FAILED

@@ -8,38 +8,24 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import (
-    Command,
-    add_allow_folder,
-    add_choices,
-    add_exit_codes,
-    add_quiet,
-    choices_of,
-    print_outcome,
-    print_warning,
-)
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
+from inim.commands.options import Command, add_shared, finish, print_warning, request_of
+from inim.errors import EXIT_PASSED, UsageError
 
 if TYPE_CHECKING:
     from inim.sweep.run import SweepPlace
 
-
-from inim.errors import UsageError
-
 _KEPT = "results are kept; run it again to continue"
 
 
-def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    add_exit_codes(parser)
+def _add_sweep_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Validate all combinations of a study's scenes, displays, settings and algorithms, and "
         "write one table. Existing results are reused: run it again after a kill, or with a larger "
         "study."
     )
     parser.add_argument("study", type=Path, help="the study (.toml), see docs/how-to/sweep.md")
-    parser.add_argument("-o", "--out", type=Path, help="folder (default: STUDY-sweep)")
+    add_shared(parser, out="folder (default: STUDY-sweep)")
     _add_place(parser)
-    add_quiet(parser)
 
 
 def _add_place(parser: argparse.ArgumentParser) -> None:
@@ -60,40 +46,38 @@ def _add_place(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--dry-run", action="store_true", help="list finished and remaining validations, and stop"
     )
-    add_allow_folder(parser)
+    add_shared(parser, "allow_folders", "quiet", "debug")
 
 
-def _place(args: argparse.Namespace, scene: Path, kind: str) -> SweepPlace:
+def _place(args: argparse.Namespace, source: Path, kind: str) -> SweepPlace:
     from inim.sweep.run import SweepPlace
     from inim.worker.output import default_out
 
+    args.out = args.out or default_out(source, kind)
     return SweepPlace(
-        args.out or default_out(scene, kind),
-        args.scheduler,
-        args.workers,
-        args.threads,
-        tuple(args.allow_folders),
+        args.out, args.scheduler, args.workers, args.threads, tuple(args.allow_folders)
     )
 
 
 def _sweep(args: argparse.Namespace) -> int:
     from inim.report.sweep import PAGE
-    from inim.sweep.run import SweepRequest, plan_study, run_sweep
+    from inim.sweep.run import plan_study, run_sweep
     from inim.sweep.study import read_study
 
-    request = SweepRequest(args.study, _place(args, args.study, "sweep"))
+    place = _place(args, args.study, "sweep")
     if args.dry_run:
-        print("\n".join(plan_study(read_study(request.study), request.place).lines()))
+        print("\n".join(plan_study(read_study(args.study), place).lines()))
         return EXIT_PASSED
     with _results_kept():
-        outcome = run_sweep(request, quiet=args.quiet, debug=args.debug)
+        result = run_sweep(args.study, place, args.command_line, quiet=args.quiet, debug=args.debug)
     if args.quiet:  # otherwise each was printed immediately
-        _print_failed(outcome.failed)
-    else:
-        words = f"{outcome.computed} of {outcome.units} validations run, {len(outcome.rows)} rows"
-        verdict = "passed" if outcome.passed else "FAILED"
-        print_outcome(f"{verdict}; {words}; sweep: {request.place.out / PAGE}")
-    return EXIT_PASSED if outcome.passed else EXIT_CHECK_FAILED
+        _print_failed(result.failed)
+    return finish(
+        result.passed,
+        f"{'passed' if result.passed else 'FAILED'}; {result.computed} of {result.units} "
+        f"validations run, {len(result.rows)} rows; sweep: {place.out / PAGE}",
+        quiet=args.quiet,
+    )
 
 
 @contextmanager
@@ -112,25 +96,24 @@ def _print_failed(failed: Mapping[str, str]) -> None:
 
 
 def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:
-    add_exit_codes(parser)
     parser.description = (
         "Compute the tolerances of pitch, gap, rotation, shift and tilt: draw misaligned displays "
         "at random, and show the EIA of the design on each. Existing results are reused."
     )
-    parser.add_argument("scene", type=Path, help="Mitsuba scene (.xml)")
-    parser.add_argument("-o", "--out", type=Path, help="folder (default: SCENE-tolerate)")
+    add_shared(
+        parser,
+        "scene",
+        "definitions",
+        "display",
+        "viewpoints",
+        out="folder (default: SCENE-tolerate)",
+        algorithms="one algorithm for the EIA (pickup: the ray-traced EIA)",
+    )
     parser.add_argument(
         "--study",
         type=Path,
         metavar="FILE",
         help="distributions of the errors (.toml), see docs/how-to/tolerate.md",
-    )
-    add_choices(parser, "definitions", "display", "viewpoints")
-    parser.add_argument(
-        "-a",
-        "--algorithms",
-        default="pickup",
-        help="one algorithm for the EIA (pickup: the ray-traced EIA)",
     )
     parser.add_argument(
         "--criterion",
@@ -146,19 +129,16 @@ def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:
         help="calibration.json whose accuracy is compared with the tolerances",
     )
     _add_place(parser)
-    add_quiet(parser)
 
 
 def _tolerate(args: argparse.Namespace) -> int:
-    from inim.pipeline.request import Request
     from inim.report.tolerate import PAGE, sentences
     from inim.tolerate.run import ToleranceRequest, plan_tolerance, run_tolerance
 
     place = _place(args, args.scene, "tolerate")
-    validation = Request(
-        args.scene, place.out, allow_folders=place.allow_folders, **choices_of(args)
+    request = ToleranceRequest(
+        request_of(args), place, args.study, args.criterion, args.calibration, args.command_line
     )
-    request = ToleranceRequest(validation, place, args.study, args.criterion, args.calibration)
     if args.dry_run:
         print("\n".join(plan_tolerance(request).lines()))
         return EXIT_PASSED
@@ -167,50 +147,36 @@ def _tolerate(args: argparse.Namespace) -> int:
     failed = {display.display: display.error for display in document.failed}
     if args.quiet:
         _print_failed(failed)
-    else:
-        print("\n".join(sentences(document)))
-        print_outcome(f"tolerances: {request.place.out / PAGE}")
-    return EXIT_CHECK_FAILED if failed else EXIT_PASSED
+    lines = [*sentences(document), f"tolerances: {place.out / PAGE}"]
+    return finish(not failed, "\n".join(lines), quiet=args.quiet)
 
 
 def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
-    add_exit_codes(parser)
     parser.description = (
         "Time each algorithm on a scene's display-ready picture and compare time with error. All "
         "run alternately with a reference kernel of one 4-byte gather per display pixel; times are "
         "also given as multiples of its time."
     )
-    parser.add_argument("scene", type=Path, help="Mitsuba scene (.xml)")
-    parser.add_argument("-o", "--out", type=Path, help="folder (default: SCENE-bench)")
-    add_choices(parser, "definitions", "display", "algorithms")
-    add_allow_folder(parser)
+    shared = ("definitions", "display", "algorithms", "allow_folders", "quiet", "debug")
+    add_shared(parser, "scene", *shared, out="folder (default: SCENE-bench)")
     parser.add_argument("--runs", type=int, default=9, metavar="N", help="timed runs (9)")
     parser.add_argument("--warmups", type=int, default=2, metavar="N", help="runs before (2)")
     parser.add_argument("--threads", type=int, metavar="T", help="threads to time with (all)")
-    add_quiet(parser)
 
 
 def _bench(args: argparse.Namespace) -> int:
     from inim.bench.job import BenchRequest, run_bench
-    from inim.pipeline.request import Request
     from inim.timing import Rounds
     from inim.worker.output import default_out
 
-    validation = Request(
-        args.scene,
-        args.out or default_out(args.scene, "bench"),
-        allow_folders=tuple(args.allow_folders),
-        **choices_of(args),
-    )
-    request = BenchRequest(validation, Rounds(args.runs, args.warmups, args.threads))
+    args.out = args.out or default_out(args.scene, "bench")
+    rounds = Rounds(args.runs, args.warmups, args.threads)
+    request = BenchRequest(request_of(args), rounds, args.command_line)
     run_bench(request, quiet=args.quiet, debug=args.debug)
-    if not args.quiet:
-        print_outcome(f"bench: {validation.out / 'bench.html'}")
-    return EXIT_PASSED
+    return finish(True, f"bench: {args.out / 'bench.html'}", quiet=args.quiet)
 
 
 def _add_stress_arguments(parser: argparse.ArgumentParser) -> None:
-    add_exit_codes(parser)
     parser.description = (
         "Compare algorithms, also from other packages, with exact first hits and with relations "
         "that hold for every correct result; measure the effect of small depth errors."
@@ -221,32 +187,29 @@ def _add_stress_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         help="Mitsuba scene (.xml) whose depth is jittered; two synthetic spheres otherwise",
     )
-    parser.add_argument("-o", "--out", type=Path, help="folder (default: SCENE-stress)")
-    add_choices(parser, "definitions", "algorithms")
-    add_allow_folder(parser)
+    shared = ("definitions", "algorithms", "allow_folders", "quiet", "debug")
+    add_shared(parser, *shared, out="folder (default: SCENE-stress)")
     parser.add_argument("--quick", action="store_true", help="fewer and smaller cases")
-    add_quiet(parser)
 
 
 def _stress(args: argparse.Namespace) -> int:
-    from inim.pipeline.request import Request
     from inim.stress.job import StressRequest, run_stress
     from inim.worker.output import default_out
 
     if args.scene is None and args.definitions:
         raise UsageError("stress: -D belongs to a scene; name one")
-    out, choices = args.out or default_out(args.scene, "stress"), choices_of(args)
-    allowed = tuple(args.allow_folders)
+    args.out = args.out or default_out(args.scene, "stress")
+    validation = request_of(args)
     request = StressRequest(
-        out,
-        choices.pop("algorithms", None),
+        args.out,
+        validation.algorithms,
         args.quick,
-        args.scene and Request(args.scene, out, allow_folders=allowed, **choices),
+        None if args.scene is None else validation,
+        args.command_line,
     )
     passed = run_stress(request, quiet=args.quiet, debug=args.debug)
-    if not args.quiet:
-        print_outcome(f"{'passed' if passed else 'FAILED'}; {request.out / 'stress.html'}")
-    return EXIT_PASSED if passed else EXIT_CHECK_FAILED
+    verdict = "passed" if passed else "FAILED"
+    return finish(passed, f"{verdict}; {args.out / 'stress.html'}", quiet=args.quiet)
 
 
 COMMANDS = {
@@ -254,7 +217,7 @@ COMMANDS = {
     "stress": Command("test algorithms for numerical stability", _add_stress_arguments, _stress),
     "sweep": Command(
         "validate all combinations of scenes, displays, algorithms and settings",
-        _add_arguments,
+        _add_sweep_arguments,
         _sweep,
     ),
     "tolerate": Command(

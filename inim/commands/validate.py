@@ -5,27 +5,21 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from inim.commands.options import (
     Command,
-    add_allow_folder,
-    add_choices,
-    add_exit_codes,
     add_picture,
-    add_quiet,
+    add_shared,
     choices_of,
     classify_input,
+    finish,
     picture_of,
-    print_outcome,
     print_warning,
+    request_of,
 )
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, FileError, UsageError
-
-if TYPE_CHECKING:
-    from inim.pipeline.request import Request
+from inim.errors import EXIT_PASSED, FileError, UsageError
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,7 +27,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "Render a scene, generate its elemental image array (EIA) with each algorithm, look at it "
         "through the lens array, and score every view against the ground truth."
     )
-    add_exit_codes(parser)
     add = parser.add_argument
     add(
         "input",
@@ -41,9 +34,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="INPUT",
         help="Mitsuba scene (.xml) with inim.* settings; or a picture of your own, see below",
     )
-    add("-o", "--out", type=Path, help="folder for the report (default: INPUT-report)")
-    add_choices(parser)
-    add_allow_folder(parser)
+    choices = ("definitions", "display", "algorithms", "viewpoints", "lens_model")
+    add_shared(
+        parser, *choices, "allow_folders", out="folder for the report (default: INPUT-report)"
+    )
     add(
         "--eia",
         dest="eias",
@@ -65,7 +59,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="compare with this baseline from `inim baseline accept`; a change fails",
     )
-    _add_preview(parser)
+    add_shared(parser, "preview")
     add(
         "--time",
         action="store_true",
@@ -82,7 +76,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="perform all work, even if it cannot change a result, without the cache",
     )
-    add_quiet(parser)
+    add_shared(parser, "quiet", "debug")
     picture = parser.add_argument_group(
         "pictures of your own",
         "INPUT is a colour picture with --depth, a photograph with depth inside, or the output of "
@@ -91,45 +85,32 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_picture(picture)
 
 
-def _add_preview(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--preview",
-        action="store_true",
-        help="first look in seconds: template only, from the centre, few samples; other options "
-        "override this",
-    )
-
-
 def _run(args: argparse.Namespace) -> int:
     _check_encoding(args)
     classify_input(args)
     if args.light_field is not None or (args.photo is not None and args.photo.is_dir()):
         raise UsageError(f"{args.input}: is a folder; give a scene (.xml) or a picture")
-    return _validate_scene(args, _request) if args.scene else _validate_picture(args)
+    return _validate_scene(args) if args.scene else _validate_picture(args)
 
 
 def _finish(passed: bool, out: Path, quiet: bool) -> int:
-    """Print the verdict and the report's path; return the exit code."""
-    if not quiet:
-        print_outcome(f"{_verdict_text(passed, out)}; report: {out / 'report.html'}")
-    return EXIT_PASSED if passed else EXIT_CHECK_FAILED
-
-
-def _verdict_text(passed: bool, out: Path) -> str:
-    """Verdict of a report, after the checks that failed."""
+    """Print the failed checks, the verdict and the report's path; return the exit code."""
     from inim.documents import read_document
     from inim.documents.picture import PictureDocument
     from inim.documents.report import ReportDocument
     from inim.report.labels import check_sentence, verdict_words
 
-    types = ReportDocument, PictureDocument
-    data = read_document(out / "report.json", "run it again", *types)
-    assert isinstance(data, types)
-    if passed:
-        return verdict_words(data)
-    failed = [check for check in data.verdict.checks if not check.passed]
-    lines = [f"failed: {check.name}: {check_sentence(check)}" for check in failed]
-    return "\n".join([*lines, "FAILED"])
+    lines, verdict = [], "FAILED"
+    if not quiet:
+        types = ReportDocument, PictureDocument
+        data = read_document(out / "report.json", "run it again", *types)
+        assert isinstance(data, types)
+        if passed:
+            verdict = verdict_words(data)
+        failed = [check for check in data.verdict.checks if not (passed or check.passed)]
+        lines = [f"failed: {check.name}: {check_sentence(check)}" for check in failed]
+    lines.append(f"{verdict}; report: {out / 'report.html'}")
+    return finish(passed, "\n".join(lines), quiet=quiet)
 
 
 def _check_encoding(args: argparse.Namespace) -> None:
@@ -143,15 +124,13 @@ def _check_encoding(args: argparse.Namespace) -> None:
             )
 
 
-def _validate_scene(
-    args: argparse.Namespace, make_request: Callable[[argparse.Namespace], Request]
-) -> int:
+def _validate_scene(args: argparse.Namespace) -> int:
     from inim.pipeline.launch import validate_in_worker
     from inim.worker.output import default_out
 
     args.out = args.out or default_out(args.scene, "report")
     passed = validate_in_worker(
-        lambda: make_request(args),
+        lambda: request_of(args),
         args.scene,
         args.out,
         backend=args.backend,
@@ -161,28 +140,10 @@ def _validate_scene(
     return _finish(passed, args.out, args.quiet)
 
 
-def _request(args: argparse.Namespace) -> Request:
-    from inim.pipeline.request import Request
-    from inim.pipeline.stages.method import parse_eias
-
-    return Request(
-        args.scene,
-        args.out,
-        parse_eias(args.eias),
-        args.backend,
-        args.baseline,
-        args.preview,
-        args.time,
-        args.lazy,
-        args.no_skip,
-        tuple(args.allow_folders),
-        **choices_of(args),
-    )
-
-
 def _validate_picture(args: argparse.Namespace) -> int:
     from inim.files.triangle_mesh import MESH_SUFFIXES
-    from inim.views.own_picture import PictureRequest, ignore_message, run_picture
+    from inim.views.own_picture import PictureRequest, run_picture
+    from inim.worker.output import default_out
 
     if args.input.suffix.lower() in MESH_SUFFIXES and args.input.is_file():
         raise UsageError(
@@ -194,24 +155,26 @@ def _validate_picture(args: argparse.Namespace) -> int:
             option_name = f"--{option.removesuffix('s').replace('_', '-')}"
             raise UsageError(f"{option_name}: needs the ground truth of a scene; leave it out")
     request = PictureRequest(
-        picture_of(args), args.fitted, args.out, args.backend, **choices_of(args)
+        args.input,
+        args.out or default_out(args.input, "report"),
+        None if args.fitted else picture_of(args),
+        args.backend,
+        args.command_line,
+        **choices_of(args),
     )
-    passed, out = run_picture(
+    passed = run_picture(
         request,
         quiet=args.quiet,
         debug=args.debug,
-        on_warning=ignore_message if args.quiet else print_warning,
-        on_note=ignore_message if args.quiet else print,
+        on_warning=None if args.quiet else print_warning,
+        on_note=None if args.quiet else print,
     )
-    return _finish(passed, out, args.quiet)
+    return _finish(passed, request.out, args.quiet)
 
 
 def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = "Validate the bundled amphora and print the path of its report."
-    add_exit_codes(parser)
-    parser.add_argument("-o", "--out", type=Path, help="folder for the report (amphora-report)")
-    _add_preview(parser)
-    add_quiet(parser)
+    add_shared(parser, "preview", "quiet", "debug", out="folder for the report (amphora-report)")
 
 
 def _demo(args: argparse.Namespace) -> int:
@@ -221,17 +184,10 @@ def _demo(args: argparse.Namespace) -> int:
     args.scene, args.backend = next(filter(Path.is_file, scenes), None), "auto"
     if args.scene is None:
         raise FileError(f"{package / 'demo'}: missing; install inim again")
-    return _validate_scene(args, _demo_request)
-
-
-def _demo_request(args: argparse.Namespace) -> Request:
-    from inim.pipeline.request import Request
-
-    return Request(args.scene, args.out, preview=args.preview)
+    return _validate_scene(args)
 
 
 def _add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
-    add_exit_codes(parser)
     actions: Any = parser.add_subparsers(required=True, metavar="accept")
     accept = actions.add_parser("accept", help="make a report the baseline of its scene")
     accept.add_argument("out", type=Path, metavar="OUT", help="folder of a report")
@@ -254,12 +210,10 @@ def _baseline(args: argparse.Namespace) -> int:
 
 
 def _add_compare_arguments(parser: argparse.ArgumentParser) -> None:
-    add_exit_codes(parser)
     add = parser.add_argument
     add("baseline", type=Path, metavar="OUT_A", help="folder of the earlier report")
     add("candidate", type=Path, metavar="OUT_B", help="folder of the later report")
-    add("-o", "--out", type=Path, help="folder (default: compare)")
-    add("--quiet", action="store_true", help="print errors only")
+    add_shared(parser, "quiet", out="folder (default: compare)")
 
 
 def _compare(args: argparse.Namespace) -> int:
@@ -267,10 +221,8 @@ def _compare(args: argparse.Namespace) -> int:
 
     out = args.out or Path("compare")
     passed, lines = compare_reports(args.baseline, args.candidate, out)
-    if not args.quiet:
-        print("\n".join(lines))
-        print(f"{'passed' if passed else 'FAILED'}; comparison: {out / 'compare.html'}")
-    return EXIT_PASSED if passed else EXIT_CHECK_FAILED
+    lines.append(f"{'passed' if passed else 'FAILED'}; comparison: {out / 'compare.html'}")
+    return finish(passed, "\n".join(lines), quiet=args.quiet)
 
 
 COMMANDS = {
@@ -278,14 +230,8 @@ COMMANDS = {
         "accept a report as the baseline of later runs", _add_baseline_arguments, _baseline
     ),
     "compare": Command("compare two reports statistically", _add_compare_arguments, _compare),
-    "demo": Command(
-        "validate the bundled amphora: start here",
-        _add_demo_arguments,
-        _demo,
-    ),
+    "demo": Command("validate the bundled amphora: start here", _add_demo_arguments, _demo),
     "validate": Command(
-        "render a scene, generate EIAs, and score every view",
-        _add_arguments,
-        _run,
+        "render a scene, generate EIAs, and score every view", _add_arguments, _run
     ),
 }

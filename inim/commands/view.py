@@ -10,8 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import Command, add_allow_folder, add_choices, add_quiet, choices_of
-from inim.errors import EXIT_PASSED, FileError, UsageError
+from inim.commands.options import Command, add_shared, check_report_arguments, choices_of
+from inim.errors import EXIT_PASSED, FileError
 from inim.version import __version__
 
 if TYPE_CHECKING:
@@ -29,25 +29,17 @@ def _add_view_arguments(parser: argparse.ArgumentParser) -> None:
         "Write the virtual display of a report, or of any elemental image array, as one "
         "self-contained HTML file."
     )
-    add = parser.add_argument
-    add("what", type=Path, metavar="OUT|EIA", help="a report's folder, or an EIA (.png, .exr)")
-    add_choices(parser, "display", "definitions")
-    add(
-        "-o", "--out", type=Path, metavar="HTML", help=f"file to write (OUT/{_PAGE}, EIA-view.html)"
-    )
-    add("--open", action="store_true", help="open it in the browser")
+    out = f"HTML file to write (OUT/{_PAGE}, EIA-view.html)"
+    add_shared(parser, "source", "display", "definitions", out=out)
+    parser.add_argument("--open", action="store_true", help="open it in the browser")
 
 
 def _view(args: argparse.Namespace) -> int:
-    if args.what.is_dir():
-        if args.display or args.definitions:
-            raise UsageError(
-                f"{args.what}: is a report, which has its own display; --display and -D are for "
-                "an EIA"
-            )
-        path = view_report(args.what, args.out)
+    if args.source.is_dir():
+        check_report_arguments(args)
+        path = view_report(args.source, args.out)
     else:
-        path = view_eia(args.what, **choices_of(args), out=args.out)
+        path = view_eia(args.source, **choices_of(args), out=args.out)
     print(path)
     if args.open:
         import webbrowser
@@ -176,12 +168,11 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add = parser.add_argument
     add("folder", type=Path, metavar="OUT", help="a report's folder")
-    add("-o", "--out", type=Path, metavar="FILM", help=f".gif, .webp or .mp4 (OUT/{_FILM})")
-    add(
-        "-a",
-        "--algorithms",
-        metavar="NAME,...",
-        help="panes: algorithms, or reference (reference and the best algorithm)",
+    add_shared(
+        parser,
+        "lens_model",
+        out=f"film to write: .gif, .webp or .mp4 (OUT/{_FILM})",
+        algorithms="panes: algorithms, or reference (reference and the best algorithm)",
     )
     add(
         "--path",
@@ -190,18 +181,16 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
         "there and back (circle)",
     )
     add("--allow-flips", action="store_true", help="allow the path to leave the viewing zone")
-    add_choices(parser, "lens_model")
     add(
         "--scene",
         type=Path,
         help="add a pane with the report's scene (.xml); with inim[perception], the other panes "
         "are scored against it as films, in JOD",
     )
-    add_allow_folder(parser)
     add("--frames", type=int, default=48, metavar="N", help="frames (48)")
     add("--rate", type=float, default=16.0, metavar="FPS", help="frames per second (16)")
     add("--view-spp", type=int, default=32, metavar="N", help="samples per pixel (32)")
-    add_quiet(parser)
+    add_shared(parser, "allow_folders", "quiet", "debug")
 
 
 def _film(args: argparse.Namespace) -> int:
@@ -240,10 +229,6 @@ def _film(args: argparse.Namespace) -> int:
 
 
 COMMANDS = {
-    "view": Command(
-        "view a report's EIAs, or any EIA, in a browser",
-        _add_view_arguments,
-        _view,
-    ),
+    "view": Command("view a report's EIAs, or any EIA, in a browser", _add_view_arguments, _view),
     "film": Command("film a report's display with a moving eye", _add_film_arguments, _film),
 }

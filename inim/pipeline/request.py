@@ -85,21 +85,6 @@ class Choices:
                 )
         return {"pupil_mm": eyes[0].pupil_mm, "focus_mm": eyes[0].focus_mm} if eyes else {}
 
-    def options(self, settings: Settings, scene_keys: Container[str] = ()) -> dict[str, Any]:
-        """Command-line options that make these choices, for the record.
-
-        `scene_keys` are the keys of the settings in the scene file.
-        """
-        options = {f"--{name.replace('_', '-')}": v for name, v in self.overrides().items()}
-        for name in (*self._pupil(), *(["misalign"] if self.misalign is not None else ())):
-            del options[f"--{name.replace('_', '-')}"]
-        is_object = isinstance(self.display, Display)
-        return {
-            "-D": definition_words(self.recorded_definitions(settings, scene_keys)),
-            "--display": settings.display if is_object else self.display,
-            **options,
-        }
-
     def recorded_definitions(
         self, settings: Settings, scene_keys: Container[str] = ()
     ) -> dict[str, str]:
@@ -136,14 +121,22 @@ class Request(Choices):
     allow_folders: tuple[Path, ...] = ()
 
     def command(self, settings: Settings, scene_keys: Container[str] = ()) -> list[str]:
-        """Arguments of `python -m inim.validate` that repeat this request; see `options`."""
+        """Arguments of `python -m inim.validate` that repeat this request.
+
+        `scene_keys` are the keys of the settings in the scene file.
+        """
         flags = ("preview", "time", "lazy", "no_skip")
+        choices = ("algorithms", "viewpoints", "lens_model")
+        texts = self.overrides()
+        is_object = isinstance(self.display, Display)
         return [
             str(self.scene),
             *option_words(
                 {
                     "-o": self.out,
-                    **self.options(settings, scene_keys),
+                    "-D": definition_words(self.recorded_definitions(settings, scene_keys)),
+                    "--display": settings.display if is_object else self.display,
+                    **{f"--{name.replace('_', '-')}": texts.get(name) for name in choices},
                     "--allow-folder": self.allow_folders,
                     "--eia": [f"{name}={path}" for name, path in self.eias.items()],
                     "--backend": None if self.backend == "auto" else self.backend,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +22,7 @@ from inim.errors import UsageError
 from inim.generators import algorithm_names, check_algorithm, is_own
 from inim.image.rgbd import RGBD
 from inim.pipeline.plan import Plan, make_plan
-from inim.pipeline.request import Request, option_words
+from inim.pipeline.request import Request
 from inim.pipeline.stages.capture import capture_nonempty
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
@@ -46,21 +45,14 @@ class StressRequest:
     """Request for a stress run; `quick` runs fewer and smaller cases.
 
     By default, all algorithms are tested. The depth of the validation's scene is jittered; without
-    one, that of two synthetic spheres.
+    one, that of two synthetic spheres. `command` is the command line, for the record.
     """
 
     out: Path
     algorithms: tuple[str, ...] | None = None
     quick: bool = False
     validation: Request | None = None
-
-    def command(self, plan: Plan | None) -> list[str]:
-        """Arguments of `inim stress` that repeat this request."""
-        algorithms = None if self.algorithms is None else ",".join(self.algorithms)
-        words = option_words({"--algorithms": algorithms, "--quick": self.quick})
-        if self.validation is None or plan is None:
-            return ["-o", str(self.out), *words]
-        return [*self.validation.command(plan.settings, plan.file.settings), *words]
+    command: str = ""
 
     def chosen(self) -> list[str]:
         """Algorithms to run; raises `UsageError` for unknown or repeated ones."""
@@ -117,7 +109,6 @@ def _measure(request: StressRequest, plan: Plan | None, observer: Observer) -> S
     started, renderer = time.perf_counter(), Renderer("llvm", observer)
     observer.stage("start")
     names = request.chosen()
-    command = shlex.join(["inim", "stress", *request.command(plan)])
     parts = [f"{name}: {part}" for name in names for part in ("first hits", "relations")]
     observer.begin([*parts, "jitter", "write"])
     first_hits: list[FirstHitsResult] = []
@@ -139,7 +130,7 @@ def _measure(request: StressRequest, plan: Plan | None, observer: Observer) -> S
     checks = _checks(names, first_hits, relations)
     return StressDocument(
         title="Stress" if plan is None else f"Stress: {plan.request.scene.stem}",
-        **record(command, request.quick, renderer.backend, _VERSIONS),
+        **record(request.command, request.quick, renderer.backend, _VERSIONS),
         algorithms=names,
         first_hits=first_hits,
         relations=relations,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +11,6 @@ from inim import backend as backends
 from inim.documents.parts import origin
 from inim.documents.unit import SweepTable
 from inim.errors import FileError
-from inim.pipeline.request import option_words
 from inim.process.machine import cpu_count
 from inim.report.sweep import PAGE, write_page
 from inim.sweep.study import Study, read_study
@@ -44,23 +42,6 @@ class SweepPlace:
     workers: int | None = None
     threads: int | None = None
     allow_folders: tuple[Path, ...] = ()
-
-    def words(self) -> list[str]:
-        """Format the options of a command line."""
-        options = {f"--{name}": getattr(self, name) for name in ("scheduler", "workers", "threads")}
-        return option_words({"-o": self.out, **options, "--allow-folder": self.allow_folders})
-
-
-@dataclass(frozen=True)
-class SweepRequest:
-    """Request for a sweep."""
-
-    study: Path
-    place: SweepPlace
-
-    def command(self) -> str:
-        """Return the command line that repeats this request."""
-        return shlex.join(["inim", "sweep", str(self.study), *self.place.words()])
 
 
 @dataclass(frozen=True)
@@ -139,15 +120,25 @@ class SweepResult:
         return not self.failed and all(row["passed"] for row in self.rows)
 
 
-def run_sweep(request: SweepRequest, *, quiet: bool = True, debug: bool = False) -> SweepResult:
-    """Compute the missing results of a study as `compute_results`, and write its table and page."""
+def run_sweep(
+    study_file: Path,
+    place: SweepPlace,
+    command: str = "",
+    *,
+    quiet: bool = True,
+    debug: bool = False,
+) -> SweepResult:
+    """Compute the missing results of a study as `compute_results`, and write its table and page.
+
+    `command` is the command line, for the record.
+    """
     check_pyarrow()
-    study = read_study(request.study)
-    outcome = compute_results(study, request.place, quiet=quiet, debug=debug)
-    about = SweepTable(title=study.title, **origin(request.command()))
-    write_table(request.place.out / TABLE, outcome.rows, about)
-    write_page(request.place.out / PAGE, outcome.rows, about)
-    return outcome
+    study = read_study(study_file)
+    result = compute_results(study, place, quiet=quiet, debug=debug)
+    about = SweepTable(title=study.title, **origin(command))
+    write_table(place.out / TABLE, result.rows, about)
+    write_page(place.out / PAGE, result.rows, about)
+    return result
 
 
 def compute_results(

@@ -4,7 +4,6 @@ tolerances.
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,10 +16,10 @@ from inim.errors import SceneError, UsageError
 from inim.generators import PICKUP
 from inim.metrics.headline import HEADLINE
 from inim.pipeline.plan import Plan, make_plan
-from inim.pipeline.request import Request, option_words
+from inim.pipeline.request import Request
 from inim.report.sweep import mean
 from inim.report.tolerate import write_tolerance
-from inim.settings import PREFIX, Settings
+from inim.settings import PREFIX
 from inim.sweep.run import SweepPlace, SweepPlan, compute_results, plan_study
 from inim.sweep.study import AS_SCENE, NamedDisplay, Study
 from inim.tolerate.findings import aligned_score, parameter_tolerances
@@ -39,7 +38,8 @@ class ToleranceRequest:
     The validation is that of the scene on the nominal display. Its single algorithm provides the
     EIA; the default is the ray-traced EIA, so that the misalignment alone causes the loss. `study`
     contains the distributions of the errors, and `criterion` is the largest tolerated loss of score
-    relative to the aligned display. The accuracy of `calibration` is compared with the tolerances.
+    relative to the aligned display. The accuracy of `calibration` is compared with the tolerances,
+    and `command` is the command line, for the record.
     """
 
     validation: Request
@@ -47,21 +47,7 @@ class ToleranceRequest:
     study: Path | None = None
     criterion: float = 0.01
     calibration: Path | None = None
-
-    def command(self, settings: Settings) -> str:
-        """Return the command line that repeats this request."""
-        validation = self.validation
-        options = validation.options(settings)
-        algorithm = options.pop("--algorithms", None)
-        criterion = None if self.criterion == type(self).criterion else self.criterion
-        options |= {
-            "--study": self.study,
-            "--algorithms": None if algorithm == PICKUP else algorithm,
-            "--criterion": criterion,
-            "--calibration": self.calibration,
-        }
-        words = [str(validation.scene), *self.place.words(), *option_words(options)]
-        return shlex.join(["inim", "tolerate", *words])
+    command: str = ""
 
 
 def plan_tolerance(request: ToleranceRequest) -> SweepPlan:
@@ -96,7 +82,7 @@ def run_tolerance(
     parameters, together = parameter_tolerances(study, scores, request.criterion, reached)
     document = ToleranceDocument(
         title=f"Tolerances: {plan.settings.title or plan.request.scene.stem}",
-        **origin(request.command(plan.settings)),
+        **origin(request.command),
         scene=SceneFileRecord(path=str(plan.request.scene), sha256=plan.file.sha256),
         display=DisplayRecord.of(plan.display),
         viewpoints=[viewpoint.name for viewpoint in plan.viewpoints],

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,7 +50,7 @@ from inim.image.rgbd import RGBD
 from inim.lens import check_lens_model
 from inim.metrics.headline import MAIN
 from inim.pipeline.output import write_rgbd_pngs
-from inim.pipeline.request import Choices, option_words
+from inim.pipeline.request import Choices
 from inim.pipeline.stages.generation import GeneratorHandle, hole_fraction
 from inim.pipeline.stages.ground_truth import BLACK
 from inim.pipeline.stages.method import parse_methods
@@ -61,7 +60,7 @@ from inim.pipeline.stages.stage import Run
 from inim.process.observer import Observer
 from inim.report.without_scene import write_picture_report
 from inim.scene.file import choose_display
-from inim.worker.output import default_out, publish, staging_folder
+from inim.worker.output import publish, staging_folder
 from inim.worker.supervisor import run_in_worker
 
 if TYPE_CHECKING:
@@ -84,45 +83,15 @@ _NOT_SCORED = (
 class PictureRequest(Choices):
     """Request to validate a picture.
 
-    Attributes
-    ----------
-    picture : CameraPicture
-        Colour and depth to fit to the display.
-    rgbd : Path, optional
-        A fitted picture to use instead.
-    out : Path, optional
-        Default: `PICTURE-report`.
-    backend : {"auto", "llvm", "cuda"}
+    `path` is the picture, `picture` contains its depth and the way to fit it to the display; None
+    for a picture that is fitted already. `command` is the command line, for the record.
     """
 
-    picture: CameraPicture
-    rgbd: Path | None = None
-    out: Path | None = None
+    path: Path
+    out: Path
+    picture: CameraPicture | None = None
     backend: str = "auto"
-
-    @property
-    def path(self) -> Path:
-        """Path of the picture, after which the report is named."""
-        path = self.rgbd or self.picture.path
-        assert path is not None
-        return path
-
-    @property
-    def folder(self) -> Path:
-        """Folder of the report."""
-        return self.out or default_out(self.path, "report")
-
-    def command(self, settings: Settings) -> list[str]:
-        """Arguments of `inim validate` that repeat this request."""
-        values = {f.name: (getattr(self.picture, f.name), f.default) for f in fields(self.picture)}
-        picture = {
-            f"--{name.replace('_', '-')}": value
-            for name, (value, default) in values.items()
-            if value != default
-        }
-        source = self.rgbd or picture.pop("--photo", None) or picture.pop("--color", None)
-        words = option_words({"-o": self.folder, **picture, **self.options(settings)})
-        return [str(source), *words]
+    command: str = ""
 
 
 @dataclass(frozen=True)
@@ -138,19 +107,15 @@ class _Plan:
     notes: tuple[str, ...]
 
 
-def ignore_message(_: str) -> None:
-    """Ignore a message."""
-
-
 def run_picture(
     request: PictureRequest,
     *,
     quiet: bool = True,
     debug: bool = False,
-    on_warning: Callable[[str], object] = ignore_message,
-    on_note: Callable[[str], object] = ignore_message,
-) -> tuple[bool, Path]:
-    """Validate a picture in a worker process; returns whether it passed, and the report's folder.
+    on_warning: Callable[[str], object] | None = None,
+    on_note: Callable[[str], object] | None = None,
+) -> bool:
+    """Validate a picture in a worker process; True if it passed.
 
     `on_warning` receives the report's warnings before anything is rendered; `on_note` receives the
     facts about a photograph and its framing. Raises `InimError` before the worker starts if
@@ -163,29 +128,27 @@ def run_picture(
     for name in algorithms:
         check_algorithm(name)
     viewpoints = parse_viewpoints(settings.viewpoints, display, settings.viewing_distance_mm)
-    warnings: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
-    if request.rgbd is not None:
-        rgbd = read_rgbd(request.rgbd)
-        warnings = _fitted_warnings(rgbd, display, str(request.rgbd))
+    if request.picture is None:
+        rgbd = read_rgbd(request.path)
+        warnings = _fitted_warnings(rgbd, display, str(request.path))
     else:
         pixels_per_pitch = settings.capture_pixels_per_pitch
         rgbd, warnings, notes = request.picture.read_and_fit(display, pixels_per_pitch)
     _check_picture(rgbd, display, str(request.path))
-    for note in notes:
-        on_note(note)
-    for warning in warnings:
-        on_warning(warning)
-    passed = run_in_worker(
+    for callback, texts in ((on_note, notes), (on_warning, warnings)):
+        if callback is not None:
+            for text in texts:
+                callback(text)
+    return run_in_worker(
         "inim.views.own_picture:run_job",
         lambda: _Plan(request, display, settings, algorithms, viewpoints, warnings, notes),
-        staging_folder(request.folder, _FILES),
+        staging_folder(request.out, _FILES),
         fill=lambda staging: write_rgbd(staging / "rgbd.exr", rgbd),
         backend=request.backend,
         quiet=quiet,
         debug=debug,
     )
-    return passed, request.folder
 
 
 def _fitted_warnings(rgbd: RGBD, display: Display, name: str) -> tuple[str, ...]:
@@ -234,7 +197,7 @@ def run_job(plan: _Plan, staging: Path, observer: Observer) -> bool:
     write_rgbd_pngs(staging, rgbd, display)
     data = PictureDocument(
         title=request.path.stem,
-        **origin(shlex.join(["inim", "validate", *request.command(settings)]), _VERSIONS),
+        **origin(request.command, _VERSIONS),
         display=DisplayRecord.of(display),
         lens_model=settings.lens_model,
         picture=_describe_picture(rgbd, plan.notes),
@@ -243,7 +206,7 @@ def run_job(plan: _Plan, staging: Path, observer: Observer) -> bool:
         **results,
     )
     write_picture_report(data, staging)
-    publish(staging, request.folder)
+    publish(staging, request.out)
     return data.verdict.passed
 
 

@@ -8,6 +8,7 @@ writes the same forms as ``inim bench``.
 from __future__ import annotations
 
 import argparse
+import shlex
 import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -96,7 +97,7 @@ def run_study(
         with staging_folder(args.out, ("bench.json", "bench.html", "bench.md")) as staging:
             from inim.render import variant
 
-            command = ["python", "-m", module, *sys.argv[1:]]
+            command = shlex.join(["python", "-m", module, *sys.argv[1:]])
             document = record(title, command, variant.use("llvm"), rounds, load)
             folder = staging / "work"
             folder.mkdir()

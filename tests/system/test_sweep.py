@@ -15,7 +15,7 @@ import pytest
 
 import inim
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
-from inim.sweep.run import SweepPlace, SweepRequest, run_sweep
+from inim.sweep.run import SweepPlace, run_sweep
 from inim.sweep.table import TABLE, columns
 from tests.conftest import scene_text
 from tests.schemas import read_document
@@ -124,7 +124,7 @@ def test_a_cluster_makes_the_same_table(swept, tmp_path):
         ) as cluster,
     ):
         place = SweepPlace(tmp_path / "out", cluster.scheduler_address)
-        outcome = run_sweep(SweepRequest(swept[0] / "study.toml", place))
+        outcome = run_sweep(swept[0] / "study.toml", place)
     assert outcome.passed
     assert table(tmp_path / "out") == table(swept[0] / "out")
     assert results(tmp_path / "out").keys() == results(swept[0] / "out").keys()
