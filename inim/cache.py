@@ -60,12 +60,9 @@ def array_digest(*arrays: np.ndarray | None) -> str:
 
 @cache
 def code_digest(*places: str) -> str:
-    """Digest of the source of this program's modules and packages, which changes with every edit.
+    """Digest of the source of modules and packages of this program, which changes with every edit.
 
-    Parameters
-    ----------
-    places : str
-        Paths below the package, such as ``"kernel"`` or ``"metrics.py"``.
+    `places` are paths below the package, such as ``"render"`` or ``"metrics/base.py"``.
     """
     digest = hashlib.sha256()
     for place in places:
@@ -126,13 +123,7 @@ def store_folder() -> Path | None:
 
 
 def open_store() -> Store | None:
-    """The store to use, if any.
-
-    Raises
-    ------
-    UsageError
-        INIM_CACHE_GIB is no size.
-    """
+    """The store to use, if any; raises `UsageError` if INIM_CACHE_GIB is not a size."""
     folder = store_folder()
     return None if folder is None else Store(folder, _limit_bytes())
 
@@ -149,14 +140,9 @@ def _limit_bytes() -> int:
 
 
 class Store:
-    """Stored results in a folder.
+    """Stored results in a folder, which is created for the first record.
 
-    Parameters
-    ----------
-    folder : Path
-        Created for the first record.
-    limit_bytes : int
-        Maximum size of all records.
+    `limit_bytes` is the maximum size of all records.
     """
 
     def __init__(self, folder: Path, limit_bytes: int) -> None:
@@ -275,12 +261,8 @@ def _array(data: bytes) -> np.ndarray:
 class ResultCache:
     """Store together with the history of successive runs.
 
-    Parameters
-    ----------
-    store : Store, optional
-        Without a store, no result is looked up or kept.
-    topic : str
-        Topic such as the scene's path, to report changes since its last run.
+    Without a store, no result is looked up or kept. `topic`, such as the scene's path, identifies
+    the last run, to report changes since then.
     """
 
     def __init__(self, store: Store | None = None, topic: str = "") -> None:
@@ -300,26 +282,12 @@ class ResultCache:
         *,
         explain: bool = True,
     ) -> tuple[Any, str | None]:
-        """Look up a result or compute it, with the reason for computing.
+        """Look up a result or compute it; also return the reason for computing.
 
-        Parameters
-        ----------
-        product : str
-            Readable name of the result.
-        parts : callable
-            All inputs by readable names; not called without a store.
-        make : callable
-        kinds : iterable of type
-            Dataclasses in the result.
-        explain : bool
-            Store the inputs, to report changes in the next run.
-
-        Returns
-        -------
-        result
-        why : str or None
-            Reason for computing, such as "changed: seed"; None if the result was stored, "" if
-            unknown.
+        `product` is the readable name of the result, `parts` returns all inputs by readable names,
+        and `kinds` are the dataclasses in the result. With `explain`, the inputs are stored, to
+        report changes in the next run. The reason is such as "changed: seed"; None if the result
+        was stored, "" if unknown.
         """
         if self._store is None:
             return make(), ""

@@ -23,21 +23,10 @@ def announced(group: str) -> list[str]:
 
 
 def load(group: str, name: str, kind: str, make: Callable[[Any], Any] = lambda value: value) -> Any:
-    """Load the object of an entry point.
+    """Load the object of an entry point and convert it with `make`, whose errors count as its own.
 
-    Parameters
-    ----------
-    group, name : str
-        The entry point; the name must be registered.
-    kind : str
-        Kind of plugin for error messages: "metric".
-    make : callable, optional
-        Converts the object; its exceptions count as a failure to load.
-
-    Raises
-    ------
-    UsageError
-        Several packages register the name, or it cannot be imported.
+    The name must be registered; `kind` is the kind of plugin for messages: "metric". Raises
+    `UsageError` if several packages register the name, or if it cannot be imported.
     """
     points = list(metadata.entry_points(group=group, name=name))
     values = sorted({point.value for point in points})
@@ -74,17 +63,8 @@ def identity(group: str, name: str) -> dict[str, str]:
 def attribute_errors(group: str, kind: str, name: str) -> Iterator[None]:
     """Name a plugin and its package in the message of any error in the block.
 
-    Parameters
-    ----------
-    group, kind : str
-        As for `load`.
-    name : str
-        Name of the plugin, with or without its options.
-
-    Raises
-    ------
-    InimError
-        Replaces any exception except out-of-memory errors; keeps its type, or is a `UsageError`.
+    `group` and `kind` are as for `load`; `name` may include options. Any exception except
+    out-of-memory errors becomes an `InimError` of the same type, or else a `UsageError`.
     """
     try:
         yield

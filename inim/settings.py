@@ -36,10 +36,7 @@ DISPLAY_KEYS = tuple(f.name for f in fields(Display) if f.name != "name")
 def value_text(name: str, value: object) -> str:
     """Text of a setting's or an option's value, read back as the same value.
 
-    Raises
-    ------
-    UsageError
-        Neither text nor a number nor a path.
+    Raises `UsageError` for anything but text, numbers and paths.
     """
     if isinstance(value, bool) or not isinstance(value, str | Real | PathLike):
         raise UsageError(f"{name}: {value!r} is a {type(value).__name__}; give text or a number")
@@ -148,17 +145,8 @@ class Settings:
     def parse(cls, values: Mapping[str, str], source: str) -> Settings:
         """Settings from texts by full key (`inim.pitch_mm`).
 
-        Parameters
-        ----------
-        values : mapping of str to str
-            Keys with the `inim.` prefix.
-        source : str
-            Name for error messages: the scene's path.
-
-        Raises
-        ------
-        SceneError
-            Unknown key (with the nearest known one) or a value of the wrong kind.
+        `source` is the scene's path, for messages. Raises `SceneError` for an unknown key, with the
+        nearest known one, or a value of the wrong kind.
         """
         fields_by_name = {f.name: f for f in fields(cls)}
         parsed: dict[str, Any] = {}
@@ -180,14 +168,9 @@ class Settings:
         return cls(**parsed)
 
     def make_display(self, source: str) -> Display:
-        """The display these settings describe: the preset with the given values changed.
+        """The display that these settings describe: the preset with the given values changed.
 
-        Raises
-        ------
-        SceneError
-            Unknown preset.
-        DisplayError
-            Values that describe no possible display.
+        Raises `SceneError` for an unknown preset, and `DisplayError` for an impossible display.
         """
         if self.display not in DISPLAYS:
             way_out = suggest_words(self.display, DISPLAYS)
@@ -222,11 +205,8 @@ class Settings:
     def with_display(self, display: Display, overridden: Container[str] = ()) -> Settings:
         """A copy that describes this display: a preset, and the parameters that differ from it.
 
-        Parameters
-        ----------
-        display : Display
-        overridden : container of str
-            Parameters to include although they are the preset's: a scene states another value.
+        The copy includes `overridden` parameters although they are the preset's: a scene sets
+        another value.
         """
         ways = []
         for name, preset in DISPLAYS.items():
@@ -245,12 +225,10 @@ class Settings:
         raise AssertionError("all parameters of a display state it")
 
     def ssim_limits(self, algorithms: tuple[str, ...], source: str) -> dict[str, float]:
-        """The least SSIM to the reference asked of each algorithm; those without a limit left out.
+        """Smallest SSIM to the reference that passes, by algorithm; without those that have no
+        limit.
 
-        Raises
-        ------
-        SceneError
-            A limit that is not a number in 0..1, or for an algorithm that is not run.
+        Raises `SceneError` for a limit outside 0..1, or for an algorithm that is not run.
         """
         limits: dict[str, float] = {}
         for item in filter(None, (part.strip() for part in self.min_ssim_to_reference.split(","))):

@@ -41,19 +41,9 @@ REFERENCE_KERNEL = "reference kernel"
 class TimedMethod:
     """A prepared algorithm with its input and output.
 
-    Attributes
-    ----------
-    name : str
-        Name with options.
-    generator : Generator
-    rgbd : RGBD
-        Display-ready.
-    out : (rows, columns, 4) uint8
-        The EIA after a run.
-    prepare_s : float
-        Time to prepare, once per display and picture size.
-    is_own : bool
-        True if the generator belongs to this project, not to another package.
+    The input `rgbd` is display-ready. `out`, (rows, columns, 4) uint8, is the EIA after a run, and
+    `prepare_s` the time to prepare, once per display and picture size. `is_own` is False for a
+    generator of another package.
     """
 
     name: str
@@ -64,13 +54,7 @@ class TimedMethod:
     is_own: bool = True
 
     def run(self) -> None:
-        """Generate an EIA once; this call is timed.
-
-        Raises
-        ------
-        UsageError
-            Replaces any error of another package's generator.
-        """
+        """Generate an EIA once, timed; raises `UsageError` if another package's generator fails."""
         if self.is_own:
             self.generator.generate(self.rgbd, self.out)
             return
@@ -84,21 +68,10 @@ class TimedMethod:
 def prepare_method(
     name: str, rgbd: RGBD, display: Display, mask: np.ndarray | None = None
 ) -> TimedMethod:
-    """Prepare one algorithm for a display-ready picture.
+    """Prepare an algorithm, by its name with options, for a display-ready picture.
 
-    Parameters
-    ----------
-    name : str
-        Name with options.
-    rgbd : RGBD
-    display : Display
-    mask : (rows, columns) bool, optional
-        Panel pixels to generate; all if None.
-
-    Raises
-    ------
-    UsageError
-        Unknown algorithm or option.
+    `mask`, (rows, columns) bool, selects the panel pixels to generate; all if None. Raises
+    `UsageError` for an unknown algorithm or option.
     """
     start = time.perf_counter()
     with foreign_errors(name):
@@ -113,13 +86,7 @@ def time_methods(
 ) -> dict[str, Timing]:
     """Time all methods and the reference kernel (`REFERENCE_KERNEL`), by name.
 
-    Parameters
-    ----------
-    methods : sequence of TimedMethod
-    rgbd : RGBD
-        Display-ready input of the reference kernel.
-    display : Display
-    rounds : Rounds
+    `rgbd` is the display-ready input of the reference kernel.
     """
     from inim.render.reference_kernel import ReferenceKernel
 
@@ -169,19 +136,9 @@ _LEAD_IN_BELOW_S = 0.2
 
 @dataclass(frozen=True)
 class Rounds:
-    """Numbers of runs and threads.
+    """Timed rounds, untimed ones before them (at least one of each), and threads (None: all).
 
-    Attributes
-    ----------
-    runs, warmups : int
-        Timed rounds, and untimed rounds before them; at least one of each.
-    threads : int, optional
-        All available threads if None.
-
-    Raises
-    ------
-    UsageError
-        Fewer than one run or warm-up.
+    Raises `UsageError` for fewer than one run or warm-up.
     """
 
     runs: int = 9
@@ -196,16 +153,9 @@ class Rounds:
 
 @dataclass(frozen=True)
 class Timing:
-    """Run times of a call, seconds.
+    """Run times of a call: the cold first one, and warm runs in order.
 
-    Attributes
-    ----------
-    cold_s : float
-        First call, with compilation and loading.
-    times_s : tuple of float
-        Warm runs, in order.
-    slow : bool
-        True if the number of runs was reduced.
+    `slow` is True if the number of runs was reduced.
     """
 
     cold_s: float
@@ -250,14 +200,8 @@ def time_calls(
 ) -> dict[str, Timing]:
     """Time all calls in alternation: a cold start, warm-ups, then the timed runs.
 
-    Parameters
-    ----------
-    calls : mapping of str to callable
-    rounds : Rounds
-        If a call takes more than two seconds, its first warm-up counts, and it has at most three
-        runs; above ten seconds, one.
-    clock, pause : callable
-        Replaced in tests.
+    If a call takes more than two seconds, its first warm-up counts, and it has at most three runs;
+    above ten seconds, one. Tests replace `clock` and `pause`.
     """
 
     def time_once(name: str, lead_in: bool = False) -> float:
@@ -315,10 +259,7 @@ def max_threads() -> int:
 def threads(count: int | None) -> Iterator[int]:
     """Run generators and the reference kernel on a number of threads; all threads if None.
 
-    Raises
-    ------
-    UsageError
-        The number exceeds the available threads.
+    Raises `UsageError` if the number exceeds the available threads.
     """
     import numba
 

@@ -100,18 +100,9 @@ ViewsOf = Callable[[np.ndarray], Sequence[np.ndarray]]
 class Reference:
     """Ground truth for the EIAs of all methods.
 
-    Attributes
-    ----------
-    exact : Sources
-        Sources by the exact traversal.
-    eia : (rows, columns, 3) float32
-        Ground truth, linear RGB.
-    views_of : callable
-        Reconstructs the views of an EIA.
-    reference_views : sequence of array
-        Views of the ground-truth EIA.
-    viewing : sequence of Viewing
-        Viewing conditions of each view; if empty, metrics that need them are left out.
+    `exact` are the sources by the exact traversal; `eia`, (rows, columns, 3) float32 linear RGB, is
+    the ground truth, with its `reference_views`. `viewing` are the conditions of each view; if
+    empty, metrics that need them are left out.
     """
 
     exact: Sources
@@ -291,12 +282,7 @@ def choose_algorithms(algorithms: Sequence[str] | None) -> tuple[Sequence[str], 
 def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, renderer: Renderer) -> BenchScene:
     """Render a scene as a validation does, time algorithms on it, and evaluate their EIAs.
 
-    Parameters
-    ----------
-    plan : Plan
-        Plan of a validation; its sampling settings apply.
-    names : sequence of str
-        Algorithms with their options.
+    The sampling settings of the plan apply; `names` are algorithms with their options.
     """
     observer, display, s = renderer.observer, plan.display, plan.settings
     observer.begin(["open scene", "capture RGB-D", "ground-truth EIA", "time", "score", "write"])

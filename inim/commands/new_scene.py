@@ -57,43 +57,21 @@ def new_scene(
     warn: Callable[[str], object] = print_warning,
     say: Callable[[str], object] = print,
 ) -> Path:
-    """Write a scene for the mesh `source`, with its PLY and textures in the same folder.
+    """Write a scene for a mesh or splats, with PLY files and textures in the same folder; return
+    `out`.
 
-    Parameters
-    ----------
-    source : Path
-        PLY, OBJ, OFF, STL, GLB or glTF; or a PLY of 3D Gaussian splats.
-    out : Path
-        The scene's XML; `<stem>.ply` and `<stem>.png` go into the same folder.
-    unit : str or None
-        Length of one unit of the file: mm, cm, m, in. None only for glTF (metres) and splats
-        (no unit).
-    up, front : str or None
-        Axes of the file that point up and towards the viewer: x, -x, y, ... `up` may be None for
-        glTF only (y). The default for `front` is z, or -y if z is up.
-    crop : str, optional
-        For splats: x0,x1,y0,y1,z0,z1 of the box to keep, in the file's axes and unit. The default
-        keeps nearly all.
-    title : str, optional
-        Name in reports; default: the mesh file's name.
-    display : str, optional
-        Preset of `inim.display.DISPLAYS` to write into the scene.
-    force : bool
-        Replace existing files; numbered parts that only the replaced scene needs are removed.
-    warn, say : callable
-        Receive warnings, and a note on the box of splats.
+    `source` is a PLY, OBJ, OFF, STL, GLB or glTF, or a PLY of 3D Gaussian splats; `out` is the
+    scene's XML. `unit` is the length of one unit of the file (mm, cm, m, in), None only for glTF
+    (metres) and splats (no unit). `up` and `front` are axes of the file that point up and towards
+    the viewer: x, -x, y, ...; `up` may be None for glTF only (y), and `front` is by default z, or
+    -y if z is up. `crop`, x0,x1,y0,y1,z0,z1 in the file's axes and unit, is the box of splats to
+    keep, by default nearly all. `title` is the name in reports, by default the file's, and
+    `display` a preset to write into the scene. `force` replaces existing files and removes numbered
+    parts that only the replaced scene needs. `warn` receives warnings, and `say` a note on the box
+    of splats.
 
-    Returns
-    -------
-    Path
-        `out`.
-
-    Raises
-    ------
-    FileError
-        The mesh is unusable, or the scene cannot be written.
-    UsageError
-        Unit or axis missing or impossible, unknown display, or a file in the way.
+    Raises `FileError` if the mesh is unusable or the scene cannot be written, and `UsageError` for
+    a missing or impossible unit or axis, an unknown display, or a file in the way.
     """
     from inim.files.splat_ply import is_splats
     from inim.files.triangle_mesh import read_bytes

@@ -67,10 +67,8 @@ _PLUGIN_LOCK = Lock()
 def all_metrics() -> tuple[Metric, ...]:
     """All metrics: the project's own, then those of other packages, by name.
 
-    Raises
-    ------
-    UsageError
-        Another package's metric cannot be loaded, is not a `Metric`, or has the wrong name.
+    Raises `UsageError` if another package's metric cannot be loaded, is not a `Metric`, or has the
+    wrong name.
     """
     return _all_metrics(tuple(sys.path))
 
@@ -147,26 +145,9 @@ def score_maps(
     keys: Sequence[str] | None = None,
     viewing: Viewing | None = None,
 ) -> dict[str, np.ndarray]:
-    """Compute the maps whose means are the scores, by `Metric.key`.
+    """Compute the maps whose means are the scores, by `Metric.key`; `keys` selects metrics.
 
-    Parameters
-    ----------
-    reference, test : (rows, columns, 3) float32, linear RGB
-    keys : sequence of str, optional
-        `Metric.key` of the metrics to compute; default: all.
-    viewing : Viewing, optional
-        Without it, metrics with `needs_viewing` are left out.
-
-    Returns
-    -------
-    dict of str to array
-        (rows, columns), for PSNR squared errors; or the score itself, with the shape (), for a
-        metric without a map.
-
-    Raises
-    ------
-    UsageError
-        The images cannot be compared, or another package's metric failed.
+    See `inim.metrics.base.maps_of` for images, maps and errors. The map of PSNR has squared errors.
     """
     metrics = {metric.key: metric for metric in all_metrics()}
     selection = [metrics[key] for key in (metrics if keys is None else keys)]
@@ -181,13 +162,8 @@ def score(
 ) -> dict[str, float]:
     """Score an image by every metric, by key; with a region, also on the relic.
 
-    Parameters
-    ----------
-    reference, test : (rows, columns, 3) float32, linear RGB
-    region : (rows, columns) bool, optional
-        The relic's region; see `relic_region`.
-    viewing : Viewing, optional
-        Without it, metrics with `needs_viewing` are left out.
+    Images are (rows, columns, 3) float32, linear RGB. The region, (rows, columns) bool, is that of
+    `relic_region`. Without `viewing`, metrics with `needs_viewing` are left out.
     """
     maps = score_maps(reference, test, viewing=viewing)
     metrics = [metric for metric in all_metrics() if metric.key in maps]
@@ -204,12 +180,8 @@ def heat_map(
 ) -> np.ndarray:
     """Compute a metric's heat map, (rows, columns), relative to `Metric.heat_map_max`.
 
-    Parameters
-    ----------
-    metric : Metric
-    reference, test : (rows, columns, 3) float32, linear RGB
-    viewing : Viewing, optional
-        Required if the metric has `needs_viewing`.
+    Images are (rows, columns, 3) float32, linear RGB. A metric with `needs_viewing` requires
+    `viewing`.
     """
     assert metric.heat_map is not None
     conditions = (viewing,) if metric.needs_viewing else ()
@@ -219,14 +191,9 @@ def heat_map(
 
 
 def relic_region(relic: np.ndarray) -> np.ndarray:
-    """The relic's region in a view: its pixels with a margin of `RELIC_MARGIN_PX`.
+    """The relic's region in a view: its pixels, (rows, columns) bool, with a margin.
 
-    These are all pixels whose SSIM window contains the relic.
-
-    Parameters
-    ----------
-    relic : (rows, columns) bool
-        Pixels of the relic.
+    The margin of `RELIC_MARGIN_PX` includes all pixels whose SSIM window contains the relic.
     """
     from scipy.ndimage import maximum_filter
 
@@ -238,9 +205,7 @@ def relic_region(relic: np.ndarray) -> np.ndarray:
 def eia_scores(reference: np.ndarray, test: np.ndarray) -> dict[str, float]:
     """Score an EIA by the metrics with `has_eia_score`, by key.
 
-    Parameters
-    ----------
-    reference, test : (rows, columns, 3) float32, linear RGB
+    Images are (rows, columns, 3) float32, linear RGB.
     """
     scores = {}
     for metric in all_metrics():

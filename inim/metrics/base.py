@@ -201,28 +201,16 @@ def maps_of(
     test: np.ndarray,
     viewing: Viewing | None = None,
 ) -> dict[str, np.ndarray]:
-    """Compute the maps of metrics, by their keys.
+    """Compute the maps of metrics, by their keys, for images in linear RGB, (rows, columns, 3)
+    float32.
 
-    A relic is in front of a black background that is equal in both images. Where everything within
-    the reach of a filter is equal, the map has the value for equal images exactly, because both
-    sides of each comparison are the same numbers. So only the rest is filtered, in bands of rows.
+    A map is (rows, columns), or () for a metric without a map. A relic is in front of a black
+    background that is equal in both images. Where everything within the reach of a filter is equal,
+    the map has the value for equal images exactly, because both sides of each comparison are the
+    same numbers. So only the rest is filtered, in bands of rows.
 
-    Parameters
-    ----------
-    metrics : sequence of Metric
-    reference, test : (rows, columns, 3) float32, linear RGB
-    viewing : Viewing, optional
-        Without it, metrics with `needs_viewing` are left out.
-
-    Returns
-    -------
-    dict of str to array
-        (rows, columns) each; () for a metric without a map.
-
-    Raises
-    ------
-    UsageError
-        The images cannot be compared, or another package's metric failed.
+    Without `viewing`, metrics with `needs_viewing` are left out. Raises `UsageError` if the images
+    cannot be compared, or if another package's metric fails.
     """
     check_images(reference, test)
     metrics = [metric for metric in metrics if viewing is not None or not metric.needs_viewing]

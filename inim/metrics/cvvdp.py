@@ -105,17 +105,7 @@ def film_jod(
 ) -> float:
     """Score of a film, including flicker and jumps in time.
 
-    Parameters
-    ----------
-    reference, test : sequences of (rows, columns, 3) uint8, sRGB
-        Frames.
-    viewing : Viewing
-    frames_per_second : float
-
-    Raises
-    ------
-    UsageError
-        The package is not installed.
+    Frames are (rows, columns, 3) uint8, sRGB. Raises `UsageError` if the package is not installed.
     """
     options = {"dim_order": "FHWC", "frames_per_second": frames_per_second}
     return float(_predict(_model(viewing), np.stack(test), np.stack(reference), **options)[0])

@@ -17,17 +17,8 @@ HEADLINE_WORDS = f"{MAIN.label} on the relic, to the reference"
 def best_algorithm(headlines: Mapping[str, Sequence[float]]) -> str | None:
     """Name of the algorithm with the best mean headline score; the first of equal ones.
 
-    Algorithms with fewer scores rank lower.
-
-    Parameters
-    ----------
-    headlines : mapping of str to sequence of float
-        Finite scores of the views, by algorithm.
-
-    Returns
-    -------
-    str or None
-        None if there are no scores.
+    The finite scores of the views are given by algorithm; those with fewer scores rank lower. None
+    if there are no scores.
     """
 
     def rank(algorithm: str) -> tuple[int, float]:
@@ -39,15 +30,9 @@ def best_algorithm(headlines: Mapping[str, Sequence[float]]) -> str | None:
 
 
 def preferred_algorithm(metric: Metric, means: Mapping[str, float], best: str) -> str:
-    """Name of the algorithm that a metric ranks first; the headline's best within the tolerance.
+    """Name of the algorithm that a metric ranks first by its mean score to the reference.
 
-    Parameters
-    ----------
-    metric : Metric
-    means : mapping of str to float
-        Mean score to the reference, by algorithm.
-    best : str
-        Best algorithm by the headline score.
+    Within the metric's tolerance, it is `best`, the best algorithm by the headline score.
     """
     sign = 1 if metric.better == "higher" else -1
     other = max(means, key=lambda name: sign * means[name], default=best)

@@ -154,14 +154,9 @@ def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
     """Make a run the baseline and return the baseline's folder.
 
     The default `folder` is that of the baseline that the run was compared with, else
-    `default_baseline`.
-
-    Raises
-    ------
-    UsageError
-        The reason is empty, or the run is a preview or failed a check without a baseline.
-    BaselineError, FileError
-        The report or its statistics are missing or damaged.
+    `default_baseline`. Raises `UsageError` if the reason is empty, or if the run is a preview or
+    failed a check without a baseline; `BaselineError` or `FileError` if the report or its
+    statistics are missing or damaged.
     """
     if not reason.strip():
         raise UsageError("--reason is empty; give the reason for the new baseline in one line")
@@ -205,25 +200,10 @@ def _check_complete(candidate: RunStatistics, out: Path) -> None:
 def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[str]]:
     """Compare two reports and write the result into a folder.
 
-    Parameters
-    ----------
-    before, after : Path
-        Folders of reports; `before` is the baseline.
-    out : Path
-        Folder for `compare.json`, `compare.html`, `junit.xml` and `summary.md`.
-
-    Returns
-    -------
-    passed : bool
-    lines : list of str
-        Results as text, failures first.
-
-    Raises
-    ------
-    BaselineError
-        The reports were made under different conditions, or one has no data for a comparison.
-    FileError
-        A report is missing, or `out` cannot be written.
+    The report in the folder `before` is the baseline of that in `after`. Writes `COMPARISON_FILES`
+    into `out`. Returns whether all checks passed, and the results as lines of text, failures first.
+    Raises `BaselineError` if the reports were made under different conditions or one has no data
+    for a comparison, and `FileError` if a report is missing or `out` cannot be written.
     """
     (report, old), (other, new) = read_run(before), read_run(after)
     if out.exists() and any(out.samefile(folder) for folder in (before, after)):

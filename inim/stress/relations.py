@@ -50,10 +50,8 @@ _Pictures = Callable[[], Iterable[PictureCase]]
 class Comparison:
     """Result of a relation on one picture.
 
-    Attributes
-    ----------
-    same, which : (rows, columns) bool
-        Panel pixels that satisfy the relation, and those to which it applies.
+    `same` and `which`, (rows, columns) bool, are the panel pixels that satisfy the relation, and
+    those to which it applies.
     """
 
     display: Display
@@ -69,22 +67,12 @@ Doubt = Callable[[RGBD, Display, str, np.ndarray], int]
 
 @dataclass(frozen=True)
 class Relation:
-    """A named check.
+    """A named check: ``check(show, algorithm)`` yields comparisons.
 
-    Attributes
-    ----------
-    check : callable
-        ``check(show, algorithm)`` yields comparisons.
-    bitwise : bool
-        Rounding excuses no difference.
-    first_hit : bool
-        The relation follows only from the definition of a first hit.
-    own_columns : bool
-        It also requires that a pixel's column depends on no other pixel.
-    one_layer : bool
-        The pictures have no layers.
-    misaligned : bool
-        The rays of the arrays are float64, and ties depend on rounding.
+    `bitwise`: rounding excuses no difference. `first_hit`: the relation follows only from the
+    definition of a first hit. `own_columns`: it also requires that a pixel's column depends on no
+    other pixel. `one_layer`: the pictures have no layers. `misaligned`: the rays of the arrays are
+    float64, and ties depend on rounding.
     """
 
     name: str

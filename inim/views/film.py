@@ -44,28 +44,12 @@ _MAX_FRAMES = 2000
 
 @dataclass(frozen=True)
 class FilmRequest:
-    """Request to render a film.
+    """Request to render a film of the report in `folder`, with panes side by side.
 
-    Attributes
-    ----------
-    folder : str
-        Folder of the report.
-    out : str
-        Path of the film.
-    show : tuple of str
-        Panes side by side: "reference" or names of the report's algorithms.
-    path : str
-        See `inim.display.viewpoint.eye_path`.
-    lens_model : str
-    frames : int
-    frames_per_second : float
-    spp : int
-        Samples per view pixel.
-    pixels_per_lens : int
-    allow_flips : bool
-        The path may leave the viewing zone.
-    scene : TracedScene, optional
-        The report's scene, as the first pane; the others are scored against it.
+    `show` are the panes: "reference" or names of the report's algorithms. `scene` adds the report's
+    scene as the first pane, against which the others are scored. `path` is that of
+    `inim.display.viewpoint.eye_path`, which may leave the viewing zone with `allow_flips`. `spp`
+    are the samples per view pixel.
     """
 
     folder: str
@@ -242,13 +226,8 @@ def write_film(path: Path, frames: Sequence[np.ndarray], frames_per_second: floa
     """Write frames, (rows, columns, 3) uint8 sRGB, as a film that loops (GIF, WebP) or not (MP4).
 
     The suffix of the path is the type. Frames of an MP4 have even numbers of rows and columns.
-
-    Raises
-    ------
-    UsageError
-        The file type is unknown, or the MP4 encoder is missing.
-    FileError
-        The file cannot be written.
+    Raises `UsageError` for an unknown type or a missing MP4 encoder, and `FileError` if the file
+    cannot be written.
     """
     _check_kind(path)
     try:

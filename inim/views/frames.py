@@ -29,18 +29,9 @@ def frames(
 ) -> Iterator[np.ndarray]:
     """Render views of an EIA through the lenses, or of the scene, (rows, columns, 3) uint8 sRGB.
 
-    Parameters
-    ----------
-    source : (rows, columns, 3) float32, or TracedScene
-        An EIA in linear RGB, or the scene.
-    eyes : iterable of Viewpoint
-    optics : Optics
-        A frame has half of its samples, as a half image of a view.
-    design : Display
-        Display as designed; the scene is fitted into its depth range.
-    renderer : Renderer
-    stage : str
-        Stage of each frame in the progress bar.
+    An EIA is (rows, columns, 3) float32, linear RGB. A frame has half of the samples of `optics`,
+    as a half image of a view. A scene is fitted into the depth range of `design`. `stage` names
+    each frame in the progress bar.
     """
     if isinstance(source, TracedScene):
         scene = Scene(source.file(), design, source.fit_share, renderer)
@@ -60,17 +51,9 @@ def frames(
 class TracedScene:
     """The scene of a report, to be traced again.
 
-    Attributes
-    ----------
-    path : Path
-    sha256 : str
-        Digest in the report.
-    definitions : dict of str to str
-        Settings and scene parameters that the report's run overrode.
-    allow_folders : tuple of Path
-        Additional folders for files that the scene references.
-    fit_share : float
-        Share of the lens array that the relic fills.
+    `sha256` is its digest in the report, `definitions` are the settings and scene parameters that
+    the report's run overrode, `allow_folders` additional folders for files that the scene
+    references, and `fit_share` is the share of the lens array that the relic fills.
     """
 
     path: Path

@@ -339,27 +339,12 @@ def _result_line(name: str, result: PictureAlgorithm) -> str:
 def warp_to_viewpoint(
     rgbd: RGBD, display: Display, eye: Viewpoint, pixels_per_lens: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Render a picture from a viewpoint through the window of the lens array.
+    """Render a linear float32 picture from a viewpoint through the window of the lens array.
 
     Each ray shows the first of the picture's columns that it hits, with the thickness of the
-    visible surface: the surface model of `template`, seen from another viewpoint.
-
-    Parameters
-    ----------
-    rgbd : RGBD
-        Linear float32.
-    display : Display
-    eye : Viewpoint
-        Taken as a point.
-    pixels_per_lens : int
-        Pixels of the view along each side of a lens.
-
-    Returns
-    -------
-    view : (rows, columns, 3) float32, linear RGB
-        Black where all rays miss.
-    share : (rows, columns) float32
-        Share of each pixel's rays that hit the picture.
+    visible surface: the surface model of `template`, seen from another viewpoint, which is taken as
+    a point. Returns the view, (rows, columns, 3) float32 linear RGB, black where all rays miss; and
+    the share of each pixel's rays that hit the picture, (rows, columns) float32.
     """
     rows, columns = (n * pixels_per_lens for n in (display.lens_rows, display.lens_columns))
     x = _ray_positions(columns, display.width_mm)

@@ -31,27 +31,12 @@ _MAX_SAMPLES = 2**16
 
 @dataclass(frozen=True)
 class QuiltRequest:
-    """Request to render a quilt.
+    """Request to render a quilt of an EIA, through the lens array, or of the scene itself.
 
-    Attributes
-    ----------
-    out : Path
-        See `inim.files.light_field.quilt_path`.
-    source : Path, or TracedScene
-        An EIA to show through the lens array, or the scene itself.
-    design, misaligned_display : Display
-        The display as designed, and with its misalignment.
-    lens_model : str
-    distance_mm : float, optional
-        Viewing distance; see `inim.display.viewpoint.zone_eyes`.
-    columns, rows : int
-        Number of views along each side.
-    width, height : int
-        Size of a view in pixels.
-    aspect : float
-        Displayed width of a view over its height.
-    spp : int
-        Samples per pixel of a view.
+    `out` becomes the path of `inim.files.light_field.quilt_path`. `design` is the display without
+    its misalignment, `distance_mm` the viewing distance of `inim.display.viewpoint.zone_eyes`.
+    There are `columns` x `rows` views of `width` x `height` pixels, with `spp` samples per pixel;
+    `aspect` is the displayed width of a view over its height.
     """
 
     out: Path

@@ -53,41 +53,18 @@ def run_in_worker(
     debug: bool = False,
     on_start: OnStart | None = None,
 ) -> bool:
-    """Run a request in a worker process.
+    """Run a request in a worker process; True if every check passed.
 
-    Parameters
-    ----------
-    target : str
-        Function that runs the request, as ``module:function``; see `inim.worker.serve.RunJob`.
-    make_request : callable
-        Returns the request, which must be picklable, or raises an error;
-        called while the worker loads.
-    staging : context manager
-        Yields the folder for the result, such as `inim.worker.output.staging_folder`.
-    fill : callable, optional
-        Writes the worker's input files into the folder.
-    backend : {"auto", "llvm", "cuda"}
-    about : str
-        Label of the job for `ps`.
-    variables : mapping, optional
-        Environment variables of the worker, in addition to this process's own.
-    quiet : bool
-        No result lines on stdout and no progress bar on stderr.
-    debug : bool
-        Let the worker print the traceback of an internal error.
-    on_start : callable, optional
-        Receives the process, which it may end.
+    `target` is the function that runs the request, ``module:function``; see
+    `inim.worker.serve.RunJob`. `make_request` returns the request, which must be picklable, or
+    raises an error; it is called while the worker loads. `staging` yields the folder for the
+    result, such as `inim.worker.output.staging_folder`, and `fill` writes the worker's input files
+    into it. `about` is a label for `ps`; `variables` are additional environment variables. `quiet`
+    suppresses result lines and the progress bar, `debug` lets the worker print the traceback of an
+    internal error, and `on_start` receives the process, which it may end.
 
-    Returns
-    -------
-    bool
-        True if every check passed.
-
-    Raises
-    ------
-    InimError
-        Errors from `make_request` or the worker, or `WorkerError` / `OutOfMemoryError` if the
-        worker died.
+    Raises the `InimError` of `make_request` or of the worker, and `WorkerError` or
+    `OutOfMemoryError` if the worker died.
     """
     process, messages = _start_worker(target, variables or {}, about)
     try:

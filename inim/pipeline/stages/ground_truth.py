@@ -133,26 +133,13 @@ def render_view(
 
 @dataclass(frozen=True)
 class GroundTruth:
-    """Ground truth that methods are compared with.
+    """Ground truth that methods are compared with; values of views are by viewpoint.
 
-    Attributes
-    ----------
-    display : Display
-        Display as designed.
-    eia : NoisyImage
-        Finite; black where no view observes it, if the run skips these pixels.
-    is_whole : bool
-        True if the whole EIA was rendered.
-    clipped_share : float
-        Share of the EIA's pixels that the panel cannot show.
-    views : dict of str to NoisyImage
-        Ground-truth views by viewpoint; finite.
-    regions : dict of str to (rows, columns) bool
-        The relic's region in each view, the same for all methods.
-    reference_views : dict of str to NoisyImage
-        Views of the ground-truth EIA.
-    viewing : dict of str to Viewing or None
-        Viewing conditions of each view; None if no metric needs them.
+    `display` is the display as designed. `eia` and `views` are finite; the EIA is black where no
+    view observes it if the run skips these pixels, and `is_whole` otherwise. `clipped_share` is the
+    share of the EIA's pixels that the panel cannot show. `regions`, (rows, columns) bool, are the
+    relic's, the same for all methods. `reference_views` are the views of the ground-truth EIA.
+    `viewing` is None without a metric that needs it.
     """
 
     display: Display

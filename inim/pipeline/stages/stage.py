@@ -186,22 +186,13 @@ def stage(
 ) -> Callable[[Callable[_Arguments, _Result]], Stage[_Arguments, _Result]]:
     """Declare a stage.
 
-    Parameters
-    ----------
-    name : str
-        Name of the result in the cache and in the report, with arguments in braces:
-        ``"ground-truth view: {viewpoint.name}"``.
-    code : Code
-        Code that affects the result, in addition to the function's own file.
-    result_types : tuple of type
-        Dataclasses that the result contains.
-    timer : str, optional
-        Name of its time in the report; several stages may share one.
-    describe : three strings, or a callable, optional
-        Work done, work skipped and the reason, for the report; or a function of the samples traced
-        and the arguments that returns them. Without it the report omits the stage.
-    derived : tuple of str
-        Arguments that follow from the others; they are not part of the cache key.
+    `name` is that of the result in the cache and in the report, with arguments in braces:
+    ``"ground-truth view: {viewpoint.name}"``. `code` affects the result, in addition to the
+    function's own file, and `result_types` are the dataclasses that the result contains. `timer` is
+    the name of its time in the report; several stages may share one. `describe` gives the work
+    done, the work skipped and the reason for the report, or is a function of the samples traced and
+    the arguments that returns them; without it the report omits the stage. `derived` arguments
+    follow from the others and are not part of the cache key.
     """
 
     def declare(function: Callable[_Arguments, _Result]) -> Stage[_Arguments, _Result]:
