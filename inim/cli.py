@@ -12,7 +12,8 @@ import os
 import shlex
 import sys
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from functools import partial
 from importlib import import_module
 from textwrap import fill
 from typing import Any, NoReturn
@@ -158,7 +159,7 @@ def _complete(parser: argparse.ArgumentParser) -> None:
         for action in own._actions:
             for option in action.option_strings:
                 if option in _WORDS:
-                    action.completer = _completer(_WORDS[option])  # type: ignore[attr-defined]
+                    action.completer = partial(_propose, option)  # type: ignore[attr-defined]
     argcomplete.autocomplete(parser)
 
 
@@ -171,52 +172,23 @@ def _parsers(parser: argparse.ArgumentParser) -> Iterable[argparse.ArgumentParse
                 yield from _parsers(own)
 
 
-def _completer(words: Callable[[], Iterable[str]]) -> Callable[..., list[str]]:
-    """Proposes words; in a list with commas, one more."""
+def _propose(option: str, prefix: str, **_: object) -> list[str]:
+    """Words for an option; in a list with commas, for its last item."""
+    from inim.settings import PREFIX
 
-    def propose(prefix: str, **_: object) -> list[str]:
-        before, comma, _last = prefix.rpartition(",")
-        return [f"{before}{comma}{word}" for word in words()]
-
-    return propose
-
-
-def _algorithms() -> Iterable[str]:
-    from inim.generators import algorithm_names
-
-    return algorithm_names()
+    before, comma, _last = prefix.rpartition(",")
+    module, name = _WORDS[option]
+    words = getattr(import_module(module), name)
+    if option == "-D":
+        words = [f"{PREFIX}{field}=" for field in words.__dataclass_fields__]
+    return [f"{before}{comma}{word}" for word in (words() if callable(words) else words)]
 
 
-def _displays() -> Iterable[str]:
-    from inim.display import DISPLAYS
-
-    return DISPLAYS
-
-
-def _lens_models() -> Iterable[str]:
-    from inim.lens import lens_models
-
-    return lens_models()
-
-
-def _viewpoints() -> Iterable[str]:
-    from inim.display.viewpoint import DEFAULT_VIEWPOINTS
-
-    return DEFAULT_VIEWPOINTS
-
-
-def _settings() -> Iterable[str]:
-    from dataclasses import fields
-
-    from inim.settings import PREFIX, Settings
-
-    return [f"{PREFIX}{field.name}=" for field in fields(Settings)]
-
-
-_WORDS: dict[str, Callable[[], Iterable[str]]] = {
-    "--algorithms": _algorithms,
-    "--display": _displays,
-    "--lens-model": _lens_models,
-    "--viewpoints": _viewpoints,
-    "-D": _settings,
+# Module and name of an option's words, or of a function that returns them.
+_WORDS = {
+    "--algorithms": ("inim.generators", "algorithm_names"),
+    "--display": ("inim.display", "DISPLAYS"),
+    "--lens-model": ("inim.lens", "lens_models"),
+    "--viewpoints": ("inim.display.viewpoint", "DEFAULT_VIEWPOINTS"),
+    "-D": ("inim.settings", "Settings"),
 }

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-import threading
+import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,8 +14,8 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
     The file is in the same folder, which is created if needed, and has the same suffix.
     """
-    writer = f"{os.getpid()}-{threading.get_ident()}"
-    temporary = path.with_name(f".{path.stem}.{writer}.partial{path.suffix}")
+    # Several machines may share the folder: process numbers are not unique.
+    temporary = path.with_name(f".{path.stem}.{uuid.uuid4().hex}.partial{path.suffix}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary

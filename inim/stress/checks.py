@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
@@ -65,30 +66,22 @@ def cases(quick: bool = False) -> Iterator[Case]:
     """
     for number, changes in enumerate(DISPLAYS):
         named = ", ".join(f"{k} = {v}" for k, v in changes.items()) or "real mode"
-        yield Case("noise", named, partial(_noisy, changes, number))
+        yield Case("noise", named, partial(_over, changes, noise, number))
         for ulps in (0,) if quick else (-1, 0, 1):
-            yield Case("ties", f"{named}, {ulps:+d} ulp", partial(_tied, changes, ulps))
+            yield Case("ties", f"{named}, {ulps:+d} ulp", partial(_over, changes, tied, ulps))
     for kind in SHAPES[:1] if quick else SHAPES:
-        yield Case("shapes", kind, partial(_shaped, kind))
+        yield Case("shapes", kind, partial(_over, {}, shaped, kind))
     for shift in (0.5, 0.1):  # half a pitch, half a pixel
-        yield Case("shifted array", f"by {shift:g} mm", partial(_noisy, {"shift_x_mm": shift}, 11))
+        make = partial(_over, {"shift_x_mm": shift}, noise, 11)
+        yield Case("shifted array", f"by {shift:g} mm", make)
     for seed in range(_RANDOM[quick]):
         yield Case("random displays", f"seed {seed}", partial(random_picture, seed))
 
 
-def _noisy(changes: dict[str, object], seed: int) -> PictureCase:
+def _over(changes: dict[str, object], picture: Callable[..., RGBD], *options: Any) -> PictureCase:
+    """A changed small display, with a picture of two pixels per pitch over it."""
     display = small_display(**changes)
-    return display, noise(display, display.capture_shape(2), 0.5, seed)
-
-
-def _tied(changes: dict[str, object], ulps: int) -> PictureCase:
-    display = small_display(**changes)
-    return display, tied(display, display.capture_shape(2), 0.5, ulps)
-
-
-def _shaped(kind: str) -> PictureCase:
-    display = small_display()
-    return display, shaped(kind, display, display.capture_shape(2), 0.5)
+    return display, picture(display, display.capture_shape(2), 0.5, *options)
 
 
 def check_first_hits(algorithm: str, case: Case) -> FirstHitsResult:
@@ -142,30 +135,21 @@ def quantised(rgbd: RGBD, display: Display, bits: int, offset: int = 0) -> RGBD:
     steps = 2**bits - 1
     code = np.clip(np.rint((rgbd.depth_mm.astype(float) - low) / (high - low) * steps), 0, steps)
     code = np.clip(code + offset, 0, steps)
-    return _with_depth(rgbd, (low + code / steps * (high - low)).astype(np.float32))
-
-
-def _with_depth(rgbd: RGBD, depth: np.ndarray) -> RGBD:
+    depth = (low + code / steps * (high - low)).astype(np.float32)
     return RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm)
 
 
 def _jitters(rgbd: RGBD, display: Display) -> dict[str, tuple[RGBD, RGBD]]:
-    """Pictures before and after each kind of jitter."""
+    """Pictures before and after each kind of jitter, in the order of `JITTERS`."""
     up, down = (np.nextafter(rgbd.depth_mm, np.float32(end)) for end in (np.inf, -np.inf))
     sign = np.random.default_rng(0).integers(-1, 2, rgbd.shape)
     random = np.where(sign > 0, up, np.where(sign < 0, down, rgbd.depth_mm))
-    jitters = {
-        "+1 ulp": (rgbd, _with_depth(rgbd, up)),
-        "-1 ulp": (rgbd, _with_depth(rgbd, down)),
-        "an ulp by chance": (rgbd, _with_depth(rgbd, random)),
-    }
-    for bits in BITS:
-        base = quantised(rgbd, display, bits)
-        jitters[f"{bits} bits"] = (rgbd, base)
-        for step in (1, -1):
-            moved = quantised(rgbd, display, bits, step)
-            jitters[f"{step:+d} quantum of {bits} bits"] = (base, moved)
-    return jitters
+    ulps = [RGBD(rgbd.color, z, rgbd.covered, rgbd.pixel_mm) for z in (up, down, random)]
+    rounded = [quantised(rgbd, display, bits) for bits in BITS]
+    pairs = [(rgbd, picture) for picture in (*ulps, *rounded)]
+    for bits, base in zip(BITS, rounded, strict=True):
+        pairs += [(base, quantised(rgbd, display, bits, step)) for step in (1, -1)]
+    return dict(zip(JITTERS, pairs, strict=True))
 
 
 #: Kinds of jitter, in the order of the table.

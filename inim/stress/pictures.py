@@ -85,7 +85,7 @@ def with_depth(
     return RGBD(colour, depth, cover, pixel_mm)
 
 
-def shaped(kind: str, display: Display, shape: tuple[int, int], pixel_mm: float) -> RGBD:
+def shaped(display: Display, shape: tuple[int, int], pixel_mm: float, kind: str) -> RGBD:
     """One of `SHAPES` between the ends of the depth range."""
     r, c = np.indices(shape)
     far, near = map(np.float32, display.depth_range_mm)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from msgspec.structs import replace
@@ -124,17 +125,17 @@ def check_relation(
     depends on rounding. `explained` is the reason why the algorithm may violate the relation, which
     is then measured only. `doubt` replaces `within_rounding`.
     """
+    compared = broken = uncertain = 0
     result = RelationResult(
         relation=relation.name,
         algorithm=algorithm,
         explained=explained,
-        compared=0,
-        broken=0,
-        uncertain=0,
+        compared=compared,
+        broken=broken,
+        uncertain=uncertain,
         message="",
         passed=False,
     )
-    compared = broken = uncertain = 0
     # True if rounding excuses differences.
     excused = bool(explained) or not (relation.bitwise or (exact and not relation.misaligned))
     try:
@@ -205,18 +206,18 @@ def same_colour(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 # -- shifts and symmetries ------------------------------------------------------------------------
 
 
+def _rearranged(rgbd: RGBD, move: Callable[[np.ndarray], np.ndarray]) -> RGBD:
+    """Apply a change of rows and columns to all arrays of a picture."""
+    return RGBD(move(rgbd.color), move(rgbd.depth_mm), move(rgbd.covered), rgbd.pixel_mm)
+
+
 def _shift(show: Show, algorithm: str) -> Iterator[Comparison]:
     """A picture moved by one pitch shows under the next lens."""
     for display, rgbd in noise_pictures():
         if not display.has_integer_ratio:
             continue  # lenses have different numbers of pixels
         cells, pixels = 2, round(display.pixels_per_lens)
-        moved = RGBD(
-            np.roll(rgbd.color, cells, axis=1),
-            np.roll(rgbd.depth_mm, cells, axis=1),
-            np.roll(rgbd.covered, cells, axis=1),
-            rgbd.pixel_mm,
-        )
+        moved = _rearranged(rgbd, partial(np.roll, shift=cells, axis=1))
         before = show(rgbd, display, algorithm)[:, :-pixels]
         after = show(moved, display, algorithm)[:, pixels:]
         which = np.zeros(display.eia_shape, bool)
@@ -241,12 +242,7 @@ def _flip(axes: tuple[int, ...], pictures: _Pictures, negated: Sequence[str] = (
 
     def check(show: Show, algorithm: str) -> Iterator[Comparison]:
         for display, rgbd in pictures():
-            flipped = RGBD(
-                np.flip(rgbd.color, axes),
-                np.flip(rgbd.depth_mm, axes),
-                np.flip(rgbd.covered, axes),
-                rgbd.pixel_mm,
-            )
+            flipped = _rearranged(rgbd, lambda values: np.flip(values, axes))
             turned = display.replace(**{name: -getattr(display, name) for name in negated})
             before = show(rgbd, display, algorithm)
             after = np.flip(show(flipped, turned, algorithm), axes)
@@ -278,7 +274,7 @@ def _transpose(show: Show, algorithm: str) -> Iterator[Comparison]:
     """Equal treatment of rows and columns: a transposed problem has the transposed result."""
     for display, rgbd in noise_pictures():
         turned = display.replace(lens_columns=display.lens_rows, lens_rows=display.lens_columns)
-        other = RGBD(np.swapaxes(rgbd.color, 0, 1), rgbd.depth_mm.T, rgbd.covered.T, rgbd.pixel_mm)
+        other = _rearranged(rgbd, lambda values: np.swapaxes(values, 0, 1))
         before = show(rgbd, display, algorithm)
         after = np.swapaxes(show(other, turned, algorithm), 0, 1)
         yield Comparison(display, rgbd, same_colour(before, after), display.lensed)
@@ -436,14 +432,7 @@ def _tiles(show: Show, algorithm: str) -> Iterator[Comparison]:
         yield Comparison(display, rgbd, same_colour(whole, pieces), display.lensed)
 
 
-def _even() -> Iterator[PictureCase]:
-    return misaligned_pictures(_EVEN)
-
-
-def _odd() -> Iterator[PictureCase]:
-    return misaligned_pictures(_ODD)
-
-
+_even, _odd = (partial(misaligned_pictures, rows) for rows in (_EVEN, _ODD))
 _TURNED = ("shift_x_mm", "shift_y_mm", "tilt_x_deg", "tilt_y_deg")
 _MIRRORED = ("shift_y_mm", "tilt_y_deg", "rotation_deg")
 

@@ -106,7 +106,7 @@ def read_study(path: Path) -> Study:
 
     Raises `FileError` for a file that is not TOML, and `UsageError` for an invalid key or value.
     """
-    reader = _Reader(path)
+    reader = _StudyReader(path)
     reader.check_names("", reader.tables, _TABLES)
     study = reader.table("study")
     reader.check_names("study.", study, _KEYS)
@@ -229,7 +229,7 @@ def _check_keys(text: str) -> None:
             raise ValueError(f"line {number}: a key of more than {_MOST_PARTS} parts")
 
 
-class _Reader(Tables):
+class _StudyReader(Tables):
     """Reader of a sweep's study."""
 
     def required_texts(self, name: str, most: int = MOST_NAMED) -> list[str]:

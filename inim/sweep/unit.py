@@ -17,7 +17,6 @@ import os
 import socket
 import stat
 import tempfile
-import uuid
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
@@ -31,6 +30,7 @@ from inim.documents import read_document
 from inim.documents.document import encode
 from inim.documents.unit import UnitDocument
 from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, WorkerError
+from inim.files.image import write_atomically
 from inim.generators import PICKUP, is_own, parse_algorithm
 from inim.metrics import foreign_identities
 from inim.pipeline.baseline import FOLDER as STATISTICS
@@ -221,22 +221,7 @@ class Results:
     def write(self, document: UnitDocument) -> None:
         """Write a result atomically; raises `FileError` if the folder cannot be written."""
         path = self.path(document.unit, document.algorithm)
-        # Process numbers are not unique in a folder that several machines share.
-        temporary = path.with_name(f".{uuid.uuid4().hex}.tmp")
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with temporary.open("w", encoding="utf-8") as file:
-                file.write(encode(document))
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(path)
-        except OSError as error:
-            raise FileError(
-                f"{path}: cannot be written ({error.strerror}); free some space or choose another "
-                "folder with -o"
-            ) from None
-        finally:
-            temporary.unlink(missing_ok=True)
+        write_atomically(path, lambda p: p.write_text(encode(document), encoding="utf-8"))
 
 
 _REPORTS = "reports"

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -189,57 +191,57 @@ def compute_heat_maps(
     Only metrics with a `heat_map` yield one.
     """
     names = [metric.name for metric in metrics.all_metrics() if metric.heat_map is not None]
-    with _scoring_threads(truth, run) as submit:
-        futures = {
-            f"{name}/{eye}": submit(
-                _heat_map, references[eye].image, view.image, truth.viewing[eye], name, run=run
-            )
-            for name in names
-            for eye, view in views.items()
-        }
-        return {name: future.result() for name, future in futures.items()}
+    calls = {
+        f"{name}/{eye}": partial(
+            _heat_map, references[eye].image, view.image, truth.viewing[eye], name, run=run
+        )
+        for name in names
+        for eye, view in views.items()
+    }
+    return _in_threads(truth, calls, run)
 
 
 def score_reference_views(truth: GroundTruth, *, run: Run) -> dict[str, Scores]:
     """Score the reference views against the ground-truth views, by viewpoint."""
-    with _scoring_threads(truth, run) as submit:
-        futures = {
-            name: submit(
-                score_view, view, truth.reference_views[name], *truth.conditions(name), run=run
-            )
-            for name, view in truth.views.items()
-        }
-        return {name: future.result() for name, future in futures.items()}
+    calls = {
+        name: partial(
+            score_view, view, truth.reference_views[name], *truth.conditions(name), run=run
+        )
+        for name, view in truth.views.items()
+    }
+    return _in_threads(truth, calls, run)
 
 
 def compute_noise_floor(truth: GroundTruth, *, run: Run) -> NoiseFloor:
     """Score one half of the ground truth's samples against the other."""
-    with _scoring_threads(truth, run) as submit:
-        eia_scores = submit(_score_eia, truth, run)
-        futures = {
-            name: submit(_score_halves, view, *truth.conditions(name), run=run)
-            for name, view in truth.views.items()
-        }
-        views: dict[str, dict[str, float | None]] = {
-            name: {**future.result()} for name, future in futures.items()
-        }
-        return NoiseFloor(eia=eia_scores.result(), views=views)
+    calls = {"": partial(_score_eia, truth, run)} | {
+        name: partial(_score_halves, view, *truth.conditions(name), run=run)
+        for name, view in truth.views.items()
+    }
+    views = _in_threads(truth, calls, run)
+    return NoiseFloor(eia=views.pop(""), views=views)
 
 
 def compute_truth_statistics(
     truth: GroundTruth, reference_scores: Mapping[str, Scores], *, run: Run
 ) -> Statistics:
     """Compute the statistics of the ground truth, including the scores of the reference views."""
-    with _scoring_threads(truth, run) as submit:
-        eia_tiles = submit(_eia_tiles, "truth/eia", truth.eia, truth, False, run)
-        futures = {
-            name: submit(_tiles, view, view_tile(view.shape), False, run=run)
-            for name, view in truth.views.items()
-        }
-        views = {f"truth/{name}": future.result() for name, future in futures.items()}
-        pictures = eia_tiles.result() | views
+    calls = {"": partial(_eia_tiles, "truth/eia", truth.eia, truth, False, run)} | {
+        f"truth/{name}": partial(_tiles, view, view_tile(view.shape), False, run=run)
+        for name, view in truth.views.items()
+    }
+    views = _in_threads(truth, calls, run)
     scores = {f"reference/{name}": scores for name, scores in reference_scores.items()}
-    return Statistics(pictures, scores)
+    return Statistics(views.pop("") | views, scores)
+
+
+def _in_threads(
+    truth: GroundTruth, calls: Mapping[str, Callable[[], Any]], run: Run
+) -> dict[str, Any]:
+    """Results of calls, by name, in parallel."""
+    with _scoring_threads(truth, run) as submit:
+        futures = {name: submit(call) for name, call in calls.items()}
+        return {name: future.result() for name, future in futures.items()}
 
 
 @contextmanager

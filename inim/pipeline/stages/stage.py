@@ -100,7 +100,7 @@ class Run:
         return replace(self, skipped=SkippedSteps(self.skipped.rows))
 
 
-class Stage(Generic[_Arguments, _Result]):
+class CachedStage(Generic[_Arguments, _Result]):
     """A stage function with its cache; called with the function's arguments and ``run=``."""
 
     def __init__(
@@ -183,7 +183,7 @@ def stage(
     timer: str | None = None,
     describe: Describe | None = None,
     derived: tuple[str, ...] = (),
-) -> Callable[[Callable[_Arguments, _Result]], Stage[_Arguments, _Result]]:
+) -> Callable[[Callable[_Arguments, _Result]], CachedStage[_Arguments, _Result]]:
     """Declare a stage.
 
     `name` is that of the result in the cache and in the report, with arguments in braces:
@@ -195,7 +195,7 @@ def stage(
     follow from the others and are not part of the cache key.
     """
 
-    def declare(function: Callable[_Arguments, _Result]) -> Stage[_Arguments, _Result]:
-        return Stage(function, name, code, result_types, timer, describe, derived)
+    def declare(function: Callable[_Arguments, _Result]) -> CachedStage[_Arguments, _Result]:
+        return CachedStage(function, name, code, result_types, timer, describe, derived)
 
     return declare

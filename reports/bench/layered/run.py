@@ -15,7 +15,7 @@ from typing import Any
 
 from msgspec import to_builtins
 
-from inim.bench import bench_scene
+from inim.bench.evaluate import bench_scene
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.scene import Renderer
 from inim.report.bench import TIME_HEADS, milliseconds, time_cells, times

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from inim import metrics
-from inim.bench import available, evaluate, make_reference, method_data
+from inim.bench.evaluate import available, evaluate, make_reference, method_data
 from inim.display import Display
 from inim.display.viewpoint import parse_viewpoints
 from inim.image.rgbd import RGBD

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from inim.bench import method_data
+from inim.bench.evaluate import method_data
 from inim.display import Display
 from inim.errors import WorkerError
 from inim.timing import REFERENCE_KERNEL, Rounds, prepare_method, time_methods

@@ -351,7 +351,7 @@ def ties(_: Size = FULL) -> list[Case]:
 def _shapes(_: Size) -> list[Case]:
     def make(form: str, kind: str) -> PictureCase:
         display, shape, pixel = _form(form)
-        return display, shaped(kind, display, shape, pixel)
+        return display, shaped(display, shape, pixel, kind)
 
     return [
         Case(f"{kind}, {form}", partial(make, form, kind)) for form in _FORMS for kind in SHAPES
@@ -444,7 +444,7 @@ def _hexagonal(_: Size) -> list[Case]:
 def _mounted_shapes(_: Size) -> list[Case]:
     def make(mounting: str, kind: str) -> PictureCase:
         display = small_display(**MOUNTINGS[mounting])
-        return display, shaped(kind, display, display.capture_shape(2), 0.5)
+        return display, shaped(display, display.capture_shape(2), 0.5, kind)
 
     return [Case(f"{k}, {m}", partial(make, m, k)) for m in MOUNTINGS for k in SHAPES]
 
