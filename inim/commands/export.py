@@ -116,7 +116,8 @@ def _run(args: argparse.Namespace) -> int:
     if quilt is not None:
         from inim.views.quilt import make_quilt
 
-        lines.append(make_quilt(quilt, quiet=args.quiet, debug=args.debug))
+        make_quilt(quilt, quiet=args.quiet, debug=args.debug)
+        lines.append(quilt.path)
     if not args.quiet:
         print("\n".join([*map(str, lines), f"exported {chosen.description}"]))
     return EXIT_PASSED
@@ -235,7 +236,7 @@ def _write_views(folder: Path, views: np.ndarray) -> None:
 def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
     """Request for the quilt, checked."""
     from inim.views.frames import TracedScene
-    from inim.views.quilt import QuiltRequest, check_quilt
+    from inim.views.quilt import QuiltRequest
 
     if args.scene is not None and not chosen.is_truth:
         raise UsageError("--scene: needs the ground truth; add --algorithms truth")
@@ -248,23 +249,26 @@ def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
     else:
         raise UsageError(f"--tiles {args.tiles}: unknown size of a tile; give --view-size WxH")
     request = QuiltRequest(
-        args.quilt,
-        TracedScene.of(chosen.report, args.scene, args.allow_folders)
-        if chosen.is_truth and chosen.report
-        else chosen.path,
-        chosen.display,
-        chosen.misaligned,
-        chosen.lens_model,
-        chosen.distance_mm,
-        columns,
-        rows,
-        width,
-        height,
-        aspect if args.aspect is None else args.aspect,
-        _SPP if args.view_spp is None else args.view_spp,
+        out=args.quilt,
+        sources={
+            "quilt": TracedScene.of(chosen.report, args.scene, args.allow_folders)
+            if chosen.is_truth and chosen.report
+            else chosen.path
+        },
+        label=chosen.path,
+        design=chosen.display,
+        misaligned_display=chosen.misaligned,
+        lens_model=chosen.lens_model,
+        spp=_SPP if args.view_spp is None else args.view_spp,
+        distance_mm=chosen.distance_mm,
+        columns=columns,
+        rows=rows,
+        width=width,
+        height=height,
+        aspect=aspect if args.aspect is None else args.aspect,
     )
     try:
-        check_quilt(request)
+        request.check()
     except ViewpointError as error:
         raise FileError(f"{args.source}: {error}") from None
     return request

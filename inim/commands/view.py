@@ -194,33 +194,42 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _film(args: argparse.Namespace) -> int:
+    from inim.display.misalignment import misaligned
     from inim.lens import lens_models
     from inim.report import Report
-    from inim.views.film import REFERENCE, FilmRequest, make_film
+    from inim.views.film import REFERENCE, SCENE, FilmRequest, make_film
     from inim.views.frames import TracedScene
 
     report = Report.load(args.folder)
-    best = report.data.best_algorithm
+    settings, best = report.data.settings, report.data.best_algorithm
     model = args.lens_model or report.data.lens_model
     if not args.lens_model and model not in lens_models():
         raise FileError(
             f"{args.folder}: its report's lens model {model[:40]!r} is not known here; give "
             "--lens-model"
         )
+    sources: dict[str, Path | TracedScene] = {}
+    if args.scene is not None:
+        sources[SCENE] = TracedScene.of(report, args.scene, args.allow_folders)
+    names = (
+        args.algorithms.split(",") if args.algorithms else [REFERENCE, *([best] if best else [])]
+    )
+    for name in map(str.strip, names):
+        sources[name] = report.eia_path(name, "--algorithms", true=REFERENCE)
     request = FilmRequest(
-        folder=str(args.folder),
-        out=str(args.out or args.folder / _FILM),
-        show=tuple(map(str.strip, args.algorithms.split(",")))
-        if args.algorithms
-        else (REFERENCE, *([best] if best else [])),
-        path=args.path,
+        out=args.out or args.folder / _FILM,
+        sources=sources,
+        label=args.folder,
+        design=report.display,
+        misaligned_display=misaligned(report.display, report.data.misalign),
         lens_model=model,
+        spp=args.view_spp,
+        path=args.path,
         frames=args.frames,
         frames_per_second=args.rate,
-        spp=args.view_spp,
-        pixels_per_lens=report.data.settings.view_pixels_per_lens,
+        pixels_per_lens=settings.view_pixels_per_lens,
+        luminance_cd_m2=settings.luminance_cd_m2,
         allow_flips=args.allow_flips,
-        scene=args.scene and TracedScene.of(report, args.scene, args.allow_folders),
     )
     make_film(request, quiet=args.quiet, debug=args.debug)
     if not args.quiet:

@@ -9,23 +9,17 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from inim.display import Display
-from inim.display.misalignment import misaligned
 from inim.display.viewpoint import Viewpoint, eye_path
-from inim.errors import FileError, InimError, UsageError
-from inim.lens import check_lens_model
+from inim.errors import FileError, UsageError
 from inim.metrics import Viewing, cvvdp
-from inim.pipeline.stages.reconstruction import Optics
-from inim.pipeline.stages.scene import Renderer
 from inim.process.observer import Observer
-from inim.report import Report
-from inim.views.frames import TracedScene, frames
+from inim.views.frames import ViewsRequest, views
 from inim.worker.output import hidden_folder, publish_file
 from inim.worker.supervisor import run_in_worker
 
@@ -34,7 +28,8 @@ _ENCODER = "imageio_ffmpeg"
 _WEBP_QUALITY = 90
 #: Name of the ground-truth EIA's pane in `show`.
 REFERENCE = "reference"
-_SCENE = "scene"
+#: Name of the scene among the sources; it is the first.
+SCENE = "scene"
 # Smaller frames are magnified to about this size, by whole numbers to keep the lenses' edges.
 _MIN_ROWS_PX = 384
 _SPACE_BETWEEN_PX = 8
@@ -42,144 +37,84 @@ _LABEL_ROWS_PX = 28
 _MAX_FRAMES = 2000
 
 
-@dataclass(frozen=True)
-class FilmRequest:
-    """Request to render a film of the report in `folder`, with panes side by side.
+@dataclass(frozen=True, kw_only=True)
+class FilmRequest(ViewsRequest):
+    """Request to render a film of sources side by side; the others are scored against a scene.
 
-    `show` are the panes: "reference" or names of the report's algorithms. `scene` adds the report's
-    scene as the first pane, against which the others are scored. `path` is that of
-    `inim.display.viewpoint.eye_path`, which may leave the viewing zone with `allow_flips`. `spp`
-    are the samples per view pixel.
+    `path` is that of `inim.display.viewpoint.eye_path`, which may leave the viewing zone with
+    `allow_flips`. `luminance_cd_m2` is that of the panel's white, for the score.
     """
 
-    folder: str
-    out: str
-    show: tuple[str, ...]
     path: str
-    lens_model: str
     frames: int
     frames_per_second: float
-    spp: int
     pixels_per_lens: int
+    luminance_cd_m2: float
     allow_flips: bool = False
-    scene: TracedScene | None = None
+
+    @property
+    def eyes(self) -> list[Viewpoint]:
+        """Viewpoint of each frame."""
+        return eye_path(self.path, self.design, self.frames, allow_flips=self.allow_flips)
+
+    def check(self) -> None:
+        """See `ViewsRequest`."""
+        _check_kind(self.out)
+        for name, value, high in (
+            ("--frames", self.frames, _MAX_FRAMES),
+            ("--rate", self.frames_per_second, 100),
+        ):
+            if not 1 <= value <= high:
+                raise UsageError(f"{name} {value:g}: must be in 1..{high}")
+        assert self.eyes  # raises for an invalid path
+        super().check()
 
 
 def make_film(request: FilmRequest, *, quiet: bool = True, debug: bool = False) -> None:
-    """Render a film in a worker process, after checking the request; raises `InimError`."""
+    """Render a film in a worker process."""
     run_in_worker(
         "inim.views.film:run_job",
-        lambda: _check_request(request),
-        hidden_folder(Path(request.out)),
-        about=request.out,
+        request.checked,
+        hidden_folder(request.out),
+        about=str(request.out),
         quiet=quiet,
         debug=debug,
     )
 
 
-def _check_request(request: FilmRequest) -> FilmRequest:
-    """Return the request after all checks that need no rendering."""
-    out = Path(request.out)
-    _check_kind(out)
-    if out.is_dir():
-        raise FileError(f"{out}: is a folder; give the path of a film with -o")
-    for name, value, high in (
-        ("--frames", request.frames, _MAX_FRAMES),
-        ("--rate", request.frames_per_second, 100),
-        ("--view-spp", request.spp, 2**16),
-    ):
-        if not 1 <= value <= high:
-            raise UsageError(f"{name} {value:g}: must be in 1..{high}")
-    report = Report.load(request.folder)
-    display, design = _displays(request, report)
-    eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
-    _read_eias(request, report, display)
-    if request.scene is not None:
-        request.scene.file()
-    return request
-
-
-def _displays(request: FilmRequest, report: Report) -> tuple[Display, Display]:
-    """The report's display with its misalignment, and as designed."""
-    design = report.display
-    try:
-        display = misaligned(design, report.data.misalign)
-        check_lens_model(request.lens_model, display)
-    except InimError as error:
-        raise FileError(f"{request.folder}: {error}") from None
-    return display, design
-
-
-def _read_eias(request: FilmRequest, report: Report, display: Display) -> list[np.ndarray]:
-    """Read the EIAs of the panes, (rows, columns, 3) float32 linear."""
-    from inim.files.eia_file import read_eia
-
-    paths = [report.eia_path(name, "--algorithms", true=REFERENCE) for name in request.show]
-    return [read_eia(path, display)[0] for path in paths]
-
-
 def run_job(request: FilmRequest, staging: Path, observer: Observer) -> bool:
     """Entry point in the worker: render all views, write the film and publish it."""
     observer.stage("start")
-    out = Path(request.out)
-    film = staging / f"film{out.suffix.lower()}"
-    report = Report.load(request.folder)
-    display, design = _displays(request, report)
-    eyes = eye_path(request.path, design, request.frames, allow_flips=request.allow_flips)
-    # A frame is a half image of a view.
-    optics = Optics(display, request.lens_model, request.pixels_per_lens, 2 * request.spp, seed=0)
-    panes = _panes(request, report, optics, eyes, observer)
-    names, views = zip(*panes, strict=True)
+    has_scene, eyes = SCENE in request.sources, request.eyes
+    stages = [name for name in request.sources for _ in eyes]
+    observer.begin([*stages, "write", *(["score"] if has_scene else [])])
+    optics = request.optics(request.pixels_per_lens)
+    panes = {name: [*pane] for name, pane in views(request, optics, eyes, observer)}
     observer.stage("write")
-    film_frames = [_frame(row, names) for row in zip(*views, strict=True)]
-    write_film(film, film_frames, request.frames_per_second)
-    publish_file(film, out)
-    if request.scene is not None:
+    frames = [_frame(row, [*panes]) for row in zip(*panes.values(), strict=True)]
+    film = staging / f"film{request.out.suffix.lower()}"
+    write_film(film, frames, request.frames_per_second)
+    publish_file(film, request.out)
+    if has_scene:
         observer.stage("score")
-        luminance = report.data.settings.luminance_cd_m2
-        for line in _score_lines(panes, optics.viewing(eyes[0], luminance), request):
+        viewing = optics.viewing(eyes[0], request.luminance_cd_m2)
+        for line in _score_lines(panes, viewing, request.frames_per_second):
             observer.line(line)
     return True
 
 
-#: A pane's name, and its views, (rows, columns, 3) uint8 sRGB.
-_Pane = tuple[str, list[np.ndarray]]
-
-
-def _panes(
-    request: FilmRequest,
-    report: Report,
-    optics: Optics,
-    eyes: Sequence[Viewpoint],
-    observer: Observer,
-) -> list[_Pane]:
-    """Render the panes, the scene first."""
-    design = report.display
-    sources: list[tuple[str, str, np.ndarray | TracedScene]] = [
-        (name, "film", eia)
-        for name, eia in zip(request.show, _read_eias(request, report, optics.display), strict=True)
-    ]
-    if request.scene is not None:
-        sources.insert(0, (_SCENE, _SCENE, request.scene))
-    stages = [stage for _, stage, _ in sources for _ in eyes]
-    observer.begin([*stages, "write", *([] if request.scene is None else ["score"])])
-    renderer = Renderer("auto", observer)
-    return [
-        (name, [*frames(source, eyes, optics, design, renderer, stage)])
-        for name, stage, source in sources
-    ]
-
-
-def _score_lines(panes: Sequence[_Pane], viewing: Viewing, request: FilmRequest) -> list[str]:
+def _score_lines(
+    panes: Mapping[str, Sequence[np.ndarray]], viewing: Viewing, frames_per_second: float
+) -> list[str]:
     """Score each pane against the scene as a video, one line each."""
     if not cvvdp.is_installed():
         return ["not scored: pip install 'inim[perception]'"]
-    (_, scene), *others = panes
     return [
-        f"{name}: {cvvdp.film_jod(scene, frames, viewing, request.frames_per_second):.2f} JOD "
+        f"{name}: {cvvdp.film_jod(panes[SCENE], pane, viewing, frames_per_second):.2f} JOD "
         f"as a film, at {viewing.pixels_per_degree:.3g} pixels per degree and "
         f"{viewing.luminance_cd_m2:g} cd/m^2"
-        for name, frames in others
+        for name, pane in panes.items()
+        if name != SCENE
     ]
 
 

@@ -1,50 +1,27 @@
-"""Frames of films and quilts."""
+"""Views of EIAs and scenes as frames of films and tiles of quilts."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from inim.display import Display, Viewpoint
-from inim.errors import FileError
+from inim.errors import FileError, InimError, UsageError
+from inim.files.eia_file import read_eia
 from inim.image.color import srgb_codes
+from inim.lens import check_lens_model
 from inim.pipeline.stages.ground_truth import render_view
 from inim.pipeline.stages.reconstruction import DisplayedEIA, Optics
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import Run
+from inim.process.observer import Observer
 from inim.report import Report
 from inim.scene.file import SceneFile, read_scene_file
 
-
-def frames(
-    source: np.ndarray | TracedScene,
-    eyes: Iterable[Viewpoint],
-    optics: Optics,
-    design: Display,
-    renderer: Renderer,
-    stage: str,
-) -> Iterator[np.ndarray]:
-    """Render views of an EIA through the lenses, or of the scene, (rows, columns, 3) uint8 sRGB.
-
-    An EIA is (rows, columns, 3) float32, linear RGB. A frame has half of the samples of `optics`,
-    as a half image of a view. A scene is fitted into the depth range of `design`. `stage` names
-    each frame in the progress bar.
-    """
-    if isinstance(source, TracedScene):
-        scene = Scene(source.file(), design, source.fit_share, renderer)
-    else:
-        eia_on_display = DisplayedEIA(source, None, optics, renderer)
-    for eye in eyes:
-        renderer.observer.stage(stage)
-        if isinstance(source, TracedScene):
-            sampling = (optics.view_pixels_per_lens, optics.half_spp, 0)
-            view = render_view(scene, eye, *sampling, run=Run())[0].image
-        else:
-            view = eia_on_display.view(eye, half=0)
-        yield srgb_codes(view)
+_MAX_SAMPLES = 2**16
 
 
 @dataclass(frozen=True)
@@ -85,3 +62,82 @@ class TracedScene:
                 "changed; validate it again, or give the scene with --scene"
             )
         return file
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewsRequest:
+    """Request to render views into a file.
+
+    `sources` are EIAs to show through the lens array, and scenes, by name; `label` is their report
+    or file, for messages. `design` is the display without its misalignment, and `spp` are the
+    samples per pixel.
+    """
+
+    out: Path
+    sources: Mapping[str, Path | TracedScene]
+    label: Path
+    design: Display
+    misaligned_display: Display
+    lens_model: str
+    spp: int
+
+    def check(self) -> None:
+        """Raise an `InimError` for mistakes that can be detected without rendering."""
+        if self.out.is_dir():
+            raise FileError(f"{self.out}: is a folder; give the path of a file")
+        if not 1 <= self.spp <= _MAX_SAMPLES:
+            raise UsageError(f"--view-spp {self.spp}: must be in 1..{_MAX_SAMPLES}")
+        try:
+            check_lens_model(self.lens_model, self.misaligned_display)
+        except InimError as error:
+            raise FileError(f"{self.label}: {error}") from None
+        for source in self.sources.values():
+            if isinstance(source, TracedScene):
+                source.file()
+            else:
+                read_eia(source, self.misaligned_display)
+
+    def checked(self) -> ViewsRequest:
+        """Return the request after `check`."""
+        self.check()
+        return self
+
+    def optics(self, pixels_per_lens: int | tuple[float, float]) -> Optics:
+        """Optics of the views, which are half images."""
+        display, spp = self.misaligned_display, 2 * self.spp
+        return Optics(display, self.lens_model, pixels_per_lens, spp, seed=0)
+
+
+def views(
+    request: ViewsRequest, optics: Optics, eyes: Sequence[Viewpoint], observer: Observer
+) -> Iterator[tuple[str, Iterator[np.ndarray]]]:
+    """Render the views of each source, by its name: (rows, columns, 3) uint8 sRGB.
+
+    The name is also the stage of each view in the progress bar.
+    """
+    renderer = Renderer("auto", observer)
+    for name, source in request.sources.items():
+        yield name, _views_of(name, source, request.design, optics, eyes, renderer)
+
+
+def _views_of(
+    name: str,
+    source: Path | TracedScene,
+    design: Display,
+    optics: Optics,
+    eyes: Sequence[Viewpoint],
+    renderer: Renderer,
+) -> Iterator[np.ndarray]:
+    if isinstance(source, TracedScene):
+        scene = Scene(source.file(), design, source.fit_share, renderer)
+    else:
+        eia = read_eia(source, optics.display)[0]
+        eia_on_display = DisplayedEIA(eia, None, optics, renderer)
+    for eye in eyes:
+        renderer.observer.stage(name)
+        if isinstance(source, TracedScene):
+            sampling = (optics.view_pixels_per_lens, optics.half_spp, 0)
+            view = render_view(scene, eye, *sampling, run=Run())[0].image
+        else:
+            view = eia_on_display.view(eye, half=0)
+        yield srgb_codes(view)

@@ -8,13 +8,15 @@ import pytest
 
 from inim.display.viewpoint import default_distance_mm, zone_eyes
 from inim.errors import UsageError, ViewpointError
-from inim.views.quilt import QuiltRequest, check_quilt
+from inim.views.quilt import QuiltRequest
 from tests.conftest import small_display
 
 DISPLAY = small_display(24, 20, 17)
 REQUEST = QuiltRequest(
-    Path("q.png"), Path("eia.png"), DISPLAY, DISPLAY, "thin", None, 8, 6, 420, 560, 0.75, 32
-)
+    out=Path("q.png"), sources={"quilt": Path("eia.png")}, label=Path("eia.png"), design=DISPLAY,
+    misaligned_display=DISPLAY, lens_model="thin", distance_mm=None, columns=8, rows=6, width=420,
+    height=560, aspect=0.75, spp=32,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(("count", "distance"), [(1, None), (45, None), (48, 300.0)])
@@ -60,4 +62,4 @@ def test_the_array_lies_in_a_tile_undistorted_and_as_large_as_fits(size, aspect,
 )
 def test_a_quilt_that_cannot_be_is_refused_before_its_eia_is_read(changed, says):
     with pytest.raises(UsageError, match=says):
-        check_quilt(replace(REQUEST, **changed))
+        replace(REQUEST, **changed).check()
