@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from inim.display import Display
 from inim.errors import UsageError
 from inim.from_camera.depth_values import DepthValues, sample
-from inim.from_camera.tiles import CameraTiles, draw_tiles
+from inim.from_camera.tiles import TileFrame, draw_tiles
 from inim.image.rgbd import RGBD
 
 DEPTH_MAPS = ("linear", "reciprocal", "printed")
@@ -334,21 +334,24 @@ def fit_picture(
     with np.errstate(divide="ignore"):
         q: NDArray[np.float32] = np.float32(1) / values.depth if inverse else values.depth
     ends = [1 / d if inverse else d for d in (depth_map.near, depth_map.far)]
-    tiles = CameraTiles(
-        q=q,
-        q_low=min(ends),
-        q_high=max(ends),
+    shape = display.capture_shape(pixels_per_pitch)
+    cell = display.capture_pixel_mm(pixels_per_pitch)
+    frame = TileFrame(
+        **mapping,
         perspective=camera is not None,
         over_q=camera is not None and not depth_map.is_reciprocal,
-        depth_map=depth_map,
+        offset_mm=depth_map.offset_mm,
+        slope=depth_map.slope,
+        low_mm=depth_map.low_mm,
+        high_mm=depth_map.high_mm,
+        cell_mm=cell,
+        q_low=min(ends),
+        q_high=max(ends),
         tolerance=tolerance,
         tolerance_share=share,
         drop=drop,
-        **mapping,
     )
-    shape = display.capture_shape(pixels_per_pitch)
-    cell = display.capture_pixel_mm(pixels_per_pitch)
-    image = draw_tiles(tiles, color, shape, cell, max_slope * cell)
+    image = draw_tiles(q, color, frame, shape, max_slope * cell)
     if not image.covered.any():
         raise UsageError(
             "no part of the picture is on the display: check --intrinsics, --frame-at, --near "

@@ -14,7 +14,7 @@ samples it is the tile's colour.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,45 +22,43 @@ from numpy.typing import NDArray
 from inim.backend.kernels import compiled
 from inim.image.color import linear_from_srgb
 
-if TYPE_CHECKING:
-    from inim.from_camera.fit import DepthMap
-
 # Number of samples per block in which colours are converted to floats.
 _BLOCK = 2**20
 # Tolerance for cell centres on a border of two tiles: both cover them despite rounding.
 _ON_BORDER = 1e-9
 
 
-@dataclass(frozen=True)
-class CameraTiles:
-    """Samples and their mapping to the display frame.
+class TileFrame(NamedTuple):
+    """Mapping of samples to the display frame.
 
     Sample (i, j) of value q is at ``x = ax (j - cx) w + ox``, ``y = -ay (i - cy) w + oy`` with
-    w = 1 / q if `perspective`, else 1. Its z is the `depth_map` of q, or of 1 / q if `over_q`.
+    w = 1 / q if `perspective`, else 1. Its z is ``offset_mm + slope q``, or ``+ slope / q`` if
+    `over_q`, clipped to `low_mm` .. `high_mm`. Cells are `cell_mm` wide.
 
     Attributes
     ----------
-    q : (H, W) float32
-        Inverse distances, or depths, clipped to `q_low` .. `q_high`; NaN where missing.
+    q_low, q_high : float
+        Range to which samples are clipped; samples out of range are omitted if `drop`.
     tolerance, tolerance_share : float
         Neighbours belong to one surface if their q differ by at most
         ``tolerance + tolerance_share min(q)``.
-    drop : bool
-        Omit samples out of range instead of clipping them.
     """
 
-    q: NDArray[np.float32]
-    q_low: float
-    q_high: float
-    perspective: bool
-    over_q: bool
     ax: float
     ay: float
     cx: float
     cy: float
     ox: float
     oy: float
-    depth_map: DepthMap
+    perspective: bool
+    over_q: bool
+    offset_mm: float
+    slope: float
+    low_mm: float
+    high_mm: float
+    cell_mm: float
+    q_low: float
+    q_high: float
     tolerance: float
     tolerance_share: float
     drop: bool
@@ -86,36 +84,33 @@ class TileImage:
 
 
 def draw_tiles(
-    tiles: CameraTiles, color: np.ndarray, shape: tuple[int, int], cell_mm: float, same_mm: float
+    q: NDArray[np.float32],
+    color: np.ndarray,
+    frame: TileFrame,
+    shape: tuple[int, int],
+    same_mm: float,
 ) -> TileImage:
     """Draw samples into cells.
 
     Parameters
     ----------
+    q : (H, W) float32
+        Inverse distances, or depths; NaN where missing.
     color : (H, W, 3) uint8 sRGB, or float32 linear RGB
     shape : (rows, columns)
         Number of cells, centred on the display's axis.
     same_mm : float
         Maximum depth difference between a cell and the samples that contribute to its colour.
     """
-    t, to = tiles, tiles.depth_map
-    frame = np.array(
-        [
-            *(t.ax, t.ay, t.cx, t.cy, t.ox, t.oy),
-            *(to.offset_mm, to.slope, to.low_mm, to.high_mm, cell_mm),
-        ]
-    )
-    limits = np.array([t.q_low, t.q_high, t.tolerance, t.tolerance_share])
-    flags = (t.perspective, t.over_q, t.drop)
     depth = np.full(shape, -np.inf)
     owner = np.full(shape, -1, np.int64)
-    clipped = int(_draw(t.q, frame, limits, flags, depth, owner))
+    clipped = int(_draw(q, frame, depth, owner))
     sums, counts = np.zeros((*shape, 3)), np.zeros(shape, np.int32)
-    rows = max(1, _BLOCK // t.q.shape[1])
-    for start in range(0, t.q.shape[0], rows):
+    rows = max(1, _BLOCK // q.shape[1])
+    for start in range(0, len(q), rows):
         block = _linear(color[start : start + rows])
-        part = t.q[start : start + rows]
-        _add_colors(part, start, block, frame, limits, flags, depth, same_mm, sums, counts)
+        part = q[start : start + rows]
+        _add_colors(part, start, block, frame, depth, same_mm, sums, counts)
     covered = owner >= 0
     cell_color = np.zeros((*shape, 3), np.float32)
     cell_color[covered] = _linear(color.reshape(-1, 3)[owner[covered]])
@@ -132,34 +127,48 @@ def _linear(color: np.ndarray) -> NDArray[np.float32]:
 
 
 @compiled(inline="always")
-def _clip(q, limits):  # type: ignore[no-untyped-def]
+def _clip(q, frame):  # type: ignore[no-untyped-def]
     """Clip to the range; NaN stays NaN."""
-    return limits[0] if q < limits[0] else limits[1] if q > limits[1] else q
+    return frame.q_low if q < frame.q_low else frame.q_high if q > frame.q_high else q
 
 
 @compiled(inline="always")
-def _is_one_surface(a, b, limits):  # type: ignore[no-untyped-def]
-    return abs(a - b) <= limits[2] + limits[3] * min(a, b)
+def _is_one_surface(a, b, frame):  # type: ignore[no-untyped-def]
+    return abs(a - b) <= frame.tolerance + frame.tolerance_share * min(a, b)
 
 
 @compiled(inline="always")
-def _display_depth(q, frame, over_q):  # type: ignore[no-untyped-def]
-    z = frame[6] + (frame[7] / q if over_q else frame[7] * q)
-    return min(max(z, frame[8]), frame[9])
+def _unclipped_depth(q, frame):  # type: ignore[no-untyped-def]
+    return frame.offset_mm + (frame.slope / q if frame.over_q else frame.slope * q)
 
 
 @compiled(inline="always")
-def _is_out_of_range(q, frame, limits, over_q):  # type: ignore[no-untyped-def]
+def _display_depth(q, frame):  # type: ignore[no-untyped-def]
+    return min(max(_unclipped_depth(q, frame), frame.low_mm), frame.high_mm)
+
+
+@compiled(inline="always")
+def _is_out_of_range(q, frame):  # type: ignore[no-untyped-def]
     """True if a sample is out of range by more than rounding."""
-    z = frame[6] + (frame[7] / q if over_q else frame[7] * q)
-    z_tolerance = 1e-6 * (frame[9] - frame[8])
-    q_tolerance = 1e-6 * (abs(limits[0]) + abs(limits[1]))
-    z_is_out = z < frame[8] - z_tolerance or z > frame[9] + z_tolerance
-    return z_is_out or q < limits[0] - q_tolerance or q > limits[1] + q_tolerance
+    z = _unclipped_depth(q, frame)
+    z_tolerance = 1e-6 * (frame.high_mm - frame.low_mm)
+    q_tolerance = 1e-6 * (abs(frame.q_low) + abs(frame.q_high))
+    z_is_out = z < frame.low_mm - z_tolerance or z > frame.high_mm + z_tolerance
+    return z_is_out or q < frame.q_low - q_tolerance or q > frame.q_high + q_tolerance
+
+
+@compiled(inline="always")
+def _column(j, w, frame, width):  # type: ignore[no-untyped-def]
+    return (frame.ax * (j - frame.cx) * w + frame.ox) / frame.cell_mm + 0.5 * width
+
+
+@compiled(inline="always")
+def _row(i, w, frame, height):  # type: ignore[no-untyped-def]
+    return (frame.ay * (i - frame.cy) * w - frame.oy) / frame.cell_mm + 0.5 * height
 
 
 @compiled
-def _corner(q, i, j, di, dj, limits, around):  # type: ignore[no-untyped-def]
+def _corner(q, i, j, di, dj, frame, around):  # type: ignore[no-untyped-def]
     """Mean q of the samples of (i, j)'s surface at the corner (i + di/2, j + dj/2).
 
     `around` (4,) receives the four samples there.
@@ -169,13 +178,13 @@ def _corner(q, i, j, di, dj, limits, around):  # type: ignore[no-untyped-def]
     for k in range(4):
         row, column = top + k // 2, left + k % 2
         is_inside = 0 <= row < rows and 0 <= column < columns
-        around[k] = _clip(np.float64(q[row, column]), limits) if is_inside else np.nan
+        around[k] = _clip(np.float64(q[row, column]), frame) if is_inside else np.nan
     own = 2 * (di < 0) + (dj < 0)
     horizontal, vertical, diagonal = own ^ 1, own ^ 2, own ^ 3
-    has_horizontal = _is_one_surface(around[own], around[horizontal], limits)
-    has_vertical = _is_one_surface(around[own], around[vertical], limits)
-    joins_horizontal = _is_one_surface(around[diagonal], around[horizontal], limits)
-    joins_vertical = _is_one_surface(around[diagonal], around[vertical], limits)
+    has_horizontal = _is_one_surface(around[own], around[horizontal], frame)
+    has_vertical = _is_one_surface(around[own], around[vertical], frame)
+    joins_horizontal = _is_one_surface(around[diagonal], around[horizontal], frame)
+    joins_vertical = _is_one_surface(around[diagonal], around[vertical], frame)
     has_diagonal = (has_horizontal and joins_horizontal) or (has_vertical and joins_vertical)
     has_horizontal = has_horizontal or (has_diagonal and joins_horizontal)
     has_vertical = has_vertical or (has_diagonal and joins_vertical)
@@ -192,11 +201,8 @@ def _corner(q, i, j, di, dj, limits, around):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _draw(q, frame, limits, flags, depth, owner):  # type: ignore[no-untyped-def]
+def _draw(q, frame, depth, owner):  # type: ignore[no-untyped-def]
     """Draw all tiles; return the number of samples out of range."""
-    perspective, over_q, drop = flags
-    ax, ay, cx, cy, ox, oy = frame[:6]
-    cell = frame[10]
     height, width = depth.shape
     u, v, z, around = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
     clipped = 0
@@ -204,18 +210,18 @@ def _draw(q, frame, limits, flags, depth, owner):  # type: ignore[no-untyped-def
         for j in range(q.shape[1]):
             if np.isnan(q[i, j]):
                 continue
-            if _is_out_of_range(np.float64(q[i, j]), frame, limits, over_q):
+            if _is_out_of_range(np.float64(q[i, j]), frame):
                 clipped += 1
-                if drop:
+                if frame.drop:
                     continue
             for k in range(4):  # top left, top right, bottom right, bottom left
                 di = -1 if k < 2 else 1
                 dj = 1 if k == 1 or k == 2 else -1
-                corner = _corner(q, i, j, di, dj, limits, around)
-                w = 1.0 / corner if perspective else 1.0
-                u[k] = (ax * (j + 0.5 * dj - cx) * w + ox) / cell + 0.5 * width
-                v[k] = (ay * (i + 0.5 * di - cy) * w - oy) / cell + 0.5 * height
-                z[k] = _display_depth(corner, frame, over_q)
+                corner = _corner(q, i, j, di, dj, frame, around)
+                w = 1.0 / corner if frame.perspective else 1.0
+                u[k] = _column(j + 0.5 * dj, w, frame, width)
+                v[k] = _row(i + 0.5 * di, w, frame, height)
+                z[k] = _display_depth(corner, frame)
             _fill(u, v, z, 0, 1, 2, i * q.shape[1] + j, depth, owner)
             _fill(u, v, z, 0, 2, 3, i * q.shape[1] + j, depth, owner)
     return clipped
@@ -252,28 +258,23 @@ def _fill(u, v, z, a, b, c, number, depth, owner):  # type: ignore[no-untyped-de
 
 
 @compiled
-def _add_colors(  # type: ignore[no-untyped-def]
-    q, start, color, frame, limits, flags, depth, same, sums, counts
-):
+def _add_colors(q, start, color, frame, depth, same, sums, counts):  # type: ignore[no-untyped-def]
     """Add the colours of a block of samples to the cells of their surface."""
-    perspective, over_q, drop = flags
-    ax, ay, cx, cy, ox, oy = frame[:6]
-    cell = frame[10]
     height, width = depth.shape
     for i in range(q.shape[0]):
         for j in range(q.shape[1]):
             if np.isnan(q[i, j]):
                 continue
-            if drop and _is_out_of_range(np.float64(q[i, j]), frame, limits, over_q):
+            if frame.drop and _is_out_of_range(np.float64(q[i, j]), frame):
                 continue
-            centre = _clip(np.float64(q[i, j]), limits)
-            w = 1.0 / centre if perspective else 1.0
-            u = (ax * (j - cx) * w + ox) / cell + 0.5 * width
-            v = (ay * (i + start - cy) * w - oy) / cell + 0.5 * height
+            centre = _clip(np.float64(q[i, j]), frame)
+            w = 1.0 / centre if frame.perspective else 1.0
+            u = _column(j, w, frame, width)
+            v = _row(i + start, w, frame, height)
             if not (0 <= u < width and 0 <= v < height):
                 continue
             row, column = int(v), int(u)
-            if abs(_display_depth(centre, frame, over_q) - depth[row, column]) <= same:
+            if abs(_display_depth(centre, frame) - depth[row, column]) <= same:
                 for k in range(3):
                     sums[row, column, k] += color[i, j, k]
                 counts[row, column] += 1
