@@ -56,8 +56,12 @@ def read_eia(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | Non
     Raises `FileError`: missing, damaged, wrong format or wrong size.
     """
     check_eia_name(path)
-    reader = _read_png if path.suffix.lower() == ".png" else _read_exr
-    eia, alpha = reader(path, display)
+    if path.suffix.lower() == ".exr":
+        eia, alpha = _read_exr(path, display)
+    else:
+        with open_picture(path, ("PNG",), 4, "not a readable PNG; save it again") as picture:
+            _check_size(path, picture.size, display)
+            eia, alpha = _linear(picture)
     return eia, None if alpha is None else alpha > 0
 
 
@@ -84,12 +88,6 @@ def _read_exr(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | No
         return rgb, None
     # EXR colours are premultiplied by alpha.
     return np.where((alpha > 0)[..., None], rgb, np.float32(0)), alpha
-
-
-def _read_png(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | None]:
-    with open_picture(path, ("PNG",), 4, "not a readable PNG; save it again") as picture:
-        _check_size(path, picture.size, display)
-        return _linear(picture)
 
 
 def _linear(picture: Any) -> tuple[np.ndarray, np.ndarray | None]:
@@ -138,6 +136,8 @@ def write_eia(
 
     Raises `FileError`: the suffix is wrong, or the file cannot be written.
     """
+    from PIL import Image
+
     suffix = path.suffix.lower()
     if suffix not in EIA_SUFFIXES:
         raise FileError(f"{path}: not an EIA file name; use {' or '.join(EIA_SUFFIXES)}")
@@ -145,37 +145,21 @@ def write_eia(
         raise FileError(f"{path}: is a folder; give a file")
     if empty is not None:
         empty = empty & ~eia.any(axis=-1)
-    if suffix == ".png":
-        _write_png(path, eia, empty, pixel_mm)
-    else:
-        _write_exr(path, eia, empty, pixel_mm)
-
-
-def _write_png(
-    path: Path, eia: NDArray[np.float32], empty: NDArray[np.bool_] | None, pixel_mm: float
-) -> None:
-    from PIL import Image
-
+    per_inch = _MM_PER_INCH / pixel_mm
+    if suffix == ".exr":
+        channels: dict[str, np.ndarray] = {"RGB": eia}
+        if empty is not None:
+            channels["A"] = np.where(empty, np.float32(0), np.float32(1))
+        header = {"inim:pixel_mm": repr(float(pixel_mm)), "xDensity": per_inch}
+        write_exr_parts(path, [(channels, "color")], header)
+        return
     codes = srgb_codes(eia)
     if empty is not None:
         alpha = np.where(empty, 0, 255).astype(np.uint8)
         codes = np.concatenate([codes, alpha[..., None]], axis=-1)
-    per_inch = _MM_PER_INCH / pixel_mm
     picture = Image.fromarray(codes)
-    write_atomically(
-        path,
-        lambda p: picture.save(p, "PNG", compress_level=1, dpi=(per_inch, per_inch)),
-    )
-
-
-def _write_exr(
-    path: Path, eia: NDArray[np.float32], empty: NDArray[np.bool_] | None, pixel_mm: float
-) -> None:
-    header = {"inim:pixel_mm": repr(float(pixel_mm)), "xDensity": _MM_PER_INCH / pixel_mm}
-    channels: dict[str, np.ndarray] = {"RGB": eia}
-    if empty is not None:
-        channels["A"] = np.where(empty, np.float32(0), np.float32(1))
-    write_exr_parts(path, [(channels, "color")], header)
+    options = {"compress_level": 1, "dpi": (per_inch, per_inch)}
+    write_atomically(path, lambda p: picture.save(p, "PNG", **options))
 
 
 def write_true_size_pdf(path: Path, eia: NDArray[np.float32], pixel_mm: float) -> None:

@@ -10,6 +10,7 @@ small distance relative to the splats, and a large one relative to the rounding 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -215,13 +216,12 @@ def _relic_xml(path: Path, part: Mesh) -> list[str]:
     ]
 
 
+_NOT_XML = re.compile(r"[\x00-\x1f\x7f\ud800-\udfff\ufffe\uffff]")
+
+
 def xml_text(text: str) -> str:
     """The text with every character that XML 1.0 or UTF-8 cannot carry made an underscore."""
-    return "".join(c if _is_xml(ord(c)) else "_" for c in text)
-
-
-def _is_xml(code: int) -> bool:
-    return code >= 0x20 and not 0xD800 <= code <= 0xDFFF and code not in (0x7F, 0xFFFE, 0xFFFF)
+    return _NOT_XML.sub("_", text)
 
 
 def attribute(text: str) -> str:

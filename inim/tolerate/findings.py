@@ -30,10 +30,8 @@ from inim.documents.tolerate import (
     Together,
 )
 from inim.errors import SceneError
-from inim.tolerate.study import LEAST_ALONE, ToleranceStudy
+from inim.tolerate.study import LEAST_ALONE, ToleranceStudy, rounded
 
-# Significant digits of fitted values; other processors round differently beyond them.
-_DIGITS = 4
 # Median of |x| over the standard deviation, for a normal distribution.
 _MEDIAN_OF_NORMAL = 0.6745
 _HALVINGS = 40
@@ -61,7 +59,7 @@ def parameter_tolerances(
             name=name,
             distribution=spread.distribution,
             spread=spread.size,
-            farthest=_rounded(study.reach * spread.size),
+            farthest=rounded(study.reach * spread.size),
             tolerance=None,
             interval=None,
             curve=None,
@@ -105,15 +103,15 @@ def _alone(
     low, high = tolerance_interval(curve, errors, lost, farthest, criterion, seed)
     return curve, replace(
         row,
-        tolerance=_rounded(tolerance) if tolerance <= farthest else None,
+        tolerance=rounded(tolerance) if tolerance <= farthest else None,
         interval=(_rounded_or_none(low), _rounded_or_none(high)),
         curve=LossCurve(
-            power=_rounded(curve.power),
-            below=_rounded(curve.below),
-            above=_rounded(curve.above),
-            line=[(_rounded(e), _rounded(curve.loss(e))) for e in _places(farthest)],
+            power=rounded(curve.power),
+            below=rounded(curve.below),
+            above=rounded(curve.above),
+            line=[(rounded(e), rounded(curve.loss(e))) for e in _places(farthest)],
         ),
-        scatter=_rounded(off),
+        scatter=rounded(off),
     )
 
 
@@ -147,8 +145,8 @@ def _together(
     low, high = share_interval(passed, len(draws))
     return Together(
         share=passed / len(draws),
-        interval=(_rounded(low), _rounded(high)),
-        to_sum=_rounded(median(ratios)) if ratios else None,
+        interval=(rounded(low), rounded(high)),
+        to_sum=rounded(median(ratios)) if ratios else None,
         part_of_each=_rounded_or_none(_part_of_each(rows, curves, criterion)),
         draws=[
             DrawTogether(errors=dict(errors), score=score, sum_of_losses=_rounded_or_none(total))
@@ -175,12 +173,8 @@ def _part_of_each(
     return high
 
 
-def _rounded(value: float) -> float:
-    return float(f"{value:.{_DIGITS}g}")
-
-
 def _rounded_or_none(value: float | None) -> float | None:
-    return None if value is None else _rounded(value)
+    return None if value is None else rounded(value)
 
 
 _RESAMPLED = 200

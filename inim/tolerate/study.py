@@ -72,21 +72,22 @@ class ToleranceStudy:
         start = Random(f"{self.seed} alone {name}").random()
         farthest = self.reach * self.spreads[name].size
         places = ((start + i * _GOLDEN) % 1 for i in range(self.alone))
-        return [_short(farthest * (2 * place - 1)) for place in places]
+        return [rounded(farthest * (2 * place - 1)) for place in places]
 
     def draw_together(self) -> list[dict[str, float]]:
         """Random errors of each display, by parameter; more displays keep the earlier ones."""
         return [
             {
                 # Text seeds give the same numbers in every version of Python.
-                name: _short(spread.at(max(Random(f"{self.seed} {i} {name}").random(), 2**-53)))
+                name: rounded(spread.at(max(Random(f"{self.seed} {i} {name}").random(), 2**-53)))
                 for name, spread in self.spreads.items()
             }
             for i in range(self.together)
         ]
 
 
-def _short(value: float) -> float:
+def rounded(value: float) -> float:
+    """Round to four significant digits; other processors differ beyond them."""
     return float(f"{value:.{_DIGITS}g}")
 
 
