@@ -58,13 +58,7 @@ class Camera(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """Pose of a camera: display frame to camera frame is ``turn @ (point - eye_mm)``.
-
-    Attributes
-    ----------
-    turn : (3, 3) array
-    eye_mm : (3,) array
-    """
+    """Pose of a camera: display frame to camera frame is ``turn @ (point - eye_mm)``."""
 
     turn: np.ndarray
     eye_mm: np.ndarray
@@ -153,15 +147,7 @@ _MODEL = "thick"
 
 
 class Guess(NamedTuple):
-    """Values of all unknown parameters.
-
-    Attributes
-    ----------
-    display : Display
-    camera : Camera
-    poses : tuple of Pose
-        One for each position.
-    """
+    """Values of all unknown parameters, with one pose for each position."""
 
     display: Display
     camera: Camera

@@ -42,27 +42,14 @@ _FEWEST_PIXELS = 1000
 _SEEN_SHARE, _FLAT_SHARE = 0.5, 0.05
 
 
-class Tone(NamedTuple):
-    """Response of one channel, ``black + gain * light ** gamma``."""
-
-    black: float
-    gain: float
-    gamma: float
-
-    def of(self, light: np.ndarray) -> np.ndarray:
-        """Response of the photograph to light."""
-        response: np.ndarray = self.black + self.gain * np.maximum(light, 0) ** self.gamma
-        return response
+def _response(tone: ToneCurve, light: np.ndarray) -> np.ndarray:
+    """Response of a channel of the photograph to light."""
+    response: np.ndarray = tone.black + tone.gain * np.maximum(light, 0) ** tone.gamma
+    return response
 
 
 class MatchedPicture(NamedTuple):
-    """The simulation after one more cause of a difference is put in.
-
-    Attributes
-    ----------
-    name : str
-    picture : (H, W, 3) float32, linear
-    """
+    """Simulation, (H, W, 3) float32 linear, after one more cause of a difference is put in."""
 
     name: str
     picture: np.ndarray
@@ -77,7 +64,7 @@ class Difference(NamedTuple):
         Shift of the photograph, and its standard error from the scatter of the blocks.
     flow : (rows, columns, 2) float array
         Shift of each block of `BLOCK_PX`, right and down; NaN without enough texture.
-    tones : (Tone, Tone, Tone)
+    tones : (ToneCurve, ToneCurve, ToneCurve)
         Red, green, blue.
     blur_px : float
         Sigma of the Gaussian that blurs the simulation like the photograph.
@@ -96,7 +83,7 @@ class Difference(NamedTuple):
     down_px: float
     error_px: float
     flow: np.ndarray
-    tones: tuple[Tone, ...]
+    tones: tuple[ToneCurve, ...]
     blur_px: float
     window: tuple[slice, slice]
     counts: np.ndarray
@@ -174,9 +161,10 @@ def compare(
             f"{name}: is all alike, or its simulation is; photograph the EIA that --eia names"
         )
     moved = np.zeros(2)
-    tone = Tone(0.0, float(grey[counts].mean() / model[counts].mean()), 1.0)
+    gain = float(grey[counts].mean() / model[counts].mean())
+    tone = ToneCurve(black=0.0, gain=gain, gamma=1.0)
     for sigma in _SCALES_PX:
-        simulated = tone.of(shift(model, moved, order=3, mode="nearest"))
+        simulated = _response(tone, shift(model, moved, order=3, mode="nearest"))
         moved = moved + _movement(grey, simulated, counts, sigma)
         tone = _tone(grey, shift(model, moved, order=3, mode="nearest"), counts, _TONE_BLUR_PX)
     placed = np.stack(
@@ -185,7 +173,7 @@ def compare(
     blur = _blur(grey, placed.mean(axis=-1), counts)
     blurred = gaussian_filter(placed, (blur, blur, 0)) if blur else placed
     tones = tuple(_tone(photo[..., c], blurred[..., c], counts, 0.0) for c in range(3))
-    final = np.stack([tones[c].of(blurred[..., c]) for c in range(3)], axis=-1)
+    final = np.stack([_response(tones[c], blurred[..., c]) for c in range(3)], axis=-1)
     # The last word on the movement has blur and tone right.
     last = final.mean(axis=-1)
     flow = _flow(grey, last, counts)
@@ -269,7 +257,7 @@ def _flow(grey: np.ndarray, simulated: np.ndarray, counts: np.ndarray) -> np.nda
     return shifts
 
 
-def _tone(grey: np.ndarray, light: np.ndarray, counts: np.ndarray, sigma: float) -> Tone:
+def _tone(grey: np.ndarray, light: np.ndarray, counts: np.ndarray, sigma: float) -> ToneCurve:
     """Response of a channel, or of the mean of all."""
     soft = [
         gaussian_filter(image, sigma)[counts] if sigma else image[counts] for image in (light, grey)
@@ -284,7 +272,8 @@ def _tone(grey: np.ndarray, light: np.ndarray, counts: np.ndarray, sigma: float)
         loss="soft_l1",
         f_scale=0.05,
     )
-    return Tone(*map(float, solution.x))
+    black, gain, gamma = map(float, solution.x)
+    return ToneCurve(black=black, gain=gain, gamma=gamma)
 
 
 def _blur(grey: np.ndarray, placed: np.ndarray, counts: np.ndarray) -> float:
@@ -292,7 +281,7 @@ def _blur(grey: np.ndarray, placed: np.ndarray, counts: np.ndarray) -> float:
 
     def left(sigma: float) -> float:
         soft = gaussian_filter(placed, sigma)
-        simulated = _tone(grey, soft, counts, 0.0).of(soft)
+        simulated = _response(_tone(grey, soft, counts, 0.0), soft)
         return float(np.mean((simulated - grey)[counts] ** 2))
 
     solution = minimize_scalar(
@@ -345,10 +334,7 @@ def photo_document(
             ),
         ),
         blur_sigma_px=difference.blur_px,
-        tone={
-            color: ToneCurve(**tone._asdict())
-            for color, tone in zip(("red", "green", "blue"), difference.tones, strict=True)
-        },
+        tone=dict(zip(("red", "green", "blue"), difference.tones, strict=True)),
         stages=[
             MatchedStage(
                 name=stage.name,

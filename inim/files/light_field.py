@@ -96,7 +96,10 @@ def sub_aperture_views(
             f"{display.eia_shape[1]} x {display.eia_shape[0]}"
         )
     down, across = view_grid(display) if grid is None else grid
-    rows, columns = _pixels_of_views(display, down, across)
+    x = (0.5 - (np.arange(across) + 0.5) / across) * display.elemental_image_pitch_mm
+    y = ((np.arange(down) + 0.5) / down - 0.5) * display.elemental_row_pitch_mm
+    rows = _nearest_pixels(display.rows, _lattice(display, 1), y)
+    columns = _nearest_pixels(display.columns, _lattice(display, 0), x)
     views: np.ndarray = eia[rows[:, None, :, None], columns[None, :, None, :]]
     return views
 
@@ -371,17 +374,6 @@ def _view_pixels(
     pixel = np.floor(centre + shift * (view - (views - 1) / 2))
     outside = (pixel < 0) | (pixel >= pixels) | (panel.lens < 0)
     return view, np.clip(pixel, 0, pixels - 1).astype(int), outside
-
-
-def _pixels_of_views(display: Display, down: int, across: int) -> tuple[np.ndarray, np.ndarray]:
-    """Panel rows, (view rows, lens rows), and columns, (view columns, lens columns)."""
-    cell_x, cell_y = display.elemental_image_pitch_mm, display.elemental_row_pitch_mm
-    x = (0.5 - (np.arange(across) + 0.5) / across) * cell_x
-    y = ((np.arange(down) + 0.5) / down - 0.5) * cell_y
-    return (
-        _nearest_pixels(display.rows, _lattice(display, 1), y),
-        _nearest_pixels(display.columns, _lattice(display, 0), x),
-    )
 
 
 def _nearest_pixels(axis: PixelAxis, lattice: np.ndarray, offset: np.ndarray) -> np.ndarray:

@@ -172,11 +172,9 @@ def _splats(path: Path, data: bytes, header: PlyHeader) -> Splats:
 def _check(path: Path, splats: Splats, length: np.ndarray) -> None:
     """Raise `FileError` for the first invalid splat; `length` (float64) is of the quaternions."""
     problems = {
-        "is not finite": ~np.isfinite(splats.centre).all(axis=1)
-        | ~np.isfinite(splats.log_scale).all(axis=1)
-        | ~np.isfinite(splats.turn).all(axis=1)
-        | ~np.isfinite(splats.logit)
-        | ~np.isfinite(splats.harmonics).all(axis=(1, 2)),
+        "is not finite": ~np.logical_and.reduce(
+            [np.isfinite(part).reshape(len(part), -1).all(axis=1) for part in vars(splats).values()]
+        ),
         "has no orientation (its quaternion is zero)": ~(length > 0),
         "has an implausible position or size": (np.abs(splats.centre) > _MOST_EXTENT).any(axis=1)
         | (splats.log_scale > _MOST_LOG).any(axis=1),

@@ -134,12 +134,10 @@ def _depth_edges(depth: NDArray[np.float32]) -> NDArray[np.float32]:
         return edges
     low, high = np.quantile(valid, (0.02, 0.98))
     limit = _EDGE * float(high - low)
-    in_rows = np.abs(np.diff(depth, axis=1)) > limit
-    in_columns = np.abs(np.diff(depth, axis=0)) > limit
-    edges[:, :-1][in_rows] = 1
-    edges[:, 1:][in_rows] = 1
-    edges[:-1][in_columns] = 1
-    edges[1:][in_columns] = 1
+    for first, second in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
+        is_edge = np.abs(depth[second] - depth[first]) > limit
+        edges[first][is_edge] = 1
+        edges[second][is_edge] = 1
     return edges
 
 

@@ -248,12 +248,7 @@ _SPLATS_AT_ONCE = 2**17
 
 @dataclass(frozen=True)
 class Frame:
-    """A box in the axes of a file.
-
-    Attributes
-    ----------
-    low, high : (3,) float64
-    """
+    """A box in the axes of a file, from its lower corner (3,) to its upper one."""
 
     low: np.ndarray
     high: np.ndarray

@@ -196,12 +196,12 @@ def _name(key: str) -> str:
 
 def collect_properties(nodes: list[dict[str, str]], prefix: str) -> dict[str, str]:
     """All properties of a namespace; the first value of each."""
-    properties: dict[str, str] = {}
-    for node in nodes:
-        for name, text in node.items():
-            if name.startswith(f"{prefix}:"):
-                properties.setdefault(name, text)
-    return properties
+    return {
+        name: text
+        for node in reversed(nodes)
+        for name, text in node.items()
+        if name.startswith(f"{prefix}:")
+    }
 
 
 def read_apple_coding(nodes: list[dict[str, str]], path: Path) -> Coding | None:
