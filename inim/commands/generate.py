@@ -165,7 +165,7 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     check_algorithm(_algorithm(args))
     photograph = picture.read()
     fitted, depth_map = picture.fit_to(photograph, display, settings.capture_pixels_per_pitch)
-    eia, empty = _generated(_algorithm(args), fitted.rgbd, display)
+    eia, empty = _generated(args, fitted.rgbd, display)
     report = _report(picture, photograph, fitted, depth_map, display, empty, args.fill)
     report.append(_written(args, fitted.rgbd, eia, empty, display))
     report.append(f"seconds    {time.perf_counter() - started:.1f}")
@@ -194,7 +194,7 @@ def _of_light_field(args: argparse.Namespace, display: Display, settings: Settin
     else:
         pixels_per_pitch = settings.capture_pixels_per_pitch
         rgbd, clipped = centre_view_picture(field, display, pixels_per_pitch, str(args.light_field))
-        eia, empty = _generated(_algorithm(args), rgbd, display)
+        eia, empty = _generated(args, rgbd, display)
     down, across, height, width = field.views.shape[:4]
     report = [
         _display_line(display),
@@ -251,15 +251,13 @@ def _algorithm(args: argparse.Namespace) -> str:
 
 
 def _generated(
-    algorithm: str, rgbd: RGBD, display: Display
+    args: argparse.Namespace, rgbd: RGBD, display: Display
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Linear RGB EIA of a picture, and its holes if the algorithm reports them."""
-    from inim.generators import foreign_errors, prepare
-    from inim.pipeline.stages.generation import run_generator
+    from inim.pipeline.stages.generation import GeneratorHandle
 
-    with foreign_errors(algorithm):
-        generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
-    eia, _, empty = run_generator(algorithm, generator, rgbd, display)
+    generator = GeneratorHandle(_algorithm(args), display, rgbd.shape, rgbd.pixel_mm)
+    eia, _, empty = generator.run(rgbd)
     return eia, empty
 
 

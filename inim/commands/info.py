@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inim.commands.options import Command, add_shared
-from inim.errors import EXIT_PASSED, BackendError, FileError, UsageError, suggest_words
+from inim.errors import EXIT_PASSED, BackendError, UsageError, suggest_words
 
 if TYPE_CHECKING:
     from inim.backend.trial import Verdict
@@ -210,13 +210,10 @@ def _write(inspection: Inspection, json_text: str, folder: Path) -> list[str]:
     """Write the figure, then the JSON, which marks a complete result."""
     from inim.files.image import write_atomically
     from inim.inspect.figure import draw_figure
+    from inim.process.atomic_file import file_errors
 
-    try:
+    with file_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(
-            f"{folder}: cannot be created ({error.strerror}); choose another folder with -o"
-        ) from None
     path = folder / "inspect.json"
     figures = draw_figure(inspection, folder, "inspect")
     write_atomically(path, lambda p: p.write_text(json_text + "\n", encoding="utf-8"))

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from inim.commands.options import Command, print_warning
 from inim.errors import FileError, UsageError
 from inim.files.regular_file import read_file
+from inim.process.atomic_file import file_errors
 from inim.process.interrupts import delayed_interrupts
 
 if TYPE_CHECKING:
@@ -295,7 +296,7 @@ def _write_all(
     """Write all files into a hidden folder, then rename them, `out` last; remove the leftovers."""
     import tempfile
 
-    try:
+    with file_errors(out):
         out.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(prefix=".new-scene-", dir=out.parent) as name:
             folder = Path(name)
@@ -307,10 +308,6 @@ def _write_all(
                     (folder / path.name).replace(path)
                 for path in leftovers:
                     path.unlink(missing_ok=True)
-    except OSError as error:
-        raise FileError(
-            f"{out}: cannot be written ({error.strerror or error}); choose another folder with -o"
-        ) from error
 
 
 def _write_part(part: Mesh, path: Path) -> None:

@@ -19,7 +19,7 @@ from inim.errors import FileError, UsageError
 from inim.files.regular_file import check_file
 from inim.image.color import srgb_codes
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
-from inim.process.atomic_file import atomic_file
+from inim.process.atomic_file import atomic_file, file_errors
 from inim.version import __version__
 
 # Limit against decompression bombs; 8K panels have 33 million pixels.
@@ -37,14 +37,9 @@ def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
 
     Raises `FileError`: the folder cannot be written or the disk is full; `path` is then unchanged.
     """
-    try:
-        with atomic_file(path) as temporary:
-            write(temporary)
-    except OSError as error:
-        raise FileError(
-            f"{path}: cannot be written ({error.strerror or error}); "
-            "free some space or choose another folder with -o"
-        ) from error
+    remedy = "free some space or choose another folder with -o"
+    with file_errors(path, remedy), atomic_file(path) as temporary:
+        write(temporary)
 
 
 def write_png(path: Path, linear: np.ndarray, cache: ResultCache = _NO_CACHE) -> None:

@@ -93,13 +93,11 @@ def _record_sampling(evaluation: Evaluation, full: Settings, uncertainty: float)
         )
     used = f"{settings.eia_spp} per EIA pixel, {settings.view_spp} per view pixel"
     unused = (full.eia_spp - settings.eia_spp, full.view_spp - settings.view_spp)
-    skipped = evaluation.run.skipped
+    skipped, reason = "none", f"SSIM needs all samples for an uncertainty of {error:g}"
     if any(unused):
+        skipped = f"{unused[0]} and {unused[1]} more"
         reason = f"the uncertainty of every SSIM is at most {uncertainty:.2g}; target {error:g}"
-        skipped.add("samples", used, f"{unused[0]} and {unused[1]} more", reason)
-    else:
-        reason = f"SSIM needs all samples for an uncertainty of {error:g}"
-        skipped.add("samples", used, "none", reason)
+    evaluation.run.skipped.add("samples", used, skipped, reason)
     return replace(evaluation, sampling_warnings=tuple(warnings))
 
 

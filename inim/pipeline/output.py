@@ -203,7 +203,7 @@ def make_report(
         backend=BackendRecord.of(evaluation.backend),
         lens_model=settings.lens_model,
         viewpoints=[EyePosition(name=v.name, position_mm=v.position_mm) for v in plan.viewpoints],
-        rgbd=_describe_capture(evaluation.capture.rgbd),
+        rgbd=CapturedPicture(**picture_facts(evaluation.capture.rgbd)),
         noise_floor=noise_floor,
         scoring=_scoring(),
         reference=ReferenceViews(views=reference_views, precision=reference_precision),
@@ -233,13 +233,14 @@ def _scoring() -> Scoring:
     )
 
 
-def _describe_capture(rgbd: RGBD) -> CapturedPicture:
+def picture_facts(rgbd: RGBD) -> dict[str, Any]:
+    """Size, coverage and depth of a picture, as in documents."""
     covered = rgbd.depth_mm[rgbd.covered]
-    return CapturedPicture(
-        rows=rgbd.shape[0],
-        columns=rgbd.shape[1],
-        pixel_mm=rgbd.pixel_mm,
-        covered_fraction=float(rgbd.covered.mean()),
-        depth_min_mm=float(covered.min()) if covered.size else None,
-        depth_max_mm=float(covered.max()) if covered.size else None,
-    )
+    return {
+        "rows": rgbd.shape[0],
+        "columns": rgbd.shape[1],
+        "pixel_mm": rgbd.pixel_mm,
+        "covered_fraction": float(rgbd.covered.mean()),
+        "depth_min_mm": float(covered.min()) if covered.size else None,
+        "depth_max_mm": float(covered.max()) if covered.size else None,
+    }

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Files that appear whole or not at all, and errors of writing them."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from inim.errors import FileError
 
 
 @contextmanager
@@ -22,3 +24,13 @@ def atomic_file(path: Path) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def file_errors(path: Path, remedy: str = "choose another folder with -o") -> Iterator[None]:
+    """Convert an `OSError` in the block into a `FileError` with the path and the remedy."""
+    try:
+        yield
+    except OSError as error:
+        cause = error.strerror or error
+        raise FileError(f"{path}: cannot be written ({cause}); {remedy}") from error

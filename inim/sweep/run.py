@@ -10,7 +10,7 @@ from typing import Any
 from inim import backend as backends
 from inim.documents.parts import origin
 from inim.documents.unit import SweepTable
-from inim.errors import FileError
+from inim.process.atomic_file import file_errors
 from inim.process.machine import cpu_count
 from inim.report.sweep import PAGE, write_page
 from inim.sweep.study import Study, read_study
@@ -157,20 +157,11 @@ def compute_results(
     # The number of threads on a cluster is the choice of its workers.
     plan = plan_study(study, place, threads if place.scheduler is None else place.threads)
     plan = replace(plan, tasks=[replace(task, debug=debug) for task in plan.tasks])
-    _make_folder(plan.results.out, place.out)
+    with file_errors(place.out):
+        (plan.results.out / FOLDER).mkdir(parents=True, exist_ok=True)
     errors = _run_tasks(plan, place.scheduler, workers, Progress(len(plan.tasks), quiet=quiet))
     rows, failed = _collect_rows(plan, errors)
     return SweepResult(rows, len(plan.units), len(plan.tasks), failed)
-
-
-def _make_folder(out: Path, path_for_messages: Path) -> None:
-    try:
-        (out / FOLDER).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(
-            f"{path_for_messages}: cannot be written ({error.strerror}); choose another folder "
-            "with -o"
-        ) from None
 
 
 def _run_tasks(

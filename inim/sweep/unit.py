@@ -37,6 +37,7 @@ from inim.pipeline.baseline import FOLDER as STATISTICS
 from inim.pipeline.plan import LEAST_BYTES, Plan, make_plan
 from inim.pipeline.request import Request
 from inim.plugins import identity
+from inim.process.atomic_file import file_errors
 from inim.process.interrupts import delayed_interrupts
 from inim.process.observer import Observer
 from inim.regression.run_statistics import CANDIDATE, read_statistics
@@ -314,13 +315,9 @@ def _staging(task: SweepTask) -> AbstractContextManager[Path]:
     if task.keep_report:
         return staging_folder(report_folder(task.request.out, task.unit))
     folder = Path(tempfile.gettempdir()) / f"inim-sweep-{os.getuid()}"
-    try:
+    with file_errors(folder, "set TMPDIR to a folder with room"):
         folder.mkdir(mode=0o700, exist_ok=True)
         status = folder.lstat()
-    except OSError as error:
-        raise FileError(
-            f"{folder}: cannot be written ({error.strerror}); set TMPDIR to a folder with room"
-        ) from None
     if status.st_uid != os.getuid() or stat.S_IMODE(status.st_mode) != 0o700:
         raise FileError(
             f"{folder}: belongs to another user or is open to others; set TMPDIR to a folder of "

@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from inim.display.viewpoint import Viewpoint, eye_path
-from inim.errors import FileError, UsageError
+from inim.errors import UsageError
 from inim.metrics import Viewing, cvvdp
+from inim.process.atomic_file import file_errors
 from inim.process.observer import Observer
 from inim.views.frames import ViewsRequest, views
 from inim.worker.output import hidden_folder, publish_file
@@ -165,13 +166,9 @@ def write_film(path: Path, frames: Sequence[np.ndarray], frames_per_second: floa
     cannot be written.
     """
     _check_kind(path)
-    try:
-        if path.suffix.lower() == ".mp4":
-            _write_mp4(path, frames, frames_per_second)
-        else:
-            _write_animation(path, frames, frames_per_second)
-    except OSError as error:
-        raise FileError(f"{path}: cannot be written ({error.strerror or error})") from error
+    write = _write_mp4 if path.suffix.lower() == ".mp4" else _write_animation
+    with file_errors(path):
+        write(path, frames, frames_per_second)
 
 
 def _write_animation(path: Path, frames: Sequence[np.ndarray], frames_per_second: float) -> None:

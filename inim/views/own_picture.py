@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,7 +49,7 @@ from inim.image.noisy_image import NoisyImage, replace_nonfinite
 from inim.image.rgbd import RGBD
 from inim.lens import check_lens_model
 from inim.metrics.headline import MAIN
-from inim.pipeline.output import write_rgbd_pngs
+from inim.pipeline.output import picture_facts, write_rgbd_pngs
 from inim.pipeline.request import Choices
 from inim.pipeline.stages.generation import GeneratorHandle, hole_fraction
 from inim.pipeline.stages.ground_truth import BLACK
@@ -200,7 +200,11 @@ def run_job(plan: _Plan, staging: Path, observer: Observer) -> bool:
         **origin(request.command, _VERSIONS),
         display=DisplayRecord.of(display),
         lens_model=settings.lens_model,
-        picture=_describe_picture(rgbd, plan.notes),
+        picture=FittedPicture(
+            **picture_facts(rgbd),
+            layers=len(rgbd.layers),
+            notes=[": ".join(note.split(maxsplit=1)) for note in plan.notes],
+        ),
         warnings=[*plan.warnings],
         backend=BackendRecord.of(renderer.backend),
         **results,
@@ -208,20 +212,6 @@ def run_job(plan: _Plan, staging: Path, observer: Observer) -> bool:
     write_picture_report(data, staging)
     publish(staging, request.out)
     return data.verdict.passed
-
-
-def _describe_picture(rgbd: RGBD, notes: Sequence[str]) -> FittedPicture:
-    depth = rgbd.depth_mm[rgbd.covered]
-    return FittedPicture(
-        rows=rgbd.shape[0],
-        columns=rgbd.shape[1],
-        pixel_mm=rgbd.pixel_mm,
-        layers=len(rgbd.layers),
-        covered_fraction=float(rgbd.covered.mean()),
-        depth_min_mm=float(depth.min()),
-        depth_max_mm=float(depth.max()),
-        notes=[": ".join(note.split(maxsplit=1)) for note in notes],
-    )
 
 
 def _evaluate(plan: _Plan, rgbd: RGBD, folder: Path, renderer: Renderer) -> dict[str, Any]:

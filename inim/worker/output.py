@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from inim.errors import FileError
+from inim.process.atomic_file import file_errors
 from inim.process.interrupts import delayed_interrupts
 
 _MARKER = "report.json"
@@ -37,7 +38,7 @@ def hidden_folder(out: Path) -> Iterator[Path]:
     folder cannot be written.
     """
     prefix = f".{out.name[:32]}."  # a name may be as long as the file system allows
-    with _file_errors(out):
+    with file_errors(out):
         out.parent.mkdir(parents=True, exist_ok=True)
         with _locked(out.parent):
             for path in out.parent.glob(f"{glob.escape(prefix)}*.partial"):
@@ -62,7 +63,7 @@ def staging_folder(out: Path, names: Sequence[str] = REPORT) -> Iterator[Path]:
     `names` are files and folders/ that the result will contain, its JSON first. Raises `FileError`
     if `out` is a file or cannot be written, or if a file of other origin is in the way.
     """
-    with _file_errors(out):
+    with file_errors(out):
         if os.path.lexists(out) and not out.is_dir():
             raise FileError(f"{out}: is a file; choose a folder with -o")
         if out.is_dir() and not os.access(out, os.W_OK):
@@ -92,7 +93,7 @@ def publish(staging: Path, out: Path, marker: str = _MARKER) -> None:
     never leaves a report of mixed origin. Of two runs into one folder, the later one remains.
     Raises `FileError` if a file of other origin is in the way.
     """
-    with _file_errors(out), delayed_interrupts(), _locked(out.parent):
+    with file_errors(out), delayed_interrupts(), _locked(out.parent):
         files = (str(p.relative_to(staging)) for p in staging.rglob("*") if p.is_file())
         names = sorted(files, key=lambda name: (name == marker, name))
         if not os.path.lexists(out):
@@ -118,7 +119,7 @@ def publish(staging: Path, out: Path, marker: str = _MARKER) -> None:
 
 def publish_file(temporary: Path, out: Path) -> None:
     """Move a finished file to its final path."""
-    with _file_errors(out):
+    with file_errors(out):
         temporary.replace(out)
 
 
@@ -166,16 +167,6 @@ def _in_the_way(path: Path) -> FileError:
         f"{path}: is in the way, and not from an earlier run; remove it, or choose another folder "
         "with -o"
     )
-
-
-@contextmanager
-def _file_errors(out: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise FileError(
-            f"{out}: cannot be written ({error.strerror}); choose another folder with -o"
-        ) from None
 
 
 @contextmanager
