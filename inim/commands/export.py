@@ -114,10 +114,10 @@ def _run(args: argparse.Namespace) -> int:
     quilt = None if args.quilt is None else _quilt(args, chosen)
     lines = _write_sheet_and_views(args, chosen)
     if quilt is not None:
-        from inim.views.quilt import make_quilt
+        from inim.views.frames import render_in_worker
 
-        make_quilt(quilt, quiet=args.quiet, debug=args.debug)
-        lines.append(quilt.path)
+        render_in_worker(quilt, quiet=args.quiet, debug=args.debug)
+        lines.append(quilt.file)
     if not args.quiet:
         print("\n".join([*map(str, lines), f"exported {chosen.description}"]))
     return EXIT_PASSED

@@ -197,8 +197,8 @@ def _film(args: argparse.Namespace) -> int:
     from inim.display.misalignment import misaligned
     from inim.lens import lens_models
     from inim.report import Report
-    from inim.views.film import REFERENCE, SCENE, FilmRequest, make_film
-    from inim.views.frames import TracedScene
+    from inim.views.film import REFERENCE, SCENE, FilmRequest
+    from inim.views.frames import TracedScene, render_in_worker
 
     report = Report.load(args.folder)
     settings, best = report.data.settings, report.data.best_algorithm
@@ -231,7 +231,7 @@ def _film(args: argparse.Namespace) -> int:
         luminance_cd_m2=settings.luminance_cd_m2,
         allow_flips=args.allow_flips,
     )
-    make_film(request, quiet=args.quiet, debug=args.debug)
+    render_in_worker(request, quiet=args.quiet, debug=args.debug)
     if not args.quiet:
         print(request.out)
     return EXIT_PASSED

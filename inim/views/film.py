@@ -21,8 +21,7 @@ from inim.metrics import Viewing, cvvdp
 from inim.process.atomic_file import file_errors
 from inim.process.observer import Observer
 from inim.views.frames import ViewsRequest, views
-from inim.worker.output import hidden_folder, publish_file
-from inim.worker.supervisor import run_in_worker
+from inim.worker.output import publish_file
 
 _KINDS = (".gif", ".webp", ".mp4")
 _ENCODER = "imageio_ffmpeg"
@@ -69,18 +68,6 @@ class FilmRequest(ViewsRequest):
                 raise UsageError(f"{name} {value:g}: must be in 1..{high}")
         assert self.eyes  # raises for an invalid path
         super().check()
-
-
-def make_film(request: FilmRequest, *, quiet: bool = True, debug: bool = False) -> None:
-    """Render a film in a worker process."""
-    run_in_worker(
-        "inim.views.film:run_job",
-        request.checked,
-        hidden_folder(request.out),
-        about=str(request.out),
-        quiet=quiet,
-        debug=debug,
-    )
 
 
 def run_job(request: FilmRequest, staging: Path, observer: Observer) -> bool:

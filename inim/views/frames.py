@@ -20,6 +20,8 @@ from inim.pipeline.stages.stage import Run
 from inim.process.observer import Observer
 from inim.report import Report
 from inim.scene.file import SceneFile, read_scene_file
+from inim.worker.output import hidden_folder
+from inim.worker.supervisor import run_in_worker
 
 _MAX_SAMPLES = 2**16
 
@@ -97,6 +99,11 @@ class ViewsRequest:
             else:
                 read_eia(source, self.misaligned_display)
 
+    @property
+    def file(self) -> Path:
+        """Path of the file to write."""
+        return self.out
+
     def checked(self) -> ViewsRequest:
         """Return the request after `check`."""
         self.check()
@@ -106,6 +113,18 @@ class ViewsRequest:
         """Optics of the views, which are half images."""
         display, spp = self.misaligned_display, 2 * self.spp
         return Optics(display, self.lens_model, pixels_per_lens, spp, seed=0)
+
+
+def render_in_worker(request: ViewsRequest, *, quiet: bool = True, debug: bool = False) -> None:
+    """Check a request, render its views in a worker process and write its file."""
+    run_in_worker(
+        f"{type(request).__module__}:run_job",
+        request.checked,
+        hidden_folder(request.file),
+        about=str(request.file),
+        quiet=quiet,
+        debug=debug,
+    )
 
 
 def views(

@@ -17,8 +17,7 @@ from inim.errors import UsageError
 from inim.files.light_field import quilt_path, write_quilt
 from inim.process.observer import Observer
 from inim.views.frames import ViewsRequest, views
-from inim.worker.output import hidden_folder, publish_file
-from inim.worker.supervisor import run_in_worker
+from inim.worker.output import publish_file
 
 _MAX_VIEWS = 1000
 _MAX_PIXELS = 2**28
@@ -46,7 +45,7 @@ class QuiltRequest(ViewsRequest):
         return zone_eyes(self.design, self.columns * self.rows, self.distance_mm)
 
     @property
-    def path(self) -> Path:
+    def file(self) -> Path:
         """Path of the quilt, after `out`."""
         return quilt_path(self.out, self.columns, self.rows, self.aspect)
 
@@ -70,20 +69,8 @@ class QuiltRequest(ViewsRequest):
             )
         if not 0.01 <= self.aspect <= 100:
             raise UsageError(f"--aspect {self.aspect:g}: must be width over height, such as 0.75")
-        assert self.path and self.eyes  # raise for invalid ones
+        assert self.file and self.eyes  # raise for invalid ones
         super().check()
-
-
-def make_quilt(request: QuiltRequest, *, quiet: bool = True, debug: bool = False) -> None:
-    """Render a quilt in a worker process."""
-    run_in_worker(
-        "inim.views.quilt:run_job",
-        request.checked,
-        hidden_folder(request.path),
-        about=str(request.path),
-        quiet=quiet,
-        debug=debug,
-    )
 
 
 def run_job(request: QuiltRequest, staging: Path, observer: Observer) -> bool:
@@ -100,7 +87,7 @@ def run_job(request: QuiltRequest, staging: Path, observer: Observer) -> bool:
         for tile, view in zip(tiles, source_views, strict=True):
             tile[top : top + rows, left : left + columns] = view
     observer.stage("write")
-    quilt = staging / request.path.name
+    quilt = staging / request.file.name
     write_quilt(quilt, tiles, request.columns, request.rows)
-    publish_file(quilt, request.path)
+    publish_file(quilt, request.file)
     return True

@@ -115,10 +115,10 @@ def _command(place: str, *words: str) -> Read:
 
     def read(path: Path) -> None:
         from inim.cli import main
-        from inim.views import film, quilt
+        from inim.views import frames
 
         # Frames are no matter of a document; what is looked at before them is.
-        film.run_in_worker = quilt.run_in_worker = lambda _, check, *__, **___: check()
+        frames.run_in_worker = lambda _, check, *__, **___: check()
         said = io.StringIO()
         try:
             os.chdir(path.parent)
