@@ -151,7 +151,7 @@ class Store:
         self._held: int | None = None
 
     def load(self, address: str) -> Record | None:
-        """The record at an address, if it is there and whole."""
+        """The record at an address; None if it is missing or damaged."""
         path = self.folder / (address + _RECORD)
         try:
             with zipfile.ZipFile(path) as archive:
@@ -162,10 +162,10 @@ class Store:
             own, facts = json.loads(bytes(arrays.pop(_FACTS)))
             if own != address:
                 raise ValueError(f"the record of {own}")
-            os.utime(path)  # when it was last of use
+            os.utime(path)  # the time of its last use
         except FileNotFoundError:
             return None
-        except Exception:  # readers of archives raise of all kinds, whatever bytes they meet
+        except Exception:  # a damaged archive may raise any exception
             with contextlib.suppress(OSError):
                 path.unlink()
             return None
@@ -176,7 +176,7 @@ class Store:
         return (self.folder / (address + _RECORD)).is_file()
 
     def keep(self, address: str, record: Record) -> bool:
-        """Keep a record; False where the folder takes none: a store is a help, not a need."""
+        """Store a record; False if the folder cannot be written, which is not an error."""
         facts = np.frombuffer(json.dumps([address, record.facts]).encode(), np.uint8)
         path = self.folder / (address + _RECORD)
         try:
@@ -225,7 +225,7 @@ class Store:
         files = sorted(self._files(), key=lambda file: file[2])
         total_bytes = sum(size for _, size, _ in files)
         for path, size, _ in files:
-            # Room for more than this one, so that not every record looks through the folder.
+            # Make room for more than one record, so that not every record lists the folder.
             if total_bytes + needed <= 0.9 * self._limit:
                 break
             with contextlib.suppress(OSError):
@@ -234,11 +234,11 @@ class Store:
         self._held = total_bytes
 
     def _files(self) -> list[tuple[Path, int, float]]:
-        """The store's own files: path, size, time of last use; others' are left alone."""
+        """Path, size and time of last use of the store's own files."""
         files = []
         with contextlib.suppress(OSError):
             for path in self.folder.iterdir():
-                with contextlib.suppress(OSError):  # it may go at any time
+                with contextlib.suppress(OSError):  # another process may remove it at any time
                     status = path.stat()
                     if path.suffix in (_RECORD, _REASONS):
                         files.append((path, status.st_size, status.st_mtime))
@@ -246,10 +246,10 @@ class Store:
 
 
 def _array(data: bytes) -> np.ndarray:
-    """The array of an npy file, which cannot be written to: its bytes are not copied."""
+    """The array of an npy file, read-only, without a copy of its bytes."""
     stream = io.BytesIO(data)
     version = np.lib.format.read_magic(stream)
-    if version != (1, 0):  # what numpy writes where field names are ASCII
+    if version != (1, 0):  # as NumPy writes arrays of numbers
         raise ValueError(f"npy version {version}")
     shape, by_columns, dtype = np.lib.format.read_array_header_1_0(stream)
     if dtype.hasobject:
@@ -318,7 +318,7 @@ def _change(before: Mapping[str, str] | None, now: Mapping[str, str]) -> str:
 
 
 def _packed(value: Any) -> Record:
-    """Arrays, each once, and the tree of everything else for JSON."""
+    """Record of the arrays, each once, and of the tree of all other values for JSON."""
     arrays: dict[str, np.ndarray] = {}
     names: dict[int, str] = {}
 

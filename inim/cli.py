@@ -101,7 +101,7 @@ def main(argv: list[str] | None = None) -> int:
             traceback.print_exception(error.__cause__)
         print_warning(str(error), "error")
         return error.exit_code
-    except BrokenPipeError:  # the reader of our output left; that is its right
+    except BrokenPipeError:  # the reader of the output has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_PASSED
     except Exception as error:

@@ -34,7 +34,7 @@ def run(*words: str) -> "NoReturn":
 
 def _end(number: int = 2, note: str = "unfinished results were discarded") -> "NoReturn":
     """End the process after a signal, without waiting for its threads."""
-    if number == 2:  # SIGINT; whoever sends SIGTERM needs no message
+    if number == 2:  # SIGINT; SIGTERM needs no message
         with suppress(OSError):
             os.write(2, f"inim: interrupted; {note}\n".encode())
     os._exit(128 + number)

@@ -29,16 +29,20 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """See pytest."""
     group = parser.getgroup("inim", "integral-imaging displays")
     group.addoption(
-        "--inim-update", action="store_true", help="accept what tests make as their baselines"
+        "--inim-update",
+        action="store_true",
+        help="accept the results of the tests as their baselines",
     )
-    group.addoption("--inim-reason", metavar="TEXT", help="why, with --inim-update; kept with them")
+    group.addoption(
+        "--inim-reason", metavar="TEXT", help="reason for --inim-update, stored in the baselines"
+    )
     parser.addini("inim_baselines", "folder of the baselines, from the ini file's folder")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     """Refuse an update without a reason before any test runs."""
     if config.getoption("--inim-update") and not (config.getoption("--inim-reason") or "").strip():
-        raise pytest.UsageError('--inim-update: say why, with --inim-reason "..."')
+        raise pytest.UsageError('--inim-update: give the reason with --inim-reason "..."')
 
 
 @pytest.fixture

@@ -237,7 +237,7 @@ class Settings:
             key = f"{PREFIX}min_ssim_to_reference"
             limit = _read(key, text.strip(), "float", source)
             if not 0 <= limit <= 1:
-                raise SceneError(f"{source}: {key} = {item!r}: a limit lies in 0..1")
+                raise SceneError(f"{source}: {key} = {item!r}: must be in 0..1")
             for name in names:
                 if name not in algorithms:
                     raise SceneError(
@@ -251,7 +251,7 @@ class Settings:
 
 
 def _read(key: str, text: str, kind: str, source: str) -> Any:
-    """One value from its text, by the field's annotation."""
+    """Parse the text of a value by the field's annotation."""
     if kind.startswith("str"):
         return text.strip()
     whole = kind.startswith("int") and "float" not in kind
@@ -264,7 +264,7 @@ def _read(key: str, text: str, kind: str, source: str) -> Any:
         raise SceneError(f"{source}: {key} = {text[:40]!r}: must be {requirement}") from None
     if not abs(value) < _LARGEST:
         raise SceneError(f"{source}: {key} = {text[:40]!r}: must be finite and below {_LARGEST:g}")
-    # A whole number stays one where it need not be.
+    # Also where decimals are allowed, a whole number becomes an int.
     return int(value) if kind.startswith("int") and value == int(value) else value
 
 
