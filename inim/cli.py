@@ -20,12 +20,11 @@ from typing import Any, NoReturn
 
 from inim.commands.options import EXIT_CODES, Command, print_warning
 from inim.errors import (
-    EXIT_INTERNAL,
     EXIT_PASSED,
     EXIT_USAGE,
     InimError,
-    missing_package,
     suggest_words,
+    unexpected_error,
 )
 from inim.process.interrupts import raise_again
 from inim.process.python_process import configuration_hidden
@@ -108,10 +107,9 @@ def main(argv: list[str] | None = None) -> int:
         raise_again()
         if getattr(args, "debug", False):
             raise
-        missing = missing_package(error)
-        text = missing or f"internal error: {type(error).__name__}: {error}; run again with --debug"
-        print_warning(str(text), "error")
-        return missing.exit_code if missing else EXIT_INTERNAL
+        unexpected = unexpected_error(error)
+        print_warning(str(unexpected), "error")
+        return unexpected.exit_code
 
 
 def _parser(named: str | None) -> argparse.ArgumentParser:

@@ -83,6 +83,15 @@ def missing_package(error: Exception) -> UsageError | None:
     )
 
 
+def unexpected_error(error: Exception) -> InimError:
+    """Error message for a missing dependency or for a defect of this program, in one line."""
+    text = " ".join(str(error).split())[:400]
+    return missing_package(error) or InimError(
+        f"internal error: {type(error).__name__}: {text}; "
+        "run again with --debug for the traceback, and report it"
+    )
+
+
 class WorkerError(InimError):
     """The worker process ended without a result (crash in native code, kill)."""
 

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from inim.errors import InimError, missing_package
+from inim.errors import InimError, unexpected_error
 from inim.process import machine
 from inim.process.observer import Observer
 from inim.process.python_process import exit_with_parent
@@ -139,12 +139,8 @@ def answer(job: Job, channel: Any, run_job: RunJob) -> None:
     except Exception as error:
         if job.debug:
             raise
-        text = " ".join(str(error).split())[:400]
-        missing = missing_package(error) or InimError(
-            f"internal error: {type(error).__name__}: {text}; "
-            "run again with --debug for the traceback, and report it"
-        )
-        send({"error": type(missing).__name__, "message": str(missing)})
+        unexpected = unexpected_error(error)
+        send({"error": type(unexpected).__name__, "message": str(unexpected)})
 
 
 def _run_with_retry(job: Job, observer: Observer, run_job: RunJob) -> bool:
