@@ -35,11 +35,6 @@ _LIBRARY = r"libLLVM(?:-(\d[\d.]*?))?(?:\.so(?:\.(\d+(?:\.\d+)*)[^/]*)?|\.dylib)
 _FOLDER_VERSION = r"llvm(?:@[\d.]+)?/(\d+(?:\.\d+)+)|llvm[-@](\d+(?:\.\d+)*)"
 
 
-def is_libllvm(name: str) -> bool:
-    """True if a file name is that of LLVM's main library."""
-    return re.fullmatch(_LIBRARY, name) is not None
-
-
 def llvm_version(library: Path) -> tuple[int, ...] | None:
     """The version in a libLLVM's name or, failing that, its folder; else None."""
     match = re.fullmatch(_LIBRARY, library.name)
@@ -66,7 +61,7 @@ def find_libllvm(search: Sequence[Path] | None = None) -> list[Path]:
     libraries = [path for folder in folders for path in _libraries_in(folder)]
     if search is None:
         libraries += [Path(name) for name in machine.linker_cache(b"libLLVM")]
-    real = dict.fromkeys(path.resolve() for path in libraries if is_libllvm(path.name))
+    real = dict.fromkeys(path.resolve() for path in libraries if re.fullmatch(_LIBRARY, path.name))
     files = [path for path in real if path.is_file()]
     packaged = [] if search is not None else wheel_folders()
 
@@ -286,12 +281,8 @@ def llvm_verdicts(search: Sequence[Path] | None = None) -> Iterator[tuple[Path, 
         if reason:
             yield library, Verdict(False, reason)
         else:
-            yield (
-                library,
-                verdict_on(
-                    "llvm_ad_rgb", library, {LLVM_VARIABLE: str(library)}, needed_by(library)
-                ),
-            )
+            variables = {LLVM_VARIABLE: str(library)}
+            yield library, verdict_on("llvm_ad_rgb", library, variables, needed_by(library))
 
 
 def cuda_verdict() -> Verdict:

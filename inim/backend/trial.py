@@ -86,18 +86,10 @@ def probe(
     needed: Sequence[str] = (),
     seconds: float = _PROBE_SECONDS,
 ) -> Verdict:
-    """Try a backend in a child process, which may die or hang without harm.
+    """Try a Mitsuba variant in a child process, which may die or hang without harm.
 
-    Parameters
-    ----------
-    variant : str
-        The Mitsuba variant to start.
-    variables : dict
-        Environment variables to add for the child.
-    needed : sequence of str
-        Libraries to load first.
-    seconds : float
-        After this long the child is killed and the backend counts as unusable.
+    The child gets additional environment variables, and first loads the `needed` libraries. After
+    `seconds` it is killed, and the backend counts as unusable.
     """
     import subprocess
 
@@ -148,20 +140,9 @@ def verdict_on(
     needed: Sequence[str] = (),
     extra: Sequence[str] = (),
 ) -> Verdict:
-    """Stored result of a backend's trial, or the result of a trial now.
+    """Stored result of a trial (`probe`) of a libLLVM or of CUDA's driver, or a new result.
 
-    Parameters
-    ----------
-    variant : str
-        Mitsuba variant to start.
-    library : Path
-        The libLLVM, or CUDA's driver.
-    variables : dict
-        Environment variables for the trial.
-    needed : sequence of str
-        Libraries to load first.
-    extra : sequence of str
-        Further inputs of the result.
+    `extra` are further inputs on which the result depends.
     """
     search_path = os.environ.get("LD_LIBRARY_PATH", "")
     key = _fingerprint(variant, library, [search_path, *needed, *extra])
