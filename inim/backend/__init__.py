@@ -18,7 +18,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
-from inim.backend.trial import Verdict, verdict_on
+from inim.backend.trial import Verdict, stored_trial
 from inim.errors import BackendError, UsageError, missing_package
 from inim.process import machine
 
@@ -105,7 +105,7 @@ def _names_in(folder: Path) -> list[str]:
         return []
 
 
-def known_bad(version: tuple[int, ...] | None) -> str:
+def rejection_reason(version: tuple[int, ...] | None) -> str:
     """Reason why a version is rejected without a trial, or an empty string."""
     if version and version[0] <= 14:
         return f"LLVM {version[0]} is too old for Dr.Jit"
@@ -155,7 +155,7 @@ def activate(backend: Backend) -> None:
     if "drjit" in sys.modules:
         check_loaded(backend.name)
         return
-    load(needed_by(backend.libllvm))
+    load(required_libraries(backend.libllvm))
     os.environ.update(environment(backend))
 
 
@@ -169,12 +169,12 @@ def check_loaded(name: str) -> None:
         return
     if not drjit.has_backend(drjit.JitBackend.LLVM):
         raise BackendError(f"Dr.Jit is loaded already, and found no usable libLLVM; {way_out}")
-    reason = known_bad(drjit.detail.llvm_version())
+    reason = rejection_reason(drjit.detail.llvm_version())
     if reason:
         raise BackendError(f"Dr.Jit is loaded already, and {reason}; {way_out}")
 
 
-def needed_by(library: Path | None) -> list[str]:
+def required_libraries(library: Path | None) -> list[str]:
     """Libraries to load before Dr.Jit: the system may lack them, or not find them by their names.
 
     Parameters
@@ -277,12 +277,15 @@ def _choose_llvm(search: Sequence[Path] | None) -> Backend:
 def llvm_verdicts(search: Sequence[Path] | None = None) -> Iterator[tuple[Path, Verdict]]:
     """Each candidate with its verdict, newest first, tried only when asked for."""
     for library in find_libllvm(search):
-        reason = known_bad(llvm_version(library))
+        reason = rejection_reason(llvm_version(library))
         if reason:
             yield library, Verdict(False, reason)
         else:
             variables = {LLVM_VARIABLE: str(library)}
-            yield library, verdict_on("llvm_ad_rgb", library, variables, needed_by(library))
+            yield (
+                library,
+                stored_trial("llvm_ad_rgb", library, variables, required_libraries(library)),
+            )
 
 
 def cuda_verdict() -> Verdict:
@@ -297,7 +300,7 @@ def cuda_verdict() -> Verdict:
     # A driver without its device (a container) must not be remembered for one with it.
     devices = sorted(path.name for path in Path("/dev").glob("nvidia*"))
     visible = [os.environ.get("CUDA_VISIBLE_DEVICES", ""), *devices]
-    return verdict_on("cuda_ad_rgb", drivers[0], {}, needed_by(None), visible)
+    return stored_trial("cuda_ad_rgb", drivers[0], {}, required_libraries(None), visible)
 
 
 def versions(packages: Iterable[str]) -> dict[str, str]:

@@ -124,10 +124,10 @@ def _refuse_after_fork() -> None:
         _is_forked = True
         for kernel in _parallel_kernels:
             kernel._reset_overloads()
-            kernel._compile_for_args = _refuse
+            kernel._compile_for_args = _raise_after_fork
 
 
-def _refuse(*_: object, **__: object) -> NoReturn:
+def _raise_after_fork(*_: object, **__: object) -> NoReturn:
     raise BackendError(
         "this process was forked from one that has run kernels, whose threads it lacks; start it "
         "by multiprocessing.get_context('spawn') instead, or set NUMBA_THREADING_LAYER=workqueue"
@@ -189,12 +189,12 @@ def disable_cache(error: BaseException) -> None:
     for frame in _frames(error.__traceback__):
         index = getattr(frame.f_locals.get("self"), "_index_path", None)
         if frame.f_code.co_filename == caching.__file__ and isinstance(index, str):
-            _forget(Path(index).parent)
+            _remove_indices(Path(index).parent)
     caching.Cache.load_overload = lambda *_: None
     caching.Cache.save_overload = lambda *_: None
 
 
-def _forget(folder: Path) -> None:
+def _remove_indices(folder: Path) -> None:
     """Remove numba's indices, by which it finds compiled kernels, as far as that is allowed."""
     for index in folder.glob("*.nbi"):
         try:

@@ -133,7 +133,7 @@ REMEMBERED = 64
 _METADATA = r"(?:drjit|mitsuba)-.*\.(?:dist|egg)-info"
 
 
-def verdict_on(
+def stored_trial(
     variant: str,
     library: Path,
     variables: dict[str, str],
@@ -146,7 +146,7 @@ def verdict_on(
     """
     search_path = os.environ.get("LD_LIBRARY_PATH", "")
     key = _fingerprint(variant, library, [search_path, *needed, *extra])
-    stored = _from_cache(_read_cache().get(key))
+    stored = _parse_verdict(_read_cache().get(key))
     if stored:
         return stored
     verdict = probe(variant, variables, needed)
@@ -169,11 +169,11 @@ def _fingerprint(variant: str, library: Path, extra: Sequence[str]) -> str:
     except OSError:
         return ""
     parts = [variant, f"{library.resolve()}:{stat.st_size}:{stat.st_mtime_ns}", sys.version]
-    parts += [*_renderer(), f"{zlib.crc32(machine.cpu_text().encode()):x}"]
+    parts += [*_renderer_fingerprint(), f"{zlib.crc32(machine.cpu_text().encode()):x}"]
     return "|".join([*parts, *extra])
 
 
-def _renderer() -> list[str]:
+def _renderer_fingerprint() -> list[str]:
     """Names and times of the metadata folders of Dr.Jit and Mitsuba, which identify an
     installation.
 
@@ -191,7 +191,7 @@ def _renderer() -> list[str]:
     return sorted(folders)
 
 
-def _from_cache(entry: object) -> Verdict | None:
+def _parse_verdict(entry: object) -> Verdict | None:
     """The remembered verdict, or None for an entry that another hand has written."""
     if not isinstance(entry, dict) or not isinstance(entry.get("usable"), bool):
         return None

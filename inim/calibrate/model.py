@@ -41,7 +41,7 @@ from inim.lens.array import (
     to_panel,
 )
 from inim.lens.model import sag
-from inim.lens.thick import bulge
+from inim.lens.thick import curved_face
 
 # Newton's method on a radius; distortions of photographs are small.
 _NEWTON_STEPS = 4
@@ -266,7 +266,7 @@ def _seam_depth(array: LensArray, traits: LensTraits, share: float) -> float:
     node = share * node
     half_x, half_y = array.pitch_x / 2, array.pitch_y / 2
     squares = [half_x**2 + (node * half_y) ** 2, half_y**2 + (node * half_x) ** 2]
-    depth = sag(NUMPY_OPS, bulge(array, traits), np.stack(squares))
+    depth = sag(NUMPY_OPS, curved_face(array, traits), np.stack(squares))
     return float((depth @ weight).mean() / 2)
 
 

@@ -65,7 +65,7 @@ _LENS_ONLY = (
 )
 
 
-def _checked(name: str, kind: str, value: Any) -> Any:
+def _check_parameter(name: str, kind: str, value: Any) -> Any:
     """Value of a parameter as a plain number or word; NumPy's numbers are accepted."""
     if value is None and "None" in kind:
         return None
@@ -183,7 +183,7 @@ class Display:
         # msgspec leaves absent fields to the class, and omits them when it encodes the display.
         self.__dict__.update(self.parameters())
         for field in fields(self):
-            value = _checked(field.name, str(field.type), getattr(self, field.name))
+            value = _check_parameter(field.name, str(field.type), getattr(self, field.name))
             object.__setattr__(self, field.name, value)
         if self.refractive_index <= 1:
             raise DisplayError(
@@ -306,20 +306,20 @@ class Display:
     @property
     def central_depth_mm(self) -> float:
         """Central depth plane D = f g / (g - f), text after Eq. 3; infinite when g = f."""
-        return math.inf if self._focused else float(self._exact_central_depth)
+        return math.inf if self._is_focused else float(self._exact_central_depth)
 
     @property
     def scene_pixel_mm(self) -> float:
         """Width of a panel pixel's image at the central depth plane, abs(D) P_D / g (Eq. 3)."""
-        return math.inf if self._focused else float(self._exact_scene_pixel)
+        return math.inf if self._is_focused else float(self._exact_scene_pixel)
 
     @property
     def depth_span_mm(self) -> float:
         """Displayable depth 2 abs(D) P_I / P (text after Eq. 4); infinite when g = f."""
-        return math.inf if self._focused else float(2 * self._exact_half_span)
+        return math.inf if self._is_focused else float(2 * self._exact_half_span)
 
     @property
-    def _focused(self) -> bool:
+    def _is_focused(self) -> bool:
         return self.gap_mm == self.focal_length_mm
 
     @property
@@ -504,7 +504,7 @@ class Display:
         return down, across
 
     @property
-    def beside_panel_mm(self) -> tuple[float, float]:
+    def panel_excess_mm(self) -> tuple[float, float]:
         """Excess width and height of the elemental images over the panel; 0 if they fit."""
         rows, columns = self.eia_shape
         wide = self.lens_columns * self.elemental_image_pitch_mm - columns * self.pixel_pitch_mm
@@ -529,7 +529,7 @@ class Display:
         # Elemental images closer together than lenses: the outer ones are off their lenses' axes.
         closer = max(1 - self.elemental_image_pitch_mm / self.pitch_mm, 0.0)
         cell_x, cell_y = cell_x + closer * self.width_mm, cell_y + closer * self.height_mm
-        c, s = self._turn
+        c, s = self._rotation_factors
         pixel_offset = max(abs(float(colour.right)) for colour in SUBPIXELS[self.subpixels])
         across = c * cell_x + s * cell_y + 2 * pixel_offset * self.pixel_pitch_mm
         gap = least_gap_mm(self)
@@ -538,7 +538,7 @@ class Display:
     @property
     def half_extent_mm(self) -> tuple[float, float]:
         """Half the width and height, about the panel's centre, that contain the array."""
-        c, s = self._turn
+        c, s = self._rotation_factors
         half_x, half_y = self.width_mm / 2, self.height_mm / 2
         return (
             c * half_x + s * half_y + abs(self.shift_x_mm),
@@ -551,7 +551,7 @@ class Display:
         return math.tan(math.radians(self.tilt_x_deg)), math.tan(math.radians(self.tilt_y_deg))
 
     @property
-    def _turn(self) -> tuple[float, float]:
+    def _rotation_factors(self) -> tuple[float, float]:
         """Sizes of the cosine and the sine of the array's rotation."""
         angle = math.radians(self.rotation_deg)
         return abs(math.cos(angle)), abs(math.sin(angle))

@@ -90,14 +90,14 @@ def misaligned(display: Display, misalignment: str | Mapping[str, float]) -> Dis
     try:
         return display.with_fixed_panel().replace(
             name=f"{display.name}, misaligned",
-            **_stretched(display, off.get("pitch_mm", 0.0)),
+            **_changes_with_pitch(display, off.get("pitch_mm", 0.0)),
             **{key: getattr(display, key) + value for key, value in off.items()},
         )
     except DisplayError as error:
         raise DisplayError(f"misalign {misalignment_text(off)!r}: {error}") from None
 
 
-def _stretched(display: Display, off_mm: float) -> dict[str, float]:
+def _changes_with_pitch(display: Display, off_mm: float) -> dict[str, float]:
     """Further changes with a wrong pitch: rows, and elemental images for the actual array.
 
     Those of the design stay on the panel, as they do under an array that is moved. A sheet's

@@ -207,10 +207,10 @@ def pixel_axis(display: Display, sign: int) -> PixelAxis:
     if (lens < 0).all():
         raise DisplayError(f"{shift_name} = {shift_mm:g}: the array lies wholly beside its panel")
     return PixelAxis(
-        position_mm=np.array([_ratio(sign * x, unit) for x in place]),
+        position_mm=np.array([_to_float(sign * x, unit) for x in place]),
         lens=lens,
-        centre_mm=np.array([_ratio(c, unit) for c in centre]),
-        slope=np.array([_ratio(o, unit / gap) for o in offset]),
+        centre_mm=np.array([_to_float(c, unit) for c in centre]),
+        slope=np.array([_to_float(o, unit / gap) for o in offset]),
         centre=centre,
         offset=offset,
         step=2 * sign * half_pixel,
@@ -237,7 +237,7 @@ def _common_measure(lengths: tuple[Fraction, ...]) -> Fraction:
     return Fraction(math.gcd(*(int(v * below) for v in lengths)), below)
 
 
-def _ratio(count: int, unit: Fraction) -> float:
+def _to_float(count: int, unit: Fraction) -> float:
     """A count of units as the nearest float: Python divides integers with one rounding."""
     return count * unit.numerator / unit.denominator
 
@@ -307,7 +307,7 @@ def pixel_rays(
     angle = math.radians(display.rotation_deg)
     c, s = math.cos(angle), math.sin(angle)
     from_x, from_y = x - display.shift_x_mm, y - display.shift_y_mm
-    row, column, stagger = _cell(display, c * from_x + s * from_y, c * from_y - s * from_x)
+    row, column, stagger = _find_cell(display, c * from_x + s * from_y, c * from_y - s * from_x)
     # Lens centres have the lens pitch, whatever the pitch of the cells under them.
     across = (column + 0.5 - display.lens_columns / 2 + stagger) * display.pitch_mm
     up = (display.lens_rows / 2 - row - 0.5) * display.row_pitch_mm
@@ -342,7 +342,7 @@ def least_gap_mm(display: Display) -> float:
     return gap
 
 
-def _cell(
+def _find_cell(
     display: Display, x: np.ndarray, y: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Row from the top and column of the cell that holds points of the array's frame.

@@ -235,7 +235,9 @@ def parse_viewpoints(
     eyes = [
         item
         if isinstance(item, Viewpoint)
-        else replace(_parse_one(item, display, distance), pupil_mm=pupil_mm, focus_mm=focus_mm)
+        else replace(
+            _parse_viewpoint(item, display, distance), pupil_mm=pupil_mm, focus_mm=focus_mm
+        )
         for item in viewpoint_items(viewpoints)
     ]
     names = {"eia"}  # the ground-truth EIA lies beside the views
@@ -266,10 +268,10 @@ def viewpoint_of(viewpoint: Viewpoint | str, display: Display) -> Viewpoint:
         raise ViewpointError(f"viewpoint {viewpoint!r}: names several; give one")
     if isinstance(item, Viewpoint):
         return item
-    return _parse_one(item, display, default_distance_mm(display))
+    return _parse_viewpoint(item, display, default_distance_mm(display))
 
 
-def _parse_one(item: str, display: Display, distance_mm: float) -> Viewpoint:
+def _parse_viewpoint(item: str, display: Display, distance_mm: float) -> Viewpoint:
     name, equals, text = item.partition("=")
     if not equals:
         return named_viewpoint(name, display, distance_mm)

@@ -66,7 +66,7 @@ def accuracy_warnings(
 
 def lenses_beside_panel(display: Display) -> list[str]:
     """A sentence where elemental images reach beyond the panel; empty if they fit."""
-    wide, high = display.beside_panel_mm
+    wide, high = display.panel_excess_mm
     if max(wide, high) < display.pixel_pitch_mm:
         return []
     high_mm, wide_mm = (n * display.pixel_pitch_mm for n in display.eia_shape)

@@ -61,8 +61,7 @@ __all__ = [
     "SheetMesh",
     "channel_indices",
     "check_lens_model",
-    "drawn_as",
-    "drawn_live",
+    "drawn_model",
     "foreign_identity",
     "in_aperture",
     "lens_array",
@@ -70,6 +69,7 @@ __all__ = [
     "lens_model",
     "lens_models",
     "lens_traits",
+    "models_drawn_live",
     "pass_straight",
     "through_array",
     "trace_to_panel",
@@ -110,14 +110,14 @@ def lens_model(name: str) -> LensModel:
         raise UsageError(f"{label}: its stand_in is {model.stand_in!r}; use {' or '.join(_OWN)}")
     return replace(
         model,
-        trace=model.trace and _attributed(name, _full_sized(model.trace)),
-        mesh=model.mesh and _attributed(name, model.mesh),
-        check=_attributed(name, model.check),
-        transmittance=_attributed(name, _checked_transmittance(model.transmittance)),
+        trace=model.trace and _name_model_in_errors(name, _broadcast_result(model.trace)),
+        mesh=model.mesh and _name_model_in_errors(name, model.mesh),
+        check=_name_model_in_errors(name, model.check),
+        transmittance=_name_model_in_errors(name, _check_transmittance(model.transmittance)),
     )
 
 
-def _attributed(name: str, function: Any) -> Any:
+def _name_model_in_errors(name: str, function: Any) -> Any:
     """Return another package's function, with the model named in its errors."""
 
     @wraps(function)
@@ -128,7 +128,7 @@ def _attributed(name: str, function: Any) -> Any:
     return attributed
 
 
-def _full_sized(trace: Trace) -> Trace:
+def _broadcast_result(trace: Trace) -> Trace:
     """Let a trace return one value for all rays, such as a constant weight."""
 
     def full_sized(
@@ -140,7 +140,7 @@ def _full_sized(trace: Trace) -> Trace:
     return full_sized
 
 
-def _checked_transmittance(transmittance: Callable[[Display], float]) -> Callable[[Display], float]:
+def _check_transmittance(transmittance: Callable[[Display], float]) -> Callable[[Display], float]:
     def checked(display: Display) -> float:
         share = float(transmittance(display))
         if not (math.isfinite(share) and share > 0):
@@ -157,17 +157,17 @@ def foreign_identity(name: str) -> dict[str, str]:
     return {} if name in _OWN else identity(_ENTRY_POINTS, name)
 
 
-def drawn_live() -> list[str]:
+def models_drawn_live() -> list[str]:
     """The models that the virtual display's shader draws: they stand in for themselves."""
     return [name for name, model in _OWN.items() if model.stand_in == name]
 
 
-def drawn_as(name: str) -> str:
-    """Model in `drawn_live` that replaces another in the virtual display."""
+def drawn_model(name: str) -> str:
+    """Model in `models_drawn_live` that replaces another in the virtual display."""
     try:
         model = lens_model(name)
     except UsageError:
-        return drawn_live()[-1]
+        return models_drawn_live()[-1]
     while model.stand_in != model.name:
         model = lens_model(model.stand_in)
     return model.name

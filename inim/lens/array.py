@@ -147,8 +147,8 @@ def lens_centre(
         return centre_x, (row + 0.5 - array.half_rows) * array.pitch_y, inside
     # A point's nearest centre lies in the row of centres above it or in the one below.
     lower = ops.floor(y / array.pitch_y + array.half_rows - 0.5)
-    below = _in_row(array, ops, x, y, lower)
-    above = _in_row(array, ops, x, y, lower + 1)
+    below = _nearest_in_row(array, ops, x, y, lower)
+    above = _nearest_in_row(array, ops, x, y, lower + 1)
     nearer = above[3] < below[3]
     centre_x, centre_y, inside, _ = (
         ops.where(nearer, a, b) for a, b in zip(above, below, strict=True)
@@ -156,7 +156,9 @@ def lens_centre(
     return centre_x, centre_y, inside
 
 
-def _in_row(array: LensArray, ops: Ops, x: Any, y: Any, row: Any) -> tuple[Any, Any, Any, Any]:
+def _nearest_in_row(
+    array: LensArray, ops: Ops, x: Any, y: Any, row: Any
+) -> tuple[Any, Any, Any, Any]:
     """Nearest centre in a row counted from the bottom, whether it exists, and its distance^2."""
     # Rows count from the top where they are staggered: the second one is moved to the right.
     from_top = 2 * array.half_rows - 1 - row

@@ -121,7 +121,7 @@ def sheet_mesh(display: Display, facets: int | None = None) -> SheetMesh:
     counts = (display.lens_columns, display.lens_rows)
     margin = array.thickness / math.sqrt(min(channel_indices(display)) ** 2 - 1)
     parts = [
-        _lenses(array, counts, facets),
+        _lens_faces(array, counts, facets),
         _flat_face(array, counts, margin),
         _mount(array, counts, facets, margin),
     ]
@@ -154,7 +154,7 @@ def sheet_mesh(display: Display, facets: int | None = None) -> SheetMesh:
 
 
 @dataclass(frozen=True)
-class _Part:
+class _SheetPart:
     """Vertices, their normals, and faces of some of the sheet; bulge up, vertices at z = 0."""
 
     vertices: np.ndarray
@@ -167,7 +167,7 @@ def _nodes(lenses: int, facets: int, pitch: float) -> np.ndarray:
     return (2 * np.arange(lenses * facets + 1) - lenses * facets) * (pitch / (2 * facets))
 
 
-def _lenses(array: LensArray, counts: tuple[int, int], facets: int) -> _Part:
+def _lens_faces(array: LensArray, counts: tuple[int, int], facets: int) -> _SheetPart:
     """The curved faces of all lenses, (facets + 1)^2 vertices each."""
     local_x, local_y = (_nodes(1, facets, pitch) for pitch in (array.pitch_x, array.pitch_y))
     down = local_y[:, None]
@@ -187,7 +187,7 @@ def _lenses(array: LensArray, counts: tuple[int, int], facets: int) -> _Part:
     vertices = np.stack([np.broadcast_to(place, shape) for place in places], -1).reshape(-1, 3)
     patch = _grid_faces(facets + 1, facets + 1, local_x, local_y)
     starts = np.arange(lenses)[:, None, None] * (facets + 1) ** 2
-    return _Part(vertices, np.tile(normals, (lenses, 1)), (patch + starts).reshape(-1, 3))
+    return _SheetPart(vertices, np.tile(normals, (lenses, 1)), (patch + starts).reshape(-1, 3))
 
 
 def _grid_faces(columns: int, rows: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -209,7 +209,7 @@ def _triangle(*corners: np.ndarray) -> np.ndarray:
     return np.stack(corners, -1)
 
 
-def _flat_face(array: LensArray, counts: tuple[int, int], margin: float) -> _Part:
+def _flat_face(array: LensArray, counts: tuple[int, int], margin: float) -> _SheetPart:
     """One quadrangle for each lens and for each piece of the margin, facing down."""
     x, y = (
         _with_margin(_nodes(count, 1, pitch), margin)
@@ -218,14 +218,14 @@ def _flat_face(array: LensArray, counts: tuple[int, int], margin: float) -> _Par
     places = np.broadcast_arrays(x, y[:, None], -array.thickness)
     vertices = np.stack(places, -1).reshape(-1, 3)
     faces = _grid_faces(len(x), len(y), x, y)[:, ::-1]
-    return _Part(vertices, np.broadcast_to((0.0, 0.0, -1.0), vertices.shape), faces)
+    return _SheetPart(vertices, np.broadcast_to((0.0, 0.0, -1.0), vertices.shape), faces)
 
 
 def _with_margin(nodes: np.ndarray, margin: float) -> np.ndarray:
     return np.concatenate([[nodes[0] - margin], nodes, [nodes[-1] + margin]])
 
 
-def _mount(array: LensArray, counts: tuple[int, int], facets: int, margin: float) -> _Part:
+def _mount(array: LensArray, counts: tuple[int, int], facets: int, margin: float) -> _SheetPart:
     """Black mount from the outermost lenses to the margin's edge, and the ends.
 
     Faces have corners, and normals, of their own.
@@ -235,7 +235,7 @@ def _mount(array: LensArray, counts: tuple[int, int], facets: int, margin: float
     outline: list[np.ndarray] = []
     outwards = np.array([(1.0, 0, 0), (0, 1.0, 0), (-1.0, 0, 0), (0, -1.0, 0)]) * margin
     for side, out in enumerate(outwards):
-        border = _border(array, counts, facets, side)
+        border = _outline(array, counts, facets, side)
         edge = border[::facets] + out
         edge[:, 2] = low
         for lens in range(len(edge) - 1):
@@ -254,10 +254,10 @@ def _mount(array: LensArray, counts: tuple[int, int], facets: int, margin: float
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = across / np.linalg.norm(across, axis=-1, keepdims=True)
     faces = np.arange(3 * len(corners)).reshape(-1, 3)
-    return _Part(corners.reshape(-1, 3), np.repeat(normals, 3, axis=0), faces)
+    return _SheetPart(corners.reshape(-1, 3), np.repeat(normals, 3, axis=0), faces)
 
 
-def _border(array: LensArray, counts: tuple[int, int], facets: int, side: int) -> np.ndarray:
+def _outline(array: LensArray, counts: tuple[int, int], facets: int, side: int) -> np.ndarray:
     """Corners of the facets along a side of the array: right, top, left, bottom.
 
     (n, 3), in the order that has the array on the left.

@@ -55,7 +55,7 @@ class SheetMesh:
     facet_error_mm: float
 
 
-def _accept(display: Display) -> None:
+def _accept_any(display: Display) -> None:
     """Any display will do."""
 
 
@@ -108,7 +108,7 @@ class LensModel:
     summary: str
     trace: Trace | None = None
     mesh: Callable[[Display], SheetMesh] | None = None
-    check: Callable[[Display], None] = _accept
+    check: Callable[[Display], None] = _accept_any
     transmittance: Callable[[Display], float] = _lossless
     refracts: bool = True
     stand_in: str = "thin"
@@ -187,7 +187,7 @@ def steepness(ops: Ops, face: Face, r_squared: Any) -> Any:
     return slope + (4.0 * a4 + 6.0 * a6 * r_squared) * r_squared
 
 
-def meet(ops: Ops, face: Face, x: Any, y: Any, d: Any) -> tuple[Any, Any]:
+def intersect(ops: Ops, face: Face, x: Any, y: Any, d: Any) -> tuple[Any, Any]:
     """Path along a ray from the vertex plane to the face, and whether the ray meets it.
 
     Parameters
@@ -231,7 +231,7 @@ def _meet_asphere(ops: Ops, face: Face, x: Any, y: Any, d: Any, path: Any) -> tu
     return path, (ops.absolute(above) < _ON_FACE) & (_under_root(face, r_squared) > 0)
 
 
-def normal(ops: Ops, face: Face, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
+def surface_normal(ops: Ops, face: Face, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
     """Unit normal at a point of the face, against the light."""
     if face.asphere is None:
         c = face.curvature
@@ -272,6 +272,6 @@ def refract(ops: Ops, d: Any, against: Any, ratio: Any) -> tuple[tuple[Any, Any,
     return (x, y, z), ops.where(passes, 1.0 - 0.5 * (r_s * r_s + r_p * r_p), 0.0)
 
 
-def carry(x: Any, y: Any, d: Any, depth: Any) -> tuple[Any, Any]:
+def advance(x: Any, y: Any, d: Any, depth: Any) -> tuple[Any, Any]:
     """Follow a ray for a depth; behind where it is (negative) as well."""
     return x + d[0] / d[2] * depth, y + d[1] / d[2] * depth

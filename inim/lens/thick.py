@@ -42,7 +42,16 @@ from inim.lens.array import (
     lens_traits,
     pass_straight,
 )
-from inim.lens.model import Face, LensModel, carry, meet, normal, refract, sag, steepness
+from inim.lens.model import (
+    Face,
+    LensModel,
+    advance,
+    intersect,
+    refract,
+    sag,
+    steepness,
+    surface_normal,
+)
 
 _AGAINST_THE_LIGHT = (0.0, 0.0, -1.0)  # a flat face's normal
 # Below this a ray runs along the array and never reaches the panel.
@@ -57,7 +66,7 @@ _HEIGHTS = 512
 def check(display: Display) -> None:
     """Raise `DisplayError` where a lens cannot fill its aperture, be this thin, or this thick."""
     array, traits = lens_array(display), lens_traits(display)
-    face = bulge(array, traits._replace(bulges_to_viewer=True))  # its sag counts as height
+    face = curved_face(array, traits._replace(bulges_to_viewer=True))  # its sag counts as height
     reach = math.sqrt(_reach_squared(array, traits, NUMPY_OPS))
     position = f"the aperture's edge ({reach:.4g} mm from the lens's axis)"
     if (1 + array.conic) * reach**2 >= array.radius**2:
@@ -100,7 +109,7 @@ def relief_mm(display: Display) -> tuple[float, float]:
     For callers that trace spherical faces with other arithmetic than `Ops`.
     """
     array, traits = lens_array(display), lens_traits(display)
-    face = bulge(array, traits)
+    face = curved_face(array, traits)
     foot = sag(NUMPY_OPS, face, _reach_squared(array, traits, NUMPY_OPS))
     return float(face.curvature), float(foot)
 
@@ -119,21 +128,23 @@ def _trace_bulge_first(
     array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, arriving: Any, index: Any
 ) -> PanelRay:
     """Curved face with its vertex at z = 0, flat face at z = -t."""
-    face = bulge(array, traits)
+    face = curved_face(array, traits)
     centre_x, centre_y, on_array = lens_centre(array, traits, ops, x, y)
     within = in_aperture(array, traits, x - centre_x, y - centre_y)
     if traits.full_aperture:
-        lens = _first_bulge(array, traits, ops, face, x, y, arriving)
+        lens = _intersect_relief(array, traits, ops, face, x, y, arriving)
     else:
-        lens = _bulge_of(ops, face, x, y, arriving, (centre_x, centre_y, on_array))
+        lens = _intersect_lens(ops, face, x, y, arriving, (centre_x, centre_y, on_array))
         lens = lens._replace(
             is_hit=lens.is_hit & within & in_aperture(array, traits, lens.x, lens.y)
         )
-    d, front = refract(ops, arriving, normal(ops, face, lens.x, lens.y, lens.z), 1.0 / index)
-    u, v = carry(lens.x, lens.y, d, array.thickness - lens.z)
+    d, front = refract(
+        ops, arriving, surface_normal(ops, face, lens.x, lens.y, lens.z), 1.0 / index
+    )
+    u, v = advance(lens.x, lens.y, d, array.thickness - lens.z)
     d, back = refract(ops, d, _AGAINST_THE_LIGHT, index)
-    u, v = carry(u, v, d, array.gap - array.thickness / array.design_index)
-    ray = _on_panel(ops, lens, u, v, d, lens.is_hit, front * back)
+    u, v = advance(u, v, d, array.gap - array.thickness / array.design_index)
+    ray = _ray_at_panel(ops, lens, u, v, d, lens.is_hit, front * back)
     past, clear = _through_plate(array, ops, x, y, arriving, index)
     return pass_straight(array, traits, ops, ray, within, on_array, past, clear)
 
@@ -142,16 +153,16 @@ def _trace_flat_first(
     array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, arriving: Any, index: Any
 ) -> PanelRay:
     """Flat face at z = t/n, vertex of the curved face at z = t/n - t."""
-    face = bulge(array, traits)
+    face = curved_face(array, traits)
     past, clear = _through_plate(array, ops, x, y, arriving, index)
-    x, y = carry(x, y, arriving, -array.thickness / array.design_index)
+    x, y = advance(x, y, arriving, -array.thickness / array.design_index)
     inner, front = refract(ops, arriving, _AGAINST_THE_LIGHT, 1.0 / index)
-    x, y = carry(x, y, inner, array.thickness)  # on the vertex plane, beyond the face
-    lens = _first_bulge(array, traits, ops, face, x, y, inner)
-    d, back = refract(ops, inner, normal(ops, face, lens.x, lens.y, lens.z), index)
+    x, y = advance(x, y, inner, array.thickness)  # on the vertex plane, beyond the face
+    lens = _intersect_relief(array, traits, ops, face, x, y, inner)
+    d, back = refract(ops, inner, surface_normal(ops, face, lens.x, lens.y, lens.z), index)
     leaves = lens.is_hit & (d[2] > _ALONG_THE_ARRAY)
     d = (d[0], d[1], ops.where(leaves, d[2], 1.0))
-    u, v = carry(lens.x, lens.y, d, -lens.z)
+    u, v = advance(lens.x, lens.y, d, -lens.z)
     if traits.full_aperture:
         within, on_array = True, True
     else:
@@ -160,8 +171,8 @@ def _trace_flat_first(
         leaves &= within & in_aperture(array, traits, u, v)
         # A ray of the sheet that ends up in an aperture but on no lens has met a wall.
         within |= in_aperture(array, traits, x - centre_x, y - centre_y)
-    u, v = carry(u, v, d, array.gap)
-    ray = _on_panel(ops, lens, u, v, d, leaves, front * back)
+    u, v = advance(u, v, d, array.gap)
+    ray = _ray_at_panel(ops, lens, u, v, d, leaves, front * back)
     return pass_straight(array, traits, ops, ray, within, on_array, past, clear)
 
 
@@ -178,7 +189,7 @@ class _SurfaceHit(NamedTuple):
     is_hit: Any
 
 
-def bulge(array: LensArray, traits: LensTraits) -> Face:
+def curved_face(array: LensArray, traits: LensTraits) -> Face:
     """The curved face; light goes down into the glass or out of it, hence the sign."""
     side = 1.0 if traits.bulges_to_viewer else -1.0
     return Face(
@@ -204,19 +215,19 @@ def _reach_squared(array: LensArray, traits: LensTraits, ops: Ops) -> Any:
     return ops.where(edge < cell, edge, cell)
 
 
-def _bulge_of(
+def _intersect_lens(
     ops: Ops, face: Face, x: Any, y: Any, d: Any, lens: tuple[Any, Any, Any]
 ) -> _SurfaceHit:
     """Intersection of a ray through (x, y) of the vertex plane with the face of a given lens."""
     centre_x, centre_y, exists = lens
     x, y = x - centre_x, y - centre_y
-    path, is_hit = meet(ops, face, x, y, d)
+    path, is_hit = intersect(ops, face, x, y, d)
     return _SurfaceHit(
         centre_x, centre_y, x + path * d[0], y + path * d[1], path * d[2], is_hit & exists
     )
 
 
-def _first_bulge(
+def _intersect_relief(
     array: LensArray, traits: LensTraits, ops: Ops, face: Face, x: Any, y: Any, d: Any
 ) -> _SurfaceHit:
     """Intersection of a ray with the relief of all lenses, one solid of overlapping caps.
@@ -229,7 +240,7 @@ def _first_bulge(
     path = sag(ops, face, _reach_squared(array, traits, ops)) / d[2]
     at_x, at_y = x + path * d[0], y + path * d[1]
     for _ in range(_CELLS_ON_THE_WAY):
-        lens = _bulge_of(ops, face, x, y, d, lens_centre(array, traits, ops, at_x, at_y))
+        lens = _intersect_lens(ops, face, x, y, d, lens_centre(array, traits, ops, at_x, at_y))
         at_x, at_y = lens.centre_x + lens.x, lens.centre_y + lens.y
     return lens
 
@@ -242,12 +253,12 @@ def _through_plate(
     As if it went straight on from the plane z = 0.
     """
     inner, one_face = refract(ops, d, _AGAINST_THE_LIGHT, 1.0 / index)
-    x, y = carry(x, y, d, -array.thickness / array.design_index)
-    x, y = carry(x, y, inner, array.thickness)
+    x, y = advance(x, y, d, -array.thickness / array.design_index)
+    x, y = advance(x, y, inner, array.thickness)
     return (x, y, d[0] / d[2], d[1] / d[2]), one_face * one_face
 
 
-def _on_panel(
+def _ray_at_panel(
     ops: Ops, lens: _SurfaceHit, u: Any, v: Any, d: Any, passes: Any, transmittance: Any
 ) -> PanelRay:
     """The ray of a lens at the panel; `u` and `v` are seen from the lens's axis."""

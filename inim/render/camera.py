@@ -52,7 +52,7 @@ class Camera:
         self._is_separable = isinstance(rays, SeparableRays)
         if isinstance(rays, NonSeparableRays):
             self._centres = [_table(rays.x0_mm), _table(rays.y0_mm)]
-            self._asides = [_table(rays.aside_x_mm), _table(rays.aside_y_mm)]
+            self._offsets = [_table(rays.offset_x_mm), _table(rays.offset_y_mm)]
             self._gaps = _table(rays.gap_mm)
             self._steps = [_value(rays.step_x_mm), _value(rays.step_y_mm)]
             self._tilts = [_value(rays.tilt_x), _value(rays.tilt_y)]
@@ -116,7 +116,7 @@ class Camera:
         gap = dr.fma(moved[0], self._tilts[0], dr.fma(moved[1], self._tilts[1], gap))
         start, run = [], []
         for axis in (0, 1):
-            offset = dr.gather(mi.Float, self._asides[axis], index, active)
+            offset = dr.gather(mi.Float, self._offsets[axis], index, active)
             slope = (moved[axis] - offset) / gap  # away from the viewer, to the panel
             centre = dr.gather(mi.Float, self._centres[axis], index, active)
             start.append(dr.fma(-slope, self._start, centre))

@@ -30,14 +30,14 @@ _PASCAL = ((16, 0xFFFF0000), (8, 0xFF00FF00), (4, 0xF0F0F0F0), (2, 0xCCCCCCCC), 
 _TO_UNIT = 2.0**-24
 
 
-def _hashed(x: Any) -> Any:
+def _hash(x: Any) -> Any:
     """Hash of a number, UInt32."""
     for shift, factor in _HASH:
         x = (x ^ (x >> shift)) * factor
     return x ^ (x >> 16)
 
 
-def _scrambled(x: Any, seed: Any) -> Any:
+def _scramble(x: Any, seed: Any) -> Any:
     """Owen scrambling: each bit turned over or not, by the bits above it."""
     x = dr.brev(x) + seed
     for factor in _PERMUTATION:
@@ -52,7 +52,7 @@ def _second_axis(index: Any) -> Any:
     return dr.brev(index)
 
 
-def _unit(x: Any) -> Any:
+def _to_unit_interval(x: Any) -> Any:
     """A UInt32 as a number in [0, 1): 24 bits, so that it cannot round to 1."""
     return mi.Float(x >> 8) * _TO_UNIT
 
@@ -71,24 +71,24 @@ def register() -> None:
         def start(self, seed: int, pixel: Any, sample: Any) -> None:
             """Begin the streams of samples: `pixel` and `sample` are (n,) UInt32."""
             self._sample = mi.UInt32(sample)
-            self._stream = _hashed(_hashed(pixel) + _hashed(dr.opaque(mi.UInt32, seed)))
+            self._stream = _hash(_hash(pixel) + _hash(dr.opaque(mi.UInt32, seed)))
 
         def _next(self, active: Any) -> tuple[Any, Any]:
             """Position of a path's next number or pair in the sequence, and its own key."""
-            key = _hashed(self._stream)
+            key = _hash(self._stream)
             # The stream goes on by a step that is prime to its period.
             self._stream = dr.select(mi.Mask(active), self._stream + 0x9E3779B9, self._stream)
-            return _scrambled(self._sample, key), key
+            return _scramble(self._sample, key), key
 
         def next_1d(self, active: Any = True) -> Any:
             index, key = self._next(active)
-            return _unit(_scrambled(dr.brev(index), _hashed(key ^ 0x55555555)))
+            return _to_unit_interval(_scramble(dr.brev(index), _hash(key ^ 0x55555555)))
 
         def next_2d(self, active: Any = True) -> Any:
             index, key = self._next(active)
             return mi.Point2f(
-                _unit(_scrambled(dr.brev(index), _hashed(key ^ 0x55555555))),
-                _unit(_scrambled(_second_axis(index), _hashed(key ^ 0xAAAAAAAA))),
+                _to_unit_interval(_scramble(dr.brev(index), _hash(key ^ 0x55555555))),
+                _to_unit_interval(_scramble(_second_axis(index), _hash(key ^ 0xAAAAAAAA))),
             )
 
         def to_string(self) -> str:

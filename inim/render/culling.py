@@ -5,8 +5,8 @@ coarse grid of the display frame. A pixel's bundle of rays is a prism: in a dept
 within one horizontal and one vertical interval. If no slab has an occupied cell there, no ray of
 the pixel meets a shape, and it is black, because lights are invisible to cameras.
 
-Layers (`in_view`): a layer behind the front surface is in view if a ray can pass the layers in
-front of it. The algorithm follows the positions of possible rays from the viewer's side into the
+Layers (`layers_in_view`): a layer behind the front surface is in view if a ray can pass the layers
+in front of it. The algorithm follows the positions of possible rays from the viewer's side into the
 depth, slice by slice. A cell has 8 by 8 positions, one bit each of a word. A slice is so thin that
 no display ray moves by more than one position in it: between slices, rays spread to all
 neighbouring positions, and a solid stops them. A layer without a possible ray in any slice that it
@@ -59,14 +59,14 @@ class BoundsGrid:
     def of(cls, scene: Any, display_from_world: np.ndarray, start_mm: float) -> BoundsGrid:
         """The bounds of all shapes that are no lights."""
         shapes = [shape for shape in scene.shapes() if not shape.is_emitter()]
-        boxes = [_boxes(shape, display_from_world) for shape in shapes]
+        boxes = [_display_boxes(shape, display_from_world) for shape in shapes]
         lows, highs = (np.concatenate([pair[end] for pair in boxes]) for end in (0, 1))
         low, high = lows.min(axis=0), highs.max(axis=0)
         # A flat shape has a depth, too, if only of rounding.
         cell = np.maximum(high - low, 1e-6 * np.abs(np.stack([low, high])).max()) / _CELLS
         first = np.clip(np.floor((lows - low) / cell - _STRAY), 0, np.array(_CELLS) - 1)
         last = np.clip(np.floor((highs - low) / cell + _STRAY), 0, np.array(_CELLS) - 1)
-        occupied = _filled(first.astype(np.int64), last.astype(np.int64)) > 0
+        occupied = _count_boxes(first.astype(np.int64), last.astype(np.int64)) > 0
         counts = np.zeros((_CELLS[2], _CELLS[1] + 1, _CELLS[0] + 1), np.int64)
         sums = occupied.transpose(2, 1, 0).cumsum(axis=1, dtype=np.int64).cumsum(axis=2)
         counts[:, 1:, 1:] = sums
@@ -81,7 +81,9 @@ class BoundsGrid:
         for k, counts in enumerate(self.counts):
             across, up = rays.reach(ends[k : k + 2])
             cells = (*self._cells(across, 0), *self._cells(up, 1))
-            _mark(counts, *(np.broadcast_to(cell, rays.shape) for cell in cells), is_visible)
+            _mark_visible(
+                counts, *(np.broadcast_to(cell, rays.shape) for cell in cells), is_visible
+            )
         return is_visible
 
     def _cells(self, interval: Interval, axis: int) -> tuple[np.ndarray, np.ndarray]:
@@ -107,7 +109,7 @@ def world_points(shape: Any) -> np.ndarray:
     return np.stack([ends[picks[:, axis], axis] for axis in range(3)], axis=-1)
 
 
-def _boxes(shape: Any, display_from_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _display_boxes(shape: Any, display_from_world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Boxes in the display frame that contain a shape, low and high corners: one per triangle.
 
     Splats have a box per shell, other shapes one box.
@@ -127,7 +129,7 @@ def _boxes(shape: Any, display_from_world: np.ndarray) -> tuple[np.ndarray, np.n
     return corners.min(axis=1), corners.max(axis=1)
 
 
-def _filled(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+def _count_boxes(first: np.ndarray, last: np.ndarray) -> np.ndarray:
     """Number of boxes in each cell of the grid, from the cells of their corners."""
     shape = tuple(n + 1 for n in _CELLS)
     change = np.zeros(shape, np.int64)
@@ -142,7 +144,7 @@ def _filled(first: np.ndarray, last: np.ndarray) -> np.ndarray:
 
 
 @compiled(parallel=True)
-def _mark(counts, left, right, low, high, is_visible):  # type: ignore[no-untyped-def]
+def _mark_visible(counts, left, right, low, high, is_visible):  # type: ignore[no-untyped-def]
     """Mark pixels whose rectangle of cells holds an occupied one."""
     for i in prange(is_visible.shape[0]):
         for j in range(is_visible.shape[1]):
@@ -161,7 +163,7 @@ _LEFT = np.uint64(0x0101010101010101)
 _RIGHT = np.uint64(0x8080808080808080)
 
 
-def in_view(
+def layers_in_view(
     front_mm: NDArray[np.float32], back_mm: NDArray[np.float32], display: Display, pixel_mm: float
 ) -> NDArray[np.bool_]:
     """Mask of layer pixels that some ray of a display can meet.
@@ -189,12 +191,12 @@ def in_view(
     travel = (z_max - z_min) * slope / pixel_mm  # cells
     bounds = np.linspace(z_max, z_min, 2 + int(travel * _PLACES / _CROSSED))
     # From farther away no ray gets there.
-    part = (slice(None), *_around(deeper, math.ceil(travel) + 1))
-    is_in_view[part] = _met(front_mm[part], back_mm[part], bounds)
+    part = (slice(None), *_bounding_slices(deeper, math.ceil(travel) + 1))
+    is_in_view[part] = _follow_rays(front_mm[part], back_mm[part], bounds)
     return is_in_view
 
 
-def _around(cells: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
+def _bounding_slices(cells: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
     """Rows and columns that contain all cells, with a margin on each side."""
     rows, columns = (np.flatnonzero(cells.any(axis=axis)) for axis in (1, 0))
     return (
@@ -203,10 +205,10 @@ def _around(cells: NDArray[np.bool_], margin: int) -> tuple[slice, slice]:
     )
 
 
-def _met(
+def _follow_rays(
     front: NDArray[np.float32], back: NDArray[np.float32], bounds: np.ndarray
 ) -> NDArray[np.bool_]:
-    """`in_view`, followed through slices between some depths, from near to far."""
+    """`layers_in_view`, followed through slices between some depths, from near to far."""
     reachable = np.isfinite(front)
     cells = np.flatnonzero(reachable[1:].any(axis=0))
     fronts, backs = (values.reshape(len(values), -1)[1:, cells] for values in (front, back))

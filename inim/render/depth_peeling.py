@@ -39,7 +39,7 @@ from inim.display import Display
 from inim.process.observer import Observer
 from inim.render import splats
 from inim.render.camera import Camera
-from inim.render.culling import in_view
+from inim.render.culling import layers_in_view
 from inim.render.rays import SeparableRays, capture_rays
 from inim.render.scene import FittedScene
 from inim.render.sides import Sides
@@ -56,7 +56,7 @@ _SAME_STEPS = 4
 
 
 @dataclass(frozen=True)
-class Peeled:
+class PeeledLayers:
     """Layers of a scene without colours, (layers, rows, columns), nearest first.
 
     Attributes
@@ -117,7 +117,7 @@ def peel(
     pixels_per_pitch: float,
     hidden: bool = False,
     observer: Observer | None = None,
-) -> Peeled:
+) -> PeeledLayers:
     """Find the layers of a scene along the rays of its RGB-D picture.
 
     Parameters
@@ -133,24 +133,26 @@ def peel(
     """
     started = time.perf_counter()
     rays = capture_rays(display, pixels_per_pitch, fitted.start_mm)
-    peeled = (_splats if fitted.shows_splats else _surfaces)(fitted, display, rays)
+    peeled = (_peel_splats if fitted.shows_splats else _peel_surfaces)(fitted, display, rays)
     if not hidden:
         front, back = peeled.front_mm, peeled.back_mm
-        is_in_view = in_view(front, back, display, peeled.pixel_mm)
-        peeled = _without(peeled, ~is_in_view & peeled.covered)
+        is_in_view = layers_in_view(front, back, display, peeled.pixel_mm)
+        peeled = _remove_layers(peeled, ~is_in_view & peeled.covered)
     if observer:
         observer.rendered(time.perf_counter() - started)
     return peeled
 
 
-def _surfaces(fitted: FittedScene, display: Display, rays: SeparableRays) -> Peeled:
+def _peel_surfaces(fitted: FittedScene, display: Display, rays: SeparableRays) -> PeeledLayers:
     """The layers of surfaces, the hidden ones too."""
     pixel_mm = rays.x.place_step_mm
     hits = _Hits.of(fitted, fitted.camera(rays))
-    front, back, hit, solid_counts = _solids(hits.count, hits.depth, _outward(hits), hits.shape)
+    front, back, hit, solid_counts = _join_to_solids(
+        hits.count, hits.depth, _orient_outward(hits), hits.shape
+    )
     layers = max(1, int(min(solid_counts.max(), MOST_LAYERS)))
     front, back, hit = front[:layers], back[:layers], hit[:layers]
-    near, far, facing, spread = _same_surface(fitted, display, pixel_mm, hits, front, hit)
+    near, far, facing, spread = _surface_limits(fitted, display, pixel_mm, hits, front, hit)
     slope = hits.slope[hit, np.arange(front.shape[1])]
     front, back, near, far, facing, spread, slope = (
         values.reshape(layers, *rays.shape)
@@ -158,18 +160,18 @@ def _surfaces(fitted: FittedScene, display: Display, rays: SeparableRays) -> Pee
     )
     _close_gaps(front, back, slope, facing, np.float32(pixel_mm))
     cut_share = _cut_share(solid_counts)
-    return Peeled(display, rays, front, back, near, far, facing, spread, cut_share)
+    return PeeledLayers(display, rays, front, back, near, far, facing, spread, cut_share)
 
 
-def _splats(fitted: FittedScene, display: Display, rays: SeparableRays) -> Peeled:
+def _peel_splats(fitted: FittedScene, display: Display, rays: SeparableRays) -> PeeledLayers:
     """Layers of splats, including hidden layers; see `inim.render.splats`.
 
     Splats have no normals: neighbouring fronts determine the slope of a surface.
     """
     pixel_mm = rays.x.place_step_mm
     ray = fitted.camera(rays).centre_rays()
-    splat_runs = splats.runs(fitted.scene, fitted.integrator, ray, MOST_LAYERS)
-    layers = max(1, int(min(splat_runs.count.max(), MOST_LAYERS)))
+    splat_layers = splats.find_layers(fitted.scene, fitted.integrator, ray, MOST_LAYERS)
+    layers = max(1, int(min(splat_layers.count.max(), MOST_LAYERS)))
     shape = (layers, *rays.shape)
     origin, along = (np.stack(vector, dtype=np.float64) for vector in (ray.o, ray.d))
     forward = fitted.fit.display_from_world
@@ -180,18 +182,18 @@ def _splats(fitted: FittedScene, display: Display, rays: SeparableRays) -> Peele
         z = np.tensordot(forward[2, :3], points, 1) + forward[2, 3]
         return np.where(there, z, -np.inf).astype(np.float32).reshape(shape)
 
-    front, back = depth(splat_runs.front), depth(splat_runs.back)
+    front, back = depth(splat_layers.front), depth(splat_layers.back)
     everywhere = np.ones(shape, bool)
-    _close_gaps(front, back, _steepness(front, pixel_mm), everywhere, np.float32(pixel_mm))
-    near = np.maximum(splat_runs.near[:layers], 0).reshape(shape)
-    far, spread = np.full(shape, np.inf, np.float32), _spread(front, display, pixel_mm)
-    cut_share = _cut_share(splat_runs.count)
-    return Peeled(
+    _close_gaps(front, back, _front_slopes(front, pixel_mm), everywhere, np.float32(pixel_mm))
+    near = np.maximum(splat_layers.near[:layers], 0).reshape(shape)
+    far, spread = np.full(shape, np.inf, np.float32), _averaging_width(front, display, pixel_mm)
+    cut_share = _cut_share(splat_layers.count)
+    return PeeledLayers(
         display, rays, front, back, near, far, everywhere, spread, cut_share, has_sides=False
     )
 
 
-def _steepness(front: np.ndarray, pixel_mm: float) -> np.ndarray:
+def _front_slopes(front: np.ndarray, pixel_mm: float) -> np.ndarray:
     """Slopes of fronts, (layers, rows, columns), x and y added, to the nearer of two neighbours."""
     slope = np.zeros(front.shape, np.float32)
     for axis in (1, 2):
@@ -211,7 +213,7 @@ def _cut_share(layer_counts: np.ndarray) -> float:
     return int(cut) / max(1, int(covered))
 
 
-def _without(peeled: Peeled, hidden: np.ndarray) -> Peeled:
+def _remove_layers(peeled: PeeledLayers, hidden: np.ndarray) -> PeeledLayers:
     """Remove the hidden layers, (layers, rows, columns), and move deeper layers up."""
     behind = int(np.count_nonzero(peeled.covered[1:]))
     order = np.argsort(hidden, axis=0, kind="stable")
@@ -349,7 +351,7 @@ def _is_repeated(
     return repeated
 
 
-def _outward(hits: _Hits) -> np.ndarray:
+def _orient_outward(hits: _Hits) -> np.ndarray:
     """`facing` with the shapes turned round whose normals are inside out."""
     facing = hits.facing.copy()
     there = np.arange(len(facing))[:, None] < hits.count
@@ -367,7 +369,7 @@ def _outward(hits: _Hits) -> np.ndarray:
 
 
 @compiled
-def _solids(count, depth, facing, shape):  # type: ignore[no-untyped-def]
+def _join_to_solids(count, depth, facing, shape):  # type: ignore[no-untyped-def]
     """Join the hits of each ray to solids and these to layers; see the module's text.
 
     Returns fronts, backs and the hit that each front is, (MOST_LAYERS, rays), and the number of
@@ -439,7 +441,7 @@ def _close_gaps(front, back, slope, facing, pixel):  # type: ignore[no-untyped-d
                 back[k, r, c] = end
 
 
-def _spread(front: np.ndarray, display: Display, pixel_mm: float) -> np.ndarray:
+def _averaging_width(front: np.ndarray, display: Display, pixel_mm: float) -> np.ndarray:
     """Width in pixels over which the colours of fronts, -inf where there is none, are averaged."""
     # A quarter of a panel pixel is what one of its four samples stands for at that depth.
     width_mm = np.abs(front) * display.pixel_pitch_mm / display.gap_mm / 2
@@ -448,7 +450,7 @@ def _spread(front: np.ndarray, display: Display, pixel_mm: float) -> np.ndarray:
     return spread
 
 
-def _same_surface(
+def _surface_limits(
     fitted: FittedScene,
     display: Display,
     pixel_mm: float,
@@ -456,10 +458,10 @@ def _same_surface(
     front: np.ndarray,
     hit: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Near, far, facing and spread of `Peeled`, (layers, rays)."""
+    """Near, far, facing and spread of `PeeledLayers`, (layers, rays)."""
     ray = np.arange(front.shape[1])
     own, facing = hits.distance[hit, ray], hits.facing[hit, ray]
-    spread = _spread(front, display, pixel_mm)
+    spread = _averaging_width(front, display, pixel_mm)
     # Neighbours on a slope lie that much deeper; on a steep one, as far as the display's steepest
     # ray gets across a pixel, and beyond it the centre's own samples do.
     slope = np.minimum(hits.slope[hit, ray], 2 * display.gap_mm / display.pitch_mm)

@@ -34,11 +34,11 @@ from inim.lens import (
 from inim.lens import lens_model as find_lens_model
 from inim.render.camera import Camera
 from inim.render.sensors import (
-    display_of,
-    display_place,
+    read_display,
     read_number,
     read_properties,
-    refusing,
+    unsupported_class,
+    world_from_display,
 )
 from inim.render.trace import Light
 
@@ -58,7 +58,7 @@ class LensedPanel:
     display : Display
     lens_model : str
     picture : flat Float, optional
-        The EIA, row 0 on top. Without it, only `landings` work: where light would come from.
+        The EIA, row 0 on top. Without it, only `find_pixels` work: where light would come from.
 
     Attributes
     ----------
@@ -92,24 +92,24 @@ class LensedPanel:
 
         def light(index: Any, sampler: Any) -> Any:
             (x, y), (sx, sy) = camera.lines(*camera.sample(index, sampler))
-            return self.leaving(x, y, sx, sy)
+            return self.radiance_along(x, y, sx, sy)
 
         return light
 
-    def leaving(self, x: Any, y: Any, sx: Any, sy: Any, lit: Any = True) -> Any:
+    def radiance_along(self, x: Any, y: Any, sx: Any, sy: Any, lit: Any = True) -> Any:
         """Radiance along display-frame rays that cross z = 0 at (x, y) with slopes (sx, sy)."""
-        landings = self.landings(x, y, sx, sy, lit)
-        if len(landings) == 1:
-            place, weight, lit = landings[0]
+        find_pixels = self.find_pixels(x, y, sx, sy, lit)
+        if len(find_pixels) == 1:
+            place, weight, lit = find_pixels[0]
             color = dr.gather(mi.Color3f, self.picture, place, lit)
             return mi.Spectrum(color * weight) & lit
         color = mi.Color3f(0.0)
-        for channel, (place, weight, masks) in enumerate(landings):
+        for channel, (place, weight, masks) in enumerate(find_pixels):
             value = dr.gather(mi.Float, self.picture, 3 * place + channel, masks)
             color[channel] = dr.select(masks, value * weight, 0.0)
         return mi.Spectrum(color)
 
-    def landings(
+    def find_pixels(
         self, x: Any, y: Any, sx: Any, sy: Any, lit: Any = True
     ) -> list[tuple[Any, Any, Any]]:
         """Panel points of rays, as for `pixel`: one, or one for each of red, green and blue."""
@@ -141,7 +141,7 @@ class LensedPanel:
         return place, weight, lit
 
 
-def _picture(values: dict[str, Any], display: Display) -> np.ndarray:
+def _read_picture(values: dict[str, Any], display: Display) -> np.ndarray:
     """The EIA that the parameters name or hold, (rows, columns, 3) float32."""
     names = [name for name in _PICTURES if name in values]
     if len(names) != 1:
@@ -167,7 +167,7 @@ def _picture(values: dict[str, Any], display: Display) -> np.ndarray:
 def register() -> None:
     """Define and register the class again: plugins belong to the active variant."""
     if not mi.variant().endswith("_ad_rgb"):
-        mi.register_emitter(PLUGIN, refusing(PLUGIN, mi.Emitter))
+        mi.register_emitter(PLUGIN, unsupported_class(PLUGIN, mi.Emitter))
         return
 
     class DisplayEmitter(mi.Emitter):  # type: ignore[misc]
@@ -177,16 +177,16 @@ def register() -> None:
             if "to_world" in props:
                 raise SceneError(f"{PLUGIN}: has no to_world of its own; give it to the rectangle")
             values = read_properties(PLUGIN, props, _OWN, ("sampling_weight",))
-            display, lens_model = display_of(PLUGIN, values), values.get("lens_model", "thick")
+            display, lens_model = read_display(PLUGIN, values), values.get("lens_model", "thick")
             find_lens_model(lens_model).check(display)
             brightness = read_number(PLUGIN, {"brightness": 1.0} | values, "brightness")
             if not (math.isfinite(brightness) and brightness >= 0):
                 raise SceneError(
                     f"{PLUGIN}: brightness = {brightness:g}: must be finite and not negative"
                 )
-            eia = mi.TensorXf(_picture(values, display))
+            eia = mi.TensorXf(_read_picture(values, display))
             panel = LensedPanel(display, lens_model, eia.array)
-            panel.leaving(*(mi.Float(0.0),) * 4)  # another package's model may fail
+            panel.radiance_along(*(mi.Float(0.0),) * 4)  # another package's model may fail
             # From here on kernels are recorded of it, whatever scene is rendered: nothing may fail.
             super().__init__(props)
             self.refused = False
@@ -224,7 +224,7 @@ def register() -> None:
                 # Entry by entry: a kernel is being recorded, and nothing may be computed meanwhile.
                 entries = [[float(dr.detach(matrix[i, j])[0]) for j in range(4)] for i in range(4)]
                 try:
-                    display_place(PLUGIN, np.array(entries), self.display)
+                    world_from_display(PLUGIN, np.array(entries), self.display)
                 except SceneError as error:
                     return str(error)
             return ""
@@ -259,7 +259,7 @@ def register() -> None:
             steep = depth > 1e-6  # a ray along the array never enters it
             depth = dr.select(steep, depth, 1.0)
             x, y = (dr.fma(2.0, c, -1.0) * h for c, h in zip(uv, self.half_extent, strict=True))
-            light = self.panel.leaving(x, y, -right / depth, -up / depth, active & steep)
+            light = self.panel.radiance_along(x, y, -right / depth, -up / depth, active & steep)
             return self.brightness * light
 
         def eval(self, si: Any, active: Any = True) -> Any:

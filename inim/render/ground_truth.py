@@ -16,7 +16,7 @@ from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.process.observer import Observer
 from inim.render import splats
-from inim.render.depth_peeling import MOST_LAYERS, Peeled
+from inim.render.depth_peeling import MOST_LAYERS, PeeledLayers
 from inim.render.rays import (
     NonSeparableRays,
     SeparableRays,
@@ -43,7 +43,7 @@ def capture(
     camera = fitted.camera(rays)
     light = scene_light(fitted.scene, fitted.integrator, camera)
     color = mean_light(light, camera.shape, spp, seed, observer=observer)
-    return _rgbd(fitted, rays, color, observer)
+    return _add_depth(fitted, rays, color, observer)
 
 
 def capture_halves(
@@ -62,11 +62,11 @@ def capture_halves(
     """
     rays = capture_rays(display, pixels_per_pitch, fitted.start_mm)
     halves = _render_halves(fitted, rays, spp, seed, skip, observer)
-    first = _rgbd(fitted, rays, halves.first, observer)
+    first = _add_depth(fitted, rays, halves.first, observer)
     return first, replace(first, color=halves.second)
 
 
-def _rgbd(
+def _add_depth(
     fitted: FittedScene, rays: SeparableRays, color: np.ndarray, observer: Observer | None
 ) -> RGBD:
     """Colour with the depth and coverage of the depth camera."""
@@ -93,7 +93,7 @@ def capture_absorption(
 
 def capture_layers(
     fitted: FittedScene,
-    peeled: Peeled,
+    peeled: PeeledLayers,
     *,
     spp: int,
     seed: int,
@@ -134,7 +134,7 @@ def capture_layers(
 
 
 def _layer_colours(
-    fitted: FittedScene, peeled: Peeled, spp: int, seed: int, observer: Observer | None
+    fitted: FittedScene, peeled: PeeledLayers, spp: int, seed: int, observer: Observer | None
 ) -> np.ndarray:
     """Light of each layer towards the viewer, with the layers in front removed.
 
@@ -155,7 +155,7 @@ def _layer_colours(
 
 
 def _side_colours(
-    fitted: FittedScene, peeled: Peeled, spp: int, seed: int, observer: Observer | None
+    fitted: FittedScene, peeled: PeeledLayers, spp: int, seed: int, observer: Observer | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Light of each piece of a side, (pieces, 3) float32, and whether it has any sample.
 
@@ -176,7 +176,7 @@ def _side_colours(
     return np.divide(color, weight, out=color, where=weight > 0), weight[:, 0] > 0
 
 
-def _layer_light(fitted: FittedScene, peeled: Peeled, layer: int) -> Light:
+def _layer_light(fitted: FittedScene, peeled: PeeledLayers, layer: int) -> Light:
     """Function that returns the light of samples of one layer's pixels."""
     camera = fitted.camera(peeled.rays)
     covered = peeled.covered[layer]

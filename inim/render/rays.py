@@ -36,7 +36,7 @@ Interval = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
-class AxisRays:
+class FilmAxis:
     """One axis of a ray family: the rays of the pixel centres, and how they change inside a pixel.
 
     Attributes
@@ -64,8 +64,8 @@ class SeparableRays:
     """
 
     start_mm: float
-    x: AxisRays
-    y: AxisRays
+    x: FilmAxis
+    y: FilmAxis
     pupil_place_mm: float = 0.0
     pupil_slope: float = 0.0
 
@@ -126,8 +126,8 @@ class NonSeparableRays:
     start_mm: float
     x0_mm: np.ndarray
     y0_mm: np.ndarray
-    aside_x_mm: np.ndarray
-    aside_y_mm: np.ndarray
+    offset_x_mm: np.ndarray
+    offset_y_mm: np.ndarray
     gap_mm: np.ndarray
     step_x_mm: float
     step_y_mm: float
@@ -146,8 +146,8 @@ class NonSeparableRays:
         tilt = (abs(self.tilt_x * self.step_x_mm) + abs(self.tilt_y * self.step_y_mm)) / 2
         reach = []
         for centre, offset, step in (
-            (self.x0_mm, self.aside_x_mm, self.step_x_mm),
-            (self.y0_mm, self.aside_y_mm, self.step_y_mm),
+            (self.x0_mm, self.offset_x_mm, self.step_x_mm),
+            (self.y0_mm, self.offset_y_mm, self.step_y_mm),
         ):
             slopes = [
                 (side * step / 2 - offset) / (self.gap_mm + far * tilt)
@@ -168,8 +168,8 @@ def capture_rays(display: Display, pixels_per_pitch: float, start_mm: float) -> 
     rows, columns = display.capture_shape(pixels_per_pitch)
     pixel_mm = display.capture_pixel_mm(pixels_per_pitch)
 
-    def axis(count: int, sign: int) -> AxisRays:
-        return AxisRays(_centres(count, sign * pixel_mm), np.zeros(count), sign * pixel_mm)
+    def axis(count: int, sign: int) -> FilmAxis:
+        return FilmAxis(_pixel_centres(count, sign * pixel_mm), np.zeros(count), sign * pixel_mm)
 
     return SeparableRays(start_mm, axis(columns, +1), axis(rows, -1))
 
@@ -189,13 +189,13 @@ def pickup_rays(
     right = float(subpixel.right)
     width, height = float(subpixel.width) * display.pixel_fill, display.pixel_fill
     if not display.is_separable:
-        return _non_separable(display, start_mm, right, width, height)
+        return _non_separable_pickup_rays(display, start_mm, right, width, height)
 
-    def axis(pixels: PixelAxis, sign: int, offset: float, share: float) -> AxisRays:
+    def axis(pixels: PixelAxis, sign: int, offset: float, share: float) -> FilmAxis:
         # A step across the pixel moves the panel end of the ray; the lens centre stays.
         step = sign * display.pixel_pitch_mm / display.gap_mm
         slope = pixels.slope - offset * step
-        return AxisRays(
+        return FilmAxis(
             pixels.centre_mm + slope * start_mm, -slope, -step * start_mm * share, step * share
         )
 
@@ -206,7 +206,7 @@ def pickup_rays(
     )
 
 
-def _non_separable(
+def _non_separable_pickup_rays(
     display: Display, start_mm: float, right: float, width: float, height: float
 ) -> NonSeparableRays:
     """Bundles from the emitting areas of pixels: centres `right` of the pixels', and sizes.
@@ -215,7 +215,7 @@ def _non_separable(
     """
     pixel = display.pixel_pitch_mm
     blocks = [pixel_rays(display, rows, (0.0, right)) for rows in row_blocks(display)]
-    x0, y0, aside_x, aside_y, gap = (
+    x0, y0, offset_x, offset_y, gap = (
         np.concatenate(table).astype(np.float32)
         for table in zip(
             *((r.x0, r.y0, r.slope_x * r.gap_mm, r.slope_y * r.gap_mm, r.gap_mm) for r in blocks),
@@ -223,7 +223,7 @@ def _non_separable(
         )
     )
     steps = width * pixel, -height * pixel
-    return NonSeparableRays(start_mm, x0, y0, aside_x, aside_y, gap, *steps, *display.tilt_slopes)
+    return NonSeparableRays(start_mm, x0, y0, offset_x, offset_y, gap, *steps, *display.tilt_slopes)
 
 
 def eye_rays(
@@ -277,10 +277,10 @@ def frustum_rays(
     x, y, distance = viewpoint.position_mm
     focus, pupil_mm = focus_distance_mm(viewpoint, display), viewpoint.pupil_mm
 
-    def axis(count: int, step: float, eye: float, sign: int) -> AxisRays:
-        on_array = _centres(count, sign * step)
+    def axis(count: int, step: float, eye: float, sign: int) -> FilmAxis:
+        on_array = _pixel_centres(count, sign * step)
         slope = (on_array - eye) / distance
-        return AxisRays(
+        return FilmAxis(
             on_array - slope * start_mm,
             slope,
             sign * step * (1 - start_mm / distance),
@@ -296,6 +296,6 @@ def frustum_rays(
     )
 
 
-def _centres(count: int, step: float) -> np.ndarray:
+def _pixel_centres(count: int, step: float) -> np.ndarray:
     """Centres of `count` pixels about the axis; a negative step runs downwards."""
     return (np.arange(count) - (count - 1) / 2) * step

@@ -65,7 +65,7 @@ class LensMesh:
         self.start_mm = sheet.front_mm + display.pitch_mm
         # A colour whose index is its own has its own glass, and so its own scene.
         self._scenes = {
-            index: mi.load_dict(_scene(eia, display, sheet, index)) for index in set(indices)
+            index: mi.load_dict(_mesh_scene(eia, display, sheet, index)) for index in set(indices)
         }
         self._indices = indices
         self._integrator = mi.load_dict(
@@ -87,7 +87,9 @@ class LensMesh:
         return light
 
 
-def _scene(eia: np.ndarray, display: Display, sheet: SheetMesh, index: float) -> dict[str, Any]:
+def _mesh_scene(
+    eia: np.ndarray, display: Display, sheet: SheetMesh, index: float
+) -> dict[str, Any]:
     glass = {"type": "dielectric", "int_ior": float(index), "ext_ior": 1.0}
     return {
         "type": "scene",
@@ -95,8 +97,8 @@ def _scene(eia: np.ndarray, display: Display, sheet: SheetMesh, index: float) ->
         "embree_use_robust_intersections": True,
         "glass": mesh_shape("glass", sheet, sheet.is_glass, glass),
         "mount": mesh_shape("mount", sheet, ~sheet.is_glass, _BLACK),
-        "panel": _panel(eia, display, sheet),
-        **_screens(display, sheet),
+        "panel": _emitting_panel(eia, display, sheet),
+        **_black_screens(display, sheet),
     }
 
 
@@ -114,7 +116,7 @@ def mesh_shape(name: str, sheet: SheetMesh, chosen: np.ndarray, bsdf: dict[str, 
     return mesh
 
 
-def _panel(eia: np.ndarray, display: Display, sheet: SheetMesh) -> dict[str, Any]:
+def _emitting_panel(eia: np.ndarray, display: Display, sheet: SheetMesh) -> dict[str, Any]:
     """The panel's picture as a light, each pixel of one colour; the gap behind the lenses."""
     rows, columns = display.eia_shape
     half_x, half_y = (count * display.pixel_pitch_mm / 2 for count in (columns, rows))
@@ -147,7 +149,7 @@ def _panel(eia: np.ndarray, display: Display, sheet: SheetMesh) -> dict[str, Any
     }
 
 
-def _screens(display: Display, sheet: SheetMesh) -> dict[str, Any]:
+def _black_screens(display: Display, sheet: SheetMesh) -> dict[str, Any]:
     """Black screens about the sheet, in its flat face's plane: no ray gets to the panel past it."""
     flat = sheet.vertices[sheet.vertices[:, 2] == sheet.flat_mm, :2]
     array = lens_array(display)
@@ -224,13 +226,13 @@ def reconstruct(
     display = display_of(display)
     viewpoint = viewpoint_of(viewpoint, display)
     check_viewpoint(viewpoint, display, allow_flips=allow_flips)
-    eia = _linear_eia(eia)
-    with variant.borrowed(backend):
+    eia = _check_linear(eia)
+    with variant.temporary(backend):
         scene = DisplayScene(eia, display, lens_model)
         return scene.view(viewpoint, pixels_per_lens=pixels_per_lens, spp=spp, seed=seed)
 
 
-def _linear_eia(eia: np.ndarray) -> np.ndarray:
+def _check_linear(eia: np.ndarray) -> np.ndarray:
     """An EIA as an array of finite floats.
 
     Raises
@@ -290,7 +292,7 @@ def observed_pixels(
     def light(index: Any, sampler: Any) -> Any:
         (x, y), (sx, sy) = camera.lines(*camera.sample(index, sampler))
         shares = []
-        for place, weight, lit in panel.landings(x, y, sx, sy):
+        for place, weight, lit in panel.find_pixels(x, y, sx, sy):
             dr.scatter(marks, mi.UInt32(1), place, lit & (weight > 0))
             shares.append(dr.select(lit, weight, 0.0))
         return mi.Color3f(*(shares * 3)[:3])

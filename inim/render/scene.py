@@ -119,9 +119,9 @@ def open_scene(
         A scene without visible shapes.
     """
     try:
-        decoded = _decode(file)
+        decoded = _read_files(file)
         started = time.perf_counter()
-        scene = _load(file, decoded)
+        scene = _load_scene(file, decoded)
         if observer:
             observer.rendered(time.perf_counter() - started)
     finally:  # what is wrong with a file that is just being saved is no matter
@@ -132,12 +132,12 @@ def open_scene(
     integrator = scene.integrator() or mi.load_dict(_DEFAULT_INTEGRATOR)
     _check_splats(file, scene, integrator)
     points = np.concatenate([world_points(shape) for shape in relic])
-    fit = fit_to_display(points, _orientation(scene), display, fit_share, str(file.path))
+    fit = fit_to_display(points, _display_axes(scene), display, fit_share, str(file.path))
     low, high = display.depth_range_mm
     return FittedScene(scene, integrator, fit, high + _DEPTH_MARGIN * (high - low), len(relic))
 
 
-def _decode(file: SceneFile) -> dict[Path, Any]:
+def _read_files(file: SceneFile) -> dict[Path, Any]:
     """Meshes and pixels of the files that Mitsuba does not read itself; the others are checked."""
     decoded: dict[Path, Any] = {}
     count = 0
@@ -159,7 +159,7 @@ def _decode(file: SceneFile) -> dict[Path, Any]:
     return decoded
 
 
-def _load(file: SceneFile, decoded: Mapping[Path, Any]) -> Any:
+def _load_scene(file: SceneFile, decoded: Mapping[Path, Any]) -> Any:
     config = mi.parser.ParserConfig(mi.variant())
     # Merged shapes come in the order of a hash table of pointers, and lights with them: equal seeds
     # would light a scene otherwise from one process to the next.
@@ -175,7 +175,7 @@ def _load(file: SceneFile, decoded: Mapping[Path, Any]) -> Any:
         for node in state.nodes:
             _pass_file(file, node.props, decoded)
         for node in _integrators(state, state.root):
-            _unwrap(file, state, node)
+            _unwrap_integrator(file, state, node)
             node.props["hide_emitters"] = True
         mi.parser.transform_all(config, state)
         loaded = mi.parser.instantiate(config, state)
@@ -200,7 +200,7 @@ def _integrators(state: Any, node: Any) -> list[Any]:
     return [node for node in nodes if node.type == mi.ObjectType.Integrator]
 
 
-def _unwrap(file: SceneFile, state: Any, node: Any) -> None:
+def _unwrap_integrator(file: SceneFile, state: Any, node: Any) -> None:
     """Replace an integrator that wraps others by the first of them."""
     while node.props.plugin_name() in _WRAPPERS and (inner := _integrators(state, node)):
         node.props = inner[0].props
@@ -226,7 +226,7 @@ def _pass_file(file: SceneFile, properties: Any, decoded: Mapping[Path, Any]) ->
     path = file.named[name]
     content = decoded.get(path)
     if isinstance(content, Mesh):
-        pass_mesh(properties, content)
+        use_mesh(properties, content)
     elif content is not None:
         del properties["filename"]
         properties["bitmap"] = mi.Bitmap(content)
@@ -249,7 +249,7 @@ def _check_splats(file: SceneFile, scene: Any, integrator: Any) -> None:
         )
 
 
-def _orientation(scene: Any) -> np.ndarray:
+def _display_axes(scene: Any) -> np.ndarray:
     """Rows: the display's x, y, z axes in the world, as the scene's first camera looks at it."""
     if not scene.sensors():
         return np.eye(3)
@@ -313,10 +313,10 @@ _FLIPS_BY_DEFAULT = {"ply": False, "obj": True}
 
 def register() -> None:
     """Register the plugin in the active variant."""
-    mi.register_shape(MESH_PLUGIN, _shape)
+    mi.register_shape(MESH_PLUGIN, _build_mesh)
 
 
-def pass_mesh(properties: Any, mesh: Mesh) -> None:
+def use_mesh(properties: Any, mesh: Mesh) -> None:
     """Let a `ply` or `obj` shape have a mesh instead of the file that it names.
 
     Parameters
@@ -358,7 +358,7 @@ def pass_mesh(properties: Any, mesh: Mesh) -> None:
         properties[name] = kind(np.ascontiguousarray(values))
 
 
-def _shape(properties: Any) -> Any:
+def _build_mesh(properties: Any) -> Any:
     """Build the shape; Mitsuba computes normals that are missing."""
     arrays = {
         name: properties[name]

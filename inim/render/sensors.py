@@ -30,7 +30,7 @@ _STOCK = ("to_world", "shutter_open", "shutter_close")
 _PIXELS_PER_PITCH = 4
 
 
-def _film_shape(props: Any, rows: int, columns: int) -> tuple[int, int]:
+def _ensure_film(props: Any, rows: int, columns: int) -> tuple[int, int]:
     """Rows and columns of a sensor's film; the sensor is given one where it has none."""
     for name in props:
         if props.type(name) == mi.Properties.Type.Object and isinstance(props[name], mi.Film):
@@ -42,7 +42,7 @@ def _film_shape(props: Any, rows: int, columns: int) -> tuple[int, int]:
     return rows, columns
 
 
-def _viewpoint(values: dict[str, Any], display: Display) -> Viewpoint:
+def _read_eye(values: dict[str, Any], display: Display) -> Viewpoint:
     """The eye that the parameters describe; on the axis, at the usual distance, by default."""
     usual = {"x_mm": 0.0, "y_mm": 0.0, "z_mm": default_distance_mm(display)}
     positions = {name: read_number("inim_eye", values, name) for name in _EYE if name in values}
@@ -56,7 +56,7 @@ def register() -> None:
     """Define and register the classes again: plugins belong to the active variant."""
     if not mi.variant().endswith("_ad_rgb"):
         for plugin in ("inim_pickup", "inim_eye"):
-            mi.register_sensor(plugin, refusing(plugin, mi.Sensor))
+            mi.register_sensor(plugin, unsupported_class(plugin, mi.Sensor))
         return
 
     class DisplaySensor(mi.Sensor):  # type: ignore[misc]
@@ -67,7 +67,7 @@ def register() -> None:
 
         def __init__(self, props: Any) -> None:
             values = read_properties(self.plugin, props, self.own, _STOCK)
-            self.display = display_of(self.plugin, values)
+            self.display = read_display(self.plugin, values)
             rays = self.rays(values, props)
             super().__init__(props)
             self.camera = Camera(rays, np.eye(4))
@@ -89,7 +89,7 @@ def register() -> None:
             super().parameters_changed(keys)
             self.m_to_world = self.to_world
             to_world = np.asarray(self.m_to_world.matrix, np.float64).reshape(4, 4)
-            self.camera.place(display_place(self.plugin, to_world, self.display))
+            self.camera.place(world_from_display(self.plugin, to_world, self.display))
 
         def sample_ray(
             self, time: Any, sample1: Any, sample2: Any, sample3: Any, active: Any = True
@@ -125,7 +125,7 @@ def register() -> None:
                     "their own, and a sensor has one for all; leave subpixels out"
                 )
             shape = display.eia_shape
-            if _film_shape(props, *shape) != shape:
+            if _ensure_film(props, *shape) != shape:
                 raise SceneError(
                     f"inim_pickup: its film is the panel, {shape[1]} x {shape[0]} pixels; give it "
                     "that width and height, or no film"
@@ -144,14 +144,14 @@ def register() -> None:
             display = self.display
             half_x, half_y = display.half_extent_mm
             per_mm = _PIXELS_PER_PITCH / display.pitch_mm
-            rows, columns = _film_shape(props, *(round(2 * h * per_mm) for h in (half_y, half_x)))
+            rows, columns = _ensure_film(props, *(round(2 * h * per_mm) for h in (half_y, half_x)))
             if abs(columns * half_y / half_x - rows) >= 1:
                 raise SceneError(
                     f"inim_eye: a film of {columns} x {rows} pixels has not the proportion of the "
                     f"array, {2 * half_x:g} x {2 * half_y:g} mm; make it "
                     f"{columns} x {max(1, round(columns * half_y / half_x))}"
                 )
-            eye = _viewpoint(values, display)
+            eye = _read_eye(values, display)
             pixel = (2 * half_x / columns, 2 * half_y / rows)
             return frustum_rays((rows, columns), pixel, display, eye, eye.z_mm)
 
@@ -167,7 +167,7 @@ _ASPECT = 1e-3
 _SQUARE = 1e-5
 
 
-def refusing(plugin: str, base: type) -> type:
+def unsupported_class(plugin: str, base: type) -> type:
     """Plugin class for an unsupported variant: it raises a one-line error."""
 
     def refuse(*_: Any) -> None:
@@ -219,7 +219,7 @@ def read_number(plugin: str, values: dict[str, Any], name: str) -> float:
     return float(value)
 
 
-def display_of(plugin: str, values: dict[str, Any]) -> Display:
+def read_display(plugin: str, values: dict[str, Any]) -> Display:
     """Display described by a plugin's parameters, with its misalignment.
 
     Parameters
@@ -244,7 +244,7 @@ def display_of(plugin: str, values: dict[str, Any]) -> Display:
         raise DisplayError(f"{plugin}: {error}") from None
 
 
-def display_place(plugin: str, to_world: np.ndarray, display: Display) -> np.ndarray:
+def world_from_display(plugin: str, to_world: np.ndarray, display: Display) -> np.ndarray:
     """Map from the display frame, in millimetres, to the world.
 
     Parameters

@@ -89,8 +89,8 @@ class Sides:
         slopes = display.steepest_slopes
         low, high = display.depth_range_mm
         pieces = np.zeros(front_mm.shape, np.int32)
-        _count(front_mm, back_mm, pixel_mm / max(slopes), (high - low) / PIECES, pieces)
-        return cls(slopes, *_cut(front_mm, back_mm, pieces))
+        _count_pieces(front_mm, back_mm, pixel_mm / max(slopes), (high - low) / PIECES, pieces)
+        return cls(slopes, *_cut_into_pieces(front_mm, back_mm, pieces))
 
     @cached_property
     def walls(self) -> NDArray[np.int64]:
@@ -100,19 +100,19 @@ class Sides:
     @property
     def is_first(self) -> NDArray[np.bool_]:
         """(pieces,): which begin a solid's side."""
-        return _begins(self.row, self.column, self.solid)
+        return _differs_from_previous(self.row, self.column, self.solid)
 
     @property
     def order(self) -> NDArray[np.int64]:
         """(pieces,): how many pieces are before each in its pixel."""
         place = np.arange(len(self.row))
         order: NDArray[np.int64] = place - np.maximum.accumulate(
-            place * _begins(self.row, self.column)
+            place * _differs_from_previous(self.row, self.column)
         )
         return order
 
 
-def _begins(*names: np.ndarray) -> NDArray[np.bool_]:
+def _differs_from_previous(*names: np.ndarray) -> NDArray[np.bool_]:
     """Mask of entries that differ from the previous entry in any of the names."""
     new = np.ones(len(names[0]), bool)
     new[1:] = np.any([np.diff(values) != 0 for values in names], axis=0)
@@ -120,7 +120,7 @@ def _begins(*names: np.ndarray) -> NDArray[np.bool_]:
 
 
 @compiled
-def _gap(front, back, row, column, low, high):  # type: ignore[no-untyped-def]
+def _tallest_gap(front, back, row, column, low, high):  # type: ignore[no-untyped-def]
     """The tallest gap of a pixel's solids within a span of depths: its lower and upper end."""
     solids, rows, columns = front.shape
     begin, end, top = high, high, high
@@ -137,7 +137,7 @@ def _gap(front, back, row, column, low, high):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _count(front, back, least, tall, pieces):  # type: ignore[no-untyped-def]
+def _count_pieces(front, back, least, tall, pieces):  # type: ignore[no-untyped-def]
     """Number of pieces, at most `tall` each, of every solid that is open by more than `least`."""
     for k in range(front.shape[0]):
         for r in range(front.shape[1]):
@@ -146,14 +146,14 @@ def _count(front, back, least, tall, pieces):  # type: ignore[no-untyped-def]
                 if high == -np.inf or high - low <= least:
                     continue
                 for down, right in _BESIDE:
-                    begin, end = _gap(front, back, r + down, c + right, low, high)
+                    begin, end = _tallest_gap(front, back, r + down, c + right, low, high)
                     if end - begin > least:
                         pieces[k, r, c] = max(1, np.ceil((high - low) / tall))
                         break
 
 
 @compiled
-def _cut(front, back, pieces):  # type: ignore[no-untyped-def]
+def _cut_into_pieces(front, back, pieces):  # type: ignore[no-untyped-def]
     """Cut solids into pieces as tall as each other, and leave out those that are open nowhere.
 
     The arrays of `Sides`.
@@ -173,7 +173,9 @@ def _cut(front, back, pieces):  # type: ignore[no-untyped-def]
                         low = back[k, r, c]
                     is_open = False
                     for i, (down, right) in enumerate(_BESIDE):
-                        lows[n, i], highs[n, i] = _gap(front, back, r + down, c + right, low, high)
+                        lows[n, i], highs[n, i] = _tallest_gap(
+                            front, back, r + down, c + right, low, high
+                        )
                         is_open |= lows[n, i] < highs[n, i]
                     if not is_open:
                         continue

@@ -101,7 +101,7 @@ def absorption(scene: Any, integrator: Any, ray: Any) -> Absorption:
 
 
 @dataclass(frozen=True)
-class Runs:
+class SplatLayers:
     """Layers of splats along rays, (layers, rays) float32, nearest first, in world distances.
 
     Attributes
@@ -120,7 +120,7 @@ class Runs:
 
 
 @dr.syntax  # type: ignore[untyped-decorator]
-def runs(scene: Any, integrator: Any, ray: Any, most: int) -> Runs:
+def find_layers(scene: Any, integrator: Any, ray: Any, most: int) -> SplatLayers:
     """Follow rays to their ends through all splats, with at most `most` layers each."""
     rays = dr.width(ray.d)
     lane = dr.arange(mi.UInt32, rays)
@@ -158,7 +158,7 @@ def runs(scene: Any, integrator: Any, ray: Any, most: int) -> Runs:
     layer_count += dr.select(is_open, mi.UInt32(1), mi.UInt32(0))
     dr.eval(layer_count, nears, fronts, backs)
     near, front, back = (np.asarray(t).reshape(most, rays) for t in (nears, fronts, backs))
-    return Runs(near, front, back, np.asarray(layer_count))
+    return SplatLayers(near, front, back, np.asarray(layer_count))
 
 
 def _next_splat(scene: Any, integrator: Any, ray: Any, active: Any) -> tuple[Any, Any, Any, Any]:
@@ -166,10 +166,10 @@ def _next_splat(scene: Any, integrator: Any, ray: Any, active: Any) -> tuple[Any
     hit = scene.ray_intersect(ray, ray_flags=mi.RayFlags.All, coherent=False, active=active)
     is_hit = active & hit.is_valid() & hit.shape.is_ellipsoids()
     passed = integrator.eval_transmission(hit, ray, is_hit)
-    return hit, is_hit, passed, dr.dispatch(hit.shape, _peak, hit.prim_index, ray, is_hit)
+    return hit, is_hit, passed, dr.dispatch(hit.shape, _peak_distance, hit.prim_index, ray, is_hit)
 
 
-def _peak(shape: Any, splat: Any, ray: Any, active: Any) -> Any:
+def _peak_distance(shape: Any, splat: Any, ray: Any, active: Any) -> Any:
     """Distance along rays at which they are nearest to a splat, in its own measure."""
     if shape is None or not shape.is_ellipsoids():
         return mi.Float(0)

@@ -59,7 +59,7 @@ def _check_version(backend: backends.Backend) -> None:
 
 
 @contextmanager
-def borrowed(requested: str = "auto") -> Iterator[None]:
+def temporary(requested: str = "auto") -> Iterator[None]:
     """Use an RGB variant temporarily, in a process that runs another program.
 
     The active variant's backend is kept if `requested` allows it. Afterwards, also after an
@@ -79,7 +79,7 @@ def borrowed(requested: str = "auto") -> Iterator[None]:
     """
     check_plugin_folder(Path())
     before, threads = mi.variant(), dr.thread_count()
-    variant = _variant(before or "", requested)
+    variant = _choose_variant(before or "", requested)
     register_plugins()
     try:
         if threads < _FEWEST_THREADS:
@@ -94,7 +94,7 @@ def borrowed(requested: str = "auto") -> Iterator[None]:
             dr.set_thread_count(threads)
 
 
-def _variant(active: str, requested: str) -> str:
+def _choose_variant(active: str, requested: str) -> str:
     """The RGB variant of the active one's backend, or of the one to be chosen."""
     family = active.partition("_")[0]
     if requested in ("auto", family) and family in ("cuda", "llvm"):

@@ -65,7 +65,7 @@ def write_all(folder: Path, kind: str) -> Path:
 def test_a_file_saved_meanwhile_stops_the_run(run_inim, tmp_path, monkeypatch, kind, moment):
     """Between the scan and the decoding, before the renderer, after it, or changed and put back."""
     folder = write_all(tmp_path / "scene", kind)
-    decode, load = render_scene._decode, render_scene._load
+    decode, load = render_scene._read_files, render_scene._load_scene
     shutil.copytree(folder, tmp_path / "before", copy_function=shutil.copy2)
 
     def load_meanwhile(file: object, decoded: object) -> object:

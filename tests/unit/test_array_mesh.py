@@ -60,7 +60,7 @@ def shapes(path: Path, plugin: str, inner: str) -> tuple[Any, Any]:
     """The shape of a scene, read by Mitsuba and passed as arrays."""
     import mitsuba as mi
 
-    from inim.render.scene import pass_mesh
+    from inim.render.scene import use_mesh
 
     config = mi.parser.ParserConfig(mi.variant())
     config.merge_meshes = False
@@ -73,7 +73,7 @@ def shapes(path: Path, plugin: str, inner: str) -> tuple[Any, Any]:
         state = mi.parser.parse_string(config, text)
         for node in state.nodes:
             if passed and node.props.plugin_name() == plugin:
-                pass_mesh(node.props, read_shape(path, plugin))
+                use_mesh(node.props, read_shape(path, plugin))
         mi.parser.transform_all(config, state)
         scene = mi.parser.instantiate(config, state)
         both += scene.shapes()

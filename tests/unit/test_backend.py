@@ -142,8 +142,8 @@ def test_installed_package_is_preferred_and_its_libraries_are_loaded_by_their_fi
     monkeypatch.setattr(machine, "linker_cache", lambda name: [str(newer)])
     monkeypatch.setattr(backend, "_system_has_libatomic", lambda: True)
     assert backend.find_libllvm()[:2] == [packaged, newer]
-    assert backend.needed_by(packaged) == [str(folder / name) for name in needed]
-    assert backend.needed_by(newer) == []
+    assert backend.required_libraries(packaged) == [str(folder / name) for name in needed]
+    assert backend.required_libraries(newer) == []
 
 
 @pytest.mark.skipif(
@@ -151,7 +151,7 @@ def test_installed_package_is_preferred_and_its_libraries_are_loaded_by_their_fi
 )
 def test_own_libatomic_serves_where_the_system_has_none(monkeypatch):
     monkeypatch.setattr(backend, "_system_has_libatomic", lambda: False)
-    (path,) = backend.needed_by(None)
+    (path,) = backend.required_libraries(None)
     exchange = ctypes.CDLL(path)["__atomic_compare_exchange_16"]
     exchange.argtypes = [ctypes.c_void_p] * 2 + [ctypes.c_uint64] * 2 + [ctypes.c_int] * 2
     exchange.restype = ctypes.c_bool

@@ -7,7 +7,7 @@ import pytest
 
 from inim.generators import find_sources, generate
 from inim.image.rgbd import Layer, LayeredRGBD
-from inim.render.culling import in_view
+from inim.render.culling import layers_in_view
 from tests.conftest import small_display
 
 PER_PITCH = 4
@@ -66,7 +66,7 @@ def plate_before_a_wall(half_mm, plate=0.5, wall=0.25):
 def test_a_wall_is_seen_behind_a_plate_as_far_as_the_cone_of_directions_reaches():
     half = 3.0
     front, back, x, y = plate_before_a_wall(half)
-    seen = in_view(front, back, DISPLAY, PIXEL_MM)
+    seen = layers_in_view(front, back, DISPLAY, PIXEL_MM)
     assert np.array_equal(seen[0], np.isfinite(front[0]))
     # Under the plate's edge the steepest ray gets so far in; a panel pixel more by its own width.
     inward = half - np.maximum(np.abs(x), np.abs(y))
@@ -88,7 +88,7 @@ def test_what_is_in_a_closed_box_is_not_seen():
         for right in (-1, 0, 1):
             ring |= np.roll(lid, (down, right), (0, 1))
     front[0][ring & ~lid] = at(0.5)
-    seen = in_view(front, back, DISPLAY, PIXEL_MM)
+    seen = layers_in_view(front, back, DISPLAY, PIXEL_MM)
     assert lid.any()
     assert not seen[1].any()
 
@@ -123,7 +123,7 @@ def test_what_is_left_out_changes_no_pixel(mode, samples, seed):
     display = small_display(8, 7, pixels=17, **mode)
     rgbd = plates_before_a_relief(display, seed)
     front, back = stacked(rgbd)
-    seen = in_view(front, back, display, rgbd.pixel_mm)
+    seen = layers_in_view(front, back, display, rgbd.pixel_mm)
     (behind,) = rgbd.deeper
     kept = replace(rgbd, deeper=(replace(behind, covered=seen[1]),))
     assert 0.1 < seen[1].sum() / behind.covered.sum() < 0.9
@@ -137,4 +137,4 @@ def test_what_is_left_out_changes_no_pixel(mode, samples, seed):
 def test_one_layer_is_all_in_view():
     rgbd = picture(DISPLAY, PER_PITCH, 1)
     front, back = stacked(rgbd)
-    assert np.array_equal(in_view(front, back, DISPLAY, PIXEL_MM), np.isfinite(front))
+    assert np.array_equal(layers_in_view(front, back, DISPLAY, PIXEL_MM), np.isfinite(front))

@@ -9,11 +9,11 @@ from inim.display import Viewpoint
 from inim.errors import DisplayError, InimError, UsageError
 from inim.lens import (
     check_lens_model,
-    drawn_as,
-    drawn_live,
+    drawn_model,
     foreign_identity,
     lens_model,
     lens_models,
+    models_drawn_live,
     trace_to_panel,
     white_exposure,
 )
@@ -85,8 +85,8 @@ def test_the_project_s_own_models_say_what_they_are():
 
 
 def test_each_model_is_drawn_live_as_the_nearest_simpler_one():
-    assert drawn_live() == ["pinhole", "thin"]
-    drawn = {name: drawn_as(name) for name in (*OWN, "of a package that is not here")}
+    assert models_drawn_live() == ["pinhole", "thin"]
+    drawn = {name: drawn_model(name) for name in (*OWN, "of a package that is not here")}
     assert list(drawn.values()) == ["pinhole", "thin", "thin", "thin", "thin"]
 
 
@@ -108,7 +108,7 @@ def test_another_package_s_model_is_one_of_them(plant):
     assert np.array_equal(x, own_x) and np.array_equal(y, own_y)
     assert np.array_equal(weight, own_weight / 2) and weight.max() == 0.5
     assert white_exposure(DISPLAY, "theirs") == 2
-    assert drawn_as("theirs") == "pinhole"
+    assert drawn_model("theirs") == "pinhole"
     assert foreign_identity("theirs")["version"] == "1.0"
     assert len(foreign_identity("theirs")["sha256"]) == 64
     with pytest.raises(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from inim.lens.array import NUMPY_OPS as OPS
-from inim.lens.model import Face, carry, meet, normal, refract, sag, steepness
+from inim.lens.model import Face, advance, intersect, refract, sag, steepness, surface_normal
 
 FACES = {
     "plane": Face(0.0),
@@ -32,7 +32,7 @@ def rays(count=2000, reach=0.7, steepest_deg=40.0, seed=1, dtype=np.float64):
 
 
 def points(face, x, y, d):
-    path, met = meet(OPS, face, x, y, d)
+    path, met = intersect(OPS, face, x, y, d)
     return x + path * d[0], y + path * d[1], path * d[2], met
 
 
@@ -61,9 +61,11 @@ def test_a_ray_beside_the_ball_is_not_met():
     ball = Face(1.0)
     straight = tuple(np.array([a]) for a in (0.0, 0.0, 1.0))
     for height, expected in ((0.999, True), (1.001, False)):
-        assert meet(OPS, ball, np.array([height]), np.zeros(1), straight)[1] == expected
+        assert intersect(OPS, ball, np.array([height]), np.zeros(1), straight)[1] == expected
     bumpy = Face(1.0, None, (1e-3, 0.0))
-    path, met = meet(OPS, bumpy, np.array([1.2, 0.5]), np.zeros(2), (*straight[:2], np.ones(2)))
+    path, met = intersect(
+        OPS, bumpy, np.array([1.2, 0.5]), np.zeros(2), (*straight[:2], np.ones(2))
+    )
     assert list(met) == [False, True]
     assert np.isfinite(path).all()
 
@@ -74,7 +76,7 @@ def test_the_normal_has_length_one_and_follows_the_face(name):
     face = FACES[name]
     x, y, d = rays()
     x, y, z, met = points(face, x, y, d)
-    n = normal(OPS, face, x, y, z)
+    n = surface_normal(OPS, face, x, y, z)
     length = np.broadcast_to(np.sqrt(sum(a * a for a in n)), x.shape)
     assert np.abs(length - 1)[met].max() < 1e-13
     h = 1e-5
@@ -94,7 +96,7 @@ def test_refraction_keeps_snell_s_law_and_the_length(name, ratio):
     face = FACES[name]
     x, y, d = rays()
     x, y, z, met = points(face, x, y, d)
-    n = normal(OPS, face, x, y, z)
+    n = surface_normal(OPS, face, x, y, z)
     out, transmittance = refract(OPS, d, n, ratio)
     passes = met & (transmittance > 0)
     assert passes.mean() > 0.5
@@ -127,7 +129,7 @@ def test_light_takes_the_same_way_back(name):
     face = FACES[name]
     x, y, d = rays(steepest_deg=30)
     px, py, pz, met = points(face, x, y, d)
-    inner, share = refract(OPS, d, normal(OPS, face, px, py, pz), 1 / 1.4917)
+    inner, share = refract(OPS, d, surface_normal(OPS, face, px, py, pz), 1 / 1.4917)
     ok = met & (share > 0)
     # Looked at from behind, z is turned round: the face bends the other way.
     turned = Face(
@@ -136,12 +138,12 @@ def test_light_takes_the_same_way_back(name):
         None if face.asphere is None else tuple(-a for a in face.asphere),
     )
     back = (-inner[0], -inner[1], inner[2])
-    sx, sy = carry(px, py, back, pz)  # on to the vertex plane, for the face to be met anew
+    sx, sy = advance(px, py, back, pz)  # on to the vertex plane, for the face to be met anew
     qx, qy, qz, again = points(turned, sx, sy, back)
     ok &= again
     assert ok.mean() > 0.9
     assert np.abs(np.stack([qx - px, qy - py, qz + pz]))[:, ok].max() < 1e-12
-    out, other = refract(OPS, back, normal(OPS, turned, qx, qy, qz), 1.4917)
+    out, other = refract(OPS, back, surface_normal(OPS, turned, qx, qy, qz), 1.4917)
     expected = (-d[0], -d[1], d[2])
     assert (
         np.abs(np.stack([a - b for a, b in zip(out, expected, strict=True)]))[:, ok].max() < 1e-12
@@ -210,12 +212,12 @@ def double_gauss(arriving, radii, thicknesses, indices):
     before, listed = 1.0, []
     for radius, index, thickness in zip(radii, indices, (*thicknesses, 0.0), strict=True):
         face = Face(1 / radius)
-        path, met = meet(OPS, face, x, y, d)
+        path, met = intersect(OPS, face, x, y, d)
         x, y, z = x + path * d[0], y + path * d[1], path * d[2]
-        d, passes = refract(OPS, d, normal(OPS, face, x, y, z), before / index)
+        d, passes = refract(OPS, d, surface_normal(OPS, face, x, y, z), before / index)
         assert met and passes > 0
         listed.append((x, y, z, d[0] / d[2], d[1] / d[2]))
-        x, y = carry(x, y, d, thickness - z)
+        x, y = advance(x, y, d, thickness - z)
         before = index
     return np.array(listed, float)
 

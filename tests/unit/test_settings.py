@@ -91,10 +91,10 @@ def test_lenses_are_counted_from_a_panel_that_is_given():
     }  # fmt: skip
     made = Settings.parse(given, "here").make_display("here")
     assert (made.lens_columns, made.lens_rows) == (122, 56)  # 147.186 / 1.2, 67.932 / 1.2
-    assert made.beside_panel_mm == (0, 0)
+    assert made.panel_excess_mm == (0, 0)
     kept = Settings.parse(given | {"inim.lens_columns": "152"}, "here").make_display("here")
     assert (kept.lens_columns, kept.lens_rows) == (152, 56)
-    assert kept.beside_panel_mm[0] == pytest.approx(152 * 1.2 - 2340 * 0.0629)
+    assert kept.panel_excess_mm[0] == pytest.approx(152 * 1.2 - 2340 * 0.0629)
     (said,) = lenses_beside_panel(kept)
     assert "set lens_columns to 122 and lens_rows to 56" in said
 

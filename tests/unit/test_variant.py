@@ -29,7 +29,7 @@ def test_the_active_backend_is_kept_where_it_may_be(monkeypatch, active, wanted,
 
     monkeypatch.setattr(variant.backends, "choose_backend", choose)
     monkeypatch.setattr(variant.backends, "activate", lambda backend: None)
-    assert variant._variant(active, wanted) == used
+    assert variant._choose_variant(active, wanted) == used
 
 
 def test_variant_and_threads_come_back_whatever_passes():
@@ -42,11 +42,11 @@ def test_variant_and_threads_come_back_whatever_passes():
     try:
         mi.set_variant("llvm_ad_mono")
         dr.set_thread_count(1)
-        with pytest.raises(KeyboardInterrupt), variant.borrowed():
+        with pytest.raises(KeyboardInterrupt), variant.temporary():
             assert (mi.variant(), dr.thread_count()) == ("llvm_ad_rgb", 2)
             raise KeyboardInterrupt
         assert (mi.variant(), dr.thread_count()) == ("llvm_ad_mono", 1)
-        with pytest.raises(UsageError, match="backend 'gpu' is unknown"), variant.borrowed("gpu"):
+        with pytest.raises(UsageError, match="backend 'gpu' is unknown"), variant.temporary("gpu"):
             pass
     finally:
         dr.set_thread_count(threads)

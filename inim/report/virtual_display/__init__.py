@@ -20,10 +20,10 @@ from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.lens import (
     channel_indices,
     check_lens_model,
-    drawn_as,
-    drawn_live,
+    drawn_model,
     lens_array,
     lens_traits,
+    models_drawn_live,
     thick,
     trace_to_pixels,
     white_exposure,
@@ -33,7 +33,7 @@ from inim.report.page import Widget, element, figure, lead, package_text, radio,
 
 ANCHOR, TITLE = "virtual-display", "Virtual display"
 #: The lens models that the shader draws of any display.
-LIVE_LENS_MODELS = drawn_live()
+LIVE_LENS_MODELS = models_drawn_live()
 _THICK = thick.MODEL.name
 
 _FOLDER = "virtual_display"
@@ -151,7 +151,7 @@ def live_lens_models(display: Display) -> list[str]:
 def shown_lens_model(display: Display, lens_model: str) -> str:
     """The lens model itself where it is drawn live, or the one that stands in for it."""
     # A thin lens focuses as a thick one does; a pinhole shows one pixel all over.
-    return lens_model if lens_model in live_lens_models(display) else drawn_as(lens_model)
+    return lens_model if lens_model in live_lens_models(display) else drawn_model(lens_model)
 
 
 def _stand_in(stills: Sequence[Still], images: ReportImages) -> str:
