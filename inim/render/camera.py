@@ -1,4 +1,4 @@
-"""Camera: the rays of `inim.render.rays` in a world, as run-time values of a kernel.
+"""Film camera: the rays of `inim.render.rays` in a world, as run-time values of a kernel.
 
 The rays come as float64 tables, so the float32 rays carry one rounding and no cancellation. Because
 the tables are run-time values, all cameras with separable rays share one kernel, and the path
@@ -24,7 +24,7 @@ def _table(numbers: np.ndarray) -> Any:
     return mi.Float(np.asarray(numbers, np.float32).reshape(-1))
 
 
-class Camera:
+class FilmCamera:
     """Camera with the rays of a ray family.
 
     Parameters

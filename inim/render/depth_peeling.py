@@ -38,7 +38,7 @@ from inim.backend.kernels import compiled
 from inim.display import Display
 from inim.process.observer import Observer
 from inim.render import splats
-from inim.render.camera import Camera
+from inim.render.camera import FilmCamera
 from inim.render.culling import layers_in_view
 from inim.render.rays import SeparableRays, capture_rays
 from inim.render.scene import FittedScene
@@ -263,7 +263,7 @@ class _Hits:
     shape: np.ndarray
 
     @classmethod
-    def of(cls, fitted: FittedScene, camera: Camera) -> _Hits:
+    def of(cls, fitted: FittedScene, camera: FilmCamera) -> _Hits:
         """Follow the rays through all pixel centres to their ends."""
         rays = camera.shape[0] * camera.shape[1]
         count = np.zeros(rays, np.int32)
@@ -298,7 +298,7 @@ class _Hits:
 
 
 def _next_hit(
-    fitted: FittedScene, camera: Camera, going: np.ndarray, start: np.ndarray
+    fitted: FittedScene, camera: FilmCamera, going: np.ndarray, start: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Next hit of rays beyond the world distance `start`, and the indices of the rays with a hit.
 

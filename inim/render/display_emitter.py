@@ -32,7 +32,7 @@ from inim.lens import (
     through_array,
 )
 from inim.lens import lens_model as find_lens_model
-from inim.render.camera import Camera
+from inim.render.camera import FilmCamera
 from inim.render.sensors import (
     read_display,
     read_number,
@@ -87,7 +87,7 @@ class LensedPanel:
         self.traits = lens_traits(display)
         self.picture = picture
 
-    def light(self, camera: Camera) -> Light:
+    def light(self, camera: FilmCamera) -> Light:
         """Function that returns the light of a camera's rays, which start on the array."""
 
         def light(index: Any, sampler: Any) -> Any:

@@ -17,7 +17,7 @@ from inim.lens import SheetMesh, channel_indices, lens_array
 from inim.lens import lens_model as find_lens_model
 from inim.process.observer import Observer
 from inim.render import variant
-from inim.render.camera import Camera
+from inim.render.camera import FilmCamera
 from inim.render.display_emitter import LensedPanel
 from inim.render.rays import eye_rays
 from inim.render.trace import Light, mean_light
@@ -72,7 +72,7 @@ class LensMesh:
             {"type": "path", "max_depth": _MAX_DEPTH, "rr_depth": _NEVER}
         )
 
-    def light(self, camera: Camera) -> Light:
+    def light(self, camera: FilmCamera) -> Light:
         """Function that returns the light of a camera's rays."""
 
         def light(index: Any, sampler: Any) -> Any:
@@ -299,7 +299,7 @@ def observed_pixels(
 
     for viewpoint in viewpoints:
         rays = eye_rays(display, viewpoint, pixels_per_lens, LensedPanel.start_mm)
-        camera = Camera(rays, np.eye(4))
+        camera = FilmCamera(rays, np.eye(4))
         for seed in seeds:
             mean_light(light, camera.shape, spp, seed, observer=observer)
     return np.asarray(marks).reshape(rows, columns) > 0
@@ -337,6 +337,6 @@ class DisplayScene:
     ) -> np.ndarray:
         """One view, (rows, columns, 3) float32; see `reconstruct` and `eye_rays`."""
         rays = eye_rays(self.display, viewpoint, pixels_per_lens, self._lit_array.start_mm)
-        camera = Camera(rays, np.eye(4))
+        camera = FilmCamera(rays, np.eye(4))
         light = self._lit_array.light(camera)
         return mean_light(light, camera.shape, spp, seed, observer=observer)

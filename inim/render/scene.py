@@ -25,7 +25,7 @@ from inim.files.triangle_mesh import Mesh, read_bytes
 from inim.process.machine import memory_limit_bytes
 from inim.process.observer import Observer
 from inim.render import splats
-from inim.render.camera import Camera
+from inim.render.camera import FilmCamera
 from inim.render.culling import BoundsGrid, world_points
 from inim.render.rays import NonSeparableRays, SeparableRays
 from inim.scene.file import SceneFile
@@ -84,9 +84,9 @@ class FittedScene:
     start_mm: float
     shapes: int
 
-    def camera(self, rays: SeparableRays | NonSeparableRays) -> Camera:
+    def camera(self, rays: SeparableRays | NonSeparableRays) -> FilmCamera:
         """Camera in the scene, from rays in the display frame."""
-        return Camera(rays, self.fit.world_from_display)
+        return FilmCamera(rays, self.fit.world_from_display)
 
     @property
     def shows_splats(self) -> bool:

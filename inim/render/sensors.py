@@ -1,6 +1,6 @@
 """Sensor plugins `inim_eye` and `inim_pickup`, and the parameters of a display in a Mitsuba scene.
 
-The sensors have a display's parameters, and make the rays of a `Camera` of them.
+The sensors have a display's parameters, and make the rays of a `FilmCamera` of them.
 
 A display stands in a scene as a stock `rectangle`, whose square [-1, 1]^2 is the misaligned lens
 array. So one `to_world` gives its position, its rotation and the length of a millimetre in the
@@ -20,7 +20,7 @@ from inim.display import DISPLAYS, Display
 from inim.display.misalignment import misaligned
 from inim.display.viewpoint import Viewpoint, default_distance_mm
 from inim.errors import DisplayError, SceneError, ViewpointError
-from inim.render.camera import Camera
+from inim.render.camera import FilmCamera
 from inim.render.rays import NonSeparableRays, SeparableRays, frustum_rays, pickup_rays
 from inim.settings import DISPLAY_KEYS, Settings
 
@@ -70,7 +70,7 @@ def register() -> None:
             self.display = read_display(self.plugin, values)
             rays = self.rays(values, props)
             super().__init__(props)
-            self.camera = Camera(rays, np.eye(4))
+            self.camera = FilmCamera(rays, np.eye(4))
             self.m_needs_sample_2 = True
             self.m_needs_sample_3 = self.camera.has_pupil
             # A copy: what the base class hands out would keep the sensor alive for good.

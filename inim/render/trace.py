@@ -19,7 +19,7 @@ import numpy as np
 
 from inim.process.observer import Observer
 from inim.render import splats
-from inim.render.camera import Camera
+from inim.render.camera import FilmCamera
 from inim.render.counter_sampler import PLUGIN
 
 # Rays in flight, at most; see `limit_rays`. Larger gains nothing on two cores.
@@ -38,7 +38,7 @@ def limit_rays(count: int) -> None:
     _RAYS_PER_PASS = count
 
 
-def scene_light(scene: Any, integrator: Any, camera: Camera) -> Light:
+def scene_light(scene: Any, integrator: Any, camera: FilmCamera) -> Light:
     """Function that returns the light of a camera's rays in a Mitsuba scene."""
 
     def light(index: Any, sampler: Any) -> Any:
@@ -122,7 +122,7 @@ def _wavefront(light: Light, pixels: np.ndarray, first: int, samples: int, seed:
 
 
 def first_surface(
-    scene: Any, integrator: Any, camera: Camera, observer: Observer | None = None
+    scene: Any, integrator: Any, camera: FilmCamera, observer: Observer | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the first surface on the ray through each pixel's centre.
 

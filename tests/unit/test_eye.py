@@ -61,11 +61,11 @@ def edge_profile(eye, z, spp=128):
     """The edge's picture along a row, mean of all rows, and the film pixel on the array."""
     import mitsuba as mi
 
-    from inim.render.camera import Camera
+    from inim.render.camera import FilmCamera
     from inim.render.trace import mean_light, scene_light
 
     display, per_lens = small_display(12, 10), 8
-    camera = Camera(family(display, eye, per_lens, start_mm=z + 1), np.eye(4))
+    camera = FilmCamera(family(display, eye, per_lens, start_mm=z + 1), np.eye(4))
     integrator = mi.load_dict({"type": "path", "max_depth": 1})
     picture = mean_light(scene_light(edge(z), integrator, camera), camera.shape, spp, 2)
     return picture[..., 0].mean(axis=0).astype(np.float64), display.pitch_mm / per_lens
@@ -163,7 +163,7 @@ def test_a_view_needs_no_scene(model, pupil):
     """The formula alone and the emitter in a scene, met by traced rays, give one picture."""
     import mitsuba as mi
 
-    from inim.render.camera import Camera
+    from inim.render.camera import FilmCamera
     from inim.render.trace import mean_light, scene_light
     from tests.conftest import display_shape
 
@@ -173,7 +173,7 @@ def test_a_view_needs_no_scene(model, pupil):
     alone = seen(eia, display, eye, model, seed=5)
     scene = mi.load_dict({"type": "scene", "display": display_shape(eia, display, model)})
     integrator = mi.load_dict({"type": "path", "max_depth": 1})
-    camera = Camera(family(display, eye), np.eye(4))
+    camera = FilmCamera(family(display, eye), np.eye(4))
     composed = mean_light(scene_light(scene, integrator, camera), camera.shape, 64, 5)
     # Rounding moves a few landing points across the border of two panel pixels, one sample in 64
     # of their view pixels each; any other ray would move nearly all.

@@ -281,7 +281,7 @@ def test_the_pickup_is_the_true_eia_of_what_stands_around(open_fitted):
     """Squares in front of the array and behind it, by the bench's own camera and by the plugin."""
     import mitsuba as mi
 
-    from inim.render.camera import Camera
+    from inim.render.camera import FilmCamera
     from inim.render.rays import pickup_rays
     from inim.render.trace import mean_light, scene_light
 
@@ -304,7 +304,7 @@ def test_the_pickup_is_the_true_eia_of_what_stands_around(open_fitted):
         return loaded(light=sky, **shapes)
 
     start = DISPLAY.depth_range_mm[1]
-    camera = Camera(pickup_rays(DISPLAY, start), np.eye(4))
+    camera = FilmCamera(pickup_rays(DISPLAY, start), np.eye(4))
     light = scene_light(scene(turned("as it is")), mi.load_dict({"type": "path"}), camera)
     expected = mean_light(light, camera.shape, 64, seed=0)
     world = turned("all")

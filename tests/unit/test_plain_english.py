@@ -1,7 +1,8 @@
 """Names and first lines of docstrings in plain English.
 
-Expected: no variable, argument or class attribute has a name without content, and no docstring
-opens with a fragment. `tests/plain_english.ini` is the only list of rejected words.
+Expected: no variable, argument or class attribute has a name without content, no docstring opens
+with a fragment, and no two classes share a name. `tests/plain_english.ini` is the only list of
+rejected words.
 """
 
 import ast
@@ -58,3 +59,20 @@ def test_names_and_first_lines_are_plain():
         if f"{file.relative_to(ROOT)}:{problem.split(chr(39))[1]}" not in WORDS["allowed"]
     ]
     assert report == []
+
+
+def shared_class_names(sources: dict[str, str]) -> dict[str, list[str]]:
+    """Files of each class name that several of them define; a leading underscore does not count."""
+    files: dict[str, list[str]] = {}
+    for file, source in sources.items():
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.ClassDef):
+                files.setdefault(node.name.lstrip("_"), []).append(file)
+    return {name: places for name, places in files.items() if len(places) > 1}
+
+
+def test_a_class_name_is_used_once():
+    twice = shared_class_names({"a": "class Part: pass", "b": "class _Part: pass\nclass Plan: pass"})
+    assert twice == {"Part": ["a", "b"]}
+    sources = {str(file.relative_to(ROOT)): file.read_text("utf-8") for file in FILES}
+    assert shared_class_names(sources) == {}

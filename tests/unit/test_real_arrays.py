@@ -439,7 +439,7 @@ def test_pickup_rays_start_all_over_what_shines_and_pass_the_lens_centre(name, r
     import mitsuba as mi
 
     from inim.display.pixels import SUBPIXELS as PATTERNS
-    from inim.render.camera import Camera
+    from inim.render.camera import FilmCamera
     from inim.render.rays import pickup_rays
 
     display = real_display(name, pixel_fill=0.8)
@@ -451,7 +451,7 @@ def test_pickup_rays_start_all_over_what_shines_and_pass_the_lens_centre(name, r
     sure = sure & display.lensed
     tilts = [math.tan(math.radians(t)) for t in (display.tilt_x_deg, display.tilt_y_deg)]
     for subpixel in PATTERNS[display.subpixels]:
-        camera = Camera(pickup_rays(display, 50.0, subpixel), np.eye(4))
+        camera = FilmCamera(pickup_rays(display, 50.0, subpixel), np.eye(4))
         for across, down in CORNERS:
             ray = camera.rays(pixel, mi.Point2f(across, down))
             origin, run = (np.stack([np.asarray(c, float) for c in v]) for v in (ray.o, ray.d))

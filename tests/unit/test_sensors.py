@@ -10,9 +10,9 @@ pytestmark = pytest.mark.usefixtures("renderer")
 
 
 def rays_at_centres(family, world_from_display=None):
-    from inim.render.camera import Camera
+    from inim.render.camera import FilmCamera
 
-    camera = Camera(family, np.eye(4) if world_from_display is None else world_from_display)
+    camera = FilmCamera(family, np.eye(4) if world_from_display is None else world_from_display)
     ray = camera.centre_rays()
     shape = family.shape
     origin = np.stack([np.asarray(c, np.float64).reshape(shape) for c in ray.o], -1)
