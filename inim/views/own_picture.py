@@ -95,7 +95,7 @@ class PictureRequest(Choices):
 
 
 @dataclass(frozen=True)
-class _Plan:
+class _PicturePlan:
     """A checked request, for the worker."""
 
     request: PictureRequest
@@ -142,7 +142,7 @@ def run_picture(
                 callback(text)
     return run_in_worker(
         "inim.views.own_picture:run_job",
-        lambda: _Plan(request, display, settings, algorithms, viewpoints, warnings, notes),
+        lambda: _PicturePlan(request, display, settings, algorithms, viewpoints, warnings, notes),
         staging_folder(request.out, _FILES),
         fill=lambda staging: write_rgbd(staging / "rgbd.exr", rgbd),
         backend=request.backend,
@@ -186,7 +186,7 @@ def _check_picture(rgbd: RGBD, display: Display, name: str) -> None:
         raise FileError(f"{name}: has colours that are not finite; replace them")
 
 
-def run_job(plan: _Plan, staging: Path, observer: Observer) -> bool:
+def run_job(plan: _PicturePlan, staging: Path, observer: Observer) -> bool:
     """Entry point in the worker: generate, reconstruct, score, write and publish."""
     request, display, settings = plan.request, plan.display, plan.settings
     observer.stage("start")
@@ -214,7 +214,7 @@ def run_job(plan: _Plan, staging: Path, observer: Observer) -> bool:
     return data.verdict.passed
 
 
-def _evaluate(plan: _Plan, rgbd: RGBD, folder: Path, renderer: Renderer) -> dict[str, Any]:
+def _evaluate(plan: _PicturePlan, rgbd: RGBD, folder: Path, renderer: Renderer) -> dict[str, Any]:
     """Generate and score all EIAs, and write the images; returns fields of `PictureDocument`."""
     s, display, viewpoints = plan.settings, plan.display, plan.viewpoints
     names, run = plan.algorithms, Run(observer=renderer.observer)

@@ -72,7 +72,7 @@ def shared_class_names(sources: dict[str, str]) -> dict[str, list[str]]:
 
 
 def test_a_class_name_is_used_once():
-    twice = shared_class_names({"a": "class Part: pass", "b": "class _Part: pass\nclass Plan: pass"})
-    assert twice == {"Part": ["a", "b"]}
+    samples = {"a": "class Part: pass", "b": "class _Part: pass\nclass Plan: pass"}
+    assert shared_class_names(samples) == {"Part": ["a", "b"]}
     sources = {str(file.relative_to(ROOT)): file.read_text("utf-8") for file in FILES}
     assert shared_class_names(sources) == {}
