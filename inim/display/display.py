@@ -182,9 +182,9 @@ class Display:
     def __post_init__(self) -> None:
         # msgspec leaves absent fields to the class, and omits them when it encodes the display.
         self.__dict__.update(self.parameters())
-        for field in fields(self):
-            value = _check_parameter(field.name, str(field.type), getattr(self, field.name))
-            object.__setattr__(self, field.name, value)
+        # The types as written: msgspec resolves those of the fields in place.
+        for name, kind in type(self).__annotations__.items():
+            object.__setattr__(self, name, _check_parameter(name, kind, getattr(self, name)))
         if self.refractive_index <= 1:
             raise DisplayError(
                 f"refractive_index = {self.refractive_index}: a lens needs an index above 1"
