@@ -84,9 +84,9 @@ def test_a_file_saved_meanwhile_stops_the_run(run_inim, tmp_path, monkeypatch, k
 
     with monkeypatch.context() as patch:
         if moment == "decode":
-            patch.setattr(render_scene, "_decode", decode_meanwhile)
+            patch.setattr(render_scene, "_read_files", decode_meanwhile)
         else:
-            patch.setattr(render_scene, "_load", load_meanwhile)
+            patch.setattr(render_scene, "_load_scene", load_meanwhile)
         ended = run_here_cached(run_inim, folder, tmp_path)
     assert ended.code == 2
     assert_one_line(ended.stderr, [kind, "was saved while the run read it; run it again"])
