@@ -76,7 +76,12 @@ def _write_patterns(args: argparse.Namespace, display: Display) -> int:
 
 
 def _calibrate(args: argparse.Namespace, display: Display, preset: str) -> int:
+    """Fit the display, and write the report's folder, then the display file."""
     from inim.calibrate.fit import calibrate, check_display
+    from inim.calibrate.output import calibration_document, display_file, residual_maps
+    from inim.documents.files import write_text
+    from inim.report.calibration import FILES, write_calibration
+    from inim.worker.output import published
 
     photos = Path(args.photos)
     out = args.out or Path(f"{photos.resolve().name}.xml")
@@ -86,11 +91,16 @@ def _calibrate(args: argparse.Namespace, display: Display, preset: str) -> int:
     check_display(display)
     lenses, focal_px = _lenses(photos, display)
     calibration = calibrate(lenses, display, camera=camera, focal_px=focal_px)
-    document = _write(calibration, args, out, preset)
+    title = f"Calibration: {photos.resolve().name}"
+    document = calibration_document(calibration, title, args.command_line)
+    folder = out.with_name(f"{out.stem}-calibration")
+    with published(folder, FILES) as staging:
+        write_calibration(document, residual_maps(calibration), staging)
+    write_text(out, display_file(calibration, preset))
     print("\n".join(_table(calibration)))
     for warning in document.warnings:
         print_warning(warning)
-    page = _report_folder(out) / "calibration.html"
+    page = folder / "calibration.html"
     return finish(not calibration.unknown, f"calibrated: {out}, {page}")
 
 
@@ -134,28 +144,6 @@ def _lenses(photos: Path, display: Display) -> tuple[dict[str, Lenses], float | 
         for position in positions
     }
     return lenses, stated.pop() if len(stated) == 1 else None
-
-
-def _report_folder(out: Path) -> Path:
-    return out.with_name(f"{out.stem}-calibration")
-
-
-def _write(
-    calibration: Calibration, args: argparse.Namespace, out: Path, preset: str
-) -> CalibrationDocument:
-    """Write the report's folder, then the display file."""
-    from inim.calibrate.output import calibration_document, display_file, residual_maps
-    from inim.documents.files import write_text
-    from inim.report.calibration import FILES, write_calibration
-    from inim.worker.output import published
-
-    title = f"Calibration: {Path(args.photos).resolve().name}"
-    document = calibration_document(calibration, title, args.command_line)
-    folder = _report_folder(out)
-    with published(folder, FILES) as staging:
-        write_calibration(document, residual_maps(calibration), staging)
-    write_text(out, display_file(calibration, preset))
-    return document
 
 
 def _table(calibration: Calibration) -> list[str]:

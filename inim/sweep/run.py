@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 from inim import backend as backends
 from inim.documents.parts import origin
 from inim.documents.unit import SweepTable
+from inim.pipeline.plan import LEAST_BYTES
 from inim.process.atomic_file import file_errors
 from inim.process.machine import cpu_count
 from inim.report.sweep import PAGE, write_page
@@ -21,7 +23,7 @@ from inim.sweep.unit import (
     SweepTask,
     Unit,
     expand,
-    make_task,
+    key_of,
     making_of,
     report_folder,
 )
@@ -92,8 +94,15 @@ def _tasks(
             whole = (report_folder(results.out, unit.hash) / "report.json").is_file()
             missing = [] if whole and not missing else list(study.algorithms)
         if missing:
-            tasks[unit.hash] = make_task(
-                unit, missing, keep_report=study.keep_reports, threads=threads
+            tasks[unit.hash] = SweepTask(
+                unit.hash,
+                unit.label,
+                unit.only(missing),
+                key_of(unit.plan),
+                tuple(missing),
+                keep_report=study.keep_reports,
+                threads=threads,
+                memory_bytes=LEAST_BYTES + unit.plan.images_bytes,
             )
     return list(tasks.values())
 
@@ -159,25 +168,16 @@ def compute_results(
     plan = replace(plan, tasks=[replace(task, debug=debug) for task in plan.tasks])
     with file_errors(place.out):
         (plan.results.out / FOLDER).mkdir(parents=True, exist_ok=True)
-    errors = _run_tasks(plan, place.scheduler, workers, Progress(len(plan.tasks), quiet=quiet))
+    errors: dict[str, str] = {}
+    with closing(Progress(len(plan.tasks), quiet=quiet)) as progress:
+        for line in plan.lines():
+            progress.say(line)
+        if plan.tasks and place.scheduler is None:
+            backends.choose_backend(study.backend)  # raises before any task starts
+        if plan.tasks:
+            errors = run_tasks(plan.tasks, place.scheduler, workers, progress)
     rows, failed = _collect_rows(plan, errors)
     return SweepResult(rows, len(plan.units), len(plan.tasks), failed)
-
-
-def _run_tasks(
-    plan: SweepPlan, scheduler: str | None, workers: int, progress: Progress
-) -> dict[str, str]:
-    """Run the tasks; return the error messages of failed units."""
-    for line in plan.lines():
-        progress.say(line)
-    if not plan.tasks:
-        return {}
-    try:
-        if scheduler is None:
-            backends.choose_backend(plan.study.backend)  # raises before any task starts
-        return run_tasks(plan.tasks, scheduler, workers, progress)
-    finally:
-        progress.close()
 
 
 def _collect_rows(

@@ -34,7 +34,7 @@ from inim.files.image import write_atomically
 from inim.generators import PICKUP, is_own, parse_algorithm
 from inim.metrics import foreign_identities
 from inim.pipeline.baseline import FOLDER as STATISTICS
-from inim.pipeline.plan import LEAST_BYTES, Plan, make_plan
+from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.plugins import identity
 from inim.process.atomic_file import file_errors
@@ -251,23 +251,6 @@ class SweepTask:
     threads: int | None = None
     memory_bytes: int = 0
     debug: bool = False
-
-
-def make_task(
-    unit: Unit, algorithms: Sequence[str], *, keep_report: bool, threads: int | None
-) -> SweepTask:
-    """Create the task of computing some algorithms of a unit."""
-    assert unit.plan is not None
-    return SweepTask(
-        unit.hash,
-        unit.label,
-        unit.only(algorithms),
-        key_of(unit.plan),
-        tuple(algorithms),
-        keep_report,
-        threads,
-        LEAST_BYTES + unit.plan.images_bytes,
-    )
 
 
 def attempt(task: SweepTask, on_start: OnStart | None = None) -> InimError | None:
