@@ -192,10 +192,13 @@ class _Preparation:
             )
         if self.colour == "nearest":
             return generator
-        from inim.generators.raycast.colour import Coloured
+        from inim.generators.raycast.supersampling import ColouredRays
 
         source_generator = self._with_sources(generator, COLOUR)
-        return Coloured(source_generator, self.display, self.shape, self.pixel_mm, self.colour)
+        return ColouredRays(
+            source_generator.rays(), lambda: source_generator, self.display, self.shape,
+            self.pixel_mm, colour=self.colour,
+        )  # fmt: skip
 
     def _with_sources(self, generator: Generator, option: str) -> SourceGenerator:
         """The generator, or `UsageError` if it does not report the sources that an option needs."""

@@ -76,6 +76,8 @@ def hole_fraction(sources: Sources) -> float:
     return np.count_nonzero(sources == HOLE) / lensed if lensed else 0.0
 
 
+#: Writes the sources of a slice of rows into an array of that many rows.
+Search = Callable[[slice, Sources], None]
 #: Rows, columns of a picture.
 PictureShape = tuple[int, int]
 #: Down and right from a pixel's centre, in pixels.
@@ -193,28 +195,30 @@ class SourceGenerator(ABC):
     def find(self, rgbd: RGBD) -> Sources:
         """Sources of all panel pixels; those under no lens may hold anything."""
 
-    def find_into(self, rgbd: RGBD, out: Sources) -> Sources:
-        """Find sources as `find` does, in an array of `made_shape`, which is returned."""
-        out[...] = self.find(rgbd)
-        return out
+    def search(self, rgbd: RGBD) -> Search:
+        """Function that finds the sources of some rows of the result; see `find`."""
+        sources = self.sources(rgbd)
 
-    def sources(self, rgbd: RGBD, out: Sources | None = None) -> Sources:
-        """``row * W + column`` of each panel pixel's source, or `HOLE`, or `NO_LENS`.
+        def find_rows(rows: slice, out: Sources) -> None:
+            out[...] = sources[rows]
 
-        Into `out`, an array of `made_shape`, if it is given.
-        """
+        return find_rows
+
+    def sources(self, rgbd: RGBD) -> Sources:
+        """``row * W + column`` of each panel pixel's source, or `HOLE`, or `NO_LENS`."""
         self.check(rgbd)
-        sources = self.find(rgbd) if out is None else self.find_into(rgbd, out)
-        return sources if self.pixels is not None else self._without_lens(sources)
+        sources = self.find(rgbd)
+        if self.pixels is None:
+            self.mark_unlensed(slice(None), sources)
+        return sources
 
-    def _without_lens(self, sources: Sources) -> Sources:
-        """Sources of a panel, marked where there is no lens."""
+    def mark_unlensed(self, rows: slice, sources: Sources) -> None:
+        """Mark sources of some rows of the panel where there is no lens."""
         if self.display.is_separable:  # whole rows and columns: faster than pixel by pixel
-            sources[self.display.rows.lens < 0, :] = NO_LENS
+            sources[self.display.rows.lens[rows] < 0, :] = NO_LENS
             sources[:, self.display.columns.lens < 0] = NO_LENS
         else:
-            sources[~self.display.lensed] = NO_LENS
-        return sources
+            sources[~self.display.lensed[rows]] = NO_LENS
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""

@@ -189,16 +189,16 @@ def test_codes_are_those_of_the_mean_light_to_the_last_bit(samples):
     rgbd = RGBD(color, linear.depth_mm, linear.covered, linear.pixel_mm)
     algorithm = f"template:samples={samples}:colour=nearest"
     made = prepare(shown, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
-    sources = made.samples(rgbd)
+    sources = np.stack([ray.generator.sources(rgbd) for ray in made.rays()])
     palette = np.append(rgbd.color.reshape(-1, 4), np.zeros((1, 4), np.uint8), axis=0)
-    codes = palette[np.where(sources >= 0, sources, -1)] / np.float32(255)
-    light = np.concatenate([linear_from_srgb(codes[..., :3]), codes[..., 3:]], axis=-1)
-    mean = light[0] / np.float32(samples)
-    for ray in light[1:]:
-        mean = mean + ray / np.float32(samples)
-    expected = np.append(srgb_from_linear(mean[..., :3]), mean[..., 3:], axis=-1)
+    codes = palette[np.where(sources >= 0, sources, -1)]
+    # In 16383 steps of light, as the definition counts.
+    steps = np.rint(linear_from_srgb(codes[..., :3] / np.float32(255)) * 16383).astype(int)
+    mean = (steps.sum(axis=0) / (samples * 16383)).astype(np.float32)
     eia = made.generate(rgbd)
-    assert np.array_equal(eia, srgb_to_uint8(expected))
+    assert np.array_equal(eia[..., :3], srgb_to_uint8(srgb_from_linear(mean)))
+    alpha = codes[..., 3].sum(axis=0, dtype=int)
+    assert np.array_equal(eia[..., 3], (2 * alpha + samples) // (2 * samples))
     agree = (sources == sources[0]).all(axis=0)
     assert 0.1 < agree.mean() < 0.9, "or the test says nothing"
     assert np.array_equal(eia[agree], palette[np.where(sources[0] >= 0, sources[0], -1)][agree])

@@ -43,7 +43,8 @@ from inim.errors import UsageError
 from inim.generators.base import HOLE, NO_LENS, Generator, Ray, SourceGenerator, Sources
 from inim.generators.raycast.cells import CellRays, cell_rays
 from inim.generators.raycast.columns import STEEPEST
-from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.generators.raycast.light import light_of_codes
+from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD
 
 # Lenses to look aside from a hole: the parallax of any display, and a bound on the time.
@@ -159,10 +160,6 @@ class FilledFrames(SourceGenerator):
         """See `SourceGenerator.find`."""
         return self._generator.find(rgbd)
 
-    def find_into(self, rgbd: RGBD, out: Sources) -> Sources:
-        """See `SourceGenerator.find_into`."""
-        return self._generator.find_into(rgbd, out)
-
     def rays(self) -> list[Ray]:
         """See `SourceGenerator.rays`."""
         return self._generator.rays()
@@ -209,12 +206,9 @@ class _VisibleSurfaces(NamedTuple):
         depth = [np.where(layer.covered, layer.front_mm, np.float32(-np.inf)) for layer in layers]
         color = rgbd.palette.reshape(-1, rgbd.color.shape[2])[:, :3]
         if color.dtype == np.uint8:
-            color = _LIGHT[color]
+            color = light_of_codes()[color]
         front = np.where(rgbd.covered, rgbd.depth_mm, uncovered)
         return cls(front, np.concatenate(depth).reshape(-1), color)
-
-
-_LIGHT = linear_from_srgb(np.arange(256, dtype=np.float32) / np.float32(255))
 
 
 def _add_light(pixels: np.ndarray, at: np.ndarray, light: np.ndarray) -> None:
@@ -222,7 +216,7 @@ def _add_light(pixels: np.ndarray, at: np.ndarray, light: np.ndarray) -> None:
     if pixels.dtype != np.uint8:
         pixels[at] += light[:, :3]
         return
-    light_sum = _LIGHT[pixels[at, :3]] + light[:, :3]
+    light_sum = light_of_codes()[pixels[at, :3]] + light[:, :3]
     pixels[at, :3] = srgb_to_uint8(srgb_from_linear(light_sum))
     alpha = pixels[at, 3] + np.rint(light[:, 3] * np.float32(255))
     pixels[at, 3] = np.minimum(alpha, 255).astype(np.uint8)

@@ -13,15 +13,18 @@ not depend on the picture: it is stored, as float64 has it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
+from inim.generators.base import PictureShape, PixelOffset
 from inim.generators.raycast.cells import cell_rays
 from inim.generators.raycast.columns import SOLID, Columns
 from inim.generators.raycast.polyphase import (
+    Layout,
     PhaseGenerator,
     Phases,
     cells_per_pitch,
@@ -32,9 +35,9 @@ from inim.generators.raycast.polyphase import (
 from inim.generators.raycast.ray_by_ray import AxisRuns, axis_runs, rounded_up
 from inim.generators.raycast.simd import (
     LANES,
+    and_flags,
     any_lane,
     at_least,
-    both,
     but_not,
     choose,
     either,
@@ -59,11 +62,11 @@ class _Rows(NamedTuple):
     lens : (panel rows,) int64
         Lens row; -1 where none.
     offset : (n,) int64
-        See `Phases.row_offset`.
+        See `Layout.row_offset`.
     exit_mm, entry_mm : (n,) float32
         Rounded up and down; a ray enters its first cell at infinity.
     reach : (panel rows, 2) int64
-        See `Phases.row_reach`.
+        See `Layout.row_reach`.
     """
 
     first: np.ndarray
@@ -83,7 +86,7 @@ class _Passes(NamedTuple):
     Attributes
     ----------
     offset : (passes, cells) int64
-        See `Phases.column_offset`.
+        See `Layout.column_offset`.
     exit_mm, entry_mm : (passes, cells, LANES) float32
         Per lens, rounded up and down; anything where a lens does not visit a cell.
     nearest_exit : (passes, cells) float32
@@ -126,41 +129,49 @@ class NonIntegerPitch(PhaseGenerator):
 
     def _prepare(self) -> None:
         super()._prepare()
-        display, shape, pixel_mm = self.display, self.shape, self.pixel_mm
-        per_pitch = cells_per_pitch(display, pixel_mm)
-        assert per_pitch is not None
-        rays = cell_rays(shape, pixel_mm, display, self.pixel_offset)
-        columns, rows = (axis_runs(axis, display.depth_range_mm) for axis in rays)
-        # As if under the lens 0.
-        row_lens = np.repeat(display.rows.lens, np.diff(rows.first))
-        column_lens = np.repeat(display.columns.lens, np.diff(columns.first))
-        row, column = rows.cell - per_pitch * row_lens, columns.cell - per_pitch * column_lens
-        lenses = (display.lens_rows, display.lens_columns)
-        phases = self._phases = Phases.make(
-            per_pitch, row[row_lens >= 0], column[column_lens >= 0], lenses, end=self._rule != SOLID
-        )
-        row_entry = _entries(rows)
-        self._rows = _Rows(
-            rows.first, display.rows.lens, phases.row_offset(row), rounded_up(rows.exit_mm),
-            -rounded_up(-row_entry), phases.row_reach(row, rows.first[:-1]),
-        )  # fmt: skip
-        self._passes, *column_depths = _passes(display, columns, column, column_lens, phases)
-        self._cells = _cells(self._rows, rows.exit_mm, row_entry, *column_depths)
+        self._tables = _tables(self.display, self.shape, self.pixel_mm, self.pixel_offset)
+        self._phases = Phases(self._tables[0], end=self._rule != SOLID)
 
-    def _run(
-        self, columns: Columns, payloads: Sequence[np.ndarray], empty: int, out: np.ndarray
-    ) -> None:
-        """See `PhaseGenerator._run`."""
+    def _take(self, columns: Columns, payloads: Sequence[np.ndarray]) -> None:
+        """See `PhaseGenerator._take`."""
         self._fill(columns, payloads[0])
+
+    def _run(self, columns: Columns, empty: int, first: int, out: np.ndarray) -> None:
+        """See `PhaseGenerator._run`."""
         phases = self._phases
         _run(
+            first,
             (
-                phases.depth.reshape(-1), phases.back.reshape(-1), phases.payload.reshape(-1),
-                phases.depth[0].size, phases.nearest, phases.farthest,
+                phases.depth, phases.back, phases.payload, phases.layout.row_stride,
+                phases.nearest, phases.farthest,
             ),
-            self._rows, self._passes, self._cells, columns.end, columns.continue_behind,
+            *self._tables[1:], columns.end, columns.continue_behind,
             np.uint32(empty), out,
         )  # fmt: skip
+
+
+@lru_cache(maxsize=8)
+def _tables(
+    display: Display, shape: PictureShape, pixel_mm: float, pixel_offset: PixelOffset
+) -> tuple[Layout, _Rows, _Passes, _Cells]:
+    """Tables of a display and picture size."""
+    per_pitch = cells_per_pitch(display, pixel_mm)
+    assert per_pitch is not None
+    rays = cell_rays(shape, pixel_mm, display, pixel_offset)
+    columns, rows = (axis_runs(axis, display.depth_range_mm) for axis in rays)
+    # As if under the lens 0.
+    row_lens = np.repeat(display.rows.lens, np.diff(rows.first))
+    column_lens = np.repeat(display.columns.lens, np.diff(columns.first))
+    row, column = rows.cell - per_pitch * row_lens, columns.cell - per_pitch * column_lens
+    layout = Layout.of(per_pitch, row[row_lens >= 0], column[column_lens >= 0], display)
+    row_entry = _entries(rows)
+    panel_rows = _Rows(
+        rows.first, display.rows.lens, layout.row_offset(row), rounded_up(rows.exit_mm),
+        -rounded_up(-row_entry), layout.row_reach(row, rows.first[:-1]),
+    )  # fmt: skip
+    passes, *column_depths = _passes(display, columns, column, column_lens, layout)
+    cells = _cells(panel_rows, rows.exit_mm, row_entry, *column_depths)
+    return layout, panel_rows, passes, cells
 
 
 def _entries(runs: AxisRuns) -> np.ndarray:
@@ -171,7 +182,7 @@ def _entries(runs: AxisRuns) -> np.ndarray:
 
 
 def _passes(
-    display: Display, runs: AxisRuns, cell: np.ndarray, lens: np.ndarray, phases: Phases
+    display: Display, runs: AxisRuns, cell: np.ndarray, lens: np.ndarray, layout: Layout
 ) -> tuple[_Passes, np.ndarray, np.ndarray]:
     """Passes over a display's column runs, and their exits and entries in float64.
 
@@ -183,7 +194,7 @@ def _passes(
     runs : AxisRuns
     cell, lens : (n,) int64
         Cell of each run as if under the lens 0, and its lens column; -1 where none.
-    phases : Phases
+    layout : Layout
     """
     lenses, owner = display.lens_columns, display.columns.lens
     lens_pixels = np.bincount(owner[owner >= 0], minlength=lenses)
@@ -212,7 +223,7 @@ def _passes(
     exit_mm = rounded_up(exits)
     lanes = np.isfinite(exits).any(axis=1) @ (1 << np.arange(LANES))
     passes = _Passes(
-        phases.column_offset(step[:, None] * (nearest[:, None] + np.arange(most))), exit_mm,
+        layout.column_offset(step[:, None] * (nearest[:, None] + np.arange(most))), exit_mm,
         -rounded_up(-entries), exit_mm.min(axis=2), lanes.astype(np.uint32), lens_first,
         lens_pixels,
     )  # fmt: skip
@@ -274,12 +285,13 @@ def _find_cells(  # type: ignore[no-untyped-def]
 
 
 @compiled(parallel=True)
-def _run(picture, rows, passes, cells, columns_end, continue_behind, empty, out):  # type: ignore[no-untyped-def]
-    """All panel rows, shared among the threads."""
+def _run(first, picture, rows, passes, cells, columns_end, continue_behind, empty, out):  # type: ignore[no-untyped-def]
+    """Panel rows from the first on, shared among the threads."""
     lens_first, lens_pixels = passes.lens_first, passes.lens_pixels
     lenses, least_pixels = len(lens_first), lens_pixels.min()
-    for r in prange(out.shape[0]):
-        out[r, :] = empty
+    for line in prange(out.shape[0]):
+        r, row = first + np.int64(line), out[line]
+        row[:] = empty
         if rows.lens[r] >= 0:
             strip = np.empty(lens_pixels.max() * LANES, np.uint32)
             for s in range(picture[4].shape[1]):
@@ -293,10 +305,10 @@ def _run(picture, rows, passes, cells, columns_end, continue_behind, empty, out)
                     r, s, start, most, picture, rows, passes, cells, columns_end, continue_behind,
                     strip,
                 )  # fmt: skip
-                write_strip(strip, lens_first, start, least_pixels, out[r])
+                write_strip(strip, lens_first, start, least_pixels, row)
                 for n in range(start, min(start + LANES, lenses)):
                     for u in range(least_pixels, lens_pixels[n]):
-                        out[r, lens_first[n] + u] = strip[u * LANES + n - start]
+                        row[lens_first[n] + u] = strip[u * LANES + n - start]
 
 
 @compiled
@@ -336,15 +348,17 @@ def _run_strip(  # type: ignore[no-untyped-def]
                 break
             cell = np.uintp(base + row_offset[i] + offset[q])
             front = load(depth, cell)
-            hit = both(
-                both(searching, lanes_of(cell_list[k, 2])),
-                both(at_least(front, load(exits, q * _LANES)), at_least(front, same(row_exit[i]))),
+            hit = and_flags(
+                and_flags(searching, lanes_of(cell_list[k, 2])),
+                and_flags(
+                    at_least(front, load(exits, q * _LANES)), at_least(front, same(row_exit[i]))
+                ),
             )
             if columns_end and any_lane(hit):
                 end_mm = load(back, cell)
                 below = hit
-                hit = both(hit, at_least(load(entries, q * _LANES), end_mm))
-                hit = both(hit, at_least(same(row_entry[i]), end_mm))
+                hit = and_flags(hit, at_least(load(entries, q * _LANES), end_mm))
+                hit = and_flags(hit, at_least(same(row_entry[i]), end_mm))
                 behind = either(behind, but_not(below, hit))
             payloads = choose(hit, load(payload, cell), payloads)
             searching = but_not(searching, hit)
@@ -352,15 +366,15 @@ def _run_strip(  # type: ignore[no-untyped-def]
                 break
             k += np.uintp(1)
         if continue_behind:
-            lost, k = both(behind, searching), end
+            lost, k = and_flags(behind, searching), end
             while k > begin and any_lane(lost):
                 k -= np.uintp(1)
                 i, q = np.uintp(cell_list[k, 0]), first + np.uintp(cell_list[k, 1])
                 cell = np.uintp(base + row_offset[i] + offset[q])
                 here = load(depth, cell)
                 over = either(less(here, load(exits, q * _LANES)), less(here, same(row_exit[i])))
-                over = both(over, both(lost, lanes_of(cell_list[k, 2])))
-                covered = both(over, less(same(np.float32(-np.inf)), here))
+                over = and_flags(over, and_flags(lost, lanes_of(cell_list[k, 2])))
+                covered = and_flags(over, less(same(np.float32(-np.inf)), here))
                 payloads = choose(covered, load(payload, cell), payloads)
                 lost = but_not(lost, over)
         store(strip, at, payloads)

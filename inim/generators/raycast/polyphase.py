@@ -22,6 +22,7 @@ sooner, because of the rays of other lenses next to the object.
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ import numpy as np
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.display.pixels import exact_length
-from inim.generators.base import CENTRE, HOLE, PictureShape, PixelOffset, Sources
+from inim.generators.base import CENTRE, HOLE, PictureShape, PixelOffset, Search, Sources
 from inim.generators.raycast.cells import CellRays, cell_rays
 from inim.generators.raycast.columns import Columns, columns_of
 from inim.generators.raycast.ray_by_ray import FirstHits, rounded_up, walk
@@ -48,45 +49,27 @@ _MOST_SLOTS = 2**25
 
 
 @dataclass(frozen=True)
-class Phases:
-    """Buffers and addresses of one display and picture size, filled again for every picture.
+class Layout:
+    """Addresses of picture cells in phases, of one display and picture size.
 
     Attributes
     ----------
-    depth : (slots down, per_pitch, per_pitch, slots across) float32
-        Depths by phase, -inf at uncovered cells, NaN around the picture.
-    back : same shape, float32
-        Backs of columns, inf at uncovered cells; empty if no column has a back.
-    payload : same shape, uint32
-        Result of a hit: an RGBA colour, or an index.
+    shape : (slots down, per_pitch, per_pitch, slots across)
     origin : (row, column) of int
         Picture cell of slot (0, 0), phase (0, 0); negative where slots reach beyond the picture.
     window : (slots down, slots across) of int
         Slots that the rays of one lens can reach.
-    nearest : (slots down, strips) float32
-        Greatest depth, in a row of slots, within reach of a strip of lenses.
-    farthest : (slots down, strips) float32
-        Least depth of a back within the same reach; inf without covered cells.
+    strips : int
+        Strips of lenses in a row.
     """
 
-    depth: np.ndarray
-    back: np.ndarray
-    payload: np.ndarray
+    shape: tuple[int, int, int, int]
     origin: tuple[int, int]
     window: tuple[int, int]
-    nearest: np.ndarray
-    farthest: np.ndarray
+    strips: int
 
     @classmethod
-    def make(
-        cls,
-        per_pitch: int,
-        rows: np.ndarray,
-        columns: np.ndarray,
-        lenses: tuple[int, int],
-        *,
-        end: bool,
-    ) -> Phases:
+    def of(cls, per_pitch: int, rows: np.ndarray, columns: np.ndarray, display: Display) -> Layout:
         """Lay out the phases.
 
         Parameters
@@ -95,49 +78,43 @@ class Phases:
             Picture cells per lens pitch.
         rows, columns : int arrays
             All cells that rays of the lens (0, 0) visit.
-        lenses : (rows, columns)
-        end : bool
-            Whether columns end.
+        display : Display
         """
         first = [int(cells.min()) // per_pitch for cells in (rows, columns)]
         last = [int(cells.max()) // per_pitch for cells in (rows, columns)]
         window = (last[0] - first[0] + 1, last[1] - first[1] + 1)
-        down = lenses[0] + window[0] - 1
-        across = max(lenses[1], LANES) + window[1] - 1
-        shape = (down, per_pitch, per_pitch, across)
-        strips = -(-lenses[1] // LANES)
+        down = display.lens_rows + window[0] - 1
+        across = max(display.lens_columns, LANES) + window[1] - 1
         return cls(
-            np.full(shape, np.nan, np.float32),
-            np.full(shape if end else (0, 0, 0, 0), np.inf, np.float32),
-            np.zeros(shape, np.uint32),
+            (down, per_pitch, per_pitch, across),
             (first[0] * per_pitch, first[1] * per_pitch),
             window,
-            np.empty((down, strips), np.float32),
-            np.empty((down, strips), np.float32),
+            -(-display.lens_columns // LANES),
         )
+
+    @property
+    def row_stride(self) -> int:
+        """Flat distance from one row of slots to the next."""
+        _, k, _, across = self.shape
+        return k * k * across
 
     def row_offset(self, rows: np.ndarray) -> np.ndarray:
         """Flat distance of picture rows of lens row 0 from slot row 0; add a column's."""
-        _, k, _, across = self.depth.shape
+        _, k, _, across = self.shape
         # Slots and the phases inside them follow one another, row by row.
         offset: np.ndarray = (np.asarray(rows, np.int64) - self.origin[0]) * (k * across)
         return offset
 
     def column_offset(self, columns: np.ndarray) -> np.ndarray:
         """Flat distance of picture columns of lens column 0 from slot column 0."""
-        _, k, _, across = self.depth.shape
+        _, k, _, across = self.shape
         slot, phase = np.divmod(np.asarray(columns, np.int64) - self.origin[1], k)
         offset: np.ndarray = phase * across + slot
         return offset
 
-    def offset(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-        """Flat distance of picture cells of lens (0, 0) from slot (0, 0)."""
-        offset: np.ndarray = self.row_offset(rows) + self.column_offset(columns)
-        return offset
-
     def slots(self, shape: PictureShape) -> np.ndarray:
         """Flat slot of each cell of a picture, (cells,) int32; -1 outside the reach of rays."""
-        down, k, _, across = self.depth.shape
+        down, k, _, across = self.shape
         rows, columns = (np.arange(count) for count in shape)
         reached = [
             (cells >= first) & (cells < first + count * k)
@@ -161,18 +138,53 @@ class Phases:
         -------
         (m, 2) int array
         """
-        slots = (rows - self.origin[0]) // self.depth.shape[1]
+        slots = (rows - self.origin[0]) // self.shape[1]
         ends = [extreme.reduceat(slots, first) for extreme in (np.minimum, np.maximum)]
         return np.stack(ends, axis=1)
+
+
+class Phases:
+    """A picture by phases, in buffers that are filled again for every picture.
+
+    Parameters
+    ----------
+    layout : Layout
+    end : bool
+        Whether columns end.
+
+    Attributes
+    ----------
+    layout : Layout
+    depth : (n,) float32
+        Depths by phase, -inf at uncovered cells, NaN around the picture.
+    back : (n,) float32
+        Backs of columns, inf at uncovered cells; empty if no column has a back.
+    payload : (n,) uint32
+        Result of a hit: an RGBA colour, or an index.
+    nearest : (slots down, strips) float32
+        Greatest depth, in a row of slots, within reach of a strip of lenses.
+    farthest : (slots down, strips) float32
+        Least depth of a back within the same reach; inf without covered cells.
+    """
+
+    def __init__(self, layout: Layout, *, end: bool) -> None:
+        self.layout = layout
+        size, bounds = math.prod(layout.shape), (layout.shape[0], layout.strips)
+        self.depth = np.full(size, np.nan, np.float32)
+        self.back = np.full(size if end else 0, np.inf, np.float32)
+        self.payload = np.zeros(size, np.uint32)
+        self.nearest, self.farthest = np.empty(bounds, np.float32), np.empty(bounds, np.float32)
 
     def fill(self, layer: Layer, payload: np.ndarray | None) -> None:
         """Take in a picture's front surface, and (H, W) uint32; without these, the last ones."""
         fill = _fill if self.depth.size < _WORTH_SHARING else _fill_shared
-        anew = payload is not None
+        anew, shape = payload is not None, self.layout.shape
+        back = self.back.reshape(shape if self.back.size else (0, 0, 0, 0))
         fill(
             layer.front_mm, layer.covered, layer.back_mm if self.back.size else _NO_BACKS,
-            payload if payload is not None else _NO_PAYLOAD, anew, *self.origin,
-            self.depth, self.back, self.payload, self.window[1], self.nearest, self.farthest,
+            payload if payload is not None else _NO_PAYLOAD, anew, *self.layout.origin,
+            self.depth.reshape(shape), back, self.payload.reshape(shape), self.layout.window[1],
+            self.nearest, self.farthest,
         )  # fmt: skip
 
 
@@ -180,6 +192,7 @@ class PhaseGenerator(FirstHits):
     """First hits in a picture laid out by phases: whole cells per lens pitch."""
 
     _phases: Phases
+    _layout: Layout
 
     def _prepare(self) -> None:
         # Flat cell numbers as a payload, so that a run yields sources.
@@ -187,22 +200,24 @@ class PhaseGenerator(FirstHits):
         self._holds_index = False
 
     @abstractmethod
-    def _run(
-        self, columns: Columns, payloads: Sequence[np.ndarray], empty: int, out: np.ndarray
-    ) -> None:
-        """Show each panel pixel the payload of its first hit, all uint32; one for each layer."""
+    def _take(self, columns: Columns, payloads: Sequence[np.ndarray]) -> None:
+        """Take in a picture, with a payload (H, W) uint32 of each layer."""
 
-    def find(self, rgbd: RGBD) -> Sources:
-        """See `SourceGenerator.find`."""
-        return self.find_into(rgbd, np.empty(self.result_shape, np.int32))
+    @abstractmethod
+    def _run(self, columns: Columns, empty: int, first: int, out: np.ndarray) -> None:
+        """Show pixels of panel rows from the first on the payload of their first hit, uint32."""
 
-    def find_into(self, rgbd: RGBD, out: Sources) -> Sources:
-        """See `SourceGenerator.find_into`."""
+    def search(self, rgbd: RGBD) -> Search:
+        """See `SourceGenerator.search`."""
         columns = columns_of(rgbd, self._rule)
         deeper = range(1, len(columns.layers))
         payloads = [self._index, *(self._index + np.uint32(n * self._index.size) for n in deeper)]
-        self._run(columns, payloads, HOLE % 2**32, out.view(np.uint32))
-        return out
+        self._take(columns, payloads)
+
+        def find_rows(rows: slice, out: Sources) -> None:
+            self._run(columns, HOLE % 2**32, rows.start, out.view(np.uint32))
+
+        return find_rows
 
     def shows_sources(self, rgbd: RGBD) -> bool:  # noqa: ARG002
         """See `SourceGenerator.shows_sources`."""
@@ -218,7 +233,8 @@ class PhaseGenerator(FirstHits):
         words = [
             np.ascontiguousarray(layer.color).view(np.uint32)[..., 0] for layer in columns.layers
         ]
-        self._run(columns, words, 0, out.view(np.uint32)[..., 0])
+        self._take(columns, words)
+        self._run(columns, 0, 0, out.view(np.uint32)[..., 0])
         return out
 
     def _fill(self, columns: Columns, payload: np.ndarray) -> None:

@@ -22,11 +22,12 @@ from inim.generators.base import (
     PictureShape,
     PixelList,
     PixelOffset,
+    Search,
     SourceGenerator,
     Sources,
 )
 from inim.generators.raycast.cells import CellRays, cell_rays, free_cell_rays
-from inim.generators.raycast.columns import Columns, columns_of
+from inim.generators.raycast.columns import columns_of
 from inim.image.rgbd import RGBD
 
 
@@ -217,6 +218,12 @@ class FirstHits(SourceGenerator):
     def _prepare(self) -> None:
         """Compute the data shared by all pictures."""
 
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`."""
+        sources = np.empty(self.result_shape, np.int32)
+        self.search(rgbd)(slice(0, len(sources)), sources)
+        return sources
+
 
 class RayByRay(FirstHits):
     """Separate traversal of every ray, over the runs of its row and column, on separable displays.
@@ -234,12 +241,9 @@ class RayByRay(FirstHits):
             for rays in cell_rays(self.shape, self.pixel_mm, self.display, self.pixel_offset)
         )
 
-    def find(self, rgbd: RGBD) -> Sources:
-        """See `SourceGenerator.find`."""
-        return self.first_hits(columns_of(rgbd, self._rule))
-
-    def first_hits(self, columns: Columns) -> Sources:
-        """Find first hits in a picture's columns."""
+    def search(self, rgbd: RGBD) -> Search:
+        """See `SourceGenerator.search`."""
+        columns = columns_of(rgbd, self._rule)
         fronts, backs = columns.fronts(), columns.backs()
         nearest, z_min = float(fronts[0].max()), self._rows.exit_mm[-1]  # where all rays end
         runs = [
@@ -247,12 +251,16 @@ class RayByRay(FirstHits):
             for axis, cells in zip((self._rows, self._columns), self.shape, strict=True)
         ]
         surfaces = (fronts, backs, columns.continue_behind, z_min)
-        sources = np.empty(self.result_shape, np.int32)
-        if self.pixels is None:
-            _first_hits(*runs, _covered_above(fronts[0] > -np.inf), *surfaces, sources)
-        else:
-            _first_hits_at(*runs, self.pixels.rows, self.pixels.columns, *surfaces, sources[0])
-        return sources
+        above = _covered_above(fronts[0] > -np.inf) if self.pixels is None else None
+
+        def find_rows(rows: slice, out: Sources) -> None:
+            if self.pixels is None:
+                _first_hits(rows.start, *runs, above, *surfaces, out)
+                self.mark_unlensed(rows, out)
+            else:
+                _first_hits_at(*runs, self.pixels.rows, self.pixels.columns, *surfaces, out[0])
+
+        return find_rows
 
 
 def _below(runs: AxisRuns, nearest_mm: float, cells: int) -> tuple[np.ndarray, ...]:
@@ -284,16 +292,17 @@ def _covered_above(covered: np.ndarray) -> np.ndarray:
 
 
 @compiled(parallel=True)
-def _first_hits(rows, columns, above, fronts, backs, continue_behind, z_min, sources):  # type: ignore[no-untyped-def]
-    """First hits of all panel pixels."""
+def _first_hits(first, rows, columns, above, fronts, backs, continue_behind, z_min, sources):  # type: ignore[no-untyped-def]
+    """First hits of panel rows from the first on."""
     tops, bottoms, lefts, rights = rows[3], rows[4], columns[3], columns[4]
-    for i in prange(sources.shape[0]):
+    for line in prange(sources.shape[0]):
+        i = first + np.int64(line)
         # Covered cells to the left, among the rows of cells that this panel row's rays visit.
         to_the_left = above[bottoms[i]] - above[tops[i]]
         for j in range(sources.shape[1]):
-            sources[i, j] = HOLE
+            sources[line, j] = HOLE
             if to_the_left[rights[j]] > to_the_left[lefts[j]]:
-                sources[i, j] = _first_hit(
+                sources[line, j] = _first_hit(
                     rows, i, columns, j, fronts, backs, continue_behind, z_min
                 )
 
@@ -345,6 +354,10 @@ class NonSeparable(FirstHits):
     or at the exact height of a column, to either side.
     """
 
+    def search(self, rgbd: RGBD) -> Search:
+        """See `SourceGenerator.search`."""
+        return SourceGenerator.search(self, rgbd)
+
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
         columns = columns_of(rgbd, self._rule)
@@ -352,7 +365,7 @@ class NonSeparable(FirstHits):
         z_min, z_max = self.display.depth_range_mm
         # Above the nearest surface nothing is hit; just above it, a cell left exactly there counts.
         z_max = min(z_max, float(np.nextafter(np.float64(fronts[0].max()), np.inf)))
-        sources = np.full(self.result_shape, HOLE, np.int32)
+        sources: Sources = np.full(self.result_shape, HOLE, np.int32)
         if z_max <= z_min:
             return sources
         surfaces = (fronts, backs, columns.continue_behind)

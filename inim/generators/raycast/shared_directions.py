@@ -12,8 +12,11 @@ behind which no ray passes, have a separate loop.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +28,8 @@ from inim.generators.raycast.cells import check_ray_length
 from inim.generators.raycast.columns import LAYERS, SOLID, Columns
 from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
 from inim.generators.raycast.polyphase import (
+    DirectionLists,
+    Layout,
     PhaseGenerator,
     Phases,
     build_lists,
@@ -38,9 +43,9 @@ from inim.generators.raycast.ray_by_ray import NonSeparable, RayByRay
 from inim.generators.raycast.simd import (
     LANES,
     all_lanes,
+    and_flags,
     any_lane,
     at_least,
-    both,
     but_not,
     choose,
     either,
@@ -62,50 +67,75 @@ class SharedDirections(PhaseGenerator):
 
     def _prepare(self) -> None:
         super()._prepare()
-        shape, display, rule = self.shape, self.display, self._rule
-        lists = self._lists = build_lists(display, shape, self.pixel_mm, self.pixel_offset)
-        lenses = (display.lens_rows, display.lens_columns)
-        phases = self._phases = Phases.make(
-            lists.per_pitch, lists.row, lists.column, lenses, end=rule != SOLID
-        )
-        self._offset = phases.offset(lists.row, lists.column)
-        self._reach = phases.row_reach(lists.row, lists.first[: -1 : lists.pixels])
-        # Offsets run along rows of slots of one phase: which of them each entry lies in.
-        self._phase_row = self._offset // phases.depth.shape[3]
-        self._deeper_layers = _Deeper.none(phases)
-        self._slots = phases.slots(shape) if rule == LAYERS else np.empty(0, np.int32)
+        self._tables = _direction_tables(self.display, self.shape, self.pixel_mm, self.pixel_offset)
+        layout = self._tables.layout
+        self._phases = Phases(layout, end=self._rule != SOLID)
+        self._deeper_layers = _Deeper.none(layout)
+        self._slots = layout.slots(self.shape) if self._rule == LAYERS else np.empty(0, np.int32)
 
-    def _run(
-        self, columns: Columns, payloads: Sequence[np.ndarray], empty: int, out: np.ndarray
-    ) -> None:
-        """See `PhaseGenerator._run`."""
+    def _take(self, columns: Columns, payloads: Sequence[np.ndarray]) -> None:
+        """See `PhaseGenerator._take`."""
         self._fill(columns, payloads[0])
-        phases, lists, lenses = self._phases, self._lists, self.display.lens_columns
-        row_stride = phases.depth[0].size
         deeper = columns.layers[1:]
         if len(deeper) != len(self._deeper_layers.occupied):
-            self._deeper_layers = _Deeper.none(phases, len(deeper))
+            self._deeper_layers = _Deeper.none(self._phases.layout, len(deeper))
         self._deeper_layers.hold(deeper, payloads[1:], self._slots)
-        deeper_phases = self._deeper_layers
-        run = _run_layered if deeper else _run_surface if columns.end else _run_solid
+
+    def _run(self, columns: Columns, empty: int, first: int, out: np.ndarray) -> None:
+        """See `PhaseGenerator._run`."""
+        phases, tables, deeper = self._phases, self._tables, self._deeper_layers
+        lists, row_stride = tables.lists, phases.layout.row_stride
+        run = _run_layered if deeper.occupied else _run_surface if columns.end else _run_solid
         run(
-            self.display.lens_rows, lists.pixels,
+            first, lists.pixels,
             (
-                phases.depth.reshape(-1), phases.back.reshape(-1), phases.payload.reshape(-1),
-                deeper_phases.front, deeper_phases.back, deeper_phases.payload, row_stride,
-                row_stride // phases.depth.shape[3], phases.nearest,
-                phases.farthest, deeper_phases.nearest,
+                phases.depth, phases.back, phases.payload, deeper.front, deeper.back,
+                deeper.payload, row_stride, row_stride // phases.layout.shape[3], phases.nearest,
+                phases.farthest, deeper.nearest,
             ),
             (
-                lists.first, self._offset, self._phase_row, self._reach, lists.exit_mm,
+                lists.first, tables.offset, tables.phase_row, tables.reach, lists.exit_mm,
                 lists.entry_mm,
             ),
             (
-                columns.continue_behind, np.arange(lenses) * lists.pixels, lists.pixels,
-                np.uint32(empty),
+                columns.continue_behind, np.arange(self.display.lens_columns) * lists.pixels,
+                lists.pixels, np.uint32(empty),
             ),
             out,
         )  # fmt: skip
+
+
+class _DirectionTables(NamedTuple):
+    """Lists of a display and picture size, and their addresses in phases.
+
+    Attributes
+    ----------
+    lists : DirectionLists
+    layout : Layout
+    offset : (n,) int64
+        Flat distance of the lists' cells from slot (0, 0).
+    phase_row : (n,) int64
+        Row of slots, of one phase, of each entry.
+    reach : (pixels, 2) int64
+        See `Layout.row_reach`.
+    """
+
+    lists: DirectionLists
+    layout: Layout
+    offset: np.ndarray
+    phase_row: np.ndarray
+    reach: np.ndarray
+
+
+@lru_cache(maxsize=8)
+def _direction_tables(
+    display: Display, shape: PictureShape, pixel_mm: float, pixel_offset: PixelOffset
+) -> _DirectionTables:
+    lists = build_lists(display, shape, pixel_mm, pixel_offset)
+    layout = Layout.of(lists.per_pitch, lists.row, lists.column, display)
+    offset = layout.row_offset(lists.row) + layout.column_offset(lists.column)
+    reach = layout.row_reach(lists.row, lists.first[: -1 : lists.pixels])
+    return _DirectionTables(lists, layout, offset, offset // layout.shape[3], reach)
 
 
 @dataclass(frozen=True)
@@ -133,17 +163,17 @@ class _Deeper:
     reach: int
 
     @classmethod
-    def none(cls, phases: Phases, layers: int = 0) -> _Deeper:
+    def none(cls, layout: Layout, layers: int = 0) -> _Deeper:
         """No layers, or empty ones."""
-        size = phases.depth.size
-        rows = size // phases.depth.shape[3]
+        size = math.prod(layout.shape)
+        rows = size // layout.shape[3]
         return cls(
             np.full((layers, size), -np.inf, np.float32),
             np.zeros((layers, size), np.float32),
             np.zeros((layers, size), np.uint32),
-            np.full((rows, phases.nearest.shape[1]), -np.inf, np.float32),
+            np.full((rows, layout.strips), -np.inf, np.float32),
             [np.empty(0, np.int32)] * layers,
-            phases.window[1],
+            layout.window[1],
         )
 
     def hold(self, layers: Sequence[Layer], words: Sequence[np.ndarray], slots: np.ndarray) -> None:
@@ -185,8 +215,7 @@ def _bound(own, fronts, reach, nearest):  # type: ignore[no-untyped-def]
 
 
 def _row_loop(columns_end: bool, layered: bool) -> Callable[..., None]:
-    """Compile the loop over one row of lenses, one panel row and strip at a time; see
-    `raycast.polyphase`.
+    """Compile the loop over one panel row, one strip at a time; see `raycast.polyphase`.
 
     There are separate versions for columns without backs, for one layer and for more: a common
     version would take a third longer.
@@ -194,61 +223,61 @@ def _row_loop(columns_end: bool, layered: bool) -> Callable[..., None]:
 
     @compiled
     def run_row(  # type: ignore[no-untyped-def]
-        m, front, back, payload, deeper_front, deeper_back, deeper_payload, row_stride, row_phases,
+        r, front, back, payload, deeper_front, deeper_back, deeper_payload, row_stride, row_phases,
         nearest, farthest, deeper_nearest, first, offset, phase_row, reach, exits, entries,
-        continue_behind, columns, pixels, empty, strip, out,
+        continue_behind, columns, pixels, empty, strip, row,
     ):  # fmt: skip
+        m, v = divmod(r, pixels)
         lenses = len(columns)
-        for v in range(pixels):
-            for s in range(nearest.shape[1]):
-                start = max(min(s * LANES, lenses - LANES), 0)
-                base, first_row = m * row_stride + start, m * row_phases
-                top, bottom = m + reach[v, 0], m + reach[v, 1]
-                most = nearest_surface(nearest, top, bottom, s)
-                least = -np.inf
-                if columns_end and not layered:
-                    least = farthest_end(farthest, top, bottom, s)
-                for u in range(pixels):
-                    direction = v * pixels + u
-                    k, end = np.uintp(first[direction]), np.uintp(first[direction + 1])
-                    while k < end and exits[k] > most:
-                        k += np.uintp(1)
-                    begin, searching, payloads = k, all_lanes(), same(empty)
-                    behind = no_lanes()
-                    while k < end:
-                        if columns_end and not layered and entries[k] < least:
-                            break
+        for s in range(nearest.shape[1]):
+            start = max(min(s * LANES, lenses - LANES), 0)
+            base, first_row = m * row_stride + start, m * row_phases
+            top, bottom = m + reach[v, 0], m + reach[v, 1]
+            most = nearest_surface(nearest, top, bottom, s)
+            least = -np.inf
+            if columns_end and not layered:
+                least = farthest_end(farthest, top, bottom, s)
+            for u in range(pixels):
+                direction = v * pixels + u
+                k, end = np.uintp(first[direction]), np.uintp(first[direction + 1])
+                while k < end and exits[k] > most:
+                    k += np.uintp(1)
+                begin, searching, payloads = k, all_lanes(), same(empty)
+                behind = no_lanes()
+                while k < end:
+                    if columns_end and not layered and entries[k] < least:
+                        break
+                    cell = np.uintp(base + offset[k])
+                    hit = and_flags(searching, at_least(load(front, cell), same(exits[k])))
+                    if columns_end:
+                        behind = either(behind, hit)
+                        below = hit
+                        hit = and_flags(below, at_least(same(entries[k]), load(back, cell)))
+                    payloads = choose(hit, load(payload, cell), payloads)
+                    searching = but_not(searching, hit)
+                    # Layers begin ever farther back: rays above one are above those behind.
+                    if layered and deeper_nearest[first_row + phase_row[k], s] >= exits[k]:
+                        searching, payloads = _hit_deeper(
+                            but_not(below, hit), searching, payloads, same(exits[k]),
+                            same(entries[k]), cell, deeper_front, deeper_back, deeper_payload,
+                        )  # fmt: skip
+                    if not any_lane(searching):
+                        break
+                    k += np.uintp(1)
+                if columns_end and continue_behind:
+                    # Back up the rays that met nothing, to the last cell each passed over.
+                    # Before the nearest surface there is none: such came in over a border.
+                    lost, k = and_flags(behind, searching), end
+                    while k > begin and any_lane(lost):
+                        k -= np.uintp(1)
                         cell = np.uintp(base + offset[k])
-                        hit = both(searching, at_least(load(front, cell), same(exits[k])))
-                        if columns_end:
-                            behind = either(behind, hit)
-                            below = hit
-                            hit = both(below, at_least(same(entries[k]), load(back, cell)))
-                        payloads = choose(hit, load(payload, cell), payloads)
-                        searching = but_not(searching, hit)
-                        # Layers begin ever farther back: rays above one are above those behind.
-                        if layered and deeper_nearest[first_row + phase_row[k], s] >= exits[k]:
-                            searching, payloads = _hit_deeper(
-                                but_not(below, hit), searching, payloads, same(exits[k]),
-                                same(entries[k]), cell, deeper_front, deeper_back, deeper_payload,
-                            )  # fmt: skip
-                        if not any_lane(searching):
-                            break
-                        k += np.uintp(1)
-                    if columns_end and continue_behind:
-                        # Back up the rays that met nothing, to the last cell each passed over.
-                        # Before the nearest surface there is none: such came in over a border.
-                        lost, k = both(behind, searching), end
-                        while k > begin and any_lane(lost):
-                            k -= np.uintp(1)
-                            cell = np.uintp(base + offset[k])
-                            depth = load(front, cell)
-                            over = both(lost, less(depth, same(exits[k])))
-                            covered = both(over, less(same(np.float32(-np.inf)), depth))
-                            payloads = choose(covered, load(payload, cell), payloads)
-                            lost = but_not(lost, over)
-                    store(strip, np.uintp(u) * _LANES, payloads)
-                write_strip(strip, columns, start, pixels, out[m * pixels + v])
+                        depth = load(front, cell)
+                        over = and_flags(lost, less(depth, same(exits[k])))
+                        covered = and_flags(over, less(same(np.float32(-np.inf)), depth))
+                        payloads = choose(covered, load(payload, cell), payloads)
+                        lost = but_not(lost, over)
+                store(strip, np.uintp(u) * _LANES, payloads)
+            write_strip(strip, columns, start, pixels, row)
 
     row: Callable[..., None] = run_row
     return row
@@ -259,8 +288,8 @@ def _hit_deeper(below, searching, word, exit_z, entry_z, cell, fronts, backs, wo
     """Search state and payloads after a test of the lanes below the front against deeper layers."""
     layer = 0
     while layer < len(fronts) and any_lane(below):
-        below = both(below, at_least(load(fronts[layer], cell), exit_z))
-        hit = both(below, at_least(entry_z, load(backs[layer], cell)))
+        below = and_flags(below, at_least(load(fronts[layer], cell), exit_z))
+        hit = and_flags(below, at_least(entry_z, load(backs[layer], cell)))
         word = choose(hit, load(words[layer], cell), word)
         searching = but_not(searching, hit)
         below = but_not(below, hit)
@@ -276,28 +305,28 @@ _solid_row, _surface_row, _layered_row = (
 
 
 @compiled(parallel=True)
-def _run_solid(rows, pixels, picture, lists, payload_of, out):  # type: ignore[no-untyped-def]
-    """All lens rows of columns without an end, shared among the threads."""
-    for m in prange(rows):
+def _run_solid(first, pixels, picture, lists, payload_of, out):  # type: ignore[no-untyped-def]
+    """Panel rows from the first on, of columns without an end, shared among the threads."""
+    for line in prange(out.shape[0]):
         strip = np.empty(pixels * LANES, np.uint32)
         # The loop's own index is unsigned: passed on as it is, the row is compiled twice.
-        _solid_row(np.int64(m), *picture, *lists, *payload_of, strip, out)
+        _solid_row(first + np.int64(line), *picture, *lists, *payload_of, strip, out[line])
 
 
 @compiled(parallel=True)
-def _run_surface(rows, pixels, picture, lists, payload_of, out):  # type: ignore[no-untyped-def]
-    """All lens rows of columns of one layer that end."""
-    for m in prange(rows):
+def _run_surface(first, pixels, picture, lists, payload_of, out):  # type: ignore[no-untyped-def]
+    """Panel rows of columns of one layer that end; see `_run_solid`."""
+    for line in prange(out.shape[0]):
         strip = np.empty(pixels * LANES, np.uint32)
-        _surface_row(np.int64(m), *picture, *lists, *payload_of, strip, out)
+        _surface_row(first + np.int64(line), *picture, *lists, *payload_of, strip, out[line])
 
 
 @compiled(parallel=True)
-def _run_layered(rows, pixels, picture, lists, payload_of, out):  # type: ignore[no-untyped-def]
-    """All lens rows of layered columns."""
-    for m in prange(rows):
+def _run_layered(first, pixels, picture, lists, payload_of, out):  # type: ignore[no-untyped-def]
+    """Panel rows of layered columns; see `_run_solid`."""
+    for line in prange(out.shape[0]):
         strip = np.empty(pixels * LANES, np.uint32)
-        _layered_row(np.int64(m), *picture, *lists, *payload_of, strip, out)
+        _layered_row(first + np.int64(line), *picture, *lists, *payload_of, strip, out[line])
 
 
 # Of usual pictures, with sides: what tables are made for is not known before a picture comes.

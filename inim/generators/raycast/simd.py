@@ -64,17 +64,41 @@ def _data(context: Any, builder: Any, kind: Any, array: Any) -> Any:
     return context.make_array(kind)(context, builder, array).data
 
 
-@intrinsic
-def load(typing, array, index):  # type: ignore[no-untyped-def]
-    """The elements of a flat array from an index on, one for each of `LANES`."""
-    lanes = Lanes(str(array.dtype), LANES)
+def _loader(count: int) -> Any:
+    """Intrinsic that loads elements of a flat array from an index on."""
 
-    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        data = _data(context, builder, signature.args[0], arguments[0])
-        place = builder.gep(data, [arguments[1]])
-        return builder.load(builder.bitcast(place, lanes.vector.as_pointer()), align=4)
+    @intrinsic
+    def load(typing, array, index):  # type: ignore[no-untyped-def]
+        lanes = Lanes(str(array.dtype), count)
 
-    return lanes(array, types.uintp), build
+        def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+            data = _data(context, builder, signature.args[0], arguments[0])
+            place = builder.gep(data, [arguments[1]])
+            return builder.load(builder.bitcast(place, lanes.vector.as_pointer()), align=4)
+
+        return lanes(array, types.uintp), build
+
+    return load
+
+
+def _filler(count: int) -> Any:
+    """Intrinsic that puts a float32 or uint32 in each lane."""
+
+    @intrinsic
+    def same(typing, number):  # type: ignore[no-untyped-def]
+        def build(builder, value):  # type: ignore[no-untyped-def]
+            undefined = ir.Constant(ir.VectorType(value.type, count), ir.Undefined)
+            vector = builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
+            return _shuffle(builder, vector, undefined, [0] * count)
+
+        return Lanes(str(number), count)(number), _simple(build)
+
+    return same
+
+
+#: Elements from an index on, and a number in each lane; of `LANES` lanes, or of four.
+load, load4 = _loader(LANES), _loader(4)
+same, same4 = _filler(LANES), _filler(4)
 
 
 @intrinsic
@@ -88,19 +112,6 @@ def store(typing, array, index, lanes):  # type: ignore[no-untyped-def]
         return context.get_dummy_value()
 
     return types.void(array, types.uintp, lanes), build
-
-
-@intrinsic
-def same(typing, number):  # type: ignore[no-untyped-def]
-    """A float32 or uint32 in each of `LANES`."""
-    build = _simple(lambda builder, value: _filled(builder, value))
-    return Lanes(str(number), LANES)(number), build
-
-
-def _filled(builder: Any, value: Any) -> Any:
-    undefined = ir.Constant(ir.VectorType(value.type, LANES), ir.Undefined)
-    vector = builder.insert_element(undefined, value, ir.Constant(ir.IntType(32), 0))
-    return _shuffle(builder, vector, undefined, [0] * LANES)
 
 
 @intrinsic
@@ -124,34 +135,28 @@ def lanes_of(typing, bits):  # type: ignore[no-untyped-def]
     return flags(bits), _simple(lambda builder, bits: builder.bitcast(bits, flags.vector))
 
 
-@intrinsic
-def at_least(typing, a, b):  # type: ignore[no-untyped-def]
-    """Flags of lanes with a >= b."""
-    return a.flags(a, a), _simple(lambda builder, a, b: builder.fcmp_ordered(">=", a, b))
+def _operation(build: Callable[..., Any], *, compare: bool = False) -> Any:
+    """Intrinsic of two arguments, lane by lane; a comparison gives flags."""
+
+    @intrinsic
+    def operation(typing, a, b):  # type: ignore[no-untyped-def]
+        return (a.flags if compare else a)(a, a), _simple(build)
+
+    return operation
 
 
-@intrinsic
-def less(typing, a, b):  # type: ignore[no-untyped-def]
-    """Flags of lanes with a < b; false for NaN."""
-    return a.flags(a, a), _simple(lambda builder, a, b: builder.fcmp_ordered("<", a, b))
-
-
-@intrinsic
-def both(typing, a, b):  # type: ignore[no-untyped-def]
-    """Flags set in both arguments."""
-    return a(a, a), _simple(lambda builder, a, b: builder.and_(a, b))
-
-
-@intrinsic
-def either(typing, a, b):  # type: ignore[no-untyped-def]
-    """Flags set in either argument."""
-    return a(a, a), _simple(lambda builder, a, b: builder.or_(a, b))
-
-
-@intrinsic
-def but_not(typing, a, b):  # type: ignore[no-untyped-def]
-    """Flags set in the first argument but not in the second."""
-    return a(a, a), _simple(lambda builder, a, b: builder.and_(a, builder.not_(b)))
+#: Flags of lanes with a >= b, and with a < b; false for NaN.
+at_least = _operation(lambda builder, a, b: builder.fcmp_ordered(">=", a, b), compare=True)
+less = _operation(lambda builder, a, b: builder.fcmp_ordered("<", a, b), compare=True)
+#: Flags set in both arguments, in either one, and in the first only.
+and_flags = _operation(lambda builder, a, b: builder.and_(a, b))
+either = _operation(lambda builder, a, b: builder.or_(a, b))
+but_not = _operation(lambda builder, a, b: builder.and_(a, builder.not_(b)))
+#: Float32 arithmetic.
+plus = _operation(lambda builder, a, b: builder.fadd(a, b))
+minus = _operation(lambda builder, a, b: builder.fsub(a, b))
+times = _operation(lambda builder, a, b: builder.fmul(a, b))
+over = _operation(lambda builder, a, b: builder.fdiv(a, b))
 
 
 @intrinsic
@@ -169,6 +174,12 @@ def any_lane(typing, flags):  # type: ignore[no-untyped-def]
 def choose(typing, flags, a, b):  # type: ignore[no-untyped-def]
     """Lanes of a where the flag is set, of b elsewhere."""
     return a(flags, a, a), _simple(lambda builder, flags, a, b: builder.select(flags, a, b))
+
+
+@intrinsic
+def last4(typing, a):  # type: ignore[no-untyped-def]
+    """The last of four lanes, in each of them."""
+    return a(a), _simple(lambda builder, a: _shuffle(builder, a, a, [3] * 4))
 
 
 @intrinsic
