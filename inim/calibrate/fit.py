@@ -22,8 +22,8 @@ from inim.calibrate.lattice import Lenses
 from inim.calibrate.model import (
     PARAMETERS,
     SHARED,
-    Camera,
     Guess,
+    Intrinsics,
     Observations,
     Pose,
     first_lens_mm,
@@ -196,7 +196,7 @@ def calibrate(
     lenses: Mapping[str, Lenses],
     nominal: Display,
     *,
-    camera: Camera | None = None,
+    camera: Intrinsics | None = None,
     focal_px: float | None = None,
 ) -> Calibration:
     """Fit a display, a camera and its poses.
@@ -207,7 +207,7 @@ def calibrate(
         Lenses by position, from `inim.calibrate.lattice.find_lenses`.
     nominal : Display
         Nominal display: the start of the search, and the source of parameters that are not fitted.
-    camera : Camera, optional
+    camera : Intrinsics, optional
         Calibrated intrinsics; fitted by default, starting from `focal_px` if given.
 
     Raises `UsageError`: this kind of display cannot be calibrated. `FileError`: the photographs
@@ -255,7 +255,7 @@ def calibrate(
     )
 
 
-def fit_pose(lenses: Lenses, display: Display, camera: Camera, name: str) -> Pose:
+def fit_pose(lenses: Lenses, display: Display, camera: Intrinsics, name: str) -> Pose:
     """Fit the pose of a calibrated camera in front of a calibrated display.
 
     Parameters
@@ -309,7 +309,10 @@ def _observed(lenses: tuple[Lenses, ...], display: Display, guess: Guess) -> Obs
 
 
 def _begin(
-    lenses: Mapping[str, Lenses], display: Display, camera: Camera | None, focal_px: float | None
+    lenses: Mapping[str, Lenses],
+    display: Display,
+    camera: Intrinsics | None,
+    focal_px: float | None,
 ) -> tuple[Guess, tuple[Lenses, ...], tuple[bool, bool]]:
     """Values to begin with, and all lenses counted from the array's top left."""
     for name, position in lenses.items():

@@ -47,7 +47,7 @@ from inim.lens.thick import curved_face
 _NEWTON_STEPS = 4
 
 
-class Camera(NamedTuple):
+class Intrinsics(NamedTuple):
     """Intrinsics, in pixels; radial distortion ``1 + k1 r^2 + k2 r^4`` of the radius r = tan."""
 
     focal_px: float
@@ -69,7 +69,7 @@ def rotation(vector: Any) -> np.ndarray:
     return np.asarray(Rotation.from_rotvec(vector).as_matrix())
 
 
-def directions(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+def directions(camera: Intrinsics, pixels: np.ndarray) -> np.ndarray:
     """Tangents x / z and y / z of the rays of pixels, (..., 2)."""
     distorted = (pixels - [camera.centre_x_px, camera.centre_y_px]) / camera.focal_px
     distorted_radius = np.sqrt((distorted**2).sum(axis=-1))
@@ -86,7 +86,7 @@ def directions(camera: Camera, pixels: np.ndarray) -> np.ndarray:
     return tangents
 
 
-def project(camera: Camera, pose: Pose, points_mm: np.ndarray) -> np.ndarray:
+def project(camera: Intrinsics, pose: Pose, points_mm: np.ndarray) -> np.ndarray:
     """Pixels of points of the display frame, (..., 3) to (..., 2)."""
     camera_mm = (points_mm - pose.eye_mm) @ pose.turn.T
     tangents = camera_mm[..., :2] / camera_mm[..., 2:]
@@ -96,7 +96,7 @@ def project(camera: Camera, pose: Pose, points_mm: np.ndarray) -> np.ndarray:
     return pixels
 
 
-def rays(camera: Camera, pose: Pose, pixels: np.ndarray) -> np.ndarray:
+def rays(camera: Intrinsics, pose: Pose, pixels: np.ndarray) -> np.ndarray:
     """Rays of pixels as the lens models take them: x, y at z = 0 and slopes, (4, ...).
 
     Slopes are sideways travel per millimetre away from the viewer.
@@ -120,7 +120,7 @@ PARAMETERS = (
     "focal_length_mm",
 )
 #: All that is the same for all positions.
-SHARED = (*PARAMETERS, *Camera._fields)
+SHARED = (*PARAMETERS, *Intrinsics._fields)
 _POSE = 6
 #: Sizes of a change that shows, for the steps of differences and of the search; a pose's are its
 #: turn in radians and its eye in millimetres.
@@ -150,7 +150,7 @@ class Guess(NamedTuple):
     """Values of all unknown parameters, with one pose for each position."""
 
     display: Display
-    camera: Camera
+    camera: Intrinsics
     poses: tuple[Pose, ...]
 
     def moved(self, by: np.ndarray) -> Guess:
@@ -167,7 +167,7 @@ class Guess(NamedTuple):
         of_poses = by[len(SHARED) :].reshape(-1, _POSE)
         return Guess(
             self.display.replace(**changed) if changed else self.display,
-            Camera(*(float(a + b) for a, b in zip(self.camera, of_camera, strict=True))),
+            Intrinsics(*(float(a + b) for a, b in zip(self.camera, of_camera, strict=True))),
             tuple(
                 Pose(rotation(pose_change[:3]) @ pose.turn, pose.eye_mm + pose_change[3:])
                 for pose, pose_change in zip(self.poses, of_poses, strict=True)
@@ -232,7 +232,7 @@ def panel_points(display: Display, index: np.ndarray, arriving: np.ndarray) -> n
 
 
 def centres(
-    display: Display, camera: Camera, pose: Pose, index: np.ndarray, deeper_mm: float = 0.0
+    display: Display, camera: Intrinsics, pose: Pose, index: np.ndarray, deeper_mm: float = 0.0
 ) -> np.ndarray:
     """Centres of gravity of lens outlines in a photograph, (n, 2) pixels, including deeper seams.
 

@@ -9,7 +9,7 @@ from dataclasses import fields
 import numpy as np
 
 from inim.calibrate.fit import Calibration
-from inim.calibrate.model import PARAMETERS, SHARED, Camera, Guess, Observations, Pose, centres
+from inim.calibrate.model import PARAMETERS, SHARED, Guess, Intrinsics, Observations, Pose, centres
 from inim.display import Display
 from inim.documents.calibration import (
     CalibrationDocument,
@@ -252,7 +252,7 @@ def _facing(eye: np.ndarray) -> Pose:
 
 
 def _information(
-    display: Display, camera: Camera, pose: Pose, calibration: Calibration, free: np.ndarray
+    display: Display, camera: Intrinsics, pose: Pose, calibration: Calibration, free: np.ndarray
 ) -> np.ndarray | None:
     """Information of a new position about `SHARED`; None if it sees too few lenses."""
     column, row = np.meshgrid(

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.ndimage import binary_erosion, gaussian_filter, shift
 from scipy.optimize import least_squares, minimize_scalar
 
-from inim.calibrate.model import Camera, Pose, rays
+from inim.calibrate.model import Intrinsics, Pose, rays
 from inim.display import Display
 from inim.documents.calibration import ImageShift, MatchedStage, PhotoDocument, ToneCurve
 from inim.documents.parts import DisplayRecord, origin
@@ -92,7 +92,7 @@ class Difference(NamedTuple):
 
 
 def simulate(
-    eia: np.ndarray, display: Display, camera: Camera, pose: Pose, shape: tuple[int, int]
+    eia: np.ndarray, display: Display, camera: Intrinsics, pose: Pose, shape: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Simulate the photograph of a display with the thick lens model and a pinhole camera.
 

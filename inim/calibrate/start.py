@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.calibrate.lattice import Lenses
-from inim.calibrate.model import Camera, Pose, panel_mm, rotation
+from inim.calibrate.model import Intrinsics, Pose, panel_mm, rotation
 from inim.display import Display
 from inim.errors import FileError
 
@@ -56,7 +56,7 @@ def _homography(display: Display, lenses: Lenses) -> np.ndarray:
     return homography
 
 
-def _columns(homography: np.ndarray, camera: Camera) -> np.ndarray:
+def _columns(homography: np.ndarray, camera: Intrinsics) -> np.ndarray:
     """Directions of the display's axes and its origin, in the camera's frame, one scale for all."""
     x, y, f = camera.centre_x_px, camera.centre_y_px, camera.focal_px
     into = np.array([[1 / f, 0, -x / f], [0, 1 / f, -y / f], [0, 0, 1]]) @ homography
@@ -67,7 +67,7 @@ def _columns(homography: np.ndarray, camera: Camera) -> np.ndarray:
 
 def focal_guess(
     display: Display, lenses: Sequence[Lenses], stated_px: float | None = None
-) -> Camera:
+) -> Intrinsics:
     """Camera whose axis passes through the centre of the photographs.
 
     Its focal length is the one in the photographs, if given. Otherwise it is the one under which
@@ -76,11 +76,11 @@ def focal_guess(
     """
     height, width = lenses[0].shape
     if stated_px is not None:
-        return Camera(stated_px, width / 2, height / 2)
+        return Intrinsics(stated_px, width / 2, height / 2)
     homographies = [_homography(display, position) for position in lenses]
     steps = [_panel_step(display, position) for position in lenses]
 
-    def unlikeness(camera: Camera) -> float:
+    def unlikeness(camera: Intrinsics) -> float:
         total = (math.log(camera.focal_px / width / _USUAL_WIDTHS) / _FOCAL_SPREAD) ** 2
         for homography, step in zip(homographies, steps, strict=True):
             a, b, _ = _columns(homography, camera).T
@@ -89,11 +89,11 @@ def focal_guess(
             total += ((step / (1 + display.gap_mm / away) - 1) / _PITCH_SPREAD) ** 2
         return total
 
-    tried = [Camera(float(width * share), width / 2, height / 2) for share in _FOCAL_WIDTHS]
+    tried = [Intrinsics(float(width * share), width / 2, height / 2) for share in _FOCAL_WIDTHS]
     return min(tried, key=unlikeness)
 
 
-def pose_guess(display: Display, lenses: Lenses, camera: Camera, name: str) -> Pose:
+def pose_guess(display: Display, lenses: Lenses, camera: Intrinsics, name: str) -> Pose:
     """Pose of a camera in the lens array's own frame, with the lens 0, 0 at the origin.
 
     Raises `FileError`: it stands behind the display: the photographs are mirrored.
@@ -104,7 +104,7 @@ def pose_guess(display: Display, lenses: Lenses, camera: Camera, name: str) -> P
     return pose
 
 
-def _pose(homography: np.ndarray, camera: Camera) -> Pose:
+def _pose(homography: np.ndarray, camera: Intrinsics) -> Pose:
     a, b, origin = _columns(homography, camera).T
     u, _, v = np.linalg.svd(np.stack([a, b, np.cross(a, b)], axis=1))
     turn = u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v

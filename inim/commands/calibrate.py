@@ -18,7 +18,7 @@ from inim.errors import UsageError, suggest_words
 if TYPE_CHECKING:
     from inim.calibrate.fit import Calibration
     from inim.calibrate.lattice import Lenses
-    from inim.calibrate.model import Camera, Pose
+    from inim.calibrate.model import Intrinsics, Pose
     from inim.display import Display
     from inim.documents.calibration import CalibrationDocument, CameraPosition, PhotoDocument
 
@@ -104,9 +104,9 @@ def _calibrate(args: argparse.Namespace, display: Display, preset: str) -> int:
     return finish(not calibration.unknown, f"calibrated: {out}, {page}")
 
 
-def _camera(text: str | None) -> Camera | None:
+def _camera(text: str | None) -> Intrinsics | None:
     """Camera given by `--intrinsics`."""
-    from inim.calibrate.model import Camera
+    from inim.calibrate.model import Intrinsics
 
     if text is None:
         return None
@@ -123,7 +123,7 @@ def _camera(text: str | None) -> Camera | None:
             "and equal, because pixels are assumed to be square"
         )
     # Pixel centres are at half-integers here, at integers there.
-    return Camera((fx + fy) / 2, cx + 0.5, cy + 0.5, k1, k2)
+    return Intrinsics((fx + fy) / 2, cx + 0.5, cy + 0.5, k1, k2)
 
 
 def _lenses(photos: Path, display: Display) -> tuple[dict[str, Lenses], float | None]:
@@ -183,7 +183,7 @@ def _add_photo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _photo(args: argparse.Namespace) -> int:
-    from inim.calibrate.model import Camera
+    from inim.calibrate.model import Intrinsics
     from inim.calibrate.photo import compare, photo_document, simulate
     from inim.calibrate.photographs import read_colors
     from inim.files.eia_file import read_eia
@@ -195,7 +195,7 @@ def _photo(args: argparse.Namespace) -> int:
     display, _ = display_and_settings(args)
     calibration = _calibration(Path(args.display))
     fitted = calibration.camera
-    camera = Camera(*(getattr(fitted, field) for field in Camera._fields))
+    camera = Intrinsics(*(getattr(fitted, field) for field in Intrinsics._fields))
     shape = fitted.height_px, fitted.width_px
     photograph = read_colors(args.photo)
     _check_shape(args.photo, photograph.shape[:2], shape)
@@ -264,7 +264,7 @@ def _calibrated_pose(positions: list[CameraPosition], name: str | None) -> tuple
     return Pose(np.array(places[name].turn), np.array(places[name].eye_mm)), name
 
 
-def _pose(folder: Path, display: Display, camera: Camera, shape: tuple[int, int]) -> Pose:
+def _pose(folder: Path, display: Display, camera: Intrinsics, shape: tuple[int, int]) -> Pose:
     """Pose of the camera that photographed the patterns."""
     from inim.calibrate.decode import decode
     from inim.calibrate.fit import fit_pose

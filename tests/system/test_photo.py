@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter, shift
 
-from inim.calibrate.model import Camera, Pose
+from inim.calibrate.model import Intrinsics, Pose
 from inim.calibrate.photo import simulate
 from inim.documents import schema
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
@@ -21,7 +21,7 @@ from tests.schemas import example, read_document
 from tests.system.conftest import Ended, assert_one_line, run_here
 
 DISPLAY = small_display(24, 18, 17, rotation_deg=0.7, gap_mm=3.2)
-CAMERA = Camera(3000.0, 201.0, 148.0, 0.01)
+CAMERA = Intrinsics(3000.0, 201.0, 148.0, 0.01)
 POSE = Pose(np.diag([1.0, -1.0, -1.0]), np.array([3.0, -2.0, 210.0]))
 SHAPE = (300, 400)
 MOVED, BLUR, GAMMA = (0.5, -0.25), 0.9, 1.2

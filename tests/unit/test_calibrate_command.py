@@ -13,7 +13,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from inim.calibrate import decode, photographs
-from inim.calibrate.model import Camera, Pose
+from inim.calibrate.model import Intrinsics, Pose
 from inim.calibrate.photo import simulate
 from inim.cli import main
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
@@ -129,7 +129,7 @@ def bench(monkeypatch, tmp_path):
     given = {k: v for k, v in HIDDEN.parameters().items() if v is not None and k != "name"}
     lines = [f'<default name="inim.{k}" value="{v}"/>' for k, v in given.items()]
     (tmp_path / "mine.xml").write_text(f'<scene version="3.0.0">{"".join(lines)}</scene>')
-    camera = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
+    camera = Intrinsics(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
     height, width = CAMERA.shape
     document = completed(
         "calibration",

@@ -16,8 +16,8 @@ from inim.calibrate.fit import Calibration, calibrate, fit_pose, renumber_lenses
 from inim.calibrate.lattice import Lenses, find_lenses
 from inim.calibrate.model import (
     PARAMETERS,
-    Camera,
     Guess,
+    Intrinsics,
     Observations,
     Pose,
     centres,
@@ -53,7 +53,7 @@ HIDDEN = DESIGN.replace(
     panel_columns=COLUMNS,
 )
 CAMERA = Lens((360, 480), 1900.0, (246.0, 175.0), k1=0.4, k2=-1.0)
-TRUE_CAMERA = Camera(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
+TRUE_CAMERA = Intrinsics(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
 # Eyes, what they look at, and the camera's roll.
 EYES = {
     "near": ((2.0, -1.0, 120.0), (0.3, 0.2, 0), 2.0),
@@ -107,7 +107,7 @@ def truth(name: str) -> float:
 
 
 def test_directions_undo_the_projection():
-    camera = Camera(1900.0, 246.0, 175.0, 0.4, -1.0)
+    camera = Intrinsics(1900.0, 246.0, 175.0, 0.4, -1.0)
     pose = Pose(look_at((5.0, 3, 120)), np.array([5.0, 3.0, 120.0]))
     points = np.random.default_rng(0).uniform(-14, 14, (200, 2))
     seen = project(camera, pose, np.hstack([points, np.zeros((200, 1))]))
@@ -125,7 +125,7 @@ def test_projection_is_opencv_s():
     # Pixel centres are at whole numbers there.
     matrix = np.array([[1900.0, 0, 246 - 0.5], [0, 1900.0, 175 - 0.5], [0, 0, 1]])
     there, _ = cv2.projectPoints(points, axes, -axes @ eye, matrix, np.array([0.4, -1, 0, 0]))
-    here = project(Camera(1900.0, 246.0, 175.0, 0.4, -1.0), Pose(axes, eye), points)
+    here = project(Intrinsics(1900.0, 246.0, 175.0, 0.4, -1.0), Pose(axes, eye), points)
     np.testing.assert_allclose(here, there[:, 0] + 0.5, atol=1e-8)
 
 
@@ -248,7 +248,7 @@ def test_outlines_are_where_the_relief_s_seams_are_seen(side, eye):
     axes = look_at(eye)
     lens = Lens((720, 960), 3400.0, (480.0, 360.0))
     seen = find_lenses(photograph(display, lens, eye, axes, 0, noise_px=0.0), DESIGN, "side")
-    camera = Camera(3400.0, 480.0, 360.0)
+    camera = Intrinsics(3400.0, 480.0, 360.0)
     pose = Pose(axes, np.array(eye))
     middle = len(seen.index) // 2
     x, y, *_ = rays(camera, pose, seen.centre_px[middle])

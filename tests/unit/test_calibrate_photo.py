@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, shift
 
-from inim.calibrate.model import Camera, Pose, rotation
+from inim.calibrate.model import Intrinsics, Pose, rotation
 from inim.calibrate.photo import BLOCK_PX, compare, simulate
 from inim.errors import FileError
 from inim.lens import trace_to_panel
@@ -104,7 +104,7 @@ def test_a_photograph_without_the_display_or_all_alike_is_refused(light, seen):
 
 def test_the_simulation_is_the_panel_pixel_that_the_thick_lens_shows():
     display = small_display(10, 8, 17, rotation_deg=1.0, shift_x_mm=0.1)
-    camera = Camera(2000.0, 100.0, 80.0, 0.02)
+    camera = Intrinsics(2000.0, 100.0, 80.0, 0.02)
     eye = np.array([2.0, -1.0, 220.0])
     pose = Pose(rotation([0.01, 0.005, 0.03]) @ np.diag([1.0, -1.0, -1.0]), eye)
     rows, columns = display.eia_shape
