@@ -20,6 +20,11 @@ Eq. 5 counts in scene pixels P_I, which in the paper are the picture's (Eq. 3). 
 other pixels here, and a step is one picture pixel. With ``step_pixel="scene"`` it is P_I of the
 display, and the number of samples does not depend on the picture.
 
+Eq. 7 and 8 advance the picture's row and column by one pixel per entry, from the pixel that the ray
+meets at z_min. Over each step the ray moves by one pixel along the longer of its two offsets only,
+so the entries' row and column are taken at the entry's depth. Option ``cells="consecutive"`` counts
+pixels as printed.
+
 Deviations from the print (see `_steps` and `_match`):
 
 * Eq. 5 divides by |x0 - x|, which is zero under the lens centre: one entry, z_len = 1, at the
@@ -62,6 +67,7 @@ from inim.image.rgbd import RGBD
 _MATCHINGS = ("matrix", "ray")
 _ROUNDINGS = ("nearest", "up")
 _STEP_PIXELS = ("picture", "scene")
+_CELLS = ("at_depth", "consecutive")
 # Entries of one pixel's template: a thousand times those of usual displays.
 _MOST_ENTRIES = 1_000_000
 
@@ -74,6 +80,7 @@ def prepare(
     matching: str = "matrix",
     rounding: str = "nearest",
     step_pixel: str = "picture",
+    cells: str = "at_depth",
     *,
     mask: np.ndarray | None = None,
 ) -> SourceGenerator:
@@ -91,6 +98,9 @@ def prepare(
     step_pixel : {"picture", "scene"}
         Sideways movement of the ray per depth step (Eq. 5): a pixel of the picture, or P_I of Eq.
         3.
+    cells : {"at_depth", "consecutive"}
+        Row and column of an entry (Eq. 7, 8): those of the ray at the entry's depth, or one more
+        pixel per entry, as printed.
 
     Raises
     ------
@@ -109,11 +119,14 @@ def prepare(
                 f"step_pixel = {step_pixel!r}: display {display.name} is focused, where P_I is "
                 "infinite; use picture"
             )
+    consecutive = one_of("cells", cells, _CELLS) == "consecutive"
     _check_length(display, shape, pixel_mm * stride, along_ray)
     return for_mask(
         mask,
         display,
-        lambda pixels: _Wang2024(display, shape, pixel_mm, along_ray, (stride, up), pixels),
+        lambda pixels: _Wang2024(
+            display, shape, pixel_mm, (along_ray, consecutive), (stride, up), pixels
+        ),
     )
 
 
@@ -136,12 +149,12 @@ class _Wang2024(SourceGenerator):
         display: Display,
         shape: PictureShape,
         pixel_mm: float,
-        along_ray: bool,
+        search: tuple[bool, bool],
         steps: tuple[float, bool],
         pixels: PixelList | None,
     ) -> None:
         super().__init__(display, shape, pixel_mm, pixels)
-        self._along_ray = along_ray
+        self._search = search
         self._steps = steps
 
     def find(self, rgbd: RGBD) -> Sources:
@@ -166,27 +179,29 @@ class _Wang2024(SourceGenerator):
             z_max,
             single,
             *self._steps,
-            self._along_ray,
+            *self._search,
             *listed,
         )
 
 
 def _match_all(
-    depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, stride, up, along_ray, sources
-):
+    depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, stride, up,
+    along_ray, consecutive, sources,
+):  # fmt: skip
     """Match every panel pixel; u and v are column and row coordinates in picture pixels."""
     for i in prange(len(v0)):
         for j in range(len(u0)):
             step, z_len = _steps(du[j], dv[i], z_min, z_max, stride, up)
             start = single if z_len == 1 else z_min
             sources[i * len(u0) + j] = _match(
-                depth, rows, columns, u0[j], du[j], v0[i], dv[i], start, step, z_len, along_ray
-            )
+                depth, rows, columns, u0[j], du[j], v0[i], dv[i], start, step, z_len,
+                along_ray, consecutive,
+            )  # fmt: skip
 
 
 def _match_listed(
-    depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, stride, up, along_ray,
-    at_row, at_column, sources,
+    depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, stride, up,
+    along_ray, consecutive, at_row, at_column, sources,
 ):  # fmt: skip
     """Match the panel pixels in some rows and columns."""
     for n in prange(len(at_row)):
@@ -194,8 +209,9 @@ def _match_listed(
         step, z_len = _steps(du[j], dv[i], z_min, z_max, stride, up)
         start = single if z_len == 1 else z_min
         sources[n] = _match(
-            depth, rows, columns, u0[j], du[j], v0[i], dv[i], start, step, z_len, along_ray
-        )
+            depth, rows, columns, u0[j], du[j], v0[i], dv[i], start, step, z_len,
+            along_ray, consecutive,
+        )  # fmt: skip
 
 
 def _steps(du, dv, z_min, z_max, stride, up):
@@ -208,20 +224,29 @@ def _steps(du, dv, z_min, z_max, stride, up):
     return step, (math.ceil(steps) if up else math.floor(steps + 0.5)) + 1
 
 
-def _match(depth, rows, columns, u0, du, v0, dv, start, step, z_len, along_ray):
+def _match(
+    depth, rows, columns, u0, du, v0, dv, start, step, z_len, along_ray, consecutive
+):  # fmt: skip
     """Eq. 7 to 10: the entry of the z_len x z_len matrix nearest to its template depth."""
     best, source = step, HOLE
     for i in range(z_len):
         z = start + i * step
-        v = math.floor(v0 + dv * z)
+        v = _cell(v0, dv, start, step, i, consecutive)
         if v < 0 or v >= rows:
             continue
         first, end = (i, i + 1) if along_ray else (0, z_len)
         for j in range(first, end):
-            u = math.floor(u0 + du * (start + j * step))
+            u = _cell(u0, du, start, step, j, consecutive)
             if u < 0 or u >= columns:
                 continue
             mismatch = abs(depth[v * columns + u] - z)
             if mismatch < best:
                 best, source = mismatch, v * columns + u
     return source
+
+
+def _cell(x0, dx, start, step, entry, consecutive):
+    """Row or column of a template's entry (Eq. 7, 8)."""
+    if not consecutive:
+        return math.floor(x0 + dx * (start + entry * step))
+    return math.floor(x0 + dx * start) + (entry if dx >= 0 else -entry)

@@ -263,6 +263,7 @@ def test_step_that_makes_no_sense_is_refused_by_name(step):
 def entries(
     rgbd: RGBD, shown: Display, row: int, column: int,
     matching: str = "matrix", rounding: str = "nearest", step_pixel: str = "picture",
+    cells: str = "at_depth",
 ) -> tuple[float, list[tuple[float, int]]]:  # fmt: skip
     """Eq. 5 to 10 for one panel pixel, read off the text: the step, and each entry's mismatch."""
     p_i = rgbd.pixel_mm if step_pixel == "picture" else shown.scene_pixel_mm
@@ -282,11 +283,14 @@ def entries(
         step = p_i * g / max(abs(dx), abs(dy))  # Eq. 5
         z_len = round(travel + 1) if rounding == "nearest" else math.ceil(travel) + 1  # Eq. 6
         depths = [low + i * step for i in range(z_len)]
+    at_row = [math.floor(high / 2 - (y0 + dy / g * z) / cell) for z in depths]
+    at_column = [math.floor(wide / 2 + (x0 + dx / g * z) / cell) for z in depths]
+    if cells == "consecutive":
+        at_row = [at_row[0] - i * (1 if dy > 0 else -1) for i in range(len(depths))]
+        at_column = [at_column[0] + i * (1 if dx >= 0 else -1) for i in range(len(depths))]
     mismatches = []
-    for z in depths:
-        r = math.floor(high / 2 - (y0 + dy / g * z) / cell)
-        for across in [z] if matching == "ray" else depths:
-            c = math.floor(wide / 2 + (x0 + dx / g * across) / cell)
+    for i, (z, r) in enumerate(zip(depths, at_row, strict=True)):
+        for c in [at_column[i]] if matching == "ray" else at_column:
             if 0 <= r < high and 0 <= c < wide and rgbd.covered[r, c]:
                 mismatches.append((abs(float(rgbd.depth_mm[r, c]) - z), r * wide + c))
     return step, mismatches
@@ -300,7 +304,8 @@ def entries(
 @pytest.mark.parametrize(
     "options",
     [{"rounding": "up"}, {"step_pixel": "scene"},
-     {"matching": "ray", "rounding": "up", "step_pixel": "scene"}],
+     {"matching": "ray", "rounding": "up", "step_pixel": "scene"},
+     {"cells": "consecutive"}, {"matching": "ray", "cells": "consecutive"}],
     ids=str,
 )  # fmt: skip
 def test_wang2024_takes_the_best_entry_under_each_option(mode, pixels, options):
