@@ -354,5 +354,5 @@ def _label(name: str) -> str:
     metric = find(name)
     first, _, rest = name.partition("_")
     words = rest.removesuffix(metric.unit.lower() if metric else "").replace("_", " ").strip()
-    against = [] if words.endswith("to reference") else ["to scene"]
+    against = [] if words.endswith("to reference") else ["to ground truth"]
     return " ".join(filter(None, [metric.label if metric else first.upper(), words, *against]))

@@ -125,9 +125,9 @@ def _scene_table(scene: BenchScene) -> Table:
         for a in scene.algorithms
     ]
     unit = {"mpx_per_s": 0.0, "ratio": 1.0, "ratio_min": 1.0}
-    yardstick = time_cells(asdict(scene.yardstick) | unit)
-    yardstick[TIME_HEADS.index("Mpx/s")] = MISSING
-    rows.append(["yardstick", *yardstick, *[MISSING] * (len(heads) - 1 - len(yardstick))])
+    kernel = time_cells(asdict(scene.yardstick) | unit)
+    kernel[TIME_HEADS.index("Mpx/s")] = MISSING
+    rows.append(["yardstick", *kernel, *[MISSING] * (len(heads) - 1 - len(kernel))])
     floor = _score_cells(scene.noise_floor, scene.scores)
     rows.append(["noise floor", *[MISSING] * (len(heads) - 2 - len(floor)), *floor, MISSING])
     return Table("Time against error, medians", heads, rows)

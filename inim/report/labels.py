@@ -202,7 +202,9 @@ def verdict_words(document: ReportDocument | PictureDocument) -> str:
 
 
 #: Above a preview's scores, before the command that makes the full report.
-PREVIEW_WORDS = "A preview, by few samples: its scores are rough, and no baseline. The full report:"
+PREVIEW_WORDS = (
+    "This preview uses few samples: its scores are rough, and it cannot be a baseline. Full report:"
+)
 
 
 def full_command(document: ReportDocument | PictureDocument) -> str:
@@ -232,7 +234,7 @@ def disagreements(report: ReportDocument) -> list[str]:
             for name in (other, best)
         )
         sentences.append(
-            f"{metric.label} disagrees: it finds {other} better than {best}, {better} against "
+            f"{metric.label} disagrees: it prefers {other} to {best}, with {better} against "
             f"{worse} to the reference."
         )
     return sentences

@@ -48,9 +48,9 @@ def render_summary(data: ReportDocument) -> str:
         _verdict_line(data),
         *preview,
         _scores_table(data),
-        "SSIM on the relic to the reference, in brackets to the scene; then both of the whole "
-        "picture. Scores are corrected for noise, except those of the EIA and the noise floor. The "
-        "reference is the view that the ground-truth EIA shows.",
+        "SSIM on the relic to the reference, in brackets to the ground truth; then both for "
+        "the whole image. Scores are corrected for noise, except those of the EIA and the noise "
+        "floor. The reference is the view of the ground-truth EIA.",
         *criteria,
         *_regression(data),
         *_failures(data),
@@ -77,7 +77,7 @@ def render_text(data: ReportDocument) -> str:
         for cells in (zip(row, widths, strict=True) for row in rows)
     ]
     head = f"{data.title}: {verdict_words(data)}"
-    of = f"{MAIN.label} on the relic to the reference, in brackets to the scene"
+    of = f"{MAIN.label} on the relic to the reference, in brackets to the ground truth"
     return plain("\n".join([head, of, *(line.rstrip() for line in lines)]))
 
 

@@ -47,21 +47,22 @@ _MOST_ACROSS = 3
 _PANEL_HEIGHT = 4.0  # inches
 _SCORES = (
     "Each number is a mean over the viewpoints. Large: SSIM on the relic to the reference view. It "
-    "measures the algorithm alone. Small: SSIM on the relic to the scene, which includes the "
-    "display, and SSIM of the whole picture to the reference view. Do not compare rows with one "
+    "measures the algorithm alone. Small: SSIM on the relic to the ground truth, which includes "
+    "the display, and SSIM of the whole image to the reference view. Do not compare rows with one "
     "another: scores depend on the scene."
 )
 _PARETO = (
     "Down and left is better; a point is the mean over the scenes. Coloured: Pareto-optimal. "
     "Grey: another algorithm is as fast and as good. "
 )
+_UNITS = {"yardsticks": "kernel times", "seconds": "seconds"}
 _TIMES = {
-    "yardsticks": "Times are ratios to one gather per display pixel, taken in the same process.",
+    "yardsticks": "Times are multiples of the reference kernel's, taken in the same process.",
     "seconds": "Seconds were taken once, cold, while other work ran; put time = true into "
     "the study for ratios to the reference kernel.",
 }
 _BEST = (
-    "Mean SSIM on the relic to the scene of the best algorithm on each display, next to the "
+    "Mean SSIM on the relic to the ground truth of the best algorithm on each display, next to the "
     "reference. The resolution of views follows the number of lenses, so each display is compared "
     "at its own resolution. FLIP weights differences by visibility."
 )
@@ -92,11 +93,11 @@ def render_sweep(rows: Sequence[Mapping[str, Any]], about: SweepTable) -> str:
         "sweep.parquet",
         [text(" × ".join(counts)), f"inim {text(about.inim_version)}"],
         [
-            Section("failures", "What failed", failures(rows)),
+            Section("failures", "Failures", failures(rows)),
             Section("scores", "Scores", _matrices(results)),
             Section("pareto", "Time against error", _pareto(results)),
             Section("displays", "Best display for a relic", best_displays(results)),
-            Section("cost", "What it took", cost_table(results)),
+            Section("cost", "Run time", cost_table(results)),
             how_to_reproduce(about, query),
         ],
         purpose="inim sweep",
@@ -161,7 +162,7 @@ def _drawing(panels: Mapping[str, Mapping[str, tuple[float, float]]], unit: str)
         for name, point in points.items():
             draw_point(axis, name, *point, name in front)
         draw_front(axis, [points[name] for name in front])
-        style(axis, display, f"{unit} per EIA (↙ better)", f"1 − {HEADLINE_WORDS}")
+        style(axis, display, f"{_UNITS[unit]} per EIA (↙ better)", f"1 − {HEADLINE_WORDS}")
         axis.set_xscale("log")
         axis.margins(0.24, 0.14)
     for axis, *_ in panel_points:
@@ -173,7 +174,7 @@ def _drawing(panels: Mapping[str, Mapping[str, tuple[float, float]]], unit: str)
 
 
 def matrix(display: str, settings: str, results: Sequence[Result]) -> str:
-    """Scene by algorithm on one display: main score to the reference, and to the scene below it."""
+    """Main scores by scene and algorithm on one display, to the reference and the ground truth."""
     algorithms = names_of(results, "algorithm")
     heads = ["Scene", *algorithms, "Reference", "Noise floor"]
     rows = []
@@ -194,7 +195,9 @@ def _cell(result: Result | None, best: float | None) -> str:
         return element("a", "failed", href="#failures")
     value = result.scores[HEADLINE]
     is_best = value is not None and value == best
-    small = f"{'best · ' if is_best else ''}{number(result.scores[HEADLINE_TO_SCENE], 4)} scene"
+    small = (
+        f"{'best · ' if is_best else ''}{number(result.scores[HEADLINE_TO_SCENE], 4)} ground truth"
+    )
     whole = f"{number(result.scores[MAIN.to_reference_key], 4)} whole"
     number_text = element("span", text(number(value, 4)), class_="best" if is_best else None)
     return number_text + element("small", text(small)) + element("small", text(whole))
@@ -233,7 +236,7 @@ def best_displays(results: Sequence[Result]) -> str:
         "Relic",
         "Display",
         "Best algorithm on it",
-        f"{MAIN.label} on the relic to scene",
+        f"{MAIN.label} on the relic to ground truth",
         "Its reference",
     ]
     heads += [metric.label for metric in others]

@@ -142,7 +142,7 @@ def test_a_metric_that_prefers_another_algorithm_is_named(announce):
     announce()
     assert disagreements(results(first=30.0, second=25.0)) == []
     (said,) = disagreements(results(first=25.0, second=30.0))
-    assert said.startswith("PSNR disagrees: it finds second better than first, 30.00")
+    assert said.startswith("PSNR disagrees: it prefers second to first, with 30.00")
     within_its_tolerance = results(first=25.0, second=25.0 + 1e-3)
     assert disagreements(within_its_tolerance) == []
 

@@ -348,7 +348,7 @@ def test_timings_say_how_much_the_renderer_took_and_do_not_count_it_as_a_stage(f
     data = report(ALGORITHMS)
     data["timings"] = {"pickup": 6.0, "score": 2.0, "mitsuba_render": 4.0, "total": 8.0}
     text = Page(render_html(data, folder)).text
-    assert "8.00 s in all, of which the renderer took 4.00 s (50 %)." in text
+    assert "8.00 s in total, of which the renderer took 4.00 s (50 %)." in text
     assert "pickup 6.00 75.0 %" in text
     assert "mitsuba render" not in text
 
@@ -375,7 +375,7 @@ def test_depth_profile_has_the_nearer_half_to_the_right(folder):
     assert near[covered] == pytest.approx(far[covered])
 
 
-@pytest.mark.parametrize(("near_mm", "words"), [(40.0, "lies inside"), (60.0, "leaves")])
+@pytest.mark.parametrize(("near_mm", "words"), [(40.0, "is inside"), (60.0, "extends beyond")])
 def test_depth_profile_says_whether_the_relic_is_in_the_depth_range(folder, near_mm, words):
     data = depth_step(folder, near_mm)
     text = Page(render_html(data, folder)).text
@@ -454,7 +454,7 @@ def test_times_in_yardsticks_are_taken_where_all_have_them(folder):
     assert "template 0.5 seconds" in Page(render_html(data, folder)).all_alts()
     data["algorithms"]["wang2024"]["yardsticks"] = 60.0
     page = Page(render_html(data, folder))
-    assert "template 1.5 yardsticks" in page.all_alts()
+    assert "template 1.5 kernel times" in page.all_alts()
     assert "medians of warm runs" in page.text
 
 

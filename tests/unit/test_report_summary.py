@@ -189,7 +189,7 @@ def test_a_report_prints_as_a_small_table():
     printed = str(Report(Path("out/amphora"), data))
     assert printed.splitlines() == [
         "Painted amphora: passed",
-        "SSIM on the relic to the reference, in brackets to the scene",
+        "SSIM on the relic to the reference, in brackets to the ground truth",
         "                    centre             left",
         "template   0.9731 (0.7600)  0.9612 (0.7400)",
         "reference         (0.8910)              (–)",

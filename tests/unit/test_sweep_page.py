@@ -67,7 +67,8 @@ def test_displays_are_ranked_for_each_relic_by_their_best_algorithm():
     cells = re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", best_displays(results_of(rows)))
     texts = [re.sub("<[^>]*>", "", cell) for cell in cells]
     assert texts[:7] == [
-        "Relic", "Display", "Best algorithm on it", "SSIM on the relic to scene", "Its reference",
+        "Relic", "Display", "Best algorithm on it", "SSIM on the relic to ground truth",
+        "Its reference",
         "PSNR", "FLIP",
     ]  # fmt: skip
     found = [tuple(texts[i : i + 4]) for i in range(7, len(texts), 7)]
@@ -96,7 +97,7 @@ def test_the_page_needs_nothing_else_and_shows_what_is_in_the_table(tmp_path):
     assert "T &lt;b&gt;&amp;" in page
     assert "0.4321" in page
     assert "inim sweep s.toml" in page
-    assert "What failed" not in page
+    assert "Failures" not in page
     assert "Passed" in page
 
 
@@ -104,7 +105,7 @@ def test_failures_stand_first_with_their_reasons():
     rows = [row(), row("tripod", status="failed", error="no <such> lens", passed=None)]
     rows.append(row("coin", passed=False, failed_checks="template: 0 shown"))
     page = render_sweep(rows, ABOUT)
-    assert page.index("What failed") < page.index("Time against error")
+    assert page.index("Failures") < page.index("Time against error")
     assert "no &lt;such&gt; lens" in page
     assert "template: 0 shown" in page
     assert "Failed" in page

@@ -94,7 +94,7 @@ def test_viewpoint_called_centre_is_where_the_eye_starts(tmp_path):
 def test_subpixels_are_said_to_be_drawn_as_none(tmp_path, subpixels):
     display = DISPLAY.replace(subpixels=subpixels)
     text = Page(render_html(shown_report(tmp_path, display=display), tmp_path)).text
-    assert ("sub-pixels and pixel fill as none" in text) == (subpixels != "none")
+    assert ("without sub-pixels and gaps" in text) == (subpixels != "none")
 
 
 @pytest.mark.parametrize(

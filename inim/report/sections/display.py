@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import fields
 from typing import Any
 
 import msgspec
 
+from inim.documents.document import schema
 from inim.documents.parts import DerivedDisplay
 from inim.documents.picture import PictureDocument
 from inim.documents.report import ReportDocument, Translucency
@@ -15,7 +16,7 @@ from inim.errors import InimError
 from inim.files.image import read_rgbd
 from inim.report.diagram import depth_profile, describe_plan, describe_profile, plan_view
 from inim.report.images import ReportImages
-from inim.report.labels import MISSING, NBSP, mm, per_cent, short
+from inim.report.labels import mm, per_cent, short
 from inim.report.page import (
     element,
     figure,
@@ -32,78 +33,25 @@ from inim.report.sections import ReportSection
 # The renderer works in single precision, and so does the depth picture.
 _SLACK = 1e-5
 
-# key: (label, unit, what it means)
-_GIVEN = {
-    "name": ("Name", "", ""),
-    "pitch_mm": ("Lens pitch P", "mm", "from one lens to the next"),
-    "focal_length_mm": ("Focal length f", "mm", "of each lens"),
-    "gap_mm": ("Gap g", "mm", "between lens array and panel"),
-    "pixel_pitch_mm": ("Panel pixel", "mm", "from one pixel to the next"),
-    "lens_columns": ("Lenses across", "", ""),
-    "lens_rows": ("Lenses down", "", ""),
-    "panel_columns": ("Panel columns", "px", "as many as cover the array unless given"),
-    "panel_rows": ("Panel rows", "px", "as many as cover the array unless given"),
-    "depth_min_mm": ("Depth range from", "mm", "from the formula unless given"),
-    "depth_max_mm": ("Depth range to", "mm", "from the formula unless given"),
-    "elemental_pitch_mm": ("Elemental image pitch", "mm", "the lens pitch unless given"),
-    "refractive_index": ("Refractive index", "", "of the lenses"),
-    "lens_thickness_mm": ("Lens thickness", "mm", "one pitch unless given"),
-    "curved_side": ("Curved side", "", "which way the lenses bulge"),
-}
-# Listed where they are not what a plain array has.
-_PECULIAR = {
-    "conic": (0, "Conic constant", "", "of the curved face"),
-    "asphere_a4": (0, "Asphere a4", "mm⁻³", "of the curved face"),
-    "asphere_a6": (0, "Asphere a6", "mm⁻⁵", "of the curved face"),
-    "abbe_number": (None, "Abbe number", "", "of the lenses' material"),
-    "pitch_y_mm": (None, "Row pitch", "mm", "from one row of lenses to the next"),
-    "lattice": ("square", "Lattice", "", "of the lenses"),
-    "aperture": ("square", "Aperture", "", "of each lens"),
-    "fill_factor": (1, "Fill factor", "", "width of an aperture in pitches"),
-    "between_lenses": ("dark", "Between lenses", "", "outside the apertures"),
-    "shift_x_mm": (0, "Shift to the right", "mm", "of the array over the panel"),
-    "shift_y_mm": (0, "Shift upwards", "mm", "of the array over the panel"),
-    "rotation_deg": (0, "Rotation", "°", "of the array, counter-clockwise"),
-    "tilt_x_deg": (0, "Tilt across", "°", "the gap grows to the right"),
-    "tilt_y_deg": (0, "Tilt along", "°", "the gap grows upwards"),
-    "subpixels": ("none", "Sub-pixels", "", "where a pixel's colours come from"),
-    "pixel_fill": (1, "Pixel fill", "", "width of what shines, in (sub-)pixels"),
-}
-_DERIVED = {
-    "width_mm": ("Width", "mm", "of the lens array"),
-    "height_mm": ("Height", "mm", "of the lens array"),
-    "eia_columns": ("EIA columns", "px", "panel pixels across"),
-    "eia_rows": ("EIA rows", "px", "panel pixels down"),
-    "pixels_per_lens": ("Pixels per lens", "px", "directions each lens can show, along one axis"),
-    "central_depth_mm": ("Central depth plane", "mm", "where the lenses focus the panel"),
-    "scene_pixel_mm": ("Scene pixel", "mm", "a panel pixel's image on that plane"),
-    "depth_span_mm": ("Depth span", "mm", "depth the display can show, by the formula"),
-    "depth_min_mm": ("Depth range from", "mm", "what the relic is fitted into"),
-    "depth_max_mm": ("Depth range to", "mm", "what the relic is fitted into"),
-    "depth_range_is_cut": ("Depth range cut", "", "whether the formula crossed the array"),
-    "viewing_half_angle_deg": ("Viewing half-angle", "°", "beyond it views repeat"),
-    "nearest_viewing_distance_mm": ("Nearest viewing distance", "mm", "nearer eyes see flips"),
-}
-
 
 def display(data: ReportDocument | PictureDocument, images: ReportImages) -> str:
     """The section on the display."""
     derived = data.display.derived
-    focus = "focused" if derived.central_depth_mm is None else MISSING
-    parameters = asdict(data.display.parameters)
-    listed = {k: v for k, v in parameters.items() if k not in _PECULIAR or v != _PECULIAR[k][0]}
-    labels = _GIVEN | {k: row[1:] for k, row in _PECULIAR.items()}
+    parameters = data.display.parameters
+    own = {f.name: getattr(parameters, f.name) for f in fields(parameters)}
+    defaults = {f.name: f.default for f in fields(parameters)}
+    stated = {name: value for name, value in own.items() if value != defaults[name]}
     tables = [
-        _quantities("Given", listed, labels, "default"),
-        _quantities("Derived", msgspec.structs.asdict(derived), _DERIVED, focus),
+        _quantities("Design; other parameters have their defaults", "Display", stated),
+        _quantities("Derived", "DerivedDisplay", msgspec.structs.asdict(derived)),
     ]
     misalign = "" if isinstance(data, PictureDocument) else data.misalign
     words = _display_words(data)
     if derived.depth_range_is_cut:
         words += _caution(
             "Depth range cut.",
-            "The depth formula crosses the lens array, so the depth range was cut just off it. "
-            "More pixels under each lens would give this display a proper range.",
+            "The formula's depth range reaches into the lens array and was cut there. More pixels "
+            "per lens would avoid this.",
         )
     if misalign.strip():
         words += _caution(
@@ -111,7 +59,7 @@ def display(data: ReportDocument | PictureDocument, images: ReportImages) -> str
             f"The array is misaligned by {misalign}. The ground-truth EIA and the views use the "
             "misaligned display; the algorithms use the design.",
         )
-    every = folded(element("h3", "Every parameter"), element("div", *tables, class_="columns"))
+    every = folded(element("h3", "Parameters"), element("div", *tables, class_="columns"))
     return words + _plan(data, images) + every
 
 
@@ -133,15 +81,21 @@ def _display_words(data: ReportDocument | PictureDocument) -> str:
     words = (
         f"{lenses} lenses of {mm(parameters.pitch_mm)} make a display of {size} with {pixels} "
         f"pixels, {short(derived.pixels_per_lens)} across each lens. "
-        f"{_focus_words(derived)} Each lens sends its directions within "
-        f"±{short(derived.viewing_half_angle_deg)}°; an eye on the axis sees one unbroken "
-        f"picture from {mm(derived.nearest_viewing_distance_mm)} onwards."
+        f"{_focus_words(derived)} Each lens covers viewing angles within "
+        f"±{short(derived.viewing_half_angle_deg)}°. {_distance_words(derived)}"
     )
     return lead(words)
 
 
+def _distance_words(derived: DerivedDisplay) -> str:
+    nearest = derived.nearest_viewing_distance_mm
+    if nearest is None:
+        return "An eye on the axis sees flipped views at any distance."
+    return f"An eye on the axis sees no flipped view from {mm(nearest)} onwards."
+
+
 def _focus_words(derived: DerivedDisplay) -> str:
-    relic = f"depths are fitted into {mm(derived.depth_min_mm)} to {mm(derived.depth_max_mm)}."
+    relic = f"the depth range is {mm(derived.depth_min_mm)} to {mm(derived.depth_max_mm)}."
     centre = derived.central_depth_mm
     if centre is None:
         return f"It is focused (gap = focal length), so it has no central depth plane; {relic}"
@@ -153,19 +107,13 @@ def _caution(title: str, words: str) -> str:
     return element("p", element("b", title), " ", text(words), class_="caution")
 
 
-def _quantities(
-    caption: str,
-    values: Mapping[str, Any],
-    labels: Mapping[str, tuple[str, str, str]],
-    missing: str,
-) -> str:
-    rows = []
-    for key in [*(k for k in labels if k in values), *(k for k in values if k not in labels)]:
-        value = values[key]
-        label, unit, meaning = labels.get(key, (key, "", ""))
-        space = "" if unit == "°" else NBSP
-        value_text = missing if value is None else short(value) + (space + unit if unit else "")
-        rows.append([label, value_text, meaning])
+def _quantities(caption: str, part: str, values: Mapping[str, Any]) -> str:
+    """Table of values with their descriptions in the schema of `report.json`."""
+    described = schema("report")["$defs"][part]["properties"]
+    rows = [
+        [name, "none" if value is None else short(value), described[name]["description"]]
+        for name, value in values.items()
+    ]
     return text_table(caption, ["Quantity", "Value", "Meaning"], rows, "quantities")
 
 
@@ -175,8 +123,8 @@ def rgbd_input(data: ReportDocument, images: ReportImages) -> str:
     rgbd, (far, near) = data.rgbd, map(mm, data.display.parameters.depth_range_mm)
     words = (
         f"Input of the algorithms: {rgbd.columns} × {rgbd.rows} pixels of "
-        f"{mm(rgbd.pixel_mm)}, {per_cent(rgbd.covered_fraction, 1)} of them covered by the relic, "
-        f"depths from {mm(rgbd.depth_min_mm)} to {mm(rgbd.depth_max_mm)} towards the viewer."
+        f"{mm(rgbd.pixel_mm)}. The relic covers {per_cent(rgbd.covered_fraction, 1)} of them, at "
+        f"depths from {mm(rgbd.depth_min_mm)} to {mm(rgbd.depth_max_mm)}."
     )
     remark = f"lighter is nearer to the viewer, from {far} to {near}; black is background"
     shots = [
@@ -210,7 +158,7 @@ def _profile_words(data: ReportDocument) -> str:
         return "seen from above"
     slack = _SLACK * max(abs(low), abs(high))
     inside = low - slack <= first and last <= high + slack
-    place = "lies inside" if inside else "leaves"
+    place = "is inside" if inside else "extends beyond"
     return f"seen from above, all rows together: the relic {place} the display's depth range"
 
 

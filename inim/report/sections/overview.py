@@ -28,8 +28,8 @@ from inim.report.sections import ReportSection
 _FAILURES_ON_TOP = 3
 _NOTE = (
     "Large: SSIM on the relic to the reference view, which measures the algorithm alone; ± is the "
-    "95 % interval. Small: SSIM on the relic to the scene, which includes the display; and both "
-    "scores of the whole picture with its background. "
+    "95 % interval. Small: SSIM on the relic to the ground truth, which includes the loss of the "
+    "display; and both scores for the whole image with its background. "
 )
 
 
@@ -70,7 +70,7 @@ def _scores(data: ReportDocument) -> str:
     ]
     reference, floor = data.reference, data.noise_floor
     own = {name: reference.views[name] for name in names}
-    rows.append(_reference_row(REFERENCE, "to scene", own, reference.precision))
+    rows.append(_reference_row(REFERENCE, "to ground truth", own, reference.precision))
     noise = {name: floor.views[name] for name in names}
     rows.append(_reference_row("Noise floor", "to itself", noise, {}, floor.eia))
     return table(f"{HEADLINE_WORDS}, per viewpoint", [text(h) for h in heads], rows, "scores")
@@ -84,9 +84,9 @@ def _algorithm_row(
     cells = [
         element("span", text(score(scores, HEADLINE)))
         + _noise(result.precision, view, HEADLINE)
-        + element("small", text(f"{score(scores, HEADLINE_TO_SCENE)} scene"))
+        + element("small", text(f"{score(scores, HEADLINE_TO_SCENE)} ground truth"))
         + element("small", text(f"{score(scores, MAIN.to_reference_key)} whole"))
-        + element("small", text(f"{score(scores, MAIN.key)} whole, scene"))
+        + element("small", text(f"{score(scores, MAIN.key)} whole, ground truth"))
         for view, scores in zip(names, views, strict=True)
     ]
     eia = result.eia
@@ -119,15 +119,15 @@ def _noise(precision: Precision, view: str, key: str) -> str:
 
 
 def _hero(data: ReportDocument, images: ReportImages) -> str:
-    """One viewpoint as the scene shows it, as the display could, and as the best algorithm does."""
+    """One viewpoint: ground truth, reference view, and view of the best algorithm."""
     names, best = data.viewpoint_names, data.best_algorithm
     if not names:
         return ""
     view = "centre" if "centre" in names else names[0]
     truth = images.read("truth", f"{view}.png")
-    shots = [_shot(images, truth, view, TRUTH, f"from {view}: the scene itself")]
+    shots = [_shot(images, truth, view, TRUTH, f"from {view}, without a display")]
     own = score(data.reference.views[view], HEADLINE_TO_SCENE)
-    reference = f"{MAIN.label} {own} on the relic to the scene"
+    reference = f"{MAIN.label} {own} on the relic to the ground truth"
     reference_view = images.read("views", "reference", f"{view}.png")
     shots.append(_shot(images, reference_view, view, REFERENCE, reference))
     if best is not None:

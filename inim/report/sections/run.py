@@ -24,12 +24,13 @@ from inim.report.sections import ReportSection
 _TOTAL, _RENDER = "total", "mitsuba_render"
 _EXACT = "Skipping did not change any score."
 _NO_CRITERIA = (
-    "These checks cover the run only: all pictures exist, are finite and are not black. No quality "
-    "criteria are set. inim.min_ssim_to_reference sets the minimum SSIM on the relic to the "
-    "reference. --baseline compares with an accepted run. Criteria that this run would just pass:"
+    "No quality criteria are set. These checks only verify that all images exist, are finite and "
+    "are not black. To set criteria, give inim.min_ssim_to_reference, the minimum SSIM on the "
+    "relic to the reference, or compare with an accepted run by --baseline. This run would just "
+    "pass with:"
 )
 _SAMPLES = (
-    "Sampling ended when every SSIM had the precision that inim.score_error requires. With all "
+    "Sampling stopped when every SSIM had the precision set by inim.score_error. With all "
     "samples, some scores would differ by at most that amount. No other skipped step changes a "
     "score."
 )
@@ -37,7 +38,7 @@ _SKIPPED = {"step": "Step", "performed": "Performed", "skipped": "Skipped", "why
 _MEANINGS = (
     (
         TRUTH,
-        "The scene, rendered from the viewpoint without a display.",
+        "The scene as rendered from a viewpoint, without a display.",
     ),
     (
         TRUE_EIA,
@@ -46,8 +47,8 @@ _MEANINGS = (
     (
         REFERENCE,
         "The view of the ground-truth EIA through this display's lenses. The difference between "
-        "reference and scene is the loss of the display, not of an algorithm. A warning lists "
-        "algorithms that score above the reference by more than noise.",
+        "reference and ground truth is the loss of the display, not of an algorithm. A warning "
+        "lists algorithms that score above the reference by more than noise.",
     ),
     (
         "SSIM to reference",
@@ -56,7 +57,7 @@ _MEANINGS = (
         "algorithm has the highest mean over the viewpoints.",
     ),
     (
-        "SSIM to scene",
+        "SSIM to ground truth",
         "Structural similarity of a reconstructed view and the ground-truth view. It includes the "
         "loss of the display.",
     ),
@@ -97,7 +98,7 @@ def check_list(verdict: Checks) -> str:
     heads = ["Check", "Value", "Relation", "Limit", "Verdict", "Interval of the value"]
     if not any(row[-1] for row in rows):
         heads, rows = heads[:-1], [row[:-1] for row in rows]
-    return table("Every check, the failed ones first", heads, rows, "checks")
+    return table("All checks, failed ones first", heads, rows, "checks")
 
 
 def _no_criteria(data: ReportDocument) -> str:
@@ -130,7 +131,7 @@ def _timings(data: ReportDocument) -> str:
     total = timings[_TOTAL]
     rows = [_stage_row(name, seconds, total) for name, seconds in stages.items()]
     listed = table("Wall-clock time", ["Stage", "Seconds", "Share of the total"], rows, "timings")
-    words = f"{number(total, 2)}{NBSP}s in all"
+    words = f"{number(total, 2)}{NBSP}s in total"
     render = timings[_RENDER]
     if total > 0:
         share = per_cent(render / total, 0)

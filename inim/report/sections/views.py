@@ -45,8 +45,8 @@ from inim.report.sections import ReportSection
 _INTRO = (
     "Each image is shown with its difference and its SSIM map. Differences are absolute "
     f"differences of the sRGB values, amplified ×{NBSP}{DIFFERENCE_GAIN}: black is equal. The "
-    "reference is compared with the ground truth: this is the loss of the display. An algorithm is "
-    "compared with the reference: this is the loss of the algorithm."
+    "reference is compared with the ground truth, which shows the loss of the display. Algorithms "
+    "are compared with the reference, which shows their own loss."
 )
 _SLIDER_ID = "slider"
 COMPARISON_SLIDER = Widget(
@@ -60,13 +60,14 @@ _WAYS = (
     ("difference", f"difference ×{NBSP}{DIFFERENCE_GAIN}", False),
 )
 _HELP = (
-    "Drag across the image, or move the slider with the arrow keys, to uncover one image under the "
-    "other; alternate between them; or show their difference."
+    "Drag across the image, or move the slider with the arrow keys, to see more of either image. "
+    "Flip alternates between them. Difference shows where they differ."
 )
 _THUMBNAIL_PX = 320
 _PARALLAX = (
-    "Ground truth above, the best algorithm below. The frame is the lens array: the farther a "
-    "point is from it, the more it moves against the centre line. Both rows should move equally."
+    "Above: ground truth. Below: the best algorithm. The frame of each image is the lens array. "
+    "The farther a point is from it in depth, the more it moves relative to the centre line. Both "
+    "rows should show the same motion."
 )
 
 
@@ -145,7 +146,7 @@ def _choice(label: str, name: str, options: Sequence[str], chosen: str) -> str:
 def _scale(images: ReportImages) -> str:
     """Colour scale of an SSIM map."""
     bar = np.repeat(images.similarity_scale(), 12, axis=0)
-    words = [element("span", text(word)) for word in ("1, alike", "SSIM", "0 or below, unlike")]
+    words = [element("span", text(word)) for word in ("1, equal", "SSIM", "0 or below")]
     picture = images.embed(bar, "Colours of the SSIM maps, from black for 1 to pale yellow for 0")
     return element("figure", picture, element("figcaption", *words), class_="ssim-scale")
 
@@ -180,27 +181,27 @@ def _viewpoint(data: ReportDocument, images: ReportImages, eye: EyePosition) -> 
     figures = [
         captioned(
             TRUTH,
-            "the scene itself",
+            "rendered without a display",
             [shown(TRUTH, truth)],
-            [("On the relic to itself", metric_scores(floor, "relic"))],
+            [("On the relic, to itself", metric_scores(floor, "relic"))],
         ),
         captioned(
             REFERENCE,
             "compared with ground truth",
             against_truth,
             [
-                ("On the relic to scene", metric_scores(own, "relic")),
-                ("Whole to scene", metric_scores(own)),
+                ("On the relic, to ground truth", metric_scores(own, "relic")),
+                ("Whole image, to ground truth", metric_scores(own)),
             ],
         ),
     ]
     for name, result in data.algorithms.items():
         scores = result.views.get(view, {})
         facts = [
-            ("On the relic to reference", metric_scores(scores, "relic to reference")),
-            ("On the relic to scene", metric_scores(scores, "relic")),
-            ("Whole to reference", metric_scores(scores, "reference")),
-            ("Whole to scene", metric_scores(scores)),
+            ("On the relic, to reference", metric_scores(scores, "relic to reference")),
+            ("On the relic, to ground truth", metric_scores(scores, "relic")),
+            ("Whole image, to reference", metric_scores(scores, "reference")),
+            ("Whole image, to ground truth", metric_scores(scores)),
         ]
         comparison = compared(
             name, images.read("views", name, f"{view}.png"), "reference", reference

@@ -46,11 +46,11 @@ _STILL_PX = 420
 # Tried in turn until the two panels that matter most fit. An EIA cannot be scaled down: its
 # pixels are directions.
 _FORMS = (("PNG", 0), ("JPEG", 95), ("JPEG", 85))
-_NEEDED = "The live display needs scripts and WebGL 2; these pre-rendered views stand in for it."
+_NEEDED = "The live display needs scripts and WebGL 2. These pre-rendered views replace it."
 _HELP = (
-    "Drag across a picture to move the eye. Once clicked, or reached with the Tab key: scroll or "
-    "pinch for the distance, arrow keys move the eye (with Shift farther), + and − go nearer and "
-    "back, Home returns."
+    "Drag across an image to move the eye. After a click on it, or the Tab key: scroll or pinch to "
+    "change the distance, move the eye with the arrow keys (Shift: farther), + and − to go nearer "
+    "and back, Home to return."
 )
 _SWAYS = "The eye moves until you touch the page or press a key."
 _ABOVE = "From above, to scale: the display, the viewing zone, and the eye."
@@ -275,11 +275,11 @@ def _embedding_words(embedded: Sequence[_Embedded], left_out: Sequence[str]) -> 
 
 
 def _display_words(display: Display) -> list[str]:
-    words = ["The eye is a point."]
+    words = ["The eye has no pupil: it is a point."]
     if display.subpixels != "none" or display.pixel_fill < 1:
-        words.append("Panel pixels are drawn evenly lit: sub-pixels and pixel fill as none.")
+        words.append("Panel pixels are drawn evenly lit, without sub-pixels and gaps.")
     if display.tilt_x_deg or display.tilt_y_deg:
-        words.append("The viewing zone is stated for a panel that is not tilted.")
+        words.append("The viewing zone is that of a panel without tilt.")
     return words
 
 

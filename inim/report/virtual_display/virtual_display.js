@@ -579,7 +579,7 @@
   function standIn(reason) {
     live.hidden = true;
     live.parentElement.classList.remove("is-live");
-    why.textContent = `${reason} These pre-rendered views stand in for the live display.`;
+    why.textContent = `${reason} These pre-rendered views replace the live display.`;
   }
 
   // A browser may keep form choices over a reload; what is chosen is what is drawn.
