@@ -14,13 +14,12 @@ from inim import metrics
 from inim.display import Display
 from inim.documents.bench import (
     BenchAlgorithm,
-    BenchPicture,
     BenchScene,
     BenchScore,
     CapturedLayers,
     TimingRecord,
 )
-from inim.documents.parts import DisplayRecord
+from inim.documents.parts import DisplayRecord, PictureShape
 from inim.errors import UsageError
 from inim.generators import (
     HOLE,
@@ -318,7 +317,7 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, renderer: Rend
         sha256=plan.file.sha256,
         display=DisplayRecord.of(display),
         viewpoints=[viewpoint.name for viewpoint in plan.viewpoints],
-        picture=BenchPicture(rows=rows, columns=columns, pixel_mm=rgbd.pixel_mm),
+        picture=PictureShape(rows=rows, columns=columns, pixel_mm=rgbd.pixel_mm),
         yardstick=TimingRecord(**times[REFERENCE_KERNEL].as_data()),
         algorithms=mark_fronts(algorithms),
         noise_floor=floor,

@@ -566,17 +566,17 @@ class Display:
         """Derived quantities for reports; infinite values become None, because JSON has none."""
         low, high = self.depth_range_mm
         values: dict[str, Any] = {
-            "width_mm": self.width_mm,
-            "height_mm": self.height_mm,
-            "eia_rows": self.eia_shape[0],
-            "eia_columns": self.eia_shape[1],
-            "pixels_per_lens": self.pixels_per_lens,
             "central_depth_mm": self.central_depth_mm,
             "scene_pixel_mm": self.scene_pixel_mm,
             "depth_span_mm": self.depth_span_mm,
             "depth_min_mm": low,
             "depth_max_mm": high,
             "depth_range_is_cut": self.depth_range_is_cut,
+            "width_mm": self.width_mm,
+            "height_mm": self.height_mm,
+            "eia_rows": self.eia_shape[0],
+            "eia_columns": self.eia_shape[1],
+            "pixels_per_lens": self.pixels_per_lens,
             "viewing_half_angle_deg": self.viewing_half_angle_deg,
         }
         try:

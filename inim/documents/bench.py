@@ -9,6 +9,7 @@ from inim.documents.parts import (
     BackendRecord,
     DisplayRecord,
     Files,
+    PictureShape,
     SceneFileRecord,
     TitledDocument,
     Versions,
@@ -87,14 +88,6 @@ class BenchScore(Part):
     plotted: Annotated[bool, doc("True if it has a plot of its own.")]
 
 
-class BenchPicture(Part):
-    """The picture that the algorithms read."""
-
-    rows: Annotated[int, doc("Pixels down.")]
-    columns: Annotated[int, doc("Pixels across.")]
-    pixel_mm: Annotated[float, doc("Size of a pixel, mm.")]
-
-
 class CapturedLayers(Part):
     """Result of the capture of layers."""
 
@@ -116,7 +109,7 @@ class BenchScene(SceneFileRecord):
 
     display: DisplayRecord
     viewpoints: Annotated[list[str], doc("Names of the eye positions.")]
-    picture: BenchPicture
+    picture: Annotated[PictureShape, doc("The picture that the algorithms read.")]
     yardstick: Annotated[
         TimingRecord, doc("The reference kernel: one gather of 4 bytes per panel pixel.")
     ]

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from inim.display import Display
 from inim.documents.document import Document, Part, doc
-from inim.documents.parts import InimVersion, Viewpoints
+from inim.documents.parts import DepthRange, InimVersion, Viewpoints
 
 
 class TracedModel(Part):
@@ -39,7 +39,7 @@ class Size(Part):
     ]
 
 
-class DepthFigures(Part):
+class DepthFigures(DepthRange):
     """Depths at which the display is sharp."""
 
     mode: Annotated[
@@ -48,31 +48,6 @@ class DepthFigures(Part):
             "Where pictures stand: `real` in front of the lens array, `virtual` behind it; "
             "`focused` has no central depth plane."
         ),
-    ]
-    central_depth_mm: Annotated[
-        float | None,
-        doc(
-            "Central depth plane D = f g / (g - f), z in mm; null: infinite, of a focused display."
-        ),
-    ]
-    scene_pixel_mm: Annotated[
-        float | None,
-        doc(
-            "Size of a panel pixel's image at the central depth plane, P_I = |D| P_D / g, mm; "
-            "null: infinite."
-        ),
-    ]
-    depth_span_mm: Annotated[
-        float | None, doc("Displayable depth by the formula, 2 |D| P_I / P, mm; null: infinite.")
-    ]
-    depth_min_mm: Annotated[
-        float, doc("Far end of the depth range that pictures are fitted into, z in mm.")
-    ]
-    depth_max_mm: Annotated[
-        float, doc("Near end of the depth range that pictures are fitted into, z in mm.")
-    ]
-    depth_range_is_cut: Annotated[
-        bool, doc("True if the range by the formula reached into the lens array and was cut.")
     ]
     depth_range_is_stated: Annotated[
         bool, doc("True if the range was stated, rather than following from the formula.")

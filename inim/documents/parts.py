@@ -60,16 +60,9 @@ def origin(command: str, packages: Iterable[str] | None = None) -> dict[str, Any
     return fields if packages is None else fields | {"versions": versions(packages)}
 
 
-class DerivedDisplay(Part):
-    """Lengths and angles that follow from a display's parameters."""
+class DepthRange(Part):
+    """Depths that a display can show."""
 
-    width_mm: Annotated[float, doc("Width of the lens array, mm.")]
-    height_mm: Annotated[float, doc("Height of the lens array, mm.")]
-    eia_rows: Annotated[int, doc("Panel pixels down, the rows of an elemental image array (EIA).")]
-    eia_columns: Annotated[int, doc("Panel pixels across, the columns of an EIA.")]
-    pixels_per_lens: Annotated[
-        float, doc("Panel pixels per elemental image along one axis; rarely an integer.")
-    ]
     central_depth_mm: Annotated[
         float | None,
         doc("Central depth plane D = f g / (g - f), z in mm; null: infinite, a focused display."),
@@ -85,6 +78,18 @@ class DerivedDisplay(Part):
     depth_max_mm: Annotated[float, doc("Near end of the depth range for pictures, z in mm.")]
     depth_range_is_cut: Annotated[
         bool, doc("True if the range by the formula reached into the lens array and was cut.")
+    ]
+
+
+class DerivedDisplay(DepthRange):
+    """Lengths and angles that follow from a display's parameters."""
+
+    width_mm: Annotated[float, doc("Width of the lens array, mm.")]
+    height_mm: Annotated[float, doc("Height of the lens array, mm.")]
+    eia_rows: Annotated[int, doc("Panel pixels down, the rows of an elemental image array (EIA).")]
+    eia_columns: Annotated[int, doc("Panel pixels across, the columns of an EIA.")]
+    pixels_per_lens: Annotated[
+        float, doc("Panel pixels per elemental image along one axis; rarely an integer.")
     ]
     viewing_half_angle_deg: Annotated[
         float, doc("Half of the angle inside which no view repeats, degrees.")
@@ -105,6 +110,14 @@ class DisplayRecord(Part):
     def of(cls, display: Display) -> DisplayRecord:
         """Record a display."""
         return cls(parameters=display, derived=DerivedDisplay(**display.derived_quantities()))
+
+
+class PictureShape(Part):
+    """Size of a picture."""
+
+    rows: Annotated[int, doc("Pixels down.")]
+    columns: Annotated[int, doc("Pixels across.")]
+    pixel_mm: Annotated[float, doc("Size of a pixel, mm.")]
 
 
 class EyePosition(Part):
@@ -447,6 +460,24 @@ class TitledDocument(Document):
     created: Created
     inim_version: InimVersion
     command: Command
+
+
+class RunReport(TitledDocument):
+    """Fields of every `report.json`, of a scene or of a picture without one."""
+
+    versions: Versions
+    display: DisplayRecord
+    backend: BackendRecord
+    lens_model: LensModel
+    viewpoints: Viewpoints
+    warnings: Warnings
+    verdict: Checks
+    files: Files = []
+
+    @property
+    def viewpoint_names(self) -> list[str]:
+        """Names of the viewpoints, in order."""
+        return [eye.name for eye in self.viewpoints]
 
 
 class SceneFileRecord(Part):

@@ -5,33 +5,21 @@ from __future__ import annotations
 import math
 from typing import Annotated
 
-from inim.documents.document import Document, Part, doc
+from inim.documents.document import Part, doc
 from inim.documents.parts import (
     VIEW_SCORES,
-    BackendRecord,
-    Checks,
-    Command,
-    Created,
-    DisplayRecord,
-    Files,
-    InimVersion,
-    LensModel,
+    PictureShape,
+    RunReport,
     Scores,
-    Versions,
-    Viewpoints,
-    Warnings,
     check_names,
     check_scores,
 )
 from inim.metrics.headline import MAIN
 
 
-class FittedPicture(Part):
+class FittedPicture(PictureShape):
     """The picture as fitted to the display."""
 
-    rows: Annotated[int, doc("Pixels down.")]
-    columns: Annotated[int, doc("Pixels across.")]
-    pixel_mm: Annotated[float, doc("Size of a pixel, mm.")]
     layers: Annotated[int, doc("Number of layers; 1: the front surface alone.")]
     covered_fraction: Annotated[float, doc("Share of the pixels that show something, 0 to 1.")]
     depth_min_mm: Annotated[float, doc("Farthest depth, z in mm.")]
@@ -75,24 +63,14 @@ class PictureAlgorithm(Part):
     views: Annotated[dict[str, PictureView], doc("Scores of its views, by viewpoint.")]
 
 
-class PictureDocument(Document, tag="inim.picture/2"):
+class PictureDocument(RunReport, tag="inim.picture/2"):
     """Report of a picture without a scene.
 
     `report.json` in the folder of `inim validate` on a user's own picture (fitted, or colour
     and `--depth`): all scores that need no ground truth.
     """
 
-    title: Annotated[str, doc("Name of the picture's file.")]
-    created: Created
-    inim_version: InimVersion
-    versions: Versions
-    command: Command
-    display: DisplayRecord
-    lens_model: LensModel
     picture: FittedPicture
-    warnings: Warnings
-    backend: BackendRecord
-    viewpoints: Viewpoints
     oracle_pixels: Annotated[
         int,
         doc(
@@ -112,8 +90,6 @@ class PictureDocument(Document, tag="inim.picture/2"):
         dict[str, PictureAlgorithm], doc("Results by algorithm, under its name with options.")
     ]
     not_scored: Annotated[list[str], doc("Missing scores and reasons, a text each.")]
-    verdict: Checks
-    files: Files = []
 
     def __post_init__(self) -> None:
         check_names([*self.viewpoint_names, *self.algorithms])
@@ -124,11 +100,6 @@ class PictureDocument(Document, tag="inim.picture/2"):
             for name, result in self.algorithms.items():
                 if viewpoint not in result.views:
                     raise ValueError(f"algorithms.{name}: has no view {viewpoint[:40]!a}")
-
-    @property
-    def viewpoint_names(self) -> list[str]:
-        """Names of the viewpoints, in order."""
-        return [eye.name for eye in self.viewpoints]
 
     @property
     def best_algorithm(self) -> str | None:

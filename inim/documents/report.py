@@ -6,27 +6,18 @@ import math
 from typing import Annotated
 
 from inim.display.misalignment import misaligned
-from inim.documents.document import Document, Part, doc
+from inim.documents.document import Part, doc
 from inim.documents.parts import (
     EIA_SCORES,
     VIEW_SCORES,
-    BackendRecord,
-    Checks,
-    Command,
-    Created,
-    DisplayRecord,
     EiaScore,
     EiaScores,
-    Files,
-    InimVersion,
-    LensModel,
+    PictureShape,
     Precision,
     Regression,
+    RunReport,
     Scores,
     Sha256,
-    Versions,
-    Viewpoints,
-    Warnings,
     check_names,
     check_scores,
     scores,
@@ -135,12 +126,9 @@ class SceneRecord(Part):
     fit: SceneFit
 
 
-class CapturedPicture(Part):
+class CapturedPicture(PictureShape):
     """The RGB-D picture of the scene, the input of the algorithms."""
 
-    rows: Annotated[int, doc("Pixels down.")]
-    columns: Annotated[int, doc("Pixels across.")]
-    pixel_mm: Annotated[float, doc("Size of a pixel, mm.")]
     covered_fraction: Annotated[float, doc("Share of the pixels that show something, 0 to 1.")]
     depth_min_mm: Annotated[
         float | None, doc("Farthest depth, z in mm; null: the picture shows nothing.")
@@ -246,17 +234,12 @@ class SkippedStep(Part):
     why: Annotated[str, doc("Why that is safe.")]
 
 
-class ReportDocument(Document, tag="inim.report/2"):
+class ReportDocument(RunReport, tag="inim.report/2"):
     """Report of a validation.
 
     `report.json` in the folder of `inim validate SCENE`: the results of a validation as data.
     """
 
-    title: Annotated[str, doc("Name of the scene.")]
-    created: Created
-    inim_version: InimVersion
-    versions: Versions
-    command: Command
     preview: Preview | None = None
     scene: SceneRecord
     settings: Annotated[
@@ -266,13 +249,9 @@ class ReportDocument(Document, tag="inim.report/2"):
             "`score_error`, the samples are those that were taken."
         ),
     ]
-    display: DisplayRecord
     misalign: Annotated[
         str, doc("Misalignment of the array that generators do not know; empty: none.")
     ]
-    backend: BackendRecord
-    lens_model: LensModel
-    viewpoints: Viewpoints
     rgbd: CapturedPicture
     noise_floor: NoiseFloor
     scoring: Scoring
@@ -295,9 +274,6 @@ class ReportDocument(Document, tag="inim.report/2"):
         ),
     ]
     skipped: Annotated[list[SkippedStep], doc("Done and skipped parts of each step.")]
-    warnings: Warnings
-    verdict: Checks
-    files: Files = []
     regression: Annotated[Regression | None, doc("Only with `--baseline`.")] = None
 
     def __post_init__(self) -> None:
@@ -329,11 +305,6 @@ class ReportDocument(Document, tag="inim.report/2"):
             for view in views:
                 if view not in self.viewpoint_names:
                     raise ValueError(f"{place}: has scores of {view[:40]!a}, which is no viewpoint")
-
-    @property
-    def viewpoint_names(self) -> list[str]:
-        """Names of the viewpoints, in order."""
-        return [eye.name for eye in self.viewpoints]
 
     def headlines(self, algorithm: str) -> list[float]:
         """Headline scores of an algorithm's views, those that are finite numbers."""

@@ -32,7 +32,6 @@ from inim.regression.scores import compare_scores
 from inim.regression.tiles import TileStatistics
 from inim.regression.verdict import (
     FALSE_ALARM_RATE,
-    make_verdict,
     shift_of,
     sidak,
     welch_half_width,
@@ -179,9 +178,16 @@ def compare_noise(
         passed = not any((tiles.mean_error > 0).any() for tiles in candidate.values())
         value = 1.0 if passed else math.inf
         interval, detail = (value, value), "no tile is noisy in both runs"
-    name = "ground truth: noise against the baseline"
-    return make_verdict(
-        name, "noise", value, "<=", MAX_NOISE_RATIO, interval, passed, detail=detail
+    return Check(
+        name="ground truth: noise against the baseline",
+        kind="noise",
+        value=value,
+        relation="<=",
+        limit=MAX_NOISE_RATIO,
+        interval=interval,
+        passed=passed,
+        unit="",
+        detail=detail,
     )
 
 
@@ -426,7 +432,6 @@ def compare_times(
 
 
 def _time_verdict(name: str, old: Sequence[float], new: Sequence[float], level: float) -> Check:
-    label = f"{name}: time against the baseline"
     rounds = min(len(old), len(new))
     shift = shift_of(new, old, level)
     limit = MAX_SLOWDOWN
@@ -443,8 +448,17 @@ def _time_verdict(name: str, old: Sequence[float], new: Sequence[float], level: 
     elif is_unclear:
         detail += "; the scatter is too large: time both on an idle machine"
     interval = (math.exp(shift.low), math.exp(min(shift.high, 700.0)))
-    return make_verdict(
-        label, "time", value, "<=", limit, interval, passed, "times", shift.p_value, detail
+    return Check(
+        name=f"{name}: time against the baseline",
+        kind="time",
+        value=value,
+        relation="<=",
+        limit=limit,
+        interval=interval,
+        passed=passed,
+        unit="times",
+        p_value=shift.p_value,
+        detail=detail,
     )
 
 

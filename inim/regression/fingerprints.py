@@ -21,7 +21,7 @@ from inim.documents.compare import FingerprintRecord
 from inim.documents.parts import Check
 from inim.image.noisy_image import row_bands
 from inim.image.rgbd import RGBD
-from inim.regression.verdict import FALSE_ALARM_RATE, binomial_interval, make_verdict
+from inim.regression.verdict import FALSE_ALARM_RATE, binomial_interval
 
 #: Share of the pixels that may change if an algorithm does not guarantee exact equality: rays that
 #: graze an edge depend on a machine's rounding.
@@ -143,26 +143,31 @@ def compare_fingerprints(
 
 
 def _verdict(name: str, old: Fingerprint, new: Fingerprint | None) -> Check:
-    label = f"{name}: changed pixels of the reference input"
     limit = 0.0 if old.exact else MAX_CHANGED
+    value, interval, passed = math.nan, (math.nan, math.nan), False
     if new is None or new.sample.shape != old.sample.shape:
-        return make_verdict(
-            label, "pixels", math.nan, "<=", limit, (math.nan, math.nan), False,
-            detail="the EIA of the reference input is missing or of another size",
-        )  # fmt: skip
-    if new.eia_sha256 == old.eia_sha256:
-        detail = "all values are equal"
-        return make_verdict(label, "pixels", 0.0, "<=", limit, (0.0, 0.0), True, detail=detail)
-    # Averages of several rays may round to either of two codes.
-    changed = (np.abs(old.sample.astype(np.int16) - new.sample) > 1).any(axis=-1)
-    count, trials = int(np.count_nonzero(changed)), len(changed)
-    interval = binomial_interval(count, trials, FALSE_ALARM_RATE)
-    passed = not old.exact and count / trials <= limit
-    detail = f"{count} of {trials} sampled pixels"
-    if old.exact:
-        detail += "; the SHA-256 of the EIA differs, and this algorithm guarantees equality"
-    # For an exact algorithm, a change outside the sample counts, too.
-    value = max(count, 1) / trials if old.exact else count / trials
-    return make_verdict(
-        label, "pixels", value, "<=", limit, interval, passed, "share", detail=detail
+        detail = "the EIA of the reference input is missing or of another size"
+    elif new.eia_sha256 == old.eia_sha256:
+        value, interval, passed, detail = 0.0, (0.0, 0.0), True, "all values are equal"
+    else:
+        # Averages of several rays may round to either of two codes.
+        changed = (np.abs(old.sample.astype(np.int16) - new.sample) > 1).any(axis=-1)
+        count, trials = int(np.count_nonzero(changed)), len(changed)
+        interval = binomial_interval(count, trials, FALSE_ALARM_RATE)
+        passed = not old.exact and count / trials <= limit
+        detail = f"{count} of {trials} sampled pixels"
+        if old.exact:
+            detail += "; the SHA-256 of the EIA differs, and this algorithm guarantees equality"
+        # For an exact algorithm, a change outside the sample counts, too.
+        value = max(count, 1) / trials if old.exact else count / trials
+    return Check(
+        name=f"{name}: changed pixels of the reference input",
+        kind="pixels",
+        value=value,
+        relation="<=",
+        limit=limit,
+        interval=interval,
+        passed=passed,
+        unit="share",
+        detail=detail,
     )

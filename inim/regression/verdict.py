@@ -169,38 +169,6 @@ def _rank_sum_distribution(m: int, n: int) -> np.ndarray:
 WITHIN: Relation = "within"
 
 
-def make_verdict(
-    name: str,
-    kind: Kind,
-    value: float,
-    relation: Relation,
-    limit: float,
-    interval: tuple[float, float],
-    passed: bool,
-    unit: str = "",
-    p_value: float | None = None,
-    detail: str = "",
-) -> Check:
-    """Create a verdict: the check of a report that compares an object with the baseline's.
-
-    `value` is a change, a share or a ratio, in `unit`, and `interval` its confidence interval.
-    `limit` is the largest value that passes: the smallest change that counts, or the effect of
-    noise if that is larger. `p_value` is that of no change, not corrected for multiple tests.
-    """
-    return Check(
-        name=name,
-        value=value,
-        relation=relation,
-        limit=limit,
-        passed=passed,
-        detail=detail,
-        interval=interval,
-        p_value=p_value,
-        unit=unit,
-        kind=kind,
-    )
-
-
 def verdict_line(verdict: Check) -> str:
     """Format a verdict as text."""
     low, high = verdict.interval or (math.nan, math.nan)
@@ -225,20 +193,20 @@ def within(
     """Verdict on a change, which fails only if it counts *and* noise does not explain it.
 
     `half_width` is that of the confidence interval, `smallest` the smallest change that counts, and
-    `more` other arguments of `make_verdict`.
+    `more` other fields of the check.
     """
     limit = max(smallest, half_width) if math.isfinite(half_width) else smallest
     is_finite = math.isfinite(change) and math.isfinite(half_width)
     interval = (change - half_width, change + half_width)
-    return make_verdict(
-        name,
-        kind,
-        change,
-        WITHIN,
-        limit,
-        interval,
-        bool(is_finite and abs(change) <= limit),
-        **more,
+    return Check(
+        name=name,
+        kind=kind,
+        value=change,
+        relation=WITHIN,
+        limit=limit,
+        interval=interval,
+        passed=bool(is_finite and abs(change) <= limit),
+        **{"detail": "", "unit": "", **more},
     )
 
 

@@ -9,14 +9,13 @@ from inim.display import DISPLAYS
 from inim.documents.bench import (
     BenchAlgorithm,
     BenchDocument,
-    BenchPicture,
     BenchRounds,
     BenchScene,
     BenchScore,
     Load,
     TimingRecord,
 )
-from inim.documents.parts import BackendRecord, DisplayRecord
+from inim.documents.parts import BackendRecord, DisplayRecord, PictureShape
 from inim.report.bench import bench_page, scene_parts, write_bench
 
 SCORED = ("eia_ssim", "eia_psnr_db", "view_ssim_to_reference")
@@ -65,7 +64,7 @@ def scene_bench(scores=(), **values):
         sha256="0" * 64,
         display=DisplayRecord.of(DISPLAYS["nominal"]),
         viewpoints=["centre"],
-        picture=BenchPicture(rows=4, columns=4, pixel_mm=0.2),
+        picture=PictureShape(rows=4, columns=4, pixel_mm=0.2),
         yardstick=TimingRecord(**timing(2.0)),
         algorithms=[
             algorithm("template", 3.0, 0.0, usual | values),
