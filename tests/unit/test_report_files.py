@@ -48,7 +48,7 @@ def write(folder: Path, content: ReportDocument) -> dict[str, Any]:
 
 def shown_psnr(folder: Path) -> str | None:
     page = html.unescape((folder / "report.html").read_text(encoding="utf-8"))
-    found = re.search(r"<dt>Whole to reference</dt>.*?PSNR <b>(.*?)</b>", page)
+    found = re.search(r"<dt>Whole image, to reference</dt>.*?PSNR <b>(.*?)</b>", page)
     return found and found[1].replace("\u00a0", " ")
 
 
