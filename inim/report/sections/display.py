@@ -110,10 +110,10 @@ def _caution(title: str, words: str) -> str:
 def _quantities(caption: str, part: str, values: Mapping[str, Any]) -> str:
     """Table of values with their descriptions in the schema of `report.json`."""
     described = schema("report")["$defs"][part]["properties"]
-    rows = [
-        [name, "none" if value is None else short(value), described[name]["description"]]
-        for name, value in values.items()
-    ]
+    rows = []
+    for name, value in values.items():
+        meaning = described[name]["description"].replace("null:", "none:")
+        rows.append([name, "none" if value is None else short(value), meaning])
     return text_table(caption, ["Quantity", "Value", "Meaning"], rows, "quantities")
 
 
