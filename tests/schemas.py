@@ -11,12 +11,16 @@ import msgspec
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import best_match
 
+from inim import documents
 from inim.display import DISPLAYS
-from inim.documents import NAMES, schema
+from inim.documents import NAMES
 from inim.documents.parts import EIA_SCORES, VIEW_SCORES
 from inim.documents.report import ALGORITHM_VIEW_SCORES, ReportDocument
 from inim.settings import Settings
 from inim.sweep.table import columns
+
+
+schema = cache(documents.schema)
 
 
 def read_document(path: Path) -> dict[str, Any]:

@@ -132,12 +132,13 @@ def write_baseline(folder: Path, document: Mapping[str, Any], arrays: bytes) -> 
         (npz(a=npy((-2, -3), values=b"\0" * 24)), "of shape (-2, -3)"),
         (npz(a=npy((1,), "|O", b"\x80\x04N.")), "holds object"),
         (npz(a=npy((1,), "<c8", b"\0" * 8)), "holds complex64"),
-        (npz(a=bytes(2**26 + 1)), "unpacks to more than"),
-        (npz(**{f"a{k}": b"" for k in range(20_001)}), "more than 20000 arrays"),
+        ({"a": bytes(2**26 + 1)}, "unpacks to more than"),
+        ({f"a{k}": b"" for k in range(20_001)}, "more than 20000 arrays"),
     ],
 )
 def test_arrays_that_are_none_are_refused_before_they_take_memory(content, said, tmp_path):
-    write_baseline(tmp_path, {}, content)
+    packed = npz(**content) if isinstance(content, dict) else content
+    write_baseline(tmp_path, {}, packed)
     with pytest.raises(BaselineError) as caught:
         read_statistics(tmp_path, BASELINE)
     assert said in str(caught.value)
