@@ -14,6 +14,8 @@ BIN := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # A container's root user has no other packages that pip could disturb.
 export PIP_ROOT_USER_ACTION := ignore
+# Containers forbid to keep compiled modules; each of hundreds of processes would compile all again.
+unexport PYTHONDONTWRITEBYTECODE
 
 # The tests of a file share fixtures. With the files' order kept, the longest are not last.
 PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder

@@ -19,7 +19,6 @@ from inim.documents.report import ALGORITHM_VIEW_SCORES, ReportDocument
 from inim.settings import Settings
 from inim.sweep.table import columns
 
-
 schema = cache(documents.schema)
 
 
