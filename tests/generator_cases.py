@@ -100,10 +100,10 @@ ALGORITHMS = {
     "template": AlgorithmCase("surface", 300, True),
     "template:columns=solid": AlgorithmCase("solid", 300, True),
     "layered": AlgorithmCase("layers", 300, True),
-    "gu2020": AlgorithmCase(None, 150, True),
-    "wang2024": AlgorithmCase(None, 40, False),
-    "wang2024:matching=ray": AlgorithmCase(None, 60, False),
-    "li2012": AlgorithmCase(None, 40, False),
+    "gu2020": AlgorithmCase(None, 75, True),
+    "wang2024": AlgorithmCase(None, 20, False),
+    "wang2024:matching=ray": AlgorithmCase(None, 30, False),
+    "li2012": AlgorithmCase(None, 20, False),
 }
 
 

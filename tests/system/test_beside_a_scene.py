@@ -77,7 +77,7 @@ import inim
 depth = np.zeros((24, 24), np.float32)
 rgbd = inim.RGBD(np.ones((24, 24, 3), np.float32), depth, depth == 0, 0.5)
 display = inim.DISPLAYS["nominal"].replace(lens_rows=4, lens_columns=4)
-eia = inim.generate(rgbd, display)
+eia = inim.generate(rgbd, display, "gu2020")
 """
 
 
@@ -102,7 +102,7 @@ def test_a_program_s_own_kernels_obey_its_configuration(tmp_path):
         "numba.njit(lambda: 1)()\n"
         "assert numba.config.BOUNDSCHECK\n"
         "open('.numba_config.yaml', 'w').write('[')\n"
-        "inim.generate(rgbd, display, 'gu2020')\n"
+        "inim.generate(rgbd, display, 'wang2024')\n"
         "assert numba.config.BOUNDSCHECK\n"
     )
     (tmp_path / ".numba_config.yaml").write_text("boundscheck: 1", "utf-8")

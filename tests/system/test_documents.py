@@ -38,6 +38,7 @@ def site(tmp_path_factory):
     return build(tmp_path_factory.mktemp("site"), "-D", "nb_execution_mode=off")
 
 
+@pytest.mark.slow
 def test_every_link_and_picture_of_the_site_is_there(site):
     texts = {p.resolve(): p.read_text("utf-8") for p in site.rglob("*.html")}
     anchors = {path: set(_ANCHOR.findall(text)) for path, text in texts.items()}
@@ -55,6 +56,7 @@ def test_every_link_and_picture_of_the_site_is_there(site):
     assert seen > 1000
 
 
+@pytest.mark.slow
 def test_no_page_is_wider_than_a_phone(site, tmp_path):
     with browser() as tab:
         tab.size(*PHONE, mobile=True)

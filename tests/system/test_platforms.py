@@ -29,8 +29,13 @@ for place, names in {
     for name in names.split():
         if hasattr(place, name):
             delattr(place, name)
-from inim.program import run
-run()
+"""
+RUN = "from inim.program import run\nrun()"
+#: Run each command, whose words are parted by commas, and end its answer with its exit code.
+RUN_EACH = """
+from inim.cli import main
+for words in sys.argv[1:]:
+    print(main(words.split(",")), file=sys.stderr)
 """
 
 
@@ -45,9 +50,9 @@ def inim(tmp_path):
     write_rgbd(tmp_path / "rgbd.exr", RGBD(color, depth, depth > 0, display.pitch_mm))
     write_png(tmp_path / "color.png", color)
 
-    def run(*words: str) -> Ended:
+    def run(*words: str, code: str = RUN) -> Ended:
         ended = subprocess.run(
-            [sys.executable, "-c", WITHOUT_POSIX, *words],
+            [sys.executable, "-c", WITHOUT_POSIX + code, *words],
             cwd=tmp_path,
             capture_output=True,
             text=True,
@@ -88,20 +93,11 @@ def test_an_eia_is_generated_and_exported(inim, tmp_path):
     assert ended.code == 0, ended.stderr
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("validate", "tiny.xml"),
-        ("validate", "rgbd.exr"),
-        ("demo",),
-        ("bench", "tiny.xml"),
-        ("stress", "--quick"),
-        ("compare", "a", "b"),
-        ("film", "a"),
-        ("sweep", "study.toml"),
-    ],
-)
-def test_commands_with_workers_say_what_they_need(inim, words):
-    ended = inim(*words)
-    assert ended.code == EXIT_BACKEND
-    assert_one_line(ended.stderr, ["need Linux or macOS", "WSL"])
+def test_commands_with_workers_say_what_they_need(inim):
+    commands = ("validate,tiny.xml", "validate,rgbd.exr", "demo", "bench,tiny.xml")
+    commands += ("stress,--quick", "compare,a,b", "film,a", "sweep,study.toml")
+    lines = inim(*commands, code=RUN_EACH).stderr.splitlines()
+    assert len(lines) == 2 * len(commands), lines
+    for line, code in zip(lines[::2], lines[1::2], strict=True):
+        assert int(code) == EXIT_BACKEND
+        assert_one_line(f"{line}\n", ["need Linux or macOS", "WSL"])

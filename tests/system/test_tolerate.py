@@ -25,8 +25,8 @@ from tests.system.conftest import (
 
 STUDY = """
 [study]
-alone = 6
-together = 3
+alone = 5
+together = 2
 reach = 4
 [errors]
 shift_x_mm = { normal = 0.02 }
@@ -53,8 +53,8 @@ def test_all_displays_are_drawn_and_said(drawn):
     folder, ended = drawn
     data = read_document(folder / "out" / "tolerate.json")
     assert [row["name"] for row in data["parameters"]] == ["shift_x_mm", "pitch_mm"]
-    assert [len(row["draws"]) for row in data["parameters"]] == [6, 6]
-    assert len(data["together"]["draws"]) == 3
+    assert [len(row["draws"]) for row in data["parameters"]] == [5, 5]
+    assert len(data["together"]["draws"]) == 2
     assert data["failed"] == []
     # Farther off is worse, in both.
     for row in data["parameters"]:
@@ -62,7 +62,7 @@ def test_all_displays_are_drawn_and_said(drawn):
         assert far["score"] < near["score"] <= data["aligned"] + 0.01
     lines = ended.stdout.splitlines()
     assert any("1 validations of 1 algorithms; 0 of 1 results" in line for line in lines)
-    assert any("16 validations of 1 algorithms; 1 of 16 results" in line for line in lines)
+    assert any("13 validations of 1 algorithms; 1 of 13 results" in line for line in lines)
     (said,) = [line for line in lines if "shift x" in line and line.startswith("With")]
     assert f"{data['parameters'][0]['tolerance']:.3g}" in said
     assert said in (folder / "out" / "tolerate.html").read_text("utf-8")
@@ -87,7 +87,7 @@ def test_another_criterion_computes_nothing(drawn):
     before = written(folder)
     words = (*COMMAND, *definitions(TINY), "--criterion", "0.03")
     planned = run_here(*words, "--dry-run", folder=folder)
-    assert planned.stdout.endswith("16 of 16 results exist, 0 validations to run\n")
+    assert planned.stdout.endswith("13 of 13 results exist, 0 validations to run\n")
     strict = read_document(folder / "out" / "tolerate.json")
     reached = {"parameters": {"shift_x_mm": {"standard_error": 0.001}}}
     (folder / "calibration.json").write_text(json.dumps(completed("calibration", reached)))

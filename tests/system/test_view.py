@@ -85,7 +85,7 @@ def display_words(**settings: object) -> list[str]:
 
 
 def report_data(display: Display = DISPLAY) -> dict[str, Any]:
-    data = report(ALGORITHMS)
+    data = report(ALGORITHMS, seconds=0.5)
     data["display"] = {"parameters": display.parameters(), "derived": display.derived_quantities()}
     places = {"centre": (0, 0), "left": (-20, 0), "right": (20, 0), "up": (0, 15), "down": (0, -15)}
     data["viewpoints"] = [{"name": n, "position_mm": [*p, 180.0]} for n, p in places.items()]
@@ -182,20 +182,25 @@ def test_dragging_the_eye_shows_what_the_ray_tracer_sees_from_there(tab, page, t
     assert tab.complaints == []
 
 
+def rarely(**changes: object) -> Any:
+    """An array for the slow tests."""
+    return pytest.param(changes, marks=pytest.mark.slow)
+
+
 @pytest.mark.parametrize(
     "changes",
     [
         {},
         {"panel_columns": 377, "panel_rows": 301, "pixel_pitch_mm": 0.0636},
         {"lattice": "hexagonal"},
-        {"aperture": "round", "fill_factor": 0.8},
+        rarely(aperture="round", fill_factor=0.8),
         {"aperture": "round", "fill_factor": 0.8, "between_lenses": "clear"},
-        {"fill_factor": 0.7, "pitch_y_mm": 1.2},
+        rarely(fill_factor=0.7, pitch_y_mm=1.2),
         {"rotation_deg": 3.0, "shift_x_mm": 0.31, "shift_y_mm": -0.2},
         {"tilt_x_deg": 2.0, "tilt_y_deg": -1.5},
-        {"abbe_number": 30.0},
+        rarely(abbe_number=30.0),
         {"curved_side": "panel"},
-        {"elemental_pitch_mm": 1.01, "gap_mm": 2.8},
+        rarely(elemental_pitch_mm=1.01, gap_mm=2.8),
     ],
     ids=lambda changes: " ".join(changes) or "plain",
 )

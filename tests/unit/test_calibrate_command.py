@@ -36,12 +36,12 @@ def photos(monkeypatch, tmp_path):
     stated = dict.fromkeys(seen)
 
     def read(folder, display):
-        assert folder == tmp_path / "photos" and display.eia_shape == DESIGN.eia_shape
+        assert folder == tmp_path / "<photos>" and display.eia_shape == DESIGN.eia_shape
         return [SimpleNamespace(name=name, focal_length_px=stated.get(name)) for name in seen]
 
     monkeypatch.setattr(photographs, "read_positions", read)
     monkeypatch.setattr(decode, "decode", lambda position: seen[position.name])
-    return SimpleNamespace(seen=seen, stated=stated, folder=str(tmp_path / "photos"))
+    return SimpleNamespace(seen=seen, stated=stated, folder=str(tmp_path / "<photos>"))
 
 
 def run(photos, *words: str) -> int:
@@ -65,6 +65,15 @@ def test_a_display_file_and_a_report_are_written(photos, tmp_path, capsys):
     )
     assert {*document["files"]} == {p.name for p in folder.iterdir() if p.name[0] != "."}
     assert [one["name"] for one in document["positions"]] == [*EYES]
+    assert document["parameters"]["gap_mm"]["is_determined"]
+    correlation = np.array(document["correlation"]["matrix"])
+    assert correlation.shape == (13, 13)
+    np.testing.assert_allclose(np.diag(correlation), 1)
+    page = (folder / "calibration.html").read_text("utf-8")
+    assert "<photos>" not in page and "&lt;photos&gt;" in page
+    for words in ("Lens pitch P, mm", "What to photograph next", "data:image/svg+xml", "near"):
+        assert words in page
+    assert (folder / "residuals.png").stat().st_size > 10_000
 
 
 @pytest.mark.slow

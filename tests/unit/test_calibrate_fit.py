@@ -28,12 +28,10 @@ from inim.calibrate.model import (
 )
 from inim.calibrate.output import calibration_document, display_file, next_positions, residual_maps
 from inim.display import DISPLAYS
-from inim.documents import read_document
 from inim.documents.calibration import CalibrationDocument
 from inim.documents.document import decode, encode
 from inim.errors import FileError, UsageError
 from inim.lens import trace_to_panel
-from inim.report.calibration import write_calibration
 from inim.scene.file import choose_display
 from tests.calibration_photographs import Lens, Photograph, look_at, photograph
 
@@ -439,7 +437,7 @@ def test_photographs_of_another_display_are_refused():
         calibrate(seen, other)
 
 
-@pytest.mark.parametrize("zoom", [0.9, 1.1, 1.25])
+@pytest.mark.parametrize("zoom", [pytest.param(0.9, marks=pytest.mark.slow), 1.1, 1.25])
 def test_patterns_that_the_browser_scaled_are_refused(zoom):
     one = lenses("near")
     scaled = replace(one, panel_px=one.panel_px / zoom, middle_px=one.middle_px / zoom)
@@ -467,6 +465,7 @@ def test_another_size_of_photograph_is_another_camera():
         calibrate({"near": lenses("near"), "far": other}, DESIGN)
 
 
+@pytest.mark.slow
 def test_a_sheet_that_slipped_between_positions_is_refused():
     eye, target, roll = EYES["far"]
     slipped = HIDDEN.replace(rotation_deg=HIDDEN.rotation_deg + 1)
@@ -504,29 +503,16 @@ def test_the_display_file_is_the_display(tmp_path):
     assert path.read_text("utf-8").count("±") == len(PARAMETERS)
 
 
-def test_a_file_of_what_is_not_determined_says_so(tmp_path):
-    text = display_file(straight_on(), "phone")
-    for name in straight_on().unknown:
-        line = next(one for one in text.splitlines() if f"inim.{name}" in one)
+def test_a_file_of_what_is_not_determined_says_so():
+    result = found(*EYES)
+    vague = {n: result.estimates[n]._replace(error=9.0) for n in ("gap_mm", "tilt_x_deg")}
+    result = replace(result, estimates=result.estimates | vague)
+    lines = display_file(result, "phone").splitlines()
+    for name in vague:
+        (line,) = [line for line in lines if f"inim.{name}" in line]
         assert "not determined" in line
         assert f'value="{getattr(DESIGN, name):g}"' in line
-
-
-def test_the_report_keeps_its_schema_and_shows_what_it_says(tmp_path):
-    result = found(*EYES)
-    document = calibration_document(
-        result, "Calibration: <photos>", "inim calibrate photos -o mine.xml"
-    )
-    write_calibration(document, residual_maps(result), tmp_path)
-    document = read_document(tmp_path / "calibration.json", "", CalibrationDocument)
-    assert document.parameters["gap_mm"].is_determined
-    assert np.array(document.correlation.matrix).shape == (13, 13)
-    np.testing.assert_allclose(np.diag(document.correlation.matrix), 1)
-    page = (tmp_path / "calibration.html").read_text("utf-8")
-    assert "<photos>" not in page and "&lt;photos&gt;" in page
-    for words in ("Lens pitch P, mm", "What to photograph next", "data:image/svg+xml", "near"):
-        assert words in page
-    assert (tmp_path / "residuals.png").stat().st_size > 10_000
+    assert sum("not determined" in line for line in lines) == len(vague)
 
 
 def test_maps_of_residuals_have_no_pattern(tmp_path):

@@ -47,7 +47,9 @@ def photograph(
 
 
 @pytest.mark.parametrize("moved", [(0.5, 0.0), (-0.5, 0.25), (3.2, -2.7)])
-@pytest.mark.parametrize("others", [{}, {"gamma": 1.3, "blur": 1.0}])
+@pytest.mark.parametrize(
+    "others", [{}, pytest.param({"gamma": 1.3, "blur": 1.0}, marks=pytest.mark.slow)]
+)
 def test_a_known_shift_is_found_and_is_no_blur(light, seen, moved, others):
     found = compare(photograph(light, moved, **others), light, seen, "photo")
     assert (found.right_px, found.down_px) == pytest.approx(moved, abs=0.02)

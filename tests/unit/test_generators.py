@@ -160,7 +160,7 @@ _QUARTERS = {
 def test_a_pixel_shows_the_mean_of_the_rays_from_what_shines_of_it(algorithm, display, samples):
     shown = DISPLAYS[display]
     fill = exact_length(shown.pixel_fill)
-    pixels = chosen_pixels(shown, 150)
+    pixels = chosen_pixels(shown, 60)
     for name in ("random, sparse, odd size", "layers"):
         rgbd = picture(display, name)
         eia = generate(rgbd, shown, f"{algorithm}:samples={samples}:colour=nearest")[
@@ -253,26 +253,23 @@ def test_masks_threads_codes_and_earlier_pictures_change_no_pixel(method, displa
         index = generate(coded(rgbd), shown, algorithm).view(np.uint32)[..., 0].astype(np.int64)
         assert np.array_equal(index - 1, np.maximum(sources, HOLE))
     # What is not covered means nothing.
-    for depth in (np.nan, np.inf, 6.0):
-        plain_picture = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
+    plain = generate(RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm), shown, algorithm)
+    for depth in (np.nan, 6.0):
         strange = np.where(rgbd.covered, rgbd.depth_mm, np.float32(depth))
         same = RGBD(rgbd.color, strange, rgbd.covered, rgbd.pixel_mm)
-        assert np.array_equal(
-            generate(same, shown, algorithm), generate(plain_picture, shown, algorithm)
-        )
+        assert np.array_equal(generate(same, shown, algorithm), plain)
     before = numba.get_num_threads()
     try:
         numba.set_num_threads(1)
         assert np.array_equal(made.generate(rgbd), whole)
     finally:
         numba.set_num_threads(before)
-    for share in (0.0, 0.03, 0.5, 1.0):
+    for share in (0.0, 0.3, 1.0):
         mask = np.random.default_rng(4).random(shown.eia_shape) < share
         masked = prepare(shown, algorithm, mask=mask, **size)
-        for given in (None, np.full_like(whole, 7)):
-            part = masked.generate(rgbd, given)
-            assert given is None or part is given
-            assert np.array_equal(part[mask], whole[mask]) and not part[~mask].any()
+        part = masked.generate(rgbd, out)
+        assert part is out
+        assert np.array_equal(part[mask], whole[mask]) and not part[~mask].any()
         asked = masked.sources(rgbd)
         assert np.array_equal(asked[mask], sources[mask])
         assert (asked[~mask & shown.lensed] == MASKED).all()
