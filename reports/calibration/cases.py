@@ -1,6 +1,6 @@
-"""Random displays, cameras and positions: what the photographs are made of, and the fit never sees.
+"""Random displays, cameras and positions for simulated photographs; the fit does not use them.
 
-A case follows from its number alone. Even ones are nominal displays, odd ones phones.
+The number of a case determines it. Even numbers are nominal displays, odd numbers are phones.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ from inim.display import DISPLAYS, Display
 from reports.calibration.landing import Camera, Pose, look_at
 
 _SEED = 19
-# Sensor and focal length that let the sheet fill it from some 20 cm (nominal) and 35 cm (phone).
+# Columns, rows and focal length in pixels. The lens sheet fills the sensor from about 20 cm
+# (nominal) and 35 cm (phone).
 _SENSORS = {"nominal": (1600, 1200, 3400.0), "phone": (2400, 1350, 5000.0)}
-# Share of the picture that the sheet fills from the first position.
+# Share of the photograph that the sheet fills from the first position.
 _FILLED = 0.86
-# Distance, in that of the first position; angle off the display's axis in degrees; its azimuth.
-_PLACES = (
+# Distance relative to the first position; range of the angle to the display's axis, degrees;
+# mean azimuths, degrees (None: any).
+_POSITIONS = (
     (1.0, (0.0, 4.0), None),
     (1.55, (0.0, 4.0), None),
     (1.15, (15.0, 25.0), (0.0, 180.0)),
@@ -29,20 +31,20 @@ _PLACES = (
 
 @dataclass(frozen=True)
 class Sensor:
-    """Panel, room and camera, as far as they are no geometry.
+    """Radiometry of panel and camera.
 
     Attributes
     ----------
     panel_gamma, panel_black, pixel_fill : float
-        Light of a code c is ``black + (1 - black) c^gamma``; width of what shines in pixels.
+        Light of a code c is ``black + (1 - black) c^gamma``; lit width of a panel pixel, in pixels.
     blur_px : float
-        Sigma of the Gaussian of demosaicking and optics.
+        Sigma of the Gaussian blur of demosaicking and optics.
     full_well, read_noise : float
-        Electrons of the brightest code; noise of its absence, in shares of that.
+        Electrons of the brightest code; read noise as a share of that code.
     exposure : float
-        Light of the brightest hundredth of the white picture.
+        Light of the brightest hundredth of the white photograph.
     tint : (float, float, float)
-        Of the panel's white, red to blue.
+        Colour of the panel's white: red, green, blue.
     """
 
     panel_gamma: float
@@ -57,15 +59,15 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Case:
-    """A hidden display and what photographs it.
+    """A misaligned display with the camera and the positions that photograph it.
 
     Attributes
     ----------
     number : int
     design : Display
-        What the user knows.
+        The nominal display, input to the calibration.
     display : Display
-        What it is.
+        The misaligned display, hidden from the calibration.
     camera : Camera
     poses : tuple of Pose
     sensor : Sensor
@@ -80,7 +82,7 @@ class Case:
 
 
 def draw_case(number: int) -> Case:
-    """A case by its number."""
+    """Draw the case with this number."""
     random = np.random.default_rng([_SEED, number])
     design = DISPLAYS["phone" if number % 2 else "nominal"]
     camera = _camera(random, design)
@@ -95,20 +97,20 @@ def draw_case(number: int) -> Case:
 
 
 def _misaligned(random: np.random.Generator, design: Display) -> Display:
-    """Rotation to 2 degrees, pitch to 1 %, gap to 10 %, any shift, tilt to half a degree."""
+    """Draw rotation to 2 degrees, pitch to 1 %, gap to 10 %, any shift, tilt to 0.5 degrees."""
 
-    def off(most: float) -> float:
-        return float(random.uniform(-most, most))
+    def deviation(limit: float) -> float:
+        return float(random.uniform(-limit, limit))
 
     return design.with_fixed_panel().replace(
         name=f"{design.name}, hidden",
-        pitch_mm=design.pitch_mm * (1 + off(0.01)),
-        rotation_deg=off(2.0),
-        gap_mm=design.gap_mm * (1 + off(0.1)),
-        shift_x_mm=off(design.pitch_mm / 2),
-        shift_y_mm=off(design.pitch_mm / 2),
-        tilt_x_deg=off(0.5),
-        tilt_y_deg=off(0.5),
+        pitch_mm=design.pitch_mm * (1 + deviation(0.01)),
+        rotation_deg=deviation(2.0),
+        gap_mm=design.gap_mm * (1 + deviation(0.1)),
+        shift_x_mm=deviation(design.pitch_mm / 2),
+        shift_y_mm=deviation(design.pitch_mm / 2),
+        tilt_x_deg=deviation(0.5),
+        tilt_y_deg=deviation(0.5),
     )
 
 
@@ -127,22 +129,22 @@ def _camera(random: np.random.Generator, design: Display) -> Camera:
 
 
 def _poses(random: np.random.Generator, design: Display, camera: Camera) -> list[Pose]:
-    widest = max(design.width_mm / camera.columns, design.height_mm / camera.rows)
-    nearest = camera.focal_length_px * widest / _FILLED
+    mm_per_pixel = max(design.width_mm / camera.columns, design.height_mm / camera.rows)
+    first_distance_mm = camera.focal_length_px * mm_per_pixel / _FILLED
     poses = []
-    for distance, angles, sides in _PLACES:
-        away = distance * nearest * random.uniform(0.97, 1.03)
+    for distance, angles, mean_azimuths in _POSITIONS:
+        distance_mm = distance * first_distance_mm * random.uniform(0.97, 1.03)
         angle = math.radians(random.uniform(*angles))
-        azimuth = random.uniform(0, 360)
-        if sides is not None:
-            azimuth = random.choice(sides) + random.uniform(-15, 15)
-        across = math.radians(azimuth)
+        azimuth_deg = random.uniform(0, 360)
+        if mean_azimuths is not None:
+            azimuth_deg = random.choice(mean_azimuths) + random.uniform(-15, 15)
+        azimuth = math.radians(azimuth_deg)
         target = np.array([*random.uniform(-2, 2, 2), 0.0])
-        aside = math.sin(angle)
-        direction = np.array([aside * math.cos(across), aside * math.sin(across), math.cos(angle)])
+        sine = math.sin(angle)
+        direction = np.array([sine * math.cos(azimuth), sine * math.sin(azimuth), math.cos(angle)])
         poses.append(
             look_at(
-                target + away * direction,
+                target + distance_mm * direction,
                 target,
                 random.uniform(-5, 5),
                 random.uniform(0.985, 1.015),

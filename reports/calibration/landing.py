@@ -1,10 +1,10 @@
-"""Where the rays of a camera land on the panel behind a lens sheet, through the sheet's mesh.
+"""Panel points that the rays of a camera reach through the mesh of the lens sheet.
 
-The renderer finds the faces of the mesh of `inim.lens.full` and refracts by its own `dielectric`'s
-laws. Nothing here is shared with the fit but the mesh's description of the display: no formula of
-`inim.lens.thick`, no camera of `inim.calibrate`.
+The renderer intersects the mesh of `inim.lens.full` and refracts by the laws of its `dielectric`.
+This module shares only the mesh's description of the display with the fit. It uses no formula of
+`inim.lens.thick` and no camera of `inim.calibrate`.
 
-Rays are traced once for each position: what each picture looks like follows from where they land.
+Rays are traced once for each position. Their panel points determine the photograph of any picture.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from inim.render import variant
 from inim.render.counter_sampler import PLUGIN
 from inim.render.reconstruct import mesh_shape
 
-#: Rays a camera pixel, two by two.
+#: Rays per camera pixel, two by two.
 SAMPLES = 4
 # Fixed-point steps from a distorted radius to the true one.
 _UNDISTORT_STEPS = 10
-# A refracted ray starts this far along itself: clear of the facet it left, and no way aside.
-_CLEAR_MM = 1e-3
+# A refracted ray starts at this distance along its direction, clear of the facet it left.
+_START_OFFSET_MM = 1e-3
 
 
 @dataclass(frozen=True)
 class Camera:
-    """A camera with focus and distortion; OpenCV's frame: x right, y down, z forward.
+    """A camera with focus and distortion in OpenCV's frame: x right, y down, z forward.
 
     Attributes
     ----------
     columns, rows : int
-        Of the sensor.
+        Size of the sensor in pixels.
     focal_length_px, centre_x_px, centre_y_px, k1, k2 : float
-        OpenCV's model, but pixel centres are at half-integers.
+        OpenCV's model with pixel centres at half-integers.
     pupil_mm : float
         Diameter of the pupil.
     """
@@ -57,15 +57,16 @@ class Camera:
 
 
 class Pose(NamedTuple):
-    """Where a camera stands: ``turn @ (point - eye_mm)`` is a point in its frame.
+    """Pose of a camera: ``turn @ (point - eye_mm)`` is a point in the camera's frame.
 
     Attributes
     ----------
     turn : (3, 3) array
+        Rotation from the display frame to the camera frame.
     eye_mm : (3,) array
-        Display frame.
+        Centre of the pupil in the display frame.
     focus_mm : float
-        Distance along the optical axis at which it is sharp.
+        Focus distance along the optical axis.
     """
 
     turn: np.ndarray
@@ -74,7 +75,7 @@ class Pose(NamedTuple):
 
 
 def look_at(eye_mm: np.ndarray, target_mm: np.ndarray, roll_deg: float, focus: float) -> Pose:
-    """A camera that looks at a point, upright but for its roll; `focus` in distances to it."""
+    """Pose of a camera that looks at a point; `focus` is relative to the point's distance."""
     forward = target_mm - eye_mm
     distance = float(np.linalg.norm(forward))
     forward = forward / distance
@@ -87,14 +88,14 @@ def look_at(eye_mm: np.ndarray, target_mm: np.ndarray, roll_deg: float, focus: f
 
 
 class Landing(NamedTuple):
-    """Where rays land, (rows * columns * SAMPLES,) float32 each; a pixel's rays are neighbours.
+    """Panel points of rays, (rows * columns * SAMPLES,) float32 each; a pixel's rays are adjacent.
 
     Attributes
     ----------
     column, row :
         Panel coordinates in pixels, from its left and top edge.
     weight :
-        Share of the light that gets through both faces; 0 where a ray does not reach the panel.
+        Share of the light that passes both faces; 0 if the ray does not reach the panel.
     """
 
     column: np.ndarray
@@ -103,12 +104,12 @@ class Landing(NamedTuple):
 
 
 class Sheet:
-    """The lens sheet of a display, ready for cameras; sets the renderer's variant.
+    """Mesh of a display's lens sheet in a renderer's scene; sets the renderer's variant.
 
     Parameters
     ----------
     display : Display
-        As it is, misalignments and all; see `inim.lens.full` for what a sheet can be.
+        The display with its misalignment; `inim.lens.full` lists the supported sheets.
     facets : int, optional
         See `inim.lens.full.sheet_mesh`.
     """
@@ -117,14 +118,14 @@ class Sheet:
         variant.use()
         self.mesh: SheetMesh = sheet_mesh(display, facets)
         self._display = display
-        ends = {"glass": self.mesh.is_glass, "mount": ~self.mesh.is_glass}
+        face_masks = {"glass": self.mesh.is_glass, "mount": ~self.mesh.is_glass}
         self._scene = mi.load_dict(
             {
                 "type": "scene",
                 "embree_use_robust_intersections": True,
                 **{
-                    name: mesh_shape(name, self.mesh, chosen, {"type": "diffuse"})
-                    for name, chosen in ends.items()
+                    name: mesh_shape(name, self.mesh, faces, {"type": "diffuse"})
+                    for name, faces in face_masks.items()
                 },
             }
         )
@@ -132,24 +133,24 @@ class Sheet:
         self._glass = mi.ShapePtr(glass)
 
     def trace(self, camera: Camera, pose: Pose, seed: int) -> Landing:
-        """Trace all rays of a camera: `SAMPLES` a pixel, over its area and the pupil's."""
+        """Trace `SAMPLES` rays per camera pixel, spread over the pixel and the pupil."""
         lane = dr.arange(mi.UInt32, camera.rows * camera.columns * SAMPLES)
         pixel, sample = lane // SAMPLES, lane % SAMPLES
         sampler = mi.load_dict({"type": PLUGIN})
         sampler.start(seed, pixel, sample)
-        within = sampler.next_2d()
+        pixel_point = sampler.next_2d()
         pupil = mi.warp.square_to_uniform_disk_concentric(sampler.next_2d())
-        x = (mi.Float(pixel % camera.columns) + within.x - camera.centre_x_px) / (
+        x = (mi.Float(pixel % camera.columns) + pixel_point.x - camera.centre_x_px) / (
             camera.focal_length_px
         )
-        y = (mi.Float(pixel // camera.columns) + within.y - camera.centre_y_px) / (
+        y = (mi.Float(pixel // camera.columns) + pixel_point.y - camera.centre_y_px) / (
             camera.focal_length_px
         )
         origin, direction = self._display_ray(camera, pose, _undistorted(camera, x, y), pupil)
         return _landing(self._land(origin, direction))
 
     def land(self, x_mm: Any, y_mm: Any, slope_x: Any, slope_y: Any) -> Landing:
-        """Trace viewer's rays as lens models take them: where they cross z = 0, and their slopes.
+        """Trace viewing rays in the lens models' form: crossing of z = 0 and slopes.
 
         Parameters
         ----------
@@ -157,30 +158,33 @@ class Sheet:
             Slopes are sideways travel per millimetre away from the viewer.
         """
         start = self.mesh.front_mm + self._display.pitch_mm
-        at = [
-            mi.Float(np.asarray(place - start * slope, np.float32))
-            for place, slope in ((x_mm, slope_x), (y_mm, slope_y))
-        ]
-        along = [mi.Float(np.asarray(slope, np.float32)) for slope in (slope_x, slope_y)]
-        direction = dr.normalize(mi.Vector3f(along[0], along[1], -1))
-        return _landing(self._land(mi.Point3f(at[0], at[1], start), direction))
+        origin_x, origin_y = (
+            mi.Float(np.asarray(crossing - start * slope, np.float32))
+            for crossing, slope in ((x_mm, slope_x), (y_mm, slope_y))
+        )
+        along_x, along_y = (mi.Float(np.asarray(s, np.float32)) for s in (slope_x, slope_y))
+        direction = dr.normalize(mi.Vector3f(along_x, along_y, -1))
+        return _landing(self._land(mi.Point3f(origin_x, origin_y, start), direction))
 
-    def _display_ray(self, camera: Camera, pose: Pose, at: Any, pupil: Any) -> tuple[Any, Any]:
-        """A ray in the display frame from just before the sheet, where coordinates are small."""
+    def _display_ray(
+        self, camera: Camera, pose: Pose, tangents: Any, pupil: Any
+    ) -> tuple[Any, Any]:
+        """Origin and direction of a ray in the display frame, just in front of the sheet."""
         radius = camera.pupil_mm / 2
-        lens = mi.Vector3f(radius * pupil.x, radius * pupil.y, 0)
-        sharp = pose.focus_mm * mi.Vector3f(at[0], at[1], 1)
+        pupil_point = mi.Vector3f(radius * pupil.x, radius * pupil.y, 0)
+        focus_point = pose.focus_mm * mi.Vector3f(tangents[0], tangents[1], 1)
         to_display = mi.Matrix3f(pose.turn.T)
-        direction = dr.normalize(to_display @ (sharp - lens))
-        start = to_display @ lens
+        direction = dr.normalize(to_display @ (focus_point - pupil_point))
+        start = to_display @ pupil_point
         height = self.mesh.front_mm + self._display.pitch_mm
         path = (height - float(pose.eye_mm[2]) - start.z) / direction.z
         x, y = (float(pose.eye_mm[k]) + start[k] + path * direction[k] for k in (0, 1))
         return mi.Point3f(x, y, height), direction
 
     def _land(self, origin: Any, direction: Any) -> tuple[Any, Any, Any]:
+        """Panel column, panel row and weight of rays."""
         active, weight = mi.Bool(True), mi.Float(1)
-        for _ in range(2):  # into the glass, and out of it
+        for _ in range(2):  # entry into the glass, exit from it
             hit = self._scene.ray_intersect(
                 mi.Ray3f(origin, direction),
                 ray_flags=mi.RayFlags.ShadingFrame,
@@ -193,7 +197,7 @@ class Sheet:
                 -dr.dot(direction, normal), self._display.refractive_index
             )
             direction = mi.refract(-direction, normal, cosine, ratio)
-            origin = hit.p + _CLEAR_MM * direction
+            origin = hit.p + _START_OFFSET_MM * direction
             weight *= 1 - reflected
         x, y, downwards = self._on_panel(origin, direction)
         rows, columns = self._display.eia_shape
@@ -207,13 +211,13 @@ class Sheet:
         )
 
     def _on_panel(self, origin: Any, direction: Any) -> tuple[Any, Any, Any]:
-        """Where a ray meets the panel, which tilts about the point behind the origin."""
+        """Point where a ray meets the panel, which tilts about the point behind the origin."""
         array = lens_array(self._display)
         level = self.mesh.rear_principal_mm - self._display.gap_mm
-        steep = mi.Vector3f(array.tilt_x, array.tilt_y, 1)
-        falls = dr.dot(direction, steep)
-        path = (level - dr.dot(mi.Vector3f(origin), steep)) / falls
-        return origin.x + path * direction.x, origin.y + path * direction.y, falls < 0
+        normal = mi.Vector3f(array.tilt_x, array.tilt_y, 1)
+        descent = dr.dot(direction, normal)
+        path = (level - dr.dot(mi.Vector3f(origin), normal)) / descent
+        return origin.x + path * direction.x, origin.y + path * direction.y, descent < 0
 
 
 def _landing(traced: tuple[Any, Any, Any]) -> Landing:
@@ -222,7 +226,7 @@ def _landing(traced: tuple[Any, Any, Any]) -> Landing:
 
 
 def _undistorted(camera: Camera, x: Any, y: Any) -> tuple[Any, Any]:
-    """Tangents of the ray that distortion brings to (x, y)."""
+    """Tangents of the ray that distortion moves to (x, y)."""
     u, v = x, y
     for _ in range(_UNDISTORT_STEPS):
         square = u * u + v * v

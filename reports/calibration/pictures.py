@@ -1,11 +1,11 @@
-"""The pictures of the how-to about calibration, from simulated photographs of a hidden phone.
+"""Pictures for the calibration how-to, from simulated photographs of a misaligned phone.
 
     python -m reports.calibration.pictures scenes/amphora.xml -o docs/images
 
-A case of `reports.calibration.cases` is photographed and calibrated; a scene's EIA, made for what
-was found, is shown on what was hidden, photographed once more, and simulated. Written are
-`photographs.webp`, what the patterns look like through the sheet, and `photograph.webp`, the EIA's
-photograph beside its simulation.
+A case of `reports.calibration.cases` is photographed and calibrated. A scene's EIA for the
+calibrated display is shown on the misaligned display, photographed and simulated. The script writes
+`photographs.webp`, the patterns through the sheet, and `photograph.webp`, the EIA's photograph next
+to its simulation.
 """
 
 from __future__ import annotations
@@ -19,31 +19,32 @@ from PIL import Image
 
 from reports.calibration.cases import Case, draw_case
 from reports.calibration.landing import Sheet
-from reports.calibration.photographs import Shot, calibrated, run_inim
+from reports.calibration.photographs import Shot, calibrate_case, run_inim
 from reports.gallery.pictures import save_small
 
 _CASE = 1
-# White, stripes of the Gray code, a phase.
-_SHOWN = ("00-white", "14-column-bit-2", "20-column-phase-000")
-_WIDTH = 480  # of each picture
-# Of the photographs' width, about their middle: what the lower row magnifies.
-_NEAR = 0.12
+# White, Gray-code stripes, phase pattern.
+_PATTERNS = ("00-white", "14-column-bit-2", "20-column-phase-000")
+# Width of each picture in pixels.
+_WIDTH = 480
+# Share of the photographs' width, about their middle, that the lower row magnifies.
+_MAGNIFIED = 0.12
 
 
 def _photographs(patterns: Path, position: Path) -> Image.Image:
-    """Photographs of some patterns, whole, and magnified below."""
+    """Photographs of some patterns, each with a magnified part below it."""
     names = [path.stem for path in sorted(patterns.glob("*.png"))]
-    taken = sorted(position.glob("*.jpg"))
+    photographs = sorted(position.glob("*.jpg"))
     columns = []
-    for name in _SHOWN:
-        with Image.open(taken[names.index(name)]) as image:
+    for name in _PATTERNS:
+        with Image.open(photographs[names.index(name)]) as image:
             columns.append(_stacked(image.convert("RGB")))
     return _side_by_side(columns)
 
 
 def _stacked(image: Image.Image) -> Image.Image:
-    near = _NEAR * image.width
-    left, top = (image.width - near) / 2, (image.height - near * image.height / image.width) / 2
+    width = _MAGNIFIED * image.width
+    left, top = (image.width - width) / 2, (image.height - width * image.height / image.width) / 2
     box = (left, top, image.width - left, image.height - top)
     size = (_WIDTH, round(_WIDTH * image.height / image.width))
     whole = Image.new("RGB", (size[0], 2 * size[1] + 8), "white")
@@ -62,8 +63,8 @@ def _side_by_side(images: list[Image.Image]) -> Image.Image:
     return whole
 
 
-def _photographed(case: Case, eia: Path, out: Path) -> None:
-    """The EIA on the hidden display, photographed from the first position."""
+def _photograph_eia(case: Case, eia: Path, out: Path) -> None:
+    """Photograph an EIA on the misaligned display from the first position."""
     with Image.open(eia) as image:
         codes = np.asarray(image.convert("RGB"))
     landing = Sheet(case.display, None).trace(case.camera, case.poses[0], seed=_CASE)
@@ -73,29 +74,29 @@ def _photographed(case: Case, eia: Path, out: Path) -> None:
 
 
 def main() -> None:
-    """Make both pictures."""
+    """Write both pictures."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("scene", type=Path)
     parser.add_argument("-o", "--out", type=Path, default=Path("docs/images"))
     args = parser.parse_args()
     case = draw_case(_CASE)
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        found = calibrated(case, folder)
-        near = _photographs(folder / "patterns", folder / "photographs" / "position-1")
-        save_small(near, args.out / "photographs.webp")
-        made = folder / "made"
+    with tempfile.TemporaryDirectory() as folder_name:
+        folder = Path(folder_name)
+        display_file = calibrate_case(case, folder)
+        patterns = _photographs(folder / "patterns", folder / "photographs" / "position-1")
+        save_small(patterns, args.out / "photographs.webp")
+        report = folder / "report"
         algorithm = "template"
-        which = ("--display", found, "--algorithms", algorithm, "--viewpoints", "centre")
-        run_inim("validate", args.scene, *which, "--preview", "-o", made)
-        eia, photograph = made / "eia" / f"{algorithm}.png", folder / "photograph.jpg"
-        _photographed(case, eia, photograph)
-        compared = folder / "compared"
-        words = ("--eia", eia, "--display", found, "--position", "position-1")
-        run_inim("photo", photograph, *words, "-o", compared)
+        options = ("--display", display_file, "--algorithms", algorithm, "--viewpoints", "centre")
+        run_inim("validate", args.scene, *options, "--preview", "-o", report)
+        eia, photograph = report / "eia" / f"{algorithm}.png", folder / "photograph.jpg"
+        _photograph_eia(case, eia, photograph)
+        comparison = folder / "comparison"
+        position = ("--display", display_file, "--position", "position-1")
+        run_inim("photo", photograph, "--eia", eia, *position, "-o", comparison)
         pair = []
-        for one in ("photograph.png", "simulation.png"):
-            with Image.open(compared / one) as image:
+        for name in ("photograph.png", "simulation.png"):
+            with Image.open(comparison / name) as image:
                 box = (image.width // 4, 0, 3 * image.width // 4, image.height)
                 size = (_WIDTH, round(_WIDTH * image.height / (box[2] - box[0])))
                 relic = image.convert("RGB").resize(size, Image.Resampling.LANCZOS, box)

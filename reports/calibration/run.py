@@ -1,11 +1,11 @@
-"""How well photographs calibrate a display: random hidden ones, by case and as a whole.
+"""Accuracy of the calibration, measured on randomly misaligned displays.
 
     python -m reports.calibration.run -o reports/calibration
 
-For each case of `reports.calibration.cases` a display is misaligned, photographed from four
-positions (`reports.calibration.photographs`) and calibrated from the folders of JPEGs and the
-design alone. Each case has a process of its own. Cases that `calibration.json` holds already are
-not made again: a run that was stopped goes on where it was.
+For each case of `reports.calibration.cases` a display is misaligned and photographed from four
+positions (`reports.calibration.photographs`). The calibration uses only the JPEG folders and the
+nominal display. Each case runs in a separate process. Cases that `calibration.json` contains are
+not repeated: a stopped run continues with the next case.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ from reports.calibration.photographs import photograph_case
 
 
 class Target(NamedTuple):
-    """How well a parameter has to be found, and how the table shows it."""
+    """Largest accepted error of a parameter, with the table's unit and scale factor."""
 
-    within: float
+    max_error: float
     unit: str
     scale: float
 
 
-#: Of the parameters that a case hides.
+#: Targets of the misaligned parameters.
 TARGETS = {
     "rotation_deg": Target(0.01, "deg", 1.0),
     "pitch_mm": Target(0.001, "µm", 1e3),
@@ -51,189 +51,205 @@ TARGETS = {
     "gap_mm": Target(0.1, "µm", 1e3),
 }
 _TILTS = {"tilt_x_deg": Target(np.inf, "deg", 1.0), "tilt_y_deg": Target(np.inf, "deg", 1.0)}
-_SHOWN = TARGETS | _TILTS
-_SHARE_WITHIN, _SHARE_HELD = 0.95, 0.9
-# A value that is given, misses its target, and by so many of its standard errors, is a wrong one.
-_CONFIDENT = 4.0
+_COLUMNS = TARGETS | _TILTS
+_TARGET_SHARE, _COVERAGE = 0.95, 0.9
+# A determined value is wrong if its error exceeds the target and this number of standard errors.
+_MAX_STANDARD_ERRORS = 4.0
 _NAME = "calibration"
 
 
 def measure(case: Case) -> dict[str, Any]:
-    """Photograph a case, calibrate it, and set what was found beside what was hidden."""
+    """Photograph and calibrate a case; the result has the keys of calibration.json."""
     with tempfile.TemporaryDirectory() as folder:
         patterns, photographs = Path(folder, "patterns"), Path(folder, "photographs")
         started = perf_counter()
         write_patterns(case.design, patterns)
         photograph_case(case, patterns, photographs)
-        taken = perf_counter()
-        found: dict[str, Any] = {}
+        photographed = perf_counter()
+        estimates: dict[str, Any] = {}
         certain, refused = (False, False), ""
         try:
-            made = _calibrated(photographs, case.design)
-            found, certain = _estimates(made), made.edges_seen
+            calibration = _calibrate(photographs, case.design)
+            estimates, certain = _estimates(calibration), calibration.edges_seen
         except InimError as error:
             refused = str(error).replace(folder, "...")
-        done = perf_counter()
-    truth = {name: getattr(case.display, name) for name in (*_SHOWN, "focal_length_mm")}
+        ended = perf_counter()
+    truth = {name: getattr(case.display, name) for name in (*_COLUMNS, "focal_length_mm")}
     camera = case.camera
     truth |= {"focal_px": camera.focal_length_px, "k1": camera.k1, "k2": camera.k2}
     return {
         "case": case.number,
         "display": case.design.name,
         "truth": truth,
-        "found": found,
+        "found": estimates,
         "shift_is_certain": {"shift_x_mm": bool(certain[0]), "shift_y_mm": bool(certain[1])},
         "refused": refused,
-        "seconds": {"photographs": taken - started, "calibration": done - taken},
+        "seconds": {"photographs": photographed - started, "calibration": ended - photographed},
     }
 
 
-def _calibrated(photographs: Path, design: Display) -> Calibration:
+def _calibrate(photographs: Path, design: Display) -> Calibration:
     positions = read_positions(photographs, design)
-    lenses = {one.name: find_lenses(decode(one), design, one.name) for one in positions}
+    lenses = {p.name: find_lenses(decode(p), design, p.name) for p in positions}
     return calibrate(lenses, design, focal_px=positions[0].focal_length_px)
 
 
-def _estimates(found: Calibration) -> dict[str, Any]:
+def _estimates(calibration: Calibration) -> dict[str, Any]:
     return {
         name: {
-            "value": one.value,
-            "standard_error": one.error,
-            "interval": list(one.interval),
-            "known": bool(one.is_known),
+            "value": estimate.value,
+            "standard_error": estimate.error,
+            "interval": list(estimate.interval),
+            "known": bool(estimate.is_known),
         }
-        for name, one in found.estimates.items()
+        for name, estimate in calibration.estimates.items()
     }
 
 
 class _Errors(NamedTuple):
-    """Of a parameter, one for each case that has it: its error and what was said of it."""
+    """Errors of one parameter, with an element for each case that estimates it.
 
-    off: np.ndarray
-    standard: np.ndarray
-    held: np.ndarray
-    known: np.ndarray
+    Attributes
+    ----------
+    error : (cases,) array
+        Estimate minus truth.
+    standard_error : (cases,) array
+    covered : (cases,) bool
+        True if the 95 % interval contains the truth.
+    determined : (cases,) bool
+        True if the photographs determine the parameter.
+    """
+
+    error: np.ndarray
+    standard_error: np.ndarray
+    covered: np.ndarray
+    determined: np.ndarray
 
 
 def _errors(results: list[dict[str, Any]], name: str) -> _Errors:
     rows = []
-    for one in results:
-        if name in one["found"]:
-            truth, said = one["truth"][name], one["found"][name]
-            low, high = said["interval"]
-            # A shift that is stated to be known modulo a pitch is so far off.
-            certain = one["shift_is_certain"].get(name, True)
-            by = 0.0 if certain else one["truth"]["pitch_mm"]
-            pitches = by and by * round((said["value"] - truth) / by)
-            off = said["value"] - truth - pitches
-            held = low <= truth + pitches <= high
-            rows.append((off, said["standard_error"], held, said["known"]))
-    off, standard, held, known = np.array(rows, float).reshape(-1, 4).T
-    return _Errors(off, standard, held > 0, known > 0)
+    for result in results:
+        if name in result["found"]:
+            truth, estimate = result["truth"][name], result["found"][name]
+            low, high = estimate["interval"]
+            # An ambiguous shift is determined modulo a pitch, and its error is measured so.
+            certain = result["shift_is_certain"].get(name, True)
+            period = 0.0 if certain else result["truth"]["pitch_mm"]
+            pitches = period and period * round((estimate["value"] - truth) / period)
+            error = estimate["value"] - truth - pitches
+            covered = low <= truth + pitches <= high
+            rows.append((error, estimate["standard_error"], covered, estimate["known"]))
+    error, standard_error, covered, determined = np.array(rows, float).reshape(-1, 4).T
+    return _Errors(error, standard_error, covered > 0, determined > 0)
 
 
-def _wrong(result: dict[str, Any]) -> list[str]:
-    """Parameters of a case that are given, and wrong."""
-    found = []
+def _wrong_parameters(result: dict[str, Any]) -> list[str]:
+    """Parameters of a case that count as determined although their values are wrong."""
+    names = []
     for name, target in TARGETS.items():
         errors = _errors([result], name)
-        misses = np.abs(errors.off) > np.maximum(target.within, _CONFIDENT * errors.standard)
-        if (misses & errors.known).any():
-            found.append(name)
-    return found
+        limit = np.maximum(target.max_error, _MAX_STANDARD_ERRORS * errors.standard_error)
+        if ((np.abs(errors.error) > limit) & errors.determined).any():
+            names.append(name)
+    return names
 
 
 def table(results: list[dict[str, Any]]) -> str:
-    """The results in Markdown: a summary, then all cases, worst first."""
-    done = [one for one in results if not one["refused"]]
-    seconds = [[one["seconds"][k] for k in ("photographs", "calibration")] for one in results]
-    taken, fitted = np.median(seconds, axis=0)
-    wrong = [f"{one['case']} ({', '.join(_wrong(one))})" for one in done if _wrong(one)]
+    """Results in Markdown: a summary, then all cases, worst first."""
+    calibrated = [result for result in results if not result["refused"]]
+    seconds = [[r["seconds"][k] for k in ("photographs", "calibration")] for r in results]
+    photograph_s, calibration_s = np.median(seconds, axis=0)
+    wrong = {result["case"]: _wrong_parameters(result) for result in calibrated}
+    wrong_text = "; ".join(f"{case} ({', '.join(names)})" for case, names in wrong.items() if names)
     lines = [
         "# Displays calibrated from simulated photographs",
         "",
-        "Made by `python -m reports.calibration.run -o reports/calibration`: "
-        f"{len(results)} hidden displays, four camera positions each, {len(done)} calibrated. "
-        f"Photographs of a case took {taken:.0f} s, its calibration {fitted:.0f} s (medians).",
+        "Generated by `python -m reports.calibration.run -o reports/calibration`: "
+        f"{len(results)} misaligned displays with four camera positions each, {len(calibrated)} "
+        f"calibrated. The photographs of a case took {photograph_s:.0f} s and its calibration "
+        f"{calibration_s:.0f} s (medians).",
         "",
-        f"Wanted: {_SHARE_WITHIN:.0%} of the displays within the target, and 95 % intervals that "
-        f"hold the truth in {_SHARE_HELD:.0%} of the cases or more. Given, off by more than the "
-        f"target and by more than {_CONFIDENT:g} standard errors: {'; '.join(wrong) or 'none'}.",
+        f"Requirements: {_TARGET_SHARE:.0%} of the displays are within the target, and the 95 % "
+        f"intervals contain the truth in at least {_COVERAGE:.0%} of the cases. Determined values "
+        f"with an error above the target and above {_MAX_STANDARD_ERRORS:g} standard errors: "
+        f"{wrong_text or 'none'}.",
         "",
-        "| parameter | target | within it | error: median | 95 % | largest "
-        "| standard error, median | intervals that hold | not given |",
+        "| parameter | target | within target | error: median | 95 % | largest "
+        "| standard error, median | intervals with the truth | not determined |",
         "| --- | --: | --: | --: | --: | --: | --: | --: | --: |",
-        *(_summary(results, name, target) for name, target in _SHOWN.items()),
+        *(_summary_row(results, name, target) for name, target in _COLUMNS.items()),
         "",
-        "Cases, worst first: errors, and in bold those whose 95 % interval does not hold the "
-        "truth. In brackets what was not given. Where the sheet's edges are not both seen, its "
-        "shift is stated to be known modulo a pitch, and its error counts so: of "
-        f"{2 * len(done)} shifts, {_uncertain(done)}.",
+        "The next table lists the error of each case, worst case first. Bold: the 95 % interval "
+        "does not contain the truth. Brackets: the photographs do not determine the parameter. A "
+        "shift is ambiguous by a pitch if the photographs do not show both edges of the sheet; its "
+        f"error is then measured modulo a pitch. Ambiguous shifts: {_ambiguous(calibrated)} of "
+        f"{2 * len(calibrated)}.",
         "",
         f"| case | display | {' | '.join(f'{n} {t.unit}' for n, t in _headings())} |",
-        f"| --: | --- |{' --: |' * len(_SHOWN)}",
-        *map(_row, sorted(done, key=_badness, reverse=True)),
+        f"| --: | --- |{' --: |' * len(_COLUMNS)}",
+        *map(_case_row, sorted(calibrated, key=_largest_error, reverse=True)),
     ]
-    refused = [one for one in results if one["refused"]]
-    lines += ["", *(f"Case {one['case']} was refused: {one['refused']}" for one in refused)]
+    refused = [result for result in results if result["refused"]]
+    lines += ["", *(f"Case {result['case']} failed: {result['refused']}" for result in refused)]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def _uncertain(results: list[dict[str, Any]]) -> int:
-    return sum(not certain for one in results for certain in one["shift_is_certain"].values())
+def _ambiguous(results: list[dict[str, Any]]) -> int:
+    """Number of shifts that are ambiguous by a pitch."""
+    return sum(not certain for result in results for certain in result["shift_is_certain"].values())
 
 
 def _headings() -> list[tuple[str, Target]]:
-    return [(name.rpartition("_")[0].replace("_", " "), t) for name, t in _SHOWN.items()]
+    return [(name.rpartition("_")[0].replace("_", " "), t) for name, t in _COLUMNS.items()]
 
 
-def _summary(results: list[dict[str, Any]], name: str, target: Target) -> str:
+def _summary_row(results: list[dict[str, Any]], name: str, target: Target) -> str:
     errors = _errors(results, name)
-    off = np.abs(errors.off)
-    if not off.size:
+    sizes = np.abs(errors.error)
+    if not sizes.size:
         return f"| `{name}` |" + " |" * 8
-    unit, scale = target.unit, target.scale
-    wanted = f"{target.within * scale:g} {unit}" if np.isfinite(target.within) else ""
-    # A display that was refused is not within the target.
-    share = f"{np.count_nonzero(off <= target.within) / len(results):.1%}" if wanted else ""
-    figures = [np.median(off), np.quantile(off, 0.95), off.max(), np.median(errors.standard)]
+    unit, scale, limit = target.unit, target.scale, target.max_error
+    limit_text = f"{limit * scale:g} {unit}" if np.isfinite(limit) else ""
+    # A display without a calibration is not within the target.
+    share = f"{np.count_nonzero(sizes <= limit) / len(results):.1%}" if limit_text else ""
+    standard_error = np.median(errors.standard_error)
+    figures = [np.median(sizes), np.quantile(sizes, 0.95), sizes.max(), standard_error]
     cells = [
         f"`{name}`",
-        wanted,
+        limit_text,
         share,
         *(f"{scale * figure:.3g} {unit}" for figure in figures),
-        f"{errors.held.mean():.1%}",
-        str(np.count_nonzero(~errors.known)),
+        f"{errors.covered.mean():.1%}",
+        str(np.count_nonzero(~errors.determined)),
     ]
     return f"| {' | '.join(cells)} |"
 
 
-def _badness(result: dict[str, Any]) -> float:
-    """The largest error in targets."""
+def _largest_error(result: dict[str, Any]) -> float:
+    """Largest error of a case relative to its target."""
     return max(
-        float(np.abs(_errors([result], name).off).max(initial=0)) / target.within
+        float(np.abs(_errors([result], name).error).max(initial=0)) / target.max_error
         for name, target in TARGETS.items()
     )
 
 
-def _row(result: dict[str, Any]) -> str:
+def _case_row(result: dict[str, Any]) -> str:
     cells = []
-    for name, target in _SHOWN.items():
+    for name, target in _COLUMNS.items():
         errors = _errors([result], name)
-        if not errors.off.size:
+        if not errors.error.size:
             cells.append("")
             continue
-        text = f"{target.scale * errors.off[0]:+.3g}"
-        text = text if errors.held[0] else f"**{text}**"
-        cells.append(text if errors.known[0] else f"({text})")
+        text = f"{target.scale * errors.error[0]:+.3g}"
+        text = text if errors.covered[0] else f"**{text}**"
+        cells.append(text if errors.determined[0] else f"({text})")
     return f"| {result['case']} | {result['display']} | {' | '.join(cells)} |"
 
 
 def _read(path: Path) -> list[dict[str, Any]]:
     if not path.is_file():
         return []
-    held = json.loads(path.read_text("utf-8"))
-    cases: list[dict[str, Any]] = held["cases"]
+    cases: list[dict[str, Any]] = json.loads(path.read_text("utf-8"))["cases"]
     return cases
 
 
@@ -244,23 +260,23 @@ def _write(path: Path, results: list[dict[str, Any]]) -> None:
 
 
 def main() -> None:
-    """Measure what is not there yet, and write."""
+    """Measure the missing cases and write the results."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("-o", "--out", type=Path, default=Path("reports/calibration"))
-    parser.add_argument("--cases", type=int, default=40, help="how many (default: %(default)s)")
-    parser.add_argument("--one", type=int, metavar="N", help="measure this case, print it as JSON")
+    parser.add_argument("--cases", type=int, default=40, help="number of cases (%(default)s)")
+    parser.add_argument("--case", type=int, metavar="N", help="measure case N, print it as JSON")
     args = parser.parse_args()
-    if args.one is not None:
-        print(json.dumps(measure(draw_case(args.one))))
+    if args.case is not None:
+        print(json.dumps(measure(draw_case(args.case))))
         return
     path = args.out / f"{_NAME}.json"
-    results = [one for one in _read(path) if one["case"] < args.cases]
-    for number in sorted(set(range(args.cases)) - {one["case"] for one in results}):
-        words = [sys.executable, "-m", "reports.calibration.run", "--one", str(number)]
-        said = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True).stdout
-        results.append(json.loads(said.splitlines()[-1]))
+    results = [result for result in _read(path) if result["case"] < args.cases]
+    for number in sorted(set(range(args.cases)) - {result["case"] for result in results}):
+        command = [sys.executable, "-m", "reports.calibration.run", "--case", str(number)]
+        output = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
+        results.append(json.loads(output.splitlines()[-1]))
         _write(path, results)
-        print(_row(results[-1]) + f" {results[-1]['refused']}", flush=True)
+        print(_case_row(results[-1]) + f" {results[-1]['refused']}", flush=True)
     text = table(results)
     write_atomically(path.with_suffix(".md"), lambda p: p.write_text(text, "utf-8"))
 

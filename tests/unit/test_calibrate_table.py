@@ -1,4 +1,4 @@
-"""The table of hidden displays: worst first, shifts as they were stated, and no miss left out."""
+"""The table of misaligned displays: worst case first, ambiguous shifts, and every miss listed."""
 
 from typing import Any
 
@@ -6,21 +6,21 @@ from reports.calibration.run import TARGETS, table
 
 
 def case(number: int, *, certain: bool = True, **off: float) -> dict[str, Any]:
-    """A case whose parameters are so far off, in standard errors of a tenth of their target."""
+    """A case with errors `off` in standard errors, each a tenth of the parameter's target."""
     truth = dict.fromkeys((*TARGETS, "tilt_x_deg", "tilt_y_deg"), 1.0)
-    found = {}
+    estimates = {}
     for name in truth:
-        error = TARGETS[name].within / 10 if name in TARGETS else 0.01
+        error = TARGETS[name].max_error / 10 if name in TARGETS else 0.01
         value = 1.0 + off.get(name, 0.0) * error
         interval = [value - 1.96 * error, value + 1.96 * error]
-        found[name] = {
+        estimates[name] = {
             "value": value, "standard_error": error, "interval": interval, "known": True
         }  # fmt: skip
     return {
         "case": number,
         "display": "nominal",
         "truth": truth,
-        "found": found,
+        "found": estimates,
         "shift_is_certain": {"shift_x_mm": certain, "shift_y_mm": True},
         "refused": "",
         "seconds": {"photographs": 60.0, "calibration": 20.0},
@@ -31,7 +31,7 @@ def rows(text: str) -> list[str]:
     return [line for line in text.splitlines() if "| nominal |" in line]
 
 
-def test_the_worst_case_stands_first_and_a_missed_interval_is_bold():
+def test_the_worst_case_is_first_and_a_missed_interval_is_bold():
     text = table([case(0, gap_mm=1.0), case(1, pitch_mm=3.0), case(2)])
     assert [row.split("|")[1].strip() for row in rows(text)] == ["1", "0", "2"]
     assert "**+0.3**" in rows(text)[0] and "**" not in rows(text)[1]
@@ -40,25 +40,25 @@ def test_the_worst_case_stands_first_and_a_missed_interval_is_bold():
     assert "| 100.0% |" in pitch and "| 66.7% |" in pitch, "all within, two intervals hold"
 
 
-def test_a_value_that_is_given_and_wrong_is_named():
+def test_a_determined_but_wrong_value_is_named():
     text = table([case(0, gap_mm=15.0), case(1)])
     assert "standard errors: 0 (gap_mm)." in text
     (gap,) = (line for line in text.splitlines() if line.startswith("| `gap_mm`"))
     assert "| 50.0% |" in gap
 
 
-def test_a_shift_off_by_a_pitch_counts_only_where_it_is_stated_to_be_certain():
-    a_pitch = 1.0 / (TARGETS["shift_x_mm"].within / 10)
+def test_a_shift_error_of_a_pitch_counts_only_for_a_certain_shift():
+    a_pitch = 1.0 / (TARGETS["shift_x_mm"].max_error / 10)
     certain, modulo = (case(k, certain=not k, shift_x_mm=a_pitch + 1) for k in (0, 1))
     assert "standard errors: 0 (shift_x_mm)." in table([certain])
     text = table([modulo])
-    assert "standard errors: none." in text and "2 shifts, 1." in text
+    assert "standard errors: none." in text and "Ambiguous shifts: 1 of 2." in text
     assert "+2.5 " in rows(text)[0]
 
 
-def test_a_refused_case_is_listed_and_is_not_within_the_target():
-    refused = case(1) | {"found": {}, "refused": "position-2: unsharp"}
-    text = table([case(0), refused])
-    assert "Case 1 was refused: position-2: unsharp" in text
+def test_a_failed_case_is_listed_and_is_not_within_the_target():
+    failed = case(1) | {"found": {}, "refused": "position-2: unsharp"}
+    text = table([case(0), failed])
+    assert "Case 1 failed: position-2: unsharp" in text
     (pitch,) = (line for line in text.splitlines() if line.startswith("| `pitch_mm`"))
     assert "| 50.0% |" in pitch
