@@ -9,10 +9,8 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import struct
 import subprocess
 import sys
-import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -202,9 +200,6 @@ def task_of(plan: Plan, folder: Path) -> MethodSetup:
 @pytest.mark.parametrize(
     ("name", "says"),
     [
-        ("gone.png", "gone.png: no such file"),
-        ("folder.png", "folder.png: is a folder"),
-        ("gone.exr", "gone.exr: no such file"),
         ("mine.tif", "not an EIA"),
         ("text.png", "text.png: not a readable PNG"),
         ("text.exr", "text.exr: not a readable EXR"),
@@ -213,7 +208,6 @@ def task_of(plan: Plan, folder: Path) -> MethodSetup:
         ("jpeg.png", "jpeg.png: not a readable PNG"),
         ("small.png", "small.png: has 9 x 7 pixels, display nominal, changed needs 136 x 102"),
         ("small.exr", "small.exr: has 9 x 7 pixels, display nominal, changed needs 136 x 102"),
-        ("bomb.png", "bomb.png: not a readable picture (Image size (3600000000 pixels)"),
     ],
 )
 def test_bad_file_is_found_before_anything_is_rendered(tiny_scene, name, says):
@@ -250,7 +244,6 @@ def test_plans_decode_nothing_for_they_are_made_outside_the_worker(tiny_scene):
 
 
 def write_bad_files(folder: Path, shape: tuple[int, int]) -> None:
-    (folder / "folder.png").mkdir()
     for name in ("text.png", "text.exr", "mine.tif"):
         (folder / name).write_text("no picture")
     noise = np.random.default_rng(1).integers(0, 255, (*shape, 3), np.uint8)
@@ -262,11 +255,6 @@ def write_bad_files(folder: Path, shape: tuple[int, int]) -> None:
         (folder / name).write_bytes(whole[: len(whole) // 2])
     Image.fromarray(noise[:7, :9]).save(folder / "small.png")
     write_exr(folder / "small.exr", noise[:7, :9] / np.float32(255))
-    # Eight bytes of signature, length and name of the first chunk, then width and height.
-    whole = (folder / "small.png").read_bytes()
-    chunk = b"IHDR" + struct.pack(">II", 60000, 60000) + whole[24:29]
-    bomb = whole[:12] + chunk + struct.pack(">I", zlib.crc32(chunk)) + whole[33:]
-    (folder / "bomb.png").write_bytes(bomb)
 
 
 @pytest.mark.parametrize(

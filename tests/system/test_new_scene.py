@@ -20,15 +20,10 @@ from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.scene.relic_scene import STONE, scene_xml
 
 
-@pytest.fixture(scope="module")
-def mi():
-    from inim.backend import activate, choose_backend
-
-    backend = choose_backend()
-    activate(backend)
+@pytest.fixture
+def mi(renderer):
     import mitsuba
 
-    mitsuba.set_variant(backend.variant)
     return mitsuba
 
 

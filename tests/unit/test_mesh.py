@@ -316,11 +316,6 @@ def test_what_is_no_surface_is_refused_in_one_line(tmp_path, name, content, word
     assert words in refusal(put(tmp_path, name, content))
 
 
-def test_folder_and_missing_file_are_refused(tmp_path):
-    assert "is a folder" in refusal(tmp_path)
-    assert "no such file" in refusal(tmp_path / "none.ply")
-
-
 def test_gltf_buffer_outside_the_folder_is_refused(tmp_path):
     inner = tmp_path / "in"
     inner.mkdir()
