@@ -336,10 +336,10 @@ DAMAGES = {
 
 
 def test_a_run_of_fill_bytes_costs_no_time(tmp_path):
-    started = time.perf_counter()
+    started = time.process_time()
     with pytest.raises(FileError, match="no end marker, as it is truncated"):
         read(tmp_path, JPEG[:-2] + b"\xff" * 50_000 + b"\0")
-    assert time.perf_counter() - started < 5  # with their number squared: half a minute
+    assert time.process_time() - started < 5  # with their number squared: half a minute
 
 
 @pytest.mark.parametrize("name", DAMAGES)
@@ -373,9 +373,9 @@ def test_damaged_exif_of_a_heic_has_its_line(tmp_path):
 def test_begins_of_metadata_without_an_end_cost_no_time(tmp_path):
     pytest.importorskip("pillow_heif")
     data = heic(COLOR, SMALL) + b"<x:xmpmeta" * 500_000
-    started = time.perf_counter()
+    started = time.process_time()
     assert "without Apple's metadata" in read(tmp_path, data, "photo.heic").notes[0]
-    assert time.perf_counter() - started < 10  # all of them: some minutes
+    assert time.process_time() - started < 10  # all of them: some minutes
 
 
 def test_colours_of_other_primaries_are_said(tmp_path):

@@ -124,5 +124,5 @@ try:
 except KeyboardInterrupt as interrupt:
     sys.exit(interrupt.args[0])
 """
-    ended = subprocess.run([sys.executable, "-c", code], check=False)
+    ended = subprocess.run([sys.executable, "-c", code], check=False, preexec_fn=hear)
     assert ended.returncode == signal.SIGINT
