@@ -91,7 +91,7 @@ def _print_algorithms(observer: Observer, algorithms: Sequence[BenchAlgorithm]) 
     for a in algorithms:
         wrong = "   –   " if a.wrong_source is None else f"{a.wrong_source:7.2%}"
         observer.line(
-            f"{a.name:{width}}  {a.median_ms:9.2f} ms  {a.ratio:8.2f} yardsticks  wrong "
+            f"{a.name:{width}}  {a.median_ms:9.2f} ms  {a.ratio:8.2f} kernel times  wrong "
             f"source {wrong}  EIA PSNR {a.scores['eia_psnr_db']:.2f} dB  view SSIM to reference "
             f"{a.scores['view_ssim_to_reference']:.4f}{'  *' if a.pareto else ''}"
         )

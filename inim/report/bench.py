@@ -35,7 +35,7 @@ from inim.report.study import PagePart, StudyPage, Table
 #: The label of a time axis.
 TIME = "milliseconds per EIA"
 #: The heads of `time_cells`.
-TIME_HEADS = ("ms per EIA", "fastest", "spread", "runs", "Mpx/s", "yardsticks", "by fastest")
+TIME_HEADS = ("ms per EIA", "fastest", "spread", "runs", "Mpx/s", "kernel times", "by fastest")
 # Below this share of wrong pixels the axis is linear, so that zero has a place on it.
 _LINEAR_SHARE = 1e-3
 #: Parts of the page, from the document as it is read from `bench.json`.
@@ -127,7 +127,7 @@ def _scene_table(scene: BenchScene) -> Table:
     unit = {"mpx_per_s": 0.0, "ratio": 1.0, "ratio_min": 1.0}
     kernel = time_cells(asdict(scene.yardstick) | unit)
     kernel[TIME_HEADS.index("Mpx/s")] = MISSING
-    rows.append(["yardstick", *kernel, *[MISSING] * (len(heads) - 1 - len(kernel))])
+    rows.append(["reference kernel", *kernel, *[MISSING] * (len(heads) - 1 - len(kernel))])
     floor = _score_cells(scene.noise_floor, scene.scores)
     rows.append(["noise floor", *[MISSING] * (len(heads) - 2 - len(floor)), *floor, MISSING])
     return Table("Time against error, medians", heads, rows)
@@ -224,8 +224,8 @@ def _panel(
     for name, time, value, on_front, fastest in sorted(points, key=lambda point: point[3]):
         draw_point(axis, name, time, value, on_front, fastest)
     draw_front(axis, [(time, value) for _, time, value, on_front, _ in points if on_front])
-    axis.axvline(scene.yardstick.median_ms, **LINES["yardstick"])
-    across(axis, "yardstick", x=scene.yardstick.median_ms)
+    axis.axvline(scene.yardstick.median_ms, **LINES["kernel"])
+    across(axis, "reference kernel", x=scene.yardstick.median_ms)
     floor = scene.noise_floor.get(key)
     if floor is not None:
         axis.axhline(transform(floor), **LINES["floor"])

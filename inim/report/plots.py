@@ -28,13 +28,13 @@ LEGEND = {"fontsize": 8, "frameon": False, "labelcolor": INK}
 # Of points that another beats in time and error.
 _BEATEN = "#b5b5b0"
 _LINE = "#dedbd3"
-_YARDSTICK = "yardstick"
+_REFERENCE_KERNEL = "reference kernel"
 # Of algorithms that state none.
 _OTHERS = (SKY, ORANGE, "#8c6d31")
 #: Lines across a panel.
 LINES: dict[str, dict[str, Any]] = {
     "front": {"color": INK, "linewidth": 0.8, "alpha": 0.35, "zorder": 1},
-    "yardstick": {"color": SOFT, "linewidth": 1.0, "linestyle": ":", "zorder": 1},
+    "kernel": {"color": SOFT, "linewidth": 1.0, "linestyle": ":", "zorder": 1},
     "floor": {"color": SOFT, "linewidth": 1.0, "linestyle": "--", "zorder": 1},
 }
 # Where a name may go, points from its mark and how it is aligned; the first that is free is taken.
@@ -59,7 +59,7 @@ _LOCK = RLock()
 def colour_of(name: str) -> str:
     """Colour of an algorithm, independent of its options: its own, or one of three."""
     algorithm = name.partition(":")[0]
-    if algorithm == _YARDSTICK:
+    if algorithm == _REFERENCE_KERNEL:
         return SOFT
     return _stated(algorithm, "color") or _OTHERS[sum(algorithm.encode()) % len(_OTHERS)]
 
@@ -67,7 +67,7 @@ def colour_of(name: str) -> str:
 def marker_of(name: str) -> str:
     """Marker of an algorithm, independent of its options: its own, or a circle."""
     algorithm = name.partition(":")[0]
-    return "x" if algorithm == _YARDSTICK else _stated(algorithm, "marker") or "o"
+    return "x" if algorithm == _REFERENCE_KERNEL else _stated(algorithm, "marker") or "o"
 
 
 def _stated(algorithm: str, key: str) -> str | None:

@@ -1,4 +1,4 @@
-"""Parts of a study's own data in a bench document, which has no declaration."""
+"""Access to the untyped `study` data of a bench document."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Any
 
 
 def part(data: Any, *keys: str) -> Mapping[str, Any]:
-    """The mapping under nested `keys`, empty when it is missing or not a mapping."""
+    """Mapping under nested `keys`; empty if it is missing or not a mapping."""
     for key in keys:
         data = data.get(key) if isinstance(data, Mapping) else None
     return data if isinstance(data, Mapping) else {}
 
 
 def items(data: Any, key: str) -> Sequence[Any]:
-    """The list under `key`, empty when it is missing or not a list."""
-    found = data.get(key) if isinstance(data, Mapping) else None
-    return found if isinstance(found, (list, tuple)) else ()
+    """List under `key`; empty if it is missing or not a list."""
+    values = data.get(key) if isinstance(data, Mapping) else None
+    return values if isinstance(values, (list, tuple)) else ()

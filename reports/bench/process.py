@@ -1,7 +1,8 @@
-"""A command run to its end, how long it took and how much memory.
+"""Time and peak memory of a command.
 
-A process's peak memory starts at that of the one that made it. So the command is made by a small
-process, this file run as a script with the command's words, which prints one JSON object.
+The recorded peak memory of a process includes that of its parent at the fork. Therefore a small
+process starts the command: this file, run as a script with the command as its arguments. It prints
+one JSON object.
 """
 
 from __future__ import annotations
@@ -20,44 +21,43 @@ from typing import Any
 
 
 def peak_bytes() -> int:
-    """Largest resident size of this process so far.
+    """Peak resident size of this process [bytes].
 
-    The system's own ru_maxrss starts at that of the parent, from before this program was loaded;
-    Linux's VmHWM does not.
+    On Linux ru_maxrss includes the parent's size before this program was loaded; VmHWM does not.
     """
     try:
-        found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text("ascii"))
+        line = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text("ascii"))
     except OSError:
-        found = None
-    if found:
-        return 1024 * int(found[1])
+        line = None
+    if line:
+        return 1024 * int(line[1])
     return resident_bytes(resource.getrusage(resource.RUSAGE_SELF))
 
 
 def resident_bytes(usage: resource.struct_rusage) -> int:
-    """The largest resident size that the system's account of a process names."""
+    """Peak resident size in the resource usage of a process [bytes]."""
     return (1 if sys.platform == "darwin" else 1024) * usage.ru_maxrss
 
 
 def run_measured(words: Sequence[str], variables: Mapping[str, str]) -> dict[str, Any]:
-    """Run a command to its end, in an environment.
+    """Run a command with these environment variables until it ends.
 
     Returns
     -------
     dict
-        `seconds` from start to end; `processor_seconds`, of it and all that it waited for;
-        `peak_bytes`, largest resident size of the command's largest
-        process; `code`, its exit code; `said`, the last line on its stderr.
+        `seconds`: wall-clock time. `processor_seconds`: processor time of the command and its
+        awaited child processes. `peak_bytes`: peak resident size of the largest of these processes.
+        `code`: exit code. `message`: last line on stderr.
 
     Raises
     ------
     WorkerError
-        The small process died.
+        The small process failed.
     """
     process = subprocess.Popen(
         [sys.executable, __file__, *words],
         env=variables,
-        stdin=subprocess.PIPE,  # nothing is sent: it closes when this process ends, however
+        stdin=subprocess.PIPE,  # unused: the system closes it when this process ends
         stdout=subprocess.PIPE,
     )
     assert process.stdin is not None
@@ -65,23 +65,23 @@ def run_measured(words: Sequence[str], variables: Mapping[str, str]) -> dict[str
     with process.stdin, process.stdout:
         answer = process.stdout.read()
     if process.wait():
-        from inim.errors import WorkerError  # the small process does without
+        from inim.errors import WorkerError  # not imported by the small process
 
         raise WorkerError(f"the process that measures {words[0]} ended with {process.returncode}")
-    found: dict[str, Any] = json.loads(answer)
-    return found
+    measurement: dict[str, Any] = json.loads(answer)
+    return measurement
 
 
 def _measure(words: Sequence[str]) -> dict[str, Any]:
-    """The small process's side."""
+    """Run and measure a command, in the small process."""
     started = perf_counter()
     process = subprocess.Popen(
         words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
     )
     threading.Thread(target=_end_with_parent, args=(process,), daemon=True).start()
     assert process.stderr is not None
-    said = process.stderr.read().decode(errors="replace").splitlines()
-    # Of the command and of all processes that it waited for.
+    messages = process.stderr.read().decode(errors="replace").splitlines()
+    # The usage includes all child processes that the command waited for.
     _, status, usage = os.wait4(process.pid, 0)
     process.returncode = os.waitstatus_to_exitcode(status)
     return {
@@ -89,12 +89,12 @@ def _measure(words: Sequence[str]) -> dict[str, Any]:
         "processor_seconds": usage.ru_utime + usage.ru_stime,
         "peak_bytes": resident_bytes(usage),
         "code": process.returncode,
-        "said": said[-1] if said else "",
+        "message": messages[-1] if messages else "",
     }
 
 
 def _end_with_parent(process: subprocess.Popen[bytes]) -> None:
-    """Wait for the parent's end of stdin to close: it died, and the command has nobody else."""
+    """Terminate the command when the parent process ends, which closes stdin."""
     while os.read(0, 1):
         pass
     process.terminate()

@@ -1,8 +1,8 @@
-"""What the studies of this folder share: command line, conditions, test pictures, writing.
+"""Functions shared by the benchmark studies: command line, conditions, test pictures, output.
 
-A study is a script that times something which only this project asks, with the public functions of
-`inim.bench`. It is run from the repository's root, as ``python -m reports.bench.NAME.run``, and
-writes the same forms as ``inim bench``.
+A study is a script that answers a question of this project with the public functions of
+`inim.bench`. It runs in the repository's root, as ``python -m reports.bench.NAME.run``, and writes
+the same files as ``inim bench``.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from inim.timing import Rounds
 from inim.worker.output import publish, staging_folder
 from inim.worker.serve import ConsoleObserver
 
-#: Measures, with an empty folder for whatever it writes meanwhile; `study` of bench.json.
+#: Measures, with an empty folder for temporary files, and returns `study` of bench.json.
 Measure = Callable[[Rounds, Observer, Path], Mapping[str, Any]]
 
 
 def new_parser(description: str | None, out: str) -> argparse.ArgumentParser:
-    """A command line with the options that every study has; results go to `out` if not named."""
+    """Command line with the options of every study; `out` is the default output folder."""
     parser = argparse.ArgumentParser(description=(description or "").partition("\n")[0])
     parser.add_argument("-o", "--out", type=Path, default=Path(out), help=f"folder ({out})")
     parser.add_argument("--runs", type=int, default=Rounds.runs, metavar="N", help="timed runs (9)")
@@ -53,7 +53,7 @@ def new_parser(description: str | None, out: str) -> argparse.ArgumentParser:
 
 
 def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
-    """What a study of scenes has besides."""
+    """Add the options of studies of scenes."""
     parser.add_argument(
         "-D", dest="definitions", action="append", default=[], metavar="KEY=VALUE",
         help="override an inim.* setting or a scene parameter; may be repeated",
@@ -62,7 +62,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def plan_of(args: argparse.Namespace, scene: Path) -> Plan:
-    """The plan of a validation of one of the scenes: its display, viewpoints and sampling."""
+    """Plan of the validation of a scene, with its display, viewpoints and sampling."""
     definitions = parse_definitions(args.definitions)
     request = Request(
         scene, args.out, definitions=definitions, display=args.display, algorithms=("template",)
@@ -77,20 +77,20 @@ def run_study(
     measure: Measure,
     parts_of: Callable[[Mapping[str, Any]], Sequence[PagePart]],
 ) -> int:
-    """Measure and write; the exit code.
+    """Measure, write the results, and return the exit code.
 
     Parameters
     ----------
     args : Namespace
-        Of `new_parser`.
+        Parsed options of `new_parser`.
     module : str
-        What runs it again, after ``python -m``.
+        Module name of the study, for the recorded command.
     title : str
     measure : callable
     parts_of : callable
-        Parts of the page, from what `measure` returned.
+        Returns the parts of the page for the result of `measure`.
     """
-    load = load_average()  # before anything is loaded: what others do
+    load = load_average()  # load by other processes, before this one loads libraries
     try:
         rounds = Rounds(args.runs, args.warmups, args.threads)
         with staging_folder(args.out, ("bench.json", "bench.html", "bench.md")) as staging:
@@ -103,8 +103,8 @@ def run_study(
             with ConsoleObserver(args.quiet, lambda _: None) as listener:
                 study = dict(measure(rounds, listener, folder))
             shutil.rmtree(folder)
-            busy = replace(document.load, end=load_average())
-            document = replace(document, study=study, load=busy)
+            final_load = replace(document.load, end=load_average())
+            document = replace(document, study=study, load=final_load)
             write_bench(document, staging, lambda document: parts_of(document.study))
             publish(staging, args.out, "bench.json")
     except InimError as error:
@@ -114,7 +114,7 @@ def run_study(
 
 
 def square_display(lenses: int, pixels: int = 17, **changes: Any) -> Display:
-    """The paper's lenses, `lenses` by `lenses` of them, with `pixels` by `pixels` pixels each."""
+    """Display of `lenses` by `lenses` of the paper's lenses, with `pixels` by `pixels` each."""
     display = Display(
         pitch_mm=1.0,
         focal_length_mm=3.0,
@@ -128,7 +128,7 @@ def square_display(lenses: int, pixels: int = 17, **changes: Any) -> Display:
 
 
 def picture_of(display: Display, pixels_per_pitch: int) -> RGBD:
-    """The two spheres with so many pixels per lens pitch, display-ready."""
+    """Display-ready picture of the two spheres with `pixels_per_pitch` pixels per lens pitch."""
     shape = display.capture_shape(pixels_per_pitch)
     return two_spheres(display, shape, display.pitch_mm / pixels_per_pitch)
 
@@ -136,7 +136,7 @@ def picture_of(display: Display, pixels_per_pitch: int) -> RGBD:
 def views_of(
     display: Display, viewpoints: Sequence[Viewpoint], lens_model: str = "thick"
 ) -> Callable[[np.ndarray], list[np.ndarray]]:
-    """What makes the views of an EIA on a display, white as the panel's white."""
+    """Function that reconstructs the views of an EIA, exposed so that panel white is white."""
     exposure = white_exposure(display, lens_model)
 
     def views(eia: np.ndarray) -> list[np.ndarray]:

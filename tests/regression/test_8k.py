@@ -44,7 +44,7 @@ def test_an_8k_panel_is_validated_under_4_gib(tmp_path, capsys):
     peak_gib = ended["peak_bytes"] / 2**30
     with capsys.disabled():
         print(f"\n8K: {peak_gib:.2f} GiB at most, {ended['seconds']:.0f} s", file=sys.stderr)
-    assert ended["code"] == EXIT_PASSED, ended["said"]
+    assert ended["code"] == EXIT_PASSED, ended["message"]
     report = read_document(out / "report.json")
     derived = report["display"]["derived"]
     assert (derived["eia_rows"], derived["eia_columns"]) == SHAPE

@@ -1,7 +1,7 @@
 """A whole bench of a tiny scene, from the command line.
 
-Expected: every method timed and evaluated, everything in yardsticks, files that appear whole or not
-at all, mistakes found before anything is rendered. How long anything takes is never checked.
+Expected: every method is timed and evaluated in kernel times, files appear whole or not at all, and
+mistakes are reported before rendering. The tests never check durations.
 """
 
 from __future__ import annotations

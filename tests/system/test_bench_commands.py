@@ -11,7 +11,7 @@ import copy
 import pytest
 
 from inim.errors import EXIT_PASSED
-from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, samples_of, unlike
+from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, differences, samples_of
 from tests.schemas import read_document
 from tests.system.conftest import TINY, definitions, files_in, write_scene
 from tests.system.test_bench_layers import run_study
@@ -103,7 +103,7 @@ def test_page_plot_and_command(finished):
     assert "reports.bench.commands.run tiny.xml" in data["command"]
     page = (folder / "out" / "bench.html").read_text("utf-8")
     assert "Whole commands on" in page
-    assert "yes, all but times" in page
+    assert "yes, all except times" in page
 
 
 REPORT = {
@@ -134,12 +134,14 @@ def test_a_difference_is_found_where_it_counts(path, found_in):
         place = place[key]
     place[path[-1]] = "another"
     for extent in (EVERYTHING, SCORES, VIEWS):
-        assert unlike(REPORT, REPORT, extent) == []
-        assert unlike(REPORT, other, extent) == (["/".join(path)] if extent in found_in else [])
+        assert differences(REPORT, REPORT, extent) == []
+        assert differences(REPORT, other, extent) == (
+            ["/".join(path)] if extent in found_in else []
+        )
 
 
 def test_reports_with_nothing_in_common_are_not_the_same():
-    assert unlike(REPORT, {"algorithms": {"b": {"eia": {"ssim": 1.0}}}}, SCORES)
+    assert differences(REPORT, {"algorithms": {"b": {"eia": {"ssim": 1.0}}}}, SCORES)
 
 
 def test_samples_are_counted_once_for_each_view_of_a_row():

@@ -79,8 +79,8 @@ def test_page_plot_and_command(finished):
     }  # fmt: skip
     assert "reports.bench.layered.run a.xml b.xml" in data["command"]
     page = (folder / "out" / "bench.html").read_text("utf-8")
-    assert "One layer and all, at equal samples" in page
-    assert "What the capture found" in page
+    assert "One layer and all layers, with equal samples" in page
+    assert "Captured surfaces" in page
 
 
 @pytest.mark.slow

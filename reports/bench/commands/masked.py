@@ -1,4 +1,4 @@
-"""Times of part of an EIA: the panel pixels that some viewpoints observe, against all of them."""
+"""Times of a partial EIA, restricted to the panel pixels that some viewpoints observe."""
 
 from __future__ import annotations
 
@@ -25,24 +25,24 @@ from inim.timing import (
 )
 
 _ALGORITHM = "template"
-# `full` scatters rays between the lenses: all of the EIA may be observed.
+# Without `full`: it scatters rays between the lenses, so views may observe the whole EIA.
 _MODELS = ("pinhole", "thin", "thick")
 _ALL = "whole EIA"
 
-Make = Callable[[], np.ndarray]
+Generate = Callable[[], np.ndarray]
 
 
 def bench_masked(
     plan: Plan, rgbd: RGBD, viewpoints: Sequence[Viewpoint], rounds: Rounds, listener: Any
 ) -> dict[str, Any]:
-    """Time `template` for what the viewpoints observe through each lens model, and for all.
+    """Time `template` for the observed pixels of each lens model and for the whole EIA.
 
     Parameters
     ----------
     plan : Plan
-        Its display, and how it reconstructs views.
+        The display and the settings of the reconstruction.
     rgbd : RGBD
-        Linear.
+        Linear picture.
     viewpoints : sequence of Viewpoint
     rounds : Rounds
     listener : Observer
@@ -50,47 +50,47 @@ def bench_masked(
     Returns
     -------
     dict
-        Under the names of bench.json: the yardstick, and for each `form` of the picture an entry
-        for the whole EIA and one for each lens model, whose `share` is its time over that of the
-        whole EIA, `observed_share` that of the panel, and `same` whether each pixel made is the
-        whole EIA's. The forms are display-ready, 8-bit into place, and linear as a validation has
-        it, where a whole EIA is made by way of its sources.
+        Under the names of bench.json: the reference kernel's time, and entries for the whole EIA
+        and for each lens model, for each `form` of the picture. `share`: time divided by that of
+        the whole EIA. `observed_share`: share of the panel. `same`: True if the pixels are equal to
+        those of the whole EIA. The forms are display-ready, written to an 8-bit buffer, and linear
+        as in a validation, which computes a whole EIA from its source map.
     """
     from inim.render.reference_kernel import ReferenceKernel
 
     masks: dict[str, np.ndarray | None] = {_ALL: None, **_masks(plan, viewpoints)}
     forms = {"display-ready": _display_ready, "linear": _linear}
-    makes = {
-        (form, name): make(plan.display, rgbd, mask)
-        for form, make in forms.items()
+    generations = {
+        (form, name): prepare_form(plan.display, rgbd, mask)
+        for form, prepare_form in forms.items()
         for name, mask in masks.items()
     }
     ready = display_ready(rgbd)
     calls: dict[str, Callable[[], Any]] = {
         REFERENCE_KERNEL: ReferenceKernel(ready.color, plan.display, rgbd.pixel_mm).run
     }
-    calls |= {f"{form}: {name}": make for (form, name), make in makes.items()}
+    calls |= {f"{form}: {name}": generate for (form, name), generate in generations.items()}
     with threads(rounds.threads):
         times = time_calls(calls, rounds)
     rows = []
-    for (form, name), make in makes.items():
+    for (form, name), generate in generations.items():
         mask = masks[name]
         timing, whole = times[f"{form}: {name}"], times[f"{form}: {_ALL}"]
-        of_whole = ratios(timing, whole)
+        to_whole = ratios(timing, whole)
         row = {
             "form": form,
             "name": name,
             **timing.as_data(),
             **ratios(timing, times[REFERENCE_KERNEL]),
-            "share": of_whole["ratio"],
-            "share_min": of_whole["ratio_min"],
+            "share": to_whole["ratio"],
+            "share_min": to_whole["ratio_min"],
             "observed_share": 1.0 if mask is None else float(mask.mean()),
-            "same": mask is None or _same(makes[form, _ALL](), make(), mask),
+            "same": mask is None or _is_same(generations[form, _ALL](), generate(), mask),
         }
         rows.append(row)
         listener.line(
             f"{form:13}  {name:9}  {row['observed_share']:6.1%} observed  "
-            f"{row['median_ms']:8.2f} ms  {row['ratio']:6.2f} yardsticks  "
+            f"{row['median_ms']:8.2f} ms  {row['ratio']:6.2f} kernel times  "
             f"{row['share']:.1%} of the whole EIA"
         )
     return {
@@ -101,22 +101,22 @@ def bench_masked(
     }
 
 
-def _display_ready(display: Display, rgbd: RGBD, mask: np.ndarray | None) -> Make:
+def _display_ready(display: Display, rgbd: RGBD, mask: np.ndarray | None) -> Generate:
     method = prepare_method(_ALGORITHM, display_ready(rgbd), display, mask)
 
-    def make() -> np.ndarray:
+    def generate() -> np.ndarray:
         method.run()
         return method.out
 
-    return make
+    return generate
 
 
-def _linear(display: Display, rgbd: RGBD, mask: np.ndarray | None) -> Make:
-    """What a validation counts as the seconds of an algorithm."""
-    made = prepare(display, _ALGORITHM, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
+def _linear(display: Display, rgbd: RGBD, mask: np.ndarray | None) -> Generate:
+    """Prepare the computation that a validation reports as the seconds of an algorithm."""
+    generator = prepare(display, _ALGORITHM, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
     if mask is None:
-        return lambda: run_generator(_ALGORITHM, made, rgbd, display)[0]
-    return lambda: made.generate(rgbd)
+        return lambda: run_generator(_ALGORITHM, generator, rgbd, display)[0]
+    return lambda: generator.generate(rgbd)
 
 
 def _masks(plan: Plan, viewpoints: Sequence[Viewpoint]) -> dict[str, np.ndarray]:
@@ -127,9 +127,9 @@ def _masks(plan: Plan, viewpoints: Sequence[Viewpoint]) -> dict[str, np.ndarray]
     for model in _MODELS:
         try:
             check_lens_model(model, plan.misaligned_display)
-        except DisplayError:  # such a lens cannot be ground
+        except DisplayError:  # the lens cannot be manufactured
             continue
-        found = reconstruct.observed_pixels(
+        mask = reconstruct.observed_pixels(
             plan.misaligned_display,
             viewpoints,
             model,
@@ -137,11 +137,11 @@ def _masks(plan: Plan, viewpoints: Sequence[Viewpoint]) -> dict[str, np.ndarray]
             spp=plan.optics.half_spp,
             seeds=plan.optics.half_seeds,
         )
-        if found is not None:
-            masks[model] = found
+        if mask is not None:
+            masks[model] = mask
     return masks
 
 
-def _same(whole: np.ndarray, part: np.ndarray, mask: np.ndarray) -> bool:
-    """Whether the pixels of the mask are as in the whole EIA, and the rest is black."""
+def _is_same(whole: np.ndarray, part: np.ndarray, mask: np.ndarray) -> bool:
+    """True if the pixels in the mask are equal to the whole EIA's and all others are black."""
     return bool(np.array_equal(whole[mask], part[mask]) and not part[~mask].any())

@@ -1,4 +1,4 @@
-"""What bench.json says of whole commands, as a part of a page: tables and a plot."""
+"""Page of the study of whole commands: tables and a plot from bench.json."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from reports.bench.parts import items, part
 
 _MIB = 2**20
 _SAME = {
-    "everything": "all but times",
-    "scores": "scores of both",
-    "views": "scores of views of both",
+    "everything": "all except times",
+    "scores": "common scores",
+    "views": "common scores of views",
 }
 
 
 def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
-    """Tables and plot of all commands."""
-    found = part(data, "commands")
+    """Part of the page: tables and plot of all commands."""
+    study = part(data, "commands")
     lead = (
-        "What a validation costs when nothing is known, and when something is found again. Each "
-        "mark is a run; lines are the medians of those compared with."
+        "Time of a validation with an empty result cache and with cached results. Each mark is a "
+        "run. Lines are the medians of the commands used for comparison."
     )
-    tables, remarks = _tables(found), _remarks(found)
-    return [PagePart("commands", "Whole commands", lead, tables, "commands", _draw(found), remarks)]
+    tables, remarks = _tables(study), _remarks(study)
+    return [PagePart("commands", "Whole commands", lead, tables, "commands", _draw(study), remarks)]
 
 
-def _tables(found: Mapping[str, Any]) -> list[Table]:
-    """Commands; then the generation of what nine viewpoints observe."""
+def _tables(study: Mapping[str, Any]) -> list[Table]:
+    """Tables of the commands and of the partial generation for nine viewpoints."""
     heads = [
-        "command", "its store holds", "seconds", "fastest", "spread", "of", "share", "by fastest",
-        "peak MiB", "samples traced", "of all", "same as there",
+        "command", "in the cache", "seconds", "fastest", "spread", "compared with", "share",
+        "by fastest", "peak MiB", "samples traced", "share of samples", "same results",
     ]  # fmt: skip
     rows = [
         [
@@ -51,10 +51,10 @@ def _tables(found: Mapping[str, Any]) -> list[Table]:
             per_cent(case["traced"] / case["whole"], 1) if case["whole"] else MISSING,
             _same(case),
         ]
-        for case in items(found, "cases")
+        for case in items(study, "cases")
     ]
-    caption = f"Whole commands on {found['title']}, medians"
-    return [Table(caption, heads, rows), _generation(part(found, "generation"))]
+    caption = f"Whole commands on {study['title']}, medians"
+    return [Table(caption, heads, rows), _generation(part(study, "generation"))]
 
 
 def _samples(case: Mapping[str, Any]) -> str:
@@ -70,10 +70,10 @@ def _same(case: Mapping[str, Any]) -> str:
     return f"yes, {_SAME[case['same']]}"
 
 
-def _generation(found: Mapping[str, Any]) -> Table:
+def _generation(generation: Mapping[str, Any]) -> Table:
     heads = [
-        "picture", "observed through", "of the panel", "ms per EIA", "fastest", "spread", "runs",
-        "yardsticks", "of the whole EIA", "by fastest", "same pixels",
+        "picture", "observed through", "share of the panel", "ms per EIA", "fastest", "spread",
+        "runs", "kernel times", "share of the whole EIA's time", "by fastest", "same pixels",
     ]  # fmt: skip
     rows = [
         [
@@ -89,43 +89,45 @@ def _generation(found: Mapping[str, Any]) -> Table:
             per_cent(c["share_min"], 1),
             "yes" if c["same"] else "NO",
         ]
-        for c in items(found, "algorithms")
+        for c in items(generation, "algorithms")
     ]
-    caption = f"Generating what {len(items(found, 'viewpoints'))} viewpoints observe"
-    return Table(f"{caption}: {found['algorithm']}", heads, rows)
+    count = len(items(generation, "viewpoints"))
+    caption = f"Generation of the pixels that {count} viewpoints observe"
+    return Table(f"{caption}: {generation['algorithm']}", heads, rows)
 
 
-def _remarks(found: Mapping[str, Any]) -> list[str]:
-    """How whole commands were timed, in sentences."""
+def _remarks(study: Mapping[str, Any]) -> list[str]:
+    """Conditions of the measurements, in sentences."""
     return [
-        f"Whole commands: medians of {found['rounds']} rounds, all cases in turn in each, every "
-        "time that of a process from its start to its end. Stores of results are their own and "
-        "empty when a round begins. A round before, not counted, left the kernels that numba and "
-        "Dr.Jit keep on disk: no time has their compiling in it, that of an empty store included.",
-        f"Validated: {found['algorithms'].replace(',', ', ')}, through {found['lens_model']} "
-        f"lenses, from {', '.join(items(found, 'viewpoints'))}; from nine viewpoints, template "
-        "alone. Peak memory is that of a command's largest process.",
-        *map(str, items(found, "notes")),
+        f"Whole commands: medians of {study['rounds']} rounds. Each round runs all cases in turn. "
+        "Times are from the start to the end of a process. The study uses its own result caches, "
+        "which are empty at the start of a round. An uncounted round before compiles the kernels "
+        "that numba and Dr.Jit store on disk. No time includes this compilation.",
+        f"Validated: {study['algorithms'].replace(',', ', ')}, through {study['lens_model']} "
+        f"lenses, from {', '.join(items(study, 'viewpoints'))}. Nine viewpoints: template only. "
+        "Peak memory is that of a command's largest process.",
+        *map(str, items(study, "notes")),
     ]
 
 
-def _draw(found: Mapping[str, Any]) -> Any:
-    """A row for each command: its runs, over seconds, and the share of what it is compared with."""
-    cases = found["cases"]
+def _draw(study: Mapping[str, Any]) -> Any:
+    """Plot the seconds of all runs, one row per command, with shares of the compared command."""
+    cases = study["cases"]
     figure, (axis,) = new_figure(1, 1.2 + 0.32 * len(cases))
     figure.set_figwidth(8.4)
     compared = {case["beside"] for case in cases}
     for row, case in enumerate(cases):
-        is_measure = case["name"] in compared
-        colour = SOFT if is_measure else colour_of("template")
-        taken = case["times_s"]
-        axis.plot(taken, [row] * len(taken), "o", color=colour, alpha=0.6, markersize=5, zorder=3)
-        if is_measure:
-            reach = [r for r, other in enumerate(cases) if other["beside"] == case["name"]]
-            ends = [min(reach) - 0.3, max(reach) + 0.3]
+        is_compared_with = case["name"] in compared
+        colour = SOFT if is_compared_with else colour_of("template")
+        seconds = case["times_s"]
+        marks = {"color": colour, "alpha": 0.6, "markersize": 5, "zorder": 3}
+        axis.plot(seconds, [row] * len(seconds), "o", **marks)
+        if is_compared_with:
+            rows = [r for r, other in enumerate(cases) if other["beside"] == case["name"]]
+            ends = [min(rows) - 0.3, max(rows) + 0.3]
             axis.plot([case["median_s"]] * 2, ends, **LINES["floor"])
         else:
-            _write_right_of(axis, f"{case['share']:.1%} of {case['beside']}", max(taken), row)
+            _write_right_of(axis, f"{case['share']:.1%} of {case['beside']}", max(seconds), row)
     axis.set_xscale("log")
     axis.margins(x=0.2)
     style(axis, "Whole commands", "seconds, start to end", "")
@@ -135,8 +137,8 @@ def _draw(found: Mapping[str, Any]) -> Any:
     return figure
 
 
-def _write_right_of(axis: Any, words: str, x: float, y: float) -> None:
-    """Words on the right of a mark, readable where a line is behind them."""
-    behind = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
-    look = {"fontsize": 8, "color": SOFT, "va": "center", "bbox": behind, "zorder": 2}
-    axis.annotate(words, (x, y), (7, 0), textcoords="offset points", **look)
+def _write_right_of(axis: Any, text: str, x: float, y: float) -> None:
+    """Write text to the right of a mark, on white so that it is readable across a line."""
+    background = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+    options = {"fontsize": 8, "color": SOFT, "va": "center", "bbox": background, "zorder": 2}
+    axis.annotate(text, (x, y), (7, 0), textcoords="offset points", **options)

@@ -1,11 +1,10 @@
-"""What a validation costs cold, and with something to find again: whole commands.
+"""Time of whole commands with an empty result cache and with cached results.
 
     python -m reports.bench.commands.run scenes/amphora.xml --runs 3 -o reports/bench/commands
 
-takes some minutes. Every case is a process as a user would start it, timed from its start to its
-end, with a result cache of its own; all cases take turns in every round, the first of which is not
-counted. So the kernels that numba and Dr.Jit keep on disk are there, and the cache is what a case
-says it is.
+The study takes several minutes. Every case is a separate process, timed from start to end, with a
+defined content of its result cache. Each round runs all cases in turn. The first round is not
+counted: it compiles the kernels that numba and Dr.Jit store on disk.
 """
 
 from __future__ import annotations
@@ -29,95 +28,97 @@ from inim.pipeline.request import definition_words, option_words
 from inim.timing import Rounds, Timing
 from reports.bench.commands.masked import bench_masked
 from reports.bench.commands.report import parts_of
-from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, samples_of, unlike
+from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, differences, samples_of
 from reports.bench.process import run_measured
 from reports.bench.study import add_scene_arguments, new_parser, plan_of, run_study
 
-#: What is validated, and what is when one algorithm is another.
+#: Validated algorithms, and those of the case with one changed algorithm.
 ALGORITHMS = "template,wang2024"
 CHANGED = "template,gu2020"
-# A round takes minutes: more would cost more than they tell.
-_MOST_ROUNDS = 3
-# A light's strength in a scene file, which may have one value or three.
-_STRENGTH = re.compile(r'(name="(?:radiance|irradiance|intensity)"\s+value=")([^"]+)(")')
-_DIMMED = 0.9
+# A round takes minutes.
+_MAX_ROUNDS = 3
+# Radiance of a light in a scene file, with one or three values.
+_RADIANCE = re.compile(r'(name="(?:radiance|irradiance|intensity)"\s+value=")([^"]+)(")')
+_DIMMING = 0.9
 _HELP, _COLD, _WHOLE = "--help", "cold", "nine viewpoints"
 
 
 @dataclass(frozen=True)
 class Case:
-    """A command and what it finds.
+    """A command with the content of its result cache.
 
     Attributes
     ----------
     name : str
-    finds : str
-        What is in its cache, in words.
+    cached : str
+        Description of the cached results.
     words : tuple of str
-        The command line after `python -m`, without its output folder.
-    store : str
-        Cases of a round with the same one share it; it is empty when the round begins. "": none.
+        The command line after `python -m`, without the output folder.
+    cache : str
+        Name of the cache folder, shared by cases of a round and empty when the round begins. An
+        empty name disables the cache.
     compared_with : str
-        The case whose time and scores its own are compared with.
+        Name of the case with which time and scores are compared.
     same : str, optional
-        What of its report has to be equal to that of `compared_with`; nothing if None.
+        Values of the report that must be equal to those of `compared_with`; None: no value.
     """
 
     name: str
-    finds: str
+    cached: str
     words: tuple[str, ...]
-    store: str = ""
+    cache: str = ""
     compared_with: str = _COLD
     same: str | None = None
 
     @property
     def is_validation(self) -> bool:
-        """Whether it writes a report."""
+        """True if the command writes a report."""
         return self.name != _HELP
 
 
 def bench_commands(
     plan: Plan, rounds: Rounds, listener: Any, folder: Path, variables: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Run every case in turn, round after round, and compare what they report.
+    """Run all cases in turn in each round, and compare their reports.
 
     Parameters
     ----------
     plan : Plan
-        Of a validation of the scene.
+        Plan of the validation of the scene.
     rounds : Rounds
-        At most three; the warm-ups and threads are for the generation of part of an EIA, and
-        commands have one warm-up.
+        At most three rounds. Warm-ups and threads apply to the generation of partial EIAs; commands
+        have one warm-up.
     listener : Observer
     folder : Path
-        Empty; for caches and reports.
+        Empty folder for caches and reports.
     variables : mapping of str to str
-        The environment of the commands, but for the store.
+        Environment variables of the commands, without the cache folder.
 
     Returns
     -------
     dict
-        Under the names of bench.json. Times are seconds; a case's `share` is its median over that
-        of the case it is `beside`; `traced` and `whole` are samples of the renderer; `unlike` are
-        the paths of values in its report that should equal those of `beside` and do not.
+        Under the names of bench.json. Times are in seconds. `beside`: name of the compared case.
+        `share`: median divided by that of the compared case. `traced`, `whole`: traced samples and
+        samples of a run that skips nothing. `unlike`: paths of values that differ from those of the
+        compared case although they should be equal.
     """
-    count = min(rounds.runs, _MOST_ROUNDS)
+    count = min(rounds.runs, _MAX_ROUNDS)
     cases, notes = _cases(plan, folder)
     runs: dict[str, list[dict[str, Any]]] = {case.name: [] for case in cases}
     for number in range(1 + count):
         for case in cases:
             listener.stage(f"round {number} of {count}: {case.name}")
-            found = _run(case, folder / "reports" / case.name, folder / f"{number}", variables)
+            run = _run(case, folder / "reports" / case.name, folder / f"{number}", variables)
             if number:
-                runs[case.name].append(found)
+                runs[case.name].append(run)
         shutil.rmtree(folder / f"{number}", ignore_errors=True)
     reports = {case.name: _report(folder, case) for case in cases if case.is_validation}
     rows = [_row(case, runs, reports) for case in cases]
     for row in rows:
         listener.line(_in_words(row))
-    listener.stage("generate what is observed")
+    listener.stage("generate observed pixels")
     rgbd = read_rgbd(folder / "reports" / _COLD / "rgbd.exr")
-    masked = bench_masked(plan, rgbd, _viewpoints(plan, _nine(plan)), rounds, listener)
+    masked = bench_masked(plan, rgbd, _viewpoints(plan, _nine_viewpoints(plan)), rounds, listener)
     return {
         "title": plan.settings.title or plan.request.scene.stem,
         "scene": {"path": str(plan.request.scene), "sha256": plan.file.sha256},
@@ -136,7 +137,7 @@ def bench_commands(
 
 
 def _cases(plan: Plan, folder: Path) -> tuple[list[Case], list[str]]:
-    """In the order of a round, and a note on what is left out."""
+    """Cases in the order of a round, and notes on omitted cases."""
 
     def validation(*more: str, scene: Path = plan.request.scene) -> tuple[str, ...]:
         words = ["inim.validate", str(scene), "--quiet"]
@@ -145,57 +146,57 @@ def _cases(plan: Plan, folder: Path) -> tuple[list[Case], list[str]]:
         return (*words, *more)
 
     usual = ("--algorithms", ALGORITHMS)
-    many = ("--algorithms", "template", "--viewpoints", _nine(plan))
-    one = "one"
+    nine = ("--algorithms", "template", "--viewpoints", _nine_viewpoints(plan))
+    cache = "one"
     cases = [
         Case(_HELP, "–", ("inim", "--help")),
-        Case(_COLD, "nothing", validation(*usual), one),
-        Case("unchanged", "all", validation(*usual), one, same=EVERYTHING),
+        Case(_COLD, "nothing", validation(*usual), cache),
+        Case("unchanged", "all", validation(*usual), cache, same=EVERYTHING),
         Case(
             "one algorithm changed",
-            "all but its EIA and views",
+            "all except its EIA and views",
             validation("--algorithms", CHANGED),
-            one,
+            cache,
             same=SCORES,
         ),
         Case(
             "one viewpoint added",
-            "all but that view",
-            validation(*usual, "--viewpoints", _added(plan)),
-            one,
+            "all except that view",
+            validation(*usual, "--viewpoints", _with_added_viewpoint(plan)),
+            cache,
             same=VIEWS,
         ),
     ]
-    dimmed = _dimmed(plan, folder / "dimmed")
+    dimmed = _write_dimmed_scene(plan, folder / "dimmed")
     if dimmed is not None:
         words = validation(*usual, scene=dimmed)
-        cases.append(Case("one light changed", "no such pictures", words, one))
+        cases.append(Case("one light changed", "unusable results", words, cache))
     cases += [
-        Case(_WHOLE, "nothing", validation(*many), "whole", compared_with=_WHOLE),
+        Case(_WHOLE, "nothing", validation(*nine), "whole", compared_with=_WHOLE),
         Case(
             "nine viewpoints, --lazy",
             "nothing",
-            validation(*many, "--lazy"),
+            validation(*nine, "--lazy"),
             "lazy",
             compared_with=_WHOLE,
             same=VIEWS,
         ),
         Case("--no-skip", "–", validation(*usual, "--no-skip"), same=EVERYTHING),
     ]
-    note = "no case with another light: the scene's own file states no strength of a light"
+    note = "no case with a changed light: the scene file contains no radiance of a light"
     return cases, [] if dimmed else [note]
 
 
-def _dimmed(plan: Plan, folder: Path) -> Path | None:
-    """A copy of the scene, a tenth of its first light's strength less; None: it states none."""
+def _write_dimmed_scene(plan: Plan, folder: Path) -> Path | None:
+    """Copy the scene with a dimmer first light; None if the file contains no radiance."""
     text = plan.request.scene.read_text("utf-8")
 
-    def less(found: re.Match[str]) -> str:
-        values = (float(word) * _DIMMED for word in found[2].replace(",", " ").split())
-        return found[1] + ", ".join(f"{value:.9g}" for value in values) + found[3]
+    def dim(match: re.Match[str]) -> str:
+        values = (float(word) * _DIMMING for word in match[2].replace(",", " ").split())
+        return match[1] + ", ".join(f"{value:.9g}" for value in values) + match[3]
 
     try:
-        changed = _STRENGTH.sub(less, text, count=1)
+        changed = _RADIANCE.sub(dim, text, count=1)
     except ValueError:  # a parameter, such as $power
         return None
     if changed == text:
@@ -210,19 +211,19 @@ def _dimmed(plan: Plan, folder: Path) -> Path | None:
     return copy
 
 
-def _nine(plan: Plan) -> str:
-    """Three by three viewpoints: the named five, and between them the corners."""
+def _nine_viewpoints(plan: Plan) -> str:
+    """Three by three viewpoints: the five named ones and the corners between them."""
     right, up = _viewpoints(plan, "right,up")
     corners = {"ne": (1, 1), "nw": (-1, 1), "se": (1, -1), "sw": (-1, -1)}
-    places = [
+    positions = [
         f"{name}={x * right.x_mm!r} {y * up.y_mm!r} {right.z_mm!r}"
         for name, (x, y) in corners.items()
     ]
-    return ",".join(["centre,left,right,up,down", *places])
+    return ",".join(["centre,left,right,up,down", *positions])
 
 
-def _added(plan: Plan) -> str:
-    """The scene's viewpoints and one more, halfway to a corner."""
+def _with_added_viewpoint(plan: Plan) -> str:
+    """The scene's viewpoints and an additional one, halfway to a corner."""
     right, up = _viewpoints(plan, "right,up")
     return f"{plan.settings.viewpoints},added={right.x_mm / 2!r} {up.y_mm / 2!r} {right.z_mm!r}"
 
@@ -232,20 +233,18 @@ def _viewpoints(plan: Plan, text: str) -> tuple[Viewpoint, ...]:
     return parse_viewpoints(text, plan.display, s.viewing_distance_mm, s.pupil_mm, s.focus_mm)
 
 
-def _run(case: Case, out: Path, stores: Path, variables: Mapping[str, str]) -> dict[str, Any]:
-    """One run: seconds and peak memory, of a command that came to its end."""
+def _run(case: Case, out: Path, caches: Path, variables: Mapping[str, str]) -> dict[str, Any]:
+    """Run a case; return its seconds and its peak memory."""
     words = [sys.executable, "-m", *case.words]
     if case.is_validation:
         shutil.rmtree(out, ignore_errors=True)
         words += ["-o", str(out)]
-    store = str(stores / case.store) if case.store else "off"
-    found = run_measured(words, {**variables, FOLDER_VARIABLE: store})
-    # A check may fail on a display as small as one likes: the run was whole all the same.
-    if found["code"] not in (EXIT_PASSED, EXIT_CHECK_FAILED):
-        raise WorkerError(
-            f"commands: {case.name!r} ended with code {found['code']}: {found['said']}"
-        )
-    return found
+    cache = str(caches / case.cache) if case.cache else "off"
+    run = run_measured(words, {**variables, FOLDER_VARIABLE: cache})
+    # A check may fail on a small display; the run is complete nevertheless.
+    if run["code"] not in (EXIT_PASSED, EXIT_CHECK_FAILED):
+        raise WorkerError(f"{case.name!r}: exit code {run['code']}: {run['message']}")
+    return run
 
 
 def _report(folder: Path, case: Case) -> dict[str, Any]:
@@ -257,15 +256,15 @@ def _report(folder: Path, case: Case) -> dict[str, Any]:
 def _row(
     case: Case, runs: Mapping[str, Sequence[Mapping[str, Any]]], reports: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """A case, under the names of bench.json."""
-    taken = [run["seconds"] for run in runs[case.name]]
-    timing = Timing(taken[0], tuple(taken))
+    """Results of a case, under the names of bench.json."""
+    seconds = [run["seconds"] for run in runs[case.name]]
+    timing = Timing(seconds[0], tuple(seconds))
     other_times = Timing(0.0, tuple(run["seconds"] for run in runs[case.compared_with]))
     row = {
         "name": case.name,
-        "finds": case.finds,
+        "finds": case.cached,
         "beside": case.compared_with,
-        "times_s": taken,
+        "times_s": seconds,
         "median_s": timing.median_s,
         "min_s": timing.min_s,
         "spread": timing.spread,
@@ -281,15 +280,16 @@ def _row(
         report, other = reports[case.name], reports[case.compared_with]
         row["traced"], row["whole"] = samples_of(report["skipped"], other["skipped"])
         if case.same is not None:
-            row["unlike"] = unlike(report, other, case.same)
+            row["unlike"] = differences(report, other, case.same)
     return row
 
 
 def _in_words(row: Mapping[str, Any]) -> str:
-    said = "" if row["unlike"] is None else "same scores" if not row["unlike"] else "OTHER SCORES"
+    verdict = {None: "", False: "same scores", True: "DIFFERENT SCORES"}
+    has_differences = None if row["unlike"] is None else bool(row["unlike"])
     return (
         f"{row['name']:27}  {row['median_s']:8.2f} s  {row['share']:7.1%} of {row['beside']!r}  "
-        f"{row['peak_bytes'] / 2**20:6.0f} MiB  {said}"
+        f"{row['peak_bytes'] / 2**20:6.0f} MiB  {verdict[has_differences]}"
     )
 
 
@@ -297,8 +297,8 @@ def _in_words(row: Mapping[str, Any]) -> str:
 
 
 def main() -> int:
-    """Carry out the study; the exit code."""
-    variables = dict(os.environ)  # before the backend adds its own: as a user's commands have them
+    """Run the study and return the exit code."""
+    variables = dict(os.environ)  # copied before the backend adds its variables
     parser = new_parser(__doc__, "bench-commands")
     parser.add_argument("scene", type=Path, help="Mitsuba scene (.xml)")
     add_scene_arguments(parser)

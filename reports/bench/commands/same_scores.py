@@ -1,4 +1,4 @@
-"""Whether two validations say the same, and what they traced for it."""
+"""Comparison of two validations' reports, and their numbers of traced samples."""
 
 from __future__ import annotations
 
@@ -6,85 +6,88 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-#: What has to be the same: the report but for what tells of the run itself; the scores of what
-#: both have; of those, the ones of views.
+#: Compared values: the report without the run's own data; scores in both reports; scores of views
+#: in both reports.
 EVERYTHING, SCORES, VIEWS = "everything", "scores", "views"
-# Of the run itself, not of its result.
-_OF_THE_RUN = frozenset({"created", "command", "skipped", "timings", "seconds"})
-_OF_SCORES = ("noise_floor", "reference", "algorithms")
+# Data of the run, not of its result.
+_RUN_KEYS = frozenset({"created", "command", "skipped", "timings", "seconds"})
+_SCORE_KEYS = ("noise_floor", "reference", "algorithms")
 _SAMPLES = re.compile(r"([\d.]+(?:e[+-]?\d+)?)( million)? samples")
 
 Path = tuple[str, ...]
 
 
-def unlike(report: Mapping[str, Any], other: Mapping[str, Any], extent: str) -> list[str]:
-    """Paths of the values in which two reports differ, where they should not.
+def differences(report: Mapping[str, Any], other: Mapping[str, Any], extent: str) -> list[str]:
+    """Paths of the compared values that differ between two reports.
 
     Parameters
     ----------
     report, other : mapping
         Contents of two report.json.
     extent : str
-        `EVERYTHING`, `SCORES` or `VIEWS`. Values that only one of them has differ in the first,
-        and are not compared in the others.
+        `EVERYTHING`, `SCORES` or `VIEWS`. A value that is in only one report is a difference for
+        `EVERYTHING` and is ignored otherwise.
     """
-    mine, others = dict(_values(report)), dict(_values(other))
-    paths = mine.keys() | others.keys()
+    values, other_values = dict(_values(report)), dict(_values(other))
+    paths = values.keys() | other_values.keys()
     if extent != EVERYTHING:
-        paths = {path for path in mine.keys() & others.keys() if path[0] in _OF_SCORES}
+        paths = {path for path in values.keys() & other_values.keys() if path[0] in _SCORE_KEYS}
     if extent == VIEWS:
         paths = {path for path in paths if "views" in path}
     if not paths:
         return ["nothing to compare"]
-    absent = object()
+    missing = object()
     return sorted(
-        "/".join(path) for path in paths if mine.get(path, absent) != others.get(path, absent)
+        "/".join(path)
+        for path in paths
+        if values.get(path, missing) != other_values.get(path, missing)
     )
 
 
 def _values(data: Any, path: Path = ()) -> Iterator[tuple[Path, Any]]:
-    """All that is no mapping, by path, without what tells of the run itself."""
+    """Paths and values of all leaves, without the run's own data."""
     if not isinstance(data, Mapping):
         yield path, data
         return
     for key, value in data.items():
-        if key not in _OF_THE_RUN:
+        if key not in _RUN_KEYS:
             yield from _values(value, (*path, key))
 
 
 def samples_of(
-    rows: Sequence[Mapping[str, str]], known: Sequence[Mapping[str, str]]
+    rows: Sequence[Mapping[str, str]], uncached: Sequence[Mapping[str, str]]
 ) -> tuple[float, float]:
-    """Samples that a run traced, and those it would have without leaving anything out.
+    """Traced samples of a run, and the samples of a run that skips nothing.
 
     Parameters
     ----------
     rows : sequence of mapping
-        `skipped` of its report.
-    known : sequence of mapping
-        That of a run which read nothing from a store: tells the samples of what this one did.
+        `skipped` of the run's report.
+    uncached : sequence of mapping
+        `skipped` of a run with an empty cache, which contains the samples of all pictures.
     """
-    sizes = {name: sum(both) for name, both in _products(known).items() if both is not None}
-    traced = whole = 0.0
-    for name, both in _products(rows).items():
-        traced += 0.0 if both is None else both[0]
-        whole += sizes.get(name, 0.0) if both is None else sum(both)
-    return traced, whole
+    sizes = {name: sum(counts) for name, counts in _pictures(uncached).items() if counts}
+    traced = total = 0.0
+    for name, counts in _pictures(rows).items():
+        traced += counts[0] if counts else 0.0
+        total += sum(counts) if counts else sizes.get(name, 0.0)
+    return traced, total
 
 
-def _products(rows: Sequence[Mapping[str, str]]) -> dict[str, tuple[float, float] | None]:
-    """Samples traced and left out of each picture; None of one that was read from the store."""
-    found: dict[str, tuple[float, float] | None] = {}
+def _pictures(rows: Sequence[Mapping[str, str]]) -> dict[str, tuple[float, float] | None]:
+    """Traced and skipped samples of each picture; None for a picture from the cache."""
+    pictures: dict[str, tuple[float, float] | None] = {}
     for row in rows:
         kind, colon, names = row["step"].partition(": ")
-        traced, left_out = _count(row["performed"]), _count(row["skipped"])
-        both = None if traced is None or left_out is None else (traced, left_out)
-        # Alike ones are one row, as `inim.pipeline.memo` tells them.
+        traced, skipped = _count(row["performed"]), _count(row["skipped"])
+        counts = None if traced is None or skipped is None else (traced, skipped)
+        # `inim.pipeline.memo` lists pictures with equal counts in one row.
         for name in names.split(", ") if colon else [""]:
-            found[f"{kind}: {name}" if colon else kind] = both
-    return found
+            pictures[f"{kind}: {name}" if colon else kind] = counts
+    return pictures
 
 
-def _count(words: str) -> float | None:
-    found = _SAMPLES.match(words)
-    return None if found is None else float(found[1]) * (1e6 if found[2] else 1)
+def _count(text: str) -> float | None:
+    """Number of samples in a text such as "1.5 million samples traced"."""
+    match = _SAMPLES.match(text)
+    return None if match is None else float(match[1]) * (1e6 if match[2] else 1)

@@ -1,8 +1,8 @@
-"""What the paper claims about time and steps, and what was measured: reproduced or not, and why.
+"""The paper's claims about time and depth steps, compared with the measurements.
 
-Each is tried in three readings of the print. Eq. 5 counts in scene pixels P_I: taken for the
-picture's own pixels, or for P_I of Eq. 3 whatever the picture has (`step_pixel=scene`). And with
-these the search may keep to the ray, against the print of Eq. 7 to 10 but in its spirit.
+Each claim is checked for three readings of the equations. The scene pixel P_I of Eq. 5 is either
+the picture's pixel or P_I of Eq. 3 for every picture (`step_pixel=scene`). In the third reading
+the search also stays on the ray, which deviates from Eq. 7 to 10 as printed.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from typing import Any
 from reports.bench.paper.plain_python import PLAIN_PYTHON
 from reports.bench.paper.scaling import PowerLaw, power_law
 
-#: The paper's algorithm in all readings, the default first.
+#: The paper's algorithm in all readings; the first is the default.
 READINGS = (
     "wang2024",
     "wang2024:step_pixel=scene",
     "wang2024:matching=ray:step_pixel=scene",
 )
-# "More than twice as fast".
-_TWICE = 2.0
-# What the exact generator, compiled, has to be against plain Python.
-_THOUSAND = 1000.0
+# The paper's claim "more than twice as fast".
+_PAPER_SPEEDUP = 2.0
+# This project's claim on `template`, compiled, against the paper's algorithm in plain Python.
+_TEMPLATE_SPEEDUP = 1000.0
 _RIVALS = ("gu2020", "li2012")
 
 
@@ -31,7 +31,7 @@ def claims(
     same: Mapping[str, Any],
     steps: Sequence[Mapping[str, Any]] = (),
 ) -> list[dict[str, Any]]:
-    """Each claim with what was found.
+    """Check each claim against the measurements.
 
     Parameters
     ----------
@@ -41,191 +41,200 @@ def claims(
     Returns
     -------
     list of dict
-        ``claim``, ``source``, ``found`` (a sentence), ``holds`` and ``why`` (empty where it holds).
+        ``claim``, ``source``, ``found`` (the measurement in words), ``holds`` and ``why`` (the
+        reason if the claim does not hold).
     """
     points = {c["name"]: c for c in same["algorithms"]}
-    found: list[dict[str, Any] | None] = []
+    checked: list[dict[str, Any] | None] = []
     for reading in READINGS:
-        found += [_twice(points, reading, rival) for rival in _RIVALS]
-        found.append(_speed(experiments, reading))
-        found += [_slow_growth(experiments, reading, *growth) for growth in _GROWTHS]
-        found.append(_order(points, reading))
-    found += [*_step_bounds(steps), _thousand(points)]
-    return [claim for claim in found if claim]
+        checked += [_speedup(points, reading, rival) for rival in _RIVALS]
+        checked.append(_fastest(experiments, reading))
+        checked += [_slow_growth(experiments, reading, *growth) for growth in _GROWTHS]
+        checked.append(_order(points, reading))
+    checked += [*_step_bounds(steps), _template_speedup(points)]
+    return [claim for claim in checked if claim]
 
 
-def _claim(claim: str, source: str, found: str, *, holds: bool, why: str = "") -> dict[str, Any]:
+def _claim(
+    claim: str, source: str, measurement: str, *, holds: bool, why: str = ""
+) -> dict[str, Any]:
     return {
-        "claim": claim, "source": source, "found": found, "holds": holds,
+        "claim": claim, "source": source, "found": measurement, "holds": holds,
         "why": "" if holds else why,
     }  # fmt: skip
 
 
-def _twice(points: Mapping[str, Any], mine: str, rival: str) -> dict[str, Any] | None:
-    """Time of a rival over that of `wang2024`, both in plain Python."""
-    ratio = _ratio(points, rival + PLAIN_PYTHON, mine + PLAIN_PYTHON)
+def _speedup(points: Mapping[str, Any], reading: str, rival: str) -> dict[str, Any] | None:
+    """Time of a rival relative to that of `wang2024`, both in plain Python."""
+    ratio = _ratio(points, rival + PLAIN_PYTHON, reading + PLAIN_PYTHON)
     if ratio is None:
         return None
-    compiled = _ratio(points, rival, mine)
+    compiled = _ratio(points, rival, reading)
     also = "" if compiled is None else f"; {compiled:.3g} times compiled, on all threads"
     return _claim(
-        f"{mine} is more than twice as fast as {rival}",
+        f"{reading} is more than twice as fast as {rival}",
         "paper, abstract",
-        f"{rival} takes {ratio:.3g} times as long as {mine} in plain Python{also}",
-        holds=ratio > _TWICE,
-        why=(_ALONG if "matching=ray" in mine else _MATRIX) + _ONE_CODE,
+        f"{rival} takes {ratio:.3g} times as long as {reading} in plain Python{also}",
+        holds=ratio > _PAPER_SPEEDUP,
+        why=(_RAY_SEARCH if "matching=ray" in reading else _MATRIX_SEARCH) + _EQUAL_CODE,
     )
 
 
-_MATRIX = (
-    "As printed (Eq. 7 to 10) wang2024 searches all z_len x z_len entries of the matrix for each "
-    "pixel, although the ray crosses only its diagonal: its work grows with the square of the "
-    "samples along a ray, that of gu2020 with their number, that of li2012 with the picture's "
-    "covered pixels."
+_MATRIX_SEARCH = (
+    "As printed (Eq. 7 to 10), wang2024 searches all z_len x z_len entries of the matrix for each "
+    "pixel, although the ray crosses only its diagonal. Its work grows with the square of the "
+    "number of samples along a ray. The work of gu2020 grows with this number, and that of li2012 "
+    "with the picture's covered pixels."
 )
-_ALONG = (
-    "Every sample of a template is compared, while a reverse search ends at the first hit; a "
-    "template is short near the lens's centre, a reverse search is not."
+_RAY_SEARCH = (
+    "wang2024 compares every sample of a template, while a reverse search ends at the first hit. "
+    "A template is short near the lens's centre; a reverse search is not."
 )
-_ONE_CODE = " The count of operations, not the language, decides; both forms run the same lines."
+_EQUAL_CODE = (
+    " The reason is the number of operations, not the language: both forms run the same code."
+)
 
 
-def _speed(experiments: Sequence[Mapping[str, Any]], mine: str) -> dict[str, Any] | None:
-    """Whether it is the fastest for every size of one elemental image, in plain Python."""
-    own = _series(experiments, "elemental_pixels", mine + PLAIN_PYTHON)
+def _fastest(experiments: Sequence[Mapping[str, Any]], reading: str) -> dict[str, Any] | None:
+    """Times of the rivals for every size of one elemental image, in plain Python."""
+    series = _series(experiments, "elemental_pixels", reading + PLAIN_PYTHON)
     ratios: dict[str, list[float]] = {}
     for rival in _RIVALS:
-        theirs = _series(experiments, "elemental_pixels", rival + PLAIN_PYTHON)
-        if own and len(theirs) == len(own):
-            ratios[rival] = [b["min_ms"] / a["min_ms"] for a, b in zip(own, theirs, strict=True)]
+        rival_series = _series(experiments, "elemental_pixels", rival + PLAIN_PYTHON)
+        if series and len(rival_series) == len(series):
+            pairs = zip(series, rival_series, strict=True)
+            ratios[rival] = [b["min_ms"] / a["min_ms"] for a, b in pairs]
     if not ratios:
         return None
-    shown = ", ".join(
+    ranges = ", ".join(
         f"{rival} takes {min(r):.3g} to {max(r):.3g} times as long" for rival, r in ratios.items()
     )
-    sizes = f"{own[0]['elemental_pixels']:,} to {own[-1]['elemental_pixels']:,}"
+    sizes = f"{series[0]['elemental_pixels']:,} to {series[-1]['elemental_pixels']:,}"
     return _claim(
-        f"{mine} is the fastest, whatever the number of pixels of an elemental image",
+        f"{reading} is the fastest for any number of pixels of an elemental image",
         "paper, Fig. 13",
-        f"from {sizes} pixels of one elemental image, {shown}, in plain Python",
+        f"from {sizes} pixels of one elemental image, {ranges}, in plain Python",
         holds=min(min(r) for r in ratios.values()) > 1,
         why=_WHY_NOT_FASTEST,
     )
 
 
 _WHY_NOT_FASTEST = (
-    "Each pixel of the elemental image has a template of its own, so that the work grows with "
-    "their number, as that of a reverse search. Forward mapping sends the picture's pixels "
-    "through the lens once, however many pixels the panel has under it."
+    "Each pixel of the elemental image has a separate template. The work grows with their number, "
+    "as for a reverse search. Forward mapping projects the picture's pixels through the lens "
+    "once, for any number of panel pixels under the lens."
 )
 
 
-# What time grows with; the claim's words and figure; why it is not so, in general.
+# Size, claim, figure, and the general reason if the claim does not hold.
 _GROWTHS = (
     (
         "scene_pixels",
         "grows slowly with the scene's pixels, more slowly than that of its rivals",
         "Fig. 12",
-        "A finer picture means more samples along each ray (Eq. 5 and 6: one per picture pixel of "
-        "sideways travel), and the matrix holds their square, which is proportional to the "
-        "picture's pixels. Reverse search in steps of P_I does not depend on the picture at all, "
-        "unless rays end earlier.",
+        "A finer picture gives more samples along each ray (Eq. 5 and 6: one per picture pixel of "
+        "sideways travel). The matrix has the square of this number, which is proportional to the "
+        "number of picture pixels. A reverse search in steps of P_I does not depend on the "
+        "picture, unless rays end earlier.",
     ),
     (
         "lenses",
         "grows more slowly with the number of elemental images than that of its rivals",
         "Fig. 14",
-        "Elemental images share their templates, but each of their pixels is searched: all three "
-        "take as many times longer as there are elemental images. What is done once for all of "
-        "them weighs more where they are few, and lowers a power.",
+        "Elemental images share their templates, but each of their pixels is searched. The times "
+        "of all three algorithms are proportional to the number of elemental images, plus work "
+        "that is done once. This constant lowers the fitted power of small arrays.",
     ),
 )
 
 
-_ALIKE = "In steps of P_I templates depend on the picture as little as reverse search does."
+_SCENE_STEPS = (
+    "With steps of P_I, templates depend on the picture as little as a reverse search does."
+)
 
 
 def _slow_growth(
     experiments: Sequence[Mapping[str, Any]],
-    mine: str,
+    reading: str,
     size: str,
-    words: str,
+    growth: str,
     figure: str,
     why: str,
 ) -> dict[str, Any] | None:
-    """By which powers time grows with a size, in plain Python."""
+    """Powers with which time grows with a size, in plain Python."""
     laws: dict[str, PowerLaw] = {}
-    for name in (mine, *_RIVALS):
+    for name in (reading, *_RIVALS):
         law = power_law(_series(experiments, size, name + PLAIN_PYTHON), size)
         if law is not None:
             laws[name] = law
-    if mine not in laws or len(laws) < 2:
+    if reading not in laws or len(laws) < 2:
         return None
-    below = {name: laws[mine].is_below(law) for name, law in laws.items() if name != mine}
-    shown = ", ".join(f"{name} {law.power:.2f} ± {law.error:.2f}" for name, law in laws.items())
-    beaten = [name for name, one in below.items() if one]
-    if size == "scene_pixels" and "step_pixel=scene" in mine:
-        why = _ALIKE
-    but = f" It does grow more slowly than that of {', '.join(beaten)}." if beaten else ""
+    is_below = {name: laws[reading].is_below(law) for name, law in laws.items() if name != reading}
+    powers = ", ".join(f"{name} {law.power:.2f} ± {law.error:.2f}" for name, law in laws.items())
+    slower = [name for name, below in is_below.items() if below]
+    if size == "scene_pixels" and "step_pixel=scene" in reading:
+        why = _SCENE_STEPS
+    but = f" The time does grow more slowly than that of {', '.join(slower)}." if slower else ""
     return _claim(
-        f"the time of {mine} {words}",
+        f"the time of {reading} {growth}",
         f"paper, {figure}",
-        f"time grows with the {size.replace('_', ' ')} to the power of {shown} (1: linear, 0: "
-        "flat)",
-        holds=all(below.values()),
+        f"time grows with the {size.replace('_', ' ')} to the power of {powers} (1: linear, 0: "
+        "constant)",
+        holds=all(is_below.values()),
         why=why + but,
     )
 
 
-def _order(points: Mapping[str, Any], mine: str) -> dict[str, Any] | None:
-    """The order of the middle view's SSIM."""
-    named = [n for n in (mine, "gu2020", "li2012") if n in points]
-    if len(named) < 2 or (mine not in points and mine != READINGS[0]):
+def _order(points: Mapping[str, Any], reading: str) -> dict[str, Any] | None:
+    """Order of the algorithms by the middle view's SSIM."""
+    names = [n for n in (reading, "gu2020", "li2012") if n in points]
+    if len(names) < 2 or (reading not in points and reading != READINGS[0]):
         return None
-    values = [points[name]["middle_view_ssim"] for name in named]
-    shown = ", ".join(f"{n} {v:.3f}" for n, v in zip(named, values, strict=True))
+    values = [points[name]["middle_view_ssim"] for name in names]
+    scores = ", ".join(f"{n} {v:.3f}" for n, v in zip(names, values, strict=True))
     return _claim(
-        f"the middle view's SSIM is best for {mine} (0.78), then gu2020 (0.74), then li2012 (0.67)",
+        f"the middle view's SSIM is best for {reading} (0.78), then gu2020 (0.74), then li2012 "
+        "(0.67)",
         "paper, middle view of its own scenes: only the order can be compared",
-        f"here, on the two spheres: {shown}",
+        f"on the two spheres: {scores}",
         holds=values == sorted(values, reverse=True),
         why=_WHY_NOT_ORDER,
     )
 
 
 _WHY_NOT_ORDER = (
-    "The best match anywhere in the matrix may lie off the ray and behind a nearer surface, which "
-    "the first hit of a reverse search does not. Scene, view and reference differ from the "
-    "paper's, so this contradicts its order, not its figures."
+    "The best match in the matrix may be off the ray and behind a nearer surface. The first hit of "
+    "a reverse search is not. Scene, view and reference differ from the paper's. The measurement "
+    "contradicts the paper's order, not its numbers."
 )
 
 
 def _step_bounds(steps: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """2 g P_I / P <= Step_z <= g P_I: the lower one, then the upper one."""
+    """Lower and upper bound of 2 g P_I / P <= Step_z <= g P_I."""
     if not steps:
         return []
     least = "; ".join(
         f"{s['display']}: {s['least_mm']:.4g} mm, bound {s['lower_mm']:.4g} mm" for s in steps
     )
     most = "; ".join(
-        f"{s['display']}: {s['most_mm']:,.0f} mm, bound {s['upper_mm']:.4g} mm, beyond it "
-        f"{s['beyond']} of {s['columns']} columns of pixels, of which {s['endless']} without a step"
+        f"{s['display']}: {s['most_mm']:,.0f} mm, bound {s['upper_mm']:.4g} mm, exceeded in "
+        f"{s['beyond']} of {s['columns']} columns of pixels, {s['endless']} of them without a step"
         for s in steps
     )
-    one = steps[0]
     return [
         _claim(
             "Step_z is at least 2 g P_I / P",
             "paper, text on Eq. 5",
             f"smallest step, {least}",
             holds=all(s["least_mm"] >= s["lower_mm"] for s in steps),
-            why="An elemental image reaches beyond half a pitch from its lens's centre.",
+            why="An elemental image extends beyond half a pitch from its lens's centre.",
         ),
         _claim(
             "Step_z is at most g P_I",
             "paper, text on Eq. 5",
             f"largest step, with the distance from the lens's centre counted in panel pixels, "
-            f"{most}. In millimetres the bound is {one['upper_in_mm']:.4g} mm, below the lower one",
+            f"{most}. In millimetres the upper bound is {steps[0]['upper_in_mm']:.4g} mm, below "
+            "the lower bound",
             holds=not any(s["beyond"] for s in steps),
             why=_WHY_NOT_BELOW,
         ),
@@ -233,33 +242,32 @@ def _step_bounds(steps: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 _WHY_NOT_BELOW = (
-    "g P_I is a length only where |x0 - x| is counted in panel pixels and is 1 at least; with P_I "
-    "of Eq. 3 it is |D|. Pixel centres lie whole pixels from their lens's centre where a lens has "
-    "an odd number of pixels, and the one under the centre has no step at all (Eq. 5 divides by "
-    "zero). Where the number is even, or not whole, the innermost are nearer than a pixel."
+    "g P_I is a length only if |x0 - x| is in panel pixels and at least 1; with P_I of Eq. 3 it is "
+    "|D|. If a lens has an odd number of pixels, their centres are whole pixels away from the "
+    "lens's centre, and the pixel under the centre has no step (Eq. 5 divides by zero). If the "
+    "number is even or not whole, the innermost pixels are nearer than one pixel."
 )
 
 
-def _thousand(points: Mapping[str, Any]) -> dict[str, Any] | None:
-    """Compiled exact templates against the paper's algorithm as the paper ran it."""
+def _template_speedup(points: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Speed and error of compiled `template` against the paper's algorithm in plain Python."""
     slow, fast = points.get(f"wang2024{PLAIN_PYTHON}"), points.get("template")
     if not (slow and fast):
         return None
     ratio = slow["median_ms"] / fast["median_ms"]
-    lower = fast["eia_psnr_db"] > slow["eia_psnr_db"] and (
+    is_better = fast["eia_psnr_db"] > slow["eia_psnr_db"] and (
         fast["wrong_source"] < slow["wrong_source"]
     )
-    holds = ratio >= _THOUSAND and lower
-    return {
-        "claim": "template is at least 1000 times as fast as wang2024 in plain Python, at lower "
-        "error on the same input",
-        "source": "this project",
-        "found": f"{ratio:,.0f} times as fast; pixels of a wrong source "
+    return _claim(
+        "template is at least 1000 times as fast as wang2024 in plain Python, with a lower error "
+        "on the same input",
+        "this project",
+        f"{ratio:,.0f} times as fast; pixels with a wrong source "
         f"{100 * fast['wrong_source']:.2f} % against {100 * slow['wrong_source']:.2f} %, EIA PSNR "
         f"{fast['eia_psnr_db']:.2f} dB against {slow['eia_psnr_db']:.2f} dB",
-        "holds": holds,
-        "why": "" if holds else "See the row of the table above.",
-    }
+        holds=ratio >= _TEMPLATE_SPEEDUP and is_better,
+        why="The table of the common input lists both algorithms.",
+    )
 
 
 def _ratio(points: Mapping[str, Any], above: str, below: str) -> float | None:
@@ -269,7 +277,7 @@ def _ratio(points: Mapping[str, Any], above: str, below: str) -> float | None:
 
 
 def _series(experiments: Sequence[Mapping[str, Any]], size: str, name: str) -> list[dict[str, Any]]:
-    """The points of one method over one size."""
+    """Points of one method over one size."""
     return [
         {size: point[size], "min_ms": method["min_ms"]}
         for experiment in experiments

@@ -1,9 +1,9 @@
-"""The paper's three timing experiments, as it ran them and compiled, on two synthetic spheres.
+"""The paper's three timing experiments, in plain Python and compiled, on two synthetic spheres.
 
-Wang et al., Heritage Science 2024, doi 10.1186/s40494-024-01462-4: time against the scene's pixels
-(its Fig. 12), against the pixels of one elemental image (Fig. 13) and against the number of
-elemental images (Fig. 14). The paper timed plain Python on one thread; the generators run that way
-in a child process (`plain_python`). Its own algorithm runs in all readings of its print (`claims`).
+Wang et al., Heritage Science 2024, doi 10.1186/s40494-024-01462-4, measure time against the number
+of scene pixels (Fig. 12), of pixels of one elemental image (Fig. 13) and of elemental images
+(Fig. 14). The paper used plain Python on one thread. A child process reproduces this
+(`plain_python`). The paper's algorithm runs in all readings of its equations (`claims`).
 """
 
 from __future__ import annotations
@@ -41,34 +41,34 @@ PAPER = (
     "wang2024:matching=ray:step_pixel=scene",
 )
 NAMES = (*PAPER, "template")
-#: On the one input for all, besides: what the rounding, the matrix and one sample to a pixel do.
-ALSO = (
+#: Further algorithms on the common input: other rounding, other matching and four samples.
+VARIANTS = (
     "wang2024:rounding=up",
     "wang2024:matching=ray",
     "template:samples=4",
 )
-#: SSIM of the middle view that the paper prints, of its own scenes.
+#: SSIM of the middle view in the paper, for its own scenes.
 PUBLISHED_SSIM = {"wang2024": 0.78, "gu2020": 0.74, "li2012": 0.67}
 
 
 @dataclass(frozen=True)
 class Sizes:
-    """How large the experiments are.
+    """Sizes of the experiments.
 
     Attributes
     ----------
     scene_lenses : int
-        Lenses along a side where the scene's pixels vary.
+        Lenses along a side in the experiment on scene pixels.
     scene_pixels : sequence of int
         Picture pixels per lens pitch.
     elemental_pixels : sequence of int
-        Pixels along a side of the one elemental image.
+        Pixels along a side of the single elemental image.
     lens_counts : sequence of int
-        Lenses along a side.
+        Lenses along a side in the experiment on elemental images.
     same_lenses : int
-        Lenses along a side of the input that all are compared on.
+        Lenses along a side of the common input.
     pixels_per_pitch : int
-        Of the picture wherever its pixels do not vary.
+        Picture pixels per lens pitch where they do not vary.
     """
 
     scene_lenses: int = 10
@@ -79,12 +79,12 @@ class Sizes:
     pixels_per_pitch: int = 5
 
 
-#: Sizes at which plain Python takes a few minutes in all.
+#: Sizes for which plain Python takes a few minutes in total.
 FULL = Sizes()
 
 
 def bench_paper(rounds: Rounds, listener: Any, sizes: Sizes = FULL) -> dict[str, Any]:
-    """All three experiments, one input on which all are compared, and what becomes of the claims.
+    """Run the three experiments and the comparison on a common input, and check the claims.
 
     Returns
     -------
@@ -94,14 +94,14 @@ def bench_paper(rounds: Rounds, listener: Any, sizes: Sizes = FULL) -> dict[str,
     """
     names, notes = available(NAMES)
     experiments = [
-        _experiment(*what, names, rounds, listener)
-        for what in (
+        _experiment(*experiment, names, rounds, listener)
+        for experiment in (
             ("Fig. 12", "scene pixels", "scene_pixels", _scene_inputs(sizes)),
             ("Fig. 13", "pixels of one elemental image", "elemental_pixels", _one_lens(sizes)),
             ("Fig. 14", "elemental images", "lenses", _lens_inputs(sizes)),
         )
     ]
-    same = _same_input(sizes, [*names, *available(ALSO)[0]], rounds, listener)
+    same = _same_input(sizes, [*names, *available(VARIANTS)[0]], rounds, listener)
     steps = depth_steps()
     return {
         "experiments": experiments,
@@ -112,30 +112,31 @@ def bench_paper(rounds: Rounds, listener: Any, sizes: Sizes = FULL) -> dict[str,
     }
 
 
-#: What is kept, in words, and each display with its picture's pixels per pitch.
+#: Description of the constant sizes, and each display with its picture pixels per pitch.
 _Inputs = tuple[str, list[tuple[Display, int]]]
 
 
 def _scene_inputs(sizes: Sizes) -> _Inputs:
     n = sizes.scene_lenses
-    kept = f"{n} × {n} lenses of 17 × 17 pixels"
-    return kept, [(square_display(n), count) for count in sizes.scene_pixels]
+    constants = f"{n} × {n} lenses of 17 × 17 pixels"
+    return constants, [(square_display(n), count) for count in sizes.scene_pixels]
 
 
 def _one_lens(sizes: Sizes) -> _Inputs:
-    """One elemental image of more and more pixels: pitch, gap and depth range stay."""
+    """Inputs with one elemental image of different sizes; pitch, gap and depth range are equal."""
     low, high = square_display(1).depth_range_mm
-    stays = {"depth_min_mm": low, "depth_max_mm": high}
-    kept = f"one lens, {sizes.pixels_per_pitch} picture pixels per pitch"
-    return kept, [
-        (square_display(1, pixels, **stays), sizes.pixels_per_pitch)
+    depth_range = {"depth_min_mm": low, "depth_max_mm": high}
+    constants = f"one lens, {sizes.pixels_per_pitch} picture pixels per pitch"
+    return constants, [
+        (square_display(1, pixels, **depth_range), sizes.pixels_per_pitch)
         for pixels in sizes.elemental_pixels
     ]
 
 
 def _lens_inputs(sizes: Sizes) -> _Inputs:
-    kept = f"lenses of 17 × 17 pixels, {sizes.pixels_per_pitch} picture pixels per pitch"
-    return kept, [(square_display(count), sizes.pixels_per_pitch) for count in sizes.lens_counts]
+    constants = f"lenses of 17 × 17 pixels, {sizes.pixels_per_pitch} picture pixels per pitch"
+    per_pitch = sizes.pixels_per_pitch
+    return constants, [(square_display(count), per_pitch) for count in sizes.lens_counts]
 
 
 def _experiment(
@@ -148,10 +149,10 @@ def _experiment(
     listener: Any,
 ) -> dict[str, Any]:
     points = []
-    kept, displays = inputs
+    constants, displays = inputs
     for display, pixels_per_pitch in displays:
         rgbd = picture_of(display, pixels_per_pitch)
-        methods = [prepare_method(one, rgbd, display) for one in names]
+        methods = [prepare_method(method_name, rgbd, display) for method_name in names]
         rows = display.eia_shape[0]
         sizes = {
             "scene_pixels": rgbd.shape[0] * rgbd.shape[1],
@@ -159,51 +160,51 @@ def _experiment(
             "lenses": display.lens_rows * display.lens_columns,
         }
         listener.stage(f"{figure}: {sizes[size]} {name}")
-        methods, times = _timed(methods, rgbd, display, pixels_per_pitch, rounds)
-        found = [method_data(m, times, display) for m in methods]
+        methods, times = _time_all(methods, rgbd, display, pixels_per_pitch, rounds)
+        results = [method_data(m, times, display) for m in methods]
         points.append(
-            {**sizes, "yardstick": times[REFERENCE_KERNEL].as_data(), "algorithms": found}
+            {**sizes, "yardstick": times[REFERENCE_KERNEL].as_data(), "algorithms": results}
         )
-        listener.line(f"{figure}  {sizes[size]:6} {name}: {_in_words(found)}")
-    return {"name": name, "figure": figure, "kept": kept, "size": size, "points": points}
+        listener.line(f"{figure}  {sizes[size]:6} {name}: {_in_words(results)}")
+    return {"name": name, "figure": figure, "kept": constants, "size": size, "points": points}
 
 
-def _in_words(found: Sequence[dict[str, Any]]) -> str:
-    """The times of plain Python and of the exact generator, the ends of the range."""
-    ends = [c for c in found if PLAIN_PYTHON in c["name"] or c["name"] == "template"]
+def _in_words(results: Sequence[dict[str, Any]]) -> str:
+    """Times of plain Python and of `template`, the slowest and the fastest."""
+    extremes = [c for c in results if PLAIN_PYTHON in c["name"] or c["name"] == "template"]
     return ", ".join(
-        f"{c['name'].removesuffix(PLAIN_PYTHON)} {c['median_ms']:.4g} ms" for c in ends
+        f"{c['name'].removesuffix(PLAIN_PYTHON)} {c['median_ms']:.4g} ms" for c in extremes
     )
 
 
-def _timed(
+def _time_all(
     methods: list[TimedMethod], rgbd: RGBD, display: Display, pixels_per_pitch: int, rounds: Rounds
 ) -> tuple[list[TimedMethod], dict[str, Timing]]:
-    """Time methods compiled, and those of the paper in plain Python, too: these first."""
+    """Time all methods compiled and the paper's in plain Python, which come first in the list."""
     times = time_methods(methods, rgbd, display, rounds)
-    of_paper = [method for method in methods if method.name in PAPER]
-    plain, plain_times = time_plain_python(of_paper, display, pixels_per_pitch, rounds)
+    paper_methods = [method for method in methods if method.name in PAPER]
+    plain, plain_times = time_plain_python(paper_methods, display, pixels_per_pitch, rounds)
     return [*plain, *methods], {**times, **plain_times}
 
 
 def _same_input(
     sizes: Sizes, names: Sequence[str], rounds: Rounds, listener: Any
 ) -> dict[str, Any]:
-    """Everyone on one input: time, error, and the middle view against the scene itself."""
+    """Time and errors of all methods on a common input, and SSIM of the middle view."""
     display = square_display(sizes.same_lenses)
     listener.stage(f"{sizes.same_lenses} x {sizes.same_lenses} lenses, time and error")
     rgbd = picture_of(display, sizes.pixels_per_pitch)
     methods = [prepare_method(name, rgbd, display) for name in names]
-    methods, times = _timed(methods, rgbd, display, sizes.pixels_per_pitch, rounds)
+    methods, times = _time_all(methods, rgbd, display, sizes.pixels_per_pitch, rounds)
     eye = parse_viewpoints("centre", display)
     reference = make_reference(rgbd, two_spheres_eia(display), display, views_of(display, eye))
     pixels_per_lens = len(reference.reference_views[0]) // display.lens_rows
     truth = two_spheres_view(display, eye[0], pixels_per_lens)
-    found = []
+    results = []
     for method in methods:
         view = reference.views_of(linear_picture(method.out))[0]
         errors = evaluate(method, reference)
-        found.append(
+        results.append(
             method_data(method, times, display)
             | errors.pop("scores")
             | errors
@@ -218,5 +219,5 @@ def _same_input(
         "scene_pixels": rgbd.shape[0] * rgbd.shape[1],
         "yardstick": times[REFERENCE_KERNEL].as_data(),
         "reference_ssim": metrics.ssim(truth, reference.reference_views[0]),
-        "algorithms": found,
+        "algorithms": results,
     }

@@ -1,6 +1,6 @@
-"""A process that does nothing but generate once, and says how much memory that took.
+"""Peak memory of a process that generates one EIA.
 
-``python -m reports.bench.paper.memory LENSES`` prints one JSON object; see `scaling`.
+``python -m reports.bench.paper.memory LENSES`` prints one JSON object for `scaling`.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from reports.bench.process import peak_bytes
 
 
 def measure(lenses: int, pixels_per_pitch: int = 2) -> dict[str, Any]:
-    """Generate once on a display of `lenses` by `lenses`; peaks before and after, bytes.
+    """Peak memory before and after the generation for a display of `lenses` by `lenses` [bytes].
 
-    The first peak is that of the imports. All that follows counts: compiling or loading the
-    kernels, the picture, the tables prepared for the display, and the EIA itself.
+    The first peak is that of the imports. Everything after it counts: the compilation or loading of
+    the kernels, the picture, the prepared tables and the EIA.
     """
     import numpy as np
 

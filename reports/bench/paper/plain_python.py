@@ -1,7 +1,7 @@
-"""Times of the paper's algorithms as plain Python on one thread, as the paper timed its own.
+"""Times of the paper's algorithms in plain Python on one thread, as in the paper.
 
-A child process with ``NUMBA_DISABLE_JIT=1`` runs the same lines uncompiled. It reads one JSON
-object from standard input and prints the times as another.
+A child process with ``NUMBA_DISABLE_JIT=1`` runs the same code uncompiled. It reads one JSON object
+from standard input and prints the times as another.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from inim.errors import WorkerError
 from inim.timing import Rounds, TimedMethod, Timing, prepare_method, time_calls
 from reports.bench.study import picture_of
 
-#: Follows the name of an algorithm that ran as plain Python.
+#: Suffix of the name of an algorithm that ran in plain Python.
 PLAIN_PYTHON = " in plain Python"
 _ROOT = Path(__file__).parents[3]
 
@@ -28,12 +28,12 @@ _ROOT = Path(__file__).parents[3]
 def time_plain_python(
     methods: Sequence[TimedMethod], display: Display, pixels_per_pitch: int, rounds: Rounds
 ) -> tuple[list[TimedMethod], dict[str, Timing]]:
-    """Time methods as plain Python, on the picture of `picture_of`.
+    """Time methods in plain Python, on the picture of `picture_of`.
 
     Returns
     -------
     methods : list of TimedMethod
-        The same EIAs under the names of their plain forms.
+        The same EIAs, with the suffix `PLAIN_PYTHON` in their names.
     times : {name: Timing}
 
     Raises
@@ -42,9 +42,9 @@ def time_plain_python(
         The child process ended without times.
     """
     names = [method.name for method in methods]
-    given = {k: v for k, v in display.parameters().items() if v is not None}
+    parameters = {k: v for k, v in display.parameters().items() if v is not None}
     request = {
-        "display": given, "pixels_per_pitch": pixels_per_pitch, "names": names,
+        "display": parameters, "pixels_per_pitch": pixels_per_pitch, "names": names,
         "runs": rounds.runs, "warmups": rounds.warmups,
     }  # fmt: skip
     ended = subprocess.run(
@@ -56,7 +56,9 @@ def time_plain_python(
         check=False,
     )
     if ended.returncode:
-        raise WorkerError(f"plain Python of {', '.join(names)} ended with {ended.returncode}")
+        raise WorkerError(
+            f"plain Python of {', '.join(names)} ended with exit code {ended.returncode}"
+        )
     times = {
         name + PLAIN_PYTHON: Timing(timing["cold_s"], tuple(timing["times_s"]), timing["slow"])
         for name, timing in json.loads(ended.stdout).items()
@@ -65,7 +67,7 @@ def time_plain_python(
 
 
 def _measure(request: Mapping[str, Any]) -> dict[str, Any]:
-    """Times by algorithm, in the child process."""
+    """Time the requested algorithms, in the child process."""
     display = Display(**request["display"])
     rgbd = picture_of(display, request["pixels_per_pitch"])
     methods = [prepare_method(name, rgbd, display) for name in request["names"]]

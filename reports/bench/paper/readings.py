@@ -1,4 +1,4 @@
-"""What the ways to read Eq. 5 and 6 change on the bundled scenes: sources, holes, EIA PSNR."""
+"""Effect of different readings of Eq. 5 and 6 on sources, holes and EIA PSNR of bundled scenes."""
 
 from __future__ import annotations
 
@@ -16,29 +16,30 @@ from inim.metrics import psnr_db
 _SCENES = Path(__file__).parents[3] / "scenes"
 SCENES = ("two_spheres", "amphora", "wine_coin", "tripod", "jade", "ibex", "altar")
 _MATCHINGS = ("matrix", "ray")
-#: Options of `wang2024`, the default first: what the others change is counted against it.
+#: Options of `wang2024`. The first is the default, to which the others are compared.
 _OPTIONS = ("", ":rounding=up", ":step_pixel=scene")
 _PIXELS_PER_PITCH = 5
 _SAMPLES = 16
-_SHARE = 0.85  # of the array that the relic fills
+# Share of the array that the relic fills.
+_SHARE = 0.85
 
 
 def bench_readings(listener: Any, scenes: Sequence[str] = SCENES) -> list[dict[str, Any]]:
-    """Each reading on each scene, on the nominal display.
+    """Generate EIAs with each reading on each scene, for the nominal display.
 
     Returns
     -------
     list of dict
-        ``scene``, ``name``, ``changed`` (share of the lensed panel pixels with another source than
-        by the default of the same matching), ``hole_fraction``, ``eia_psnr_db`` against the path
-        traced EIA.
+        ``scene``, ``name``, ``changed`` (share of the lensed panel pixels whose source differs from
+        the default reading with the same matching), ``hole_fraction``, ``eia_psnr_db`` against the
+        ground-truth EIA.
     """
     from inim.render.ground_truth import capture, pickup
     from inim.render.scene import open_scene
     from inim.scene.file import read_scene_file
 
     display = DISPLAYS["nominal"]
-    found = []
+    results = []
     for scene in scenes:
         listener.stage(f"{scene}: readings of Eq. 5 and 6")
         fitted = open_scene(read_scene_file(_SCENES / f"{scene}.xml"), display, _SHARE)
@@ -48,18 +49,18 @@ def bench_readings(listener: Any, scenes: Sequence[str] = SCENES) -> list[dict[s
             names = [f"wang2024:matching={matching}{option}" for option in _OPTIONS]
             by_name = {name: find_sources(rgbd, display, name) for name in names}
             for name, sources in by_name.items():
-                other = sources != by_name[names[0]]
-                found.append(
+                differs = sources != by_name[names[0]]
+                results.append(
                     {
                         "scene": scene,
                         "name": name,
-                        "changed": float(np.mean(other[display.lensed])),
+                        "changed": float(np.mean(differs[display.lensed])),
                         "hole_fraction": hole_fraction(sources),
                         "eia_psnr_db": psnr_db(truth, colour_of(sources, rgbd)),
                     }
                 )
-                last = found[-1]
+                last = results[-1]
                 listener.line(
                     f"{scene:12} {name:44} {last['changed']:7.3%}  {last['eia_psnr_db']:.2f} dB"
                 )
-    return found
+    return results

@@ -1,4 +1,4 @@
-"""What bench.json says of the paper's experiments and of growth, as parts of a page."""
+"""Page of the paper's experiments and of the growth of time, from bench.json."""
 
 from __future__ import annotations
 
@@ -17,13 +17,9 @@ _GIB = 2**30
 
 
 def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
-    """Whichever of the two there is data for."""
-    found = []
-    if data.get("scaling"):
-        found.append(_scaling(part(data, "scaling")))
-    if data.get("paper"):
-        found.append(_paper(part(data, "paper")))
-    return found
+    """Parts of the page for which the document contains data."""
+    builders = {"scaling": _scaling, "paper": _paper}
+    return [build(part(data, key)) for key, build in builders.items() if data.get(key)]
 
 
 # -- growth -------------------------------------------------------------------------------------
@@ -31,32 +27,32 @@ def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
 
 def _scaling(scaling: Mapping[str, Any]) -> PagePart:
     lead = (
-        "Two spheres in closed form, 17 × 17 pixels to the lens. Left: more and more lenses, two "
-        "picture pixels per pitch. Right: the same display, finer and finer pictures, of which "
-        "each ray crosses more pixels: as many times more as there are along a side, a power of "
-        "0.5. Powers are those of the fastest runs (left: of the larger half)."
+        "Two spheres in closed form, 17 × 17 pixels per lens. Left: increasing number of lenses, "
+        "two picture pixels per pitch. Right: the same display with increasingly fine pictures. "
+        "The number of pixels that a ray crosses is proportional to the picture's side, which is "
+        "a power of 0.5. Powers are fitted to the fastest runs (left: only the larger half)."
     )
     memory = part(scaling, "memory")
-    within = memory["above_import_bytes"] < memory["limit_bytes"]
+    is_within = memory["above_import_bytes"] < memory["limit_bytes"]
     remark = (
-        f"Peak memory at {memory['lenses']} × {memory['lenses']} lenses "
-        f"{'stays below' if within else 'EXCEEDS'} {memory['limit_bytes'] / _GIB:g} GiB above "
-        "the imports."
+        f"Peak memory for {memory['lenses']} × {memory['lenses']} lenses "
+        f"{'is below' if is_within else 'EXCEEDS'} {memory['limit_bytes'] / _GIB:g} GiB in "
+        "addition to the imports."
     )
     tables, figure = _scaling_tables(scaling), _draw_scaling(scaling)
-    return PagePart("scaling", "How time grows", lead, tables, "scaling", figure, [remark])
+    return PagePart("scaling", "Growth of time", lead, tables, "scaling", figure, [remark])
 
 
 def _scaling_tables(scaling: Mapping[str, Any]) -> list[Table]:
     heads = [
         "lenses", "picture pixels per pitch", "display pixels", "scene pixels",
-        *TIME_HEADS, "yardstick ms",
+        *TIME_HEADS, "kernel ms",
     ]  # fmt: skip
     captions = {
         "display": f"{scaling['algorithm']} against display pixels",
         "scene": f"{scaling['algorithm']} against scene pixels",
     }
-    found = [
+    tables = [
         Table(caption, heads, [_size_row(p) for p in items(scaling, key)])
         for key, caption in captions.items()
     ]
@@ -74,9 +70,9 @@ def _scaling_tables(scaling: Mapping[str, Any]) -> list[Table]:
             )
         ),
     ]
-    names = ["lenses", "after the imports", "peak", "above the imports", "limit", "the EIA itself"]
-    caption = "Peak memory of a fresh process that makes one EIA"
-    return [*found, Table(caption, names, [row])]
+    memory_heads = ["lenses", "after imports", "peak", "in addition to imports", "limit", "EIA"]
+    caption = "Peak memory of a new process that generates one EIA"
+    return [*tables, Table(caption, memory_heads, [row])]
 
 
 def _size_row(point: Mapping[str, Any]) -> list[str]:
@@ -95,11 +91,11 @@ def _size_row(point: Mapping[str, Any]) -> list[str]:
 
 def _paper(paper: Mapping[str, Any]) -> PagePart:
     lead = (
-        "Wang et al., Heritage Science 2024, timed plain Python on one thread; so do the dashed "
-        "lines. Solid: the same lines compiled, on all threads. Two synthetic spheres, not the "
-        "paper's scenes."
+        "Wang et al., Heritage Science 2024, timed plain Python on one thread. Dashed: plain "
+        "Python on one thread. Solid: the same code compiled, on all threads. The scene is two "
+        "synthetic spheres, not one of the paper's scenes."
     )
-    remarks = ["Plain Python above 2 s a run: at most 3 runs; above 10 s: one."]
+    remarks = ["Plain Python: at most 3 runs if a run takes more than 2 s, one above 10 s."]
     return PagePart(
         "paper",
         "The paper's experiments",
@@ -113,17 +109,17 @@ def _paper(paper: Mapping[str, Any]) -> PagePart:
 
 
 def _paper_tables(paper: Mapping[str, Any]) -> list[Table]:
-    found = [_experiment(part(e)) for e in items(paper, "experiments")]
-    found.append(_same_input(part(paper, "same_input")))
+    tables = [_experiment(part(e)) for e in items(paper, "experiments")]
+    tables.append(_same_input(part(paper, "same_input")))
     if items(paper, "readings"):
-        found.append(_readings(items(paper, "readings")))
+        tables.append(_readings(items(paper, "readings")))
     if items(paper, "steps"):
-        found.append(_steps(items(paper, "steps")))
-    return found
+        tables.append(_steps(items(paper, "steps")))
+    return tables
 
 
 def _readings(readings: Sequence[Mapping[str, Any]]) -> Table:
-    """A row for each scene and matching; what is read as printed stands first."""
+    """Table with a row for each scene and matching; the reading as printed is first."""
     rows: dict[str, list[str]] = {}
     heads = ["scene, matching"]
     for reading in readings:
@@ -133,19 +129,20 @@ def _readings(readings: Sequence[Mapping[str, Any]]) -> Table:
         if option:
             cells = {"other sources": per_cent(reading["changed"], 3)} | cells
         if len(rows) == 1:
-            heads += [f"{option or 'as printed'}, {what}" for what in cells]
+            heads += [f"{option or 'as printed'}, {label}" for label in cells]
         row += cells.values()
     caption = (
-        "Eq. 5 and 6 read in other ways, on the bundled scenes: panel pixels that show another "
-        "picture pixel than as printed, and the EIA against the path traced one"
+        "Other readings of Eq. 5 and 6 on the bundled scenes: panel pixels whose source differs "
+        "from the reading as printed, and PSNR of the EIA to the ground truth"
     )
     return Table(caption, heads, [[name, *row] for name, row in rows.items()])
 
 
 def _steps(steps: Sequence[Mapping[str, Any]]) -> Table:
     heads = [
-        "pixels to the lens", "P_I mm", "least step mm", "2 g P_I / P mm", "largest step mm",
-        "g P_I in panel pixels, mm", "g P_I in mm", "columns of pixels", "without a step", "beyond",
+        "pixels per lens", "P_I mm", "smallest step mm", "2 g P_I / P mm", "largest step mm",
+        "g P_I in panel pixels, mm", "g P_I in mm", "columns of pixels", "without a step",
+        "above g P_I",
     ]  # fmt: skip
     lengths = ("scene_pixel", "least", "lower", "most", "upper")
     rows = [
@@ -157,11 +154,11 @@ def _steps(steps: Sequence[Mapping[str, Any]]) -> Table:
         ]
         for s in steps
     ]
-    return Table("Depth steps of Eq. 5 against the bounds that the paper states", heads, rows)
+    return Table("Depth steps of Eq. 5 and the paper's bounds", heads, rows)
 
 
 def _experiment(experiment: Mapping[str, Any]) -> Table:
-    """Milliseconds of each at each size, then the two ratios the paper's claims are about."""
+    """Table of the milliseconds at each size, with the ratios of the paper's claims."""
     points = items(experiment, "points")
     names = [c["name"] for c in points[0]["algorithms"]]
     heads = [
@@ -187,14 +184,14 @@ def _experiment(experiment: Mapping[str, Any]) -> Table:
 
 
 def _ratio(ms: Mapping[str, float], above: str, below: str) -> float | None:
-    """One median over another; None where one is missing."""
+    """Ratio of two medians; None if one is missing."""
     return ms[above] / ms[below] if above in ms and below in ms else None
 
 
 def _same_input(same: Mapping[str, Any]) -> Table:
     heads = [
-        "algorithm", "ms per EIA", "runs", "times template", "wrong source", "EIA PSNR dB",
-        "view SSIM to reference", "middle view SSIM", "the paper's, other scenes",
+        "algorithm", "ms per EIA", "runs", "× template", "wrong source", "EIA PSNR dB",
+        "view SSIM to reference", "middle view SSIM", "paper's SSIM, other scenes",
     ]  # fmt: skip
     methods = items(same, "algorithms")
     ms = {c["name"]: c["median_ms"] for c in methods}
@@ -214,19 +211,21 @@ def _same_input(same: Mapping[str, Any]) -> Table:
     ]
     rows.append(["reference", *[MISSING] * 6, number(same.get("reference_ssim"), 3), MISSING])
     caption = (
-        f"One input for all: {same['lenses']:,} lenses, {same['display_pixels']:,} display pixels, "
+        f"Common input: {same['lenses']:,} lenses, {same['display_pixels']:,} display pixels, "
         f"{same['scene_pixels']:,} scene pixels"
     )
     return Table(caption, heads, rows)
 
 
 def _claim_lines(paper: Mapping[str, Any]) -> list[str]:
-    """Each claim in a few sentences: what is claimed, what was found, why not."""
+    """Each claim with its measurement and the reason if it is not reproduced."""
     lines = []
     for claim in items(paper, "claims"):
-        word = "Reproduced" if claim["holds"] else "Does not reproduce"
-        why = f" {claim['why']}" if claim["why"] else ""
-        lines.append(f"{word}: {claim['claim']} ({claim['source']}). Found: {claim['found']}.{why}")
+        verdict = "Reproduced" if claim["holds"] else "Not reproduced"
+        lines.append(
+            f"{verdict}: {claim['claim']} ({claim['source']}). Measured: {claim['found']}. "
+            f"{claim['why']}".rstrip()
+        )
     return lines
 
 
@@ -234,33 +233,33 @@ def _claim_lines(paper: Mapping[str, Any]) -> list[str]:
 
 
 def _draw_scaling(scaling: Mapping[str, Any]) -> Any:
-    """Time over display pixels and over scene pixels, the reference kernel, too."""
+    """Plot the times of the algorithm and the reference kernel over both sizes."""
     figure, axes = new_figure(2, 4.2, sharey=True)
     panels = [("display", "display_pixels"), ("scene", "scene_pixels")]
     for axis, (key, size) in zip(axes, panels, strict=True):
         points = scaling[key]
         sizes = [p[size] for p in points]
         _line(axis, sizes, points, scaling["algorithm"])
-        _line(axis, sizes, [p["yardstick"] for p in points], "yardstick")
-        words = size.replace("_", " ")
+        _line(axis, sizes, [p["yardstick"] for p in points], "reference kernel")
+        label = size.replace("_", " ")
         power = scaling["growth"][size]
-        grows = f": grows with the power {power:.2f}" if is_number(power) else ""
-        _finish_sizes(axis, f"{words.capitalize()}{grows}", words)
+        growth = f": power {power:.2f}" if is_number(power) else ""
+        _finish_sizes(axis, f"{label.capitalize()}{growth}", label)
     axes[0].set_ylabel(TIME)
     axes[0].legend(fontsize=8, frameon=False, loc="upper left")
     return figure
 
 
 def _draw_paper(paper: Mapping[str, Any]) -> Any:
-    """The three experiments side by side, on common times."""
+    """Plot the three experiments side by side, with a common time axis."""
     experiments = paper["experiments"]
     figure, axes = new_figure(len(experiments), 4.6, sharey=True)
     for axis, experiment in zip(axes, experiments, strict=True):
         points = experiment["points"]
         sizes = [p[experiment["size"]] for p in points]
-        for place, method in enumerate(points[0]["algorithms"]):
-            _line(axis, sizes, [p["algorithms"][place] for p in points], method["name"])
-        _line(axis, sizes, [p["yardstick"] for p in points], "yardstick")
+        for index, method in enumerate(points[0]["algorithms"]):
+            _line(axis, sizes, [p["algorithms"][index] for p in points], method["name"])
+        _line(axis, sizes, [p["yardstick"] for p in points], "reference kernel")
         _finish_sizes(axis, f"As {experiment['figure']}", experiment["name"])
     axes[0].set_ylabel(TIME)
     handles, labels = axes[0].get_legend_handles_labels()
@@ -277,8 +276,8 @@ def _finish_sizes(axis: Any, title: str, label: str) -> None:
 
 
 def _line(axis: Any, sizes: Sequence[float], points: Sequence[Any], name: str) -> None:
-    """One series of medians with whiskers to the fastest runs; dashed in plain Python."""
-    interpreted = PLAIN_PYTHON in name
+    """Draw a series of medians with whiskers to the fastest runs; dashed for plain Python."""
+    is_plain = PLAIN_PYTHON in name
     algorithm = name.removesuffix(PLAIN_PYTHON).partition(":")[0]
     colour = colour_of(algorithm)
     medians, fastest = ([p[key] for p in points] for key in ("median_ms", "min_ms"))
@@ -290,8 +289,8 @@ def _line(axis: Any, sizes: Sequence[float], points: Sequence[Any], name: str) -
         color=colour,
         label=name.replace(PLAIN_PYTHON, ", plain Python"),
         markersize=4.5,
-        markerfacecolor="white" if interpreted else colour,
-        linestyle="--" if interpreted else ":" if name == "yardstick" else "-",
+        markerfacecolor="white" if is_plain else colour,
+        linestyle="--" if is_plain else ":" if name == "reference kernel" else "-",
         alpha=0.35 if "matching=ray" in name else 0.6 if "step_pixel" in name else 1,
         linewidth=1.4,
     )

@@ -1,8 +1,8 @@
-"""How time grows with both sizes, the paper's three experiments, its claims, how it can be read.
+"""Growth of time, the paper's three experiments and claims, and readings of its equations.
 
     python -m reports.bench.paper.run -o reports/bench/paper
 
-takes some minutes: plain Python is slow.
+The study takes several minutes: plain Python is slow.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from reports.bench.study import new_parser, run_study
 
 
 def main() -> int:
-    """Carry out the study; the exit code."""
+    """Run the study and return the exit code."""
     args = new_parser(__doc__, "bench-paper").parse_args()
     module = "reports.bench.paper.run"
     return run_study(args, module, "Bench: synthetic pictures", _measure, parts_of)

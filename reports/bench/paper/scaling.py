@@ -1,4 +1,4 @@
-"""How time grows: with the display's pixels, with the picture's, and what memory it takes."""
+"""Growth of time with the numbers of display pixels and picture pixels, and peak memory."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from inim.errors import WorkerError
 from inim.timing import REFERENCE_KERNEL, Rounds, prepare_method, time_methods
 from reports.bench.study import picture_of, square_display
 
-#: Lenses along a side, 17 pixels each: up to 4080 x 4080, the largest array measured in print.
+#: Lenses along a side, 17 pixels each: up to 4080 x 4080, the largest published array.
 LENS_COUNTS = (16, 24, 32, 48, 64, 96, 128, 176, 240)
 #: Picture pixels per lens pitch, on `_FIXED_LENSES` lenses along a side.
 PIXELS_PER_PITCH = (1, 2, 3, 4, 5, 6, 7, 8)
 _FIXED_LENSES = 64
 _FIXED_PIXELS_PER_PITCH = 2
 _ALGORITHM = "template"
-# Peak memory above that of the imports that an array of 4080 x 4080 may take.
-_MOST_ABOVE_IMPORT = 2**30
-# Time a child may take to generate once.
-_PATIENCE_S = 300
+# Largest accepted peak memory in addition to the imports, for an array of 4080 x 4080.
+_MEMORY_LIMIT = 2**30
+# Time limit of the child process.
+_TIMEOUT_S = 300
 _ROOT = Path(__file__).parents[3]
 
 
@@ -38,7 +38,7 @@ def bench_scaling(
     pixels_per_pitch: Sequence[int] = PIXELS_PER_PITCH,
     fixed_lenses: int = _FIXED_LENSES,
 ) -> dict[str, Any]:
-    """Times of `template` and the reference kernel over both sizes; peak memory at the largest."""
+    """Time `template` and the reference kernel over both sizes; measure the largest's memory."""
     by_display = []
     for lenses in lens_counts:
         listener.stage(f"{lenses} x {lenses} lenses")
@@ -55,7 +55,7 @@ def bench_scaling(
         "display": by_display,
         "scene": by_scene,
         "growth": {
-            # The larger half: on small displays, starting the threads takes longer than the work.
+            # Only the larger half: on small displays the threads' start dominates.
             "display_pixels": growth(by_display[len(by_display) // 2 :], "display_pixels"),
             "scene_pixels": growth(by_scene, "scene_pixels"),
         },
@@ -80,82 +80,82 @@ def _point(display: Display, pixels_per_pitch: int, rounds: Rounds) -> dict[str,
 def _in_words(point: Mapping[str, Any]) -> str:
     return (
         f"{point['name']}  {point['display_pixels']:9} display pixels  {point['scene_pixels']:7} "
-        f"scene pixels  {point['median_ms']:7.2f} ms  {point['ratio']:6.2f} yardsticks"
+        f"scene pixels  {point['median_ms']:7.2f} ms  {point['ratio']:6.2f} kernel times"
     )
 
 
 @dataclass(frozen=True)
 class PowerLaw:
-    """By which power time grows with a size: 1 is linear, 0 flat.
+    """Exponent of the growth of time with a size: 1 is linear, 0 is constant.
 
     Attributes
     ----------
     power : float
     error : float
-        How far the power may be off: its standard error, from how the points scatter about the
-        line, and besides what rounding can do to it. Two points do not scatter.
+        Error of the power: its standard error from the points' scatter about the line, plus a bound
+        of the rounding error. Two points have no scatter.
     """
 
     power: float
     error: float
 
     def is_below(self, other: PowerLaw) -> bool:
-        """Whether this power is the smaller one by more than both errors; else they are equal."""
+        """True if this power is smaller by more than the sum of both errors."""
         return self.power + self.error < other.power - other.error
 
 
 def power_law(points: Sequence[Mapping[str, Any]], size: str) -> PowerLaw | None:
     """Fit a power law by least squares of logarithms; None for fewer than two sizes.
 
-    By the fastest runs: sizes are not measured in turn, so the medians of two sizes need not have
-    met the same load.
+    The fit uses the fastest runs: sizes are measured one after another, so that the load may differ
+    between the medians of two sizes.
 
     With ``x = log(size)`` and ``y = log(time)`` about their means, the power is
     ``b = sum(x y) / sum(x x)`` and its standard error ``sqrt(sum((y - b x)^2) / (n - 2) / sum(x
-    x))``. A size, a time and the logarithm of either are within one unit in the last place, so
-    each x and y is within ``d = 2 eps (1 + the largest logarithm)``, its mean included; the sums
-    are exact (`math.fsum`). To first order b is then within
+    x))``. Sizes, times and their logarithms have an error of one unit in the last place. Each x and
+    y, including its mean, therefore has an error of at most ``d = 2 eps (1 + the largest
+    logarithm)``. The sums are exact (`math.fsum`). To first order, the error of b is at most
     ``d (sum|x| + sum|y| + 2 |b| sum|x|) / sum(x x) + 4 eps |b|``.
     """
     sizes = [math.log(p[size]) for p in points]
     if len(set(sizes)) < 2:
         return None
     times = [math.log(p["min_ms"]) for p in points]
-    x, y = ([v - math.fsum(all_) / len(all_) for v in all_] for all_ in (sizes, times))
+    x, y = ([v - math.fsum(values) / len(values) for v in values] for values in (sizes, times))
     squares = math.fsum(v * v for v in x)
     power = math.fsum(a * b for a, b in zip(x, y, strict=True)) / squares
     eps = sys.float_info.epsilon
-    each = 2 * eps * (1 + max(map(abs, sizes + times)))
-    wide, high = (math.fsum(map(abs, v)) for v in (x, y))
-    error = each * (wide + high + 2 * abs(power) * wide) / squares + 4 * eps * abs(power)
+    value_error = 2 * eps * (1 + max(map(abs, sizes + times)))
+    sum_x, sum_y = (math.fsum(map(abs, v)) for v in (x, y))
+    error = value_error * (sum_x + sum_y + 2 * abs(power) * sum_x) / squares + 4 * eps * abs(power)
     if len(points) > 2:
-        off = math.fsum((b - power * a) ** 2 for a, b in zip(x, y, strict=True))
-        error += math.sqrt(off / (len(points) - 2) / squares)
+        residual = math.fsum((b - power * a) ** 2 for a, b in zip(x, y, strict=True))
+        error += math.sqrt(residual / (len(points) - 2) / squares)
     return PowerLaw(power, error)
 
 
 def growth(points: Sequence[Mapping[str, Any]], size: str) -> float | None:
-    """The power of `power_law`."""
+    """Power of `power_law`; None for fewer than two sizes."""
     law = power_law(points, size)
     return None if law is None else law.power
 
 
 def peak_memory(lenses: int) -> dict[str, Any]:
-    """Peak memory of a fresh process that makes one EIA and nothing else, bytes."""
-    words = [sys.executable, "-m", "reports.bench.paper.memory", str(lenses)]
+    """Peak memory of a new process that generates one EIA [bytes]."""
+    command = [sys.executable, "-m", "reports.bench.paper.memory", str(lenses)]
     ended = subprocess.run(
-        words,
+        command,
         cwd=_ROOT,
         stdin=subprocess.DEVNULL,
         capture_output=True,
-        timeout=_PATIENCE_S,
+        timeout=_TIMEOUT_S,
         check=False,
     )
     try:
-        found: dict[str, Any] = json.loads(ended.stdout)
+        memory: dict[str, Any] = json.loads(ended.stdout)
     except ValueError:
         raise WorkerError(
             f"the process that measures memory ended with code {ended.returncode} at "
             f"{lenses} x {lenses} lenses"
         ) from None
-    return {**found, "limit_bytes": _MOST_ABOVE_IMPORT}
+    return {**memory, "limit_bytes": _MEMORY_LIMIT}

@@ -1,9 +1,9 @@
-"""What samples buy: time of whole validations against the error of their scores, plain and not.
+"""Time of whole validations against the error of their scores, for several sample counts.
 
     python -m reports.bench.samples.run scenes/amphora.xml scenes/jade.xml -o reports/bench/samples
 
-Every scene is validated with several numbers of samples, by several seeds, from the centre, and
-once with many more. The scores free of noise of that one are what the others' are compared with.
+Every scene is validated from the centre with several sample counts and seeds, and once with many
+more samples. The errors are relative to the noise-corrected scores of that validation.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ from reports.bench.process import run_measured
 from reports.bench.study import new_parser, run_study
 
 ALGORITHM = "template"
-# Samples a pixel of the true EIA and of the true view.
+# Samples per pixel of the ground-truth EIA and of the ground-truth view.
 LEVELS = ((16, 32), (32, 64), (64, 256))
 _REFERENCE = {"eia_spp": 128, "view_spp": 512, "capture_spp": 128, "reconstruction_spp": 128}
 _SEEDS = (1,)
-# Scores of a view, by who is scored.
+# Scores of a view, by method.
 SCORES = {
     ALGORITHM: (
         "ssim_on_relic_to_reference", "ssim_on_relic", "flip_on_relic_to_reference", "flip_on_relic"
@@ -47,29 +47,29 @@ def bench_samples(
     variables: Mapping[str, str],
     levels: Sequence[tuple[int, int]] = LEVELS,
     seeds: Sequence[int] = _SEEDS,
-    words: Sequence[str] = (),
+    options: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Validate every scene at every level by every seed.
+    """Validate every scene at every level with every seed.
 
     Parameters
     ----------
     scenes : sequence of Path
     listener : Observer
     folder : Path
-        Empty; for reports.
+        Empty folder for the reports.
     variables : mapping of str to str
-        The environment of the validations.
+        Environment variables of the validations.
     levels : sequence of (int, int)
     seeds : sequence of int
         The reference has seed 0.
-    words : sequence of str
-        More of the command line.
+    options : sequence of str
+        Further options of the validations.
 
     Returns
     -------
     dict
-        Under the names of bench.json: of each validation `seconds`, from start to end of its
-        process, `processor_seconds` of all its processes, and of each score `plain`, `value`, half
+        Under the names of bench.json, for each validation: `seconds`, wall-clock time of its
+        process; `processor_seconds` of all its processes; and for each score `plain`, `value`, half
         the width of its interval, and the reference's value.
     """
 
@@ -77,16 +77,16 @@ def bench_samples(
         listener.stage(f"{scene.stem}: {settings['eia_spp']}, {settings['view_spp']}, seed {seed}")
         out = folder / "report"
         shutil.rmtree(out, ignore_errors=True)
-        command = [sys.executable, "-m", "inim.validate", str(scene), "-o", str(out), *words]
+        command = [sys.executable, "-m", "inim.validate", str(scene), "-o", str(out), *options]
         command += ["--algorithms", ALGORITHM, "--viewpoints", "centre", "--quiet"]
         for name, value in {**settings, "seed": seed}.items():
             command += ["-D", f"inim.{name}={value}"]
-        found = run_measured(command, {**variables, FOLDER_VARIABLE: "off"})
-        if found["code"] not in (EXIT_PASSED, EXIT_CHECK_FAILED):
-            raise WorkerError(f"samples: {scene} ended with code {found['code']}: {found['said']}")
+        run = run_measured(command, {**variables, FOLDER_VARIABLE: "off"})
+        if run["code"] not in (EXIT_PASSED, EXIT_CHECK_FAILED):
+            raise WorkerError(f"{scene}: exit code {run['code']}: {run['message']}")
         report = json.loads((out / "report.json").read_text("utf-8"))
-        taken = {key: found[key] for key in ("seconds", "processor_seconds")}
-        return {**taken, "scores": _scores(report)}
+        times = {key: run[key] for key in ("seconds", "processor_seconds")}
+        return {**times, "scores": _scores(report)}
 
     runs = []
     for scene in scenes:
@@ -94,37 +94,37 @@ def bench_samples(
         for eia_spp, view_spp in levels:
             for seed in seeds:
                 settings = {"eia_spp": eia_spp, "view_spp": view_spp}
-                found = validate(scene, seed, settings)
-                for name, score in found["scores"].items():
+                run = validate(scene, seed, settings)
+                for name, score in run["scores"].items():
                     score["reference"] = reference[name]["value"]
-                runs.append({"scene": scene.stem, "seed": seed, **settings, **found})
+                runs.append({"scene": scene.stem, "seed": seed, **settings, **run})
                 listener.line(
                     f"{scene.stem:12} {eia_spp:4} {view_spp:4}  "
-                    f"{found['processor_seconds']:6.1f} s  rms error "
-                    f"{_rms([runs[-1]], 'plain', 'ssim'):.4f} plain, "
-                    f"{_rms([runs[-1]], 'value', 'ssim'):.4f} free of noise"
+                    f"{run['processor_seconds']:6.1f} s  rms error "
+                    f"{_rms([runs[-1]], 'plain', 'ssim'):.4f} uncorrected, "
+                    f"{_rms([runs[-1]], 'value', 'ssim'):.4f} noise-corrected"
                 )
     return {"algorithm": ALGORITHM, "reference": _REFERENCE, "runs": runs}
 
 
 def _scores(report: Mapping[str, Any]) -> dict[str, dict[str, float]]:
-    """Of the centre view, by ``NAME SCORE``."""
-    found = {}
+    """Scores of the centre view, by ``METHOD SCORE``."""
+    scores = {}
     for name, keys in SCORES.items():
-        run = report["reference"] if name == "reference" else report["algorithms"][name]
+        method = report["reference"] if name == "reference" else report["algorithms"][name]
         for key in keys:
-            sure = run["precision"]["centre"][key]
-            low, high = sure["interval"]
-            found[f"{name} {key}"] = {
-                "plain": sure["plain"],
-                "value": run["views"]["centre"][key],
+            precision = method["precision"]["centre"][key]
+            low, high = precision["interval"]
+            scores[f"{name} {key}"] = {
+                "plain": precision["plain"],
+                "value": method["views"]["centre"][key],
                 "half_width": (high - low) / 2,
             }
-    return found
+    return scores
 
 
 def _rms(runs: Iterable[Mapping[str, Any]], kind: str, metric: str) -> float:
-    """Root mean square over runs and a metric's scores: of errors, or of half widths."""
+    """Root mean square of errors or half widths, over runs and the scores of a metric."""
     values = [
         score[kind] - (0.0 if kind == "half_width" else score["reference"])
         for run in runs
@@ -138,16 +138,17 @@ def _rms(runs: Iterable[Mapping[str, Any]], kind: str, metric: str) -> float:
 
 
 def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
-    """A table for each scene, one of all, and time against error."""
-    found = part(data, "samples")
-    runs = items(found, "runs")
+    """Part of the page: a table of all scenes, one per scene, and a plot of time against error."""
+    runs = items(part(data, "samples"), "runs")
     scenes = list(dict.fromkeys(run["scene"] for run in runs))
     groups = {"All scenes": runs} | {s: [r for r in runs if r["scene"] == s] for s in scenes}
     lead = (
-        "Whole validations from the centre, by the number of samples a pixel of the true EIA and "
-        "of the true view. Errors are root mean squares over seeds and scores on the relic, of "
-        f"{ALGORITHM} to reference and scene and of the reference to the scene, against the "
-        "noise-corrected values of a validation with twice the most samples here."
+        "Whole validations from the centre, by the samples per pixel of the ground-truth EIA and "
+        "of the ground-truth view. The scores on the relic are those of "
+        f"{ALGORITHM} to the reference view and to the ground-truth view, and those of the "
+        "reference view to the ground-truth view. Errors are relative to the noise-corrected "
+        "scores of a validation with twice the largest sample count listed here. They are root "
+        "mean squares over seeds and scores."
     )
     tables = [_table(name, group) for name, group in groups.items()]
     remark = (
@@ -158,14 +159,14 @@ def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
 
 
 def _levels(runs: Iterable[Mapping[str, Any]]) -> dict[tuple[int, int], list[Mapping[str, Any]]]:
-    found: dict[tuple[int, int], list[Mapping[str, Any]]] = {}
+    levels: dict[tuple[int, int], list[Mapping[str, Any]]] = {}
     for run in runs:
-        found.setdefault((run["eia_spp"], run["view_spp"]), []).append(run)
-    return found
+        levels.setdefault((run["eia_spp"], run["view_spp"]), []).append(run)
+    return levels
 
 
 def _seconds(runs: Sequence[Mapping[str, Any]]) -> float:
-    """Mean over scenes of each one's least processor time: what else the machine did only adds."""
+    """Mean over scenes of the smallest processor time; other load can only increase a time."""
     least: dict[str, float] = {}
     for run in runs:
         least[run["scene"]] = min(run["processor_seconds"], least.get(run["scene"], math.inf))
@@ -173,17 +174,21 @@ def _seconds(runs: Sequence[Mapping[str, Any]]) -> float:
 
 
 def _table(name: str, runs: Sequence[Mapping[str, Any]]) -> Table:
-    heads = ["EIA, view", "processor seconds"]
-    kinds = {"plain": "plain", "value": "free of noise", "half_width": "half interval"}
+    heads = ["samples of EIA, view", "processor seconds"]
+    kinds = {"plain": "uncorrected", "value": "noise-corrected", "half_width": "half interval"}
     for metric in ("SSIM", "FLIP"):
-        heads += [f"{metric}, {words}" for words in kinds.values()]
+        heads += [f"{metric}, {label}" for label in kinds.values()]
     rows = [
         [
             f"{eia}, {view}",
-            number(_seconds(own), 1),
-            *(number(_rms(own, kind, metric), 4) for metric in ("ssim", "flip") for kind in kinds),
+            number(_seconds(group), 1),
+            *(
+                number(_rms(group, kind, metric), 4)
+                for metric in ("ssim", "flip")
+                for kind in kinds
+            ),
         ]
-        for (eia, view), own in _levels(runs).items()
+        for (eia, view), group in _levels(runs).items()
     ]
     return Table(name, heads, rows)
 
@@ -193,14 +198,16 @@ def _figure(groups: Mapping[str, Sequence[Mapping[str, Any]]]) -> Any:
     scenes = {name: runs for name, runs in groups.items() if name != "All scenes"}
     figure, axes = new_figure(len(scenes), 4.0, sharey=True)
     for axis, (name, runs) in zip(axes, scenes.items(), strict=True):
-        for kind, marked in (("plain", False), ("value", True)):
-            points = [(_seconds(own), _rms(own, kind, "ssim")) for own in _levels(runs).values()]
+        for kind, label in (("plain", "uncorrected"), ("value", "noise-corrected")):
+            points = [
+                (_seconds(group), _rms(group, kind, "ssim")) for group in _levels(runs).values()
+            ]
             for point in points:
-                draw_point(axis, "free of noise" if marked else "plain", *point, marked)
+                draw_point(axis, label, *point, kind == "value")
             draw_front(axis, points)
         style(
             axis,
-            f"{name}: grey plain, coloured free of noise",
+            f"{name}: grey uncorrected, coloured noise-corrected",
             "processor seconds",
             "rms error of SSIM",
         )
@@ -214,8 +221,8 @@ def _figure(groups: Mapping[str, Sequence[Mapping[str, Any]]]) -> Any:
 
 
 def main() -> int:
-    """Carry out the study; the exit code."""
-    variables = dict(os.environ)  # before the backend adds its own: as a user's commands have them
+    """Run the study and return the exit code."""
+    variables = dict(os.environ)  # copied before the backend adds its variables
     parser = new_parser(__doc__, "bench-samples")
     parser.add_argument("scenes", type=Path, nargs="+", help="Mitsuba scenes (.xml)")
     args = parser.parse_args()

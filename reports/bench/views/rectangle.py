@@ -1,7 +1,7 @@
-"""What views are measured by: a rectangle with the EIA for its texture, by the stock renderer.
+"""Reference for the cost of views: a rectangle textured with the EIA, in the stock renderer.
 
-The least that any view of a panel costs: as many camera rays as the view has samples, one
-intersection and one texel each, the stock film; no lens, and nothing of this program.
+It has the smallest cost of any view of a panel: one camera ray per sample, each with one
+intersection and one texel, and the stock film. It has no lens and uses no code of this project.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from inim.display import Display
 
 
 class TexturedRectangle:
-    """A glowing picture of a display's size, seen from straight ahead.
+    """A luminous picture of a display's size, seen from the front.
 
     Parameters
     ----------
     picture : (rows, columns, 3) float32
     display : Display
-        Its array's size is the rectangle's.
+        The rectangle has the size of its lens array.
     distance_mm : float
-        Of the camera, whose frame the rectangle fills across.
+        Distance of the camera. The rectangle fills the width of its image.
     pixels_per_lens : int
-        Resolution of the view, as of a reconstruction.
+        Resolution of the view, as in a reconstruction.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class TexturedRectangle:
         self._scene = mi.load_dict(
             {
                 "type": "scene",
-                # As views of a display: what the camera sees is the light itself.
+                # As for views of a display: only directly visible light.
                 "integrator": {"type": "path", "max_depth": 1},
                 "rectangle": {
                     "type": "rectangle",
@@ -68,6 +68,6 @@ class TexturedRectangle:
         )
 
     def view(self, spp: int, seed: int) -> np.ndarray:
-        """One rendering, (rows, columns, 3) float32, on the host."""
+        """Render one view, (rows, columns, 3) float32, on the host."""
         picture: np.ndarray = np.asarray(mi.render(self._scene, spp=spp, seed=seed))
         return picture

@@ -1,8 +1,8 @@
-"""What a view costs by each lens model, against a textured rectangle by the stock renderer.
+"""Cost of a view with each lens model, relative to a textured rectangle in the stock renderer.
 
     python -m reports.bench.views.run -o reports/bench/views
 
-The rectangle is the least that any view of a panel costs.
+The rectangle has the smallest cost of any view of a panel.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ _MODELS = ("pinhole", "thin", "thick")
 # Renders a view with a seed.
 Render = Callable[[int], np.ndarray]
 
-# The mesh takes seconds for what the others do in tenths; its time is proportional to its samples.
+# The mesh of `full` takes seconds per view, the others tenths of a second. Time is proportional to
+# the number of samples.
 _FULL_SPP = 8
 
 
@@ -42,66 +43,66 @@ def bench_views(
     spp: int = 64,
     full_spp: int = _FULL_SPP,
 ) -> dict[str, Any]:
-    """Time one view of the two spheres by each lens model, all in turn with the rectangle.
+    """Time one view of the two spheres with each lens model, alternating with the rectangle.
 
     Parameters
     ----------
     rounds : Rounds
     listener : Observer
     lenses : int
-        Along a side, 17 pixels each.
+        Lenses along a side, 17 pixels each.
     pixels_per_lens, spp : int
-        Of the view.
+        Resolution and samples per pixel of the view.
     full_spp : int
-        Of the `full` model, whose time is scaled up to `spp`.
+        Samples per pixel of the `full` model, whose time is scaled up to `spp`.
 
     Returns
     -------
     dict
-        Under the names of bench.json. `view_ms` is a model's time at `spp`, `ratio` that in
-        times of the rectangle, `thick_ratio` in times of `thick`; `noise` is the standard deviation
-        of one sample of a view pixel, rms over the view, and `equal_noise_ms` the time in which
-        `full` would reach the noise of `thick`.
+        Under the names of bench.json. `view_ms`: a model's time at `spp`. `ratio`, `thick_ratio`:
+        this time divided by that of the rectangle and of `thick`. `noise`: standard deviation of
+        one sample of a view pixel, rms over the view. `equal_noise_ms`: time in which `full`
+        reaches the noise of `thick`.
     """
     from inim.render.reconstruct import DisplayScene
     from reports.bench.views.rectangle import TexturedRectangle
 
-    listener.stage("views: get ready")
+    listener.stage("views: prepare")
     display = square_display(lenses)
     eye = parse_viewpoints("centre", display)[0]
     eia = two_spheres_eia(display)
     rectangle = TexturedRectangle(eia, display, eye.z_mm, pixels_per_lens)
 
     def renderer(model: str) -> Render:
-        shown = DisplayScene(eia, display, model)
+        scene = DisplayScene(eia, display, model)
         count = full_spp if model == FULL else spp
-        return lambda seed: shown.view(eye, pixels_per_lens=pixels_per_lens, spp=count, seed=seed)
+        return lambda seed: scene.view(eye, pixels_per_lens=pixels_per_lens, spp=count, seed=seed)
 
     renders: dict[str, Render] = {RECTANGLE: lambda seed: rectangle.view(spp, seed)}
     renders |= {model: renderer(model) for model in _MODELS}
     listener.stage("views: time")
     with threads(rounds.threads):
         timings = time_calls(_calls(renders), rounds)
-        # Apart, against `thick`: while the mesh is there, the renderer compiles its lights and
-        # materials into every scene's kernel.
+        # Separately, alternating with `thick`: while the mesh exists, the renderer compiles its
+        # lights and materials into the kernel of every scene.
         renders[FULL] = renderer(FULL)
-        apart = time_calls(_calls({name: renders[name] for name in ("thick", FULL)}), rounds)
+        full_timings = time_calls(_calls({name: renders[name] for name in ("thick", FULL)}), rounds)
     noise = {name: _noise(render) * spp**0.5 for name, render in renders.items()}
     noise[FULL] *= (full_spp / spp) ** 0.5
     models = [_times(timings[name], spp, spp) | {"name": name} for name in timings]
-    for found in models:
-        found |= ratios(timings[found["name"]], timings[RECTANGLE])
-        found["thick_ratio"] = ratios(timings[found["name"]], timings["thick"])["ratio"]
-    models.append(_full(apart, models[-1], full_spp, spp))
-    for found in models:
-        found |= {"noise": noise[found["name"]], "equal_noise_ms": None}
+    for model in models:
+        model |= ratios(timings[model["name"]], timings[RECTANGLE])
+        model["thick_ratio"] = ratios(timings[model["name"]], timings["thick"])["ratio"]
+    models.append(_full_times(full_timings, models[-1], full_spp, spp))
+    for model in models:
+        model |= {"noise": noise[model["name"]], "equal_noise_ms": None}
         listener.line(
-            f"{found['name']:{len(RECTANGLE)}}  {found['view_ms']:9.2f} ms  "
-            f"{found['ratio']:7.2f} rectangles  {found['noise']:.4f} noise of a sample"
+            f"{model['name']:{len(RECTANGLE)}}  {model['view_ms']:9.2f} ms  "
+            f"{model['ratio']:7.2f} rectangles  noise of a sample {model['noise']:.4f}"
         )
-    # Samples for equal noise go with the noise's square.
-    equal = (noise[FULL] / noise["thick"]) ** 2
-    models[-1]["equal_noise_ms"] = models[-1]["view_ms"] * equal
+    # The number of samples for equal noise is proportional to the noise squared.
+    sample_ratio = (noise[FULL] / noise["thick"]) ** 2
+    models[-1]["equal_noise_ms"] = models[-1]["view_ms"] * sample_ratio
     return {
         "display": {"parameters": display.parameters(), "derived": display.derived_quantities()},
         "rows": lenses * pixels_per_lens,
@@ -116,50 +117,50 @@ def _calls(renders: Mapping[str, Render]) -> dict[str, Callable[[], Any]]:
 
 
 def _noise(render: Render) -> float:
-    """Standard deviation of a view pixel, from two views of unlike seeds, rms over the view."""
-    apart = render(1).astype(np.float64) - render(2)
-    return float(np.sqrt((apart**2).mean() / 2))
+    """Standard deviation of a view pixel, from two views with different seeds, as an rms."""
+    difference = render(1).astype(np.float64) - render(2)
+    return float(np.sqrt((difference**2).mean() / 2))
 
 
-def _times(timing: Timing, taken: int, spp: int) -> dict[str, Any]:
-    return {"spp": taken, **timing.as_data(), "view_ms": 1e3 * timing.median_s * spp / taken}
+def _times(timing: Timing, timed_spp: int, spp: int) -> dict[str, Any]:
+    view_ms = 1e3 * timing.median_s * spp / timed_spp
+    return {"spp": timed_spp, **timing.as_data(), "view_ms": view_ms}
 
 
-def _full(
-    apart: Mapping[str, Timing], thick: Mapping[str, Any], taken: int, spp: int
+def _full_times(
+    timings: Mapping[str, Timing], thick: Mapping[str, Any], timed_spp: int, spp: int
 ) -> dict[str, Any]:
-    """The mesh's time in turn with `thick`, and by way of it in times of the rectangle."""
-    found = {"name": FULL, **_times(apart[FULL], taken, spp)}
-    to_thick = ratios(apart[FULL], apart["thick"])
+    """Times of `full`, timed with `thick`; its ratio to the rectangle is the product of ratios."""
+    times_of_full = {"name": FULL, **_times(timings[FULL], timed_spp, spp)}
+    to_thick = ratios(timings[FULL], timings["thick"])
     for key, value in to_thick.items():
-        found[key] = value * spp / taken * thick[key]
-    found["thick_ratio"] = to_thick["ratio"] * spp / taken
-    return found
+        times_of_full[key] = value * spp / timed_spp * thick[key]
+    times_of_full["thick_ratio"] = to_thick["ratio"] * spp / timed_spp
+    return times_of_full
 
 
 # -- the report ---------------------------------------------------------------------------------
 
 
 def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
-    """The table of views."""
+    """Part of the page: the table of views."""
     lead = (
-        "One view of the two spheres on 64 × 64 lenses. The rectangle has the same picture for "
-        "its texture, and is rendered by the stock camera, integrator and film. The noise of a "
-        "sample is what it adds to a view pixel, root mean square."
+        "One view of the two spheres on 64 × 64 lenses. The rectangle has the same picture as its "
+        "texture and uses the stock camera, integrator and film. The noise of a sample is the "
+        "root mean square standard deviation of a view pixel with one sample."
     )
     remark = (
-        "Views: in turn with the textured rectangle; the mesh of `full` apart, in turn with "
-        "`thick`: while it is there, the renderer compiles its lights and materials into every "
-        "scene's kernel."
+        "Views were timed alternating with the textured rectangle. The mesh of `full` was timed "
+        "separately, alternating with `thick`: while it exists, the renderer compiles its lights "
+        "and materials into the kernel of every scene."
     )
     return [PagePart("views", "Views", lead, [_table(part(data, "views"))], remarks=[remark])]
 
 
 def _table(views: Mapping[str, Any]) -> Table:
     heads = [
-        "lens model", "ms per view", "rectangles", "by fastest", "times thick", "samples timed",
-        "ms as timed",
-        "spread", "runs", "noise of a sample", "ms at the noise of thick",
+        "lens model", "ms per view", "× rectangle", "by fastest", "× thick", "samples timed",
+        "ms as timed", "spread", "runs", "noise of a sample", "ms at the noise of thick",
     ]  # fmt: skip
     rows = [
         [
@@ -178,8 +179,8 @@ def _table(views: Mapping[str, Any]) -> Table:
         for c in items(views, "algorithms")
     ]
     caption = (
-        f"One view of {views['columns']} × {views['rows']} pixels, {views['spp']} samples each "
-        "(fewer timed: scaled up)"
+        f"One view of {views['columns']} × {views['rows']} pixels with {views['spp']} samples "
+        "each; times of fewer samples are scaled up"
     )
     return Table(caption, heads, rows)
 
@@ -188,7 +189,7 @@ def _table(views: Mapping[str, Any]) -> Table:
 
 
 def main() -> int:
-    """Carry out the study; the exit code."""
+    """Run the study and return the exit code."""
     args = new_parser(__doc__, "bench-views").parse_args()
     return run_study(args, "reports.bench.views.run", "Bench: views", _measure, parts_of)
 
