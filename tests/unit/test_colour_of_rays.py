@@ -1,0 +1,145 @@
+"""Colours of rays against a float64 oracle that is written from the documentation alone."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from inim.display.pixels import SUBPIXELS as PATTERNS
+from inim.display.pixels import exact_length
+from inim.generators import SourceGenerator, generate, prepare
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
+from reports.stress.study.rays import chosen_pixels, rays_over
+from tests.colour_oracle import (
+    COLOURS,
+    Picture,
+    averaged_picture,
+    code_from_linear,
+    linear_from_code,
+    ray_values,
+)
+from tests.generator_cases import DISPLAYS, NON_SEPARABLE, SUBPIXELS, picture
+
+_QUARTER = Fraction(1, 4)
+_STARTS = {
+    1: [(Fraction(0), Fraction(0))],
+    2: [(-_QUARTER, -_QUARTER), (_QUARTER, _QUARTER)],
+    4: [(a, b) for a in (-_QUARTER, _QUARTER) for b in (-_QUARTER, _QUARTER)],
+}
+_PIXELS = 100
+
+CASES = [
+    *(
+        ("template:samples=4", display)
+        for display in (
+            *("odd pixels", "both sides", "phone", "elemental pitch", "rows closer", "moved"),
+            *NON_SEPARABLE,
+            *SUBPIXELS,
+        )
+    ),
+    *(
+        (f"layered:samples={samples}", display)
+        for samples in (1, 2)
+        for display in ("odd pixels", "phone", "moved", "hexagonal", "tilted", "pentile, moved")
+    ),
+    *(
+        (algorithm, display)
+        for algorithm in ("template:columns=solid:samples=1", "gu2020")
+        for display in ("both sides", "elemental pitch", "turned", "stripes, turned")
+    ),
+    *(
+        (algorithm, display)
+        for algorithm in ("li2012", "wang2024", "wang2024:matching=ray")
+        for display in ("odd pixels", "elemental pitch")
+    ),
+]
+
+
+def with_codes(rgbd: RGBD) -> RGBD:
+    """The picture with random 8-bit colours and opacities."""
+    generator = np.random.default_rng(5)
+
+    def codes() -> np.ndarray:
+        return generator.integers(0, 256, (*rgbd.shape, 4)).astype(np.uint8)
+
+    front = (codes(), rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
+    if not isinstance(rgbd, LayeredRGBD):
+        return RGBD(*front)
+    deeper = (Layer(codes(), d.front_mm, d.back_mm, d.covered) for d in rgbd.deeper)
+    return LayeredRGBD(*front, back_mm=rgbd.back_mm, deeper=tuple(deeper))
+
+
+def expected_colours(
+    made: SourceGenerator, rgbd: RGBD, pixels: np.ndarray, colour: str, samples: int
+) -> np.ndarray:
+    """Colours of panel pixels, (n, channels) in linear light and alpha, from the oracle."""
+    display, layers = made.display, rgbd.layers
+    depth = np.stack([np.where(one.covered, one.front_mm, np.nan) for one in layers]).astype(float)
+    values = np.stack([one.color for one in layers]).astype(float)
+    if rgbd.color.dtype == np.uint8:
+        values /= 255
+        values[..., :3] = linear_from_code(values[..., :3])
+    opacity = Picture(values[..., 3:], depth, rgbd.pixel_mm)
+    fill = exact_length(display.pixel_fill)
+    result, starts = np.zeros((len(pixels), values.shape[-1])), []
+    sources = {
+        (channel, *ray.pixel_offset): ray.generator.sources(rgbd)[tuple(pixels.T)]
+        for ray in made.rays()
+        for channel in ray.channels
+    }
+    for place in dict.fromkeys(PATTERNS[display.subpixels]):
+        channels = [n for n, p in enumerate(PATTERNS[display.subpixels]) if p == place]
+        side = display.pixel_pitch_mm * display.pixel_fill / samples**0.5
+        per_mm = side / display.gap_mm / rgbd.pixel_mm
+        light = Picture(values[..., channels], depth, rgbd.pixel_mm)
+        light = averaged_picture(light, colour, (per_mm, per_mm * float(place.width)))
+        for down, right in _STARTS[samples]:
+            offset = down * fill, place.right + right * place.width * fill
+            starts += [(channel, *offset) for channel in channels]
+            axes = rays_over(display, rgbd, pixels, offset)
+            rays = np.stack([axes.v0, axes.dv, axes.u0, axes.du], axis=1)
+            ray = colour, sources[(channels[0], *offset)], rays
+            shown = ray_values(light, *ray)
+            result[:, channels] += (shown**2 if colour == "smooth" else shown) / samples
+            result[:, 3:] += ray_values(opacity, *ray) * len(channels) / 3 / samples
+    assert sources.keys() == set(starts)
+    return result
+
+
+@pytest.mark.parametrize("colour", COLOURS)
+@pytest.mark.parametrize(("algorithm", "display"), CASES)
+def test_colours_agree_with_the_float64_oracle(algorithm, display, colour):
+    shown, samples = DISPLAYS[display], int(algorithm.partition("samples=")[2] or 1)
+    pixels = chosen_pixels(shown, _PIXELS)
+    mask = np.zeros(shown.eia_shape, bool)
+    mask[tuple(pixels.T)] = True
+    names = ("layers, odd size",) if "layered" in algorithm else ("hills",)
+    for name in names:
+        plain = picture(display, name)
+        for rgbd in (plain, with_codes(plain)):
+            method = f"{algorithm}:colour={colour}:fill=none"
+            size = {"shape": rgbd.shape, "pixel_mm": rgbd.pixel_mm}
+            made = prepare(shown, method, **size)
+            assert isinstance(made, SourceGenerator)
+            expected = expected_colours(made, rgbd, pixels, colour, samples)
+            whole = made.generate(rgbd)
+            eia = whole[tuple(pixels.T)]
+            if rgbd.color.dtype == np.uint8:
+                expected[:, :3] = code_from_linear(np.minimum(expected[:, :3], 1))
+                error = np.abs(eia - 255 * expected)
+                assert (error <= 1).all()
+            else:
+                error = np.abs(eia - expected)
+                assert (error <= 1e-5 * np.maximum(expected, 1e-2)).all()
+            masked = prepare(shown, method, **size, mask=mask)
+            assert isinstance(masked, SourceGenerator)
+            assert np.array_equal(masked.generate(rgbd), whole * mask[..., None])
+
+
+@pytest.mark.parametrize("colour", COLOURS)
+@pytest.mark.parametrize("algorithm", ["template", "gu2020", "li2012"])
+def test_algorithms_of_one_picture_read_no_colours_of_hidden_layers(algorithm, colour):
+    shown, layered = DISPLAYS["odd pixels"], picture("odd pixels", "layers")
+    front = RGBD(layered.color, layered.depth_mm, layered.covered, layered.pixel_mm)
+    method = f"{algorithm}:colour={colour}"
+    assert np.array_equal(generate(layered, shown, method), generate(front, shown, method))
