@@ -61,27 +61,34 @@ class Picture:
                 candidates.append((far, self.depth[layer, row, column], layer))
         return min(candidates)[2] if candidates else None
 
-    def averaged(self, width: tuple[float, float], present: float, least: float) -> "Picture":
+    def averaged(self, width: tuple[float, float], present: float) -> "Picture":
         """The picture averaged over footprints.
 
         Parameters
         ----------
         width : (down, right)
             Size of a footprint at the depth of 1 mm, in picture pixels.
-        present, least : float
-            Variance that is there anyway, and the lowest variance of a diffusion.
+        present : float
+            Variance that is there anyway.
         """
         light, step = self.light, 1
-        variance = [np.maximum((np.abs(self.depth) * w) ** 2 / 12 - present, least) for w in width]
+        variance = self._variance(width, present)
         while True:
             earlier = (step**2 - 1) / 12  # the sum of 4^i / 4 over all earlier passes
-            shares = [np.minimum(v - earlier, step**2 / 4) for v in variance]
-            if step > 1:
-                shares = [np.where(s > 0, s, 0.0) for s in shares]
-                if not np.nansum(shares):
-                    return Picture(light, self.depth, self.pixel_mm)
+            shares = [np.clip(v - earlier, 0, step**2 / 4) for v in variance]
+            if not np.nansum(shares):
+                return Picture(light, self.depth, self.pixel_mm)
             light = self._diffused(light, shares, step)
             step *= 2
+
+    def sharpened(self, width: tuple[float, float], present: float) -> "Picture":
+        """The picture after one pass with the negative part of the variance; see `averaged`."""
+        shares = [np.minimum(v, 0) for v in self._variance(width, present)]
+        return Picture(self._diffused(self.light, shares, 1), self.depth, self.pixel_mm)
+
+    def _variance(self, width: tuple[float, float], present: float) -> list[np.ndarray]:
+        """Variance V of each pixel on both axes."""
+        return [(np.abs(self.depth) * w) ** 2 / 12 - present for w in width]
 
     def _diffused(self, light: np.ndarray, shares: list[np.ndarray], step: int) -> np.ndarray:
         """One pass, with the variance of each pixel on both axes."""
@@ -132,9 +139,10 @@ def averaged_picture(picture: Picture, colour: str, footprint: tuple[float, floa
     if colour == "linear":
         return picture
     if colour == "averaged":
-        return picture.averaged(footprint, present=1 / 12, least=0)
-    picture = picture.averaged(footprint, present=1 / 6, least=-1 / 6)
-    return Picture(np.sqrt(picture.light), picture.depth, picture.pixel_mm)
+        return picture.averaged(footprint, present=1 / 12)
+    picture = picture.averaged(footprint, present=1 / 6)
+    roots = Picture(np.sqrt(picture.light), picture.depth, picture.pixel_mm)
+    return roots.sharpened(footprint, present=1 / 6)
 
 
 def ray_values(picture: Picture, colour: str, sources: np.ndarray, rays: np.ndarray) -> np.ndarray:

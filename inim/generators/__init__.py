@@ -197,7 +197,7 @@ class _Preparation:
         source_generator = self._with_sources(generator, COLOUR)
         return ColouredRays(
             source_generator.rays(), lambda: source_generator, self.display, self.shape,
-            self.pixel_mm, colour=self.colour,
+            self.pixel_mm, colour=self.colour, reads=self.definition.properties({}).reads,
         )  # fmt: skip
 
     def _with_sources(self, generator: Generator, option: str) -> SourceGenerator:

@@ -31,8 +31,10 @@ Views = Iterator[tuple[Place, np.ndarray]]
 
 _SIDE = 9
 _VIEW = re.compile(r"input_Cam(\d+)\.png")
-# Gap less focal length, times the squared side: whatever the grid, the pixel in focus, which
-# `gu2020` steps by, is an eighth of a pixel of disparity.
+# Gap between panel and lenses, in lens pitches, and so the depth of a disparity.
+_GAP = 9
+# Gap less focal length, times the squared side of the grid: with it, `gu2020` steps by an eighth of
+# a pixel of disparity in every light field.
 _DEFOCUS_MM = 8.1
 # In front of all and behind it, pixels of disparity.
 _IN_FRONT, _BEHIND = 1 / 81, 5 / 81
@@ -68,7 +70,7 @@ class LightField:
     @property
     def disparity(self) -> np.ndarray:
         """Pixels to the next view, (H, W)."""
-        return self.rgbd.depth_mm / np.float32(self.side**2)
+        return self.rgbd.depth_mm / np.float32(_GAP * self.side)
 
     @property
     def middle(self) -> np.ndarray:
@@ -107,18 +109,18 @@ def of_views(
     others = dict(views)
     middle = others.pop((side // 2, side // 2))
     rows, columns = disparity.shape
-    # One lens a pixel; z = side^2 d of disparity d moves by d pixels from view to view.
-    pixel_mm = np.float32(side**2)
-    depth = pixel_mm * disparity
+    # One lens for each pixel: a point at z = gap side d moves by d pixels from view to view.
+    depth_per_pixel = np.float32(_GAP * side)
+    depth = depth_per_pixel * disparity
     display = inim.Display(
         pitch_mm=1.0,
-        focal_length_mm=side - round(_DEFOCUS_MM / side**2, 4),
-        gap_mm=float(side),
+        focal_length_mm=_GAP - round(_DEFOCUS_MM / side**2, 4),
+        gap_mm=float(_GAP),
         pixel_pitch_mm=1 / side,
         lens_columns=columns,
         lens_rows=rows,
-        depth_min_mm=float(depth.min()) - float(_BEHIND * pixel_mm),
-        depth_max_mm=float(depth.max()) + float(_IN_FRONT * pixel_mm),
+        depth_min_mm=float(depth.min()) - float(_BEHIND * depth_per_pixel),
+        depth_max_mm=float(depth.max()) + float(_IN_FRONT * depth_per_pixel),
     )
     color = linear_from_srgb(middle.astype(np.float32) / 255)
     rgbd = RGBD(color, depth, np.ones(depth.shape, bool), 1.0)

@@ -130,7 +130,7 @@ def test_colours_agree_with_the_float64_oracle(algorithm, display, colour):
                 assert (error <= 1).all()
             else:
                 error = np.abs(eia - expected)
-                assert (error <= 1e-5 * np.maximum(expected, 1e-2)).all()
+                assert (error <= 1e-5 * np.maximum(expected, 0.05)).all()
             masked = prepare(shown, method, **size, mask=mask)
             assert isinstance(masked, SourceGenerator)
             assert np.array_equal(masked.generate(rgbd), whole * mask[..., None])

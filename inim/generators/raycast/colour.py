@@ -19,11 +19,12 @@ along each axis is w^2 / 12, in picture pixels, minus the variance that the pict
 already has: 1/12 if the nearest pixel is copied, and 1/6 if colours are interpolated. Pass
 k = 0, 1, 2, ... adds the differences to the four neighbours at a distance of s = 2^k pixels, each
 with half of the pass's variance divided by s^2. It contributes at most s^2 / 4. The first
-passes are used up first. A negative variance sharpens (at most -1/6, in the first pass), which
-compensates the blur of interpolation; it is zero for ``averaged``.
+passes are used up first.
 
 ``linear`` interpolates linear light. ``smooth`` averages linear light and interpolates its square
-roots, which are close to code values: dark pixels next to bright ones keep their weight.
+roots, which are close to code values: dark pixels next to bright ones keep their weight. Where the
+variance is negative (at least -1/6), one pass over the square roots sharpens them, which
+compensates the blur of interpolation.
 
 The mean over the rays of a pixel is taken in linear light, as always; a hole counts as black.
 
@@ -74,8 +75,8 @@ from inim.image.rgbd import RGBD
 
 NEAREST, LINEAR, AVERAGED, SMOOTH = "nearest", "linear", "averaged", "smooth"
 
-# Variance that the picture's pixel and the lookup already have; least variance of the diffusion.
-_VARIANCE = {AVERAGED: (1 / 12, 0.0), SMOOTH: (1 / 6, -1 / 6)}
+# Variance that the picture's pixel, or the interpolation, already has.
+_VARIANCE = {AVERAGED: 1 / 12, SMOOTH: 1 / 6}
 # Sources at once, of all rays: they stay in the cache that the threads share.
 _SOURCES_AT_ONCE = 2**22
 # Panel pixels whose rays are interpolated at once: their positions stay in the first cache.
@@ -160,10 +161,12 @@ class _Picture:
         selected = np.isin(np.arange(3), channels)
         light = self._light
         if self._colour in _VARIANCE:
-            footprint = _footprint(self._display, self._rgbd.pixel_mm, channels, len(rays))
-            light = diffused(
-                self._front, light, footprint, self._rgbd.pixel_mm, *_VARIANCE[self._colour]
-            )
+            pixel_mm, present = self._rgbd.pixel_mm, _VARIANCE[self._colour]
+            footprint = _footprint(self._display, pixel_mm, channels, len(rays))
+            light = diffused(self._front, light, footprint, pixel_mm, present)
+            if self._colour == SMOOTH:
+                np.sqrt(light, out=light)
+                light = sharpened(self._front, light, footprint, pixel_mm, present)
         if self._colour in (LINEAR, SMOOTH):
             return self._interpolating_writer(light, rays, selected)
         if not self._coded:
@@ -181,7 +184,7 @@ class _Picture:
     ) -> _Writer:
         squared = self._colour == SMOOTH
         texels = np.zeros((len(light) + 1, 4), np.float32)
-        texels[1:] = np.sqrt(light) if squared else light
+        texels[1:] = light
         covered = self._front.reshape(-1) > -np.inf
         opacity = None
         if self._coded and (self._opacity[covered] != 1).any():
@@ -267,7 +270,6 @@ def diffused(
     footprint: tuple[float, float],
     pixel_mm: float,
     present: float,
-    least: float,
 ) -> np.ndarray:
     """Light of pixels averaged over the surfaces around them; see the module's definition.
 
@@ -281,24 +283,52 @@ def diffused(
         Height and width of a ray's footprint, in picture pixels per millimetre of depth.
     pixel_mm : float
         Width of a picture pixel.
-    present, least : float
-        Variance that the picture already has, and least variance of the diffusion.
+    present : float
+        Variance that is there without an average.
 
     Returns
     -------
     (layers x H x W, 4) float32
     """
     farthest = float(np.abs(front, where=front > -np.inf, out=np.zeros_like(front)).max())
-    scale = np.array(footprint, np.float32) / np.float32(12**0.5)
-    steepest = np.float32(STEEPEST * pixel_mm)
     for stride in _strides((max(footprint) * farthest) ** 2 / 12 - present):
-        result = np.empty_like(light)
-        _diffuse(
-            front, light.reshape(-1), scale, np.float32(present),
-            np.float32(least if stride == 1 else 0), stride, steepest, result.reshape(-1),
-        )  # fmt: skip
-        light = result
+        light = _diffused(
+            front, light, footprint, pixel_mm, present, (0, stride * stride / 4), stride
+        )
     return light
+
+
+def sharpened(
+    front: np.ndarray,
+    roots: np.ndarray,
+    footprint: tuple[float, float],
+    pixel_mm: float,
+    present: float,
+) -> np.ndarray:
+    """Square roots of light, sharpened where a footprint has less variance than is present.
+
+    Parameters and result are those of `diffused`.
+    """
+    return _diffused(front, roots, footprint, pixel_mm, present, (-present, 0))
+
+
+def _diffused(
+    front: np.ndarray,
+    light: np.ndarray,
+    footprint: tuple[float, float],
+    pixel_mm: float,
+    present: float,
+    limits: tuple[float, float],
+    stride: int = 1,
+) -> np.ndarray:
+    """One pass of the diffusion, whose variance is within limits."""
+    result = np.empty_like(light)
+    _diffuse(
+        front, light.reshape(-1), np.array(footprint, np.float32) / np.float32(12**0.5),
+        np.float32(present), *map(np.float32, limits), stride, np.float32(STEEPEST * pixel_mm),
+        result.reshape(-1),
+    )  # fmt: skip
+    return result
 
 
 def _strides(variance: float) -> list[int]:
@@ -310,11 +340,11 @@ def _strides(variance: float) -> list[int]:
 
 
 @compiled(parallel=True)
-def _diffuse(front, light, scale, present, least, stride, steepest, result):
+def _diffuse(front, light, scale, present, least, most, stride, steepest, result):
     """One pass of the diffusion: its share of the variance, from neighbours at a distance."""
     layers, rows, columns = front.shape
     square = np.float32(stride * stride)
-    most, used = np.float32(0.25) * square, (square - np.float32(1)) / np.float32(12)
+    used = (square - np.float32(1)) / np.float32(12)
     weight = np.float32(0.5) / square
     reach = steepest * np.float32(stride)
     for index in prange(layers * rows):

@@ -29,7 +29,7 @@ from inim.generators.base import (
     Sources,
 )
 from inim.generators.raycast.colour import NEAREST, show_colours
-from inim.image.rgbd import RGBD
+from inim.image.rgbd import RGBD, LayeredRGBD
 
 _A = Fraction(1, 4)
 _PLACES: dict[int, tuple[PixelOffset, ...]] = {
@@ -98,9 +98,11 @@ class ColouredRays(SourceGenerator):
         pixel_mm: float,
         pixels: PixelList | None = None,
         colour: str = NEAREST,
+        reads: type[RGBD] = LayeredRGBD,
     ) -> None:
         super().__init__(display, shape, pixel_mm, pixels)
         self._rays, self._centre, self._colour = list(rays), centre, colour
+        self._reads = reads
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
@@ -114,5 +116,7 @@ class ColouredRays(SourceGenerator):
         """See `Generator.generate`; a hole counts as black."""
         self.check(rgbd)
         out = self.place(rgbd, out)
+        if isinstance(rgbd, LayeredRGBD) and self._reads is RGBD:
+            rgbd = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
         show_colours(rgbd, self.display, self._colour, self._rays, out)
         return out
