@@ -616,8 +616,8 @@ class Display:
         Ground truth is traced through lens centres: displays that differ in their lenses only have
         one, that of this display. The lenses' own parameters have their defaults.
         """
-        defaults = {field.name: field.default for field in fields(self)}
-        return self.replace(name="", **{name: defaults[name] for name in _LENS_ONLY})
+        defaults = {f.name: f.default for f in fields(self) if f.name in _LENS_ONLY}
+        return self.replace(name="", **defaults)
 
 
 DISPLAYS = {

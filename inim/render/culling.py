@@ -78,12 +78,10 @@ class BoundsGrid:
         # Depth below the start plane, of the borders of the slabs from the farthest on.
         ends = self.start_mm - (self.low_mm[2] + slabs * self.cell_mm[2])
         is_visible = np.zeros(rays.shape, bool)
+        mark = _mark_rows if isinstance(rays, SeparableRays) else _mark_pixels
         for k, counts in enumerate(self.counts):
             across, up = rays.reach(ends[k : k + 2])
-            cells = (*self._cells(across, 0), *self._cells(up, 1))
-            _mark_visible(
-                counts, *(np.broadcast_to(cell, rays.shape) for cell in cells), is_visible
-            )
+            mark(counts, *self._cells(across, 0), *self._cells(up, 1), is_visible)
         return is_visible
 
     def _cells(self, interval: Interval, axis: int) -> tuple[np.ndarray, np.ndarray]:
@@ -144,8 +142,18 @@ def _count_boxes(first: np.ndarray, last: np.ndarray) -> np.ndarray:
 
 
 @compiled(parallel=True)
-def _mark_visible(counts, left, right, low, high, is_visible):  # type: ignore[no-untyped-def]
-    """Mark pixels whose rectangle of cells holds an occupied one."""
+def _mark_rows(counts, left, right, low, high, is_visible):  # type: ignore[no-untyped-def]
+    """Mark pixels whose rectangle of cells, per column and per row, holds an occupied one."""
+    for i in prange(is_visible.shape[0]):
+        below, above = counts[low[i]], counts[high[i]]
+        for j in range(is_visible.shape[1]):
+            a, b = left[j], right[j]
+            is_visible[i, j] |= above[b] - above[a] - below[b] + below[a] > 0
+
+
+@compiled(parallel=True)
+def _mark_pixels(counts, left, right, low, high, is_visible):  # type: ignore[no-untyped-def]
+    """Mark pixels as `_mark_rows`, with individual rectangles."""
     for i in prange(is_visible.shape[0]):
         for j in range(is_visible.shape[1]):
             below, above = counts[low[i, j]], counts[high[i, j]]

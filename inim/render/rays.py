@@ -86,10 +86,10 @@ class SeparableRays:
         ends.
         """
         reach = []
-        for axis, shape in ((self.x, (1, -1)), (self.y, (-1, 1))):
+        for axis in (self.x, self.y):
             lows, highs = [], []
             for depth in depths:
-                middle = (axis.place_mm + axis.slope * depth).reshape(shape)
+                middle = axis.place_mm + axis.slope * depth
                 half = abs(axis.place_step_mm + axis.slope_step * depth) / 2
                 half += abs(self.pupil_place_mm + self.pupil_slope * depth)
                 lows.append(middle - half)
