@@ -35,7 +35,7 @@ from inim.process.machine import user_cache_folder
 _PACKAGE = Path(__file__).resolve().parent
 
 
-def address_of(product: str, parts: Mapping[str, str]) -> str:
+def cache_address(product: str, parts: Mapping[str, str]) -> str:
     """Address of the result of a product with these digests of its inputs."""
     return value_digest([product, sorted(parts.items())])
 
@@ -271,7 +271,9 @@ class ResultCache:
 
     def holds(self, product: str, parts: Mapping[str, Any]) -> bool:
         """True if `find_or_make` would find a result."""
-        return self._store is not None and self._store.holds(address_of(product, _digests(parts)))
+        return self._store is not None and self._store.holds(
+            cache_address(product, _digests(parts))
+        )
 
     def find_or_make(
         self,
@@ -292,14 +294,14 @@ class ResultCache:
         if self._store is None:
             return make(), ""
         digests = _digests(parts())
-        address, topic = address_of(product, digests), value_digest([self._topic, product])
+        address, topic = cache_address(product, digests), value_digest([self._topic, product])
         record = self._store.load(address)
         if record is None:
             result = make()
-            self._store.keep(address, _packed(result))
+            self._store.keep(address, _pack(result))
             why = _change(self._store.last_parts(topic), digests) if explain else ""
         else:
-            result, why = _unpacked(record, kinds), None
+            result, why = _unpack(record, kinds), None
         if explain:
             self._store.remember_parts(topic, digests)
         return result, why
@@ -317,7 +319,7 @@ def _change(before: Mapping[str, str] | None, now: Mapping[str, str]) -> str:
     return f"changed: {', '.join(changed)}" if changed else "the store had dropped it"
 
 
-def _packed(value: Any) -> Record:
+def _pack(value: Any) -> Record:
     """Record of the arrays, each once, and of the tree of all other values for JSON."""
     arrays: dict[str, np.ndarray] = {}
     names: dict[int, str] = {}
@@ -340,7 +342,7 @@ def _packed(value: Any) -> Record:
     return Record(arrays, tree(value))
 
 
-def _unpacked(record: Record, kinds: Iterable[type]) -> Any:
+def _unpack(record: Record, kinds: Iterable[type]) -> Any:
     classes = {kind.__name__: kind for kind in kinds}
 
     def value(part: Any) -> Any:

@@ -17,7 +17,7 @@ from typing import Any
 from inim.errors import InimError, OutOfMemoryError, UsageError
 
 
-def announced(group: str) -> list[str]:
+def announced_names(group: str) -> list[str]:
     """Names that other packages announce in an entry-point group, sorted, each once."""
     return sorted({point.name for point in metadata.entry_points(group=group)})
 

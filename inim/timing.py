@@ -96,7 +96,7 @@ def time_methods(
         return time_calls(calls, rounds)
 
 
-def display_ready(rgbd: RGBD) -> RGBD:
+def to_srgb_rgba(rgbd: RGBD) -> RGBD:
     """Convert a linear picture to 8-bit sRGB with alpha, transparent where it is empty."""
     rgba = _rgba(rgbd.color, rgbd.covered)
     if not isinstance(rgbd, LayeredRGBD):

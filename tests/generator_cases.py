@@ -17,7 +17,7 @@ from inim.display import Display
 from inim.display.pixels import exact_length
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.scene.two_spheres import two_spheres
-from inim.stress.pictures import solids_of, tied, with_depth
+from inim.stress.pictures import picture_of_depth, solids_of, tied_picture
 from tests.conftest import small_display
 
 REAL = {"depth_min_mm": 10.0, "depth_max_mm": 31.0}
@@ -125,7 +125,7 @@ def random(display: Display, pixel_mm: float, coverage: float = 0.9) -> RGBD:
     low, high = display.depth_range_mm
     shape, margin = _shape(display, pixel_mm), (high - low) / 8
     depth = generator.uniform(low - margin, high + margin, shape).astype(np.float32)
-    return with_depth(depth, pixel_mm, generator.random(shape) < coverage)
+    return picture_of_depth(depth, pixel_mm, generator.random(shape) < coverage)
 
 
 def hills(display: Display, pixel_mm: float) -> RGBD:
@@ -135,7 +135,7 @@ def hills(display: Display, pixel_mm: float) -> RGBD:
     low, high = display.depth_range_mm
     wave = np.sin(columns / 3) * np.cos(rows / 4) + 1.6 * (columns > shape[1] // 2)
     depth = np.float32(low + (high - low) * (wave + 1.0) / 3.6)
-    return with_depth(depth, pixel_mm, (rows + columns) % 11 > 1)
+    return picture_of_depth(depth, pixel_mm, (rows + columns) % 11 > 1)
 
 
 def steps(display: Display, pixel_mm: float) -> RGBD:
@@ -143,24 +143,26 @@ def steps(display: Display, pixel_mm: float) -> RGBD:
     generator = np.random.default_rng(4)
     low, high = display.depth_range_mm
     depth = low + (high - low) * generator.integers(0, 5, _shape(display, pixel_mm)) / 4
-    return with_depth(depth.astype(np.float32), pixel_mm, generator.random(depth.shape) < 0.9)
+    return picture_of_depth(depth.astype(np.float32), pixel_mm, generator.random(depth.shape) < 0.9)
 
 
 def spikes(display: Display, pixel_mm: float) -> RGBD:
     """Thin near things before a far ground."""
     far, near = map(np.float32, display.depth_range_mm)
     rows, columns = np.indices(_shape(display, pixel_mm))
-    return with_depth(np.where((rows % 3 == 1) & (columns % 4 == 2), near, far), pixel_mm)
+    return picture_of_depth(np.where((rows % 3 == 1) & (columns % 4 == 2), near, far), pixel_mm)
 
 
 def single(display: Display, pixel_mm: float) -> RGBD:
     """One cell."""
-    return with_depth(np.full((1, 1), display.depth_range_mm[1], np.float32), pixel_mm)
+    return picture_of_depth(np.full((1, 1), display.depth_range_mm[1], np.float32), pixel_mm)
 
 
 def ties(ulps: int) -> Callable[[Display, float], RGBD]:
     """Depths at which rays leave cells, moved by so many units in the last place."""
-    return lambda display, pixel_mm: tied(display, _shape(display, pixel_mm), pixel_mm, ulps)
+    return lambda display, pixel_mm: tied_picture(
+        display, _shape(display, pixel_mm), pixel_mm, ulps
+    )
 
 
 def layers(display: Display, pixel_mm: float) -> LayeredRGBD:
@@ -201,7 +203,7 @@ PICTURES: dict[str, tuple[Callable[[Display, float], RGBD], float]] = {
 
 
 def _linear(rgbd: RGBD) -> RGBD:
-    return with_depth(rgbd.depth_mm, rgbd.pixel_mm, rgbd.covered)
+    return picture_of_depth(rgbd.depth_mm, rgbd.pixel_mm, rgbd.covered)
 
 
 @cache

@@ -133,7 +133,7 @@ def evaluate(method: TimedMethod, reference: Reference) -> dict[str, Any]:
     return {
         "wrong_source": wrong,
         "hole_fraction": _lensed_share(empty, reference.exact),
-        "averaged_share": _averaged_share(method),
+        "averaged_share": _multi_source_share(method),
         "scores": _scores(reference.eia, eia, reference.reference_views, views, reference.viewing),
     }
 
@@ -169,7 +169,7 @@ def _scores(
     }
 
 
-def _averaged_share(method: TimedMethod) -> float | None:
+def _multi_source_share(method: TimedMethod) -> float | None:
     """Share of the panel pixels whose rays have different sources; None for one ray per pixel."""
     if not isinstance(method.generator, SourceGenerator):
         return None
@@ -247,7 +247,7 @@ _TRIAL_RGBD = RGBD(
 )
 
 
-def available(names: Iterable[str]) -> tuple[list[str], list[str]]:
+def available_algorithms(names: Iterable[str]) -> tuple[list[str], list[str]]:
     """Return the algorithms that work on this machine, and a note on each of the others."""
     methods, notes = [], []
     for name in names:
@@ -269,7 +269,7 @@ def choose_algorithms(algorithms: Sequence[str] | None) -> tuple[Sequence[str], 
     """
     if algorithms is None:
         others = [name for name in algorithm_names() if not is_own(name)]
-        return available([*_DEFAULT, *others])
+        return available_algorithms([*_DEFAULT, *others])
     names = list(dict.fromkeys(algorithms))
     if not names:
         raise UsageError("--algorithms: none given; name at least one, such as 'template'")
@@ -295,7 +295,7 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, renderer: Rend
         views = reconstruct_views("", noiseless, plan.viewpoints, optics, renderer, run=run)
         return [view.image for view in views.values()]
 
-    viewing = [plan.viewing(eye) for eye in plan.viewpoints]
+    viewing = [plan.viewing_conditions(eye) for eye in plan.viewpoints]
     reference = make_reference(capture.rgbd, truth.image, display, views_of, viewing)
     floor = noise_floor(truth.first, truth.second, views_of, viewing)
     observer.stage("time")

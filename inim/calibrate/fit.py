@@ -130,7 +130,7 @@ class Calibration:
     correlation : array
         Correlation of `estimates`, in their order.
     covariance : array
-        Covariance of all fitted parameters, in the order of `Guess.moved`; 0 for fixed parameters.
+        Covariance of all fitted parameters, in the order of `Guess.with_changes`; 0 if fixed.
     edges_seen : (bool, bool)
         True if the array's left and right, and top and bottom, edges are visible: the shift is
         unambiguous. Otherwise the shift is ambiguous by a pitch, and the value nearest to the
@@ -176,7 +176,7 @@ class Calibration:
         )
 
     @property
-    def unknown(self) -> list[str]:
+    def undetermined(self) -> list[str]:
         """Parameters of the display that these photographs do not determine."""
         return [k for k, v in self.estimates.items() if k in PARAMETERS and not v.is_known]
 
@@ -230,15 +230,15 @@ def calibrate(
         free[len(PARAMETERS) : len(SHARED)] = False
     prior = _prior(steady, guess, focal_px is not None, counted[0].shape)
     names = tuple(lenses)
-    guess, counted, observations, sizes = _fitted(names, steady, guess, counted, edges, free, prior)
+    guess, counted, observations, sizes = _fit(names, steady, guess, counted, edges, free, prior)
     covariance = _covariance(observations, guess, free, prior, sizes)
     errors = np.sqrt(np.diag(covariance))
     fitted = SHARED if camera is None else PARAMETERS
     count = len(fitted)
-    limits = {name: _scaled(share, name, nominal) for name, share in LIMITS.items()}
+    limits = {name: _in_parameter_unit(share, name, nominal) for name, share in LIMITS.items()}
     estimates = {
         name: Estimate(float(value), float(error), limits.get(name, math.inf))
-        for name, value, error in zip(fitted, _shared(guess), errors, strict=False)
+        for name, value, error in zip(fitted, _shared_values(guess), errors, strict=False)
     }
     return Calibration(
         nominal,
@@ -272,11 +272,11 @@ def fit_pose(lenses: Lenses, display: Display, camera: Intrinsics, name: str) ->
     free = np.arange(guess.steps.size) >= len(SHARED)
     prior = _prior(steady, guess, True, lenses.shape)
     # Counted as the known shift has it, whether edges are seen or not.
-    fitted, *_ = _fitted((name,), steady, guess, counted, (True, True), free, prior)
+    fitted, *_ = _fit((name,), steady, guess, counted, (True, True), free, prior)
     return fitted.poses[0]
 
 
-def _fitted(
+def _fit(
     names: tuple[str, ...],
     display: Display,
     guess: Guess,
@@ -291,21 +291,25 @@ def _fitted(
     """
     sizes = np.tile([_USUAL[0] * display.pixel_pitch_mm, _USUAL[1]], (len(counted), 1))
     for _ in range(_ROUNDS):
-        observations = _observed(counted, display, guess)
-        guess = _solved(observations, guess, free, prior, sizes)
+        observations = _select_observations(counted, display, guess)
+        guess = _solve(observations, guess, free, prior, sizes)
         sizes = _sizes(observations.residuals(guess))
         # The first guess may have been a lens off.
         guess, counted = renumber_lenses(guess, counted, edges_seen, display)
-    observations = _observed(counted, display, guess)
+    observations = _select_observations(counted, display, guess)
     _check(names, display, sizes, counted)
     # One position alone begins with a distance of its own choice.
     check_pitch(display, guess.display.pitch_mm / display.pitch_mm, ", ".join(names))
     return guess, counted, observations, sizes
 
 
-def _observed(lenses: tuple[Lenses, ...], display: Display, guess: Guess) -> Observations:
+def _select_observations(
+    lenses: tuple[Lenses, ...], display: Display, guess: Guess
+) -> Observations:
     """Observations in the fit, corrected for blur."""
-    return Observations.of([_thinned(position) for position in lenses], display).sharpened(guess)
+    return Observations.of([_thin_out(position) for position in lenses], display).without_blur(
+        guess
+    )
 
 
 def _begin(
@@ -329,11 +333,11 @@ def _begin(
     poses = [pose_guess(flat, position, first, name) for name, position in lenses.items()]
     guess = Guess(flat, first, tuple(Pose(p.turn, p.eye_mm + corner) for p in poses))
     observations = Observations.of(
-        [_thinned(position) for position in positions], flat, outlines_only=True
+        [_thin_out(position) for position in positions], flat, outlines_only=True
     )
     free = np.arange(guess.steps.size) >= (len(PARAMETERS) if camera is None else len(SHARED))
     prior = _prior(flat, guess, focal_px is not None, positions[0].shape)
-    guess = _solved(observations, guess, free, prior, np.tile(_USUAL, (len(positions), 1)))
+    guess = _solve(observations, guess, free, prior, np.tile(_USUAL, (len(positions), 1)))
     own = [Pose(p.turn, p.eye_mm - corner) for p in guess.poses]
     lies = [
         find_placement(display, position, pose, name)
@@ -389,7 +393,7 @@ def renumber_lenses(
     )
 
 
-def _thinned(lenses: Lenses) -> Lenses:
+def _thin_out(lenses: Lenses) -> Lenses:
     """Random selection of at most `_MOST_LENSES` lenses. Every n-th lens would beat with the
     panel's pixels.
     """
@@ -406,14 +410,16 @@ class _Prior(NamedTuple):
     deviation: np.ndarray
 
 
-def _shared(guess: Guess) -> np.ndarray:
+def _shared_values(guess: Guess) -> np.ndarray:
     return np.array([*(getattr(guess.display, name) for name in PARAMETERS), *guess.camera])
 
 
 def _prior(display: Display, guess: Guess, focal_is_stated: bool, shape: tuple[int, int]) -> _Prior:
     height, width = shape
     focal = guess.camera.focal_px
-    standard_deviations = {name: _scaled(_PRIORS[name], name, display) for name in PARAMETERS}
+    standard_deviations = {
+        name: _in_parameter_unit(_PRIORS[name], name, display) for name in PARAMETERS
+    }
     standard_deviations |= {
         "focal_px": focal * (_STATED_FOCAL_PRIOR if focal_is_stated else _FOCAL_PRIOR),
         "centre_x_px": _CENTRE_PRIOR * width,
@@ -421,25 +427,25 @@ def _prior(display: Display, guess: Guess, focal_is_stated: bool, shape: tuple[i
         "k1": _PRIORS["k1"],
         "k2": _PRIORS["k2"],
     }
-    mean = _shared(guess._replace(display=display))
+    mean = _shared_values(guess._replace(display=display))
     mean[len(PARAMETERS) :] = focal, width / 2, height / 2, 0.0, 0.0
     return _Prior(mean, np.array([standard_deviations[name] for name in SHARED]))
 
 
-def _scaled(share: float, name: str, display: Display) -> float:
+def _in_parameter_unit(share: float, name: str, display: Display) -> float:
     """An entry of `LIMITS` or of the priors in the parameter's unit."""
     if name.startswith("shift"):
         return share * display.pitch_mm
     return share * float(getattr(display, name)) if name.endswith("_mm") else share
 
 
-def _weights(observations: Observations, sizes: np.ndarray) -> np.ndarray:
-    """One over the usual size, for each of `Seen.flat`."""
+def _inverse_sizes(observations: Observations, sizes: np.ndarray) -> np.ndarray:
+    """One over the usual size, for each of `Observations.flat`."""
     counts = 2 * np.array(observations.counts)
     return np.repeat(1 / sizes.ravel(), counts.ravel())
 
 
-def _solved(
+def _solve(
     observations: Observations, start: Guess, free: np.ndarray, prior: _Prior, sizes: np.ndarray
 ) -> Guess:
     """The best guess, from one that is near it, by Levenberg's and Marquardt's method.
@@ -448,19 +454,19 @@ def _solved(
     unknown, and `scipy.optimize.least_squares` decomposes all of them in every step, which took
     about half of the time.
     """
-    steps, weights = start.steps[free], _weights(observations, sizes)
+    steps, weights = start.steps[free], _inverse_sizes(observations, sizes)
     of_shared = free[: len(SHARED)]
     shared_steps = (start.steps[: len(SHARED)] / prior.deviation)[of_shared]
 
     def moved(z: np.ndarray) -> tuple[np.ndarray, Guess]:
         by = np.zeros(free.size)
         by[free] = z * steps
-        return by, start.moved(by)
+        return by, start.with_changes(by)
 
     def residuals(guess: Guess) -> tuple[np.ndarray, np.ndarray, float]:
         with np.errstate(all="ignore"):  # a step too far is not taken
             own = observations.flat(guess) * weights
-        off = ((_shared(guess) - prior.mean) / prior.deviation)[of_shared]
+        off = ((_shared_values(guess) - prior.mean) / prior.deviation)[of_shared]
         robust = 2 * _ROBUST**2 * float((np.sqrt(1 + (own / _ROBUST) ** 2) - 1).sum())
         return own, off, robust + float(off @ off)
 
@@ -527,9 +533,9 @@ def _check(
 def _covariance(
     observations: Observations, guess: Guess, free: np.ndarray, prior: _Prior, sizes: np.ndarray
 ) -> np.ndarray:
-    """Covariance of all parameters of `Guess.moved`; 0 for fixed parameters."""
+    """Covariance of all parameters of `Guess.with_changes`; 0 for fixed parameters."""
     steps = guess.steps[free]
-    weights = _weights(observations, sizes)
+    weights = _inverse_sizes(observations, sizes)
     residual = observations.flat(guess) * weights
     slopes = observations.slopes(guess, np.zeros(free.size), free) * weights * steps[:, None]
     # psi of the soft l1 loss, and its slope.

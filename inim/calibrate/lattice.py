@@ -84,7 +84,7 @@ def find_lenses(decoded: Decoded, display: Display, name: str) -> Lenses:
     step = np.array([display.pitch_mm, display.row_pitch_mm]) / display.pixel_pitch_mm
     panel = np.stack([decoded.column, decoded.row], axis=-1, dtype=np.float32)
     label = _regions(panel, step)
-    regions = _measured(label, panel, step)
+    regions = _lens_regions(label, panel, step)
     lens_regions, index, steps = _walk(regions, step, name)
     order = np.lexsort((index[:, 0], index[:, 1]))
     lens_regions, index = lens_regions[order], index[order]
@@ -135,7 +135,7 @@ def _regions(panel: np.ndarray, step: np.ndarray) -> np.ndarray:
     return label
 
 
-def _measured(label: np.ndarray, panel: np.ndarray, step: np.ndarray) -> _Regions:
+def _lens_regions(label: np.ndarray, panel: np.ndarray, step: np.ndarray) -> _Regions:
     """Regions that may be lenses: neither splinters nor the bare panel."""
     rows, columns = np.nonzero(label)
     number = label[rows, columns]

@@ -8,7 +8,7 @@ determines it.
 
 A camera pixel shows the mean over its blur. Within an aberrated lens this mean is nearer
 to the lens's axis than the ray of the pixel's centre, as if the lens magnified a few tenths
-of a per cent less. `Observations.sharpened` corrects the observations for this.
+of a per cent less. `Observations.without_blur` corrects the observations for this.
 
 Seams between lens surfaces are below z = 0, by the sag of the curved face there. Behind a flat face
 they are t - sag deep in the glass. By Snell's law a depth d seen at a slope s appears as d /
@@ -153,7 +153,7 @@ class Guess(NamedTuple):
     camera: Intrinsics
     poses: tuple[Pose, ...]
 
-    def moved(self, by: np.ndarray) -> Guess:
+    def with_changes(self, by: np.ndarray) -> Guess:
         """Guess with changes to `SHARED`, followed by the rotation and eye of each pose."""
         changed = {
             name: getattr(self.display, name) + float(step)
@@ -312,7 +312,7 @@ class Observations:
             )
         return cls(*zip(*observed, strict=True))
 
-    def sharpened(self, guess: Guess) -> Observations:
+    def without_blur(self, guess: Guess) -> Observations:
         """Observations corrected to those of a camera without blur.
 
         How far blur moves them hardly depends on the guess.
@@ -377,23 +377,23 @@ class Observations:
         return np.concatenate(parts, axis=1)
 
     def slopes(self, guess: Guess, by: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """Derivatives of `flat` by the changes of `Guess.moved` that are free, a row each.
+        """Derivatives of `flat` by the changes of `Guess.with_changes` that are free, a row each.
 
         Poses do not share residuals: one difference serves all of them.
         """
         steps = guess.steps * _DIFFERENCE
-        at = self.flat(guess.moved(by))
+        at = self.flat(guess.with_changes(by))
         ends = np.cumsum([0] + [2 * (rays + outlines) for rays, outlines in self.counts])
         slopes = np.zeros((steps.size, at.size))
         for n in np.flatnonzero(free[: len(SHARED)]).tolist():
             more = by.copy()
             more[n] += steps[n]
-            slopes[n] = (self.flat(guess.moved(more)) - at) / steps[n]
+            slopes[n] = (self.flat(guess.with_changes(more)) - at) / steps[n]
         for n in range(_POSE):
             of_poses = np.arange(len(SHARED) + n, steps.size, _POSE)
             more = by.copy()
             more[of_poses] += steps[of_poses]
-            change = (self.flat(guess.moved(more)) - at) / steps[of_poses[0]]
+            change = (self.flat(guess.with_changes(more)) - at) / steps[of_poses[0]]
             for row, begin, end in zip(of_poses, ends, ends[1:], strict=False):
                 slopes[row, begin:end] = change[begin:end]
         chosen: np.ndarray = slopes[free]

@@ -83,7 +83,7 @@ def residual_maps(calibration: Calibration) -> list[tuple[str, np.ndarray, np.nd
     rays on the panel, µm, mean of a lens; outlines, photograph pixels.
     """
     display = calibration.guess.display
-    observations = Observations.of(calibration.lenses, display).sharpened(calibration.guess)
+    observations = Observations.of(calibration.lenses, display).without_blur(calibration.guess)
     shape = (display.lens_rows, display.lens_columns)
     return [
         (name, _mean_map(lens, -1e3 * rays_mm, shape), _mean_map(outlined, -outlines_px, shape))
@@ -114,7 +114,7 @@ def calibration_document(calibration: Calibration, title: str, command: str) -> 
         **origin(command, _VERSIONS),
         display=DisplayRecord.of(calibration.display),
         parameters={name: _estimate(calibration, name) for name in PARAMETERS},
-        not_determined=calibration.unknown,
+        not_determined=calibration.undetermined,
         shift_is_certain=CertainShift(x=calibration.edges_seen[0], y=calibration.edges_seen[1]),
         camera=_camera(calibration),
         correlation=Correlation(
@@ -175,11 +175,11 @@ def _position(calibration: Calibration, n: int) -> CameraPosition:
 
 def _warnings(calibration: Calibration, advice: Sequence[NextPosition]) -> list[str]:
     warnings = []
-    if calibration.unknown:
+    if calibration.undetermined:
         place = f"{advice[0].description}, too" if advice else "elsewhere"
         warnings.append(
             f"not determined by these photographs, and left as designed: "
-            f"{', '.join(calibration.unknown)}; photograph from {place}"
+            f"{', '.join(calibration.undetermined)}; photograph from {place}"
         )
     for axis, is_visible in zip("xy", calibration.edges_seen, strict=True):
         if not is_visible:
@@ -227,7 +227,7 @@ def next_positions(calibration: Calibration) -> list[NextPosition]:
             eye = distance * np.array(
                 [math.tan(right * half_angle), math.tan(up * half_angle), 1.0]
             )
-            more = _information(display, camera, _facing(eye), calibration, free)
+            more = _information(display, camera, _pose_facing_display(eye), calibration, free)
             if more is None:
                 continue
             errors = np.sqrt(np.diag(np.linalg.inv(covariance + more))) * steps[free]
@@ -243,7 +243,7 @@ def next_positions(calibration: Calibration) -> list[NextPosition]:
     )
 
 
-def _facing(eye: np.ndarray) -> Pose:
+def _pose_facing_display(eye: np.ndarray) -> Pose:
     """A camera that looks at the display's middle, upright."""
     z = -eye / np.linalg.norm(eye)
     x = np.cross([0.0, -1.0, 0.0], z)

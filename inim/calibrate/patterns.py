@@ -25,7 +25,7 @@ from inim.documents.document import encode
 from inim.files.image import encode_image
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.version import __version__
-from inim.worker.output import published
+from inim.worker.output import output_files
 
 #: File name of the page that shows the pictures.
 PAGE = "patterns.html"
@@ -115,7 +115,7 @@ def write_patterns(display: Display, folder: Path) -> Path:
         PAGE: _page(display, pictures).encode(),
         **pictures,
     }
-    with published(folder, list(files)) as staging:
+    with output_files(folder, list(files)) as staging:
         for name, data in files.items():
             (staging / name).write_bytes(data)
     return folder / PAGE

@@ -73,7 +73,7 @@ def read_positions(folder: Path, display: Display) -> list[Position]:
     """
     if not folder.is_dir():
         raise FileError(f"{folder}: no such folder; name the one that holds a folder a position")
-    folders = sorted((p for p in _visible(folder) if p.is_dir()), key=_in_order)
+    folders = sorted((p for p in _visible(folder) if p.is_dir()), key=_natural_sort_key)
     if not folders:
         raise FileError(
             f"{folder}: holds no folders; put the photographs of each camera position into a "
@@ -92,7 +92,7 @@ def read_positions(folder: Path, display: Display) -> list[Position]:
 
 def read_position(folder: Path, display: Display) -> Position:
     """One camera position, its folder's photographs; see `read_positions`."""
-    paths = tuple(sorted(_visible(folder), key=_in_order))
+    paths = tuple(sorted(_visible(folder), key=_natural_sort_key))
     for path in paths:
         if path.suffix.lower() not in _ENDINGS:
             raise FileError(f"{path}: {_NOT_ONE}")
@@ -119,7 +119,7 @@ def _visible(folder: Path) -> list[Path]:
         raise FileError(f"{folder}: cannot be read ({error.strerror})") from None
 
 
-def _in_order(path: Path) -> list[tuple[int, str]]:
+def _natural_sort_key(path: Path) -> list[tuple[int, str]]:
     """A key by which names sort, numbers in them as numbers."""
     parts = _NUMBER.split(path.name.lower())
     return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]

@@ -111,7 +111,7 @@ def _pose(homography: np.ndarray, camera: Intrinsics) -> Pose:
     return Pose(turn, -turn.T @ origin)
 
 
-def _on_panel(display: Display, lenses: Lenses) -> tuple[np.ndarray, np.ndarray]:
+def _array_to_panel(display: Display, lenses: Lenses) -> tuple[np.ndarray, np.ndarray]:
     """Affine map from positions in the array to panel points seen through the lenses: matrix and
     offset.
     """
@@ -125,7 +125,7 @@ def _panel_step(display: Display, lenses: Lenses) -> float:
     """Step between adjacent lenses on the panel, in nominal pitches: P (1 + g / V) over the
     nominal P.
     """
-    return math.sqrt(abs(float(np.linalg.det(_on_panel(display, lenses)[0]))))
+    return math.sqrt(abs(float(np.linalg.det(_array_to_panel(display, lenses)[0]))))
 
 
 def check_pitch(display: Display, size: float, name: str) -> None:
@@ -160,7 +160,7 @@ def find_placement(display: Display, lenses: Lenses, pose: Pose, name: str) -> A
 
     Raises `FileError`: the photographs are of another display.
     """
-    ((a, b), (c, d)), at_origin = _on_panel(display, lenses)
+    ((a, b), (c, d)), at_origin = _array_to_panel(display, lenses)
     x, y, z = pose.eye_mm
     size = _panel_step(display, lenses) / (1 + display.gap_mm / z)
     check_pitch(display, size, name)

@@ -81,7 +81,7 @@ def _calibrate(args: argparse.Namespace, display: Display, preset: str) -> int:
     from inim.calibrate.output import calibration_document, display_file, residual_maps
     from inim.documents.files import write_text
     from inim.report.calibration import FILES, write_calibration
-    from inim.worker.output import published
+    from inim.worker.output import output_files
 
     photos = Path(args.photos)
     out = args.out or Path(f"{photos.resolve().name}.xml")
@@ -94,14 +94,14 @@ def _calibrate(args: argparse.Namespace, display: Display, preset: str) -> int:
     title = f"Calibration: {photos.resolve().name}"
     document = calibration_document(calibration, title, args.command_line)
     folder = out.with_name(f"{out.stem}-calibration")
-    with published(folder, FILES) as staging:
+    with output_files(folder, FILES) as staging:
         write_calibration(document, residual_maps(calibration), staging)
     write_text(out, display_file(calibration, preset))
-    print("\n".join(_table(calibration)))
+    print("\n".join(_parameter_lines(calibration)))
     for warning in document.warnings:
         print_warning(warning)
     page = folder / "calibration.html"
-    return finish(not calibration.unknown, f"calibrated: {out}, {page}")
+    return finish(not calibration.undetermined, f"calibrated: {out}, {page}")
 
 
 def _camera(text: str | None) -> Intrinsics | None:
@@ -146,7 +146,7 @@ def _lenses(photos: Path, display: Display) -> tuple[dict[str, Lenses], float | 
     return lenses, stated.pop() if len(stated) == 1 else None
 
 
-def _table(calibration: Calibration) -> list[str]:
+def _parameter_lines(calibration: Calibration) -> list[str]:
     """Lines with the display's parameters."""
     lines = []
     for name, estimate in calibration.estimates.items():
@@ -188,7 +188,7 @@ def _photo(args: argparse.Namespace) -> int:
     from inim.calibrate.photographs import read_colors
     from inim.files.eia_file import read_eia
     from inim.report.calibration import PHOTO_FILES, write_photo
-    from inim.worker.output import default_out, published
+    from inim.worker.output import default_out, output_files
 
     if not (args.display or "").lower().endswith(".xml"):
         raise UsageError("--display: give the display file that inim calibrate wrote")
@@ -222,7 +222,7 @@ def _photo(args: argparse.Namespace) -> int:
         "simulation": difference.stages[0].picture,
         "matched": difference.stages[-1].picture,
     }
-    with published(out, PHOTO_FILES) as staging:
+    with output_files(out, PHOTO_FILES) as staging:
         write_photo(document, pictures, difference.flow, staging)
     return finish(True, "\n".join([*_lines(document), f"compared: {out / 'photo.html'}"]))
 

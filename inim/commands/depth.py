@@ -63,7 +63,7 @@ def _run(args: argparse.Namespace) -> int:
     _check(args)
     estimator = _estimator(args.model)
     metric = returns_distance(estimator.model.config, args.model, args.model_output)
-    predicted = _predicted(estimator, args.photo, args.model)
+    predicted = _predict_depth(estimator, args.photo, args.model)
     if metric:
         depth, unit = predicted, "--depth-unit m"
         depth = np.where(depth > 0, depth, np.float32(np.nan))
@@ -144,7 +144,7 @@ def returns_distance(config: Any, model: str, model_output: str = "auto") -> boo
     )
 
 
-def _predicted(estimator: Any, photo: Path, model: str) -> np.ndarray:
+def _predict_depth(estimator: Any, photo: Path, model: str) -> np.ndarray:
     """Output of the model for a photograph, (H, W) float32."""
     import numpy as np
     from PIL import Image

@@ -77,7 +77,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 @dataclass(frozen=True)
-class _Chosen:
+class _ChosenEIA:
     """EIA to export, with the design of its display and the misaligned display.
 
     `distance_mm` is the distance of the eyes, and `description` is the name of the EIA with the
@@ -94,7 +94,7 @@ class _Chosen:
     is_truth: bool = False
 
     @property
-    def made_for(self) -> Display:
+    def design_display(self) -> Display:
         """Display for which the EIA was generated: algorithms use the design."""
         return self.misaligned if self.is_truth else self.display
 
@@ -110,7 +110,7 @@ def _run(args: argparse.Namespace) -> int:
     for option in ("tiles", "view_size", "aspect", "view_spp", "scene"):
         if getattr(args, option) is not None and args.quilt is None:
             raise UsageError(f"--{option.replace('_', '-')}: needs a quilt; add --quilt FILE")
-    chosen = _chosen_of_report(args) if args.source.is_dir() else _chosen_eia(args)
+    chosen = _choose_from_report(args) if args.source.is_dir() else _choose_eia(args)
     quilt = None if args.quilt is None else _quilt(args, chosen)
     lines = _write_sheet_and_views(args, chosen)
     if quilt is not None:
@@ -131,17 +131,17 @@ def _pair(option: str, text: str, most: int) -> tuple[int, int]:
     return int(across), int(down)
 
 
-def _chosen_eia(args: argparse.Namespace) -> _Chosen:
+def _choose_eia(args: argparse.Namespace) -> _ChosenEIA:
     from inim.display.misalignment import misaligned
 
     if args.algorithms:
         raise UsageError("--algorithms: needs a report's folder; an EIA has no algorithms")
     design, settings = display_and_settings(args)
     real, distance = misaligned(design, settings.misalign), settings.viewing_distance_mm
-    return _Chosen(args.source, design, real, settings.lens_model, distance, args.source.name)
+    return _ChosenEIA(args.source, design, real, settings.lens_model, distance, args.source.name)
 
 
-def _chosen_of_report(args: argparse.Namespace) -> _Chosen:
+def _choose_from_report(args: argparse.Namespace) -> _ChosenEIA:
     """Given algorithm or the ground truth; by default the best by the headline score."""
     from inim.display.misalignment import misaligned
     from inim.report import TRUTH, Report
@@ -150,7 +150,7 @@ def _chosen_of_report(args: argparse.Namespace) -> _Chosen:
     report = Report.load(args.source)
     name, why = (args.algorithms, "") if args.algorithms else _best(report)
     path, design = report.eia_path(name, "--algorithms"), report.display
-    return _Chosen(
+    return _ChosenEIA(
         path,
         design,
         misaligned(design, report.data.misalign),
@@ -177,7 +177,7 @@ def _best(report: Report) -> tuple[str, str]:
     return best, f", the best of {len(names)} by {HEADLINE_WORDS}"
 
 
-def _write_sheet_and_views(args: argparse.Namespace, chosen: _Chosen) -> list[Path]:
+def _write_sheet_and_views(args: argparse.Namespace, chosen: _ChosenEIA) -> list[Path]:
     from inim.files.eia_file import read_eia, write_true_size_pdf
     from inim.files.light_field import sub_aperture_views, write_hci
     from inim.image.color import srgb_codes
@@ -185,7 +185,7 @@ def _write_sheet_and_views(args: argparse.Namespace, chosen: _Chosen) -> list[Pa
     grid = None if args.grid is None else _pair("--grid", args.grid, 10_000)[::-1]
     if args.pdf is None and args.views is None and args.hci is None:
         return []
-    display = chosen.made_for
+    display = chosen.design_display
     eia = read_eia(chosen.path, display)[0]
     codes = srgb_codes(eia)
     views = None if args.views is None else sub_aperture_views(codes, display, grid)
@@ -200,13 +200,13 @@ def _write_sheet_and_views(args: argparse.Namespace, chosen: _Chosen) -> list[Pa
 
 
 def _light_field(
-    args: argparse.Namespace, chosen: _Chosen, codes: np.ndarray, grid: tuple[int, int] | None
+    args: argparse.Namespace, chosen: _ChosenEIA, codes: np.ndarray, grid: tuple[int, int] | None
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Views; for a report also the disparity of the centre view."""
     from inim.files.image import read_rgbd
     from inim.files.light_field import centre_disparity, sub_aperture_views, view_grid
 
-    display = chosen.made_for
+    display = chosen.design_display
     if chosen.report is None:
         return sub_aperture_views(codes, display, grid), None
     if grid is None:  # odd numbers, for a centre view
@@ -233,7 +233,7 @@ def _write_views(folder: Path, views: np.ndarray) -> None:
             write_atomically(folder / f"view_{row:02}_{column:02}.png", save)
 
 
-def _quilt(args: argparse.Namespace, chosen: _Chosen) -> QuiltRequest:
+def _quilt(args: argparse.Namespace, chosen: _ChosenEIA) -> QuiltRequest:
     """Request for the quilt, checked."""
     from inim.views.frames import TracedScene
     from inim.views.quilt import QuiltRequest

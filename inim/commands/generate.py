@@ -90,13 +90,13 @@ def _run(args: argparse.Namespace) -> int:
     if args.fitted is not None:
         raise UsageError(f"{args.input}: no depth; add --depth FILE")
     if args.photo is not None and args.photo.is_dir():
-        return _run_folder(args)
+        return _generate_folder(args)
     args.out = args.out or Path("eia.png")
     _run_one(args)
     return EXIT_PASSED
 
 
-def _run_folder(args: argparse.Namespace) -> int:
+def _generate_folder(args: argparse.Namespace) -> int:
     """Generate an EIA from each photograph of a folder, and list the failures."""
     from inim.files.eia_file import EIA_SUFFIXES
     from inim.from_camera.depth_photo import SUFFIXES
@@ -160,19 +160,21 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     _check(args, picture)
     display, settings = display_and_settings(args)
     if args.light_field is not None:
-        return _of_light_field(args, display, settings), ()
+        return _generate_from_light_field(args, display, settings), ()
     picture.camera()
     check_algorithm(_algorithm(args))
     photograph = picture.read()
     fitted, depth_map = picture.fit_to(photograph, display, settings.capture_pixels_per_pitch)
-    eia, empty = _generated(args, fitted.rgbd, display)
+    eia, empty = _generate_eia(args, fitted.rgbd, display)
     report = _report(picture, photograph, fitted, depth_map, display, empty, args.fill)
-    report.append(_written(args, fitted.rgbd, eia, empty, display))
+    report.append(_write_outputs(args, fitted.rgbd, eia, empty, display))
     report.append(f"seconds    {time.perf_counter() - started:.1f}")
     return report, picture.warnings(photograph, fitted, depth_map)
 
 
-def _of_light_field(args: argparse.Namespace, display: Display, settings: Settings) -> list[str]:
+def _generate_from_light_field(
+    args: argparse.Namespace, display: Display, settings: Settings
+) -> list[str]:
     """Generate and write the EIA of a light field; return the lines of output."""
     from inim.files.light_field import read_hci
     from inim.from_camera.light_field import (
@@ -194,7 +196,7 @@ def _of_light_field(args: argparse.Namespace, display: Display, settings: Settin
     else:
         pixels_per_pitch = settings.capture_pixels_per_pitch
         rgbd, clipped = centre_view_picture(field, display, pixels_per_pitch, str(args.light_field))
-        eia, empty = _generated(args, rgbd, display)
+        eia, empty = _generate_eia(args, rgbd, display)
     down, across, height, width = field.views.shape[:4]
     report = [
         _display_line(display),
@@ -204,7 +206,7 @@ def _of_light_field(args: argparse.Namespace, display: Display, settings: Settin
     ]
     if clipped is not None:
         report.append(f"clipped    {clipped:.1%} of the samples were beyond the depth range")
-    return [*report, _written(args, rgbd, eia, empty, display)]
+    return [*report, _write_outputs(args, rgbd, eia, empty, display)]
 
 
 def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
@@ -250,7 +252,7 @@ def _algorithm(args: argparse.Namespace) -> str:
     return str(args.algorithm) + ("" if args.fill is None else f":fill={args.fill}")
 
 
-def _generated(
+def _generate_eia(
     args: argparse.Namespace, rgbd: RGBD, display: Display
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Linear RGB EIA of a picture, and its holes if the algorithm reports them."""
@@ -261,7 +263,7 @@ def _generated(
     return eia, empty
 
 
-def _written(
+def _write_outputs(
     args: argparse.Namespace,
     rgbd: RGBD | None,
     eia: np.ndarray,

@@ -142,12 +142,12 @@ def _place_mesh(
     """Read, rotate, scale and centre a mesh; return its parts and the size of their box, mm."""
     from inim.files.mesh import UNIT_MM, read_mesh
     from inim.files.triangle_mesh import add_vertex_normals
-    from inim.scene.relic_scene import bounds, merged, placed
+    from inim.scene.relic_scene import bounds, merge_meshes, place_meshes
 
     meshes = read_mesh(source, warn)
     unit, up = _unit_and_up(source, meshes, unit, up)
     turn = _turn(up, front or _USUAL_FRONT[up])
-    parts = placed(merged([add_vertex_normals(m) for m in meshes]), turn, UNIT_MM[unit])
+    parts = place_meshes(merge_meshes([add_vertex_normals(m) for m in meshes]), turn, UNIT_MM[unit])
     low, high = bounds(parts)
     return parts, high - low
 
@@ -157,7 +157,7 @@ def _place_splats(
 ) -> tuple[_Writers, np.ndarray, list[str], str]:
     """Rotate, crop and scale splats; return their writer, half their size, warnings and a note."""
     from inim.files.splat_ply import read_splats, write_splats
-    from inim.scene.relic_scene import Frame, placed_splats
+    from inim.scene.relic_scene import Frame, place_splats
 
     splats = read_splats(source, data)
     frame = Frame.around(splats) if frame is None else frame
@@ -166,15 +166,15 @@ def _place_splats(
             f"{source}: splats state no up axis, give --up (x, y, z, -x, -y, -z), mostly -y; "
             f"nearly all of them are in {frame} (x0,x1,y0,y1,z0,z1)"
         )
-    placed, half = placed_splats(splats, _turn(up, front or _USUAL_FRONT[up]), frame)
-    counts = f"{len(placed)} of {len(splats)} splats"
+    visible, half = place_splats(splats, _turn(up, front or _USUAL_FRONT[up]), frame)
+    counts = f"{len(visible)} of {len(splats)} splats"
     warnings = []
-    if len(placed) < len(splats):
+    if len(visible) < len(splats):
         warnings.append(
             f"{source}: {counts} are shown; the others are fainter than a hundredth, outside "
             f"--crop {frame}, or half as wide as that box"
         )
-    writers: _Writers = {out.parent / f"{_stem(out)}.ply": lambda path: write_splats(path, placed)}
+    writers: _Writers = {out.parent / f"{_stem(out)}.ply": lambda path: write_splats(path, visible)}
     return writers, half, warnings, f"took {counts}, --crop={frame}"
 
 

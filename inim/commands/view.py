@@ -67,7 +67,7 @@ def view_report(folder: Path, out: Path | None = None) -> Path:
             "display, or too large); run inim validate again"
         )
     page = _page(report.data.title or folder.name, f"Display {report.display.name}", content)
-    return _written(folder / _PAGE if out is None else out, page)
+    return _write_page(folder / _PAGE if out is None else out, page)
 
 
 def view_eia(
@@ -124,7 +124,7 @@ def view_eia(
             f"{most_bytes / 1e6:g} MB"
         )
     page = _page(eia.name, f"Display {_words(real)}", content)
-    return _written(eia.with_name(f"{eia.stem}-view.html") if out is None else out, page)
+    return _write_page(eia.with_name(f"{eia.stem}-view.html") if out is None else out, page)
 
 
 def _words(display: Display) -> str:
@@ -149,7 +149,7 @@ def _page(title: str, facts: str, content: str) -> str:
     )
 
 
-def _written(path: Path, page: str) -> Path:
+def _write_page(path: Path, page: str) -> Path:
     from inim.documents.files import write_text
 
     if path.is_dir():

@@ -119,11 +119,11 @@ def decode(text: str, *types: type[_D]) -> _D:
     schemas = [str(type_.__struct_config__.tag) for type_ in types]
     name = values.get("schema") if isinstance(values, dict) else None
     if name not in schemas:
-        raise ValueError(f"schema is {_shown(name)}, not {' or '.join(schemas)}")
+        raise ValueError(f"schema is {_short_value(name)}, not {' or '.join(schemas)}")
     document: _D = msgspec.convert(values, Union[types])  # noqa: UP007
     if document.not_finite:
         for path in document.not_finite:
-            _put_nan(values, path)
+            _restore_nan(values, path)
         document = msgspec.convert(values, Union[types])  # noqa: UP007
     return document
 
@@ -141,7 +141,7 @@ def _without_nonfinite(value: Any, path: _Path, paths: list[_Path]) -> Any:
     return None
 
 
-def _put_nan(values: dict[str, Any], path: Sequence[Any]) -> None:
+def _restore_nan(values: dict[str, Any], path: Sequence[Any]) -> None:
     place: Any = values
     try:
         *keys, last = path
@@ -151,7 +151,7 @@ def _put_nan(values: dict[str, Any], path: Sequence[Any]) -> None:
     except (LookupError, TypeError, ValueError):
         is_null = False
     if not is_null:
-        raise ValueError(f"{_NOT_FINITE} lists {_shown(path)}, where there is no null")
+        raise ValueError(f"{_NOT_FINITE} lists {_short_value(path)}, where there is no null")
     place[last] = math.nan
 
 
@@ -168,7 +168,7 @@ def _short_int(text: str) -> int:
     return int(text)
 
 
-def _shown(value: object) -> str:
+def _short_value(value: object) -> str:
     text = ascii(value) if isinstance(value, str) else json.dumps(value)
     return text if len(text) <= _SHOWN_CHARACTERS else text[:_SHOWN_CHARACTERS] + "..."
 

@@ -163,11 +163,11 @@ def read_ply(path: Path, data: bytes, *, materials: bool = True) -> Mesh | None:
     if not {"vertex", "face"} <= columns.keys():
         return None
     vertex, face = columns["vertex"], columns["face"]
-    uv = _stacked(vertex, _UV_NAMES)
+    uv = _stack_columns(vertex, _UV_NAMES)
     if materials and uv is not None and any(c.startswith("TextureFile") for c in header.comments):
         return None
     vertices, faces = _geometry(path, vertex, face)
-    normals = usable_normals(_stacked(vertex, _NORMAL_NAMES))
+    normals = usable_normals(_stack_columns(vertex, _NORMAL_NAMES))
     kinds = {element.name: dict(element.fields) for element in header.elements}
     attributes = _attributes("vertex", vertex, kinds["vertex"])
     attributes |= _attributes("face", face, kinds["face"])
@@ -265,7 +265,7 @@ def _present(columns: _Columns, groups: _Names) -> tuple[str, ...] | None:
     return next((names for names in groups if set(names) <= columns.keys()), None)
 
 
-def _stacked(columns: _Columns, groups: _Names) -> np.ndarray | None:
+def _stack_columns(columns: _Columns, groups: _Names) -> np.ndarray | None:
     names = _present(columns, groups)
     if names is None:
         return None
@@ -289,7 +289,7 @@ def _attributes(owner: str, columns: _Columns, kinds: dict[str, str]) -> dict[st
                 groups[f"{owner}_{stem}{end}"] = tuple(f"{stem}_{c}" for c in letters)
     attributes = {}
     for name, names in groups.items():
-        values = _stacked(columns, (names,))
+        values = _stack_columns(columns, (names,))
         code = kinds[names[0]]  # columns of a text body are floats whatever was declared
         if values is not None:
             is_srgb = code[0] != "f"

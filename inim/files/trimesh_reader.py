@@ -177,7 +177,7 @@ def _appearance(
     if uv is not None and uv.shape != (count, 2):
         uv = None
     if image is not None and uv is not None:
-        return None, uv, _tinted(_pixels(path, image), tint if linear else np.ones(3))
+        return None, uv, _apply_tint(_pixels(path, image), tint if linear else np.ones(3))
     spoken = getattr(visual, "vertex_attributes", {}).get("color")
     if spoken is not None and len(spoken) == count:
         return _color(spoken, linear) * tint, uv, None
@@ -194,7 +194,7 @@ def _pixels(path: Path, image: Any) -> np.ndarray:
     return np.asarray(image.convert("RGB"), np.uint8)
 
 
-def _tinted(pixels: np.ndarray, tint: np.ndarray) -> np.ndarray:
+def _apply_tint(pixels: np.ndarray, tint: np.ndarray) -> np.ndarray:
     """Texture times base-colour factor: glTF multiplies in linear light."""
     if (tint == 1).all():
         return pixels

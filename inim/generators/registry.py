@@ -32,7 +32,7 @@ from typing import Any, TypeVar
 from inim.errors import UsageError, suggest_words
 from inim.generators.base import Generator
 from inim.image.rgbd import RGBD
-from inim.plugins import announced, attribute_errors, load
+from inim.plugins import announced_names, attribute_errors, load
 from inim.settings import value_text
 
 #: The algorithm of whoever names none; listed first.
@@ -222,7 +222,7 @@ def foreign_errors(text: str) -> AbstractContextManager[None]:
 
 def algorithm_names() -> list[str]:
     """All algorithms there are: the project's own, then those that other packages announce."""
-    others = announced(_ENTRY_POINTS)
+    others = announced_names(_ENTRY_POINTS)
     return [*_built_in(), *(n for n in others if n not in _built_in() and n != PICKUP)]
 
 
@@ -238,7 +238,7 @@ def find_algorithm(name: str) -> Algorithm:
         return _built_in()[name]
     if name == PICKUP:
         raise UsageError(f"algorithm {name!r} needs the scene, not a picture: use `inim validate`")
-    if name not in announced(_ENTRY_POINTS):
+    if name not in announced_names(_ENTRY_POINTS):
         raise UsageError(f"algorithm {name!r}: {suggest_words(name, algorithm_names())}")
 
     def define(prepare: Prepare) -> Algorithm:

@@ -57,10 +57,10 @@ def accuracy_warnings(
     pixel_mm : float, optional
         Pixel of the RGB-D picture.
     """
-    warnings = _of_generators(display, pixel_mm)
+    warnings = _generator_limits(display, pixel_mm)
     if lens_model is not None:
         eyes = [steepest_slope(display, eye) for eye in viewpoints]
-        warnings += _of_lenses(display, lens_model, max([*eyes, 0.0 if slope is None else slope]))
+        warnings += _lens_limits(display, lens_model, max([*eyes, 0.0 if slope is None else slope]))
     return warnings
 
 
@@ -86,7 +86,7 @@ def steepest_slope(display: Display, eye: Viewpoint) -> float:
     return math.hypot(x, y) / eye.z_mm
 
 
-def _of_generators(display: Display, pixel_mm: float | None) -> list[str]:
+def _generator_limits(display: Display, pixel_mm: float | None) -> list[str]:
     warnings = []
     if not _is_exact(display, display.pitch_mm if pixel_mm is None else pixel_mm):
         warnings.append(
@@ -132,7 +132,7 @@ def _meets_corners(display: Display) -> bool:
     return abs(off) < LEAST_TURN_DEG * (1 - 1e-9)
 
 
-def _of_lenses(display: Display, lens_model: str, slope: float) -> list[str]:
+def _lens_limits(display: Display, lens_model: str, slope: float) -> list[str]:
     warnings = []
     model = find_lens_model(lens_model)
     limit = model.steepest_slope

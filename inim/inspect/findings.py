@@ -129,11 +129,11 @@ def cautions(data: InspectDocument) -> list[str]:
     """Warnings, followed by hints; one or two sentences each."""
     return [
         *lenses_beside_panel(data.display),
-        *_on_depth(data.display),
-        *_on_viewing(data),
-        *_on_lenses(data),
-        *_on_crosstalk(data),
-        *_on_pixels(data.display),
+        *_depth_findings(data.display),
+        *_viewing_findings(data),
+        *_lens_findings(data),
+        *_crosstalk_findings(data),
+        *_pixel_findings(data.display),
     ]
 
 
@@ -158,7 +158,7 @@ def misalignments(design: Display, misaligned: Display) -> list[str]:
     return sentences
 
 
-def _on_depth(display: Display) -> Iterator[str]:
+def _depth_findings(display: Display) -> Iterator[str]:
     low, high = display.depth_range_mm
     if display.depth_range_is_cut:
         yield (
@@ -168,7 +168,7 @@ def _on_depth(display: Display) -> Iterator[str]:
         )
 
 
-def _on_viewing(data: InspectDocument) -> Iterator[str]:
+def _viewing_findings(data: InspectDocument) -> Iterator[str]:
     zone = data.viewing
     at = f"at {zone.distance_mm:.4g} mm"
     if zone.zone_is_empty:
@@ -190,7 +190,7 @@ def _way_out(data: InspectDocument) -> str:
     return f"the elemental images aim at an eye at {aim:.4g} mm: come nearer"
 
 
-def _on_lenses(data: InspectDocument) -> Iterator[str]:
+def _lens_findings(data: InspectDocument) -> Iterator[str]:
     if data.lens_model.reason is not None:
         yield (
             f"The {DEFAULT_LENS_MODEL} lens cannot be ground, so {data.lens_model.name} lenses are "
@@ -212,7 +212,7 @@ def _on_lenses(data: InspectDocument) -> Iterator[str]:
         )
 
 
-def _on_crosstalk(data: InspectDocument) -> Iterator[str]:
+def _crosstalk_findings(data: InspectDocument) -> Iterator[str]:
     share = data.light["centre"].crosstalk_share
     if share is None:
         yield "No light of the panel reaches the eye on the axis."
@@ -223,7 +223,7 @@ def _on_crosstalk(data: InspectDocument) -> Iterator[str]:
         )
 
 
-def _on_pixels(display: Display) -> Iterator[str]:
+def _pixel_findings(display: Display) -> Iterator[str]:
     if not has_whole_pixels(display):
         down = display.elemental_row_pitch_mm / display.pixel_pitch_mm
         yield (

@@ -296,7 +296,7 @@ def spot(
         centre_x, centre_y = array_to_display(display, lens_x, lens_y)
         slope_x, slope_y = (x - centre_x) / depth_mm - tangent, (y - centre_y) / depth_mm
     landed = land(display, model, x, y, slope_x, slope_y, index)
-    return _measured(display, landed, (lens_x, lens_y), field_angle_deg, colour)
+    return _measure_spot(display, landed, (lens_x, lens_y), field_angle_deg, colour)
 
 
 def _aperture_points(display: Display) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -316,7 +316,7 @@ def _aperture_points(display: Display) -> tuple[np.ndarray, np.ndarray, np.ndarr
     return x[within], y[within], lens_x, lens_y
 
 
-def _measured(
+def _measure_spot(
     display: Display,
     landed: Landings,
     lens: tuple[np.ndarray, np.ndarray],

@@ -49,7 +49,7 @@ from inim.lens.array import (
     to_panel,
 )
 from inim.lens.model import LensModel, SheetMesh, Trace
-from inim.plugins import announced, attribute_errors, identity, load
+from inim.plugins import announced_names, attribute_errors, identity, load
 
 __all__ = [
     "FULL",
@@ -85,7 +85,7 @@ FULL = full.MODEL.name
 
 def lens_models() -> list[str]:
     """Names of all models there are: the project's own, then those other packages announce."""
-    return [*_OWN, *(name for name in announced(_ENTRY_POINTS) if name not in _OWN)]
+    return [*_OWN, *(name for name in announced_names(_ENTRY_POINTS) if name not in _OWN)]
 
 
 @cache

@@ -33,7 +33,7 @@ from inim.metrics.psnr import metric as _psnr
 from inim.metrics.psnr import psnr_db
 from inim.metrics.ssim import SSIM_WINDOW, ssim, ssim_map
 from inim.metrics.ssim import metric as _ssim
-from inim.plugins import announced, attribute_errors, identity, load
+from inim.plugins import announced_names, attribute_errors, identity, load
 
 __all__ = [
     "RELIC_MARGIN_PX",
@@ -81,7 +81,7 @@ def _all_metrics(path: tuple[str, ...]) -> tuple[Metric, ...]:  # noqa: ARG001
 
 
 def _foreign_metrics() -> tuple[Metric, ...]:
-    return tuple(_foreign(name) for name in announced(_ENTRY_POINTS))
+    return tuple(_foreign(name) for name in announced_names(_ENTRY_POINTS))
 
 
 def _foreign(name: str) -> Metric:

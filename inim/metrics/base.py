@@ -225,7 +225,7 @@ def maps_of(
         part = slice(top + band.start, top + band.stop), window[1]
         # Including the reach of all filters, so that bands join without seams.
         outer = _expand(part, reach, (rows, columns), min_size)
-        inner = _relative(part, outer)
+        inner = _position_within(part, outer)
         images = srgb_from_linear(reference[outer]), srgb_from_linear(test[outer])
         for metric, _ in local:
             maps[metric.key][part] = metric.function(*images)[inner]
@@ -263,7 +263,7 @@ def _expand(window: _Window, margin: int, shape: tuple[int, int], min_size: int 
     return sides[0], sides[1]
 
 
-def _relative(window: _Window, outer: _Window) -> _Window:
+def _position_within(window: _Window, outer: _Window) -> _Window:
     """Position of a window within another that contains it."""
     rows, columns = (
         slice(inner.start - whole.start, inner.stop - whole.start)

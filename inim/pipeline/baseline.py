@@ -52,7 +52,7 @@ from inim.report import Report
 from inim.report.images import ENCODINGS, ReportImages, difference
 from inim.report.sections.regression import write_comparison
 from inim.version import __version__
-from inim.worker.output import published
+from inim.worker.output import output_files
 
 #: Folder of a report for the candidate and, after a failure, images of the differences.
 FOLDER = "regression"
@@ -209,7 +209,7 @@ def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[st
     if out.exists() and any(out.samefile(folder) for folder in (before, after)):
         raise UsageError(f"{out}: is one of the reports; choose another folder with -o")
     verdicts = compare(old, new, str(before))
-    with published(out, COMPARISON_FILES) as staging:
+    with output_files(out, COMPARISON_FILES) as staging:
         names = _failed_pictures(old, verdicts)
         data = CompareDocument(
             title=new.circumstances.title or after.name,

@@ -205,7 +205,7 @@ def make_report(
         viewpoints=[EyePosition(name=v.name, position_mm=v.position_mm) for v in plan.viewpoints],
         rgbd=CapturedPicture(**picture_facts(evaluation.capture.rgbd)),
         noise_floor=noise_floor,
-        scoring=_scoring(),
+        scoring=_describe_scoring(),
         reference=ReferenceViews(views=reference_views, precision=reference_precision),
         algorithms=algorithms,
         timings=observer.timings
@@ -222,7 +222,7 @@ def make_report(
     return Report(folder, data)
 
 
-def _scoring() -> Scoring:
+def _describe_scoring() -> Scoring:
     return Scoring(
         headline=HEADLINE,
         relic_margin_px=metrics.RELIC_MARGIN_PX,

@@ -97,9 +97,9 @@ class Plan:
         display = self.misaligned_display
         return Optics(display, s.lens_model, s.view_pixels_per_lens, s.reconstruction_spp, s.seed)
 
-    def viewing(self, eye: Viewpoint) -> Viewing:
+    def viewing_conditions(self, eye: Viewpoint) -> Viewing:
         """Viewing conditions of a viewpoint, for perceptual metrics."""
-        return self.optics.viewing(eye, self.settings.luminance_cd_m2)
+        return self.optics.viewing_conditions(eye, self.settings.luminance_cd_m2)
 
     @property
     def inputs(self) -> set[type[RGBD]]:

@@ -73,7 +73,7 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
     sampling = (s.view_pixels_per_lens, s.view_spp, s.seed)
     truth_views = {eye.name: render_view(scene, eye, *sampling, run=run) for eye in eyes}
     reference_views = reconstruct_views("reference", truth_eia, eyes, optics, renderer, run=run)
-    viewing = {eye.name: plan.viewing(eye) for eye in eyes}
+    viewing = {eye.name: plan.viewing_conditions(eye) for eye in eyes}
     truth = collect_ground_truth(
         capture, truth_eia, truth_views, reference_views, viewing, is_whole=mask is None
     )

@@ -29,7 +29,7 @@ class Observer:
     def line(self, text: str) -> None:
         """Print a line of results."""
 
-    def rendered(self, seconds: float, samples: int = 0) -> None:
+    def record_rendering(self, seconds: float, samples: int = 0) -> None:
         """Record the rendering time and the sample count."""
         self.render_seconds += seconds
         self.samples += samples

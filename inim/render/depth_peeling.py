@@ -139,7 +139,7 @@ def peel(
         is_in_view = layers_in_view(front, back, display, peeled.pixel_mm)
         peeled = _remove_layers(peeled, ~is_in_view & peeled.covered)
     if observer:
-        observer.rendered(time.perf_counter() - started)
+        observer.record_rendering(time.perf_counter() - started)
     return peeled
 
 

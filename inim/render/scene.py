@@ -123,7 +123,7 @@ def open_scene(
         started = time.perf_counter()
         scene = _load_scene(file, decoded)
         if observer:
-            observer.rendered(time.perf_counter() - started)
+            observer.record_rendering(time.perf_counter() - started)
     finally:  # what is wrong with a file that is just being saved is no matter
         file.check_unchanged()
     relic = [shape for shape in scene.shapes() if not shape.is_emitter()]

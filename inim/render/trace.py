@@ -89,7 +89,7 @@ def mean_light(
         image[pixels] = _sums(light, pixels, spp, seed) / spp
         traced += len(pixels) * spp
     if observer and traced:
-        observer.rendered(time.perf_counter() - started, traced)
+        observer.record_rendering(time.perf_counter() - started, traced)
     return image.reshape(*shape, 3)
 
 
@@ -146,7 +146,7 @@ def first_surface(
     with np.errstate(invalid="ignore"):  # infinity times zero
         points = origin + distance.astype(np.float64)[:, None] * direction
     if observer:
-        observer.rendered(time.perf_counter() - started)
+        observer.record_rendering(time.perf_counter() - started)
     return np.isfinite(distance).reshape(camera.shape), points.reshape(*camera.shape, 3)
 
 

@@ -394,13 +394,13 @@ def captioned(
 ) -> str:
     """A figure of one or more images; under its name, per reference, the scores against it."""
     title = element("b", text(name)) + " " + element("span", text(remark))
-    rows = "".join(element("div", element("dt", text(k)), _measured(v)) for k, v in facts)
+    rows = "".join(element("div", element("dt", text(k)), _score_entries(v)) for k, v in facts)
     caption = element("figcaption", title, element("dl", rows))
     kind = "single" if len(images) == 1 else "pair"
     return element("figure", element("div", *images, class_=kind), caption)
 
 
-def _measured(scores: Iterable[tuple[str, str]]) -> str:
+def _score_entries(scores: Iterable[tuple[str, str]]) -> str:
     return "".join(
         element("dd", text(f"{metric} "), element("b", text(value))) for metric, value in scores
     )

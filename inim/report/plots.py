@@ -61,16 +61,20 @@ def colour_of(name: str) -> str:
     algorithm = name.partition(":")[0]
     if algorithm == _REFERENCE_KERNEL:
         return SOFT
-    return _stated(algorithm, "color") or _OTHERS[sum(algorithm.encode()) % len(_OTHERS)]
+    return (
+        _algorithm_property(algorithm, "color") or _OTHERS[sum(algorithm.encode()) % len(_OTHERS)]
+    )
 
 
 def marker_of(name: str) -> str:
     """Marker of an algorithm, independent of its options: its own, or a circle."""
     algorithm = name.partition(":")[0]
-    return "x" if algorithm == _REFERENCE_KERNEL else _stated(algorithm, "marker") or "o"
+    return (
+        "x" if algorithm == _REFERENCE_KERNEL else _algorithm_property(algorithm, "marker") or "o"
+    )
 
 
-def _stated(algorithm: str, key: str) -> str | None:
+def _algorithm_property(algorithm: str, key: str) -> str | None:
     """Property of an algorithm; None for a finished EIA or an algorithm of another machine."""
     try:
         value: str | None = getattr(properties(algorithm), key)

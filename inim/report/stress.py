@@ -60,7 +60,7 @@ def small(value: float | None) -> str:
     return "0" if value == 0 else f"{value:.1e}".replace("-", "−")
 
 
-def _grouped(rows: Sequence[_P], field: str) -> dict[str, list[_P]]:
+def _group_rows(rows: Sequence[_P], field: str) -> dict[str, list[_P]]:
     """Rows by the value of a field, in order of first appearance."""
     groups: dict[str, list[_P]] = {}
     for row in rows:
@@ -82,7 +82,7 @@ def _hits(rows: Hits) -> Table:
     """Wrong sources of each algorithm, family by family."""
     families = list(dict.fromkeys(r.family for r in rows))
     table_rows = []
-    for algorithm, members in _grouped(rows, "algorithm").items():
+    for algorithm, members in _group_rows(rows, "algorithm").items():
         cells = [algorithm]
         for family in families:
             ran = [r for r in members if r.family == family and r.outcome == "ran"]
@@ -149,7 +149,7 @@ def jitter_part(data: StressRecord) -> PagePart:
     """Effects of depth errors, algorithm by algorithm."""
     names = list(dict.fromkeys(row.algorithm for row in data.jitter))
     table_rows = []
-    for kind, members in _grouped(data.jitter, "jitter").items():
+    for kind, members in _group_rows(data.jitter, "jitter").items():
         by_name = {member.algorithm: member for member in members}
         cells = [kind]
         for name in names:

@@ -102,11 +102,11 @@ class StudyPage:
         """The page as Markdown: remarks, tables, claims."""
         blocks = [f"## {markdown_line(data.title)}", markdown_line(", ".join(self.facts))]
         blocks += [f"⚠ {markdown_line(warning)}" for warning in self.warnings]
-        blocks.append(_listed(self.remarks))
+        blocks.append(_join_lines(self.remarks))
         for table in (table for part in self.parts for table in part.tables if table.rows):
             blocks.append(markdown_section(table.caption, table.heads, table.rows))
         for heading, lines in (part.claims for part in self.parts if part.claims[1]):
-            blocks += [f"### {markdown_line(heading)}", _listed(lines)]
+            blocks += [f"### {markdown_line(heading)}", _join_lines(lines)]
         return "\n\n".join([*blocks, markdown_command(data.command)])
 
     def _html(self, data: Any, folder: Path, file: str) -> str:
@@ -125,5 +125,5 @@ class StudyPage:
         return document_page(data, file, map(text, self.facts), sections)
 
 
-def _listed(lines: Iterable[str]) -> str:
+def _join_lines(lines: Iterable[str]) -> str:
     return "\n".join(f"* {markdown_line(line)}" for line in lines)

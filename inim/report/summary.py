@@ -52,7 +52,7 @@ def render_summary(data: ReportDocument) -> str:
         "the whole image. Scores are corrected for noise, except those of the EIA and the noise "
         "floor. The reference is the view of the ground-truth EIA.",
         *criteria,
-        *_regression(data),
+        *_regression_lines(data),
         *_failures(data),
     ]
     if count := len(data.warnings):
@@ -86,7 +86,7 @@ def render_checks(data: CompareDocument) -> str:
     verdict = data.verdict
     head = f"## {markdown_text(data.title)}: {verdict.word}"
     line = f"{_sign(verdict)} {verdict.passed_count} of {len(verdict.checks)} comparisons passed."
-    return "\n\n".join([head, line, *_regression(data), *_failures(data)]) + "\n"
+    return "\n\n".join([head, line, *_regression_lines(data), *_failures(data)]) + "\n"
 
 
 _KINDS = {
@@ -98,7 +98,7 @@ _KINDS = {
 }
 
 
-def _regression(data: ReportDocument | CompareDocument) -> list[str]:
+def _regression_lines(data: ReportDocument | CompareDocument) -> list[str]:
     """Against the baseline: for each kind of comparison, how many, and the one nearest to failing.
 
     So drift shows, also where all is well.

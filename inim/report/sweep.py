@@ -125,7 +125,7 @@ def _pareto(results: Sequence[Result]) -> str:
     if not panels:
         return ""
     words = lead(_PARETO + _TIMES[unit])
-    return words + plot(_drawing(panels, unit), "Time against error")
+    return words + plot(_draw_panels(panels, unit), "Time against error")
 
 
 def time_column(results: Sequence[Result]) -> str:
@@ -148,7 +148,7 @@ def _points(results: Sequence[Result], display: str, column: str) -> dict[str, t
     return points
 
 
-def _drawing(panels: Mapping[str, Mapping[str, tuple[float, float]]], unit: str) -> bytes:
+def _draw_panels(panels: Mapping[str, Mapping[str, tuple[float, float]]], unit: str) -> bytes:
     across = min(_MOST_ACROSS, len(panels))
     down = -(-len(panels) // across)
     figure, axes = new_figure(across, _PANEL_HEIGHT * down, down, sharex=True, sharey=True)
@@ -221,7 +221,7 @@ def best_displays(results: Sequence[Result]) -> str:
     columns += [(m.on_relic_key if m.has_relic_score else m.key, m.digits) for m in others]
     rows = []
     for scene in names_of(results, "scene"):
-        ranking = _ranking([c for c in results if c.scene == scene and not c.failed])
+        ranking = _rank_results([c for c in results if c.scene == scene and not c.failed])
         for place, result in enumerate(ranking):
             label = result.display + (f" ({result.settings})" if several else "")
             rows.append(
@@ -244,7 +244,7 @@ def best_displays(results: Sequence[Result]) -> str:
     return lead(_BEST) + listed
 
 
-def _ranking(results: Sequence[Result]) -> list[Result]:
+def _rank_results(results: Sequence[Result]) -> list[Result]:
     """Best algorithm's result on each display, in falling order of SSIM to the ground truth."""
     best: dict[tuple[str, str], tuple[float, Result]] = {}
     for result in results:

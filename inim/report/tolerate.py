@@ -70,16 +70,16 @@ def _sentence(row: ParameterTolerance) -> str:
     if interval is None:
         return f"{name.capitalize()}: too few displays could be validated for a result."
     if bears is None:
-        farthest = _with_unit(row, row.farthest)
+        farthest = _format_with_unit(row, row.farthest)
         return f"{name.capitalize()} may deviate by {farthest} or more; draw from a larger reach."
     low, high = ("more than was drawn" if end is None else f"{end:.3g}" for end in interval)
     return (
-        f"With this sheet, {name} must be known to {_with_unit(row, bears)} (95{NBSP}% interval "
-        f"{low} to {high}).{_beside(row)}"
+        f"With this sheet, {name} must be known to {_format_with_unit(row, bears)} (95{NBSP}% "
+        f"interval {low} to {high}).{_calibrated_accuracy(row)}"
     )
 
 
-def _beside(row: ParameterTolerance) -> str:
+def _calibrated_accuracy(row: ParameterTolerance) -> str:
     """Accuracy of a calibration, if given."""
     error = row.calibration_standard_error
     if error is None or row.tolerance is None:
@@ -87,14 +87,16 @@ def _beside(row: ParameterTolerance) -> str:
     within = _WITHIN * error
     often = row.tolerance / within
     enough = f"{often:.2g} times better than needed" if often >= 1 else "not good enough"
-    return f" A calibration reaches {_with_unit(row, within)} in 95{NBSP}% of cases: {enough}."
+    return (
+        f" A calibration reaches {_format_with_unit(row, within)} in 95{NBSP}% of cases: {enough}."
+    )
 
 
 def _words(name: str) -> str:
     return name.rpartition("_")[0].replace("_", " ")
 
 
-def _with_unit(row: ParameterTolerance, value: float) -> str:
+def _format_with_unit(row: ParameterTolerance, value: float) -> str:
     return f"{value:.3g}{NBSP}{row.name.rpartition('_')[2]}"
 
 
@@ -124,7 +126,7 @@ def _page(data: ToleranceDocument) -> str:
             Section(
                 "bears",
                 "Tolerances",
-                lead(introduction) + bullets(sentences(data), "remarks") + _table(rows),
+                lead(introduction) + bullets(sentences(data), "remarks") + _tolerance_table(rows),
             ),
             Section(
                 "alone",
@@ -150,7 +152,7 @@ def _is_calibrated(rows: Sequence[ParameterTolerance]) -> bool:
     return any(row.calibration_standard_error is not None for row in rows)
 
 
-def _table(rows: Sequence[ParameterTolerance]) -> str:
+def _tolerance_table(rows: Sequence[ParameterTolerance]) -> str:
     heads = ["Parameter", "Must be known to", "95 % interval", "Drawn alone to", "Curve's scatter"]
     heads += ["Spread, all at once"]
     calibrated = _is_calibrated(rows)
@@ -158,21 +160,21 @@ def _table(rows: Sequence[ParameterTolerance]) -> str:
     cells = []
     for row in rows:
         bears, ends = row.tolerance, row.interval or [None, None]
-        tolerance_text = MISSING if bears is None else _with_unit(row, bears)
+        tolerance_text = MISSING if bears is None else _format_with_unit(row, bears)
         between = ["…" if end is None else f"{end:.3g}" for end in ends]
         line = [
             _words(row.name),
             tolerance_text,
             " – ".join(between),
-            _with_unit(row, row.farthest),
+            _format_with_unit(row, row.farthest),
         ]
         line += [
             number(row.scatter, 4),
-            f"{row.distribution} {_with_unit(row, row.spread)}",
+            f"{row.distribution} {_format_with_unit(row, row.spread)}",
         ]
         error = row.calibration_standard_error
         if calibrated:
-            within = MISSING if error is None else _with_unit(row, _WITHIN * error)
+            within = MISSING if error is None else _format_with_unit(row, _WITHIN * error)
             better = None if bears is None or error is None else bears / (_WITHIN * error)
             line += [within, MISSING if better is None else f"{better:.2g} ×"]
         cells.append(line)

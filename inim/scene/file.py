@@ -426,7 +426,7 @@ class _Scan:
             raise SceneError(
                 f"{location}: more than {_MOST_INCLUDES} includes, or a circle of them"
             )
-        path = self.folder.included(name, location)
+        path = self.folder.included_path(name, location)
         self.read(path, label=f"{location}: {name}", level=level + 1)
 
     def _names_file(self, name: str, kind: str, location: str) -> str:

@@ -71,9 +71,9 @@ class SceneFolder:
         """Add the folder named in a `<path>`, as `add_place`."""
         self.add_place(self._inside(self._folder, name, location), location)
 
-    def included(self, name: str, location: str) -> Path:
+    def included_path(self, name: str, location: str) -> Path:
         """The XML that an `<include>` names, there or not."""
-        path = self._found(name, location) or self._inside(self._folder, name, location)
+        path = self._find_path(name, location) or self._inside(self._folder, name, location)
         self._named.setdefault(name, (path, location))
         return path
 
@@ -83,7 +83,7 @@ class SceneFolder:
         Raises `FileError`: the file is missing or unreadable. `SceneError`: the file is outside the
         allowed folders, the name is ambiguous, or there are too many files.
         """
-        path = self._found(name, location)
+        path = self._find_path(name, location)
         if path is None or not path.is_file():
             raise FileError(f"{location}: {name!r} is not there; paths start at the scene's folder")
         self._named.setdefault(name, (path, location))
@@ -96,7 +96,7 @@ class SceneFolder:
     def check_whole(self, label: str) -> None:
         """Reject ambiguous file names, and plugins in the folders of the whole scene."""
         for name, (path, location) in self._named.items():
-            if self._found(name, location) != path:
+            if self._find_path(name, location) != path:
                 raise SceneError(f"{location}: {name!r} names several files; rename all but one")
         for place in (*self._places, Path()):
             check_plugin_folder(place, f"{label}: ")
@@ -115,13 +115,13 @@ class SceneFolder:
                 digest.update(block)
         return content_of(digest.digest(), status)
 
-    def _found(self, name: str, location: str) -> Path | None:
+    def _find_path(self, name: str, location: str) -> Path | None:
         """The one file or folder that a name can mean; None where there is none."""
-        paths = [self._resolved(place, name, location) for place in self._places]
+        paths = [self._resolve(place, name, location) for place in self._places]
         try:
             there = {path for path in paths if path.exists()}
         except OSError as error:
-            raise _unusable(name, location, error) from None
+            raise _unusable_error(name, location, error) from None
         # What is not there cannot be opened; it matters where the file should have been.
         for path in there or paths:
             self._check_inside(path, name, location)
@@ -130,24 +130,24 @@ class SceneFolder:
         return there.pop() if there else None
 
     def _inside(self, place: Path, name: str, location: str) -> Path:
-        path = self._resolved(place, name, location)
+        path = self._resolve(place, name, location)
         self._check_inside(path, name, location)
         return path
 
-    def _resolved(self, place: Path, name: str, location: str) -> Path:
+    def _resolve(self, place: Path, name: str, location: str) -> Path:
         try:
             return (place / name).resolve()
         except (OSError, ValueError, RuntimeError) as error:
-            raise _unusable(name, location, error) from None
+            raise _unusable_error(name, location, error) from None
 
     def _check_inside(self, path: Path, name: str, location: str) -> None:
         if not any(path.is_relative_to(folder) for folder in self._allowed):
             raise SceneError(
                 f"{location}: {name!r} lies outside the scene's folder; copy it beside the scene, "
-                f"or add --allow-folder {shlex.quote(str(self._to_allow(path)))}"
+                f"or add --allow-folder {shlex.quote(str(self._folder_to_allow(path)))}"
             )
 
-    def _to_allow(self, path: Path) -> Path:
+    def _folder_to_allow(self, path: Path) -> Path:
         """Folder to propose for --allow-folder: the first below the common parent of file and
         scene.
         """
@@ -163,7 +163,7 @@ def content_of(sha256: bytes, status: os.stat_result) -> Content:
     return sha256, status.st_size, status.st_mtime_ns, status.st_ctime_ns
 
 
-def _unusable(name: str, location: str, error: Exception) -> FileError:
+def _unusable_error(name: str, location: str, error: Exception) -> FileError:
     cause = getattr(error, "strerror", None) or error
     return FileError(f"{location}: {name[:120]!r} is no usable file name ({cause})")
 
@@ -230,7 +230,7 @@ class SceneParameters:
         if "$" not in text:
             return text
         for name in self._longest_first:
-            text = self._replaced(text, name)
+            text = self._substitute(text, name)
         missing = _NAME.search(text)
         if missing:
             raise ValueError(
@@ -239,7 +239,7 @@ class SceneParameters:
             )
         return text.replace("\\$", "$")
 
-    def _replaced(self, text: str, name: str) -> str:
+    def _substitute(self, text: str, name: str) -> str:
         """Each `$name` that no backslash precedes, by its value; the value is not looked into."""
         key, value = f"${name}", self._values[name]
         pieces, at, last = [], 0, ""

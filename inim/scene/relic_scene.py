@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def merged(meshes: Sequence[Mesh]) -> list[Mesh]:
+def merge_meshes(meshes: Sequence[Mesh]) -> list[Mesh]:
     """One mesh for all without texture, one for each texture: Mitsuba dislikes many shapes."""
     alike: dict[object, list[Mesh]] = {}
     for mesh in meshes:
@@ -59,7 +59,7 @@ def bounds(meshes: Sequence[Mesh]) -> tuple[np.ndarray, np.ndarray]:
     return low.astype(float), np.max([points.max(axis=0) for points in used], axis=0).astype(float)
 
 
-def placed(meshes: Sequence[Mesh], turn: np.ndarray, scale_mm: float) -> list[Mesh]:
+def place_meshes(meshes: Sequence[Mesh], turn: np.ndarray, scale_mm: float) -> list[Mesh]:
     """Turned, in millimetres, with the centre of the bounding box at the origin."""
     low, high = bounds(meshes)
     middle = (low + high) / 2
@@ -291,7 +291,7 @@ class Frame:
         )
 
 
-def placed_splats(splats: Splats, turn: np.ndarray, frame: Frame) -> tuple[Splats, np.ndarray]:
+def place_splats(splats: Splats, turn: np.ndarray, frame: Frame) -> tuple[Splats, np.ndarray]:
     """The splats in a frame, turned, `SIZE_MM` large, about the origin.
 
     Parameters
@@ -317,7 +317,7 @@ def placed_splats(splats: Splats, turn: np.ndarray, frame: Frame) -> tuple[Splat
             f"--crop {frame}: holds no splats that are small against it; they are in "
             f"{Frame.around(splats)}"
         )
-    relic = turned(visible[inside], turn)
+    relic = rotate_splats(visible[inside], turn)
     reach = _reach(relic)
     low, high = (relic.centre - reach).min(axis=0), (relic.centre + reach).max(axis=0)
     scale = SIZE_MM / (high - low).max()
@@ -327,7 +327,7 @@ def placed_splats(splats: Splats, turn: np.ndarray, frame: Frame) -> tuple[Splat
     return moved, (high - low) / 2 * scale
 
 
-def turned(splats: Splats, turn: np.ndarray) -> Splats:
+def rotate_splats(splats: Splats, turn: np.ndarray) -> Splats:
     """Splats after a rotation, (3, 3): centres, axes and colours."""
     harmonics = np.empty_like(splats.harmonics)
     bands = [(k * k, (k + 1) ** 2) for k in range(4) if k * k < harmonics.shape[1]]

@@ -39,9 +39,9 @@ from inim.stress.pictures import (
     is_first_hit,
     noise,
     random_picture,
-    shaped,
+    shaped_picture,
     small_display,
-    tied,
+    tied_picture,
 )
 
 # Panel pixels of a case that the oracle checks.
@@ -68,9 +68,11 @@ def cases(quick: bool = False) -> Iterator[Case]:
         named = ", ".join(f"{k} = {v}" for k, v in changes.items()) or "real mode"
         yield Case("noise", named, partial(_over, changes, noise, number))
         for ulps in (0,) if quick else (-1, 0, 1):
-            yield Case("ties", f"{named}, {ulps:+d} ulp", partial(_over, changes, tied, ulps))
+            yield Case(
+                "ties", f"{named}, {ulps:+d} ulp", partial(_over, changes, tied_picture, ulps)
+            )
     for kind in SHAPES[:1] if quick else SHAPES:
-        yield Case("shapes", kind, partial(_over, {}, shaped, kind))
+        yield Case("shapes", kind, partial(_over, {}, shaped_picture, kind))
     for shift in (0.5, 0.1):  # half a pitch, half a pixel
         make = partial(_over, {"shift_x_mm": shift}, noise, 11)
         yield Case("shifted array", f"by {shift:g} mm", make)
@@ -129,7 +131,7 @@ def check_first_hits(algorithm: str, case: Case) -> FirstHitsResult:
 BITS = (8, 10, 16)
 
 
-def quantised(rgbd: RGBD, display: Display, bits: int, offset: int = 0) -> RGBD:
+def quantise_depth(rgbd: RGBD, display: Display, bits: int, offset: int = 0) -> RGBD:
     """Round depths to 2^bits steps over the display's range, then move them by `offset` steps."""
     low, high = display.depth_range_mm
     steps = 2**bits - 1
@@ -145,10 +147,10 @@ def _jitters(rgbd: RGBD, display: Display) -> dict[str, tuple[RGBD, RGBD]]:
     sign = np.random.default_rng(0).integers(-1, 2, rgbd.shape)
     random = np.where(sign > 0, up, np.where(sign < 0, down, rgbd.depth_mm))
     ulps = [RGBD(rgbd.color, z, rgbd.covered, rgbd.pixel_mm) for z in (up, down, random)]
-    rounded = [quantised(rgbd, display, bits) for bits in BITS]
+    rounded = [quantise_depth(rgbd, display, bits) for bits in BITS]
     pairs = [(rgbd, picture) for picture in (*ulps, *rounded)]
     for bits, base in zip(BITS, rounded, strict=True):
-        pairs += [(base, quantised(rgbd, display, bits, step)) for step in (1, -1)]
+        pairs += [(base, quantise_depth(rgbd, display, bits, step)) for step in (1, -1)]
     return dict(zip(JITTERS, pairs, strict=True))
 
 

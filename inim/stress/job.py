@@ -54,7 +54,7 @@ class StressRequest:
     validation: Request | None = None
     command: str = ""
 
-    def chosen(self) -> list[str]:
+    def chosen_algorithms(self) -> list[str]:
         """Algorithms to run; raises `UsageError` for unknown or repeated ones."""
         if self.algorithms is None:
             return [*_DEFAULT, *(n for n in algorithm_names() if not is_own(n))]
@@ -68,7 +68,7 @@ class StressRequest:
 
     def plan(self) -> Plan | None:
         """Check the request and plan its validation; None without a scene."""
-        self.chosen()
+        self.chosen_algorithms()
         if self.validation is None:
             return None
         return make_plan(replace(self.validation, algorithms=("template",)))
@@ -108,7 +108,7 @@ def _measure(request: StressRequest, plan: Plan | None, observer: Observer) -> S
 
     started, renderer = time.perf_counter(), Renderer("llvm", observer)
     observer.stage("start")
-    names = request.chosen()
+    names = request.chosen_algorithms()
     parts = [f"{name}: {part}" for name in names for part in ("first hits", "relations")]
     observer.begin([*parts, "jitter", "write"])
     first_hits: list[FirstHitsResult] = []

@@ -73,10 +73,10 @@ def noise(
     rng = np.random.default_rng(seed)
     low, high = display.depth_range_mm
     depth = (low + (high - low) * rng.random(shape)).astype(np.float32)
-    return with_depth(depth, pixel_mm, rng.random(shape) < covered, seed)
+    return picture_of_depth(depth, pixel_mm, rng.random(shape) < covered, seed)
 
 
-def with_depth(
+def picture_of_depth(
     depth: np.ndarray, pixel_mm: float, covered: np.ndarray | None = None, seed: int = 0
 ) -> RGBD:
     """A picture of given depths and random colours."""
@@ -85,7 +85,7 @@ def with_depth(
     return RGBD(colour, depth, cover, pixel_mm)
 
 
-def shaped(display: Display, shape: tuple[int, int], pixel_mm: float, kind: str) -> RGBD:
+def shaped_picture(display: Display, shape: tuple[int, int], pixel_mm: float, kind: str) -> RGBD:
     """One of `SHAPES` between the ends of the depth range."""
     r, c = np.indices(shape)
     far, near = map(np.float32, display.depth_range_mm)
@@ -96,16 +96,16 @@ def shaped(display: Display, shape: tuple[int, int], pixel_mm: float, kind: str)
         "ramp": far + (near - far) * (r + c) / (sum(shape) - 2),
         "stairs": far + (near - far) * (c // 3 % 5) / 4,
     }[kind]
-    return with_depth(depth.astype(np.float32), pixel_mm)
+    return picture_of_depth(depth.astype(np.float32), pixel_mm)
 
 
-def tied(display: Display, shape: tuple[int, int], pixel_mm: float, ulps: int) -> RGBD:
+def tied_picture(display: Display, shape: tuple[int, int], pixel_mm: float, ulps: int) -> RGBD:
     """Depths within `ulps` of one at which a ray leaves the pixel, for a separable display."""
     blank = noise(display, shape, pixel_mm, seed=ulps + 5)
     depth = _boundary_depths(display, blank)
     for _ in range(abs(ulps)):
         depth = np.nextafter(depth, np.float32(math.copysign(math.inf, ulps)))
-    return with_depth(depth, pixel_mm, blank.covered)
+    return picture_of_depth(depth, pixel_mm, blank.covered)
 
 
 def _boundary_depths(display: Display, blank: RGBD) -> np.ndarray:

@@ -183,7 +183,7 @@ def within_rounding(rgbd: RGBD, display: Display, algorithm: str, show: Show) ->
             (rgbd, still.replace(gap_mm=display.gap_mm * (1 + step))),
             (RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm), display),
             *(
-                (rgbd, _shifted(display, by * right, by * up))
+                (rgbd, _shift_array(display, by * right, by * up))
                 for right, up in ((1, 0), (0, 1), (1, 1), (1, -1))
             ),
         ]
@@ -192,7 +192,7 @@ def within_rounding(rgbd: RGBD, display: Display, algorithm: str, show: Show) ->
     return changes
 
 
-def _shifted(display: Display, right_mm: float, up_mm: float) -> Display:
+def _shift_array(display: Display, right_mm: float, up_mm: float) -> Display:
     x, y = display.shift_x_mm + right_mm, display.shift_y_mm + up_mm
     return display.replace(shift_x_mm=x, shift_y_mm=y)
 
@@ -206,7 +206,7 @@ def same_colour(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 # -- shifts and symmetries ------------------------------------------------------------------------
 
 
-def _rearranged(rgbd: RGBD, move: Callable[[np.ndarray], np.ndarray]) -> RGBD:
+def _rearrange(rgbd: RGBD, move: Callable[[np.ndarray], np.ndarray]) -> RGBD:
     """Apply a change of rows and columns to all arrays of a picture."""
     return RGBD(move(rgbd.color), move(rgbd.depth_mm), move(rgbd.covered), rgbd.pixel_mm)
 
@@ -217,7 +217,7 @@ def _shift(show: Show, algorithm: str) -> Iterator[Comparison]:
         if not display.has_integer_ratio:
             continue  # lenses have different numbers of pixels
         cells, pixels = 2, round(display.pixels_per_lens)
-        moved = _rearranged(rgbd, partial(np.roll, shift=cells, axis=1))
+        moved = _rearrange(rgbd, partial(np.roll, shift=cells, axis=1))
         before = show(rgbd, display, algorithm)[:, :-pixels]
         after = show(moved, display, algorithm)[:, pixels:]
         which = np.zeros(display.eia_shape, bool)
@@ -242,7 +242,7 @@ def _flip(axes: tuple[int, ...], pictures: _Pictures, negated: Sequence[str] = (
 
     def check(show: Show, algorithm: str) -> Iterator[Comparison]:
         for display, rgbd in pictures():
-            flipped = _rearranged(rgbd, lambda values: np.flip(values, axes))
+            flipped = _rearrange(rgbd, lambda values: np.flip(values, axes))
             turned = display.replace(**{name: -getattr(display, name) for name in negated})
             before = show(rgbd, display, algorithm)
             after = np.flip(show(flipped, turned, algorithm), axes)
@@ -274,7 +274,7 @@ def _transpose(show: Show, algorithm: str) -> Iterator[Comparison]:
     """Equal treatment of rows and columns: a transposed problem has the transposed result."""
     for display, rgbd in noise_pictures():
         turned = display.replace(lens_columns=display.lens_rows, lens_rows=display.lens_columns)
-        other = _rearranged(rgbd, lambda values: np.swapaxes(values, 0, 1))
+        other = _rearrange(rgbd, lambda values: np.swapaxes(values, 0, 1))
         before = show(rgbd, display, algorithm)
         after = np.swapaxes(show(other, turned, algorithm), 0, 1)
         yield Comparison(display, rgbd, same_colour(before, after), display.lensed)

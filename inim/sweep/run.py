@@ -22,9 +22,9 @@ from inim.sweep.unit import (
     Results,
     SweepTask,
     Unit,
+    algorithm_inputs,
     expand,
     key_of,
-    making_of,
     report_folder,
 )
 from inim.sweep.workers import Progress, check_answers, check_dask, choose_slots, run_tasks
@@ -88,7 +88,7 @@ def _tasks(
         missing = [
             name
             for name in study.algorithms
-            if results.read(unit.hash, name, making_of(unit.plan, name)) is None
+            if results.read(unit.hash, name, algorithm_inputs(unit.plan, name)) is None
         ]
         if study.keep_reports:  # a report shows all algorithms
             whole = (report_folder(results.out, unit.hash) / "report.json").is_file()
@@ -97,7 +97,7 @@ def _tasks(
             tasks[unit.hash] = SweepTask(
                 unit.hash,
                 unit.label,
-                unit.only(missing),
+                unit.with_algorithms(missing),
                 key_of(unit.plan),
                 tuple(missing),
                 keep_report=study.keep_reports,
@@ -190,7 +190,7 @@ def _collect_rows(
         for name in plan.study.algorithms:
             result = None
             if unit.plan is not None:
-                result = plan.results.read(unit.hash, name, making_of(unit.plan, name))
+                result = plan.results.read(unit.hash, name, algorithm_inputs(unit.plan, name))
             if result is not None:
                 rows += finished_rows(unit, name, result)
                 continue

@@ -167,18 +167,18 @@ class Tables:
     def text(self, key: str, value: Any) -> str:
         """Check a text that must not be empty."""
         if not isinstance(value, str) or not value.strip():
-            raise self.wrong(key, f"must be a text, not {shown(value)}")
+            raise self.wrong(key, f"must be a text, not {short_value(value)}")
         return value.strip()
 
     def texts(self, key: str, value: Any, most: int = MOST_NAMED) -> list[str]:
         """Check a list of different texts."""
         if not isinstance(value, list) or not value:
-            raise self.wrong(key, f"must be a list of texts, not {shown(value)}")
+            raise self.wrong(key, f"must be a list of texts, not {short_value(value)}")
         self.check_count(key, value, most)
         texts = [self.text(key, item) for item in value]
         for text, count in Counter(texts).items():
             if count > 1:
-                raise self.wrong(key, f"{shown(text)} is given twice; drop one")
+                raise self.wrong(key, f"{short_value(text)} is given twice; drop one")
         return texts
 
     def check_count(self, key: str, values: Sequence[object], most: int) -> None:
@@ -189,17 +189,17 @@ class Tables:
     def switch(self, key: str, value: Any) -> bool:
         """Check a value that must be true or false."""
         if not isinstance(value, bool):
-            raise self.wrong(key, f"must be true or false, not {shown(value)}")
+            raise self.wrong(key, f"must be true or false, not {short_value(value)}")
         return value
 
     def one_of(self, key: str, value: Any, allowed: Sequence[str]) -> str:
         """Check a value that must be one of a few words."""
         if value not in allowed:
-            raise self.wrong(key, f"{shown(value)}: {suggest_words(value, allowed)}")
+            raise self.wrong(key, f"{short_value(value)}: {suggest_words(value, allowed)}")
         return str(value)
 
 
-def shown(value: Any) -> str:
+def short_value(value: Any) -> str:
     """Format a value for a message, in a few characters."""
     return repr(value)[:_MOST_SHOWN]
 
@@ -250,7 +250,7 @@ class _StudyReader(Tables):
                 check_file(scene)
             except FileError as error:
                 why = str(error).removeprefix(f"{scene}: ")
-                words = f"{shown(name)}: {why}; paths are relative to the study's folder"
+                words = f"{short_value(name)}: {why}; paths are relative to the study's folder"
                 raise self.wrong("study.scenes", words) from None
             scenes[stem if shared[stem] == 1 else name] = scene
         return scenes
@@ -260,7 +260,7 @@ class _StudyReader(Tables):
         names = self.required_texts("algorithms")
         for name in names:
             if "," in name:
-                words = f"{shown(name)}: write one algorithm in each text"
+                words = f"{short_value(name)}: write one algorithm in each text"
                 raise self.wrong("study.algorithms", words)
         try:
             return tuple(c.name for c in parse_methods(names, {}))
@@ -287,7 +287,9 @@ class _StudyReader(Tables):
         names = self.texts("study.displays", named)
         for name in names:
             if name not in displays_by_name:
-                words = f"{shown(name)} is unknown; use {', '.join(displays_by_name)}, or add it"
+                words = (
+                    f"{short_value(name)} is unknown; use {', '.join(displays_by_name)}, or add it"
+                )
                 raise self.wrong("study.displays", f"{words} as a [[display]]")
         return tuple(displays_by_name[name] for name in names)
 
@@ -301,7 +303,7 @@ class _StudyReader(Tables):
             name = self.text("display.name", table.get("name"))
             if not is_file_safe(name) or name in (AS_SCENE, *DISPLAYS, *displays):
                 why = "is taken" if is_file_safe(name) else "use 1 to 64 letters, digits or . _ + -"
-                raise self.wrong("display.name", f"{shown(name)}: {why}")
+                raise self.wrong("display.name", f"{short_value(name)}: {why}")
             parameters = {k: v for k, v in table.items() if k not in ("name", "preset", "file")}
             if "file" in table:
                 displays[name] = self._from_file(name, table)
@@ -324,7 +326,7 @@ class _StudyReader(Tables):
             raise self.wrong(f"display {name!r}: {others[0]}", "belongs into its file")
         file = self.text(label, table["file"])
         if not file.lower().endswith(".xml"):
-            raise self.wrong(label, f"{shown(file)}: name an .xml with inim.* settings")
+            raise self.wrong(label, f"{short_value(file)}: name an .xml with inim.* settings")
         path = self.path.parent / file
         display_of(path)  # raises for an invalid file
         return NamedDisplay(name, path)
@@ -363,7 +365,7 @@ class _StudyReader(Tables):
         """Format numbers and texts as values of -D."""
         for name, value in table.items():
             if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-                words = f"must be a number or a text, not {shown(value)}"
+                words = f"must be a number or a text, not {short_value(value)}"
                 raise self.wrong(f"{before}{name}", words)
         return {name: str(value) for name, value in table.items()}
 

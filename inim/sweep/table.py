@@ -165,7 +165,7 @@ def _identity(unit: Unit, algorithm: str) -> dict[str, Any]:
     row: dict[str, Any] = {"scene": unit.scene, "display": unit.display, "algorithm": algorithm}
     row["unit"] = unit.hash or None
     if unit.plan is None:
-        return row | _given(unit)
+        return row | _study_settings(unit)
     settings, display = asdict(unit.plan.settings), unit.plan.display.parameters()
     row["scene_sha256"] = unit.plan.file.sha256
     row |= {key: display[key] for key in DISPLAY_COLUMNS}
@@ -173,7 +173,7 @@ def _identity(unit: Unit, algorithm: str) -> dict[str, Any]:
     return row | {key: settings[key] for key in SETTING_COLUMNS}
 
 
-def _given(unit: Unit) -> dict[str, Any]:
+def _study_settings(unit: Unit) -> dict[str, Any]:
     """Settings of the study, for a unit whose scene cannot be read."""
     definitions = unit.request.definitions
     settings = asdict(Settings.parse(definitions, unit.label))
@@ -226,24 +226,28 @@ def column_groups() -> dict[str, dict[str, str]]:
         "noise floor": prefixed_view_columns("noise_floor"),
     }
     groups = {
-        "names": _of("string", "scene", "display", "algorithm", "viewpoint"),
-        '"ok" or "failed", and the error; scores of a failed unit are null': _of(
+        "names": _columns_of_type("string", "scene", "display", "algorithm", "viewpoint"),
+        '"ok" or "failed", and the error; scores of a failed unit are null': _columns_of_type(
             "string", "status", "error"
         ),
-        **{title: _of("float64", *names) for title, names in scores.items()},
-        "the EIA, before any optics": _of("float64", *eia_columns(), "hole_fraction", *floor),
-        "generation of the EIA: first run; kernel times, with `time = true`": _of(
+        **{title: _columns_of_type("float64", *names) for title, names in scores.items()},
+        "the EIA, before any optics": _columns_of_type(
+            "float64", *eia_columns(), "hole_fraction", *floor
+        ),
+        "generation of the EIA: first run; kernel times, with `time = true`": _columns_of_type(
             "float64", *_OF_GENERATION
         ),
-        "time of the validation, and of its rendering": _of("float64", *_OF_VALIDATION),
+        "time of the validation, and of its rendering": _columns_of_type(
+            "float64", *_OF_VALIDATION
+        ),
         "checks of the ground truth and the algorithm": {
             "passed": "bool",
             "failed_checks": "string",
         },
-        "position of the eye": _of("float64", "x_mm", "y_mm", "z_mm"),
-        "the display": _parameters(*DISPLAY_COLUMNS, "pixels_per_lens"),
-        "settings; null: not given": _parameters(*SETTING_COLUMNS),
-        "origin": _of("string", *_MADE),
+        "position of the eye": _columns_of_type("float64", "x_mm", "y_mm", "z_mm"),
+        "the display": _parameter_columns(*DISPLAY_COLUMNS, "pixels_per_lens"),
+        "settings; null: not given": _parameter_columns(*SETTING_COLUMNS),
+        "origin": _columns_of_type("string", *_MADE),
     }
     names = [name for group in groups.values() for name in group]
     for metric in all_metrics():
@@ -256,11 +260,11 @@ def column_groups() -> dict[str, dict[str, str]]:
     return groups
 
 
-def _of(kind: str, *names: str) -> dict[str, str]:
+def _columns_of_type(kind: str, *names: str) -> dict[str, str]:
     return dict.fromkeys(names, kind)
 
 
-def _parameters(*names: str) -> dict[str, str]:
+def _parameter_columns(*names: str) -> dict[str, str]:
     return {name: _SETTINGS.get(name, "float64") for name in names}
 
 

@@ -89,7 +89,7 @@ class Unit:
         """Label on the screen."""
         return " · ".join(filter(None, (self.scene, self.display, self.variation)))
 
-    def only(self, algorithms: Sequence[str]) -> Request:
+    def with_algorithms(self, algorithms: Sequence[str]) -> Request:
         """Request for some of the algorithms, without the criteria of the others."""
         assert self.plan is not None
         limits = [f"{n}:{v!r}" for n, v in self.plan.ssim_limits.items() if n in algorithms]
@@ -170,7 +170,7 @@ def unit_hash(key: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:_HASH_DIGITS]
 
 
-def making_of(plan: Plan, algorithm: str) -> dict[str, Any]:
+def algorithm_inputs(plan: Plan, algorithm: str) -> dict[str, Any]:
     """Further inputs of an algorithm's result: its criterion, and another package's code."""
     inputs: dict[str, Any] = {"min_ssim_to_reference": plan.ssim_limits.get(algorithm)}
     name = parse_algorithm(algorithm)[0]
@@ -331,7 +331,7 @@ def run_job(task: SweepTask, staging: Path, observer: Observer) -> bool:
                     times,
                     unit=task.unit,
                     algorithm=name,
-                    making=making_of(plan, name),
+                    making=algorithm_inputs(plan, name),
                     key=task.key,
                 )
             )

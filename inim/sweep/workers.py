@@ -82,7 +82,7 @@ class Progress:
         )
         self._counts = (f"[{n:{len(str(total))}}/{total}]" for n in range(1, total + 1))
 
-    def ended(self, label: str, seconds: float, error: str) -> None:
+    def report_end(self, label: str, seconds: float, error: str) -> None:
         """Report a finished task, or a failed one with its error message."""
         self._bar.update()
         failure = f"  FAILED: {error}" if error else ""
@@ -182,7 +182,7 @@ def _collect(
         seconds, error = _result_of(future)
         if error:
             errors[task.unit] = error
-        progress.ended(task.label, seconds, error)
+        progress.report_end(task.label, seconds, error)
     return errors
 
 

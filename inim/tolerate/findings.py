@@ -30,7 +30,7 @@ from inim.documents.tolerate import (
     Together,
 )
 from inim.errors import SceneError
-from inim.tolerate.study import LEAST_ALONE, ToleranceStudy, rounded
+from inim.tolerate.study import LEAST_ALONE, ToleranceStudy, round_digits
 
 # Median of |x| over the standard deviation, for a normal distribution.
 _MEDIAN_OF_NORMAL = 0.6745
@@ -54,12 +54,12 @@ def parameter_tolerances(
     rows: list[ParameterTolerance] = []
     curves: dict[str, Curve] = {}
     for name, spread in study.spreads.items():
-        draws = _scored([{name: error} for error in study.draw_alone(name)], scores)
+        draws = _pair_with_scores([{name: error} for error in study.draw_alone(name)], scores)
         row = ParameterTolerance(
             name=name,
             distribution=spread.distribution,
             spread=spread.size,
-            farthest=rounded(study.reach * spread.size),
+            farthest=round_digits(study.reach * spread.size),
             tolerance=None,
             interval=None,
             curve=None,
@@ -69,9 +69,9 @@ def parameter_tolerances(
         )
         if len(draws) >= LEAST_ALONE:
             losses = [(errors[name], aligned - score) for errors, score in draws]
-            curves[name], row = _alone(row, losses, criterion, f"{study.seed} {name}")
+            curves[name], row = _fit_parameter(row, losses, criterion, f"{study.seed} {name}")
         rows.append(row)
-    together = _scored(study.draw_together(), scores)
+    together = _pair_with_scores(study.draw_together(), scores)
     return rows, _together(together, aligned, criterion, rows, curves) if together else None
 
 
@@ -83,7 +83,7 @@ def aligned_score(scores: Scores) -> float:
     return aligned
 
 
-def _scored(
+def _pair_with_scores(
     draws: Sequence[Mapping[str, float]], scores: Scores
 ) -> list[tuple[Mapping[str, float], float]]:
     """Draws with their scores, without those that have none."""
@@ -91,7 +91,7 @@ def _scored(
     return [(errors, score) for errors, score in pairs if score is not None]
 
 
-def _alone(
+def _fit_parameter(
     row: ParameterTolerance, losses: Sequence[tuple[float, float]], criterion: float, seed: str
 ) -> tuple[Curve, ParameterTolerance]:
     """Fit the curve of one parameter's draws, and derive its row of results."""
@@ -103,15 +103,15 @@ def _alone(
     low, high = tolerance_interval(curve, errors, lost, farthest, criterion, seed)
     return curve, replace(
         row,
-        tolerance=rounded(tolerance) if tolerance <= farthest else None,
+        tolerance=round_digits(tolerance) if tolerance <= farthest else None,
         interval=(_rounded_or_none(low), _rounded_or_none(high)),
         curve=LossCurve(
-            power=rounded(curve.power),
-            below=rounded(curve.below),
-            above=rounded(curve.above),
-            line=[(rounded(e), rounded(curve.loss(e))) for e in _places(farthest)],
+            power=round_digits(curve.power),
+            below=round_digits(curve.below),
+            above=round_digits(curve.above),
+            line=[(round_digits(e), round_digits(curve.loss(e))) for e in _places(farthest)],
         ),
-        scatter=rounded(off),
+        scatter=round_digits(off),
     )
 
 
@@ -145,8 +145,8 @@ def _together(
     low, high = share_interval(passed, len(draws))
     return Together(
         share=passed / len(draws),
-        interval=(rounded(low), rounded(high)),
-        to_sum=rounded(median(ratios)) if ratios else None,
+        interval=(round_digits(low), round_digits(high)),
+        to_sum=round_digits(median(ratios)) if ratios else None,
         part_of_each=_rounded_or_none(_part_of_each(rows, curves, criterion)),
         draws=[
             DrawTogether(errors=dict(errors), score=score, sum_of_losses=_rounded_or_none(total))
@@ -174,7 +174,7 @@ def _part_of_each(
 
 
 def _rounded_or_none(value: float | None) -> float | None:
-    return None if value is None else rounded(value)
+    return None if value is None else round_digits(value)
 
 
 _RESAMPLED = 200

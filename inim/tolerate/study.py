@@ -22,7 +22,7 @@ from inim.display.misalignment import MISALIGNMENTS
 from inim.documents import read_document
 from inim.documents.calibration import CalibrationDocument
 from inim.errors import FileError
-from inim.sweep.study import MOST_UNITS, Tables, shown
+from inim.sweep.study import MOST_UNITS, Tables, short_value
 
 #: Fewest draws for a curve with three parameters.
 LEAST_ALONE = 5
@@ -72,21 +72,23 @@ class ToleranceStudy:
         start = Random(f"{self.seed} alone {name}").random()
         farthest = self.reach * self.spreads[name].size
         places = ((start + i * _GOLDEN) % 1 for i in range(self.alone))
-        return [rounded(farthest * (2 * place - 1)) for place in places]
+        return [round_digits(farthest * (2 * place - 1)) for place in places]
 
     def draw_together(self) -> list[dict[str, float]]:
         """Random errors of each display, by parameter; more displays keep the earlier ones."""
         return [
             {
                 # Text seeds give the same numbers in every version of Python.
-                name: rounded(spread.at(max(Random(f"{self.seed} {i} {name}").random(), 2**-53)))
+                name: round_digits(
+                    spread.at(max(Random(f"{self.seed} {i} {name}").random(), 2**-53))
+                )
                 for name, spread in self.spreads.items()
             }
             for i in range(self.together)
         ]
 
 
-def rounded(value: float) -> float:
+def round_digits(value: float) -> float:
     """Round to four significant digits; other processors differ beyond them."""
     return float(f"{value:.{_DIGITS}g}")
 
@@ -148,13 +150,15 @@ class _ToleranceTables(Tables):
     def count(self, key: str, value: Any, least: int) -> int:
         """Check a whole number."""
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
-            raise self.wrong(key, f"must be a whole number of at least {least}, not {shown(value)}")
+            raise self.wrong(
+                key, f"must be a whole number of at least {least}, not {short_value(value)}"
+            )
         return value
 
     def size(self, key: str, value: Any) -> float:
         """Check a positive number."""
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0 < value < 1e9:
-            raise self.wrong(key, f"must be a positive number, not {shown(value)}")
+            raise self.wrong(key, f"must be a positive number, not {short_value(value)}")
         return float(value)
 
     def spreads(self) -> dict[str, Spread]:
@@ -165,7 +169,7 @@ class _ToleranceTables(Tables):
         for name, values in table.items():
             key = f"errors.{name}"
             if not isinstance(values, dict) or len(values) != 1:
-                raise self.wrong(key, f"write {{ normal = SIZE }}, not {shown(values)}")
+                raise self.wrong(key, f"write {{ normal = SIZE }}, not {short_value(values)}")
             self.check_names(f"{key}.", values, _DISTRIBUTIONS)
             ((distribution, size),) = values.items()
             spreads[name] = Spread(distribution, self.size(f"{key}.{distribution}", size))

@@ -85,7 +85,7 @@ def run_job(request: FilmRequest, staging: Path, observer: Observer) -> bool:
     publish_file(film, request.out)
     if has_scene:
         observer.stage("score")
-        viewing = optics.viewing(eyes[0], request.luminance_cd_m2)
+        viewing = optics.viewing_conditions(eyes[0], request.luminance_cd_m2)
         for line in _score_lines(panes, viewing, request.frames_per_second):
             observer.line(line)
     return True

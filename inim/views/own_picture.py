@@ -248,7 +248,7 @@ def _evaluate(plan: _PicturePlan, rgbd: RGBD, folder: Path, renderer: Renderer) 
     exact_eia = generate(front, display, EXACT)
     write_eia(folder / "eia" / "exact.png", exact_eia, None, display.pixel_pitch_mm)
     exact_views = reconstruct("exact", exact_eia)
-    viewing = {v.name: optics.viewing(v, s.luminance_cd_m2) for v in viewpoints}
+    viewing = {v.name: optics.viewing_conditions(v, s.luminance_cd_m2) for v in viewpoints}
 
     def score(eye: str, reference: np.ndarray, view: np.ndarray) -> dict[str, float | None]:
         return {**metrics.score(reference, view, regions[eye], viewing[eye])}

@@ -40,10 +40,10 @@ def hidden_folder(out: Path) -> Iterator[Path]:
     prefix = f".{out.name[:32]}."  # a name may be as long as the file system allows
     with file_errors(out):
         out.parent.mkdir(parents=True, exist_ok=True)
-        with _locked(out.parent):
+        with _lock_folder(out.parent):
             for path in out.parent.glob(f"{glob.escape(prefix)}*.partial"):
                 # The folder of a running process is locked.
-                with suppress(OSError), _locked(path, fcntl.LOCK_EX | fcntl.LOCK_NB):
+                with suppress(OSError), _lock_folder(path, fcntl.LOCK_EX | fcntl.LOCK_NB):
                     shutil.rmtree(path, ignore_errors=True)
             folder = Path(tempfile.mkdtemp(prefix=prefix, suffix=".partial", dir=out.parent))
             descriptor = os.open(folder, os.O_RDONLY)
@@ -76,7 +76,7 @@ def staging_folder(out: Path, names: Sequence[str] = REPORT) -> Iterator[Path]:
 
 
 @contextmanager
-def published(out: Path, names: Sequence[str]) -> Iterator[Path]:
+def output_files(out: Path, names: Sequence[str]) -> Iterator[Path]:
     """Yield a folder to write files in; move them into `out` if the block ends without error.
 
     Parameters and errors are those of `staging_folder`.
@@ -93,7 +93,7 @@ def publish(staging: Path, out: Path, marker: str = _MARKER) -> None:
     never leaves a report of mixed origin. Of two runs into one folder, the later one remains.
     Raises `FileError` if a file of other origin is in the way.
     """
-    with file_errors(out), delayed_interrupts(), _locked(out.parent):
+    with file_errors(out), delayed_interrupts(), _lock_folder(out.parent):
         files = (str(p.relative_to(staging)) for p in staging.rglob("*") if p.is_file())
         names = sorted(files, key=lambda name: (name == marker, name))
         if not os.path.lexists(out):
@@ -146,7 +146,7 @@ def _read_list(out: Path, marker: str) -> set[str]:
         names = content if isinstance(content, list) else content["files"]
         return {n for n in names if not Path(n).is_absolute() and ".." not in Path(n).parts}
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise _in_the_way(path) from None
+        raise _foreign_output_error(path) from None
 
 
 def _check_replaceable(out: Path, name: str, listed: Collection[str]) -> None:
@@ -159,10 +159,10 @@ def _check_replaceable(out: Path, name: str, listed: Collection[str]) -> None:
         is_folder = place != out / name or name.endswith("/")
         is_own = place.is_dir() if is_folder else name in listed and place.is_file()
         if place.is_symlink() or not is_own:
-            raise _in_the_way(place)
+            raise _foreign_output_error(place)
 
 
-def _in_the_way(path: Path) -> FileError:
+def _foreign_output_error(path: Path) -> FileError:
     return FileError(
         f"{path}: is in the way, and not from an earlier run; remove it, or choose another folder "
         "with -o"
@@ -170,7 +170,7 @@ def _in_the_way(path: Path) -> FileError:
 
 
 @contextmanager
-def _locked(folder: Path, operation: int = fcntl.LOCK_EX) -> Iterator[None]:
+def _lock_folder(folder: Path, operation: int = fcntl.LOCK_EX) -> Iterator[None]:
     """Hold the lock of a folder, which ends with the process; without LOCK_NB, wait for it."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:

@@ -11,7 +11,7 @@ def announce(monkeypatch):
 
     def announced(**found):
         monkeypatch.setattr("inim.metrics.cvvdp.is_installed", lambda: False)
-        monkeypatch.setattr("inim.metrics.announced", lambda group: sorted(found))
+        monkeypatch.setattr("inim.metrics.announced_names", lambda group: sorted(found))
         monkeypatch.setattr("inim.metrics.load", lambda group, name, kind: found[name])
         metrics._all_metrics.cache_clear()
 

@@ -13,8 +13,8 @@ import pytest
 from inim.cache import (
     Record,
     Store,
-    address_of,
     array_digest,
+    cache_address,
     code_digest,
     open_store,
     value_digest,
@@ -194,7 +194,7 @@ def test_digests_tell_apart_what_differs():
     assert array_digest(np.asfortranarray(a.reshape(2, 3))) == array_digest(a.reshape(2, 3))
     assert value_digest({"x": a}) == value_digest({"x": a.copy()})
     assert value_digest({"x": 1, "y": 2}) == value_digest({"y": 2, "x": 1})
-    assert address_of("p", {"a": "1"}) != address_of("q", {"a": "1"})
+    assert cache_address("p", {"a": "1"}) != cache_address("q", {"a": "1"})
     assert code_digest("render") != code_digest("lens")
     with pytest.raises(FileNotFoundError):
         code_digest("no_such_module.py")

@@ -299,7 +299,7 @@ def test_neither_blur_nor_hidden_seams_look_like_an_imperfect_sheet():
         off = np.where(np.abs(off) < 0.5, off, 0)  # lenses at the edge of the sheet
         return np.array([of @ off / (of @ of) for of in seen.imperfections(guess)])
 
-    magnified, deeper = looks(seen.sharpened(guess))
+    magnified, deeper = looks(seen.without_blur(guess))
     assert abs(magnified) < 0.0006
     assert abs(deeper) < 0.02, "2 µm"
     blurred, _ = looks(seen)
@@ -330,7 +330,7 @@ def test_nobody_stands_before_another_display():
 
 def test_a_hidden_display_is_found_within_its_errors():
     result = found(*EYES)
-    assert result.unknown == [] and result.edges_seen == (True, True)
+    assert result.undetermined == [] and result.edges_seen == (True, True)
     for name, one in result.estimates.items():
         assert abs(one.value - truth(name)) < 4 * one.error, name
     # Of a sheet of 28 x 20 lenses in photographs of 480 x 360 pixels.
@@ -354,8 +354,8 @@ def test_cameras_are_found_where_they_stood():
 def test_one_straight_position_tells_the_rotation_only():
     result = straight_on()
     assert abs(result.display.rotation_deg - HIDDEN.rotation_deg) < 0.05
-    assert {*result.unknown} == {*PARAMETERS} - {"rotation_deg"}
-    for name in result.unknown:
+    assert {*result.undetermined} == {*PARAMETERS} - {"rotation_deg"}
+    for name in result.undetermined:
         assert getattr(result.display, name) == getattr(DESIGN, name)
         one = result.estimates[name]
         assert abs(one.value - truth(name)) < 4 * one.error, name

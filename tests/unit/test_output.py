@@ -95,7 +95,7 @@ def test_list_of_an_earlier_version_counts(tmp_path):
 def test_report_of_another_kind_in_the_same_folder_stays(tmp_path):
     out = tmp_path / "out"
     write_report(out, **{"eia/a.png": "a"})
-    with output.published(out, ["bench.json"]) as staging:
+    with output.output_files(out, ["bench.json"]) as staging:
         (staging / "bench.json").write_text("{}")
     write_report(out)
     assert {"report.json", "bench.json"} <= tree(out).keys()

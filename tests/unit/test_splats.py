@@ -11,7 +11,7 @@ from inim.files.ply import write_ply
 from inim.files.splat_ply import check_splats, is_splats, read_splats, write_splats
 from inim.files.triangle_mesh import Mesh
 from inim.image.color import linear_from_srgb, srgb_from_linear
-from inim.scene.relic_scene import SIZE_MM, Frame, placed_splats, turned
+from inim.scene.relic_scene import SIZE_MM, Frame, place_splats, rotate_splats
 from tests.conftest import small_display, square
 from tests.splat_relics import joined, on_triangles, random_splats, splat_scene, splats_at
 
@@ -121,17 +121,17 @@ def test_the_frame_leaves_out_floaters_and_holds_the_relic():
     faint = splats_at(np.zeros((1, 3)), 0.1, 0.005, np.ones(3))
     frame = Frame.around(joined(relic, far))
     assert (frame.low > -1.3).all() and (frame.high < 1.3).all()
-    placed, half = placed_splats(joined(relic, far, wide, faint), np.eye(3), frame)
+    placed, half = place_splats(joined(relic, far, wide, faint), np.eye(3), frame)
     assert 0.9 * len(relic) < len(placed) <= len(relic)
     assert 2 * half.max() == pytest.approx(SIZE_MM)
 
 
 def test_crop_keeps_what_lies_in_the_box():
     splats = splats_at(np.array([[0.0, 0, 0], [5, 0, 0]]), 0.01, 0.9, np.ones(3))
-    kept, _ = placed_splats(splats, np.eye(3), Frame.parse("4,6,-1,1,-1,1"))
+    kept, _ = place_splats(splats, np.eye(3), Frame.parse("4,6,-1,1,-1,1"))
     assert len(kept) == 1
     with pytest.raises(UsageError, match="holds no splats"):
-        placed_splats(splats, np.eye(3), Frame.parse("8,9,-1,1,-1,1"))
+        place_splats(splats, np.eye(3), Frame.parse("8,9,-1,1,-1,1"))
 
 
 @pytest.mark.parametrize("words", ["1,2,3", "a,b,c,d,e,f", "1,0,0,1,0,1", "0,nan,0,1,0,1"])
@@ -157,7 +157,7 @@ def test_colours_turn_with_the_splats(renderer, degree):
         )
         return np.einsum("nkc,kd->dnc", splats.harmonics, basis)
 
-    after = colours(turned(splats, turn), directions @ turn.T)
+    after = colours(rotate_splats(splats, turn), directions @ turn.T)
     np.testing.assert_allclose(after, colours(splats, directions), atol=2e-6)
 
 
@@ -191,7 +191,7 @@ def test_turned_splats_look_as_the_splats_do_to_a_turned_eye(renderer, tmp_path)
     direction = np.tile([0.02, -0.03, -1.0], (300, 1))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     turn, found = rotation(), []
-    for name, one, way in (("a", splats, np.eye(3)), ("b", turned(splats, turn), turn)):
+    for name, one, way in (("a", splats, np.eye(3)), ("b", rotate_splats(splats, turn), turn)):
         write_splats(tmp_path / f"{name}.ply", one)
         shape = {"type": "ellipsoidsmesh", "filename": str(tmp_path / f"{name}.ply")}
         integrator = {"type": "volprim_rf_basic", "srgb_primitives": False}

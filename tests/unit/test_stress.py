@@ -12,7 +12,7 @@ import pytest
 from inim.errors import UsageError
 from inim.generators import algorithm_items
 from inim.generators.oracle import exact_hits
-from inim.stress.checks import JITTERS, cases, check_first_hits, measure_jitter, quantised
+from inim.stress.checks import JITTERS, cases, check_first_hits, measure_jitter, quantise_depth
 from inim.stress.job import StressRequest
 from inim.stress.pictures import algorithm_output, noise, random_picture, small_display, solids_of
 from inim.stress.relations import RELATIONS, run_relations
@@ -226,7 +226,7 @@ def test_quantised_depth_has_that_many_values_and_is_within_half_a_step():
     display = small_display(lens_columns=4, lens_rows=4)
     rgbd = noise(display, display.capture_shape(8), 1 / 8)
     low, high = display.depth_range_mm
-    coarse = quantised(rgbd, display, 4)
+    coarse = quantise_depth(rgbd, display, 4)
     assert len(np.unique(coarse.depth_mm)) == 16
     assert np.abs(coarse.depth_mm - rgbd.depth_mm).max() <= (high - low) / 15 / 2 * 1.001
 

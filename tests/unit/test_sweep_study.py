@@ -12,7 +12,7 @@ from inim.report.sweep import SETTING_COLUMNS
 from inim.settings import Settings
 from inim.sweep.study import AS_SCENE, _check_keys, read_study, tomllib
 from inim.sweep.table import DISPLAY_COLUMNS, columns, failed_rows
-from inim.sweep.unit import expand, key_of, making_of, unit_hash
+from inim.sweep.unit import algorithm_inputs, expand, key_of, unit_hash
 from tests.conftest import scene_text, sphere
 
 STUDY = """
@@ -175,13 +175,13 @@ def test_a_criterion_belongs_to_its_algorithm(written):
     text = STUDY.replace("view_spp = 2", 'min_ssim_to_reference = "template:0.5"')
     unit = units_of(written(text))[0]
     assert unit.hash == units_of(written(STUDY.replace("view_spp = 2", "")))[0].hash
-    assert making_of(unit.plan, "template") == {"min_ssim_to_reference": 0.5}
-    assert making_of(unit.plan, "gu2020") == {"min_ssim_to_reference": None}
+    assert algorithm_inputs(unit.plan, "template") == {"min_ssim_to_reference": 0.5}
+    assert algorithm_inputs(unit.plan, "gu2020") == {"min_ssim_to_reference": None}
     # A run of the other algorithm alone must not be refused for it.
-    request = unit.only(["gu2020"])
+    request = unit.with_algorithms(["gu2020"])
     assert request.algorithms == ("gu2020",)
     assert request.definitions["inim.min_ssim_to_reference"] == ""
-    other = unit.only(["template"]).definitions
+    other = unit.with_algorithms(["template"]).definitions
     assert other["inim.min_ssim_to_reference"] == "template:0.5"
 
 

@@ -40,9 +40,9 @@ from inim.timing import (
     REFERENCE_KERNEL,
     Rounds,
     TimedMethod,
-    display_ready,
     prepare_method,
     time_methods,
+    to_srgb_rgba,
 )
 
 #: Replaces the algorithms if only finished EIAs are scored.
@@ -280,7 +280,7 @@ _MAX_REPETITIONS = 5
 
 def prepare_timed_methods(names: Sequence[str], capture: Capture) -> tuple[list[TimedMethod], RGBD]:
     """Prepare generators for timing on the display-ready capture; also return its front surface."""
-    ready = {kind: display_ready(rgbd) for kind, (rgbd, _) in capture.inputs.items()}
+    ready = {kind: to_srgb_rgba(rgbd) for kind, (rgbd, _) in capture.inputs.items()}
     display = capture.camera.scene.display
     timed_methods = [prepare_method(name, ready[properties(name).reads], display) for name in names]
     return timed_methods, ready[RGBD]

@@ -40,7 +40,7 @@ class Optics:
         settings = {name: value for name, value in vars(self).items() if name != "display"}
         return display | settings | {"lens_model's package": package}
 
-    def viewing(self, eye: Viewpoint, luminance_cd_m2: float) -> Viewing:
+    def viewing_conditions(self, eye: Viewpoint, luminance_cd_m2: float) -> Viewing:
         """Viewing conditions of a view; its pixels are on the lens array."""
         per_lens = self.view_pixels_per_lens
         across = per_lens if isinstance(per_lens, int) else per_lens[1]

@@ -198,7 +198,7 @@ def compute_heat_maps(
         for name in names
         for eye, view in views.items()
     }
-    return _in_threads(truth, calls, run)
+    return _run_in_threads(truth, calls, run)
 
 
 def score_reference_views(truth: GroundTruth, *, run: Run) -> dict[str, Scores]:
@@ -209,7 +209,7 @@ def score_reference_views(truth: GroundTruth, *, run: Run) -> dict[str, Scores]:
         )
         for name, view in truth.views.items()
     }
-    return _in_threads(truth, calls, run)
+    return _run_in_threads(truth, calls, run)
 
 
 def compute_noise_floor(truth: GroundTruth, *, run: Run) -> NoiseFloor:
@@ -218,7 +218,7 @@ def compute_noise_floor(truth: GroundTruth, *, run: Run) -> NoiseFloor:
         name: partial(_score_halves, view, *truth.conditions(name), run=run)
         for name, view in truth.views.items()
     }
-    views = _in_threads(truth, calls, run)
+    views = _run_in_threads(truth, calls, run)
     return NoiseFloor(eia=views.pop(""), views=views)
 
 
@@ -230,12 +230,12 @@ def compute_truth_statistics(
         f"truth/{name}": partial(_tiles, view, view_tile(view.shape), False, run=run)
         for name, view in truth.views.items()
     }
-    views = _in_threads(truth, calls, run)
+    views = _run_in_threads(truth, calls, run)
     scores = {f"reference/{name}": scores for name, scores in reference_scores.items()}
     return Statistics(views.pop("") | views, scores)
 
 
-def _in_threads(
+def _run_in_threads(
     truth: GroundTruth, calls: Mapping[str, Callable[[], Any]], run: Run
 ) -> dict[str, Any]:
     """Results of calls, by name, in parallel."""

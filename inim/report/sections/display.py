@@ -60,10 +60,10 @@ def display(data: ReportDocument | PictureDocument, images: ReportImages) -> str
             "misaligned display; the algorithms use the design.",
         )
     every = folded(element("h3", "Parameters"), element("div", *tables, class_="columns"))
-    return words + _plan(data, images) + every
+    return words + _plan_view(data, images) + every
 
 
-def _plan(data: ReportDocument | PictureDocument, images: ReportImages) -> str:
+def _plan_view(data: ReportDocument | PictureDocument, images: ReportImages) -> str:
     display, eyes = data.display.parameters, data.viewpoints
     places = [(eye.name, eye.position_mm) for eye in eyes]
     drawing = images.drawing(

@@ -95,7 +95,7 @@ def _drift(comparison: Regression) -> str:
     moved = sorted(comparison.drift, key=size, reverse=True)
     rows = [
         [
-            f"{row.subject}: {_words(row.score)}",
+            f"{row.subject}: {_score_phrase(row.score)}",
             short(row.baseline),
             short(row.candidate),
             "+" * (row.change is not None and row.change >= 0) + short(row.change),
@@ -109,7 +109,7 @@ def _drift(comparison: Regression) -> str:
     return text_table(caption, ["Score", "Baseline", "This run", "Drift"], rows, "drift")
 
 
-def _words(label: str) -> str:
+def _score_phrase(label: str) -> str:
     """A score's name with its metric's label and without its unit: "PSNR to reference"."""
     for metric in all_metrics():
         if metric.unit:

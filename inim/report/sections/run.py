@@ -148,7 +148,7 @@ def _stage_row(name: str, seconds: float, total: float) -> list[str]:
     return [label, text(number(seconds, 2)), element("div", words, bar, class_="share")]
 
 
-def _skipped(data: ReportDocument) -> str:
+def _skipped_steps_section(data: ReportDocument) -> str:
     """The section; empty without any step."""
     rows = [[getattr(row, key) for key in _SKIPPED] for row in data.skipped]
     if not rows:
@@ -180,7 +180,13 @@ SECTIONS = (
         is_folded=True,
     ),
     ReportSection(110, "timings", "Timings", lambda data, _: _timings(data), is_folded=True),
-    ReportSection(120, "skipped", "Skipped steps", lambda data, _: _skipped(data), is_folded=True),
+    ReportSection(
+        120,
+        "skipped",
+        "Skipped steps",
+        lambda data, _: _skipped_steps_section(data),
+        is_folded=True,
+    ),
     ReportSection(
         130,
         "warnings",

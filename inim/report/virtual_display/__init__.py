@@ -126,7 +126,7 @@ def live_display(
         "start": start,
     }
     return (
-        _live(display, [panel.name for panel in embedded], start, eyes, lens_model)
+        _live_html(display, [panel.name for panel in embedded], start, eyes, lens_model)
         + _stand_in(stills, images)
         + note
         + _data_element(data)
@@ -165,7 +165,7 @@ def _stand_in(stills: Sequence[Still], images: ReportImages) -> str:
     return element("div", why, pictured if pictures else "", class_="stand-in")
 
 
-def _live(
+def _live_html(
     display: Display,
     names: Sequence[str],
     start: Sequence[int],

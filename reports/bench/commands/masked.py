@@ -17,7 +17,7 @@ from inim.pipeline.stages.generation import run_generator
 from inim.timing import (
     REFERENCE_KERNEL,
     Rounds,
-    display_ready,
+    to_srgb_rgba,
     prepare_method,
     ratios,
     threads,
@@ -65,7 +65,7 @@ def bench_masked(
         for form, prepare_form in forms.items()
         for name, mask in masks.items()
     }
-    ready = display_ready(rgbd)
+    ready = to_srgb_rgba(rgbd)
     calls: dict[str, Callable[[], Any]] = {
         REFERENCE_KERNEL: ReferenceKernel(ready.color, plan.display, rgbd.pixel_mm).run
     }
@@ -102,7 +102,7 @@ def bench_masked(
 
 
 def _display_ready(display: Display, rgbd: RGBD, mask: np.ndarray | None) -> Generate:
-    method = prepare_method(_ALGORITHM, display_ready(rgbd), display, mask)
+    method = prepare_method(_ALGORITHM, to_srgb_rgba(rgbd), display, mask)
 
     def generate() -> np.ndarray:
         method.run()

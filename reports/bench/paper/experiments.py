@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from inim import metrics
-from inim.bench.evaluate import available, evaluate, make_reference, method_data
+from inim.bench.evaluate import available_algorithms, evaluate, make_reference, method_data
 from inim.display import Display
 from inim.display.viewpoint import parse_viewpoints
 from inim.image.rgbd import RGBD
@@ -92,7 +92,7 @@ def bench_paper(rounds: Rounds, listener: Any, sizes: Sizes = FULL) -> dict[str,
         ``experiments`` [{``name``, ``figure``, ``kept``, ``size``, ``points``}], ``same_input``,
         ``steps`` (`depth_steps`), ``claims``, ``notes``.
     """
-    names, notes = available(NAMES)
+    names, notes = available_algorithms(NAMES)
     experiments = [
         _experiment(*experiment, names, rounds, listener)
         for experiment in (
@@ -101,7 +101,7 @@ def bench_paper(rounds: Rounds, listener: Any, sizes: Sizes = FULL) -> dict[str,
             ("Fig. 14", "elemental images", "lenses", _lens_inputs(sizes)),
         )
     ]
-    same = _same_input(sizes, [*names, *available(VARIANTS)[0]], rounds, listener)
+    same = _same_input(sizes, [*names, *available_algorithms(VARIANTS)[0]], rounds, listener)
     steps = depth_steps()
     return {
         "experiments": experiments,

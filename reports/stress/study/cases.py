@@ -22,12 +22,12 @@ from inim.stress.pictures import (
     SHAPES,
     PictureCase,
     noise,
+    picture_of_depth,
     random_picture,
-    shaped,
+    shaped_picture,
     small_display,
-    tied,
+    tied_picture,
     window,
-    with_depth,
 )
 
 
@@ -158,7 +158,7 @@ def _depth_spans(_: Size) -> list[Case]:
 def _flat(_: Size) -> list[Case]:
     def make(z: float, **changes: object) -> PictureCase:
         display = small_display(**changes)
-        return display, with_depth(np.full(display.capture_shape(2), z, np.float32), 0.5)
+        return display, picture_of_depth(np.full(display.capture_shape(2), z, np.float32), 0.5)
 
     display = small_display()
     low, high = display.depth_range_mm
@@ -339,7 +339,7 @@ def ties(_: Size = FULL) -> list[Case]:
 
     def make(form: str, ulps: int) -> PictureCase:
         display, shape, pixel = _form(form)
-        return display, tied(display, shape, pixel, ulps)
+        return display, tied_picture(display, shape, pixel, ulps)
 
     return [
         Case(f"{form}, {ulps:+d} ulp", partial(make, form, ulps))
@@ -351,7 +351,7 @@ def ties(_: Size = FULL) -> list[Case]:
 def _shapes(_: Size) -> list[Case]:
     def make(form: str, kind: str) -> PictureCase:
         display, shape, pixel = _form(form)
-        return display, shaped(display, shape, pixel, kind)
+        return display, shaped_picture(display, shape, pixel, kind)
 
     return [
         Case(f"{kind}, {form}", partial(make, form, kind)) for form in _FORMS for kind in SHAPES
@@ -365,13 +365,13 @@ def _not_finite(_: Size) -> list[Case]:
     def uncovered(value: float) -> PictureCase:
         display, rgbd = _over(small_display())
         depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(value))
-        return display, with_depth(depth, rgbd.pixel_mm, rgbd.covered)
+        return display, picture_of_depth(depth, rgbd.pixel_mm, rgbd.covered)
 
     def covered(value: float) -> PictureCase:
         display, rgbd = _over(small_display())
         depth = np.array(rgbd.depth_mm)
         depth[3, 3] = value
-        return display, with_depth(depth, rgbd.pixel_mm)
+        return display, picture_of_depth(depth, rgbd.pixel_mm)
 
     def changed(changes: dict[str, float]) -> PictureCase:
         return _over(small_display(**changes))
@@ -394,7 +394,7 @@ def _small(_: Size) -> list[Case]:
 
     def bare() -> PictureCase:
         display, rgbd = _over(small_display())
-        return display, with_depth(np.array(rgbd.depth_mm), 0.5, np.zeros(rgbd.shape, bool))
+        return display, picture_of_depth(np.array(rgbd.depth_mm), 0.5, np.zeros(rgbd.shape, bool))
 
     one = {"lens_columns": 1, "lens_rows": 1}
     empty = np.zeros((0, 0), np.float32)
@@ -402,7 +402,7 @@ def _small(_: Size) -> list[Case]:
         Case("a picture of one pixel", one_cell),
         Case(
             "a picture without pixels",
-            lambda: (small_display(), with_depth(empty, 0.5)),
+            lambda: (small_display(), picture_of_depth(empty, 0.5)),
             refused=True,
         ),
         Case("one lens over one pixel", lambda: _over(small_display(pixel_pitch_mm=1.0, **one))),
@@ -444,7 +444,7 @@ def _hexagonal(_: Size) -> list[Case]:
 def _mounted_shapes(_: Size) -> list[Case]:
     def make(mounting: str, kind: str) -> PictureCase:
         display = small_display(**MOUNTINGS[mounting])
-        return display, shaped(display, display.capture_shape(2), 0.5, kind)
+        return display, shaped_picture(display, display.capture_shape(2), 0.5, kind)
 
     return [Case(f"{k}, {m}", partial(make, m, k)) for m in MOUNTINGS for k in SHAPES]
 
