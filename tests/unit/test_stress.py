@@ -247,9 +247,9 @@ def test_coarser_depth_changes_more(planted, fault):
 
 def test_algorithms_are_chosen_by_name_and_others_come_by_themselves(planted, tmp_path):
     named = StressRequest(tmp_path, algorithms=("planted:fault=lens", "template"))
-    assert named.chosen() == ["planted:fault=lens", "template"]
+    assert named.chosen_algorithms() == ["planted:fault=lens", "template"]
     assert pickle.loads(pickle.dumps(named)) == named
-    assert {"template", "layered", "planted"} <= set(StressRequest(tmp_path).chosen())
+    assert {"template", "layered", "planted"} <= set(StressRequest(tmp_path).chosen_algorithms())
 
 
 @pytest.mark.parametrize(
