@@ -40,7 +40,7 @@ def test_a_degree_has_as_many_pixels_as_fit_into_it():
 def test_a_view_s_pixels_lie_on_the_array():
     display = DISPLAYS["nominal"]
     optics = Optics(display, "thick", 4, 8, 0)
-    seen = optics.viewing(Viewpoint("eye", 0, 0, 572.9578), 123.0)
+    seen = optics.viewing_conditions(Viewpoint("eye", 0, 0, 572.9578), 123.0)
     assert seen.pixels_per_degree == pytest.approx(10 / (display.pitch_mm / 4), rel=1e-4)
     assert seen.luminance_cd_m2 == 123.0
 

@@ -94,7 +94,7 @@ def test_words_may_be_made_of_the_samples_traced(run):
     observer = Observer()
 
     def function(factor: int) -> int:
-        observer.rendered(0.1, 5 * factor)
+        observer.record_rendering(0.1, 5 * factor)
         return factor
 
     function.__module__ = module.__name__
