@@ -296,7 +296,7 @@ class Display:
 
     @property
     def _exact_pixels_per_lens(self) -> tuple[Fraction, Fraction]:
-        """Down and across."""
+        """Panel pixels per elemental image, down and across."""
         pixel, pitch = exact_length(self.pixel_pitch_mm), exact_length(self.pitch_mm)
         across = exact_length(self.elemental_image_pitch_mm)
         return exact_length(self.row_pitch_mm) * across / pitch / pixel, across / pixel
