@@ -17,11 +17,11 @@ from inim.pipeline.stages.generation import run_generator
 from inim.timing import (
     REFERENCE_KERNEL,
     Rounds,
-    to_srgb_rgba,
     prepare_method,
     ratios,
     threads,
     time_calls,
+    to_srgb_rgba,
 )
 
 _ALGORITHM = "template"
