@@ -101,6 +101,11 @@ class Settings:
         "thick", "lens model of the reconstruction: pinhole, thin, thick or full"
     )
     algorithms: str = _setting("wang2024,template", "algorithms to score, separated by commas")
+    cameras: str = _setting(
+        "",
+        "cameras of further RGB-D inputs to score: `5` (centre and corners of the viewing zone) or "
+        "rows and columns, `3x3`, separated by commas",
+    )
     viewpoints: str = _setting(
         "centre,left,right,up,down", "named ones, or 'name=x y [z]' in mm, separated by commas"
     )

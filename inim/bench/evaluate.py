@@ -286,7 +286,7 @@ def bench_scene(plan: Plan, names: Sequence[str], rounds: Rounds, renderer: Rend
     observer, display, s = renderer.observer, plan.display, plan.settings
     observer.begin(["open scene", "capture RGB-D", "ground-truth EIA", "time", "score", "write"])
     run, camera = Run(observer=observer), plan.camera(renderer)
-    capture = capture_nonempty(camera, {properties(name).reads for name in names}, run=run)
+    capture = capture_nonempty(camera, {properties(name).input for name in names}, run=run)
     truth = render_ground_truth_eia(camera.scene, display, s.eia_spp, s.seed, None, run=run)
 
     def views_of(eia: np.ndarray) -> list[np.ndarray]:

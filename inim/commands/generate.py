@@ -59,7 +59,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="INPUT",
         help="a colour picture with --depth; a photograph with depth inside (HEIC, or JPEG from "
-        "Android or Apple) or a folder of them; or the folder of an HCI 4D light field",
+        "Android or Apple) or a folder of them; a .json with the pictures of several cameras; or "
+        "the folder of an HCI 4D light field",
     )
     add_picture(parser)
     out = "EIA, .png or .exr (eia.png); for a folder, a folder"
@@ -70,8 +71,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--algorithms",
         dest="algorithm",
         metavar="ALGORITHM",
-        default=_DEFAULT_ALGORITHM,
-        help="one algorithm with options, such as template:samples=1; see `inim info algorithms`",
+        help="one algorithm with options, such as template:samples=1; see `inim info algorithms` "
+        "(template; of several cameras: cameras)",
     )
     add("--fill", help="filling of holes: none, hidden (by a surface), all, or auto; see the docs")
     add("--pdf", type=Path, help="also write a PDF that prints at true size")
@@ -161,6 +162,8 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     display, settings = display_and_settings(args)
     if args.light_field is not None:
         return _generate_from_light_field(args, display, settings), ()
+    if args.cameras_file is not None:
+        return _generate_from_cameras(args, picture, display, settings)
     picture.camera()
     check_algorithm(_algorithm(args))
     photograph = picture.read()
@@ -209,6 +212,30 @@ def _generate_from_light_field(
     return [*report, _write_outputs(args, rgbd, eia, empty, display)]
 
 
+def _generate_from_cameras(
+    args: argparse.Namespace, picture: CameraPicture, display: Display, settings: Settings
+) -> tuple[list[str], tuple[str, ...]]:
+    """Generate and write the EIA of several cameras; return the lines of output, and warnings."""
+    from inim.from_camera.cameras import read_cameras
+    from inim.generators import check_algorithm, merge_cameras
+
+    check_algorithm(_algorithm(args))
+    cameras = read_cameras(args.cameras_file, picture, display)
+    rgbd = merge_cameras(cameras.pictures, display, settings.capture_pixels_per_pitch)
+    eia, empty = _generate_eia(args, rgbd, display)
+    depth_map = cameras.depth_map
+    report = [
+        _display_line(display),
+        f"cameras    {len(cameras.pictures.pictures)}, frame at {cameras.frame_at:.5g} mm of the "
+        "first",
+        f"depth      {depth_map.near:.5g} (near) .. {depth_map.far:.5g} (far) mm of the first",
+        f"layers     {len(rgbd.layers)}, covering "
+        + ", ".join(f"{layer.covered.mean():.1%}" for layer in rgbd.layers),
+        _write_outputs(args, rgbd, eia, empty, display),
+    ]
+    return report, cameras.warnings
+
+
 def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
     """Reject arguments that are invalid independently of the files' content."""
     from inim.files.eia_file import EIA_SUFFIXES
@@ -223,9 +250,10 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
                 )
     elif args.all_views:
         raise UsageError(f"--all-views: {args.input} is not a light field; leave it out")
-    else:
+    elif args.cameras_file is None:
         picture.check_files()
-    picture.check_choices()
+    if args.cameras_file is None:
+        picture.check_choices()
     if args.fill is not None and one_of("--fill", args.fill, FILLS) != "none" and args.all_views:
         raise UsageError("--fill: with --all-views no algorithm leaves holes; leave it out")
     suffixes = (("-o", args.out, EIA_SUFFIXES), ("--pdf", args.pdf, (".pdf",)))
@@ -249,7 +277,8 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
 
 def _algorithm(args: argparse.Namespace) -> str:
     """Algorithm with its hole filling."""
-    return str(args.algorithm) + ("" if args.fill is None else f":fill={args.fill}")
+    default = _DEFAULT_ALGORITHM if args.cameras_file is None else "cameras"
+    return (args.algorithm or default) + ("" if args.fill is None else f":fill={args.fill}")
 
 
 def _generate_eia(

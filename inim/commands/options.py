@@ -67,6 +67,11 @@ _SHARED = {
         "--algorithms",
         help="algorithms with options, separated by commas; see `inim info algorithms`",
     ),
+    "cameras": _option(
+        "--cameras",
+        help="also score RGB-D from several cameras: 5 (centre and corners of the viewing zone) or "
+        "rows and columns, 3x3, separated by commas",
+    ),
     "viewpoints": _option(
         "--viewpoints", help="names or 'name=x y [z]' in mm, separated by commas"
     ),
@@ -113,6 +118,7 @@ def choices_of(args: argparse.Namespace) -> dict[str, Any]:
         "definitions": parse_definitions,
         "display": str,
         "algorithms": algorithm_items,
+        "cameras": str,
         "viewpoints": viewpoint_items,
         "lens_model": str,
     }
@@ -224,11 +230,12 @@ def picture_of(args: argparse.Namespace) -> CameraPicture:
 def classify_input(args: argparse.Namespace) -> None:
     """Set the kind of the positional argument INPUT, by its content and --depth.
 
-    Exactly one of `scene`, `fitted`, `light_field`, `color` and `photo` becomes the path: a scene
-    (.xml), a fitted RGB-D picture (.exr), a folder of an HCI light field, the colour picture of
-    --depth, or a photograph with depth inside (or a folder of them).
+    Exactly one of these becomes the path: `scene` (.xml); `fitted`, an RGB-D picture (.exr);
+    `cameras_file`, pictures of several cameras (.json); `light_field`, the folder of an HCI light
+    field; `color`, the colour picture of --depth; or `photo`, a photograph with depth inside (or a
+    folder of them).
     """
-    kinds = ("scene", "fitted", "light_field", "color", "photo")
+    kinds = ("scene", "fitted", "cameras_file", "light_field", "color", "photo")
     vars(args).update(dict.fromkeys(kinds))
     suffix = args.input.suffix.lower()
     if args.depth is not None:
@@ -241,7 +248,7 @@ def classify_input(args: argparse.Namespace) -> None:
     elif suffix == ".xml":
         kind = "scene"
     else:
-        kind = "fitted" if suffix == ".exr" else "photo"
+        kind = {".exr": "fitted", ".json": "cameras_file"}.get(suffix, "photo")
     setattr(args, kind, args.input)
 
 

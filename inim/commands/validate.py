@@ -34,7 +34,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="INPUT",
         help="Mitsuba scene (.xml) with inim.* settings; or a picture of your own, see below",
     )
-    choices = ("definitions", "display", "algorithms", "viewpoints", "lens_model")
+    choices = ("definitions", "display", "algorithms", "cameras", "viewpoints", "lens_model")
     add_shared(
         parser, *choices, "allow_folders", out="folder for the report (default: INPUT-report)"
     )
@@ -90,6 +90,11 @@ def _run(args: argparse.Namespace) -> int:
     classify_input(args)
     if args.light_field is not None or (args.photo is not None and args.photo.is_dir()):
         raise UsageError(f"{args.input}: is a folder; give a scene (.xml) or a picture")
+    if args.cameras_file is not None:
+        raise UsageError(
+            f"{args.input}: has several cameras; merge them first: inim generate {args.input} "
+            "--save-rgbd merged.exr, then inim validate merged.exr -a layered"
+        )
     return _validate_scene(args) if args.scene else _validate_picture(args)
 
 

@@ -179,6 +179,7 @@ _CLASSES = {
     "report": "report:ReportDocument",
     "picture": "picture:PictureDocument",
     "compare": "compare:CompareDocument",
+    "cameras": "cameras:CamerasDocument",
     "baseline": "compare:BaselineDocument",
     "bench": "bench:BenchDocument",
     "calibration": "calibration:CalibrationDocument",

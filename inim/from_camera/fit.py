@@ -188,7 +188,8 @@ def _check_reciprocal(values: DepthValues, ends: tuple[float, float], to: Displa
         )
 
 
-FITS = ("contain", "cover")
+_FITS = {"contain": min, "cover": max}
+FITS = tuple(_FITS)
 # Angles of view from a telescope's to a fisheye's; others indicate a mistake.
 _WIDEST_DEG = 160.0
 _NARROWEST_DEG = 1.0
@@ -308,26 +309,16 @@ def fit_picture(
     display.
     """
     rows, columns = values.depth.shape
-    size = display.width_mm, display.height_mm
-    larger = {"contain": min, "cover": max}[fit]
     if camera is None:
         frame_at = None
-        scale = larger(size[0] / columns, size[1] / rows)
+        scale = _FITS[fit](display.width_mm / columns, display.height_mm / rows)
         mapping = {"ax": scale, "ay": scale, "cx": (columns - 1) / 2, "cy": (rows - 1) / 2}
         mapping |= {"ox": 0.0, "oy": 0.0}
         tolerance, share = _tolerance(values, depth_map, max_slope * coarseness * scale), 0.0
     else:
-        _check_distances(values)
-        frame_at = float(np.median(sample(values.depth))) if frame_at is None else frame_at
-        if not 0 < frame_at < math.inf:
-            raise UsageError(f"--frame-at {frame_at:g}: must be a distance above 0")
-        scale = larger(
-            size[0] * camera.fx / (columns * frame_at), size[1] * camera.fy / (rows * frame_at)
-        )
-        ax, ay = scale / camera.fx, scale / camera.fy
-        mapping = {"ax": ax, "ay": ay, "cx": camera.cx, "cy": camera.cy}
-        mapping["ox"] = -ax * ((columns - 1) / 2 - camera.cx) * frame_at
-        mapping["oy"] = ay * ((rows - 1) / 2 - camera.cy) * frame_at
+        scale, (ox, oy), frame_at = unprojection(values, camera, display, fit, frame_at)
+        mapping = {"ax": scale / camera.fx, "ay": scale / camera.fy}
+        mapping |= {"cx": camera.cx, "cy": camera.cy, "ox": ox, "oy": oy}
         share = max_slope * coarseness / min(camera.fx, camera.fy)
         tolerance, share = 0.0, max(share, 1.5 * values.inverse_step * depth_map.far)
     inverse = camera is not None or depth_map.is_reciprocal
@@ -364,6 +355,39 @@ def fit_picture(
         frame_at,
         scale,
     )
+
+
+def unprojection(
+    values: DepthValues, camera: Pinhole, display: Display, fit: str, frame_at: float | None
+) -> tuple[float, tuple[float, float], float]:
+    """Affine map of a pinhole camera's space to the display, in x and y.
+
+    Returns
+    -------
+    scale : float
+        Display millimetres per unit of length.
+    offset : (right, up)
+        Position of the camera's axis, in mm.
+    frame_at : float
+        Distance at which the picture fits the array.
+
+    Raises
+    ------
+    UsageError
+        The depths are not distances, or `frame_at` is not.
+    """
+    _check_distances(values)
+    rows, columns = values.depth.shape
+    frame_at = float(np.median(sample(values.depth))) if frame_at is None else frame_at
+    if not 0 < frame_at < math.inf:
+        raise UsageError(f"--frame-at {frame_at:g}: must be a distance above 0")
+    scale = _FITS[fit](
+        display.width_mm * camera.fx / (columns * frame_at),
+        display.height_mm * camera.fy / (rows * frame_at),
+    )
+    ox = -(scale / camera.fx) * ((columns - 1) / 2 - camera.cx) * frame_at
+    oy = scale / camera.fy * ((rows - 1) / 2 - camera.cy) * frame_at
+    return scale, (ox, oy), frame_at
 
 
 def _check_distances(values: DepthValues) -> None:

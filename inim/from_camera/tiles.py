@@ -108,18 +108,19 @@ def draw_tiles(
     sums, counts = np.zeros((*shape, 3)), np.zeros(shape, np.int32)
     rows = max(1, _BLOCK // q.shape[1])
     for start in range(0, len(q), rows):
-        block = _linear(color[start : start + rows])
+        block = linear_light(color[start : start + rows])
         part = q[start : start + rows]
         _add_colors(part, start, block, frame, depth, same_mm, sums, counts)
     covered = owner >= 0
     cell_color = np.zeros((*shape, 3), np.float32)
-    cell_color[covered] = _linear(color.reshape(-1, 3)[owner[covered]])
+    cell_color[covered] = linear_light(color.reshape(-1, 3)[owner[covered]])
     averaged = covered & (counts > 0)
     cell_color[averaged] = sums[averaged] / counts[averaged][:, None]
     return TileImage(cell_color, np.where(covered, depth, 0).astype(np.float32), covered, clipped)
 
 
-def _linear(color: np.ndarray) -> NDArray[np.float32]:
+def linear_light(color: np.ndarray) -> NDArray[np.float32]:
+    """Linear RGB of uint8 sRGB, or of linear RGB itself."""
     if color.dtype == np.uint8:
         linear: NDArray[np.float32] = linear_from_srgb(np.arange(256) / 255)[color]
         return linear

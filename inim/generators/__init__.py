@@ -53,6 +53,7 @@ from inim.generators.registry import (
     parse_algorithm,
     properties,
 )
+from inim.image.cameras import CameraRGBDs
 from inim.image.rgbd import RGBD
 from inim.scene.file import display_of
 
@@ -80,6 +81,7 @@ __all__ = [
     "generate",
     "hole_fraction",
     "is_own",
+    "merge_cameras",
     "parse_algorithm",
     "prepare",
     "properties",
@@ -267,7 +269,7 @@ def find_sources(
 
 
 def generate(
-    rgbd: RGBD,
+    rgbd: RGBD | CameraRGBDs,
     display: Display | str | Path,
     algorithm: str = DEFAULT,
     *,
@@ -278,9 +280,11 @@ def generate(
 
     Parameters
     ----------
-    rgbd : RGBD
+    rgbd : RGBD or CameraRGBDs
         Colour and depth in the display frame: float32 linear RGB (verification) or uint8 sRGB RGBA
-        (display-ready). A warning appears if most of it is outside the depth range.
+        (display-ready). A warning appears if most of it is outside the depth range. Pictures of
+        several cameras are merged first (`merge_cameras`); `cameras` and `layered` use all of
+        their surfaces.
     display : Display, str or Path
         A display, the name of a preset, or a display file.
     algorithm : str
@@ -303,6 +307,38 @@ def generate(
         of another shape or dtype.
     """
     display = display_of(display)
+    if isinstance(rgbd, CameraRGBDs):
+        rgbd = merge_cameras(rgbd, display)
     _check_picture(rgbd, display)
     generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, **options)
     return generator.generate(rgbd, out)
+
+
+def merge_cameras(
+    pictures: CameraRGBDs, display: Display | str | Path, pixels_per_pitch: float = 5
+) -> RGBD:
+    """Merge the RGB-D pictures of several cameras into one layered depth image.
+
+    Parameters
+    ----------
+    pictures : CameraRGBDs
+    display : Display, str or Path
+        A display, the name of a preset, or a display file.
+    pixels_per_pitch : float
+        Resolution of the result, in pixels per lens pitch.
+
+    Returns
+    -------
+    LayeredRGBD
+        Or RGBD, for a single picture.
+
+    Raises
+    ------
+    FileError
+        The pictures contradict each other, as with a wrong pose.
+    """
+    from inim.generators.raycast.merge import merge
+
+    display = display_of(display)
+    pixel_mm = display.capture_pixel_mm(pixels_per_pitch)
+    return merge(pictures, display, display.capture_shape(pixels_per_pitch), pixel_mm)

@@ -27,10 +27,11 @@ from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from inim.errors import UsageError, suggest_words
 from inim.generators.base import Generator
+from inim.image.cameras import CameraRGBDs, camera_directions
 from inim.image.rgbd import RGBD
 from inim.plugins import announced_names, attribute_errors, load
 from inim.settings import value_text
@@ -62,6 +63,11 @@ _ENTRY_POINTS = "inim.generators"
 # Attribute of a `prepare` that holds its declared properties.
 _PROPERTIES = "__inim_algorithm__"
 
+#: Option of algorithms that read several pictures: the cameras in front of a scene.
+VIEWS = "views"
+
+#: Input of an algorithm, captured from a scene: a type of picture, or an arrangement of cameras.
+Input = type[RGBD] | str
 Prepare = Callable[..., Generator]
 _AnyPrepare = TypeVar("_AnyPrepare", bound=Prepare)
 
@@ -78,8 +84,11 @@ class AlgorithmProperties:
     portable : bool
         Its EIA depends on comparisons of stored numbers only: the same bits on every machine.
     reads : type
-        Type of the pictures that it reads: `RGBD`, or `LayeredRGBD` for the surfaces behind the
-        front as well (`inim.image.rgbd`).
+        Type of the pictures that it reads: `RGBD`; `LayeredRGBD`, for the surfaces behind the front
+        as well (`inim.image.rgbd`); or `CameraRGBDs`, for the pictures of several cameras
+        (`inim.image.cameras`), which are merged for it.
+    views : str
+        Arrangement of these cameras in front of a scene.
     colour, fill : str
         Defaults of its options `COLOUR` and `FILL`; with nearest colours, nothing is filled by
         default.
@@ -97,7 +106,7 @@ class AlgorithmProperties:
 
     exact: bool = False
     portable: bool = False
-    reads: type[RGBD] = RGBD
+    reads: type[RGBD | CameraRGBDs] = RGBD
     colour: str = "nearest"
     fill: str = "none"
     color: str | None = None
@@ -106,13 +115,19 @@ class AlgorithmProperties:
     own: bool = False
     columns: str = "surface"
     takes_mask: bool = False
+    views: str = ""
+
+    @property
+    def input(self) -> Input:
+        """Form in which a scene is captured for it."""
+        return self.views if self.reads is CameraRGBDs else cast(type[RGBD], self.reads)
 
 
 def algorithm(
     *,
     exact: bool = False,
     portable: bool = False,
-    reads: type[RGBD] = RGBD,
+    reads: type[RGBD | CameraRGBDs] = RGBD,
     colour: str = "nearest",
     fill: str = "none",
     color: str | None = None,
@@ -187,9 +202,15 @@ class Algorithm:
             declared = AlgorithmProperties()
         has_layers = declared.reads is not RGBD
         columns = "layers" if has_layers else str(options.get("columns", "surface"))
+        views = ""
+        if declared.reads is CameraRGBDs:
+            default = {p.name: p.default for p in self.options}.get(VIEWS, "5")
+            views = str(options.get(VIEWS, default))
+            camera_directions(views)
         return replace(
-            declared, name=self.name, own=self.own, columns=columns, takes_mask=self.takes_mask
-        )
+            declared, name=self.name, own=self.own, columns=columns, takes_mask=self.takes_mask,
+            views=views,
+        )  # fmt: skip
 
 
 @cache

@@ -107,6 +107,7 @@ def stage_names(plan: Plan) -> list[str]:
     eyes = len(plan.viewpoints)
     views = ["reconstruct views"] * eyes
     capture = ["capture RGB-D", *(["capture layers"] if LayeredRGBD in plan.inputs else [])]
+    capture += ["capture cameras" for views in plan.inputs if isinstance(views, str)]
     names = [*methods, "open scene", *capture, "ground-truth EIA", *["ground-truth views"] * eyes]
     names += [*views, "score"]
     for method in methods:

@@ -58,6 +58,7 @@ def validate(
     definitions: Mapping[str, Any] | None = None,
     display: str | Path | Display | None = None,
     algorithms: str | Sequence[str | Mapping[str, Any]] | Mapping[str, Any] | None = None,
+    cameras: str | int | None = None,
     viewpoints: str | Viewpoint | Sequence[str | Viewpoint] | None = None,
     lens_model: str | None = None,
     misalign: str | Mapping[str, float] | None = None,
@@ -88,6 +89,8 @@ def validate(
     algorithms : str, sequence or mapping, optional
         Text as after ``--algorithms``; names with or without options (``"template:samples=2"``);
         or options by name: ``{"template": {"samples": 2}, "wang2024": {}}``.
+    cameras : str or int, optional
+        Also score RGB-D from several cameras, as after ``--cameras``: ``5`` or ``"3x3"``.
     viewpoints : str, Viewpoint or sequence, optional
         Text as after ``--viewpoints``; or names (``"left"``), texts and `Viewpoint` objects.
         All `Viewpoint` objects must have the same pupil and focus, which apply to every viewpoint.
@@ -145,6 +148,7 @@ def validate(
         definitions=parse_definitions({} if definitions is None else definitions),
         display=display,
         algorithms=None if algorithms is None else algorithm_items(algorithms),
+        cameras=None if cameras is None else str(cameras),
         viewpoints=None if viewpoints is None else viewpoint_items(viewpoints),
         lens_model=lens_model,
         misalign=None if misalign is None else parse_misalignment(misalign),

@@ -88,7 +88,8 @@ class Images:
 
         def write() -> None:
             for kind, content in capture.inputs.items():
-                write_rgbd(self.folder / _INPUT_FILES[kind], content.rgbd, self._attributes)
+                name = f"cameras-{kind}.exr" if isinstance(kind, str) else _INPUT_FILES[kind]
+                write_rgbd(self.folder / name, content.rgbd, self._attributes)
             write_rgbd_pngs(self.folder, rgbd, display, self.cache)
 
         self._submit(write, rgbd.color.nbytes)

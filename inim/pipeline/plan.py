@@ -11,7 +11,8 @@ from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.documents.parts import Conditions, DisplayRecord
 from inim.errors import OutOfMemoryError, SceneError, UsageError
 from inim.generators import algorithm_items
-from inim.image.rgbd import RGBD, LayeredRGBD
+from inim.generators.registry import Input
+from inim.image.rgbd import RGBD
 from inim.lens import check_lens_model
 from inim.metrics import SSIM_WINDOW, Viewing, all_metrics
 from inim.pipeline.request import PREVIEW, Request, definition_words
@@ -102,9 +103,9 @@ class Plan:
         return self.optics.viewing_conditions(eye, self.settings.luminance_cd_m2)
 
     @property
-    def inputs(self) -> set[type[RGBD]]:
-        """Types of the methods' inputs."""
-        return {method.reads for method in self.methods}
+    def inputs(self) -> set[Input]:
+        """Inputs of the methods."""
+        return {method.input for method in self.methods}
 
 
 def make_plan(request: Request) -> Plan:
@@ -130,7 +131,9 @@ def make_plan(request: Request) -> Plan:
         settings.pupil_mm,
         settings.focus_mm,
     )
-    methods = parse_methods(algorithm_items(settings.algorithms), request.eias)
+    algorithms = algorithm_items(settings.algorithms)
+    algorithms += tuple(f"cameras:views={views}" for views in algorithm_items(settings.cameras))
+    methods = parse_methods(algorithms, request.eias)
     limits = settings.ssim_limits(tuple(m.name for m in methods), source)
     _check_sizes(display, settings, source)
     memory = _plan_memory(display, settings, len(viewpoints), methods)
@@ -204,7 +207,7 @@ def _plan_memory(
     """Bytes of all images and number of rays in flight; raises if the images are too large."""
     from inim.process.machine import memory_limit_bytes
 
-    layers = _LAYERS_BYTES if any(m.reads is LayeredRGBD for m in methods) else 0
+    layers = _LAYERS_BYTES if any(m.input is not RGBD for m in methods) else 0
     images = {
         "use a display with fewer pixels": (display.eia_shape, _EIA_BYTES),
         "lower inim.capture_pixels_per_pitch": (

@@ -56,6 +56,7 @@ class Choices:
     definitions: Mapping[str, str] = field(default_factory=dict)
     display: Display | str | Path | None = None
     algorithms: tuple[str, ...] | None = None
+    cameras: str | None = None
     viewpoints: tuple[str | Viewpoint, ...] | None = None
     lens_model: str | None = None
     misalign: Mapping[str, float] | None = None
@@ -65,6 +66,8 @@ class Choices:
         settings: dict[str, Any] = {}
         if self.algorithms is not None:
             settings["algorithms"] = ",".join(self.algorithms)
+        if self.cameras is not None:
+            settings["cameras"] = self.cameras
         if self.viewpoints is not None:
             settings["viewpoints"] = viewpoints_text(self.viewpoints)
         if self.lens_model is not None:

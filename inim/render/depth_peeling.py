@@ -2,7 +2,7 @@
 
 A ray through a pixel's centre is followed through every surface except lights. The interval between
 a front face and a back face is solid, and each solid that no other covers in depth is a layer of
-that pixel: its front and its back. `inim.render.sides` determines which layers have sides;
+that pixel: its front and its back. `inim.image.sides` determines which layers have sides;
 `inim.render.ground_truth.capture_layers` colours them.
 
 Fronts and backs are paired by these rules:
@@ -36,13 +36,13 @@ from numpy.typing import NDArray
 
 from inim.backend.kernels import compiled
 from inim.display import Display
+from inim.image.sides import Sides
 from inim.process.observer import Observer
 from inim.render import splats
 from inim.render.camera import FilmCamera
 from inim.render.culling import layers_in_view
 from inim.render.rays import SeparableRays, capture_rays
 from inim.render.scene import FittedScene
-from inim.render.sides import Sides
 
 #: What lies behind more than this is cut off, and counted.
 MOST_LAYERS = 8
@@ -107,7 +107,10 @@ class PeeledLayers:
     def sides(self) -> Sides:
         """Sides of the layers, for rays from the side."""
         back_mm = self.back_mm if self.has_sides else self.front_mm
-        return Sides.of(self.front_mm, back_mm, self.display, self.pixel_mm)
+        display = self.display
+        return Sides.of(
+            self.front_mm, back_mm, display.depth_range_mm, display.steepest_slopes, self.pixel_mm
+        )
 
 
 def peel(

@@ -13,7 +13,8 @@ from inim.display import Display
 from inim.display.pixels import SUBPIXELS
 from inim.display.viewpoint import Viewpoint
 from inim.image.noisy_image import NoisyImage
-from inim.image.rgbd import RGBD, Layer, LayeredRGBD
+from inim.image.rgbd import RGBD, LayeredRGBD
+from inim.image.sides import with_sides
 from inim.process.observer import Observer
 from inim.render import splats
 from inim.render.depth_peeling import MOST_LAYERS, PeeledLayers
@@ -53,14 +54,15 @@ def capture_halves(
     pixels_per_pitch: float,
     spp: int,
     seed: int,
+    slopes: tuple[float, float] = (0.0, 0.0),
     skip: bool = True,
     observer: Observer | None = None,
 ) -> tuple[RGBD, RGBD]:
     """Capture two independent halves of the samples, as `capture`; depth is equal in both.
 
-    `skip`: see `pickup`.
+    `skip`: see `pickup`; `slopes`: see `capture_rays`.
     """
-    rays = capture_rays(display, pixels_per_pitch, fitted.start_mm)
+    rays = capture_rays(display, pixels_per_pitch, fitted.start_mm, slopes)
     halves = _render_halves(fitted, rays, spp, seed, skip, observer)
     first = _add_depth(fitted, rays, halves.first, observer)
     return first, replace(first, color=halves.second)
@@ -102,35 +104,13 @@ def capture_layers(
     """Colour all layers of a peeled scene (`inim.render.depth_peeling`) with `spp` samples each.
 
     Depth and coverage of the front are those of `capture`; its colour is not mixed with its
-    surroundings. A solid with a side (`inim.render.sides`) is a sheet, and the pieces of its
-    side are separate layers behind it.
+    surroundings. Sides have their own layers (`inim.image.sides`).
     """
-    solids, sides = peeled.covered, peeled.sides
-    first = np.zeros(solids.shape, np.int64)
-    np.add.at(first, (sides.solid, sides.row, sides.column), 1)
-    first = np.arange(len(solids))[:, None, None] + first.cumsum(axis=0) - first
-    layer = sides.solid + 1 + sides.order
-    layers = 1 + max(first[solids].max(initial=0), layer.max(initial=0))
-
-    def stacked(of_solids: np.ndarray, of_pieces: np.ndarray | bool) -> np.ndarray:
-        """(layers, rows, columns, ...): each solid, and behind it the pieces of its side."""
-        values = np.zeros((layers, *of_solids.shape[1:]), of_solids.dtype)
-        _, row, column = np.nonzero(solids)
-        values[first[solids], row, column] = of_solids[solids]
-        values[layer, sides.row, sides.column] = of_pieces
-        return values
-
+    sides = peeled.sides
+    colors = _layer_colours(fitted, peeled, spp, seed, observer)
     light, has_samples = _side_colours(fitted, peeled, spp, seed, observer)
-    color = stacked(_layer_colours(fitted, peeled, spp, seed, observer), light)
-    covered, front = stacked(solids, True), stacked(peeled.front_mm, sides.front_mm)
-    ends, top = peeled.back_mm.copy(), sides.is_first
-    ends[sides.solid[top], sides.row[top], sides.column[top]] = sides.front_mm[top]
-    back = stacked(ends, sides.back_mm)
-    unseen = covered & ~stacked(solids, has_samples)
-    for k in range(1, layers):  # what no ray comes to looks like what is before it
-        color[k][unseen[k]] = color[k - 1][unseen[k]]
-    deeper = [Layer(color[k], front[k], back[k], covered[k]) for k in range(1, layers)]
-    return LayeredRGBD(color[0], front[0], covered[0], peeled.pixel_mm, back[0], tuple(deeper))
+    solids = peeled.front_mm, peeled.back_mm, colors
+    return with_sides(solids, sides, light, has_samples, peeled.pixel_mm)
 
 
 def _layer_colours(

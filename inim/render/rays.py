@@ -163,15 +163,25 @@ class NonSeparableRays:
         return reach
 
 
-def capture_rays(display: Display, pixels_per_pitch: float, start_mm: float) -> SeparableRays:
-    """Parallel rays straight back: the orthographic RGB-D camera."""
+def capture_rays(
+    display: Display,
+    pixels_per_pitch: float,
+    start_mm: float,
+    slopes: tuple[float, float] = (0.0, 0.0),
+) -> SeparableRays:
+    """Parallel rays: the orthographic RGB-D camera.
+
+    `slopes` are their millimetres to the right and upwards per millimetre towards the viewer. The
+    pixels are squares of the array's plane for all slopes.
+    """
     rows, columns = display.capture_shape(pixels_per_pitch)
     pixel_mm = display.capture_pixel_mm(pixels_per_pitch)
 
-    def axis(count: int, sign: int) -> FilmAxis:
-        return FilmAxis(_pixel_centres(count, sign * pixel_mm), np.zeros(count), sign * pixel_mm)
+    def axis(count: int, sign: int, slope: float) -> FilmAxis:
+        place_mm = _pixel_centres(count, sign * pixel_mm) + slope * start_mm
+        return FilmAxis(place_mm, np.full(count, -slope), sign * pixel_mm)
 
-    return SeparableRays(start_mm, axis(columns, +1), axis(rows, -1))
+    return SeparableRays(start_mm, axis(columns, +1, slopes[0]), axis(rows, -1, slopes[1]))
 
 
 def pickup_rays(

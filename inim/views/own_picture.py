@@ -28,7 +28,7 @@ from inim.documents.picture import (
     PictureDocument,
     PictureView,
 )
-from inim.errors import FileError
+from inim.errors import FileError, UsageError
 from inim.files.eia_file import write_eia
 from inim.files.image import read_rgbd, write_png, write_rgbd
 from inim.from_camera.fit import empty_share
@@ -124,6 +124,8 @@ def run_picture(
     display, settings = choose_display(request.display, request.definitions, "inim validate")
     settings = replace(settings, **request.overrides())
     check_lens_model(settings.lens_model, display)
+    if settings.cameras:
+        raise UsageError("--cameras: needs a scene; leave it out")
     algorithms = [m.name for m in parse_methods(algorithm_items(settings.algorithms), {})]
     for name in algorithms:
         check_algorithm(name)

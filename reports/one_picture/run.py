@@ -1,4 +1,4 @@
-"""What algorithms make of one picture, relic by relic, the worst first.
+"""What algorithms make of one picture, and of several cameras, relic by relic, the worst first.
 
     python -m reports.one_picture.run scenes/*.xml MORE.xml ... -o reports/one_picture
 
@@ -23,8 +23,9 @@ _ONE, _FOUR = "template", "template:samples=4"
 _SOLID, _SOLID_FOUR = "template:columns=solid", "template:columns=solid:samples=4"
 _RIVALS = ("wang2024", "wang2024:matching=ray", "gu2020", "li2012")
 _LAYERED = "layered"
+_CAMERAS = tuple(f"cameras:views={views}" for views in (1, 2, 5, 9))
 _EYES = "centre,right,up"
-_ALGORITHMS = (_FOUR, _ONE, _SOLID_FOUR, _SOLID, *_RIVALS, _LAYERED)
+_ALGORITHMS = (_FOUR, _ONE, _SOLID_FOUR, _SOLID, *_RIVALS, *_CAMERAS, _LAYERED)
 _SCORES = {"eia_psnr_db": "EIA PSNR, dB", "relic_ssim": "SSIM on the relic, to the reference"}
 # How far `layered` may be from the noise floor.
 _CLOSE_DB = 2.0
@@ -65,6 +66,7 @@ def lead(row: Mapping[str, Any], score: str, algorithm: str) -> float:
 def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """What the study is for, in numbers."""
     gains = [r["eia_psnr_db"][_FOUR] - r["eia_psnr_db"][_SOLID_FOUR] for r in rows]
+    to_layered = [r["eia_psnr_db"]["cameras:views=5"] - r["eia_psnr_db"][_LAYERED] for r in rows]
     to_floor = [r["eia_psnr_db"][_LAYERED] - r["noise_floor_db"] for r in rows]
     ahead = {
         f"`{algorithm}`, {title}:": sum(lead(r, score, algorithm) > 0 for r in rows)
@@ -76,6 +78,7 @@ def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "ahead_of_all_rivals": ahead,
         "mean_gain_over_solid_db": fmean(gains),
         "least_gain_over_solid_db": min(gains),
+        "five_cameras_to_layered_db": [min(to_layered), max(to_layered)],
         "layered_to_floor_db": [min(to_floor), max(to_floor)],
         "layered_within_2_db": sum(d > -_CLOSE_DB for d in to_floor),
     }
@@ -94,6 +97,8 @@ def page(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any], command: s
         *(f"  {k} on {v}" for k, v in found["ahead_of_all_rivals"].items()),
         f"* `{_FOUR}` over `{_SOLID_FOUR}`: {found['mean_gain_over_solid_db']:.1f} dB in the mean, "
         f"{found['least_gain_over_solid_db']:.1f} dB at least.",
+        f"* Five cameras are {found['five_cameras_to_layered_db'][0]:+.1f} to "
+        f"{found['five_cameras_to_layered_db'][1]:+.1f} dB from `layered`.",
         f"* `layered` is {low:+.1f} to {high:+.1f} dB from the noise floor, on "
         f"{found['layered_within_2_db']} of {n} within {_CLOSE_DB:g} dB of it or above.",
     ]

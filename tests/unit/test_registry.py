@@ -12,7 +12,7 @@ from inim.errors import UsageError
 from inim.generators import algorithm, algorithm_names, is_own, properties, registry
 from inim.image.rgbd import RGBD, LayeredRGBD
 
-OWN = ["template", "gu2020", "layered", "li2012", "wang2024"]
+OWN = ["template", "cameras", "gu2020", "layered", "li2012", "wang2024"]
 
 
 def prepare_plain(display, shape, pixel_mm, *, brightness=1.0):
@@ -58,11 +58,12 @@ def test_properties_of_our_own_load_no_compiler_and_no_renderer():
 
 
 def test_what_our_own_state():
-    assert {n for n in OWN if properties(n).exact} == {"template", "layered"}
+    assert {n for n in OWN if properties(n).exact} == {"template", "layered", "cameras"}
     assert {n for n in OWN if properties(n).portable} == {"template"}
     assert {n for n in OWN if properties(n).reads is LayeredRGBD} == {"layered"}
+    assert properties("cameras:views=3x3").input == "3x3"
     assert {n for n in OWN if properties(n).takes_mask} == {
-        "template", "layered", "gu2020", "wang2024",
+        "template", "layered", "cameras", "gu2020", "wang2024",
     }  # fmt: skip
     colors = [properties(n).color for n in OWN]
     assert None not in colors and len(set(colors)) == len(colors)
@@ -81,5 +82,5 @@ def test_another_package_states_its_properties_or_does_not():
 
 
 def test_properties_of_an_unknown_algorithm_are_refused():
-    with pytest.raises(UsageError, match="use template or gu2020 or"):
+    with pytest.raises(UsageError, match="use template or cameras or"):
         properties("nobody's")

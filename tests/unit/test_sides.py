@@ -77,10 +77,10 @@ def gaps(front, back, row, column, low, high):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_open_is_cut_into_pieces_that_fill_it(seed):
-    from inim.render.sides import PIECES, Sides
+    from inim.image.sides import PIECES, Sides
 
     front, back = random_solids(seed)
-    sides = Sides.of(front, back, DISPLAY, PIXEL_MM)
+    sides = Sides.of(front, back, (LOW, HIGH), DISPLAY.steepest_slopes, PIXEL_MM)
     tall = (HIGH - LOW) / PIECES
     shown = set()
     for k, r, c in np.argwhere(np.isfinite(front)):

@@ -98,7 +98,7 @@ class ColouredRays(SourceGenerator):
         pixel_mm: float,
         pixels: PixelList | None = None,
         colour: str = NEAREST,
-        reads: type[RGBD] = LayeredRGBD,
+        reads: type = LayeredRGBD,
     ) -> None:
         super().__init__(display, shape, pixel_mm, pixels)
         self._rays, self._centre, self._colour = list(rays), centre, colour

@@ -10,13 +10,19 @@ import numpy as np
 
 from inim.documents.parts import Check, check
 from inim.errors import SceneError
+from inim.generators.registry import Input
+from inim.image.cameras import Camera, CameraRGBD, CameraRGBDs, camera_directions
 from inim.image.noisy_image import replace_nonfinite
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.pipeline.stages.scene import EMPTY_RAYS, Scene, samples_traced, seed_of
-from inim.pipeline.stages.stage import RENDERING, Run, stage
+from inim.pipeline.stages.stage import GENERATING, RENDERING, Run, stage
 
 # Share of pixels with too many solids from which a warning appears: one in 10,000.
 _LEAST_CUT_SHARE = 1e-4
+
+
+# More than the images of a run, which have seeds of their own.
+_SEED_STEP = 100
 
 
 @dataclass(frozen=True)
@@ -66,7 +72,7 @@ class Layers:
     max_solids: int
 
 
-class Input(NamedTuple):
+class CapturedInput(NamedTuple):
     """Input of methods: a picture, and two half images with independent colour samples."""
 
     rgbd: RGBD
@@ -75,13 +81,13 @@ class Input(NamedTuple):
 
 @dataclass(frozen=True)
 class Capture:
-    """Inputs of the methods, by type; `RGBD` is always among them.
+    """Inputs of the methods; `RGBD` is always among them.
 
     `covered_shares` and `hidden_share` are those of `Layers`.
     """
 
     camera: DepthCamera
-    inputs: Mapping[type[RGBD], Input]
+    inputs: Mapping[Input, CapturedInput]
     covered_shares: tuple[float, ...] = ()
     hidden_share: float = 0.0
     checks: tuple[Check, ...] = ()
@@ -97,15 +103,13 @@ class Capture:
         return self.inputs[RGBD].rgbd
 
 
-def capture_relic(camera: DepthCamera, inputs: Collection[type[RGBD]], *, run: Run) -> Capture:
-    """Capture colour and depth, and the other inputs of these types; replace nonfinite values."""
+def capture_relic(camera: DepthCamera, inputs: Collection[Input], *, run: Run) -> Capture:
+    """Capture colour and depth, and the other inputs; replace nonfinite values."""
     first, second = capture_rgbd(camera, run=run)
-    (first_color, second_color), nonfinite = replace_nonfinite(first.color, second.color)
-    halves = replace(first, color=first_color), replace(second, color=second_color)
-    color = np.float32(0.5) * (first_color + second_color)
-    mean = replace(first, color=color.astype(np.float32))
-    checks = tuple(nonfinite_checks("RGB-D", nonfinite))
-    capture = Capture(camera, {RGBD: Input(mean, halves)}, checks=checks)
+    capture = _add_input(Capture(camera, {}), RGBD, "RGB-D", (first, second))
+    for views in sorted(views for views in inputs if isinstance(views, str)):
+        halves = capture_cameras(camera, views, run=run)
+        capture = _add_input(capture, views, f"RGB-D of {views} cameras", halves)
     if LayeredRGBD in inputs:
         return _add_layers(capture, capture_layers(camera, run=run))
     run.skipped.add(
@@ -119,7 +123,7 @@ def nonfinite_checks(name: str, count: int) -> list[Check]:
     return [check(f"{name}: pixels not finite", count, "<=", 0, "taken as black")] if count else []
 
 
-def capture_nonempty(camera: DepthCamera, inputs: Collection[type[RGBD]], *, run: Run) -> Capture:
+def capture_nonempty(camera: DepthCamera, inputs: Collection[Input], *, run: Run) -> Capture:
     """Capture as `capture_relic`; raises `SceneError` if the camera's picture is empty."""
     capture = capture_relic(camera, inputs, run=run)
     if not capture.rgbd.covered.any():
@@ -154,6 +158,55 @@ def capture_rgbd(camera: DepthCamera) -> tuple[RGBD, RGBD]:
         seed=seed_of("capture", camera.seed),
         **camera.scene.render_options,
     )
+
+
+def _camera_samples(samples: int, camera: DepthCamera, views: str) -> tuple[str, str, str]:
+    count = len(camera_directions(views))
+    total = 2 * max(1, camera.spp // 2) * camera.shape[0] * camera.shape[1] * count
+    return samples_traced(samples, total, EMPTY_RAYS)
+
+
+@stage(
+    "RGB-D pictures of {views} cameras",
+    code=GENERATING,
+    result_types=(RGBD, LayeredRGBD, Layer),
+    timer="capture cameras",
+    describe=_camera_samples,
+)
+def capture_cameras(camera: DepthCamera, views: str) -> tuple[RGBD, RGBD]:
+    """Capture the pictures of an arrangement of cameras and merge them, as two half images.
+
+    The cameras see along rays of the display: the corners of the arrangement along those of the
+    corner pixels of an elemental image.
+    """
+    from inim.generators.raycast.merge import merge
+    from inim.render.ground_truth import capture_halves
+
+    display = camera.scene.display
+    half_pixel = display.pixel_pitch_mm / (2 * display.gap_mm)
+    right, up = (max(slope - half_pixel, 0.0) for slope in display.steepest_slopes)
+    halves: tuple[list[CameraRGBD], list[CameraRGBD]] = [], []
+    for number, (x, y) in enumerate(camera_directions(views)):
+        slopes = x * right, y * up
+        pictures = capture_halves(
+            camera.scene.fitted,
+            display,
+            pixels_per_pitch=camera.pixels_per_pitch,
+            spp=camera.spp,
+            seed=seed_of("capture", camera.seed) + _SEED_STEP * number,
+            slopes=slopes,
+            **camera.scene.render_options,
+        )
+        place = Camera.orthographic(slopes, camera.shape, camera.pixel_mm)
+        for half, picture in zip(halves, pictures, strict=True):
+            depth = np.where(picture.covered, picture.depth_mm, np.inf)
+            half.append(
+                CameraRGBD(picture.color.astype(np.float32), depth, place, f"camera {x:+g} {y:+g}")
+            )
+    first, second = (
+        merge(CameraRGBDs(tuple(half)), display, camera.shape, camera.pixel_mm) for half in halves
+    )
+    return first, second
 
 
 @stage(
@@ -196,34 +249,43 @@ def capture_layers(camera: DepthCamera) -> Layers:
 
 def _add_layers(capture: Capture, layers: Layers) -> Capture:
     """Return the capture with its layers, nonfinite colours replaced."""
-    first, second = layers.halves
-    warnings = []
+    first, warnings = layers.halves[0], []
     solids = ", ".join(f"{share:.2%}" for share in layers.covered_shares)
     detail = f"solids cover {solids} of the pixels, nearest first; the others are their sides"
     if layers.hidden_share:
         detail += f"; {layers.hidden_share:.2%} of the deeper layers are removed: no ray meets them"
-    checks = [check("RGB-D: layers", float(len(first.layers)), ">=", 1, detail)]
+    layers_check = check("RGB-D: layers", float(len(first.layers)), ">=", 1, detail)
     if layers.cut_share >= _LEAST_CUT_SHARE:
         warnings.append(
             f"RGB-D: {layers.cut_share:.2%} of the covered pixels have more than "
             f"{layers.max_solids} solids; the solids behind these are left out"
         )
-    palettes, nonfinite = replace_nonfinite(first.palette, second.palette)
-    checks += nonfinite_checks("RGB-D layers", nonfinite)
-    first, second = _with_palette(first, palettes[0]), _with_palette(second, palettes[1])
+    capture = replace(
+        capture,
+        covered_shares=layers.covered_shares,
+        hidden_share=layers.hidden_share,
+        checks=(*capture.checks, layers_check),
+        warnings=(*capture.warnings, *warnings),
+    )
+    return _add_input(capture, LayeredRGBD, "RGB-D layers", layers.halves)
+
+
+def _add_input(capture: Capture, key: Input, name: str, halves: tuple[RGBD, RGBD]) -> Capture:
+    """Return the capture with an input and its check, nonfinite colours replaced."""
+    palettes, nonfinite = replace_nonfinite(halves[0].palette, halves[1].palette)
+    first, second = map(_with_palette, halves, palettes)
     mean = _with_palette(first, np.float32(0.5) * (first.palette + second.palette))
     return replace(
         capture,
-        inputs={**capture.inputs, LayeredRGBD: Input(mean, (first, second))},
-        covered_shares=layers.covered_shares,
-        hidden_share=layers.hidden_share,
-        checks=(*capture.checks, *checks),
-        warnings=(*capture.warnings, *warnings),
+        inputs={**capture.inputs, key: CapturedInput(mean, (first, second))},
+        checks=(*capture.checks, *nonfinite_checks(name, nonfinite)),
     )
 
 
-def _with_palette(rgbd: LayeredRGBD, palette: np.ndarray) -> LayeredRGBD:
+def _with_palette(rgbd: RGBD, palette: np.ndarray) -> RGBD:
     """Return the picture with the colours of all layers replaced by a `palette`."""
+    if not isinstance(rgbd, LayeredRGBD):
+        return replace(rgbd, color=palette)
     color, *colors = np.split(palette, len(rgbd.layers))
     deeper = [replace(layer, color=c) for layer, c in zip(rgbd.deeper, colors, strict=True)]
     return replace(rgbd, color=color, deeper=tuple(deeper))

@@ -125,7 +125,7 @@ class GeneratorHandle:
 )
 def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
     """Generate the EIA of a capture, and its noise from the half images."""
-    rgbd, halves = capture.inputs[generator.properties.reads]
+    rgbd, halves = capture.inputs[generator.properties.input]
     eia, seconds, empty = generator.run(rgbd)
     holes = hole_fraction(empty, generator.display, generator.mask)
     del empty

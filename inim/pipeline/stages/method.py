@@ -28,6 +28,7 @@ from inim.generators import (
     parse_algorithm,
     properties,
 )
+from inim.generators.registry import Input
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.capture import Capture, DepthCamera
@@ -85,8 +86,8 @@ class Method:
     is_timed: ClassVar[bool] = False
 
     @property
-    def reads(self) -> type[RGBD]:
-        """Type of its input."""
+    def input(self) -> Input:
+        """Its input from the scene."""
         return RGBD
 
     def check(self) -> None:
@@ -127,9 +128,9 @@ class GeneratorMethod(Method):
     is_timed = True
 
     @property
-    def reads(self) -> type[RGBD]:
+    def input(self) -> Input:
         """See `Method`."""
-        return properties(self.name).reads
+        return properties(self.name).input
 
     def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:
         """See `Method`."""
@@ -282,7 +283,7 @@ def prepare_timed_methods(names: Sequence[str], capture: Capture) -> tuple[list[
     """Prepare generators for timing on the display-ready capture; also return its front surface."""
     ready = {kind: to_srgb_rgba(rgbd) for kind, (rgbd, _) in capture.inputs.items()}
     display = capture.camera.scene.display
-    timed_methods = [prepare_method(name, ready[properties(name).reads], display) for name in names]
+    timed_methods = [prepare_method(name, ready[properties(name).input], display) for name in names]
     return timed_methods, ready[RGBD]
 
 

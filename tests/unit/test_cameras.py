@@ -1,0 +1,270 @@
+"""RGB-D from several cameras: their pictures, their merge, and a user's own files."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from inim.display import DISPLAYS
+from inim.errors import FileError, UsageError
+from inim.from_camera.cameras import read_cameras
+from inim.from_camera.picture import CameraPicture
+from inim.generators import generate, merge_cameras
+from inim.image.cameras import Camera, CameraRGBD, CameraRGBDs, camera_directions
+from inim.image.rgbd import RGBD, LayeredRGBD
+from tests.conftest import small_display
+
+DISPLAY = small_display()
+LOW, HIGH = DISPLAY.depth_range_mm
+SHAPE, PIXEL_MM = DISPLAY.capture_shape(5), DISPLAY.capture_pixel_mm(5)
+STEEPEST = max(DISPLAY.steepest_slopes)
+NEAR, FAR = HIGH - 2, LOW + 2
+RED, GREEN, BLUE = (0.8, 0.1, 0.1), (0.1, 0.6, 0.2), (0.1, 0.2, 0.9)
+HALF_MM = 2.5
+
+
+def places(slopes=(0.0, 0.0)):
+    """Where the rays of an orthographic camera cross the array's plane; x and y at depth z."""
+    rows, columns = SHAPE
+    u = (np.arange(columns) - (columns - 1) / 2) * PIXEL_MM
+    v = ((rows - 1) / 2 - np.arange(rows)) * PIXEL_MM
+    return lambda z: np.broadcast_arrays(u[None] + slopes[0] * z, v[:, None] + slopes[1] * z)
+
+
+def square_before_wall(slopes=(0.0, 0.0)):
+    """Depth and colour of a square in front of an unbounded wall, which is blue behind it."""
+    is_square, is_behind = (
+        ((np.abs(x) < HALF_MM) & (np.abs(y) < HALF_MM))[..., None]
+        for x, y in map(places(slopes), (NEAR, FAR))
+    )
+    color = np.where(is_square, RED, np.where(is_behind, BLUE, GREEN))
+    return np.where(is_square[..., 0], NEAR, FAR), color
+
+
+def ball(slopes=(0.0, 0.0), radius=3.0):
+    """Depth and colour of a sphere on nothing; the colour is a function of the point."""
+    at = places(slopes)
+    u, v = at(0.0)
+    middle = (LOW + HIGH) / 2
+    # |(u, v, 0) + z (slopes, 1) - centre| = radius
+    a = 1 + slopes[0] ** 2 + slopes[1] ** 2
+    b = u * slopes[0] + v * slopes[1] - middle
+    c = u**2 + v**2 + middle**2 - radius**2
+    inside = b * b - a * c > 0
+    z = np.where(inside, (-b + np.sqrt(np.maximum(b * b - a * c, 0))) / a, np.inf)
+    x, y = at(np.where(inside, z, 0))
+    return z, np.stack([0.5 + x / 8, 0.5 + y / 8, np.full(SHAPE, 0.3)], -1) * inside[..., None]
+
+
+def pictures(scene, arrangement, shift_mm=0.0):
+    """A scene from an arrangement of cameras; the pose of the last one may be wrong."""
+    shots = []
+    for x, y in camera_directions(arrangement):
+        slopes = x * STEEPEST, y * STEEPEST
+        depth, color = scene(slopes)
+        camera = Camera.orthographic(slopes, SHAPE, PIXEL_MM)
+        shots.append(CameraRGBD(color, depth, camera, f"{x:+g} {y:+g}"))
+    shots[-1].camera.display_from_picture[0, 3] += shift_mm
+    return CameraRGBDs(tuple(shots))
+
+
+def test_arrangements_are_the_centre_and_corners_or_grids():
+    assert camera_directions("1") == ((0, 0),)
+    assert camera_directions("5")[0] == (0, 0)
+    assert {*camera_directions("5")[1:]} == {(x, y) for x in (-1, 1) for y in (-1, 1)}
+    assert camera_directions("3x1") == ((0, 1), (0, 0), (0, -1))
+    assert camera_directions("9") == camera_directions("3x3")
+    assert len({*camera_directions("2x4")}) == 8
+    for wrong in ("0", "7", "10", "4x4", "3 x 3", "five", ""):
+        with pytest.raises(UsageError, match="rows and columns"):
+            camera_directions(wrong)
+
+
+@pytest.mark.parametrize("scene", [square_before_wall, ball])
+def test_one_camera_gives_its_own_picture(scene):
+    depth, color = scene()
+    merged = merge_cameras(pictures(scene, "1"), DISPLAY)
+    covered = np.isfinite(depth)
+    assert type(merged) is RGBD and np.array_equal(merged.covered, covered)
+    assert merged.depth_mm[covered] == pytest.approx(depth[covered], abs=1e-5)
+    assert merged.color[covered] == pytest.approx(color[covered], abs=1e-6)
+
+
+def test_the_front_of_several_cameras_is_that_of_the_centre_camera():
+    depth, _ = square_before_wall()
+    merged = merge_cameras(pictures(square_before_wall, "5"), DISPLAY)
+    assert isinstance(merged, LayeredRGBD) and merged.covered.all()
+    assert merged.depth_mm == pytest.approx(depth, abs=1e-4)
+
+
+def test_a_hidden_plane_is_the_second_layer_at_its_exact_depth_and_colour():
+    merged = merge_cameras(pictures(square_before_wall, "5"), DISPLAY)
+    x, y = places()(NEAR)
+    # A camera at the slope s sees past the square's edge down to the wall, by s (near - far).
+    reach = STEEPEST * (NEAR - FAR)
+    inside = HALF_MM - np.maximum(np.abs(x), np.abs(y))
+    corner = HALF_MM - np.minimum(np.abs(x), np.abs(y)) < reach - 2 * PIXEL_MM
+    seen = (inside > PIXEL_MM) & (inside < reach - 2 * PIXEL_MM) & corner
+    walls = [layer.covered & (np.abs(layer.front_mm - FAR) < 1e-3) for layer in merged.layers]
+    assert np.any(walls[1:], axis=0)[seen].all()
+    for layer, is_wall in zip(merged.layers[1:], walls[1:], strict=True):
+        shown = is_wall & seen
+        assert layer.color[shown] == pytest.approx(np.tile(BLUE, (shown.sum(), 1)), abs=0.02)
+    # Nothing is known of the middle of the wall, and nothing is invented.
+    unseen = inside > reach + 2 * PIXEL_MM
+    assert not np.any(walls[1:], axis=0)[unseen].any()
+
+
+def test_a_sphere_from_five_cameras_has_its_depth_and_colour():
+    depth, color = ball()
+    merged = merge_cameras(pictures(ball, "5"), DISPLAY)
+    covered = np.isfinite(depth)
+    # At the rim, where the slope has no limit, a column may be missed.
+    rim = np.abs(np.hypot(*places()(0.0)) - 3.0) < PIXEL_MM
+    assert not (merged.covered & ~covered).any() and (merged.covered | rim)[covered].all()
+    both = merged.covered & covered
+    assert np.abs(merged.depth_mm - depth)[both].max() < 0.2 * PIXEL_MM
+    # Half a pixel at the steep rim, where colours of other cameras are interpolated.
+    assert np.abs(merged.color - color)[both].max() < 0.5 * PIXEL_MM
+    for layer in merged.layers:
+        assert (layer.back_mm <= layer.front_mm)[layer.covered].all()
+
+
+def test_five_cameras_show_more_of_the_wall_than_one():
+    """Display rays that pass the square meet the wall, whose colour one camera has to suppose."""
+    picture = merge_cameras(pictures(square_before_wall, "1"), DISPLAY)
+    layered = merge_cameras(pictures(square_before_wall, "5"), DISPLAY)
+    exact = LayeredRGBD(
+        picture.color, picture.depth_mm, picture.covered, PIXEL_MM, picture.depth_mm - 0.1,
+        (wall_behind(picture),),
+    )  # fmt: skip
+    truth, one, five = (
+        generate(rgbd, DISPLAY, "layered", colour="nearest", samples=1)
+        for rgbd in (exact, picture, layered)
+    )
+    wrong = [np.count_nonzero(np.abs(eia - truth).max(axis=-1) > 0.1) for eia in (one, five)]
+    assert wrong[1] < 0.5 * wrong[0]
+
+
+def wall_behind(picture):
+    from inim.image.rgbd import Layer
+
+    behind = picture.depth_mm == np.float32(NEAR)
+    front = np.full(SHAPE, FAR, np.float32)
+    color = np.broadcast_to(np.float32(BLUE), (*SHAPE, 3))
+    return Layer(color, front, front - np.float32(0.1), behind)
+
+
+def test_a_wrong_pose_is_refused_in_one_line():
+    merge_cameras(pictures(ball, "5"), DISPLAY)
+    with pytest.raises(
+        FileError, match=r"\+1 -1: \d+% of its surface contradict.*mm.*pose"
+    ) as error:
+        merge_cameras(pictures(ball, "5", shift_mm=1.0), DISPLAY)
+    assert "\n" not in str(error.value)
+
+
+def test_cameras_and_pictures_are_checked():
+    depth, color = ball()
+    camera = Camera.orthographic((0, 0), SHAPE, PIXEL_MM)
+    with pytest.raises(UsageError, match="color is"):
+        CameraRGBD(color[1:], depth, camera)
+    flat = Camera(np.zeros((3, 4)), False, (1.0, 0.0))
+    with pytest.raises(UsageError, match="no inverse; correct its pose"):
+        CameraRGBD(color, depth, flat)
+    with pytest.raises(UsageError, match="0 cameras; give 1 to 9"):
+        CameraRGBDs(())
+
+
+# A user's own files: a ball in front of a wall, photographed from several positions, in mm.
+FOCAL_PX, COLUMNS, ROWS = 300.0, 240, 180
+
+
+def photograph(position_mm):
+    """Colour and depth of a pinhole camera that looks along z."""
+    j, i = np.meshgrid(np.arange(COLUMNS), np.arange(ROWS))
+    ray = np.stack([(j - 119.5) / FOCAL_PX, (i - 89.5) / FOCAL_PX, np.ones((ROWS, COLUMNS))], -1)
+    start = np.array(position_mm, np.float64)
+    centre = start - (0, 0, 600)
+    a, b = (ray**2).sum(-1), (ray * centre).sum(-1)
+    root = b * b - a * ((centre**2).sum() - 120**2)
+    ball_mm = np.where(root > 0, (-b - np.sqrt(np.maximum(root, 0))) / a, np.inf)
+    wall_mm = 700 - start[2]
+    color = np.where((ball_mm < wall_mm)[..., None], (200, 60, 40), (40, 160, 60))
+    return color.astype(np.uint8), np.minimum(ball_mm, wall_mm).round().astype(np.uint16)
+
+
+def write_document(folder, positions, **changes):
+    """Files of photographs, and their document; positions by number may be written wrongly."""
+    placed = []
+    for n, position in enumerate(positions):
+        color, depth = photograph(position)
+        Image.fromarray(color).save(folder / f"{n}.png")
+        Image.fromarray(depth).save(folder / f"{n}-depth.png")
+        placed.append({"color": f"{n}.png", "depth": f"{n}-depth.png", "position_mm": position})
+    intrinsics = [FOCAL_PX, FOCAL_PX, 119.5, 89.5]
+    document = {"schema": "inim.cameras/1", "intrinsics": intrinsics, "pictures": placed}
+    path = folder / "cameras.json"
+    path.write_text(json.dumps(document | changes))
+    return path, document
+
+
+POSITIONS = [(0, 0, 0), (-80, -60, 0), (80, -60, 0), (-80, 60, 0), (80, 60, 20)]
+OPTIONS = CameraPicture(depth_unit="mm", near=450, far=720)
+
+
+def test_own_pictures_merge_into_one_ball_and_a_wall(tmp_path):
+    path, _ = write_document(tmp_path, POSITIONS)
+    display = DISPLAYS["nominal"]
+    cameras = read_cameras(path, OPTIONS, display)
+    merged = merge_cameras(cameras.pictures, display)
+    low, high = display.depth_range_mm
+    wall = low + (720 - 700) / (720 - 450) * (high - low)
+    top = low + (720 - 480) / (720 - 450) * (high - low)
+    assert merged.depth_mm[merged.covered].max() == pytest.approx(top, abs=0.2)
+    assert np.median(merged.depth_mm[merged.covered]) == pytest.approx(wall, abs=0.1)
+    assert len(merged.layers) > 1 and merged.layers[1].covered.any()
+
+
+def test_a_rotated_camera_sees_the_same_scene(tmp_path):
+    """A camera that is upside down, with its picture turned, agrees with the others."""
+    path, document = write_document(tmp_path, POSITIONS)
+    for name in ("1.png", "1-depth.png"):
+        turned = np.asarray(Image.open(tmp_path / name))[::-1, ::-1].copy()
+        Image.fromarray(turned).save(tmp_path / name)
+    document["pictures"][1]["rotation"] = [[-1, 0, 0], [0, -1, 0], [0, 0, 1]]
+    path.write_text(json.dumps(document))
+    display = DISPLAYS["nominal"]
+    merge_cameras(read_cameras(path, OPTIONS, display).pictures, display)
+
+
+def test_a_wrong_position_names_the_file(tmp_path):
+    path, document = write_document(tmp_path, POSITIONS)
+    document["pictures"][2]["position_mm"] = (80, -60, 40)
+    path.write_text(json.dumps(document))
+    display = DISPLAYS["nominal"]
+    cameras = read_cameras(path, OPTIONS, display)
+    with pytest.raises(FileError, match=r"2-depth.png: \d+% of its surface contradict"):
+        merge_cameras(cameras.pictures, display)
+
+
+def test_invalid_documents_are_refused(tmp_path):
+    path, document = write_document(tmp_path, POSITIONS[:2])
+    display = DISPLAYS["nominal"]
+
+    def refused(change, message, options=OPTIONS):
+        path.write_text(json.dumps(document | change))
+        with pytest.raises((FileError, UsageError), match=message):
+            read_cameras(path, options, display)
+
+    first, second = document["pictures"]
+    refused({"pictures": [first]}, "1 pictures; give 2 to 9")
+    refused({"intrinsics": None}, "has no intrinsics; add")
+    refused({"pictures": [first, second | {"pose": 1}]}, "pose")
+    mirrored = [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    refused({"pictures": [first, second | {"rotation": mirrored}]}, "no rotation matrix")
+    refused({}, "--orthographic: the document has", CameraPicture(orthographic=True))
+    refused({}, "need distances in a known unit", CameraPicture(depth_unit="none", near=1, far=2))
+    refused({}, "several cameras need linear", CameraPicture(depth_map="reciprocal"))
+    refused({}, "--fit auto", CameraPicture(fit="auto"))
