@@ -179,7 +179,8 @@ def capture_rays(
 
     def axis(count: int, sign: int, slope: float) -> FilmAxis:
         place_mm = _pixel_centres(count, sign * pixel_mm) + slope * start_mm
-        return FilmAxis(place_mm, np.full(count, -slope), sign * pixel_mm)
+        # Not -slope: a ray along z has the slope 0, not -0, which rounds differently.
+        return FilmAxis(place_mm, np.zeros(count) - slope, sign * pixel_mm)
 
     return SeparableRays(start_mm, axis(columns, +1, slopes[0]), axis(rows, -1, slopes[1]))
 
