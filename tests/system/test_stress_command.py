@@ -102,7 +102,7 @@ def test_the_study_runs_from_the_repository_and_all_it_claims_holds(tmp_path):
     relations = {r["relation"] for r in data["relations"]}
     assert {"a solid cut in two", "mirror left and right"} <= relations
     assert {r["form"] for r in data["generators"] if r["outcome"] == "ran"} >= {
-        "lists", "ray by ray", "mounted"
+        "lists", "ray by ray", "non-separable"
     }  # fmt: skip
 
 

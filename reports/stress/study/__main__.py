@@ -1,4 +1,4 @@
-"""`python -m reports.stress.study -o reports/stress`: run the accuracy study, write its report."""
+"""Run the accuracy study and write its report: `python -m reports.stress.study`."""
 
 from __future__ import annotations
 
@@ -21,41 +21,41 @@ from reports.stress.study.tables import parts_of, summary_lines
 
 _VERSIONS = ("drjit", "hypothesis", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
 _JITTERED = ("template", "gu2020", "wang2024:matching=ray", "li2012")
-# Rays of a lens-model case, and every how manieth case: of a quick run, of a full one.
+# Rays per lens-model case and stride of the cases, in a quick run and in a full run.
 _LENS_SIZE = {True: (60, 8), False: (100, 1)}
-# Lenses along each side of the display whose picture is jittered.
+# Lenses along each side of the display for depth jitter.
 _JITTER_LENSES = {True: 16, False: 64}
 
 
 class _Stages(Observer):
-    """Says on stderr where the study is."""
+    """Print the stages of the study to stderr."""
 
     def stage(self, name: str) -> None:
-        """A stage begins."""
+        """Print the name of a stage when it begins."""
         print(name, file=sys.stderr, flush=True)
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the study; the exit code says whether all that is claimed holds."""
+    """Run the study; the exit code is 0 if all claims hold."""
     parser = argparse.ArgumentParser(prog="python -m reports.stress.study", description=__doc__)
     parser.add_argument("-o", "--out", type=Path, default=Path("reports/stress"))
     parser.add_argument("--quick", action="store_true", help="fewer and smaller cases")
     args = parser.parse_args(argv)
-    # As a reader of the file gets it: infinite values are null.
-    document = decode(encode(measured(args.quick, str(args.out), _Stages())), StudyDocument)
+    # Encoded and decoded as in the file, where infinite values are null.
+    document = decode(encode(run_study(args.quick, str(args.out), _Stages())), StudyDocument)
     args.out.mkdir(parents=True, exist_ok=True)
     from reports.stress.study.plots import draw_plots
 
     draw_plots(document, args.out)
     write_stress(document, args.out, parts_of(document), summary_lines(document))
     for check in document.checks:
-        word = "ok    " if check.passed else "FAILED"
-        print(f"{word}  {check.name}: {check.cases} cases, {check.broken} broken")
+        verdict = "ok    " if check.passed else "FAILED"
+        print(f"{verdict}  {check.name}: {check.cases} cases, {check.broken} broken")
     return EXIT_PASSED if document.passed else EXIT_CHECK_FAILED
 
 
-def measured(quick: bool, out: str, listener: Observer) -> StudyDocument:
-    """The content of stress.json."""
+def run_study(quick: bool, out: str, listener: Observer) -> StudyDocument:
+    """Run the study; return the content of stress.json."""
     started = time.perf_counter()
     from inim.render import variant
 
@@ -77,12 +77,12 @@ def measured(quick: bool, out: str, listener: Observer) -> StudyDocument:
     listener.stage("jitter")
     picture, display = spheres(_JITTER_LENSES[quick])
     parameters = {f.name: f.parameter for f in FAMILIES}
-    of_lenses = {f.name: f.parameter for f in LENS_FAMILIES}
+    lens_parameters = {f.name: f.parameter for f in LENS_FAMILIES}
     checks = checks_of(generators, lenses, relations)
     return StudyDocument(
         title="Stress",
         **record(shlex.join(words), quick, backend, _VERSIONS),
-        # How much wider the oracle of the lens models is than what it judges.
+        # The oracle of the lens models is wider than float64 on most computers.
         oracle_mantissa_bits=int(np.finfo(np.longdouble).nmant) + 1,
         generators=generators,
         lens_models=lenses,
@@ -91,7 +91,7 @@ def measured(quick: bool, out: str, listener: Observer) -> StudyDocument:
         picture=JitteredPicture(
             name="two spheres", rows=picture.shape[0], columns=picture.shape[1]
         ),
-        regions=regions_of(generators, [], parameters) + regions_of([], lenses, of_lenses),
+        regions=regions_of(generators, [], parameters) + regions_of([], lenses, lens_parameters),
         trust=accuracy_limits_of(generators, lenses, round(display_of().pixels_per_lens)),
         checks=checks,
         passed=all(check.passed for check in checks),

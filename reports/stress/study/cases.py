@@ -1,14 +1,14 @@
-"""Families of cases that push one parameter of a display at a time to where arithmetic fails.
+"""Families of cases, each of which varies one parameter of a display until arithmetic fails.
 
-A case is a display and a picture, made when it is run: some are there to be refused. Pictures are
-noise unless their family says otherwise. Families of arrays whose rows and columns are independent
-come first; those of hexagonal, turned and tilted ones, called mounted here, follow.
+A case creates a display and a picture; some cases must be refused. Pictures are noise unless their
+family defines another. The first families have separable displays, with independent rows and
+columns. The others have non-separable ones: hexagonal, turned and tilted arrays.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
@@ -33,24 +33,24 @@ from inim.stress.pictures import (
 
 @dataclass(frozen=True)
 class Size:
-    """How much is run.
+    """Size of a run.
 
     Attributes
     ----------
-    thin : int
-        Every so manieth case of a family.
+    stride : int
+        Step from one used case of a family to the next.
     random : int
-        Random displays.
-    most_pixels : int
-        Panel pixels compared with the oracle; a sample where there are more.
-    many : int
+        Number of random displays.
+    max_pixels : int
+        Largest number of panel pixels per case that are compared with the oracle.
+    max_lenses : int
         Lenses along a side of the largest array.
     """
 
-    thin: int
+    stride: int
     random: int
-    most_pixels: int
-    many: int
+    max_pixels: int
+    max_lenses: int
 
 
 QUICK = Size(24, 2, 49, 60)
@@ -59,17 +59,17 @@ FULL = Size(2, 10, 225, 1000)
 
 @dataclass(frozen=True)
 class Case:
-    """One display and picture; of lens models a display and rays.
+    """A display with a picture, or with rays for lens models.
 
     Attributes
     ----------
     label : str
     make : callable
-        Makes display and picture; may be refused.
+        Creates display and picture; may raise an `InimError`.
     value : float, optional
-        Of the family's parameter.
+        Value of the family's parameter.
     refused : bool, optional
-        Whether it must be refused; None: it may be.
+        True if the case must be refused; None if it may be.
     """
 
     label: str
@@ -86,9 +86,9 @@ class Family:
     ----------
     name : str
     parameter : str
-        What `Case.value` is, with its unit; empty where cases have no order.
+        Meaning and unit of `Case.value`; empty if the cases have no order.
     cases : callable
-        From a `Size`.
+        Returns the cases of a `Size`.
     """
 
     name: str
@@ -96,44 +96,43 @@ class Family:
     cases: Callable[[Size], list[Case]]
 
 
-def cases_of(family: Family, size: Size) -> Iterator[Case]:
-    """A family's cases, thinned out; the first and the last are kept."""
-    cases = family.cases(size)
+def every(stride: int, cases: Sequence[Case]) -> Iterator[Case]:
+    """Cases in steps of `stride`, and the last one."""
     for i, case in enumerate(cases):
-        if i % size.thin == 0 or i == len(cases) - 1:
+        if i % stride == 0 or i == len(cases) - 1:
             yield case
 
 
 def case_at(
     label: str, make: Callable[..., Any], value: float, refused: bool | None = False
 ) -> Case:
-    """The case that `make` makes of a value of its family's parameter."""
+    """Case that calls `make` with a value of the family's parameter."""
     return Case(label, partial(make, value), value, refused)
 
 
-def _over(display: Display, seed: int = 0, per_pitch: int = 2) -> PictureCase:
-    """A display with noise over all that its rays reach."""
+def _with_noise(display: Display, seed: int = 0, per_pitch: int = 2) -> PictureCase:
+    """Display with a noise picture of everything that its rays reach."""
     shape, pixel = display.capture_shape(per_pitch), display.pitch_mm / per_pitch
     return display, noise(display, shape, pixel, seed)
 
 
-def _windowed(display: Display, seed: int = 0) -> PictureCase:
-    """A display with noise in a window around its axis."""
+def _with_window(display: Display, seed: int = 0) -> PictureCase:
+    """Display with a noise picture in a window around its axis."""
     return display, noise(display, *window(display), seed)
 
 
 def _decades(first: int, last: int) -> list[float]:
-    """Powers of ten, each the nearest float."""
+    """Powers of ten, each rounded to the nearest float."""
     return [float(Fraction(10) ** k) for k in range(first, last + 1)]
 
 
-# -- where surfaces are -------------------------------------------------------------------------
+# -- depths of surfaces -------------------------------------------------------------------------
 
 
 def _distances(**changes: object) -> Callable[[Size], list[Case]]:
     def make(z: float) -> PictureCase:
         ends = {"depth_min_mm": z, "depth_max_mm": 1.5 * z}
-        return _windowed(small_display(**(changes | ends)))
+        return _with_window(small_display(**(changes | ends)))
 
     return lambda _: [case_at(f"{z:g} mm", make, z) for z in _decades(-3, 6)]
 
@@ -141,7 +140,7 @@ def _distances(**changes: object) -> Callable[[Size], list[Case]]:
 def _distances_behind(_: Size) -> list[Case]:
     def make(z: float) -> PictureCase:
         ends = {"depth_min_mm": -1.5 * z, "depth_max_mm": -z}
-        return _windowed(small_display(focal_length_mm=3.3, gap_mm=3.0, **ends))
+        return _with_window(small_display(focal_length_mm=3.3, gap_mm=3.0, **ends))
 
     return [case_at(f"-{z:g} mm", make, z) for z in _decades(-3, 6)]
 
@@ -149,10 +148,10 @@ def _distances_behind(_: Size) -> list[Case]:
 def _depth_spans(_: Size) -> list[Case]:
     def make(k: float) -> PictureCase:
         top = 20.0 * (1 + 2.0 ** -int(k))
-        return _over(small_display(depth_min_mm=20.0, depth_max_mm=top))
+        return _with_noise(small_display(depth_min_mm=20.0, depth_max_mm=top))
 
-    found = [case_at(f"20 mm x 2^-{k}", make, float(k)) for k in (*range(0, 52, 3), 52)]
-    return [*found, Case("no depth at all", lambda: make(2000), math.inf, refused=True)]
+    cases = [case_at(f"20 mm x 2^-{k}", make, float(k)) for k in (*range(0, 52, 3), 52)]
+    return [*cases, Case("empty depth range", lambda: make(2000), math.inf, refused=True)]
 
 
 def _flat(_: Size) -> list[Case]:
@@ -162,17 +161,17 @@ def _flat(_: Size) -> list[Case]:
 
     display = small_display()
     low, high = display.depth_range_mm
-    places = {
+    depths = {
         "at z_min": low,
         "at z_max": high,
         "at D": display.central_depth_mm,
-        "an ulp beyond z_min": np.nextafter(np.float32(low), np.float32(-np.inf)),
+        "an ulp below z_min": np.nextafter(np.float32(low), np.float32(-np.inf)),
         "an ulp above z_max": np.nextafter(np.float32(high), np.float32(np.inf)),
     }
-    found = [Case(name, partial(make, z)) for name, z in places.items()]
+    cases = [Case(name, partial(make, z)) for name, z in depths.items()]
     for name, z in {"on the array": 0.0, "just in front": 1e-30, "just behind": -1e-30}.items():
-        found.append(Case(name, partial(make, z, depth_min_mm=-4.0, depth_max_mm=6.0)))
-    return found
+        cases.append(Case(name, partial(make, z, depth_min_mm=-4.0, depth_max_mm=6.0)))
+    return cases
 
 
 def _subnormal_depths(_: Size) -> list[Case]:
@@ -187,27 +186,27 @@ def _subnormal_depths(_: Size) -> list[Case]:
 
 
 def _focus(
-    powers: tuple[int, ...], side: int = +1, stated: bool = False, **changes: object
+    powers: tuple[int, ...], side: int = +1, has_range: bool = False, **changes: object
 ) -> Callable[[Size], list[Case]]:
-    """G = f (1 +- 2^-k), down to one ulp; D and its own depth range grow without bound."""
+    """Gaps g = f (1 +- 2^-k), down to one ulp; D and the default depth range grow to infinity."""
 
     def make(k: float) -> PictureCase:
-        own = {"gap_mm": 3.0 * (1 + side * 2.0 ** -int(k))}
-        if stated:
-            own |= {"depth_min_mm": 5.0, "depth_max_mm": 20.0}
-        return _windowed(small_display(**(changes | own)))
+        focus = {"gap_mm": 3.0 * (1 + side * 2.0 ** -int(k))}
+        if has_range:
+            focus |= {"depth_min_mm": 5.0, "depth_max_mm": 20.0}
+        return _with_window(small_display(**(changes | focus)))
 
     def cases(_: Size) -> list[Case]:
-        found = [case_at(f"|g - f| / f = 2^-{k}", make, float(k)) for k in powers]
+        focused = [case_at(f"|g - f| / f = 2^-{k}", make, float(k)) for k in powers]
         if changes:
-            return found
-        return [*found, Case("g = f", lambda: make(2000), math.inf, refused=not stated)]
+            return focused
+        return [*focused, Case("g = f", lambda: make(2000), math.inf, refused=not has_range)]
 
     return cases
 
 
 def _fine_focus(powers: tuple[int, ...], **changes: object) -> Callable[[Size], list[Case]]:
-    """As a capture would be made, whole pixels per pitch: far too many cells at some distance."""
+    """Pictures with whole pixels per pitch, as captured; rays cross too many cells far away."""
 
     def make(k: float) -> PictureCase:
         display = small_display(gap_mm=3.0 * (1 + 2.0 ** -int(k)), **changes)
@@ -223,21 +222,21 @@ def _fine_focus(powers: tuple[int, ...], **changes: object) -> Callable[[Size], 
 
 def _pixels_per_lens(_: Size) -> list[Case]:
     def make(ratio: float) -> PictureCase:
-        # A strip of the panel about the axis: all of it would be millions of pixels.
+        # A strip of the panel about the axis: the whole panel has millions of pixels.
         panel = {"panel_rows": 3, "panel_columns": max(1, min(3000, round(3 * ratio)))}
         display = small_display(
             pixel_pitch_mm=1 / ratio, depth_min_mm=20.0, depth_max_mm=40.0, **panel
         )
-        return _over(display)
+        return _with_noise(display)
 
-    below = [case_at(f"{r:g}", make, r, refused=True) for r in (1e-3, 1e-2, 0.1, 0.999)]
+    below_one = [case_at(f"{r:g}", make, r, refused=True) for r in (1e-3, 1e-2, 0.1, 0.999)]
     ratios = (1.0, 1.5, 2.0, 3.3, 10.0, 15.7, 17.0, 33.3, 100.0, 333.3, 1000.0)
-    return below + [case_at(f"{r:g}", make, r) for r in ratios]
+    return below_one + [case_at(f"{r:g}", make, r) for r in ratios]
 
 
 def _picture_pixels_per_pitch(_: Size) -> list[Case]:
     def make(ratio: float) -> PictureCase:
-        # Through the array, so that rays cross a few cells of the finest picture too.
+        # Depths through the array: rays then cross a few cells of the finest picture, too.
         half = min(4.0, 40 / ratio)
         display = small_display(depth_min_mm=-half, depth_max_mm=half)
         cells = min(48, math.ceil((display.width_mm + 2) * ratio))
@@ -250,7 +249,7 @@ def _picture_pixels_per_pitch(_: Size) -> list[Case]:
 def _odd_and_even(_: Size) -> list[Case]:
     def make(columns: int, rows: int, pixels: int, per_pitch: int) -> PictureCase:
         display = small_display(lens_columns=columns, lens_rows=rows, pixel_pitch_mm=1 / pixels)
-        return _over(display, columns + 7 * rows, per_pitch)
+        return _with_noise(display, columns + 7 * rows, per_pitch)
 
     return [
         Case(f"{n} x {m} lenses of {p} pixels, {k} per pitch", partial(make, n, m, p, k))
@@ -260,12 +259,12 @@ def _odd_and_even(_: Size) -> list[Case]:
 
 
 def _lengths(powers: dict[int, bool | None], **changes: object) -> Callable[[Size], list[Case]]:
-    """All lengths times powers of ten, down to where floats end; and whether it is refused."""
+    """Lengths times powers of ten, to the limits of floats; `powers` map to `Case.refused`."""
     names = ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm")
 
     def make(factor: float) -> PictureCase:
         base = small_display(**changes)
-        return _over(base.replace(**{name: getattr(base, name) * factor for name in names}))
+        return _with_noise(base.replace(**{name: getattr(base, name) * factor for name in names}))
 
     return lambda _: [
         case_at(f"10^{p}", make, 10.0**p, refused=refused) for p, refused in powers.items()
@@ -273,33 +272,33 @@ def _lengths(powers: dict[int, bool | None], **changes: object) -> Callable[[Siz
 
 
 def _many_lenses(size: Size) -> list[Case]:
-    side = size.many
+    side = size.max_lenses
 
     def make(pixels: int) -> PictureCase:
         display = small_display(
             lens_columns=side, lens_rows=side, pixel_pitch_mm=1 / pixels,
             depth_min_mm=2.0, depth_max_mm=6.0,
         )  # fmt: skip
-        return _over(display, per_pitch=1)
+        return _with_noise(display, per_pitch=1)
 
     return [
         Case(f"{side} x {side} lenses of {p} pixels", partial(make, p), side**2)
-        for p in ((2,) if side < FULL.many else (1, 2))
+        for p in ((2,) if side < FULL.max_lenses else (1, 2))
     ]
 
 
 def _shifted(_: Size) -> list[Case]:
-    """Arrays off the panel's middle, by whole and half pixels and pitches."""
+    """Arrays shifted from the panel's middle, by whole and half pixels and pitches."""
 
     def make(shift: float, up: float, pixel: float) -> PictureCase:
         display = small_display(shift_x_mm=shift, shift_y_mm=up)
         return display, noise(display, display.capture_shape(2), pixel, seed=11)
 
-    one = small_display().pixel_pitch_mm
+    pixel_mm = small_display().pixel_pitch_mm
     shifts = {
-        "half a pixel": (one / 2, 0.0),
-        "a pixel": (one, 0.0),
-        "half a pixel each way": (one / 2, -one / 2),
+        "half a pixel": (pixel_mm / 2, 0.0),
+        "a pixel": (pixel_mm, 0.0),
+        "half a pixel each way": (pixel_mm / 2, -pixel_mm / 2),
         "half a pitch": (0.5, 0.0),
         "a pitch": (1.0, 0.0),
         "an ulp": (2.0**-52, 0.0),
@@ -314,7 +313,7 @@ def _shifted(_: Size) -> list[Case]:
 
 # -- ties and shapes ----------------------------------------------------------------------------
 
-# The ways in which first hits are found, and a display and a picture pixel that take each.
+# Implementations of first hits, each with changes of a display and a picture pixel that use it.
 _FORMS: dict[str, tuple[dict[str, object], float]] = {
     "lists": ({}, 0.5),
     "lists, binary lengths": ({"gap_mm": 4.0, "pixel_pitch_mm": 0.125}, 0.5),
@@ -335,7 +334,7 @@ def _form(form: str) -> tuple[Display, tuple[int, int], float]:
 
 
 def ties(_: Size = FULL) -> list[Case]:
-    """Depths at which rays leave picture pixels, or the float32 next to one on either side."""
+    """Depths at which rays leave picture pixels, and the float32 numbers next to them."""
 
     def make(form: str, ulps: int) -> PictureCase:
         display, shape, pixel = _form(form)
@@ -358,33 +357,33 @@ def _shapes(_: Size) -> list[Case]:
     ]
 
 
-# -- what makes no sense, or hardly any -----------------------------------------------------------
+# -- invalid and extreme inputs -------------------------------------------------------------------
 
 
 def _not_finite(_: Size) -> list[Case]:
     def uncovered(value: float) -> PictureCase:
-        display, rgbd = _over(small_display())
+        display, rgbd = _with_noise(small_display())
         depth = np.where(rgbd.covered, rgbd.depth_mm, np.float32(value))
         return display, picture_of_depth(depth, rgbd.pixel_mm, rgbd.covered)
 
     def covered(value: float) -> PictureCase:
-        display, rgbd = _over(small_display())
+        display, rgbd = _with_noise(small_display())
         depth = np.array(rgbd.depth_mm)
         depth[3, 3] = value
         return display, picture_of_depth(depth, rgbd.pixel_mm)
 
     def changed(changes: dict[str, float]) -> PictureCase:
-        return _over(small_display(**changes))
+        return _with_noise(small_display(**changes))
 
-    found = []
+    cases = []
     for value in (math.nan, math.inf, -math.inf):
-        found.append(Case(f"uncovered {value}", partial(uncovered, value)))
-        found.append(Case(f"covered {value}", partial(covered, value), refused=True))
+        cases.append(Case(f"uncovered {value}", partial(uncovered, value)))
+        cases.append(Case(f"covered {value}", partial(covered, value), refused=True))
         for name in ("pitch_mm", "gap_mm", "focal_length_mm", "pixel_pitch_mm", "depth_min_mm"):
-            both = {"depth_max_mm": 40.0} if name == "depth_min_mm" else {}
-            given = {name: value, **both}
-            found.append(Case(f"{name} = {value}", partial(changed, given), refused=True))
-    return found
+            other_end = {"depth_max_mm": 40.0} if name == "depth_min_mm" else {}
+            changes = {name: value, **other_end}
+            cases.append(Case(f"{name} = {value}", partial(changed, changes), refused=True))
+    return cases
 
 
 def _small(_: Size) -> list[Case]:
@@ -392,11 +391,11 @@ def _small(_: Size) -> list[Case]:
         display = small_display()
         return display, noise(display, (1, 1), 3.0, covered=1.1)
 
-    def bare() -> PictureCase:
-        display, rgbd = _over(small_display())
+    def uncovered() -> PictureCase:
+        display, rgbd = _with_noise(small_display())
         return display, picture_of_depth(np.array(rgbd.depth_mm), 0.5, np.zeros(rgbd.shape, bool))
 
-    one = {"lens_columns": 1, "lens_rows": 1}
+    single = {"lens_columns": 1, "lens_rows": 1}
     empty = np.zeros((0, 0), np.float32)
     return [
         Case("a picture of one pixel", one_cell),
@@ -405,9 +404,12 @@ def _small(_: Size) -> list[Case]:
             lambda: (small_display(), picture_of_depth(empty, 0.5)),
             refused=True,
         ),
-        Case("one lens over one pixel", lambda: _over(small_display(pixel_pitch_mm=1.0, **one))),
-        Case("nothing covered", bare),
-        Case("one lens", lambda: _over(small_display(**one))),
+        Case(
+            "one lens over one pixel",
+            lambda: _with_noise(small_display(pixel_pitch_mm=1.0, **single)),
+        ),
+        Case("no covered pixel", uncovered),
+        Case("one lens", lambda: _with_noise(small_display(**single))),
     ]
 
 
@@ -415,14 +417,14 @@ def _random(size: Size) -> list[Case]:
     return [Case(f"seed {s}", partial(random_picture, s)) for s in range(size.random)]
 
 
-# -- mounted arrays -----------------------------------------------------------------------------
+# -- non-separable displays ---------------------------------------------------------------------
 
 
-def _mounted(angles: tuple[float, ...], **changes: float) -> Callable[[Size], list[Case]]:
-    """Angles times `changes`."""
+def _turned(angles: tuple[float, ...], **factors: float) -> Callable[[Size], list[Case]]:
+    """Displays with each of the angles, times a factor for each parameter."""
 
     def make(degrees: float) -> PictureCase:
-        return _over(small_display(**{name: by * degrees for name, by in changes.items()}))
+        return _with_noise(small_display(**{name: f * degrees for name, f in factors.items()}))
 
     return lambda _: [case_at(f"{a:g} degrees", make, a) for a in angles]
 
@@ -432,7 +434,7 @@ def _hexagonal(_: Size) -> list[Case]:
         display = small_display(
             lattice="hexagonal", lens_columns=columns, lens_rows=rows, pixel_pitch_mm=1 / pixels
         )
-        return _over(display, columns + 7 * rows)
+        return _with_noise(display, columns + 7 * rows)
 
     return [
         Case(f"{n} x {m} lenses of {p:g} pixels", partial(make, n, m, p))
@@ -441,51 +443,53 @@ def _hexagonal(_: Size) -> list[Case]:
     ]
 
 
-def _mounted_shapes(_: Size) -> list[Case]:
-    def make(mounting: str, kind: str) -> PictureCase:
-        display = small_display(**MOUNTINGS[mounting])
+def _nonseparable_shapes(_: Size) -> list[Case]:
+    def make(misalignment: str, kind: str) -> PictureCase:
+        display = small_display(**MOUNTINGS[misalignment])
         return display, shaped_picture(display, display.capture_shape(2), 0.5, kind)
 
     return [Case(f"{k}, {m}", partial(make, m, k)) for m in MOUNTINGS for k in SHAPES]
 
 
 def _widths(size: Size) -> list[Case]:
-    """Wider and wider arrays: a lens centre and a pixel near it cancel in a ray's slope."""
+    """Increasingly wide arrays: a lens centre and a pixel near it cancel in a ray's slope."""
 
     def make(lenses: float) -> PictureCase:
-        return _over(
+        return _with_noise(
             small_display(
                 rotation_deg=0.5, lens_columns=int(lenses), depth_min_mm=20.0, depth_max_mm=40.0
             )
         )
 
     widths = (3, 30, 100, 300, 1000)
-    return [case_at(f"{n} lenses", make, float(n)) for n in widths if n <= size.many]
+    return [case_at(f"{n} lenses", make, float(n)) for n in widths if n <= size.max_lenses]
 
 
-def _impossible(_: Size) -> list[Case]:
+def _invalid_misalignments(_: Size) -> list[Case]:
     def make(**changes: object) -> PictureCase:
-        return _over(small_display(**changes))
+        return _with_noise(small_display(**changes))
 
-    said: dict[str, dict[str, object]] = {
+    invalid: dict[str, dict[str, object]] = {
         f"{name} = {value}": {name: value}
         for name in ("rotation_deg", "tilt_x_deg", "tilt_y_deg", "pitch_y_mm")
         for value in (math.nan, math.inf, -math.inf)
     }
-    said["tilted by 11 degrees"] = {"tilt_x_deg": 11.0}
-    said["a panel tilted through its array"] = {"lens_columns": 60, "tilt_x_deg": 10.0}
-    found = [Case(name, partial(make, **changes), refused=True) for name, changes in said.items()]
-    # Found out when its pixels look for their lenses.
-    off = partial(make, rotation_deg=3.0, shift_x_mm=1e3)
-    return [*found, Case("an array off its panel", off, refused=None)]
+    invalid["tilted by 11 degrees"] = {"tilt_x_deg": 11.0}
+    invalid["a panel tilted through its array"] = {"lens_columns": 60, "tilt_x_deg": 10.0}
+    cases = [
+        Case(name, partial(make, **changes), refused=True) for name, changes in invalid.items()
+    ]
+    # The generator detects this one when it assigns pixels to lenses.
+    without_lenses = partial(make, rotation_deg=3.0, shift_x_mm=1e3)
+    return [*cases, Case("an array outside its panel", without_lenses, refused=None)]
 
 
-def _random_mounted(size: Size) -> list[Case]:
-    return [Case(f"seed {s}", partial(_random_mounted_picture, s)) for s in range(size.random)]
+def _random_nonseparable(size: Size) -> list[Case]:
+    return [Case(f"seed {s}", partial(_random_nonseparable_case, s)) for s in range(size.random)]
 
 
-def _random_mounted_picture(seed: int) -> PictureCase:
-    """A random hexagonal, turned or tilted display, and a random picture over it."""
+def _random_nonseparable_case(seed: int) -> PictureCase:
+    """Random hexagonal, turned or tilted display with a noise picture."""
     rng = np.random.default_rng(seed)
     lattice = str(rng.choice(["square", "hexagonal"]))
     turn = float(rng.choice([0.0, 90.0, rng.uniform(-180, 180)]))
@@ -501,11 +505,11 @@ def _random_mounted_picture(seed: int) -> PictureCase:
         shift_x_mm=float(rng.choice([0.0, rng.uniform(-1, 1)])),
     )  # fmt: skip
     if max(display.capture_shape(2)) > 160:
-        return _windowed(display, seed)
-    return _over(display, seed, per_pitch=int(rng.integers(1, 4)))
+        return _with_window(display, seed)
+    return _with_noise(display, seed, per_pitch=int(rng.integers(1, 4)))
 
 
-# -- all ----------------------------------------------------------------------------------------
+# -- all families -------------------------------------------------------------------------------
 
 _EVERY_THIRD = (*range(3, 52, 3), 52)
 _EVERY_SIXTH = (*range(3, 52, 6), 52)
@@ -524,10 +528,10 @@ _SEPARABLE_FAMILIES = [
     Family("distance behind", "nearest surface, mm", _distances_behind),
     Family("pixels per lens", "P / P_D", _pixels_per_lens),
     Family("picture pixels per pitch", "P / picture pixel", _picture_pixels_per_pitch),
-    Family("g to f from above, own range", _BY_POWER, _focus(_EVERY_THIRD, +1)),
-    Family("g to f from below, own range", _BY_POWER, _focus(_EVERY_THIRD, -1)),
-    Family("g to f from above, stated range", _BY_POWER, _focus(_EVERY_THIRD, +1, stated=True)),
-    Family("g to f from below, stated range", _BY_POWER, _focus(_EVERY_THIRD, -1, stated=True)),
+    Family("g to f from above, default range", _BY_POWER, _focus(_EVERY_THIRD, +1)),
+    Family("g to f from below, default range", _BY_POWER, _focus(_EVERY_THIRD, -1)),
+    Family("g to f from above, given range", _BY_POWER, _focus(_EVERY_THIRD, +1, has_range=True)),
+    Family("g to f from below, given range", _BY_POWER, _focus(_EVERY_THIRD, -1, has_range=True)),
     Family("g to f, fine picture", _BY_POWER, _fine_focus(tuple(range(3, 53, 7)))),
     Family("depth span", "-log2 of span / distance", _depth_spans),
     Family("flat depth", "", _flat),
@@ -542,19 +546,19 @@ _SEPARABLE_FAMILIES = [
     Family("shifted array", "shift to the right, mm", _shifted),
     Family("random displays", "", _random),
 ]
-MOUNTED_FAMILIES = [
-    Family("turned array", "degrees", _mounted(_TURNS, rotation_deg=1)),
-    Family("tilted panel", "degrees", _mounted(_TILTS, tilt_x_deg=1, tilt_y_deg=-0.5)),
+NONSEPARABLE_FAMILIES = [
+    Family("turned array", "degrees", _turned(_TURNS, rotation_deg=1)),
+    Family("tilted panel", "degrees", _turned(_TILTS, tilt_x_deg=1, tilt_y_deg=-0.5)),
     Family("hexagonal array", "", _hexagonal),
     *(
-        Family(f"{name}, distance", "nearest surface, mm", _distances(**MOUNTINGS[mounting]))
-        for name, mounting in (
+        Family(f"{name}, distance", "nearest surface, mm", _distances(**MOUNTINGS[misalignment]))
+        for name, misalignment in (
             ("turned array", "turned"),
             ("hexagonal array", "hexagonal"),
-            ("array off in every way", "all at once"),
+            ("misaligned hexagonal array", "all at once"),
         )
     ),
-    Family("mounted arrays, shapes", "", _mounted_shapes),
+    Family("non-separable displays, shapes", "", _nonseparable_shapes),
     Family("turned array, g to f", _BY_POWER, _focus(_EVERY_SIXTH, rotation_deg=4.0)),
     Family(
         "turned array, g to f, fine picture", _BY_POWER, _fine_focus((3, 24, 45), rotation_deg=4.0)
@@ -565,7 +569,7 @@ MOUNTED_FAMILIES = [
         "factor",
         _lengths(_FEWER_POWERS, rotation_deg=4.0, tilt_x_deg=1.0),
     ),
-    Family("impossible mounting", "", _impossible),
-    Family("random mounted displays", "", _random_mounted),
+    Family("invalid misalignment", "", _invalid_misalignments),
+    Family("random non-separable displays", "", _random_nonseparable),
 ]
-FAMILIES = [*_SEPARABLE_FAMILIES, *MOUNTED_FAMILIES]
+FAMILIES = [*_SEPARABLE_FAMILIES, *NONSEPARABLE_FAMILIES]

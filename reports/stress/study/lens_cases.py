@@ -1,9 +1,9 @@
-"""Cases for the lens models: rays and lenses where optics, and arithmetic, come to their ends."""
+"""Cases of the lens models, up to the limits of the optics and of the arithmetic."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -19,7 +19,7 @@ _LENSES = 9
 
 @dataclass(frozen=True)
 class LensFamily:
-    """Cases along one parameter; `models` are those it concerns."""
+    """Cases along one parameter, with the names of the lens models to which it applies."""
 
     name: str
     parameter: str
@@ -31,7 +31,7 @@ _ALL = ("pinhole", "thin", "thick")
 
 
 def display_of(**changes: object) -> Display:
-    """Nine by nine lenses like those of the nominal display."""
+    """Display with nine by nine lenses like those of the nominal display."""
     values: dict[str, object] = {
         "pitch_mm": 1.0,
         "focal_length_mm": 3.0,
@@ -44,19 +44,16 @@ def display_of(**changes: object) -> Display:
 
 
 def rays_over(display: Display, count: int, slope: float = 0.15, seed: int = 0) -> LensRays:
-    """Random rays over the inner lenses: what float32 holds exactly, so that only errors of the
-    computation are seen; of sideways travel `slope` in random directions.
+    """Random rays over the inner lenses, with sideways travel `slope` in random directions.
+
+    Their numbers are exact in float32. All errors are therefore errors of the computation.
     """
     rng = np.random.default_rng(seed)
-    inner = (_lenses_inside(display.lens_columns), _lenses_inside(display.lens_rows))
+    inner = (max(display.lens_columns - 4, 1), max(display.lens_rows - 4, 1))
     x, y = ((rng.random(count) - 0.5) * n * display.pitch_mm for n in inner)
     turn = rng.uniform(0, 2 * math.pi, count)
     sx, sy = slope * np.cos(turn), slope * np.sin(turn)
     return _float32(x, y, sx, sy)
-
-
-def _lenses_inside(lenses: int) -> float:
-    return max(lenses - 4, 1)
 
 
 def _float32(*values: Any) -> LensRays:
@@ -78,7 +75,7 @@ def _slopes(count: int) -> list[Case]:
 
 
 def _eyes(count: int) -> list[Case]:
-    """Rays from one eye above the middle, near and far."""
+    """Rays from an eye above the middle, at different distances."""
 
     def make(distance: float) -> tuple[Display, LensRays]:
         display = display_of()
@@ -100,7 +97,7 @@ def _lengths(count: int) -> list[Case]:
 
 
 def _widths(count: int) -> list[Case]:
-    """Wider and wider arrays: coordinates grow, and what is left of a float for the panel pixel."""
+    """Increasingly wide arrays: large coordinates leave fewer digits for the panel pixel."""
 
     def make(lenses: float) -> tuple[Display, LensRays]:
         display = display_of(lens_columns=int(lenses), lens_rows=_LENSES)
@@ -127,7 +124,7 @@ def _focus(count: int) -> list[Case]:
 
 
 def _focal_lengths(count: int) -> list[Case]:
-    """From lenses as steep as can be ground to flat ones."""
+    """Lenses from the steepest possible curvature to flat ones."""
 
     def make(ratio: float) -> tuple[Display, LensRays]:
         display = display_of(focal_length_mm=ratio, gap_mm=1.1 * ratio)
@@ -142,15 +139,14 @@ def _indices(count: int) -> list[Case]:
         display = display_of(refractive_index=index)
         return display, rays_over(display, count)
 
-    may = (1.0, 1 + 2.0**-52, 1 + 1e-6, 1.01, 1.1)
-    return [
-        case_at(f"n = {n:.10g}", make, n, refused=True if n == 1 else None if n in may else False)
-        for n in (*may, 1.3, 1.4917, 1.9, 4.0)
-    ]
+    indices: list[tuple[float, bool | None]] = [(1.0, True)]
+    indices += [(n, None) for n in (1 + 2.0**-52, 1 + 1e-6, 1.01, 1.1)]
+    indices += [(n, False) for n in (1.3, 1.4917, 1.9, 4.0)]
+    return [case_at(f"n = {n:.10g}", make, n, refused) for n, refused in indices]
 
 
 def _total_reflection(count: int) -> list[Case]:
-    """Flat side first, no ray of parallel light beyond R / n from the axis gets out."""
+    """Flat side towards the viewer: parallel light beyond R / n from the axis is reflected."""
 
     def make(offset: float) -> tuple[Display, LensRays]:
         radius = 3.0 * 0.4917
@@ -161,8 +157,8 @@ def _total_reflection(count: int) -> list[Case]:
         for _ in range(abs(int(offset))):
             height = np.nextafter(height, np.float32(math.copysign(9.0, offset)))
         turn = np.linspace(0, 2 * math.pi, 4, endpoint=False)
-        around = [np.round(np.cos(turn)) * height, np.round(np.sin(turn)) * height]
-        return display, _float32(*around, np.zeros(4), np.zeros(4))
+        x, y = np.round(np.cos(turn)) * height, np.round(np.sin(turn)) * height
+        return display, _float32(x, y, np.zeros(4), np.zeros(4))
 
     def spread(low: float, high: float) -> tuple[Display, LensRays]:
         display = make(0)[0]
@@ -170,13 +166,16 @@ def _total_reflection(count: int) -> list[Case]:
         h = np.random.default_rng(1).uniform(low, high, count) * radius / 1.4917
         return display, _float32(h, 0 * h, 0 * h, 0 * h)
 
-    found = [case_at(f"R / n {o:+d} ulp", make, float(o)) for o in (-1000, -10, -1, 0, 1, 10, 1000)]
-    found.append(Case("0.9 to 1 R / n", lambda: spread(0.9, 1.0)))
-    return [*found, Case("1 to 1.04 R / n", lambda: spread(1.0, 1.04))]
+    ulps = (-1000, -10, -1, 0, 1, 10, 1000)
+    return [
+        *(case_at(f"R / n {ulp:+d} ulp", make, float(ulp)) for ulp in ulps),
+        Case("0.9 to 1 R / n", lambda: spread(0.9, 1.0)),
+        Case("1 to 1.04 R / n", lambda: spread(1.0, 1.04)),
+    ]
 
 
-def _places(count: int) -> list[Case]:
-    """Where decisions are: under lens centres, on borders between lenses and beside them."""
+def _positions(count: int) -> list[Case]:
+    """Rays at lens centres, at borders between lenses, and one ulp next to them."""
     del count
 
     def make(kind: str, slope: float) -> tuple[Display, LensRays]:
@@ -203,7 +202,7 @@ def _shifts(count: int) -> list[Case]:
 
     pixel = 1 / 17
     shifts = {
-        "nothing": 0.0,
+        "no shift": 0.0,
         "half a pixel": pixel / 2,
         "a pixel": pixel,
         "half a pitch": 0.5,
@@ -213,19 +212,19 @@ def _shifts(count: int) -> list[Case]:
     return [case_at(name, make, value) for name, value in shifts.items()]
 
 
-def _mountings(count: int) -> list[Case]:
+def _misalignments(count: int) -> list[Case]:
     def make(**changes: object) -> tuple[Display, LensRays]:
         display = display_of(**changes)
         return display, rays_over(display, count, seed=4)
 
-    said: dict[str, dict[str, object]] = {
+    misalignments: dict[str, dict[str, object]] = {
         "turned by 1e-6 degrees": {"rotation_deg": 1e-6},
         "turned by 1 degree": {"rotation_deg": 1.0},
         "turned by 45 degrees": {"rotation_deg": 45.0},
         "tilted by 2 degrees": {"tilt_x_deg": 2.0, "tilt_y_deg": -1.0},
         "all at once": {"rotation_deg": 3.0, "tilt_x_deg": 1.0, "shift_y_mm": 0.31},
     }
-    return [Case(name, partial(make, **c)) for name, c in said.items()]
+    return [Case(name, partial(make, **changes)) for name, changes in misalignments.items()]
 
 
 def _faces(count: int) -> list[Case]:
@@ -233,7 +232,7 @@ def _faces(count: int) -> list[Case]:
         display = display_of(curved_side=side, **changes)
         return display, rays_over(display, count, seed=5)
 
-    said = {
+    faces = {
         "sphere": {},
         "conic -1 (paraboloid)": {"conic": -1.0},
         "conic -1 + 1e-9": {"conic": -1.0 + 1e-9},
@@ -244,8 +243,8 @@ def _faces(count: int) -> list[Case]:
         "conic, a4, a6": {"conic": -0.6, "asphere_a4": 0.004, "asphere_a6": -0.002},
     }
     return [
-        Case(f"{name}, bulge to the {side}", partial(make, side, **c))
-        for name, c in said.items()
+        Case(f"{name}, bulge to the {side}", partial(make, side, **changes))
+        for name, changes in faces.items()
         for side in ("viewer", "panel")
     ]
 
@@ -259,16 +258,8 @@ LENS_FAMILIES = [
     LensFamily("focal length", "f / P", ("thin", "thick"), _focal_lengths),
     LensFamily("index", "n", ("thin", "thick"), _indices),
     LensFamily("total reflection", "ulps from R / n", ("thick",), _total_reflection),
-    LensFamily("places", "", _ALL, _places),
+    LensFamily("positions", "", _ALL, _positions),
     LensFamily("shifted array", "shift to the right, mm", _ALL, _shifts),
-    LensFamily("mounting", "", _ALL, _mountings),
+    LensFamily("misalignment", "", _ALL, _misalignments),
     LensFamily("faces", "", ("thick",), _faces),
 ]
-
-
-def cases_of(family: LensFamily, count: int, thin: int) -> Iterator[Case]:
-    """A family's cases of so many rays, thinned out; the first and the last are kept."""
-    cases = family.cases(count)
-    for i, case in enumerate(cases):
-        if i % thin == 0 or i == len(cases) - 1:
-            yield case

@@ -1,4 +1,4 @@
-"""Every lens model on every case, against its oracle."""
+"""Comparison of every lens model with its oracle."""
 
 from __future__ import annotations
 
@@ -11,57 +11,57 @@ from inim.display import Display
 from inim.errors import InimError
 from inim.inspect.accuracy_limits import accuracy_warnings
 from inim.lens import trace_to_panel
-from reports.stress.study.cases import Case
-from reports.stress.study.lens_cases import LENS_FAMILIES, LensFamily, cases_of
+from reports.stress.study.cases import Case, every
+from reports.stress.study.lens_cases import LENS_FAMILIES, LensFamily
 from reports.stress.study.lens_oracle import Landing, LensRays, land
 
-# Roundings a landing point may collect: each in an ulp of the largest coordinate on the way, or in
-# an eps of the numbers of its ray, which grazing rays amplify.
+# Largest rounding error of a landing point, in ulps of the largest coordinate on the ray's path and
+# in eps of the ray's numbers, which grazing rays amplify.
 _BAND_ULPS = 32.0
 _TYPES: tuple[Any, ...] = (np.float64, np.float32)
 
 
-def run_lens_cases(count: int, thin: int, listener: Any) -> list[dict[str, Any]]:
-    """A row for every lens model in both types on every case.
+def run_lens_cases(count: int, stride: int, listener: Any) -> list[dict[str, Any]]:
+    """Results of every lens model in both types for every case.
 
     Parameters
     ----------
     count : int
         Rays of a case.
-    thin : int
-        Every so manieth case of a family.
+    stride : int
+        Step from one used case of a family to the next.
     listener : Observer
     """
     rows: list[dict[str, Any]] = []
     for family in LENS_FAMILIES:
         listener.stage(f"lens models: {family.name}")
-        for case in cases_of(family, count, thin):
+        for case in every(stride, family.cases(count)):
             rows += run_lens_case(family, case)
     return rows
 
 
 def run_lens_case(family: LensFamily, case: Case) -> list[dict[str, Any]]:
-    """Make one case and trace it by all its models."""
+    """Results of all lens models of a family for one case."""
     common = {"family": family.name, "case": case.label, "value": case.value}
     try:
         display, rays = case.make()
     except InimError as error:
         return [
             common
-            | {"model": "all", "dtype": "", "outcome": "refused", "message": _said(error)}
+            | {"model": "all", "dtype": "", "outcome": "refused", "message": _message(error)}
             | {"passed": case.refused is not False}
         ]
     rows = []
     for model in family.models:
         truths = _truths(display, model, rays)
         for dtype in _TYPES:
-            named = {"model": model, "dtype": np.dtype(dtype).name}
-            truth = truths[named["dtype"]]
-            rows.append(common | named | _run(case, display, model, rays, truth, dtype))
+            names = {"model": model, "dtype": np.dtype(dtype).name}
+            truth = truths[names["dtype"]]
+            rows.append(common | names | _run(case, display, model, rays, truth, dtype))
     return rows
 
 
-def _said(error: Exception) -> str:
+def _message(error: Exception) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())[:300]
 
 
@@ -72,9 +72,9 @@ def _run(
         traced = trace_to_panel(display, model, rays.x, rays.y, rays.sx, rays.sy, dtype=dtype)
     except InimError as error:
         passed = case.refused is not False
-        return {"outcome": "refused", "message": _said(error), "passed": passed}
+        return {"outcome": "refused", "message": _message(error), "passed": passed}
     except Exception as error:
-        return {"outcome": "crashed", "message": _said(error), "passed": False}
+        return {"outcome": "crashed", "message": _message(error), "passed": False}
     if case.refused:
         return {"outcome": "accepted", "message": "should have been refused", "passed": False}
     row = _compare(display, rays, traced, truth, dtype)
@@ -93,101 +93,109 @@ def _run(
 
 @dataclass(frozen=True)
 class _Truth:
-    """The oracle's landings, and by how much they move (mm) with an eps of their rays' numbers.
+    """The oracle's landing points and their sensitivity to the ray's numbers.
 
-    Where the move is not finite, the ray is as near as that to getting lost.
+    Attributes
+    ----------
+    landing : Landing
+    sensitivity : (n,) array
+        Change of each landing point for an eps of the ray's numbers, mm. It is not finite if this
+        change loses the ray.
     """
 
     landing: Landing
-    moves: np.ndarray
+    sensitivity: np.ndarray
 
 
 def _truths(display: Display, model: str, rays: LensRays) -> dict[str, _Truth]:
-    """The truth for each type, by its name; all from one call of the oracle."""
+    """Truth for each type, by its name, from one call of the oracle."""
     names = ("x", "y", "sx", "sy")
-    given = [np.asarray(getattr(rays, name), np.longdouble) for name in names]
-    pushed = [given]
+    numbers = [np.asarray(getattr(rays, name), np.longdouble) for name in names]
+    variations = [numbers]
     for dtype in _TYPES:
         eps = np.longdouble(np.finfo(dtype).eps)
-        pushed += [[v * (1 + eps) if i == k else v for i, v in enumerate(given)] for k in range(4)]
-    together = land(display, model, LensRays(*map(np.concatenate, zip(*pushed, strict=True))))
-    count = len(given[0])
-    whole = {f.name: getattr(together, f.name).reshape(-1, count) for f in fields(Landing)}
-    landing = Landing(**{name: value[0] for name, value in whole.items()})
-    found = {}
-    for place, dtype in enumerate(_TYPES):
-        mine = slice(1 + 4 * place, 5 + 4 * place)
+        variations += [
+            [v * (1 + eps) if i == k else v for i, v in enumerate(numbers)] for k in range(4)
+        ]
+    landings = land(display, model, LensRays(*map(np.concatenate, zip(*variations, strict=True))))
+    count = len(numbers[0])
+    values = {f.name: getattr(landings, f.name).reshape(-1, count) for f in fields(Landing)}
+    landing = Landing(**{name: value[0] for name, value in values.items()})
+    truths = {}
+    for index, dtype in enumerate(_TYPES):
+        varied = slice(1 + 4 * index, 5 + 4 * index)
         with np.errstate(invalid="ignore"):
-            off = np.hypot(whole["x"][mine] - landing.x, whole["y"][mine] - landing.y)
-        found[np.dtype(dtype).name] = _Truth(landing, off.sum(axis=0))
-    return found
+            change = np.hypot(values["x"][varied] - landing.x, values["y"][varied] - landing.y)
+        truths[np.dtype(dtype).name] = _Truth(landing, change.sum(axis=0))
+    return truths
 
 
 def _compare(
     display: Display,
     rays: LensRays,
     traced: tuple[np.ndarray, np.ndarray, np.ndarray],
-    known: _Truth,
+    expected: _Truth,
     dtype: type,
 ) -> dict[str, Any]:
-    """Traced landing points against the oracle's.
+    """Compare traced landing points with the oracle.
 
-    A ray is lit in both, dark in both, or changed; lit ones are changed too where they land on
-    another panel pixel. Uncertain are those near a border between lenses, panel pixels or passing
-    and total reflection.
+    A ray is changed if it is lit in only one of the two, or if it lands on another panel pixel. A
+    ray is uncertain near a border between lenses or panel pixels and near total reflection.
     """
     x, y, weight = (np.asarray(a, np.longdouble) for a in traced)
-    truth = known.landing
+    truth = expected.landing
     eps = float(np.finfo(dtype).eps)
     with np.errstate(invalid="ignore", over="ignore"):
-        both = (weight > 0) & (truth.weight > 0)
-        off = np.where(both, np.hypot(x - truth.x, y - truth.y), 0)
+        lit = (weight > 0) & (truth.weight > 0)
+        error = np.where(lit, np.hypot(x - truth.x, y - truth.y), 0)
         scale = _largest(display, rays, truth)
         ulp = eps * scale
         pixel = display.pixel_pitch_mm
-        landed = np.stack([_pixel_of(x, pixel), _pixel_of(y, pixel)])
-        expected = np.stack([_pixel_of(truth.x, pixel), _pixel_of(truth.y, pixel)])
-        other = both & (landed != expected).any(axis=0)
-        relit = (weight > 0) != (truth.weight > 0)
-        lost = both & ~np.isfinite(known.moves)
-        band = _BAND_ULPS * (ulp + np.where(lost, 0, known.moves))
-        near_edge = np.minimum(_clear(truth.x, pixel), _clear(truth.y, pixel)) <= band
-        lens = truth.edge * display.pitch_mm <= band
-        reflecting = (truth.reflection <= _BAND_ULPS * eps) | lost
-        uncertain = lens | reflecting | (both & near_edge)
-        far_off = both & (off > band) & ~lens & ~reflecting
-        broken = both & ~np.isfinite(off)
-    sure = both & ~lens & ~reflecting & ~broken
-    errors = np.asarray((off / ulp)[sure], float)
+        pixels = np.stack([_pixel_of(x, pixel), _pixel_of(y, pixel)])
+        true_pixels = np.stack([_pixel_of(truth.x, pixel), _pixel_of(truth.y, pixel)])
+        on_other_pixel = lit & (pixels != true_pixels).any(axis=0)
+        changed = on_other_pixel | ((weight > 0) != (truth.weight > 0))
+        lost = lit & ~np.isfinite(expected.sensitivity)
+        band = _BAND_ULPS * (ulp + np.where(lost, 0, expected.sensitivity))
+        near_pixel_edge = (
+            np.minimum(_edge_distance(truth.x, pixel), _edge_distance(truth.y, pixel)) <= band
+        )
+        near_lens_edge = truth.edge * display.pitch_mm <= band
+        near_reflection = (truth.reflection <= _BAND_ULPS * eps) | lost
+        uncertain = near_lens_edge | near_reflection | (lit & near_pixel_edge)
+        too_far = lit & (error > band) & ~near_lens_edge & ~near_reflection
+        broken = lit & ~np.isfinite(error)
+    certain = lit & ~near_lens_edge & ~near_reflection & ~broken
+    errors = np.asarray((error / ulp)[certain], float)
     return {
         "rays": len(x),
-        "lit": int(both.sum()),
-        "changed": int((other | relit).sum()),
+        "lit": int(lit.sum()),
+        "changed": int(changed.sum()),
         "uncertain": int(uncertain.sum()),
-        "outside": int((far_off | broken | ((other | relit) & ~uncertain)).sum()),
+        "outside": int((too_far | broken | (changed & ~uncertain)).sum()),
         "worst_ulp": float(errors.max(initial=0.0)),
         "mean_ulp": float(errors.mean()) if len(errors) else 0.0,
-        "worst_pixels": float((off / pixel)[sure].max(initial=0.0)),
-        "worst_weight": float(np.abs(weight - truth.weight)[sure].max(initial=0.0)),
+        "worst_pixels": float((error / pixel)[certain].max(initial=0.0)),
+        "worst_weight": float(np.abs(weight - truth.weight)[certain].max(initial=0.0)),
     }
 
 
 def _largest(display: Display, rays: LensRays, truth: Landing) -> np.ndarray:
-    """The largest coordinate on each ray's way: its error cannot be less than an ulp of that."""
+    """Largest coordinate on each ray's path; its ulp is the smallest possible error."""
     sideways = np.hypot(rays.sx.astype(float), rays.sy.astype(float)) * display.gap_mm
     start = np.hypot(rays.x.astype(float), rays.y.astype(float))
     end = np.nan_to_num(np.hypot(truth.x, truth.y).astype(float))
-    found: np.ndarray = np.maximum.reduce([start, end, sideways, start * 0 + display.pitch_mm])
-    return found
+    largest: np.ndarray = np.maximum.reduce([start, end, sideways, start * 0 + display.pitch_mm])
+    return largest
 
 
-def _pixel_of(place: np.ndarray, pixel_mm: float) -> np.ndarray:
-    pixel: np.ndarray = np.floor(place / np.longdouble(pixel_mm))
+def _pixel_of(coordinate: np.ndarray, pixel_mm: float) -> np.ndarray:
+    pixel: np.ndarray = np.floor(coordinate / np.longdouble(pixel_mm))
     return pixel
 
 
-def _clear(place: np.ndarray, pixel_mm: float) -> np.ndarray:
-    """Distance from the nearest border between panel pixels, mm."""
-    at = place / np.longdouble(pixel_mm)
-    found: np.ndarray = np.abs(at - np.rint(at)) * pixel_mm
-    return found
+def _edge_distance(coordinate: np.ndarray, pixel_mm: float) -> np.ndarray:
+    """Distance to the nearest border between panel pixels, mm."""
+    pixels = coordinate / np.longdouble(pixel_mm)
+    distance: np.ndarray = np.abs(pixels - np.rint(pixels)) * pixel_mm
+    return distance

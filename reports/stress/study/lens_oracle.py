@@ -1,9 +1,10 @@
-"""The oracle of the lens models: the same optics by other methods, in the widest float there is.
+"""Oracle of the lens models: the same optics by other methods, in `numpy.longdouble`.
 
-Written from `inim.lens` and `inim.display`'s docstrings. The curved face is met by Newton's method
-on its sag, whatever its shape, where the lens models solve a quadratic; Snell's law is applied to
-the tangential part of the ray, where they use the vector form. `numpy.longdouble` has 64 bits on
-x86 processors and is no wider than float64 on some others; the run says which.
+It is written from the docstrings of `inim.lens` and `inim.display`. It intersects the curved face
+by Newton's method on the sag, for any shape; the lens models solve a quadratic equation. It applies
+Snell's law to the tangential part of the ray; the lens models use the vector form.
+`numpy.longdouble` has a mantissa of 64 bits on x86 processors and may be as narrow as float64 on
+others. The report lists its width.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from inim.display import Display
 
 WIDE = np.longdouble
 _NEWTON_STEPS = 16
-# Places looked at on the way from one bulge to the next.
-_LOOKS = 16
+# Points on the path from one bulge to the next that are tested for a second hit.
+_PATH_POINTS = 16
 
 
 @dataclass(frozen=True)
@@ -33,16 +34,16 @@ class LensRays:
 
 @dataclass(frozen=True)
 class Landing:
-    """Where rays meet the panel (mm), the light they carry, and what decided on the way.
+    """Landing points of rays on the panel (mm), their light, and distances to decisions.
 
     Attributes
     ----------
     x, y, weight : (n,) longdouble
-        NaN and 0 where the light does not get through.
+        NaN and 0 if no light passes.
     edge : (n,) longdouble
-        Least distance, in pitches, from a border between lenses to where the lens was chosen.
+        Smallest distance of the entry point from a border between lenses, in pitches.
     reflection : (n,) longdouble
-        Least distance of sin^2 of the refracted angle from 1, where total reflection begins.
+        Smallest distance of sin^2 of the refracted angle from 1, the start of total reflection.
     """
 
     x: np.ndarray
@@ -53,7 +54,7 @@ class Landing:
 
 
 def land(display: Display, model: str, rays: LensRays) -> Landing:
-    """Trace rays through a display of full square apertures by a model."""
+    """Trace rays through a display with full square apertures."""
     x, y, sx, sy = (np.asarray(a, WIDE) for a in (rays.x, rays.y, rays.sx, rays.sy))
     turn = np.radians(WIDE(display.rotation_deg))
     c, s = np.cos(turn), np.sin(turn)
@@ -64,10 +65,10 @@ def land(display: Display, model: str, rays: LensRays) -> Landing:
         px, py = c * px - s * py, c * py + s * px
         qx, qy = c * qx - s * qy, c * qy + s * qx
         px, py = px + WIDE(display.shift_x_mm), py + WIDE(display.shift_y_mm)
-        # The tilted panel: g + tx x + ty y behind the array instead of g.
+        # The tilted panel is g + tx x + ty y behind the array.
         tx, ty = (np.tan(np.radians(WIDE(a))) for a in (display.tilt_x_deg, display.tilt_y_deg))
-        more = (tx * px + ty * py) / (1 - tx * qx - ty * qy)
-        px, py = px + more * qx, py + more * qy
+        extra = (tx * px + ty * py) / (1 - tx * qx - ty * qy)
+        px, py = px + extra * qx, py + extra * qy
     dark = ~(weight > 0)
     nan = WIDE(np.nan)
     return Landing(
@@ -80,20 +81,20 @@ def land(display: Display, model: str, rays: LensRays) -> Landing:
 
 
 def _lens_over(display: Display, x: Any, y: Any) -> tuple[Any, Any, Any, Any]:
-    """Centre of the lens whose cell holds a point, whether there is one, and how clear it was."""
-    found, clear = [], []
+    """Centre of the lens whose cell contains a point, existence of the lens, edge distance."""
+    centre, distance = [], []
     inside = np.ones(np.shape(x), bool)
-    for place, count in ((x, display.lens_columns), (y, display.lens_rows)):
-        cell = place / WIDE(display.pitch_mm) + WIDE(count) / 2
+    for coordinate, count in ((x, display.lens_columns), (y, display.lens_rows)):
+        cell = coordinate / WIDE(display.pitch_mm) + WIDE(count) / 2
         index = np.floor(cell)
         inside &= (index >= 0) & (index < count)
-        found.append((index + WIDE(0.5) - WIDE(count) / 2) * WIDE(display.pitch_mm))
-        clear.append(np.abs(cell - np.rint(cell)))
-    return found[0], found[1], inside, np.minimum(*clear)
+        centre.append((index + WIDE(0.5) - WIDE(count) / 2) * WIDE(display.pitch_mm))
+        distance.append(np.abs(cell - np.rint(cell)))
+    return centre[0], centre[1], inside, np.minimum(*distance)
 
 
 def _pinhole(display: Display, x: Any, y: Any, sx: Any, sy: Any) -> tuple[Any, ...]:
-    """Through the centre of the lens, straight on."""
+    """Straight ray through the lens centre."""
     cx, cy, inside, edge = _lens_over(display, x, y)
     g = WIDE(display.gap_mm)
     far = np.full(np.shape(x), WIDE(1))
@@ -101,7 +102,7 @@ def _pinhole(display: Display, x: Any, y: Any, sx: Any, sy: Any) -> tuple[Any, .
 
 
 def _thin(display: Display, x: Any, y: Any, sx: Any, sy: Any) -> tuple[Any, ...]:
-    """A parallel bundle meets in one point of the focal plane; from there along the line."""
+    """Line from the crossing point to the focus of the parallel bundle in the focal plane."""
     cx, cy, inside, edge = _lens_over(display, x, y)
     f, g = WIDE(display.focal_length_mm), WIDE(display.gap_mm)
     focus_x, focus_y = cx + f * sx, cy + f * sy
@@ -111,7 +112,7 @@ def _thin(display: Display, x: Any, y: Any, sx: Any, sy: Any) -> tuple[Any, ...]
 
 
 def _thick(display: Display, x: Any, y: Any, sx: Any, sy: Any) -> tuple[Any, ...]:
-    """Plano-convex, both faces by Snell's law, losses by Fresnel's equations."""
+    """Plano-convex lens: Snell's law at both faces, losses by Fresnel's equations."""
     n = WIDE(display.refractive_index)
     t = WIDE(display.pitch_mm if display.lens_thickness_mm is None else display.lens_thickness_mm)
     length = np.sqrt(sx * sx + sy * sy + 1)
@@ -131,8 +132,8 @@ def _thick(display: Display, x: Any, y: Any, sx: Any, sy: Any) -> tuple[Any, ...
         p = _to_plane(p, d, vertex)
         p, normal, inside, edge = _meet(display, p[0], p[1], d, towards_viewer=False)
         d, second, away2 = _refract(d, normal, n, WIDE(1))
-        struck, clear = _strikes(display, p, d)
-        inside, edge = inside & ~struck & (d[2] < 0), np.fmin(edge, clear)
+        is_hit, distance = _hits_other_bulge(display, p, d)
+        inside, edge = inside & ~is_hit & (d[2] < 0), np.fmin(edge, distance)
         p = _to_plane(p, d, -WIDE(display.gap_mm))
     weight = np.where(inside, np.nan_to_num(first * second), 0)
     return p[0], p[1], -d[0] / d[2], -d[1] / d[2], weight, edge, np.fmin(away, away2)
@@ -145,10 +146,10 @@ def _to_plane(p: Any, d: Any, z: Any) -> Any:
 def _meet(
     display: Display, x: Any, y: Any, d: Any, *, towards_viewer: bool
 ) -> tuple[Any, Any, Any, Any]:
-    """Where a ray through (x, y) of the vertex plane meets the relief, z from that plane.
+    """Point where a ray through (x, y) of the vertex plane meets the relief, z from that plane.
 
-    The bulges are one solid of overlapping caps. Of the lens it crosses the plane over and the
-    eight around, a ray that goes in meets the highest cap, one that goes out leaves the lowest.
+    The bulges are one solid of overlapping caps. The candidates are the cap of the lens at (x, y)
+    and its eight neighbours. An entering ray meets the highest cap, a leaving ray the lowest.
     """
     pitch = WIDE(display.pitch_mm)
     cx, cy, _, _ = _lens_over(display, x, y)
@@ -164,39 +165,39 @@ def _meet(
             second = np.where(ahead, best, np.fmax(second, height))
             best, slope = np.where(ahead, height, best), np.where(ahead, s, slope)
             point, middle = np.where(ahead, p, point), np.where(ahead, lens, middle)
-    # Which cap is met first decides as a border between cells does.
+    # The order of two caps is a decision, as a border between cells is.
     _, _, inside, edge = _lens_over(display, point[0], point[1])
     edge = np.fmin(edge, np.nan_to_num((best - second) / pitch, nan=1.0))
-    # The face is z = -side sag(q), q = r^2; its normal, turned against the ray.
+    # The face is z = -side sag(q), q = r^2. The normal points against the ray.
     tilt = 2 * side * slope * (point[:2] - middle)
     normal = np.concatenate([tilt, np.ones_like(tilt[:1])])
     normal /= np.sqrt((normal**2).sum(axis=0))
     return point, normal, inside & np.isfinite(point[0]), edge
 
 
-def _strikes(display: Display, p: Any, d: Any) -> tuple[Any, Any]:
-    """Whether a ray that has left a bulge is inside another before the vertex plane; how clearly.
+def _hits_other_bulge(display: Display, p: Any, d: Any) -> tuple[Any, Any]:
+    """Rays that enter another bulge before the vertex plane, and the distance to this decision.
 
-    Followed in small steps: `p` is seen from the vertex plane.
+    Tests points on the path from `p`, whose z is relative to the vertex plane.
     """
     cx, cy, _, _ = _lens_over(display, p[0], p[1])
-    most = np.full_like(p[0], -np.inf)
+    deepest = np.full_like(p[0], -np.inf)
     pitch = WIDE(display.pitch_mm)
-    for share in np.linspace(0, 1, _LOOKS + 1, dtype=WIDE)[1:]:
+    for share in np.linspace(0, 1, _PATH_POINTS + 1, dtype=WIDE)[1:]:
         z = p[2] * (1 - share)
         x, y = p[0] + d[0] / d[2] * (z - p[2]), p[1] + d[1] / d[2] * (z - p[2])
         for right in (-1, 0, 1):
             for up in (-1, 0, 1):
                 if right or up:
                     q = (x - cx - right * pitch) ** 2 + (y - cy - up * pitch) ** 2
-                    most = np.fmax(most, z - _sag(display, q)[0])
-    return most > 0, np.abs(most) / pitch
+                    deepest = np.fmax(deepest, z - _sag(display, q)[0])
+    return deepest > 0, np.abs(deepest) / pitch
 
 
 def _newton(
     display: Display, x: Any, y: Any, cx: Any, cy: Any, d: Any, towards_viewer: bool
 ) -> tuple[Any, Any]:
-    """Newton's method for the height at which a ray meets the face; the point and d sag / d q."""
+    """Point where a ray meets the face, by Newton's method, and d sag / d q there."""
     side = WIDE(1 if towards_viewer else -1)
     ux, uy = d[0] / d[2], d[1] / d[2]
     z = np.zeros_like(x)
@@ -206,7 +207,7 @@ def _newton(
         z = z - (z + side * sag) / (1 + side * slope * 2 * (px * ux + py * uy))
     px, py = x - cx + ux * z, y - cy + uy * z
     sag, slope = _sag(display, px * px + py * py)
-    # Rays that pass the face by never converge.
+    # Rays that miss the face do not converge.
     converged = np.abs(z + side * sag) <= 1e-12 * WIDE(display.pitch_mm)
     z = np.where(converged, z, WIDE(np.nan))
     return np.stack([x + ux * z, y + uy * z, z]), slope
@@ -222,7 +223,7 @@ def _sag(display: Display, q: Any) -> tuple[Any, Any]:
 
 
 def _refract(d: Any, normal: Any, n1: Any, n2: Any) -> tuple[Any, Any, Any]:
-    """Snell: the tangential part grows by n1 / n2; Fresnel: the share that passes, unpolarised."""
+    """Refracted direction, transmitted share of unpolarised light, distance to total reflection."""
     cos1 = -(d * normal).sum(axis=0)
     tangential = (d + cos1 * normal) * (n1 / n2)
     sine2 = (tangential**2).sum(axis=0)

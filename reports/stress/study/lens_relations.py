@@ -1,4 +1,4 @@
-"""Relations of the lens models that hold by themselves: mirror, transpose, shift, scale."""
+"""Relations of the lens models that need no oracle: mirror, transpose, shift, scale."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from inim.lens import trace_to_panel
 from reports.stress.study.lens_cases import display_of, rays_over
 from reports.stress.study.lens_oracle import LensRays
 
-#: As `inim.lens.trace_to_panel`.
+#: Function with the signature of `inim.lens.trace_to_panel`.
 Trace = Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]
-#: What rays gave, and what the relation expects: x, y, weight each.
+#: Traced and expected x, y and weight of rays, and their display.
 Pair = tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...], Display]
 
 _MODELS = ("pinhole", "thin", "thick")
-# Roundings that two ways to one point may differ by, in float64 ulps of the array's width.
-_MOST_ULPS = 64.0
+# Largest difference of two computations of a point, in float64 ulps of the array's width.
+_MAX_ULPS = 64.0
 _RAYS = 500
 
 
 def run_lens_relations(trace: Trace = trace_to_panel) -> list[RelationResult]:
-    """A row for each relation and lens model.
+    """Check each relation for each lens model.
 
     Parameters
     ----------
     trace : callable
-        What to test instead of `inim.lens.trace_to_panel`.
+        The tested function.
     """
     return [
         _row(name, check, bitwise, model, trace)
@@ -42,14 +42,14 @@ def run_lens_relations(trace: Trace = trace_to_panel) -> list[RelationResult]:
 def _row(name: str, check: Any, bitwise: bool, model: str, trace: Trace) -> RelationResult:
     compared = broken = 0
     worst = 0.0
-    for found, expected, display in check(trace, model):
-        most = 0.0 if bitwise else _MOST_ULPS
-        lit = (found[2] > 0) & (expected[2] > 0)
+    for traced, expected, display in check(trace, model):
+        limit = 0.0 if bitwise else _MAX_ULPS
+        lit = (traced[2] > 0) & (expected[2] > 0)
         ulp = np.finfo(np.float64).eps * display.width_mm / 2
-        off = np.max([np.abs(a - b) for a, b in zip(found, expected, strict=True)], axis=0) / ulp
-        compared += len(off)
-        broken += int(((found[2] > 0) != (expected[2] > 0)).sum() + (off[lit] > most).sum())
-        worst = max(worst, float(off[lit].max(initial=0.0)))
+        error = np.max([np.abs(a - b) for a, b in zip(traced, expected, strict=True)], axis=0) / ulp
+        compared += len(error)
+        broken += int(((traced[2] > 0) != (expected[2] > 0)).sum() + (error[lit] > limit).sum())
+        worst = max(worst, float(error[lit].max(initial=0.0)))
     return RelationResult(
         relation=name,
         algorithm=model,
@@ -70,13 +70,13 @@ def _displays() -> Iterator[Display]:
 
 
 def _rays(display: Display, seed: int = 9) -> LensRays:
-    """Off the borders between lenses by more than any rounding."""
+    """Random rays whose distance to borders between lenses exceeds any rounding error."""
     rays = rays_over(display, _RAYS, 0.2, seed)
-    clear = np.ones(_RAYS, bool)
-    for place in (rays.x, rays.y):
-        cell = place.astype(float) / display.pitch_mm + 0.5
-        clear &= np.abs(cell - np.rint(cell)) > 0.02
-    return LensRays(*(getattr(rays, n)[clear].astype(float) for n in ("x", "y", "sx", "sy")))
+    inside_cell = np.ones(_RAYS, bool)
+    for coordinate in (rays.x, rays.y):
+        cell = coordinate.astype(float) / display.pitch_mm + 0.5
+        inside_cell &= np.abs(cell - np.rint(cell)) > 0.02
+    return LensRays(*(getattr(rays, n)[inside_cell].astype(float) for n in ("x", "y", "sx", "sy")))
 
 
 def _mirror(trace: Trace, model: str) -> Iterator[Pair]:
@@ -88,7 +88,7 @@ def _mirror(trace: Trace, model: str) -> Iterator[Pair]:
 
 
 def _transpose(trace: Trace, model: str) -> Iterator[Pair]:
-    """X and y are treated alike."""
+    """Exchanging x and y of a ray exchanges x and y of its landing point."""
     for display in _displays():
         r = _rays(display)
         x, y, w = trace(display, model, r.x, r.y, r.sx, r.sy)
@@ -96,7 +96,7 @@ def _transpose(trace: Trace, model: str) -> Iterator[Pair]:
 
 
 def _pitch(trace: Trace, model: str) -> Iterator[Pair]:
-    """A ray one lens further lands one pitch further."""
+    """Moving a ray by one lens moves its landing point by one pitch."""
     for display in _displays():
         r = _rays(display)
         x, y, w = trace(display, model, r.x, r.y, r.sx, r.sy)
@@ -105,7 +105,7 @@ def _pitch(trace: Trace, model: str) -> Iterator[Pair]:
 
 
 def _shifted(trace: Trace, model: str) -> Iterator[Pair]:
-    """An array moved by whole and half pixels, rays and all, lands them as far moved."""
+    """Moving array and rays by whole and half pixels moves landing points by the same distance."""
     for display in _displays():
         r = _rays(display)
         x, y, w = trace(display, model, r.x, r.y, r.sx, r.sy)
@@ -116,13 +116,13 @@ def _shifted(trace: Trace, model: str) -> Iterator[Pair]:
 
 
 def _scaled(factor: float) -> Callable[[Trace, str], Iterator[Pair]]:
-    """All lengths times a factor: points times that factor."""
+    """Check that scaling all lengths by a factor scales the landing points by this factor."""
     names = ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm")
 
     def check(trace: Trace, model: str) -> Iterator[Pair]:
         for display in _displays():
             if display.asphere_a4:
-                continue  # its terms have units of their own
+                continue  # aspheric coefficients have other units
             r = _rays(display)
             x, y, w = trace(display, model, r.x, r.y, r.sx, r.sy)
             scaled = display.replace(**{n: getattr(display, n) * factor for n in names})
@@ -133,15 +133,15 @@ def _scaled(factor: float) -> Callable[[Trace, str], Iterator[Pair]]:
 
 
 def _pieces(trace: Trace, model: str) -> Iterator[Pair]:
-    """Traced one by one, rays land as they do together."""
+    """Single rays have the same landing points as all rays together."""
     for display in _displays():
         r = _rays(display)
-        whole = trace(display, model, r.x, r.y, r.sx, r.sy)
-        each = [
+        together = trace(display, model, r.x, r.y, r.sx, r.sy)
+        points = [
             trace(display, model, r.x[i], r.y[i], r.sx[i], r.sy[i]) for i in range(0, len(r.x), 7)
         ]
-        one = tuple(np.array([float(p[k]) for p in each]) for k in range(3))
-        yield one, tuple(np.asarray(a)[::7] for a in whole), display
+        separate = tuple(np.array([float(p[k]) for p in points]) for k in range(3))
+        yield separate, tuple(np.asarray(a)[::7] for a in together), display
 
 
 LENS_RELATIONS: dict[str, tuple[Callable[[Trace, str], Iterator[Pair]], bool]] = {

@@ -1,4 +1,4 @@
-"""From rows to ranges: between which values of a parameter everything was safe."""
+"""Safe ranges of parameters and verdicts, from the results of all cases."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ Rows = Sequence[Mapping[str, Any]]
 
 
 def regions_of(generators: Rows, lens_models: Rows, parameters: Mapping[str, str]) -> list[dict]:
-    """The safe range of each family with a parameter, for each generator or lens model.
+    """Safe range of each family with a parameter, for each generator or lens model.
 
     Parameters
     ----------
     generators, lens_models : rows
         See `generators` and `lens_models`.
     parameters : mapping
-        Of family names to what their values are; empty where they have no order.
+        Parameter of each family; empty if its values have no order.
 
     Returns
     -------
     list of dict
-        `low`, `high`: ends of the widest range without an unsafe value between; None: none is
-        safe. `tried`: the ends of all values that ran.
+        `low`, `high`: ends of the widest range without an unsafe value; None if no value is safe.
+        `tried`: ends of all tested values.
     """
-    found = _regions(generators, "generator", "algorithm", parameters)
-    return found + _regions(lens_models, "lens model", "model", parameters)
+    regions = _regions(generators, "generator", "algorithm", parameters)
+    return regions + _regions(lens_models, "lens model", "model", parameters)
 
 
 def _regions(rows: Rows, kind: str, key: str, parameters: Mapping[str, str]) -> list[dict]:
@@ -37,11 +37,11 @@ def _regions(rows: Rows, kind: str, key: str, parameters: Mapping[str, str]) -> 
     for row in rows:
         if row["value"] is not None and row["outcome"] == "ran" and parameters.get(row["family"]):
             groups.setdefault((row["family"], row[key], row["dtype"]), []).append(row)
-    found = []
+    regions = []
     for (family, name, dtype), members in groups.items():
         low, high = _widest_safe(members)
         values = [m["value"] for m in members]
-        found.append(
+        regions.append(
             {
                 "kind": kind,
                 "family": family,
@@ -53,42 +53,47 @@ def _regions(rows: Rows, kind: str, key: str, parameters: Mapping[str, str]) -> 
                 "tried": [min(values), max(values)],
             }
         )
-    return found
+    return regions
 
 
-def _safe(row: Mapping[str, Any]) -> bool:
+def _is_safe(row: Mapping[str, Any]) -> bool:
     return bool(row["safe"]) and row.get("worst_pixels", 0.0) <= LANDING_PIXELS
 
 
-def _widest_safe(rows: Rows) -> tuple[float | None, float | None]:
-    """Ends of the longest run of safe values in order."""
-    verdict: dict[float, bool] = {}
+def _safe_values(rows: Rows) -> dict[float, bool]:
+    """True for each value that is safe in all rows."""
+    is_safe: dict[float, bool] = {}
     for row in rows:
-        verdict[row["value"]] = verdict.get(row["value"], True) and _safe(row)
+        is_safe[row["value"]] = is_safe.get(row["value"], True) and _is_safe(row)
+    return is_safe
+
+
+def _widest_safe(rows: Rows) -> tuple[float | None, float | None]:
+    """Ends of the longest series of adjacent safe values."""
+    is_safe = _safe_values(rows)
     best: list[float] = []
-    now: list[float] = []
-    for value in sorted(verdict):
-        now = [*now, value] if verdict[value] else []
-        best = now if len(now) > len(best) else best
+    current: list[float] = []
+    for value in sorted(is_safe):
+        current = [*current, value] if is_safe[value] else []
+        best = current if len(current) > len(best) else best
     return (best[0], best[-1]) if best else (None, None)
 
 
 def accuracy_limits_of(generators: Rows, lens_models: Rows, pixels_per_lens: int) -> dict[str, Any]:
-    """What `inim.inspect.accuracy_limits` states as constants, as this run measured it.
+    """Measured values for the constants of `inim.inspect.accuracy_limits`.
 
     Returns
     -------
     dict
-        `slope` by lens model, `panel_pixels`, `least_index`: the last safe values;
-        `changed_by_rounding`: the largest share of pixels changed where lengths are too long to be
-        exact; `changed_by_ties`: the same of arrays whose rays are float64, with the warning of
-        corners and without; `exact`: how many rows of exact paths without a warning, and pixels
-        they changed.
+        `slope` by lens model, `panel_pixels`, `least_index`: last safe values.
+        `changed_by_rounding`: largest share of pixels changed by lengths with too many digits.
+        `changed_by_ties`: the same for displays with float64 rays, with and without the warning
+        about corners. `exact`: rows, pixels and changed pixels of exact paths without a warning.
     """
     ran = [r for r in generators if r["outcome"] == "ran"]
     exact = [r for r in ran if r["exact"]]
     unguarded = [r for r in exact if not r["guards"]]
-    misaligned = [r for r in ran if r["form"] == "mounted"]
+    nonseparable = [r for r in ran if r["form"] == "non-separable"]
     optics = [r for r in lens_models if r["outcome"] == "ran"]
     return {
         "slope": {
@@ -97,12 +102,12 @@ def accuracy_limits_of(generators: Rows, lens_models: Rows, pixels_per_lens: int
         },
         "panel_pixels": pixels_per_lens
         * min(_last_safe(optics, "array width", m, math.inf) for m in ("pinhole", "thin", "thick")),
-        # The thick lens cannot be ground so flat, and is refused.
+        # The thick lens is refused: its face cannot be that flat.
         "least_index": _last_safe(optics, "index", "thin", -math.inf),
         "changed_by_rounding": _most_changed(r for r in exact if not r["safe"]),
         "changed_by_ties": {
-            "warned": _most_changed(r for r in misaligned if r["guards"]),
-            "unwarned": _most_changed(r for r in misaligned if not r["guards"]),
+            "warned": _most_changed(r for r in nonseparable if r["guards"]),
+            "unwarned": _most_changed(r for r in nonseparable if not r["guards"]),
         },
         "exact": {
             "rows": len(unguarded),
@@ -113,45 +118,42 @@ def accuracy_limits_of(generators: Rows, lens_models: Rows, pixels_per_lens: int
 
 
 def _most_changed(rows: Iterable[Mapping[str, Any]]) -> float:
-    """The largest share of a case's pixels that show another source."""
+    """Largest share of a case's pixels with another source."""
     return max((r["changed"] / r["pixels"] for r in rows), default=0.0)
 
 
 def _last_safe(rows: Rows, family: str, model: str, towards: float) -> float:
-    """The last value, going up (towards inf) or down, before the first unsafe one."""
-    mine = [r for r in rows if r["family"] == family and r["model"] == model]
-    verdict: dict[float, bool] = {}
-    for row in mine:
-        verdict[row["value"]] = verdict.get(row["value"], True) and _safe(row)
+    """Last value before the first unsafe one, in increasing (towards inf) or decreasing order."""
+    is_safe = _safe_values([r for r in rows if r["family"] == family and r["model"] == model])
     last = math.nan
-    for value in sorted(verdict, reverse=towards < 0):
-        if not verdict[value]:
+    for value in sorted(is_safe, reverse=towards < 0):
+        if not is_safe[value]:
             break
         last = value
     return last
 
 
 def checks_of(generators: Rows, optics: Rows, relations: Sequence[RelationResult]) -> list[Claim]:
-    """The claims of the verdict."""
+    """Check the claims of the verdict."""
     ran = [r for r in generators if r["outcome"] == "ran"]
     exact = [r for r in ran if r["exact"]]
-    alike = _alike_pairs(r for r in exact if r["algorithm"] == "template")
+    equal_types = _equal_pairs(r for r in exact if r["algorithm"] == "template")
     return [
         _check(
-            "exact paths: every pixel as defined, where no warning is given",
+            "exact paths: every pixel agrees with the definition unless there is a warning",
             [r["safe"] for r in exact if not r["guards"]],
         ),
-        _check("exact path: float32 and float64 alike, where no warning is given", alike),
+        _check("exact path: float32 and float64 are equal unless there is a warning", equal_types),
         _check(
-            "generators: changes only where the type's rounding decides, or a warning is given",
+            "generators: only pixels decided by rounding change unless there is a warning",
             [r["safe"] or r["guards"] for r in ran if not r["exact"]],
         ),
         _check(
-            "lens models: landing as defined within rounding, or a warning is given",
+            "lens models: landing points agree within rounding unless there is a warning",
             [r["safe"] or r["guards"] for r in optics if r["outcome"] == "ran"],
         ),
         _check(
-            f"lens models: within {LANDING_PIXELS:g} panel pixels, or a warning is given",
+            f"lens models: errors up to {LANDING_PIXELS:g} panel pixels unless there is a warning",
             [
                 r["worst_pixels"] <= LANDING_PIXELS or r["guards"]
                 for r in optics
@@ -159,23 +161,23 @@ def checks_of(generators: Rows, optics: Rows, relations: Sequence[RelationResult
             ],
         ),
         _check(
-            "nothing crashes or hangs, and what makes no sense is refused",
+            "no case crashes or exceeds the time limit, and invalid cases are refused",
             [r["outcome"] in ("ran", "refused") and r["passed"] for r in (*generators, *optics)],
         ),
         _check(
-            "relations hold, or their violation is explained",
+            "relations hold, or their violation has an explanation",
             [relation.passed for relation in relations],
         ),
     ]
 
 
 def _check(name: str, holds: Sequence[object]) -> Claim:
-    broken = sum(not one for one in holds)
+    broken = sum(not claim_holds for claim_holds in holds)
     return Claim(name=name, cases=len(holds), broken=broken, passed=bool(holds) and not broken)
 
 
-def _alike_pairs(exact: Iterable[Mapping[str, Any]]) -> list[bool]:
-    """Of cases in which both types of the exact path ran unwarned: whether they agree."""
+def _equal_pairs(exact: Iterable[Mapping[str, Any]]) -> list[bool]:
+    """Agreement of float32 and float64 in each case that ran in both without a warning."""
     pairs: dict[tuple[str, str], dict[str, str]] = {}
     for row in exact:
         if not row["guards"]:

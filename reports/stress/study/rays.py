@@ -1,10 +1,9 @@
-"""The rays that oracles judge by: of every panel pixel, from the definition alone.
+"""Rays of panel pixels for the oracles, from the definition.
 
-Where rows and columns of a panel are independent they are fractions, and nothing is rounded; see
-`inim.generators.oracle`. Of arrays that are hexagonal, turned or tilted they are long doubles, by
-brute force: a pixel belongs to the lens whose elemental image has the nearest centre, of a list of
-them all, laid out straight, turned, then moved. The generators' float64 divides by the pitch
-instead and takes the floor.
+Rays of separable displays are fractions without rounding; see `inim.generators.oracle`. Rays of
+hexagonal, turned or tilted arrays are long doubles, computed by brute force: a pixel belongs to
+the lens whose elemental image has the nearest centre. The list of all centres is laid out straight,
+then rotated and shifted. The generators divide by the pitch in float64 instead.
 """
 
 from __future__ import annotations
@@ -19,36 +18,35 @@ from inim.display import Display
 from inim.generators.oracle import CENTRE, AxisRays, Line, PixelOffset, axis_rays, lensed_pixels
 from inim.image.rgbd import RGBD
 
-# Rounding errors a coordinate collects on its way: of start, slope, depth, product and sum.
+# Rounding errors of a coordinate: start, slope, depth, product and sum.
 _ROUNDINGS = 4
-# Those of a float64 coordinate of a mounted array: of sine and cosine, two products, their sums,
-# the gap.
-_MOUNTED_ROUNDINGS = 8
+# Rounding errors of a float64 coordinate of a non-separable display: sine and cosine, two products,
+# their sums, the gap.
+_NONSEPARABLE_ROUNDINGS = 8
 _EPS = float(np.finfo(np.float64).eps)
 _REAL = np.longdouble
-# Rows and columns of lenses laid out around the array: what is nearest to one of them has no lens.
-_BEYOND = 2
+# Additional rows and columns around the array. A pixel nearest to one of these has no lens.
+_MARGIN = 2
 
 
 @dataclass(frozen=True)
 class Rays:
-    """Rays of some panel pixels over a picture.
+    """Rays of panel pixels over a picture.
 
     Attributes
     ----------
     pixels : (n, 2) int
-        Row and column of each.
+        Row and column of each pixel.
     axes : (AxisRays, AxisRays), or None
-        Of all panel rows and all columns, exactly; None: rays share nothing.
+        Exact rays of all panel rows and columns; None for non-separable displays.
     v0, dv, u0, du : (n,) float64
-        Row and column of the picture each pixel's ray is in: ``v0 + dv z``, ``u0 + du z``.
+        The ray at depth z is in row ``v0 + dv z`` and column ``u0 + du z`` of the picture.
     slack_v, slack_u : (n,) float64
-        How far, in cells, float64 may move the ray itself within the depth range; 0 where rays are
-        whole numbers.
+        Largest error of a float64 ray within the depth range, in cells; 0 for exact rays.
     doubtful : (n,) bool
-        Whether rounding decides which lens the pixel belongs to.
+        True if rounding decides which lens the pixel belongs to.
     fine : (n, 4) long double, or None
-        v0, dv, u0, du of rays that share nothing, as exactly as they are known.
+        v0, dv, u0, du of non-separable displays in the highest precision.
     """
 
     pixels: np.ndarray
@@ -64,18 +62,18 @@ class Rays:
 
     @property
     def rows(self) -> AxisRays:
-        """Of all panel rows."""
+        """Rays of all panel rows."""
         assert self.axes is not None
         return self.axes[0]
 
     @property
     def columns(self) -> AxisRays:
-        """Of all panel columns."""
+        """Rays of all panel columns."""
         assert self.axes is not None
         return self.axes[1]
 
     def line(self, index: int) -> Line:
-        """One ray in fractions."""
+        """Ray number `index` in fractions."""
         if self.fine is not None:
             v0, dv, u0, du = (Fraction(*n.as_integer_ratio()) for n in self.fine[index])
             return v0, dv, u0, du
@@ -83,73 +81,73 @@ class Rays:
         rows, columns = self.rows, self.columns
         return rows.start[row], rows.slope[row], columns.start[column], columns.slope[column]
 
-    def chosen(self, kept: np.ndarray) -> Rays:
-        """Some of them, by their numbers."""
-        each = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "axes"}
-        return replace(self, **{k: v[kept] for k, v in each.items() if v is not None})
+    def take(self, indices: np.ndarray) -> Rays:
+        """Rays with these numbers."""
+        arrays = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "axes"}
+        return replace(self, **{k: v[indices] for k, v in arrays.items() if v is not None})
 
 
 def rays_over(
     display: Display, rgbd: RGBD, pixels: np.ndarray, pixel_offset: PixelOffset = CENTRE
 ) -> Rays:
-    """The rays of panel pixels, (n, 2) rows and columns, over a picture, however the array lies.
+    """Rays of panel pixels, (n, 2) rows and columns, over a picture, for any display.
 
-    A ray moved aside in its pixel keeps that pixel's lens.
+    A ray with an offset in its pixel passes through that pixel's lens.
     """
     if not display.is_separable:
-        return _mounted_rays(display, rgbd, pixels, pixel_offset)
+        return _nonseparable_rays(display, rgbd, pixels, pixel_offset)
     axes = axis_rays(display, rgbd, pixel_offset)
     (v0, dv), (u0, du) = ((np.array(a.start, float), np.array(a.slope, float)) for a in axes)
     r, c = pixels.T
-    none = np.zeros(len(pixels))
-    return Rays(pixels, axes, v0[r], dv[r], u0[c], du[c], none, none, none.astype(bool))
+    zeros = np.zeros(len(pixels))
+    return Rays(pixels, axes, v0[r], dv[r], u0[c], du[c], zeros, zeros, zeros.astype(bool))
 
 
 def band_of(rays: Rays, display: Display, dtype: type) -> tuple[np.ndarray, np.ndarray, float]:
-    """How far rounding in a type may move columns, rows (cells) and depths (mm) of each ray."""
+    """Largest rounding errors of columns, rows (cells) and depths (mm) of each ray in a type."""
     farthest = max(map(abs, display.depth_range_mm))
     unit = _ROUNDINGS * float(np.finfo(dtype).eps)
-    across = unit * (np.abs(rays.u0) + np.abs(rays.du) * farthest + 1) + rays.slack_u
-    down = unit * (np.abs(rays.v0) + np.abs(rays.dv) * farthest + 1) + rays.slack_v
-    return across, down, unit * farthest
+    columns = unit * (np.abs(rays.u0) + np.abs(rays.du) * farthest + 1) + rays.slack_u
+    rows = unit * (np.abs(rays.v0) + np.abs(rays.dv) * farthest + 1) + rays.slack_v
+    return columns, rows, unit * farthest
 
 
-def chosen_pixels(display: Display, most: int) -> np.ndarray:
-    """All lensed panel pixels, or a sample of them, the middle and the corners included; (n, 2)."""
+def chosen_pixels(display: Display, limit: int) -> np.ndarray:
+    """All lensed panel pixels, or a sample that includes the middle and the corners; (n, 2)."""
     rows, columns = display.eia_shape
     if display.is_separable:
         pixels = lensed_pixels(display)
-        chosen: np.ndarray = pixels[_sampled(len(pixels), most)]
-        return chosen
-    at = np.unravel_index(_sampled(rows * columns, most), (rows, columns))
-    pixels = np.stack(at, axis=-1)
-    own, _ = _owners(display, pixels)
-    lensed: np.ndarray = pixels[_centres(display, display.pitch_mm)[2][own]]
+        sample: np.ndarray = pixels[_sample(len(pixels), limit)]
+        return sample
+    indices = np.unravel_index(_sample(rows * columns, limit), (rows, columns))
+    pixels = np.stack(indices, axis=-1)
+    nearest, _ = _nearest_centres(display, pixels)
+    lensed: np.ndarray = pixels[_centres(display, display.pitch_mm)[2][nearest]]
     return lensed
 
 
-def _sampled(count: int, most: int) -> np.ndarray:
-    if count <= most:
+def _sample(count: int, limit: int) -> np.ndarray:
+    if count <= limit:
         return np.arange(count)
-    kept = np.random.default_rng(count).choice(count, most - 5, replace=False)
-    ends = [0, count - 1, count // 2, count // 2 + 1, count // 3]
-    return np.unique(np.concatenate([kept, ends]))
+    random = np.random.default_rng(count).choice(count, limit - 5, replace=False)
+    always = [0, count - 1, count // 2, count // 2 + 1, count // 3]
+    return np.unique(np.concatenate([random, always]))
 
 
-# -- arrays that are hexagonal, turned or tilted --------------------------------------------------
+# -- non-separable displays -----------------------------------------------------------------------
 
 
-def _mounted_rays(
+def _nonseparable_rays(
     display: Display, rgbd: RGBD, pixels: np.ndarray, pixel_offset: PixelOffset
 ) -> Rays:
-    """In long doubles; the gap is the pixel's own.
+    """Rays in long doubles, each with the gap at its panel pixel.
 
-    Slopes are ``(x0 - x) / g`` with ``g = gap + tan(tilt_x) x + tan(tilt_y) y`` where it starts.
+    Slopes are ``(x0 - x) / g`` with ``g = gap + tan(tilt_x) x + tan(tilt_y) y`` at the pixel.
     """
-    own, margin = _owners(display, pixels)
-    across, up, _ = _centres(display, display.pitch_mm)
-    x0, y0 = across[own], up[own]
-    x, y = _places(display, pixels, pixel_offset)
+    nearest, margin = _nearest_centres(display, pixels)
+    centre_x, centre_y, _ = _centres(display, display.pitch_mm)
+    x0, y0 = centre_x[nearest], centre_y[nearest]
+    x, y = _positions(display, pixels, pixel_offset)
     slopes = [np.tan(_radians(getattr(display, name))) for name in ("tilt_x_deg", "tilt_y_deg")]
     gap = _REAL(display.gap_mm) + slopes[0] * x + slopes[1] * y
     cell, (high, wide) = _REAL(rgbd.pixel_mm), rgbd.shape
@@ -157,32 +155,35 @@ def _mounted_rays(
     du, u0 = (x0 - x) / gap / cell, x0 / cell + _REAL(wide) / 2
     slack_v = _slack(display, rgbd, gap, np.abs(y0) + np.abs(y), high)
     slack_u = _slack(display, rgbd, gap, np.abs(x0) + np.abs(x), wide)
-    # Difference of distances, mm, that float64 may get wrong.
-    doubt = 2 * _MOUNTED_ROUNDINGS * _EPS * (np.hypot(x, y) + _half_diagonal(display))
+    # Largest error of a difference of distances in float64, mm.
+    distance_error = 2 * _NONSEPARABLE_ROUNDINGS * _EPS * (np.hypot(x, y) + _half_diagonal(display))
     fine = np.stack([v0, dv, u0, du], axis=-1)
     v0, dv, u0, du, slack_v, slack_u = (a.astype(float) for a in (v0, dv, u0, du, slack_v, slack_u))
-    doubtful = np.asarray(margin <= doubt)
+    doubtful = np.asarray(margin <= distance_error)
     return Rays(pixels, None, v0, dv, u0, du, slack_v, slack_u, doubtful, fine)
 
 
 def _slack(
     display: Display, rgbd: RGBD, gap: np.ndarray, size: np.ndarray, cells: int
 ) -> np.ndarray:
-    """How far float64 coordinates may be off within the depth range, in cells.
+    """Largest error of float64 coordinates within the depth range, in cells.
 
-    A lens centre and a place of like size cancel in the slope, and leave their roundings.
+    In the slope a lens centre and a panel position of similar size cancel, and their rounding
+    errors remain.
     """
     farthest = max(map(abs, display.depth_range_mm))
-    # A turned array's coordinates are made of both of the panel's.
+    # Coordinates of a turned array combine both coordinates of the panel.
     size = size + _half_diagonal(display)
-    steep = _REAL(display.gap_mm) / gap + np.abs(1 - _REAL(display.gap_mm) / gap) + 1
-    travel = size / gap * steep * farthest
-    slack: np.ndarray = _MOUNTED_ROUNDINGS * _EPS * ((size + travel) / _REAL(rgbd.pixel_mm) + cells)
+    amplification = _REAL(display.gap_mm) / gap + np.abs(1 - _REAL(display.gap_mm) / gap) + 1
+    travel = size / gap * amplification * farthest
+    slack: np.ndarray = (
+        _NONSEPARABLE_ROUNDINGS * _EPS * ((size + travel) / _REAL(rgbd.pixel_mm) + cells)
+    )
     return slack
 
 
 def _half_diagonal(display: Display) -> np.ndarray:
-    """From the panel's middle to the farthest lens, mm."""
+    """Distance from the panel's middle to the farthest lens, mm."""
     half: np.ndarray = np.hypot(_REAL(display.width_mm), _REAL(display.height_mm)) / 2
     half += np.hypot(_REAL(display.shift_x_mm), _REAL(display.shift_y_mm))
     return half
@@ -193,10 +194,10 @@ def _radians(degrees: float) -> np.longdouble:
     return radians
 
 
-def _places(
+def _positions(
     display: Display, pixels: np.ndarray, pixel_offset: PixelOffset = CENTRE
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Where panel pixels are, mm to the right and up."""
+    """Positions of panel pixels, mm to the right and up."""
     rows, columns = display.eia_shape
     down, right = (_REAL(part.numerator) / part.denominator for part in pixel_offset)
     pitch = _REAL(display.pixel_pitch_mm)
@@ -207,9 +208,9 @@ def _places(
 
 @lru_cache(maxsize=8)
 def _centres(display: Display, pitch_mm: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centres of the cells of a pitch, mm to the right and up, and whether each has a lens."""
-    columns = np.arange(-_BEYOND, display.lens_columns + _BEYOND)
-    rows = np.arange(-_BEYOND, display.lens_rows + _BEYOND)
+    """Centres of cells with a pitch, mm to the right and up, and True for those with a lens."""
+    columns = np.arange(-_MARGIN, display.lens_columns + _MARGIN)
+    rows = np.arange(-_MARGIN, display.lens_rows + _MARGIN)
     stagger = np.zeros(len(rows))
     if display.lattice == "hexagonal" and display.lens_rows > 1:
         stagger = np.where(rows % 2 == 0, -0.25, 0.25)
@@ -219,22 +220,22 @@ def _centres(display: Display, pitch_mm: float) -> tuple[np.ndarray, np.ndarray,
     y = (_REAL(display.lens_rows - 1) / 2 - m) * _REAL(display.row_pitch_mm) * ratio
     turn = _radians(display.rotation_deg)
     c, s = np.cos(turn), np.sin(turn)
-    real = (n >= 0) & (n < display.lens_columns) & (m >= 0) & (m < display.lens_rows)
+    has_lens = (n >= 0) & (n < display.lens_columns) & (m >= 0) & (m < display.lens_rows)
     return (
         (c * x - s * y + _REAL(display.shift_x_mm)).ravel(),
         (c * y + s * x + _REAL(display.shift_y_mm)).ravel(),
-        real.ravel(),
+        has_lens.ravel(),
     )
 
 
-def _owners(display: Display, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Number of the nearest elemental image's centre, and how much farther the next one is, mm."""
-    across, up, _ = _centres(display, display.elemental_image_pitch_mm)
-    x, y = _places(display, pixels)
-    own, margin = np.empty(len(pixels), int), np.empty(len(pixels), _REAL)
+def _nearest_centres(display: Display, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nearest centre of an elemental image, and the additional distance of the second, mm."""
+    centre_x, centre_y, _ = _centres(display, display.elemental_image_pitch_mm)
+    x, y = _positions(display, pixels)
+    nearest, margin = np.empty(len(pixels), int), np.empty(len(pixels), _REAL)
     for i in range(len(pixels)):
-        distance = np.hypot(across - x[i], up - y[i])
-        own[i] = np.argmin(distance)
-        two = np.partition(distance, 1)[:2]
-        margin[i] = two[1] - two[0]
-    return own, margin
+        distance = np.hypot(centre_x - x[i], centre_y - y[i])
+        nearest[i] = np.argmin(distance)
+        first, second = np.partition(distance, 1)[:2]
+        margin[i] = second - first
+    return nearest, margin

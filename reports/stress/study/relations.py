@@ -1,7 +1,7 @@
-"""Relations of the project's own generators: of layers, implementations, types and backends.
+"""Relations of the project's own generators: layers, implementations and types.
 
-And which of `inim.stress.relations` each definition promises: those it does not are measured all
-the same, and said to be explained.
+`EXPLAINED` lists the relations of `inim.stress.relations` that a definition does not promise. The
+study measures them, too, and gives the reason in the report.
 """
 
 from __future__ import annotations
@@ -46,18 +46,18 @@ _ALGORITHMS = (
     _LAYERED,
 )
 _RIVALS = ("gu2020", "wang2024", "wang2024:matching=ray", "li2012")
-# Those that serve arrays whose rows and columns are not independent.
-_OF_MOUNTED = ("template", _SOLID, "gu2020", _LAYERED)
+# Algorithms for non-separable displays.
+_NONSEPARABLE = ("template", _SOLID, "gu2020", _LAYERED)
 
-_NO_OCCLUSION = "the best match wins, wherever on the ray: occlusion is no part of the method"
-_A_POINT = "a picture pixel is a point: raised, it lands elsewhere and uncovers what was behind"
-_STEPS = "its step P_I is a length across: along a stretched z it samples more finely"
-_SIZE = "a picture pixel is a point: farther away, more of them land on one panel pixel"
-_BY_ROWS = "z depends on the rows alone: a transposed picture is another problem"
-_BY_NEIGHBOURS = "a column of a surface ends where its neighbours do"
+_NO_OCCLUSION = "the best match on the ray is used; the method ignores occlusion"
+_A_POINT = "a picture pixel is a point; a nearer one lands elsewhere and uncovers others"
+_STEPS = "its depth step P_I is a lateral length; a stretched z is sampled more finely"
+_SIZE = "a picture pixel is a point; more distant pixels are denser on the panel"
+_BY_ROWS = "z depends only on the rows; a transposed picture is a different problem"
+_BY_NEIGHBOURS = "a surface column ends at the depths of its neighbours"
 _STRETCH = "stretch along z x 4"
 _NEARER = "a nearer object changes only its shadow"
-#: What a definition does not promise, and why.
+#: Relations that a definition does not promise, with the reason.
 EXPLAINED = {
     ("transpose", "wang2024"): _BY_ROWS,
     (_STRETCH, "template"): _BY_NEIGHBOURS,
@@ -76,14 +76,14 @@ def run_relations(
     relations: list[tuple[Relation, tuple[str, ...]]] | None = None,
     explained: dict[tuple[str, str], str] = EXPLAINED,
 ) -> list[RelationResult]:
-    """A row for each relation and algorithm; see `inim.stress.relations.check_relation`.
+    """Check each relation for each algorithm; see `inim.stress.relations.check_relation`.
 
     Parameters
     ----------
     show : callable
-        What to test instead of what generators show.
+        The tested function.
     relations : list of (Relation, algorithms), optional
-        All unless given.
+        Default: all relations.
     explained : dict
         Reasons by relation and algorithm.
     """
@@ -102,16 +102,16 @@ def run_relations(
 
 
 def all_relations() -> list[tuple[Relation, tuple[str, ...]]]:
-    """Every relation, with the algorithms it is checked of."""
-    found = []
+    """All relations, each with its algorithms."""
+    relations = []
     for relation in RELATIONS:
-        algorithms = _OF_MOUNTED if relation.misaligned else _ALGORITHMS
-        found.append((relation, algorithms[:-1] if relation.one_layer else algorithms))
-    return [*found, *_IMPLEMENTATIONS]
+        algorithms = _NONSEPARABLE if relation.misaligned else _ALGORITHMS
+        relations.append((relation, algorithms[:-1] if relation.one_layer else algorithms))
+    return [*relations, *_IMPLEMENTATIONS]
 
 
 def _uncertain(rgbd: RGBD, display: Display, algorithm: str, pixels: np.ndarray) -> int:
-    """How many of the panel pixels the definition leaves to rounding."""
+    """Number of panel pixels that rounding decides."""
     picture = input_of(rgbd, display, algorithm)
     rays = rays_over(display, rgbd, pixels)
     name = "layered" if algorithm == _LAYERED else algorithm
@@ -122,22 +122,22 @@ def _uncertain(rgbd: RGBD, display: Display, algorithm: str, pixels: np.ndarray)
 
 
 def run_layer_relations(find: Show = find_sources) -> list[RelationResult]:
-    """A row for each of `LAYER_RELATIONS`, of the sources that `find` names."""
+    """Check each of `LAYER_RELATIONS` with the sources of `find`."""
     return [
-        check_relation(one, _LAYERED, show=find, exact=True, doubt=lambda *_: 0)
-        for one in LAYER_RELATIONS
+        check_relation(relation, _LAYERED, show=find, exact=True, doubt=lambda *_: 0)
+        for relation in LAYER_RELATIONS
     ]
 
 
 def _plain(find: Show, algorithm: str) -> Iterator[Comparison]:
-    """A picture without layers shows what `template` shows."""
+    """A picture without layers gives the sources of `template`."""
     for display, rgbd in noise_pictures():
-        alike = find(rgbd, display, algorithm) == find_sources(rgbd, display, "template")
-        yield Comparison(display, rgbd, alike, display.lensed)
+        equal = find(rgbd, display, algorithm) == find_sources(rgbd, display, "template")
+        yield Comparison(display, rgbd, equal, display.lensed)
 
 
 def _cut(find: Show, algorithm: str) -> Iterator[Comparison]:
-    """A solid cut across into two that touch is still that solid."""
+    """Cutting a solid into two adjacent solids does not change its sources."""
     for display, rgbd in noise_pictures():
         solid = solids_of(rgbd, display)
         middle = (solid.depth_mm + solid.back_mm) / np.float32(2)
@@ -152,13 +152,13 @@ def _cut(find: Show, algorithm: str) -> Iterator[Comparison]:
         )
         cells = rgbd.depth_mm.size
         before, after = find(solid, display, algorithm), find(cut, display, algorithm)
-        # The lower half is layer 1, and those behind it count on.
+        # The lower half is layer 1; the numbers of the layers behind it increase by one.
         after = np.where(after >= cells, after - cells, after)
         yield Comparison(display, rgbd, before == after, display.lensed)
 
 
 def _behind(find: Show, algorithm: str) -> Iterator[Comparison]:
-    """The deepest solid changes only panel pixels that show it."""
+    """Adding the deepest solid changes only panel pixels that show it."""
     for display, rgbd in noise_pictures():
         solid = solids_of(rgbd, display)
         fewer = replace(solid, deeper=solid.deeper[:-1])
@@ -168,20 +168,20 @@ def _behind(find: Show, algorithm: str) -> Iterator[Comparison]:
 
 
 def _endless(find: Show, algorithm: str) -> Iterator[Comparison]:
-    """Where every solid goes back to the next one's front, only the colours are layers'."""
+    """Solids that extend to the next front have the sources of endless columns."""
     for display, rgbd in noise_pictures():
         solid = solids_of(rgbd, display)
-        one, two = solid.deeper
+        second, third = solid.deeper
         filled = replace(
             solid,
-            back_mm=np.where(one.covered, one.front_mm, np.float32(-np.inf)),
-            deeper=(replace(one, back_mm=two.front_mm), two),
+            back_mm=np.where(second.covered, second.front_mm, np.float32(-np.inf)),
+            deeper=(replace(second, back_mm=third.front_mm), third),
         )
         columns = replace(solid, back_mm=np.full(rgbd.shape, -np.inf, np.float32), deeper=())
         before, after = find(columns, display, algorithm), find(filled, display, algorithm)
         cells = rgbd.depth_mm.size
-        alike = np.where(after >= 0, after % cells, after) == before
-        yield Comparison(display, rgbd, alike, display.lensed)
+        equal = np.where(after >= 0, after % cells, after) == before
+        yield Comparison(display, rgbd, equal, display.lensed)
 
 
 LAYER_RELATIONS = [
@@ -195,13 +195,13 @@ LAYER_RELATIONS = [
 # -- implementations ----------------------------------------------------------------------------
 
 
-def _as(other: Callable[[RGBD, Display, str], np.ndarray]) -> Callable:
-    """The same bits as another way of finding sources has."""
+def _equal_to(other: Callable[[RGBD, Display, str], np.ndarray]) -> Callable:
+    """Check that an algorithm and another implementation of it give equal bits."""
 
     def check(show: Show, algorithm: str) -> Iterator[Comparison]:
         for display, rgbd in noise_pictures():
-            alike = same_colour(show(rgbd, display, algorithm), other(rgbd, display, algorithm))
-            yield Comparison(display, rgbd, alike, display.lensed)
+            equal = same_colour(show(rgbd, display, algorithm), other(rgbd, display, algorithm))
+            yield Comparison(display, rgbd, equal, display.lensed)
 
     return check
 
@@ -211,5 +211,8 @@ def _in_float64(rgbd: RGBD, display: Display, _: str) -> np.ndarray:
 
 
 _IMPLEMENTATIONS = [
-    (Relation("float32 tables or float64 rays", _as(_in_float64), bitwise=True), ("template",)),
+    (
+        Relation("float32 tables or float64 rays", _equal_to(_in_float64), bitwise=True),
+        ("template",),
+    ),
 ]

@@ -1,9 +1,9 @@
-"""How exactly a generator's deciding quantity is computed, in units in the last place.
+"""Rounding errors of the quantities that decide a generator's sources, in ulps.
 
-Sources are whole numbers: they are right or wrong. What rounding touches are the quantities that
-decide: for `template` the depth at which a ray leaves a cell, for `gu2020` and `wang2024` the place
-in the picture a ray is at, for `li2012` the place on the panel a point lands on. Each is computed
-here by the generators' own functions in a type, and compared with the exact fraction.
+Sources are integers, which are right or wrong. Rounding affects the quantities that decide them:
+for `template` the depth at which a ray leaves a cell, for `gu2020` and `wang2024` the position of a
+ray in the picture, for `li2012` the landing point on the panel. The generators' own functions
+compute each quantity in a type, and it is compared with the exact fraction.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from inim.generators.raycast.ray_by_ray import leaves, rounded_up
 from inim.image.rgbd import RGBD
 from reports.stress.study.rays import chosen_pixels, rays_over
 
-# Rays of each axis, and places along each, that are looked at.
-_RAYS, _PLACES = 12, 8
+# Tested rays of each axis, and points along each ray.
+_RAYS, _POINTS = 12, 8
 _Pairs = Iterator[tuple[float, Fraction]]
 
 
 def deciding_ulps(algorithm: str, dtype: type, display: Display, rgbd: RGBD) -> tuple[float, float]:
-    """Worst and mean error, in ulps of the exact value, of what decides; (0, 0) if nothing does."""
+    """Worst and mean error of the deciding quantity in ulps; (0, 0) if no quantity decides."""
     kind = algorithm.partition(":")[0]
     if not display.is_separable:
-        found = list(_mounted_coordinates(display, rgbd, dtype))
+        pairs = _nonseparable_coordinates(display, rgbd, dtype)
     elif kind == "li2012":
-        found = list(_landing(display, rgbd, dtype))
+        pairs = _landing(display, rgbd, dtype)
     elif kind in ("template", "layered"):
-        found = list(_exits(display, rgbd, rounded=dtype is np.float32))
+        pairs = _exits(display, rgbd, rounded=dtype is np.float32)
     else:
-        found = list(_coordinates(display, rgbd, dtype))
-    errors = [_ulps(computed, exact, dtype) for computed, exact in found]
+        pairs = _coordinates(display, rgbd, dtype)
+    errors = [_ulps(computed, exact, dtype) for computed, exact in pairs]
     return (max(errors), sum(errors) / len(errors)) if errors else (0.0, 0.0)
 
 
@@ -49,15 +49,16 @@ def _ulps(computed: float, exact: Fraction, dtype: type) -> float:
 
 
 def _axes(display: Display, rgbd: RGBD) -> Iterator[tuple[CellRays, AxisRays, np.ndarray]]:
-    of_rows, of_columns = axis_rays(display, rgbd)
+    """Float rays, exact rays and tested indices of the columns and of the rows."""
+    exact_rows, exact_columns = axis_rays(display, rgbd)
     columns, rows = cell_rays(rgbd.shape, rgbd.pixel_mm, display)
-    for rays, line in ((columns, of_columns), (rows, of_rows)):
+    for rays, line in ((columns, exact_columns), (rows, exact_rows)):
         count = len(line.start)
         yield rays, line, np.unique(np.linspace(0, count - 1, min(count, _RAYS)).astype(int))
 
 
 def _exits(display: Display, rgbd: RGBD, rounded: bool) -> _Pairs:
-    """Depths at which rays leave cells; `rounded`: as tables hold them, upwards to float32."""
+    """Depths at which rays leave cells; `rounded`: rounded up to float32, as in the tables."""
     low, high = map(Fraction, display.depth_range_mm)
     for rays, line, chosen in _axes(display, rgbd):
         for i in chosen:
@@ -66,18 +67,18 @@ def _exits(display: Display, rgbd: RGBD, rounded: bool) -> _Pairs:
                 continue
             first, last = sorted((start + slope * low, start + slope * high))
             borders = range(math.floor(first) + 1, math.ceil(last))
-            step = max(1, len(borders) // _PLACES)
+            step = max(1, len(borders) // _POINTS)
             for border in borders[::step]:
                 cell = border if slope > 0 else border - 1
                 ray = (float(rays.start[i]), float(rays.slope[i]), float(rays.scale))
                 z = leaves(cell, *ray)
-                algorithm_output = float(rounded_up(np.array([z]))[0]) if rounded else z
-                yield algorithm_output, (border - start) / slope
+                depth = float(rounded_up(np.array([z]))[0]) if rounded else z
+                yield depth, (border - start) / slope
 
 
 def _coordinates(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
     """Picture cells at depths along rays."""
-    depths: np.ndarray = np.linspace(*display.depth_range_mm, _PLACES).astype(dtype)
+    depths: np.ndarray = np.linspace(*display.depth_range_mm, _POINTS).astype(dtype)
     for rays, line, chosen in _axes(display, rgbd):
         start: np.ndarray = (rays.start / rays.scale).astype(dtype)
         slope: np.ndarray = (rays.slope / rays.scale).astype(dtype)
@@ -86,28 +87,28 @@ def _coordinates(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
                 yield start[i] + slope[i] * z, line.start[i] + line.slope[i] * Fraction(float(z))
 
 
-def _mounted_coordinates(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
-    """The same of rays that share nothing, against long doubles."""
-    depths: np.ndarray = np.linspace(*display.depth_range_mm, _PLACES).astype(dtype)
+def _nonseparable_coordinates(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
+    """Picture cells at depths along rays of a non-separable display, against long doubles."""
+    depths: np.ndarray = np.linspace(*display.depth_range_mm, _POINTS).astype(dtype)
     pixels = chosen_pixels(display, _RAYS * 4)
-    known = rays_over(display, rgbd, pixels)
+    rays = rays_over(display, rgbd, pixels)
     r, c = pixels.T
     cells = free_cell_rays(
         rgbd.shape, rgbd.pixel_mm, pixel_rays(display, slice(0, display.eia_shape[0]))
     )
     with np.errstate(over="ignore"):
-        u0, du, v0, dv = (one[r, c].astype(dtype) for one in cells)
-    for i in np.flatnonzero(~known.doubtful)[: _RAYS * 2]:
-        exact_v0, exact_dv, exact_u0, exact_du = known.line(int(i))
+        u0, du, v0, dv = (values[r, c].astype(dtype) for values in cells)
+    for i in np.flatnonzero(~rays.doubtful)[: _RAYS * 2]:
+        exact_v0, exact_dv, exact_u0, exact_du = rays.line(int(i))
         for z in depths[np.isfinite(depths)]:
             for start, slope, exact_start, exact_slope in (
                 (u0[i], du[i], exact_u0, exact_du),
                 (v0[i], dv[i], exact_v0, exact_dv),
             ):
                 with np.errstate(over="ignore", invalid="ignore"):
-                    place = start + slope * z
-                if np.isfinite(place):
-                    yield place, exact_start + exact_slope * Fraction(float(z))
+                    coordinate = start + slope * z
+                if np.isfinite(coordinate):
+                    yield coordinate, exact_start + exact_slope * Fraction(float(z))
 
 
 def _landing(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
@@ -130,6 +131,6 @@ def _landing(display: Display, rgbd: RGBD, dtype: type) -> _Pairs:
             cell, z = int(columns[k]), Fraction(float(depth[k]))
             x = Fraction(2 * cell + 1 - rgbd.shape[1], 2) * exact_length(rgbd.pixel_mm)
             with np.errstate(over="ignore", invalid="ignore"):
-                place = _position(typed, n, cell, dtype(depth[k]))
-            if np.isfinite(place):
-                yield float(place), (x0 + (x0 - x) * gap / z) / pixel
+                position = _position(typed, n, cell, dtype(depth[k]))
+            if np.isfinite(position):
+                yield float(position), (x0 + (x0 - x) * gap / z) / pixel
