@@ -4,17 +4,15 @@ Most generators report, for each panel pixel, the picture pixel that it shows: a
 (`Sources`).
 
 With a mask, for example of the pixels that a few viewpoints observe, only those panel pixels are
-generated. Some generators can be prepared for a list of pixels instead of a panel. They return one
-row, (1, n), at a cost proportional to n, and `PixelsOnPanel` puts that row on an otherwise black
-panel. The others run in full, and `masked` sets the remaining pixels to black. Both give the same
-bits, because each pixel depends only on its own ray and the picture.
+generated. Some generators take it (`SourceGenerator.mask`) and skip the other pixels. The others
+run in full, and `masked` sets the remaining pixels to black. Both give the same bits, because each
+pixel depends only on its own ray and the picture.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import cache
 from types import FunctionType
@@ -111,25 +109,6 @@ class Generator(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class PixelList:
-    """Panel pixels under lenses, in the panel's order.
-
-    Attributes
-    ----------
-    rows, columns : (n,) int64
-    """
-
-    rows: np.ndarray
-    columns: np.ndarray
-
-    @classmethod
-    def of(cls, mask: np.ndarray) -> PixelList:
-        """Those of a mask, (rows, columns) bool."""
-        # Of the flat array: NumPy takes three times as long over two dimensions.
-        return cls(*np.divmod(np.flatnonzero(mask), mask.shape[1]))
-
-
 class Ray(NamedTuple):
     """One ray of every pixel.
 
@@ -162,14 +141,14 @@ class SourceGenerator(ABC):
         Size of the pictures.
     pixel_mm : float
         Width of their pixels.
-    pixels : PixelList, optional
-        Return one row of these pixels, (1, n), instead of the panel; see `PixelsOnPanel`.
+    mask : (rows, columns) bool, optional
+        Panel pixels to find; the others are `MASKED`.
     pixel_offset : PixelOffset
         Start of each ray in its pixel.
     """
 
     #: For those by others that do without this class's `__init__`.
-    pixels: PixelList | None = None
+    mask: np.ndarray | None = None
     pixel_offset: PixelOffset = CENTRE
 
     def __init__(
@@ -177,26 +156,27 @@ class SourceGenerator(ABC):
         display: Display,
         shape: PictureShape,
         pixel_mm: float,
-        pixels: PixelList | None = None,
+        mask: np.ndarray | None = None,
         pixel_offset: PixelOffset = CENTRE,
     ) -> None:
         self.display = display
         self.shape = shape
         self.pixel_mm = pixel_mm
-        self.pixels = pixels
+        self.mask = mask
         self.pixel_offset = pixel_offset
 
     @property
-    def result_shape(self) -> tuple[int, int]:
-        """Rows and columns of the result: the panel's, or those of a list of pixels."""
-        return self.display.eia_shape if self.pixels is None else (1, len(self.pixels.rows))
+    def selected(self) -> np.ndarray:
+        """Panel pixels under lenses, and in the mask, (rows, columns) bool."""
+        lensed = self.display.lensed
+        return lensed if self.mask is None else lensed & self.mask
 
     @abstractmethod
     def find(self, rgbd: RGBD) -> Sources:
-        """Sources of all panel pixels; those under no lens may hold anything."""
+        """Sources of all panel pixels; those outside the mask or lenses may hold anything."""
 
     def search(self, rgbd: RGBD) -> Search:
-        """Function that finds the sources of some rows of the result; see `find`."""
+        """Function that finds the sources of some panel rows; see `sources`."""
         sources = self.sources(rgbd)
 
         def find_rows(rows: slice, out: Sources) -> None:
@@ -205,15 +185,16 @@ class SourceGenerator(ABC):
         return find_rows
 
     def sources(self, rgbd: RGBD) -> Sources:
-        """``row * W + column`` of each panel pixel's source, or `HOLE`, or `NO_LENS`."""
+        """``row * W + column`` of each panel pixel's source, `HOLE`, `NO_LENS` or `MASKED`."""
         self.check(rgbd)
         sources = self.find(rgbd)
-        if self.pixels is None:
-            self.mark_unlensed(slice(None), sources)
+        self.mark(slice(None), sources)
         return sources
 
-    def mark_unlensed(self, rows: slice, sources: Sources) -> None:
-        """Mark sources of some rows of the panel where there is no lens."""
+    def mark(self, rows: slice, sources: Sources) -> None:
+        """Mark sources of some panel rows outside the mask, and where there is no lens."""
+        if self.mask is not None:
+            sources[~self.mask[rows]] = MASKED
         if self.display.is_separable:  # whole rows and columns: faster than pixel by pixel
             sources[self.display.rows.lens[rows] < 0, :] = NO_LENS
             sources[:, self.display.columns.lens < 0] = NO_LENS
@@ -234,7 +215,7 @@ class SourceGenerator(ABC):
 
     def place(self, rgbd: RGBD, out: np.ndarray | None) -> NDArray[Any]:
         """Array for the result of a picture; see `check_out`."""
-        return check_out(out, (*self.result_shape, rgbd.color.shape[2]), rgbd.color.dtype)
+        return check_out(out, (*self.display.eia_shape, rgbd.color.shape[2]), rgbd.color.dtype)
 
     def check(self, rgbd: RGBD) -> None:
         """Raise `UsageError` for a picture of another size than prepared for."""
@@ -284,68 +265,6 @@ def check_out(out: np.ndarray | None, shape: tuple[int, ...], dtype: np.dtype) -
     return out
 
 
-# Share of the panel above which walking rays one by one takes longer than tables for all of them.
-_MOST_ALONE = 0.1
-
-
-class PixelsOnPanel(SourceGenerator):
-    """The pixels of a list on their panel, the others black, with alpha 0.
-
-    Parameters
-    ----------
-    listed : SourceGenerator
-        Prepared for a list of pixels.
-    """
-
-    def __init__(self, listed: SourceGenerator) -> None:
-        super().__init__(listed.display, listed.shape, listed.pixel_mm)
-        assert listed.pixels is not None
-        self._listed = listed
-        self._at = (listed.pixels.rows, listed.pixels.columns)
-
-    def find(self, rgbd: RGBD) -> Sources:
-        """See `SourceGenerator.find`; `MASKED` elsewhere."""
-        sources = np.full(self.display.eia_shape, MASKED, np.int32)
-        sources[self._at] = self._listed.sources(rgbd)[0]
-        return sources
-
-    def rays(self) -> list[Ray]:
-        """See `SourceGenerator.rays`."""
-        return [ray._replace(generator=PixelsOnPanel(ray.generator)) for ray in self._listed.rays()]
-
-    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
-        """See `Generator.generate`."""
-        panel = self.place(rgbd, out)
-        panel[...] = 0
-        panel[self._at] = self._listed.generate(rgbd)[0]
-        return panel
-
-
-def for_mask(
-    mask: np.ndarray | None,
-    display: Display,
-    make: Callable[[PixelList | None], SourceGenerator],
-    *,
-    dense_in_full: bool = False,
-) -> SourceGenerator:
-    """A generator of the pixels of a mask, or of all.
-
-    Parameters
-    ----------
-    mask : (rows, columns) bool, optional
-    display : Display
-    make : callable
-        Makes the generator of a list of pixels, or of the panel for None.
-    dense_in_full : bool
-        Run the panel's, and blacken, where a mask is not sparse.
-    """
-    if mask is None:
-        return make(None)
-    if dense_in_full and np.count_nonzero(mask) > _MOST_ALONE * mask.size:
-        return masked(make(None), mask)
-    return PixelsOnPanel(make(PixelList.of(mask & display.lensed)))
-
-
 class Masked:
     """A generator run in full, of which only the pixels of a mask are shown.
 
@@ -356,7 +275,7 @@ class Masked:
     """
 
     def __init__(self, whole: Generator, mask: np.ndarray) -> None:
-        self._whole, self._mask = whole, mask
+        self._whole, self.mask = whole, mask
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""
@@ -365,7 +284,7 @@ class Masked:
             out = np.empty_like(eia)
         else:
             check_out(out, eia.shape, eia.dtype)
-        out[...] = np.where(self._mask[..., None], eia, np.zeros((), eia.dtype))
+        out[...] = np.where(self.mask[..., None], eia, np.zeros((), eia.dtype))
         return out
 
 
@@ -373,18 +292,27 @@ class MaskedSources(SourceGenerator):
     """`Masked` for a generator that reports its sources."""
 
     def __init__(self, whole: SourceGenerator, mask: np.ndarray) -> None:
-        super().__init__(whole.display, whole.shape, whole.pixel_mm)
-        self._whole, self._mask, self._shown = whole, mask, Masked(whole, mask)
+        super().__init__(whole.display, whole.shape, whole.pixel_mm, mask)
+        self._whole, self._shown = whole, Masked(whole, mask)
 
     def find(self, rgbd: RGBD) -> Sources:
-        """See `SourceGenerator.find`; `MASKED` outside the mask."""
-        sources = self._whole.sources(rgbd)
-        return np.where(self._mask, sources, np.int32(MASKED))
+        """See `SourceGenerator.find`."""
+        return self._whole.find(rgbd)
+
+    def search(self, rgbd: RGBD) -> Search:
+        """See `SourceGenerator.search`."""
+        find_whole = self._whole.search(rgbd)
+
+        def find_rows(rows: slice, out: Sources) -> None:
+            find_whole(rows, out)
+            self.mark(rows, out)
+
+        return find_rows
 
     def rays(self) -> list[Ray]:
         """See `SourceGenerator.rays`."""
         return [
-            ray._replace(generator=MaskedSources(ray.generator, self._mask))
+            ray._replace(generator=masked(ray.generator, self._shown.mask))
             for ray in self._whole.rays()
         ]
 

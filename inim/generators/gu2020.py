@@ -36,11 +36,9 @@ from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
     PictureShape,
-    PixelList,
     PixelOffset,
     SourceGenerator,
     Sources,
-    for_mask,
     prange,
     run_kernel,
 )
@@ -82,14 +80,11 @@ def prepare(
 
     from inim.generators.raycast.supersampling import averaged
 
-    def searched(pixels: PixelList | None) -> SourceGenerator:
-        return averaged(
-            display,
-            1,
-            lambda pixel_offset: _Gu2020(display, shape, pixel_mm, depths, pixel_offset, pixels),
-        )
-
-    return for_mask(mask, display, searched)
+    return averaged(
+        display,
+        1,
+        lambda pixel_offset: _Gu2020(display, shape, pixel_mm, depths, pixel_offset, mask),
+    )
 
 
 class _Gu2020(SourceGenerator):
@@ -100,9 +95,9 @@ class _Gu2020(SourceGenerator):
         pixel_mm: float,
         depths: np.ndarray,
         pixel_offset: PixelOffset,
-        pixels: PixelList | None,
+        mask: np.ndarray | None,
     ) -> None:
-        super().__init__(display, shape, pixel_mm, pixels, pixel_offset)
+        super().__init__(display, shape, pixel_mm, mask, pixel_offset)
         self._depths = depths
 
     def find(self, rgbd: RGBD) -> Sources:
@@ -119,13 +114,11 @@ class _Gu2020(SourceGenerator):
             row_rays.start / row_rays.scale,
             row_rays.slope / row_rays.scale,
         ]
-        if self.pixels is not None:
-            columns, rows = self.pixels.columns, self.pixels.rows
-            rays = [r[at] for r, at in zip(rays, (columns, columns, rows, rows), strict=True)]
         return run_kernel(
-            _search_all if self.pixels is None else _search_each,
-            self.result_shape,
+            _search_all,
+            self.display.eia_shape,
             HOLE,
+            self.selected.ravel(),
             depth.ravel(),
             *self.shape,
             *rays,
@@ -136,12 +129,13 @@ class _Gu2020(SourceGenerator):
         """Find sources on displays without separable axes, in blocks of panel rows."""
         from inim.generators.raycast.ray_by_ray import ray_blocks
 
-        sources = np.empty(self.result_shape, np.int32)
-        for lensed, cells, at in ray_blocks(self):
-            sources[at] = run_kernel(
+        sources = np.full(self.display.eia_shape, HOLE, np.int32)
+        for rows, cells in ray_blocks(self):
+            sources[rows] = run_kernel(
                 _search_each,
-                lensed.shape,
+                sources[rows].shape,
                 HOLE,
+                self.selected[rows].ravel(),
                 depth.ravel(),
                 *self.shape,
                 *(coordinate.ravel() for coordinate in cells),
@@ -166,19 +160,21 @@ def _sampled_depths(display: Display, step_mm: float) -> np.ndarray:
     return np.array([*((top - k * down) / parts for k in range(steps)), float(low)])
 
 
-def _search_all(depth, rows, columns, u0, du, v0, dv, depths, sources):
-    """Search the ray of every panel pixel; u and v are columns and rows of the picture."""
+def _search_all(selected, depth, rows, columns, u0, du, v0, dv, depths, sources):
+    """Search the ray of every selected panel pixel; u and v are columns and rows of the picture."""
     for i in prange(len(v0)):
         for j in range(len(u0)):
-            sources[i * len(u0) + j] = _first_crossing(
-                depth, rows, columns, u0[j], du[j], v0[i], dv[i], depths
-            )
+            if selected[i * len(u0) + j]:
+                sources[i * len(u0) + j] = _first_crossing(
+                    depth, rows, columns, u0[j], du[j], v0[i], dv[i], depths
+                )
 
 
-def _search_each(depth, rows, columns, u0, du, v0, dv, depths, sources):
+def _search_each(selected, depth, rows, columns, u0, du, v0, dv, depths, sources):
     """Search rays that are one per pixel in both coordinates."""
     for i in prange(len(u0)):
-        sources[i] = _first_crossing(depth, rows, columns, u0[i], du[i], v0[i], dv[i], depths)
+        if selected[i]:
+            sources[i] = _first_crossing(depth, rows, columns, u0[i], du[i], v0[i], dv[i], depths)
 
 
 def _first_crossing(depth, rows, columns, u0, du, v0, dv, depths):

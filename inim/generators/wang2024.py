@@ -52,10 +52,8 @@ from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
     PictureShape,
-    PixelList,
     SourceGenerator,
     Sources,
-    for_mask,
     prange,
     require_separable,
     run_kernel,
@@ -121,13 +119,7 @@ def prepare(
             )
     consecutive = one_of("cells", cells, _CELLS) == "consecutive"
     _check_length(display, shape, pixel_mm * stride, along_ray)
-    return for_mask(
-        mask,
-        display,
-        lambda pixels: _Wang2024(
-            display, shape, pixel_mm, (along_ray, consecutive), (stride, up), pixels
-        ),
-    )
+    return _Wang2024(display, shape, pixel_mm, (along_ray, consecutive), (stride, up), mask)
 
 
 def _check_length(display: Display, shape: PictureShape, step_mm: float, along_ray: bool) -> None:
@@ -151,9 +143,9 @@ class _Wang2024(SourceGenerator):
         pixel_mm: float,
         search: tuple[bool, bool],
         steps: tuple[float, bool],
-        pixels: PixelList | None,
+        mask: np.ndarray | None,
     ) -> None:
-        super().__init__(display, shape, pixel_mm, pixels)
+        super().__init__(display, shape, pixel_mm, mask)
         self._search = search
         self._steps = steps
 
@@ -164,11 +156,11 @@ class _Wang2024(SourceGenerator):
         if not z_min <= single <= z_max:
             single = (z_min + z_max) / 2
         depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), np.inf)
-        listed = () if self.pixels is None else (self.pixels.rows, self.pixels.columns)
         return run_kernel(
-            _match_listed if listed else _match_all,
-            self.result_shape,
+            _match_all,
+            self.display.eia_shape,
             HOLE,
+            self.selected.ravel(),
             depth.ravel(),
             *self.shape,
             column_rays.start / column_rays.scale,
@@ -180,38 +172,24 @@ class _Wang2024(SourceGenerator):
             single,
             *self._steps,
             *self._search,
-            *listed,
         )
 
 
 def _match_all(
-    depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, stride, up,
+    selected, depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, stride, up,
     along_ray, consecutive, sources,
 ):  # fmt: skip
-    """Match every panel pixel; u and v are column and row coordinates in picture pixels."""
+    """Match all selected panel pixels; u and v are columns and rows in picture pixels."""
     for i in prange(len(v0)):
         for j in range(len(u0)):
+            if not selected[i * len(u0) + j]:
+                continue
             step, z_len = _steps(du[j], dv[i], z_min, z_max, stride, up)
             start = single if z_len == 1 else z_min
             sources[i * len(u0) + j] = _match(
                 depth, rows, columns, u0[j], du[j], v0[i], dv[i], start, step, z_len,
                 along_ray, consecutive,
             )  # fmt: skip
-
-
-def _match_listed(
-    depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, stride, up,
-    along_ray, consecutive, at_row, at_column, sources,
-):  # fmt: skip
-    """Match the panel pixels in some rows and columns."""
-    for n in prange(len(at_row)):
-        i, j = at_row[n], at_column[n]
-        step, z_len = _steps(du[j], dv[i], z_min, z_max, stride, up)
-        start = single if z_len == 1 else z_min
-        sources[n] = _match(
-            depth, rows, columns, u0[j], du[j], v0[i], dv[i], start, step, z_len,
-            along_ray, consecutive,
-        )  # fmt: skip
 
 
 def _steps(du, dv, z_min, z_max, stride, up):

@@ -83,7 +83,7 @@ class Filled(SourceGenerator):
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
-        return self._generator.find(rgbd)
+        return self._generator.sources(rgbd)
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`; filled pixels have the alpha of shown pixels."""
@@ -158,7 +158,7 @@ class FilledFrames(SourceGenerator):
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
-        return self._generator.find(rgbd)
+        return self._generator.sources(rgbd)
 
     def rays(self) -> list[Ray]:
         """See `SourceGenerator.rays`."""

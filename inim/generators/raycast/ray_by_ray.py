@@ -20,7 +20,6 @@ from inim.generators.base import (
     CENTRE,
     HOLE,
     PictureShape,
-    PixelList,
     PixelOffset,
     Search,
     SourceGenerator,
@@ -196,7 +195,7 @@ class FirstHits(SourceGenerator):
 
     Parameters
     ----------
-    display, shape, pixel_mm, pixel_offset, pixels :
+    display, shape, pixel_mm, pixel_offset, mask :
         As for `SourceGenerator`.
     rule : str
         See `raycast.columns`.
@@ -209,9 +208,9 @@ class FirstHits(SourceGenerator):
         pixel_mm: float,
         rule: str,
         pixel_offset: PixelOffset = CENTRE,
-        pixels: PixelList | None = None,
+        mask: np.ndarray | None = None,
     ) -> None:
-        super().__init__(display, shape, pixel_mm, pixels, pixel_offset)
+        super().__init__(display, shape, pixel_mm, mask, pixel_offset)
         self._rule = rule
         self._prepare()
 
@@ -220,7 +219,7 @@ class FirstHits(SourceGenerator):
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
-        sources = np.empty(self.result_shape, np.int32)
+        sources = np.empty(self.display.eia_shape, np.int32)
         self.search(rgbd)(slice(0, len(sources)), sources)
         return sources
 
@@ -251,14 +250,11 @@ class RayByRay(FirstHits):
             for axis, cells in zip((self._rows, self._columns), self.shape, strict=True)
         ]
         surfaces = (fronts, backs, columns.continue_behind, z_min)
-        above = _covered_above(fronts[0] > -np.inf) if self.pixels is None else None
+        above, selected = _covered_above(fronts[0] > -np.inf), self.selected
 
         def find_rows(rows: slice, out: Sources) -> None:
-            if self.pixels is None:
-                _first_hits(rows.start, *runs, above, *surfaces, out)
-                self.mark_unlensed(rows, out)
-            else:
-                _first_hits_at(*runs, self.pixels.rows, self.pixels.columns, *surfaces, out[0])
+            _first_hits(rows.start, selected[rows], *runs, above, *surfaces, out)
+            self.mark(rows, out)
 
         return find_rows
 
@@ -292,8 +288,10 @@ def _covered_above(covered: np.ndarray) -> np.ndarray:
 
 
 @compiled(parallel=True)
-def _first_hits(first, rows, columns, above, fronts, backs, continue_behind, z_min, sources):  # type: ignore[no-untyped-def]
-    """First hits of panel rows from the first on."""
+def _first_hits(  # type: ignore[no-untyped-def]
+    first, selected, rows, columns, above, fronts, backs, continue_behind, z_min, sources
+):
+    """First hits of the selected pixels of panel rows from the first on."""
     tops, bottoms, lefts, rights = rows[3], rows[4], columns[3], columns[4]
     for line in prange(sources.shape[0]):
         i = first + np.int64(line)
@@ -301,20 +299,10 @@ def _first_hits(first, rows, columns, above, fronts, backs, continue_behind, z_m
         to_the_left = above[bottoms[i]] - above[tops[i]]
         for j in range(sources.shape[1]):
             sources[line, j] = HOLE
-            if to_the_left[rights[j]] > to_the_left[lefts[j]]:
+            if selected[line, j] and to_the_left[rights[j]] > to_the_left[lefts[j]]:
                 sources[line, j] = _first_hit(
                     rows, i, columns, j, fronts, backs, continue_behind, z_min
                 )
-
-
-@compiled(parallel=True)
-def _first_hits_at(  # type: ignore[no-untyped-def]
-    rows, columns, at_row, at_column, fronts, backs, continue_behind, z_min, sources
-):
-    """First hits of the panel pixels in some rows and columns, (n,) each."""
-    for n in prange(len(at_row)):
-        i, j = at_row[n], at_column[n]
-        sources[n] = _first_hit(rows, i, columns, j, fronts, backs, continue_behind, z_min)
 
 
 @compiled
@@ -365,56 +353,40 @@ class NonSeparable(FirstHits):
         z_min, z_max = self.display.depth_range_mm
         # Above the nearest surface nothing is hit; just above it, a cell left exactly there counts.
         z_max = min(z_max, float(np.nextafter(np.float64(fronts[0].max()), np.inf)))
-        sources: Sources = np.full(self.result_shape, HOLE, np.int32)
+        sources: Sources = np.full(self.display.eia_shape, HOLE, np.int32)
         if z_max <= z_min:
             return sources
         surfaces = (fronts, backs, columns.continue_behind)
-        for lensed, cells, at in ray_blocks(self):
-            _free_first_hits(lensed, *surfaces, cells, z_min, z_max, sources[at])
+        for rows, cells in ray_blocks(self):
+            _free_first_hits(self.selected[rows], *surfaces, cells, z_min, z_max, sources[rows])
         return sources
 
 
 def ray_blocks(
     generator: SourceGenerator,
-) -> Iterator[tuple[np.ndarray, tuple[np.ndarray, ...], tuple[slice, slice]]]:
-    """Rays of all pixels of a generator, in blocks of panel rows.
+) -> Iterator[tuple[slice, tuple[np.ndarray, ...]]]:
+    """Rays of blocks of panel rows with selected pixels.
 
     Yields
     ------
-    lensed : (block rows, columns) bool
-        True for rays through a lens.
+    rows : slice
     cells : four (block rows, columns) float64
         See `free_cell_rays`.
-    at : (rows, columns) slices
-        Position of the block in the result; for a list of pixels, a block is one row of its pixels.
     """
     pixel_offset = float(generator.pixel_offset[0]), float(generator.pixel_offset[1])
     for rows in row_blocks(generator.display):
-        at = (rows, slice(None))
-        if generator.pixels is None:
+        if generator.selected[rows].any():
             rays = pixel_rays(generator.display, rows, pixel_offset)
-            yield rays.lens >= 0, free_cell_rays(generator.shape, generator.pixel_mm, rays), at
-            continue
-        first, end = np.searchsorted(generator.pixels.rows, (rows.start, rows.stop))
-        if first == end:
-            continue
-        rays = pixel_rays(generator.display, rows, pixel_offset)
-        listed_pixels = (
-            generator.pixels.rows[first:end] - rows.start,
-            generator.pixels.columns[first:end],
-        )
-        cells = free_cell_rays(generator.shape, generator.pixel_mm, rays)
-        picked = tuple(coordinate[listed_pixels][None] for coordinate in cells)
-        yield np.ones((1, end - first), bool), picked, (slice(None), slice(first, end))
+            yield rows, free_cell_rays(generator.shape, generator.pixel_mm, rays)
 
 
 @compiled(parallel=True)
-def _free_first_hits(lensed, fronts, backs, continue_behind, rays, z_min, z_max, sources):  # type: ignore[no-untyped-def]
-    """`first_hit` of the pixels under lenses, into `sources`; rays as of `free_cell_rays`."""
+def _free_first_hits(selected, fronts, backs, continue_behind, rays, z_min, z_max, sources):  # type: ignore[no-untyped-def]
+    """`first_hit` of the selected pixels, into `sources`; rays as of `free_cell_rays`."""
     u0, du, v0, dv = rays
     for i in prange(sources.shape[0]):
         for j in range(sources.shape[1]):
-            if lensed[i, j]:
+            if selected[i, j]:
                 sources[i, j] = first_hit(
                     fronts, backs, continue_behind,
                     u0[i, j], du[i, j], 1.0, v0[i, j], dv[i, j], 1.0, z_min, z_max,

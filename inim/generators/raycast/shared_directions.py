@@ -23,7 +23,7 @@ import numpy as np
 from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators.base import PictureShape, PixelList, PixelOffset, SourceGenerator, for_mask
+from inim.generators.base import PictureShape, PixelOffset, SourceGenerator, masked
 from inim.generators.raycast.cells import check_ray_length
 from inim.generators.raycast.columns import LAYERS, SOLID, Columns
 from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
@@ -329,6 +329,8 @@ def _run_layered(first, pixels, picture, lists, payload_of, out):  # type: ignor
         _layered_row(first + np.int64(line), *picture, *lists, *payload_of, strip, out[line])
 
 
+# Share of the panel above which walking rays one by one takes longer than tables for all of them.
+_MOST_ALONE = 0.1
 # Of usual pictures, with sides: what tables are made for is not known before a picture comes.
 _LAYERS = 12
 
@@ -367,15 +369,15 @@ def first_hits(
     # Deeper layers are laid out for shared directions alone.
     tables = (shared or rule != LAYERS) and fits_tables(display, shape, pixel_mm, layers)
 
-    def made(pixels: PixelList | None) -> SourceGenerator:
-        def through(pixel_offset: PixelOffset) -> SourceGenerator:
-            if not display.is_separable:
-                return NonSeparable(display, shape, pixel_mm, rule, pixel_offset, pixels)
-            if pixels is not None or not tables:
-                return RayByRay(display, shape, pixel_mm, rule, pixel_offset, pixels)
-            tabled = SharedDirections if shared else NonIntegerPitch
-            return tabled(display, shape, pixel_mm, rule, pixel_offset)
+    sparse = mask is not None and np.count_nonzero(mask) <= _MOST_ALONE * mask.size
 
-        return averaged(display, int(samples), through)
+    def through(pixel_offset: PixelOffset) -> SourceGenerator:
+        if not display.is_separable:
+            return NonSeparable(display, shape, pixel_mm, rule, pixel_offset, mask)
+        if sparse or not tables:
+            return RayByRay(display, shape, pixel_mm, rule, pixel_offset, mask)
+        tabled = SharedDirections if shared else NonIntegerPitch
+        generator = tabled(display, shape, pixel_mm, rule, pixel_offset)
+        return generator if mask is None else masked(generator, mask)
 
-    return for_mask(mask, display, made, dense_in_full=tables)
+    return averaged(display, int(samples), through)

@@ -22,7 +22,6 @@ from inim.display.pixels import SUBPIXELS, SubPixel, exact_length
 from inim.generators.base import (
     CENTRE,
     PictureShape,
-    PixelList,
     PixelOffset,
     Ray,
     SourceGenerator,
@@ -68,9 +67,7 @@ def averaged(
     if len(rays) == 1:
         return rays[0].generator
     first = rays[0].generator
-    return ColouredRays(
-        rays, cache(lambda: make(CENTRE)), display, first.shape, first.pixel_mm, first.pixels
-    )
+    return ColouredRays(rays, cache(lambda: make(CENTRE)), display, first.shape, first.pixel_mm)
 
 
 class ColouredRays(SourceGenerator):
@@ -83,7 +80,7 @@ class ColouredRays(SourceGenerator):
     rays : sequence of Ray
     centre : callable
         Returns the generator of the sources, which pictures do without.
-    display, shape, pixel_mm, pixels :
+    display, shape, pixel_mm :
         As for `SourceGenerator`.
     colour : {"nearest", "linear", "averaged", "smooth"}
         See `raycast.colour`.
@@ -96,17 +93,16 @@ class ColouredRays(SourceGenerator):
         display: Display,
         shape: PictureShape,
         pixel_mm: float,
-        pixels: PixelList | None = None,
         colour: str = NEAREST,
         reads: type = LayeredRGBD,
     ) -> None:
-        super().__init__(display, shape, pixel_mm, pixels)
+        super().__init__(display, shape, pixel_mm)
         self._rays, self._centre, self._colour = list(rays), centre, colour
         self._reads = reads
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
-        return self._centre().find(rgbd)
+        return self._centre().sources(rgbd)
 
     def rays(self) -> list[Ray]:
         """See `SourceGenerator.rays`."""
