@@ -1,4 +1,4 @@
-"""A headless Chromium of the system's, driven by Playwright."""
+"""The system's Chromium, headless, controlled by Playwright."""
 
 import atexit
 import json
@@ -16,16 +16,16 @@ _NAMES = ("chromium", "chromium-browser", "google-chrome")
 _FLAGS = (
     "--disable-gpu",
     "--disable-dev-shm-usage",
-    "--force-prefers-reduced-motion",  # the display sways where a test asks for it
+    "--force-prefers-reduced-motion",  # no animated display unless a test requests it
 )
 #: WebGL in software.
 WEBGL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 NO_WEBGL = ("--disable-3d-apis",)
-_LONGEST_ANSWER_MS = 90_000
+_TIMEOUT_MS = 90_000
 
 
 class Tab:
-    """A page, and the errors and warnings on it.
+    """A page with its errors and warnings.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Tab:
     def __init__(self, page: Any) -> None:
         self.complaints: list[str] = []
         self._page, self._devtools = page, page.context.new_cdp_session(page)
-        page.set_default_timeout(_LONGEST_ANSWER_MS)
+        page.set_default_timeout(_TIMEOUT_MS)
         page.on("console", lambda message: self._note(message.type, message.text))
         page.on("pageerror", lambda error: self._note("error", str(error)))
         self._devtools.on(
@@ -48,7 +48,7 @@ class Tab:
         self.evaluate, self.click = page.evaluate, page.click
 
     def _note(self, level: str, text: str) -> None:
-        # Software rendering always warns that reading pictures back is slow.
+        # Software rendering always warns that reading pixels is slow.
         slow = "GL Driver Message (OpenGL, Performance" in text
         if level in ("error", "warning", "assert") and not slow:
             self.complaints.append(f"{level}: {text}")
@@ -61,11 +61,11 @@ class Tab:
         return self._devtools.send(method, params)
 
     def open(self, path: Path) -> None:
-        """Load a file and its pictures."""
+        """Load a file with its pictures."""
         self._page.goto(path.resolve().as_uri())
 
     def size(self, width: int, height: int, *, mobile: bool = False) -> None:
-        """Set the size of the window's inside, CSS pixels."""
+        """Set the viewport size in CSS pixels."""
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": mobile}
         self.send("Emulation.setDeviceMetricsOverride", **size)
 
@@ -77,7 +77,7 @@ class Tab:
             self._page.wait_for_timeout(50)
 
     def middle(self, selector: str) -> tuple[float, float]:
-        """Scroll an element into view and return its middle, window coordinates."""
+        """Scroll an element into view and return its middle in window coordinates."""
         script = (
             f"(() => {{ const e = document.querySelector({json.dumps(selector)});"
             "e.scrollIntoView({block: 'center', behavior: 'instant'});"
@@ -88,7 +88,7 @@ class Tab:
         return x, y
 
     def drag(self, selector: str, by: tuple[float, float]) -> None:
-        """Press in the middle of an element, move in ten steps, let go."""
+        """Press in the middle of an element, move in ten steps, and release."""
         x, y = self.middle(selector)
         mouse = self._page.mouse
         mouse.move(x, y)
@@ -102,7 +102,7 @@ class Tab:
         self.send("Input.dispatchMouseEvent", type=kind, x=at[0], y=at[1], **(button | more))
 
     def key(self, name: str) -> None:
-        """Press a key and let it go."""
+        """Press and release a key."""
         self._page.keyboard.press(name)
 
     def screenshot(self, path: Path, *, whole: bool = True) -> None:
@@ -112,7 +112,7 @@ class Tab:
 
 @cache
 def _playwright() -> Any:
-    """Playwright, which a process can start once."""
+    """Start Playwright once per process."""
     from playwright.sync_api import sync_playwright
 
     playwright = sync_playwright().start()
@@ -122,12 +122,12 @@ def _playwright() -> Any:
 
 @contextmanager
 def browser(flags: Sequence[str] = WEBGL) -> Iterator[Tab]:
-    """A tab of a browser of its own; the test is skipped where there is no Chromium."""
+    """Open a tab in a new browser; skip the test without Chromium."""
     program = next(filter(None, map(shutil.which, _NAMES)), None)
     if program is None:
         pytest.skip(f"none of {', '.join(_NAMES)} is installed")
     chromium = _playwright().chromium.launch(executable_path=program, args=[*_FLAGS, *flags])
-    # "null": the flags and the tests decide.
+    # "null" leaves these to the flags and the tests.
     media = dict.fromkeys(("color_scheme", "reduced_motion", "forced_colors"), "null")
     try:
         yield Tab(chromium.new_page(no_viewport=True, **media))

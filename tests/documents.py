@@ -1,10 +1,10 @@
-"""The documents: their pages, and the commands and code on them, run as a reader would.
+"""Runner for the commands and the code on the documentation's pages.
 
-On a page, in the order printed: `sh` blocks run in one shell in the root of a fresh copy of the
-project, `python` blocks in one Python process. A block below the line `<!-- file: PATH -->` is
-written to PATH; one below `<!-- not run: REASON -->` is left out.
+The blocks of a page run in their order, in a new copy of the project: `sh` blocks in one shell in
+its root, `python` blocks in one Python process. A block below the line `<!-- file: PATH -->` is
+written to PATH. A block below `<!-- not run: REASON -->` is skipped.
 
-`python -m tests.documents [PAGE ...]` runs pages and says what each block took.
+`python -m tests.documents [PAGE ...]` runs pages and prints the time of each block.
 """
 
 import ast
@@ -46,14 +46,14 @@ class Block:
     Attributes
     ----------
     page : str
-        Relative to the project.
+        Path relative to the project.
     line : int
-        Of its first line of text.
+        Number of the first line of text.
     language, text : str
     file : str or None
-        Where a reader saves it.
+        File to which the block is written.
     not_run : str or None
-        Why it cannot be run here.
+        Reason why the block is skipped.
     """
 
     page: str
@@ -68,19 +68,20 @@ class Block:
 
 
 def pages() -> list[str]:
-    """README first, then the site's own pages."""
-    made = {"generated", "images"}
-    found = [p.relative_to(ROOT) for p in sorted((ROOT / "docs").rglob("*.md"))]
-    return ["README.md", "CONTRIBUTING.md"] + [str(p) for p in found if not made & set(p.parts)]
+    """Paths of README, CONTRIBUTING and the site's pages, without generated ones."""
+    generated = {"generated", "images"}
+    paths = [p.relative_to(ROOT) for p in sorted((ROOT / "docs").rglob("*.md"))]
+    hand_written = [str(p) for p in paths if not generated & set(p.parts)]
+    return ["README.md", "CONTRIBUTING.md", *hand_written]
 
 
 def blocks(page: str) -> list[Block]:
-    """The fenced blocks of a page, in the order printed."""
+    """Fenced blocks of a page, in their order."""
     text = (ROOT / page).read_text("utf-8")
-    found = []
+    page_blocks = []
     for match in _BLOCK.finditer(text):
         indent, mark = len(match["indent"]), match["mark"]
-        found.append(
+        page_blocks.append(
             Block(
                 page,
                 text.count("\n", 0, match.start("text")) + 1,
@@ -90,11 +91,11 @@ def blocks(page: str) -> list[Block]:
                 not_run=match["value"] if mark == "not run" else None,
             )
         )
-    return found
+    return page_blocks
 
 
 def commands(block: Block) -> list[str]:
-    """The commands of a shell block, each on one line, its variables in it, without comments."""
+    """Commands of a shell block, one per line, with variables replaced and without comments."""
     joined = block.text.replace("\\\n", " ")
     for name, value in _VARIABLE.findall(joined):
         joined = joined.replace(f"${name}", " ".join(value.split()))
@@ -104,7 +105,7 @@ def commands(block: Block) -> list[str]:
 
 
 class _Child:
-    """A process that reads pieces of code and says after each how it went."""
+    """A process that executes pieces of code from its input."""
 
     def __init__(self, words: list[str], folder: Path, environment: dict[str, str]) -> None:
         self._process = subprocess.Popen(
@@ -113,16 +114,16 @@ class _Child:
         )  # fmt: skip
 
     def run(self, code: str, mark: str) -> str:
-        """Carry `code` out, which prints `mark` last; returns what it printed before."""
+        """Execute `code`, which prints `mark` last; return its output before the mark."""
         assert self._process.stdin and self._process.stdout
         self._process.stdin.write(code)
         self._process.stdin.flush()
-        said = []
+        lines = []
         for line in self._process.stdout:
             if line.rstrip("\n") == mark:
-                return "".join(said)
-            said.append(line)
-        raise AssertionError("".join(said)[-3000:] or f"ended with {self._process.wait()}")
+                return "".join(lines)
+            lines.append(line)
+        raise AssertionError("".join(lines)[-3000:] or f"ended with {self._process.wait()}")
 
     def end(self) -> None:
         assert self._process.stdin
@@ -142,12 +143,12 @@ _MARK = "--- block done ---"
 
 
 class Reader:
-    """Somebody who does all that a page says, in a copy of the project.
+    """Simulated reader, who executes the blocks of a page in a copy of the project.
 
     Parameters
     ----------
     folder : Path
-        Holds the copy, and the home folder that commands find.
+        Folder for the copy and for the result cache.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -160,10 +161,10 @@ class Reader:
             "INIM_CACHE": str(folder / "cache"),
             "MPLBACKEND": "agg",
             "PYTHONUNBUFFERED": "1",
-            # What a page installs stays in its folder, and comes without the network.
+            # Packages are installed into the folder, without the network.
             "PIP_TARGET": str(folder / "site"),
             "PIP_NO_DEPS": "1",
-            "PIP_NO_BUILD_ISOLATION": "0",  # as pip reads it: no isolation
+            "PIP_NO_BUILD_ISOLATION": "0",  # pip's spelling of: no isolation
             "PYTHONPATH": f"{self.project}{os.pathsep}{folder / 'site'}",
         }
         self._environment = environment
@@ -171,7 +172,7 @@ class Reader:
         self._python: _Child | None = None
 
     def follow(self, block: Block) -> str:
-        """Save or run a block; returns what it printed, and fails as it failed."""
+        """Write or run a block; return its output, or raise AssertionError if it fails."""
         if block.not_run:
             return ""
         if block.file:
@@ -180,7 +181,7 @@ class Reader:
             path.write_text(block.text, "utf-8")
             return ""
         if block.language == "sh":
-            script = self.project.parent / "block.sh"  # commands may read their input to its end
+            script = self.project.parent / "block.sh"  # a command may consume the whole input
             script.write_text(block.text, "utf-8")
             return self._shell.run(f". '{script}' </dev/null\necho '{_MARK}'\n", _MARK)
         if block.language == "python":
@@ -191,29 +192,29 @@ class Reader:
         return ""
 
     def end(self) -> None:
-        """Let the shell and Python end."""
+        """End the shell and the Python process."""
         for child in filter(None, (self._shell, self._python)):
             child.end()
 
 
 def run_page(page: str, folder: Path) -> Iterator[tuple[Block, str, float]]:
-    """Follow a page: each block that was run, what it printed and the seconds it took."""
+    """Run a page; yield each executed block with its output and its time in seconds."""
     reader = Reader(folder)
     try:
         for block in blocks(page):
-            begun = time.monotonic()
+            started = time.monotonic()
             try:
-                said = reader.follow(block)
+                output = reader.follow(block)
             except AssertionError as error:
                 raise AssertionError(f"{block}:\n{block.text}\n{error}") from None
             if block.language in _RUN and not (block.file or block.not_run):
-                yield block, said, time.monotonic() - begun
+                yield block, output, time.monotonic() - started
     finally:
         reader.end()
 
 
 def check_syntax(block: Block) -> None:
-    """Python that compiles."""
+    """Compile a Python block."""
     ast.parse(block.text, str(block))
 
 
@@ -222,10 +223,10 @@ def _main(chosen: list[str]) -> int:
     for page in chosen or pages():
         with tempfile.TemporaryDirectory() as folder:
             try:
-                for block, said, seconds in run_page(page, Path(folder)):
+                for block, output, seconds in run_page(page, Path(folder)):
                     print(f"{seconds:6.1f} s  {block}", flush=True)
                     if chosen:
-                        print(said, end="")
+                        print(output, end="")
             except AssertionError as error:
                 failed += 1
                 print(f"FAILED    {error}", flush=True)

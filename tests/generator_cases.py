@@ -1,9 +1,9 @@
-"""The matrix on which generators are tested: displays, pictures and algorithms.
+"""Test matrix of the generators: displays, pictures and algorithms.
 
-The displays are small. They cover what decides how a generator finds its sources: whole numbers
-of pixels per lens or not, lenses in more than one strip of 32, arrays that are moved, hexagonal,
-turned or tilted, and real and virtual images. The pictures cover what decides a hit: ties at
-borders, steps, thin surfaces, holes, layers and sizes that no pitch divides.
+The displays are small and cover all implementations of source maps: whole and fractional numbers of
+pixels per lens, lenses in more than one strip of 32, shifted, hexagonal, turned and tilted arrays,
+and real and virtual images. The pictures cover all kinds of hits: ties at borders, steps, thin
+surfaces, holes, layers, and pixels that do not divide the pitch.
 """
 
 from collections.abc import Callable
@@ -67,7 +67,7 @@ NON_SEPARABLE = {
         **REAL,
     ),
 }
-#: Displays whose colours start from places of their own.
+#: Displays whose colour channels have different subpixel positions.
 SUBPIXELS = {
     "stripes": small_display(4, 3, 7, subpixels="rgb-stripe", pixel_fill=0.8, **REAL),
     "pentile, moved": small_display(4, 3, 7, subpixels="pentile", shift_y_mm=0.13, **REAL),
@@ -84,11 +84,11 @@ class AlgorithmCase:
     Attributes
     ----------
     columns : str, optional
-        The columns whose exact first hits it shows, for the rational oracle.
+        Columns for the rational oracle, if the algorithm shows exact first hits.
     most_pixels : int
-        Panel pixels for which the float64 oracle is asked.
+        Largest number of panel pixels for the float64 oracle.
     anywhere : bool
-        It serves arrays that have no rows and columns.
+        True if the algorithm supports non-separable displays.
     """
 
     columns: str | None
@@ -113,7 +113,7 @@ def single_ray(algorithm: str) -> str:
 
 
 def _shape(display: Display, pixel_mm: float) -> tuple[int, int]:
-    """About the part of the picture that rays reach, and not symmetric."""
+    """Shape of a picture that covers about the part that rays reach, not symmetric."""
     rows, columns = display.capture_shape(1)
     share = display.pitch_mm / pixel_mm
     return max(1, round(rows * share) - 1), max(1, round(columns * share) - 2)
@@ -129,7 +129,7 @@ def random(display: Display, pixel_mm: float, coverage: float = 0.9) -> RGBD:
 
 
 def hills(display: Display, pixel_mm: float) -> RGBD:
-    """Slopes, a jump and holes: connected neighbours, and ends of columns of every kind."""
+    """Slopes, a jump and holes, with connected neighbours and all kinds of column ends."""
     shape = _shape(display, pixel_mm)
     rows, columns = np.indices(shape)
     low, high = display.depth_range_mm
@@ -139,7 +139,7 @@ def hills(display: Display, pixel_mm: float) -> RGBD:
 
 
 def steps(display: Display, pixel_mm: float) -> RGBD:
-    """Few depths, the ends of the range and its middle among them."""
+    """Five depths, including the ends of the range and its middle."""
     generator = np.random.default_rng(4)
     low, high = display.depth_range_mm
     depth = low + (high - low) * generator.integers(0, 5, _shape(display, pixel_mm)) / 4
@@ -147,26 +147,26 @@ def steps(display: Display, pixel_mm: float) -> RGBD:
 
 
 def spikes(display: Display, pixel_mm: float) -> RGBD:
-    """Thin near things before a far ground."""
+    """Thin near surfaces in front of a far background."""
     far, near = map(np.float32, display.depth_range_mm)
     rows, columns = np.indices(_shape(display, pixel_mm))
     return picture_of_depth(np.where((rows % 3 == 1) & (columns % 4 == 2), near, far), pixel_mm)
 
 
 def single(display: Display, pixel_mm: float) -> RGBD:
-    """One cell."""
+    """Picture of one cell."""
     return picture_of_depth(np.full((1, 1), display.depth_range_mm[1], np.float32), pixel_mm)
 
 
 def ties(ulps: int) -> Callable[[Display, float], RGBD]:
-    """Depths at which rays leave cells, moved by so many units in the last place."""
+    """Depths at which rays leave cells, moved by `ulps` units in the last place."""
     return lambda display, pixel_mm: tied_picture(
         display, _shape(display, pixel_mm), pixel_mm, ulps
     )
 
 
 def layers(display: Display, pixel_mm: float) -> LayeredRGBD:
-    """Three random solids behind one another, most of them thin, each layer sparser."""
+    """Three layers of random, mostly thin solids; deeper layers are sparser."""
     generator = np.random.default_rng(1)
     shape, (low, high) = _shape(display, pixel_mm), display.depth_range_mm
     covered, above, solids = generator.random(shape) < 0.7, np.full(shape, high), []
@@ -182,7 +182,7 @@ def layers(display: Display, pixel_mm: float) -> LayeredRGBD:
     )  # fmt: skip
 
 
-#: Pictures by name: how they are made, and cells to the pitch (not whole: no tables serve it).
+#: Functions that create the pictures, and cells per pitch. Fractional ones cannot use tables.
 PICTURES: dict[str, tuple[Callable[[Display, float], RGBD], float]] = {
     "random": (random, 2),
     "random, sparse, odd size": (lambda d, p: random(d, p, 0.4), 3.68),
@@ -208,20 +208,20 @@ def _linear(rgbd: RGBD) -> RGBD:
 
 @cache
 def picture(display: str, name: str) -> RGBD:
-    """A picture of the matrix."""
-    made, per_pitch = PICTURES[name]
-    shown = DISPLAYS[display]
-    return made(shown, float(1 / (exact_length(per_pitch) / exact_length(shown.pitch_mm))))
+    """Picture of the matrix, by the names of its display and of the picture."""
+    create, per_pitch = PICTURES[name]
+    pitch = exact_length(DISPLAYS[display].pitch_mm)
+    return create(DISPLAYS[display], float(1 / (exact_length(per_pitch) / pitch)))
 
 
 def pictures_for(display: str) -> list[str]:
-    """The pictures for a display: ties are known where rays are exact."""
+    """Names of the pictures for a display; ties need exact rays."""
     exact = DISPLAYS[display].is_separable
     return [name for name in PICTURES if exact or not name.startswith("ties")]
 
 
 def coded(rgbd: RGBD) -> RGBD:
-    """A picture in RGBA whose colours are the numbers of its pixels, from 1."""
+    """Picture in RGBA whose colours are the numbers of its pixels, from 1."""
 
     def codes(shape: tuple[int, int], first: int) -> np.ndarray:
         index = np.arange(first, first + shape[0] * shape[1], dtype=np.uint32)
@@ -235,7 +235,7 @@ def coded(rgbd: RGBD) -> RGBD:
     if not isinstance(rgbd, LayeredRGBD):
         return RGBD(**plain)
     deeper = tuple(
-        Layer(codes(rgbd.shape, 1 + (n + 1) * size), one.front_mm, one.back_mm, one.covered)
-        for n, one in enumerate(rgbd.deeper)
+        Layer(codes(rgbd.shape, 1 + (n + 1) * size), layer.front_mm, layer.back_mm, layer.covered)
+        for n, layer in enumerate(rgbd.deeper)
     )
     return LayeredRGBD(**plain, back_mm=rgbd.back_mm, deeper=deeper)

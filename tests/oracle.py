@@ -1,26 +1,25 @@
-"""Two independent answers to "which pixel of the picture does this panel pixel show".
+"""Two independent oracles of the source map: the picture pixel that each panel pixel shows.
 
-Both are written from the definition of the `template` generator and share no code and no method
-with it: neither follows the ray step by step.
+Both are written from the definition of the `template` generator. They share neither code nor method
+with it: they do not follow a ray step by step.
 
-* `exact_sources` works in rational numbers: no rounding anywhere, so ties are decided by the
-  definition. Each axis is cut into runs (a stretch of depth spent in one column, or in one row);
-  a ray's cells are the intersections of its column runs with its row runs. It is kept on purpose
-  beside `inim.generators.oracle`, which scores users' algorithms: written apart, by another
-  method, down to `stated` and the rays, it is what that oracle is checked with.
-* `float_sources` is the float64 oracle of the accuracy study, `reports.stress.study.oracles`, for
-  whole panels: for large displays and arbitrary lengths, where no tie is expected; `doubtful`
-  says which pixels a push of a ten-millionth of a cell would change.
+* `exact_sources` uses rational numbers. Nothing is rounded, and the definition decides ties. Each
+  axis is divided into runs: the depths that a ray spends in one column, or in one row. The cells of
+  a ray are the intersections of its column runs and its row runs. This oracle checks
+  `inim.generators.oracle`, which scores users' algorithms; it is written separately and by another
+  method, including `exact_length` and the rays.
+* `float_sources` applies the float64 oracle of the accuracy study, `reports.stress.study.oracles`,
+  to whole panels, for large displays and lengths without ties. `doubtful` finds the pixels that a
+  shift of a ten-millionth of a cell changes.
 
-What a length means. A panel pitch given as ``1 / 17`` or ``0.0636`` stands for that number, not
-for the binary fraction next to it: `stated` recovers the simplest fraction that rounds to the
-float. With lengths that are binary fractions the two readings coincide. Depths are measurements:
-a float32 depth is taken as exactly the value it holds.
+Lengths: a panel pitch of ``1 / 17`` or ``0.0636`` means that number, not the binary fraction next
+to it. `exact_length` finds the simplest fraction that rounds to the float. Depths are measurements:
+a float32 depth has exactly its binary value.
 
-What the definition leaves open, and how it is read here. A cell counts when the ray spends a
-stretch of depth in it, not when it touches it in one point; the end of the ray at z_max and z_min
-is no exception. A panel pixel centred exactly on the line between two elemental images belongs to
-the one nearer the axis, and on the axis to the left or upper one.
+Conventions: a cell counts if the ray spends an interval of depth in it, not if it touches it in one
+point. This also holds for the ends of the ray at z_max and z_min. A panel pixel centred exactly
+between two elemental images belongs to the one nearer the axis, and on the axis to the left or
+upper one.
 """
 
 import math
@@ -40,11 +39,11 @@ NO_LENS = -2
 
 
 def exact_length(value: float) -> Fraction:
-    """The fraction a person meant: the simplest one that rounds to this float, in any unit."""
+    """Simplest fraction that rounds to this float, in any unit."""
     mantissa, power = math.frexp(value)
     simple = Fraction(mantissa).limit_denominator(10**6)
-    meant = simple if float(simple) == mantissa else Fraction(mantissa)
-    return meant * Fraction(2) ** power
+    exact = simple if float(simple) == mantissa else Fraction(mantissa)
+    return exact * Fraction(2) ** power
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ class Rays:
 
 
 def panel_pixels(display: Display) -> tuple[int, int]:
-    """Rows and columns of the panel: as given, or the fewest that cover the elemental images."""
+    """Rows and columns of the panel; by default the fewest that cover the elemental images."""
     down, across = (
         elemental / exact_length(display.pixel_pitch_mm) for elemental in _elemental(display)
     )
@@ -69,8 +68,8 @@ def panel_pixels(display: Display) -> tuple[int, int]:
 
 def _elemental(display: Display) -> tuple[Fraction, Fraction]:
     """Pitch of the elemental images, down and across."""
-    pitch, given = exact_length(display.pitch_mm), display.elemental_pitch_mm
-    across = pitch if given is None else exact_length(given)
+    pitch, elemental = exact_length(display.pitch_mm), display.elemental_pitch_mm
+    across = pitch if elemental is None else exact_length(elemental)
     rows = pitch if display.pitch_y_mm is None else exact_length(display.pitch_y_mm)
     return across * rows / pitch, across
 
@@ -78,9 +77,9 @@ def _elemental(display: Display) -> tuple[Fraction, Fraction]:
 def lens_of_pixel(
     pixel: int, pixels: int, lenses: int, ratio: Fraction, moved: Fraction = Fraction(0)
 ) -> int:
-    """Lens over one pixel of an axis of `pixels`, `ratio` pixels to the lens; -1 outside.
+    """Lens over a pixel of an axis of `pixels` pixels, with `ratio` pixels per lens; -1 outside.
 
-    `moved` is the number of pixels by which the array is off the panel's middle.
+    `moved` is the shift of the array from the panel's middle, in pixels.
     """
     from_axis = (Fraction(pixel) - Fraction(pixels - 1, 2) - moved) / ratio
     place = from_axis + Fraction(lenses, 2)
@@ -95,7 +94,7 @@ def all_rays(rgbd: RGBD, display: Display) -> tuple[Rays, Rays]:
     gap, cell = exact_length(display.gap_mm), exact_length(rgbd.pixel_mm)
     pixel_pitch, across = exact_length(display.pixel_pitch_mm), exact_length(display.pitch_mm)
     down = across if display.pitch_y_mm is None else exact_length(display.pitch_y_mm)
-    found = []
+    axes = []
     for pixels, lenses, cells, pitch, elemental, shift in zip(
         panel_pixels(display), (display.lens_rows, display.lens_columns), rgbd.shape,
         (down, across), _elemental(display),
@@ -110,12 +109,12 @@ def all_rays(rgbd: RGBD, display: Display) -> tuple[Rays, Rays]:
             lens.append(n)
             start.append(x0 / cell + Fraction(cells, 2))
             slope.append((x0 - x) / gap / cell)
-        found.append(Rays(lens, start, slope))
-    return found[0], found[1]
+        axes.append(Rays(lens, start, slope))
+    return axes[0], axes[1]
 
 
 def depth_range(display: Display) -> tuple[Fraction, Fraction]:
-    """z_min and z_max as stated lengths."""
+    """Exact lengths of z_min and z_max."""
     low, high = display.depth_range_mm
     return exact_length(low), exact_length(high)
 
@@ -126,22 +125,22 @@ def depth_range(display: Display) -> tuple[Fraction, Fraction]:
 def runs(
     start: Fraction, slope: Fraction, low: Fraction, high: Fraction
 ) -> list[tuple[Fraction, int]]:
-    """From `high` down: the depth at which the ray leaves each cell of one axis, and the cell."""
+    """Cells of a ray on one axis, from `high` down, each with the depth at which the ray leaves."""
     at_high, at_low = start + slope * high, start + slope * low
     left, right = min(at_high, at_low), max(at_high, at_low)
     borders = range(math.floor(left) + 1, math.ceil(right))  # strictly between the two ends
     ends = [*sorted(((k - start) / slope for k in borders), reverse=True), low]
-    found, top = [], high
+    cells, top = [], high
     for end in ends:
-        found.append((end, math.floor(start + slope * (top + end) / 2)))
+        cells.append((end, math.floor(start + slope * (top + end) / 2)))
         top = end
-    return found
+    return cells
 
 
 def column_ends(rgbd: RGBD, columns: str) -> tuple[list[tuple[np.ndarray, np.ndarray]], bool]:
-    """Fronts and backs of each layer, NaN where there is none; whether what is hidden continues."""
+    """Fronts and backs of each layer, NaN without one; True if hidden surfaces continue."""
     if columns == "layers" and isinstance(rgbd, LayeredRGBD):
-        layers = [(one.front_mm, one.back_mm, one.covered) for one in rgbd.layers]
+        layers = [(layer.front_mm, layer.back_mm, layer.covered) for layer in rgbd.layers]
         return [(np.where(c, f, np.nan), np.where(c, b, np.nan)) for f, b, c in layers], False
     front = np.where(rgbd.covered, rgbd.depth_mm, np.float32(np.nan))
     back = np.full(rgbd.shape, -np.inf, np.float32)
@@ -152,7 +151,7 @@ def column_ends(rgbd: RGBD, columns: str) -> tuple[list[tuple[np.ndarray, np.nda
 
 
 def _surface_back(front: np.ndarray, i: int, j: int, pixel_mm: float) -> np.float32:
-    """Ten pixels behind the front, or the lowest neighbour joined to it; in float32."""
+    """Depth ten pixels behind the front, or the lowest connected neighbour; in float32."""
     here = front[i, j]
     low = here - np.float32(10 * pixel_mm)
     for p in range(max(i - 1, 0), min(i + 2, front.shape[0])):
@@ -164,25 +163,25 @@ def _surface_back(front: np.ndarray, i: int, j: int, pixel_mm: float) -> np.floa
 
 
 def exact_sources(rgbd: RGBD, display: Display, columns: str = "surface") -> np.ndarray:
-    """Source map in rational arithmetic, of the columns that `template` and `layered` know."""
+    """Source map in rational arithmetic, for the columns of `template` and `layered`."""
     low, high = depth_range(display)
     row_rays, column_rays = all_rays(rgbd, display)
     row_runs = [runs(s, d, low, high) for s, d in zip(row_rays.start, row_rays.slope, strict=True)]
     column_runs = [
         runs(s, d, low, high) for s, d in zip(column_rays.start, column_rays.slope, strict=True)
     ]
-    # Whole numbers compare faster: every leaving depth in units of 1 / scale.
+    # Integers compare faster: depths in units of 1 / scale.
     scale = math.lcm(*{end.denominator for r in row_runs + column_runs for end, _ in r})
     row_runs = [[(int(end * scale), cell) for end, cell in r] for r in row_runs]
     column_runs = [[(int(end * scale), cell) for end, cell in r] for r in column_runs]
     layers, continues = column_ends(rgbd, columns)
     solids = [_whole(front, back, scale) for front, back in layers]
-    found = np.full((len(row_runs), len(column_runs)), NO_LENS, np.int32)
+    sources = np.full((len(row_runs), len(column_runs)), NO_LENS, np.int32)
     for i, by_row in enumerate(row_runs):
         for j, by_column in enumerate(column_runs):
             if row_rays.lens[i] >= 0 and column_rays.lens[j] >= 0:
-                found[i, j] = _first_cell(by_row, by_column, solids, rgbd.shape, continues)
-    return found
+                sources[i, j] = _first_cell(by_row, by_column, solids, rgbd.shape, continues)
+    return sources
 
 
 _Solids = dict[tuple[int, int], tuple[int, float]]
@@ -191,8 +190,8 @@ _Solids = dict[tuple[int, int], tuple[int, float]]
 def _whole(front: np.ndarray, back: np.ndarray, scale: int) -> _Solids:
     """Front and back of each covered cell, in units of 1 / scale.
 
-    depth >= end for a whole `end` exactly when floor(depth) >= end, and depth <= entry when
-    ceil(depth) <= entry.
+    For an integer `end`, depth >= end is equivalent to floor(depth) >= end. For an integer `entry`,
+    depth <= entry is equivalent to ceil(depth) <= entry.
     """
     return {
         (int(r), int(c)): (
@@ -212,7 +211,7 @@ def _first_cell(
     shape: tuple[int, int],
     continues: bool,
 ) -> int:
-    """Walk the overlaps of two lists of runs; borders met together are left together."""
+    """Source of a ray: the first hit among the overlaps of its row runs and column runs."""
     (high, wide), a, b, entry = shape, 0, 0, math.inf
     last, hidden = HOLE, False
     while a < len(by_row) and b < len(by_column):
@@ -242,19 +241,19 @@ def float_sources(
     push: tuple[float, float, float] = (0.0, 0.0, 0.0),
     columns: str = "surface",
 ) -> np.ndarray:
-    """Source map in float64, the picture moved by `push` (rows, columns, mm of depth)."""
+    """Source map in float64, with the picture shifted by `push` (rows, columns, mm of depth)."""
     pixels = lensed_pixels(display)
-    found = np.full(display.eia_shape, NO_LENS, np.int32)
+    sources = np.full(display.eia_shape, NO_LENS, np.int32)
     rays = rays_over(display, rgbd, pixels)
-    moved = (push[1], push[0], push[2])
-    found[tuple(pixels.T)] = first_hits(rays, rgbd, display, moved, columns)
-    return found
+    shift = (push[1], push[0], push[2])
+    sources[tuple(pixels.T)] = first_hits(rays, rgbd, display, shift, columns)
+    return sources
 
 
 def doubtful(
     rgbd: RGBD, display: Display, push: float = 1e-7, columns: str = "surface"
 ) -> np.ndarray:
-    """Pixels whose source changes when the picture moves by `push` of a cell or of a mm."""
+    """Pixels whose source changes if the picture is shifted by `push` cells or mm."""
     answers = [
         float_sources(rgbd, display, (a * push, b * push, c * push), columns)
         for a in (-1, 1)

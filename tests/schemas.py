@@ -1,4 +1,4 @@
-"""Documents held to their schemas, wherever a test reads one."""
+"""Documents of the tests, checked against their schemas."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -23,7 +23,7 @@ schema = cache(documents.schema)
 
 
 def read_document(path: Path) -> dict[str, Any]:
-    """A document from its file, which must keep its schema."""
+    """Read a document and check it against its schema."""
     return read_text(path.read_text("utf-8"))
 
 
@@ -59,73 +59,73 @@ def _no_number(name: str) -> float:
 
 @cache
 def validator(named: str) -> Draft202012Validator:
-    """Of the documents that name this schema, such as ``inim.report/1``."""
-    schemas = {one["properties"]["schema"]["enum"][0]: one for one in map(schema, NAMES)}
+    """Validator of the documents with this schema name, such as ``inim.report/1``."""
+    schemas = {s["properties"]["schema"]["enum"][0]: s for s in map(schema, NAMES)}
     return Draft202012Validator(schemas[named])
 
 
 def flat(part: dict[str, Any], name: str) -> dict[str, Any]:
-    """A part of a schema with what it refers to in its place."""
+    """Replace the references of a part of a schema by their definitions."""
     if "anyOf" in part:  # a value or null
-        values = [flat(one, name) for one in part["anyOf"]]
-        kinds = [kind for one in values for kind in types_of(one)]
+        values = [flat(option, name) for option in part["anyOf"]]
+        kinds = [kind for value in values for kind in types_of(value)]
         return values[0] | {k: v for k, v in part.items() if k != "anyOf"} | {"type": kinds}
     if "$ref" not in part:
         return part
-    meant = flat(schema(name)["$defs"][part["$ref"].removeprefix("#/$defs/")], name)
-    required = [*meant.get("required", ()), *part.get("required", ())]
-    return meant | part | ({"required": required} if required else {})
+    definition = flat(schema(name)["$defs"][part["$ref"].removeprefix("#/$defs/")], name)
+    required = [*definition.get("required", ()), *part.get("required", ())]
+    return definition | part | ({"required": required} if required else {})
 
 
-# Examples of dataclasses: examples of their fields need not fit together.
+# Complete examples of dataclasses: separate examples of their fields may be inconsistent.
 DATACLASSES = {"Display": DISPLAYS["nominal"].parameters(), "Settings": asdict(Settings())}
 
 
 def types_of(part: dict[str, Any]) -> list[str]:
-    """The JSON types that a flat part allows."""
+    """JSON types that a flat part allows."""
     if "enum" in part:
         return ["string"]
     return [part["type"]] if isinstance(part["type"], str) else part["type"]
 
 
 def example(part: dict[str, Any], name: str) -> Any:
-    """A value of a schema with all that it allows, and one of each where it allows any number."""
+    """Example of a schema with all optional members; arrays have the smallest length."""
     part = flat(part, name)
     if part.get("title") in DATACLASSES:
         return DATACLASSES[part["title"]]
     if "const" in part:
         return part["const"]
-    for chosen in ("examples", "enum"):
-        if chosen in part:
-            return part[chosen][0]
+    for keyword in ("examples", "enum"):
+        if keyword in part:
+            return part[keyword][0]
     kind = types_of(part)[0]
     if kind == "object":
-        return {key: example(one, name) for key, one in members(part)}
+        return {key: example(member, name) for key, member in members(part)}
     if kind == "array":
         items = part.get("prefixItems") or [part["items"]] * part.get("minItems", 1)
-        return [example(one, name) for one in items]
+        return [example(item, name) for item in items]
     return {"string": "text", "number": 0.5, "integer": 1, "boolean": True}[kind]
 
 
 def members(part: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
-    """The keys of an example of an object, each with its schema."""
+    """Keys of an object's example, each with its schema."""
     allows = Draft202012Validator(part.get("propertyNames", True)).is_valid
-    own, required = part.get("properties", {}), part.get("required", ())
-    found = [
-        (key, one)
-        for key, one in own.items()
+    properties, required = part.get("properties", {}), part.get("required", ())
+    pairs = [
+        (key, member)
+        for key, member in properties.items()
         if allows(key) and (key != "not_finite" or key in required)
     ]
     if part.get("additionalProperties"):
         key = next(filter(allows, ("a", "a_to_reference")))
-        found.append((key, part["additionalProperties"]))
-    return found
+        pairs.append((key, part["additionalProperties"]))
+    return pairs
 
 
 def completed(name: str, document: Mapping[str, Any]) -> dict[str, Any]:
-    """A document with an example of whatever its schema requires and it lacks."""
-    found: dict[str, Any] = _completed(schema(name), name, document)
-    return found
+    """Add examples of all required members that a document lacks."""
+    complete: dict[str, Any] = _completed(schema(name), name, document)
+    return complete
 
 
 def _completed(part: dict[str, Any], name: str, value: Any) -> Any:
@@ -133,26 +133,27 @@ def _completed(part: dict[str, Any], name: str, value: Any) -> Any:
     if isinstance(value, Mapping):
         if part.get("title") in DATACLASSES:
             return {**DATACLASSES[part["title"]], **value}
-        own, others = part.get("properties", {}), part.get("additionalProperties")
-        needed = {key: example(own[key], name) for key in part.get("required", ())}
-        known = {key: own.get(key, others or {}) for key in value}
-        return needed | {k: _completed(known[k], name, v) for k, v in value.items()}
+        properties, others = part.get("properties", {}), part.get("additionalProperties")
+        required = {key: example(properties[key], name) for key in part.get("required", ())}
+        schemas = {key: properties.get(key, others or {}) for key in value}
+        return required | {k: _completed(schemas[k], name, v) for k, v in value.items()}
     if isinstance(value, list) and "items" in part and "prefixItems" not in part:
-        return [_completed(part["items"], name, one) for one in value]
+        return [_completed(part["items"], name, item) for item in value]
     return value
 
 
 def report_document(data: Mapping[str, Any]) -> ReportDocument:
-    """A typed report of the given keys, with no other score, and examples of all other keys."""
+    """Report with these keys, without other scores, and with examples of all other keys."""
     names = [eye["name"] for eye in data.get("viewpoints", ())]
     floor, reference = data.get("noise_floor", {}), data.get("reference", {})
-    none: dict[str, Any] = {name: {} for name in names}
+    empty: dict[str, Any] = {name: {} for name in names}
     scored = {
         "noise_floor": {
             "eia": dict.fromkeys(EIA_SCORES) | floor.get("eia", {}),
-            "views": _scored(none | floor.get("views", {}), VIEW_SCORES),
+            "views": _scored(empty | floor.get("views", {}), VIEW_SCORES),
         },
-        "reference": reference | {"views": _scored(none | reference.get("views", {}), VIEW_SCORES)},
+        "reference": reference
+        | {"views": _scored(empty | reference.get("views", {}), VIEW_SCORES)},
         "algorithms": {
             name: {"precision": {}, "seconds": None}
             | result

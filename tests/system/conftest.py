@@ -1,8 +1,8 @@
-"""A scene small enough to validate in seconds, and the command run as a user runs it.
+"""A scene that validates in seconds, and functions that run commands.
 
-A command with a worker costs four times as much in processes of its own as in this one. So tests
-run it here (`run_here`, `run_inim`), except those about processes: signals, deaths, exit codes of
-the true command, damaged input that native code reads, surroundings. Those take `run_process`.
+A command with a worker takes four times as long in separate processes. Therefore tests run commands
+in the test process (`run_here`, `run_inim`). Tests of processes use `run_process`: signals,
+crashes, exit codes, damaged input for native code, and environments.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from tests.conftest import scene_text, sphere, square
 from tests.schemas import read_document
 
 ALONE = {"algorithms": "template", "viewpoints": "centre"}
-#: As small as a run can be that writes every kind of file.
+#: Settings of the smallest run that writes all kinds of files.
 SMALLEST = ALONE | {"pixel_pitch_mm": "0.125", "view_pixels_per_lens": "2"}
 SMALLEST |= {"capture_pixels_per_pitch": "4", "lens_model": "pinhole"}
 TINY = {
@@ -52,19 +52,19 @@ SHAPES = (
 
 
 def definitions(settings: Mapping[str, str]) -> list[str]:
-    """Settings as the command line's words."""
+    """Command-line options of settings."""
     return [word for key, value in settings.items() for word in ("-D", f"{key}={value}")]
 
 
 def command(*words: str | Path, **settings: str) -> list[str]:
-    """`python -m inim.validate` with the tiny display, whose settings can be overridden."""
+    """Command line of `python -m inim.validate` with the tiny display and changed settings."""
     tiny = definitions(TINY | {f"inim.{key}": value for key, value in settings.items()})
     return [sys.executable, "-m", "inim.validate", *map(str, words), *tiny]
 
 
 @dataclass(frozen=True)
 class Ended:
-    """How a command ended."""
+    """Exit code and output of a command."""
 
     code: int
     stdout: str
@@ -72,7 +72,7 @@ class Ended:
 
 
 def assert_one_line(text: str, words: Sequence[str]) -> None:
-    """One line, from the program itself, with these words in it."""
+    """Assert that a text is one error line of the program and contains these words."""
     assert "Traceback" not in text
     assert text.startswith("inim: error: ")
     assert text.count("\n") == 1, text
@@ -82,18 +82,18 @@ def assert_one_line(text: str, words: Sequence[str]) -> None:
 
 
 def nothing_left(folder: Path) -> bool:
-    """Whether no half-written folder or file is left."""
+    """True if there are no partially written folders and files."""
     return not [p for p in folder.rglob("*") if ".partial" in p.name]
 
 
 def files_in(folder: Path) -> set[str]:
-    """Names of all files, but for the lists of what was put there."""
-    found = (str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
-    return {name for name in found if not re.fullmatch(r"\.\w+-files\.json", name)}
+    """Names of all files, without the lists of written files."""
+    names = (str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file())
+    return {name for name in names if not re.fullmatch(r"\.\w+-files\.json", name)}
 
 
 def assert_whole(out: Path) -> dict:
-    """Every file that the report lists is there and can be read to its end."""
+    """Assert that all files in the report's list exist and are readable; return the report."""
     from PIL import Image
 
     data = read_document(out / "report.json")
@@ -120,7 +120,7 @@ def _start_here(target: str, *_: object) -> tuple[Any, io.StringIO]:
 
 
 def _carry_out_here(process: Any, _: object, job: Any, *__: object) -> dict[str, Any]:
-    """Carry a job out in this process; the last message of a worker."""
+    """Execute a worker's job in this process and return its last message."""
     messages = io.StringIO()
     module, _, function = process.target.partition(":")
     with _ONE_AT_A_TIME:
@@ -130,7 +130,7 @@ def _carry_out_here(process: Any, _: object, job: Any, *__: object) -> dict[str,
 
 
 def install_metadata(folder: Path, name: str, entry_points: str) -> None:
-    """What pip leaves behind for a package's metadata: no network is needed."""
+    """Write a package's metadata as pip does, without the network."""
     info = folder / f"{name}-1.0.dist-info"
     info.mkdir(parents=True)
     (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
@@ -139,7 +139,7 @@ def install_metadata(folder: Path, name: str, entry_points: str) -> None:
 
 @contextmanager
 def worker_here() -> Iterator[None]:
-    """Have commands and `inim.validate` do their workers' jobs in this process."""
+    """Execute the workers' jobs of commands and of `inim.validate` in this process."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(supervisor, "_start_worker", _start_here)
         patch.setattr(supervisor, "_carry_out", _carry_out_here)
@@ -148,7 +148,7 @@ def worker_here() -> Iterator[None]:
 
 @contextmanager
 def _packages(folders: Sequence[str]) -> Iterator[None]:
-    """Packages of these folders can be imported, and are forgotten afterwards."""
+    """Make the packages of these folders importable; unload them afterwards."""
     path = list(sys.path)
     sys.path[:0] = [folder for folder in folders if folder not in path]
     invalidate_caches()
@@ -165,7 +165,7 @@ def _packages(folders: Sequence[str]) -> Iterator[None]:
 def run_here(
     *words: str | Path, folder: Path, variables: Mapping[str, str | None] | None = None
 ) -> Ended:
-    """Run `inim WORDS` in this process, in a folder and with environment variables of its own."""
+    """Run `inim WORDS` in this process, in a folder and with changed environment variables."""
     out, err = io.StringIO(), io.StringIO()
     before = Path.cwd()
     changed = dict(variables or {})
@@ -194,7 +194,7 @@ def run_here(
 
 
 def assert_refused(*words: str | Path, folder: Path, says: Sequence[str], code: int = 2) -> None:
-    """`inim WORDS` ends in one line and this code; nothing is printed and no file changes."""
+    """Assert that `inim WORDS` fails with one line and this code and changes no file."""
     before = sorted(folder.rglob("*"))
     ended = run_here(*words, folder=folder)
     assert (ended.code, ended.stdout) == (code, ""), ended
@@ -220,7 +220,7 @@ def run_inim():
 
 @pytest.fixture(scope="session")
 def run_process():
-    """Validate in processes of its own, as a shell does; else as `run_inim`."""
+    """Validate in separate processes, as from a shell; otherwise like `run_inim`."""
 
     def run(
         *words: str | Path,
@@ -247,12 +247,12 @@ def run_process():
 
 @pytest.fixture
 def tiny_scene(tmp_path):
-    """A sphere and two squares in a folder of their own."""
+    """Scene file with a sphere and two squares, in a new folder."""
     return write_scene(tmp_path)
 
 
 def write_scene(folder: Path, *shapes: str, name: str = "tiny.xml", text: str = "") -> Path:
-    """Write a lit scene of these shapes, or of the usual three."""
+    """Write a lit scene with these shapes, by default `SHAPES`."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / name
     path.write_text(text or scene_text(*(shapes or SHAPES)), encoding="utf-8")
@@ -261,13 +261,13 @@ def write_scene(folder: Path, *shapes: str, name: str = "tiny.xml", text: str = 
 
 @contextmanager
 def small_disk(folder: Path, size: str, *, read_only: bool = False) -> Iterator[Path]:
-    """A file system of its own; skips the test where this user may not mount one."""
+    """Mount a small file system; skip the test without the permission to mount."""
     if os.geteuid() != 0:
         pytest.skip("only root can mount a small disk")
     folder.mkdir()
     options = f"size={size}" + (",ro" if read_only else "")
-    done = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", folder], check=False)
-    if done.returncode != 0:
+    mount = subprocess.run(["mount", "-t", "tmpfs", "-o", options, "tmpfs", folder], check=False)
+    if mount.returncode != 0:
         pytest.skip("mounting is not allowed here")
     try:
         yield folder

@@ -1,8 +1,8 @@
 """Names and first lines of docstrings in plain English.
 
-Expected: no variable, argument or class attribute has a name without content, no docstring opens
-with a fragment, and no two classes share a name. `tests/plain_english.ini` is the only list of
-rejected words.
+Expected: in the package, the reports' scripts and the tests' helpers, no variable, argument or
+class attribute has a name without content, and no docstring opens with a fragment. In the package
+no two classes share a name. `tests/plain_english.ini` is the only list of rejected words.
 """
 
 import ast
@@ -16,7 +16,19 @@ ROOT = Path(__file__).resolve().parents[2]
 LISTS = configparser.ConfigParser()
 LISTS.read_string((ROOT / "tests/plain_english.ini").read_text("utf-8"))
 WORDS = {kind: frozenset(words.split()) for kind, words in LISTS["words"].items()}
-FILES = sorted((ROOT / "inim").rglob("*.py"))
+PACKAGE = sorted((ROOT / "inim").rglob("*.py"))
+REPORTS = sorted((ROOT / "reports").rglob("*.py"))
+HELPERS = [
+    ROOT / "tests" / name
+    for name in (
+        "chromium.py",
+        "documents.py",
+        "generator_cases.py",
+        "oracle.py",
+        "schemas.py",
+        "system/conftest.py",
+    )
+]
 
 
 def problems(source: str) -> Iterator[str]:
@@ -51,10 +63,10 @@ def test_rejected_words_are_reported_with_their_line(source, expected):
 
 
 def test_names_and_first_lines_are_plain():
-    assert FILES
+    assert PACKAGE and REPORTS
     report = [
         f"{file.relative_to(ROOT)}:{problem}"
-        for file in FILES
+        for file in (*PACKAGE, *REPORTS, *HELPERS)
         for problem in problems(file.read_text("utf-8"))
         if f"{file.relative_to(ROOT)}:{problem.split(chr(39))[1]}" not in WORDS["allowed"]
     ]
@@ -74,5 +86,5 @@ def shared_class_names(sources: dict[str, str]) -> dict[str, list[str]]:
 def test_a_class_name_is_used_once():
     samples = {"a": "class Part: pass", "b": "class _Part: pass\nclass Plan: pass"}
     assert shared_class_names(samples) == {"Part": ["a", "b"]}
-    sources = {str(file.relative_to(ROOT)): file.read_text("utf-8") for file in FILES}
+    sources = {str(file.relative_to(ROOT)): file.read_text("utf-8") for file in PACKAGE}
     assert shared_class_names(sources) == {}
