@@ -25,8 +25,6 @@ LIT = """
 # Tests make what they test: what earlier runs found would hide a change. Those of the result
 # cache name a folder of their own.
 os.environ["INIM_CACHE"] = "off"
-# Threads of GNU OpenMP wait actively. With more processes than cores, that took most of the time.
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 
 def scene_text(*shapes: str) -> str:
