@@ -1,10 +1,10 @@
-"""What algorithms make of one picture, and of several cameras, relic by relic, the worst first.
+"""Compare the algorithms of one RGB-D picture, several cameras, and layers, on many relics.
 
     python -m reports.one_picture.run scenes/*.xml MORE.xml ... -o reports/one_picture
 
-Each scene is validated by `inim.validate`, from three eyes, with the settings it has. A scanned
-relic becomes a scene by `inim new-scene`. A run that is there already, below ``out/one_picture``,
-is taken as it is: remove it after a change.
+`inim.validate` validates each scene from three viewpoints with the scene's settings; `inim
+new-scene` makes a scene from a scanned relic. Finished runs in ``out/one_picture`` are reused:
+remove them after a change. The tables begin with the relic on which `template` leads least.
 """
 
 from __future__ import annotations
@@ -19,118 +19,150 @@ from statistics import fmean
 from typing import Any
 
 RUNS = Path("out", "one_picture")
-_ONE, _FOUR = "template", "template:samples=4"
-_SOLID, _SOLID_FOUR = "template:columns=solid", "template:columns=solid:samples=4"
-_RIVALS = ("wang2024", "wang2024:matching=ray", "gu2020", "li2012")
+#: The default, and the same sources with nearest colours of four rays and of one.
+_DEFAULT = "template"
+_FOUR = "template:samples=4:colour=nearest"
+_ONE = "template:samples=1:colour=nearest"
+_SOLID = "template:columns=solid:samples=1:colour=nearest"
+#: The literature, with one ray per panel pixel and nearest colours.
+_LITERATURE = ("wang2024", "wang2024:matching=ray", "gu2020", "li2012")
+_FIVE_CAMERAS = "cameras:views=5"
+_CAMERAS = ("cameras:views=2", _FIVE_CAMERAS, "cameras:views=9")
 _LAYERED = "layered"
-_CAMERAS = tuple(f"cameras:views={views}" for views in (1, 2, 5, 9))
-_EYES = "centre,right,up"
-_ALGORITHMS = (_FOUR, _ONE, _SOLID_FOUR, _SOLID, *_RIVALS, *_CAMERAS, _LAYERED)
-_SCORES = {"eia_psnr_db": "EIA PSNR, dB", "relic_ssim": "SSIM on the relic, to the reference"}
-# How far `layered` may be from the noise floor.
-_CLOSE_DB = 2.0
+ALGORITHMS = (_DEFAULT, _FOUR, _ONE, _SOLID, *_LITERATURE, *_CAMERAS, _LAYERED)
+_VIEWPOINTS = "centre,right,up"
+_PSNR, _SSIM = "eia_psnr_db", "relic_ssim"
+_TITLES = {_PSNR: "EIA PSNR, dB", _SSIM: "SSIM on the relic, to the reference"}
+#: Targets: largest distance of five cameras from `layered`, and of `layered` from the noise floor.
+_CAMERAS_DB, _FLOOR_DB = 0.5, 2.0
 
 
-def validated(scene: Path) -> dict[str, Any]:
-    """The report of a scene's validation, made if it is not there."""
+def validate_scene(scene: Path) -> dict[str, Any]:
+    """Report of a scene's validation, from an earlier run if there is one."""
     folder = RUNS / scene.stem
     if not (folder / "report.json").is_file():
-        command = ["-m", "inim.validate", str(scene), "--algorithms", ",".join(_ALGORITHMS)]
-        command += ["--viewpoints", _EYES, "-o", folder.as_posix(), "--quiet"]
+        command = ["-m", "inim.validate", str(scene), "--algorithms", ",".join(ALGORITHMS)]
+        command += ["--viewpoints", _VIEWPOINTS, "-o", folder.as_posix(), "--quiet"]
         print(scene.stem, flush=True)
         subprocess.run([sys.executable, *command], check=True)
     report: dict[str, Any] = json.loads((folder / "report.json").read_text("utf-8"))
     return report
 
 
-def scored(name: str, report: Mapping[str, Any]) -> dict[str, Any]:
-    """What is compared of a relic: each algorithm's EIA and the mean of its views."""
+def collect_scores(name: str, report: Mapping[str, Any]) -> dict[str, Any]:
+    """Scores of one relic by algorithm: PSNR of the EIA, and the mean SSIM of its views."""
     algorithms = report["algorithms"]
     return {
         "relic": name,
         "noise_floor_db": report["noise_floor"]["eia"]["psnr_db"],
-        "eia_psnr_db": {a: algorithms[a]["eia"]["psnr_db"] for a in _ALGORITHMS},
-        "relic_ssim": {
-            a: fmean(v["ssim_on_relic_to_reference"] for v in algorithms[a]["views"].values())
-            for a in _ALGORITHMS
+        _PSNR: {name: algorithms[name]["eia"]["psnr_db"] for name in ALGORITHMS},
+        _SSIM: {
+            name: fmean(
+                view["ssim_on_relic_to_reference"] for view in algorithms[name]["views"].values()
+            )
+            for name in ALGORITHMS
         },
     }
 
 
 def lead(row: Mapping[str, Any], score: str, algorithm: str) -> float:
-    """How far an algorithm of one picture is above the best of the others."""
+    """Score of an algorithm minus that of the best algorithm of the literature."""
     scores: Mapping[str, float] = row[score]
-    return scores[algorithm] - max(scores[a] for a in _RIVALS)
+    return scores[algorithm] - max(scores[name] for name in _LITERATURE)
 
 
-def summary(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """What the study is for, in numbers."""
-    gains = [r["eia_psnr_db"][_FOUR] - r["eia_psnr_db"][_SOLID_FOUR] for r in rows]
-    to_layered = [r["eia_psnr_db"]["cameras:views=5"] - r["eia_psnr_db"][_LAYERED] for r in rows]
-    to_floor = [r["eia_psnr_db"][_LAYERED] - r["noise_floor_db"] for r in rows]
-    ahead = {
-        f"`{algorithm}`, {title}:": sum(lead(r, score, algorithm) > 0 for r in rows)
-        for algorithm in (_FOUR, _ONE)
-        for score, title in _SCORES.items()
-    }
+def summarize(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Numbers of relics on which each statement of the page holds, and extreme differences."""
+
+    def differences(first: str, second: str) -> list[float]:
+        return [row[_PSNR][first] - row[_PSNR][second] for row in rows]
+
+    to_layered = differences(_FIVE_CAMERAS, _LAYERED)
+    to_floor = [row[_PSNR][_LAYERED] - row["noise_floor_db"] for row in rows]
     return {
         "relics": len(rows),
-        "ahead_of_all_rivals": ahead,
-        "mean_gain_over_solid_db": fmean(gains),
-        "least_gain_over_solid_db": min(gains),
+        "above_the_literature": {
+            f"`{algorithm}`, {title}": sum(lead(row, score, algorithm) > 0 for row in rows)
+            for algorithm in (_DEFAULT, _FOUR, _ONE)
+            for score, title in _TITLES.items()
+        },
+        "gain_over_solid_db": [min(differences(_ONE, _SOLID)), fmean(differences(_ONE, _SOLID))],
+        "one_picture_to_layered_db": [
+            min(differences(_DEFAULT, _LAYERED)),
+            fmean(differences(_DEFAULT, _LAYERED)),
+        ],
         "five_cameras_to_layered_db": [min(to_layered), max(to_layered)],
+        "five_cameras_close": sum(value > -_CAMERAS_DB for value in to_layered),
+        "five_cameras_above_one_picture": sum(
+            value > 0 for value in differences(_FIVE_CAMERAS, _DEFAULT)
+        ),
         "layered_to_floor_db": [min(to_floor), max(to_floor)],
-        "layered_within_2_db": sum(d > -_CLOSE_DB for d in to_floor),
+        "layered_close": sum(value > -_FLOOR_DB for value in to_floor),
     }
 
 
-def page(rows: Sequence[Mapping[str, Any]], found: Mapping[str, Any], command: str) -> str:
-    """The study as Markdown."""
-    n = found["relics"]
-    low, high = found["layered_to_floor_db"]
+def write_page(rows: Sequence[Mapping[str, Any]], summary: Mapping[str, Any]) -> str:
+    """Markdown page with the summary and one table per score."""
+    count = summary["relics"]
     lines = [
-        "# One picture, relic by relic",
+        "# One picture and several cameras, relic by relic",
         "",
-        f"Made by `{command}`, whose docstring says how. The worst relic first.",
+        "Made by `python -m reports.one_picture.run SCENE.xml ... -o reports/one_picture`. Each",
+        "table begins with the relic on which `template` leads the literature least.",
         "",
-        f"* Above all of {', '.join(f'`{a}`' for a in _RIVALS)}, of {n} relics:",
-        *(f"  {k} on {v}" for k, v in found["ahead_of_all_rivals"].items()),
-        f"* `{_FOUR}` over `{_SOLID_FOUR}`: {found['mean_gain_over_solid_db']:.1f} dB in the mean, "
-        f"{found['least_gain_over_solid_db']:.1f} dB at least.",
-        f"* Five cameras are {found['five_cameras_to_layered_db'][0]:+.1f} to "
-        f"{found['five_cameras_to_layered_db'][1]:+.1f} dB from `layered`.",
-        f"* `layered` is {low:+.1f} to {high:+.1f} dB from the noise floor, on "
-        f"{found['layered_within_2_db']} of {n} within {_CLOSE_DB:g} dB of it or above.",
+        f"Number of relics, of {count}, on which an algorithm is above all of "
+        f"{', '.join(f'`{name}`' for name in _LITERATURE)}:",
+        "",
+        *(f"* {name}: {value}" for name, value in summary["above_the_literature"].items()),
+        "",
+        "Differences of EIA PSNR:",
+        "",
+        "* Columns that end, above solid columns, one ray per pixel: {:.1f} dB at least, {:.1f} dB "
+        "on average.".format(*summary["gain_over_solid_db"]),
+        "* `template`, from one picture, to `layered`: {:.1f} dB at worst, {:.1f} dB on "
+        "average.".format(*summary["one_picture_to_layered_db"]),
+        "* Five cameras to `layered`: {:+.2f} to {:+.2f} dB; ".format(
+            *summary["five_cameras_to_layered_db"]
+        )
+        + f"within {_CAMERAS_DB} dB or above on {summary['five_cameras_close']} relics; above "
+        f"`template` on {summary['five_cameras_above_one_picture']}.",
+        "* `layered` to the noise floor: {:+.1f} to {:+.1f} dB; ".format(
+            *summary["layered_to_floor_db"]
+        )
+        + f"within {_FLOOR_DB:g} dB or above on {summary['layered_close']} relics.",
     ]
-    for score, title in _SCORES.items():
-        digits = 1 if score == "eia_psnr_db" else 3
-        floor = score == "eia_psnr_db"
-        heads = ["relic", *(f"`{a}`" for a in _ALGORITHMS), *(["noise floor"] if floor else [])]
-        ends = " --: |" * (len(heads) - 1)
-        lines += ["", f"## {title}", "", f"| {' | '.join(heads)} |", f"| --- |{ends}"]
-        for row in sorted(rows, key=lambda r: lead(r, score, _FOUR)):
-            cells = [f"{row[score][a]:.{digits}f}" for a in _ALGORITHMS]
-            cells += [f"{row['noise_floor_db']:.1f}"] if floor else []
-            lines.append(f"| {row['relic']} | {' | '.join(cells)} |")
-        means = [f"{fmean(r[score][a] for r in rows):.{digits}f}" for a in _ALGORITHMS]
-        means += [f"{fmean(r['noise_floor_db'] for r in rows):.1f}"] if floor else []
-        lines.append(f"| **mean** | {' | '.join(means)} |")
+    for score, title in _TITLES.items():
+        lines += ["", f"## {title}", "", *_table(rows, score)]
     return "\n".join(lines) + "\n"
 
 
+def _table(rows: Sequence[Mapping[str, Any]], score: str) -> list[str]:
+    """Markdown table of one score, with a row of means; EIA PSNR has the noise floor, too."""
+    digits = 1 if score == _PSNR else 3
+    columns = {f"`{name}`": [row[score][name] for row in rows] for name in ALGORITHMS}
+    if score == _PSNR:
+        columns["noise floor"] = [row["noise_floor_db"] for row in rows]
+    order = sorted(range(len(rows)), key=lambda index: lead(rows[index], score, _DEFAULT))
+    lines = [f"| relic | {' | '.join(columns)} |", f"| --- |{' --: |' * len(columns)}"]
+    for index in order:
+        cells = [f"{values[index]:.{digits}f}" for values in columns.values()]
+        lines.append(f"| {rows[index]['relic']} | {' | '.join(cells)} |")
+    means = [f"{fmean(values):.{digits}f}" for values in columns.values()]
+    return [*lines, f"| **mean** | {' | '.join(means)} |"]
+
+
 def main(argv: Sequence[str] | None = None) -> None:
-    """Validate the scenes and write the tables."""
+    """Validate the scenes and write the page and its data."""
     parser = argparse.ArgumentParser(prog="python -m reports.one_picture.run")
     parser.add_argument("scenes", nargs="+", type=Path)
     parser.add_argument("-o", "--out", type=Path, required=True)
     args = parser.parse_args(argv)
-    rows = [scored(scene.stem, validated(scene)) for scene in args.scenes]
-    found = summary(rows)
-    command = "python -m reports.one_picture.run SCENE.xml ... -o reports/one_picture"
+    rows = [collect_scores(scene.stem, validate_scene(scene)) for scene in args.scenes]
+    summary = summarize(rows)
     args.out.mkdir(parents=True, exist_ok=True)
-    data = json.dumps({"summary": found, "relics": rows}, indent=1)
+    data = json.dumps({"summary": summary, "relics": rows}, indent=1)
     (args.out / "one_picture.json").write_text(data + "\n", "utf-8")
-    (args.out / "one_picture.md").write_text(page(rows, found, command), "utf-8")
+    (args.out / "one_picture.md").write_text(write_page(rows, summary), "utf-8")
 
 
 if __name__ == "__main__":
