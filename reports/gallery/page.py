@@ -21,6 +21,9 @@ reports and pictures are in `reports/gallery`.
 SSIM to the ground truth compares the view with the scene itself: the result for a viewer. SSIM to
 the reference compares it with the view of the ground-truth EIA through the same lenses: the quality
 of the algorithm alone. Both are restricted to the relic and seen from the centre.
+
+These runs used one ray per panel pixel for `template` and nearest colours for both algorithms. With
+the present defaults, the commands give higher scores.
 """
 
 
