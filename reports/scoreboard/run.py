@@ -29,6 +29,8 @@ from inim.files.image import write_atomically
 from inim.files.light_field import sub_aperture_views
 from inim.generators import HOLE, algorithm_names, prepare
 from inim.generators.raycast.fill import Filled
+from inim.generators.registry import properties
+from inim.image.cameras import CameraRGBDs
 from inim.image.color import linear_from_srgb
 from inim.metrics import find, score_maps
 from reports.scoreboard.field import LightField, Place, Views, codes, read
@@ -58,9 +60,14 @@ _OPTIONS = {
 }
 
 
+def algorithms() -> list[str]:
+    """All installed algorithms except those that read several cameras: one view is given."""
+    return [n for n in algorithm_names() if properties(n).reads is not CameraRGBDs]
+
+
 def methods() -> list[str]:
-    """Every algorithm that is installed, and of the project's own their options that matter."""
-    return [name + o for name in algorithm_names() for o in ("", *_OPTIONS.get(name, ()))]
+    """All algorithms with their default options and with the options of `_OPTIONS`."""
+    return [name + option for name in algorithms() for option in ("", *_OPTIONS.get(name, ()))]
 
 
 class Scores:

@@ -26,7 +26,8 @@ ROOT = Path(__file__).parents[2]
 OWN_KIND = {
     ROOT / "reports/stress/stress.json",
     ROOT / "reports/scoreboard/scoreboard.json",
-    ROOT / "reports/one_picture/one_picture.json",
+    *ROOT.glob("reports/one_picture/*.json"),
+    ROOT / "reports/paper_sizes/paper_sizes.json",
     ROOT / "reports/calibration/calibration.json",
     ROOT / "reports/calibration/shown.json",
     *ROOT.glob("reports/gallery/**/entry.json"),

@@ -10,11 +10,10 @@ import pytest
 from PIL import Image
 
 from inim.files.picture import write_pfm
-from inim.generators import algorithm_names
 from reports.scoreboard.field import LightField, of_views, read
 from reports.scoreboard.page import NEAREST, page
 from reports.scoreboard.rivals import copy, rvs, splat
-from reports.scoreboard.run import KINDS, Scores, measure, methods
+from reports.scoreboard.run import KINDS, Scores, algorithms, measure, methods
 from reports.scoreboard.shop import sweep
 
 SIDE, ROWS, COLUMNS, RIM = 5, 24, 30, 8
@@ -50,7 +49,7 @@ def test_every_algorithm_shows_a_plane_to_the_last_bit_where_the_picture_does(me
     _, _, result = measured
     for name in filter(_is_nearest, methods()):
         assert result["methods"][name]["shown_psnr_db"] is None, name
-    assert set(algorithm_names()) <= result["methods"].keys()
+    assert set(algorithms()) <= result["methods"].keys()
 
 
 def test_what_fills_continues_the_plane_beyond_the_edge(measured):
@@ -177,4 +176,4 @@ def test_the_committed_page_is_that_of_the_committed_results():
     assert len(data["light_fields"]) >= 3
     assert max(result["views"] for result in data["light_fields"]) >= 700
     for result in data["light_fields"]:
-        assert {"copy", "splat", "rvs", *algorithm_names()} <= result["methods"].keys()
+        assert {"copy", "splat", "rvs", *algorithms()} <= result["methods"].keys()
