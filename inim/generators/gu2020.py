@@ -104,7 +104,7 @@ class _Gu2020(SourceGenerator):
         # An uncovered cell is a column without height: it never reaches a ray.
         depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), -np.inf)
         if not self.display.is_separable:
-            return self._find_each(depth)
+            return self._find_in_blocks(depth)
         column_rays, row_rays = cell_rays(
             self.shape, self.pixel_mm, self.display, self.pixel_offset
         )
@@ -125,7 +125,7 @@ class _Gu2020(SourceGenerator):
             self._depths,
         )
 
-    def _find_each(self, depth: np.ndarray) -> Sources:
+    def _find_in_blocks(self, depth: np.ndarray) -> Sources:
         """Find sources on displays without separable axes, in blocks of panel rows."""
         from inim.generators.raycast.ray_by_ray import ray_blocks
 

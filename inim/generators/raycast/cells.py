@@ -72,7 +72,7 @@ def cell_rays(
     )
 
 
-def free_cell_rays(
+def non_separable_cell_rays(
     shape: tuple[int, int], pixel_mm: float, rays: PixelRays
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Rays of a block of panel pixels over a picture, where no two of them share a coordinate.

@@ -46,7 +46,7 @@ from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.display.pixels import SUBPIXELS, pixel_rays, row_blocks
 from inim.generators.base import Ray
-from inim.generators.raycast.cells import cell_rays, free_cell_rays
+from inim.generators.raycast.cells import cell_rays, non_separable_cell_rays
 from inim.generators.raycast.columns import STEEPEST
 from inim.generators.raycast.light import (
     code_table,
@@ -239,7 +239,7 @@ class _Lines:
         lines = []
         for offset in self._offsets:
             block = pixel_rays(self._display, rows, (float(offset[0]), float(offset[1])))
-            lines.append(np.broadcast_arrays(*free_cell_rays(*self._size, block)))
+            lines.append(np.broadcast_arrays(*non_separable_cell_rays(*self._size, block)))
         u0, du, v0, dv = np.array(lines).transpose(1, 0, 2, 3)
         return _padded(_parts(u0, du, axis=2)), _padded(_parts(v0, dv, axis=2))
 

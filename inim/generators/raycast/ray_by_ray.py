@@ -25,7 +25,7 @@ from inim.generators.base import (
     SourceGenerator,
     Sources,
 )
-from inim.generators.raycast.cells import CellRays, cell_rays, free_cell_rays
+from inim.generators.raycast.cells import CellRays, cell_rays, non_separable_cell_rays
 from inim.generators.raycast.columns import columns_of
 from inim.image.rgbd import RGBD
 
@@ -39,7 +39,7 @@ def leaves(cell, start, slope, scale):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def entered(start, slope, scale, z_max):  # type: ignore[no-untyped-def]
+def entry_cell(start, slope, scale, z_max):  # type: ignore[no-untyped-def]
     """The cell a ray is in just below z_max; on a border, the one it is about to enter."""
     cell = int(np.floor((start + slope * z_max) / scale))
     if slope == 0.0:
@@ -64,7 +64,7 @@ def first_hit(fronts, backs, continue_behind, u0, du, u1, v0, dv, v1, z_min, z_m
     # z falls along the walk, so a ray with du < 0 moves to larger columns.
     step_u = -1 if du > 0 else 1
     step_v = -1 if dv > 0 else 1
-    u, v = entered(u0, du, u1, z_max), entered(v0, dv, v1, z_max)
+    u, v = entry_cell(u0, du, u1, z_max), entry_cell(v0, dv, v1, z_max)
     z_u, z_v = leaves(u, u0, du, u1), leaves(v, v0, dv, v1)
     z_entry, passed_over, behind = np.inf, HOLE, False
     while True:
@@ -116,7 +116,7 @@ def walk(u0, du, u1, v0, dv, v1, z_min, z_max, cells, exits):  # type: ignore[no
     """
     step_u = -1 if du > 0 else 1
     step_v = -1 if dv > 0 else 1
-    u, v = entered(u0, du, u1, z_max), entered(v0, dv, v1, z_max)
+    u, v = entry_cell(u0, du, u1, z_max), entry_cell(v0, dv, v1, z_max)
     z_u, z_v = leaves(u, u0, du, u1), leaves(v, v0, dv, v1)
     n = 0
     while True:
@@ -178,7 +178,7 @@ def axis_runs(rays: CellRays, depth_range_mm: tuple[float, float]) -> AxisRuns:
 def _walk_axis(start, slope, scale, z_min, z_max, cells, exits, counts):  # type: ignore[no-untyped-def]
     for i in range(len(start)):
         step = -1 if slope[i] > 0 else 1
-        cell = entered(start[i], slope[i], scale, z_max)
+        cell = entry_cell(start[i], slope[i], scale, z_max)
         n = 0
         while True:
             z = max(leaves(cell, start[i], slope[i], scale), z_min)
@@ -371,18 +371,18 @@ def ray_blocks(
     ------
     rows : slice
     cells : four (block rows, columns) float64
-        See `free_cell_rays`.
+        See `non_separable_cell_rays`.
     """
     pixel_offset = float(generator.pixel_offset[0]), float(generator.pixel_offset[1])
     for rows in row_blocks(generator.display):
         if generator.selected[rows].any():
             rays = pixel_rays(generator.display, rows, pixel_offset)
-            yield rows, free_cell_rays(generator.shape, generator.pixel_mm, rays)
+            yield rows, non_separable_cell_rays(generator.shape, generator.pixel_mm, rays)
 
 
 @compiled(parallel=True)
 def _free_first_hits(selected, fronts, backs, continue_behind, rays, z_min, z_max, sources):  # type: ignore[no-untyped-def]
-    """`first_hit` of the selected pixels, into `sources`; rays as of `free_cell_rays`."""
+    """`first_hit` of the selected pixels, into `sources`; rays as of `non_separable_cell_rays`."""
     u0, du, v0, dv = rays
     for i in prange(sources.shape[0]):
         for j in range(sources.shape[1]):

@@ -70,7 +70,7 @@ class SharedDirections(PhaseGenerator):
         self._tables = _direction_tables(self.display, self.shape, self.pixel_mm, self.pixel_offset)
         layout = self._tables.layout
         self._phases = Phases(layout, end=self._rule != SOLID)
-        self._deeper_layers = _Deeper.none(layout)
+        self._deeper_layers = _DeeperLayers.empty(layout)
         self._slots = layout.slots(self.shape) if self._rule == LAYERS else np.empty(0, np.int32)
 
     def _take(self, columns: Columns, payloads: Sequence[np.ndarray]) -> None:
@@ -78,7 +78,7 @@ class SharedDirections(PhaseGenerator):
         self._fill(columns, payloads[0])
         deeper = columns.layers[1:]
         if len(deeper) != len(self._deeper_layers.occupied):
-            self._deeper_layers = _Deeper.none(self._phases.layout, len(deeper))
+            self._deeper_layers = _DeeperLayers.empty(self._phases.layout, len(deeper))
         self._deeper_layers.hold(deeper, payloads[1:], self._slots)
 
     def _run(self, columns: Columns, empty: int, first: int, out: np.ndarray) -> None:
@@ -139,7 +139,7 @@ def _direction_tables(
 
 
 @dataclass(frozen=True)
-class _Deeper:
+class _DeeperLayers:
     """Phases of all layers except the first, (layers, slots), reused for later pictures.
 
     Attributes
@@ -163,7 +163,7 @@ class _Deeper:
     reach: int
 
     @classmethod
-    def none(cls, layout: Layout, layers: int = 0) -> _Deeper:
+    def empty(cls, layout: Layout, layers: int = 0) -> _DeeperLayers:
         """No layers, or empty ones."""
         size = math.prod(layout.shape)
         rows = size // layout.shape[3]

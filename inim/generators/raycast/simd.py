@@ -164,10 +164,10 @@ def any_lane(typing, flags):  # type: ignore[no-untyped-def]
     """True if a flag is set in any lane."""
     bits = ir.IntType(flags.count)
 
-    def build(builder, flags):  # type: ignore[no-untyped-def]
+    def build_any_lane(builder, flags):  # type: ignore[no-untyped-def]
         return builder.icmp_unsigned("!=", builder.bitcast(flags, bits), ir.Constant(bits, 0))
 
-    return types.boolean(flags), _simple(build)
+    return types.boolean(flags), _simple(build_any_lane)
 
 
 @intrinsic

@@ -18,7 +18,7 @@ from inim.display import Display
 from inim.display.pixels import exact_length, pixel_rays
 from inim.generators.li2012 import _position, forward_axes
 from inim.generators.oracle import AxisRays, axis_rays
-from inim.generators.raycast.cells import CellRays, cell_rays, free_cell_rays
+from inim.generators.raycast.cells import CellRays, cell_rays, non_separable_cell_rays
 from inim.generators.raycast.ray_by_ray import leaves, rounded_up
 from inim.image.rgbd import RGBD
 from reports.stress.study.rays import chosen_pixels, rays_over
@@ -93,7 +93,7 @@ def _nonseparable_coordinates(display: Display, rgbd: RGBD, dtype: type) -> _Pai
     pixels = chosen_pixels(display, _RAYS * 4)
     rays = rays_over(display, rgbd, pixels)
     r, c = pixels.T
-    cells = free_cell_rays(
+    cells = non_separable_cell_rays(
         rgbd.shape, rgbd.pixel_mm, pixel_rays(display, slice(0, display.eia_shape[0]))
     )
     with np.errstate(over="ignore"):
