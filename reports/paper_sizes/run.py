@@ -59,7 +59,7 @@ def score_scene(scene: Path, work: Path) -> dict[str, Any]:
         definitions={"inim.capture_pixels_per_pitch": pixels_per_pitch(DISPLAY)},
     )
     algorithms = report.data.algorithms
-    views = {name: result.views for name, result in algorithms.items()}
+    views: dict[str, Any] = {name: result.views for name, result in algorithms.items()}
     return {
         "relic": scene.stem,
         "reference_middle_ssim": report.data.reference.views["centre"]["ssim"],
