@@ -28,6 +28,8 @@ from inim.report.labels import (
 )
 
 _SUITE = "inim.validate"
+# Stages that contain others, among the timings of a run.
+_TOTAL_TIME, _RENDER_TIME = "total", "mitsuba_render"
 
 # Long names and long lists stay in report.json: a summary is read in a comment box.
 _LONGEST_NAME = 80
@@ -231,7 +233,7 @@ def markdown_command(command: str) -> str:
 
 
 def render_junit(data: ReportDocument | CompareDocument) -> str:
-    """One test suite, ``inim.validate``, with one test case per check.
+    """One test suite, ``inim.validate``: a test case per check, and one per stage with its time.
 
     Returns
     -------
@@ -248,6 +250,10 @@ def render_junit(data: ReportDocument | CompareDocument) -> str:
         # A run that failed must not show as green because no single check says why.
         _add_failure(_case(suite, "verdict"), "the run did not pass, and no check says why")
         failures = 1
+    if isinstance(data, ReportDocument):
+        for stage, seconds in data.timings.items():
+            if stage not in (_TOTAL_TIME, _RENDER_TIME):
+                _case(suite, stage, f"{_SUITE}.time").set("time", f"{seconds:.3f}")
     _describe(suite, data, failures)
     ET.indent(suite)
     body = ET.tostring(suite, encoding="unicode")
@@ -255,7 +261,7 @@ def render_junit(data: ReportDocument | CompareDocument) -> str:
 
 
 def _describe(suite: ET.Element, data: ReportDocument | CompareDocument, failures: int) -> None:
-    total = 0.0 if isinstance(data, CompareDocument) else data.timings["total"]
+    total = 0.0 if isinstance(data, CompareDocument) else data.timings[_TOTAL_TIME]
     suite.set("name", _SUITE)
     suite.set("tests", str(len(suite)))
     suite.set("failures", str(failures))
@@ -265,8 +271,8 @@ def _describe(suite: ET.Element, data: ReportDocument | CompareDocument, failure
     suite.set("timestamp", plain(data.created))
 
 
-def _case(suite: ET.Element, name: str) -> ET.Element:
-    attributes = {"classname": _SUITE, "name": plain(name), "time": "0"}
+def _case(suite: ET.Element, name: str, group: str = _SUITE) -> ET.Element:
+    attributes = {"classname": group, "name": plain(name), "time": "0"}
     return ET.SubElement(suite, "testcase", attributes)
 
 

@@ -44,7 +44,7 @@ def test_its_blocks_compile_and_its_exceptions_have_a_reason(page):
     for block in blocks(page):
         if block.language == "python":
             check_syntax(block)
-        assert block.language in {"sh", "python", "text", "toml", "sql", "xml", "json"} or (
+        assert block.language in {"sh", "python", "text", "toml", "sql", "xml", "json", "yaml"} or (
             block.language.startswith("{")
         ), block
         assert block.not_run is None or len(block.not_run) > 10, block

@@ -213,10 +213,24 @@ def test_one_case_per_check_in_a_suite_named_after_the_job():
     root = suite(check(name="a"), check(name="b"))
     assert root.tag == "testsuite"
     assert root.get("name") == "inim.validate"
-    assert [case.get("name") for case in root.iter("testcase")] == ["a", "b"]
-    assert (root.get("tests"), root.get("failures"), root.get("errors")) == ("2", "0", "0")
+    names = [case.get("name") for case in root.iter("testcase")]
+    assert names == ["a", "b", "start"]
+    assert (root.get("tests"), root.get("failures"), root.get("errors")) == ("3", "0", "0")
     assert root.get("time") == "20.800"
     assert root.find(".//failure") is None
+
+
+def test_each_stage_is_a_case_with_its_time():
+    data = {
+        "verdict": {"passed": True, "checks": [check(name="a")]},
+        "timings": {"total": 20.8, "mitsuba_render": 4.0, "start": 0.5, "score": 2.25},
+    }
+    root = ET.fromstring(render_junit(report_document(data)))
+    stages = [
+        ("inim.validate.time", name, t) for name, t in (("start", "0.500"), ("score", "2.250"))
+    ]
+    cases = [(c.get("classname"), c.get("name"), c.get("time")) for c in root.iter("testcase")]
+    assert cases == [("inim.validate", "a", "0"), *stages]
 
 
 @pytest.mark.parametrize(("value", "digits"), [(0.85, 4), (0.8999996, 7)])
