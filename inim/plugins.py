@@ -18,7 +18,7 @@ from inim.errors import InimError, OutOfMemoryError, UsageError
 
 
 def announced_names(group: str) -> list[str]:
-    """Names that other packages announce in an entry-point group, sorted, each once."""
+    """Names that other packages register in an entry-point group, sorted, each once."""
     return sorted({point.name for point in metadata.entry_points(group=group)})
 
 
@@ -32,7 +32,7 @@ def load(group: str, name: str, kind: str, make: Callable[[Any], Any] = lambda v
     values = sorted({point.value for point in points})
     if len(values) > 1:
         raise UsageError(
-            f"{kind} {name!r} is announced by several packages ({', '.join(values)}); "
+            f"{kind} {name!r} is registered by several packages ({', '.join(values)}); "
             "uninstall all but one"
         )
     try:
@@ -47,7 +47,7 @@ def load(group: str, name: str, kind: str, make: Callable[[Any], Any] = lambda v
 def identity(group: str, name: str) -> dict[str, str]:
     """Identity of a plugin's state: entry point, version, SHA-256 of its module.
 
-    Who writes a plugin edits its file long before its version.
+    The hash detects changes of the file without a new version.
     """
     point = next(iter(metadata.entry_points(group=group, name=name)))
     record = {"entry_point": point.value}

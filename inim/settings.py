@@ -71,31 +71,43 @@ class Settings:
     panel_rows: int | None = _setting(None, "panel pixels down")
     depth_min_mm: float | None = _setting(None, "far end of the depth range (both or neither)")
     depth_max_mm: float | None = _setting(None, "near end of the depth range")
-    elemental_pitch_mm: float | None = _setting(None, "elemental-image pitch where it is not P")
-    refractive_index: float | None = _setting(None, "index of the thick lens (1.4917, PMMA)")
+    elemental_pitch_mm: float | None = _setting(
+        None, "pitch of the elemental images, if it differs from P"
+    )
+    refractive_index: float | None = _setting(
+        None, "refractive index of the thick lens (1.4917, PMMA)"
+    )
     lens_thickness_mm: float | None = _setting(None, "centre thickness of the thick lens (P)")
-    curved_side: str | None = _setting(None, "side the thick lens bulges to: viewer or panel")
-    conic: float | None = _setting(None, "conic constant of the thick lens's curved face (0)")
-    asphere_a4: float | None = _setting(None, "its sag term in r^4, mm^-3 (0)")
-    asphere_a6: float | None = _setting(None, "its sag term in r^6, mm^-5 (0)")
-    abbe_number: float | None = _setting(None, "its material's Abbe number; none: no colour error")
-    pitch_y_mm: float | None = _setting(None, "distance of the rows of lenses (P, or hexagonal)")
-    lattice: str | None = _setting(None, "square or hexagonal (square)")
+    curved_side: str | None = _setting(None, "curved side of the thick lens: viewer or panel")
+    conic: float | None = _setting(None, "conic constant of the curved face (0)")
+    asphere_a4: float | None = _setting(None, "sag term in r^4 of the curved face, mm^-3 (0)")
+    asphere_a6: float | None = _setting(None, "sag term in r^6 of the curved face, mm^-5 (0)")
+    abbe_number: float | None = _setting(
+        None, "Abbe number of the lens material; none: no dispersion"
+    )
+    pitch_y_mm: float | None = _setting(
+        None, "pitch of the lens rows (P, or that of the hexagonal lattice)"
+    )
+    lattice: str | None = _setting(None, "lens lattice: square or hexagonal (square)")
     aperture: str | None = _setting(None, "shape of a lens's aperture: square or round (square)")
-    fill_factor: float | None = _setting(None, "width of the aperture in pitches (1)")
-    between_lenses: str | None = _setting(None, "outside the apertures: dark or clear (dark)")
-    shift_x_mm: float | None = _setting(None, "array over the panel: moved to the right (0)")
-    shift_y_mm: float | None = _setting(None, "moved upwards (0)")
-    rotation_deg: float | None = _setting(None, "turned counter-clockwise, seen by the viewer (0)")
-    tilt_x_deg: float | None = _setting(None, "panel tilted: the gap grows to the right (0)")
-    tilt_y_deg: float | None = _setting(None, "panel tilted: the gap grows upwards (0)")
-    subpixels: str | None = _setting(None, "none, rgb-stripe or pentile (none)")
-    pixel_fill: float | None = _setting(None, "width of the emitting area, in (sub-)pixels (1)")
+    fill_factor: float | None = _setting(None, "width of a lens's aperture, in pitches (1)")
+    between_lenses: str | None = _setting(None, "sheet between the apertures: dark or clear (dark)")
+    shift_x_mm: float | None = _setting(None, "shift of the array to the right (0)")
+    shift_y_mm: float | None = _setting(None, "shift of the array upwards (0)")
+    rotation_deg: float | None = _setting(
+        None, "counter-clockwise rotation of the array, seen by the viewer (0)"
+    )
+    tilt_x_deg: float | None = _setting(None, "tilt of the panel: the gap grows to the right (0)")
+    tilt_y_deg: float | None = _setting(None, "tilt of the panel: the gap grows upwards (0)")
+    subpixels: str | None = _setting(None, "sub-pixel layout: none, rgb-stripe or pentile (none)")
+    pixel_fill: float | None = _setting(
+        None, "width of the light-emitting area of a (sub-)pixel, in its pitches (1)"
+    )
     misalign: str = _setting(
-        "", "misalignment unknown to the generators: 'rotation_deg=0.5, gap_mm=0.1'"
+        "", "misalignment that the algorithms do not correct: 'rotation_deg=0.5, gap_mm=0.1'"
     )
     fit_share: float = _setting(
-        0.85, "share of the array the relic may fill, 0..1", low=1e-6, high=1
+        0.85, "share of the array that the relic may fill, 0..1", low=1e-6, high=1
     )
     lens_model: str = _setting(
         "thick", "lens model of the reconstruction: pinhole, thin, thick or full"
@@ -103,25 +115,26 @@ class Settings:
     algorithms: str = _setting("wang2024,template", "algorithms to score, separated by commas")
     cameras: str = _setting(
         "",
-        "cameras of further RGB-D inputs to score: `5` (centre and corners of the viewing zone) or "
-        "rows and columns, `3x3`, separated by commas",
+        "arrangements of cameras for further RGB-D inputs: `5` (centre and corners of the viewing "
+        "zone) or a grid such as `3x3`, separated by commas",
     )
     viewpoints: str = _setting(
-        "centre,left,right,up,down", "named ones, or 'name=x y [z]' in mm, separated by commas"
+        "centre,left,right,up,down",
+        "viewpoints to score: names, or 'name=x y [z]' in mm, separated by commas",
     )
     viewing_distance_mm: float | None = _setting(
-        None, "eye distance; twice the nearest usable one", low=1e-9
+        None, "eye distance (twice the nearest usable distance)", low=1e-9
     )
     pupil_mm: float = _setting(0.0, "diameter of the eye's pupil; 0 is a pinhole", low=0)
     focus_mm: float | None = _setting(
-        None, "distance from the eye it is focused at; the central depth plane", low=1e-9
+        None, "focus distance of the eye (the distance of the central depth plane)", low=1e-9
     )
     luminance_cd_m2: float = _setting(
-        500.0, "of the panel's white, for metrics of perception", low=1e-3
+        500.0, "luminance of the panel's white, for perceptual metrics", low=1e-3
     )
     view_pixels_per_lens: int = _setting(4, "pixels per lens of the views", low=1)
     capture_pixels_per_pitch: int | float = _setting(
-        5, "RGB-D pixels per lens pitch; P / P_I gives the picture the paper's pixel P_I", low=1
+        5, "RGB-D pixels per lens pitch; P / P_I is the resolution of the paper", low=1
     )
     capture_spp: int = _setting(64, "samples per RGB-D pixel", low=1, high=_MOST_SAMPLES)
     eia_spp: int = _setting(
@@ -135,14 +148,14 @@ class Settings:
     )
     score_error: float = _setting(
         0.0,
-        "stop sampling when every SSIM has this precision, such as 0.01; 0: take all samples",
+        "stop sampling when every SSIM has this precision, such as 0.01; 0: use all samples",
         low=0,
         high=1,
     )
     seed: int = _setting(0, "random seed of the ground truth", low=0)
     min_ssim_to_reference: str = _setting(
         "",
-        "criterion: least SSIM on the relic to the reference, '0.9' for all or "
+        "criterion: minimum SSIM on the relic to the reference, '0.9' for all or "
         "'template:0.9, wang2024:0.5'",
     )
 

@@ -26,12 +26,13 @@ if TYPE_CHECKING:
 _PATTERNS = "patterns"
 _EPILOG = """first
   inim calibrate patterns --display phone -o DIR
-  writes the pictures to photograph, and a page that shows them full screen. Photograph all of them
-  from each of four positions or more: straight on from two distances, and from two sides.
+  writes the patterns and a page that shows them full screen. Photograph all patterns from at least
+  four positions: straight on from two distances, from one side, and from above or below.
 
 then
   inim calibrate PHOTOS --display phone -o mydisplay.xml
-  PHOTOS holds a folder for each camera position, whose pictures sort in the order of the patterns.
+  PHOTOS contains one folder for each camera position. The names of the photographs in it must sort
+  in the order of the patterns.
 
 """
 # Pixels whose sides differ by more are not square.
@@ -41,21 +42,22 @@ _SQUARE = 0.005
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = f"{_EPILOG}{parser.epilog}"
     parser.description = (
-        "Fit a display's pitch, rotation, shift, gap, tilt and focal length to photographs of "
-        "patterns that it shows; write a display file for --display, and a report. Code 1: "
-        "the photographs do not determine all of them."
+        "Measure a display's pitch, rotation, shift, gap, tilt and focal length from photographs "
+        "of patterns on it. Write a display file for --display, and a report. Exit code 1: the "
+        "photographs do not determine all parameters."
     )
     parser.add_argument(
         "photos",
         metavar="PHOTOS|patterns",
-        help="folder of folders of photographs, one for each position; or the word patterns",
+        help="folder with one subfolder of photographs per camera position; or the word patterns, "
+        "to write the patterns",
     )
-    out = "display file (PHOTOS.xml), with its report next to it; patterns: their folder"
+    out = "display file to write (default: PHOTOS.xml); for patterns, a folder"
     add_shared(parser, "display", "definitions", "debug", out=out)
     parser.add_argument(
         "--intrinsics",
         metavar="FX,FY,CX,CY,K1,K2",
-        help="camera in pixels, as OpenCV gives it; fitted by default",
+        help="camera parameters in pixels, as OpenCV defines them (default: fitted)",
     )
 
 

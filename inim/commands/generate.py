@@ -31,26 +31,29 @@ if TYPE_CHECKING:
 
 _DEFAULT_ALGORITHM = "template"
 _EPILOG = """depth
-  Distances (--depth-unit mm, cm, m, or 5000 for 5000 units per metre): 0, negative and non-finite
-  values are missing. Numbers without a unit (--depth-unit none): non-finite values and those of
-  --missing are missing. Both grow away from the camera, unless --near-is-large.
+  In distances (--depth-unit mm, cm, m, or 5000 for 5000 units per metre), 0, negative and
+  non-finite values count as missing. In values without a unit (--depth-unit none), non-finite
+  values and those listed by --missing count as missing. Larger values are farther from the camera
+  unless --near-is-large is given.
 
-photographs with depth inside
-  Just give the file name: depth, unit and direction are the file's own. The photograph is treated
-  as orthographic, or with --intrinsics photo as seen by the file's own camera. --fit is auto.
+photographs that contain depth
+  Just give the file name: the file contains the depth, its unit and its direction. The photograph
+  is treated as orthographic. With --intrinsics photo it is unprojected with the camera parameters
+  in the file. The default of --fit is auto.
 
 perspective
-  --intrinsics unprojects every sample to its position in space. The array then shows this space,
-  and at the distance --frame-at the camera's picture fits it. --orthographic uses the picture as
-  it is.
-  Linear depth keeps an unprojected scene straight, reciprocal depth an orthographic one.
+  --intrinsics unprojects every picture pixel to its position in space, and the display shows this
+  space. At the distance --frame-at, the picture fits the lens array. --orthographic uses the
+  picture without this step.
+  Straight lines stay straight with --intrinsics and linear depth, or with --orthographic and
+  reciprocal depth.
 """
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Generate an elemental image array (EIA) from a camera's colour and depth pictures, a "
-        "photograph with depth inside, or a light field."
+        "Generate an elemental image array (EIA) from a colour picture with depth, a photograph "
+        "that contains depth, pictures of several cameras, or a light field."
     )
     parser.epilog = f"{_EPILOG}\n{parser.epilog}"
     add = parser.add_argument
@@ -58,23 +61,31 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "input",
         type=Path,
         metavar="INPUT",
-        help="a colour picture with --depth; a photograph with depth inside (HEIC, or JPEG from "
-        "Android or Apple) or a folder of them; a .json with the pictures of several cameras; or "
-        "the folder of an HCI 4D light field",
+        help="a colour picture with --depth; a photograph that contains depth (HEIC, or JPEG from "
+        "Android or Apple), or a folder of these; a .json that lists the pictures of several "
+        "cameras; or the folder of an HCI 4D light field",
     )
     add_picture(parser)
-    out = "EIA, .png or .exr (eia.png); for a folder, a folder"
+    out = "EIA to write, .png or .exr (default: eia.png); a folder if INPUT is a folder"
     add_shared(parser, "display", "definitions", "debug", out=out)
-    add("--all-views", action="store_true", help="light field: use all views, not the centre one")
+    add(
+        "--all-views",
+        action="store_true",
+        help="light field: use all views instead of the centre view",
+    )
     add(
         "-a",
         "--algorithms",
         dest="algorithm",
         metavar="ALGORITHM",
         help="one algorithm with options, such as template:samples=1; see `inim info algorithms` "
-        "(template; of several cameras: cameras)",
+        "(default: template; for several cameras: cameras)",
     )
-    add("--fill", help="filling of holes: none, hidden (by a surface), all, or auto; see the docs")
+    add(
+        "--fill",
+        help="holes to fill: none, hidden (behind a nearer surface), all, or auto (default: the "
+        "algorithm's)",
+    )
     add("--pdf", type=Path, help="also write a PDF that prints at true size")
     add(
         "--save-rgbd",

@@ -109,13 +109,22 @@ def new_scene(
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
-    add("mesh", type=Path, metavar="MESH", help="PLY, OBJ, OFF, STL, GLB or glTF file; splats' PLY")
+    add(
+        "mesh",
+        type=Path,
+        metavar="MESH",
+        help="mesh: PLY, OBJ, OFF, STL, GLB or glTF; or splats: PLY",
+    )
     add("-o", "--out", type=Path, metavar="XML", help="scene to write (default: MESH-scene.xml)")
     add("--unit", choices=_UNITS, help="length of one unit of the mesh (glTF: metres)")
-    axes = f"{', '.join(_AXES)}; write a negative one as --up=-z"
+    axes = f"{', '.join(_AXES)}; write a negative axis as --up=-z"
     add("--up", metavar="AXIS", help=f"axis of the mesh that points up: {axes} (glTF: y)")
-    add("--front", metavar="AXIS", help="axis that faces the viewer (default z; -y where z is up)")
-    add("--crop", metavar="BOX", help="splats: box to keep, x0,x1,y0,y1,z0,z1 (nearly all)")
+    add("--front", metavar="AXIS", help="axis that faces the viewer (default: z; if z is up, -y)")
+    add(
+        "--crop",
+        metavar="BOX",
+        help="splats: keep this box, x0,x1,y0,y1,z0,z1 (default: nearly all)",
+    )
     add("--title", help="name of the scene in reports (default: the mesh file's name)")
     add("--display", help="display preset to write into the scene: nominal or phone")
     add("--force", action="store_true", help="replace existing files")

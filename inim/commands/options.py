@@ -69,8 +69,8 @@ _SHARED = {
     ),
     "cameras": _option(
         "--cameras",
-        help="also score RGB-D from several cameras: 5 (centre and corners of the viewing zone) or "
-        "rows and columns, 3x3, separated by commas",
+        help="also score algorithms on RGB-D pictures from several cameras: 5 (centre and corners "
+        "of the viewing zone) or a grid such as 3x3; separate several arrangements by commas",
     ),
     "viewpoints": _option(
         "--viewpoints", help="names or 'name=x y [z]' in mm, separated by commas"
@@ -84,13 +84,13 @@ _SHARED = {
         default=[],
         type=Path,
         metavar="DIR",
-        help="allow files of the scene in this folder; may be repeated",
+        help="allow the scene to load files from this folder; may be repeated",
     ),
     "preview": _option(
         "--preview",
         action="store_true",
-        help="first look in seconds: template only, from the centre, few samples; other options "
-        "override this",
+        help="quick first look: template only, from the centre, few samples; other options "
+        "override these values",
     ),
     "quiet": _option("--quiet", action="store_true", help="print errors only"),
     "debug": _option("--debug", action="store_true", help="show tracebacks of internal errors"),
@@ -171,14 +171,18 @@ def add_picture(parser: _Options) -> None:
     add(
         "--intrinsics",
         metavar="FX,FY,CX,CY",
-        help="camera, in pixels of the colour picture; photo: its own",
+        help="camera parameters in pixels of the colour picture, or photo to read them from it",
     )
     add("--orthographic", action="store_true", help="treat the picture as orthographic")
-    add("--depth-map", default="linear", help="linear, reciprocal (Li 2012), or printed (Eq. 4)")
+    add(
+        "--depth-map",
+        default="linear",
+        help="linear, reciprocal (Li 2012), or printed (Eq. 4 as printed)",
+    )
     direction = parser.add_mutually_exclusive_group()
-    direction.add_argument("--near-is-large", action="store_true", help="large values are near")
+    direction.add_argument("--near-is-large", action="store_true", help="larger values are nearer")
     direction.add_argument(
-        "--far-is-large", action="store_true", help="large values are far, as for distances"
+        "--far-is-large", action="store_true", help="larger values are farther, as for distances"
     )
     add(
         "--near",
@@ -192,7 +196,11 @@ def add_picture(parser: _Options) -> None:
         metavar="D",
         help="farthest depth to map (defaults: 0.5 and 99.5 %% quantiles)",
     )
-    add("--out-of-range", default="clip", help="depths beyond --near and --far: clip or drop")
+    add(
+        "--out-of-range",
+        default="clip",
+        help="treatment of depths beyond --near and --far: clip or drop",
+    )
     add(
         "--missing",
         default="",
@@ -202,17 +210,17 @@ def add_picture(parser: _Options) -> None:
     add(
         "--missing-depth",
         default="none",
-        help="filling of missing depth: none, nearest, behind or far",
+        help="how to fill missing depth: none, nearest, behind or far",
     )
     add(
         "--fit",
-        help="contain: the whole picture; cover: the whole array; auto: by the subject's depth",
+        help="contain: show the whole picture; cover: fill the array; auto: frame the subject",
     )
     add(
         "--frame-at",
         type=float,
         metavar="D",
-        help="distance at which the picture fits the array (median)",
+        help="distance at which the picture fits the array (default: the median)",
     )
     add("--max-slope", type=float, default=10.0, help="largest slope within one surface (10)")
     add("--swap-bytes", action="store_true", help="swap the bytes of 16-bit depth")

@@ -24,15 +24,15 @@ from inim.errors import EXIT_PASSED, FileError, UsageError
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Render a scene, generate its elemental image array (EIA) with each algorithm, look at it "
-        "through the lens array, and score every view against the ground truth."
+        "Render a scene, generate its elemental image array (EIA) with each algorithm, simulate "
+        "the views through the lens array, and score every view against the ground truth."
     )
     add = parser.add_argument
     add(
         "input",
         type=Path,
         metavar="INPUT",
-        help="Mitsuba scene (.xml) with inim.* settings; or a picture of your own, see below",
+        help="Mitsuba scene (.xml) with inim.* settings, or a picture of your own (see below)",
     )
     choices = ("definitions", "display", "algorithms", "cameras", "viewpoints", "lens_model")
     add_shared(
@@ -44,8 +44,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=FILE",
-        help="also score a finished EIA, .png (sRGB) or .exr (linear), or with `--algorithms none` "
-        "only this EIA; may be repeated",
+        help="also score an existing EIA, .png (sRGB) or .exr (linear); with `--algorithms none`, "
+        "score no other; may be repeated",
     )
     add(
         "--backend",
@@ -57,30 +57,31 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--baseline",
         type=Path,
         metavar="DIR",
-        help="compare with this baseline from `inim baseline accept`; a change fails",
+        help="compare with this baseline from `inim baseline accept`; a significant change fails",
     )
     add_shared(parser, "preview")
     add(
         "--time",
         action="store_true",
-        help="also time the generators; with --baseline, 15 %% slower fails",
+        help="also time the algorithms; with --baseline, a slowdown of 15 %% fails",
     )
     add(
         "--lazy",
         action="store_true",
-        help="generate only the panel pixels that the viewpoints observe: equal scores of views, "
-        "none of EIAs",
+        help="generate only the panel pixels that the viewpoints observe; views keep their scores, "
+        "EIAs are not scored",
     )
     add(
         "--no-skip",
         action="store_true",
-        help="perform all work, even if it cannot change a result, without the cache",
+        help="run every step, even if it cannot change a result, and do not use the cache",
     )
     add_shared(parser, "quiet", "debug")
     picture = parser.add_argument_group(
         "pictures of your own",
-        "INPUT is a colour picture with --depth, a photograph with depth inside, or the output of "
-        "`inim generate --save-rgbd` (.exr). Scores that need a scene are listed with the reason.",
+        "INPUT is a colour picture with --depth, a photograph that contains depth, or the output\n"
+        "of `inim generate --save-rgbd` (.exr). Scores that need a scene are omitted; the report\n"
+        "lists them with the reason.",
     )
     add_picture(picture)
 

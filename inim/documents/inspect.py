@@ -155,9 +155,9 @@ class LightRecord(Part):
     ]
     neighbour_share: Annotated[float, doc("From under a neighbouring lens, 0 to 1.")]
     past_lenses_share: Annotated[
-        float, doc("Through the bare sheet between lenses, bent by none, 0 to 1.")
+        float, doc("Through the bare sheet between lenses, without refraction, 0 to 1.")
     ]
-    beside_panel_share: Annotated[float, doc("From where no elemental image is, 0 to 1.")]
+    beside_panel_share: Annotated[float, doc("From outside all elemental images, 0 to 1.")]
     dark_between_share: Annotated[float, doc("Lost at the paint between lenses, 0 to 1.")]
     blocked_share: Annotated[float, doc("Vignetted or totally reflected, 0 to 1.")]
     reflected_share: Annotated[float, doc("Lost at the lens's two faces, 0 to 1.")]
@@ -169,7 +169,7 @@ class LightRecord(Part):
         ),
     ]
     astray_share: Annotated[
-        float, doc("All but the lens's own light and what the faces reflect, 0 to 1.")
+        float, doc("All light except the lens's own and the reflected light, 0 to 1.")
     ]
 
 

@@ -36,7 +36,7 @@ PIXEL_STEPS = (0.5, 1.0, 2.0)
 _MOST_CROSSTALK = 0.01
 # Fields in which a mounted array may differ from its design, and the words for a positive and a
 # negative number.
-_LIES = {
+_DIRECTIONS = {
     "rotation_deg": ("turned by {}° counter-clockwise", "turned by {}° clockwise"),
     "shift_x_mm": ("moved {} mm to the right", "moved {} mm to the left"),
     "shift_y_mm": ("moved {} mm up", "moved {} mm down"),
@@ -140,7 +140,7 @@ def cautions(data: InspectDocument) -> list[str]:
 def misalignments(design: Display, misaligned: Display) -> list[str]:
     """Misalignments of the array, and the part that the EIA does not correct."""
     sentences = []
-    for name, words in _LIES.items():
+    for name, words in _DIRECTIONS.items():
         nominal = getattr(design, name)
         unknown = getattr(misaligned, name) - nominal
         for value, origin in ((nominal, "in the design"), (unknown, "not in the design")):
@@ -164,7 +164,7 @@ def _depth_findings(display: Display) -> Iterator[str]:
         yield (
             f"Depth range cut: the formula's {display.depth_span_mm:.4g} mm about the central "
             f"depth plane cross the lens array, so it is cut to {low:.4g} to {high:.4g} mm. "
-            "More pixels per lens would make it proper."
+            "More pixels per lens would make the formula valid."
         )
 
 
@@ -175,26 +175,26 @@ def _viewing_findings(data: InspectDocument) -> Iterator[str]:
         yield f"Viewing zone empty {at}: every eye sees flipped views; {_way_out(data)}."
     nearest_point = data.display.depth_range_mm[1]
     if zone.distance_mm <= nearest_point:
-        yield f"Eye inside the picture {at}: the depth range reaches {nearest_point:.4g} mm."
+        yield f"Eye inside the picture {at}: the depth range ends at {nearest_point:.4g} mm."
 
 
 def _way_out(data: InspectDocument) -> str:
     """Hint to the location of the viewing zone."""
     zone, display = data.viewing, data.display
     if zone.nearest_distance_mm is None:
-        return "no distance is free of them: elemental_pitch_mm and pitch_mm are too far apart"
+        return "every distance has flips: elemental_pitch_mm and pitch_mm differ too much"
     if zone.nearest_distance_mm > zone.distance_mm:
         return f"move back to {zone.nearest_distance_mm:.4g} mm at least"
     # All lenses show an eye their middles at V = g / (Q / P - 1).
     aim = display.gap_mm / (display.elemental_image_pitch_mm / display.pitch_mm - 1)
-    return f"the elemental images aim at an eye at {aim:.4g} mm: come nearer"
+    return f"the elemental images are for an eye at {aim:.4g} mm: move closer"
 
 
 def _lens_findings(data: InspectDocument) -> Iterator[str]:
     if data.lens_model.reason is not None:
         yield (
-            f"The {DEFAULT_LENS_MODEL} lens cannot be ground, so {data.lens_model.name} lenses are "
-            f"used: {data.lens_model.reason}."
+            f"The {DEFAULT_LENS_MODEL} lens cannot be manufactured, so {data.lens_model.name} "
+            f"lenses are used: {data.lens_model.reason}."
         )
     if not find_lens_model(data.lens_model.name).refracts:  # no spot could be too large
         return

@@ -15,18 +15,18 @@ _LABEL = 30
 _MODES = {
     "real": "real: pictures stand in front of the lens array (g > f)",
     "virtual": "virtual: pictures stand behind the lens array (g < f)",
-    "focused": "focused: g = f, no central depth plane; the depth range is stated",
+    "focused": "focused: g = f, no central depth plane; the depth range is a setting",
 }
 _SHARES = (
     ("own", "own elemental image"),
     ("neighbour", "under a neighbour"),
-    ("past_lenses", "past the lenses"),
-    ("beside_panel", "beside the panel"),
+    ("past_lenses", "through the bare sheet"),
+    ("beside_panel", "outside the panel"),
     ("dark_between", "dark between lenses"),
     ("blocked", "vignetted, total reflection"),
     ("reflected", "reflected at lens faces"),
-    ("astray", "goes astray in all"),
-    ("crosstalk", "crosstalk, share of arriving"),
+    ("astray", "lost or misdirected, total"),
+    ("crosstalk", "crosstalk in arriving light"),
 )
 
 
@@ -74,7 +74,7 @@ def _display(data: InspectDocument) -> list[str]:
     lines += [_line("misalignment" if n == 0 else "", sentence) for n, sentence in enumerate(off)]
     if off:
         lines += [
-            _line("", "formulas are those of the aligned array; spots and light shares"),
+            _line("", "formulas hold for the aligned array; spots and light shares"),
             _line("", "are traced through the misaligned array"),
         ]
     return lines
@@ -91,7 +91,11 @@ def _depth_lines(data: InspectDocument) -> list[str]:
             _line("scene pixel P_I at D", f"{_n(d.scene_pixel_mm)} mm"),
         ]
     stated = d.depth_min_mm is not None
-    origin = "stated" if stated else "by the formula, cut off the array" * d.depth_range_is_cut
+    origin = (
+        "from the settings"
+        if stated
+        else "by the formula, cut off the array" * d.depth_range_is_cut
+    )
     lines.append(
         _line("depth range", f"{_n(low)} to {_n(high)} mm" + (f" ({origin})" if origin else ""))
     )
@@ -108,7 +112,7 @@ def _voxels(data: InspectDocument) -> list[str]:
         places = {"far end": low, "at D": d.central_depth_mm, "near end": high}
     parts: list[tuple[str, Callable[[float], float]]] = [
         ("depth", float),
-        ("voxel width, both together:", lambda z: float(voxel_mm(d, z))),
+        ("voxel width, total:", lambda z: float(voxel_mm(d, z))),
         ("  pixel footprint", lambda z: float(pixel_footprint_mm(d, z))),
         ("  blur of the lens aperture", lambda z: float(aperture_blur_mm(d, z))),
     ]
@@ -152,7 +156,7 @@ def _viewing_lines(data: InspectDocument) -> list[str]:
     lines = [
         "Viewing",
         _line("viewing half angle of a lens", f"{_n(zone.half_angle_deg)}°"),
-        _line("nearest distance, no flips", nearest),
+        _line("nearest distance without flips", nearest),
         _line("viewing distance", f"{_n(zone.distance_mm)} mm"),
     ]
     if zone.zone_is_empty:
@@ -174,7 +178,7 @@ def _spots(data: InspectDocument) -> list[str]:
     for spot in data.spots:
         colour = "" if spot.colour == "all" else f", {spot.colour}"
         lost = f", {100 * spot.lost_share:.3g} % of its rays lost" if spot.lost_share else ""
-        size = "no ray lands"
+        size = "no ray reaches the panel"
         if spot.rms_radius_um is not None and spot.rms_radius_px is not None:
             size = (
                 f"RMS radius {spot.rms_radius_um:6.2f} µm = {spot.rms_radius_px:.3f} pixels{lost}"
@@ -205,4 +209,4 @@ def _light_lines(data: InspectDocument) -> list[str]:
 def _warnings(data: InspectDocument) -> list[str]:
     wrap = textwrap.TextWrapper(_COLUMNS, initial_indent="  * ", subsequent_indent="    ").wrap
     lines = [line for sentence in data.warnings for line in wrap(sentence)]
-    return ["To know", *lines] if lines else []
+    return ["Notes", *lines] if lines else []

@@ -103,9 +103,9 @@ def lens_model(name: str) -> LensModel:
         raise UsageError(f"lens model {name!r}: {suggest_words(name, lens_models())}")
     label, model = f"lens model {name!r}", load(_ENTRY_POINTS, name, "lens model")
     if not isinstance(model, LensModel):
-        raise UsageError(f"{label} is a {type(model).__name__}; announce an inim.lens.LensModel")
+        raise UsageError(f"{label} is a {type(model).__name__}; register an inim.lens.LensModel")
     if model.name != name:
-        raise UsageError(f"{label} calls itself {model.name!r}; give both one name")
+        raise UsageError(f"{label} has the name {model.name!r}; make the names equal")
     if model.stand_in not in _OWN:
         raise UsageError(f"{label}: its stand_in is {model.stand_in!r}; use {' or '.join(_OWN)}")
     return replace(

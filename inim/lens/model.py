@@ -117,7 +117,7 @@ class LensModel:
 
     def __post_init__(self) -> None:
         if callable(self.trace) == callable(self.mesh):
-            raise UsageError(f"lens model {self.name!r}: give it a function, trace, or a mesh")
+            raise UsageError(f"lens model {self.name!r}: define exactly one of trace and mesh")
 
     @property
     def function(self) -> Trace:

@@ -1,10 +1,10 @@
-"""An algorithm for inim: the picture as if all of it lay in the central depth plane."""
+"""An algorithm for inim: the whole picture is assumed to be in the central depth plane."""
 
 import numpy as np
 
 
 def prepare(display, shape, pixel_mm, *, brightness=1.0):
-    """The picture as if all of it lay in the central depth plane."""
+    """Prepare an algorithm that assumes the whole picture in the central depth plane."""
     z = display.central_depth_mm
     x = display.columns.centre_mm + display.columns.slope * z
     y = display.rows.centre_mm + display.rows.slope * z

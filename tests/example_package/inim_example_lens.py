@@ -1,10 +1,10 @@
-"""A lens model for inim: pinholes whose light falls with the fourth power of the cosine."""
+"""A lens model for inim: pinholes with natural vignetting (cos^4)."""
 
 from inim.lens import LensModel, PanelRay, lens_centre
 
 
 def trace(array, traits, ops, x, y, sx, sy, index):
-    """Straight through the lens's centre, at an angle whose squared cosine is 1 / (1 + s^2)."""
+    """Pass rays straight through the lens's centre; cos^2 of the angle is 1 / (1 + sx^2 + sy^2)."""
     centre_x, centre_y, inside = lens_centre(array, traits, ops, x, y)
     light = 1 / (1 + sx * sx + sy * sy) ** 2
     return PanelRay(

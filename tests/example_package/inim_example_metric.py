@@ -1,4 +1,4 @@
-"""A metric for inim: the mean absolute difference of two pictures."""
+"""A metric for inim: the mean absolute difference of two images."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from inim.metrics import Metric
 
 
 def absolute_difference(reference, test):
-    """Of two (rows, columns, 3) sRGB pictures: a map, (rows, columns), whose mean is the score."""
+    """Map, (rows, columns), of the difference of two (rows, columns, 3) sRGB images."""
     return np.abs(reference - test).mean(axis=-1)
 
 

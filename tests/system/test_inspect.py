@@ -124,7 +124,7 @@ def test_scene_s_settings_are_read_and_the_command_line_wins(capsys, tmp_path):
 
 def test_focused_display_says_nothing_of_a_formula_s_range(capsys):
     text = inspect(capsys, "nominal", *FOCUSED)
-    assert "depth range                   4 to 24 mm (stated)" in text
+    assert "depth range                   4 to 24 mm (from the settings)" in text
     assert "focused: g = f" in text
     assert "Depth range cut" not in text and "central depth plane D " not in text
 
@@ -147,7 +147,7 @@ def test_lens_that_cannot_be_ground_is_a_sentence(capsys):
     words = definitions({"inim.focal_length_mm": "1", "inim.gap_mm": "1.2"})
     text = inspect(capsys, "nominal", *words)
     assert "lens model used below         thin" in text
-    assert "The thick lens cannot be ground" in text
+    assert "The thick lens cannot be manufactured" in text
 
 
 @pytest.mark.parametrize(

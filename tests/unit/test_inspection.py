@@ -311,12 +311,12 @@ def test_a_sound_display_has_no_warning():
         (lambda: inspect_display(small_display(40, 6), 50.0), "move back to 128.7 mm"),
         (
             lambda: inspect_display(small_display(40, 6, elemental_pitch_mm=1.1), 90.0),
-            "aim at an eye at 33 mm: come nearer",
+            "are for an eye at 33 mm: move closer",
         ),
         (lambda: inspect_display(small_display(pixels=16), 30.0), "Eye inside the picture"),
         (lambda: inspected(pixels=30), "Spot larger than a pixel"),
         (lambda: inspected(pixel_pitch_mm=0.0636), "15.72 x 15.72 pixels per lens"),
-        (lambda: inspected(**BAD_LENS), "cannot be ground"),
+        (lambda: inspected(**BAD_LENS), "cannot be manufactured"),
         (lambda: inspect_display(small_display(12, 6), 20.0), "Crosstalk on the axis"),
     ],
 )

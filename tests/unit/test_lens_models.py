@@ -146,11 +146,11 @@ def test_the_renderer_shows_a_display_through_another_package_s_model(plant, ren
         (THEIRS.replace("return PanelRay", "return list"), "failed: TypeError"),
         (THEIRS.replace("return PanelRay(", "return list(("), "cannot be loaded: SyntaxError"),
         (THEIRS.replace("sy, weight)", "sy, weight[:2])"), "failed: ValueError"),
-        (THEIRS.replace('"theirs"', '"others"'), "calls itself 'others'; give both one name"),
+        (THEIRS.replace('"theirs"', '"others"'), "has the name 'others'; make the names equal"),
         (THEIRS.replace('"pinhole"', '"magic"'), "its stand_in is 'magic'; use pinhole or"),
-        (THEIRS.replace("trace=trace, ", ""), "give it a function, trace, or a mesh"),
+        (THEIRS.replace("trace=trace, ", ""), "define exactly one of trace and mesh"),
         (THEIRS.replace("    if display", "    1 / 0\n    if display"), "failed: ZeroDivisionErr"),
-        ("model = 3", "is a int; announce an inim.lens.LensModel"),
+        ("model = 3", "is a int; register an inim.lens.LensModel"),
         ("import no_such_package", "cannot be loaded: ModuleNotFoundError"),
         ("raise SystemExit(0)", "cannot be loaded: SystemExit"),
     ],
@@ -171,7 +171,7 @@ def test_a_transmittance_that_no_exposure_makes_up_for_is_refused(plant, share):
 def test_a_model_announced_by_two_packages_is_refused(plant):
     plant(THEIRS)
     plant(THEIRS)
-    assert "is announced by several packages" in refusal()
+    assert "is registered by several packages" in refusal()
 
 
 def test_another_package_s_mesh_is_traced_by_the_renderer(plant, renderer):
