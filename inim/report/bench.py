@@ -47,9 +47,9 @@ def scene_parts(data: BenchDocument) -> list[PagePart]:
     if data.scene is None:
         return []
     intro = (
-        "Down and left is better. Coloured: no other is as fast and as good. Grey: another is "
-        "both. The picture scored is the very one that was timed, display-ready 8-bit sRGB. "
-        "A point's whisker ends at its fastest run."
+        "Points at the bottom left are best. Pareto-optimal algorithms are coloured. For "
+        "each grey algorithm, another is at least as fast and as good. The scored EIA is the timed "
+        "EIA, in display-ready 8-bit sRGB. The whisker of a point ends at the fastest run."
     )
     tables = [_scene_table(data.scene)]
     return [
@@ -161,7 +161,7 @@ def _remarks(data: BenchDocument, parts: Sequence[PagePart]) -> list[str]:
         "between the quartiles.",
     ]
     if slow:
-        lines.append(f"Fewer runs, being slow: {', '.join(slow)}.")
+        lines.append(f"Slow, therefore timed in fewer runs: {', '.join(slow)}.")
     lines += [line for part in parts for line in part.remarks]
     return [*lines, *data.notes]
 
@@ -171,7 +171,7 @@ def _draw_scene(scene: BenchScene) -> Any:
     plotted = [score for score in scene.scores if score.plotted]
     figure, axes = new_figure(1 + len(plotted), 4.6, sharex=True)
     axes[0].set_xscale("log")  # of all of them
-    title, label = "Wrong source", "panel pixels of a wrong source, %"
+    title, label = "Wrong source", "panel pixels with a wrong source, %"
     names = [_panel(axes[0], scene, "wrong_source", lambda share: 100 * share)]
     style(axes[0], title, f"{TIME} (↙ better)", label)
     for axis, score in zip(axes[1:], plotted, strict=True):

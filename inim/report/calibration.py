@@ -46,17 +46,18 @@ _NAMES = {
     "k2": ("Distortion k2", "k2", 4),
 }
 _LEAD = (
-    "Every value with its standard error and the interval that holds the truth in 95 of 100 "
-    "calibrations. A parameter whose standard error exceeds the limit in the last column is not "
-    "determined: the display file keeps the design's value."
+    "The interval contains the true value in 95 of 100 calibrations. A parameter is not determined "
+    "if its standard error exceeds the limit in the last column. The display file then keeps the "
+    "nominal value."
 )
 _MAPS = (
-    "What the photographs show less what the fitted display would: where on the panel a lens's "
-    "rays end (mean of a lens), and where in the photograph its outline lies. Fine stripes are "
-    "pixels, of the panel and of the camera, that beat with the lenses, and belong there. A slope "
-    "or a bow over the whole sheet is something that the model lacks, such as a bent sheet."
+    "Differences between the photographs and the fitted display: the panel point that a lens's "
+    "rays reach (mean over the lens), and the position of its outline in the photograph. Fine "
+    "stripes are normal, because the pixels of panel and camera beat with the lenses. A slope or "
+    "a bow over the whole sheet is an effect that the model does not include, such as a bent "
+    "sheet."
 )
-_NEXT = "One more position would leave these standard errors, the best one first."
+_NEXT = "Standard errors after one more position; the most useful position is first."
 # Colours end at this quantile: a few outliers must not hide the rest.
 _QUANTILE = 0.98
 
@@ -206,7 +207,7 @@ def _positions(data: CalibrationDocument) -> str:
         ]
         for name, error in data.camera.standard_errors.items()
     ]
-    return text_table("Where the camera stood", heads, rows, "numbers") + text_table(
+    return text_table("Positions of the camera", heads, rows, "numbers") + text_table(
         "The camera", ["Intrinsic", "Value", "Standard error"], intrinsics, "numbers"
     )
 
@@ -230,13 +231,14 @@ PHOTO_FILES = (
     "flow.png",
 )
 _STAGES = (
-    "Scores of the simulation against the photograph, as one cause after another is put into it: "
-    "the exposure alone, then the remaining shift, then blur, then the response of panel and "
-    "camera. The share of the squared error that is left at the end has other causes."
+    "Scores of the simulation against the photograph. Each row corrects one more cause of their "
+    "difference: the exposure, the remaining shift, the blur, and the response of panel and "
+    "camera. The squared error in the last row has other causes."
 )
 _FLOW = (
-    "How far the photograph lies from the simulation, by blocks: pixels of the photograph, to the "
-    "right and down. One colour all over is a camera that moved; a pattern, a wrong display."
+    "Shift of the photograph against the simulation, by blocks, to the right and down, in pixels "
+    "of the photograph. One colour everywhere means that the camera moved. A pattern means that "
+    "the display differs from its description."
 )
 
 
@@ -307,7 +309,7 @@ def _causes(data: PhotoDocument) -> str:
             )
         ),
     ]
-    words = "What has to be changed in the simulation"
+    words = "Corrections of the simulation"
     return text_table(words, ["Cause", "Found"], rows, "numbers")
 
 
@@ -315,9 +317,9 @@ def _pictures(folder: Path) -> str:
     images = ReportImages(folder, ENCODINGS[1])
     photo, plain, matched = (images.read(f"{name}.png") for name in _PICTURES)
     pictures = (
-        (photo, "Photograph", "what is compared of it"),
+        (photo, "Photograph", "compared part"),
         (plain, "Simulation", "exposed alike"),
-        (matched, "Simulation, matched", "shift, blur and tone put in"),
+        (matched, "Simulation, matched", "with shift, blur and tone"),
         (difference(photo, matched), "Difference", f"of the two, times {DIFFERENCE_GAIN}"),
     )
     figures = (figure(images.embed(p, name), name, remark) for p, name, remark in pictures)
@@ -335,7 +337,7 @@ def _scores(data: PhotoDocument) -> str:
         ]
         for stage in data.stages
     ]
-    heads = ["Simulation", "SSIM", "PSNR, dB", "FLIP", "squared error left"]
+    heads = ["Simulation", "SSIM", "PSNR, dB", "FLIP", "remaining squared error"]
     table = text_table("Against the photograph", heads, rows, "numbers")
     return lead(_STAGES) + table
 

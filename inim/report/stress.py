@@ -38,13 +38,13 @@ def summary_lines(data: StressDocument) -> list[str]:
     pixels = sum(hits.pixels for hits in exact)
     broken = sum(not relation.passed for relation in data.relations)
     return [
-        f"{wrong} of {count(pixels)} panel pixels of algorithms that show first hits by definition "
-        "differ from rational arithmetic, where a validation would give no warning. Of the other "
-        "algorithms the share is stated.",
-        f"{broken} of {len(data.relations)} relations fail. Uncertain are pixels that change, too, "
-        "when lengths or depths are moved by a ten-millionth: rounding may decide them.",
-        "Depth errors: no arithmetic is at fault there. The figures say how much of a picture "
-        "hangs on the last digits of its depth.",
+        f"{wrong} of {count(pixels)} panel pixels differ from the first hits in rational "
+        "arithmetic, in algorithms that promise first hits and in cases without a warning. For "
+        "the other algorithms, the tables give the share.",
+        f"{broken} of {len(data.relations)} relations fail. A pixel is uncertain if it also "
+        "changes after a change of lengths or depths by a ten-millionth: rounding may decide it.",
+        "The figures on depth errors show the part of a picture that depends on the last digits of "
+        "its depth. They do not indicate errors of the arithmetic.",
     ]
 
 

@@ -46,29 +46,29 @@ PAGE = "sweep.html"
 _MOST_ACROSS = 3
 _PANEL_HEIGHT = 4.0  # inches
 _SCORES = (
-    "Each number is a mean over the viewpoints. Large: SSIM on the relic to the reference view. It "
-    "measures the algorithm alone. Small: SSIM on the relic to the ground truth, which includes "
-    "the display, and SSIM of the whole image to the reference view. Do not compare rows with one "
-    "another: scores depend on the scene."
+    "Each number is a mean over the viewpoints. The large number is the SSIM on the relic to the "
+    "reference view. It measures the algorithm alone. The small numbers are the SSIM on the relic "
+    "to the ground truth, which includes the loss of the display, and the SSIM of the whole image "
+    "to the reference view. Do not compare rows, because scores depend on the scene."
 )
 _PARETO = (
-    "Down and left is better; a point is the mean over the scenes. Coloured: Pareto-optimal. "
-    "Grey: another algorithm is as fast and as good. "
+    "A point is the mean over the scenes. Points at the bottom left are best. Pareto-optimal "
+    "algorithms are coloured. For each grey algorithm, another is at least as fast and as good. "
 )
 _UNITS = {"yardsticks": "kernel times", "seconds": "seconds"}
 _TIMES = {
-    "yardsticks": "Times are multiples of the reference kernel's, taken in the same process.",
-    "seconds": "Seconds were taken once, cold, while other work ran; put time = true into "
-    "the study for ratios to the reference kernel.",
+    "yardsticks": "Times are multiples of the reference kernel's time in the same process.",
+    "seconds": "Each time was measured once, without warm-up, while other work ran. For times "
+    "relative to the reference kernel, put time = true into the study.",
 }
 _BEST = (
     "Mean SSIM on the relic to the ground truth of the best algorithm on each display, next to the "
     "reference. The resolution of views follows the number of lenses, so each display is compared "
     "at its own resolution. FLIP weights differences by visibility."
 )
-_QUERY = """SELECT scene, display, algorithm, avg(ssim_on_relic_to_reference) AS kept
+_QUERY = """SELECT scene, display, algorithm, avg(ssim_on_relic_to_reference) AS ssim
 FROM 'sweep.parquet' WHERE status = 'ok'
-GROUP BY ALL ORDER BY scene, display, kept DESC;"""
+GROUP BY ALL ORDER BY scene, display, ssim DESC;"""
 
 
 def write_page(path: Path, rows: Sequence[Mapping[str, Any]], about: SweepTable) -> None:

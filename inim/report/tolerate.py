@@ -28,14 +28,14 @@ _WITHIN = 1.96
 _PANEL_HEIGHT = 2.9  # inches
 _DRAWN, _CURVE, _BEARS, _REACHED = "#17596b", "#1e2022", "#a4262c", "#1c6b3c"
 _ALONE = (
-    "One parameter at a time, all others exact. Each point is a display with its error. Dashed: "
-    "score of the aligned display minus the criterion. Black: fitted curve. Red, dotted: the "
-    "tolerance on either side."
+    "One parameter has an error; all others are exact. Each point is a display. The dashed line is "
+    "the score of the aligned display minus the criterion. The black line is the fitted curve. The "
+    "dotted red lines are the tolerances."
 )
-_CALIBRATED = " Green: where a calibration leaves 95 % of displays."
+_CALIBRATED = " After a calibration, 95 % of displays are within the green range."
 _TOGETHER = (
-    "All parameters at once, each drawn from its own spread. Solid: the share of displays with at "
-    "most this loss. Dashed: the same share if the single losses added up."
+    "All parameters have errors, each drawn from its own spread. The solid line is the share of "
+    "displays with at most this loss. The dashed line is that share if the single losses added up."
 )
 
 
@@ -71,8 +71,8 @@ def _sentence(row: ParameterTolerance) -> str:
         return f"{name.capitalize()}: too few displays could be validated for a result."
     if bears is None:
         farthest = _format_with_unit(row, row.farthest)
-        return f"{name.capitalize()} may deviate by {farthest} or more; draw from a larger reach."
-    low, high = ("more than was drawn" if end is None else f"{end:.3g}" for end in interval)
+        return f"{name.capitalize()} may deviate by {farthest} or more; use a larger reach."
+    low, high = ("beyond the drawn range" if end is None else f"{end:.3g}" for end in interval)
     return (
         f"With this sheet, {name} must be known to {_format_with_unit(row, bears)} (95{NBSP}% "
         f"interval {low} to {high}).{_calibrated_accuracy(row)}"
@@ -105,14 +105,14 @@ def _page(data: ToleranceDocument) -> str:
     introduction = (
         f"An EIA of the nominal display is shown on misaligned displays. The score is "
         f"{HEADLINE_WORDS}, averaged over the viewpoints; the reference uses the misaligned "
-        f"display. The tolerated loss is {criterion} of the {number(data.aligned, 4)} that the "
-        "aligned "
-        "display scores."
+        f"display. The aligned display scores {number(data.aligned, 4)}; the tolerated loss is "
+        f"{criterion}."
     )
     rows = data.parameters
     together = len(data.together.draws) if data.together is not None else 0
     facts = [
-        f"{sum(len(row.draws) for row in rows)} displays off in one parameter, {together} in all",
+        f"{sum(len(row.draws) for row in rows)} displays with one error, {together} with all "
+        "errors",
         f"EIA of {data.algorithm}",
         ", ".join(data.viewpoints),
     ]
@@ -153,7 +153,13 @@ def _is_calibrated(rows: Sequence[ParameterTolerance]) -> bool:
 
 
 def _tolerance_table(rows: Sequence[ParameterTolerance]) -> str:
-    heads = ["Parameter", "Must be known to", "95 % interval", "Drawn alone to", "Curve's scatter"]
+    heads = [
+        "Parameter",
+        "Must be known to",
+        "95 % interval",
+        "Drawn range",
+        "Scatter of the curve",
+    ]
     heads += ["Spread, all at once"]
     calibrated = _is_calibrated(rows)
     heads += ["A calibration reaches", "Better than needed"] if calibrated else []
@@ -220,5 +226,5 @@ def _draw_together(data: ToleranceDocument, together: Together) -> bytes:
     axis.axvline(criterion, color=_BEARS, linewidth=1.0, linestyle=":")
     across(axis, "criterion", x=criterion)
     axis.set_ylim(0, 1.02)
-    style(axis, "", f"what is lost of {HEADLINE_WORDS}", "share of displays")
+    style(axis, "", f"loss of {HEADLINE_WORDS}", "share of displays")
     return svg(figure)

@@ -323,8 +323,8 @@ def test_an_error_that_may_be_larger_than_all_drawn_is_said_so(found):
         replace(found.parameters[1], interval=(0.1, None)),
     ]
     turned, apart = plainly(sentences(replace(found, parameters=rows, together=None)))
-    assert turned == "Rotation may deviate by 0.06 deg or more; draw from a larger reach."
-    assert "(95 % interval 0.1 to more than was drawn)" in apart
+    assert turned == "Rotation may deviate by 0.06 deg or more; use a larger reach."
+    assert "(95 % interval 0.1 to beyond the drawn range)" in apart
 
 
 def test_document_reads_back_and_the_page_shows_it(found, tmp_path):

@@ -113,7 +113,7 @@ def test_it_starts_with_the_lens_model_nearest_to_the_report_s(
     page = Page(render_html(data | {"lens_model": scored_with}, tmp_path))
     radios = [i for i in page.all("input") if i["type"] == "radio"]
     assert [i["value"] for i in radios if "checked" in i] == [first]
-    assert ("thin ones come nearest" in page.text) == (scored_with != first)
+    assert ("the most similar lens model" in page.text) == (scored_with != first)
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_missing_panel_is_named_and_the_rest_is_shown(tmp_path):
     (tmp_path / "eia/wang2024.png").unlink()
     page = render_html(data, tmp_path)
     assert [one["name"] for one in block(page)["panels"]] == ["Reference", "template"]
-    assert "Not there, or not of the panel's size: wang2024." in Page(page).text
+    assert "Missing, or not of the panel's size: wang2024." in Page(page).text
 
 
 IMAGES = ReportImages(Path(), ENCODINGS[0])

@@ -180,22 +180,20 @@ def splats(data: ReportDocument, _images: ReportImages) -> str:
 def _words(data: ReportDocument, translucency: Translucency) -> str:
     """Meaning of the figures, in sentences."""
     words = (
-        f"{short(translucency.count)} splats touch "
-        f"{per_cent(translucency.touched_fraction, 1)} of the picture's pixels, and take "
-        f"{per_cent(translucency.mean_coverage, 1)} of their light on average. "
-        "A depth map has one depth for each: here, that at which half of the light is gone. "
-        f"{per_cent(translucency.without_depth_fraction, 1)} of these pixels never lose half: the "
-        "algorithms do not receive them. "
-        f"{per_cent(translucency.never_opaque_fraction, 1)} never lose nine tenths: "
-        "the background visible through them moves differently. "
+        f"{short(translucency.count)} splats touch {per_cent(translucency.touched_fraction, 1)} "
+        f"of the picture's pixels, and take {per_cent(translucency.mean_coverage, 1)} of their "
+        "light on average. A depth map has one depth per pixel: here, the depth at which half of "
+        f"the light is lost. {per_cent(translucency.without_depth_fraction, 1)} of these pixels "
+        "never lose half, so the algorithms do not receive them. "
+        f"{per_cent(translucency.never_opaque_fraction, 1)} never lose nine tenths; the "
+        "background visible through them moves differently. "
     )
     if translucency.depth_spread_mm is not None:
         low, high = data.display.parameters.depth_range_mm
         words += (
-            f"In the others, the light is lost over {mm(translucency.depth_spread_mm)} of depth "
-            "(median; "
-            f"{mm(translucency.depth_spread_p95_mm)} in one of twenty), from the first tenth to "
-            f"the last, of a depth range of {mm(high - low)}."
+            "In the other pixels, the depths at which one tenth and nine tenths of the light are "
+            f"lost differ by {mm(translucency.depth_spread_mm)} (median; in one of twenty, by more "
+            f"than {mm(translucency.depth_spread_p95_mm)}). The depth range is {mm(high - low)}."
         )
     return words
 

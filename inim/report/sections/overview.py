@@ -27,9 +27,9 @@ from inim.report.sections import ReportSection
 
 _FAILURES_ON_TOP = 3
 _NOTE = (
-    "Large: SSIM on the relic to the reference view, which measures the algorithm alone; ± is the "
-    "95 % interval. Small: SSIM on the relic to the ground truth, which includes the loss of the "
-    "display; and both scores for the whole image with its background. "
+    "The large number is the SSIM on the relic to the reference view. It measures the algorithm "
+    "alone; ± is its 95 % interval. The small numbers are the SSIM on the relic to the ground "
+    "truth, which includes the loss of the display, and both scores for the whole image. "
 )
 
 

@@ -63,9 +63,9 @@ _MEANINGS = (
     ),
     (
         "Noise floor",
-        "The score of one half of the ground truth's samples against the other half. Smaller "
-        "differences of plain scores, such as the EIA's, have no meaning. For noise-corrected "
-        "scores, ± is the 95 % interval.",
+        "The score of one half of the ground truth's samples against the other half. Plain scores, "
+        "such as the EIA's, that differ by less than its distance from 1 do not differ "
+        "meaningfully. For noise-corrected scores, ± is the 95 % interval.",
     ),
     (
         "On the relic",

@@ -31,14 +31,14 @@ from inim.report.plots import (
 from inim.report.sections import ReportSection
 
 _KERNEL_TIMES = "kernel times"
-_WORDS = "Down and left is better; the line joins the Pareto-optimal algorithms. "
+_WORDS = "Points at the bottom left are best. The line joins the Pareto-optimal algorithms. "
 _RATIOS = (
     "Times are medians of warm runs, alternating with the reference kernel, one gather of 4 bytes "
     "per display pixel."
 )
 _SECONDS = (
-    "Times are of a single run, with preparation and compilation, and therefore rough. For warm "
-    "times relative to the reference kernel, use "
+    "Times are rough, because they are from a single run with preparation and compilation. For "
+    "warm times relative to the reference kernel, use "
 )
 
 

@@ -76,11 +76,11 @@ def shown_display(
         Still(eia.name, words, images.read("views", eia.views, f"{view}.png"))
         for eia in candidates[:2]
     ]
-    remarks = [f"Not there, or not of the panel's size: {', '.join(missing)}."] if missing else []
+    remarks = [f"Missing, or not of the panel's size: {', '.join(missing)}."] if missing else []
     if data.lens_model not in live_lens_models(display):
         remarks.append(
-            f"The report's views and scores are those of {data.lens_model} lenses; thin ones come "
-            "nearest."
+            f"The views and scores of this report use {data.lens_model} lenses. This virtual "
+            "display uses the most similar lens model that it has."
         )
     return live_display(
         display,
@@ -109,7 +109,7 @@ def _panels(
 
 
 def _left_out(reason: str) -> str:
-    return lead(f"Left out: {reason}.", "note")
+    return lead(f"Omitted: {reason}.", "note")
 
 
 SECTIONS = (ReportSection(20, ANCHOR, TITLE, report_display, LIVE),)

@@ -48,11 +48,11 @@ _STILL_PX = 420
 _FORMS = (("PNG", 0), ("JPEG", 95), ("JPEG", 85))
 _NEEDED = "The live display needs scripts and WebGL 2. These pre-rendered views replace it."
 _HELP = (
-    "Drag across an image to move the eye. After a click on it, or the Tab key: scroll or pinch to "
-    "change the distance, move the eye with the arrow keys (Shift: farther), + and − to go nearer "
-    "and back, Home to return."
+    "Drag across an image to move the eye. Click an image, or select it with the Tab key, for more "
+    "controls: scroll or pinch to change the distance, press the arrow keys to move (with Shift in "
+    "larger steps), + and − to move closer and back, and Home to return."
 )
-_SWAYS = "The eye moves until you touch the page or press a key."
+_SWAYS = "The eye moves by itself until you touch the page or press a key."
 _ABOVE = "From above, to scale: the display, the viewing zone, and the eye."
 #: Between the eyes of a pair: most adults' are 54 to 74 mm apart.
 _BETWEEN_EYES_MM = 63
@@ -263,12 +263,12 @@ def _embedding_words(embedded: Sequence[_Embedded], left_out: Sequence[str]) -> 
     words = []
     if any(not panel.is_exact for panel in embedded):
         words.append(
-            "The panels are too large to be embedded exactly: they are compressed with loss here, "
-            "and exact in the folder."
+            "The panels are too large for this page, so it contains them with lossy compression. "
+            "The files in the folder are exact."
         )
     if left_out:
         words.append(
-            f"Left out, the page would be too large: {', '.join(left_out)}. "
+            f"Omitted, because the page would be too large: {', '.join(left_out)}. "
             "`inim view` shows every panel."
         )
     return words
