@@ -1,3 +1,3 @@
-"""The version, apart from the package so that lower layers can name it."""
+"""The version, in a separate module that lower layers may import."""
 
 __version__ = "0.1.0"

@@ -137,7 +137,7 @@ class Backend(NamedTuple):
 
 
 def environment(backend: Backend) -> dict[str, str]:
-    """The variables to set for a child process that will use `backend`."""
+    """Environment variables for a child process that will use `backend`."""
     return {LLVM_VARIABLE: str(backend.libllvm)} if backend.libllvm else {}
 
 

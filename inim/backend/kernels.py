@@ -142,7 +142,7 @@ _VARIABLE = "NUMBA_CACHE_DIR"
 
 
 def cache_folder(package: Path) -> str:
-    """The folder for compiled kernels that numba must be given; empty where it finds its own.
+    """Folder for compiled kernels; empty if numba finds a usable folder itself.
 
     Parameters
     ----------

@@ -52,7 +52,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--depth-ratio",
         type=float,
         default=_DEFAULT_RATIO,
-        help="ratio of farthest to nearest distance, for inverse depth (4)",
+        help="ratio of the farthest to the nearest distance, for inverse depth (4)",
     )
     add_shared(parser, "debug")
 

@@ -37,8 +37,8 @@ _TILES, _SPP = "8x6", 32
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Write an EIA as a sheet to print; its sub-aperture views, with one pixel per lens, as "
-        "images or as an HCI light field; or views rendered through the lens array as a quilt."
+        "Write an EIA as a PDF to print, its sub-aperture views (one pixel per lens) as images or "
+        "as an HCI light field, or a quilt of views rendered through the lens array."
     )
     add = parser.add_argument
     algorithms = "report: algorithm, or truth for the ground-truth EIA (the best algorithm)"
@@ -54,9 +54,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--hci",
         type=Path,
         metavar="DIR",
-        help="write an HCI light field into this folder, for a report with true disparity",
+        help="write an HCI light field into this folder; with the true disparity for a report",
     )
-    add("--grid", metavar="COLSxROWS", help="number of these views (the pixels per lens)")
+    add(
+        "--grid",
+        metavar="COLSxROWS",
+        help="number of sub-aperture views (default: the pixels per lens)",
+    )
     add(
         "--quilt",
         type=Path,
@@ -65,13 +69,17 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--tiles", metavar="COLSxROWS", help=f"tiles of the quilt ({_TILES})")
     add("--view-size", metavar="WxH", help="size of a tile in pixels (8x6: 420x560)")
-    add("--aspect", type=float, help="displayed width over height of a tile (square pixels)")
+    add(
+        "--aspect",
+        type=float,
+        help="displayed width over height of a tile (default: square pixels)",
+    )
     add("--view-spp", type=int, metavar="N", help=f"samples per pixel of a tile ({_SPP})")
     add(
         "--scene",
         type=Path,
         metavar="XML",
-        help="scene for a quilt of the ground truth (the report's)",
+        help="scene file for a quilt of the ground truth (default: the report's scene)",
     )
     add_shared(parser, "allow_folders", "quiet", "debug")
 

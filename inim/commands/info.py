@@ -147,14 +147,14 @@ def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:
         "spots, crosstalk, and the effect of more or fewer pixels per lens."
     )
     parser.add_argument("display", metavar="SCENE|PRESET", help="scene (.xml), nominal or phone")
-    lens_model = "lens model: pinhole, thin or thick (thick, if it can be ground)"
+    lens_model = "lens model: pinhole, thin or thick (default: thick, if it can be manufactured)"
     out = "folder for inspect.json, .svg and .png"
     add_shared(parser, "definitions", "debug", lens_model=lens_model, out=out)
     parser.add_argument(
         "--distance",
         type=float,
         metavar="MM",
-        help="viewing distance (the scene's, or twice the nearest usable one)",
+        help="viewing distance (default: the scene's, or twice the nearest usable distance)",
     )
     parser.add_argument("--json", action="store_true", help="JSON instead of text")
 

@@ -20,10 +20,10 @@ _KEPT = "results are kept; run it again to continue"
 def _add_sweep_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Validate all combinations of a study's scenes, displays, settings and algorithms, and "
-        "write one table. Existing results are reused: run it again after a kill, or with a larger "
-        "study."
+        "write one table. Existing results are reused, so the command can be repeated after an "
+        "interruption or with a larger study."
     )
-    parser.add_argument("study", type=Path, help="the study (.toml), see docs/how-to/sweep.md")
+    parser.add_argument("study", type=Path, help="study (.toml); docs/how-to/sweep.md describes it")
     add_shared(parser, out="folder (default: STUDY-sweep)")
     _add_place(parser)
 
@@ -32,16 +32,16 @@ def _add_place(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scheduler",
         metavar="tcp://HOST:PORT",
-        help="run on the workers of this dask scheduler, which share the folder",
+        help="use the workers of this dask scheduler; all need access to the folder",
     )
     parser.add_argument(
         "--workers",
         type=int,
         metavar="N",
-        help="simultaneous validations on this machine (one per core)",
+        help="simultaneous validations on this machine (default: one per core)",
     )
     parser.add_argument(
-        "--threads", type=int, metavar="T", help="threads of each (its share of the cores)"
+        "--threads", type=int, metavar="T", help="threads per validation (default: cores / workers)"
     )
     parser.add_argument(
         "--dry-run", action="store_true", help="list finished and remaining validations, and stop"
@@ -113,14 +113,14 @@ def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:
         "--study",
         type=Path,
         metavar="FILE",
-        help="distributions of the errors (.toml), see docs/how-to/tolerate.md",
+        help="distributions of the errors (.toml); docs/how-to/tolerate.md describes them",
     )
     parser.add_argument(
         "--criterion",
         type=float,
         default=0.01,
         metavar="LOSS",
-        help="largest tolerated loss of SSIM on the relic to the reference (0.01)",
+        help="largest acceptable loss of SSIM on the relic to the reference (0.01)",
     )
     parser.add_argument(
         "--calibration",
@@ -154,14 +154,18 @@ def _tolerate(args: argparse.Namespace) -> int:
 def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Time each algorithm on a scene's display-ready picture and compare time with error. All "
-        "run alternately with a reference kernel of one 4-byte gather per display pixel; times are "
-        "also given as multiples of its time."
+        "algorithms run alternately with a reference kernel: one 4-byte gather per panel pixel. "
+        "Times are given in milliseconds and as multiples of the kernel's time."
     )
     shared = ("definitions", "display", "algorithms", "allow_folders", "quiet", "debug")
     add_shared(parser, "scene", *shared, out="folder (default: SCENE-bench)")
     parser.add_argument("--runs", type=int, default=9, metavar="N", help="timed runs (9)")
-    parser.add_argument("--warmups", type=int, default=2, metavar="N", help="runs before (2)")
-    parser.add_argument("--threads", type=int, metavar="T", help="threads to time with (all)")
+    parser.add_argument(
+        "--warmups", type=int, default=2, metavar="N", help="untimed runs before them (2)"
+    )
+    parser.add_argument(
+        "--threads", type=int, metavar="T", help="threads per algorithm (default: all)"
+    )
 
 
 def _bench(args: argparse.Namespace) -> int:
@@ -185,7 +189,7 @@ def _add_stress_arguments(parser: argparse.ArgumentParser) -> None:
         "scene",
         type=Path,
         nargs="?",
-        help="Mitsuba scene (.xml) whose depth is jittered; two synthetic spheres otherwise",
+        help="Mitsuba scene (.xml) whose depth is changed (default: two synthetic spheres)",
     )
     shared = ("definitions", "algorithms", "allow_folders", "quiet", "debug")
     add_shared(parser, *shared, out="folder (default: SCENE-stress)")

@@ -31,7 +31,7 @@ def _add_view_arguments(parser: argparse.ArgumentParser) -> None:
     )
     out = f"HTML file to write (OUT/{_PAGE}, EIA-view.html)"
     add_shared(parser, "source", "display", "definitions", out=out)
-    parser.add_argument("--open", action="store_true", help="open it in the browser")
+    parser.add_argument("--open", action="store_true", help="open the page in the browser")
 
 
 def _view(args: argparse.Namespace) -> int:
@@ -177,8 +177,8 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--path",
         default="circle",
-        help="'circle' inside the viewing zone, or eye positions 'x y [z], x y [z], ...' in mm, "
-        "there and back (circle)",
+        help="'circle' inside the viewing zone (default), or eye positions 'x y [z], x y [z], ...' "
+        "in mm, visited in order and back",
     )
     add("--allow-flips", action="store_true", help="allow the path to leave the viewing zone")
     add(

@@ -1,4 +1,4 @@
-"""The display: a pixel panel under a lens array, and where an eye stands before it."""
+"""The display: a pixel panel under a lens array, and the viewpoints in front of it."""
 
 from inim.display.display import DISPLAYS, Display
 from inim.display.viewpoint import Viewpoint

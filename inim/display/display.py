@@ -227,13 +227,13 @@ class Display:
 
     @property
     def width_mm(self) -> float:
-        """Width of the lens array, N P, and half a pitch more where rows are staggered."""
+        """Width of the lens array: N P, plus half a pitch if rows are staggered."""
         staggered = 0.5 if self.lattice == "hexagonal" and self.lens_rows > 1 else 0.0
         return (self.lens_columns + staggered) * self.pitch_mm
 
     @property
     def height_mm(self) -> float:
-        """Height of the lens array, its rows times their distance."""
+        """Height of the lens array: number of rows times row pitch."""
         return self.lens_rows * self.row_pitch_mm
 
     @property
@@ -343,10 +343,10 @@ class Display:
 
     @cached_property
     def depth_range_mm(self) -> tuple[float, float]:
-        """Depths (z_min, z_max) that pictures are fitted into, each rounded once.
+        """Depth range (z_min, z_max) that pictures are fitted into; each end is rounded once.
 
-        ``D -+ span / 2``, cut one pitch off the array where the formula would cross it
-        (`depth_range_is_cut`), or the range stated by the user.
+        ``D -+ span / 2``, cut one pitch from the array where the formula would cross it
+        (`depth_range_is_cut`), or the range given by the user.
         """
         if self.depth_min_mm is not None and self.depth_max_mm is not None:
             return float(self.depth_min_mm), float(self.depth_max_mm)
@@ -521,7 +521,7 @@ class Display:
 
     @property
     def steepest_slopes(self) -> tuple[float, float]:
-        """Millimetres sideways per millimetre of depth of a pixel's ray at the most, in x and y."""
+        """Largest slopes of pixel rays in x and y: millimetres sideways per millimetre of depth."""
         cell_x, cell_y = self.elemental_image_pitch_mm, self.elemental_row_pitch_mm
         if self.lattice == "hexagonal":
             # Where three cells of the lattice meet; those of rows far apart are that tall.
@@ -611,10 +611,10 @@ class Display:
         )
 
     def through_pinholes(self) -> Display:
-        """The display whose lenses are points, without a name.
+        """Copy with pinholes as lenses, without a name; the lenses' parameters have their defaults.
 
-        Ground truth is traced through lens centres: displays that differ in their lenses only have
-        one, that of this display. The lenses' own parameters have their defaults.
+        The ground truth is traced through lens centres, so displays that differ only in their
+        lenses share it.
         """
         defaults = {f.name: f.default for f in fields(self) if f.name in _LENS_ONLY}
         return self.replace(name="", **defaults)

@@ -82,7 +82,7 @@ def is_file_safe(name: str) -> bool:
 
 
 def check_viewpoint(viewpoint: Viewpoint, display: Display, *, allow_flips: bool = False) -> None:
-    """Raise `ViewpointError` where the eye sees flipped (repeated) views or sits in the picture.
+    """Raise `ViewpointError` if the eye sees flipped (repeated) views or is inside the picture.
 
     The limit is |e - x_lens| <= V P / 2g for every lens (see `Display.flip_limit_mm`), and holds
     for the pupil's edge too. With `allow_flips` the eye may see flipped views.
@@ -140,7 +140,7 @@ def focus_distance_mm(viewpoint: Viewpoint, display: Display) -> float:
 
 
 def default_distance_mm(display: Display) -> float:
-    """Twice the nearest distance at which no lens flips, and clear of the picture itself."""
+    """Default eye distance: twice the nearest distance without flips, outside the picture."""
     in_front = 2 * max(display.depth_range_mm[1], 0.0)
     return max(_DISTANCE_IN_NEAREST * display.nearest_viewing_distance_mm, in_front)
 

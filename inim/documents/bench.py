@@ -44,8 +44,8 @@ class BenchAlgorithm(TimingRecord):
     wrong_source: Annotated[
         float | None,
         doc(
-            "Share of the lensed panel pixels that show another pixel of the picture than the "
-            "exact one, 0 to 1; null: the algorithm does not report its sources."
+            "Share of the lensed panel pixels that show a different picture pixel than the exact "
+            "source, 0 to 1; null: the algorithm does not report its sources."
         ),
     ]
     hole_fraction: Annotated[
@@ -85,7 +85,7 @@ class BenchScore(Part):
     better: Annotated[str, doc("The better direction: `higher` or `lower`.")]
     best: Annotated[float | None, doc("The best possible value; null: infinite.")]
     digits: Annotated[int, doc("Digits that are shown after the decimal point.")]
-    plotted: Annotated[bool, doc("True if it has a plot of its own.")]
+    plotted: Annotated[bool, doc("True if it has its own plot.")]
 
 
 class CapturedLayers(Part):
@@ -158,14 +158,12 @@ class BenchDocument(TitledDocument, tag="inim.bench/2"):
 
     versions: Versions
     backend: BackendRecord
-    threads: Annotated[int, doc("Threads that every call was timed with.")]
+    threads: Annotated[int, doc("Number of threads of every timed call.")]
     threading_layer: Annotated[str, doc("Threading layer of numba; `default`: none was chosen.")]
     rounds: BenchRounds
     warnings: Annotated[list[str], doc("Reasons to doubt the times.")]
     load: Load
-    notes: Annotated[list[str], doc("Algorithms that were left out, with the reason.")]
-    scene: Annotated[
-        BenchScene | None, doc("Results on a scene; null in a study of something else.")
-    ]
-    study: Annotated[dict[str, Any], doc("Results of a study, under names of its own.")] = {}
+    notes: Annotated[list[str], doc("Omitted algorithms, with the reason.")]
+    scene: Annotated[BenchScene | None, doc("Results on a scene; null in a study without a scene.")]
+    study: Annotated[dict[str, Any], doc("Results of a study, under its own names.")] = {}
     files: Files

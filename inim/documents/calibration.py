@@ -19,7 +19,7 @@ class ParameterEstimate(Part):
     low: Annotated[float, doc("Lower end of the 95 % interval.")]
     high: Annotated[float, doc("Upper end of the 95 % interval.")]
     largest_standard_error: Annotated[
-        float, doc("Standard error up to which the parameter counts as determined.")
+        float, doc("Largest standard error of a parameter that counts as determined.")
     ]
     is_determined: Annotated[
         bool,
@@ -85,20 +85,20 @@ class CameraPosition(Part):
     off_straight_deg: Annotated[
         float, doc("Angle between the display's axis and the line to the pupil, degrees.")
     ]
-    lenses: Annotated[int, doc("Lenses that were found.")]
+    lenses: Annotated[int, doc("Number of detected lenses.")]
     whole_lenses: Annotated[int, doc("Lenses whose whole outline is in the photographs.")]
     panel_residual_um: Annotated[
         float,
         doc(
-            "Usual distance on the panel between the end of a ray and that of the fit, along an "
+            "Typical distance on the panel between the end of a ray and that of the fit, along an "
             "axis, µm."
         ),
     ]
     outline_residual_px: Annotated[
         float,
         doc(
-            "Usual distance between a lens's centre in the photographs and that of the fit, along "
-            "an axis, pixels."
+            "Typical distance between a lens's centre in the photographs and that of the fit, "
+            "along an axis, pixels."
         ),
     ]
 
@@ -139,7 +139,7 @@ class CalibrationDocument(TitledDocument, tag="inim.calibration/2"):
         list[NextPosition], doc("Positions to photograph from next, the best one first.")
     ]
     warnings: Annotated[
-        list[str], doc("Sentences on what is not determined, or worth knowing otherwise.")
+        list[str], doc("Sentences on parameters that are not determined, and other warnings.")
     ]
     files: Files
 
@@ -188,7 +188,7 @@ class MatchedStage(Part):
     name: Annotated[str, doc("The cause added last.")]
     error_share: Annotated[
         float,
-        doc("Squared error of linear light that is left, as a share of the first stage's."),
+        doc("Remaining squared error of linear light, as a share of the first stage's."),
     ]
     scores: Annotated[
         Mapping[str, float | None],
@@ -222,7 +222,8 @@ class PhotoDocument(TitledDocument, tag="inim.photo/2"):
     blur_sigma_px: Annotated[
         float,
         doc(
-            "Sigma of the Gaussian that makes the simulation as unsharp as the photograph, pixels."
+            "Sigma of the Gaussian blur that makes the simulation as blurred as the photograph, "
+            "pixels."
         ),
     ]
     tone: Annotated[

@@ -15,7 +15,7 @@ class TracedModel(Part):
     name: Annotated[str, doc("Its name.")]
     reason: Annotated[
         str | None,
-        doc("Why this one and not the thick lens; null: it was chosen, or is the thick lens."),
+        doc("Reason why it replaces the thick lens; null: it was requested, or is the thick lens."),
     ]
 
 
@@ -45,12 +45,12 @@ class DepthFigures(DepthRange):
     mode: Annotated[
         str,
         doc(
-            "Where pictures stand: `real` in front of the lens array, `virtual` behind it; "
+            "Location of pictures: `real` in front of the lens array, `virtual` behind it; "
             "`focused` has no central depth plane."
         ),
     ]
     depth_range_is_stated: Annotated[
-        bool, doc("True if the range was stated, rather than following from the formula.")
+        bool, doc("True if the settings give the range; otherwise the formula does.")
     ]
     voxel_at_depth_min_mm: Annotated[float, doc("Width of a pixel's beam at the far end, mm.")]
     voxel_at_depth_max_mm: Annotated[float, doc("Width of a pixel's beam at the near end, mm.")]
@@ -63,7 +63,9 @@ class PixelChoice(Part):
     pixel_pitch_mm: Annotated[float, doc("Panel pixel, mm.")]
     views_across: Annotated[float, doc("Directions that each lens can show, across.")]
     views_down: Annotated[float, doc("Directions that each lens can show, down.")]
-    angular_step_deg: Annotated[float, doc("Angle between two of them, at the axis, degrees.")]
+    angular_step_deg: Annotated[
+        float, doc("Angle between adjacent directions, at the axis, degrees.")
+    ]
     depth_span_mm: Annotated[
         float | None,
         doc("Displayable depth by the formula, mm; null: infinite, of a focused display."),
@@ -79,7 +81,7 @@ class ViewingLimits(Part):
     """Limits of the eye position."""
 
     half_angle_deg: Annotated[
-        float, doc("Half of the angle inside which no view repeats, degrees.")
+        float, doc("Half of the angle within which no view repeats, degrees.")
     ]
     nearest_distance_mm: Annotated[
         float | None,
@@ -91,12 +93,12 @@ class ViewingLimits(Part):
     flip_limit_x_mm: Annotated[
         float,
         doc(
-            "How far to the side an eye may be at that distance before a lens shows a flipped "
-            "view, mm; negative: nowhere."
+            "Largest sideways offset of an eye at that distance at which no lens shows a flipped "
+            "view, mm; negative: none."
         ),
     ]
     flip_limit_y_mm: Annotated[
-        float, doc("How far up or down an eye may be at that distance, mm; negative: nowhere.")
+        float, doc("Largest offset up or down at that distance, mm; negative: none.")
     ]
     flip_limit_x_deg: Annotated[float, doc("The limit to the side, degrees.")]
     flip_limit_y_deg: Annotated[float, doc("The limit up or down, degrees.")]
@@ -114,8 +116,8 @@ class VoxelWidths(Part):
     footprint_mm: Annotated[
         list[float], doc("A panel pixel projected through the lens centre onto each depth, mm.")
     ]
-    blur_mm: Annotated[list[float], doc("Blur of the lens's aperture at each depth, mm.")]
-    width_mm: Annotated[list[float], doc("Both together, mm.")]
+    blur_mm: Annotated[list[float], doc("Blur caused by the lens's aperture at each depth, mm.")]
+    width_mm: Annotated[list[float], doc("Sum of footprint and blur, mm.")]
 
 
 class SpotFigures(Part):
@@ -131,15 +133,16 @@ class SpotFigures(Part):
     rms_radius_um: Annotated[
         float | None,
         doc(
-            "Root mean square distance from the centre, weighted by light, µm; null: no ray lands."
+            "Root mean square distance from the centre, weighted by light, µm; null: no ray "
+            "reaches the panel."
         ),
     ]
-    rms_radius_px: Annotated[float | None, doc("The same in panel pixels; null: no ray lands.")]
+    rms_radius_px: Annotated[float | None, doc("The same in panel pixels, or null.")]
     centre_x_mm: Annotated[
-        float | None, doc("Centre of gravity on the panel, to the right, mm; null: no ray lands.")
+        float | None, doc("Centre of gravity on the panel, to the right, mm, or null.")
     ]
     centre_y_mm: Annotated[
-        float | None, doc("Centre of gravity on the panel, upwards, mm; null: no ray lands.")
+        float | None, doc("Centre of gravity on the panel, upwards, mm, or null.")
     ]
     lost_share: Annotated[
         float,
@@ -150,9 +153,7 @@ class SpotFigures(Part):
 class LightRecord(Part):
     """Shares of the rays; those up to `reflected_share` add up to 1."""
 
-    own_share: Annotated[
-        float, doc("From the elemental image of the lens it came through, 0 to 1.")
-    ]
+    own_share: Annotated[float, doc("From the lens's own elemental image, 0 to 1.")]
     neighbour_share: Annotated[float, doc("From under a neighbouring lens, 0 to 1.")]
     past_lenses_share: Annotated[
         float, doc("Through the bare sheet between lenses, without refraction, 0 to 1.")
@@ -164,7 +165,7 @@ class LightRecord(Part):
     crosstalk_share: Annotated[
         float | None,
         doc(
-            "Of the light that arrives, what comes from under a neighbour, 0 to 1; null: no light"
+            "Share of the arriving light that comes from under a neighbour, 0 to 1; null: no light"
             " arrives."
         ),
     ]
@@ -213,6 +214,6 @@ class InspectDocument(Document, tag="inim.inspect/2"):
     crosstalk: CrosstalkGrid
     misalignment: Annotated[
         list[str],
-        doc("Sentences on the alignment of the array, where it is misaligned."),
+        doc("Sentences on the misalignment of the array."),
     ]
-    warnings: Annotated[list[str], doc("Sentences on what is wrong or worth knowing.")]
+    warnings: Annotated[list[str], doc("Warnings and hints, one text each.")]

@@ -33,7 +33,7 @@ Sha256 = Annotated[
     str, doc("A SHA-256 in hexadecimal digits.", pattern="^[0-9a-f]{64}$", examples=["0" * 64])
 ]
 LensModel = Annotated[str, doc("Lens model of the views.")]
-Warnings = Annotated[list[str], doc("What to know before trusting the results, a text each.")]
+Warnings = Annotated[list[str], doc("Warnings about the results, one text each.")]
 
 
 class BackendRecord(Part):
@@ -69,7 +69,7 @@ class DepthRange(Part):
     ]
     scene_pixel_mm: Annotated[
         float | None,
-        doc("Size of a panel pixel's image at that plane, P_I = |D| P_D / g, mm; null: infinite."),
+        doc("Size of a panel pixel's image in that plane, P_I = |D| P_D / g, mm; null: infinite."),
     ]
     depth_span_mm: Annotated[
         float | None, doc("Displayable depth by the formula, 2 |D| P_I / P, mm; null: infinite.")
@@ -92,7 +92,7 @@ class DerivedDisplay(DepthRange):
         float, doc("Panel pixels per elemental image along one axis; rarely an integer.")
     ]
     viewing_half_angle_deg: Annotated[
-        float, doc("Half of the angle inside which no view repeats, degrees.")
+        float, doc("Half of the angle within which no view repeats, degrees.")
     ]
     nearest_viewing_distance_mm: Annotated[
         float | None,
@@ -146,17 +146,15 @@ Kind = Literal["picture", "score", "pixels", "noise", "time"]
 class Check(Part):
     """A value against a limit."""
 
-    name: Annotated[str, doc("What is checked.")]
-    value: Annotated[
-        float | None, doc("Measured value; null: not a number or infinite, which never passes.")
-    ]
+    name: Annotated[str, doc("Name of the checked value.")]
+    value: Annotated[float | None, doc("Measured value; null: not finite, which fails.")]
     relation: Annotated[
         Relation,
         doc("Relation of value and limit; `within` is between -limit and limit."),
     ]
     limit: Annotated[float, doc("Limit of the value.")]
     passed: Annotated[bool, doc("True if the check passed.")]
-    detail: Annotated[str, doc("The rest in words; may be empty.")]
+    detail: Annotated[str, doc("Explanation; may be empty.")]
     interval: Annotated[
         tuple[float | None, float | None] | None,
         doc(
@@ -172,9 +170,7 @@ class Check(Part):
         str | None, doc("Unit of the value in a comparison with a baseline; may be empty.")
     ] = None
     kind: Annotated[Kind | None, doc("Object of a comparison with a baseline.")] = None
-    criterion: Annotated[
-        bool, doc("True for a check of quality, against a limit that the user set.")
-    ] = False
+    criterion: Annotated[bool, doc("True if the user set the limit: a check of quality.")] = False
 
     def __post_init__(self) -> None:
         if self.passed and (self.value is None or math.isnan(self.value)):
@@ -381,7 +377,7 @@ class Conditions(Part):
     misalign: Annotated[
         str,
         doc(
-            "Misalignment that generators do not know, as `rotation_deg=0.5, gap_mm=0.1`; empty: "
+            "Misalignment not corrected by generators, as `rotation_deg=0.5, gap_mm=0.1`; empty: "
             "none."
         ),
     ] = field(name="array as mounted")
@@ -404,7 +400,7 @@ class Conditions(Part):
     ] = field(name="RGB-D pixels per pitch")
     algorithms: Annotated[list[str], doc("Names of the algorithms, in alphabetical order.")]
     luminance_cd_m2: Annotated[
-        float | None, doc("Only with metrics of perception: luminance of the panel's white.")
+        float | None, doc("Only with perceptual metrics: luminance of the panel's white.")
     ] = field(name="luminance of white, cd/m^2", default=None)
     panel_pixels: Annotated[Literal["observed ones only"] | None, doc("Only with `--lazy`.")] = (
         field(name="panel pixels", default=None)

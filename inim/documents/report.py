@@ -118,9 +118,7 @@ class SceneRecord(Part):
     definitions: Annotated[
         dict[str, str], doc("Settings and scene parameters of the command line (`-D`), by name.")
     ]
-    allow_folders: Annotated[
-        list[str], doc("Folders, besides the scene's own, with files that it may name.")
-    ]
+    allow_folders: Annotated[list[str], doc("Further folders from which the scene may load files.")]
     shapes: Annotated[int, doc("Number of shapes that are not lights.")]
     splats: Translucency | None = None
     fit: SceneFit
@@ -151,7 +149,7 @@ class NoiseFloor(Part):
 class MetricSettings(Part):
     """Settings of a metric."""
 
-    border_px: Annotated[int, doc("Pixels along each side of a picture that do not count.")]
+    border_px: Annotated[int, doc("Ignored pixels along each side of a picture.")]
     arguments: Annotated[
         dict[str, float | str | bool],
         doc(
@@ -168,8 +166,8 @@ class Scoring(Part):
     relic_margin_px: Annotated[
         int,
         doc(
-            "Scores on the relic are of its pixels in the true view and of those within so many "
-            "pixels of them, along each axis: `truth/relic`."
+            "Margin of the relic's region, in pixels along each axis, around its pixels in the "
+            "ground-truth view: `truth/relic`."
         ),
     ]
     metrics: Annotated[dict[str, MetricSettings], doc("Settings of each metric, by its name.")]
@@ -217,7 +215,7 @@ class AlgorithmResult(Part):
     ]
     precision: Precision
     seconds: Annotated[
-        float | None, doc("Seconds to generate the EIA, once and cold; null: a finished EIA.")
+        float | None, doc("Seconds to generate the EIA, once, without warm-up; null: an EIA file.")
     ]
     yardsticks: Annotated[
         float | None,
@@ -229,9 +227,9 @@ class SkippedStep(Part):
     """A step of the run, in words."""
 
     step: Annotated[str, doc("The step.")]
-    performed: Annotated[str, doc("The part that was done.")]
-    skipped: Annotated[str, doc("The part that was skipped.")]
-    why: Annotated[str, doc("Why that is safe.")]
+    performed: Annotated[str, doc("The performed part.")]
+    skipped: Annotated[str, doc("The skipped part.")]
+    why: Annotated[str, doc("Reason why skipping is safe.")]
 
 
 class ReportDocument(RunReport, tag="inim.report/2"):
@@ -245,12 +243,12 @@ class ReportDocument(RunReport, tag="inim.report/2"):
     settings: Annotated[
         Settings,
         doc(
-            "Every `inim.*` setting in force, by its name without `inim.`; null: not given. With "
-            "`score_error`, the samples are those that were taken."
+            "Every effective `inim.*` setting, by its name without `inim.`; null: not given. With "
+            "`score_error`, the sample counts are those that were used."
         ),
     ]
     misalign: Annotated[
-        str, doc("Misalignment of the array that generators do not know; empty: none.")
+        str, doc("Misalignment of the array that generators do not correct; empty: none.")
     ]
     rgbd: CapturedPicture
     noise_floor: NoiseFloor
@@ -273,7 +271,7 @@ class ReportDocument(RunReport, tag="inim.report/2"):
             required=[*_TIMES],
         ),
     ]
-    skipped: Annotated[list[SkippedStep], doc("Done and skipped parts of each step.")]
+    skipped: Annotated[list[SkippedStep], doc("Performed and skipped parts of each step.")]
     regression: Annotated[Regression | None, doc("Only with `--baseline`.")] = None
 
     def __post_init__(self) -> None:

@@ -46,7 +46,7 @@ class UnitDocument(Document, tag="inim.unit/2"):
     making: Annotated[
         dict[str, str | float | None],
         doc(
-            "What decides the result of this algorithm in addition: `min_ssim_to_reference`, its "
+            "Further inputs of this algorithm's result: `min_ssim_to_reference`, its "
             "criterion (null: none); the code of another package's algorithm as `entry_point`, "
             "`version` and `sha256`, where they exist."
         ),
@@ -70,7 +70,7 @@ class UnitDocument(Document, tag="inim.unit/2"):
         ),
     ]
     seconds: Annotated[
-        float | None, doc("Seconds to generate the EIA, once and cold; null: not measured.")
+        float | None, doc("Seconds to generate the EIA, once, without warm-up; null: not measured.")
     ]
     yardsticks: Annotated[
         float | None,

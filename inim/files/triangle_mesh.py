@@ -63,7 +63,7 @@ _FACES_AT_ONCE = 65536
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a mesh file that is there, of a sane size and not blank, or a FileError."""
+    """Read a mesh file; raises `FileError` if it is missing, blank or too large."""
     data = read_file(path, MOST_BYTES)
     if not data.strip(b" \t\r\n\0"):
         raise FileError(f"{path}: the file is empty; export the mesh again")
@@ -111,7 +111,7 @@ def has_area(vertices: np.ndarray, faces: np.ndarray) -> bool:
 
 
 def first_line(error: BaseException) -> str:
-    """The first line of a foreign message, printable and short."""
+    """First line of another library's message, printable and short."""
     text = next(iter(str(error).splitlines()), "") or type(error).__name__
     return "".join(c if c.isprintable() else "?" for c in text)[:120]
 
@@ -133,7 +133,7 @@ _CREASE_DEG = 50.0
 
 
 def add_vertex_normals(mesh: Mesh, crease_deg: float = _CREASE_DEG) -> Mesh:
-    """The mesh with vertex normals, made where it has none: smooth, but hard edges stay hard.
+    """Add vertex normals to a mesh without them: smooth, except at hard edges.
 
     Corners that meet at a vertex share a normal when a fan of faces, each turning by less than
     `crease_deg` from the next, joins them; each such group becomes one vertex. Normals are means

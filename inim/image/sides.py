@@ -79,17 +79,17 @@ class Sides:
 
     @cached_property
     def walls(self) -> NDArray[np.int64]:
-        """(n, 2): a piece, and to which side it is open, of all that are."""
+        """Open pieces and their open sides, (n, 2)."""
         return np.argwhere(self.low_mm < self.high_mm)
 
     @property
     def is_first(self) -> NDArray[np.bool_]:
-        """(pieces,): which begin a solid's side."""
+        """Mask of the pieces that begin a solid's side, (pieces,)."""
         return _differs_from_previous(self.row, self.column, self.solid)
 
     @property
     def order(self) -> NDArray[np.int64]:
-        """(pieces,): how many pieces are before each in its pixel."""
+        """Number of pieces before each piece in its pixel, (pieces,)."""
         place = np.arange(len(self.row))
         order: NDArray[np.int64] = place - np.maximum.accumulate(
             place * _differs_from_previous(self.row, self.column)

@@ -31,7 +31,7 @@ _SHARES = (
 
 
 def as_text(data: InspectDocument) -> str:
-    """The whole text, without a last line break."""
+    """Format all findings as text, without a final line break."""
     blocks = [
         _display(data),
         _depth_lines(data),

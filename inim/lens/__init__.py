@@ -84,7 +84,7 @@ FULL = full.MODEL.name
 
 
 def lens_models() -> list[str]:
-    """Names of all models there are: the project's own, then those other packages announce."""
+    """Names of all registered models: the built-in models, then those of other packages."""
     return [*_OWN, *(name for name in announced_names(_ENTRY_POINTS) if name not in _OWN)]
 
 
@@ -158,7 +158,7 @@ def foreign_identity(name: str) -> dict[str, str]:
 
 
 def models_drawn_live() -> list[str]:
-    """The models that the virtual display's shader draws: they stand in for themselves."""
+    """Models that the shader of the virtual display draws itself."""
     return [name for name, model in _OWN.items() if model.stand_in == name]
 
 

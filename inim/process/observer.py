@@ -21,10 +21,10 @@ class Observer:
         self.started = time.perf_counter()
 
     def begin(self, stages: Sequence[str]) -> None:
-        """Names of the stages of the run, or of the rest of it, in their order."""
+        """Receive the names of the stages of the run, or of the rest of it, in order."""
 
     def stage(self, name: str) -> None:
-        """A stage begins."""
+        """Record the start of a stage."""
 
     def line(self, text: str) -> None:
         """Print a line of results."""
@@ -36,7 +36,7 @@ class Observer:
 
     @contextmanager
     def timed(self, name: str) -> Iterator[None]:
-        """A stage, from begin to end; the times of equal names add up."""
+        """Time a stage; the times of equal names add up."""
         self.stage(name)
         started = time.perf_counter()
         yield

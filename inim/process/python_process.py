@@ -28,7 +28,7 @@ _HAS_SAFE_PATH = sys.version_info >= (3, 11)
 
 
 def python_code(code: str, *arguments: str) -> list[str]:
-    """Command that runs some code; `arguments` are its ``sys.argv[1:]``."""
+    """Command that runs Python code; `arguments` are its ``sys.argv[1:]``."""
     if _HAS_SAFE_PATH:
         return [sys.executable, "-P", "-c", code, *arguments]
     return [sys.executable, "-c", f"import sys; del sys.path[0]\n{code}", *arguments]

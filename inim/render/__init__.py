@@ -1,4 +1,4 @@
-"""Everything that touches Mitsuba and Dr.Jit, behind one folder.
+"""All code that uses Mitsuba and Dr.Jit.
 
 Importing this package points Dr.Jit at a libLLVM that works here, before anything loads it: it
 looks for one only once, and some kill the process. `inim.render.variant.use` then sets the variant.

@@ -265,7 +265,7 @@ def observed_pixels(
     seeds: Sequence[int],
     observer: Observer | None = None,
 ) -> np.ndarray | None:
-    """Panel pixels that the views depend on: those that their very samples come from.
+    """Panel pixels that the views depend on: the pixels that their samples reach.
 
     Other pixels may hold anything, and the views are the same to the bit.
 

@@ -43,7 +43,7 @@ def splat_count(shape: Any) -> int:
 
 
 def radiance(scene: Any, integrator: Any, sampler: Any, ray: Any, active: Any = True) -> Any:
-    """Light along rays, three channels, by an integrator in C++ or the one of splats."""
+    """Light along rays, three channels, from a C++ integrator or the integrator for splats."""
     if shows_splats(integrator):
         # Differentiable integrators in Python take a mode, and gradients that there are none of.
         primal = dr.ADMode.Primal

@@ -1,4 +1,4 @@
-"""The Mitsuba variant: set for a process of inim's own, borrowed in anybody else's."""
+"""The Mitsuba variant: set permanently in inim's own processes, temporarily in others."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _FEWEST_THREADS = 2
 
 
 def use(requested: str = "auto") -> backends.Backend:
-    """Set a backend's variant for good, with inim's plugins: for a process of inim's own.
+    """Set a backend's variant and inim's plugins permanently, in one of inim's own processes.
 
     Repeating it is free.
 

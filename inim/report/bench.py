@@ -81,7 +81,7 @@ def bench_page(data: BenchDocument, parts: Sequence[PagePart]) -> StudyPage:
 
 
 def milliseconds(value: float | None) -> str:
-    """A time with three significant digits or so: no run repeats itself to more."""
+    """Format a time with about three significant digits, the reproducible ones."""
     if value is None:
         return MISSING
     return number(value, 3 if value < 1 else 2 if value < 100 else 0 if value >= 1000 else 1)

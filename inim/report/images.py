@@ -52,7 +52,7 @@ ENCODINGS = (
 
 @dataclass(frozen=True)
 class ReportImages:
-    """The PNG files of a report's folder, how they are put on the page, and a cache of that."""
+    """PNG files of a report's folder, their encoding for the page, and cached encoded images."""
 
     folder: Path
     encoding: Encoding
@@ -142,14 +142,14 @@ class ReportImages:
         return self.cached("scale of SSIM", make, code=code_digest("image", "report/images.py"))
 
     def drawing(self, product: str, make: Callable[[], bytes], **parts: Any) -> bytes:
-        """A drawing from the cache, or as `make` draws it: loading matplotlib takes the longest."""
+        """A drawing from the cache, or drawn by `make`; loading matplotlib is slow."""
         code = code_digest("report", "display")
         return self.cached(
             product, lambda: np.frombuffer(make(), np.uint8), **parts, code=code
         ).tobytes()
 
     def cached(self, product: str, make: Callable[[], np.ndarray], **parts: Any) -> np.ndarray:
-        """An array from the cache, or as `make` computes it from the parts."""
+        """An array from the cache, or computed by `make` from the parts."""
         array: np.ndarray = self.cache.find_or_make(product, lambda: parts, make, explain=False)[0]
         return array
 

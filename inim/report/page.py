@@ -322,7 +322,7 @@ def bullets(lines: Iterable[object], class_: str) -> str:
 
 
 def folded(title: str, *content: str, is_open: bool = False) -> str:
-    """HTML that shows when its title is clicked; paper shows it anyway."""
+    """HTML that is visible after a click on its title, and always in print."""
     html_attributes = {"open": "open"} if is_open else {}
     return element("details", element("summary", title), *content, **html_attributes)
 
@@ -333,7 +333,7 @@ def svg_source(svg: bytes) -> str:
 
 
 def plot(svg: bytes, alt: str, caption: str = "", **attributes: object) -> str:
-    """A drawing as an embedded image: it scales, and its styles stay its own."""
+    """A drawing as an embedded image: it scales, and its styles do not affect the page."""
     image = void("img", src=svg_source(svg), alt=alt, **attributes)
     words = element("figcaption", text(caption)) if caption else ""
     return element("figure", image, words, class_="plot")

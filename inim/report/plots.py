@@ -84,7 +84,7 @@ def _algorithm_property(algorithm: str, key: str) -> str | None:
 
 
 def style(axis: Any, title: str, x_label: str, y_label: str) -> None:
-    """Title, labels, a light grid, no box."""
+    """Set title and labels; draw a light grid and no box."""
     axis.set_title(title, loc="left", fontsize=10.5, color=INK)
     axis.set_xlabel(x_label, fontsize=9, color=SOFT)
     axis.set_ylabel(y_label, fontsize=9, color=SOFT)
@@ -98,7 +98,7 @@ def style(axis: Any, title: str, x_label: str, y_label: str) -> None:
 
 
 def plain_ticks(axis: Any) -> None:
-    """0.3, 1, 100 rather than powers of ten; between them only where there is just one or none."""
+    """Write ticks as 0.3, 1, 100 instead of powers of ten, with minor ticks if there are few."""
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
     formatter = FuncFormatter(lambda value, _: _short(value))
@@ -207,7 +207,7 @@ class Name:
 
 
 def set_apart(axis: Any, names: Sequence[Name]) -> None:
-    """Write the names, the largest first, each at the first place that is free."""
+    """Write the names, the largest first, each at the first free place."""
     from matplotlib.transforms import Bbox
 
     renderer = axis.figure.canvas.get_renderer()

@@ -49,7 +49,7 @@ def summary_lines(data: StressDocument) -> list[str]:
 
 
 def count(value: float | None) -> str:
-    """A whole number with its thousands apart."""
+    """Format a whole number with separated thousands."""
     return MISSING if value is None else f"{value:,.0f}"
 
 

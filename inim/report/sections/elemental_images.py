@@ -1,4 +1,4 @@
-"""The elemental images themselves: a few magnified, and where on the panel they lie."""
+"""Elemental images section: some of them magnified, and their location on the panel."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class _Window:
 
 
 def elemental_images(data: ReportDocument, images: ReportImages) -> str:
-    """The section on the elemental images, of the same place in every array."""
+    """The section on the elemental images, at the same location in every EIA."""
     truth = images.read("truth", "eia.png")
     window = _busiest_window(truth, data)
     floor = metric_scores(data.noise_floor.eia, "eia")

@@ -58,7 +58,7 @@ def shown_display(
     *,
     most_bytes: int = REPORT_PANEL_BYTES,
 ) -> str:
-    """The live display of EIAs, the two that matter most first; see `report_display`."""
+    """The live display of EIAs, the two most important first; see `report_display`."""
     misalign = "" if isinstance(data, PictureDocument) else data.misalign
     display = misaligned(data.display.parameters, misalign)
     eyes = [eye for eye in data.viewpoints if eye.position_mm[2] > 0]
