@@ -131,6 +131,7 @@ def open_scene(
         raise SceneError(f"{file.path}: nothing to show: the scene has no shape but lights")
     integrator = scene.integrator() or mi.load_dict(_DEFAULT_INTEGRATOR)
     _check_splats(file, scene, integrator)
+    _check_media(file, scene)
     points = np.concatenate([world_points(shape) for shape in relic])
     fit = fit_to_display(points, _display_axes(scene), display, fit_share, str(file.path))
     low, high = display.depth_range_mm
@@ -247,6 +248,16 @@ def _check_splats(file: SceneFile, scene: Any, integrator: Any) -> None:
             f"{file.path}: splats shine by themselves, which other integrators do not show; use "
             f"{splats.INTEGRATOR!r}"
         )
+
+
+def _check_media(file: SceneFile, scene: Any) -> None:
+    """Refuse participating media: a depth camera would take their boundaries for surfaces."""
+    for shape in scene.shapes():
+        if shape.is_medium_transition():
+            raise SceneError(
+                f"{file.path}: shape {shape.id()!r} bounds a participating medium, such as fog or "
+                "smoke, which has no depth; remove the medium, or give the shape a surface"
+            )
 
 
 def _display_axes(scene: Any) -> np.ndarray:

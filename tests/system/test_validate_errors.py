@@ -206,6 +206,19 @@ def test_integrator_that_traces_no_single_rays_is_refused(tmp_path, run_inim, in
     assert_one_line(ended.stderr, ["integrator", "use 'path' or 'volpath'"])
 
 
+@pytest.mark.parametrize("bsdf", ["null", "dielectric"])
+def test_participating_media_are_refused(tmp_path, run_inim, bsdf):
+    """A depth camera would take the boundary of the smoke for the surface of a ball."""
+    smoke = (
+        f'<shape type="sphere" id="smoke"><bsdf type="{bsdf}"/>'
+        '<medium name="interior" type="homogeneous"/></shape>'
+    )
+    ended = run_inim(write_scene(tmp_path, *SHAPES, smoke), "-o", "out", folder=tmp_path)
+    assert ended.code == EXIT_USAGE
+    assert_one_line(ended.stderr, ["tiny.xml", "smoke", "participating medium", "remove"])
+    assert not (tmp_path / "out").exists()
+
+
 def test_pictures_too_small_to_score_are_refused(tmp_path, run_inim):
     one = {"lens_columns": "1", "lens_rows": "1"}
     ended = run_inim(write_scene(tmp_path), "-o", "out", folder=tmp_path, **one)
