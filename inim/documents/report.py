@@ -108,6 +108,14 @@ class SceneFit(Part):
         tuple[_Row, _Row, _Row, _Row],
         doc("Matrix from world to display coordinates, rows of a 4 x 4."),
     ]
+    depth_mm: Annotated[
+        float | None, doc("Depth of the relic on the display, mm; null: not recorded.")
+    ] = None
+
+    @property
+    def depth_share(self) -> float:
+        """Depth of the relic on the display, as a share of its own depth at the same width."""
+        return self.scale_z / self.scale_xy
 
 
 class SceneRecord(Part):

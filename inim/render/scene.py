@@ -56,12 +56,15 @@ class Fit:
     display_from_world, world_from_display : (4, 4) float64
     scale_xy, scale_z : float
         Display millimetres per world unit.
+    depth_mm : float
+        Depth of the relic on the display.
     """
 
     display_from_world: np.ndarray
     world_from_display: np.ndarray
     scale_xy: float
     scale_z: float
+    depth_mm: float
 
 
 @dataclass(frozen=True)
@@ -312,7 +315,8 @@ def fit_to_display(
     forward = np.eye(4)
     forward[:3, :3] = np.diag([scale, scale, scale_z]) @ axes
     forward[:3, 3] = np.array([0, 0, centre_z]) - forward[:3, :3] @ (axes.T @ ((low + high) / 2))
-    return Fit(forward, np.linalg.inv(forward), float(scale), float(scale_z))
+    depth_mm = float(scale_z * extent[2])
+    return Fit(forward, np.linalg.inv(forward), float(scale), float(scale_z), depth_mm)
 
 
 MESH_PLUGIN = "inim_mesh"

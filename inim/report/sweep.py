@@ -7,8 +7,9 @@ only, and a figure for several scenes is the mean of each one's loss against its
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,14 @@ from inim.documents.files import write_text
 from inim.documents.unit import SweepTable
 from inim.metrics import all_metrics
 from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS, MAIN
-from inim.report.labels import MISSING, is_number, number
+from inim.report.labels import MISSING, is_number, mm, number
 from inim.report.page import (
     Section,
     badge,
+    bullets,
     document_page,
     element,
+    folded,
     how_to_reproduce,
     lead,
     plot,
@@ -30,6 +33,10 @@ from inim.report.page import (
     text_table,
 )
 from inim.report.plots import (
+    BLUE,
+    INK,
+    SOFT,
+    Name,
     draw_front,
     draw_point,
     new_figure,
@@ -40,6 +47,7 @@ from inim.report.plots import (
     style,
     svg,
 )
+from inim.settings import DISPLAY_KEYS
 
 PAGE = "sweep.html"
 
@@ -64,8 +72,25 @@ _TIMES = {
 _BEST = (
     "Mean SSIM on the relic to the ground truth of the best algorithm on each display, next to the "
     "reference. The resolution of views follows the number of lenses, so each display is compared "
-    "at its own resolution. FLIP weights differences by visibility."
+    "at its own resolution. FLIP weights differences by visibility. Depth: of the relic on the "
+    "display, and as a share of its own depth at the same width. The ground truth is the relic "
+    "compressed into the display's depth range, so a display with less depth has an easier task. "
+    "Bold: no other display has both a higher score and more depth."
 )
+_DEPTHS_DIFFER = (
+    "The displays show {relic} with different depths, {low} to {high}. Compare scores at equal "
+    "depth, or see the plot of score against depth."
+)
+_DEPTH_PLOT = (
+    "Up and right is better: a higher score with more depth. Coloured: no other display has both."
+)
+_HEAT = (
+    "SSIM on the relic to the ground truth of the best algorithm, and the relic's depth on the "
+    "display, for two listed parameters. Further parameters have a panel for each of their values."
+)
+_MOST_HEAT_PANELS = 24
+# Tables of scores that are not folded.
+_MOST_MATRICES = 6
 _QUERY = """SELECT scene, display, algorithm, avg(ssim_on_relic_to_reference) AS ssim
 FROM 'sweep.parquet' WHERE status = 'ok'
 GROUP BY ALL ORDER BY scene, display, ssim DESC;"""
@@ -84,6 +109,7 @@ def render_sweep(rows: Sequence[Mapping[str, Any]], about: SweepTable) -> str:
         for field in ("scene", "display", "algorithm")
     ]
     passed = all(row["status"] == "ok" and row.get("passed") for row in rows)
+    judged = any(row.get(CRITERION) is not None for row in rows)
     finished_count = sum(not result.failed for result in results)
     words = f"{finished_count} of {len(results)} results, {len(rows)} rows"
     query = element("p", "All rows are in sweep.parquet, in this page's folder; for example:")
@@ -94,14 +120,18 @@ def render_sweep(rows: Sequence[Mapping[str, Any]], about: SweepTable) -> str:
         [text(" × ".join(counts)), f"inim {text(about.inim_version)}"],
         [
             Section("failures", "Failures", failures(rows)),
+            Section("displays", "Best display for a relic", best_displays(results)),
+            Section("parameters", "Scores by two parameters", _heat_maps(results)),
             Section("scores", "Scores", _matrices(results)),
             Section("pareto", "Time against error", _pareto(results)),
-            Section("displays", "Best display for a relic", best_displays(results)),
             Section("cost", "Run time", cost_table(results)),
             how_to_reproduce(about, query),
         ],
         purpose="inim sweep",
-        verdict_badge=badge("passed" if passed else "failed", text(words)),
+        verdict_badge=badge(
+            "failed" if not passed else "passed" if judged else "ran clean",
+            text(words + "; no criteria set" * (passed and not judged)),
+        ),
     )
 
 
@@ -111,7 +141,11 @@ def _matrices(results: Sequence[Result]) -> str:
         for settings in names_of(results, "settings"):
             own = [c for c in results if (c.display, c.settings) == (display, settings)]
             matrices += [matrix(display, settings, own)] if own else []
-    return lead(_SCORES) + "".join(matrices)
+    rest = "".join(matrices[_MOST_MATRICES:])
+    if rest:
+        count = len(matrices) - _MOST_MATRICES
+        rest = folded(text(f"{count} more displays and settings"), rest)
+    return lead(_SCORES) + "".join(matrices[:_MOST_MATRICES]) + rest
 
 
 def _pareto(results: Sequence[Result]) -> str:
@@ -215,19 +249,22 @@ def best_displays(results: Sequence[Result]) -> str:
     """Displays of each relic, ordered by the best algorithm's SSIM to the ground truth."""
     if all(result.failed for result in results):
         return ""
-    several = len(names_of(results, "settings")) > 1
     others = [metric for metric in all_metrics() if metric.key != MAIN.key]
     columns = [(HEADLINE_TO_SCENE, MAIN.digits), (REFERENCES[0], MAIN.digits)]
+    columns += [(DEPTH, 1), (DEPTH_SHARE, 2)]
     columns += [(m.on_relic_key if m.has_relic_score else m.key, m.digits) for m in others]
-    rows = []
+    rows: list[list[str]] = []
+    notices: list[str] = []
     for scene in names_of(results, "scene"):
         ranking = _rank_results([c for c in results if c.scene == scene and not c.failed])
+        notices += _depth_notice(scene, ranking)
+        front = on_front(_depth_points(ranking))
         for place, result in enumerate(ranking):
-            label = result.display + (f" ({result.settings})" if several else "")
+            name = text(result.place)
             rows.append(
                 [
                     text(scene) if place == 0 else "",
-                    element("b", text(label)) if place == 0 else text(label),
+                    element("b", name) if result.place in front else name,
                     text(result.algorithm),
                     *(text(number(result.scores[key], digits)) for key, digits in columns),
                 ]
@@ -238,10 +275,124 @@ def best_displays(results: Sequence[Result]) -> str:
         "Best algorithm on it",
         f"{MAIN.label} on the relic to ground truth",
         "Its reference",
+        "Depth, mm",
+        "Share of its own depth",
     ]
     heads += [metric.label for metric in others]
-    listed = table("Displays by relic, the best first", [text(h) for h in heads], rows, "numbers")
-    return lead(_BEST) + listed
+    listed = table(
+        "Displays by relic, the highest score first", [text(h) for h in heads], rows, "numbers"
+    )
+    return bullets(notices, "cautions") + lead(_BEST) + listed + _depth_plot(results)
+
+
+def _depth_notice(scene: str, ranking: Sequence[Result]) -> list[str]:
+    """Notice if the displays show a relic with depths that differ by more than a tenth."""
+    depths = sorted(depth for depth in (r.scores[DEPTH] for r in ranking) if depth is not None)
+    if not depths or depths[-1] <= 1.1 * depths[0]:
+        return []
+    return [_DEPTHS_DIFFER.format(relic=scene, low=mm(depths[0]), high=mm(depths[-1]))]
+
+
+def _depth_points(ranking: Sequence[Result]) -> dict[str, tuple[float, float]]:
+    """Negative depth and negative score of each display: both are to be minimised."""
+    points = {}
+    for result in ranking:
+        depth, score = result.scores[DEPTH], result.scores[HEADLINE_TO_SCENE]
+        if depth is not None and score is not None:
+            points[result.place] = (-depth, -score)
+    return points
+
+
+def _depth_plot(results: Sequence[Result]) -> str:
+    """Score against depth, a panel for each relic; empty where no depths differ."""
+    panels = {}
+    for scene in names_of(results, "scene"):
+        ranking = _rank_results([c for c in results if c.scene == scene and not c.failed])
+        if _depth_notice(scene, ranking):
+            panels[scene] = _depth_points(ranking)
+    if not panels:
+        return ""
+    figure, axes = _panels(len(panels))
+    for axis, (scene, points) in zip(axes, panels.items(), strict=False):
+        front = on_front(points)
+        for name, (depth, score) in points.items():
+            colour = BLUE if name in front else SOFT
+            axis.plot(-depth, -score, "o", color=colour, markersize=5, clip_on=False)
+        style(axis, scene, "depth of the relic on the display, mm", f"{MAIN.label}, ground truth")
+        axis.margins(0.24, 0.14)
+    figure.canvas.draw()
+    for axis, points in zip(axes, panels.values(), strict=False):
+        front = on_front(points)
+        names = [
+            Name(re.sub(r"\w+ = ", "", name), -x, -y, BLUE, 7)
+            for name, (x, y) in points.items()
+            if name in front
+        ]
+        set_apart(axis, names)
+    return lead(_DEPTH_PLOT) + plot(svg(figure), "Score against depth")
+
+
+def _panels(count: int) -> tuple[Any, Sequence[Any]]:
+    """A figure with some panels; the rest of its last row is empty."""
+    across = min(_MOST_ACROSS, count)
+    down = -(-count // across)
+    figure, axes = new_figure(across, _PANEL_HEIGHT * down, down)
+    for axis in axes[count:]:
+        axis.set_visible(False)
+    return figure, axes
+
+
+def _heat_maps(results: Sequence[Result]) -> str:
+    """Maps of the best score over the first two listed parameters; empty with fewer than two."""
+    groups: dict[str, list[Result]] = {}
+    columns: list[str] = []
+    for scene in names_of(results, "scene"):
+        own = [c for c in results if c.scene == scene and not c.failed]
+        for display in names_of(own, "display"):
+            ranking = _rank_results([c for c in own if c.display == display])
+            columns = [n for n in VARIED_COLUMNS if len({r.values.get(n) for r in ranking}) > 1]
+            if len(columns) < 2:
+                continue
+            for result in sorted(ranking, key=lambda result: [*result.values.values()]):
+                others = [f"{n} = {result.values[n]:g}" for n in columns[2:] if n in result.values]
+                title = ", ".join([scene, display, *others])
+                groups.setdefault(title, []).append(result)
+    if not groups:
+        return ""
+    shown = dict(list(groups.items())[:_MOST_HEAT_PANELS])
+    figure, axes = _panels(len(shown))
+    scores = [r.scores[HEADLINE_TO_SCENE] or 0.0 for group in shown.values() for r in group]
+    for axis, (title, group) in zip(axes, shown.items(), strict=False):
+        _draw_heat_map(axis, title, group, (min(scores), max(scores)))
+    words = lead(_HEAT)
+    if len(shown) < len(groups):
+        words += lead(f"The first {len(shown)} of {len(groups)} panels; the table has all values.")
+    return words + plot(svg(figure), "Scores by two parameters")
+
+
+def _draw_heat_map(
+    axis: Any, title: str, group: Sequence[Result], limits: tuple[float, float]
+) -> None:
+    down, across = (
+        [name for name in VARIED_COLUMNS if len({r.values.get(name) for r in group}) > 1] + ["", ""]
+    )[:2]
+    rows, columns = (sorted({r.values.get(name, 0.0) for r in group}) for name in (down, across))
+    grid = [[math.nan] * len(columns) for _ in rows]
+    for result in group:
+        i = rows.index(result.values.get(down, 0.0))
+        j = columns.index(result.values.get(across, 0.0))
+        score, depth = result.scores[HEADLINE_TO_SCENE], result.scores[DEPTH]
+        grid[i][j] = math.nan if score is None else score
+        words = number(score, 3) + ("" if depth is None else f"\n{mm(depth)}")
+        dark = score is None or score < (limits[0] + limits[1]) / 2
+        axis.text(
+            j, i, words, ha="center", va="center", fontsize=7.5, color="white" if dark else INK
+        )
+    axis.imshow(grid, origin="lower", aspect="auto", vmin=limits[0], vmax=limits[1])
+    style(axis, title, across, down)
+    axis.grid(False)
+    axis.set_xticks(range(len(columns)), [f"{value:g}" for value in columns])
+    axis.set_yticks(range(len(rows)), [f"{value:g}" for value in rows])
 
 
 def _rank_results(results: Sequence[Result]) -> list[Result]:
@@ -293,8 +444,14 @@ Row = Mapping[str, Any]
 REFERENCES = (f"reference_{HEADLINE_TO_SCENE}", f"noise_floor_{HEADLINE_TO_SCENE}")
 _COSTS = ("seconds", "yardsticks", "unit_seconds")
 
-#: Settings that tell rows of one scene, display, algorithm and viewpoint apart.
-SETTING_COLUMNS = (
+#: Columns of the relic's depth on the display, in mm and as a share of its own depth.
+DEPTH, DEPTH_SHARE = "relic_depth_mm", "relic_depth_share"
+#: Column of the smallest headline score that passes.
+CRITERION = "min_ssim_to_reference"
+
+#: Parameters and settings that tell rows of one scene, display, algorithm and viewpoint apart.
+VARIED_COLUMNS = (
+    *DISPLAY_KEYS,
     "lens_model",
     "misalign",
     "fit_share",
@@ -323,6 +480,8 @@ class Result:
     failed : bool
     scores : dict of str to float or None
         By column of the table; None where a viewpoint lacks it.
+    values : dict of str to float
+        Parameters and settings that are numbers.
     """
 
     scene: str
@@ -331,13 +490,19 @@ class Result:
     algorithm: str
     failed: bool
     scores: dict[str, float | None]
+    values: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def place(self) -> str:
+        """The display, with the settings that vary."""
+        return f"{self.display} ({self.settings})" if self.settings else self.display
 
 
 def results_of(rows: Sequence[Row]) -> list[Result]:
     """The rows by result, in the table's order."""
     varied = varied_settings(rows)
     own = [key for m in all_metrics() for key in (m.key, m.on_relic_key)]
-    columns = [*own, MAIN.to_reference_key, HEADLINE, *REFERENCES, *_COSTS]
+    columns = [*own, MAIN.to_reference_key, HEADLINE, *REFERENCES, *_COSTS, DEPTH, DEPTH_SHARE]
     groups: dict[tuple[str, str, str, str], list[Row]] = {}
     for row in rows:
         settings = settings_of(row, varied)
@@ -348,6 +513,7 @@ def results_of(rows: Sequence[Row]) -> list[Result]:
             *key,
             any(row["status"] != "ok" for row in group),
             {name: mean(row.get(name) for row in group) for name in columns},
+            {n: group[0][n] for n in VARIED_COLUMNS if isinstance(group[0].get(n), int | float)},
         )
         for key, group in groups.items()
     ]
@@ -357,12 +523,12 @@ def varied_settings(rows: Sequence[Row]) -> list[str]:
     """Settings that the study varies: of which one scene and display has several values."""
     values: dict[tuple[Any, Any, str], set[Any]] = {}
     for row in rows:
-        for name in SETTING_COLUMNS:
+        for name in VARIED_COLUMNS:
             if name in row:
                 values.setdefault((row["scene"], row["display"], name), set()).add(row[name])
     return [
         n
-        for n in SETTING_COLUMNS
+        for n in VARIED_COLUMNS
         if any(len(v) > 1 for (_, _, name), v in values.items() if name == n)
     ]
 

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from inim import backend as backends
+from inim.display import Display
 from inim.documents.parts import origin
 from inim.documents.unit import SweepTable
 from inim.pipeline.plan import LEAST_BYTES
 from inim.process.atomic_file import file_errors
 from inim.process.machine import cpu_count
 from inim.report.sweep import PAGE, write_page
-from inim.sweep.study import Study, read_study
+from inim.sweep.study import Study, read_study, study_of
 from inim.sweep.table import TABLE, check_pyarrow, failed_rows, finished_rows, write_table
 from inim.sweep.unit import (
     FOLDER,
@@ -110,6 +111,91 @@ def _tasks(
 _MISSING = "its worker wrote no result into {}: choose a folder with -o that all machines share"
 
 
+def sweep(
+    out: Path | str,
+    scenes: Sequence[Path | str],
+    algorithms: Sequence[str],
+    *,
+    displays: Sequence[Display | str] = (),
+    settings: Mapping[str, Any] | None = None,
+    workers: int | None = None,
+    threads: int | None = None,
+    scheduler: str | None = None,
+    quiet: bool = True,
+    **options: Any,
+) -> Any:
+    """Validate all combinations of scenes, displays, settings and algorithms.
+
+    Results in `out` are reused, so the same call again, or a larger one, computes the rest only.
+    The folder also gets the page ``sweep.html``.
+
+    Parameters
+    ----------
+    out : path
+        Folder of the results.
+    scenes : sequence of paths
+    algorithms : sequence of str
+        ``"template"``, ``"gu2020:step_mm=1"``, ...
+    displays : sequence of Display or str
+        Displays, or names of presets; without any, each scene's own display.
+    settings : mapping, optional
+        `inim.*` settings and display parameters without the prefix. A list, a range or an array of
+        values multiplies the combinations: ``{"gap_mm": [3.3, 3.5], "eia_spp": 64}``.
+    workers, threads, scheduler :
+        As `SweepPlace`.
+    quiet : bool
+        Print no lines and no progress.
+    **options
+        Further keys of a study's ``[study]``: ``viewpoints``, ``lens_model``, ``title``,
+        ``backend``, ``time``, ``keep_reports``.
+
+    Returns
+    -------
+    pyarrow.Table
+        A row for each scene, display, algorithm, viewpoint and setting
+        (docs/reference/sweep-table.md); its method ``to_pandas()`` makes a DataFrame.
+
+    Raises
+    ------
+    UsageError
+        An unknown key or an invalid value.
+    """
+    from pyarrow import parquet
+
+    study = study_of(
+        {
+            "study": {
+                "title": "sweep",
+                "scenes": [str(scene) for scene in scenes],
+                "algorithms": list(algorithms),
+                **({"displays": [_display_name(d) for d in displays]} if displays else {}),
+                **options,
+            },
+            "settings": {key: _as_values(value) for key, value in (settings or {}).items()},
+            "display": [_display_table(d) for d in displays if isinstance(d, Display)],
+        },
+        "inim.sweep",
+    )
+    place = SweepPlace(Path(out), scheduler, workers, threads)
+    _sweep(study, place, "", quiet=quiet, debug=False)
+    return parquet.read_table(place.out / TABLE)
+
+
+def _display_name(display: Display | str) -> str:
+    return display.name if isinstance(display, Display) else display
+
+
+def _display_table(display: Display) -> dict[str, Any]:
+    return {key: value for key, value in display.parameters().items() if value is not None}
+
+
+def _as_values(value: Any) -> Any:
+    """A list of several values; a single value as it is."""
+    if isinstance(value, str | Mapping) or not isinstance(value, Iterable):
+        return value
+    return [getattr(item, "item", lambda item=item: item)() for item in value]
+
+
 @dataclass(frozen=True)
 class SweepResult:
     """Result of a sweep: the rows of the table.
@@ -141,8 +227,13 @@ def run_sweep(
 
     `command` is the command line, for the record.
     """
+    return _sweep(read_study(study_file), place, command, quiet=quiet, debug=debug)
+
+
+def _sweep(
+    study: Study, place: SweepPlace, command: str, *, quiet: bool, debug: bool
+) -> SweepResult:
     check_pyarrow()
-    study = read_study(study_file)
     result = compute_results(study, place, quiet=quiet, debug=debug)
     about = SweepTable(title=study.title, **origin(command))
     write_table(place.out / TABLE, result.rows, about)

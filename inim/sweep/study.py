@@ -3,10 +3,14 @@
 ======================  ===========================================================================
 ``[study]``             ``scenes`` (files), ``displays`` (names), ``algorithms``, ``viewpoints``,
                         ``lens_model``, ``title``, ``backend``, ``time``, ``keep_reports``
-``[settings]``          any other `inim.*` setting without its prefix; a list multiplies
+``[settings]``          any other `inim.*` setting without its prefix, and any parameter of a
+                        display, for all displays
 ``[[display]]``         ``name``, ``preset``, and any parameter of a display; or ``name`` and
                         ``file``, an .xml with `inim.*` settings
 ======================  ===========================================================================
+
+In ``[settings]`` and ``[[display]]``, a list of values multiplies the combinations, and so does a
+range, ``{from = 0.5, to = 1, step = 0.1}`` or ``{from = 0.5, to = 1, count = 6}``.
 """
 
 from __future__ import annotations
@@ -15,19 +19,21 @@ import itertools
 import re
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from inim.display import DISPLAYS, Display
+from inim.display.pixels import exact_length
 from inim.display.viewpoint import Viewpoint, is_file_safe, viewpoint_items
 from inim.errors import FileError, InimError, UsageError, suggest_words
 from inim.files.regular_file import check_file, read_file
 from inim.lens import lens_models
 from inim.pipeline.stages.method import parse_methods
 from inim.scene.file import display_of
-from inim.settings import PREFIX, Settings
+from inim.settings import DISPLAY_KEYS, PREFIX, Settings
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -37,7 +43,6 @@ else:
 #: Name of the display that each scene sets.
 AS_SCENE = "scene"
 
-_PARAMETERS = tuple(f.name for f in fields(Display) if f.name != "name")
 # Settings with a key elsewhere in a study.
 _ELSEWHERE = {
     "title": "study.title",
@@ -46,9 +51,7 @@ _ELSEWHERE = {
     "viewpoints": "study.viewpoints",
     "lens_model": "study.lens_model",
 }
-_SETTINGS = tuple(
-    f.name for f in fields(Settings) if f.name not in _PARAMETERS and f.name not in _ELSEWHERE
-)
+_SETTINGS = tuple(f.name for f in fields(Settings) if f.name not in _ELSEWHERE)
 _TABLES = ("study", "settings", "display")
 _KEYS = (
     "title",
@@ -70,11 +73,27 @@ MOST_UNITS = 10_000
 class NamedDisplay:
     """A display of a study.
 
-    `display` is that of a `Request`; None for `AS_SCENE`.
+    `display` is that of a `Request`; None for `AS_SCENE`. `variation` has the values of its listed
+    parameters.
     """
 
     name: str
     display: Display | str | Path | None = None
+    variation: str = ""
+
+    def with_settings(
+        self, definitions: Mapping[str, str], source: str
+    ) -> tuple[Display | str | Path | None, dict[str, str]]:
+        """Display and definitions of a `Request`, with some settings.
+
+        A `Display` takes its own parameters from them; others are overridden by definitions.
+        """
+        if not isinstance(self.display, Display):
+            return self.display, dict(definitions)
+        settings = Settings.parse(definitions, source)
+        own = {k: getattr(settings, k) for k in DISPLAY_KEYS if f"{PREFIX}{k}" in definitions}
+        others = {k: v for k, v in definitions.items() if k.removeprefix(PREFIX) not in own}
+        return self.display.replace(**own), others
 
 
 @dataclass(frozen=True)
@@ -106,7 +125,19 @@ def read_study(path: Path) -> Study:
 
     Raises `FileError` for a file that is not TOML, and `UsageError` for an invalid key or value.
     """
-    reader = _StudyReader(path)
+    return _study(_StudyReader(path, read_toml(path)))
+
+
+def study_of(tables: Mapping[str, Any], source: str) -> Study:
+    """Check a study given as tables; paths of scenes start at the current folder.
+
+    Raises `UsageError` for an invalid key or value, with the `source` in its message.
+    """
+    return _study(_StudyReader(Path(source), tables))
+
+
+def _study(reader: _StudyReader) -> Study:
+    path = reader.path
     reader.check_names("", reader.tables, _TABLES)
     study = reader.table("study")
     reader.check_names("study.", study, _KEYS)
@@ -143,8 +174,8 @@ _MOST_PARTS = 4
 class Tables:
     """Tables of a TOML file, with error messages that give the key."""
 
-    def __init__(self, path: Path) -> None:
-        self.path, self.tables = path, _toml(path)
+    def __init__(self, path: Path, tables: Mapping[str, Any]) -> None:
+        self.path, self.tables = path, tables
 
     def wrong(self, key: str, words: str) -> UsageError:
         """Error for a key."""
@@ -204,7 +235,12 @@ def short_value(value: Any) -> str:
     return repr(value)[:_MOST_SHOWN]
 
 
-def _toml(path: Path) -> dict[str, Any]:
+def _number(value: Fraction) -> int | float:
+    return int(value) if value.denominator == 1 else float(value)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Tables of a TOML file; raises `FileError` for any other file."""
     data = read_file(path, _LARGEST_BYTES, remedy="name a study (.toml)")
     try:
         text = data.decode("utf-8")
@@ -281,9 +317,9 @@ class _StudyReader(Tables):
         own = self._own_displays()
         named = self.table("study").get("displays")
         if named is None:
-            return tuple(own.values()) or (NamedDisplay(AS_SCENE),)
-        presets = {name: NamedDisplay(name, preset) for name, preset in DISPLAYS.items()}
-        displays_by_name = {AS_SCENE: NamedDisplay(AS_SCENE), **presets, **own}
+            return tuple(itertools.chain(*own.values())) or (NamedDisplay(AS_SCENE),)
+        presets = {name: (NamedDisplay(name, preset),) for name, preset in DISPLAYS.items()}
+        displays_by_name = {AS_SCENE: (NamedDisplay(AS_SCENE),), **presets, **own}
         names = self.texts("study.displays", named)
         for name in names:
             if name not in displays_by_name:
@@ -291,14 +327,15 @@ class _StudyReader(Tables):
                     f"{short_value(name)} is unknown; use {', '.join(displays_by_name)}, or add it"
                 )
                 raise self.wrong("study.displays", f"{words} as a [[display]]")
-        return tuple(displays_by_name[name] for name in names)
+        return tuple(itertools.chain(*(displays_by_name[name] for name in names)))
 
-    def _own_displays(self) -> dict[str, NamedDisplay]:
+    def _own_displays(self) -> dict[str, tuple[NamedDisplay, ...]]:
+        """Displays of the study's own tables by name, each with its variations."""
         tables = self.tables.get("display", [])
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
             raise self.wrong("display", "write each display as a separate table, [[display]]")
         self.check_count("display", tables, MOST_NAMED)
-        displays: dict[str, NamedDisplay] = {}
+        displays: dict[str, tuple[NamedDisplay, ...]] = {}
         for table in tables:
             name = self.text("display.name", table.get("name"))
             if not is_file_safe(name) or name in (AS_SCENE, *DISPLAYS, *displays):
@@ -306,18 +343,21 @@ class _StudyReader(Tables):
                 raise self.wrong("display.name", f"{short_value(name)}: {why}")
             parameters = {k: v for k, v in table.items() if k not in ("name", "preset", "file")}
             if "file" in table:
-                displays[name] = self._from_file(name, table)
+                displays[name] = (self._from_file(name, table),)
                 continue
-            self.check_names(f"display {name!r}: ", parameters, _PARAMETERS)
-            preset = self.one_of(
-                f"display {name!r}: preset", table.get("preset", "nominal"), tuple(DISPLAYS)
+            before = f"display {name!r}: "
+            self.check_names(before, parameters, DISPLAY_KEYS)
+            preset = self.one_of(f"{before}preset", table.get("preset", "nominal"), tuple(DISPLAYS))
+            axes = {key: self._listed(f"{before}{key}", v) for key, v in parameters.items()}
+            displays[name] = tuple(
+                NamedDisplay(name, self._display(f"display {name!r}", preset, words), label)
+                for label, words in self._combinations(before, axes)
             )
-            words = {"display": preset, **self._values(f"display {name!r}: ", parameters)}
-            display = self._settings(f"display {name!r}", words).make_display(
-                f"{self.path}: display {name!r}"
-            )
-            displays[name] = NamedDisplay(name, display)
         return displays
+
+    def _display(self, key: str, preset: str, words: Mapping[str, str]) -> Display:
+        settings = self._settings(key, {"display": preset, **words})
+        return settings.make_display(f"{self.path}: {key}")
 
     def _from_file(self, name: str, table: Mapping[str, Any]) -> NamedDisplay:
         """Display described by a file."""
@@ -335,31 +375,61 @@ class _StudyReader(Tables):
         """All combinations of listed values, by the values that vary."""
         table = self.table("settings")
         for name in table:
-            if name in _ELSEWHERE or name in _PARAMETERS:
-                place = _ELSEWHERE.get(name, "a [[display]]")
-                raise self.wrong(f"settings.{name}", f"belongs to {place}")
+            if name in _ELSEWHERE:
+                raise self.wrong(f"settings.{name}", f"belongs to {_ELSEWHERE[name]}")
         self.check_names("settings.", table, _SETTINGS)
-        axes = {
-            name: value if isinstance(value, list) else [value] for name, value in table.items()
-        }
+        axes = {name: self._listed(f"settings.{name}", value) for name, value in table.items()}
         lens_model = self.table("study").get("lens_model", [])
         models = lens_model if isinstance(lens_model, list) else [lens_model]
         self.check_count("study.lens_model", models, MOST_NAMED)
         for model in models:
             self.one_of("study.lens_model", model, tuple(lens_models()))
             axes.setdefault("lens_model", []).append(model)
-        for name, values in axes.items():
-            if not values:
-                raise self.wrong(f"settings.{name}", "is an empty list; give a value")
-            if len({str(v) for v in values}) < len(values):
-                raise self.wrong(f"settings.{name}", "has a value twice; drop one")
         variations = {}
-        for chosen in itertools.islice(itertools.product(*axes.values()), MOST_UNITS + 1):
-            words = self._values("settings.", dict(zip(axes, chosen, strict=True)))
+        for label, words in self._combinations("settings.", axes):
             self._settings("settings", words)
-            label = ", ".join(f"{k} = {v}" for k, v in words.items() if len(axes[k]) > 1)
             variations[label] = {f"{PREFIX}{name}": word for name, word in words.items()}
         return variations
+
+    def _combinations(
+        self, before: str, axes: Mapping[str, Sequence[Any]]
+    ) -> Iterator[tuple[str, dict[str, str]]]:
+        """All combinations of listed values, as texts by name, with a label of those that vary."""
+        for chosen in itertools.islice(itertools.product(*axes.values()), MOST_UNITS + 1):
+            words = self._values(before, dict(zip(axes, chosen, strict=True)))
+            yield ", ".join(f"{k} = {v}" for k, v in words.items() if len(axes[k]) > 1), words
+
+    def _listed(self, key: str, value: Any) -> list[Any]:
+        """Values of a key: a single value, a list of different ones, or a range."""
+        if isinstance(value, dict):
+            return self._range(key, value)
+        values = value if isinstance(value, list) else [value]
+        if not values:
+            raise self.wrong(key, "is an empty list; give a value")
+        if len({str(v) for v in values}) < len(values):
+            raise self.wrong(key, "has a value twice; drop one")
+        return values
+
+    def _range(self, key: str, table: Mapping[str, Any]) -> list[int | float]:
+        """Equidistant values, exact in decimals: 0.1 to 0.3 by 0.1 ends with 0.3."""
+        self.check_names(f"{key}.", table, ("from", "to", "step", "count"))
+        if not {"from", "to"} <= table.keys() or ("step" in table) == ("count" in table):
+            raise self.wrong(key, "write a range as {from = 0.5, to = 1, step = 0.1}, or count = 6")
+        for name, value in table.items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or value - value:
+                raise self.wrong(f"{key}.{name}", f"must be a number, not {short_value(value)}")
+        first, last = (exact_length(table[name]) for name in ("from", "to"))
+        if "count" in table:
+            count = table["count"]
+            if not isinstance(count, int) or not 2 <= count <= MOST_UNITS or first == last:
+                raise self.wrong(key, f"needs two ends and a count of 2 to {MOST_UNITS}")
+            step = (last - first) / (count - 1)
+        else:
+            step = exact_length(table["step"])
+            if not step or not 0 <= (last - first) / step < MOST_UNITS:
+                raise self.wrong(key, f"its step leads to no, or over {MOST_UNITS}, values")
+            count = (last - first) // step + 1
+        return [_number(first + n * step) for n in range(count)]
 
     def _values(self, before: str, table: Mapping[str, Any]) -> dict[str, str]:
         """Format numbers and texts as values of -D."""

@@ -18,21 +18,12 @@ from inim.files.image import write_atomically
 from inim.files.regular_file import check_file
 from inim.metrics import Metric, all_metrics
 from inim.report.labels import check_finding
-from inim.report.sweep import SETTING_COLUMNS
-from inim.settings import PREFIX, Settings
+from inim.report.sweep import CRITERION, DEPTH, DEPTH_SHARE, VARIED_COLUMNS
+from inim.settings import DISPLAY_KEYS, PREFIX, Settings
 
 if TYPE_CHECKING:
     from inim.sweep.unit import Unit
 
-#: Columns of the display's parameters.
-DISPLAY_COLUMNS = (
-    "pitch_mm",
-    "focal_length_mm",
-    "gap_mm",
-    "pixel_pitch_mm",
-    "lens_columns",
-    "lens_rows",
-)
 #: Prefixes of the reference's and the noise floor's scores in each row.
 REFERENCES = ("reference", "noise_floor")
 
@@ -101,6 +92,8 @@ def unit_document(
         scores={
             **{name: result.eia.get(m.key) for name, m in eia_columns().items()},
             "hole_fraction": result.eia["hole_fraction"],
+            DEPTH: data.scene.fit.depth_mm,
+            DEPTH_SHARE: data.scene.fit.depth_share,
             **{name: floor.eia.get(m.key) for name, m in eia_columns("noise_floor_eia").items()},
         },
         seconds=result.seconds,
@@ -137,6 +130,7 @@ def finished_rows(unit: Unit, algorithm: str, result: UnitDocument) -> list[dict
         "error": None,
         **_infinite(result.scores),
         **{name: getattr(result, name) for name in _MEASURED},
+        CRITERION: result.making[CRITERION],
         "variant": result.backend.variant,
         "device": result.backend.device,
         "inim_version": result.inim_version,
@@ -166,18 +160,17 @@ def _identity(unit: Unit, algorithm: str) -> dict[str, Any]:
     row["unit"] = unit.hash or None
     if unit.plan is None:
         return row | _study_settings(unit)
-    settings, display = asdict(unit.plan.settings), unit.plan.display.parameters()
+    values = asdict(unit.plan.settings) | unit.plan.display.parameters()
     row["scene_sha256"] = unit.plan.file.sha256
-    row |= {key: display[key] for key in DISPLAY_COLUMNS}
     row["pixels_per_lens"] = unit.plan.display.pixels_per_lens
-    return row | {key: settings[key] for key in SETTING_COLUMNS}
+    return row | {key: values[key] for key in VARIED_COLUMNS}
 
 
 def _study_settings(unit: Unit) -> dict[str, Any]:
     """Settings of the study, for a unit whose scene cannot be read."""
     definitions = unit.request.definitions
     settings = asdict(Settings.parse(definitions, unit.label))
-    return {key: settings[key] for key in SETTING_COLUMNS if f"{PREFIX}{key}" in definitions}
+    return {key: settings[key] for key in VARIED_COLUMNS if f"{PREFIX}{key}" in definitions}
 
 
 def _infinite(columns: Mapping[str, float | None]) -> dict[str, float | None]:
@@ -240,13 +233,21 @@ def column_groups() -> dict[str, dict[str, str]]:
         "time of the validation, and of its rendering": _columns_of_type(
             "float64", *_OF_VALIDATION
         ),
-        "checks of the ground truth and the algorithm": {
+        "depth of the relic on the display, and its share of the relic's own depth": (
+            _columns_of_type("float64", DEPTH, DEPTH_SHARE)
+        ),
+        "checks of the ground truth and the algorithm; the criterion, null: none": {
             "passed": "bool",
             "failed_checks": "string",
+            CRITERION: "float64",
         },
         "position of the eye": _columns_of_type("float64", "x_mm", "y_mm", "z_mm"),
-        "the display": _parameter_columns(*DISPLAY_COLUMNS, "pixels_per_lens"),
-        "settings; null: not given": _parameter_columns(*SETTING_COLUMNS),
+        "the display; null: by its other parameters": _parameter_columns(
+            *DISPLAY_KEYS, "pixels_per_lens"
+        ),
+        "settings; null: not given": _parameter_columns(
+            *(name for name in VARIED_COLUMNS if name not in DISPLAY_KEYS)
+        ),
         "origin": _columns_of_type("string", *_MADE),
     }
     names = [name for group in groups.values() for name in group]

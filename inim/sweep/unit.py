@@ -26,6 +26,7 @@ from typing import Any
 
 import inim
 from inim.backend import versions
+from inim.display import Display
 from inim.documents import read_document
 from inim.documents.document import encode
 from inim.documents.unit import UnitDocument
@@ -89,6 +90,12 @@ class Unit:
         """Label on the screen."""
         return " · ".join(filter(None, (self.scene, self.display, self.variation)))
 
+    def planned(self, display: Display | str | Path | None, definitions: Mapping[str, str]) -> Unit:
+        """The unit on a display, with its plan and the hash of its key."""
+        request = replace(self.request, display=display, definitions=definitions)
+        plan = make_plan(request)
+        return replace(self, request=request, plan=plan, hash=unit_hash(key_of(plan)))
+
     def with_algorithms(self, algorithms: Sequence[str]) -> Request:
         """Request for some of the algorithms, without the criteria of the others."""
         assert self.plan is not None
@@ -106,15 +113,16 @@ def expand(study: Study, out: Path, allow_folders: tuple[Path, ...] = ()) -> lis
 
     `out` is the sweep's folder. If no unit can be validated, raises the error of the first one.
     """
-    units = []
+    units: list[Unit] = []
+    errors: list[InimError] = []
     for scene, path in study.scenes.items():
         for display in study.displays:
             for variation, definitions in study.variations.items():
+                label = ", ".join(filter(None, (display.variation, variation)))
                 request = Request(
                     path,
                     out,
                     definitions=definitions,
-                    display=display.display,
                     algorithms=study.algorithms,
                     viewpoints=study.viewpoints,
                     backend=study.backend,
@@ -122,18 +130,16 @@ def expand(study: Study, out: Path, allow_folders: tuple[Path, ...] = ()) -> lis
                     lazy=study.lazy,
                     allow_folders=allow_folders,
                 )
-                units.append(_unit(scene, display.name, variation, request))
-    if all(unit.plan is None for unit in units):
-        make_plan(units[0].request)
+                unit = Unit(scene, display.name, label, request)
+                try:
+                    unit = unit.planned(*display.with_settings(definitions, str(study.path)))
+                except InimError as error:
+                    unit = replace(unit, error=str(error))
+                    errors.append(error)
+                units.append(unit)
+    if len(errors) == len(units):
+        raise errors[0]
     return units
-
-
-def _unit(scene: str, display: str, variation: str, request: Request) -> Unit:
-    try:
-        plan = make_plan(request)
-    except InimError as error:
-        return Unit(scene, display, variation, request, error=str(error))
-    return Unit(scene, display, variation, request, plan, unit_hash(key_of(plan)))
 
 
 def key_of(plan: Plan) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from inim.display.misalignment import MISALIGNMENTS
 from inim.documents import read_document
 from inim.documents.calibration import CalibrationDocument
 from inim.errors import FileError
-from inim.sweep.study import MOST_UNITS, Tables, short_value
+from inim.sweep.study import MOST_UNITS, Tables, read_toml, short_value
 
 #: Fewest draws for a curve with three parameters.
 LEAST_ALONE = 5
@@ -125,7 +125,7 @@ def read_tolerance_study(path: Path | None, display: Display) -> ToleranceStudy:
     """
     if path is None:
         return ToleranceStudy(default_spreads(display))
-    reader = _ToleranceTables(path)
+    reader = _ToleranceTables(path, read_toml(path))
     reader.check_names("", reader.tables, ("study", "errors"))
     table, spreads = reader.table("study"), reader.spreads() or default_spreads(display)
     whole = {"alone": LEAST_ALONE, "together": 0, "seed": 0}

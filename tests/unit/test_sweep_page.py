@@ -1,7 +1,9 @@
 """The page of a sweep: means, fronts and rankings against hand-made tables."""
 
+import base64
 import math
 import re
+from itertools import product
 
 import pytest
 
@@ -66,19 +68,18 @@ def test_displays_are_ranked_for_each_relic_by_their_best_algorithm():
     ]  # fmt: skip
     cells = re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", best_displays(results_of(rows)))
     texts = [re.sub("<[^>]*>", "", cell) for cell in cells]
-    assert texts[:7] == [
+    assert texts[:9] == [
         "Relic", "Display", "Best algorithm on it", "SSIM on the relic to ground truth",
-        "Its reference",
-        "PSNR", "FLIP",
+        "Its reference", "Depth, mm", "Share of its own depth", "PSNR", "FLIP",
     ]  # fmt: skip
-    found = [tuple(texts[i : i + 4]) for i in range(7, len(texts), 7)]
+    found = [tuple(texts[i : i + 4]) for i in range(9, len(texts), 9)]
     assert found == [
         ("jade", "fine", "template", "0.7000"),
         ("", "wide", "gu2020", "0.6000"),
         ("tripod", "wide", "template", "0.9000"),
         ("", "fine", "template", "0.8000"),
     ]
-    assert len(texts) == 35  # what failed is not ranked
+    assert len(texts) == 45  # what failed is not ranked
 
 
 def test_times_are_yardsticks_only_where_all_have_them():
@@ -98,7 +99,42 @@ def test_the_page_needs_nothing_else_and_shows_what_is_in_the_table(tmp_path):
     assert "0.4321" in page
     assert "inim sweep s.toml" in page
     assert "Failures" not in page
+    assert "Ran clean" in page
+    assert "no criteria set" in page
+    assert "Scores by two parameters" not in page
+
+
+def test_verdict_is_passed_only_with_a_criterion():
+    page = render_sweep([row(min_ssim_to_reference=0.7), row("tripod")], ABOUT)
     assert "Passed" in page
+    assert "no criteria set" not in page
+
+
+def test_displays_of_unequal_depth_are_compared_with_a_notice_and_a_front():
+    depths = {"deep": (38.8, 0.68), "middle": (14.8, 0.60), "flat": (4.2, 0.94)}
+    rows = [
+        row(display=name, relic_depth_mm=depth, relic_depth_share=depth / 50, ssim_on_relic=score)
+        for name, (depth, score) in depths.items()
+    ]
+    page = best_displays(results_of(rows))
+    assert "different depths, 4.2\xa0mm to 38.8\xa0mm" in page
+    assert set(re.findall(r"<b>(\w+)</b>", page)) == {"deep", "flat"}
+    assert "Score against depth" in page
+    equal = [row | {"relic_depth_mm": 10.0} for row in rows]
+    assert "different depths" not in best_displays(results_of(equal))
+
+
+def test_two_listed_parameters_make_a_map_with_depths():
+    rows = [
+        row(pitch_mm=pitch, gap_mm=gap, seed=seed, relic_depth_mm=10 * pitch, ssim_on_relic=score)
+        for n, (pitch, gap, seed) in enumerate(product((0.5, 1.0), (3.3, 3.4, 3.5), (0, 1)))
+        for score in (0.5 + n / 100,)
+    ]
+    page = render_sweep(rows, ABOUT)
+    sources = re.findall(r'base64,([^"]*)" alt="Scores by two parameters"', page)
+    (drawing,) = (base64.b64decode(source).decode() for source in sources)
+    for text in ("0.500", "0.610", "5\xa0mm", "seed = 0", "seed = 1", "gap_mm", "pitch_mm"):
+        assert text in drawing, text
 
 
 def test_failures_stand_first_with_their_reasons():

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from inim.display import DISPLAYS
 from inim.errors import EXIT_USAGE, FileError, InimError
-from inim.report.sweep import SETTING_COLUMNS
+from inim.report.sweep import VARIED_COLUMNS
 from inim.settings import Settings
-from inim.sweep.study import AS_SCENE, _check_keys, read_study, tomllib
-from inim.sweep.table import DISPLAY_COLUMNS, columns, failed_rows
+from inim.sweep.study import AS_SCENE, _check_keys, read_study, study_of, tomllib
+from inim.sweep.table import columns, failed_rows
 from inim.sweep.unit import algorithm_inputs, expand, key_of, unit_hash
 from tests.conftest import scene_text, sphere
 
@@ -70,6 +71,67 @@ def test_a_study_multiplies_scenes_displays_and_lists(written):
     assert [v.name for v in plan.viewpoints] == ["centre", "near"]
 
 
+GRID = """
+[study]
+scenes = ["one.xml"]
+displays = ["grid", "phone", "scene"]
+algorithms = ["template"]
+
+[settings]
+gap_mm = [3.3, 3.4]
+
+[[display]]
+name = "grid"
+pitch_mm = {from = 0.9, to = 1.1, step = 0.1}
+lens_columns = [8, 9]
+lens_rows = 8
+"""
+
+
+def test_lists_and_ranges_multiply_displays_and_their_parameters(written):
+    units = units_of(written(GRID))
+    assert len(units) == (3 * 2 + 1 + 1) * 2
+    assert all(unit.plan is not None for unit in units)
+    displays = {(unit.display, unit.variation): unit.plan.display for unit in units}
+    last = displays["grid", "pitch_mm = 1.1, lens_columns = 9, gap_mm = 3.4"]
+    assert (last.pitch_mm, last.lens_columns, last.gap_mm) == (1.1, 9, 3.4)
+    phone = DISPLAYS["phone"].replace(gap_mm=3.4).parameters()
+    assert displays["phone", "gap_mm = 3.4"].parameters() == phone | {"name": "phone, changed"}
+    assert displays["scene", "gap_mm = 3.3"].gap_mm == 3.3
+    assert len({unit.hash for unit in units}) == len(units)
+
+
+def test_values_that_describe_no_display_fail_alone(written):
+    units = units_of(written(GRID.replace("[3.3, 3.4]", "[3.3, -1]")))
+    errors = {unit.variation: unit.error for unit in units if unit.error}
+    assert len(errors) == 7  # six of the grid, and those of phone and scene under one label
+    assert all("gap_mm" in label and "gap_mm" in error for label, error in errors.items())
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("{from = 0.1, to = 0.3, step = 0.1}", [0.1, 0.2, 0.3]),
+        ("{from = 0.3, to = 0.1, step = -0.1}", [0.3, 0.2, 0.1]),
+        ("{from = 3, to = 3.5, step = 0.2}", [3, 3.2, 3.4]),
+        ("{from = 0, to = 1, count = 4}", [0, 1 / 3, 2 / 3, 1]),
+        ("{from = 1, to = 3, step = 1}", [1, 2, 3]),
+    ],
+)
+def test_ranges_are_exact_in_decimals(written, text, values):
+    study = read_study(written(GRID.replace("[3.3, 3.4]", text)))
+    assert [float(v["inim.gap_mm"]) for v in study.variations.values()] == values
+
+
+def test_tables_of_a_caller_are_checked_as_those_of_a_file(written, monkeypatch):
+    path = written(GRID)
+    monkeypatch.chdir(path.parent)
+    study = study_of(tomllib.loads(GRID), "inim.sweep")
+    assert [u.hash for u in expand(study, Path("out"))] == [u.hash for u in units_of(path)]
+    with pytest.raises(InimError, match=r"inim\.sweep: settings\.gap: unknown key"):
+        study_of({**tomllib.loads(GRID), "settings": {"gap": 3}}, "inim.sweep")
+
+
 def test_paths_start_at_the_study_s_folder_and_equal_stems_keep_their_path(written, tmp_path):
     (tmp_path / "sub" / "one.xml").write_text(scene_text(sphere((0, 0, 0), 3)))
     text = STUDY.replace('"sub/two.xml"', '"sub/one.xml"')
@@ -93,7 +155,11 @@ def test_paths_start_at_the_study_s_folder_and_equal_stems_keep_their_path(writt
         ('"gu2020"]', '"template"]', ["study.algorithms", "twice"]),
         ('["thin", "thick"]', '["fish"]', ["study.lens_model", "'fish'", "pinhole"]),
         ("view_spp = 2", "veiw_spp = 2", ["settings.veiw_spp", "did you mean view_spp"]),
-        ("view_spp = 2", "pitch_mm = 2", ["settings.pitch_mm", "[[display]]"]),
+        ("view_spp = 2", "view_spp = {from = 2}", ["settings.view_spp", "to = 1, step = 0.1"]),
+        ("view_spp = 2", "gap_mm = {from = 3, to = 4, step = -1}", ["settings.gap_mm", "no"]),
+        ("view_spp = 2", "gap_mm = {from = 3, to = nan, step = 1}", ["gap_mm.to", "number"]),
+        ("view_spp = 2", "gap_mm = {from = 3, to = 4, count = 1}", ["settings.gap_mm", "count"]),
+        ("view_spp = 2", "gap_mm = {from = 3, to = 4, by = 1}", ["gap_mm.by", "unknown key"]),
         ("view_spp = 2", 'algorithms = "x"', ["settings.algorithms", "study.algorithms"]),
         ("view_spp = 2", "view_spp = 2.5", ["view_spp", "2.5", "whole number"]),
         ("view_spp = 2", "view_spp = true", ["settings.view_spp", "a number or a text"]),
@@ -198,7 +264,7 @@ def test_rows_of_what_failed_have_all_that_is_known(written):
 
 def test_columns_are_settings_and_displays_by_their_own_names():
     fields = Settings.__dataclass_fields__.keys()
-    assert fields >= {*SETTING_COLUMNS, *DISPLAY_COLUMNS}
+    assert fields >= set(VARIED_COLUMNS)
 
 
 # --- Studies made to be read for ever -----------------------------------------------------------

@@ -107,6 +107,7 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
         "fit": {
             "scale_xy": fit.scale_xy,
             "scale_z": fit.scale_z,
+            "depth_mm": fit.depth_mm,
             "display_from_world": fit.display_from_world.tolist(),
         },
     }
