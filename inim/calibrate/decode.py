@@ -148,8 +148,8 @@ def _lights(white_path: Path, black_path: Path) -> _Lights:
     saturated = float((white[shining] > _SATURATED_LIGHT).mean())
     if saturated > _MOST_SATURATED:
         raise FileError(
-            f"{white_path}: saturated in {saturated:.0%} of what is lit; expose all pictures of "
-            "this position shorter"
+            f"{white_path}: saturated in {saturated:.0%} of the lit area; use a shorter exposure "
+            "for all photographs of this position"
         )
     return _Lights(white, black, np.maximum(lit, np.float32(1e-6)), shining)
 
@@ -174,14 +174,15 @@ def _axis(paths: Sequence[Path], lights: _Lights, pixels: int, axis_name: str) -
     _check_sharp(second_least, shining, paths)
     if not decoded.any():
         raise FileError(
-            f"{paths[-4]}: no lens shows the {axis_name}' cosine; photograph the patterns sharp"
+            f"{paths[-4]}: no lens shows the cosine of the {axis_name}; take sharp photographs of "
+            "the patterns"
         )
     agreement = float((np.abs(coordinate - middle)[decoded] < _NEAR_CELL).mean())
     if agreement < _LEAST_AGREEMENT:
         raise FileError(
             f"{paths[0].parent}: bits and phases of the {axis_name} ({paths[0].name} to "
-            f"{paths[-1].name}) agree in {agreement:.0%} of the pixels; photograph the patterns in "
-            "their order, none left out or twice"
+            f"{paths[-1].name}) agree in {agreement:.0%} of the pixels; photograph all patterns "
+            "once, in order"
         )
     decoded &= np.abs(coordinate - middle) < _MOST_FROM_CELL
     _check_order(coordinate, decoded, paths, axis_name)
@@ -189,8 +190,7 @@ def _axis(paths: Sequence[Path], lights: _Lights, pixels: int, axis_name: str) -
     if (share := float(beyond[decoded].mean())) > _MOST_BEYOND:
         raise FileError(
             f"{paths[0].parent}: {share:.0%} of the pixels see {axis_name} beyond the panel's "
-            f"{pixels}; "
-            "name the display whose patterns were shown"
+            f"{pixels}; give the display whose patterns were shown"
         )
     noise = np.sqrt(uniform_filter((first + half - quarter - last) ** 2, _NOISE_WINDOW)) / 2
     error = noise / (np.sqrt(2) * np.maximum(amplitude, np.float32(1e-6))) * (PERIOD / (2 * np.pi))
@@ -222,9 +222,9 @@ def _check_complement(
     unlike = float(np.mean((np.abs(extra) / lights.contrast)[lights.shining]))
     if unlike > most:
         raise FileError(
-            f"{names[0]} and {names[1].name}: are not a pattern and its inverse, they miss white "
-            f"and black by {unlike:.0%}; photograph the patterns in their order, none left out or "
-            "twice, camera and exposure fixed"
+            f"{names[0]} and {names[1].name}: are not a pattern and its inverse, their sum differs "
+            f"from white and black by {unlike:.0%}; photograph all patterns once, in order, with "
+            "camera and exposure fixed"
         )
 
 
@@ -243,9 +243,8 @@ def _check_order(
     span = float(np.ptp(np.quantile(panel_coordinates, (0.05, 0.95))))
     if np.quantile(rough, 0.9) > _ROUGHEST_PX + _ROUGHEST_SHARE * span:
         raise FileError(
-            f"{paths[0].parent}: the {axis_name} that lenses show run in no order across the "
-            "picture "
-            f"({paths[0].name} to {paths[-1].name}); photograph the patterns in their order"
+            f"{paths[0].parent}: the {axis_name} behind the lenses are in no order across the "
+            f"photograph ({paths[0].name} to {paths[-1].name}); photograph the patterns in order"
         )
 
 
@@ -253,7 +252,7 @@ def _check_sharp(second_least: np.ndarray, shining: np.ndarray, paths: Sequence[
     contrast = float(np.median(second_least[shining]))
     if contrast < _LEAST_CONTRAST:
         raise FileError(
-            f"{paths[0].parent}: unsharp, half of what is lit shows less than {contrast:.0%} of "
-            f"the bits' contrast ({paths[0].name} and on); focus on the lens sheet, hold the "
-            "camera still, come nearer"
+            f"{paths[0].parent}: blurred, half of the lit area shows less than {contrast:.0%} of "
+            f"the bits' contrast (from {paths[0].name} on); focus on the lens sheet, hold the "
+            "camera still, move closer"
         )

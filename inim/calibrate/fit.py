@@ -215,13 +215,13 @@ def calibrate(
     """
     check_display(nominal)
     if not lenses:
-        raise UsageError("no photographs of a display; name a folder that holds some")
+        raise UsageError("no photographs of a display; give a folder that contains some")
     shapes = {position.shape for position in lenses.values()}
     if len(shapes) > 1:
         first, other = sorted(shapes)[:2]
         raise FileError(
             f"photographs of {first[1]} x {first[0]} and of {other[1]} x {other[0]} pixels: take "
-            "all with one camera, held the same way"
+            "all with one camera in the same orientation"
         )
     steady = nominal.with_fixed_panel()
     guess, counted, edges = _begin(lenses, steady, camera, focal_px)
@@ -322,8 +322,9 @@ def _begin(
     for name, position in lenses.items():
         if (whole := int(position.is_whole.sum())) < _LEAST_WHOLE:
             raise FileError(
-                f"{name}: {whole} lenses are seen whole, at least two lenses from any edge, and "
-                f"{_LEAST_WHOLE} are needed; show more of the sheet, or leave this position out"
+                f"{name}: {whole} lenses are completely visible, at least two lenses from any "
+                f"edge; {_LEAST_WHOLE} are needed; photograph more of the sheet, or omit this "
+                "position"
             )
     positions = list(lenses.values())
     flat = display.replace(**dict.fromkeys(_LIE, 0.0))
@@ -523,10 +524,10 @@ def _check(
         )
         if panel_px > _WORST_PANEL_PX or of_outlines > _WORST_OUTLINE * lens_px:
             raise FileError(
-                f"{name}: what the photographs show is {panel_px:.2g} panel pixels and "
-                f"{of_outlines:.2g} photograph pixels off what lenses of display {display.name} "
-                "would; are all of one sheet, sharp, with the camera's zoom and focus held? Name "
-                "the display with --display, or leave this position out"
+                f"{name}: the photographs differ from display {display.name} by {panel_px:.2g} "
+                f"panel pixels and {of_outlines:.2g} photograph pixels; check that all show the "
+                "same sheet, sharp, with fixed zoom and focus; give the photographed display with "
+                "--display, or omit this position"
             )
 
 

@@ -282,7 +282,7 @@ def _inside(
 
 def _no_lattice(name: str, count: int) -> FileError:
     return FileError(
-        f"{name}: no lattice of lenses in these photographs ({count} lenses that lie a pitch "
-        "apart); are they of this display, sharp, and at least 6 pixels a lens? Name the display "
-        "with --display, or come closer"
+        f"{name}: no lattice of lenses in these photographs ({count} lenses at a distance of one "
+        "pitch); check that they show this display, sharp, with at least 6 pixels per lens; give "
+        "the display with --display, or move closer"
     )

@@ -149,8 +149,8 @@ def compare(
     counts = binary_erosion(is_display, iterations=_BORDER_PX)
     if np.count_nonzero(counts) < _FEWEST_PIXELS:
         raise FileError(
-            f"{name}: hardly shows the display from this position; name the one that it was "
-            "photographed from with --position"
+            f"{name}: hardly shows the display from this position; give the position of the "
+            "photograph with --position"
         )
     window = _window(counts)
     counts, photo, sim = counts[window], photograph[window], light[window]
@@ -158,7 +158,7 @@ def compare(
     model = sim.mean(axis=-1, dtype=np.float64)
     if np.std(grey[counts]) < 1e-3 or np.std(model[counts]) < 1e-3:
         raise FileError(
-            f"{name}: is all alike, or its simulation is; photograph the EIA that --eia names"
+            f"{name}: the photograph or its simulation is uniform; photograph the EIA of --eia"
         )
     moved = np.zeros(2)
     gain = float(grey[counts].mean() / model[counts].mean())

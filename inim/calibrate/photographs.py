@@ -72,20 +72,20 @@ def read_positions(folder: Path, display: Display) -> list[Position]:
     between them.
     """
     if not folder.is_dir():
-        raise FileError(f"{folder}: no such folder; name the one that holds a folder a position")
+        raise FileError(f"{folder}: no such folder; give a folder with one subfolder per position")
     folders = sorted((p for p in _visible(folder) if p.is_dir()), key=_natural_sort_key)
     if not folders:
         raise FileError(
-            f"{folder}: holds no folders; put the photographs of each camera position into a "
-            "folder of its own in it"
+            f"{folder}: contains no folders; put the photographs of each camera position into a "
+            "separate subfolder"
         )
     positions = [read_position(position, display) for position in folders]
     for other in positions[1:]:
         if other.shape != positions[0].shape:
             raise FileError(
-                f"{other.photographs[0]}: has {_size(other.shape)} pixels, and those of "
+                f"{other.photographs[0]}: has {_size(other.shape)} pixels, but those of "
                 f"{positions[0].name} have {_size(positions[0].shape)}; photograph all positions "
-                "with one camera, held one way"
+                "with one camera in the same orientation"
             )
     return positions
 
@@ -99,14 +99,14 @@ def read_position(folder: Path, display: Display) -> Position:
     pattern_count = len(patterns(display.eia_shape))
     if len(paths) != pattern_count:
         raise FileError(
-            f"{folder}: {len(paths)} pictures, and the patterns of display {display.name} are "
-            f"{pattern_count}; photograph each once, or name the display whose patterns were shown"
+            f"{folder}: {len(paths)} pictures, but display {display.name} has {pattern_count} "
+            "patterns; photograph each once, or give the display whose patterns were shown"
         )
     shape, focal_length = _header(paths[0])
     for path in paths[1:]:
         if (other := _header(path)[0]) != shape:
             raise FileError(
-                f"{path}: has {_size(other)} pixels, and {paths[0].name} has {_size(shape)}; "
+                f"{path}: has {_size(other)} pixels, but {paths[0].name} has {_size(shape)}; "
                 "photograph all patterns of a position with one camera"
             )
     return Position(folder.name, paths, shape, display.eia_shape, focal_length)

@@ -133,9 +133,9 @@ def check_pitch(display: Display, size: float, name: str) -> None:
     if abs(size - 1) > _PITCH_OFF:
         lens = display.pitch_mm / display.pixel_pitch_mm
         raise FileError(
-            f"{name}: lenses lie {size * lens:.4g} panel pixels apart, those of display "
-            f"{display.name} {lens:.4g}; name the display that is photographed with --display, and "
-            "let the browser show the patterns pixel by pixel"
+            f"{name}: the lenses are {size * lens:.4g} panel pixels apart, those of display "
+            f"{display.name} {lens:.4g}; give the photographed display with --display, and show "
+            "the patterns in the browser pixel for pixel"
         )
 
 

@@ -172,8 +172,8 @@ def _place_splats(
     frame = Frame.around(splats) if frame is None else frame
     if up is None:
         raise UsageError(
-            f"{source}: splats state no up axis, give --up (x, y, z, -x, -y, -z), mostly -y; "
-            f"nearly all of them are in {frame} (x0,x1,y0,y1,z0,z1)"
+            f"{source}: splat files contain no up axis; give --up (x, y, z, -x, -y, -z), usually "
+            f"-y; nearly all splats are in {frame} (x0,x1,y0,y1,z0,z1)"
         )
     visible, half = place_splats(splats, _turn(up, front or _USUAL_FRONT[up]), frame)
     counts = f"{len(visible)} of {len(splats)} splats"
@@ -205,7 +205,7 @@ def _check_choices(
     if out.is_dir() or not out.name:
         raise UsageError(f"{out}: is a folder; name the scene's file, such as {out / 'relic.xml'}")
     if out.suffix.lower() in (".ply", ".png"):
-        raise UsageError(f"{out}: the parts take that name; name the scene {out.stem}.xml")
+        raise UsageError(f"{out}: the scene's parts use that name; name the scene {out.stem}.xml")
 
 
 def _unit_and_up(
@@ -225,8 +225,8 @@ def _unit_and_up(
         low, high = bounds(meshes)
         size = " x ".join(f"{length:.4g}" for length in high - low)
         raise UsageError(
-            f"{source}: the format states no {' and no '.join(missing)}; the mesh is {size} units "
-            "along x, y, z"
+            f"{source}: the format contains no {' and no '.join(missing)}; the mesh is {size} "
+            "units along x, y, z"
         )
     return unit, up
 

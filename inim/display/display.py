@@ -78,7 +78,7 @@ def _check_parameter(name: str, kind: str, value: Any) -> Any:
             raise DisplayError(f"{name} = {value!r}: must be a finite number")
         value = float(value)
         if name.endswith("_mm") and abs(value) > _LONGEST_MM:
-            raise DisplayError(f"{name} = {value:g}: at most {_LONGEST_MM:g} mm can be pictured")
+            raise DisplayError(f"{name} = {value:g}: at most {_LONGEST_MM:g} mm are allowed")
         if name in _LENGTHS and value <= 0:
             raise DisplayError(f"{name} = {value}: must be a positive length")
     if name in _WORDS and value not in _WORDS[name]:
@@ -191,7 +191,7 @@ class Display:
             )
         for name in ("fill_factor", "pixel_fill"):
             if not 0 < getattr(self, name) <= 1:
-                raise DisplayError(f"{name} = {getattr(self, name)}: must lie in 0..1, above 0")
+                raise DisplayError(f"{name} = {getattr(self, name)}: must be above 0 and at most 1")
         for name in ("tilt_x_deg", "tilt_y_deg"):
             if abs(getattr(self, name)) > _STEEPEST_TILT_DEG:
                 raise DisplayError(
@@ -214,13 +214,13 @@ class Display:
         if limits[0] is None and math.isinf(self.central_depth_mm):
             raise DisplayError(
                 f"gap_mm = focal_length_mm = {self.gap_mm}: a focused display has no depth range "
-                "of its own; state depth_min_mm and depth_max_mm"
+                "of its own; set depth_min_mm and depth_max_mm"
             )
         low, high = self.depth_range_mm
         if not (math.isfinite(low) and math.isfinite(high) and low < high):
             raise DisplayError(
                 f"depth range [{low:g}, {high:g}] mm is empty or not finite: "
-                "depth_min_mm must lie below depth_max_mm"
+                "depth_min_mm must be less than depth_max_mm"
             )
 
     # -- sizes ---------------------------------------------------------------------------------
@@ -467,7 +467,7 @@ class Display:
         if not under.any():
             raise DisplayError(
                 f"shift_x_mm = {self.shift_x_mm:g}, shift_y_mm = {self.shift_y_mm:g}: the array "
-                "lies wholly beside its panel"
+                "is completely outside its panel"
             )
         return under
 

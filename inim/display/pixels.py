@@ -180,9 +180,9 @@ def pixel_axis(display: Display, sign: int) -> PixelAxis:
     """
     if not display.is_separable:
         raise DisplayError(
-            f"display {display.name}: with {display.not_separable_by} a pixel's lens does not "
-            "follow from its row and its column apart; use a generator that traces every pixel's "
-            "ray, such as 'template' or 'gu2020'"
+            f"display {display.name}: with {display.not_separable_by} a pixel's lens depends on "
+            "its row and column together; use a generator that traces every pixel's ray, such as "
+            "'template' or 'gu2020'"
         )
     if sign > 0:
         pixels, lenses = display.eia_shape[1], display.lens_columns
@@ -205,7 +205,9 @@ def pixel_axis(display: Display, sign: int) -> PixelAxis:
     offset = tuple(c - sign * x for c, x in zip(centre, place, strict=True))
     lens = np.array([n if 0 <= n < lenses else -1 for n in lattice], np.int64)
     if (lens < 0).all():
-        raise DisplayError(f"{shift_name} = {shift_mm:g}: the array lies wholly beside its panel")
+        raise DisplayError(
+            f"{shift_name} = {shift_mm:g}: the array is completely outside its panel"
+        )
     return PixelAxis(
         position_mm=np.array([_to_float(sign * x, unit) for x in place]),
         lens=lens,

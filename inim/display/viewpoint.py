@@ -134,7 +134,7 @@ def focus_distance_mm(viewpoint: Viewpoint, display: Display) -> float:
         raise ViewpointError(
             f"viewpoint {viewpoint.name}: the central depth plane z = "
             f"{display.central_depth_mm:g} mm is behind the eye at {viewpoint.z_mm:g} mm, which "
-            "cannot focus on it; state focus_mm"
+            "cannot focus on it; set focus_mm"
         )
     return distance
 

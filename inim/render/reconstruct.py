@@ -250,7 +250,7 @@ def _check_linear(eia: np.ndarray) -> np.ndarray:
     bad = np.count_nonzero(~np.isfinite(eia))
     if bad:
         raise UsageError(
-            f"eia: {bad} values are not finite; mend them, such as with numpy.nan_to_num"
+            f"eia: {bad} values are not finite; replace them, for example with numpy.nan_to_num"
         )
     return eia
 

@@ -131,7 +131,7 @@ def open_scene(
         file.check_unchanged()
     relic = [shape for shape in scene.shapes() if not shape.is_emitter()]
     if not relic:
-        raise SceneError(f"{file.path}: nothing to show: the scene has no shape but lights")
+        raise SceneError(f"{file.path}: the scene has no shape except lights; add one")
     integrator = scene.integrator() or mi.load_dict(_DEFAULT_INTEGRATOR)
     _check_splats(file, scene, integrator)
     _check_media(file, scene)
@@ -243,12 +243,12 @@ def _check_splats(file: SceneFile, scene: Any, integrator: Any) -> None:
     are_splats = [shape.is_ellipsoids() for shape in scene.shapes()]
     if splats.shows_splats(integrator) and not all(are_splats):
         raise SceneError(
-            f"{file.path}: integrator {splats.INTEGRATOR!r} shows splats only, and the scene has "
-            "other shapes; take them out, lights too: splats shine by themselves"
+            f"{file.path}: integrator {splats.INTEGRATOR!r} shows splats only; remove all other "
+            "shapes and the lights, because splats emit light"
         )
     if any(are_splats) and not splats.shows_splats(integrator):
         raise SceneError(
-            f"{file.path}: splats shine by themselves, which other integrators do not show; use "
+            f"{file.path}: splats emit light, which this integrator does not show; use "
             f"{splats.INTEGRATOR!r}"
         )
 
@@ -298,7 +298,9 @@ def fit_to_display(
     """
     turned = points @ axes.T
     if not np.isfinite(turned).all():
-        raise SceneError(f"{source}: the scene's shapes reach no finite box; check its transforms")
+        raise SceneError(
+            f"{source}: the scene's shapes have no finite bounding box; check its transforms"
+        )
     low, high = turned.min(axis=0), turned.max(axis=0)
     extent = high - low
     if max(extent[:2]) <= 0:

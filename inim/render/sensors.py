@@ -121,8 +121,8 @@ def register() -> None:
             display = self.display
             if display.subpixels != "none":
                 raise SceneError(
-                    f"inim_pickup: subpixels = {display.subpixels!r}: its colours have rays of "
-                    "their own, and a sensor has one for all; leave subpixels out"
+                    f"inim_pickup: subpixels = {display.subpixels!r}: each colour has its own "
+                    "rays, but a sensor has the same rays for all colours; omit subpixels"
                 )
             shape = display.eia_shape
             if _ensure_film(props, *shape) != shape:
@@ -147,8 +147,8 @@ def register() -> None:
             rows, columns = _ensure_film(props, *(round(2 * h * per_mm) for h in (half_y, half_x)))
             if abs(columns * half_y / half_x - rows) >= 1:
                 raise SceneError(
-                    f"inim_eye: a film of {columns} x {rows} pixels has not the proportion of the "
-                    f"array, {2 * half_x:g} x {2 * half_y:g} mm; make it "
+                    f"inim_eye: the film's aspect ratio, {columns} x {rows}, does not match the "
+                    f"array, {2 * half_x:g} x {2 * half_y:g} mm; use "
                     f"{columns} x {max(1, round(columns * half_y / half_x))}"
                 )
             eye = _read_eye(values, display)
@@ -268,21 +268,21 @@ def world_from_display(plugin: str, to_world: np.ndarray, display: Display) -> n
     half_x, half_y = display.half_extent_mm
     sides = np.linalg.norm(to_world[:3, :2], axis=0)
     if not (np.isfinite(to_world).all() and sides.min() > 0):
-        raise SceneError(f"{plugin}: to_world makes no rectangle of [-1, 1]^2; scale its sides")
+        raise SceneError(f"{plugin}: to_world maps [-1, 1]^2 to no rectangle; use a scale above 0")
     right, up = (to_world[:3, :2] / sides).T
     if abs(right @ up) > _SQUARE:
-        raise SceneError(f"{plugin}: to_world skews the display; move, turn and scale it only")
+        raise SceneError(f"{plugin}: to_world skews the display; only move, rotate and scale it")
     front = np.cross(right, up)
     if front @ to_world[:3, 2] < 0:
         raise SceneError(
-            f"{plugin}: to_world mirrors the display; turn it with a rotation, not a negative scale"
+            f"{plugin}: to_world mirrors the display; use a rotation instead of a negative scale"
         )
     unit = sides / (half_x, half_y)
     if abs(unit[0] / unit[1] - 1) > _ASPECT:
         raise SceneError(
-            f"{plugin}: a rectangle of {2 * sides[0]:.6g} x {2 * sides[1]:.6g} has not the "
-            f"proportion of the array, {2 * half_x:.6g} x {2 * half_y:.6g} mm; "
-            f"scale it by {half_x:.6g} and {half_y:.6g} times the length of a millimetre"
+            f"{plugin}: the rectangle's aspect ratio, {2 * sides[0]:.6g} x {2 * sides[1]:.6g}, "
+            f"does not match the array, {2 * half_x:.6g} x {2 * half_y:.6g} mm; scale it by "
+            f"{half_x:.6g} and {half_y:.6g} times the length of a millimetre"
         )
     place = np.eye(4)
     place[:3, :3] = np.stack([right, up, front], axis=1) * unit.mean()

@@ -22,7 +22,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-#: Mitsuba's, of splats that shine by themselves.
+#: Mitsuba's integrator for splats that emit light.
 INTEGRATOR = "volprim_rf_basic"
 # A ray goes on so far behind where it entered a splat, in world units, and ends where so little
 # light is left: as in the integrator.

@@ -143,7 +143,7 @@ class SceneFolder:
     def _check_inside(self, path: Path, name: str, location: str) -> None:
         if not any(path.is_relative_to(folder) for folder in self._allowed):
             raise SceneError(
-                f"{location}: {name!r} lies outside the scene's folder; copy it beside the scene, "
+                f"{location}: {name!r} is outside the scene's folder; copy it next to the scene, "
                 f"or add --allow-folder {shlex.quote(str(self._folder_to_allow(path)))}"
             )
 
@@ -165,7 +165,7 @@ def content_of(sha256: bytes, status: os.stat_result) -> Content:
 
 def _unusable_error(name: str, location: str, error: Exception) -> FileError:
     cause = getattr(error, "strerror", None) or error
-    return FileError(f"{location}: {name[:120]!r} is no usable file name ({cause})")
+    return FileError(f"{location}: {name[:120]!r} is not a usable file name ({cause})")
 
 
 def check_plugin_folder(place: Path, label: str = "") -> None:

@@ -314,8 +314,8 @@ def place_splats(splats: Splats, turn: np.ndarray, frame: Frame) -> tuple[Splats
     inside = frame.holds(visible.centre) & small
     if not inside.any():
         raise UsageError(
-            f"--crop {frame}: holds no splats that are small against it; they are in "
-            f"{Frame.around(splats)}"
+            f"--crop {frame}: contains no splats much smaller than the box; nearly all splats are "
+            f"in {Frame.around(splats)}"
         )
     relic = rotate_splats(visible[inside], turn)
     reach = _reach(relic)

@@ -61,7 +61,7 @@ class StressRequest:
         for name in self.algorithms:
             check_algorithm(name)
             if self.algorithms.count(name) > 1:
-                raise UsageError(f"algorithm {name!r} is given twice; drop one")
+                raise UsageError(f"algorithm {name!r} is given twice; remove one")
         if not self.algorithms:
             raise UsageError("--algorithms: none given; name at least one, such as 'template'")
         return list(self.algorithms)

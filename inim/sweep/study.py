@@ -209,7 +209,7 @@ class Tables:
         texts = [self.text(key, item) for item in value]
         for text, count in Counter(texts).items():
             if count > 1:
-                raise self.wrong(key, f"{short_value(text)} is given twice; drop one")
+                raise self.wrong(key, f"{short_value(text)} is given twice; remove one")
         return texts
 
     def check_count(self, key: str, values: Sequence[object], most: int) -> None:
@@ -407,7 +407,7 @@ class _StudyReader(Tables):
         if not values:
             raise self.wrong(key, "is an empty list; give a value")
         if len({str(v) for v in values}) < len(values):
-            raise self.wrong(key, "has a value twice; drop one")
+            raise self.wrong(key, "has a value twice; remove one")
         return values
 
     def _range(self, key: str, table: Mapping[str, Any]) -> list[int | float]:

@@ -159,7 +159,7 @@ def test_lens_that_cannot_be_ground_is_a_sentence(capsys):
         (("nominal", "-D", "inim.pich_mm=1"), ("did you mean inim.pitch_mm?",)),
         (("nominal", "-D", "spp=4"), ("-D spp", "inim.*")),
         (("nominal", "-D", "inim.display=phone"), ("inim.display", "name it once")),
-        (("nominal", "-D", "inim.gap_mm=3"), ("state depth_min_mm and depth_max_mm",)),
+        (("nominal", "-D", "inim.gap_mm=3"), ("set depth_min_mm and depth_max_mm",)),
         (("nominal", "-D", "inim.pitch_mm=0"), ("pitch_mm = 0.0", "positive")),
         (("nominal", "--distance", "0"), ("--distance 0", "above 0")),
         (("nominal", "--distance", "nan"), ("--distance nan", "above 0")),

@@ -174,12 +174,12 @@ MESH = '<shape type="ply"><string name="filename" value="a.ply"/></shape>'
 @pytest.mark.parametrize(
     ("shapes", "files", "says"),
     [
-        ("", {}, "no shape but lights"),
-        ('<shape type="sphere"><emitter type="area"/></shape>', {}, "no shape but lights"),
+        ("", {}, "no shape except lights"),
+        ('<shape type="sphere"><emitter type="area"/></shape>', {}, "no shape except lights"),
         ('<shape type="teapot"/>', {}, "teapot"),
         ('<shape type="sphere"><float name="radios" value="1"/></shape>', {}, "radios"),
-        (sphere((0, 0, 0), float("nan")), {}, "no finite box"),
-        (sphere((float("inf"), 0, 0), 1), {}, "no finite box"),
+        (sphere((0, 0, 0), float("nan")), {}, "no finite bounding box"),
+        (sphere((float("inf"), 0, 0), 1), {}, "no finite bounding box"),
         (sphere((0, 0, 0), 0), {}, "no width or height"),
         (MESH, {"a.ply": PLY}, "refers to vertex 7"),
         (TEXTURED.format("a.png"), {"a.png": "no picture"}, "a.png"),

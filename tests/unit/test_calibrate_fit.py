@@ -321,7 +321,7 @@ def test_a_part_of_a_known_sheet_is_enough_to_stand_by():
 
 
 def test_nobody_stands_before_another_display():
-    with pytest.raises(FileError, match=r"^near: .* off what lenses of display"):
+    with pytest.raises(FileError, match=r"^near: the photographs differ from display"):
         fit_pose(lenses("near"), HIDDEN.replace(rotation_deg=-2.0), TRUE_CAMERA, "near")
 
 
@@ -433,7 +433,9 @@ def test_an_array_that_lies_a_lens_over_is_the_same_array():
 def test_photographs_of_another_display_are_refused():
     other = DESIGN.replace(pitch_mm=1.08, panel_rows=ROWS, panel_columns=COLUMNS)
     seen = {name: find_lenses(taken(name), other, name) for name in ("near", "left")}
-    with pytest.raises(FileError, match=r"^near: lenses lie 15\.\d+ panel pixels apart.*--display"):
+    with pytest.raises(
+        FileError, match=r"^near: the lenses are 15\.\d+ panel pixels apart.*--display"
+    ):
         calibrate(seen, other)
 
 
@@ -441,7 +443,10 @@ def test_photographs_of_another_display_are_refused():
 def test_patterns_that_the_browser_scaled_are_refused(zoom):
     one = lenses("near")
     scaled = replace(one, panel_px=one.panel_px / zoom, middle_px=one.middle_px / zoom)
-    with pytest.raises(FileError, match=r"^near: lenses lie .* show the patterns pixel by pixel"):
+    with pytest.raises(
+        FileError,
+        match=r"^near: the lenses are .* show the patterns in the browser pixel for pixel",
+    ):
         calibrate({"near": scaled}, DESIGN)
 
 
@@ -477,7 +482,7 @@ def test_a_sheet_that_slipped_between_positions_is_refused():
 
 def test_a_strip_of_the_sheet_is_too_little():
     strip = covered("near", lambda _, u: u >= 90)
-    with pytest.raises(FileError, match=r"^strip: \d+ lenses are seen whole"):
+    with pytest.raises(FileError, match=r"^strip: \d+ lenses are completely visible"):
         calibrate({"strip": find_lenses(strip, DESIGN, "strip")}, DESIGN)
 
 

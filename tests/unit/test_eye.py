@@ -226,7 +226,7 @@ def test_focus_is_the_central_depth_plane_unless_stated():
 def test_an_eye_cannot_focus_behind_itself():
     far = NOMINAL.replace(gap_mm=3.01, depth_min_mm=10, depth_max_mm=30)  # D = 903 mm
     eye = Viewpoint("eye", 0, 0, 500, pupil_mm=2)
-    with pytest.raises(ViewpointError, match="state focus_mm"):
+    with pytest.raises(ViewpointError, match="set focus_mm"):
         focus_distance_mm(eye, far)
     assert focus_distance_mm(Viewpoint("pinhole", 0, 0, 500), far) == 500
 

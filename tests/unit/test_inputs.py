@@ -62,7 +62,7 @@ def test_named_viewpoints_are_those_of_a_validation():
     ("eia", "display", "viewpoint", "says"),
     [
         ((EIA * 255).astype(np.uint8), "nominal", "centre", "eia: is uint8; give linear RGB"),
-        (EIA * np.nan, "nominal", "centre", "values are not finite; mend them"),
+        (EIA * np.nan, "nominal", "centre", "values are not finite; replace them"),
         (EIA[1:], "nominal", "centre", "needs"),
         (EIA, "nominl", "centre", "did you mean nominal"),
         (EIA, 3, "centre", "display: 3 is a int; give a Display"),

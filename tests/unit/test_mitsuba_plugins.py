@@ -194,13 +194,13 @@ def pickup(world, **changes) -> dict:
         (panel, {"eia": None, "filename": "x.jpg"}, "not an EIA; give a .png"),
         (panel, {"misalign": "rotation=1"}, "did you mean rotation_deg?"),
         (panel, {"thick": True}, "unknown parameter 'thick'"),
-        (eye, {"film": {"type": "hdrfilm", "width": 48, "height": 48}}, "make it 48 x 40"),
+        (eye, {"film": {"type": "hdrfilm", "width": 48, "height": 48}}, "use 48 x 40"),
         (eye, {"z_mm": -1.0}, "must be finite with z > 0"),
         (eye, {"pupil_mm": "wide"}, "pupil_mm = 'wide': must be a number"),
         (eye, {"pupil": 3.0}, "did you mean 'pupil_mm'?"),
         (eye, {"fov": 30.0}, "unknown parameter 'fov'"),
         (pickup, {"film": {"type": "hdrfilm"}}, "its film is the panel, 96 x 80 pixels"),
-        (pickup, {"subpixels": "rgb-stripe"}, "leave subpixels out"),
+        (pickup, {"subpixels": "rgb-stripe"}, "omit subpixels"),
         (pickup, {"start_mm": "near"}, "start_mm = 'near': must be a number"),
     ],
 )
@@ -230,7 +230,7 @@ def test_a_lens_model_that_fails_is_refused_when_the_scene_is_loaded(monkeypatch
 @pytest.mark.parametrize(
     ("scale", "says"),
     [
-        ((6, 6, 1), "12 x 12 has not the proportion of the array, 12 x 10 mm"),
+        ((6, 6, 1), "12 x 12, does not match the array, 12 x 10 mm"),
         ((-6, 5, 1), "mirrors the display"),
         ((6, 5, -1), "mirrors the display"),
     ],
