@@ -70,19 +70,21 @@ _TIMES = {
     "relative to the reference kernel, put time = true into the study.",
 }
 _BEST = (
-    "Mean SSIM on the relic to the ground truth of the best algorithm on each display, next to the "
-    "reference. The resolution of views follows the number of lenses, so each display is compared "
-    "at its own resolution. FLIP weights differences by visibility. Depth: of the relic on the "
-    "display, and as a share of its own depth at the same width. The ground truth is the relic "
-    "compressed into the display's depth range, so a display with less depth has an easier task. "
-    "Bold: no other display has both a higher score and more depth."
+    "Mean SSIM on the relic to the ground truth of the best algorithm on each display, next to "
+    "the reference. The resolution of views follows the number of lenses, so each display is "
+    "compared at its own resolution. FLIP weights differences by visibility. The depth is that of "
+    "the relic on the display, in millimetres and as a share of its own depth at the same width. "
+    "The ground truth is the relic compressed into the display's depth range, so a display with "
+    "less depth has an easier task. A display is bold if no other has both a higher score and "
+    "more depth."
 )
 _DEPTHS_DIFFER = (
     "The displays show {relic} with different depths, {low} to {high}. Compare scores at equal "
     "depth, or see the plot of score against depth."
 )
 _DEPTH_PLOT = (
-    "Up and right is better: a higher score with more depth. Coloured: no other display has both."
+    "Displays at the top right are best: they have high scores and much depth. A display is "
+    "coloured if no other has both a higher score and more depth."
 )
 _HEAT = (
     "SSIM on the relic to the ground truth of the best algorithm, and the relic's depth on the "
@@ -359,14 +361,16 @@ def _heat_maps(results: Sequence[Result]) -> str:
                 groups.setdefault(title, []).append(result)
     if not groups:
         return ""
-    shown = dict(list(groups.items())[:_MOST_HEAT_PANELS])
-    figure, axes = _panels(len(shown))
-    scores = [r.scores[HEADLINE_TO_SCENE] or 0.0 for group in shown.values() for r in group]
-    for axis, (title, group) in zip(axes, shown.items(), strict=False):
+    first_groups = dict(list(groups.items())[:_MOST_HEAT_PANELS])
+    figure, axes = _panels(len(first_groups))
+    scores = [r.scores[HEADLINE_TO_SCENE] or 0.0 for group in first_groups.values() for r in group]
+    for axis, (title, group) in zip(axes, first_groups.items(), strict=False):
         _draw_heat_map(axis, title, group, (min(scores), max(scores)))
     words = lead(_HEAT)
-    if len(shown) < len(groups):
-        words += lead(f"The first {len(shown)} of {len(groups)} panels; the table has all values.")
+    if len(first_groups) < len(groups):
+        words += lead(
+            f"The first {len(first_groups)} of {len(groups)} panels; the table has all values."
+        )
     return words + plot(svg(figure), "Scores by two parameters")
 
 
