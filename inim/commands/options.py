@@ -167,7 +167,11 @@ def add_picture(parser: _Options) -> None:
         metavar="FILE",
         help="depth of the colour picture INPUT: .png, .pgm, .tif, .exr, .pfm or .npy",
     )
-    add("--depth-unit", metavar="UNIT", help="mm, cm, m, units per metre (5000), or none")
+    add(
+        "--depth-unit",
+        metavar="UNIT",
+        help="unit of depth: mm, cm, m, none, or a number of units per metre (5000)",
+    )
     add(
         "--intrinsics",
         metavar="FX,FY,CX,CY",

@@ -125,7 +125,7 @@ def _hero(data: ReportDocument, images: ReportImages) -> str:
         return ""
     view = "centre" if "centre" in names else names[0]
     truth = images.read("truth", f"{view}.png")
-    shots = [_shot(images, truth, view, TRUTH, f"from {view}, without a display")]
+    shots = [_shot(images, truth, view, TRUTH, f"viewpoint {view}, without a display")]
     own = score(data.reference.views[view], HEADLINE_TO_SCENE)
     reference = f"{MAIN.label} {own} on the relic to the ground truth"
     reference_view = images.read("views", "reference", f"{view}.png")

@@ -198,7 +198,7 @@ def _controls(eyes: Sequence[EyePosition], several: bool, models: Sequence[str],
         for i, eye in enumerate(eyes)
     ]
     radios = [radio("lens-model", model, model, model == first) for model in models]
-    parts = [_choices("Look from", buttons), _choices("Lens model", radios)]
+    parts = [_choices("Viewpoint", buttons), _choices("Lens model", radios)]
     if several:
         box = void("input", type="checkbox", name_="together", checked="checked")
         parts.append(_choices("Compare", [element("label", box, "side by side")]))
