@@ -11,6 +11,7 @@ into an existing EIA. Generators of other packages are timed in the same way.
 from __future__ import annotations
 
 import gc
+import os
 import statistics
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -32,6 +33,7 @@ from inim.generators import (
 from inim.generators.base import check_array
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD, LayeredRGBD
+from inim.process.machine import busy_seconds
 
 #: Name of the reference kernel among the timings.
 REFERENCE_KERNEL = "reference kernel"
@@ -149,6 +151,29 @@ class Rounds:
         for name in ("runs", "warmups"):
             if getattr(self, name) < 1:
                 raise UsageError(f"--{name} {getattr(self, name)}: must be at least 1")
+
+
+class OtherPrograms:
+    """Context that measures the load by other programs.
+
+    Attributes
+    ----------
+    share : float, optional
+        Processor time of other programs during the block, as a share of all processors; None if
+        unavailable.
+    """
+
+    def __enter__(self) -> OtherPrograms:
+        self.share: float | None = None
+        self._start = time.perf_counter(), busy_seconds(), time.process_time()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        start, all_before, own_before = self._start
+        own, busy = time.process_time() - own_before, busy_seconds()
+        if busy is not None and all_before is not None:
+            available = (time.perf_counter() - start) * (os.cpu_count() or 1)
+            self.share = min(max((busy - all_before - own) / available, 0.0), 1.0)
 
 
 @dataclass(frozen=True)

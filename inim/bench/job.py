@@ -10,7 +10,7 @@ from typing import Any
 
 from msgspec.structs import replace as replaced
 
-from inim.bench.evaluate import bench_scene, choose_algorithms
+from inim.bench.evaluate import DISTURBED, bench_scene, choose_algorithms
 from inim.documents.bench import BenchAlgorithm, BenchDocument, BenchRounds, Load
 from inim.documents.parts import BackendRecord, origin
 from inim.errors import UsageError
@@ -77,9 +77,12 @@ def run_job(
     title = f"Bench: {plan.request.scene.stem}"
     document = record(title, request.command, renderer.backend, request.rounds, load)
     names, notes = choose_algorithms(request.validation.algorithms)
-    scene = bench_scene(plan, names, request.rounds, renderer)
+    scene, others = bench_scene(plan, names, request.rounds, renderer)
     _print_algorithms(observer, scene.algorithms)
-    final_load = replaced(document.load, end=load_average())
+    document.warnings[:] = warn_of_others(others) if others is not None else document.warnings
+    for warning in document.warnings:
+        observer.line(f"warning: {warning}")
+    final_load = replaced(document.load, end=load_average(), others=others)
     observer.stage("write")
     write_bench(replaced(document, notes=notes, scene=scene, load=final_load), staging)
     publish(staging, request.validation.out, _MARKER)
@@ -98,7 +101,7 @@ def _print_algorithms(observer: Observer, algorithms: Sequence[BenchAlgorithm]) 
 
 
 _VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
-# Times are doubtful if other processes use more than this share of the cores.
+# Times are doubtful if other processes used more than this share of the cores before the start.
 _BUSY = 0.25
 
 
@@ -131,6 +134,16 @@ def load_average() -> float | None:
         return os.getloadavg()[0]
     except OSError:
         return None
+
+
+def warn_of_others(share: float) -> list[str]:
+    """Warn if other processes used a share of the processors during the timed rounds."""
+    if share <= DISTURBED:
+        return []
+    return [
+        f"other programs used {share:.0%} of the processors during the measurement; the times are "
+        "not comparable with others, and their ratios are less reliable; close them and repeat"
+    ]
 
 
 def warn_of_load(before: float | None) -> list[str]:

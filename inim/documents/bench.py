@@ -147,6 +147,10 @@ class Load(Part):
             "Load average of the last minute at the end, with the bench's own work; null: unknown."
         ),
     ]
+    others: Annotated[
+        float | None,
+        doc("Share of the processors that other programs used during the rounds; null: unknown."),
+    ] = None
 
 
 class BenchDocument(TitledDocument, tag="inim.bench/2"):

@@ -37,6 +37,16 @@ def cpu_count() -> int:
     return os.cpu_count() or 1
 
 
+def busy_seconds() -> float | None:
+    """Processor time of all programs since the machine started, in seconds; None if unavailable."""
+    try:
+        ticks = [int(word) for word in Path("/proc/stat").read_text().split("\n")[0].split()[1:9]]
+    except (OSError, ValueError):
+        return None
+    idle, waiting = ticks[3:5]
+    return (sum(ticks) - idle - waiting) / os.sysconf("SC_CLK_TCK")
+
+
 def memory_limit_bytes() -> int:
     """Memory limit of this process in bytes: the machine's, a container's or a shell's.
 
