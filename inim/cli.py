@@ -48,7 +48,12 @@ GROUPS = {
         "photo": "calibrate",
         "tolerate": "study",
     },
-    "comparisons": {"compare": "validate", "baseline": "validate", "sweep": "study"},
+    "comparisons": {
+        "compare": "validate",
+        "baseline": "validate",
+        "sweep": "study",
+        "figure": "figure",
+    },
     "information": {"info": "info"},
     "for developers of algorithms": {"bench": "study", "stress": "study"},
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from inim.cache import ResultCache
 from inim.display import Display
@@ -13,6 +14,9 @@ from inim.documents.picture import PictureDocument
 from inim.documents.report import ReportDocument
 from inim.errors import FileError, UsageError, suggest_words
 from inim.files.regular_file import read_file
+
+if TYPE_CHECKING:
+    from inim.report.score_table import ScoreTable
 
 __all__ = ["TRUTH", "Report"]
 
@@ -110,6 +114,23 @@ class Report:
             raise UsageError(f"{option} {name}: {suggest_words(name, names)}")
         place = ("truth", "eia") if name == true else ("eia", name)
         return Path(self.folder, place[0], f"{place[1]}.exr")
+
+    def table(self, *scores: str) -> ScoreTable:
+        """Scores of all algorithms and views, for pandas, CSV and LaTeX.
+
+        Parameters
+        ----------
+        *scores : str
+            Names such as ``ssim_on_relic_to_reference``; by default all.
+
+        Raises
+        ------
+        UsageError
+            The report has no such score.
+        """
+        from inim.report.score_table import ScoreTable
+
+        return ScoreTable.of(self, scores)
 
     def write(self, cache: ResultCache | None = None) -> None:
         """Write all four forms into the folder, `report.json` last: it marks a whole report."""

@@ -48,7 +48,7 @@ _Point = tuple[str, float, float]
 
 def time_against_error(data: ReportDocument, images: ReportImages) -> str:
     """The section; empty where no algorithm has a time and a score."""
-    times, unit = _times(data)
+    times, unit = times_of(data)
     views: list[_Point] = []  # 1 − mean main score to the reference, if no viewpoint lacks it
     eias: list[_Point] = []  # negative PSNR of the EIA to the true one
     for name, time in times.items():
@@ -74,7 +74,7 @@ def time_against_error(data: ReportDocument, images: ReportImages) -> str:
     return element("p", description, class_="lead") + plot(drawing, alt, width=760, height=330)
 
 
-def _times(data: ReportDocument) -> tuple[dict[str, float], str]:
+def times_of(data: ReportDocument) -> tuple[dict[str, float], str]:
     """Times by algorithm, and their unit: ratios where all that took time have one."""
     seconds, ratios = (
         {

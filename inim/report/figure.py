@@ -1,0 +1,314 @@
+"""Figures for papers: views with magnified insets, error maps, scores with intervals, run time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from inim.errors import FileError, UsageError, suggest_words
+from inim.files.image import read_exr, write_atomically, write_exr_parts
+from inim.image.color import srgb_from_linear
+from inim.metrics import ssim_map
+from inim.metrics.headline import HEADLINE, HEADLINE_WORDS, MAIN
+from inim.report import TRUTH
+from inim.report.labels import is_number, number
+from inim.report.plots import (
+    INK,
+    SOFT,
+    VERMILION,
+    Name,
+    blank_figure,
+    colour_of,
+    marker_of,
+    plain_ticks,
+    reproducible,
+    set_apart,
+    style,
+)
+from inim.report.score_table import REFERENCE, ScoreTable
+from inim.report.sections.time_against_error import times_of
+
+if TYPE_CHECKING:
+    from inim.report import Report
+
+#: Parts of a figure, in their order.
+PARTS = ("views", "errors", "scores", "time")
+#: Formats, by the file's name.
+FORMATS = (".pdf", ".svg", ".png", ".eps")
+_MM_PER_INCH = 25.4
+_DPI = 300
+_PLOT_SHARE = 0.42  # height of a plot, of the figure's width
+_CAPTION_SHARE = 0.055
+_FONT = 7
+_HEADLINE_LINES = HEADLINE_WORDS.replace(", ", ",\n")
+
+
+class Inset(NamedTuple):
+    """Square region of a view to magnify: centre and side, as shares of the view's width."""
+
+    x: float
+    y: float
+    side: float
+
+
+@dataclass(frozen=True)
+class FigureRequest:
+    """Content of a figure.
+
+    Attributes
+    ----------
+    parts : tuple of str
+        Of `PARTS`.
+    viewpoint : str
+        Viewpoint of the views and error maps; by default the centre, or the first.
+    algorithms : tuple of str
+        By default all of the report.
+    insets : tuple of Inset
+        Magnified below each view.
+    width_mm : float
+    """
+
+    parts: tuple[str, ...] = PARTS
+    viewpoint: str = ""
+    algorithms: tuple[str, ...] = ()
+    insets: tuple[Inset, ...] = ()
+    width_mm: float = 180.0
+
+    def checked(self, report: Report) -> FigureRequest:
+        """The request with defaults filled in; raises `UsageError` for a name the report lacks."""
+        data = report.data
+        names = data.viewpoint_names
+        viewpoint = self.viewpoint or ("centre" if "centre" in names else names[0])
+        choices = {"--parts": PARTS, "--viewpoint": names, "--algorithms": [*data.algorithms]}
+        requested = {
+            "--parts": self.parts,
+            "--viewpoint": (viewpoint,),
+            "--algorithms": self.algorithms,
+        }
+        for option, values in requested.items():
+            for value in values:
+                if value not in choices[option]:
+                    words = suggest_words(value, list(choices[option]))
+                    raise UsageError(f"{option} {value}: {words}")
+        for inset in self.insets:
+            half = inset.side / 2
+            if not (0 < inset.side <= 1 and half <= inset.x <= 1 - half):
+                raise UsageError(
+                    f"--inset {inset.x:g},{inset.y:g},{inset.side:g}: leaves the view; give centre "
+                    "and side as shares of the view's width, such as 0.5,0.4,0.2"
+                )
+        if not 20 <= self.width_mm <= 2000:
+            raise UsageError(f"--width {self.width_mm:g}: use 20 to 2000 mm")
+        algorithms = self.algorithms or tuple(data.algorithms)
+        return FigureRequest(self.parts, viewpoint, algorithms, self.insets, self.width_mm)
+
+
+def write_figure(report: Report, request: FigureRequest, path: Path) -> None:
+    """Draw a figure of a report into a file.
+
+    Raises
+    ------
+    UsageError
+        An unknown part, name or format.
+    FileError
+        An image of the report is missing.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise UsageError(f"{path}: use a name that ends in {', '.join(FORMATS)}")
+    figure = draw_figure(report, request)
+    metadata = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
+
+    def save(partial: Path) -> None:
+        with reproducible():
+            form = path.suffix[1:].lower()
+            figure.savefig(partial, format=form, dpi=_DPI, metadata=metadata)
+
+    write_atomically(path, save)
+
+
+def draw_figure(report: Report, request: FigureRequest) -> Any:
+    """Draw a figure of a report: a matplotlib Figure; errors as of `write_figure`."""
+    request = request.checked(report)
+    images = _read_views(report, request)
+    rows, columns = next(iter(images.values())).shape[:2]
+    width = request.width_mm / _MM_PER_INCH
+    tile = width / len(images) * rows / columns
+    inset = width / len(images) / len(request.insets) if request.insets else 0.0
+    heights = {
+        "views": tile + _CAPTION_SHARE * width + inset,
+        "errors": tile + _CAPTION_SHARE * width,
+        "scores": _PLOT_SHARE * width,
+        "time": _PLOT_SHARE * width,
+    }
+    drawers: dict[str, Callable[[Any], None]] = {
+        "views": lambda part: _draw_views(part, report, request, images),
+        "errors": lambda part: _draw_errors(part, images),
+        "scores": lambda part: _draw_scores(part, report, request),
+        "time": lambda part: _draw_time(part, report, request),
+    }
+    sizes = [heights[part] for part in request.parts]
+    figure = blank_figure((width, sum(sizes)), "constrained")
+    parts = figure.subfigures(len(sizes), 1, height_ratios=sizes, squeeze=False).ravel()
+    for name, part in zip(request.parts, parts, strict=True):
+        drawers[name](part)
+    return figure
+
+
+def write_error_maps(report: Report, request: FigureRequest, folder: Path) -> list[Path]:
+    """Write 1 − SSIM of each view, to the reference view, as ``ALGORITHM/VIEWPOINT.exr``.
+
+    The reference view itself is compared with the ground truth. The only channel is Y.
+    """
+    request = request.checked(report)
+    paths = []
+    for viewpoint in report.data.viewpoint_names:
+        names = FigureRequest((), viewpoint, request.algorithms)
+        images = _read_views(report, names)
+        for name, image in images.items():
+            if name == TRUTH:
+                continue
+            error = _error_map(images, name, image)
+            path = folder / name / f"{viewpoint}.exr"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_exr_parts(path, [({"Y": error}, "error")], {})
+            paths.append(path)
+    return paths
+
+
+def _read_views(report: Report, request: FigureRequest) -> dict[str, np.ndarray]:
+    """Linear views by name: ground truth, reference, then the algorithms."""
+    file = f"{request.viewpoint}.exr"
+    folders = {TRUTH: Path("truth"), REFERENCE: Path("views", "reference")}
+    folders |= {name: Path("views", name) for name in request.algorithms}
+    images = {name: read_exr(report.folder / path / file) for name, path in folders.items()}
+    shapes = {image.shape for image in images.values()}
+    if len(shapes) > 1:
+        raise FileError(f"{report.folder}: its views differ in size; validate the scene again")
+    return images
+
+
+def _error_map(images: dict[str, np.ndarray], name: str, image: np.ndarray) -> np.ndarray:
+    return 1 - ssim_map(images[TRUTH if name == REFERENCE else REFERENCE], image)
+
+
+def _caption(report: Report, request: FigureRequest, name: str) -> str:
+    """Name of a view with its headline score, of algorithms."""
+    if name not in report.data.algorithms:
+        return {TRUTH: "ground truth", REFERENCE: "reference"}[name]
+    value = report.data.algorithms[name].views[request.viewpoint].get(HEADLINE)
+    return f"{name}\n{number(value, 3)}" if is_number(value) else name
+
+
+def _draw_views(
+    part: Any, report: Report, request: FigureRequest, images: dict[str, np.ndarray]
+) -> None:
+    rows, columns = images[TRUTH].shape[:2]
+    ratios = [rows / columns, *([1 / len(request.insets)] if request.insets else [])]
+    axes = part.subplots(len(ratios), len(images), squeeze=False, height_ratios=ratios)
+    for column, (name, image) in enumerate(images.items()):
+        pixels = np.clip(srgb_from_linear(np.clip(image, 0, 1)), 0, 1)
+        _show(axes[0, column], pixels, _caption(report, request, name))
+        if not request.insets:
+            continue
+        crops = []
+        for inset in request.insets:
+            left, top, side = _square(inset, image.shape)
+            crops.append(pixels[top : top + side, left : left + side])
+            _frame(axes[0, column], left, top, side)
+        _show(axes[1, column], _side_by_side(crops), "")
+
+
+def _square(inset: Inset, shape: tuple[int, ...]) -> tuple[int, int, int]:
+    """Left, top and side of an inset in pixels, inside the view."""
+    rows, columns = shape[:2]
+    side = max(4, min(round(inset.side * columns), rows, columns))
+    left = min(max(round(inset.x * columns - side / 2), 0), columns - side)
+    top = min(max(round(inset.y * columns - side / 2), 0), rows - side)
+    return left, top, side
+
+
+def _side_by_side(crops: Sequence[np.ndarray]) -> np.ndarray:
+    """Crops of one height, next to one another, each pixel repeated a whole number of times."""
+    largest = max(len(crop) for crop in crops)
+    scaled = []
+    for crop in crops:
+        rows = np.arange(largest) * len(crop) // largest
+        scaled.append(crop[rows][:, rows])
+    return np.concatenate(scaled, axis=1)
+
+
+def _frame(axis: Any, left: int, top: int, side: int) -> None:
+    from matplotlib.patches import Rectangle
+
+    place = (left - 0.5, top - 0.5)
+    axis.add_patch(Rectangle(place, side, side, fill=False, edgecolor=VERMILION, linewidth=0.7))
+
+
+def _show(axis: Any, pixels: np.ndarray, title: str, **options: Any) -> Any:
+    image = axis.imshow(pixels, interpolation="nearest", **options)
+    axis.set_title(title, fontsize=_FONT, color=INK)
+    axis.set_axis_off()
+    return image
+
+
+def _draw_errors(part: Any, images: dict[str, np.ndarray]) -> None:
+    names = [name for name in images if name != TRUTH]
+    axes = part.subplots(1, len(images), squeeze=False)[0]
+    axes[0].set_axis_off()
+    axes[0].text(
+        0.5, 0.5, f"1 − {MAIN.label}\nreference: to the\nground truth;\nothers: to the\nreference",
+        ha="center", va="center", fontsize=_FONT, color=SOFT, transform=axes[0].transAxes,
+    )  # fmt: skip
+    last = None
+    for axis, name in zip(axes[1:], names, strict=True):
+        error = _error_map(images, name, images[name])
+        last = _show(axis, error, "", cmap="magma", vmin=0, vmax=1)
+    bar = part.colorbar(last, ax=list(axes[1:]), fraction=0.02, pad=0.01)
+    bar.ax.tick_params(labelsize=_FONT - 1)
+
+
+def _draw_scores(part: Any, report: Report, request: FigureRequest) -> None:
+    table = ScoreTable.of(report, [HEADLINE])
+    viewpoints = report.data.viewpoint_names
+    axis = part.subplots()
+    for n, name in enumerate(request.algorithms):
+        rows = [row for row in table.rows if row["algorithm"] == name and is_number(row[HEADLINE])]
+        if not rows:
+            continue
+        places = [viewpoints.index(row["viewpoint"]) for row in rows]
+        offset = (n - (len(request.algorithms) - 1) / 2) * 0.6 / len(request.algorithms)
+        values = np.array([row[HEADLINE] for row in rows])
+        ends = [[row[f"{HEADLINE}_{end}"] for row in rows] for end in ("low", "high")]
+        low, high = (np.array([math.nan if end is None else end for end in side]) for side in ends)
+        axis.errorbar(
+            np.array(places) + offset, values, [values - low, high - values],
+            fmt=marker_of(name), color=colour_of(name), markersize=4, capsize=2, linewidth=0.8,
+            label=name.replace("$", r"\$"),
+        )  # fmt: skip
+    style(axis, "", "viewpoint, with 95 % intervals", _HEADLINE_LINES)
+    axis.set_xticks(range(len(viewpoints)), viewpoints)
+    axis.legend(fontsize=_FONT, frameon=False, loc="center left", bbox_to_anchor=(1, 0.5))
+
+
+def _draw_time(part: Any, report: Report, request: FigureRequest) -> None:
+    times, unit = times_of(report.data)
+    axis = part.subplots()
+    labels = []
+    for name in request.algorithms:
+        scores = report.data.headlines(name)
+        if name not in times or not scores:
+            continue
+        error = 1 - math.fsum(scores) / len(scores)
+        axis.plot(times[name], error, marker_of(name), color=colour_of(name), markersize=5)
+        labels.append(Name(name.replace("$", r"\$"), times[name], error, colour_of(name), _FONT))
+    style(axis, "", f"{unit} (↙ better)", f"1 − {_HEADLINE_LINES}")
+    axis.set_xscale("log")
+    axis.margins(0.25, 0.2)
+    plain_ticks(axis)
+    axis.figure.canvas.draw()
+    set_apart(axis, labels)

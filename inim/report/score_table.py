@@ -1,0 +1,196 @@
+"""Scores of reports as tables for pandas, CSV and LaTeX, and paired comparisons of algorithms."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from inim.errors import UsageError, suggest_words
+from inim.metrics import find
+from inim.metrics.headline import HEADLINE
+from inim.report.labels import is_number, number
+
+if TYPE_CHECKING:
+    from inim.report import Report
+
+#: Names the reference view where an algorithm could be named.
+REFERENCE = "reference"
+_LATEX = str.maketrans({c: f"\\{c}" for c in "&%$#_{}"})
+
+
+@dataclass(frozen=True)
+class ScoreTable:
+    """Scores of a report, a row for each algorithm and viewpoint; the reference is among them.
+
+    Attributes
+    ----------
+    scores : tuple of str
+        Names of the scores.
+    rows : list of dict
+        ``algorithm``, ``viewpoint``, and each score with its 95 % interval, as ``NAME``,
+        ``NAME_low`` and ``NAME_high``; None where a value is missing or infinite.
+    """
+
+    scores: tuple[str, ...]
+    rows: list[dict[str, Any]]
+
+    @classmethod
+    def of(cls, report: Report, scores: Sequence[str] = ()) -> ScoreTable:
+        """Table of some scores of a report; by default of all.
+
+        Raises
+        ------
+        UsageError
+            The report has no such score.
+        """
+        data = report.data
+        results: dict[str, Any] = {**data.algorithms, REFERENCE: data.reference}
+        names = {key: None for r in results.values() for s in r.views.values() for key in s}
+        for name in scores:
+            if name not in names:
+                raise UsageError(f"scores: {name!r}: {suggest_words(name, list(names))}")
+        chosen = tuple(scores or names)
+        rows = []
+        for algorithm, result in results.items():
+            for viewpoint in data.viewpoint_names:
+                values = result.views.get(viewpoint, {})
+                precision = result.precision.get(viewpoint, {})
+                row: dict[str, Any] = {"algorithm": algorithm, "viewpoint": viewpoint}
+                for name in chosen:
+                    low, high = precision[name].interval if name in precision else (None, None)
+                    row |= {name: values.get(name), f"{name}_low": low, f"{name}_high": high}
+                rows.append(row)
+        return cls(chosen, rows)
+
+    def to_pandas(self) -> Any:
+        """A pandas DataFrame; needs the package pandas."""
+        import pandas
+
+        return pandas.DataFrame(self.rows)
+
+    def to_csv(self) -> str:
+        """Text of a CSV file, with a line of column names."""
+        stream = io.StringIO()
+        writer = csv.DictWriter(stream, list(self.rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(self.rows)
+        return stream.getvalue()
+
+    def to_latex(self, score: str = HEADLINE) -> str:
+        """A LaTeX table of one score, algorithms by viewpoints, for the package booktabs.
+
+        Each cell has the score and half of its interval in units of the last digit:
+        ``0.955(2)``. The best algorithm of each viewpoint is bold.
+        """
+        metric = find(score)
+        digits = 3 if metric is None else max(metric.digits - 1, 1)
+        viewpoints = list(dict.fromkeys(row["viewpoint"] for row in self.rows))
+        cells = {(row["algorithm"], row["viewpoint"]): row for row in self.rows}
+        names = [n for n in dict.fromkeys(row["algorithm"] for row in self.rows) if n != REFERENCE]
+        lower = metric is not None and metric.better == "lower"
+        best = {
+            v: (min if lower else max)(
+                (x for n in names if is_number(x := cells[n, v][score])), default=None
+            )
+            for v in viewpoints
+        }
+        lines = [
+            rf"\begin{{tabular}}{{l{'r' * len(viewpoints)}}}",
+            r"\toprule",
+            " & ".join(["algorithm", *(v.translate(_LATEX) for v in viewpoints)]) + r" \\",
+            r"\midrule",
+        ]
+        for name in names:
+            row = [name.translate(_LATEX)]
+            for view in viewpoints:
+                text = _latex_cell(cells[name, view], score, digits)
+                is_best = best[view] is not None and cells[name, view][score] == best[view]
+                row.append(rf"\textbf{{{text}}}" if is_best else text)
+            lines.append(" & ".join(row) + r" \\")
+        return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def _latex_cell(row: dict[str, Any], score: str, digits: int) -> str:
+    value, low, high = (row[name] for name in (score, f"{score}_low", f"{score}_high"))
+    if not is_number(value):
+        return "--"
+    text = number(value, digits)
+    if not (is_number(low) and is_number(high)):
+        return text
+    return f"{text}({math.ceil((high - low) / 2 * 10**digits - 1e-9)})"
+
+
+@dataclass(frozen=True)
+class PairedComparison:
+    """Difference of a score between two algorithms, paired by relic.
+
+    Views of one relic are not independent, so their mean is one observation.
+
+    Attributes
+    ----------
+    differences : dict of str to float
+        First minus second algorithm, mean over the viewpoints, by report.
+    mean, low, high : float
+        Mean difference and its 95 % interval by Student's t; NaN for a single report.
+    p_value : float
+        Probability of such differences between equal algorithms, by the Wilcoxon signed-rank test
+        (Biometrics Bulletin 1, 1945); NaN below six reports, where it cannot fall below 0.05.
+    """
+
+    differences: dict[str, float]
+    mean: float
+    low: float
+    high: float
+    p_value: float
+
+
+_LEAST_FOR_TEST = 6
+
+
+def compare_algorithms(
+    reports: Sequence[Report], first: str, second: str, score: str = HEADLINE
+) -> PairedComparison:
+    """Compare two algorithms over the reports of several relics.
+
+    Parameters
+    ----------
+    reports : sequence of Report
+        One of each relic, with both algorithms.
+    first, second : str
+        Algorithms with their options, or ``"reference"``.
+    score : str
+        Name of a score of views.
+
+    Raises
+    ------
+    UsageError
+        A report has no such algorithm or score, or there is no report.
+    """
+    import numpy as np
+    from scipy import stats
+
+    if not reports:
+        raise UsageError("reports: there are none; give the reports of several relics")
+    differences: dict[str, float] = {}
+    for report in reports:
+        table = ScoreTable.of(report, [score])
+        means = []
+        for name in (first, second):
+            values = [row[score] for row in table.rows if row["algorithm"] == name]
+            if not values or not all(map(is_number, values)):
+                names = list(dict.fromkeys(row["algorithm"] for row in table.rows))
+                raise UsageError(f"{report.folder}: {name}: {suggest_words(name, names)}")
+            means.append(math.fsum(values) / len(values))
+        differences[str(report.folder)] = means[0] - means[1]
+    sample = np.array(list(differences.values()))
+    mean, low, high, p_value = float(sample.mean()), math.nan, math.nan, math.nan
+    if len(sample) > 1:
+        half = stats.t.ppf(0.975, len(sample) - 1) * stats.sem(sample)
+        low, high = mean - float(half), mean + float(half)
+    if len(sample) >= _LEAST_FOR_TEST:
+        p_value = float(stats.wilcoxon(sample).pvalue) if sample.any() else 1.0
+    return PairedComparison(differences, mean, low, high, p_value)

@@ -1,0 +1,86 @@
+"""Tables of a report's scores, and paired comparisons, against values computed by hand."""
+
+import csv
+import io
+import math
+from pathlib import Path
+
+import pytest
+
+from inim.errors import UsageError
+from inim.report import Report
+from inim.report.score_table import compare_algorithms
+from tests.schemas import report_document
+
+HEADLINE = "ssim_on_relic_to_reference"
+
+
+def report(folder: str = "out", **scores_by_algorithm: tuple[float, float]) -> Report:
+    """Report of two viewpoints, with intervals of ± 0.002 at the left one."""
+    precision = {"left": {HEADLINE: {"plain": 0.9, "interval": [0.898, 0.902]}}}
+    algorithms = {
+        name: {
+            "views": {"centre": {HEADLINE: centre}, "left": {HEADLINE: left}},
+            "precision": precision,
+        }
+        for name, (centre, left) in scores_by_algorithm.items()
+    }
+    viewpoints = [{"name": "centre"}, {"name": "left"}]
+    data = {"viewpoints": viewpoints, "algorithms": algorithms, "reference": {"precision": {}}}
+    return Report(Path(folder), report_document(data))
+
+
+def test_rows_have_values_and_ends_of_intervals():
+    table = report(template=(0.95, 0.9), gu2020=(0.85, 0.8)).table(HEADLINE)
+    rows = {(row["algorithm"], row["viewpoint"]): row for row in table.rows}
+    assert len(rows) == 6
+    left = rows["template", "left"]
+    assert (left[HEADLINE], left[f"{HEADLINE}_low"], left[f"{HEADLINE}_high"]) == (
+        0.9, 0.898, 0.902
+    )  # fmt: skip
+    assert rows["template", "centre"][f"{HEADLINE}_low"] is None
+    assert next(iter(csv.DictReader(io.StringIO(table.to_csv()))))[HEADLINE] == "0.95"
+
+
+def test_unknown_score_is_rejected_with_the_nearest_name():
+    with pytest.raises(UsageError, match="did you mean ssim"):
+        report(template=(0.9, 0.9)).table("sism")
+
+
+def test_latex_has_uncertain_digits_and_the_best_in_bold():
+    text = report(**{"template:samples=1": (0.95, 0.9), "my_own": (0.96, 0.8)}).table().to_latex()
+    lines = [line for line in text.splitlines() if "&" in line]
+    assert lines == [
+        r"algorithm & centre & left \\",
+        r"template:samples=1 & 0.950 & \textbf{0.900(2)} \\",
+        r"my\_own & \textbf{0.960} & 0.800(2) \\",
+    ]
+    assert text.count("\\begin") == text.count("\\end") == 1
+
+
+def test_paired_comparison_takes_one_observation_per_relic():
+    """Differences 0.01 to 0.06: mean 0.035; all positive, so the rank test has p = 2 / 2^6."""
+    reports = [
+        report(f"relic{n}", a=(0.8 + n / 100, 0.7 + n / 100), b=(0.7, 0.8)) for n in range(1, 7)
+    ]
+    result = compare_algorithms(reports, "a", "b")
+    assert list(result.differences.values()) == pytest.approx([n / 100 for n in range(1, 7)])
+    assert result.mean == pytest.approx(0.035)
+    half = 2.570582 * math.sqrt(0.00035) / math.sqrt(6)  # Student's t of 5 degrees of freedom
+    assert (result.low, result.high) == pytest.approx((0.035 - half, 0.035 + half), abs=1e-7)
+    assert result.p_value == pytest.approx(2 / 64)
+    assert compare_algorithms(reports, "b", "a").mean == pytest.approx(-0.035)
+
+
+def test_few_reports_have_no_p_value_and_one_no_interval():
+    few = compare_algorithms([report(a=(0.9, 0.9), b=(0.8, 0.8))], "a", "b")
+    assert few.mean == pytest.approx(0.1)
+    assert math.isnan(few.low)
+    assert math.isnan(few.p_value)
+
+
+def test_missing_algorithm_is_named_with_its_report():
+    with pytest.raises(UsageError, match="relic9: gu: use gu2020"):
+        compare_algorithms([report("relic9", gu2020=(0.9, 0.9))], "gu", "gu2020")
+    with pytest.raises(UsageError, match="there are none"):
+        compare_algorithms([], "a", "b")
