@@ -45,6 +45,8 @@ _DPI = 300
 _PLOT_SHARE = 0.42  # height of a plot, of the figure's width
 _CAPTION_SHARE = 0.055
 _FONT = 7
+_IMAGE_MARGINS = {"left": 0.005, "right": 0.995, "bottom": 0.01, "wspace": 0.03, "hspace": 0.03}
+_PLOT_MARGINS = {"left": 0.11, "right": 0.8, "bottom": 0.18, "top": 0.94}
 _HEADLINE_LINES = HEADLINE_WORDS.replace(", ", ",\n")
 
 
@@ -152,7 +154,8 @@ def draw_figure(report: Report, request: FigureRequest) -> Any:
         "time": lambda part: _draw_time(part, report, request),
     }
     sizes = [heights[part] for part in request.parts]
-    figure = blank_figure((width, sum(sizes)), "constrained")
+    # Fixed margins: the solver of automatic layouts differs in the last bits from run to run.
+    figure = blank_figure((width, sum(sizes)))
     parts = figure.subfigures(len(sizes), 1, height_ratios=sizes, squeeze=False).ravel()
     for name, part in zip(request.parts, parts, strict=True):
         drawers[name](part)
@@ -209,7 +212,11 @@ def _draw_views(
 ) -> None:
     rows, columns = images[TRUTH].shape[:2]
     ratios = [rows / columns, *([1 / len(request.insets)] if request.insets else [])]
-    axes = part.subplots(len(ratios), len(images), squeeze=False, height_ratios=ratios)
+    caption = _CAPTION_SHARE * len(images)  # in widths of a view, as the ratios
+    margins = _IMAGE_MARGINS | {"top": 1 - caption / (caption + sum(ratios))}
+    axes = part.subplots(
+        len(ratios), len(images), squeeze=False, height_ratios=ratios, gridspec_kw=margins
+    )
     for column, (name, image) in enumerate(images.items()):
         pixels = np.clip(srgb_from_linear(np.clip(image, 0, 1)), 0, 1)
         _show(axes[0, column], pixels, _caption(report, request, name))
@@ -258,7 +265,8 @@ def _show(axis: Any, pixels: np.ndarray, title: str, **options: Any) -> Any:
 
 def _draw_errors(part: Any, images: dict[str, np.ndarray]) -> None:
     names = [name for name in images if name != TRUTH]
-    axes = part.subplots(1, len(images), squeeze=False)[0]
+    margins = _IMAGE_MARGINS | {"right": 0.94}
+    axes = part.subplots(1, len(images), squeeze=False, gridspec_kw=margins)[0]
     axes[0].set_axis_off()
     axes[0].text(
         0.5, 0.5, f"1 − {MAIN.label}\nreference: to the\nground truth;\nothers: to the\nreference",
@@ -268,14 +276,14 @@ def _draw_errors(part: Any, images: dict[str, np.ndarray]) -> None:
     for axis, name in zip(axes[1:], names, strict=True):
         error = _error_map(images, name, images[name])
         last = _show(axis, error, "", cmap="magma", vmin=0, vmax=1)
-    bar = part.colorbar(last, ax=list(axes[1:]), fraction=0.02, pad=0.01)
+    bar = part.colorbar(last, cax=part.add_axes((0.95, 0.1, 0.012, 0.8)))
     bar.ax.tick_params(labelsize=_FONT - 1)
 
 
 def _draw_scores(part: Any, report: Report, request: FigureRequest) -> None:
     table = ScoreTable.of(report, [HEADLINE])
     viewpoints = report.data.viewpoint_names
-    axis = part.subplots()
+    axis = part.subplots(gridspec_kw=_PLOT_MARGINS)
     for n, name in enumerate(request.algorithms):
         rows = [row for row in table.rows if row["algorithm"] == name and is_number(row[HEADLINE])]
         if not rows:
@@ -297,7 +305,7 @@ def _draw_scores(part: Any, report: Report, request: FigureRequest) -> None:
 
 def _draw_time(part: Any, report: Report, request: FigureRequest) -> None:
     times, unit = times_of(report.data)
-    axis = part.subplots()
+    axis = part.subplots(gridspec_kw=_PLOT_MARGINS)
     labels = []
     for name in request.algorithms:
         scores = report.data.headlines(name)
