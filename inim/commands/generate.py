@@ -180,7 +180,7 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     photograph = picture.read()
     fitted, depth_map = picture.fit_to(photograph, display, settings.capture_pixels_per_pitch)
     eia, empty = _generate_eia(args, fitted.rgbd, display)
-    report = _report(picture, photograph, fitted, depth_map, display, empty, args.fill)
+    report = _report(picture, photograph, fitted, depth_map, display, empty, _fill_words(args))
     report.append(_write_outputs(args, fitted.rgbd, eia, empty, display))
     report.append(f"seconds    {time.perf_counter() - started:.1f}")
     return report, picture.warnings(photograph, fitted, depth_map)
@@ -290,6 +290,13 @@ def _algorithm(args: argparse.Namespace) -> str:
     """Algorithm with its hole filling."""
     default = _DEFAULT_ALGORITHM if args.cameras_file is None else "cameras"
     return (args.algorithm or default) + ("" if args.fill is None else f":fill={args.fill}")
+
+
+def _fill_words(args: argparse.Namespace) -> str:
+    from inim.generators.registry import FILL, parse_algorithm
+
+    _, options = parse_algorithm(_algorithm(args))
+    return options.get(FILL, "the algorithm's default")
 
 
 def _generate_eia(

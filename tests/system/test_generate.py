@@ -155,6 +155,19 @@ def test_it_runs_without_the_renderer(camera):
     assert (camera / "eia.png").is_file()
 
 
+@pytest.mark.parametrize(
+    ("more", "fill"),
+    [
+        ((), "the algorithm's default"),
+        (("--fill", "all"), "all"),
+        (("-a", "template:fill=hidden"), "hidden"),
+    ],
+)
+def test_output_names_the_fill_of_the_eia(camera, capsys, more, fill):
+    assert main(words(camera, *CAMERA, "--depth-unit", "mm", *more)) == EXIT_PASSED
+    assert f"of the EIA, fill: {fill}\n" in capsys.readouterr().out
+
+
 def test_what_was_guessed_is_said(camera, capsys):
     assert main(words(camera, *CAMERA)) == EXIT_PASSED
     said = capsys.readouterr()
