@@ -8,7 +8,7 @@ An algorithm is one file in this folder, or a function registered by another pac
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -171,11 +171,11 @@ class _Preparation:
             return self._coloured(**{MASK: self.mask})
         generator = self._coloured()
         if fill != "none":
-            from inim.generators.raycast.fill import Filled
+            from inim.generators.raycast.fill import Filled, continued_shape
 
-            with_holes = generator
-            if self.definition.leaves_holes:
-                with_holes = self._coloured(leave_holes=True)
+            leave_holes = {"leave_holes": True} if self.definition.leaves_holes else {}
+            shape = continued_shape(self.display, self.shape, self.pixel_mm)
+            with_holes = replace(self, shape=shape)._coloured(**leave_holes)
             generator = Filled(
                 self._with_sources(generator, FILL), fill, self._with_sources(with_holes, FILL)
             )

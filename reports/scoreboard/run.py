@@ -27,8 +27,7 @@ import numpy as np
 import inim
 from inim.files.image import write_atomically
 from inim.files.light_field import sub_aperture_views
-from inim.generators import HOLE, algorithm_names, prepare
-from inim.generators.raycast.fill import Filled
+from inim.generators import HOLE, algorithm_names, template
 from inim.generators.registry import properties
 from inim.image.cameras import CameraRGBDs
 from inim.image.color import linear_from_srgb
@@ -180,12 +179,10 @@ def _decibels(squared: float) -> float | None:
 
 
 def _left(field: LightField) -> np.ndarray:
-    """Sources of the panel, with the holes that a fill is given."""
+    """Sources of the panel, with holes where the picture does not determine them."""
     shape, pixel = field.rgbd.shape, field.rgbd.pixel_mm
-    made = prepare(field.display, f"template{_FILL}", shape=shape, pixel_mm=pixel)
-    assert isinstance(made, Filled)
-    cells: np.ndarray = made.with_holes.sources(field.rgbd)
-    return cells
+    generator = template.prepare(field.display, shape, pixel, samples=1, leave_holes=True)
+    return generator.sources(field.rgbd)
 
 
 def _kinds(field: LightField, place: Place, holes: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ import pytest
 
 from inim.display.pixels import SUBPIXELS as PATTERNS
 from inim.display.pixels import exact_length
-from inim.generators import SourceGenerator, generate, prepare
+from inim.generators import HOLE, SourceGenerator, generate, prepare
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from reports.stress.study.rays import chosen_pixels, rays_over
 from tests.colour_oracle import (
@@ -143,3 +143,39 @@ def test_algorithms_of_one_picture_read_no_colours_of_hidden_layers(algorithm, c
     front = RGBD(layered.color, layered.depth_mm, layered.covered, layered.pixel_mm)
     method = f"{algorithm}:colour={colour}"
     assert np.array_equal(generate(layered, shown, method), generate(front, shown, method))
+
+
+def selected(rgbd: RGBD, rows: np.ndarray, columns: np.ndarray) -> RGBD:
+    """Picture of some rows and columns of another, which may repeat."""
+    first, *deeper = (
+        Layer(*(part[rows][:, columns] for part in (one.color, one.front_mm, one.back_mm,
+                                                    one.covered)))
+        for one in rgbd.layers
+    )  # fmt: skip
+    front = first.color, first.front_mm, first.covered, rgbd.pixel_mm
+    if not isinstance(rgbd, LayeredRGBD):
+        return RGBD(*front)
+    return LayeredRGBD(*front, back_mm=first.back_mm, deeper=tuple(deeper))
+
+
+@pytest.mark.parametrize("colour", COLOURS)
+@pytest.mark.parametrize("display", ["odd pixels", "phone", "moved", "stripes"])
+def test_fill_shows_the_picture_continued_beyond_its_edge(display, colour):
+    shown, whole = DISPLAYS[display], picture(display, "layers, odd size")
+    rgbd = selected(whole, *(np.arange(n // 4, n - n // 3) for n in whole.shape))
+    method = f"layered:samples=4:colour={colour}"
+    filled = generate(rgbd, shown, method, fill="hidden")
+    outside = prepare(shown, method, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, fill="none")
+    assert isinstance(outside, SourceGenerator)
+    # Another margin than the fill's: every margin beyond the reach of rays has the same result.
+    reach = max(whole.shape)
+    rows, columns = (np.clip(np.arange(-reach, n + reach), 0, n - 1) for n in rgbd.shape)
+    continued = selected(rgbd, rows, columns)
+    made = prepare(shown, method, shape=continued.shape, pixel_mm=rgbd.pixel_mm, fill="none")
+    assert isinstance(made, SourceGenerator)
+    complete = np.all([ray.generator.sources(continued) >= 0 for ray in made.rays()], axis=0)
+    pixels = np.argwhere(complete & (outside.sources(rgbd) == HOLE))
+    assert len(pixels) > 20
+    expected = expected_colours(made, continued, pixels, colour, 4)
+    error = np.abs(filled[tuple(pixels.T)] - expected)
+    assert (error <= 1e-5 * np.maximum(expected, 0.05)).all()

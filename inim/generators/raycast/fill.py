@@ -2,11 +2,15 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """Hole filling: an option of every algorithm that reports its sources.
 
-Definition. A hole belongs to one view: the pixels at its place under all other lenses have rays
-parallel to its own. In that view, in each of the eight directions, the next pixel with a source
-gives a surface. This surface is extended at its depth to the hole, over the pixels between. It is a
-candidate if the picture could not see it there: at that depth the rays of all these pixels must be
-behind the picture's surface, or outside the picture. If the picture shows a farther surface, the
+Definition. First the picture is continued beyond its edge, as far as rays reach: the pixels at its
+border, with their depth and layers, are repeated outwards. Colours of rays are those of the
+continued picture. What remains without a source is a hole.
+
+A hole belongs to one view: the pixels at its place under all other lenses have rays parallel to its
+own. In that view, in each of the eight directions, the next pixel with a source gives a surface.
+This surface is extended at its depth to the hole, over the pixels between. It is a candidate if the
+picture could not see it there: at that depth the rays of all these pixels must be behind the
+picture's surface, or outside the continued picture. If the picture shows a farther surface, the
 extension is empty space. This excludes the foreground next to the background that it uncovers, but
 not the background that continues behind it. The hole receives the mean of the candidates' colours,
 in linear light, weighted by nearness. No source is between the hole and a candidate, so no surface
@@ -40,12 +44,20 @@ from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.display.pixels import PixelAxis
 from inim.errors import UsageError
-from inim.generators.base import HOLE, NO_LENS, Generator, Ray, SourceGenerator, Sources
+from inim.generators.base import (
+    HOLE,
+    NO_LENS,
+    Generator,
+    PictureShape,
+    Ray,
+    SourceGenerator,
+    Sources,
+)
 from inim.generators.raycast.cells import CellRays, cell_rays
 from inim.generators.raycast.columns import STEEPEST
 from inim.generators.raycast.light import light_of_codes
 from inim.image.color import srgb_from_linear, srgb_to_uint8
-from inim.image.rgbd import RGBD
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 
 # Lenses to look aside from a hole: the parallax of any display, and a bound on the time.
 _REACH = 64
@@ -63,7 +75,8 @@ class Filled(SourceGenerator):
     fill : {"hidden", "all"}
         Kind of fill; see the module.
     with_holes : SourceGenerator
-        The same generator, with holes at pixels whose source is only an assumption.
+        The same generator for the continued picture, with holes at pixels whose source is only an
+        assumption.
 
     Raises
     ------
@@ -87,6 +100,8 @@ class Filled(SourceGenerator):
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`; filled pixels have the alpha of shown pixels."""
+        self.check(rgbd)
+        rgbd = continued(rgbd, self.with_holes.shape)
         out = self.with_holes.generate(rgbd, self.place(rgbd, out))
         rays = self.with_holes.rays()
         visible = _VisibleSurfaces.of(rgbd, unknown=self._fill == "all")
@@ -121,7 +136,7 @@ class Filled(SourceGenerator):
         holes = np.flatnonzero(sources == HOLE)
         colour = np.ones((len(holes), 4), np.float32)
         filled = np.zeros(len(holes), np.bool_)
-        columns, rows = cell_rays(self.shape, self.pixel_mm, self.display, ray.pixel_offset)
+        columns, rows = cell_rays(rgbd.shape, self.pixel_mm, self.display, ray.pixel_offset)
         display = self.display
         down = _lattice(display.rows, display.lens_rows, display.elemental_row_pitch_mm, display)
         across = _lattice(
@@ -133,6 +148,32 @@ class Filled(SourceGenerator):
             display.depth_range_mm[0], bool((visible.front > -np.inf).all()), colour, filled,
         )  # fmt: skip
         return holes[filled], colour[filled]
+
+
+def continued_shape(display: Display, shape: PictureShape, pixel_mm: float) -> PictureShape:
+    """Rows and columns of a picture that is continued, on opposite sides equally, to all rays."""
+    reached = display.capture_shape(display.pitch_mm / pixel_mm)
+    rows, columns = (n + 2 * max(0, (m - n + 1) // 2) for n, m in zip(shape, reached, strict=True))
+    return rows, columns
+
+
+def continued(rgbd: RGBD, shape: PictureShape) -> RGBD:
+    """Picture whose border is repeated outwards to a number of rows and columns."""
+    if shape == rgbd.shape:
+        return rgbd
+    margins = [((n - m) // 2,) * 2 for n, m in zip(shape, rgbd.shape, strict=True)]
+
+    def extend(values: np.ndarray) -> np.ndarray:
+        return np.pad(values, margins + [(0, 0)] * (values.ndim - 2), mode="edge")
+
+    first, *deeper = (
+        Layer(*map(extend, (layer.color, layer.front_mm, layer.back_mm, layer.covered)))
+        for layer in rgbd.layers
+    )
+    front = first.color, first.front_mm, first.covered, rgbd.pixel_mm
+    if isinstance(rgbd, LayeredRGBD):
+        return LayeredRGBD(*front, first.back_mm, tuple(deeper))
+    return RGBD(*front)
 
 
 class FilledFrames(SourceGenerator):
