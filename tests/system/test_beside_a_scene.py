@@ -17,8 +17,9 @@ import inim
 from inim.errors import EXIT_PASSED, SceneError
 from inim.process.python_process import child_environment, python_code, python_module
 from inim.render import variant
-from tests.system.conftest import TINY, definitions, write_scene
+from tests.system.conftest import ALONE, TINY, definitions, write_scene
 
+ONE_VIEW = TINY | {f"inim.{key}": value for key, value in ALONE.items()}
 #: Of the standard library, of what is installed, what Python itself looks for, and the package.
 MODULES = ("json", "numpy", "scipy", "mitsuba", "usercustomize", "sitecustomize", "inim")
 
@@ -58,7 +59,7 @@ def test_modules_in_the_current_folder_are_not_executed(trapped, start):
     else:  # Python itself has found the package by then
         (trapped / "inim.py").unlink()
     ended = subprocess.run(
-        [*words, "tiny.xml", "-o", "out", *definitions(TINY)],
+        [*words, "tiny.xml", "-o", "out", *definitions(ONE_VIEW)],
         cwd=trapped,
         env=without_cache_variable(),
         capture_output=True,

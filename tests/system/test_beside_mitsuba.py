@@ -61,8 +61,8 @@ def test_without_mitsuba_before_the_variant_used_stays(inim_first):
     "before",
     [
         "import mitsuba",
-        "import drjit",
-        "import mitsuba as mi; mi.set_variant('llvm_ad_rgb')",
+        pytest.param("import drjit", marks=pytest.mark.slow),
+        pytest.param("import mitsuba as mi; mi.set_variant('llvm_ad_rgb')", marks=pytest.mark.slow),
         "import mitsuba as mi; mi.set_log_level(mi.LogLevel.Info)"
         "; mi.set_variant('llvm_ad_spectral')",
         pytest.param(

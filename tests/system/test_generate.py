@@ -13,8 +13,8 @@ import pytest
 from PIL import Image
 
 from inim.cli import main
-from inim.display import Display, Viewpoint
-from inim.errors import EXIT_PASSED, EXIT_USAGE
+from inim.display import Display
+from inim.errors import EXIT_PASSED
 from inim.files.eia_file import read_eia
 from inim.files.image import read_rgbd
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
@@ -121,20 +121,6 @@ def test_near_things_move_against_the_eye_upright_and_unmirrored(camera, capsys)
     assert "1280 x 960 pixels of 0.03125 mm: 40 x 30 mm" in said.out
 
 
-def test_the_ray_tracer_sees_the_same(camera, capsys, renderer):
-    from inim.render.reconstruct import reconstruct
-
-    display = the_display()
-    more = (*CAMERA, "--depth-unit", "mm", "--frame-at", "1800")
-    assert main(words(camera, *more)) == EXIT_PASSED
-    eia, _ = read_eia(camera / "eia.png", display)
-    views = {
-        name: reconstruct(eia, display, Viewpoint(name, *eye), "pinhole", spp=16)
-        for name, eye in EYES.items()
-    }
-    check_parallax(views, display)
-
-
 def test_every_output_is_written_and_the_picture_kept(camera, capsys):
     pdf, rgbd = camera / "sheet.pdf", camera / "fitted.exr"
     more = (*CAMERA, "--depth-unit", "mm", "--pdf", str(pdf), "--save-rgbd", str(rgbd))
@@ -199,6 +185,7 @@ def test_eq_4_as_printed_is_shown_with_a_warning_of_what_it_does(camera, capsys)
         ((*CAMERA, "--depth-unit", "m"), "implausible --depth-unit of 1000 mm"),
         ((*CAMERA, "--missing", "1000,2000", "--depth-unit", "mm"), "no pixel has a depth"),
         ((*CAMERA, "--missing", "x"), "--missing x"),
+        ((*CAMERA, "--swap-bytes"), "leave out --swap-bytes"),
         ((*CAMERA, "--depth-unit", "mm", "--near", "3000"), "--near 3000"),
         ((*CAMERA, "--near", "nan"), "must be finite"),
         ((*CAMERA, "--depth-unit", "mm", "--near-is-large"), "grow away from the camera"),
@@ -223,28 +210,6 @@ def test_eq_4_as_printed_is_shown_with_a_warning_of_what_it_does(camera, capsys)
 )
 def test_a_mistake_is_one_line_and_nothing_is_written(camera, more, says):
     assert_refused(*words(camera, *more), folder=camera, says=[says])
-
-
-def test_files_that_do_not_belong_together_are_named(camera, capsys):
-    Image.fromarray(np.zeros((90, 90), np.uint16) + 7).save(camera / "other.png")
-    assert main(words(camera, *CAMERA, depth="other.png")) == EXIT_USAGE
-    assert "depth has 90 x 90 pixels, colour 120 x 90" in capsys.readouterr().err
-    depth = np.asarray(Image.open(camera / "depth.png"))
-    depth = np.asarray(Image.open(camera / "depth.png")) + np.arange(COLUMNS) // 7
-    header = b"P5\n120 90\n65535\n"
-    (camera / "swapped.pgm").write_bytes(header + depth.astype("<u2").tobytes())
-    assert main(words(camera, *CAMERA, depth="swapped.pgm")) == EXIT_USAGE
-    assert "look byte-swapped" in capsys.readouterr().err
-    more = (
-        *CAMERA,
-        "--swap-bytes",
-        "--depth-unit",
-        "mm",
-        "--missing",
-        ",".join(map(str, range(18))),
-    )
-    assert main(words(camera, *more, depth="swapped.pgm")) == EXIT_PASSED
-    assert "(near) .. 20" in capsys.readouterr().out
 
 
 def test_an_input_is_never_written_over(camera):

@@ -97,13 +97,6 @@ def test_folder_gets_the_json_and_a_figure_with_something_on_it(written):
         assert label in words
 
 
-def test_same_display_gives_the_same_files_and_text_names_them(capsys, tmp_path, written):
-    text = inspect(capsys, "nominal", "-o", tmp_path)
-    for file in ("inspect.json", "inspect.svg", "inspect.png"):
-        assert (tmp_path / file).read_bytes() == (written / file).read_bytes()
-        assert str(tmp_path / file) in text
-
-
 def test_scene_s_settings_are_read_and_the_command_line_wins(capsys, tmp_path):
     settings = (
         '<default name="inim.gap_mm" value="2.7"/><default name="inim.lens_model" value="thin"/>'
@@ -141,13 +134,6 @@ def test_focused_display_says_nothing_of_a_formula_s_range(capsys):
 )
 def test_json_of_odd_displays_keeps_its_schema(capsys, words):
     read_text(inspect(capsys, "nominal", *words, "--json"))
-
-
-def test_lens_that_cannot_be_ground_is_a_sentence(capsys):
-    words = definitions({"inim.focal_length_mm": "1", "inim.gap_mm": "1.2"})
-    text = inspect(capsys, "nominal", *words)
-    assert "lens model used below         thin" in text
-    assert "The thick lens cannot be manufactured" in text
 
 
 @pytest.mark.parametrize(

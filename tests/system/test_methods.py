@@ -160,20 +160,6 @@ def test_finished_eia_scores_as_the_algorithm_it_came_from(evaluated, files_scor
     assert eia[: len(eia) // 2].max() == 0 < eia[len(eia) // 2 :].max()
 
 
-def test_eia_with_values_that_are_no_numbers_fails_a_check(tmp_path, run_inim):
-    scene = write_scene(tmp_path)
-    eia = np.full((*make_plan(request(scene)).display.eia_shape, 3), 0.5, np.float32)
-    eia[5, 6:8] = np.nan, np.inf, 1
-    write_exr(tmp_path / "mine.exr", eia)
-    words = ("--algorithms", "none", "--eia", "mine=mine.exr", "--viewpoints", "centre")
-    ended = run_inim(scene, "-o", "out", *words, folder=tmp_path)
-    assert ended.code == EXIT_CHECK_FAILED, ended.stderr
-    failed = failed_checks(tmp_path / "out")
-    assert [(check["name"], check["value"]) for check in failed] == [
-        ("eia/mine: pixels not finite", 2)
-    ]
-
-
 def failed_checks(out: Path) -> list[dict[str, Any]]:
     checks = read_document(out / "report.json")["verdict"]["checks"]
     return [check for check in checks if not check["passed"]]

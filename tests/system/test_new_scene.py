@@ -277,16 +277,6 @@ def test_a_white_relic_is_not_clipped(tmp_path, mi, kind):
     assert seen["dark"] == pytest.approx(seen["plaster"], rel=1e-2)
 
 
-def test_white_relics_of_the_command_stay_below_white(tmp_path, mi):
-    mesh = sphere()
-    white = replace(mesh, color=np.ones((len(mesh.vertices), 3), np.float32))
-    out = new_scene(saved(tmp_path, white), tmp_path / "a.xml", unit="m", up="y")
-    picture = render(mi, out, 64)
-    shown = picture.max(axis=2)[picture.max(axis=2) > 0]
-    assert np.mean(shown > 1.0) < 5e-3  # where a lamp behind it shines along the rim
-    assert np.quantile(shown, 0.99) > 0.7
-
-
 def test_off_is_read(tmp_path):
     """Triangles and quads; what is binary or of another kind is refused in one line."""
     text = "OFF\n# a pyramid\n5 5 0\n-1 0 -1\n1 0 -1\n1 0 1\n-1 0 1\n0 2 0\n"

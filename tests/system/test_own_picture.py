@@ -17,12 +17,7 @@ from inim.cli import main
 from inim.display import Viewpoint
 from inim.errors import EXIT_PASSED
 from inim.files.image import read_rgbd
-from inim.generators.oracle import exact_hits
-from inim.image.rgbd import RGBD
 from inim.views.own_picture import _fitted_warnings, warp_to_viewpoint
-from tests import oracle
-from tests.chromium import browser
-from tests.conftest import small_display
 from tests.schemas import read_document
 from tests.system.conftest import assert_refused, files_in, nothing_left, worker_here
 from tests.system.test_generate import (
@@ -121,21 +116,6 @@ def test_the_warped_picture_shows_each_square_where_it_is_seen_from_the_eye(fini
             assert found == pytest.approx(wanted, abs=0.6)
 
 
-def test_exact_hits_are_those_of_the_tests_own_oracle():
-    display = small_display(4, 3, pixels=6)
-    random = np.random.default_rng(2)
-    shape = display.capture_shape(3)
-    low, high = display.depth_range_mm
-    depth = (low + (high - low) * random.random(shape)).astype(np.float32)
-    color = random.random((*shape, 3), dtype=np.float32)
-    rgbd = RGBD(color, depth, random.random(shape) < 0.7, 1 / 3)
-    found = exact_hits(rgbd, display)
-    wanted = oracle.exact_sources(rgbd, display)
-    assert len(found.sources) == wanted.size
-    assert found.wrong_share(wanted) == 0
-    assert found.wrong_share(np.full_like(wanted, -1)) == (found.sources != -1).mean() > 0
-
-
 def test_a_hexagonal_array_is_not_set_against_the_oracle(finished, tmp_path):
     folder = finished[0]
     words = [*taken(folder), *QUICK, "-D", "inim.lattice=hexagonal", "--viewpoints", "centre"]
@@ -174,16 +154,6 @@ def test_the_page_begins_with_picture_depth_view_and_live_display(finished):
     panels = json.loads(re.search(r'id="virtual-display-data">(.*?)</script>', page)[1])["panels"]
     assert [one["name"] for one in panels] == ["Exact first hits", *ALGORITHMS.split(",")]
     assert ">–<" not in page[page.index('id="scores"') : page.index('id="views"')]
-
-
-def test_tables_scroll_in_their_boxes_on_a_phone(finished, tmp_path):
-    with browser() as tab:
-        for width in (390, 1280):
-            tab.size(width, 800)
-            tab.open(finished[0] / "out" / "report.html")
-            assert tab.evaluate("inimDisplay.ready") is True
-            assert tab.evaluate("document.documentElement.scrollWidth") == width
-        assert tab.complaints == []
 
 
 def test_a_picture_that_is_mostly_clipped_or_empty_says_what_to_type(finished, capsys):

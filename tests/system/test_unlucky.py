@@ -287,10 +287,6 @@ def assert_two_leave_one_report(folder: Path, apart_s: float = 0.0) -> None:
     assert sorted(p.name for p in folder.iterdir()) == ["out", scene.name]
 
 
-def test_two_runs_into_one_folder_leave_one_report(tmp_path):
-    assert_two_leave_one_report(tmp_path)
-
-
 @pytest.mark.slow
 def test_two_runs_into_one_folder_leave_one_report_whenever_they_begin(tmp_path):
     rng = random.Random(3)

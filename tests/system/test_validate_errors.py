@@ -243,14 +243,6 @@ def test_read_only_disk_is_refused_before_rendering(tiny_scene, tmp_path):
         assert_refused(*words, folder=tmp_path, says=says)
 
 
-@pytest.mark.parametrize("name", ["eia", "views", "report.json"])
-def test_link_below_the_folder_is_refused_before_rendering(tiny_scene, tmp_path, name):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / name).symlink_to(tmp_path)
-    says = [f"out/{name}: is in the way", "choose another folder with -o"]
-    assert_refused("validate", tiny_scene, "-o", "out", folder=tmp_path, says=says)
-
-
 def test_deleted_current_folder_is_one_line(tiny_scene, run_process):
     gone = ("sh", "-c", 'mkdir gone; cd gone; rmdir ../gone; exec "$@"', "sh")
     ended = run_process("tiny.xml", "-o", "out", folder=tiny_scene.parent, prefix=gone)

@@ -86,15 +86,6 @@ def test_every_form_is_written_and_listed(tmp_path):
         ElementTree.parse(svg)
 
 
-def test_equal_data_make_equal_files(tmp_path):
-    folders = [tmp_path / "a", tmp_path / "b"]
-    for folder in folders:
-        folder.mkdir()
-        write_bench(scene_bench(), folder)
-    for file in folders[0].iterdir():
-        assert file.read_bytes() == (folders[1] / file.name).read_bytes(), file.name
-
-
 def assert_tables_are_whole(data, parts):
     """Every row of every Markdown table has as many cells as the table's head."""
     wanted = [len(t.heads) for one in parts for t in one.tables for _ in range(len(t.rows) + 2)]

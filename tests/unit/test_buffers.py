@@ -133,17 +133,6 @@ def test_statistics_of_tiles_are_those_of_each_tile_alone(generated, band):
             assert found.power[r, c] == pytest.approx((a * b).mean(), rel=1e-6)
 
 
-@pytest.mark.parametrize("generated", [False, True])
-def test_statistics_of_tiles_are_the_same_in_any_bands(generated, band, monkeypatch):
-    palette = pictures(2, 40)
-    source = np.random.default_rng(3).integers(0, 80, (40, 37))
-    halves = [p.reshape(-1, 3)[source] for p in palette] if generated else pictures()
-    found = tile_statistics(NoisyImage.from_halves(*halves), (9, 8), generated=generated).arrays()
-    monkeypatch.setattr("inim.regression.tiles._PIXELS_AT_ONCE", 2**30)
-    whole = tile_statistics(NoisyImage.from_halves(*halves), (9, 8), generated=generated).arrays()
-    assert all(np.array_equal(found[name], whole[name]) for name in whole)
-
-
 def test_halves_made_as_they_are_read_have_the_same_statistics(band):
     image, noise = pictures()
     computed = NoisyImage.from_image(image, noise)

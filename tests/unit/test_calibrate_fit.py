@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from inim.calibrate.fit import Calibration, calibrate, fit_pose, renumber_lenses
+from inim.calibrate.fit import Calibration, calibrate, fit_pose
 from inim.calibrate.lattice import Lenses, find_lenses
 from inim.calibrate.model import (
     PARAMETERS,
@@ -266,24 +266,6 @@ def test_outlines_are_where_the_relief_s_seams_are_seen(side, eye):
     assert np.abs(shallow.mean(axis=0)).max() > 0.25
 
 
-def test_imperfections_are_what_they_say():
-    result = found(*EYES)
-    seen, guess = result.observations, result.guess
-    magnified, deeper = seen.imperfections(guess)
-    rays_, outlines = seen.counts[0]
-    own = magnified[: 2 * rays_].reshape(-1, 2)
-    assert 0.2 < np.abs(own).max() < 0.4, "mm from the lens's axis, of pixels inside"
-    assert np.abs(own.mean(axis=0)).max() < 0.02
-    assert not magnified[2 * rays_ : 2 * (rays_ + outlines)].any()
-    # A seam a tenth of a millimetre deeper, seen from aside.
-    left = [*EYES].index("left")
-    begin = sum(2 * (a + b) for a, b in seen.counts[:left]) + 2 * seen.counts[left][0]
-    across = deeper[begin : begin + 2 * seen.counts[left][1]].reshape(-1, 2)[:, 0]
-    eye, focal = guess.poses[left].eye_mm, guess.camera.focal_px
-    assert np.median(across) == pytest.approx(0.1 * eye[0] * focal / eye[2] ** 2, rel=0.2)
-    assert not deeper[: 2 * rays_].any()
-
-
 def at_truth() -> tuple[Observations, Guess]:
     """Photographs counted right, and what they are of."""
     counted = [replace(lenses(name), index=true_index(lenses(name), name)) for name in EYES]
@@ -399,35 +381,6 @@ def test_without_its_edges_the_shift_nearest_to_the_design_is_given():
 
 
 # -- what is refused ------------------------------------------------------------------------------
-
-
-def test_an_array_that_lies_a_lens_over_is_the_same_array():
-    known = found(*EYES)
-    true = known.guess.display
-    over = np.radians(true.rotation_deg)
-    display = true.replace(
-        shift_x_mm=true.shift_x_mm + true.pitch_mm * np.cos(over),
-        shift_y_mm=true.shift_y_mm + true.pitch_mm * np.sin(over),
-    )
-    guess = known.guess._replace(display=display)
-    counted = tuple(replace(one, index=one.index - [1, 0]) for one in known.lenses)
-    for first, other in zip(
-        Observations.of(known.lenses, true).residuals(known.guess),
-        Observations.of(counted, true).residuals(guess),
-        strict=True,
-    ):
-        for a, b in zip(first, other, strict=True):
-            np.testing.assert_allclose(a, b, atol=1e-9)
-
-    again, right = renumber_lenses(guess, counted, (False, False), DESIGN)
-    assert again.display.shift_x_mm == pytest.approx(true.shift_x_mm, abs=1e-12)
-    assert again.display.shift_y_mm == pytest.approx(true.shift_y_mm, abs=1e-12)
-    for one, other in zip(right, known.lenses, strict=True):
-        assert (one.index == other.index).all()
-    kept, _ = renumber_lenses(
-        known.guess, known.lenses, (True, False), DESIGN.replace(shift_x_mm=1.4)
-    )
-    assert kept.display.shift_x_mm == true.shift_x_mm
 
 
 def test_photographs_of_another_display_are_refused():

@@ -196,13 +196,6 @@ def test_a_matrix_for_another_shape_is_no_camera(tmp_path):
     assert read(tmp_path, data).camera is None
 
 
-def test_heic_gives_back_colour_and_depth(tmp_path):
-    pytest.importorskip("pillow_heif")
-    photo = read(tmp_path, heic(COLOR, SMALL, apple_xml(accuracy="absolute")), "photo.heic")
-    assert np.abs(photo.color.astype(int) - COLOR).max() <= JPEG_CODES
-    np.testing.assert_allclose(photo.values.depth, 1000 / (0.5 + SMALL / 255 * 2), rtol=1e-5)
-
-
 def test_heic_without_apple_s_metadata_is_relative(tmp_path):
     pytest.importorskip("pillow_heif")
     photo = read(tmp_path, heic(COLOR, SMALL), "photo.heic")

@@ -178,21 +178,6 @@ def test_phone_addresses_every_pixel_by_position_without_drift():
     assert not PHONE.has_integer_ratio
 
 
-def test_phone_rays_follow_eq_1_to_rounding():
-    for axis, pixels, lenses, sign in (
-        (PHONE.columns, 2400, 152, 1),
-        (PHONE.rows, 1080, 68, -1),
-    ):
-        for i in range(0, pixels, 7):
-            x = sign * (i - Fraction(pixels - 1, 2)) * Fraction(159, 2500)
-            assert axis.position_mm[i] == pytest.approx(float(x), abs=1e-13)
-            if axis.lens[i] >= 0:
-                x0 = sign * (int(axis.lens[i]) - Fraction(lenses - 1, 2))
-                assert axis.centre_mm[i] == float(x0)
-                slope = (x0 - x) / Fraction(33, 10)
-                assert axis.slope[i] == pytest.approx(float(slope), abs=1e-13)
-
-
 @settings(max_examples=80, deadline=None, derandomize=True)
 @given(
     pixel_um=st.integers(20, 900),

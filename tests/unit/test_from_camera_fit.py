@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from inim.display import DISPLAYS
 from inim.errors import UsageError
 from inim.from_camera.depth_values import DepthValues
-from inim.from_camera.fit import DepthMap, Pinhole, depth_range, fit_picture, map_depth
+from inim.from_camera.fit import Pinhole, depth_range, fit_picture, map_depth
 from tests.conftest import small_display
 
 FOCAL = 200.0
@@ -242,14 +241,6 @@ def test_one_end_that_all_depths_lie_beyond_is_told_without_the_other():
         depth_range(depth, far=500.0)
 
 
-def test_the_slope_of_a_depth_map_never_turns_the_order_round():
-    for display in (*DISPLAYS.values(), small_display(gap_mm=2.7)):
-        made = map_depth("linear", values([[1.0, 2.0]]), (1.0, 2.0), display)
-        assert isinstance(made, DepthMap)
-        z = made.z_mm(np.linspace(1, 2, 50))
-        assert (np.diff(z) < 0).all()
-
-
 def test_eq_4_as_printed_maps_in_front_of_the_displayable_depth_and_is_clipped_there():
     """z_max + (h - h_min) / (h_max - h_min) (z_max - z_min), numbers as they are."""
     color, depth, _ = two_squares()
@@ -287,8 +278,3 @@ def test_eq_4_has_no_value_for_a_flat_picture_or_a_focused_display():
     for ends, display in (((1.0, 1.0), DISPLAY), ((1.0, 2.0), focused)):
         with pytest.raises(UsageError, match="--depth-map printed"):
             map_depth("printed", values([[1.0, 2.0]]), ends, display)
-
-
-@pytest.mark.parametrize("name", ["linear", "reciprocal"])
-def test_maps_onto_the_range_need_no_warning(name):
-    assert map_depth(name, values([[1.0, 2.0]]), (1.0, 2.0), DISPLAY).warnings(0.5) == ()

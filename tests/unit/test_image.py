@@ -87,28 +87,6 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
     assert (tmp_path / "a.png").read_text() == "old"
 
 
-def test_ssim_is_the_oracle_s():
-    """Gaussian SSIM of two pictures, recomputed with an explicit 2D window in float64."""
-    from scipy.ndimage import correlate1d
-
-    a, b = picture(40, 50), picture(40, 50) * 0.7
-    x, y = (srgb_from_linear(i).astype(np.float64) for i in (a, b))
-    radius = 5  # 3.5 sigma, as scikit-image truncates
-    weight = np.exp(-(np.arange(-radius, radius + 1) ** 2) / (2 * 1.5**2))
-    weight /= weight.sum()
-
-    def blur(image):
-        for axis in (0, 1):
-            image = correlate1d(image, weight, axis=axis, mode="reflect")
-        return image
-
-    mx, my = blur(x), blur(y)
-    vx, vy, vxy = blur(x * x) - mx**2, blur(y * y) - my**2, blur(x * y) - mx * my
-    c1, c2 = 0.01**2, 0.03**2
-    local = ((2 * mx * my + c1) * (2 * vxy + c2)) / ((mx**2 + my**2 + c1) * (vx + vy + c2))
-    assert np.allclose(metrics.ssim_map(a, b), local.mean(axis=-1), atol=1e-4)
-
-
 @pytest.mark.parametrize("shape", [(11, 11), (40, 57), (256, 200)])
 def test_ssim_is_scikit_image_s_own_number(shape):
     from skimage.metrics import structural_similarity

@@ -16,7 +16,9 @@ from inim.errors import InimError, UsageError, ViewpointError
 from tests.conftest import small_display
 
 NOMINAL = DISPLAYS["nominal"]
-FILE = '<scene version="3.0.0"><default name="inim.gap_mm" value="3.4"/></scene>'
+SMALL = NOMINAL.replace(lens_columns=6, lens_rows=5)
+FILE = """<scene version="3.0.0"><default name="inim.lens_columns" value="6"/>
+<default name="inim.lens_rows" value="5"/></scene>"""
 EIA = np.full((*NOMINAL.eia_shape, 3), 0.5, np.float32)
 
 
@@ -34,11 +36,11 @@ def test_a_display_is_a_value_a_name_or_a_file(tmp_path):
     path.write_text(FILE)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        eia = inim.generate(picture(), "nominal")
-        mine = inim.generate(picture(), path)
-    assert np.array_equal(eia, inim.generate(picture(), NOMINAL))
-    assert np.array_equal(mine, inim.generate(picture(), NOMINAL.replace(gap_mm=3.4)))
-    assert np.array_equal(mine, inim.generate(picture(), str(path)))
+        eia = inim.generate(picture(), "nominal", "gu2020")
+        mine = inim.generate(picture(display=SMALL), path)
+    assert np.array_equal(eia, inim.generate(picture(), NOMINAL, "gu2020"))
+    assert np.array_equal(mine, inim.generate(picture(display=SMALL), SMALL))
+    assert np.array_equal(mine, inim.generate(picture(display=SMALL), str(path)))
 
 
 @pytest.mark.parametrize("text", ["centre", "mine=10 -5", "mine=10 -5 600"])

@@ -20,28 +20,6 @@ CONE = DISPLAY.pitch_mm / (2 * DISPLAY.gap_mm)
 VIRTUAL = {"focal_length_mm": 3.3, "gap_mm": 3.0}
 
 
-def picture(display, per_pitch, layers, *, seed=1):
-    """Random solids, most of them thin, behind one another; each layer sparser than the last."""
-    rows, columns = display.capture_shape(per_pitch)
-    random = np.random.default_rng(seed)
-    low, high = display.depth_range_mm
-    covered = random.random((rows, columns)) < 0.6
-    above = np.full((rows, columns), high)
-    solids = []
-    for _ in range(layers):
-        front = np.float32(low + (above - low) * random.random((rows, columns)))
-        back = np.float32(front - (front - low) * random.random((rows, columns)) ** 3)
-        back = np.minimum(back, front)
-        color = random.random((rows, columns, 3), dtype=np.float32)
-        solids.append(Layer(color, front, back, covered))
-        above, covered = back, covered & (random.random((rows, columns)) < 0.6)
-    first = solids[0]
-    pixel_mm = display.pitch_mm / per_pitch
-    return LayeredRGBD(
-        first.color, first.front_mm, first.covered, pixel_mm, first.back_mm, tuple(solids[1:])
-    )
-
-
 def at(share):
     """A depth, in shares of the range from far to near."""
     return np.float32(LOW + share * (HIGH - LOW))
@@ -135,6 +113,6 @@ def test_what_is_left_out_changes_no_pixel(mode, samples, seed):
 
 
 def test_one_layer_is_all_in_view():
-    rgbd = picture(DISPLAY, PER_PITCH, 1)
-    front, back = stacked(rgbd)
+    front, back, *_ = plate_before_a_wall(3.0)
+    front, back = front[:1], back[:1]
     assert np.array_equal(layers_in_view(front, back, DISPLAY, PIXEL_MM), np.isfinite(front))

@@ -522,27 +522,6 @@ def test_gradients_reach_the_eia(integrator):
     assert adjoint[row, column, channel] == pytest.approx(one, rel=1e-3)
 
 
-def test_forward_mode_is_the_same_derivative():
-    import drjit as dr
-    import mitsuba as mi
-
-    step = np.random.default_rng(8).normal(size=(*DISPLAY.eia_shape, 3)).astype(np.float32)
-    scene, parameters, key = gradient_scene("prb")
-    amount = mi.Float(0.0)
-    dr.enable_grad(amount)
-    parameters[key] = mi.TensorXf(picture()) + mi.TensorXf(step) * amount
-    parameters.update()
-    image = mi.render(scene, parameters, spp=16, seed=3, seed_grad=5)
-    dr.forward(amount)
-    tangent = np.array(dr.grad(image))
-    parameters[key] = mi.TensorXf(picture() + step)
-    parameters.update()
-    there = np.array(mi.render(scene, spp=16, seed=5))
-    parameters[key] = mi.TensorXf(picture())
-    parameters.update()
-    assert tangent == pytest.approx(there - np.array(mi.render(scene, spp=16, seed=5)), abs=1e-4)
-
-
 def test_presets_are_the_displays_of_that_name():
     import mitsuba as mi
 

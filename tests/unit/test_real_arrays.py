@@ -163,23 +163,6 @@ def test_pixels_belong_to_the_nearest_lens(name):
     assert np.abs(order[rays.lens] - centre)[sure & lensed].max() < 1e-12, "rows from the top"
 
 
-@pytest.mark.parametrize("name", [*SEPARABLE, "pentile, moved"])
-def test_axes_and_single_pixels_agree_where_both_describe_the_display(name):
-    display = real_display(name)
-    rays = pixel_rays(display, slice(0, display.eia_shape[0]))
-    sure = expected_rays(display)[3] & display.lensed
-    columns, rows = display.columns, display.rows
-    lens = rows.lens[:, None] * display.lens_columns + columns.lens
-    assert np.array_equal(lens[sure], rays.lens[sure])
-    for axis, at, slope in (
-        (columns, rays.x0, rays.slope_x),
-        (rows, rays.y0.T, rays.slope_y.T),
-    ):
-        known = sure if axis is columns else sure.T
-        assert np.abs(axis.centre_mm - at)[known].max() < 1e-12
-        assert np.abs(axis.slope - slope)[known].max() < 1e-12
-
-
 def test_rows_and_columns_of_an_array_that_has_none_are_refused():
     for name in NON_SEPARABLE:
         display = real_display(name)
@@ -218,25 +201,6 @@ def test_the_capture_covers_every_ray_and_little_more(name):
 
 
 # -- generation ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("algorithm", ["template", "gu2020:step_mm=0.05"])
-@pytest.mark.parametrize("name", EVERY)
-def test_each_pixel_shows_the_pattern_where_its_ray_meets_it(name, algorithm):
-    display = real_display(name)
-    depth = display.central_depth_mm
-    rgbd = flat_picture(display, depth)
-    shown = generate(rgbd, display, algorithm)
-    # A cell of the picture is one colour: that of its centre.
-    tolerance = STEEPEST * rgbd.pixel_mm / math.sqrt(2) + 1e-6
-    if algorithm != "template":
-        tolerance += STEEPEST * 0.05 * math.hypot(0.25, 0.25)  # steps of depth
-    for channel, right in enumerate(MIDDLES[display.subpixels]):
-        centre, slope, lensed, sure = expected_rays(display, right)
-        at = centre + slope * depth
-        error = np.abs(shown[..., channel] - pattern(at.real, at.imag)[..., channel])
-        assert error[sure & lensed].max() < tolerance
-        assert not shown[..., channel][sure & ~lensed].any()
 
 
 # -- views --------------------------------------------------------------------------------------
@@ -401,33 +365,6 @@ def test_ground_truth_agrees_with_generation_for_that_very_array(name, truth_and
     right, wrong = (score_inside_tiles(truth, generate(rgbd, d), d) for d in (display, other))
     assert right > 35
     assert wrong < right - 7
-
-
-@pytest.mark.parametrize("name", WRONG)
-def test_views_of_the_ground_truth_look_like_the_scene(name, truth_and_picture):
-    """As much as those of an aligned array of the same size do."""
-    from inim.render.reconstruct import reconstruct
-
-    def score(display: Display) -> float:
-        eia, view, _ = truth_and_picture(display)
-        seen = reconstruct(eia, display, EYE, "pinhole", pixels_per_lens=2)
-        return psnr(seen[4:-4, 4:-4], view[4:-4, 4:-4])  # off what the panel's edge leaves dark
-
-    display = real_display(name, **DEPTHS)
-    aligned = small_display(12, round(10 * display.row_pitch_mm), 17, **DEPTHS)
-    assert score(display) > score(aligned) - 1.5
-
-
-@pytest.mark.parametrize("name", SUBPIXELS)
-def test_ground_truth_has_each_colour_from_its_sub_pixel(name, truth_and_picture):
-    """With red and its rightmost rival changing places, the picture fits less."""
-    display = real_display(name, **DEPTHS)
-    truth, _, rgbd = truth_and_picture(display)
-    order = [2, 1, 0] if display.subpixels == "rgb-stripe" else [1, 0, 2]
-    swapped = RGBD(rgbd.color[..., order], rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
-    own = generate(rgbd, display, samples=4)
-    other = generate(swapped, display, samples=4)[..., order]
-    assert psnr(own, truth) > psnr(other, truth) + 0.7
 
 
 CORNERS = ((0.5, 0.5), (0.0, 0.0), (1.0, 0.25))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from inim.display import DISPLAYS, Viewpoint
+from inim.display import Viewpoint
 from tests.conftest import scene_text, small_display, sphere
 
 pytestmark = pytest.mark.usefixtures("renderer")
@@ -24,26 +24,6 @@ def at_depth(origin, direction, z):
     """Where rays cross a plane of constant z."""
     t = (z - origin[..., 2]) / direction[..., 2]
     return (origin + t[..., None] * direction)[..., :2]
-
-
-@pytest.mark.parametrize("name", ["nominal", "phone"])
-def test_pickup_rays_join_the_panel_pixel_and_its_lens_centre(name):
-    from inim.render.rays import pickup_rays
-
-    display = DISPLAYS[name]
-    origin, direction = rays_at_centres(pickup_rays(display, 53.0))
-    rows, columns = display.rows, display.columns
-    lensed = (rows.lens >= 0)[:, None] & (columns.lens >= 0)[None, :]
-    at_lens = at_depth(origin, direction, 0.0)
-    at_panel = at_depth(origin, direction, -display.gap_mm)
-    # float32 at 76 mm from the axis resolves 8e-6 mm; the ray crosses 53 mm from its start.
-    tolerance = 1e-4
-    for axis, expected in ((0, columns.centre_mm[None, :]), (1, rows.centre_mm[:, None])):
-        assert np.abs(at_lens[..., axis] - expected)[lensed].max() < tolerance
-    for axis, expected in ((0, columns.position_mm[None, :]), (1, rows.position_mm[:, None])):
-        assert np.abs(at_panel[..., axis] - expected)[lensed].max() < tolerance
-    assert (direction[..., 2] < 0).all(), "rays run away from the viewer"
-    assert np.allclose(origin[..., 2], 53.0)
 
 
 def test_eye_rays_pass_through_the_eye_and_the_array():
@@ -95,24 +75,6 @@ def test_an_affine_map_moves_rays_and_keeps_them_lines():
     reference = rays_at_centres(pickup_rays(display, 40.0))
     assert np.allclose(start, reference[0], atol=1e-4)
     assert np.allclose(run / run[..., 2:], reference[1] / reference[1][..., 2:], atol=1e-5)
-
-
-def test_depth_of_a_sphere_is_its_closed_form(open_fitted):
-    from inim.render.ground_truth import capture
-
-    display = small_display()
-    fitted = open_fitted(scene_text(sphere((0, 0, 0), 5.0)), display)
-    rgbd = capture(fitted, display, pixels_per_pitch=5, spp=1, seed=0)
-    rows, columns = rgbd.shape
-    x = (np.arange(columns) + 0.5 - columns / 2) * rgbd.pixel_mm / fitted.fit.scale_xy
-    y = (rows / 2 - np.arange(rows) - 0.5) * rgbd.pixel_mm / fitted.fit.scale_xy
-    inside = 25.0 - x[None, :] ** 2 - y[:, None] ** 2
-    front = np.sqrt(np.maximum(inside, 0))
-    expected = fitted.fit.display_from_world[2, 2] * front + fitted.fit.display_from_world[2, 3]
-    assert (rgbd.covered == (inside > 0)).mean() > 0.999
-    clear = inside > 0.5  # the rim is ill-conditioned
-    error = np.abs(rgbd.depth_mm - expected)[clear]
-    assert error.max() < 1e-3 * (display.depth_range_mm[1] - display.depth_range_mm[0])
 
 
 def test_passes_of_any_size_give_the_same_pixels(open_fitted, monkeypatch):

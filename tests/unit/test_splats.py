@@ -279,14 +279,6 @@ def test_two_sheets_are_two_layers_with_the_colours_that_lie_behind(open_fitted,
     np.testing.assert_array_equal(seen.depth_mm[middle], layered.depth_mm[middle])
 
 
-def test_sheets_too_faint_for_a_depth_each_have_one_together(open_fitted, tmp_path):
-    sheets = joined(*(pane(z, 0.3, [0.5, 0.5, 0.5]) for z in (4, 0, -4)))
-    fitted = open_fitted(splat_scene(tmp_path, sheets), DISPLAY)
-    _, lost = light_along(fitted.scene, *rays_at([[0.0, 0.0]]))
-    assert lost.half[0] == pytest.approx(20, abs=1e-3)  # 0.7, 0.49: at the second sheet
-    assert 1 - lost.left[0] == pytest.approx(1 - 0.7**3, abs=1e-4)
-
-
 def test_ellipsoids_that_are_met_twice_are_noticed(open_fitted, tmp_path):
     """Mitsuba 3.9.1 rounds where it meets thin ellipsoids; shells of triangles it meets once."""
     thin = splats_at(np.zeros((1, 3)), np.array([2.0, 2.0, 0.003]), 0.5, np.ones(3))

@@ -15,8 +15,7 @@ from hypothesis.database import DirectoryBasedExampleDatabase
 
 from inim.display import Display
 from inim.documents.stress import RelationResult
-from inim.errors import UsageError
-from inim.generators import HOLE, find_sources, generate, prepare
+from inim.generators import HOLE, find_sources, generate
 from inim.generators.oracle import lensed_pixels
 from inim.generators.template import ray_by_ray
 from inim.image.rgbd import RGBD
@@ -160,23 +159,6 @@ def test_the_lens_oracle_knows_where_total_reflection_begins():
 
 
 # -- what would run for ever, or take all memory --------------------------------------------------
-
-
-def test_rays_that_cross_too_many_cells_are_refused():
-    far = small_display(2, 2, pixels=3, gap_mm=3.0 * (1 + 2.0**-24))
-    for algorithm in ("template", "wang2024", "gu2020"):
-        with pytest.raises(UsageError, match="make sense"):
-            prepare(far, algorithm, shape=(9, 9), pixel_mm=0.5)
-
-
-def test_tables_that_would_fill_the_memory_give_way_to_rays():
-    """A picture of 50,000 pixels per pitch took 894 GiB as tables."""
-    display = small_display(3, 3, pixels=5, depth_min_mm=1e-3, depth_max_mm=1.5e-3)
-    rgbd = noise(display, (16, 16), 2e-5)
-    found = find_sources(rgbd, display)
-    alone = ray_by_ray(display, rgbd.shape, rgbd.pixel_mm)
-    assert np.array_equal(found, alone.sources(rgbd))
-    assert (found >= 0).any()
 
 
 # -- checks that can fail -------------------------------------------------------------------------
