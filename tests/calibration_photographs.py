@@ -77,12 +77,14 @@ def photograph(
     # A pupil of 3 mm, and the pixel, on the panel, in panel pixels.
     cover = (3.0 / eye[2] * display.gap_mm + 0.01) / display.pixel_pitch_mm
     maps = [
-        np.where(dark, np.nan, _stepped(one, cover) + noise_px * random.standard_normal(lens.shape))
-        for one in blurred
+        np.where(
+            dark, np.nan, _stepped(picture, cover) + noise_px * random.standard_normal(lens.shape)
+        )
+        for picture in blurred
     ]
     error = np.where(dark, np.nan, noise_px)
     return Photograph(
-        *(one.astype(np.float32) for one in (*maps, error, np.where(dark, 0.0, weight)))
+        *(picture.astype(np.float32) for picture in (*maps, error, np.where(dark, 0.0, weight)))
     )
 
 

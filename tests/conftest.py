@@ -67,12 +67,12 @@ def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[st
     """The scene dictionary of a display showing an EIA, in a world that is the display frame."""
     import mitsuba as mi
 
-    told = {k: v for k, v in display.parameters().items() if v is not None and k != "name"}
+    parameters = {k: v for k, v in display.parameters().items() if v is not None and k != "name"}
     picture = mi.TensorXf(np.ascontiguousarray(eia, np.float32))
     return {
         "type": "rectangle",
         "to_world": mi.ScalarTransform4f().scale([*display.half_extent_mm, 1]),
-        "emitter": {"type": "inim_display", "eia": picture, "lens_model": lens_model, **told},
+        "emitter": {"type": "inim_display", "eia": picture, "lens_model": lens_model, **parameters},
     }
 
 

@@ -59,10 +59,10 @@ def edited(data: bytes, old: bytes, new: bytes) -> bytes:
     return data[:2] + segment(0xE1, text.replace(old, new)) + data[4 + length :]
 
 
-def gdepth(jpeg: bytes, depth: bytes, extended=0, **said) -> bytes:
+def gdepth(jpeg: bytes, depth: bytes, extended=0, **message) -> bytes:
     """A JPEG with GDepth; `extended` puts the image into pieces, in their order (1) or not (-1)."""
-    said = {"Format": "RangeInverse", "Near": 1, "Far": 4, "Mime": "image/png", **said}
-    words = " ".join(f'GDepth:{k}="{v}"' for k, v in said.items() if v is not None)
+    message = {"Format": "RangeInverse", "Near": 1, "Far": 4, "Mime": "image/png", **message}
+    words = " ".join(f'GDepth:{k}="{v}"' for k, v in message.items() if v is not None)
     data = f'GDepth:Data="{base64.b64encode(depth).decode()}"'
     if not extended:
         return with_xmp(jpeg, RDF.format(f"<rdf:Description {GDEPTH} {words} {data}/>"))
@@ -81,11 +81,11 @@ def gdepth(jpeg: bytes, depth: bytes, extended=0, **said) -> bytes:
 
 
 def dynamic(
-    jpeg: bytes, depth: bytes, padding=7, uri="android/depthmap", model="", **said
+    jpeg: bytes, depth: bytes, padding=7, uri="android/depthmap", model="", **message
 ) -> bytes:
     """A dynamic depth photograph: a gain map and then the depth are appended."""
-    said = {"Format": "RangeInverse", "Near": 1, "Far": 4, "Units": "Meters", **said}
-    words = "".join(f"<DepthMap:{k}>{v}</DepthMap:{k}>" for k, v in said.items())
+    message = {"Format": "RangeInverse", "Near": 1, "Far": 4, "Units": "Meters", **message}
+    words = "".join(f"<DepthMap:{k}>{v}</DepthMap:{k}>" for k, v in message.items())
     other = b"\xff\xd8\xff not a picture"
     items = (
         f'<rdf:li rdf:parseType="Resource"><Container:Item Item:Mime="image/jpeg" Item:Length="0" '
@@ -134,7 +134,7 @@ def apple_jpeg(jpeg: bytes, depth: bytes, xml: str, order=">") -> bytes:
     index_bytes = 8 + 2 + 3 * 12 + 4 + 16 * 3
     place = 2 + 4 + 4  # of the index: behind the first mark, the segment's head, and "MPF"
     base = len(jpeg) + 4 + 4 + index_bytes - place
-    sizes = [place + base, *(len(one) for one in further)]
+    sizes = [place + base, *(len(part) for part in further)]
     offsets = [0, base, base + len(further[0])]
     entries = b"".join(
         struct.pack(f"{order}IIIHH", 0, size, offset, 0, 0)
@@ -174,12 +174,12 @@ def heic(color, depth, xml="", orientation=1, icc=None) -> bytes:
 
 
 def boxes(data: bytes) -> list[tuple[bytes, bytes]]:
-    found = []
+    contents = []
     while data:
         size, kind = struct.unpack(">I4s", data[:8])
-        found.append((kind, data[8:size]))
+        contents.append((kind, data[8:size]))
         data = data[size:]
-    return found
+    return contents
 
 
 def box(kind: bytes, content: bytes) -> bytes:
@@ -208,35 +208,35 @@ def _with_auxiliary(data: bytes, orientation: int) -> bytes:
     indices = [count + 1 + n for n in range(len(added))]
     for item, own in ((first, indices[:-1]), (second, indices)):
         properties[b"ipma"] = _associated(properties[b"ipma"], item, own)
-    inner[b"iprp"] = b"".join(box(*one) for one in properties.items())
+    inner[b"iprp"] = b"".join(box(*property_box) for property_box in properties.items())
     references = inner.get(b"iref", bytes(4)) + box(b"auxl", struct.pack(">HHH", second, 1, first))
     inner[b"iref"] = references
-    longer = len(b"".join(box(*one) for one in inner.items())) + 4 - len(meta)
+    longer = len(b"".join(box(*property_box) for property_box in inner.items())) + 4 - len(meta)
     inner[b"iloc"] = _moved(inner[b"iloc"], longer)
-    changed = meta[:4] + b"".join(box(*one) for one in inner.items())
+    changed = meta[:4] + b"".join(box(*property_box) for property_box in inner.items())
     return b"".join(box(kind, changed if kind == b"meta" else content) for kind, content in top)
 
 
 def _associated(ipma: bytes, item: int, indices: list[int]) -> bytes:
-    made, at = ipma[:8], 8
+    result, at = ipma[:8], 8
     for _ in range(struct.unpack(">I", ipma[4:8])[0]):
         number, count = struct.unpack(">HB", ipma[at : at + 3])
         own = ipma[at + 3 : at + 3 + count]
         at += 3 + count
         own += bytes(0x80 | index for index in indices) if number == item else b""
-        made += struct.pack(">HB", number, len(own)) + own
-    return made
+        result += struct.pack(">HB", number, len(own)) + own
+    return result
 
 
 def _moved(iloc: bytes, by: int) -> bytes:
     """Items whose places are base offsets of 4 bytes, as libheif writes them."""
     assert iloc[:6] == b"\0\0\0\0\x44\x40"
-    made, at = bytearray(iloc), 8
+    result, at = bytearray(iloc), 8
     for _ in range(struct.unpack(">H", iloc[6:8])[0]):
         base, extents = struct.unpack(">IH", iloc[at + 4 : at + 10])
-        struct.pack_into(">I", made, at + 4, base + by)
+        struct.pack_into(">I", result, at + 4, base + by)
         at += 10 + 8 * extents
-    return bytes(made)
+    return bytes(result)
 
 
 def room(rows=96, columns=128) -> tuple[np.ndarray, np.ndarray]:

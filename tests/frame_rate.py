@@ -79,8 +79,8 @@ def drag_about(tab: Tab, seconds: float) -> dict[str, Any]:
         `frames` drawn in `seconds`; `chosen`: how often which samples a pixel at which share of
         the screen's resolution; `width`, `height` of a canvas on the page.
     """
-    found: dict[str, Any] = tab.evaluate(f"{_DRAG}({seconds})")
-    return found
+    counts: dict[str, Any] = tab.evaluate(f"{_DRAG}({seconds})")
+    return counts
 
 
 def _report(tab: Tab, model: str) -> None:
@@ -91,17 +91,15 @@ def _report(tab: Tab, model: str) -> None:
         took = sorted(tab.evaluate(f"inimDisplay.timeFrame({grid})") for _ in range(5))
         print(f"  {grid * grid:2} samples a pixel: {took[2]:.1f} ms a frame")
     tab.evaluate("Object.keys(work).forEach((key) => { work[key] = 0; })")
-    found = drag_about(tab, _SECONDS)
+    drag = drag_about(tab, _SECONDS)
     work = tab.evaluate("work")
-    rate = found["frames"] / found["seconds"]
-    print(
-        f"  dragging, canvases of {found['width']} x {found['height']}: {rate:.0f} frames a second"
-    )
-    print(f"    a frame: {work['draws'] / found['frames']:.1f} draws of one triangle, "
-          f"{work['samples'] / found['frames'] / 1e6:.2f} million samples")  # fmt: skip
-    share = {how: n / sum(found["chosen"].values()) for how, n in found["chosen"].items()}
-    for how, part in sorted(share.items(), key=lambda one: -one[1]):
-        print(f"    {part:4.0%} of the time: samples a pixel {how} of the resolution")
+    rate = drag["frames"] / drag["seconds"]
+    print(f"  dragging, canvases of {drag['width']} x {drag['height']}: {rate:.0f} frames a second")
+    print(f"    a frame: {work['draws'] / drag['frames']:.1f} draws of one triangle, "
+          f"{work['samples'] / drag['frames'] / 1e6:.2f} million samples")  # fmt: skip
+    share = {cause: n / sum(drag["chosen"].values()) for cause, n in drag["chosen"].items()}
+    for cause, part in sorted(share.items(), key=lambda entry: -entry[1]):
+        print(f"    {part:4.0%} of the time: samples a pixel {cause} of the resolution")
 
 
 def main(page: Path) -> None:

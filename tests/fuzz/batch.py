@@ -67,14 +67,14 @@ def _open_scene(path: Path) -> None:
 def _in_a_scene(shape: str, plugin: str) -> Read:
     """The file as a scene's mesh, texture or volume."""
 
-    def read(path: Path) -> None:
+    def read_path(path: Path) -> None:
         from tests.conftest import scene_text
 
         scene = path.with_name("scene.xml")
         scene.write_text(scene_text(shape.format(plugin, path.name)))
         _open_scene(scene)
 
-    return read
+    return read_path
 
 
 def _new_scene(path: Path) -> None:
@@ -87,11 +87,11 @@ def _new_scene(path: Path) -> None:
 def _reader(module: str, *names: str, more: tuple[object, ...] = ()) -> Read:
     """Functions that read a file, from a module that is loaded when it is needed."""
 
-    def read(path: Path) -> None:
+    def read_path(path: Path) -> None:
         for name in names:
             getattr(import_module(f"inim.{module}"), name)(path, *more)
 
-    return read
+    return read_path
 
 
 _eia = _reader("files.eia_file", "read_eia", more=(DISPLAY,))
@@ -105,43 +105,43 @@ _read_study = _reader("sweep.study", "read_study")
 class EndedError(InimError):
     """A command that did not succeed: its exit code and what it said."""
 
-    def __init__(self, code: int, said: str) -> None:
-        super().__init__(said)
+    def __init__(self, code: int, message: str) -> None:
+        super().__init__(message)
         self.exit_code = code
 
 
 def _command(place: str, *words: str) -> Read:
     """A command that reads the file where it is put, beside the others of its run."""
 
-    def read(path: Path) -> None:
+    def read_path(path: Path) -> None:
         from inim.cli import main
         from inim.views import frames
 
         # Frames are no matter of a document; what is looked at before them is.
         frames.run_in_worker = lambda _, check, *__, **___: check()
-        said = io.StringIO()
+        printed = io.StringIO()
         try:
             os.chdir(path.parent)
             with (
                 _in_place_of(path.parent / place, path),
-                redirect_stdout(said),
-                redirect_stderr(said),
+                redirect_stdout(printed),
+                redirect_stderr(printed),
             ):
                 code = main(list(words))
         finally:
             os.chdir(_ROOT)
         if code not in (EXIT_PASSED, EXIT_CHECK_FAILED):
-            text = said.getvalue()
+            text = printed.getvalue()
             raise EndedError(code if text.count("\n") == 1 else EXIT_INTERNAL, text)
 
-    return read
+    return read_path
 
 
 @contextmanager
 def _in_place_of(target: Path, path: Path) -> Iterator[None]:
     """The file where a sound one lies; the JSON that has the digest of arrays has that of these."""
     document = target.with_suffix(".json")
-    sound = {one: one.read_bytes() for one in (target, document)}
+    sound = {file: file.read_bytes() for file in (target, document)}
     shutil.copyfile(path, target)
     if target.suffix == ".npz":
         before, after = (
@@ -151,14 +151,14 @@ def _in_place_of(target: Path, path: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        for one, content in sound.items():
-            one.write_bytes(content)
+        for file, content in sound.items():
+            file.write_bytes(content)
 
 
 def _baseline(place: str) -> Read:
     """A plan with the baseline, and the verdict of a run on it."""
 
-    def read(path: Path) -> None:
+    def read_path(path: Path) -> None:
         from inim.pipeline.baseline import compare_with_baseline
         from inim.pipeline.plan import make_plan
         from inim.pipeline.request import Request
@@ -174,7 +174,7 @@ def _baseline(place: str) -> Read:
             comparison = compare_with_baseline(plan, out, candidate, {})
             msgspec.json.encode([comparison.data, *comparison.checks])
 
-    return read
+    return read_path
 
 
 def _plan(path: Path) -> None:
@@ -237,10 +237,10 @@ _WITHOUT_RENDERER = (
 _NAMED = ("scene.xml", "Mitsuba scene (.xml)", "OUT", "OTHER", "base", "display nominal")
 
 
-def outcome(read: Read, path: Path) -> str:
+def outcome(read_file: Read, path: Path) -> str:
     """ "read", "refused", or "WRONG" and what is wrong with how it ended."""
     try:
-        read(path)
+        read_file(path)
     except InimError as error:
         return _wrong_refusal(error, path) or "refused"
     except Exception as error:
@@ -330,11 +330,11 @@ def _read_format(kind: str, first: int, end: int, channel: Any) -> None:
             for door in DOORS[kind]:
                 started = time.perf_counter()
                 signal.alarm(MOST_SECONDS)
-                said = " ".join(outcome(door, path).split())
+                answer = " ".join(outcome(door, path).split())
                 signal.alarm(0)
                 seconds = time.perf_counter() - started
                 grown = _peak_bytes() - base
-                print("end", index, f"{seconds:.3f}", grown, said, file=channel, flush=True)
+                print("end", index, f"{seconds:.3f}", grown, answer, file=channel, flush=True)
 
 
 if __name__ == "__main__":

@@ -84,9 +84,9 @@ def _places(value: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
         items = value.items()
     elif isinstance(value, list):
         items = enumerate(value)
-    for key, one in items:
+    for key, item in items:
         yield (*at, key)
-        yield from _places(one, (*at, key))
+        yield from _places(item, (*at, key))
 
 
 def _changed(rng: random.Random, tree: Any) -> Any:
@@ -282,8 +282,8 @@ def _mutated_npz(rng: random.Random, data: bytes) -> bytes:
         elif kind < 7:
             wrong = array.astype(np.float64)
             values = (np.nan, np.inf, -np.inf, -1, 0, 1e38, 1e-45, 1e300)
-            where = np.array([rng.random() < rng.choice((0.01, 1)) for _ in range(array.size)])
-            wrong[where.reshape(array.shape)] = rng.choice(values)
+            mask = np.array([rng.random() < rng.choice((0.01, 1)) for _ in range(array.size)])
+            wrong[mask.reshape(array.shape)] = rng.choice(values)
             with np.errstate(all="ignore"):
                 members[member] = _npy(wrong.astype(array.dtype))
         elif kind == 7:

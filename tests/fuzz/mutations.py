@@ -100,19 +100,19 @@ def _write_number(rng: random.Random, data: bytearray) -> None:
 
 def _write_text(rng: random.Random, data: bytearray) -> None:
     """Another number where a number is written out; the header's are the likeliest."""
-    found = list(_NUMBER_TEXT.finditer(bytes(data[: rng.choice((400, 4000, 10**6))])))
-    if found:
-        match = rng.choice(found)
+    matches = list(_NUMBER_TEXT.finditer(bytes(data[: rng.choice((400, 4000, 10**6))])))
+    if matches:
+        match = rng.choice(matches)
         text = rng.choice((*_TEXTS, str(rng.choice(_NUMBERS)).encode()))
         data[match.start() : match.end()] = text
 
 
 def _swap_quoted(rng: random.Random, data: bytearray) -> None:
     """Names and attributes trade places."""
-    found = list(_QUOTED.finditer(bytes(data)))
-    if found:
-        match = rng.choice(found)
-        data[match.start() : match.end()] = rng.choice(found)[0]
+    matches = list(_QUOTED.finditer(bytes(data)))
+    if matches:
+        match = rng.choice(matches)
+        data[match.start() : match.end()] = rng.choice(matches)[0]
 
 
 def _swap_lines(rng: random.Random, data: bytearray) -> None:
@@ -138,15 +138,15 @@ _TEXT_CHANGES: tuple[Change, ...] = (_write_text, _write_text, _swap_quoted, _sw
 
 def _png_sums(data: bytes) -> bytes:
     """Right checksums for the chunks of a PNG, so that what they hold is looked at."""
-    made, at = bytearray(data), 8
+    result, at = bytearray(data), 8
     while at + 12 <= len(data):
         length = struct.unpack_from(">I", data, at)[0]
         end = at + 8 + length
         if end + 4 > len(data):
             break
-        struct.pack_into(">I", made, end, zlib.crc32(data[at + 4 : end]))
+        struct.pack_into(">I", result, end, zlib.crc32(data[at + 4 : end]))
         at = end + 4
-    return bytes(made)
+    return bytes(result)
 
 
 def _glb_lengths(data: bytes) -> bytes:

@@ -47,11 +47,11 @@ def _layers(folder: Path) -> tuple[bytes, ...]:
     covered = np.random.default_rng(2).random((12, 14)) > 0.3
     depth = np.random.default_rng(3).uniform(1, 9, (12, 14)).astype(np.float32)
     solid = solids_of(RGBD(_picture(12, 14), depth, covered, 0.1), DISPLAY)
-    made = []
+    files = []
     for rgbd in (solid, replace(solid, deeper=())):
         write_rgbd(folder / "a.exr", rgbd)
-        made.append((folder / "a.exr").read_bytes())
-    return tuple(made)
+        files.append((folder / "a.exr").read_bytes())
+    return tuple(files)
 
 
 def _exr(folder: Path) -> tuple[bytes, ...]:
@@ -60,7 +60,7 @@ def _exr(folder: Path) -> tuple[bytes, ...]:
 
     rows, columns = DISPLAY.eia_shape
     write_exr(folder / "b.exr", _picture(rows, columns))
-    made = [(folder / "b.exr").read_bytes()]
+    files = [(folder / "b.exr").read_bytes()]
     kinds = OpenEXR.Compression.__members__
     for k, name in enumerate(sorted(kinds)):
         kind = np.float16 if k % 2 else np.float32
@@ -74,8 +74,8 @@ def _exr(folder: Path) -> tuple[bytes, ...]:
             OpenEXR.File(header, channels).write(str(folder / "c.exr"))
         except RuntimeError:  # a kind that this version names but does not write
             continue
-        made.append((folder / "c.exr").read_bytes())
-    return tuple(made)
+        files.append((folder / "c.exr").read_bytes())
+    return tuple(files)
 
 
 def _saved(image: Any, kind: str, **options: Any) -> bytes:
@@ -181,7 +181,7 @@ def _glb(_: Path) -> tuple[bytes, ...]:
     import trimesh
 
     blocks = trimesh.Scene([trimesh.creation.box((1, 2, 3)), trimesh.creation.box((1, 1, 1))])
-    return tuple(bytes(one.export(file_type="glb")) for one in (_textured_box(), blocks))
+    return tuple(bytes(mesh.export(file_type="glb")) for mesh in (_textured_box(), blocks))
 
 
 def _gltf(folder: Path) -> tuple[bytes, ...]:
@@ -242,12 +242,12 @@ def _depth(folder: Path, kind: str) -> tuple[bytes, ...]:
     values = np.linspace(1, 60_000, 12 * 16).reshape(12, 16)
     grey = Image.fromarray(values.astype(np.uint16))
     if kind == "npy":
-        made = []
+        files = []
         for dtype in (np.float32, np.float64, np.uint16):
             stream = io.BytesIO()
             np.save(stream, values.astype(dtype))
-            made.append(stream.getvalue())
-        return tuple(made)
+            files.append(stream.getvalue())
+        return tuple(files)
     if kind == "pfm":
         return (b"Pf\n16 12\n-1.0\n" + values.astype("<f4").tobytes(),)
     if kind == "exr":

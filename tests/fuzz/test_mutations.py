@@ -27,7 +27,7 @@ class Answers:
     """What became of a run of mutations."""
 
     sound: list[str] = field(default_factory=list)
-    read: int = 0
+    read_files: int = 0
     refused: int = 0
     slowest_seconds: float = 0.0
     most_bytes: int = 0
@@ -54,11 +54,11 @@ def read_mutations(kinds: Sequence[str], count: int) -> dict[str, Answers]:
             os.close(write_end)
             with os.fdopen(read_end, encoding="utf-8", errors="replace") as lines:
                 kind, last = _take(lines, answers, left[0])
-            said = child.stderr.read() if child.stderr else ""
+            errors = child.stderr.read() if child.stderr else ""
         if child.returncode == 0:
             break
         findings = answers[kind].findings
-        findings.append(f"{kind}-{last}: died, {child.returncode}: {said[-300:]}")
+        findings.append(f"{kind}-{last}: died, {child.returncode}: {errors[-300:]}")
         left, first = left[left.index(kind) :], count if last is None else last + 1
         if first >= count or len(findings) >= MOST_FINDINGS:
             left, first = left[1:], 0
@@ -78,13 +78,13 @@ def _take(lines: Iterable[str], every: dict[str, Answers], kind: str) -> tuple[s
         elif word == "begin":
             last = int(rest[0])
         else:
-            _, seconds, grown, said = rest[0].split(" ", 3)
+            _, seconds, grown, answer = rest[0].split(" ", 3)
             answers.slowest_seconds = max(answers.slowest_seconds, float(seconds))
             answers.most_bytes = max(answers.most_bytes, int(grown))
-            answers.read += said.startswith("read")
-            answers.refused += said.startswith("refused")
-            if said.startswith("WRONG"):
-                answers.findings.append(f"{kind}-{last}: {said.strip()}")
+            answers.read_files += answer.startswith("read")
+            answers.refused += answer.startswith("refused")
+            if answer.startswith("WRONG"):
+                answers.findings.append(f"{kind}-{last}: {answer.strip()}")
     return kind, last
 
 
@@ -92,21 +92,21 @@ def check(answers: Answers, count: int) -> None:
     assert answers.sound, answers.findings
     assert set(answers.sound) == {"read"}, "the specimen itself must be read by every door"
     assert answers.findings == []
-    assert answers.read + answers.refused == count * len(answers.sound)
+    assert answers.read_files + answers.refused == count * len(answers.sound)
     assert answers.refused > count // 10, "mutations that harm nothing test nothing"
     assert answers.slowest_seconds < MOST_SECONDS
     assert answers.most_bytes < MOST_BYTES
 
 
 @pytest.fixture(scope="module")
-def few() -> dict[str, Answers]:
+def case_count() -> dict[str, Answers]:
     """The fast run: one child reads the files of all formats."""
     return read_mutations(list(SPECIMENS), FEW)
 
 
 @pytest.mark.parametrize("kind", SPECIMENS)
-def test_mutated_files_are_read_or_refused(kind, few):
-    check(few[kind], FEW)
+def test_mutated_files_are_read_or_refused(kind, case_count):
+    check(case_count[kind], FEW)
 
 
 @pytest.mark.slow

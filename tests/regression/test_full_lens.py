@@ -85,9 +85,9 @@ def least_p(first, second):
     whole = stats.ttest_ind(
         first.mean(axis=(1, 2)), second.mean(axis=(1, 2)), equal_var=False
     ).pvalue
-    found = np.append(apart.ravel(), whole)
-    assert np.isfinite(found).all(), "every lens is seen, and every seed is another"
-    return float(found.min()), 1 - (1 - LEVEL) ** (1 / found.size)
+    p_values = np.append(apart.ravel(), whole)
+    assert np.isfinite(p_values).all(), "every lens is seen, and every seed is another"
+    return float(p_values.min()), 1 - (1 - LEVEL) ** (1 / p_values.size)
 
 
 def test_a_view_through_full_lenses_is_that_of_a_validation_s_mesh():

@@ -48,9 +48,9 @@ def scores(path):
     assert peeled.cut_share == 0
     rgbd = capture_layers(fitted, peeled, spp=Settings().capture_spp, seed=3)
     names = ("layered", "template", "template:columns=solid")
-    made = {name: generate(rgbd, NOMINAL, name, samples=4) for name in names}
+    eias = {name: generate(rgbd, NOMINAL, name, samples=4) for name in names}
     floor = metrics.psnr_db(truth.first, truth.second)
-    layered, template, solid = (metrics.psnr_db(truth.image, eia) for eia in made.values())
+    layered, template, solid = (metrics.psnr_db(truth.image, eia) for eia in eias.values())
     print(
         f"{path.stem}: floor {floor:.2f} dB, layered {layered:.2f} dB, template {template:.2f} dB, "
         f"solid {solid:.2f} dB"
@@ -107,8 +107,8 @@ def test_a_dark_base_is_seen_from_below(tmp_path):
     rgbd = capture_layers(fitted, peeled, spp=Settings().capture_spp, seed=3)
     of_front = tuple(replace(piece, color=rgbd.color) for piece in rgbd.deeper)
     sides, front = (
-        metrics.psnr_db(truth.image, generate(made, NOMINAL, "layered", samples=4))
-        for made in (rgbd, replace(rgbd, deeper=of_front))
+        metrics.psnr_db(truth.image, generate(layered, NOMINAL, "layered", samples=4))
+        for layered in (rgbd, replace(rgbd, deeper=of_front))
     )
     floor = metrics.psnr_db(truth.first, truth.second)
     print(f"bust: floor {floor:.2f} dB, sides {sides:.2f} dB, their front's colour {front:.2f} dB")

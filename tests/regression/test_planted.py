@@ -58,7 +58,7 @@ SMALL = {
 class Finished:
     """A finished run: what can be planted into it, and what it leaves."""
 
-    found: Evaluation
+    evaluation: Evaluation
     renderer: Renderer
     generate: Callable[[RGBD], np.ndarray]
 
@@ -66,25 +66,25 @@ class Finished:
         self,
         truth: GroundTruth | None = None,
         generate: Callable[[RGBD], np.ndarray] | None = None,
-        seen: Callable[[dict[str, Any]], dict[str, Any]] = lambda views: views,
+        change_views: Callable[[dict[str, Any]], dict[str, Any]] = lambda views: views,
     ) -> RunStatistics:
         """What it leaves, with another truth, another generator or other views planted."""
-        truth, generate = truth or self.found.truth, generate or self.generate
-        plan, capture, run = self.found.plan, self.found.capture, Run()
+        truth, generate = truth or self.evaluation.truth, generate or self.generate
+        plan, capture, run = self.evaluation.plan, self.evaluation.capture, Run()
         first, second = (generate(rgbd) for rgbd in capture.inputs[RGBD].halves)
         eia = NoisyImage.from_image((first + second) / 2, (first - second) / 2)
-        made = GeneratedEIA(eia, None, None, self._reference(generate))
-        how = (plan.viewpoints, plan.optics, self.renderer)
-        views = seen(reconstruct_views("template", eia, *how, run=run))
-        results = {"template": score_method("template", made, views, truth, run=run)}
+        template = GeneratedEIA(eia, None, None, self._reference(generate))
+        observation = (plan.viewpoints, plan.optics, self.renderer)
+        views = change_views(reconstruct_views("template", eia, *observation, run=run))
+        results = {"template": score_method("template", template, views, truth, run=run)}
         scores = score_reference_views(truth, run=run)
-        found = dataclasses.replace(
-            self.found, truth=truth, reference_scores=scores, results=results
+        changed = dataclasses.replace(
+            self.evaluation, truth=truth, reference_scores=scores, results=results
         )
-        return collect_statistics(found, compute_truth_statistics(truth, scores, run=run), {})
+        return collect_statistics(changed, compute_truth_statistics(truth, scores, run=run), {})
 
     def _reference(self, generate: Callable[[RGBD], np.ndarray]) -> ReferenceOutput:
-        camera, display = self.found.capture.camera, self.found.plan.display
+        camera, display = self.evaluation.capture.camera, self.evaluation.plan.display
         rgbd = reference_input(display, camera.shape, camera.pixel_mm)
         eia = generate(rgbd)
         return ReferenceOutput(lambda: fingerprint(rgbd, eia, display, exact=True), lambda: eia)
@@ -95,10 +95,10 @@ def run_of(folder: Path, **settings: Any) -> Finished:
     definitions = {f"inim.{key}": str(value) for key, value in (SMALL | settings).items()}
     plan = make_plan(Request(SCENE, folder, definitions=definitions))
     renderer = Renderer(plan.request.backend, Observer(), plan.rays_in_flight)
-    found = evaluate(plan, renderer, Images(folder, {}, Observer()), Run())
-    camera = found.capture.camera
-    made = prepare(plan.display, "template", shape=camera.shape, pixel_mm=camera.pixel_mm)
-    return Finished(found, renderer, lambda picture: made.generate(picture))
+    evaluation = evaluate(plan, renderer, Images(folder, {}, Observer()), Run())
+    camera = evaluation.capture.camera
+    generator = prepare(plan.display, "template", shape=camera.shape, pixel_mm=camera.pixel_mm)
+    return Finished(evaluation, renderer, lambda picture: generator.generate(picture))
 
 
 @pytest.fixture(scope="module")
@@ -160,7 +160,7 @@ def test_thirty_fresh_seeds_raise_no_false_alarm(baseline, tmp_path):
 
 def pseudoscopic(run: Finished) -> Callable[[RGBD], np.ndarray]:
     """Far is near: depth mirrored in the depth range."""
-    low, high = run.found.plan.display.depth_range_mm
+    low, high = run.evaluation.plan.display.depth_range_mm
 
     def generate(rgbd: RGBD) -> np.ndarray:
         depth = np.where(rgbd.covered, low + high - rgbd.depth_mm, 0).astype(np.float32)
@@ -204,13 +204,13 @@ def one_noisy_lens(eia: np.ndarray) -> np.ndarray:
     ids=["pseudoscopic depth", "half-pixel shift", "gamma twice", "one noisy lens"],
 )
 def test_generator_that_went_wrong_is_found(baseline, run, plant, rows):
-    found = failed(baseline, run.statistics(generate=plant(run)))
-    assert rows <= found.keys()
+    failures = failed(baseline, run.statistics(generate=plant(run)))
+    assert rows <= failures.keys()
     # The scene itself is as it was.
-    assert not [name for name in found if name.startswith(("truth/", "reference/", "ground"))]
+    assert not [name for name in failures if name.startswith(("truth/", "reference/", "ground"))]
     if rows == {EIA, PIXELS}:
-        assert "1 of 576 tiles changed" in found[EIA].detail
-        assert "rows 102 to 118, columns 272 to 288" in found[EIA].detail
+        assert "1 of 576 tiles changed" in failures[EIA].detail
+        assert "rows 102 to 118, columns 272 to 288" in failures[EIA].detail
 
 
 def test_generator_slower_by_30_percent_is_found(baseline, sound):
@@ -233,38 +233,40 @@ def swapped(views: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_swapped_views_of_an_algorithm_are_found_by_name(baseline, run):
-    found = failed(baseline, run.statistics(seen=swapped))
-    assert {score("left"), score("right")} <= found.keys()
-    assert not [name for name in found if "centre" in name or name.startswith("truth")]
+    failures = failed(baseline, run.statistics(change_views=swapped))
+    assert {score("left"), score("right")} <= failures.keys()
+    assert not [name for name in failures if "centre" in name or name.startswith("truth")]
 
 
 def test_swapped_views_of_the_scene_are_found_by_name(baseline, run):
-    truth = dataclasses.replace(run.found.truth, views=swapped(run.found.truth.views))
-    found = failed(baseline, run.statistics(truth=truth))
-    assert {tiles("left"), tiles("right")} <= found.keys()
-    assert tiles("centre") not in found
+    truth = dataclasses.replace(run.evaluation.truth, views=swapped(run.evaluation.truth.views))
+    failures = failed(baseline, run.statistics(truth=truth))
+    assert {tiles("left"), tiles("right")} <= failures.keys()
+    assert tiles("centre") not in failures
 
 
 @pytest.mark.parametrize("edit", [half_a_pixel, gamma_twice], ids=["half a pixel", "gamma twice"])
 def test_renderer_that_went_wrong_is_found(baseline, run, edit):
-    view = run.found.truth.views["centre"]
+    view = run.evaluation.truth.views["centre"]
     wrong = NoisyImage.from_halves(
         *(edit(half).astype(np.float32) for half in (view.first, view.second))
     )
-    truth = dataclasses.replace(run.found.truth, views=run.found.truth.views | {"centre": wrong})
-    found = failed(baseline, run.statistics(truth=truth))
-    assert tiles("centre") in found
-    assert tiles("left") not in found
+    truth = dataclasses.replace(
+        run.evaluation.truth, views=run.evaluation.truth.views | {"centre": wrong}
+    )
+    failures = failed(baseline, run.statistics(truth=truth))
+    assert tiles("centre") in failures
+    assert tiles("left") not in failures
 
 
 def test_missing_view_is_found(baseline, sound):
     pictures = {name: p for name, p in sound.pictures.items() if name != "truth/left"}
-    scores = {what: s for what, s in sound.scores.items() if what != "template/left"}
+    scores = {name: s for name, s in sound.scores.items() if name != "template/left"}
     holed = dataclasses.replace(sound, pictures=pictures, scores=scores)
     assert {tiles("left"), score("left")} <= failed(baseline, holed).keys()
 
 
 def test_truth_with_a_quarter_of_the_samples_is_found(baseline, tmp_path):
     fewer = {"eia_spp": 4, "view_spp": 20}
-    found = failed(baseline, run_of(tmp_path, seed=2, **fewer).statistics())
-    assert "ground truth: noise against the baseline" in found
+    failures = failed(baseline, run_of(tmp_path, seed=2, **fewer).statistics())
+    assert "ground truth: noise against the baseline" in failures

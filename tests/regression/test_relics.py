@@ -65,19 +65,19 @@ def test_script_makes_the_committed_meshes_and_textures(name, tmp_path):
     a code of a texture."""
     words = [sys.executable, str(SCENES / "make_relics.py"), name, "-o", str(tmp_path)]
     subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
-    made = {path.name: path for path in tmp_path.rglob("*.*")}
-    assert made.keys() == MADE[name]
-    for path in made.values():
+    files = {path.name: path for path in tmp_path.rglob("*.*")}
+    assert files.keys() == MADE[name]
+    for path in files.values():
         committed = SCENES / path.relative_to(tmp_path)
         if path.read_bytes() == committed.read_bytes():
             continue
         if path.suffix == ".png":
-            one, other = (np.asarray(Image.open(p)).astype(int) for p in (path, committed))
-            assert np.abs(one - other).max() <= 1
+            first, other = (np.asarray(Image.open(p)).astype(int) for p in (path, committed))
+            assert np.abs(first - other).max() <= 1
         else:
-            (one, faces), (other, others) = read_ply(path), read_ply(committed)
+            (first, faces), (other, others) = read_ply(path), read_ply(committed)
             assert np.array_equal(faces, others)
-            assert np.abs(one - other).max() <= 1.01e-4  # coordinates are rounded to 1e-4 mm
+            assert np.abs(first - other).max() <= 1.01e-4  # coordinates are rounded to 1e-4 mm
 
 
 def test_every_committed_mesh_and_texture_is_made_by_the_script():

@@ -19,14 +19,14 @@ MANY["inim.view_spp"] = 2048
 
 
 def ssim_scores(data: dict[str, Any]) -> dict[str, float]:
-    found = {
+    scores = {
         f"reference/{view}": score["ssim"] for view, score in data["reference"]["views"].items()
     }
     for name, result in data["algorithms"].items():
         for view, score in result["views"].items():
-            found[f"{name}/{view}"] = score["ssim"]
-            found[f"{name}/{view} to reference"] = score["ssim_to_reference"]
-    return found
+            scores[f"{name}/{view}"] = score["ssim"]
+            scores[f"{name}/{view} to reference"] = score["ssim_to_reference"]
+    return scores
 
 
 @pytest.mark.parametrize("scene", ["amphora", "wine_coin", "tripod", "jade", "ibex", "altar"])
@@ -35,18 +35,18 @@ def test_scores_are_known_as_well_as_said(scene, tmp_path, monkeypatch):
 
     def run(**settings: Any) -> dict[str, Any]:
         file = SCENES / f"{scene}.xml"
-        given = {f"inim.{k}": v for k, v in settings.items()}
-        report = validate(file, tmp_path / "out", definitions=SMALL | given)
+        options = {f"inim.{k}": v for k, v in settings.items()}
+        report = validate(file, tmp_path / "out", definitions=SMALL | options)
         return msgspec.to_builtins(report.data)
 
-    many = {name.removeprefix("inim."): count for name, count in MANY.items()}
-    best = ssim_scores(run(**many))
-    for asked in (0.2, 0.1, 0.05):
-        data = run(score_error=asked)
-        found = ssim_scores(data)
-        assert found.keys() == best.keys()
-        off = max(abs(found[name] - best[name]) for name in best)
+    counts = {name.removeprefix("inim."): count for name, count in MANY.items()}
+    best = ssim_scores(run(**counts))
+    for error_bound in (0.2, 0.1, 0.05):
+        data = run(score_error=error_bound)
+        scores = ssim_scores(data)
+        assert scores.keys() == best.keys()
+        off = max(abs(scores[name] - best[name]) for name in best)
         (row,) = [row for row in data["skipped"] if row["step"] == "samples"]
-        print(f"{scene}: {asked} asked for, {off:.3f} off; {row['performed']}; {row['why']}")
-        assert off <= asked
+        print(f"{scene}: {error_bound} asked for, {off:.3f} off; {row['performed']}; {row['why']}")
+        assert off <= error_bound
     assert data["settings"]["eia_spp"] >= 32

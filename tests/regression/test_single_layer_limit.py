@@ -46,10 +46,10 @@ def test_four_samples_reach_the_single_layer_limit(open_fitted):
     # The limit by what the picture lacks: rays that meet nothing, or what the camera never saw.
     camera = fitted.camera(pickup_rays(NOMINAL, fitted.start_mm))
     covered, points = first_surface(fitted.scene, fitted.integrator, camera)
-    shown = generate(rgbd, NOMINAL, SOLID, samples=4)
-    side = ~covered & (shown.sum(axis=-1) > 0.02)
+    eia = generate(rgbd, NOMINAL, SOLID, samples=4)
+    side = ~covered & (eia.sum(axis=-1) > 0.02)
     unseen = covered & ~_seen(rgbd, points, fitted.fit.display_from_world)
-    known_elsewhere = np.where((side | unseen)[..., None], shown, truth)
+    known_elsewhere = np.where((side | unseen)[..., None], eia, truth)
     assert metrics.psnr_db(truth, known_elsewhere) == pytest.approx(limit, abs=0.3)
 
 
@@ -71,12 +71,12 @@ def _seen(rgbd, points, display_from_world):
     with np.errstate(invalid="ignore"):
         point = points @ display_from_world[:3, :3].T + display_from_world[:3, 3]
     rows, columns = rgbd.shape
-    found = np.zeros(points.shape[:2], bool)
+    is_in_picture = np.zeros(points.shape[:2], bool)
     at = np.nan_to_num(point)
     column = np.floor(at[..., 0] / rgbd.pixel_mm + columns / 2).astype(int)
     row = np.floor(rows / 2 - at[..., 1] / rgbd.pixel_mm).astype(int)
     for down in (-1, 0, 1):
         for right in (-1, 0, 1):
             r, c = np.clip(row + down, 0, rows - 1), np.clip(column + right, 0, columns - 1)
-            found |= rgbd.covered[r, c] & (np.abs(rgbd.depth_mm[r, c] - at[..., 2]) < 0.5)
-    return found
+            is_in_picture |= rgbd.covered[r, c] & (np.abs(rgbd.depth_mm[r, c] - at[..., 2]) < 0.5)
+    return is_in_picture

@@ -53,11 +53,11 @@ def command(*words: object) -> list[str]:
 
 def sweep(*words: object, folder: Path) -> Ended:
     """Run it to its end in a folder."""
-    done = subprocess.run(
+    process = subprocess.run(
         command(*words), cwd=folder, stdin=subprocess.DEVNULL, capture_output=True,
         encoding="utf-8", timeout=WITHIN_S, env=_own_tmp(folder),
     )  # fmt: skip
-    return Ended(done.returncode, done.stdout, done.stderr)
+    return Ended(process.returncode, process.stdout, process.stderr)
 
 
 def sweep_here(*words: object, folder: Path) -> Ended:
@@ -100,20 +100,20 @@ def results(out: Path) -> dict[str, int]:
     }
 
 
-def until(holds: Any, what: str) -> Any:
+def until(holds: Any, event: str) -> Any:
     """Wait until something holds."""
     end = time.monotonic() + WITHIN_S
     while time.monotonic() < end:
-        found = holds()
-        if found:
-            return found
+        value = holds()
+        if value:
+            return value
         time.sleep(0.02)
-    raise AssertionError(f"not within {WITHIN_S} s: {what}")
+    raise AssertionError(f"not within {WITHIN_S} s: {event}")
 
 
 def workers_of(out: Path) -> list[int]:
     """Processes that validate a unit of this sweep, whoever started them."""
-    found = []
+    workers = []
     for entry in Path("/proc").iterdir():
         if not entry.name.isdigit():
             continue
@@ -125,5 +125,5 @@ def workers_of(out: Path) -> list[int]:
         of_this = os.fsencode(os.path.abspath(out)) in words  # noqa: PTH100
         carries_out = b"inim.sweep.unit:run_job" in words  # see `inim.worker`
         if carries_out and of_this and state != "Z":
-            found.append(int(entry.name))
-    return found
+            workers.append(int(entry.name))
+    return workers

@@ -117,12 +117,12 @@ def bench(tmp_path_factory, run_inim):
     install_metadata(site, "planted", "[inim.generators]\nplanted = planted:prepare\n")
     (site / "planted.py").write_text(PLANTED)
     paths = [str(site), os.environ.get("PYTHONPATH", "")]
-    made = Bench(folder, run_inim, {"PYTHONPATH": os.pathsep.join(filter(None, paths))})
-    ended = made.run("-o", "first")
+    workbench = Bench(folder, run_inim, {"PYTHONPATH": os.pathsep.join(filter(None, paths))})
+    ended = workbench.run("-o", "first")
     assert ended.code == EXIT_PASSED, ended.stderr
     assert main(["baseline", "accept", str(folder / "first"), "--reason", "the first",
                  "--to", str(folder / "base")]) == EXIT_PASSED  # fmt: skip
-    return made
+    return workbench
 
 
 @pytest.fixture(scope="module")
@@ -186,11 +186,11 @@ def test_failure_leaves_candidate_baseline_and_difference(noisy):
     from PIL import Image
 
     folder = noisy.folder / "noisy" / "regression"
-    shown = {}
+    pages = {}
     for kind in ("baseline", "candidate", "difference"):
         with Image.open(folder / "eia" / f"planted-{kind}.png") as picture:
-            shown[kind] = np.asarray(picture.convert("RGB")).astype(int)
-    difference = shown["difference"].sum(axis=-1)
+            pages[kind] = np.asarray(picture.convert("RGB")).astype(int)
+    difference = pages["difference"].sum(axis=-1)
     worst = np.unravel_index(np.argmax(difference), difference.shape)
     assert (worst[0] // 17, worst[1] // 17) == (5, 7)
     assert (folder / "fixed" / "planted-candidate.png").is_file()
@@ -367,10 +367,10 @@ def steps() -> list[dict[str, Any]]:
 def execute(step: Mapping[str, Any], folder: Path, variables: Mapping[str, str]) -> None:
     """As the runner does: bash -e on the step's text, with the job's environment."""
     env = {**os.environ, **workflow()["jobs"]["regression"]["env"], **variables}
-    done = subprocess.run(
+    process = subprocess.run(
         ["bash", "-e", "-c", step["run"]], cwd=folder, env=env, capture_output=True, text=True
     )
-    assert done.returncode == 0, (step["run"], done.stdout[-2000:], done.stderr[-2000:])
+    assert process.returncode == 0, (step["run"], process.stdout[-2000:], process.stderr[-2000:])
 
 
 def clean_copy(folder: Path) -> Path:
@@ -467,13 +467,13 @@ def plugin_test(
     pytester: pytest.Pytester, *words: str, others: Mapping[str, str] | None = None, **changes: str
 ) -> pytest.RunResult:
     """Run the plugin's test with these settings, and with `others` also a second one."""
-    few = {"lens_columns": "8", "lens_rows": "6", "viewpoints": "left"}
-    settings = {k: v for k, v in SETTINGS.items() if k != "algorithms"} | few | changes
+    small = {"lens_columns": "8", "lens_rows": "6", "viewpoints": "left"}
+    settings = {k: v for k, v in SETTINGS.items() if k != "algorithms"} | small | changes
     text = ""
     for name, more in {"sphere": {}, "other": others}.items():
         if more is not None:
-            given = {f"inim.{key}": value for key, value in (settings | more).items()}
-            text += TEST.replace("sphere", name).format(definitions=given, algorithms="template")
+            options = {f"inim.{key}": value for key, value in (settings | more).items()}
+            text += TEST.replace("sphere", name).format(definitions=options, algorithms="template")
     write_scene(pytester.path)
     pytester.makepyfile(test_it=text)
     if words == ("--inim-update",):  # a session that ends before it begins

@@ -125,9 +125,9 @@ def test_times_and_ratios_agree(finished):
 def test_exact_sources_are_never_wrong_and_others_sometimes(finished):
     wrong = {c["name"]: c["wrong_source"] for c in finished[2]["scene"]["algorithms"]}
     assert wrong["template"] == 0
-    known = {name: share for name, share in wrong.items() if share is not None}
-    assert known.keys() == set(ALGORITHMS[:3])
-    assert all(0 < share < 1 for name, share in known.items() if name != "template")
+    shares = {name: share for name, share in wrong.items() if share is not None}
+    assert shares.keys() == set(ALGORITHMS[:3])
+    assert all(0 < share < 1 for name, share in shares.items() if name != "template")
 
 
 def test_another_package_s_algorithm_is_scored_wherever_it_writes(finished):

@@ -145,8 +145,8 @@ def test_reports_with_nothing_in_common_are_not_the_same():
 
 
 def test_samples_are_counted_once_for_each_view_of_a_row():
-    def row(what, done, skipped):
-        return {"step": what, "performed": done, "skipped": skipped, "why": ""}
+    def row(work, count, skipped):
+        return {"step": work, "performed": count, "skipped": skipped, "why": ""}
 
     cold = [
         row("ground-truth EIA", "1.5 million samples traced (not made before)", "40000 samples"),

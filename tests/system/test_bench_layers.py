@@ -48,12 +48,12 @@ def finished(tmp_path_factory):
 @pytest.mark.slow
 def test_each_scene_compares_one_layer_with_all_at_equal_samples(finished):
     scenes = finished[1]["study"]["layers"]
-    assert [found["title"] for found in scenes] == ["a", "b"]
-    for found in scenes:
-        assert [c["name"] for c in found["algorithms"]] == NAMES
-        floor = found["noise_floor"]["eia_psnr_db"]
-        for c, base in zip(found["algorithms"], [0, 0, 2, 2], strict=True):
-            with_as_many = found["algorithms"][base]["median_ms"]
+    assert [scene["title"] for scene in scenes] == ["a", "b"]
+    for scene in scenes:
+        assert [c["name"] for c in scene["algorithms"]] == NAMES
+        floor = scene["noise_floor"]["eia_psnr_db"]
+        for c, base in zip(scene["algorithms"], [0, 0, 2, 2], strict=True):
+            with_as_many = scene["algorithms"][base]["median_ms"]
             assert c["template_ratio"] == pytest.approx(c["median_ms"] / with_as_many)
             assert c["to_floor_db"] == pytest.approx(c["eia_psnr_db"] - floor)
             several = c["name"].endswith("4")
@@ -64,7 +64,7 @@ def test_each_scene_compares_one_layer_with_all_at_equal_samples(finished):
 @pytest.mark.slow
 def test_shares_of_what_is_captured(finished):
     """In b a plate is closely behind another: but for its rim no ray gets there."""
-    apart, closely = (found["captured_layers"] for found in finished[1]["study"]["layers"])
+    apart, closely = (entry["captured_layers"] for entry in finished[1]["study"]["layers"])
     for captured in (apart, closely):
         front, behind, *_ = captured["covered_shares"]
         assert front > behind > 0

@@ -28,12 +28,12 @@ def test_every_lens_model_is_timed_in_turn_with_the_rectangle(views):
 
 
 def test_times_are_those_of_equal_samples_and_of_equal_noise(views):
-    found = {c["name"]: c for c in views["algorithms"]}
-    base = found[RECTANGLE]["median_ms"]
-    for c in found.values():
+    algorithms = {c["name"]: c for c in views["algorithms"]}
+    base = algorithms[RECTANGLE]["median_ms"]
+    for c in algorithms.values():
         assert c["view_ms"] == pytest.approx(c["median_ms"] * 16 / c["spp"])
-    full, thick = found.pop("full"), found["thick"]
-    for c in found.values():
+    full, thick = algorithms.pop("full"), algorithms["thick"]
+    for c in algorithms.values():
         assert c["ratio"] == pytest.approx(c["view_ms"] / base)
         assert c["thick_ratio"] == pytest.approx(c["view_ms"] / thick["view_ms"])
     # Timed apart, in turn with `thick`; by way of it to the rectangle.

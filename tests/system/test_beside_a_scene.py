@@ -127,21 +127,23 @@ def test_pictures_are_drawn_without_the_current_folder_s_configuration(tmp_path)
 
 def test_children_do_not_search_the_current_folder(trapped):
     code = "import json, sys; print(json.dumps(sys.argv[1:]))"
-    said = subprocess.check_output(
+    path = subprocess.check_output(
         python_code(code, "a", "b"), cwd=trapped, env=child_environment(), text=True
     )
-    assert said == '["a", "b"]\n'
+    assert path == '["a", "b"]\n'
     module = python_module("inim.validate", "--help")
-    shown = subprocess.check_output(module, cwd=trapped, env=child_environment(), text=True)
-    assert shown.startswith("usage: inim validate")
+    origin = subprocess.check_output(module, cwd=trapped, env=child_environment(), text=True)
+    assert origin.startswith("usage: inim validate")
     assert not (trapped / "executed").exists()
 
 
 def test_the_caller_s_own_path_stays(tmp_path, monkeypatch):
     (tmp_path / "mine.py").write_text("print('found')\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    said = subprocess.check_output(python_code("import mine"), env=child_environment(), text=True)
-    assert said == "found\n"
+    printed = subprocess.check_output(
+        python_code("import mine"), env=child_environment(), text=True
+    )
+    assert printed == "found\n"
 
 
 def test_renderer_plugins_in_the_current_folder_are_refused(tmp_path, monkeypatch):

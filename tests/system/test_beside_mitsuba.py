@@ -77,13 +77,13 @@ def test_without_mitsuba_before_the_variant_used_stays(inim_first):
     ],
 )
 def test_all_is_as_before(before, inim_first):
-    found = run(before)
-    if found["before"] and found["before"][0]:
-        assert found["after"] == found["before"], "a variant was active"
-        assert found["failed"] == found["before"], "after an error, too"
-    elif found["before"]:
-        assert found["after"][1:] == found["before"][1:], "there is no way back to no variant"
-    assert found["view"] == inim_first["view"], "the same view, to the bit"
+    state = run(before)
+    if state["before"] and state["before"][0]:
+        assert state["after"] == state["before"], "a variant was active"
+        assert state["failed"] == state["before"], "after an error, too"
+    elif state["before"]:
+        assert state["after"][1:] == state["before"][1:], "there is no way back to no variant"
+    assert state["view"] == inim_first["view"], "the same view, to the bit"
 
 
 def test_a_program_s_own_objects_and_plugins_live_on():

@@ -84,9 +84,9 @@ def test_a_panel_pixel_is_a_device_pixel_whatever_the_ratio(page, tmp_path, rati
         check_all_pictures(tab, page, tmp_path)
 
 
-def in_the_middle(seen: np.ndarray, expected: np.ndarray) -> bool:
+def in_the_middle(screenshot: np.ndarray, expected: np.ndarray) -> bool:
     """Whether a picture stands there unscaled, less than three pixels off the middle."""
-    windows = np.lib.stride_tricks.sliding_window_view(seen, expected.shape)
+    windows = np.lib.stride_tricks.sliding_window_view(screenshot, expected.shape)
     rows, columns = np.nonzero((windows == expected).all(axis=(2, 3)))
     middle = [(size - 1) / 2 for size in windows.shape[:2]]
     off = np.hypot(rows - middle[0], columns - middle[1])
@@ -99,11 +99,11 @@ def check_all_pictures(tab: Tab, page: Path, tmp_path: Path) -> None:
     for name in NAMES:
         tab.until(f"document.title === {name!r}")
         if "bit-0" in name or "phase-090" in name:
-            seen = shot(tab, tmp_path / "shot.png")
+            screenshot = shot(tab, tmp_path / "shot.png")
             with Image.open(page.with_name(f"{name}.png")) as picture:
                 expected = np.asarray(picture)
-            assert in_the_middle(seen[..., 0], expected), name
-            assert (seen == seen[..., :1]).all()
+            assert in_the_middle(screenshot[..., 0], expected), name
+            assert (screenshot == screenshot[..., :1]).all()
         tab.key(" ")
     assert tab.evaluate("document.getElementById('end').checkVisibility()")
     assert tab.complaints == []
@@ -142,8 +142,8 @@ def test_the_timer_shows_all_pictures_in_order(tab, page):
     )
     tab.click("#start")
     tab.until("document.getElementById('end').checkVisibility()")
-    seen = [name for name in tab.evaluate("seen") if name in NAMES]
-    assert list(dict.fromkeys(seen)) == NAMES
+    names = [name for name in tab.evaluate("seen") if name in NAMES]
+    assert list(dict.fromkeys(names)) == NAMES
 
 
 def test_a_page_magnified_by_fingers_warns(tab, page):

@@ -32,8 +32,8 @@ def distorted(camera: Camera, pose: Pose, points: np.ndarray) -> np.ndarray:
     find_placement, _ = cv2.Rodrigues(pose.turn)
     moved = -pose.turn @ pose.eye_mm
     coefficients = np.array([camera.k1, camera.k2, 0.0, 0.0])
-    found, _ = cv2.projectPoints(points, find_placement, moved, matrix, coefficients)
-    return found[:, 0]
+    image_points, _ = cv2.projectPoints(points, find_placement, moved, matrix, coefficients)
+    return image_points[:, 0]
 
 
 @pytest.mark.parametrize("side", ["viewer", "panel"])
@@ -58,8 +58,8 @@ def test_rays_land_where_the_thick_lens_has_them_but_for_the_facets(side):
     places = np.floor(pixel[inside]).astype(int)
     index = places[:, 1] * PINHOLE.columns + places[:, 0]
     off = []
-    for seen, true in ((landing.column, column), (landing.row, row)):
-        four = seen.reshape(-1, SAMPLES)[index]
+    for actual, true in ((landing.column, column), (landing.row, row)):
+        four = actual.reshape(-1, SAMPLES)[index]
         lit = (landing.weight.reshape(-1, SAMPLES)[index] > 0).all(axis=1) & (weight[inside] > 0)
         smooth = lit & (np.ptp(four, axis=1) < 1.0)  # all four through one lens
         assert smooth.mean() > 0.6
@@ -81,22 +81,22 @@ def test_each_ray_lands_within_the_facets_error_of_the_formula():
     pixel = DISPLAY.pixel_pitch_mm
     rows, columns = DISPLAY.eia_shape
     off = np.hypot(column - panel_x / pixel - columns / 2, row - rows / 2 + panel_y / pixel)
-    both = (weight > 0) & (thick > 0)
-    assert both.mean() > 0.99
+    in_both = (weight > 0) & (thick > 0)
+    assert in_both.mean() > 0.99
     facets = sheet.mesh.facet_error_mm / pixel
     # As `inim.lens.full` states of its facets; float32 adds some 1e-3 pixels.
-    assert np.quantile(off[both], 0.99) < facets + 2e-3
-    assert (off[both] > 2 * facets + 2e-3).mean() < 1e-3
-    assert np.quantile(np.abs(weight - thick)[both], 0.999) < 2e-3
+    assert np.quantile(off[in_both], 0.99) < facets + 2e-3
+    assert (off[in_both] > 2 * facets + 2e-3).mean() < 1e-3
+    assert np.quantile(np.abs(weight - thick)[in_both], 0.999) < 2e-3
 
 
 @pytest.fixture(scope="module")
 def case():
     """A small display before a small camera."""
-    drawn = draw_case(0)
+    settings = draw_case(0)
     camera = replace(PINHOLE, pupil_mm=2.5)
     return replace(
-        drawn, design=small_display(12, 10, 17), display=DISPLAY, camera=camera, poses=(OBLIQUE,)
+        settings, design=small_display(12, 10, 17), display=DISPLAY, camera=camera, poses=(OBLIQUE,)
     )
 
 
@@ -108,14 +108,14 @@ def test_photographs_decode_to_where_their_rays_land(case, tmp_path):
     assert position.focal_length_px == pytest.approx(
         case.camera.focal_length_px, abs=0.51 * diagonal / np.hypot(36, 24)
     )
-    found = decode(position)
+    decoded = decode(position)
     landing = Sheet(case.display).trace(case.camera, case.poses[0], seed=9)
-    known = np.isfinite(found.column)
-    assert known.mean() > 0.3
-    for seen, rays in ((found.column, landing.column), (found.row, landing.row)):
-        four = rays.reshape(*seen.shape, SAMPLES)
+    decoded_pixels = np.isfinite(decoded.column)
+    assert decoded_pixels.mean() > 0.3
+    for actual, rays in ((decoded.column, landing.column), (decoded.row, landing.row)):
+        four = rays.reshape(*actual.shape, SAMPLES)
         lit = (landing.weight.reshape(four.shape) > 0).all(axis=-1)
-        off = (seen - four.mean(axis=-1))[known & lit & (np.ptp(four, axis=-1) < 3)]
+        off = (actual - four.mean(axis=-1))[decoded_pixels & lit & (np.ptp(four, axis=-1) < 3)]
         assert off.size > 10_000
         assert abs(off.mean()) < 0.03
         assert np.sqrt(np.mean(off**2)) < 0.5

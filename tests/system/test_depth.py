@@ -44,18 +44,18 @@ class _Tensor:
         return self.values
 
 
-def stand_in(monkeypatch, said, **config):
+def stand_in(monkeypatch, message, **config):
     """Put a pipeline in place of transformers' that says `said` of any picture."""
-    seen = []
+    inputs = []
 
     def pipeline(task, model):
         assert task == "depth-estimation"
-        if isinstance(said, Exception):
-            raise said
+        if isinstance(message, Exception):
+            raise message
 
         def estimate(picture):
-            seen.append((model, picture.size))
-            return {"predicted_depth": _Tensor(said)}
+            inputs.append((model, picture.size))
+            return {"predicted_depth": _Tensor(message)}
 
         estimate.model = SimpleNamespace(config=SimpleNamespace(**config))
         return estimate
@@ -64,15 +64,15 @@ def stand_in(monkeypatch, said, **config):
     transformers.pipeline = pipeline
     monkeypatch.setitem(sys.modules, "transformers", transformers)
     monkeypatch.setitem(sys.modules, "torch", ModuleType("torch"))
-    return seen
+    return inputs
 
 
 def test_inverse_depth_is_turned_round(monkeypatch, photo, capsys):
     inverse = np.linspace(3, 11, 42 * 56).reshape(1, 42, 56)
-    seen = stand_in(monkeypatch, inverse, model_type="dpt")
+    inputs = stand_in(monkeypatch, inverse, model_type="dpt")
     out = photo.with_name("d.exr")
     assert main(["depth", str(photo), "-o", str(out), "--depth-ratio", "5"]) == EXIT_PASSED
-    assert seen == [("depth-anything/Depth-Anything-V2-Small-hf", (56, 42))]
+    assert inputs == [("depth-anything/Depth-Anything-V2-Small-hf", (56, 42))]
     depth = read_depth(out).values
     assert depth.shape == (42, 56)
     # Inverse distance is affine in what was said: 1/5 at the least, 1 at the largest.
@@ -90,9 +90,9 @@ def test_metres_are_kept_and_make_an_eia(monkeypatch, photo, capsys):
     size = [w for k in ("columns", "rows") for w in ("-D", f"inim.lens_{k}=8")]
     more = [str(photo), "--orthographic", *size, "-o", str(eia)]
     assert main(["generate", *more, *use]) == EXIT_PASSED
-    said = capsys.readouterr()
-    assert "1000 (near) .. 4000 (far) mm" in said.out
-    assert said.err == ""
+    output = capsys.readouterr()
+    assert "1000 (near) .. 4000 (far) mm" in output.out
+    assert output.err == ""
 
 
 def test_flat_inverse_depth_is_all_near():
@@ -139,15 +139,15 @@ def test_without_the_extra_the_line_to_type_is_said(photo, monkeypatch, missing)
 
 
 @pytest.mark.parametrize(
-    ("said", "says"),
+    ("message", "says"),
     [
         (OSError("mine is no local folder\nand more"), "--model mine: cannot be loaded (mine is"),
         (np.full((4, 4), np.nan), "values not finite"),
         (np.ones((2, 3, 4, 5)), "shape (2, 3, 4, 5)"),
     ],
 )
-def test_a_model_that_cannot_be_used_is_named(photo, monkeypatch, said, says):
-    stand_in(monkeypatch, said, model_type="dpt")
+def test_a_model_that_cannot_be_used_is_named(photo, monkeypatch, message, says):
+    stand_in(monkeypatch, message, model_type="dpt")
     words = (photo.name, "-o", "d.exr", "--model", "mine")
     assert_refused("depth", *words, folder=photo.parent, says=[says])
 

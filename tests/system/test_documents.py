@@ -23,12 +23,12 @@ _ANCHOR = re.compile(r'\bid="([^"]+)"')
 
 def build(folder: Path, *options: str) -> Path:
     """The site of the project's documents, every warning an error."""
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-m", "sphinx", "--fail-on-warning", "--keep-going", "--quiet",
          *options, "-d", str(folder / "doctrees"), "docs", str(folder / "site")],
         cwd=ROOT, capture_output=True, text=True,
     )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-4000:]
+    assert process.returncode == 0, process.stderr[-4000:]
     return folder / "site"
 
 
@@ -42,7 +42,7 @@ def site(tmp_path_factory):
 def test_every_link_and_picture_of_the_site_is_there(site):
     texts = {p.resolve(): p.read_text("utf-8") for p in site.rglob("*.html")}
     anchors = {path: set(_ANCHOR.findall(text)) for path, text in texts.items()}
-    seen = 0
+    count = 0
     display = (site / "virtual-display.html").resolve()
     assert display in texts and f'src="{display.name}"' in texts[(site / "index.html").resolve()]
     for path, text in texts.items():
@@ -51,13 +51,13 @@ def test_every_link_and_picture_of_the_site_is_there(site):
         for target in map(unquote, _TARGET.findall(text)):
             if re.match(r"[a-z]+:|//", target):
                 continue
-            where, _, anchor = target.partition("#")
-            file = (path.parent / where.partition("?")[0]).resolve() if where else path
+            page, _, anchor = target.partition("#")
+            file = (path.parent / page.partition("?")[0]).resolve() if page else path
             assert file.exists(), f"{path.name}: {target}"
             if anchor and file in anchors:
                 assert anchor in anchors[file], f"{path.name}: {target}"
-            seen += 1
-    assert seen > 1000
+            count += 1
+    assert count > 1000
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ Beside = Callable[[Path], object]
 Door = tuple[list[str], str, int, Beside]
 
 
-def nothing(folder: Path) -> None:
+def no_output(folder: Path) -> None:
     """No other file."""
 
 
@@ -82,8 +82,8 @@ def views(folder: Path, numbers: Sequence[int] = (1, 2, 3)) -> None:
     """A light field of four views but for its first, or of some."""
     (folder / "views").mkdir()
     for number in numbers:
-        shown = Image.fromarray(np.zeros((9, 9, 3), np.uint8))
-        shown.save(folder / f"views/input_Cam{number:03}.png")
+        image = Image.fromarray(np.zeros((9, 9, 3), np.uint8))
+        image.save(folder / f"views/input_Cam{number:03}.png")
 
 
 def two_views(folder: Path) -> None:
@@ -105,20 +105,20 @@ def calibration(folder: Path) -> None:
 ACCEPT = ["baseline", "accept", "OUT", "--reason", "because"]
 VALIDATE = ["validate", "tiny.xml", "-o", "made"]
 DOORS: dict[str, Door] = {
-    "a scene": (["validate", "x.xml", "-o", "made"], "x.xml", EXIT_USAGE, nothing),
-    "a scene to inspect": (["inspect", "x.xml"], "x.xml", EXIT_USAGE, nothing),
+    "a scene": (["validate", "x.xml", "-o", "made"], "x.xml", EXIT_USAGE, no_output),
+    "a scene to inspect": (["inspect", "x.xml"], "x.xml", EXIT_USAGE, no_output),
     "an include": (VALIDATE, "x.xml", EXIT_USAGE, scene(INCLUDE)),
     "a scene's mesh": (VALIDATE, "x.ply", EXIT_USAGE, scene(MESH)),
     "a scene's texture": (VALIDATE, "x.png", EXIT_USAGE, scene(TEXTURE)),
     "a finished EIA": ([*VALIDATE, "--eia", "mine=x.png"], "x.png", EXIT_USAGE, write_scene),
     "a finished EXR": ([*VALIDATE, "--eia", "mine=x.exr"], "x.exr", EXIT_USAGE, write_scene),
-    "an RGB-D picture": (["validate", "x.exr"], "x.exr", EXIT_USAGE, nothing),
+    "an RGB-D picture": (["validate", "x.exr"], "x.exr", EXIT_USAGE, no_output),
     "a colour picture": (
         ["generate", "x.png", "--depth", "color.png", *TAKEN],
         "x.png", EXIT_USAGE, picture,
     ),
-    "a photograph with depth inside": (["generate", "x.jpg"], "x.jpg", EXIT_USAGE, nothing),
-    "a photograph to validate": (["validate", "x.jpg"], "x.jpg", EXIT_USAGE, nothing),
+    "a photograph with depth inside": (["generate", "x.jpg"], "x.jpg", EXIT_USAGE, no_output),
+    "a photograph to validate": (["validate", "x.jpg"], "x.jpg", EXIT_USAGE, no_output),
     "a depth picture": (
         ["generate", "color.png", "--depth", "x.png", *TAKEN],
         "x.png", EXIT_USAGE, picture,
@@ -135,7 +135,7 @@ DOORS: dict[str, Door] = {
         ["generate", "views", "-o", "made.png"],
         "views/parameters.cfg", EXIT_USAGE, two_views,
     ),
-    "a photograph": (["depth", "x.png", "-o", "made.exr"], "x.png", EXIT_USAGE, nothing),
+    "a photograph": (["depth", "x.png", "-o", "made.exr"], "x.png", EXIT_USAGE, no_output),
     "a photograph of a display": (
         ["photo", "x.jpg", "--eia", "color.png", "--display", "mine.xml"],
         "x.jpg", EXIT_USAGE, calibration,
@@ -144,28 +144,28 @@ DOORS: dict[str, Door] = {
         ["photo", "color.png", "--eia", "color.png", "--display", "mine.xml"],
         "mine-calibration/calibration.json", EXIT_USAGE, display_file,
     ),
-    "a study": (["sweep", "x.toml", "-o", "made"], "x.toml", EXIT_USAGE, nothing),
+    "a study": (["sweep", "x.toml", "-o", "made"], "x.toml", EXIT_USAGE, no_output),
     "a study's scene": (
         ["sweep", "study.toml", "-o", "made"],
         "x.xml", EXIT_USAGE, lambda folder: (folder / "study.toml").write_text(STUDY),
     ),
     "a mesh": (
         ["new-scene", "x.ply", "-o", "made.xml", "--unit", "mm", "--up", "y"],
-        "x.ply", EXIT_USAGE, nothing,
+        "x.ply", EXIT_USAGE, no_output,
     ),
-    "an EIA to export": (["export", "x.png", "--pdf", "made.pdf"], "x.png", EXIT_USAGE, nothing),
-    "an EIA to view": (["view", "x.exr"], "x.exr", EXIT_USAGE, nothing),
+    "an EIA to export": (["export", "x.png", "--pdf", "made.pdf"], "x.png", EXIT_USAGE, no_output),
+    "an EIA to view": (["view", "x.exr"], "x.exr", EXIT_USAGE, no_output),
     "a display": (
         ["export", "color.png", "--display", "x.xml", "--pdf", "made.pdf"],
         "x.xml", EXIT_USAGE, picture,
     ),
     "a report to export": (
-        ["export", "OUT", "--pdf", "made.pdf"], "OUT/report.json", EXIT_USAGE, nothing,
+        ["export", "OUT", "--pdf", "made.pdf"], "OUT/report.json", EXIT_USAGE, no_output,
     ),
-    "a report to view": (["view", "OUT"], "OUT/report.json", EXIT_USAGE, nothing),
-    "a report to film": (["film", "OUT"], "OUT/report.json", EXIT_USAGE, nothing),
-    "a report to accept": (ACCEPT, "OUT/report.json", EXIT_USAGE, nothing),
-    "a report to compare": (["compare", "OUT", "OUT"], "OUT/report.json", EXIT_USAGE, nothing),
+    "a report to view": (["view", "OUT"], "OUT/report.json", EXIT_USAGE, no_output),
+    "a report to film": (["film", "OUT"], "OUT/report.json", EXIT_USAGE, no_output),
+    "a report to accept": (ACCEPT, "OUT/report.json", EXIT_USAGE, no_output),
+    "a report to compare": (["compare", "OUT", "OUT"], "OUT/report.json", EXIT_USAGE, no_output),
     "a candidate": (ACCEPT, "OUT/regression/candidate.json", EXIT_BASELINE, report),
     "a candidate's arrays": (ACCEPT, "OUT/regression/candidate.npz", EXIT_BASELINE, candidate),
     "a baseline": (
@@ -179,10 +179,10 @@ DOORS: dict[str, Door] = {
 
 def listening(path: Path) -> None:
     """A socket's name may have a hundred bytes only."""
-    with socket.socket(socket.AF_UNIX) as one:
+    with socket.socket(socket.AF_UNIX) as listener:
         here = Path.cwd()
         os.chdir(path.parent)
-        one.bind(path.name)
+        listener.bind(path.name)
         os.chdir(here)
 
 

@@ -39,8 +39,8 @@ def installed(tmp_path_factory):
         shutil.copy(file, folder)
     points = SECTION.findall((PACKAGE / "pyproject.toml").read_text("utf-8"))
     assert len(points) == len(list(PACKAGE.glob("*.py")))
-    said = "".join(f"[{group}]\n{names}" for group, names in points)
-    install_metadata(folder, "inim-example", said.replace('"', ""))
+    entry_points = "".join(f"[{group}]\n{names}" for group, names in points)
+    install_metadata(folder, "inim-example", entry_points.replace('"', ""))
     return {"PYTHONPATH": str(folder)}
 
 
@@ -55,8 +55,8 @@ def validated(tmp_path_factory, installed):
     folder = tmp_path_factory.mktemp("example")
     words = ("-o", "out", "--algorithms", "template,example", "--viewpoints", "centre")
     scene = write_scene(folder)
-    given = definitions(TINY | LENS)
-    run("validate", scene, *words, *given, folder=folder, variables=installed)
+    options = definitions(TINY | LENS)
+    run("validate", scene, *words, *options, folder=folder, variables=installed)
     return folder / "out", read_document(folder / "out" / "report.json")
 
 
@@ -80,8 +80,8 @@ def test_page_shows_them(validated):
     page = (out / "report.html").read_text("utf-8")
     assert "vignetted" in page
     for name in ("mad", "mad_to_reference"):
-        shown = f"{data['algorithms']['example']['views']['centre'][name]:.4f}"
-        assert f"<dd>MAD <b>{shown}</b></dd>" in page
+        score = f"{data['algorithms']['example']['views']['centre'][name]:.4f}"
+        assert f"<dd>MAD <b>{score}</b></dd>" in page
 
 
 def test_baseline_judges_its_metric_by_its_own_tolerance(validated, installed, tmp_path):
@@ -89,10 +89,10 @@ def test_baseline_judges_its_metric_by_its_own_tolerance(validated, installed, t
     run("compare", out, out, "-o", "same", folder=tmp_path, variables=installed)
     data = read_document(tmp_path / "same" / "compare.json")
     label = "example/centre: MAD to reference"
-    (found,) = [c for c in data["verdict"]["checks"] if c["name"].startswith(label)]
-    assert found["passed"]
-    assert found["value"] == 0
-    assert found["limit"] >= 0.002
+    (check,) = [c for c in data["verdict"]["checks"] if c["name"].startswith(label)]
+    assert check["passed"]
+    assert check["value"] == 0
+    assert check["limit"] >= 0.002
 
 
 def test_sweep_has_columns_of_its_metric(tmp_path, installed):
@@ -111,8 +111,8 @@ def test_sweep_has_columns_of_its_metric(tmp_path, installed):
     (result,) = (tmp_path / "out" / "units").rglob("*.json")
     assert "mad" in read_document(result)["key"]["metrics"]
     (row,) = rows
-    wanted = ("example", "vignetted", "ok")
-    assert (row["algorithm"], row["lens_model"], row["status"]) == wanted
+    expected = ("example", "vignetted", "ok")
+    assert (row["algorithm"], row["lens_model"], row["status"]) == expected
     for name in ("mad", "mad_to_reference", "reference_mad", "noise_floor_mad"):
         assert 0 < row[name] < 1, name
 
@@ -123,13 +123,13 @@ def test_bench_has_errors_by_its_metric(tmp_path, installed):
     with pytest.MonkeyPatch.context() as patch:
         for name in ("_SETTLE_S", "_LEAD_IN_S"):  # pauses that make times comparable
             patch.setattr(turns, name, 0.0)
-        given = definitions(TINY | LENS)
-        run("bench", scene, *words, *given, folder=tmp_path, variables=installed)
+        options = definitions(TINY | LENS)
+        run("bench", scene, *words, *options, folder=tmp_path, variables=installed)
     data = read_document(tmp_path / "out" / "bench.json")
-    (found,) = data["scene"]["algorithms"]
-    assert found["name"] == "example"
+    (row,) = data["scene"]["algorithms"]
+    assert row["name"] == "example"
     assert "inim.lens_model=vignetted" in data["command"]
-    error = found["scores"]["view_mad_to_reference"]
+    error = row["scores"]["view_mad_to_reference"]
     assert 0 < error < 1
     page = (tmp_path / "out" / "bench.html").read_text("utf-8")
     assert "view MAD to reference" in page
@@ -152,8 +152,8 @@ def test_metric_with_a_fault_is_one_line_that_names_it(tmp_path, code, words):
     install_metadata(tmp_path, "bad-metric", "[inim.metrics]\nbad = bad_metric:metric\n")
     (tmp_path / "bad_metric.py").write_text(code)
     scene = write_scene(tmp_path).name
-    given = ("validate", scene, "-o", "out", "--viewpoints", "centre", *definitions(TINY))
-    ended = run_here(*given, folder=tmp_path, variables={"PYTHONPATH": str(tmp_path)})
+    arguments = ("validate", scene, "-o", "out", "--viewpoints", "centre", *definitions(TINY))
+    ended = run_here(*arguments, folder=tmp_path, variables={"PYTHONPATH": str(tmp_path)})
     assert (ended.code, ended.stdout) == (EXIT_USAGE, "")
     assert_one_line(ended.stderr, ["metric 'bad'", *words])
     assert not (tmp_path / "out").exists()

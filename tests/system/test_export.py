@@ -57,7 +57,7 @@ def words(settings: dict[str, object], *names: str) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def export_folder(tmp_path_factory):
     """A folder with a scene, of a colour given by -D, and its report OUT; the worse is first."""
     folder = tmp_path_factory.mktemp("export")
     shapes = (
@@ -67,16 +67,16 @@ def made(tmp_path_factory):
     )
     text = scene_text('<default name="red" value="0.1,0.1,0.9"/>', *shapes)
     (folder / "scene.xml").write_text(text, encoding="utf-8")
-    given = [*words(QUICK), "-D", "red=0.9,0.1,0.1"]
-    ended = run_here("validate", "scene.xml", "-o", "OUT", *given, "--quiet", folder=folder)
+    options = [*words(QUICK), "-D", "red=0.9,0.1,0.1"]
+    ended = run_here("validate", "scene.xml", "-o", "OUT", *options, "--quiet", folder=folder)
     assert ended.code == EXIT_PASSED, ended.stderr
     return folder
 
 
 @pytest.fixture
-def folder(made, tmp_path):
+def folder(export_folder, tmp_path):
     """The same, to be changed."""
-    return Path(shutil.copytree(made, tmp_path / "made"))
+    return Path(shutil.copytree(export_folder, tmp_path / "made"))
 
 
 def export(folder: Path, *more: str) -> Ended:
@@ -87,13 +87,15 @@ def test_the_best_algorithm_is_exported_unless_another_is_named(folder):
     pictures = {n: Image.open(folder / f"OUT/eia/{n}.png") for n in ("template", "wang2024")}
     pictures["truth"] = Image.open(folder / "OUT/truth/eia.png")
     why = ", the best of 2 by SSIM on the relic, to the reference"
-    for given, name, said in (
+    for options, name, message in (
         ([], "template", why),
         (["--algorithms", "wang2024"], "wang2024", ""),
         (["--algorithms", "truth"], "truth", ""),
     ):
-        ended = export(folder, "--hci", name, *given)
-        assert (ended.code, ended.stdout) == (0, f"{name}\nexported {name}{said}\n"), ended.stderr
+        ended = export(folder, "--hci", name, *options)
+        assert (ended.code, ended.stdout) == (0, f"{name}\nexported {name}{message}\n"), (
+            ended.stderr
+        )
         eia = eia_from_views(read_hci(folder / name).views, DISPLAY)
         np.testing.assert_array_equal(eia, np.asarray(pictures[name]))
 
@@ -101,8 +103,8 @@ def test_the_best_algorithm_is_exported_unless_another_is_named(folder):
 def test_without_scores_to_choose_by_it_asks(folder):
     path = folder / "OUT" / "report.json"
     data = json.loads(path.read_text("utf-8"))
-    for one in data["algorithms"].values():
-        one["views"] = {}
+    for algorithm in data["algorithms"].values():
+        algorithm["views"] = {}
     path.write_text(json.dumps(data), encoding="utf-8")
     ended = export(folder, "--pdf", "sheet.pdf")
     assert ended.code == EXIT_USAGE
@@ -115,7 +117,7 @@ def test_without_scores_to_choose_by_it_asks(folder):
 
 
 @pytest.mark.parametrize(
-    ("more", "said"),
+    ("more", "message"),
     [
         (["--pdf", "p.pdf", "--algorithms", "tempate"], ["tempate", "did you mean template?"]),
         (["--pdf", "p.pdf", "--algorithms", "Truth"], ["did you mean truth?"]),
@@ -127,8 +129,8 @@ def test_without_scores_to_choose_by_it_asks(folder):
         (["--quilt", "q.jpg", "--pdf", "p.pdf"], ["q.jpg", "a quilt is a .png"]),
     ],
 )
-def test_a_mistake_is_one_line_and_nothing_is_written(folder, more, said):
-    assert_refused("export", "OUT", *more, folder=folder, says=said)
+def test_a_mistake_is_one_line_and_nothing_is_written(folder, more, message):
+    assert_refused("export", "OUT", *more, folder=folder, says=message)
 
 
 def once_a_lens(rgbd: RGBD, display: Display) -> RGBD:
@@ -152,9 +154,9 @@ def test_a_report_s_light_field_is_generated_to_what_its_picture_sampled_once_a_
     fine = generate(own, display, nearest)
     write_exr(folder / "OUT/eia/template.exr", fine)
     assert export(folder, "--hci", "hci", "--algorithms", "template").code == EXIT_PASSED
-    given = words(QUICK, "lens_columns", "lens_rows", "pixel_pitch_mm")
+    options = words(QUICK, "lens_columns", "lens_rows", "pixel_pitch_mm")
     out = ["-o", "eia.exr", "--save-rgbd", "rgbd.exr", "--algorithms", nearest]
-    ended = run_here("generate", "hci", *given, *out, folder=folder)
+    ended = run_here("generate", "hci", *options, *out, folder=folder)
     assert ended.code == EXIT_PASSED, ended.stderr
     assert "clipped    0.0%" in ended.stdout
     coarse = once_a_lens(own, display)
@@ -167,12 +169,12 @@ def test_a_report_s_light_field_is_generated_to_what_its_picture_sampled_once_a_
     back = read_rgbd(folder / "rgbd.exr")
     np.testing.assert_array_equal(back.covered, expected.covered)
     np.testing.assert_allclose(back.depth_mm, expected.depth_mm, atol=1e-3)
-    codes = [srgb_codes(one.color).astype(int)[expected.covered] for one in (back, expected)]
+    codes = [srgb_codes(layer.color).astype(int)[expected.covered] for layer in (back, expected)]
     assert np.abs(codes[0] - codes[1]).max() <= 1
     # So as an EIA it is as near to the report's as sampling once a lens lets it be.
     sampled = ssim(fine, generate(expected, display, nearest))
-    found = ssim(fine, read_eia(folder / "eia.exr", display)[0])
-    assert found == pytest.approx(sampled, abs=0.005)
+    score = ssim(fine, read_eia(folder / "eia.exr", display)[0])
+    assert score == pytest.approx(sampled, abs=0.005)
     # With all of it in one plane it would be another.
     plane = np.where(expected.covered, np.float32(30), np.float32(0))
     flat = RGBD(expected.color, plane, expected.covered, expected.pixel_mm)
@@ -187,8 +189,8 @@ def test_a_report_s_light_field_has_a_view_in_the_middle(tmp_path, pixels, views
     picture = RGBD(np.ones((*shape, 3), np.float32), depth, np.ones(shape, bool), 0.2)
     write_rgbd(tmp_path / "OUT/rgbd.exr", picture)
     write_exr(tmp_path / "OUT/eia/template.exr", np.ones((*display.eia_shape, 3), np.float32))
-    shown = {"parameters": display.parameters(), "derived": display.derived_quantities()}
-    data = report_document(report_data() | {"display": shown})
+    document = {"parameters": display.parameters(), "derived": display.derived_quantities()}
+    data = report_document(report_data() | {"display": document})
     Report(tmp_path / "OUT", data).write()
     assert export(tmp_path, "--hci", "hci", "--algorithms", "template").code == EXIT_PASSED
     field = read_hci(tmp_path / "hci")
@@ -203,8 +205,17 @@ def test_a_quilt_of_the_truth_is_the_scene_traced_again(folder, renderer):
     from inim.render.scene import open_scene
     from inim.scene.file import read_scene_file
 
-    asked = ["--algorithms", "truth", "--quilt", "q.png", "--tiles", "3x2", "--view-size", "50x64"]
-    ended = export(folder, *asked, "--view-spp", "4")
+    arguments = [
+        "--algorithms",
+        "truth",
+        "--quilt",
+        "q.png",
+        "--tiles",
+        "3x2",
+        "--view-size",
+        "50x64",
+    ]
+    ended = export(folder, *arguments, "--view-spp", "4")
     assert (ended.code, ended.stdout) == (0, "q_qs3x2a0.78125.png\nexported truth\n"), ended.stderr
     views = quilt_views(folder / "q_qs3x2a0.78125.png", 3, 2)
     file = read_scene_file(folder / "scene.xml", {"red": "0.9,0.1,0.1"})
@@ -222,14 +233,14 @@ def test_a_quilt_of_the_truth_is_the_scene_traced_again(folder, renderer):
     # Another scene than the report's is not traced in its place.
     text = (folder / "scene.xml").read_text("utf-8")
     (folder / "scene.xml").rename(folder / "kept.xml")
-    ended = export(folder, *asked)
+    ended = export(folder, *arguments)
     assert ended.code == EXIT_USAGE
     assert_one_line(ended.stderr, ["scene.xml"])
     (folder / "scene.xml").write_text(text.replace("1.2", "1.3"), encoding="utf-8")
-    ended = export(folder, *asked)
+    ended = export(folder, *arguments)
     assert ended.code == EXIT_USAGE
     assert_one_line(ended.stderr, ["scene.xml", "differs from the report's scene", "--scene"])
-    assert export(folder, *asked, "--scene", "kept.xml", "--view-spp", "2").code == EXIT_PASSED
+    assert export(folder, *arguments, "--scene", "kept.xml", "--view-spp", "2").code == EXIT_PASSED
 
 
 @pytest.mark.parametrize("model", ["pinhole", "thin"])
@@ -244,18 +255,27 @@ def test_a_quilt_s_tiles_are_what_eyes_see_across_the_zone(tmp_path, renderer, m
     rgbd = RGBD(color, np.full(shape, z, np.float32), np.ones(shape, bool), pixel)
     write_eia(tmp_path / "eia.exr", generate(rgbd, DISPLAY), None, DISPLAY.pixel_pitch_mm)
     names = ("lens_columns", "lens_rows", "pixel_pitch_mm")
-    given = [*words(QUICK, *names), "-D", f"inim.lens_model={model}"]
-    asked = ["--quilt", "made/q.png", "--tiles", "3x2", "--view-size", "60x48", "--view-spp", "16"]
-    ended = run_here("export", "eia.exr", *given, *asked, folder=tmp_path)
+    options = [*words(QUICK, *names), "-D", f"inim.lens_model={model}"]
+    arguments = [
+        "--quilt",
+        "made/q.png",
+        "--tiles",
+        "3x2",
+        "--view-size",
+        "60x48",
+        "--view-spp",
+        "16",
+    ]
+    ended = run_here("export", "eia.exr", *options, *arguments, folder=tmp_path)
     assert (ended.code, ended.stdout) == (0, "made/q_qs3x2a1.25.png\nexported eia.exr\n")
     views = quilt_views(tmp_path / "made/q_qs3x2a1.25.png", 3, 2)
     eyes, eia = zone_eyes(DISPLAY, 6), read_eia(tmp_path / "eia.exr", DISPLAY)[0]
     x = (np.arange(60) + 0.5 - 30) / 3
     for view, eye in zip(views, eyes, strict=True):
-        seen = reconstruct(eia, DISPLAY, eye, model, pixels_per_lens=3, spp=16, seed=0)
-        exposed = np.float32(white_exposure(DISPLAY, model)) * seen
+        eye_view = reconstruct(eia, DISPLAY, eye, model, pixels_per_lens=3, spp=16, seed=0)
+        exposed = np.float32(white_exposure(DISPLAY, model)) * eye_view
         np.testing.assert_array_equal(view, srgb_codes(exposed))
-        light = seen[..., 0].sum(axis=0)
+        light = eye_view[..., 0].sum(axis=0)
         expected = -eye.x_mm * z / (eye.z_mm - z)
         assert (light @ x) / light.sum() == pytest.approx(expected, abs=DISPLAY.pitch_mm / 2)
     assert eyes[0].x_mm < 0 < eyes[-1].x_mm
@@ -278,11 +298,11 @@ def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
     assert capsys.readouterr().out.splitlines()[-1] == "exported eia.png"
     page = (tmp_path / "sheet.pdf").read_bytes().split(b"/MediaBox [")[1].split(b"]")[0]
     assert [float(v) for v in page.split()] == pytest.approx([0, 0, 6 / 25.4 * 72, 5 / 25.4 * 72])
-    one = np.asarray(Image.open(tmp_path / "views" / "view_02_03.png"))
-    np.testing.assert_array_equal(one, views[2, 3])
+    view = np.asarray(Image.open(tmp_path / "views" / "view_02_03.png"))
+    np.testing.assert_array_equal(view, views[2, 3])
     back = tmp_path / "back.png"
-    given = [str(tmp_path / "hci"), "--all-views", *more, "-o", str(back)]
-    assert main(["generate", *given]) == EXIT_PASSED
+    options = [str(tmp_path / "hci"), "--all-views", *more, "-o", str(back)]
+    assert main(["generate", *options]) == EXIT_PASSED
     np.testing.assert_array_equal(np.asarray(Image.open(back).convert("RGB")), eia)
 
 

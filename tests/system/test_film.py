@@ -39,9 +39,9 @@ def film(*words: str | Path, folder: Path) -> Ended:
     return run_here("film", *words, folder=folder.parent)
 
 
-def read(path: Path) -> list[np.ndarray]:
-    with Image.open(path) as shown:
-        return [np.asarray(f.convert("RGB")) for f in ImageSequence.Iterator(shown)]
+def read_film(path: Path) -> list[np.ndarray]:
+    with Image.open(path) as film:
+        return [np.asarray(f.convert("RGB")) for f in ImageSequence.Iterator(film)]
 
 
 def test_frames_are_views_along_the_path_side_by_side(folder, renderer):
@@ -50,7 +50,7 @@ def test_frames_are_views_along_the_path_side_by_side(folder, renderer):
     ended = film("OUT", "-o", "made/film.webp", "--path", PATH, "--frames", "6", "--rate", "10",
                  folder=folder)  # fmt: skip
     assert (ended.code, ended.stdout) == (0, "made/film.webp\n"), ended.stderr
-    frames = read(folder.parent / "made/film.webp")
+    frames = read_film(folder.parent / "made/film.webp")
     assert len(frames) == 6
     times = 5  # 80 rows of view
     assert frames[0].shape == (LABEL + 80 * times, 2 * 96 * times + 8, 3)
@@ -59,13 +59,13 @@ def test_frames_are_views_along_the_path_side_by_side(folder, renderer):
         views = frame[LABEL:]
         parts = views[:, : 96 * times], views[:, 96 * times + 8 :]
         for seed, part in enumerate(parts):
-            shown = linear_from_srgb(part[times // 2 :: times, times // 2 :: times] / 255)
+            light = linear_from_srgb(part[times // 2 :: times, times // 2 :: times] / 255)
             expected = reconstruct(panel(seed), DISPLAY, eye, "pinhole")
             elsewhere = reconstruct(panel(seed), DISPLAY, eyes[eyes.index(eye) - 3], "pinhole")
             # What WebP loses; another place of the path or the other panel loses much more.
-            assert ssim(expected, shown) > 0.95
-            assert ssim(elsewhere, shown) < 0.9
-            assert ssim(reconstruct(panel(1 - seed), DISPLAY, eye, "pinhole"), shown) < 0.9
+            assert ssim(expected, light) > 0.95
+            assert ssim(elsewhere, light) < 0.9
+            assert ssim(reconstruct(panel(1 - seed), DISPLAY, eye, "pinhole"), light) < 0.9
         # Each under its name: another one's pixels.
         names = frame[:LABEL, : 96 * times], frame[:LABEL, 96 * times + 8 :]
         assert all((name.max(axis=-1) > 128).sum() > 50 for name in names)
@@ -77,13 +77,13 @@ def test_one_panel_by_name(folder):
     ended = film("OUT", "-o", "film.gif", "--algorithms", "wang2024", "--frames", "2",
                  "--view-spp", "4", "--quiet", folder=folder)  # fmt: skip
     assert (ended.code, ended.stdout) == (0, ""), ended.stderr
-    frames = read(folder.parent / "film.gif")
+    frames = read_film(folder.parent / "film.gif")
     assert [f.shape for f in frames] == [(LABEL + 400, 480, 3)] * 2
     assert abs(frames[0].astype(int) - frames[1]).mean() > 1
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["-o", "film.avi"], ["film.avi", ".gif"]),
         (["-o", "OUT"], ["OUT"]),
@@ -95,8 +95,8 @@ def test_one_panel_by_name(folder):
         (["--lens-model", "magic"], ["magic", "pinhole"]),
     ],
 )
-def test_mistakes_are_one_line_before_anything_is_rendered(folder, words, said):
-    assert_refused("film", "OUT", *words, folder=folder.parent, says=said)
+def test_mistakes_are_one_line_before_anything_is_rendered(folder, words, message):
+    assert_refused("film", "OUT", *words, folder=folder.parent, says=message)
 
 
 @pytest.mark.parametrize("name", ["truth/eia.exr", "report.json"])

@@ -67,8 +67,8 @@ def test_preview_with_a_baseline_is_refused_before_anything_is_rendered(tmp_path
 
 def test_definitions_and_options_override_a_preview(tmp_path):
     request = Request(write_scene(tmp_path), tmp_path, preview=True)
-    asked = replace(request, definitions={"inim.eia_spp": "6"}, viewpoints=("left", "up"))
-    plain, changed = make_plan(request), make_plan(asked)
+    with_options = replace(request, definitions={"inim.eia_spp": "6"}, viewpoints=("left", "up"))
+    plain, changed = make_plan(request), make_plan(with_options)
     assert plain.settings.eia_spp == int(PREVIEW["inim.eia_spp"])
     assert [method.name for method in plain.methods] == ["template"]
     assert changed.settings.eia_spp == 6
@@ -95,7 +95,7 @@ def on_a_terminal(words: list[str], folder: Path) -> str:
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 100, 0, 0))
     with subprocess.Popen(words, cwd=folder, stdin=theirs, stdout=theirs, stderr=theirs) as child:
         os.close(theirs)
-        said = b""
+        output = b""
         while True:
             try:
                 more = os.read(ours, 65536)
@@ -103,19 +103,19 @@ def on_a_terminal(words: list[str], folder: Path) -> str:
                 break
             if not more:
                 break
-            said += more
+            output += more
     os.close(ours)
-    assert child.returncode == EXIT_PASSED, said
-    return said.decode()
+    assert child.returncode == EXIT_PASSED, output
+    return output.decode()
 
 
 def test_bar_names_its_stages_and_never_runs_backwards(tmp_path):
     scene = write_scene(tmp_path)
-    said = on_a_terminal(command(scene, "-o", "out", algorithms="template"), tmp_path)
-    drawn = re.findall(r"\r([^\r\n:]*): +(\d+)%\|[^|\r\n]*\| ([^\r\n]*)", said)
-    shares = [int(share) for _, share, _ in drawn]
+    output = on_a_terminal(command(scene, "-o", "out", algorithms="template"), tmp_path)
+    bars = re.findall(r"\r([^\r\n:]*): +(\d+)%\|[^|\r\n]*\| ([^\r\n]*)", output)
+    shares = [int(share) for _, share, _ in bars]
     assert shares == sorted(shares)
     assert shares[0] == 0 and shares[-1] > 50
-    assert len({name for name, _, _ in drawn}) >= 4
-    assert any(re.match(r"\d\d:\d\d left", words) for _, _, words in drawn)
-    assert "SSIM on the relic" in said, "lines stay readable between the bar's"
+    assert len({name for name, _, _ in bars}) >= 4
+    assert any(re.match(r"\d\d:\d\d left", words) for _, _, words in bars)
+    assert "SSIM on the relic" in output, "lines stay readable between the bar's"

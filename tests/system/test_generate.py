@@ -14,7 +14,7 @@ from PIL import Image
 
 from inim.cli import main
 from inim.display import Display
-from inim.errors import EXIT_PASSED
+from inim.errors import EXIT_PASSED, EXIT_USAGE
 from inim.files.eia_file import read_eia
 from inim.files.image import read_rgbd
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
@@ -82,7 +82,7 @@ def expected_place(square, eye, frame_at: float, display: Display) -> tuple[floa
 EYES = {"left": (-14.0, 0.0, 400.0), "right": (14.0, 0.0, 400.0), "up": (0.0, 14.0, 400.0)}
 
 
-def seen(eia: np.ndarray, display: Display) -> dict[str, np.ndarray]:
+def viewed(eia: np.ndarray, display: Display) -> dict[str, np.ndarray]:
     codes = srgb_to_uint8(srgb_from_linear(eia))
     return {
         name: linear_from_srgb(still_view(codes, display, eye, "pinhole") / 255)
@@ -94,12 +94,12 @@ def check_parallax(views: dict[str, np.ndarray], display: Display) -> None:
     places = {}
     for name, eye in EYES.items():
         for square, channel in zip(SQUARES, (0, 1), strict=True):
-            found = place_seen(views[name], channel, display)
-            places[name, channel] = found
+            place = place_seen(views[name], channel, display)
+            places[name, channel] = place
             # Half a lens, which shows one point, and half an image of a panel pixel.
             voxel = display.depth_range_mm[1] * display.pixel_pitch_mm / display.gap_mm
             expected = expected_place(square, eye, 1800.0, display)
-            np.testing.assert_allclose(found, expected, atol=(display.pitch_mm + voxel) / 2)
+            np.testing.assert_allclose(place, expected, atol=(display.pitch_mm + voxel) / 2)
     near = places["right", 0][0] - places["left", 0][0]
     far = places["right", 1][0] - places["left", 1][0]
     assert near < far < 0  # both in front of the array: against the eye, the nearer more
@@ -111,14 +111,14 @@ def test_near_things_move_against_the_eye_upright_and_unmirrored(camera, capsys)
     display = the_display()
     more = (*CAMERA, "--depth-unit", "mm", "--frame-at", "1800")
     assert main(words(camera, *more)) == EXIT_PASSED
-    eia, shown = read_eia(camera / "eia.png", display)
-    assert shown is not None
-    assert not eia[~shown].any()
-    assert 0.02 < shown.mean() < 0.5
-    check_parallax(seen(eia, display), display)
-    said = capsys.readouterr()
-    assert "1000 (near) .. 2000 (far) mm, linear, onto" in said.out
-    assert "1280 x 960 pixels of 0.03125 mm: 40 x 30 mm" in said.out
+    eia, covered = read_eia(camera / "eia.png", display)
+    assert covered is not None
+    assert not eia[~covered].any()
+    assert 0.02 < covered.mean() < 0.5
+    check_parallax(viewed(eia, display), display)
+    output = capsys.readouterr()
+    assert "1000 (near) .. 2000 (far) mm, linear, onto" in output.out
+    assert "1280 x 960 pixels of 0.03125 mm: 40 x 30 mm" in output.out
 
 
 def test_every_output_is_written_and_the_picture_kept(camera, capsys):
@@ -126,10 +126,10 @@ def test_every_output_is_written_and_the_picture_kept(camera, capsys):
     more = (*CAMERA, "--depth-unit", "mm", "--pdf", str(pdf), "--save-rgbd", str(rgbd))
     assert main(words(camera, *more)) == EXIT_PASSED
     assert f"written    {camera / 'eia.png'}, {pdf}, {rgbd}" in capsys.readouterr().out
-    kept = read_rgbd(rgbd)
-    assert kept.pixel_mm == 0.2
+    picture = read_rgbd(rgbd)
+    assert picture.pixel_mm == 0.2
     low, high = the_display().depth_range_mm
-    depths = np.unique(kept.depth_mm[kept.covered])
+    depths = np.unique(picture.depth_mm[picture.covered])
     np.testing.assert_allclose(depths, [low, high], rtol=1e-6)
     box = [float(v) for v in pdf.read_bytes().split(b"/MediaBox [")[1].split(b"]")[0].split()]
     assert box[2:] == pytest.approx([40 / 25.4 * 72, 30 / 25.4 * 72], abs=1e-5)
@@ -156,8 +156,8 @@ def test_output_names_the_fill_of_the_eia(camera, capsys, more, fill):
 
 def test_what_was_guessed_is_said(camera, capsys):
     assert main(words(camera, *CAMERA)) == EXIT_PASSED
-    said = capsys.readouterr()
-    assert "no depth unit given; assumed mm" in said.err
+    output = capsys.readouterr()
+    assert "no depth unit given; assumed mm" in output.err
     small = np.asarray(Image.open(camera / "depth.png"))[::2, ::2]
     Image.fromarray(small).save(camera / "half.png")
     more = (*CAMERA, "--depth-unit", "mm")
@@ -168,9 +168,9 @@ def test_what_was_guessed_is_said(camera, capsys):
 def test_eq_4_as_printed_is_shown_with_a_warning_of_what_it_does(camera, capsys):
     more = ("--orthographic", "--depth-unit", "mm", "--depth-map", "printed")
     assert main(words(camera, *more)) == EXIT_PASSED
-    said = capsys.readouterr()
-    assert "of the samples are beyond the display's range" in said.err
-    hint = said.err.partition("to show them there: ")[2].partition(";")[0]
+    output = capsys.readouterr()
+    assert "of the samples are beyond the display's range" in output.err
+    hint = output.err.partition("to show them there: ")[2].partition(";")[0]
     assert main(words(camera, *more, *hint.split())) == EXIT_PASSED
     assert "0.0% of the samples are beyond" in capsys.readouterr().err
 
@@ -185,7 +185,6 @@ def test_eq_4_as_printed_is_shown_with_a_warning_of_what_it_does(camera, capsys)
         ((*CAMERA, "--depth-unit", "m"), "implausible --depth-unit of 1000 mm"),
         ((*CAMERA, "--missing", "1000,2000", "--depth-unit", "mm"), "no pixel has a depth"),
         ((*CAMERA, "--missing", "x"), "--missing x"),
-        ((*CAMERA, "--swap-bytes"), "leave out --swap-bytes"),
         ((*CAMERA, "--depth-unit", "mm", "--near", "3000"), "--near 3000"),
         ((*CAMERA, "--near", "nan"), "must be finite"),
         ((*CAMERA, "--depth-unit", "mm", "--near-is-large"), "grow away from the camera"),
@@ -210,6 +209,15 @@ def test_eq_4_as_printed_is_shown_with_a_warning_of_what_it_does(camera, capsys)
 )
 def test_a_mistake_is_one_line_and_nothing_is_written(camera, more, says):
     assert_refused(*words(camera, *more), folder=camera, says=[says])
+
+
+def test_swap_bytes_reads_a_depth_map_of_the_other_byte_order(camera, capsys):
+    depth = np.asarray(Image.open(camera / "depth.png")) + np.arange(COLUMNS) // 7
+    (camera / "swapped.pgm").write_bytes(b"P5\n120 90\n65535\n" + depth.astype("<u2").tobytes())
+    assert main(words(camera, *CAMERA, depth="swapped.pgm")) == EXIT_USAGE
+    assert "look byte-swapped" in capsys.readouterr().err
+    more = ["--swap-bytes", "--depth-unit", "mm", "--missing", ",".join(map(str, range(18)))]
+    assert main(words(camera, *CAMERA, *more, depth="swapped.pgm")) == EXIT_PASSED
 
 
 def test_an_input_is_never_written_over(camera):
@@ -244,16 +252,16 @@ def test_the_centre_view_with_its_disparity_agrees_with_the_true_views(tmp_path,
     light_field(tmp_path / "lf")
     # Of 35 pixels each fifth shows one view; a pixel of disparity is 16.5 mm, half of D = 33 mm.
     display = small_display(columns=40, rows=30, pixels=35, depth_min_mm=10, depth_max_mm=60)
-    given = {"lens_columns": 40, "lens_rows": 30, "pixel_pitch_mm": repr(1 / 35)}
-    given |= {"depth_min_mm": 10, "depth_max_mm": 60}
-    more = [word for k, v in given.items() for word in ("-D", f"inim.{k}={v}")]
+    parameters = {"lens_columns": 40, "lens_rows": 30, "pixel_pitch_mm": repr(1 / 35)}
+    parameters |= {"depth_min_mm": 10, "depth_max_mm": 60}
+    more = [word for k, v in parameters.items() for word in ("-D", f"inim.{k}={v}")]
     more += [str(tmp_path / "lf")]
     for name, option in (("centre.png", ()), ("true.png", ("--all-views",))):
         assert main(["generate", *more, *option, "-o", str(tmp_path / name)]) == EXIT_PASSED
-    said = capsys.readouterr()
-    assert "5 x 3 of 40 x 30 pixels" in said.out
-    assert "1 pixel is 16.5 mm of depth; +2 pixels added" in said.out
-    centre, shown = read_eia(tmp_path / "centre.png", display)
+    output = capsys.readouterr()
+    assert "5 x 3 of 40 x 30 pixels" in output.out
+    assert "1 pixel is 16.5 mm of depth; +2 pixels added" in output.out
+    centre, covered = read_eia(tmp_path / "centre.png", display)
     true, seen_by_all = read_eia(tmp_path / "true.png", display)
     # The pixels in the middle of each view's share of a lens look exactly its way.
     exact = np.tile(np.arange(35) % 7 == 3, 40)
@@ -261,10 +269,10 @@ def test_the_centre_view_with_its_disparity_agrees_with_the_true_views(tmp_path,
     # Three views down take three fifths of a lens; nothing says what lies beyond.
     lens_row = np.arange(30 * 35) % 35
     assert not seen_by_all[(lens_row < 7) | (lens_row >= 28)].any()
-    both = shown & seen_by_all & grid
-    assert both.sum() > 8000
-    same = (np.abs(centre - true).max(axis=-1) < 0.02)[both]
-    middle = both & (np.arange(1400) % 35 == 17)[None, :] & (lens_row == 17)[:, None]
+    in_both = covered & seen_by_all & grid
+    assert in_both.sum() > 8000
+    same = (np.abs(centre - true).max(axis=-1) < 0.02)[in_both]
+    middle = in_both & (np.arange(1400) % 35 == 17)[None, :] & (lens_row == 17)[:, None]
     assert (np.abs(centre - true)[middle] < 0.02).all()
     # They part only where the centre view did not see: beside the square, and at its flanks.
     assert same.mean() > 0.9

@@ -50,11 +50,11 @@ def test_a_photograph_needs_nothing_but_its_name(tmp_path, capsys):
     photo, out, fitted = (tmp_path / name for name in ("photo.jpg", "eia.png", "fitted.exr"))
     photo.write_bytes(METRIC)
     assert generate(photo, "-o", out, "--save-rgbd", fitted) == EXIT_PASSED
-    said = capsys.readouterr()
-    assert said.err == ""
-    assert "units m: metric" in line(said.out, "photo")
-    assert "subject" in line(said.out, "framed")
-    assert " mm," in line(said.out, "depth")
+    output = capsys.readouterr()
+    assert output.err == ""
+    assert "units m: metric" in line(output.out, "photo")
+    assert "subject" in line(output.out, "framed")
+    assert " mm," in line(output.out, "depth")
     display = small_display(columns=24, rows=12, pixels=8)
     eia, _ = read_eia(out, display)
     assert eia[..., 0].max() > 0.5
@@ -78,8 +78,8 @@ def test_stated_choices_win(tmp_path, capsys):
     rgbd, display = read_rgbd(fitted), small_display(columns=24, rows=12, pixels=8)
     low, high = display.depth_range_mm
     red = rgbd.covered & (rgbd.color[..., 0] > 0.5)
-    wanted = low + (4000 - distance_mm(20)) / 3600 * (high - low)
-    np.testing.assert_allclose(rgbd.depth_mm[red], wanted, atol=0.01)
+    expected = low + (4000 - distance_mm(20)) / 3600 * (high - low)
+    np.testing.assert_allclose(rgbd.depth_mm[red], expected, atol=0.01)
 
 
 def test_relative_depth_is_said_to_be(tmp_path, capsys):
@@ -136,11 +136,11 @@ def folder_of(tmp_path: Path) -> Path:
 def test_of_a_folder_the_broken_one_is_said_and_the_others_are_made(tmp_path, capsys):
     folder, out = folder_of(tmp_path), tmp_path / "eias"
     assert generate(folder, "-o", out) == EXIT_CHECK_FAILED
-    said = capsys.readouterr()
+    output = capsys.readouterr()
     assert sorted(p.name for p in out.iterdir()) == ["a.png", "c.heic.png", "c.jpeg.png"]
-    assert said.out.count("framed") == 3
-    assert said.out.splitlines()[-1] == f"3 of 4 photographs converted; EIAs: {out}"
-    assert re.fullmatch(rf"inim: failed: {folder / 'b.JPG'}: .*truncated.*\n", said.err)
+    assert output.out.count("framed") == 3
+    assert output.out.splitlines()[-1] == f"3 of 4 photographs converted; EIAs: {out}"
+    assert re.fullmatch(rf"inim: failed: {folder / 'b.JPG'}: .*truncated.*\n", output.err)
     # As alone.
     assert generate(folder / "a.jpg", "-o", tmp_path / "a.png") == EXIT_PASSED
     assert (tmp_path / "a.png").read_bytes() == (out / "a.png").read_bytes()
@@ -188,9 +188,9 @@ def test_a_photograph_is_validated(tmp_path, capsys, renderer):
     photo.write_bytes(METRIC)
     words = [str(photo), "-o", str(out), "--algorithms", "template:samples=4"]
     assert main(["validate", *words, "--viewpoints", "centre", *DISPLAY]) == EXIT_PASSED
-    said = capsys.readouterr()
-    assert "units m: metric" in line(said.out, "photo")
-    assert "subject" in line(said.out, "framed")
+    output = capsys.readouterr()
+    assert "units m: metric" in line(output.out, "photo")
+    assert "subject" in line(output.out, "framed")
     data = json.loads((out / "report.json").read_text())
     assert data["warnings"] == []
     kinds = [note.split(":")[0] for note in data["picture"]["notes"]]

@@ -86,12 +86,12 @@ def test_a_folder_can_be_allowed(tmp_path):
     body = '<path value="../../common"/>' + SHAPE.format("ply", "meshes/deep/a.ply")
     with pytest.raises(SceneError, match=f"--allow-folder {tmp_path / 'common'}$"):
         scanned(folder, body)
-    found = read_scene_file(folder / "s.xml", allowed=[tmp_path / "common"])
-    assert found.meshes == (("ply", tmp_path / "common/meshes/deep/a.ply"),)
-    both = body + SHAPE.format("ply", "../../other.ply")
+    scene_file = read_scene_file(folder / "s.xml", allowed=[tmp_path / "common"])
+    assert scene_file.meshes == (("ply", tmp_path / "common/meshes/deep/a.ply"),)
+    shapes = body + SHAPE.format("ply", "../../other.ply")
     with pytest.raises(SceneError, match=f"'../../other.ply' .* --allow-folder {tmp_path}$"):
-        scanned(folder, both, [tmp_path / "common"])
-    assert len(scanned(folder, both, [tmp_path]).meshes) == 2
+        scanned(folder, shapes, [tmp_path / "common"])
+    assert len(scanned(folder, shapes, [tmp_path]).meshes) == 2
     (tmp_path / "common/plugins").mkdir()
     (tmp_path / "common/plugins/evil.so").write_text("")
     with pytest.raises(SceneError, match=r"evil\.so would be loaded"):
@@ -179,9 +179,9 @@ def test_parameters_are_substituted_as_mitsuba_does(renderer):
     agreed = refused = 0
     for _ in range(600):
         names = rng.sample(["a", "ab", "a.b", "abc", "b"], rng.randrange(1, 5))
-        given = {n: "".join(rng.choices(pieces, k=rng.randrange(4))) for n in names}
+        values = {n: "".join(rng.choices(pieces, k=rng.randrange(4))) for n in names}
         text = "".join(rng.choices(pieces, k=rng.randrange(1, 6)))
-        body = "".join(f'<default name="{k}" value="{v}"/>' for k, v in given.items())
+        body = "".join(f'<default name="{k}" value="{v}"/>' for k, v in values.items())
         xml = f'<scene version="3.0.0">{body}<string name="t" value="{text}"/></scene>'
         try:
             config = mi.parser.ParserConfig(mi.variant())
@@ -191,7 +191,7 @@ def test_parameters_are_substituted_as_mitsuba_does(renderer):
             theirs = None
         parameters = SceneParameters({})
         try:
-            for name, value in given.items():
+            for name, value in values.items():
                 parameters.define(name, parameters.substitute(value))
             ours = parameters.substitute(text)
         except ValueError:
@@ -278,9 +278,9 @@ def test_one_file_named_many_times_is_read_once(tmp_path):
     with (tmp_path / "a.png").open("wb") as file:
         file.truncate(2**26)
     started = time.process_time()
-    found = scanned(tmp_path, TEXTURE.format("a.png") * 2000)
+    references = scanned(tmp_path, TEXTURE.format("a.png") * 2000)
     assert_quick(started)
-    assert found.pictures == (tmp_path / "a.png",)
+    assert references.pictures == (tmp_path / "a.png",)
 
 
 @pytest.mark.parametrize("name", ["a" * 5000, "a" * 300, "", ".", "a/" * 2000])
@@ -332,9 +332,9 @@ def resized_exr(folder: Path, columns: int, rows: int) -> Path:
 def test_exr_of_absurd_size_is_refused(tmp_path, size):
     path = resized_exr(tmp_path, *size)
     started = time.process_time()
-    for read in (read_exr, read_texture, lambda p: read_eia(p, small_display())):
+    for reader in (read_exr, read_texture, lambda p: read_eia(p, small_display())):
         with pytest.raises(FileError, match=r"a\.exr"):
-            read(path)
+            reader(path)
     assert_quick(started)
 
 
@@ -443,15 +443,15 @@ def test_textures_in_every_format_show_the_same(tmp_path, open_fitted, name, mod
         picture.save(tmp_path / name, **options)
     import mitsuba as mi
 
-    found = []
+    pictures = []
     for file in ("a.png", name):
         texture = TEXTURE.format(file).replace("<texture", '<texture name="reflectance"', 1)
         bsdf = f'<bsdf type="diffuse">{texture}</bsdf>'
         fitted = open_fitted(scene_text(f'<shape type="rectangle">{bsdf}</shape>'), small_display())
         view = mi.render(fitted.scene, integrator=fitted.integrator, spp=4, seed=1)
-        found.append(np.asarray(view))
-    assert found[0].max() > 0.1
-    np.testing.assert_allclose(found[1], found[0], atol=1e-4)
+        pictures.append(np.asarray(view))
+    assert pictures[0].max() > 0.1
+    np.testing.assert_allclose(pictures[1], pictures[0], atol=1e-4)
 
 
 @pytest.mark.parametrize("wrapper", ["aov", "moment"])

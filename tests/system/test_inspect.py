@@ -26,9 +26,9 @@ FOCUSED = definitions({"inim.gap_mm": "3", "inim.depth_min_mm": "4", "inim.depth
 def inspect(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
     """What the command prints when it succeeds."""
     assert main(["inspect", *map(str, words), *SMALL]) == EXIT_PASSED
-    said = capsys.readouterr()
-    assert said.err == ""
-    return said.out
+    output = capsys.readouterr()
+    assert output.err == ""
+    return output.out
 
 
 @pytest.mark.parametrize("preset", ["nominal", "phone"])
@@ -76,22 +76,22 @@ def numbers(value: object, place: str = "", key: str = "") -> list[tuple[str, st
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory):
+def inspection_folder(tmp_path_factory):
     """The folder of a run with -o."""
     out = tmp_path_factory.mktemp("inspect") / "new" / "folder"
     assert main(["inspect", "nominal", *SMALL, "-o", str(out)]) == EXIT_PASSED
     return out
 
 
-def test_folder_gets_the_json_and_a_figure_with_something_on_it(written):
+def test_folder_gets_the_json_and_a_figure_with_something_on_it(inspection_folder):
     files = ["inspect.json", "inspect.png", "inspect.svg"]
-    assert sorted(p.name for p in written.iterdir()) == files
-    data = read_document(written / "inspect.json")
+    assert sorted(p.name for p in inspection_folder.iterdir()) == files
+    data = read_document(inspection_folder / "inspect.json")
     assert (data["schema"], data["source"]) == ("inim.inspect/2", "nominal")
-    pixels = np.asarray(Image.open(written / "inspect.png").convert("RGB"))
+    pixels = np.asarray(Image.open(inspection_folder / "inspect.png").convert("RGB"))
     assert pixels.shape[0] > 800 and pixels.shape[1] > 1200
     assert len(np.unique(pixels @ np.array([1 << 16, 1 << 8, 1]))) > 200
-    svg = ElementTree.parse(written / "inspect.svg").getroot()
+    svg = ElementTree.parse(inspection_folder / "inspect.svg").getroot()
     words = " ".join("".join(node.itertext()) for node in svg.iter() if node.tag.endswith("}text"))
     for label in ("depth z, mm", "eye x, mm", "x on the panel, µm", "no flips", "crosstalk, %"):
         assert label in words

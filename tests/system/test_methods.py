@@ -88,9 +88,11 @@ def others(tmp_path_factory):
     """Variables of a process in which the example and three bad packages are installed."""
     folder = tmp_path_factory.mktemp("site")
     project = (EXAMPLE / "pyproject.toml").read_text()
-    written = re.search(r'\[project\.entry-points\."inim\.generators"\]\n(.*)', project)
-    assert written
-    install_metadata(folder, "inim_example", "[inim.generators]\n" + written[1].replace('"', ""))
+    entry_points = re.search(r'\[project\.entry-points\."inim\.generators"\]\n(.*)', project)
+    assert entry_points
+    install_metadata(
+        folder, "inim_example", "[inim.generators]\n" + entry_points[1].replace('"', "")
+    )
     install_metadata(folder, "inim_faulty", "[inim.generators]\nfaulty = faulty:prepare\n")
     install_metadata(folder, "inim_gone", "[inim.generators]\ngone = no_such_module:prepare\n")
     shutil.copy(EXAMPLE / "inim_example.py", folder)
@@ -125,17 +127,17 @@ def files_scored(tmp_path_factory, evaluated):
     """Folder of a report on the template's EIA again, from files, and on nothing else."""
     folder = tmp_path_factory.mktemp("files")
     rgb = np.asarray(Image.open(evaluated.out / "eia" / "template.png"))
-    shown = np.full(rgb.shape[:2], 255, np.uint8)
-    shown[: len(shown) // 2] = 0
-    Image.fromarray(np.dstack([rgb, shown])).save(folder / "holes.PNG")
+    opaque = np.full(rgb.shape[:2], 255, np.uint8)
+    opaque[: len(opaque) // 2] = 0
+    Image.fromarray(np.dstack([rgb, opaque])).save(folder / "holes.PNG")
     eias = {
         "linear": evaluated.out / "eia" / "template.exr",
         "srgb": evaluated.out / "eia" / "template.png",
         "holes": folder / "holes.PNG",
     }
-    given = {"definitions": TINY, "viewpoints": "centre", "algorithms": "none", "eias": eias}
+    parameters = {"definitions": TINY, "viewpoints": "centre", "algorithms": "none", "eias": eias}
     with worker_here():
-        return inim.validate(write_scene(folder), folder / "out", **given).folder
+        return inim.validate(write_scene(folder), folder / "out", **parameters).folder
 
 
 # --- Finished EIAs ------------------------------------------------------------------------------
@@ -248,27 +250,27 @@ def write_bad_files(folder: Path, shape: tuple[int, int]) -> None:
     [("1", False), ("L", False), ("P", False), ("LA", True), ("RGB", False), ("RGBA", True)],
 )
 def test_png_of_any_kind_is_read_as_srgb(tmp_path, mode, alpha):
-    shown = small_display()
-    picture = Image.new("RGBA", shown.eia_shape[::-1], (255, 255, 255, 255))
+    display = small_display()
+    picture = Image.new("RGBA", display.eia_shape[::-1], (255, 255, 255, 255))
     picture.paste((0, 0, 0, 0), (0, 0, 10, 20))
     (picture if alpha else picture.convert("RGB")).convert(mode).save(tmp_path / "mine.png")
-    eia, seen = read_eia(tmp_path / "mine.png", shown)
-    assert (eia.shape, eia.dtype) == ((*shown.eia_shape, 3), np.float32)
+    eia, covered = read_eia(tmp_path / "mine.png", display)
+    assert (eia.shape, eia.dtype) == ((*display.eia_shape, 3), np.float32)
     assert eia[:20, :10].max() == 0
     assert eia[20:].min() == eia[:, 10:].min() == 1
-    assert (seen is not None) == alpha
-    if seen is not None:
-        assert np.count_nonzero(~seen) == 200
+    assert (covered is not None) == alpha
+    if covered is not None:
+        assert np.count_nonzero(~covered) == 200
 
 
 def test_grey_of_16_bits_keeps_them(tmp_path):
-    shown = small_display()
-    rows, columns = shown.eia_shape
+    display = small_display()
+    rows, columns = display.eia_shape
     codes = np.arange(rows * columns, dtype=np.uint16).reshape(rows, columns) * 7
     Image.fromarray(codes).save(tmp_path / "mine.png")
-    eia, _ = read_eia(tmp_path / "mine.png", shown)
-    wanted = linear_from_srgb(codes / np.float32(65535))
-    assert np.array_equal(eia, np.repeat(wanted[..., None], 3, axis=-1))
+    eia, _ = read_eia(tmp_path / "mine.png", display)
+    expected = linear_from_srgb(codes / np.float32(65535))
+    assert np.array_equal(eia, np.repeat(expected[..., None], 3, axis=-1))
 
 
 @pytest.mark.parametrize(
@@ -310,8 +312,8 @@ def test_pickup_is_a_ground_truth_of_its_own(evaluated):
     pickup, floor = evaluated.results["pickup:spp=8"], evaluated.data["noise_floor"]
     assert floor["eia"]["psnr_db"] < pickup["eia"]["psnr_db"] < 60
     assert pickup["eia"]["ssim"] > evaluated.results["template"]["eia"]["ssim"]
-    made, truth = (read_exr(evaluated.out / p) for p in ("eia/pickup:spp=8.exr", "truth/eia.exr"))
-    assert not np.array_equal(made, truth)
+    eia, truth = (read_exr(evaluated.out / p) for p in ("eia/pickup:spp=8.exr", "truth/eia.exr"))
+    assert not np.array_equal(eia, truth)
     assert pickup["seconds"] > 0
 
 
@@ -330,10 +332,10 @@ def test_holes_of_the_pickup_are_where_the_scene_is_not(tmp_path, run_inim):
 
 
 def test_pickup_without_a_scene_says_what_it_needs():
-    shown = small_display()
+    display = small_display()
     rgbd = some_picture()
     with pytest.raises(UsageError, match=r"'pickup' needs the scene.*inim validate"):
-        inim.generate(rgbd, shown, "pickup")
+        inim.generate(rgbd, display, "pickup")
 
 
 # --- Generators of other packages ---------------------------------------------------------------
@@ -400,35 +402,35 @@ def test_debug_shows_where_another_s_generator_failed(tiny_scene, run_inim, othe
 
 
 @pytest.mark.parametrize(
-    ("how", "check"), [("nan", "pixels not finite"), ("dark", "brightest value")]
+    ("flaw", "check"), [("nan", "pixels not finite"), ("dark", "brightest value")]
 )
-def test_picture_that_cannot_be_scored_fails_a_check(tiny_scene, run_inim, others, how, check):
-    words = ("-o", "out", "--algorithms", f"faulty:how={how}", "--viewpoints", "centre")
+def test_picture_that_cannot_be_scored_fails_a_check(tiny_scene, run_inim, others, flaw, check):
+    words = ("-o", "out", "--algorithms", f"faulty:how={flaw}", "--viewpoints", "centre")
     ended = run_inim(tiny_scene, *words, folder=tiny_scene.parent, variables=others)
     assert (ended.code, ended.stderr) == (EXIT_CHECK_FAILED, "")
     lines = [line for line in ended.stdout.splitlines() if line != "generating"]
-    assert lines[0].startswith(f"faulty:how={how} ")
-    assert lines[1].startswith("failed: ") and f"faulty:how={how}: {check}: " in lines[1]
+    assert lines[0].startswith(f"faulty:how={flaw} ")
+    assert lines[1].startswith("failed: ") and f"faulty:how={flaw}: {check}: " in lines[1]
     assert lines[2].startswith("FAILED; report: ")
     (failed,) = failed_checks(tiny_scene.parent / "out")
-    assert f"faulty:how={how}: {check}" in failed["name"]
+    assert f"faulty:how={flaw}: {check}" in failed["name"]
 
 
 class Wrong:
     """A generator that hands back what it was given."""
 
-    def __init__(self, made: object) -> None:
-        self.made = made
+    def __init__(self, output: object) -> None:
+        self.output = output
 
     def generate(self, rgbd: inim.RGBD, out: object = None) -> Any:
-        return self.made
+        return self.output
 
 
 class WrongSources(SourceGenerator):
     """A generator whose sources are one number."""
 
-    def __init__(self, shown: inim.Display, source: int, kind: str) -> None:
-        super().__init__(shown, (4, 4), 1.0)
+    def __init__(self, display: inim.Display, source: int, kind: str) -> None:
+        super().__init__(display, (4, 4), 1.0)
         self.source, self.kind = source, kind
 
     def find(self, rgbd: inim.RGBD) -> Any:
@@ -462,11 +464,11 @@ def test_result_of_a_generator_is_looked_at(generator, says):
 
 
 def test_list_of_algorithms_names_options_and_what_cannot_be_loaded(tmp_path, others):
-    done = run_here("info", "algorithms", folder=tmp_path, variables=others)
-    assert done.code == EXIT_PASSED
-    rows = dict(line.split(maxsplit=1) for line in done.stdout.splitlines())
+    process = run_here("info", "algorithms", folder=tmp_path, variables=others)
+    assert process.code == EXIT_PASSED
+    rows = dict(line.split(maxsplit=1) for line in process.stdout.splitlines())
     assert rows["example:brightness=1.0"].startswith("The picture as if all of it lay")
     assert "cannot be loaded" in rows["gone"]
     assert list(rows)[-1].startswith("pickup:spp=")
-    assert {"template", "wang2024"} <= {written.partition(":")[0] for written in rows}
-    assert done.stderr == ""
+    assert {"template", "wang2024"} <= {entry.partition(":")[0] for entry in rows}
+    assert process.stderr == ""

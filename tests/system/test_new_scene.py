@@ -116,9 +116,9 @@ def test_turning_never_mirrors(tmp_path, up):
 )
 def test_impossible_options_are_refused(tmp_path, options, words):
     source = saved(tmp_path, box((1, 2, 3)))
-    given = {"unit": "mm", "up": "y", **options}
+    parameters = {"unit": "mm", "up": "y", **options}
     with pytest.raises(UsageError, match=words):
-        new_scene(source, tmp_path / given.pop("name", "a.xml"), **given)
+        new_scene(source, tmp_path / parameters.pop("name", "a.xml"), **parameters)
     assert list(tmp_path.iterdir()) == [source.parent]
 
 
@@ -138,15 +138,15 @@ def test_forcing_removes_the_parts_that_only_the_earlier_scene_had(tmp_path):
     from PIL import Image
 
     skins = [f"newmtl {name}\nmap_Kd {name}.png\n" for name in ("one", "two")]
-    given = tmp_path / "given"
-    given.mkdir()
+    target = tmp_path / "given"
+    target.mkdir()
     for value, name in ((0, "one"), (255, "two")):
-        Image.fromarray(np.full((4, 4, 3), value, np.uint8)).save(given / f"{name}.png")
-    (given / "a.mtl").write_text("".join(skins))
+        Image.fromarray(np.full((4, 4, 3), value, np.uint8)).save(target / f"{name}.png")
+    (target / "a.mtl").write_text("".join(skins))
     points = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\n"
     faces = "usemtl one\nf 1/1 2/2 3/3\nusemtl two\nf 1/1 3/3 2/2\n"
-    (given / "a.obj").write_text(points + faces)
-    new_scene(given / "a.obj", tmp_path / "b.xml", unit="mm", up="y")
+    (target / "a.obj").write_text(points + faces)
+    new_scene(target / "a.obj", tmp_path / "b.xml", unit="mm", up="y")
     assert (tmp_path / "b-2.ply").is_file()
     bystanders = [tmp_path / "b-3.ply", tmp_path / "b-notes.png", tmp_path / "bb-2.ply"]
     for path in bystanders:
@@ -252,15 +252,15 @@ def test_lamps_are_out_of_sight_within_25_degrees(tmp_path, mi):
     hit = scene.ray_intersect_preliminary(ray)
     lamps = [s for s in scene.shapes() if s.is_emitter()]
     assert len(lamps) == 3
-    seen = np.array(mi.Bool(False) | mi.Mask(hit.shape.is_emitter()))
+    is_lamp = np.array(mi.Bool(False) | mi.Mask(hit.shape.is_emitter()))
     assert np.array(hit.is_valid()).any()
-    assert not seen.any()
+    assert not is_lamp.any()
 
 
 @pytest.mark.parametrize("kind", ["colour", "texture"])
 def test_a_white_relic_is_not_clipped(tmp_path, mi, kind):
     """As bright as plaster of its shape; a dark one is not brightened."""
-    seen = {}
+    views = {}
     for name, value in {"white": 1.0, "plaster": max(STONE), "dark": 0.3}.items():
         mesh = sphere()
         count = len(mesh.vertices)
@@ -270,11 +270,11 @@ def test_a_white_relic_is_not_clipped(tmp_path, mi, kind):
             code = srgb_to_uint8(srgb_from_linear(np.full((2, 2, 3), value)))
             mesh = replace(mesh, uv=np.zeros((count, 2), np.float32), texture=code)
         lines = scene_xml({tmp_path / "a.ply": mesh}, np.ones(3), "", "nominal")
-        seen[name] = [float(x) for x in re.findall(r'name="radiance" value="([\d.]+)', lines)]
+        views[name] = [float(x) for x in re.findall(r'name="radiance" value="([\d.]+)', lines)]
     np.testing.assert_allclose(
-        np.array(seen["white"]), max(STONE) * np.array(seen["plaster"]), rtol=1e-2
+        np.array(views["white"]), max(STONE) * np.array(views["plaster"]), rtol=1e-2
     )
-    assert seen["dark"] == pytest.approx(seen["plaster"], rel=1e-2)
+    assert views["dark"] == pytest.approx(views["plaster"], rel=1e-2)
 
 
 def test_off_is_read(tmp_path):
@@ -292,15 +292,15 @@ def test_off_is_read(tmp_path):
             read_mesh(tmp_path / "bad.off")
 
 
-@pytest.mark.parametrize(("unit", "asked"), [("mm", True), ("cm", False), ("m", False)])
-def test_a_size_that_is_hardly_a_relics_is_asked_about(tmp_path, unit, asked):
-    said: list[str] = []
+@pytest.mark.parametrize(("unit", "question"), [("mm", True), ("cm", False), ("m", False)])
+def test_a_size_that_is_hardly_a_relics_is_asked_about(tmp_path, unit, question):
+    messages: list[str] = []
     mesh = saved(tmp_path, box((0.8, 0.6, 0.4)))
-    new_scene(mesh, tmp_path / "a.xml", unit=unit, up="y", warn=said.append)
-    assert [("0.8 mm" in line and "--unit" in line) for line in said] == [True] * asked
+    new_scene(mesh, tmp_path / "a.xml", unit=unit, up="y", warn=messages.append)
+    assert [("0.8 mm" in line and "--unit" in line) for line in messages] == [True] * question
     large = saved(tmp_path, box((40, 3, 3)))
-    new_scene(large, tmp_path / "b.xml", unit="m", up="y", warn=said.append)
-    assert "40 m large" in said[-1]
+    new_scene(large, tmp_path / "b.xml", unit="m", up="y", warn=messages.append)
+    assert "40 m large" in messages[-1]
 
 
 def test_robust_intersections_and_defaults_are_in_the_scene(tmp_path):
@@ -398,6 +398,6 @@ def test_command_line_writes_the_scene(tmp_path, capsys):
     source = saved(tmp_path, box((1, 2, 3)))
     line = [str(source), "--unit", "mm", "--up=-z", "--front", "x", "-o", str(tmp_path / "a.xml")]
     assert COMMANDS["new-scene"].run(parser.parse_args(line)) == 0
-    said = capsys.readouterr().out
-    assert said == f"wrote {tmp_path / 'a.xml'}; next: inim validate {tmp_path / 'a.xml'}\n"
+    printed = capsys.readouterr().out
+    assert printed == f"wrote {tmp_path / 'a.xml'}; next: inim validate {tmp_path / 'a.xml'}\n"
     assert (tmp_path / "a.ply").is_file()

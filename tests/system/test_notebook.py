@@ -25,9 +25,11 @@ def tab(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def report(tmp_path_factory):
-    made = Report(report_folder(tmp_path_factory.mktemp("report")), report_document(report_data()))
-    made.write()
-    return made
+    result = Report(
+        report_folder(tmp_path_factory.mktemp("report")), report_document(report_data())
+    )
+    result.write()
+    return result
 
 
 def notebook(tab: Tab, report: Report, folder: Path) -> None:
@@ -45,15 +47,15 @@ def inside(tab: Tab, expression: str) -> Any:
     """The value of an expression in the frame, whatever it may reach from there."""
     frame = tab.send("Page.getFrameTree")["frameTree"]["childFrames"][0]["frame"]["id"]
     world = tab.send("Page.createIsolatedWorld", frameId=frame)["executionContextId"]
-    said = tab.send(
+    answer = tab.send(
         "Runtime.evaluate",
         expression=expression,
         contextId=world,
         awaitPromise=True,
         returnByValue=True,
     )
-    assert "exceptionDetails" not in said, said["exceptionDetails"]
-    return said["result"].get("value")
+    assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+    return answer["result"].get("value")
 
 
 def test_virtual_display_is_live_in_the_frame(tab, report, tmp_path):
@@ -100,5 +102,5 @@ def test_script_that_got_into_a_report_does_not_run_in_the_frame(tab, report, tm
     (folder / "report.html").write_text(page.replace("</main>", f"{evil}</main>"))
     notebook(tab, Report(folder, report.data), tmp_path)
     assert inside(tab, "document.title") != "ran"
-    assert any("Content Security Policy" in said for said in tab.complaints)
+    assert any("Content Security Policy" in complaint for complaint in tab.complaints)
     assert tab.evaluate("document.title") == "mine"

@@ -36,7 +36,7 @@ QUICK = [*DISPLAY, "-D", "inim.reconstruction_spp=4", "--algorithms", ALGORITHMS
 EYE_WORDS = ["--viewpoints", "l=-14 0 400, r=14 0 400"]
 
 
-def taken(folder: Path) -> list[str]:
+def photograph_run(folder: Path) -> list[str]:
     files = [str(folder / "color.png"), "--depth", str(folder / "depth.png")]
     return [*files, "--depth-unit", "mm", *CAMERA]
 
@@ -51,23 +51,23 @@ def _in_this_process():
 def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("picture")
     camera.__wrapped__(folder)
-    words = ["validate", *taken(folder), *QUICK, *EYE_WORDS, "-o", str(folder / "out")]
+    words = ["validate", *photograph_run(folder), *QUICK, *EYE_WORDS, "-o", str(folder / "out")]
     assert main(words) == EXIT_PASSED
     return folder, read_document(folder / "out" / "report.json")
 
 
 def test_exact_first_hits_are_never_wrong_and_others_sometimes(finished):
-    made = finished[1]["algorithms"]
-    assert list(made) == ALGORITHMS.split(",")
+    algorithms = finished[1]["algorithms"]
+    assert list(algorithms) == ALGORITHMS.split(",")
     assert finished[1]["oracle_pixels"] == 2000
-    assert made["template"]["wrong_source"] == 0
-    assert 0 < made["wang2024:matching=ray"]["wrong_source"] < 1
+    assert algorithms["template"]["wrong_source"] == 0
+    assert 0 < algorithms["wang2024:matching=ray"]["wrong_source"] < 1
 
 
 def test_views_are_scored_against_the_picture_and_the_exact_eia(finished):
     metrics = {"ssim", "psnr_db", "flip", "ssim_on_relic", "psnr_on_relic_db", "flip_on_relic"}
-    for made in finished[1]["algorithms"].values():
-        for view in made["views"].values():
+    for row in finished[1]["algorithms"].values():
+        for view in row["views"].values():
             assert view["to_picture"].keys() == view["to_exact"].keys() == metrics
     own = {name: own["ssim"] for name, own in finished[1]["exact"].items()}
     assert own.keys() == {"l", "r"}
@@ -95,8 +95,8 @@ def test_a_fitted_picture_gives_the_same_scores(finished):
     words = [str(folder / "out" / "rgbd.exr"), *QUICK, *EYE_WORDS]
     assert main(["validate", *words, "-o", str(folder / "again")]) == EXIT_PASSED
     again = read_document(folder / "again" / "report.json")
-    for made in (*data["algorithms"].values(), *again["algorithms"].values()):
-        made.pop("seconds", None)
+    for row in (*data["algorithms"].values(), *again["algorithms"].values()):
+        row.pop("seconds", None)
     assert again["algorithms"] == data["algorithms"]
     assert again["exact"] == data["exact"]
 
@@ -106,19 +106,26 @@ def test_the_warped_picture_shows_each_square_where_it_is_seen_from_the_eye(fini
     display = the_display()
     rgbd = read_rgbd(finished[0] / "out" / "rgbd.exr")
     for eye in EYES.values():
-        view, met = warp_to_viewpoint(rgbd, display, Viewpoint("eye", *eye), 8)
-        assert np.array_equal(met > 0, view.any(axis=-1))
+        view, is_covered = warp_to_viewpoint(rgbd, display, Viewpoint("eye", *eye), 8)
+        assert np.array_equal(is_covered > 0, view.any(axis=-1))
         for channel, square in enumerate(SQUARES):
-            found = place_seen(view, channel, display)
+            place = place_seen(view, channel, display)
             # The median distance of the picture's pixels, where it fits the array.
-            wanted = expected_place(square, eye, 2000.0, display)
+            expected = expected_place(square, eye, 2000.0, display)
             # Half a pixel of the picture at either side, and the column's side that is seen.
-            assert found == pytest.approx(wanted, abs=0.6)
+            assert place == pytest.approx(expected, abs=0.6)
 
 
 def test_a_hexagonal_array_is_not_set_against_the_oracle(finished, tmp_path):
     folder = finished[0]
-    words = [*taken(folder), *QUICK, "-D", "inim.lattice=hexagonal", "--viewpoints", "centre"]
+    words = [
+        *photograph_run(folder),
+        *QUICK,
+        "-D",
+        "inim.lattice=hexagonal",
+        "--viewpoints",
+        "centre",
+    ]
     words = ["template" if word == ALGORITHMS else word for word in words]
     assert main(["validate", *words, "-o", str(tmp_path / "out")]) == EXIT_PASSED
     data = read_document(tmp_path / "out" / "report.json")
@@ -152,7 +159,7 @@ def test_the_page_begins_with_picture_depth_view_and_live_display(finished):
         "View of the display from l",
     ]
     panels = json.loads(re.search(r'id="virtual-display-data">(.*?)</script>', page)[1])["panels"]
-    assert [one["name"] for one in panels] == ["Exact first hits", *ALGORITHMS.split(",")]
+    assert [panel["name"] for panel in panels] == ["Exact first hits", *ALGORITHMS.split(",")]
     assert ">–<" not in page[page.index('id="scores"') : page.index('id="views"')]
 
 
@@ -160,14 +167,19 @@ def test_a_picture_that_is_mostly_clipped_or_empty_says_what_to_type(finished, c
     folder = finished[0]
     words = ["--near", "300", "--far", "301", "--algorithms", "template", *DISPLAY]
     words += ["-D", "inim.reconstruction_spp=4", "--viewpoints", "centre"]
-    assert main(["validate", *taken(folder), *words, "-o", str(folder / "lost")]) == EXIT_PASSED
-    said = capsys.readouterr().err
+    assert (
+        main(["validate", *photograph_run(folder), *words, "-o", str(folder / "lost")])
+        == EXIT_PASSED
+    )
+    errors = capsys.readouterr().err
     clipped = "of its depths are out of range"
     empty = "of the lens array is empty: --fit cover"
-    assert clipped in said and "--near" in said and "--far" in said
-    assert empty in said and "--orthographic" in said
+    assert clipped in errors and "--near" in errors and "--far" in errors
+    assert empty in errors and "--orthographic" in errors
     warnings = read_document(folder / "lost" / "report.json")["warnings"]
-    assert any(clipped in one for one in warnings) and any(empty in one for one in warnings)
+    assert any(clipped in warning for warning in warnings) and any(
+        empty in warning for warning in warnings
+    )
     # The fitted picture knows of its emptiness alone.
     rgbd = read_rgbd(folder / "lost" / "rgbd.exr")
     assert "is empty" in _fitted_warnings(rgbd, the_display(), "x.exr")[-1]
@@ -178,8 +190,8 @@ def test_a_picture_of_the_size_for_another_display_is_warned_of(finished):
     display = the_display()
     assert not any("--display" in text for text in _fitted_warnings(rgbd, display, "x.exr"))
     wider = display.replace(lens_columns=2 * display.lens_columns)
-    said = _fitted_warnings(rgbd, wider, "x.exr")[0]
-    assert "give the picture's display" in said
+    warning = _fitted_warnings(rgbd, wider, "x.exr")[0]
+    assert "give the picture's display" in warning
 
 
 def test_a_picture_fitted_to_another_display_is_refused(finished, tmp_path, capsys):

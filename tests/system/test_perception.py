@@ -45,11 +45,11 @@ def package():
         lost = np.abs(test - reference).mean(axis=-1)
         return 10 - 10 * lost.mean(), {"heatmap": Found(lost)}
 
-    installed, made = cvvdp.is_installed(), cvvdp._model
+    installed, kept_model = cvvdp.is_installed(), cvvdp._model
 
     def model(viewing: Viewing, heat_map: str | None = None) -> Any:
         SEEN.append(viewing)
-        return made(viewing, heat_map) if installed else None
+        return kept_model(viewing, heat_map) if installed else None
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cvvdp, "_model", model)
@@ -71,8 +71,8 @@ def run(*words: object, folder: Path) -> str:
 def validated(tmp_path_factory):
     folder = tmp_path_factory.mktemp("seen")
     words = ("-o", "out", "--algorithms", "template,li2012", "--viewpoints", "centre")
-    given = definitions(TINY | {"inim.luminance_cd_m2": "123"})
-    run("validate", write_scene(folder), *words, *given, folder=folder)
+    options = definitions(TINY | {"inim.luminance_cd_m2": "123"})
+    run("validate", write_scene(folder), *words, *options, folder=folder)
     return folder / "out", read_document(folder / "out" / "report.json")
 
 
@@ -91,11 +91,13 @@ def test_report_has_jod_to_scene_and_reference_with_intervals(validated):
 
 def test_it_is_seen_as_the_display_from_the_eye(validated):
     _, data = validated
-    (position,) = (one["position_mm"] for one in data["viewpoints"])
+    (position,) = (viewpoint["position_mm"] for viewpoint in data["viewpoints"])
     pixel = data["display"]["parameters"]["pitch_mm"] / data["settings"]["view_pixels_per_lens"]
     degree = 2 * np.linalg.norm(position) * np.tan(np.radians(0.5))
-    assert {one.luminance_cd_m2 for one in SEEN} == {123.0}
-    assert {round(one.pixels_per_degree, 6) for one in SEEN} == {round(degree / pixel, 6)}
+    assert {viewpoint.luminance_cd_m2 for viewpoint in SEEN} == {123.0}
+    assert {round(viewpoint.pixels_per_degree, 6) for viewpoint in SEEN} == {
+        round(degree / pixel, 6)
+    }
 
 
 def test_page_and_files_show_it(validated):
@@ -126,8 +128,8 @@ def test_baseline_sweep_s_table_and_bench_have_it(validated, tmp_path):
         for name in ("_SETTLE_S", "_LEAD_IN_S"):  # pauses that make times comparable
             patch.setattr(turns, name, 0.0)
         run("bench", scene, *words, *definitions(TINY), folder=tmp_path)
-    (found,) = read_document(tmp_path / "timed" / "bench.json")["scene"]["algorithms"]
-    assert found["scores"]["view_cvvdp_to_reference_jod"] < 10
+    (row,) = read_document(tmp_path / "timed" / "bench.json")["scene"]["algorithms"]
+    assert row["scores"]["view_cvvdp_to_reference_jod"] < 10
     assert "view CVVDP to reference" in (tmp_path / "timed" / "bench.html").read_text("utf-8")
 
 
@@ -135,10 +137,10 @@ def test_film_is_scored_against_the_scene_that_it_names(validated, tmp_path):
     out, _ = validated
     words = ("film", out, "-o", tmp_path / "film.webp", "--frames", "4", "--view-spp", "4")
     scene = out.parent / "tiny.xml"
-    said = run(*words, "--scene", scene, "--algorithms", "template", folder=tmp_path)
-    assert "template: " in said
-    assert "JOD as a film, at " in said
-    assert "123 cd/m^2" in said
+    output = run(*words, "--scene", scene, "--algorithms", "template", folder=tmp_path)
+    assert "template: " in output
+    assert "JOD as a film, at " in output
+    assert "123 cd/m^2" in output
 
     other = tmp_path / "other.xml"
     other.write_text(scene.read_text() + "<!-- another one -->\n")

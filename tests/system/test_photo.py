@@ -47,8 +47,8 @@ def bench(tmp_path_factory):
     eia = gaussian_filter(random.random((*DISPLAY.eia_shape, 3)), (6, 6, 0)) - 0.5
     codes = srgb_to_uint8(srgb_from_linear(0.4 + 0.2 * eia / eia.std()))
     Image.fromarray(codes).save(folder / "eia.png")
-    shown = linear_from_srgb(codes / np.float32(255))
-    light, _ = simulate(shown, DISPLAY, CAMERA, POSE, SHAPE)
+    linear = linear_from_srgb(codes / np.float32(255))
+    light, _ = simulate(linear, DISPLAY, CAMERA, POSE, SHAPE)
     soft = gaussian_filter(shift(light, (MOVED[1], MOVED[0], 0), order=3), (BLUR, BLUR, 0))
     photo = 0.01 + 0.9 * np.maximum(soft, 0) ** GAMMA + random.normal(0, 0.002, light.shape)
     Image.fromarray(srgb_to_uint8(srgb_from_linear(photo))).save(folder / "photo.png")

@@ -87,19 +87,19 @@ def test_headings_go_down_one_level_at_a_time(tab):
 
 def test_keyboard_reaches_every_control_and_leaves_it_again(tab):
     """By the Tab key alone: each of the display's and the slider's, and the page's last link."""
-    wanted = tab.evaluate(
+    expected = tab.evaluate(
         "[...document.querySelectorAll(':is(a, button, select, input, canvas, [tabindex])')]"
         ".filter((e) => e.checkVisibility() && !e.disabled && (e.type !== 'radio' || e.checked))"
         ".map((e, i) => { e.dataset.place = i; return String(i); })"
     )
-    assert len(wanted) > 40
+    assert len(expected) > 40
     reached = []
-    for _ in range(len(wanted) + 5):
+    for _ in range(len(expected) + 5):
         for kind in ("rawKeyDown", "keyUp"):
             tab.send("Input.dispatchKeyEvent", type=kind, key="Tab", code="Tab",
                      windowsVirtualKeyCode=9)  # fmt: skip
         reached.append(tab.evaluate("document.activeElement.dataset.place ?? ''"))
-    assert set(wanted) <= set(reached)
+    assert set(expected) <= set(reached)
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
@@ -173,7 +173,7 @@ def contrast(ink: str, paper: str) -> float:
 
 
 def luminance(color: str) -> float:
-    codes = [float(one) / 255 for one in re.findall(r"[\d.]+", color)[:3]]
+    codes = [float(number) / 255 for number in re.findall(r"[\d.]+", color)[:3]]
     linear = [c / 12.92 if c <= 0.03928 else ((c + 0.055) / 1.055) ** 2.4 for c in codes]
     return float(sum(w * c for w, c in zip((0.2126, 0.7152, 0.0722), linear, strict=True)))
 
@@ -323,10 +323,10 @@ def stage(tab: Tab) -> np.ndarray:
     return np.asarray(picture.resize((SIZE, SIZE), Image.Resampling.BOX))
 
 
-def assert_alike(seen: np.ndarray, expected: np.ndarray) -> None:
+def assert_alike(picture: np.ndarray, expected: np.ndarray) -> None:
     """But for the borders of the blocks, where scaling mixes them."""
     inner = (np.arange(SIZE) % (SIZE // 8) > 3) & (np.arange(SIZE) % (SIZE // 8) < SIZE // 8 - 4)
-    change = abs(seen.astype(int) - expected)[inner][:, inner]
+    change = abs(picture.astype(int) - expected)[inner][:, inner]
     assert change.max() <= 2
 
 

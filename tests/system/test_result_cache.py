@@ -48,9 +48,9 @@ def bench(run_inim, tmp_path):
 @pytest.fixture(scope="module")
 def first_run(run_inim, tmp_path_factory):
     """A folder whose cache holds the results of a run."""
-    made = Bench(run_inim, tmp_path_factory.mktemp("first"))
-    assert len(rendered(made.report())) == 4
-    return made.folder
+    first = Bench(run_inim, tmp_path_factory.mktemp("first"))
+    assert len(rendered(first.report())) == 4
+    return first.folder
 
 
 @pytest.fixture
@@ -62,12 +62,12 @@ def cached_bench(bench, first_run):
 
 def lasting(report: dict[str, Any]) -> dict[str, Any]:
     """What must not depend on what was skipped: all but times, and what was done."""
-    kept = json.loads(json.dumps(report))
+    fixed = json.loads(json.dumps(report))
     for name in ("created", "command", "skipped", "timings"):
-        del kept[name]
-    for result in kept["algorithms"].values():
+        del fixed[name]
+    for result in fixed["algorithms"].values():
         del result["seconds"]
-    return kept
+    return fixed
 
 
 def rendered(report: dict[str, Any]) -> set[str]:
@@ -80,8 +80,8 @@ def rendered(report: dict[str, Any]) -> set[str]:
     }
 
 
-def reason(report: dict[str, Any], what: str) -> str:
-    (row,) = [row for row in report["skipped"] if row["step"].startswith(what)]
+def reason(report: dict[str, Any], step: str) -> str:
+    (row,) = [row for row in report["skipped"] if row["step"].startswith(step)]
     return f"{row['performed']}; {row['why']}"
 
 
@@ -111,11 +111,16 @@ SAMPLES = {"capture_spp": "16", "eia_spp": "16", "view_spp": "32", "reconstructi
 def test_sampling_ends_when_scores_are_known(bench):
     report = bench.report(**SAMPLES, score_error="0.9")
     (row,) = [row for row in report["skipped"] if row["step"] == "samples"]
-    taken = report["settings"]["eia_spp"]
-    assert taken in (2, 4, 8)
-    assert [report["settings"][name] for name in SAMPLES] == [taken, taken, 2 * taken, taken]
-    assert row["performed"] == f"{taken} per EIA pixel, {2 * taken} per view pixel"
-    assert row["skipped"] == f"{16 - taken} and {32 - 2 * taken} more"
+    samples = report["settings"]["eia_spp"]
+    assert samples in (2, 4, 8)
+    assert [report["settings"][name] for name in SAMPLES] == [
+        samples,
+        samples,
+        2 * samples,
+        samples,
+    ]
+    assert row["performed"] == f"{samples} per EIA pixel, {2 * samples} per view pixel"
+    assert row["skipped"] == f"{16 - samples} and {32 - 2 * samples} more"
     assert "target 0.9" in row["why"]
     whole = bench.report(**SAMPLES)
     for name, result in whole["algorithms"].items():
@@ -194,9 +199,9 @@ def test_lazy_makes_what_is_observed_and_scores_views_the_same(bench):
         assert result["eia"]["ssim"] is None
         assert result["eia"]["psnr_db"] is None
     part = read_exr(bench.out / "eia" / "template.exr")
-    made = (part != 0).any(axis=-1)
-    assert 0 < made.sum() < 0.8 * (eia != 0).any(axis=-1).sum()
-    assert np.array_equal(part[made], eia[made])
+    is_generated = (part != 0).any(axis=-1)
+    assert 0 < is_generated.sum() < 0.8 * (eia != 0).any(axis=-1).sum()
+    assert np.array_equal(part[is_generated], eia[is_generated])
     true_part = read_exr(bench.out / "truth" / "eia.exr")
     lit = (true_part != 0).any(axis=-1)
     assert np.array_equal(true_part[lit], truth[lit])
@@ -226,14 +231,14 @@ def test_a_cache_of_damaged_records_changes_nothing(cached_bench):
 def test_the_cache_command(cached_bench):
     folder = cached_bench.folder
 
-    def cache(*words: str, where: str | None = None) -> str:
-        variables = {"INIM_CACHE": where or str(folder / "cache")}
+    def cache(*words: str, place: str | None = None) -> str:
+        variables = {"INIM_CACHE": place or str(folder / "cache")}
         ended = run_here("info", "cache", *words, folder=folder, variables=variables)
         assert (ended.code, ended.stderr) == (0, "")
         return ended.stdout
 
-    assert cache(where=str(folder / "empty")).startswith("0 results, 0.0 MiB")
+    assert cache(place=str(folder / "empty")).startswith("0 results, 0.0 MiB")
     assert not cache().startswith("0 results")
     assert cache("--clear").startswith("removed ")
     assert cache().startswith("0 results")
-    assert "no cache" in cache(where="off")
+    assert "no cache" in cache(place="off")

@@ -55,8 +55,8 @@ def write_version(folder: Path, kind: str, version: int) -> None:
 def write_all(folder: Path, kind: str) -> Path:
     """The scene in its first version, with what the kind needs."""
     folder.mkdir(exist_ok=True)
-    for one in ("a.ply", PICTURE[kind], "part.xml", "s.xml"):
-        write_version(folder, one, 0)
+    for name in ("a.ply", PICTURE[kind], "part.xml", "s.xml"):
+        write_version(folder, name, 0)
     return folder
 
 
@@ -96,9 +96,9 @@ def test_a_file_saved_meanwhile_stops_the_run(run_inim, tmp_path, monkeypatch, k
     for version in (0, 1):
         write_version(folder, kind, version)
         assert run_here_cached(run_inim, folder, tmp_path).code == 0
-        found = truth(tmp_path / "out")
+        digest = truth(tmp_path / "out")
         assert run_here_cached(run_inim, folder, tmp_path, cached=False).code == 0
-        assert np.array_equal(found, truth(tmp_path / "out"))
+        assert np.array_equal(digest, truth(tmp_path / "out"))
 
 
 def run_here_cached(
@@ -146,10 +146,10 @@ def test_a_file_saved_at_any_moment(tmp_path, kind):
         process = start(str(tmp_path / f"cache{version // 4}"))
         time.sleep(moments.uniform(0.3, 2.5))
         write_version(folder, kind, 1 - version % 2)
-        said = process.communicate(timeout=120)[1]
+        errors = process.communicate(timeout=120)[1]
         if process.returncode:
             assert process.returncode == 2
-            assert_one_line(said, ["was saved while the run read it"])
+            assert_one_line(errors, ["was saved while the run read it"])
             stopped += 1
         else:
             assert np.array_equal(truth(out), right[digest_of(out)])

@@ -95,7 +95,7 @@ def test_interrupt_of_the_group_while_the_worker_starts_is_one_line(tmp_path):
             time.sleep(0.001)
         time.sleep(wait_ms / 1000)
         run.end(signal.SIGINT, "all")
-        assert (run.code, run.said) == (130, LINE)
+        assert (run.code, run.errors) == (130, LINE)
         assert list(tmp_path.iterdir()) == [scene]
 
 
@@ -129,7 +129,7 @@ class Run:
                 os.kill(workers[0] if whom == "worker" and workers else pid, number)
         except ProcessLookupError:
             pass
-        self.said = self.process.communicate(timeout=60)[1]
+        self.errors = self.process.communicate(timeout=60)[1]
         self.code = self.process.returncode
         patience = time.monotonic() + (30 if number == signal.SIGKILL else 2)
         while left := members(pid):  # a worker notices its parent's end by itself
@@ -175,9 +175,9 @@ def test_end_of_either_process_ends_the_other_and_leaves_nothing(
     run.end(number, whom)
     assert run.code == code
     if whom == "worker":
-        assert_one_line(run.said, [says])
+        assert_one_line(run.errors, [says])
     else:
-        assert run.said == says
+        assert run.errors == says
     left = {p for p in tiny_scene.parent.iterdir() if p != tiny_scene}
     # After SIGKILL of the parent, the next run removes the staging folder.
     killed = (number, whom) == (signal.SIGKILL, "parent")
@@ -212,19 +212,19 @@ class Bench:
     def run_to_the_end(self) -> None:
         started = time.perf_counter()
         run = self.start()
-        said = run.process.communicate(timeout=120)[1]
+        errors = run.process.communicate(timeout=120)[1]
         self.seconds = time.perf_counter() - started
-        assert (run.process.returncode, said) == (EXIT_PASSED, "")
-        assert self.found() == self.seed
+        assert (run.process.returncode, errors) == (EXIT_PASSED, "")
+        assert self.seed_of_report() == self.seed
         self.assert_nothing_left()
 
-    def found(self) -> int | None:
+    def seed_of_report(self) -> int | None:
         """Which run's report is there: whole, every file of it that run's; None where none is."""
         if not (self.out / "report.json").exists():
             return None
         data = assert_whole(self.out)
-        kept = json.loads((self.out / ".report-files.json").read_text())
-        assert files_in(self.out) == set(data["files"]) == {*kept}
+        files = json.loads((self.out / ".report-files.json").read_text())
+        assert files_in(self.out) == set(data["files"]) == {*files}
         return int(data["settings"]["seed"])
 
     def assert_nothing_left(self) -> None:
@@ -248,24 +248,24 @@ class Bench:
 
     def end_one(self, number: signal.Signals, whom: str, after_s: float) -> str:
         """End a run; what came of it, in a word."""
-        before, run = self.found(), self.start()
+        before, run = self.seed_of_report(), self.start()
         time.sleep(after_s)
         run.end(number, whom)
-        after = self.found()
+        after = self.seed_of_report()
         if number == signal.SIGKILL:
             assert after in (before, self.seed, None)
             return "none" if after is None else "old" if after == before else "new"
         assert after in (before, self.seed), "the report of before is gone"
         self.assert_nothing_left()
         if run.code == EXIT_PASSED:
-            assert (after, run.said) == (self.seed, "")
+            assert (after, run.errors) == (self.seed, "")
             return "passed"
         if run.code == 128 + number:
-            assert run.said == (LINE if number == signal.SIGINT else "")
+            assert run.errors == (LINE if number == signal.SIGINT else "")
             return "ended"
         # Until the program's first line Python itself answers.
-        assert run.code in (-number, 1), run.said
-        assert "/inim/cli.py" not in run.said
+        assert run.code in (-number, 1), run.errors
+        assert "/inim/cli.py" not in run.errors
         return "Python's start"
 
 

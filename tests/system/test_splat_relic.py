@@ -47,11 +47,11 @@ def mi():
 
 def test_a_relic_with_y_down_stands_upright_and_is_not_mirrored(mi, tmp_path):
     """Whoever stands at -z of such a file, with -y up, has +x of it on the right."""
-    said: list[str] = []
+    messages: list[str] = []
     scene = new_scene(
-        signpost(tmp_path), tmp_path / "a.xml", unit=None, up="-y", front="-z", warn=said.append
+        signpost(tmp_path), tmp_path / "a.xml", unit=None, up="-y", front="-z", warn=messages.append
     )
-    assert "24 of 25 splats" in said[0]
+    assert "24 of 25 splats" in messages[0]
     # Stock Mitsuba, by the scene's own camera.
     image = np.array(mi.render(mi.load_file(str(scene)), spp=1))[..., :3]
     rows, columns = image.shape[:2]
@@ -95,8 +95,8 @@ def test_crop_keeps_a_part(tmp_path, capsys):
     printed = capsys.readouterr()
     assert "12 of 25 splats" in printed.err
     assert "took 12 of 25 splats, --crop=-0.5,0.5,-2,0.01,-1,1\n" in printed.out
-    kept = read_splats(out.with_suffix(".ply"), out.with_suffix(".ply").read_bytes())
-    assert len(kept) == 12 and np.abs(kept.centre).max() < 50
+    cropped = read_splats(out.with_suffix(".ply"), out.with_suffix(".ply").read_bytes())
+    assert len(cropped) == 12 and np.abs(cropped.centre).max() < 50
 
 
 def test_a_splat_relic_is_validated_with_layers_and_its_translucency(tmp_path):
@@ -113,20 +113,20 @@ def test_a_splat_relic_is_validated_with_layers_and_its_translucency(tmp_path):
     assert ended.code == EXIT_PASSED, ended.stderr
     data = read_document(tmp_path / "out" / "report.json")
     assert_schema(data)
-    found = data["scene"]["splats"]
-    assert sum(found["coverage_histogram"]) == pytest.approx(1)
-    assert 0 < found["without_depth_fraction"] < found["never_opaque_fraction"] < 1
-    assert found["touched_fraction"] >= data["rgbd"]["covered_fraction"] > 0
+    entry = data["scene"]["splats"]
+    assert sum(entry["coverage_histogram"]) == pytest.approx(1)
+    assert 0 < entry["without_depth_fraction"] < entry["never_opaque_fraction"] < 1
+    assert entry["touched_fraction"] >= data["rgbd"]["covered_fraction"] > 0
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
-    assert 'id="splats"' in page and f"{found['count']} splats touch" in page
+    assert 'id="splats"' in page and f"{entry['count']} splats touch" in page
 
 
 @pytest.mark.slow
 def test_the_study_of_their_number_writes_its_bench(tmp_path):
     ended = run_study("splats", 200, 400, "-o", "out", folder=tmp_path, timeout=600)
     assert ended.returncode == EXIT_PASSED, ended.stderr
-    few, many = read_document(tmp_path / "out" / "bench.json")["study"]["splats"]
-    assert (few["splats"], many["splats"]) == (200, 400)
-    assert many["file_bytes"] > 1.9 * few["file_bytes"]
-    assert all(run["validate"]["peak_bytes"] > 1e8 for run in (few, many))
-    assert all(seconds > 0 for seconds in many["stages"].values())
+    fewest, most = read_document(tmp_path / "out" / "bench.json")["study"]["splats"]
+    assert (fewest["splats"], most["splats"]) == (200, 400)
+    assert most["file_bytes"] > 1.9 * fewest["file_bytes"]
+    assert all(run["validate"]["peak_bytes"] > 1e8 for run in (fewest, most))
+    assert all(seconds > 0 for seconds in most["stages"].values())

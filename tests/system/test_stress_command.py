@@ -95,7 +95,7 @@ def test_the_study_runs_from_the_repository_and_all_it_claims_holds(tmp_path):
     assert (data["schema"], data["mode"], data["passed"]) == ("inim.stress-study/1", "quick", True)
     assert all(c["passed"] and c["cases"] > 0 for c in data["checks"])
     ran = {r["algorithm"] for r in data["generators"] if r["outcome"] == "ran"}
-    assert ran == {one.algorithm for one in VARIANTS}
+    assert ran == {variant.algorithm for variant in VARIANTS}
     assert {(r["model"], r["dtype"]) for r in data["lens_models"] if r["outcome"] == "ran"} == {
         (m, d) for m in ("pinhole", "thin", "thick") for d in ("float32", "float64")
     }

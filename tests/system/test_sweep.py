@@ -63,10 +63,10 @@ def test_a_row_for_each_combination(swept):
 def test_scores_are_those_of_a_validation_of_its_own(swept, tmp_path):
     folder = swept[0]
     settings = {"lens_columns": 6, "lens_rows": 6, "capture_spp": 2, "eia_spp": 2, "view_spp": 2}
-    given = {f"inim.{k}": v for k, v in (settings | {"reconstruction_spp": 2}).items()}
+    options = {f"inim.{k}": v for k, v in (settings | {"reconstruction_spp": 2}).items()}
     scene, out = folder / "relic1.xml", tmp_path / "alone"
     with worker_here():
-        inim.validate(scene, out, algorithms="gu2020", viewpoints="centre", definitions=given)
+        inim.validate(scene, out, algorithms="gu2020", viewpoints="centre", definitions=options)
     (row,) = [
         r for r in table(folder / "out") if (r["scene"], r["algorithm"]) == ("relic1", "gu2020")
     ]
@@ -94,9 +94,9 @@ def test_the_query_of_the_how_to_answers(swept):
     duckdb = pytest.importorskip("duckdb")
     text = HOW_TO.read_text("utf-8")
     (query,) = re.findall(r"```sql\n(.*?)```", text, re.S)
-    found = duckdb.sql(query.replace("OUT/", f"{swept[0]}/out/")).fetchall()
-    assert len(found) == 2
-    assert {row[0] for row in found} == {"relic0", "relic1"}
+    rows = duckdb.sql(query.replace("OUT/", f"{swept[0]}/out/")).fetchall()
+    assert len(rows) == 2
+    assert {row[0] for row in rows} == {"relic0", "relic1"}
 
 
 def test_an_unchanged_study_computes_nothing(swept):
@@ -144,8 +144,8 @@ def test_what_is_added_or_damaged_is_computed_and_nothing_else(tmp_path):
     after = results(tmp_path / "out")
     changed = {name for name in after if after[name] != before.get(name)}
     assert changed == {damaged} | {name for name in after if name.endswith("li2012.json")}
-    kept = [row for row in table(tmp_path / "out") if row["algorithm"] != "li2012"]
-    assert kept == rows
+    other_rows = [row for row in table(tmp_path / "out") if row["algorithm"] != "li2012"]
+    assert other_rows == rows
 
 
 @pytest.mark.slow
@@ -199,9 +199,9 @@ def test_an_interrupt_takes_the_workers_along(tmp_path, number):
     driver = start(study.name, "-o", "out", folder=tmp_path)
     until(lambda: workers_of(tmp_path / "out"), "a worker starts")
     driver.send_signal(number)
-    _, told = driver.communicate(timeout=60)
+    _, errors = driver.communicate(timeout=60)
     assert driver.returncode == 128 + number
-    assert told.startswith("inim: interrupted; results are kept") == (number == signal.SIGINT)
+    assert errors.startswith("inim: interrupted; results are kept") == (number == signal.SIGINT)
     assert not workers_of(tmp_path / "out")
     assert not list((tmp_path / "tmp").rglob("*.partial"))
 

@@ -38,19 +38,19 @@ _DASK = [sys.executable, "-m", "dask"]
 def scheduler(tmp_path_factory):
     """The address of a scheduler with four workers; all end with the tests."""
     folder = tmp_path_factory.mktemp("cluster")
-    told = folder / "scheduler.json"
+    state = folder / "scheduler.json"
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
     commands = (
         [*_DASK, "scheduler", "--port", "0", "--host", "127.0.0.1", "--dashboard-address", ":0"],
         [*_DASK, "worker", "--nworkers", "4", "--nthreads", "1", "--memory-limit", "0"],
     )
     processes = [
-        subprocess.Popen([*words, "--scheduler-file", str(told)], **quiet)  # type: ignore[call-overload]
+        subprocess.Popen([*words, "--scheduler-file", str(state)], **quiet)  # type: ignore[call-overload]
         for words in commands
     ]
     try:
-        until(told.exists, "the scheduler starts")
-        with distributed.Client(scheduler_file=str(told), set_as_default=False) as client:
+        until(state.exists, "the scheduler starts")
+        with distributed.Client(scheduler_file=str(state), set_as_default=False) as client:
             client.wait_for_workers(4, timeout=60)
             address = client.scheduler.address
         yield address
@@ -88,9 +88,9 @@ def test_a_killed_worker_has_its_task_given_to_another(scheduler, tmp_path):
     # The dask worker itself, with the task it has in work.
     validating = until(lambda: workers_of(out), "a worker starts")[0]
     os.kill(parent_of(validating), signal.SIGKILL)
-    told, errors = driver.communicate(timeout=WITHIN_S)
+    printed, errors = driver.communicate(timeout=WITHIN_S)
     assert driver.returncode == EXIT_PASSED, errors
-    assert "4 of 4 validations run, 8 rows" in told
+    assert "4 of 4 validations run, 8 rows" in printed
     assert len(results(out)) == 8
     assert nothing_left(tmp_path)
 

@@ -36,7 +36,7 @@ COMMAND = ("tolerate", "tiny.xml", "--study", "errors.toml", "-o", "out", "--vie
 
 
 @pytest.fixture(scope="module")
-def drawn(tmp_path_factory):
+def tolerance_run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("tolerate 鼎")
     write_scene(folder)
     (folder / "errors.toml").write_text(STUDY)
@@ -45,12 +45,12 @@ def drawn(tmp_path_factory):
     return folder, ended
 
 
-def written(folder):
+def pages(folder):
     return {p: p.stat().st_mtime_ns for p in folder.glob("out/units/*/*.json")}
 
 
-def test_all_displays_are_drawn_and_said(drawn):
-    folder, ended = drawn
+def test_all_displays_are_drawn_and_said(tolerance_run):
+    folder, ended = tolerance_run
     data = read_document(folder / "out" / "tolerate.json")
     assert [row["name"] for row in data["parameters"]] == ["shift_x_mm", "pitch_mm"]
     assert [len(row["draws"]) for row in data["parameters"]] == [5, 5]
@@ -63,14 +63,14 @@ def test_all_displays_are_drawn_and_said(drawn):
     lines = ended.stdout.splitlines()
     assert any("1 validations of 1 algorithms; 0 of 1 results" in line for line in lines)
     assert any("13 validations of 1 algorithms; 1 of 13 results" in line for line in lines)
-    (said,) = [line for line in lines if "shift x" in line and line.startswith("With")]
-    assert f"{data['parameters'][0]['tolerance']:.3g}" in said
-    assert said in (folder / "out" / "tolerate.html").read_text("utf-8")
+    (warning,) = [line for line in lines if "shift x" in line and line.startswith("With")]
+    assert f"{data['parameters'][0]['tolerance']:.3g}" in warning
+    assert warning in (folder / "out" / "tolerate.html").read_text("utf-8")
     assert nothing_left(folder)
 
 
-def test_scores_are_those_of_validations_of_misaligned_displays(drawn, tmp_path):
-    folder = drawn[0]
+def test_scores_are_those_of_validations_of_misaligned_displays(tolerance_run, tmp_path):
+    folder = tolerance_run[0]
     data = read_document(folder / "out" / "tolerate.json")
     draw = data["together"]["draws"][1]
     with worker_here():
@@ -82,9 +82,9 @@ def test_scores_are_those_of_validations_of_misaligned_displays(drawn, tmp_path)
     assert draw["score"] == score
 
 
-def test_another_criterion_computes_nothing(drawn):
-    folder = drawn[0]
-    before = written(folder)
+def test_another_criterion_computes_nothing(tolerance_run):
+    folder = tolerance_run[0]
+    before = pages(folder)
     words = (*COMMAND, *definitions(TINY), "--criterion", "0.03")
     planned = run_here(*words, "--dry-run", folder=folder)
     assert planned.stdout.endswith("13 of 13 results exist, 0 validations to run\n")
@@ -93,7 +93,7 @@ def test_another_criterion_computes_nothing(drawn):
     (folder / "calibration.json").write_text(json.dumps(completed("calibration", reached)))
     ended = run_here(*words, "--calibration", "calibration.json", folder=folder)
     assert ended.code == EXIT_PASSED, ended.stderr
-    assert written(folder) == before
+    assert pages(folder) == before
     loose = read_document(folder / "out" / "tolerate.json")
     shift, shift_before = loose["parameters"][0], strict["parameters"][0]
     assert shift["draws"] == shift_before["draws"]
@@ -114,10 +114,10 @@ def test_a_display_that_cannot_be_mounted_is_named_and_the_others_count(tmp_path
     data = read_document(tmp_path / "out" / "tolerate.json")
     assert 0 < len(data["failed"]) < 6
     assert len(data["failed"]) + len(data["parameters"][0]["draws"]) == 6
-    for line, one in zip(ended.stderr.splitlines(), data["failed"], strict=True):
-        assert line == f"inim: failed: {one['display']}: {one['error']}"
-        assert " · gap_mm=-" in one["display"]
-        assert "gap" in one["error"]
+    for line, failure in zip(ended.stderr.splitlines(), data["failed"], strict=True):
+        assert line == f"inim: failed: {failure['display']}: {failure['error']}"
+        assert " · gap_mm=-" in failure["display"]
+        assert "gap" in failure["error"]
     assert data["together"] is None
 
 

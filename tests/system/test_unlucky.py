@@ -279,8 +279,8 @@ def assert_two_leave_one_report(folder: Path, apart_s: float = 0.0) -> None:
             )
         )  # fmt: skip
         time.sleep(apart_s)
-    said = [run.communicate(timeout=120)[1] for run in runs]
-    assert [run.returncode for run in runs] == [EXIT_PASSED, EXIT_PASSED], said
+    errors = [run.communicate(timeout=120)[1] for run in runs]
+    assert [run.returncode for run in runs] == [EXIT_PASSED, EXIT_PASSED], errors
     data = assert_whole(folder / "out")
     listed = json.loads((folder / "out" / ".report-files.json").read_text())
     assert files_in(folder / "out") == set(data["files"]) == {*listed}

@@ -220,8 +220,8 @@ def test_participating_media_are_refused(tmp_path, run_inim, bsdf):
 
 
 def test_pictures_too_small_to_score_are_refused(tmp_path, run_inim):
-    one = {"lens_columns": "1", "lens_rows": "1"}
-    ended = run_inim(write_scene(tmp_path), "-o", "out", folder=tmp_path, **one)
+    single_lens = {"lens_columns": "1", "lens_rows": "1"}
+    ended = run_inim(write_scene(tmp_path), "-o", "out", folder=tmp_path, **single_lens)
     assert ended.code == EXIT_USAGE
     assert_one_line(ended.stderr, ["pixels"])
 
@@ -244,7 +244,7 @@ def test_read_only_disk_is_refused_before_rendering(tiny_scene, tmp_path):
 
 
 def test_deleted_current_folder_is_one_line(tiny_scene, run_process):
-    gone = ("sh", "-c", 'mkdir gone; cd gone; rmdir ../gone; exec "$@"', "sh")
-    ended = run_process("tiny.xml", "-o", "out", folder=tiny_scene.parent, prefix=gone)
+    without_folder = ("sh", "-c", 'mkdir gone; cd gone; rmdir ../gone; exec "$@"', "sh")
+    ended = run_process("tiny.xml", "-o", "out", folder=tiny_scene.parent, prefix=without_folder)
     assert ended.code == EXIT_USAGE
     assert_one_line(ended.stderr, ["tiny.xml"])

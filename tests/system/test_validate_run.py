@@ -133,8 +133,8 @@ def test_report_has_the_results_of_its_algorithms_and_viewpoints(finished):
             for key, sure in result["precision"][view].items():
                 low, high = sure["interval"]
                 assert low < result["views"][view][key] < high
-    shown = data["display"]["parameters"]
-    assert (shown["lens_columns"], shown["lens_rows"]) == (8, 6)
+    parameters = data["display"]["parameters"]
+    assert (parameters["lens_columns"], parameters["lens_rows"]) == (8, 6)
     assert data["settings"]["algorithms"] == "template,wang2024"
     assert data["verdict"]["passed"] is True
     assert {check["passed"] for check in data["verdict"]["checks"]} == {True}
@@ -195,8 +195,8 @@ def test_one_line_for_each_algorithm_and_viewpoint_in_order(finished):
     *scores, best, criteria, verdict = finished.ended.stdout.splitlines()
     assert best.startswith("best: ")
     assert criteria.startswith("no criteria set; for later runs: -D 'inim.min_ssim_to_reference=")
-    wanted = [[algorithm, view] for algorithm in ALGORITHMS for view in VIEWS]
-    assert [line.split()[:2] for line in scores] == wanted
+    expected = [[algorithm, view] for algorithm in ALGORITHMS for view in VIEWS]
+    assert [line.split()[:2] for line in scores] == expected
     assert verdict == "ran clean; no criteria set; report: deep/o u't/report.html"
     assert finished.ended.stderr == "", "where it is no terminal"
 
@@ -271,13 +271,13 @@ def test_help_answers_within_a_second():
     seconds = []
     for _ in range(3):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, "-m", "inim.validate", "--help"], capture_output=True, text=True
         )
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         seconds.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-    assert done.returncode == EXIT_PASSED
-    assert "exit codes:" in done.stdout
+    assert process.returncode == EXIT_PASSED
+    assert "exit codes:" in process.stdout
     assert min(seconds) < 1
 
 

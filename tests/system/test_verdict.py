@@ -84,15 +84,17 @@ def test_missing_views_are_a_failed_check():
 
 
 def test_swapped_views_fail_their_limit(run, monkeypatch):
-    with_views(monkeypatch, lambda seen: {"down": seen["right"], "right": seen["down"]})
-    wanted = {f"template/{view}: SSIM on the relic, to the reference" for view in ("down", "right")}
-    assert wanted <= failed(run())
+    with_views(monkeypatch, lambda views: {"down": views["right"], "right": views["down"]})
+    expected = {
+        f"template/{view}: SSIM on the relic, to the reference" for view in ("down", "right")
+    }
+    assert expected <= failed(run())
 
 
 def test_view_that_is_not_a_number_is_never_scored(run, monkeypatch):
-    def spoiled(seen: dict[str, Any]) -> dict[str, Any]:
-        seen["down"].image[3, 4] = np.nan
-        return seen
+    def spoiled(views: dict[str, Any]) -> dict[str, Any]:
+        views["down"].image[3, 4] = np.nan
+        return views
 
     with_views(monkeypatch, spoiled)
     with pytest.raises(UsageError, match="not finite"):

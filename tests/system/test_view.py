@@ -78,8 +78,8 @@ def show_eia(tab: Tab, folder: Path, codes: np.ndarray, **settings: object) -> N
 
 
 def display_words(**settings: object) -> list[str]:
-    given = NAMES | {f"inim.{key}": str(value) for key, value in settings.items()}
-    return [word for key, value in given.items() for word in ("-D", f"{key}={value}")]
+    options = NAMES | {f"inim.{key}": str(value) for key, value in settings.items()}
+    return [word for key, value in options.items() for word in ("-D", f"{key}={value}")]
 
 
 def report_data(display: Display = DISPLAY) -> dict[str, Any]:
@@ -144,9 +144,9 @@ def eye(tab: Tab) -> tuple[float, float, float]:
 
 def canvas(tab: Tab, side: int, shape: tuple[int, int]) -> np.ndarray:
     """The picture on a canvas, (rows, columns, 3) uint8, drawn at this size."""
-    said = tab.evaluate(f"inimDisplay.pixels({side}, {shape[1]}, {shape[0]})")
-    rgba = np.frombuffer(base64.b64decode(said["data"]), np.uint8)
-    return rgba.reshape(said["height"], said["width"], 4)[..., :3]
+    answer = tab.evaluate(f"inimDisplay.pixels({side}, {shape[1]}, {shape[0]})")
+    rgba = np.frombuffer(base64.b64decode(answer["data"]), np.uint8)
+    return rgba.reshape(answer["height"], answer["width"], 4)[..., :3]
 
 
 @pytest.fixture(scope="module")
@@ -170,13 +170,18 @@ def test_dragging_the_eye_shows_what_the_ray_tracer_sees_from_there(tab, page, t
     place = eye(tab)
     assert np.sign(place[:2]).tolist() == np.sign([by[0], -by[1]]).tolist()
     expected = traced(place)
-    shown = linear_from_srgb(canvas(tab, 0, expected.shape[:2]).astype(np.float32) / 255)
-    assert ssim(expected, shown) >= LEAST_SSIM
+    drawn_light = linear_from_srgb(canvas(tab, 0, expected.shape[:2]).astype(np.float32) / 255)
+    assert ssim(expected, drawn_light) >= LEAST_SSIM
     # A picture that is mirrored, moved by a lens or seen from elsewhere would not pass.
-    for wrong in (shown[:, ::-1], shown[::-1], np.roll(shown, 4, axis=1), np.roll(shown, 4, 0)):
+    for wrong in (
+        drawn_light[:, ::-1],
+        drawn_light[::-1],
+        np.roll(drawn_light, 4, axis=1),
+        np.roll(drawn_light, 4, 0),
+    ):
         assert ssim(expected, wrong) < 0.9
     elsewhere = (place[0] + (12 if place[0] <= 0 else -12), place[1], place[2])
-    assert ssim(traced(elsewhere), shown) < 0.97
+    assert ssim(traced(elsewhere), drawn_light) < 0.97
     assert tab.complaints == []
 
 
@@ -214,10 +219,10 @@ def test_every_kind_of_array_is_drawn_as_the_lens_models_trace_it(tab, tmp_path,
     for lens_model in models:
         tab.click(f"input[value={lens_model}]")
         expected = still_view(codes, display, eye(tab), lens_model, grid=8).astype(int)
-        shown = canvas(tab, 0, shape).astype(int)
+        drawn_view = canvas(tab, 0, shape).astype(int)
         assert expected.max() > 150
         # A sample on the border of two panel pixels may fall to either side.
-        assert (abs(shown - expected).max(axis=-1) > 2).mean() < MOST_CHANGED, lens_model
+        assert (abs(drawn_view - expected).max(axis=-1) > 2).mean() < MOST_CHANGED, lens_model
     assert tab.complaints == []
 
 
@@ -231,11 +236,11 @@ def test_thick_lenses_live_are_those_that_are_scored(tab, page, traced):
     errors = {}
     for model in ("thick", "thin"):
         tab.click(f"input[value={model}]")
-        shown = linear_from_srgb(canvas(tab, 0, expected.shape[:2]).astype(np.float32) / 255)
-        errors[model] = float(np.sqrt(((shown - expected) ** 2).mean()))
+        drawn_light = linear_from_srgb(canvas(tab, 0, expected.shape[:2]).astype(np.float32) / 255)
+        errors[model] = float(np.sqrt(((drawn_light - expected) ** 2).mean()))
         if model == "thick":
-            assert ssim(expected, shown) >= LEAST_SSIM
-            assert shown.mean() == pytest.approx(float(expected.mean()), rel=0.01)
+            assert ssim(expected, drawn_light) >= LEAST_SSIM
+            assert drawn_light.mean() == pytest.approx(float(expected.mean()), rel=0.01)
     assert errors["thick"] < 0.5 * errors["thin"]
 
 
@@ -281,8 +286,8 @@ def test_every_control_works_and_nothing_complains(tab, page):
     tab.click("input[name=together]")
     rest(tab)
     widths = "[...document.querySelectorAll('canvas')].map((c) => c.clientWidth)"
-    wide, none = tab.evaluate(widths)
-    assert (wide > 600, none) == (True, 0)
+    wide, narrow = tab.evaluate(widths)
+    assert (wide > 600, narrow) == (True, 0)
     tab.click("input[name=together]")
     rest(tab)
     assert min(tab.evaluate(widths)) > 300
@@ -311,8 +316,8 @@ def test_two_eyes_see_the_panel_from_their_two_places(tab, tmp_path):
     shape = DISPLAY.lens_rows * 4, DISPLAY.lens_columns * 4
     for side, x in enumerate((-7, 13)):
         expected = still_view(codes, DISPLAY, (x, 2, 300), "thick", grid=8).astype(int)
-        shown = canvas(tab, side, shape).astype(int)
-        assert (abs(shown - expected).max(axis=-1) > 2).mean() < MOST_CHANGED
+        drawn_view = canvas(tab, side, shape).astype(int)
+        assert (abs(drawn_view - expected).max(axis=-1) > 2).mean() < MOST_CHANGED
     # A pair is outside as soon as one of its eyes is.
     limit = tab.evaluate("inimDisplay.flipLimit(300)")[0]
     tab.evaluate(f"inimDisplay.setEye({limit - 9}, 0, 300)")
@@ -334,7 +339,7 @@ def test_the_plan_shows_display_and_eye_to_one_scale(tab, page):
         "[document.querySelector('.above .panel').getAttribute('points'),"
         " ...['cx', 'cy'].map((n) => +document.querySelector('.above .eye').getAttribute(n))]"
     )
-    left, right = (float(one.split(",")[0]) for one in panel.split())
+    left, right = (float(point.split(",")[0]) for point in panel.split())
     scale = (right - left) / DISPLAY.width_mm
     assert (x / scale, y / scale) == (pytest.approx(-20, abs=0.1), pytest.approx(180, abs=0.5))
     assert "24 mm wide" in tab.evaluate("document.querySelector('.above').ariaLabel")
@@ -344,8 +349,8 @@ MOTION = "prefers-reduced-motion"
 
 
 def test_the_eye_sways_until_a_key_or_a_touch_and_never_where_motion_is_unwanted(tab, page):
-    def let_move(wanted: str) -> None:
-        motion = [{"name": MOTION, "value": wanted}]
+    def let_move(expected: str) -> None:
+        motion = [{"name": MOTION, "value": expected}]
         tab.send("Emulation.setEmulatedMedia", media="", features=motion)
         tab.open(page)
         assert tab.evaluate("inimDisplay.ready") is True
@@ -420,13 +425,13 @@ def test_two_canvases_show_their_own_panels_from_one_eye(tab, page):
     tab.click("input[value=pinhole]")
     tab.evaluate("inimDisplay.setEye(10, 5, 170)")
     for side in (0, 1):
-        seen = canvas(tab, side, (80, 96)).astype(int)
+        drawn_view = canvas(tab, side, (80, 96)).astype(int)
         expected = [
             still_view(tilted_plane(DISPLAY, seed), DISPLAY, (10, 5, 170), grid=8).astype(int)
             for seed in (0, 1)
         ]
-        assert abs(seen - expected[side]).mean() < 0.1
-        assert abs(seen - expected[1 - side]).mean() > 5
+        assert abs(drawn_view - expected[side]).mean() < 0.1
+        assert abs(drawn_view - expected[1 - side]).mean() > 5
 
 
 def assert_flip_limits(tab: Tab, display: Display) -> None:
@@ -564,12 +569,12 @@ def test_slow_card_draws_fewer_pixels_while_the_eye_moves_and_all_of_them_at_res
         for _ in range(10):  # the first frames find out what the card can do
             if "1 at 0.25" in drag_about(tab, 1.0)["chosen"]:
                 break
-        found = drag_about(tab, 2.0)
+        drag = drag_about(tab, 2.0)
         # On a busy machine the pointer may rest for a moment, and refinements be drawn.
-        assert max(found["chosen"], key=found["chosen"].get) == "1 at 0.25", found["chosen"]
+        assert max(drag["chosen"], key=drag["chosen"].get) == "1 at 0.25", drag["chosen"]
         rest(tab)
         state = tab.evaluate("[inimDisplay.state().grid, document.querySelector('canvas').width]")
-        assert state == [2, found["width"]]
+        assert state == [2, drag["width"]]
     finally:
         tab.send("Page.removeScriptToEvaluateOnNewDocument", **script)
 
@@ -646,7 +651,7 @@ def test_view_loads_no_renderer(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "message"),
     [
         (["none.png"], ["none.png", "no such file"]),
         (["eia.png"], ["eia.png", "408 x 340", "needs 1088 x 1088", "--display"]),
@@ -661,11 +666,11 @@ def test_view_loads_no_renderer(tmp_path):
         ([".", "--display", "phone"], ["its own display"]),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(tmp_path, words, said):
+def test_bad_input_is_one_line_and_exit_code_2(tmp_path, words, message):
     save(tmp_path / "eia.png", tilted_plane(DISPLAY))
     (tmp_path / "text.txt").write_text("no picture")
     (tmp_path / "broken.png").write_bytes(b"\x89PNG\r\n\x1a\n cut")
     ended = view(*words, folder=tmp_path)
     assert (ended.code, ended.stdout) == (2, "")
-    assert_one_line(ended.stderr, said)
+    assert_one_line(ended.stderr, message)
     assert not list(tmp_path.glob("*.html"))

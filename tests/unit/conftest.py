@@ -9,10 +9,10 @@ from inim import metrics
 def announce(monkeypatch):
     """Announce metrics of other packages, by the names of the keywords; ColorVideoVDP is not."""
 
-    def announced(**found):
+    def announced(**registered):
         monkeypatch.setattr("inim.metrics.cvvdp.is_installed", lambda: False)
-        monkeypatch.setattr("inim.metrics.announced_names", lambda group: sorted(found))
-        monkeypatch.setattr("inim.metrics.load", lambda group, name, kind: found[name])
+        monkeypatch.setattr("inim.metrics.announced_names", lambda group: sorted(registered))
+        monkeypatch.setattr("inim.metrics.load", lambda group, name, kind: registered[name])
         metrics._all_metrics.cache_clear()
 
     yield announced

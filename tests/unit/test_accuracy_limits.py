@@ -51,13 +51,15 @@ def test_presets_are_inside_them(display, model):
 
 def test_limits_are_those_of_the_published_run(measured):
     """Constants are no wider than what was measured safe."""
-    found = measured["trust"]
+    measured_limits = measured["trust"]
     for model, limit in STEEPEST.items():
-        assert limit <= found["slope"][model], model
-    assert found["panel_pixels"] >= limits.WIDEST_PANEL_PIXELS
-    assert found["least_index"] <= LEAST_INDEX
-    assert found["changed_by_rounding"] == pytest.approx(limits.CHANGED_BY_ROUNDING, abs=0.005)
-    warned = found["changed_by_ties"]["warned"]
+        assert limit <= measured_limits["slope"][model], model
+    assert measured_limits["panel_pixels"] >= limits.WIDEST_PANEL_PIXELS
+    assert measured_limits["least_index"] <= LEAST_INDEX
+    assert measured_limits["changed_by_rounding"] == pytest.approx(
+        limits.CHANGED_BY_ROUNDING, abs=0.005
+    )
+    warned = measured_limits["changed_by_ties"]["warned"]
     assert warned == pytest.approx(limits.CHANGED_BY_TIES, abs=0.005)
 
 
@@ -73,17 +75,17 @@ def test_each_limit_warns_on_its_far_side_only():
     display = small_display()
     for model, limit in STEEPEST.items():
         assert accuracy_warnings(display, model, slope=limit) == []
-        (said,) = accuracy_warnings(display, model, slope=1.01 * limit)
-        assert model in said and f"{limit:g}" in said
+        (warning,) = accuracy_warnings(display, model, slope=1.01 * limit)
+        assert model in warning and f"{limit:g}" in warning
     assert accuracy_warnings(display.replace(refractive_index=LEAST_INDEX), "thin") == []
-    (said,) = accuracy_warnings(display.replace(refractive_index=1.009), "thin")
-    assert "refractive_index = 1.009" in said
+    (warning,) = accuracy_warnings(display.replace(refractive_index=1.009), "thin")
+    assert "refractive_index = 1.009" in warning
     assert accuracy_warnings(display.replace(refractive_index=1.009), "pinhole") == []
     wide = display.replace(panel_columns=limits.WIDEST_PANEL_PIXELS, panel_rows=1)
     assert accuracy_warnings(wide, "pinhole") == []
     wider = wide.replace(panel_columns=limits.WIDEST_PANEL_PIXELS + 1)
-    (said,) = accuracy_warnings(wider, "pinhole")
-    assert str(limits.WIDEST_PANEL_PIXELS + 1) in said
+    (warning,) = accuracy_warnings(wider, "pinhole")
+    assert str(limits.WIDEST_PANEL_PIXELS + 1) in warning
 
 
 def test_the_eye_s_steepest_ray_counts():
@@ -97,8 +99,8 @@ def test_the_eye_s_steepest_ray_counts():
 
 def test_a_depth_range_without_depths_warns():
     shallow = small_display(depth_min_mm=1000.0, depth_max_mm=1000.001)
-    (said,) = accuracy_warnings(shallow)
-    assert "1000" in said and str(limits.FEWEST_DEPTHS) in said
+    (warning,) = accuracy_warnings(shallow)
+    assert "1000" in warning and str(limits.FEWEST_DEPTHS) in warning
     assert accuracy_warnings(small_display(depth_min_mm=1000.0, depth_max_mm=1100.0)) == []
 
 
@@ -107,8 +109,8 @@ def test_lengths_of_many_digits_warn():
     short = small_display(3, 3, pixels=5, gap_mm=3.3)
     long = short.replace(gap_mm=3.0 * (1 + 2.0**-40), depth_min_mm=20.0, depth_max_mm=40.0)
     assert accuracy_warnings(short, pixel_mm=0.5) == []
-    (said,) = accuracy_warnings(long, pixel_mm=0.3)
-    assert "digits" in said
+    (warning,) = accuracy_warnings(long, pixel_mm=0.3)
+    assert "digits" in warning
     rgbd = _noise(short)
     assert np.array_equal(find_sources(rgbd, short), exact_sources(rgbd, short))
 
@@ -120,8 +122,8 @@ def test_lengths_of_many_digits_warn():
 )  # fmt: skip
 def test_mounted_arrays_that_are_regular_warn_and_a_slight_turn_is_the_way_out(changes):
     display = small_display(**changes)
-    (said,) = accuracy_warnings(display)
-    assert next(iter(changes)) in said and f"{limits.CHANGED_BY_TIES:.0%}" in said
+    (warning,) = accuracy_warnings(display)
+    assert next(iter(changes)) in warning and f"{limits.CHANGED_BY_TIES:.0%}" in warning
     turned = display.replace(rotation_deg=display.rotation_deg + limits.LEAST_TURN_DEG)
     assert accuracy_warnings(turned) == []
 
@@ -133,9 +135,9 @@ def test_the_way_out_of_corners_is_one():
         display = small_display(3, 3, pixels=5, tilt_x_deg=2.0, rotation_deg=degrees)
         rgbd = _noise(display)
         rays = rays_over(display, rgbd, chosen_pixels(display, 225))
-        shown = find_sources(rgbd, display)[rays.pixels[:, 0], rays.pixels[:, 1]]
-        truth = exact_first_hits(rays, rgbd, display, np.arange(len(shown)))
-        lost.append(np.count_nonzero(shown != truth) / len(shown))
+        sources = find_sources(rgbd, display)[rays.pixels[:, 0], rays.pixels[:, 1]]
+        truth = exact_first_hits(rays, rgbd, display, np.arange(len(sources)))
+        lost.append(np.count_nonzero(sources != truth) / len(sources))
     assert 0.05 < lost[0] < limits.CHANGED_BY_TIES
     assert lost[1] < 0.01
 

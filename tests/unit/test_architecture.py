@@ -27,13 +27,13 @@ def modules_of(frame: FrameType | None) -> Iterator[str]:
         frame = frame.f_back
 
 
-def recording(seen: set[str], function: Any) -> Any:
+def recording(accesses: set[str], function: Any) -> Any:
     """A function that also notes which modules led to it, and its own."""
 
     def called(*words: Any, **named: Any) -> Any:
         stack = {*modules_of(inspect.currentframe())}
         if "inim.pipeline.validate" in stack:  # the report draws a map of SSIM, too
-            seen.update(stack, {function.__module__})
+            accesses.update(stack, {function.__module__})
         return function(*words, **named)
 
     return called
@@ -45,11 +45,11 @@ def path(renderer: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> s
     from inim.render.reconstruct import DisplayScene
     from tests.system.conftest import worker_here
 
-    seen: set[str] = set()
+    visited: set[str] = set()
     # All in one thread and one process: the stack is the whole way.
     monkeypatch.setattr(parallel, "cpu_count", lambda: 1)
-    monkeypatch.setattr(DisplayScene, "view", recording(seen, DisplayScene.view))
-    monkeypatch.setitem(vars(metric), "function", recording(seen, metric.function))
+    monkeypatch.setattr(DisplayScene, "view", recording(visited, DisplayScene.view))
+    monkeypatch.setitem(vars(metric), "function", recording(visited, metric.function))
     scene = tmp_path / "tiny.xml"
     scene.write_text(scene_text(sphere((0, 0, 1), 1.2)), encoding="utf-8")
     small = {"lens_columns": 8, "lens_rows": 6, "capture_spp": 2, "eia_spp": 2, "view_spp": 2}
@@ -62,7 +62,7 @@ def path(renderer: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> s
             viewpoints="centre",
             no_skip=True,
         )
-    return seen
+    return visited
 
 
 def test_a_view_s_ssim_is_twenty_modules_away_or_less_and_they_are_listed(path):

@@ -68,7 +68,7 @@ def shapes(path: Path, plugin: str, inner: str) -> tuple[Any, Any]:
         f'<scene version="3.0.0"><shape type="{plugin}" id="relic">'
         f'<string name="filename" value="{path}"/>{inner}</shape></scene>'
     )
-    both = []
+    meshes = []
     for passed in (False, True):
         state = mi.parser.parse_string(config, text)
         for node in state.nodes:
@@ -76,8 +76,8 @@ def shapes(path: Path, plugin: str, inner: str) -> tuple[Any, Any]:
                 use_mesh(node.props, read_shape(path, plugin))
         mi.parser.transform_all(config, state)
         scene = mi.parser.instantiate(config, state)
-        both += scene.shapes()
-    return both[0], both[1]
+        meshes += scene.shapes()
+    return meshes[0], meshes[1]
 
 
 def assert_equal(theirs: Any, ours: Any, tolerance: float = 0) -> None:
@@ -153,12 +153,12 @@ def test_obj_gives_the_corners_of_mitsuba(renderer, tmp_path, name, inner):
     for shape in shapes(path, "obj", inner):
         values = mi.traverse(shape)
         faces = np.asarray(values["faces"])
-        each = [
+        meshes = [
             np.asarray(values[f"vertex_{name}"]).reshape(shape.vertex_count(), -1)[faces]
             for name in ("positions", "normals", "texcoords")
             if len(values[f"vertex_{name}"])
         ]
-        each_face = np.hstack(each).reshape(shape.face_count(), 3, -1)
+        each_face = np.hstack(meshes).reshape(shape.face_count(), 3, -1)
         # A face may begin at any corner.
         first = [min(range(3), key=lambda k: tuple(face[k].round(3))) for face in each_face]
         turned = [np.roll(f, -k, axis=0).ravel() for f, k in zip(each_face, first, strict=True)]

@@ -88,8 +88,8 @@ def test_version_is_read_from_the_name_or_else_the_folder(path, version):
 
 def test_newest_version_comes_first_and_a_nameless_one_last(tmp_path):
     order = ["libLLVM.so.22.1", "libLLVM.so.19.1", "libLLVM-17.so.1", "libLLVM-9.so", "libLLVM.so"]
-    found = backend.find_libllvm([libraries(tmp_path / "lib", *sorted(order))])
-    assert [path.name for path in found] == order
+    in_order = backend.find_libllvm([libraries(tmp_path / "lib", *sorted(order))])
+    assert [path.name for path in in_order] == order
 
 
 def test_other_files_named_alike_are_no_candidates(tmp_path):
@@ -109,11 +109,11 @@ def test_missing_folders_are_passed_over(tmp_path):
 
 
 def test_search_variable_replaces_the_usual_folders(monkeypatch, tmp_path):
-    one = libraries(tmp_path / "one", "libLLVM-17.so.1")
+    library = libraries(tmp_path / "one", "libLLVM-17.so.1")
     two = libraries(tmp_path / "two", "libLLVM-18.so.1")
-    monkeypatch.setenv("INIM_LLVM_SEARCH", f"{one}{os.pathsep}{two}")
-    found = [path.name for path in backend.find_libllvm()]
-    assert found == ["libLLVM-18.so.1", "libLLVM-17.so.1"]
+    monkeypatch.setenv("INIM_LLVM_SEARCH", f"{library}{os.pathsep}{two}")
+    names = [path.name for path in backend.find_libllvm()]
+    assert names == ["libLLVM-18.so.1", "libLLVM-17.so.1"]
 
 
 def test_linker_cache_is_searched(monkeypatch, tmp_path):
@@ -219,11 +219,11 @@ def test_refusal_is_one_line_with_every_reason_and_the_way_out(monkeypatch, tmp_
     folder = libraries(tmp_path / "lib", "libLLVM-14.so.1", "libLLVM.so.19.1")
     with pytest.raises(BackendError) as caught:
         backend.choose_backend("llvm", [folder])
-    said = str(caught.value)
-    assert "\n" not in said
+    message = str(caught.value)
+    assert "\n" not in message
     for part in ("libLLVM.so.19.1 (it computes", "libLLVM-14.so.1 (LLVM 14 is too old"):
-        assert part in said
-    assert "sudo apt-get install libllvm19 libatomic1" in said
+        assert part in message
+    assert "sudo apt-get install libllvm19 libatomic1" in message
 
 
 def test_finding_nothing_says_so(tmp_path):
@@ -294,15 +294,15 @@ def test_child_without_an_answer_is_refused(monkeypatch, script, words, lasting)
 
 
 def test_noise_around_the_answer_does_no_harm(monkeypatch):
-    said = 'INIM-PROBE {"stage": "done", "reason": "", "version": "19", "device": "d"}'
-    script = f"print('hello'); print({said!r}); print('bye')"
+    answer = 'INIM-PROBE {"stage": "done", "reason": "", "version": "19", "device": "d"}'
+    script = f"print('hello'); print({answer!r}); print('bye')"
     assert probe_of(monkeypatch, script) == Verdict(True, "", "19", "d", "done")
 
 
 def test_cause_is_taken_from_the_log_when_the_exception_hides_it():
-    said = 'INIM-PROBE {"stage": "start", "reason": "could not be found!"}'
+    answer = 'INIM-PROBE {"stage": "start", "reason": "could not be found!"}'
     log = 'jit_find_library(): Unable to load "x": file too short!\n'
-    assert "file too short" in trial._read_answer(0, said, log).reason
+    assert "file too short" in trial._read_answer(0, answer, log).reason
 
 
 # --- Memory of verdicts -------------------------------------------------------------------
@@ -477,7 +477,7 @@ def test_description_is_json_and_gives_each_library_its_reason(monkeypatch, tmp_
     folder = libraries(tmp_path / "lib", "libLLVM-14.so.1", "libLLVM.so.19.1")
     monkeypatch.setenv("INIM_LLVM_SEARCH", str(folder))
     facts = json.loads(json.dumps(describe()))
-    assert [found["usable"] for found in facts["libllvm"]] == [True, False]
+    assert [library["usable"] for library in facts["libllvm"]] == [True, False]
     assert facts["libllvm"][1]["reason"] == "LLVM 14 is too old for Dr.Jit"
     assert facts["chosen"]["libllvm"] == str(folder / "libLLVM.so.19.1")
     assert facts["memory_bytes"] == machine.memory_limit_bytes()

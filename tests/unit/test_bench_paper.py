@@ -23,9 +23,9 @@ def paper_bench():
     def point(size):
         names = ["gu2020 in plain Python", "wang2024 in plain Python", "template"]
         ms = dict(zip(names, (6000.0, 3000.0, 1.5), strict=True))
-        found = [method(n, size * v) for n, v in ms.items()]
+        methods = [method(n, size * v) for n, v in ms.items()]
         sizes = {"scene_pixels": 100 * size, "lenses": size, "elemental_pixels": 289 * size}
-        return {**sizes, "yardstick": timing(1.0), "algorithms": found}
+        return {**sizes, "yardstick": timing(1.0), "algorithms": methods}
 
     experiments = [
         {
@@ -87,8 +87,8 @@ def test_steps_keep_the_paper_s_bounds_only_off_the_centre_of_odd_lenses():
 
 def test_every_form_is_written_and_listed(tmp_path):
     write_bench(paper_bench(), tmp_path, lambda document: parts_of(document.study))
-    read = json.loads((tmp_path / "bench.json").read_text("utf-8"))
-    assert {p.name for p in tmp_path.iterdir()} == set(read["files"])
+    contents = json.loads((tmp_path / "bench.json").read_text("utf-8"))
+    assert {p.name for p in tmp_path.iterdir()} == set(contents["files"])
     ElementTree.parse(tmp_path / "paper.svg")
     assert 'class="remarks claims"' in (tmp_path / "bench.html").read_text("utf-8")
 
@@ -131,17 +131,17 @@ def test_claims_follow_the_measured_times():
     assert thousand["holds"] is False
 
 
-def _by_words(found):
+def _by_words(claims_read):
     words = ("twice as fast as gu2020", "grows slowly", "the middle view", "1000 times")
-    return [next((c for c in found if word in c["claim"]), None) for word in words]
+    return [next((c for c in claims_read if word in c["claim"]), None) for word in words]
 
 
 def test_speed_and_growth_are_told_of_their_own_figures():
     paper = paper_bench().study["paper"]
 
     def verdict(words):
-        found = claims(paper["experiments"], paper["same_input"])
-        return next(c["holds"] for c in found if words in c["claim"])
+        claims_read = claims(paper["experiments"], paper["same_input"])
+        return next(c["holds"] for c in claims_read if words in c["claim"])
 
     assert verdict("the fastest") is True  # gu2020 takes twice as long at all sizes
     assert verdict("elemental images") is False  # both grow alike
@@ -161,9 +161,9 @@ def test_each_reading_of_eq_5_has_verdicts_of_its_own():
         scene = {"name": "wang2024:step_pixel=scene in plain Python"}
         fast = {key: mine[key] / 10 for key in ("median_ms", "min_ms")}
         point["algorithms"].append(mine | scene | fast)
-    found = {c["claim"]: c["holds"] for c in claims(paper["experiments"], paper["same_input"])}
-    assert found["wang2024 is more than twice as fast as gu2020"] is False
-    assert found["wang2024:step_pixel=scene is more than twice as fast as gu2020"] is True
+    verdicts = {c["claim"]: c["holds"] for c in claims(paper["experiments"], paper["same_input"])}
+    assert verdicts["wang2024 is more than twice as fast as gu2020"] is False
+    assert verdicts["wang2024:step_pixel=scene is more than twice as fast as gu2020"] is True
 
 
 def test_without_a_rival_its_claim_is_left_out():
@@ -181,14 +181,14 @@ def test_growth_is_the_power_of_the_size():
 @pytest.mark.parametrize("sizes", [(100, 400), (3, 5), (1, 2, 4, 6, 8, 10, 12)])
 def test_powers_that_differ_by_rounding_only_are_equal(factor, sizes):
     """Times that are multiples of one another grow alike, however the logarithms are rounded."""
-    one, other = (
+    first, other = (
         power_law([{"n": n, "min_ms": 0.9 * f * n**0.7} for n in sizes], "n") for f in (1.0, factor)
     )
-    assert not one.is_below(other)
-    assert not other.is_below(one)
-    assert one.error < 1e-12
+    assert not first.is_below(other)
+    assert not other.is_below(first)
+    assert first.error < 1e-12
     slower = power_law([{"n": n, "min_ms": n**0.701} for n in sizes], "n")
-    assert one.is_below(slower)
+    assert first.is_below(slower)
 
 
 def test_error_of_a_power_is_its_standard_error():
@@ -196,9 +196,9 @@ def test_error_of_a_power_is_its_standard_error():
     from scipy.stats import linregress
 
     points = [{"n": n, "min_ms": ms} for n, ms in ((1, 1.1), (2, 1.9), (4, 4.2), (8, 7.7))]
-    wanted = linregress(*([math.log(p[key]) for p in points] for key in ("n", "min_ms")))
+    expected = linregress(*([math.log(p[key]) for p in points] for key in ("n", "min_ms")))
     law = power_law(points, "n")
-    assert law.power == pytest.approx(wanted.slope)
-    assert law.error == pytest.approx(wanted.stderr)
+    assert law.power == pytest.approx(expected.slope)
+    assert law.error == pytest.approx(expected.stderr)
     near = [{"n": p["n"], "min_ms": p["min_ms"] * p["n"] ** (0.5 * law.error)} for p in points]
     assert not law.is_below(power_law(near, "n"))

@@ -79,19 +79,19 @@ def scene_bench(scores=(), **values):
 
 def test_every_form_is_written_and_listed(tmp_path):
     write_bench(scene_bench(), tmp_path)
-    read = json.loads((tmp_path / "bench.json").read_text("utf-8"))
-    assert {p.name for p in tmp_path.iterdir()} == set(read["files"])
-    assert read["schema"] == "inim.bench/2"
+    document = json.loads((tmp_path / "bench.json").read_text("utf-8"))
+    assert {p.name for p in tmp_path.iterdir()} == set(document["files"])
+    assert document["schema"] == "inim.bench/2"
     for svg in tmp_path.glob("*.svg"):
         ElementTree.parse(svg)
 
 
 def assert_tables_are_whole(data, parts):
     """Every row of every Markdown table has as many cells as the table's head."""
-    wanted = [len(t.heads) for one in parts for t in one.tables for _ in range(len(t.rows) + 2)]
+    expected = [len(t.heads) for part in parts for t in part.tables for _ in range(len(t.rows) + 2)]
     rows = [x for x in bench_page(data, parts).markdown(data).splitlines() if x.startswith("|")]
-    assert wanted
-    assert [len(re.findall(r"(?<!\\)\|", row)) - 1 for row in rows] == wanted
+    assert expected
+    assert [len(re.findall(r"(?<!\\)\|", row)) - 1 for row in rows] == expected
 
 
 def test_markdown_tables_have_as_many_cells_in_every_row():
@@ -116,9 +116,9 @@ def test_another_score_has_a_column_and_a_panel():
             ("blur", "lower", 0.0, 2), ("likeness", "higher", 1.0, 4), ("signal", "higher", None, 2)
         )
     ]  # fmt: skip
-    (shown,) = scene_parts(scene_bench(more, blur=0.25, likeness=0.75, signal=12.0))
-    assert shown.tables[0].heads[-4:-1] == ["blur", "likeness", "signal"]
-    assert shown.tables[0].rows[0][-4:-1] == ["0.25", "0.7500", "12.00"]
-    axes = shown.figure.axes
+    (part,) = scene_parts(scene_bench(more, blur=0.25, likeness=0.75, signal=12.0))
+    assert part.tables[0].heads[-4:-1] == ["blur", "likeness", "signal"]
+    assert part.tables[0].rows[0][-4:-1] == ["0.25", "0.7500", "12.00"]
+    axes = part.figure.axes
     assert [a.get_ylabel() for a in axes[-3:]] == ["blur", "1 − likeness", "signal"]
     assert [a.yaxis_inverted() for a in axes[-3:]] == [False, False, True]

@@ -80,8 +80,8 @@ def test_median_minimum_and_spread_of_known_runs():
 
 
 def test_ratios_are_median_to_median_and_fastest_to_fastest():
-    found = ratios(Timing(0, (8.0, 6.0, 9.0)), Timing(0, (2.0, 4.0, 3.0)))
-    assert found == {"ratio": 8.0 / 3.0, "ratio_min": 3.0}
+    pair = ratios(Timing(0, (8.0, 6.0, 9.0)), Timing(0, (2.0, 4.0, 3.0)))
+    assert pair == {"ratio": 8.0 / 3.0, "ratio_min": 3.0}
 
 
 def test_front_holds_those_that_none_beats():
@@ -94,12 +94,12 @@ def test_equal_points_are_both_on_the_front():
 
 
 def test_a_method_without_sources_can_still_be_on_another_front():
-    def one(name, ms, wrong, psnr):
+    def timed(name, ms, wrong, psnr):
         scores = {"eia_psnr_db": psnr, "eia_ssim": 0.5, "view_ssim_to_reference": 0.5}
         return algorithm(name, ms, wrong, scores)
 
-    methods = [one("a", 1.0, 0.1, 20), one("b", 2.0, None, 30), one("c", 3.0, 0.1, 20)]
-    found = {m.name: m for m in mark_fronts(methods)}
-    assert found["a"].fronts[0] == "wrong_source"
-    assert found["b"].fronts == ["eia_psnr_db"]
-    assert (found["b"].pareto, found["c"].pareto, found["c"].fronts) == (True, False, [])
+    methods = [timed("a", 1.0, 0.1, 20), timed("b", 2.0, None, 30), timed("c", 3.0, 0.1, 20)]
+    marked = {m.name: m for m in mark_fronts(methods)}
+    assert marked["a"].fronts[0] == "wrong_source"
+    assert marked["b"].fronts == ["eia_psnr_db"]
+    assert (marked["b"].pareto, marked["c"].pareto, marked["c"].fronts) == (True, False, [])

@@ -29,13 +29,13 @@ def test_the_eia_is_the_same_without_what_is_black(array, open_fitted):
     display = small_display(**ARRAYS[array])
     fitted = open_fitted(scene_text(*SPHERES, LAMP, GLASS), display)
     observers = Observer(), Observer()
-    found = [
+    eias = [
         pickup(fitted, display, spp=16, seed=1, skip=skip, observer=observer)
         for skip, observer in zip((True, False), observers, strict=True)
     ]
-    assert found[0].image.max() > 0.1
-    assert np.array_equal(found[0].first, found[1].first)
-    assert np.array_equal(found[0].second, found[1].second)
+    assert eias[0].image.max() > 0.1
+    assert np.array_equal(eias[0].first, eias[1].first)
+    assert np.array_equal(eias[0].second, eias[1].second)
     assert observers[0].samples < 0.7 * observers[1].samples
 
 
@@ -46,7 +46,7 @@ def test_views_and_captures_are_the_same_without_what_is_black(pupil, open_fitte
     display = small_display()
     fitted = open_fitted(scene_text(*SPHERES, LAMP, GLASS), display)
     eye = Viewpoint("eye", 20, -15, 400, pupil_mm=pupil)
-    found, observers = [], (Observer(), Observer())
+    results, observers = [], (Observer(), Observer())
     for skip, observer in zip((True, False), observers, strict=True):
         view, relic = true_view(
             fitted, display, eye, pixels_per_lens=6, spp=16, seed=1, skip=skip, observer=observer
@@ -54,8 +54,8 @@ def test_views_and_captures_are_the_same_without_what_is_black(pupil, open_fitte
         pictures = capture_halves(
             fitted, display, pixels_per_pitch=5, spp=16, seed=2, skip=skip, observer=observer
         )
-        found.append([view.first, view.second, relic, *(p.color for p in pictures)])
-    assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True))
+        results.append([view.first, view.second, relic, *(p.color for p in pictures)])
+    assert all(np.array_equal(a, b) for a, b in zip(*results, strict=True))
     assert observers[0].samples < 0.8 * observers[1].samples
 
 
@@ -69,10 +69,10 @@ def test_few_pixels_beside_a_relic_are_traced(open_fitted, tmp_path):
     ball = """<shape type="ply"><string name="filename" value="ball.ply"/>
         <bsdf type="diffuse"/></shape>"""
     fitted = open_fitted(scene_text(ball), display)
-    seen = fitted.bounds.visible_pixels(pickup_rays(display, fitted.start_mm))
+    visible = fitted.bounds.visible_pixels(pickup_rays(display, fitted.start_mm))
     lit = pickup(fitted, display, spp=32, seed=1).image.max(axis=-1) > 0
-    assert not (lit & ~seen).any()
-    assert seen.sum() < 1.35 * lit.sum()
+    assert not (lit & ~visible).any()
+    assert visible.sum() < 1.35 * lit.sum()
 
 
 def test_an_observer_counts_the_samples_traced(open_fitted):

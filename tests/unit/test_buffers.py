@@ -38,9 +38,9 @@ def pictures(rows: int = 40, columns: int = 37) -> tuple[np.ndarray, np.ndarray]
 
 @pytest.mark.parametrize(("rows", "columns"), [(1, 5), (7, 3), (40, 37), (5, 4000)])
 def test_bands_are_the_rows_once_each_in_order(rows, columns, band):
-    found = list(row_bands(rows, columns))
-    assert [r for b in found for r in range(rows)[b]] == list(range(rows))
-    assert all((b.stop - b.start) * columns <= max(band, columns) for b in found)
+    bands = list(row_bands(rows, columns))
+    assert [r for b in bands for r in range(rows)[b]] == list(range(rows))
+    assert all((b.stop - b.start) * columns <= max(band, columns) for b in bands)
 
 
 @pytest.mark.parametrize("rows", [11, 12, 15, 16, 17, 40])
@@ -70,13 +70,13 @@ def test_maps_near_a_difference_are_those_of_the_whole_picture(seed, band):
         rows, columns = (np.sort(random.choice([0, 1, 9, 33, 50, n - 1, n], 2, replace=False))
                          for n in first.shape[:2])  # fmt: skip
         second[slice(*rows), slice(*columns)] += random.normal(0, 0.1, 3)
-    shown = [srgb_from_linear(p) for p in (first, second)]
+    codes = [srgb_from_linear(p) for p in (first, second)]
     whole = structural_similarity(
-        *shown, data_range=1.0, channel_axis=-1, gaussian_weights=True,
+        *codes, data_range=1.0, channel_axis=-1, gaussian_weights=True,
         sigma=1.5, use_sample_covariance=False, full=True,
     )[1]  # fmt: skip
     assert np.array_equal(metrics.ssim_map(first, second), whole.mean(axis=-1))
-    error = evaluate(*shown, "LDR", True, False, False, {"ppd": 67.0})[0].reshape(70, 64)
+    error = evaluate(*codes, "LDR", True, False, False, {"ppd": 67.0})[0].reshape(70, 64)
     assert np.array_equal(metrics.flip_map(first, second), error)
 
 
@@ -96,9 +96,9 @@ def test_psnr_is_the_same_in_any_bands(band, monkeypatch):
     difference = np.subtract(*(srgb_from_linear(p).astype(np.float64).ravel() for p in pair))
     error = math.fsum((difference**2).tolist()) / difference.size
     assert metrics.psnr_db(*pair) == pytest.approx(-10 * math.log10(error), rel=1e-14)
-    found = metrics.psnr_db(*pair)
+    psnr = metrics.psnr_db(*pair)
     monkeypatch.setattr("inim.image.noisy_image._PIXELS", 2**30)
-    assert metrics.psnr_db(*pair) == found
+    assert metrics.psnr_db(*pair) == psnr
 
 
 def test_pixels_that_are_not_finite_are_counted_over_all_bands(band):
@@ -123,24 +123,24 @@ def test_statistics_of_tiles_are_those_of_each_tile_alone(generated, band):
     palette = pictures(2, 40)
     source = np.random.default_rng(3).integers(0, 80, (40, 37))
     halves = [p.reshape(-1, 3)[source] for p in palette] if generated else pictures()
-    found = tile_statistics(NoisyImage.from_halves(*halves), (9, 8), generated=generated)
-    assert found.mean.shape == (5, 5, 3)
+    statistics = tile_statistics(NoisyImage.from_halves(*halves), (9, 8), generated=generated)
+    assert statistics.mean.shape == (5, 5, 3)
     for r in range(5):
         for c in range(5):
             at = slice(9 * r, 9 * r + 9), slice(8 * c, 8 * c + 8)
             a, b = (h[at].astype(np.float64) for h in halves)
-            assert found.mean[r, c] == pytest.approx(((a + b) / 2).mean(axis=(0, 1)), rel=1e-6)
-            assert found.power[r, c] == pytest.approx((a * b).mean(), rel=1e-6)
+            assert statistics.mean[r, c] == pytest.approx(((a + b) / 2).mean(axis=(0, 1)), rel=1e-6)
+            assert statistics.power[r, c] == pytest.approx((a * b).mean(), rel=1e-6)
 
 
 def test_halves_made_as_they_are_read_have_the_same_statistics(band):
     image, noise = pictures()
     computed = NoisyImage.from_image(image, noise)
     stored = NoisyImage.from_halves(image + noise, image - noise)
-    found, known = (
-        tile_statistics(each, (9, 8), generated=True).arrays() for each in (computed, stored)
+    actual, expected = (
+        tile_statistics(halves, (9, 8), generated=True).arrays() for halves in (computed, stored)
     )
-    assert all(np.array_equal(found[name], known[name]) for name in known)
+    assert all(np.array_equal(actual[name], expected[name]) for name in expected)
 
 
 def test_a_fingerprint_is_of_the_whole_eia(band):
@@ -148,18 +148,20 @@ def test_a_fingerprint_is_of_the_whole_eia(band):
     rgbd = reference_input(display, (8, 10), 0.5)
     eia = np.random.default_rng(1).random((*display.eia_shape, 3), np.float32)
     eia[0, 0] = -0.0
-    known = hashlib.sha256((eia + np.float32(0)).tobytes()).hexdigest()
-    assert fingerprint(rgbd, eia, display, exact=True).eia_sha256 == known
+    digest = hashlib.sha256((eia + np.float32(0)).tobytes()).hexdigest()
+    assert fingerprint(rgbd, eia, display, exact=True).eia_sha256 == digest
 
 
 def test_colours_of_sources_are_looked_up_one_by_one(band):
     color = np.random.default_rng(2).random((6, 7, 3), np.float32)
     rgbd = RGBD(color, np.zeros((6, 7)), np.ones((6, 7), bool), 1.0)
     sources = np.random.default_rng(2).integers(-3, 42, (40, 37)).astype(np.int32)
-    shown = colour_of(sources, rgbd)
+    colours = colour_of(sources, rgbd)
     for at in np.ndindex(sources.shape):
         source = sources[at]
-        assert np.array_equal(shown[at], color[source // 7, source % 7] if source >= 0 else [0] * 3)
+        assert np.array_equal(
+            colours[at], color[source // 7, source % 7] if source >= 0 else [0] * 3
+        )
     sources[39, 36] = 42
     with pytest.raises(UsageError, match="a source is 42; this picture has 0 to 41"):
         colour_of(sources, rgbd)

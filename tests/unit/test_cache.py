@@ -36,12 +36,12 @@ def test_what_is_kept_comes_back(store):
     facts = {"score": 1 / 3, "infinite": float("inf"), "missing": None, "names": ["a", "ü"]}
     assert store.load("x") is None
     assert store.keep("x", Record(arrays, facts))
-    found = store.load("x")
-    assert found.facts == facts
-    assert found.arrays.keys() == arrays.keys()
+    loaded = store.load("x")
+    assert loaded.facts == facts
+    assert loaded.arrays.keys() == arrays.keys()
     for name, array in arrays.items():
-        assert np.array_equal(found.arrays[name], array)
-        assert found.arrays[name].dtype == array.dtype
+        assert np.array_equal(loaded.arrays[name], array)
+        assert loaded.arrays[name].dtype == array.dtype
 
 
 def test_a_damaged_record_is_made_again_never_read(store):
@@ -55,10 +55,10 @@ def test_a_damaged_record_is_made_again_never_read(store):
         bad = bytearray(good)
         bad[place] ^= 1 << random.integers(8)
         path.write_bytes(bytes(bad))
-        found = store.load("x")
+        loaded = store.load("x")
         # Some bytes, such as a time of writing, mean nothing.
-        same = found is not None and np.array_equal(found.arrays["a"], whole.arrays["a"])
-        assert found is None or (same and found.facts == whole.facts)
+        same = loaded is not None and np.array_equal(loaded.arrays["a"], whole.arrays["a"])
+        assert loaded is None or (same and loaded.facts == whole.facts)
     for length in range(0, len(good), 37):
         path.write_bytes(good[:length])
         assert store.load("x") is None
@@ -88,8 +88,8 @@ def test_no_pickle_is_ever_loaded(store, tmp_path):
 
 
 def test_the_longest_unused_goes_first(tmp_path):
-    each = picture(0).nbytes
-    store = Store(tmp_path, 6 * each)
+    size = picture(0).nbytes
+    store = Store(tmp_path, 6 * size)
     for k in range(5):
         store.keep(str(k), Record({"a": picture(k)}))
         os.utime(tmp_path / f"{k}.npz", (1000 + k, 1000 + k))
@@ -99,7 +99,7 @@ def test_the_longest_unused_goes_first(tmp_path):
     for k in range(5, 8):
         store.keep(str(k), Record({"a": picture(k)}))
     left = {k for k in range(8) if store.holds(str(k))}
-    assert store.info().size_bytes <= 6 * each
+    assert store.info().size_bytes <= 6 * size
     assert {0, 7} <= left
     assert not {1, 2} & left
     assert store.clear().records == len(left)
@@ -130,9 +130,9 @@ def test_two_that_write_at_once_leave_a_whole_record(store):
         thread.start()
     ends = time.monotonic() + 1
     while time.monotonic() < ends:
-        found = store.load("x")
-        if found is not None and len(np.unique(found.arrays["a"])) != 1:
-            wrong.append(found)
+        loaded = store.load("x")
+        if loaded is not None and len(np.unique(loaded.arrays["a"])) != 1:
+            wrong.append(loaded)
     stop.set()
     for thread in threads:
         thread.join()
@@ -163,8 +163,8 @@ def test_killed_while_writing_leaves_whole_records_only(tmp_path):
         process.stdout.close()
     store = Store(tmp_path, 2**30)
     for k in range(5):
-        found = store.load(str(k))
-        assert found is None or (found.arrays["a"] == k).all()
+        loaded = store.load(str(k))
+        assert loaded is None or (loaded.arrays["a"] == k).all()
 
 
 def test_the_store_s_place(monkeypatch, tmp_path):

@@ -20,7 +20,14 @@ from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.scene.file import choose_display
 from tests.calibration_photographs import look_at
 from tests.schemas import completed, read_document
-from tests.unit.test_calibrate_fit import CAMERA, DESIGN, EYES, HIDDEN, straight_photograph, taken
+from tests.unit.test_calibrate_fit import (
+    CAMERA,
+    DESIGN,
+    EYES,
+    HIDDEN,
+    photograph_from,
+    straight_photograph,
+)
 
 GIVEN = [
     word
@@ -32,16 +39,16 @@ GIVEN = [
 @pytest.fixture
 def photos(monkeypatch, tmp_path):
     """Positions that are there, by name; their focal lengths."""
-    seen = {name: taken(name) for name in EYES}
-    stated = dict.fromkeys(seen)
+    by_name = {name: photograph_from(name) for name in EYES}
+    stated = dict.fromkeys(by_name)
 
-    def read(folder, display):
+    def read_positions(folder, display):
         assert folder == tmp_path / "<photos>" and display.eia_shape == DESIGN.eia_shape
-        return [SimpleNamespace(name=name, focal_length_px=stated.get(name)) for name in seen]
+        return [SimpleNamespace(name=name, focal_length_px=stated.get(name)) for name in by_name]
 
-    monkeypatch.setattr(photographs, "read_positions", read)
-    monkeypatch.setattr(decode, "decode", lambda position: seen[position.name])
-    return SimpleNamespace(seen=seen, stated=stated, folder=str(tmp_path / "<photos>"))
+    monkeypatch.setattr(photographs, "read_positions", read_positions)
+    monkeypatch.setattr(decode, "decode", lambda position: by_name[position.name])
+    return SimpleNamespace(photographs=by_name, stated=stated, folder=str(tmp_path / "<photos>"))
 
 
 def run(photos, *words: str) -> int:
@@ -51,20 +58,20 @@ def run(photos, *words: str) -> int:
 def test_a_display_file_and_a_report_are_written(photos, tmp_path, capsys):
     out = tmp_path / "mine.xml"
     assert run(photos, "-o", str(out)) == 0
-    said = capsys.readouterr()
-    assert "pitch_mm" in said.out and "±" in said.out and not said.err
+    output = capsys.readouterr()
+    assert "pitch_mm" in output.out and "±" in output.out and not output.err
     display, _ = choose_display(str(out))
     assert abs(display.rotation_deg - HIDDEN.rotation_deg) < 0.01
     assert abs(display.gap_mm - HIDDEN.gap_mm) < 0.05
     folder = tmp_path / "mine-calibration"
     document = read_document(folder / "calibration.json")
-    assert f"{folder}/calibration.html" in said.out
+    assert f"{folder}/calibration.html" in output.out
     assert (
         document["command"].startswith("inim calibrate")
         and "--display phone" in document["command"]
     )
     assert {*document["files"]} == {p.name for p in folder.iterdir() if p.name[0] != "."}
-    assert [one["name"] for one in document["positions"]] == [*EYES]
+    assert [position["name"] for position in document["positions"]] == [*EYES]
     assert document["parameters"]["gap_mm"]["is_determined"]
     correlation = np.array(document["correlation"]["matrix"])
     assert correlation.shape == (13, 13)
@@ -80,8 +87,8 @@ def test_a_display_file_and_a_report_are_written(photos, tmp_path, capsys):
 def test_intrinsics_are_opencv_s(photos, tmp_path):
     x, y = CAMERA.centre
     numbers = (CAMERA.focal, CAMERA.focal, x - 0.5, y - 0.5, CAMERA.k1, CAMERA.k2)
-    given = ",".join(f"{n:g}" for n in numbers)
-    assert run(photos, "--intrinsics", given, "-o", str(tmp_path / "mine.xml")) == 0
+    option = ",".join(f"{n:g}" for n in numbers)
+    assert run(photos, "--intrinsics", option, "-o", str(tmp_path / "mine.xml")) == 0
     camera = read_document(tmp_path / "mine-calibration" / "calibration.json")["camera"]
     assert camera["is_given"] and camera["centre_x_px"] == pytest.approx(x)
     assert camera["focal_px"] == CAMERA.focal and camera["standard_errors"]["k1"] is None
@@ -89,13 +96,13 @@ def test_intrinsics_are_opencv_s(photos, tmp_path):
 
 @pytest.mark.slow
 def test_too_few_positions_are_told_what_is_missing(photos, tmp_path, capsys):
-    photos.seen.clear()
-    photos.seen["straight"] = straight_photograph()
+    photos.photographs.clear()
+    photos.photographs["straight"] = straight_photograph()
     assert run(photos, "-o", str(tmp_path / "mine.xml")) == 1
-    said = capsys.readouterr()
-    assert "rotation_deg" in said.out and "gap_mm            not determined" in said.out
-    assert "not determined by these photographs" in said.err
-    assert "photograph from" in said.err
+    output = capsys.readouterr()
+    assert "rotation_deg" in output.out and "gap_mm            not determined" in output.out
+    assert "not determined by these photographs" in output.err
+    assert "photograph from" in output.err
     display, _ = choose_display(str(tmp_path / "mine.xml"))
     assert display.gap_mm == DESIGN.gap_mm
     assert abs(display.rotation_deg - HIDDEN.rotation_deg) < 0.1
@@ -113,8 +120,8 @@ def test_too_few_positions_are_told_what_is_missing(photos, tmp_path, capsys):
 )
 def test_a_mistake_is_one_line(photos, words, line, capsys):
     assert run(photos, *words) == 2
-    said = capsys.readouterr().err
-    assert line in said and said.count("\n") == 1
+    errors = capsys.readouterr().err
+    assert line in errors and errors.count("\n") == 1
 
 
 def test_zoom_between_positions_is_refused(photos, capsys):
@@ -135,8 +142,8 @@ def test_the_word_patterns_writes_them(tmp_path, capsys):
 @pytest.fixture
 def bench(monkeypatch, tmp_path):
     """A display file, its calibration, an EIA, and a photograph of it from the left."""
-    given = {k: v for k, v in HIDDEN.parameters().items() if v is not None and k != "name"}
-    lines = [f'<default name="inim.{k}" value="{v}"/>' for k, v in given.items()]
+    parameters = {k: v for k, v in HIDDEN.parameters().items() if v is not None and k != "name"}
+    lines = [f'<default name="inim.{k}" value="{v}"/>' for k, v in parameters.items()]
     (tmp_path / "mine.xml").write_text(f'<scene version="3.0.0">{"".join(lines)}</scene>')
     camera = Intrinsics(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
     height, width = CAMERA.shape
@@ -156,7 +163,7 @@ def bench(monkeypatch, tmp_path):
     Image.fromarray(srgb_to_uint8(srgb_from_linear(light))).save(tmp_path / "photo.png")
     position = SimpleNamespace(name="again", shape=CAMERA.shape)
     monkeypatch.setattr(photographs, "read_position", lambda folder, display: position)
-    monkeypatch.setattr(decode, "decode", lambda position: taken("left"))
+    monkeypatch.setattr(decode, "decode", lambda position: photograph_from("left"))
     monkeypatch.chdir(tmp_path)
     return position
 

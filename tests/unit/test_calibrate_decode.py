@@ -56,8 +56,8 @@ def photograph_all(
     inside = (places[0] < panel[0]) & (places[1] < panel[1])
     rows, columns = np.where(inside, places[0], 0), np.where(inside, places[1], 0)
     for number, pattern in enumerate(patterns(panel)):
-        shown = np.broadcast_to(pattern.codes, panel)[rows, columns] / 255
-        light = gain * (0.003 + 0.997 * shown**gamma) * inside
+        lit = np.broadcast_to(pattern.codes, panel)[rows, columns] / 255
+        light = gain * (0.003 + 0.997 * lit**gamma) * inside
         light = change(number, gaussian_filter(light, blur))
         light = light + random.normal(0, noise, light.shape) * np.sqrt(light + 0.05)
         codes = srgb_to_uint8(srgb_from_linear(light))
@@ -84,35 +84,35 @@ def interior() -> np.ndarray:
 
 
 def test_interior_pixels_are_known_and_right_within_the_error_that_they_state(good):
-    found = decoded(good)
-    assert found.column.dtype == found.row.dtype == found.error_px.dtype == np.float32
+    position = decoded(good)
+    assert position.column.dtype == position.row.dtype == position.error_px.dtype == np.float32
     inner = interior()
-    assert np.isfinite(found.column[inner]).mean() > 0.99
-    for seen, true in zip((found.column, found.row), seen_through_lenses(), strict=True):
-        off = (seen - true)[inner & np.isfinite(seen)]
-        error = found.error_px[inner & np.isfinite(seen)]
+    assert np.isfinite(position.column[inner]).mean() > 0.99
+    for actual, true in zip((position.column, position.row), seen_through_lenses(), strict=True):
+        off = (actual - true)[inner & np.isfinite(actual)]
+        error = position.error_px[inner & np.isfinite(actual)]
         # A panel pixel is one: what is seen is its middle.
         assert np.sqrt(np.mean(off**2)) < 1.15 * np.sqrt(np.mean(error**2)) < 0.4
         assert abs(np.mean(off)) < 0.03
         assert np.quantile(np.abs(off) / error, 0.99) < 3
-    assert (np.isfinite(found.column) == np.isfinite(found.row)).all()
-    assert found.lit[inner].min() > 0.4
+    assert (np.isfinite(position.column) == np.isfinite(position.row)).all()
+    assert position.lit[inner].min() > 0.4
 
 
 def test_a_pixel_that_sees_two_lenses_is_not_known_rather_than_wrong(tmp_path):
     photograph_all(tmp_path / "a", blur=1.5)
-    found = decoded(tmp_path)
-    known = np.isfinite(found.column)
-    assert 0.2 < known.mean() < 0.9
-    for seen, true in zip((found.column, found.row), seen_through_lenses(), strict=True):
-        assert np.abs(seen - true)[known].max() < 4, "much less than from lens to lens"
+    position = decoded(tmp_path)
+    decoded_pixels = np.isfinite(position.column)
+    assert 0.2 < decoded_pixels.mean() < 0.9
+    for actual, true in zip((position.column, position.row), seen_through_lenses(), strict=True):
+        assert np.abs(actual - true)[decoded_pixels].max() < 4, "much less than from lens to lens"
 
 
 def test_noise_makes_the_error_larger(good, tmp_path):
     photograph_all(tmp_path / "a", noise=0.05)
     quiet, noisy = decoded(good), decoded(tmp_path)
     inner = interior()
-    more = [np.nanmedian(one.error_px[inner] ** 2) - 1 / 12 for one in (noisy, quiet)]
+    more = [np.nanmedian(position.error_px[inner] ** 2) - 1 / 12 for position in (noisy, quiet)]
     assert more[0] > 50 * more[1] > 0, "noise is 12 times as large"
     assert np.nanmin(quiet.error_px) >= np.float32(1 / np.sqrt(12))
 
@@ -120,14 +120,14 @@ def test_noise_makes_the_error_larger(good, tmp_path):
 @pytest.mark.parametrize("gamma", [1.8, 2.6])
 def test_a_wrong_gamma_moves_nothing_by_a_tenth_of_a_pixel(tmp_path, gamma):
     photograph_all(tmp_path / "a", gamma=gamma)
-    found = decoded(tmp_path)
+    position = decoded(tmp_path)
     column, row = seen_through_lenses()
-    for seen, true in ((found.column, column), (found.row, row)):
+    for actual, true in ((position.column, column), (position.row, row)):
         middle = np.floor(true) + 0.5
         # Away from the borders of panel pixels, where blur mixes two.
-        sure = interior() & (np.abs(true - middle) < 0.25) & np.isfinite(seen)
+        sure = interior() & (np.abs(true - middle) < 0.25) & np.isfinite(actual)
         phase = np.floor(np.mod(middle[sure], 16)).astype(int)
-        off = (seen - middle)[sure]
+        off = (actual - middle)[sure]
         means = np.bincount(phase, off, 16) / np.maximum(np.bincount(phase, minlength=16), 1)
         assert np.abs(means).max() < 0.1
 
@@ -138,10 +138,10 @@ def test_half_the_sheet_behind_a_thumb_still_decodes(tmp_path):
         return light
 
     photograph_all(tmp_path / "a", change=thumb)
-    found = decoded(tmp_path)
-    known = np.isfinite(found.column)
-    assert not known[:, : SHAPE[1] // 2 - 4].any()
-    assert known[:, SHAPE[1] // 2 + 4 :].mean() > 0.6
+    position = decoded(tmp_path)
+    decoded_pixels = np.isfinite(position.column)
+    assert not decoded_pixels[:, : SHAPE[1] // 2 - 4].any()
+    assert decoded_pixels[:, SHAPE[1] // 2 + 4 :].mean() > 0.6
 
 
 # -- files ----------------------------------------------------------------------------------------

@@ -62,21 +62,21 @@ EYES = {
 
 
 @cache
-def taken(name: str, seed: int = 0) -> Photograph:
+def photograph_from(name: str, seed: int = 0) -> Photograph:
     eye, target, roll = EYES[name]
     return photograph(HIDDEN, CAMERA, eye, look_at(eye, target, roll), seed + len(name))
 
 
 def covered(name: str, hides: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Photograph:
     """A photograph of which a part, by row and column, shows nothing."""
-    photo = Photograph(*(part.copy() for part in taken(name)))
+    photo = Photograph(*(part.copy() for part in photograph_from(name)))
     for part in photo[:3]:
         part[hides(*np.mgrid[:360, :480])] = np.nan
     return photo
 
 
 @cache
-def found(*names: str) -> Calibration:
+def fitted(*names: str) -> Calibration:
     return calibrate({name: lenses(name) for name in names}, DESIGN)
 
 
@@ -94,7 +94,7 @@ def straight_on() -> Calibration:
 
 @cache
 def lenses(name: str) -> Lenses:
-    return find_lenses(taken(name), DESIGN, name)
+    return find_lenses(photograph_from(name), DESIGN, name)
 
 
 def truth(name: str) -> float:
@@ -108,10 +108,10 @@ def test_directions_undo_the_projection():
     camera = Intrinsics(1900.0, 246.0, 175.0, 0.4, -1.0)
     pose = Pose(look_at((5.0, 3, 120)), np.array([5.0, 3.0, 120.0]))
     points = np.random.default_rng(0).uniform(-14, 14, (200, 2))
-    seen = project(camera, pose, np.hstack([points, np.zeros((200, 1))]))
+    image_points = project(camera, pose, np.hstack([points, np.zeros((200, 1))]))
     straight = project(camera._replace(k1=0, k2=0), pose, np.hstack([points, np.zeros((200, 1))]))
-    assert np.abs(seen - straight).max() > 1, "the distortion shows"
-    x, y, *_ = rays(camera, pose, seen)
+    assert np.abs(image_points - straight).max() > 1, "the distortion shows"
+    x, y, *_ = rays(camera, pose, image_points)
     np.testing.assert_allclose(np.stack([x, y], axis=-1), points, atol=1e-9)
     assert np.abs(directions(camera, np.array([[246.0, 175.0]]))).max() == 0
 
@@ -130,11 +130,11 @@ def test_projection_is_opencv_s():
 # -- the lattice ----------------------------------------------------------------------------------
 
 
-def true_index(seen: Lenses, name: str, roll: float | None = None) -> np.ndarray:
+def true_index(numbering: Lenses, name: str, roll: float | None = None) -> np.ndarray:
     """Of each lens, by where the ray of its middle crosses the array."""
     eye, target, own = EYES[name]
     pose = Pose(look_at(eye, target, own if roll is None else roll), np.array(eye))
-    x, y, *_ = rays(TRUE_CAMERA, pose, seen.centre_px)
+    x, y, *_ = rays(TRUE_CAMERA, pose, numbering.centre_px)
     angle = np.radians(HIDDEN.rotation_deg)
     x, y = x - HIDDEN.shift_x_mm, y - HIDDEN.shift_y_mm
     across, up = np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x
@@ -143,54 +143,54 @@ def true_index(seen: Lenses, name: str, roll: float | None = None) -> np.ndarray
     return np.stack([column, row], axis=-1).astype(int)
 
 
-def offset(seen: Lenses, name: str, roll: float | None = None) -> np.ndarray:
+def offset(numbering: Lenses, name: str, roll: float | None = None) -> np.ndarray:
     """True indices less those found, one for all."""
-    off = np.unique(true_index(seen, name, roll) - seen.index, axis=0)
+    off = np.unique(true_index(numbering, name, roll) - numbering.index, axis=0)
     assert len(off) == 1, f"{name}: indices are off by {off.tolist()}"
     return np.asarray(off[0])
 
 
 @pytest.mark.parametrize("name", EYES)
 def test_every_lens_is_counted_right(name):
-    seen = lenses(name)
-    offset(seen, name)
+    numbering = lenses(name)
+    offset(numbering, name)
     columns, rows = HIDDEN.lens_columns, HIDDEN.lens_rows
-    assert len(seen.index) >= 0.97 * columns * rows
+    assert len(numbering.index) >= 0.97 * columns * rows
     # Two lenses from the edges.
-    assert 0.95 < seen.is_whole.sum() / ((columns - 4) * (rows - 4)) <= 1
-    inside = np.isfinite(seen.panel_px).all(axis=-1)
+    assert 0.95 < numbering.is_whole.sum() / ((columns - 4) * (rows - 4)) <= 1
+    inside = np.isfinite(numbering.panel_px).all(axis=-1)
     assert inside.mean() > 0.95
 
 
 @pytest.mark.parametrize("roll", [35.0, 90.0, 180.0])
 def test_a_camera_held_otherwise_counts_the_same(roll):
     eye, target, _ = EYES["far"]
-    seen = find_lenses(
+    numbering = find_lenses(
         photograph(HIDDEN, CAMERA, eye, look_at(eye, target, roll), 1), DESIGN, "rolled"
     )
-    offset(seen, "far", roll)
-    assert len(seen.index) > 400
+    offset(numbering, "far", roll)
+    assert len(numbering.index) > 400
 
 
 def test_a_thumb_over_half_the_sheet_hides_its_lenses_and_no_others():
     thumb = covered("near", lambda v, u: (u - 240) + 0.6 * (v - 180) > 10)
-    seen = find_lenses(thumb, DESIGN, "thumb")
-    offset(seen, "near")
-    assert 200 < len(seen.index) < 320
+    numbering = find_lenses(thumb, DESIGN, "thumb")
+    offset(numbering, "near")
+    assert 200 < len(numbering.index) < 320
 
 
 def test_a_lens_decoded_a_period_off_is_left_out():
-    photo = Photograph(*(part.copy() for part in taken("near")))
+    photo = Photograph(*(part.copy() for part in photograph_from("near")))
     before = lenses("near")
     wrong = 200
     at = before.centre_px[wrong]
     v, u = np.mgrid[:360, :480]
     photo.column[np.maximum(abs(u + 0.5 - at[0]), abs(v + 0.5 - at[1])) < 8] += 16
-    seen = find_lenses(photo, DESIGN, "wrong")
-    offset(seen, "near")
-    off = true_index(before, "near")[wrong] - offset(seen, "near")
-    assert not (seen.index == off).all(axis=1).any()
-    assert len(seen.index) >= len(before.index) - 2
+    numbering = find_lenses(photo, DESIGN, "wrong")
+    offset(numbering, "near")
+    off = true_index(before, "near")[wrong] - offset(numbering, "near")
+    assert not (numbering.index == off).all(axis=1).any()
+    assert len(numbering.index) >= len(before.index) - 2
 
 
 def test_noise_is_no_lattice():
@@ -201,7 +201,7 @@ def test_noise_is_no_lattice():
 
 
 def test_darkness_and_a_single_row_of_lenses_are_no_lattice():
-    dark = Photograph(*(np.full_like(part, np.nan) for part in taken("near")))
+    dark = Photograph(*(np.full_like(part, np.nan) for part in photograph_from("near")))
     row = covered("near", lambda v, _: (v >= 188) | (v < 174))
     for photo in (dark, row):
         with pytest.raises(FileError, match=r"^dark: no lattice of lenses"):
@@ -245,24 +245,24 @@ def test_outlines_are_where_the_relief_s_seams_are_seen(side, eye):
     display = HIDDEN.replace(curved_side=side)
     axes = look_at(eye)
     lens = Lens((720, 960), 3400.0, (480.0, 360.0))
-    seen = find_lenses(photograph(display, lens, eye, axes, 0, noise_px=0.0), DESIGN, "side")
+    numbering = find_lenses(photograph(display, lens, eye, axes, 0, noise_px=0.0), DESIGN, "side")
     camera = Intrinsics(3400.0, 480.0, 360.0)
     pose = Pose(axes, np.array(eye))
-    middle = len(seen.index) // 2
-    x, y, *_ = rays(camera, pose, seen.centre_px[middle])
+    middle = len(numbering.index) // 2
+    x, y, *_ = rays(camera, pose, numbering.centre_px[middle])
     angle = np.radians(display.rotation_deg)
     x, y = x - display.shift_x_mm, y - display.shift_y_mm
     column = np.floor((np.cos(angle) * x + np.sin(angle) * y) / display.pitch_mm + 14)
     row = np.floor(10 - (np.cos(angle) * y - np.sin(angle) * x) / display.pitch_mm)
-    index = seen.index - seen.index[middle] + np.array([int(column), int(row)])
-    whole = seen.is_whole
-    off = centres(display, camera, pose, index[whole]) - seen.centre_px[whole]
+    index = numbering.index - numbering.index[middle] + np.array([int(column), int(row)])
+    whole = numbering.is_whole
+    off = centres(display, camera, pose, index[whole]) - numbering.centre_px[whole]
     assert whole.sum() > 300
     assert np.abs(off.mean(axis=0)).max() < 0.05, "pixels"
     assert off.std(axis=0).max() < 0.3
     # As if seams were at z = 0: a lens much flatter, of the same pitch.
     flat = display.replace(focal_length_mm=1e4, gap_mm=3.0, lens_thickness_mm=1.0)
-    shallow = centres(flat, camera, pose, index[whole]) - seen.centre_px[whole]
+    shallow = centres(flat, camera, pose, index[whole]) - numbering.centre_px[whole]
     assert np.abs(shallow.mean(axis=0)).max() > 0.25
 
 
@@ -274,17 +274,17 @@ def at_truth() -> tuple[Observations, Guess]:
 
 
 def test_neither_blur_nor_hidden_seams_look_like_an_imperfect_sheet():
-    seen, guess = at_truth()
+    numberings, guess = at_truth()
 
-    def looks(seen: Observations) -> np.ndarray:
-        off = seen.flat(guess)
+    def looks(numberings: Observations) -> np.ndarray:
+        off = numberings.flat(guess)
         off = np.where(np.abs(off) < 0.5, off, 0)  # lenses at the edge of the sheet
-        return np.array([of @ off / (of @ of) for of in seen.imperfections(guess)])
+        return np.array([of @ off / (of @ of) for of in numberings.imperfections(guess)])
 
-    magnified, deeper = looks(seen.without_blur(guess))
+    magnified, deeper = looks(numberings.without_blur(guess))
     assert abs(magnified) < 0.0006
     assert abs(deeper) < 0.02, "2 µm"
-    blurred, _ = looks(seen)
+    blurred, _ = looks(numberings)
     assert blurred > 0.001, "found nearer to the axis than the rays of pixels' centres end"
 
 
@@ -311,10 +311,10 @@ def test_nobody_stands_before_another_display():
 
 
 def test_a_hidden_display_is_found_within_its_errors():
-    result = found(*EYES)
+    result = fitted(*EYES)
     assert result.undetermined == [] and result.edges_seen == (True, True)
-    for name, one in result.estimates.items():
-        assert abs(one.value - truth(name)) < 4 * one.error, name
+    for name, estimate in result.estimates.items():
+        assert abs(estimate.value - truth(name)) < 4 * estimate.error, name
     # Of a sheet of 28 x 20 lenses in photographs of 480 x 360 pixels.
     most = {"pitch_mm": 0.002, "rotation_deg": 0.02, "shift_x_mm": 0.03, "gap_mm": 0.1}
     for name, limit in most.items():
@@ -323,7 +323,7 @@ def test_a_hidden_display_is_found_within_its_errors():
 
 
 def test_cameras_are_found_where_they_stood():
-    result = found(*EYES)
+    result = fitted(*EYES)
     for (eye, target, roll), pose, errors in zip(
         EYES.values(), result.guess.poses, result.pose_errors, strict=True
     ):
@@ -339,28 +339,28 @@ def test_one_straight_position_tells_the_rotation_only():
     assert {*result.undetermined} == {*PARAMETERS} - {"rotation_deg"}
     for name in result.undetermined:
         assert getattr(result.display, name) == getattr(DESIGN, name)
-        one = result.estimates[name]
-        assert abs(one.value - truth(name)) < 4 * one.error, name
+        estimate = result.estimates[name]
+        assert abs(estimate.value - truth(name)) < 4 * estimate.error, name
 
 
 def test_known_intrinsics_are_kept_and_help():
     result = calibrate({name: lenses(name) for name in EYES}, DESIGN, camera=TRUE_CAMERA)
     assert result.guess.camera == TRUE_CAMERA
     assert [*result.estimates] == [*PARAMETERS]
-    own = found(*EYES)
-    for name, one in result.estimates.items():
-        assert abs(one.value - truth(name)) < 4 * one.error, name
-        assert one.error < 1.3 * own.estimates[name].error
+    own = fitted(*EYES)
+    for name, estimate in result.estimates.items():
+        assert abs(estimate.value - truth(name)) < 4 * estimate.error, name
+        assert estimate.error < 1.3 * own.estimates[name].error
 
 
 def test_half_the_sheet_under_a_thumb_still_works():
     photos = {name: covered(name, lambda _, u: u > 260) for name in EYES}
-    seen = {name: find_lenses(photo, DESIGN, name) for name, photo in photos.items()}
-    result = calibrate(seen, DESIGN)
+    numberings = {name: find_lenses(photo, DESIGN, name) for name, photo in photos.items()}
+    result = calibrate(numberings, DESIGN)
     assert result.edges_seen == (False, True)
     for name in PARAMETERS:
-        one = result.estimates[name]
-        assert abs(one.value - truth(name)) < 4 * one.error, name
+        estimate = result.estimates[name]
+        assert abs(estimate.value - truth(name)) < 4 * estimate.error, name
     assert result.estimates["rotation_deg"].is_known
 
 
@@ -385,17 +385,19 @@ def test_without_its_edges_the_shift_nearest_to_the_design_is_given():
 
 def test_photographs_of_another_display_are_refused():
     other = DESIGN.replace(pitch_mm=1.08, panel_rows=ROWS, panel_columns=COLUMNS)
-    seen = {name: find_lenses(taken(name), other, name) for name in ("near", "left")}
+    numberings = {
+        name: find_lenses(photograph_from(name), other, name) for name in ("near", "left")
+    }
     with pytest.raises(
         FileError, match=r"^near: the lenses are 15\.\d+ panel pixels apart.*--display"
     ):
-        calibrate(seen, other)
+        calibrate(numberings, other)
 
 
 @pytest.mark.parametrize("zoom", [pytest.param(0.9, marks=pytest.mark.slow), 1.1, 1.25])
 def test_patterns_that_the_browser_scaled_are_refused(zoom):
-    one = lenses("near")
-    scaled = replace(one, panel_px=one.panel_px / zoom, middle_px=one.middle_px / zoom)
+    near = lenses("near")
+    scaled = replace(near, panel_px=near.panel_px / zoom, middle_px=near.middle_px / zoom)
     with pytest.raises(
         FileError,
         match=r"^near: the lenses are .* show the patterns in the browser pixel for pixel",
@@ -412,7 +414,7 @@ def test_more_lenses_than_there_are_is_another_display():
 
 
 def test_mirrored_photographs_are_refused():
-    mirrored = Photograph(*(part[:, ::-1].copy() for part in taken("near")))
+    mirrored = Photograph(*(part[:, ::-1].copy() for part in photograph_from("near")))
     with pytest.raises(FileError, match=r"^near: the photographs are mirrored"):
         calibrate({"near": find_lenses(mirrored, DESIGN, "near")}, DESIGN)
 
@@ -428,9 +430,9 @@ def test_a_sheet_that_slipped_between_positions_is_refused():
     eye, target, roll = EYES["far"]
     slipped = HIDDEN.replace(rotation_deg=HIDDEN.rotation_deg + 1)
     photo = photograph(slipped, CAMERA, eye, look_at(eye, target, roll), 3)
-    seen = {"near": lenses("near"), "far": find_lenses(photo, DESIGN, "far")}
+    numberings = {"near": lenses("near"), "far": find_lenses(photo, DESIGN, "far")}
     with pytest.raises(FileError, match="are all of one sheet"):
-        calibrate(seen, DESIGN)
+        calibrate(numberings, DESIGN)
 
 
 def test_a_strip_of_the_sheet_is_too_little():
@@ -448,21 +450,21 @@ def test_other_lattices_are_refused():
 
 
 def test_the_display_file_is_the_display(tmp_path):
-    result = found(*EYES)
+    result = fitted(*EYES)
     path = tmp_path / "mine.xml"
     path.write_text(display_file(result, "phone"), "utf-8")
-    read, _ = choose_display(str(path))
+    display, _ = choose_display(str(path))
     for key, value in result.display.parameters().items():
         if key in PARAMETERS:  # digits end at a hundredth of the error
-            assert abs(getattr(read, key) - value) <= 0.005 * result.estimates[key].error, key
+            assert abs(getattr(display, key) - value) <= 0.005 * result.estimates[key].error, key
         elif key != "name":
-            assert getattr(read, key) == value, key
-    assert read.name == "phone, changed"
+            assert getattr(display, key) == value, key
+    assert display.name == "phone, changed"
     assert path.read_text("utf-8").count("±") == len(PARAMETERS)
 
 
 def test_a_file_of_what_is_not_determined_says_so():
-    result = found(*EYES)
+    result = fitted(*EYES)
     vague = {n: result.estimates[n]._replace(error=9.0) for n in ("gap_mm", "tilt_x_deg")}
     result = replace(result, estimates=result.estimates | vague)
     lines = display_file(result, "phone").splitlines()
@@ -474,7 +476,7 @@ def test_a_file_of_what_is_not_determined_says_so():
 
 
 def test_maps_of_residuals_have_no_pattern(tmp_path):
-    for _, panel, outline in residual_maps(found(*EYES)):
+    for _, panel, outline in residual_maps(fitted(*EYES)):
         assert panel.shape == outline.shape == (20, 28, 2)
         # Noise of a lens: a third of a panel pixel and a fifth of a photograph's.
         assert np.nanmedian(np.abs(panel)) < 20
@@ -485,20 +487,20 @@ def test_maps_of_residuals_have_no_pattern(tmp_path):
 
 @pytest.mark.slow
 def test_advice_says_what_a_further_position_brings():
-    three = found("near", "left", "above")
+    three = fitted("near", "left", "above")
     advised = next_positions(three)
     document = calibration_document(three, "Calibration", "inim calibrate")
     assert decode(encode(document), CalibrationDocument) == document
     assert len(document.next) == 3
     own = three.estimates
     assert all(
-        one.standard_errors[name] <= own[name].error for one in advised for name in PARAMETERS
+        advice.standard_errors[name] <= own[name].error for advice in advised for name in PARAMETERS
     )
     best = advised[0]
     photo = photograph(HIDDEN, CAMERA, best.eye_mm, look_at(best.eye_mm), 9)
-    seen = {name: lenses(name) for name in ("near", "left", "above")}
-    more = calibrate({**seen, "new": find_lenses(photo, DESIGN, "new")}, DESIGN)
+    numberings = {name: lenses(name) for name in ("near", "left", "above")}
+    more = calibrate({**numberings, "new": find_lenses(photo, DESIGN, "new")}, DESIGN)
     for name in ("gap_mm", "focal_length_mm"):
         promised = best.standard_errors[name] / own[name].error
-        kept = more.estimates[name].error / own[name].error
-        assert promised / 2 < kept < 2 * promised, name
+        ratio = more.estimates[name].error / own[name].error
+        assert promised / 2 < ratio < 2 * promised, name

@@ -22,9 +22,9 @@ def by_name(panel):
 
 def cells(panel, axis):
     """Gray code along an axis, most significant bit first, as the pictures have it."""
-    found = by_name(panel)
-    bits = [name for name in found if name.startswith(f"{axis}-bit") and "inverse" not in name]
-    return np.stack([found[name].ravel() == 255 for name in bits])
+    codes = by_name(panel)
+    bits = [name for name in codes if name.startswith(f"{axis}-bit") and "inverse" not in name]
+    return np.stack([codes[name].ravel() == 255 for name in bits])
 
 
 @pytest.mark.parametrize("panel", PANELS)
@@ -44,24 +44,24 @@ def test_gray_codes_of_neighbouring_cells_differ_in_one_bit_and_no_two_are_alike
 
 @pytest.mark.parametrize("panel", PANELS)
 def test_each_bit_is_followed_by_its_inverse_and_names_sort_in_the_order_of_display(panel):
-    shown = patterns(panel)
-    names = [pattern.name for pattern in shown]
+    pictures = patterns(panel)
+    names = [pattern.name for pattern in pictures]
     assert names == sorted(names)
     assert [name[3:] for name in names[:2]] == ["white", "black"]
     first_row = next(k for k, name in enumerate(names) if "-row-" in name)
     assert all("-row-" in name for name in names[first_row:])
     assert not any("-row-" in name for name in names[:first_row])
-    for one, other in pairwise(shown):
-        if "-bit-" in one.name and "inverse" not in one.name:
-            assert other.name[3:] == one.name[3:] + "-inverse"
-            assert (one.codes.astype(int) + other.codes == 255).all()
+    for picture, other in pairwise(pictures):
+        if "-bit-" in picture.name and "inverse" not in picture.name:
+            assert other.name[3:] == picture.name[3:] + "-inverse"
+            assert (picture.codes.astype(int) + other.codes == 255).all()
 
 
 @pytest.mark.parametrize("axis", ["row", "column"])
 def test_phase_and_cell_name_every_pixel_in_linear_light(axis):
     panel = (131, 160)
-    found = by_name(panel)
-    steps = [found[f"{axis}-phase-{shift:03d}"].ravel() / 255 for shift in (0, 90, 180, 270)]
+    codes = by_name(panel)
+    steps = [codes[f"{axis}-phase-{shift:03d}"].ravel() / 255 for shift in (0, 90, 180, 270)]
     light = linear_from_srgb(np.stack(steps))
     assert np.allclose(light[0] + light[2], 1, atol=0.01), "a cosine of linear light"
     angle = np.arctan2(light[1] - light[3], light[0] - light[2])

@@ -104,12 +104,12 @@ def test_a_hidden_plane_is_the_second_layer_at_its_exact_depth_and_colour():
     reach = STEEPEST * (NEAR - FAR)
     inside = HALF_MM - np.maximum(np.abs(x), np.abs(y))
     corner = HALF_MM - np.minimum(np.abs(x), np.abs(y)) < reach - 2 * PIXEL_MM
-    seen = (inside > PIXEL_MM) & (inside < reach - 2 * PIXEL_MM) & corner
+    in_view = (inside > PIXEL_MM) & (inside < reach - 2 * PIXEL_MM) & corner
     walls = [layer.covered & (np.abs(layer.front_mm - FAR) < 1e-3) for layer in merged.layers]
-    assert np.any(walls[1:], axis=0)[seen].all()
+    assert np.any(walls[1:], axis=0)[in_view].all()
     for layer, is_wall in zip(merged.layers[1:], walls[1:], strict=True):
-        shown = is_wall & seen
-        assert layer.color[shown] == pytest.approx(np.tile(BLUE, (shown.sum(), 1)), abs=0.02)
+        expected = is_wall & in_view
+        assert layer.color[expected] == pytest.approx(np.tile(BLUE, (expected.sum(), 1)), abs=0.02)
     # Nothing is known of the middle of the wall, and nothing is invented.
     unseen = inside > reach + 2 * PIXEL_MM
     assert not np.any(walls[1:], axis=0)[unseen].any()
@@ -122,10 +122,10 @@ def test_a_sphere_from_five_cameras_has_its_depth_and_colour():
     # At the rim, where the slope has no limit, a column may be missed.
     rim = np.abs(np.hypot(*places()(0.0)) - 3.0) < PIXEL_MM
     assert not (merged.covered & ~covered).any() and (merged.covered | rim)[covered].all()
-    both = merged.covered & covered
-    assert np.abs(merged.depth_mm - depth)[both].max() < 0.2 * PIXEL_MM
+    in_both = merged.covered & covered
+    assert np.abs(merged.depth_mm - depth)[in_both].max() < 0.2 * PIXEL_MM
     # Half a pixel at the steep rim, where colours of other cameras are interpolated.
-    assert np.abs(merged.color - color)[both].max() < 0.5 * PIXEL_MM
+    assert np.abs(merged.color - color)[in_both].max() < 0.5 * PIXEL_MM
     for layer in merged.layers:
         assert (layer.back_mm <= layer.front_mm)[layer.covered].all()
 
@@ -138,11 +138,13 @@ def test_five_cameras_show_more_of_the_wall_than_one():
         picture.color, picture.depth_mm, picture.covered, PIXEL_MM, picture.depth_mm - 0.1,
         (wall_behind(picture),),
     )  # fmt: skip
-    truth, one, five = (
+    truth, from_one, from_five = (
         generate(rgbd, DISPLAY, "layered", colour="nearest", samples=1)
         for rgbd in (exact, picture, layered)
     )
-    wrong = [np.count_nonzero(np.abs(eia - truth).max(axis=-1) > 0.1) for eia in (one, five)]
+    wrong = [
+        np.count_nonzero(np.abs(eia - truth).max(axis=-1) > 0.1) for eia in (from_one, from_five)
+    ]
     assert wrong[1] < 0.5 * wrong[0]
 
 

@@ -34,12 +34,12 @@ def test_the_table_has_every_command_of_every_module():
         "completion",
         "options",
     }
-    found = {
+    commands = {
         name: module
         for module in modules
         for name in import_module(f"inim.commands.{module}").COMMANDS
     }
-    assert found == COMMANDS
+    assert commands == COMMANDS
 
 
 def test_help_lists_every_command_with_a_line(capsys):
@@ -113,9 +113,9 @@ def test_a_shell_is_told_how_a_word_goes_on(tmp_path, line, proposed, not_propos
         [sys.executable, "-m", "inim"], env=os.environ | variables, capture_output=True, check=False
     )
     assert (ended.stdout, ended.stderr) == (b"", b"")
-    found = set(answer.read_text().split("\n"))
-    assert proposed <= found
-    assert not found & not_proposed
+    completions = set(answer.read_text().split("\n"))
+    assert proposed <= completions
+    assert not completions & not_proposed
 
 
 @pytest.mark.parametrize("words", [("validate", "scenes/jade.xml"), ("info", "algorithms")])

@@ -70,12 +70,14 @@ def with_codes(rgbd: RGBD) -> RGBD:
 
 
 def expected_colours(
-    made: SourceGenerator, rgbd: RGBD, pixels: np.ndarray, colour: str, samples: int
+    generator: SourceGenerator, rgbd: RGBD, pixels: np.ndarray, colour: str, samples: int
 ) -> np.ndarray:
     """Colours of panel pixels, (n, channels) in linear light and alpha, from the oracle."""
-    display, layers = made.display, rgbd.layers
-    depth = np.stack([np.where(one.covered, one.front_mm, np.nan) for one in layers]).astype(float)
-    values = np.stack([one.color for one in layers]).astype(float)
+    display, layers = generator.display, rgbd.layers
+    depth = np.stack([np.where(layer.covered, layer.front_mm, np.nan) for layer in layers]).astype(
+        float
+    )
+    values = np.stack([layer.color for layer in layers]).astype(float)
     if rgbd.color.dtype == np.uint8:
         values /= 255
         values[..., :3] = linear_from_code(values[..., :3])
@@ -84,7 +86,7 @@ def expected_colours(
     result, starts = np.zeros((len(pixels), values.shape[-1])), []
     sources = {
         (channel, *ray.pixel_offset): ray.generator.sources(rgbd)[tuple(pixels.T)]
-        for ray in made.rays()
+        for ray in generator.rays()
         for channel in ray.channels
     }
     for place in dict.fromkeys(PATTERNS[display.subpixels]):
@@ -99,8 +101,8 @@ def expected_colours(
             axes = rays_over(display, rgbd, pixels, offset)
             rays = np.stack([axes.v0, axes.dv, axes.u0, axes.du], axis=1)
             ray = colour, sources[(channels[0], *offset)], rays
-            shown = ray_values(light, *ray)
-            result[:, channels] += (shown**2 if colour == "smooth" else shown) / samples
+            colours = ray_values(light, *ray)
+            result[:, channels] += (colours**2 if colour == "smooth" else colours) / samples
             result[:, 3:] += ray_values(opacity, *ray) * len(channels) / 3 / samples
     assert sources.keys() == set(starts)
     return result
@@ -109,9 +111,9 @@ def expected_colours(
 @pytest.mark.parametrize("colour", COLOURS)
 @pytest.mark.parametrize(("algorithm", "display"), CASES)
 def test_colours_agree_with_the_float64_oracle(algorithm, display, colour):
-    shown, samples = DISPLAYS[display], int(algorithm.partition("samples=")[2] or 1)
-    pixels = chosen_pixels(shown, _PIXELS)
-    mask = np.zeros(shown.eia_shape, bool)
+    device, samples = DISPLAYS[display], int(algorithm.partition("samples=")[2] or 1)
+    pixels = chosen_pixels(device, _PIXELS)
+    mask = np.zeros(device.eia_shape, bool)
     mask[tuple(pixels.T)] = True
     names = ("layers, odd size",) if "layered" in algorithm else ("hills",)
     for name in names:
@@ -119,10 +121,10 @@ def test_colours_agree_with_the_float64_oracle(algorithm, display, colour):
         for rgbd in (plain, with_codes(plain)):
             method = f"{algorithm}:colour={colour}:fill=none"
             size = {"shape": rgbd.shape, "pixel_mm": rgbd.pixel_mm}
-            made = prepare(shown, method, **size)
-            assert isinstance(made, SourceGenerator)
-            expected = expected_colours(made, rgbd, pixels, colour, samples)
-            whole = made.generate(rgbd)
+            generator = prepare(device, method, **size)
+            assert isinstance(generator, SourceGenerator)
+            expected = expected_colours(generator, rgbd, pixels, colour, samples)
+            whole = generator.generate(rgbd)
             eia = whole[tuple(pixels.T)]
             if rgbd.color.dtype == np.uint8:
                 expected[:, :3] = code_from_linear(np.minimum(expected[:, :3], 1))
@@ -131,7 +133,7 @@ def test_colours_agree_with_the_float64_oracle(algorithm, display, colour):
             else:
                 error = np.abs(eia - expected)
                 assert (error <= 1e-5 * np.maximum(expected, 0.05)).all()
-            masked = prepare(shown, method, **size, mask=mask)
+            masked = prepare(device, method, **size, mask=mask)
             assert isinstance(masked, SourceGenerator)
             assert np.array_equal(masked.generate(rgbd), whole * mask[..., None])
 
@@ -139,18 +141,18 @@ def test_colours_agree_with_the_float64_oracle(algorithm, display, colour):
 @pytest.mark.parametrize("colour", COLOURS)
 @pytest.mark.parametrize("algorithm", ["template", "gu2020", "li2012"])
 def test_algorithms_of_one_picture_read_no_colours_of_hidden_layers(algorithm, colour):
-    shown, layered = DISPLAYS["odd pixels"], picture("odd pixels", "layers")
+    display, layered = DISPLAYS["odd pixels"], picture("odd pixels", "layers")
     front = RGBD(layered.color, layered.depth_mm, layered.covered, layered.pixel_mm)
     method = f"{algorithm}:colour={colour}"
-    assert np.array_equal(generate(layered, shown, method), generate(front, shown, method))
+    assert np.array_equal(generate(layered, display, method), generate(front, display, method))
 
 
 def selected(rgbd: RGBD, rows: np.ndarray, columns: np.ndarray) -> RGBD:
     """Picture of some rows and columns of another, which may repeat."""
     first, *deeper = (
-        Layer(*(part[rows][:, columns] for part in (one.color, one.front_mm, one.back_mm,
-                                                    one.covered)))
-        for one in rgbd.layers
+        Layer(*(part[rows][:, columns] for part in (layer.color, layer.front_mm, layer.back_mm,
+                                                    layer.covered)))
+        for layer in rgbd.layers
     )  # fmt: skip
     front = first.color, first.front_mm, first.covered, rgbd.pixel_mm
     if not isinstance(rgbd, LayeredRGBD):
@@ -161,21 +163,21 @@ def selected(rgbd: RGBD, rows: np.ndarray, columns: np.ndarray) -> RGBD:
 @pytest.mark.parametrize("colour", COLOURS)
 @pytest.mark.parametrize("display", ["odd pixels", "phone", "moved", "stripes"])
 def test_fill_shows_the_picture_continued_beyond_its_edge(display, colour):
-    shown, whole = DISPLAYS[display], picture(display, "layers, odd size")
+    device, whole = DISPLAYS[display], picture(display, "layers, odd size")
     rgbd = selected(whole, *(np.arange(n // 4, n - n // 3) for n in whole.shape))
     method = f"layered:samples=4:colour={colour}"
-    filled = generate(rgbd, shown, method, fill="hidden")
-    outside = prepare(shown, method, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, fill="none")
+    filled = generate(rgbd, device, method, fill="hidden")
+    outside = prepare(device, method, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, fill="none")
     assert isinstance(outside, SourceGenerator)
     # Another margin than the fill's: every margin beyond the reach of rays has the same result.
     reach = max(whole.shape)
     rows, columns = (np.clip(np.arange(-reach, n + reach), 0, n - 1) for n in rgbd.shape)
     continued = selected(rgbd, rows, columns)
-    made = prepare(shown, method, shape=continued.shape, pixel_mm=rgbd.pixel_mm, fill="none")
-    assert isinstance(made, SourceGenerator)
-    complete = np.all([ray.generator.sources(continued) >= 0 for ray in made.rays()], axis=0)
+    generator = prepare(device, method, shape=continued.shape, pixel_mm=rgbd.pixel_mm, fill="none")
+    assert isinstance(generator, SourceGenerator)
+    complete = np.all([ray.generator.sources(continued) >= 0 for ray in generator.rays()], axis=0)
     pixels = np.argwhere(complete & (outside.sources(rgbd) == HOLE))
     assert len(pixels) > 20
-    expected = expected_colours(made, continued, pixels, colour, 4)
+    expected = expected_colours(generator, continued, pixels, colour, 4)
     error = np.abs(filled[tuple(pixels.T)] - expected)
     assert (error <= 1e-5 * np.maximum(expected, 0.05)).all()

@@ -37,28 +37,28 @@ def random_codes(rgbd: RGBD, *, opaque: bool) -> RGBD:
 @pytest.mark.parametrize("display", ["odd pixels", "three strips", "phone", "stripes", "moved"])
 def test_colours_of_tables_are_those_of_single_rays(display, colour):
     """Bit for bit."""
-    shown = DISPLAYS[display]
+    device = DISPLAYS[display]
     for name in ("layers", "random, sparse, odd size"):
         for rgbd in (picture(display, name), random_codes(picture(display, name), opaque=True)):
-            size = (shown, rgbd.shape, rgbd.pixel_mm)
-            made = prepare(
-                shown, f"template:colour={colour}:fill=none", shape=rgbd.shape,
+            size = (device, rgbd.shape, rgbd.pixel_mm)
+            generator = prepare(
+                device, f"template:colour={colour}:fill=none", shape=rgbd.shape,
                 pixel_mm=rgbd.pixel_mm,
             )  # fmt: skip
             alone = [
                 ray._replace(generator=RayByRay(*size, "surface", ray.pixel_offset))
-                for ray in made.rays()
+                for ray in generator.rays()
             ]
-            single = ColouredRays(alone, made.rays, *size, colour=colour, reads=RGBD)
-            assert np.array_equal(made.generate(rgbd), single.generate(rgbd))
+            single = ColouredRays(alone, generator.rays, *size, colour=colour, reads=RGBD)
+            assert np.array_equal(generator.generate(rgbd), single.generate(rgbd))
 
 
 @pytest.mark.parametrize("colour", COLOURS)
 def test_masks_and_float_colours_agree_with_the_whole(colour):
     for display in ("odd pixels", "turned"):
-        shown, rgbd = DISPLAYS[display], picture(display, "hills")
+        device, rgbd = DISPLAYS[display], picture(display, "hills")
         text = f"template:colour={colour}"
-        whole = generate(rgbd, shown, text)
-        mask = np.random.default_rng(5).random(shown.eia_shape) < 0.04
-        part = generate(rgbd, shown, text, mask=mask)
+        whole = generate(rgbd, device, text)
+        mask = np.random.default_rng(5).random(device.eia_shape) < 0.04
+        part = generate(rgbd, device, text, mask=mask)
         assert np.array_equal(part[mask], whole[mask]) and not part[~mask].any()

@@ -39,17 +39,17 @@ def peeled(open_fitted, text):
     from inim.render.depth_peeling import peel
 
     fitted = open_fitted(text, DISPLAY)
-    found = peel(fitted, DISPLAY, pixels_per_pitch=PER_PITCH, hidden=True)
-    assert not (found.covered[1:] & ~found.covered[:-1]).any(), "no layer without one before it"
+    layers = peel(fitted, DISPLAY, pixels_per_pitch=PER_PITCH, hidden=True)
+    assert not (layers.covered[1:] & ~layers.covered[:-1]).any(), "no layer without one before it"
     # Behind each other, and each behind its own front; -inf where there is none.
-    assert (found.back_mm <= found.front_mm).all()
-    assert (found.front_mm[1:] <= found.back_mm[:-1])[found.covered[1:]].all()
-    return fitted, found
+    assert (layers.back_mm <= layers.front_mm).all()
+    assert (layers.front_mm[1:] <= layers.back_mm[:-1])[layers.covered[1:]].all()
+    return fitted, layers
 
 
-def places(fitted, found):
+def places(fitted, layers):
     """World x, y of the pixels' centres, and the display's z of a world z."""
-    rows, columns = found.front_mm.shape[1:]
+    rows, columns = layers.front_mm.shape[1:]
     back = fitted.fit.world_from_display
     x = (np.arange(columns) + 0.5 - columns / 2) * PIXEL_MM * back[0, 0] + back[0, 3]
     y = (rows / 2 - np.arange(rows) - 0.5) * PIXEL_MM * back[1, 1] + back[1, 3]
@@ -65,49 +65,49 @@ def chord(x, y, centre, radius):
     return centre[2] + half, centre[2] - half
 
 
-def close(found, expected, where):
-    assert where.sum() > 100
-    assert np.abs(found - expected)[where].max() < 1e-4 * RANGE_MM
+def close(layers, expected, mask):
+    assert mask.sum() > 100
+    assert np.abs(layers - expected)[mask].max() < 1e-4 * RANGE_MM
 
 
 def test_two_spheres_in_a_row_are_two_layers(open_fitted):
     text = scene_text(sphere((0, 0, 0), 5.0), sphere((0.7, -0.4, -14), 3.0))
-    fitted, found = peeled(open_fitted, text)
-    assert len(found.front_mm) == 2 and found.cut_share == 0
-    x, y, depth = places(fitted, found)
+    fitted, layers = peeled(open_fitted, text)
+    assert len(layers.front_mm) == 2 and layers.cut_share == 0
+    x, y, depth = places(fitted, layers)
     for layer, (centre, radius) in enumerate((((0, 0, 0), 5.0), ((0.7, -0.4, -14), 3.0))):
         front, back = chord(x, y, centre, radius)
-        assert (found.covered[layer] == np.isfinite(front)).mean() > 0.999
-        clear = found.covered[layer] & (front - back > radius / 2)  # the rim is ill-conditioned
-        close(found.front_mm[layer], depth(front), clear)
-        close(found.back_mm[layer], depth(back), clear)
+        assert (layers.covered[layer] == np.isfinite(front)).mean() > 0.999
+        clear = layers.covered[layer] & (front - back > radius / 2)  # the rim is ill-conditioned
+        close(layers.front_mm[layer], depth(front), clear)
+        close(layers.back_mm[layer], depth(back), clear)
 
 
 def test_a_box_before_a_wall_hides_a_part_of_it(open_fitted):
-    fitted, found = peeled(
+    fitted, layers = peeled(
         open_fitted, scene_text(cube((0, 0, 0), (2.02, 3.03, 1)), cube((0, 0, -6), (5, 5, 0.5)))
     )
-    x, y, depth = places(fitted, found)
+    x, y, depth = places(fitted, layers)
     box = (np.abs(x) < 2.02) & (np.abs(y) < 3.03)
     wall = (np.abs(x) < 5) & (np.abs(y) < 5)
-    assert np.array_equal(found.covered, [wall, box])
-    close(found.front_mm[0], np.where(box, depth(1), depth(-5.5)), wall)
-    close(found.back_mm[0], np.where(box, depth(-1), depth(-6.5)), wall)
-    close(found.front_mm[1], depth(-5.5), box)
-    close(found.back_mm[1], depth(-6.5), box)
+    assert np.array_equal(layers.covered, [wall, box])
+    close(layers.front_mm[0], np.where(box, depth(1), depth(-5.5)), wall)
+    close(layers.back_mm[0], np.where(box, depth(-1), depth(-6.5)), wall)
+    close(layers.front_mm[1], depth(-5.5), box)
+    close(layers.back_mm[1], depth(-6.5), box)
 
 
 def test_a_wall_with_a_hole_shows_what_is_behind_as_its_front(open_fitted):
     """Four bars round a hole: one layer through it, two through the bars."""
     bars = [cube((s * 4, 0, 0), (1, 5, 1)) for s in (-1, 1)]
     bars += [cube((0, s * 4, 0), (3, 1, 1)) for s in (-1, 1)]
-    fitted, found = peeled(open_fitted, scene_text(*bars, cube((0, 0, -8), (5, 5, 1))))
-    x, y, depth = places(fitted, found)
+    fitted, layers = peeled(open_fitted, scene_text(*bars, cube((0, 0, -8), (5, 5, 1))))
+    x, y, depth = places(fitted, layers)
     hole = (np.abs(x) < 3) & (np.abs(y) < 3)
     frame = (np.abs(x) < 5) & (np.abs(y) < 5) & ~hole
-    assert np.array_equal(found.covered, [hole | frame, frame])
-    close(found.front_mm[0], np.where(hole, depth(-7), depth(1)), hole | frame)
-    close(found.front_mm[1], depth(-7), frame)
+    assert np.array_equal(layers.covered, [hole | frame, frame])
+    close(layers.front_mm[0], np.where(hole, depth(-7), depth(1)), hole | frame)
+    close(layers.front_mm[1], depth(-7), frame)
 
 
 def tilted_sheet(slope):
@@ -120,49 +120,49 @@ def tilted_sheet(slope):
 @pytest.mark.parametrize("more", ["", FLIPPED], ids=["front", "back"])
 def test_a_sheet_is_as_thick_as_its_slope_and_shows_no_gaps(open_fitted, more):
     text = scene_text(tilted_sheet(0.8).replace("</shape>", f"{more}</shape>"))
-    fitted, found = peeled(open_fitted, text)
-    assert len(found.front_mm) == 1
-    x, y, depth = places(fitted, found)
-    own = found.covered[0]
+    fitted, layers = peeled(open_fitted, text)
+    assert len(layers.front_mm) == 1
+    x, y, depth = places(fitted, layers)
+    own = layers.covered[0]
     reach = 5 * np.cos(np.arctan(0.8))
     assert (own == ((np.abs(y) < 5) & (np.abs(x) < reach))).mean() > 0.995
-    close(found.front_mm[0], depth(0.8 * x) + 0 * y, own)
+    close(layers.front_mm[0], depth(0.8 * x) + 0 * y, own)
     slope = 0.8 * fitted.fit.scale_z / fitted.fit.scale_xy
     beside = own & np.roll(own, 1, axis=1)  # the lower end has nothing to reach for
-    close(found.back_mm[0], depth(0.8 * x) + 0 * y - PIXEL_MM * slope, beside)
+    close(layers.back_mm[0], depth(0.8 * x) + 0 * y - PIXEL_MM * slope, beside)
     # Rays of the display that the whole column behind the sheet stops, the sheet stops too.
     thin, whole = (
-        sources(found, found.back_mm),
-        sources(found, np.full_like(found.back_mm, -np.inf)),
+        sources(layers, layers.back_mm),
+        sources(layers, np.full_like(layers.back_mm, -np.inf)),
     )
     edge = 8
     inner = own.copy()
     for step in range(1, edge):
         for down, right in ((step, 0), (-step, 0), (0, step), (0, -step)):
             inner &= np.roll(own, (down, right), (0, 1))
-    shown = np.where(whole >= 0, inner.reshape(-1)[np.maximum(whole, 0)], False)
-    assert shown.sum() > 1000
-    assert np.array_equal(thin[shown], whole[shown])
+    visible = np.where(whole >= 0, inner.reshape(-1)[np.maximum(whole, 0)], False)
+    assert visible.sum() > 1000
+    assert np.array_equal(thin[visible], whole[visible])
 
 
-def sources(found, back_mm):
+def sources(layers, back_mm):
     from inim.image.rgbd import LayeredRGBD
 
-    front = np.where(found.covered, found.front_mm, 0)[0]
+    front = np.where(layers.covered, layers.front_mm, 0)[0]
     color = np.zeros((*front.shape, 3))
-    rgbd = LayeredRGBD(color, front, found.covered[0], found.pixel_mm, back_mm[0])
+    rgbd = LayeredRGBD(color, front, layers.covered[0], layers.pixel_mm, back_mm[0])
     return find_sources(rgbd, DISPLAY, "layered", samples=1)
 
 
 def test_columns_that_reach_the_back_are_the_template_s(open_fitted):
     from inim.image.rgbd import RGBD
 
-    _, found = peeled(open_fitted, scene_text(sphere((0, 0, 0), 5.0)))
-    front = np.where(found.covered, found.front_mm, 0)[0]
-    plain = RGBD(np.zeros((*front.shape, 3)), front, found.covered[0], found.pixel_mm)
+    _, layers = peeled(open_fitted, scene_text(sphere((0, 0, 0), 5.0)))
+    front = np.where(layers.covered, layers.front_mm, 0)[0]
+    plain = RGBD(np.zeros((*front.shape, 3)), front, layers.covered[0], layers.pixel_mm)
     expected = find_sources(plain, DISPLAY, "template:columns=solid")
-    assert np.array_equal(sources(found, np.full_like(found.back_mm, -np.inf)), expected)
-    solid = sources(found, found.back_mm)
+    assert np.array_equal(sources(layers, np.full_like(layers.back_mm, -np.inf)), expected)
+    solid = sources(layers, layers.back_mm)
     assert (solid != expected).any(), "rays pass behind the sphere"
     shows = (solid != expected) & (expected != NO_LENS)
     assert (solid == expected)[~shows & (solid >= 0)].all()
@@ -170,25 +170,25 @@ def test_columns_that_reach_the_back_are_the_template_s(open_fitted):
 
 def test_a_shape_inside_another_is_no_layer(open_fitted):
     text = scene_text(sphere((0, 0, 0), 5.0), sphere((0.5, 0, 1), 2.0))
-    fitted, found = peeled(open_fitted, text)
-    assert len(found.front_mm) == 1
-    x, y, depth = places(fitted, found)
+    fitted, layers = peeled(open_fitted, text)
+    assert len(layers.front_mm) == 1
+    x, y, depth = places(fitted, layers)
     front, back = chord(x, y, (0, 0, 0), 5.0)
-    clear = found.covered[0] & (front - back > 2.5)
-    close(found.front_mm[0], depth(front), clear)
-    close(found.back_mm[0], depth(back), clear)
+    clear = layers.covered[0] & (front - back > 2.5)
+    close(layers.front_mm[0], depth(front), clear)
+    close(layers.back_mm[0], depth(back), clear)
 
 
 def test_shapes_through_each_other_are_one_solid(open_fitted):
     text = scene_text(sphere((0, 0, 0), 4.0), sphere((0, 0, -5), 4.0))
-    fitted, found = peeled(open_fitted, text)
-    x, y, depth = places(fitted, found)
+    fitted, layers = peeled(open_fitted, text)
+    x, y, depth = places(fitted, layers)
     front = chord(x, y, (0, 0, 0), 4.0)[0]
     back = chord(x, y, (0, 0, -5), 4.0)[1]
     joined = np.hypot(x, y) < 3  # the spheres meet where both chords reach 2.5: r = 3.12
-    close(found.front_mm[0], depth(front), joined)
-    close(found.back_mm[0], depth(back), joined)
-    assert not found.covered[1:, joined].any()
+    close(layers.front_mm[0], depth(front), joined)
+    close(layers.back_mm[0], depth(back), joined)
+    assert not layers.covered[1:, joined].any()
 
 
 def test_boxes_of_single_faces_are_solid(open_fitted):
@@ -196,22 +196,22 @@ def test_boxes_of_single_faces_are_solid(open_fitted):
     back = square((0, 0, -3), 4, "0.8").replace(
         "<translate", '<rotate y="1" angle="180"/><translate'
     )
-    fitted, found = peeled(open_fitted, scene_text(square((0, 0, 0), 4, "0.8"), back))
-    assert len(found.front_mm) == 1
-    _, _, depth = places(fitted, found)
-    close(found.front_mm[0], depth(0), found.covered[0])
-    close(found.back_mm[0], depth(-3), found.covered[0])
+    fitted, layers = peeled(open_fitted, scene_text(square((0, 0, 0), 4, "0.8"), back))
+    assert len(layers.front_mm) == 1
+    _, _, depth = places(fitted, layers)
+    close(layers.front_mm[0], depth(0), layers.covered[0])
+    close(layers.back_mm[0], depth(-3), layers.covered[0])
 
 
 @pytest.mark.parametrize("shape", ["sphere", "cube"])
 def test_normals_that_point_inwards_make_the_same_solid(open_fitted, shape):
     behind = sphere((0, 0, -12), 3.0)
 
-    def one(more):
+    def layers_of(more):
         body = cube((0, 0, 0), (4, 4, 3)) if shape == "cube" else sphere((0, 0, 0), 5.0)
         return peeled(open_fitted, scene_text(body.replace("<bsdf", more + "<bsdf", 1), behind))[1]
 
-    right, wrong = one(""), one(FLIPPED)
+    right, wrong = layers_of(""), layers_of(FLIPPED)
     assert np.array_equal(right.front_mm, wrong.front_mm)
     assert np.array_equal(right.back_mm, wrong.back_mm)
     assert not np.array_equal(right.facing[0], wrong.facing[0]), "they were the other way round"
@@ -224,9 +224,9 @@ def test_nothing_behind_is_one_layer_and_too_much_is_counted(open_fitted):
     # Ten plates, the last two of which stand behind the left half only.
     plates = [cube((0, 0, -z), (4, 4, 0.2)) for z in range(MOST_LAYERS)]
     plates += [cube((-2, 0, -MOST_LAYERS - z), (2, 4, 0.2)) for z in range(2)]
-    _, found = peeled(open_fitted, scene_text(*plates))
-    assert len(found.front_mm) == MOST_LAYERS
-    assert found.cut_share == pytest.approx(0.5, abs=0.02)
+    _, layers = peeled(open_fitted, scene_text(*plates))
+    assert len(layers.front_mm) == MOST_LAYERS
+    assert layers.cut_share == pytest.approx(0.5, abs=0.02)
 
 
 def test_lamps_are_no_layers(open_fitted):
@@ -238,23 +238,23 @@ def test_lamps_are_no_layers(open_fitted):
     _, lit = peeled(open_fitted, scene_text(*body, lamp.format(z=4.5), lamp.format(z=-6)))
     assert np.array_equal(plain.covered, lit.covered)
     for name in ("front_mm", "back_mm"):
-        one, other = (getattr(p, name)[plain.covered] for p in (plain, lit))
-        assert np.abs(one - other).max() < 1e-4 * RANGE_MM
+        first, other = (getattr(p, name)[plain.covered] for p in (plain, lit))
+        assert np.abs(first - other).max() < 1e-4 * RANGE_MM
 
 
 def colours(open_fitted, text, spp=16, seed=1):
     from inim.render.ground_truth import capture_layers
 
-    fitted, found = peeled(open_fitted, text)
-    return capture_layers(fitted, found, spp=spp, seed=seed), fitted, found
+    fitted, layers = peeled(open_fitted, text)
+    return capture_layers(fitted, layers, spp=spp, seed=seed), fitted, layers
 
 
-def is_side(found, number):
+def is_side(layers, number):
     """Where the layer of a number is a piece of a side."""
-    sides, where = found.sides, np.zeros(found.front_mm.shape[1:], bool)
+    sides, mask = layers.sides, np.zeros(layers.front_mm.shape[1:], bool)
     own = sides.solid + 1 + sides.order == number
-    where[sides.row[own], sides.column[own]] = True
-    return where
+    mask[sides.row[own], sides.column[own]] = True
+    return mask
 
 
 def test_no_colour_mixes_surfaces(open_fitted):
@@ -262,10 +262,10 @@ def test_no_colour_mixes_surfaces(open_fitted):
     from inim.render.ground_truth import capture
 
     text = around(sphere((0.3, 0.2, 6), 3.0, RED), square((0, 0, 0), 5.5, GREEN))
-    rgbd, fitted, found = colours(open_fitted, text)
+    rgbd, fitted, layers = colours(open_fitted, text)
     reds = 0
     for number, layer in enumerate(rgbd.layers):
-        solid = layer.covered & ~is_side(found, number)
+        solid = layer.covered & ~is_side(layers, number)
         red, green = layer.color[solid][:, 0], layer.color[solid][:, 1]
         assert (np.maximum(red, green) > 0).all()
         share = red / (red + green)
@@ -287,9 +287,9 @@ def test_a_hidden_surface_has_its_own_light(open_fitted):
         <rgb name="irradiance" value="2.5"/></emitter>"""
     shapes = square((0, 0, 0), 6, GREEN), square((0, 0, 4), 1, RED)
     text = f'<scene version="3.0.0">{sun}{"".join(shapes)}</scene>'
-    rgbd, fitted, found = colours(open_fitted, text, spp=4)
+    rgbd, fitted, layers = colours(open_fitted, text, spp=4)
     hidden = rgbd.layers[1]
-    x, y, _ = places(fitted, found)
+    x, y, _ = places(fitted, layers)
     assert np.array_equal(hidden.covered, (np.abs(x) < 1) & (np.abs(y) < 1))
     light = 2.5 / np.pi * np.sqrt(0.5)
     assert np.abs(hidden.color[hidden.covered] - light * np.array([0.05, 0.8, 0.05])).max() < 1e-4
@@ -298,9 +298,9 @@ def test_a_hidden_surface_has_its_own_light(open_fitted):
 
 def test_equal_seeds_give_equal_layers(open_fitted):
     text = around(sphere((0, 0, 6), 3.0, RED), square((0, 0, 0), 5.5, GREEN))
-    one, other, third = (colours(open_fitted, text, 4, seed)[0].palette for seed in (1, 1, 2))
-    assert np.array_equal(one, other)
-    assert not np.array_equal(one, third)
+    first, other, third = (colours(open_fitted, text, 4, seed)[0].palette for seed in (1, 1, 2))
+    assert np.array_equal(first, other)
+    assert not np.array_equal(first, third)
 
 
 def validated(folder, algorithms):
@@ -326,7 +326,7 @@ def test_layers_are_captured_for_those_that_want_them_and_change_nothing_else(tm
     from inim.files.image import read_exr, read_rgbd
     from inim.image.rgbd import LayeredRGBD
 
-    both, with_layers = validated(tmp_path, "layered,template")
+    outcome, with_layers = validated(tmp_path, "layered,template")
     alone, without = validated(tmp_path, "template")
     eias = [read_exr(out / "eia" / "template.exr") for out in (with_layers, without)]
     assert np.array_equal(*eias)
@@ -336,14 +336,14 @@ def test_layers_are_captured_for_those_that_want_them_and_change_nothing_else(tm
     assert np.array_equal(pictures[0].color, pictures[1].color)
     rgbd = read_rgbd(with_layers / "layers.exr")
     assert isinstance(rgbd, LayeredRGBD) and len(rgbd.layers) > 2, "the wall, and the ball's side"
-    assert "capture layers" in both.data.timings
+    assert "capture layers" in outcome.data.timings
     assert "capture layers" not in alone.data.timings
-    rows = {c.name: c for c in both.data.verdict.checks}
+    rows = {c.name: c for c in outcome.data.verdict.checks}
     assert rows["RGB-D: layers"].value == len(rgbd.layers)
     _, behind = re.findall("[0-9.]+%", rows["RGB-D: layers"].detail)
     last = rgbd.layers[-1].covered.mean()
     assert 0 < last <= float(behind.rstrip("%")) / 100 < rgbd.covered.mean(), "the wall"
-    psnr = {name: made.eia["psnr_db"] for name, made in both.data.algorithms.items()}
+    psnr = {name: row.eia["psnr_db"] for name, row in outcome.data.algorithms.items()}
     assert psnr["layered"] > psnr["template"] + 3
 
 
@@ -372,7 +372,7 @@ def test_what_no_ray_of_the_display_meets_is_left_out_and_counted(open_fitted):
     walls += [cube((0, s * 4.8, -4.5), (5, 0.4, 5)) for s in (-1, 1)]
     fitted = open_fitted(scene_text(*inside, *walls, sphere((0, 0, -5), 1.5)), DISPLAY)
     all_of_it = peel(fitted, DISPLAY, pixels_per_pitch=PER_PITCH, hidden=True)
-    found = peel(fitted, DISPLAY, pixels_per_pitch=PER_PITCH)
+    layers = peel(fitted, DISPLAY, pixels_per_pitch=PER_PITCH)
     assert len(all_of_it.front_mm) == 3 and all_of_it.hidden_share == 0
-    assert len(found.front_mm) == 1 and found.hidden_share == 1
-    assert np.array_equal(found.front_mm[0], all_of_it.front_mm[0])
+    assert len(layers.front_mm) == 1 and layers.hidden_share == 1
+    assert np.array_equal(layers.front_mm[0], all_of_it.front_mm[0])

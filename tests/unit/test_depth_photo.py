@@ -39,7 +39,7 @@ DEPTH_PNG = picture(SMALL, "PNG")
 JPEG_CODES = 3
 
 
-def read(tmp_path: Path, data: bytes, name="photo.jpg"):
+def read_photo(tmp_path: Path, data: bytes, name="photo.jpg"):
     (tmp_path / name).write_bytes(data)
     return read_depth_photo(tmp_path / name)
 
@@ -63,9 +63,9 @@ UNITS = {"gdepth": "m", "dynamic": "Meters"}
 @pytest.mark.parametrize("most", [255, 65535])
 def test_near_and_far_give_the_distances_of_the_closed_form(tmp_path, kind, form, closed, most):
     codes = SMALL if most == 255 else SMALL.astype(np.uint16) * 257
-    said = {"Format": form, "Near": 0.4, "Far": 6, "Units": UNITS[kind]}
-    data = WRITERS[kind](picture(COLOR), picture(codes, "PNG"), **said)
-    photo = read(tmp_path, data)
+    metadata = {"Format": form, "Near": 0.4, "Far": 6, "Units": UNITS[kind]}
+    data = WRITERS[kind](picture(COLOR), picture(codes, "PNG"), **metadata)
+    photo = read_photo(tmp_path, data)
     assert photo.values.has_unit
     assert not photo.values.near_is_large
     np.testing.assert_allclose(photo.values.depth, 1000 * closed(codes, 0.4, 6, most), rtol=1e-6)
@@ -74,13 +74,13 @@ def test_near_and_far_give_the_distances_of_the_closed_form(tmp_path, kind, form
 
 
 def test_millimetres_are_millimetres(tmp_path):
-    photo = read(tmp_path, gdepth(picture(COLOR), DEPTH_PNG, Units="mm", Near=300, Far=900))
+    photo = read_photo(tmp_path, gdepth(picture(COLOR), DEPTH_PNG, Units="mm", Near=300, Far=900))
     np.testing.assert_allclose(photo.values.depth, inverse(SMALL, 300, 900), rtol=1e-6)
 
 
 @pytest.mark.parametrize("units", [None, "None", "Diopters"])
 def test_without_a_unit_of_length_depth_is_relative_and_the_photograph_says_so(tmp_path, units):
-    photo = read(tmp_path, gdepth(picture(COLOR), DEPTH_PNG, Units=units, Near=2, Far=9))
+    photo = read_photo(tmp_path, gdepth(picture(COLOR), DEPTH_PNG, Units=units, Near=2, Far=9))
     assert not photo.values.has_unit
     assert photo.values.near_is_large
     np.testing.assert_allclose(1 / photo.values.depth, inverse(SMALL, 2, 9), rtol=1e-5)
@@ -92,14 +92,14 @@ def test_an_extension_of_the_metadata_is_put_together_whatever_its_order(tmp_pat
     for order in (1, -1):
         data = gdepth(picture(COLOR), DEPTH_PNG, extended=order, Units="m")
         assert data.count(EXTENDED) > 3
-        shown = read(tmp_path, data).values.depth
-        np.testing.assert_allclose(shown, 1000 * inverse(SMALL, 1, 4), rtol=1e-6)
+        depth = read_photo(tmp_path, data).values.depth
+        np.testing.assert_allclose(depth, 1000 * inverse(SMALL, 1, 4), rtol=1e-6)
 
 
 @pytest.mark.parametrize("order", "<>")
 def test_apple_s_disparity_is_found_among_the_pictures_of_a_jpeg(tmp_path, order):
     depth = picture(SMALL)
-    photo = read(tmp_path, apple_jpeg(picture(COLOR), depth, apple_xml(), order))
+    photo = read_photo(tmp_path, apple_jpeg(picture(COLOR), depth, apple_xml(), order))
     codes = np.asarray(Image.open(io.BytesIO(depth))).astype(float)
     np.testing.assert_allclose(photo.values.depth, 0.5 + codes / 255 * 2, rtol=1e-6)
     assert photo.values.near_is_large
@@ -111,9 +111,11 @@ def test_what_is_infinitely_far_is_farther_than_all_else_and_finite(tmp_path):
     xml = apple_xml(least=0, most=2.55, accuracy="absolute")
     pytest.importorskip("pillow_heif")
     color = np.zeros((16, 16, 3), np.uint8)
-    photo = read(tmp_path, heic(color, np.kron(codes, np.ones((8, 8), np.uint8)), xml), "x.heic")
-    found = photo.values.depth[4::8, 4::8]
-    np.testing.assert_allclose(found, [[200_000, 100_000], [50_000, 1000 / 2.55]], rtol=1e-5)
+    photo = read_photo(
+        tmp_path, heic(color, np.kron(codes, np.ones((8, 8), np.uint8)), xml), "x.heic"
+    )
+    distances = photo.values.depth[4::8, 4::8]
+    np.testing.assert_allclose(distances, [[200_000, 100_000], [50_000, 1000 / 2.55]], rtol=1e-5)
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
@@ -128,16 +130,16 @@ def test_colour_depth_and_camera_are_turned_alike(tmp_path, kind, orientation):
         data = apple_jpeg(jpeg, picture(SMALL), apple_xml(camera=camera))
     else:
         data = WRITERS[kind](jpeg, DEPTH_PNG)
-    photo = read(tmp_path, data, f"photo.{kind}")
+    photo = read_photo(tmp_path, data, f"photo.{kind}")
     np.testing.assert_allclose(photo.color, rotate_upright(COLOR, orientation), atol=JPEG_CODES)
     # Red is the code: depth has to be where its colour is.
     red = photo.color[::2, ::2, 0].astype(float)
-    shown = photo.values.depth
-    assert shown.shape == red.shape
-    order = np.corrcoef(red.ravel(), shown.ravel())[0, 1]
+    depth = photo.values.depth
+    assert depth.shape == red.shape
+    order = np.corrcoef(red.ravel(), depth.ravel())[0, 1]
     assert abs(order) > 0.9
     stored = rotate_upright(SMALL, orientation).astype(float)
-    assert abs(np.corrcoef(stored.ravel(), shown.ravel())[0, 1]) > abs(order) - 0.01
+    assert abs(np.corrcoef(stored.ravel(), depth.ravel())[0, 1]) > abs(order) - 0.01
     if kind in ("apple", "heic"):
         # The camera's middle goes where the pixel under it goes.
         mark = np.zeros((96, 128))
@@ -165,7 +167,7 @@ def test_cameras_are_scaled_to_the_colour_picture(tmp_path):
         '<Camera:ImagingModel ImagingModel:FocalLengthX="1000" ImagingModel:FocalLengthY="1000" '
         'ImagingModel:ImageWidth="1280" ImagingModel:ImageHeight="960"/>'
     )
-    photo = read(tmp_path, dynamic(picture(COLOR), DEPTH_PNG, model=model))
+    photo = read_photo(tmp_path, dynamic(picture(COLOR), DEPTH_PNG, model=model))
     assert photo.camera == Pinhole(100, 100, 63.5, 47.5)
 
 
@@ -174,7 +176,7 @@ def test_a_focal_length_in_35_mm_film_is_a_camera(tmp_path):
     exif.get_ifd(0x8769)[0xA405] = 26
     stream = io.BytesIO()
     Image.fromarray(COLOR).save(stream, "JPEG", exif=exif)
-    photo = read(tmp_path, gdepth(stream.getvalue(), DEPTH_PNG))
+    photo = read_photo(tmp_path, gdepth(stream.getvalue(), DEPTH_PNG))
     assert photo.camera is not None
     assert photo.camera.fx == pytest.approx(26 * np.hypot(128, 96) / np.hypot(36, 24))
     assert "EXIF, 26 mm" in photo.notes[1]
@@ -183,22 +185,22 @@ def test_a_focal_length_in_35_mm_film_is_a_camera(tmp_path):
 @pytest.mark.parametrize("camera", [(100, 64, 48, "inf", "1e400"), (100, 64, "inf", 128, 96)])
 def test_a_camera_that_is_not_finite_is_none(tmp_path, camera):
     data = apple_jpeg(picture(COLOR), picture(SMALL), apple_xml(camera=camera))
-    assert read(tmp_path, data).camera is None
+    assert read_photo(tmp_path, data).camera is None
     model = (
         '<Camera:ImagingModel ImagingModel:FocalLengthX="1000" ImagingModel:FocalLengthY="1000" '
         'ImagingModel:ImageWidth="1e400" ImagingModel:ImageHeight="inf"/>'
     )
-    assert read(tmp_path, dynamic(picture(COLOR), DEPTH_PNG, model=model)).camera is None
+    assert read_photo(tmp_path, dynamic(picture(COLOR), DEPTH_PNG, model=model)).camera is None
 
 
 def test_a_matrix_for_another_shape_is_no_camera(tmp_path):
     data = apple_jpeg(picture(COLOR), picture(SMALL), apple_xml(camera=(100, 64, 64, 128, 128)))
-    assert read(tmp_path, data).camera is None
+    assert read_photo(tmp_path, data).camera is None
 
 
 def test_heic_without_apple_s_metadata_is_relative(tmp_path):
     pytest.importorskip("pillow_heif")
-    photo = read(tmp_path, heic(COLOR, SMALL), "photo.heic")
+    photo = read_photo(tmp_path, heic(COLOR, SMALL), "photo.heic")
     np.testing.assert_allclose(photo.values.depth, SMALL / 255, atol=1e-6)
     assert photo.values.near_is_large
     assert "without Apple's metadata" in photo.notes[0]
@@ -246,22 +248,24 @@ def test_colours_of_display_p3_become_those_of_srgb(tmp_path, kind):
     color = np.repeat(codes.repeat(32, 0)[None], 96, 0)
     if kind == "heic":
         pytest.importorskip("pillow_heif")
-        shown = read(tmp_path, heic(color, SMALL, apple_xml(), icc=display_p3()), "x.heic").color
+        color_read = read_photo(
+            tmp_path, heic(color, SMALL, apple_xml(), icc=display_p3()), "x.heic"
+        ).color
     elif kind == "png":
         (tmp_path / "p3.png").write_bytes(picture(color, "PNG", icc=display_p3()))
-        shown = read_color(tmp_path / "p3.png")
+        color_read = read_color(tmp_path / "p3.png")
     else:
-        shown = read(tmp_path, gdepth(picture(color, icc=display_p3()), DEPTH_PNG)).color
+        color_read = read_photo(tmp_path, gdepth(picture(color, icc=display_p3()), DEPTH_PNG)).color
     light = np.linalg.solve(SRGB, P3 @ (codes / 255).T ** 2.2).T.clip(0, 1)
     expected = 255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-    np.testing.assert_allclose(shown[48, 16::32], expected, atol=JPEG_CODES)
+    np.testing.assert_allclose(color_read[48, 16::32], expected, atol=JPEG_CODES)
     assert np.abs(expected - codes).max() > 10  # it is another space
 
 
 def test_a_damaged_colour_profile_is_said(tmp_path):
     data = gdepth(picture(COLOR, icc=b"no profile" * 20), DEPTH_PNG)
     with pytest.raises(FileError, match="its colour profile is damaged"):
-        read(tmp_path, data)
+        read_photo(tmp_path, data)
 
 
 def test_metadata_of_too_many_tags_are_refused():
@@ -331,7 +335,7 @@ DAMAGES = {
 def test_a_run_of_fill_bytes_costs_no_time(tmp_path):
     started = time.process_time()
     with pytest.raises(FileError, match="no end marker, as it is truncated"):
-        read(tmp_path, JPEG[:-2] + b"\xff" * 50_000 + b"\0")
+        read_photo(tmp_path, JPEG[:-2] + b"\xff" * 50_000 + b"\0")
     assert time.process_time() - started < 5  # with their number squared: half a minute
 
 
@@ -339,7 +343,7 @@ def test_a_run_of_fill_bytes_costs_no_time(tmp_path):
 def test_each_damage_has_its_line(tmp_path, name):
     data, says = DAMAGES[name]
     with pytest.raises(FileError, match=says) as caught:
-        read(tmp_path, data)
+        read_photo(tmp_path, data)
     assert "photo.jpg" in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -349,9 +353,9 @@ def test_a_damaged_heic_has_its_line(tmp_path):
     data = heic(COLOR, SMALL, apple_xml())
     for cut in (20, 100, 700, len(data) - 400):
         with pytest.raises(FileError, match=r"photo\.heic: not a readable HEIC"):
-            read(tmp_path, data[:cut], "photo.heic")
+            read_photo(tmp_path, data[:cut], "photo.heic")
     with pytest.raises(FileError, match="no depth inside"):
-        read(tmp_path, data.replace(b"auxl", b"xuxl"), "photo.heic")
+        read_photo(tmp_path, data.replace(b"auxl", b"xuxl"), "photo.heic")
 
 
 def test_damaged_exif_of_a_heic_has_its_line(tmp_path):
@@ -360,14 +364,14 @@ def test_damaged_exif_of_a_heic_has_its_line(tmp_path):
     tiff = b"MM\0*\0\0\0\x08"
     assert data.count(tiff) == 1
     with pytest.raises(FileError, match=r"not a readable HEIC \(not a TIFF"):
-        read(tmp_path, data.replace(tiff, b"MM\0?\0\0\0\x08"), "photo.heic")
+        read_photo(tmp_path, data.replace(tiff, b"MM\0?\0\0\0\x08"), "photo.heic")
 
 
 def test_begins_of_metadata_without_an_end_cost_no_time(tmp_path):
     pytest.importorskip("pillow_heif")
     data = heic(COLOR, SMALL) + b"<x:xmpmeta" * 500_000
     started = time.process_time()
-    assert "without Apple's metadata" in read(tmp_path, data, "photo.heic").notes[0]
+    assert "without Apple's metadata" in read_photo(tmp_path, data, "photo.heic").notes[0]
     assert time.process_time() - started < 10  # all of them: some minutes
 
 
@@ -376,9 +380,9 @@ def test_colours_of_other_primaries_are_said(tmp_path):
     data = heic(COLOR, SMALL)
     nclx = b"nclx" + struct.pack(">H", 1)
     assert data.count(nclx) == 1
-    photo = read(tmp_path, data.replace(nclx, b"nclx" + struct.pack(">H", 12)), "photo.heic")
+    photo = read_photo(tmp_path, data.replace(nclx, b"nclx" + struct.pack(">H", 12)), "photo.heic")
     assert "colour primaries are not sRGB" in photo.values.warnings[0]
-    assert read(tmp_path, data, "photo.heic").values.warnings == ()
+    assert read_photo(tmp_path, data, "photo.heic").values.warnings == ()
 
 
 def test_a_heic_that_declares_more_than_it_holds_is_refused(tmp_path):
@@ -387,7 +391,7 @@ def test_a_heic_that_declares_more_than_it_holds_is_refused(tmp_path):
     size = struct.pack(">II", 128, 96)
     assert data.count(size) == 1
     with pytest.raises(FileError, match=r"unfolds from|not a readable HEIC"):
-        read(tmp_path, data.replace(size, struct.pack(">II", 30_000, 30_000)), "photo.heic")
+        read_photo(tmp_path, data.replace(size, struct.pack(">II", 30_000, 30_000)), "photo.heic")
 
 
 def test_without_pillow_heif_the_line_says_what_to_install(tmp_path, monkeypatch):
@@ -400,4 +404,4 @@ def test_without_pillow_heif_the_line_says_what_to_install(tmp_path, monkeypatch
 def test_a_segmentation_is_no_depth(tmp_path):
     data = dynamic(JPEG, DEPTH_PNG, ItemSemantic="Segmentation")
     with pytest.raises(FileError, match="no depth inside"):
-        read(tmp_path, data)
+        read_photo(tmp_path, data)

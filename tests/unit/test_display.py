@@ -67,29 +67,29 @@ def test_focused_display_needs_a_depth_range():
 @pytest.mark.parametrize("pixels", [2, 4, 7, 9, 10, 13])
 def test_range_that_would_cross_the_array_is_cut_in_front_of_it_and_says_so(gap, side, pixels):
     # Half the span is 10 / pixels of |D|, for either gap: 10 pixels and fewer reach the array.
-    shown = display(gap_mm=gap, pixel_pitch_mm=1 / pixels)
-    centre, half = shown.central_depth_mm, shown.depth_span_mm / 2
-    low, high = shown.depth_range_mm
+    device = display(gap_mm=gap, pixel_pitch_mm=1 / pixels)
+    centre, half = device.central_depth_mm, device.depth_span_mm / 2
+    low, high = device.depth_range_mm
     assert low < centre < high
     assert low * side > 0 and high * side > 0
     as_formula = (low, high) == pytest.approx((centre - half, centre + half), rel=1e-12)
-    assert shown.depth_range_is_cut == (not as_formula)
-    assert (half >= abs(centre)) <= shown.depth_range_is_cut
+    assert device.depth_range_is_cut == (not as_formula)
+    assert (half >= abs(centre)) <= device.depth_range_is_cut
 
 
 def test_stated_depth_range_replaces_the_formula():
-    shown = display(depth_min_mm=-3, depth_max_mm=4, pixel_pitch_mm=0.5)
-    assert shown.depth_range_mm == (-3.0, 4.0)
-    assert not shown.depth_range_is_cut
+    device = display(depth_min_mm=-3, depth_max_mm=4, pixel_pitch_mm=0.5)
+    assert device.depth_range_mm == (-3.0, 4.0)
+    assert not device.depth_range_is_cut
 
 
 def test_elemental_pitch_decides_the_pixels_of_a_lens_not_the_array():
     # Aimed at a viewer at 500 mm.
     pitch = 1.0 * (500 + 3.3) / 500
-    shown = display(elemental_pitch_mm=pitch, pixel_pitch_mm=pitch / 17)
-    assert shown.width_mm == 64
-    assert shown.has_integer_ratio and shown.eia_shape == (1088, 1088)
-    assert shown.elemental_image_pitch_mm == pitch
+    device = display(elemental_pitch_mm=pitch, pixel_pitch_mm=pitch / 17)
+    assert device.width_mm == 64
+    assert device.has_integer_ratio and device.eia_shape == (1088, 1088)
+    assert device.elemental_image_pitch_mm == pitch
     assert display().elemental_image_pitch_mm == 1.0
 
 
@@ -115,9 +115,9 @@ def test_longest_lengths_still_have_a_capture():
 @pytest.mark.parametrize("name", [*LENGTHS, "elemental_pitch_mm", "lens_thickness_mm"])
 @pytest.mark.parametrize("value", [0, -1.5, math.nan, math.inf, True, "1"])
 def test_length_that_is_none_is_refused_by_name_and_value(name, value):
-    what = "must be a (positive length|finite number)"
-    wanted = rf"^{name} = '?{re.escape(str(value))}(\.0)?'?: {what}$"
-    with pytest.raises(DisplayError, match=wanted):
+    reason = "must be a (positive length|finite number)"
+    expected = rf"^{name} = '?{re.escape(str(value))}(\.0)?'?: {reason}$"
+    with pytest.raises(DisplayError, match=expected):
         display(**{name: value})
 
 
@@ -173,8 +173,8 @@ def test_phone_addresses_every_pixel_by_position_without_drift():
     # 2400 columns are 152.64 mm: five columns on each side have no lens; no row is without.
     assert (PHONE.columns.lens < 0).sum() == 10
     assert (PHONE.columns.lens[:5] < 0).all() and (PHONE.columns.lens[-5:] < 0).all()
-    held = np.bincount(PHONE.columns.lens[PHONE.columns.lens >= 0], minlength=152)
-    assert set(held) == {15, 16}
+    counts = np.bincount(PHONE.columns.lens[PHONE.columns.lens >= 0], minlength=152)
+    assert set(counts) == {15, 16}
     assert not PHONE.has_integer_ratio
 
 
@@ -189,7 +189,7 @@ def test_phone_addresses_every_pixel_by_position_without_drift():
 def test_lens_of_every_pixel_is_that_of_its_exact_position(
     pixel_um, pitch_um, lenses, panel, elemental_um
 ):
-    shown = Display(
+    display = Display(
         pitch_mm=pitch_um / 1000,
         focal_length_mm=3.0,
         gap_mm=3.3,
@@ -201,16 +201,16 @@ def test_lens_of_every_pixel_is_that_of_its_exact_position(
     )
     ratio = Fraction(elemental_um or pitch_um, pixel_um)
     pixels = panel or math.ceil(lenses * ratio)
-    assert shown.eia_shape[1] == pixels
+    assert display.eia_shape[1] == pixels
     expected = [oracle.lens_of_pixel(i, pixels, lenses, ratio) for i in range(pixels)]
-    assert shown.columns.lens.tolist() == expected
+    assert display.columns.lens.tolist() == expected
     whole = ratio.denominator == 1 and pixels == lenses * ratio
     rows = math.ceil(ratio)
-    assert shown.has_integer_ratio == (whole and shown.eia_shape[0] == rows == ratio)
+    assert display.has_integer_ratio == (whole and display.eia_shape[0] == rows == ratio)
 
 
 @pytest.mark.parametrize(
-    "shown",
+    "device",
     [
         NOMINAL,
         PHONE,
@@ -220,8 +220,8 @@ def test_lens_of_every_pixel_is_that_of_its_exact_position(
     ],
     ids=["nominal", "phone", "even", "odd lengths", "elemental pitch"],
 )
-def test_halves_of_an_axis_mirror_each_other_bit_for_bit(shown):
-    for axis, lenses in ((shown.columns, shown.lens_columns), (shown.rows, shown.lens_rows)):
+def test_halves_of_an_axis_mirror_each_other_bit_for_bit(device):
+    for axis, lenses in ((device.columns, device.lens_columns), (device.rows, device.lens_rows)):
         inside = axis.lens >= 0
         assert np.array_equal(inside, inside[::-1])
         assert np.array_equal(axis.position_mm, -axis.position_mm[::-1])
@@ -242,13 +242,13 @@ def test_rows_run_down_and_columns_to_the_right():
 # -- viewing ------------------------------------------------------------------------------------
 
 
-def shows_a_flipped_view(shown: Display, eye: float, distance: float, lenses: int) -> bool:
+def shows_a_flipped_view(device: Display, eye: float, distance: float, lenses: int) -> bool:
     """Follow the ray from the eye through every lens centre to the panel."""
     for n in range(lenses):
-        x0 = (n - (lenses - 1) / 2) * shown.pitch_mm
-        lands = x0 + (x0 - eye) * shown.gap_mm / distance
-        own = (n - (lenses - 1) / 2) * shown.elemental_image_pitch_mm
-        if abs(lands - own) > shown.elemental_image_pitch_mm / 2:
+        x0 = (n - (lenses - 1) / 2) * device.pitch_mm
+        lands = x0 + (x0 - eye) * device.gap_mm / distance
+        own = (n - (lenses - 1) / 2) * device.elemental_image_pitch_mm
+        if abs(lands - own) > device.elemental_image_pitch_mm / 2:
             return True
     return False
 
@@ -256,26 +256,26 @@ def shows_a_flipped_view(shown: Display, eye: float, distance: float, lenses: in
 @pytest.mark.parametrize("elemental", [None, 1.0066, 1.003, 1.02, 0.999])
 @pytest.mark.parametrize("distance", [300.0, 500.0, 2000.0])
 def test_flip_limit_is_where_the_first_lens_looks_under_its_neighbour(elemental, distance):
-    shown = display(elemental_pitch_mm=elemental, lens_columns=15, lens_rows=40)
-    limits = shown.flip_limit_mm(distance)
+    device = display(elemental_pitch_mm=elemental, lens_columns=15, lens_rows=40)
+    limits = device.flip_limit_mm(distance)
     for limit, lenses in zip(limits, (15, 40), strict=True):
         if limit < 0:
-            assert shows_a_flipped_view(shown, 0.0, distance, lenses)
+            assert shows_a_flipped_view(device, 0.0, distance, lenses)
             continue
         for sign in (-1, 1):
             inside, outside = sign * limit * (1 - 1e-9), sign * limit * (1 + 1e-9)
-            assert not shows_a_flipped_view(shown, inside, distance, lenses)
-            assert shows_a_flipped_view(shown, outside, distance, lenses)
+            assert not shows_a_flipped_view(device, inside, distance, lenses)
+            assert shows_a_flipped_view(device, outside, distance, lenses)
     assert limits[0] >= limits[1]
 
 
 @pytest.mark.parametrize("elemental", [None, 1.0066, 0.999])
 def test_nearest_viewing_distance_is_where_the_flip_limit_reaches_zero(elemental):
-    shown = display(elemental_pitch_mm=elemental)
-    nearest = shown.nearest_viewing_distance_mm
-    assert shown.flip_limit_mm(nearest) == pytest.approx((0, 0), abs=1e-9)
-    assert not shows_a_flipped_view(shown, 0.0, nearest * (1 + 1e-9), 64)
-    assert shows_a_flipped_view(shown, 0.0, nearest * (1 - 1e-9), 64)
+    device = display(elemental_pitch_mm=elemental)
+    nearest = device.nearest_viewing_distance_mm
+    assert device.flip_limit_mm(nearest) == pytest.approx((0, 0), abs=1e-9)
+    assert not shows_a_flipped_view(device, 0.0, nearest * (1 + 1e-9), 64)
+    assert shows_a_flipped_view(device, 0.0, nearest * (1 - 1e-9), 64)
 
 
 def test_elemental_pitch_without_any_viewing_distance_is_an_error():
@@ -286,10 +286,10 @@ def test_elemental_pitch_without_any_viewing_distance_is_an_error():
 # -- plain data ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("shown", [*DISPLAYS.values(), display(depth_min_mm=1, depth_max_mm=2)])
-def test_given_values_make_the_same_display(shown):
-    assert Display(**shown.parameters()) == shown
-    assert Display(**json.loads(json.dumps(shown.parameters()))) == shown
+@pytest.mark.parametrize("device", [*DISPLAYS.values(), display(depth_min_mm=1, depth_max_mm=2)])
+def test_given_values_make_the_same_display(device):
+    assert Display(**device.parameters()) == device
+    assert Display(**json.loads(json.dumps(device.parameters()))) == device
 
 
 def test_derived_values_are_those_of_the_properties_and_fit_json():
@@ -353,9 +353,9 @@ def test_displays_that_differ_in_their_lenses_are_one_through_pinholes():
 
 @pytest.mark.parametrize("name", RAYS)
 def test_what_decides_rays_through_lens_centres_is_kept_through_pinholes(name):
-    given = {"depth_min_mm": 10.0, "depth_max_mm": 50.0} | {name: RAYS[name]}
-    kept = display(**LENSES, **given).through_pinholes()
-    assert kept.parameters() == NOMINAL.parameters() | given | {"name": ""}
+    parameters = {"depth_min_mm": 10.0, "depth_max_mm": 50.0} | {name: RAYS[name]}
+    pinholes = display(**LENSES, **parameters).through_pinholes()
+    assert pinholes.parameters() == NOMINAL.parameters() | parameters | {"name": ""}
 
 
 def test_rays_through_pinholes_are_those_of_the_display():
@@ -378,5 +378,5 @@ def test_a_picture_s_pixel_is_the_float_of_the_quotient_that_was_meant():
     assert wide.pitch_mm / 5 != 0.34
     assert wide.capture_pixel_mm(5) == 0.34
     for hundredths in range(30, 300):
-        one = display(pitch_mm=hundredths / 100, pixel_pitch_mm=hundredths / 1700)
-        assert not accuracy_warnings(one, pixel_mm=one.capture_pixel_mm(5)), hundredths
+        device = display(pitch_mm=hundredths / 100, pixel_pitch_mm=hundredths / 1700)
+        assert not accuracy_warnings(device, pixel_mm=device.capture_pixel_mm(5)), hundredths

@@ -141,9 +141,9 @@ def test_reader_accepts_its_documents_and_refuses_what_the_schema_refuses(name):
     document = completed(name, SOUND[name])
     validator = Draft202012Validator(schema(name))
     validator.validate(document)
-    read = decode(json.dumps(document), TYPES[name])
-    validator.validate(json.loads(encode(read)))
-    assert decode(encode(read), TYPES[name]) == read
+    decoded = decode(json.dumps(document), TYPES[name])
+    validator.validate(json.loads(encode(decoded)))
+    assert decode(encode(decoded), TYPES[name]) == decoded
     refused = 0
     for mutated in mutations(document):
         if not validator.is_valid(mutated):

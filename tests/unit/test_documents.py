@@ -56,8 +56,8 @@ def test_its_links_lead_somewhere(page):
     for target in _LINK.findall(text):
         if not re.match(r"[a-z]+:", target) and not target.startswith("#"):
             path = (ROOT / page).parent / target.partition("#")[0]
-            made = "generated" in path.parts
-            assert made or path.exists() or path.with_suffix(".ipynb").exists(), target
+            generated = "generated" in path.parts
+            assert generated or path.exists() or path.with_suffix(".ipynb").exists(), target
 
 
 def test_readme_is_short():

@@ -27,9 +27,9 @@ def family(display, viewpoint, per_lens=4, start_mm=1.0):
 
 def crossing(rays, axis, point, z):
     """Where the rays of a pupil point (in radii) cross a plane, in float64."""
-    one = getattr(rays, axis)
-    place = one.place_mm + point * rays.pupil_place_mm
-    return place + (one.slope + point * rays.pupil_slope) * (rays.start_mm - z)
+    coordinates = getattr(rays, axis)
+    place = coordinates.place_mm + point * rays.pupil_place_mm
+    return place + (coordinates.slope + point * rays.pupil_slope) * (rays.start_mm - z)
 
 
 @pytest.mark.parametrize("start_mm", [0.0, 37.0])
@@ -40,8 +40,8 @@ def test_rays_from_all_over_the_pupil_meet_in_the_plane_of_focus(start_mm, focus
     for axis, centre in (("x", 7.0), ("y", -3.0)):
         chief = crossing(rays, axis, 0.0, DISTANCE - focus)
         for point in (-1.0, -0.3, 1.0):
-            met = crossing(rays, axis, point, DISTANCE - focus)
-            assert np.allclose(met, chief, rtol=0, atol=1e-11)
+            places = crossing(rays, axis, point, DISTANCE - focus)
+            assert np.allclose(places, chief, rtol=0, atol=1e-11)
             at_eye = crossing(rays, axis, point, DISTANCE)
             assert np.allclose(at_eye, centre + 2.5 * point, rtol=0, atol=1e-11)
 
@@ -95,7 +95,7 @@ def random_eia(display, seed=0):
     return np.random.default_rng(seed).random((*display.eia_shape, 3)).astype(np.float32)
 
 
-def seen(eia, display, viewpoint, model="thick", *, seed=0, spp=64):
+def view_light(eia, display, viewpoint, model="thick", *, seed=0, spp=64):
     from inim.render.reconstruct import reconstruct
 
     return reconstruct(eia, display, viewpoint, model, spp=spp, seed=seed)
@@ -107,11 +107,11 @@ def test_no_pupil_is_the_pinhole_to_the_last_bit(model):
     display = small_display()
     eia = random_eia(display)
     plain = Viewpoint("eye", 9, -6, DISTANCE)
-    none = Viewpoint("eye", 9, -6, DISTANCE, pupil_mm=0.0, focus_mm=77.0)
-    some = Viewpoint("eye", 9, -6, DISTANCE, pupil_mm=4.0, focus_mm=77.0)
-    picture = seen(eia, display, plain, model)
-    assert np.array_equal(seen(eia, display, none, model), picture)
-    assert not np.array_equal(seen(eia, display, some, model), picture)
+    pinhole = Viewpoint("eye", 9, -6, DISTANCE, pupil_mm=0.0, focus_mm=77.0)
+    wide = Viewpoint("eye", 9, -6, DISTANCE, pupil_mm=4.0, focus_mm=77.0)
+    picture = view_light(eia, display, plain, model)
+    assert np.array_equal(view_light(eia, display, pinhole, model), picture)
+    assert not np.array_equal(view_light(eia, display, wide, model), picture)
 
 
 @pytest.mark.usefixtures("renderer")
@@ -122,9 +122,9 @@ def test_a_mirrored_display_looks_mirrored_from_the_mirrored_eye(axis):
     x, y = (7.0, 5.0) if axis == 1 else (7.0, -5.0)
     eye = Viewpoint("eye", 7.0, -5.0, DISTANCE, pupil_mm=5.0)
     opposite = Viewpoint("opposite", -x if axis == 1 else x, -y, DISTANCE, pupil_mm=5.0)
-    picture = seen(eia, display, eye, seed=1, spp=256)
-    noise = np.abs(picture - seen(eia, display, eye, seed=2, spp=256)).mean()
-    mirrored = np.flip(seen(np.flip(eia, axis), display, opposite, seed=3, spp=256), axis)
+    picture = view_light(eia, display, eye, seed=1, spp=256)
+    noise = np.abs(picture - view_light(eia, display, eye, seed=2, spp=256)).mean()
+    mirrored = np.flip(view_light(np.flip(eia, axis), display, opposite, seed=3, spp=256), axis)
     assert np.abs(picture - mirrored).mean() < 1.1 * noise
     assert np.abs(picture - np.roll(mirrored, 1, axis)).mean() > 2 * noise, "a shift would show"
 
@@ -138,7 +138,7 @@ def test_a_white_display_looks_uniform(model, pupil):
     white = np.ones((*display.eia_shape, 3), np.float32)
     # The viewer looks from straight ahead: no ray ends beside the panel.
     eye = Viewpoint("eye", 0.0, 0.0, DISTANCE, pupil_mm=pupil)
-    inner = seen(white, display, eye, model)[4:-4, 4:-4]
+    inner = view_light(white, display, eye, model)[4:-4, 4:-4]
     if model == "thick":
         # Fresnel's losses grow towards a lens's corners, by 3 parts in 1000 at this lens.
         assert np.ptp(inner) < 0.004 * inner.mean()
@@ -160,7 +160,7 @@ def test_a_view_needs_no_scene(model, pupil):
     display = small_display()
     eia = random_eia(display)
     eye = Viewpoint("eye", 9, -6, DISTANCE, pupil_mm=pupil)
-    alone = seen(eia, display, eye, model, seed=5)
+    alone = view_light(eia, display, eye, model, seed=5)
     scene = mi.load_dict({"type": "scene", "display": display_shape(eia, display, model)})
     integrator = mi.load_dict({"type": "path", "max_depth": 1})
     camera = FilmCamera(family(display, eye), np.eye(4))
@@ -170,7 +170,7 @@ def test_a_view_needs_no_scene(model, pupil):
     differ = np.abs(alone - composed).max(axis=-1) > 1e-5
     assert differ.mean() < 0.01
     assert np.abs(alone - composed).max() < 3 / 64
-    elsewhere = seen(eia, display, Viewpoint("other", -9, 6, DISTANCE, pupil), model, seed=5)
+    elsewhere = view_light(eia, display, Viewpoint("other", -9, 6, DISTANCE, pupil), model, seed=5)
     assert (np.abs(elsewhere - composed).max(axis=-1) > 1e-5).mean() > 0.5
 
 
@@ -231,9 +231,9 @@ def test_an_impossible_eye_is_refused(values):
 
 
 def test_parsed_viewpoints_have_the_pupil_and_a_stated_focus():
-    found = parse_viewpoints("centre, mine=3 4", NOMINAL, 400.0, 3.0)
-    assert [v.pupil_mm for v in found] == [3.0, 3.0]
-    assert all(v.focus_mm == pytest.approx(400 - NOMINAL.central_depth_mm) for v in found)
+    viewpoints = parse_viewpoints("centre, mine=3 4", NOMINAL, 400.0, 3.0)
+    assert [v.pupil_mm for v in viewpoints] == [3.0, 3.0]
+    assert all(v.focus_mm == pytest.approx(400 - NOMINAL.central_depth_mm) for v in viewpoints)
     assert parse_viewpoints("centre", NOMINAL, 400.0, 3.0, 77.0)[0].focus_mm == 77.0
     assert parse_viewpoints("centre", NOMINAL, 400.0)[0].focus_mm is None
     with pytest.raises(ViewpointError, match="pupil"):

@@ -45,9 +45,9 @@ def continued(rgbd: RGBD) -> RGBD:
 def left(rgbd: RGBD, display: Display, algorithm: str) -> tuple[np.ndarray, np.ndarray]:
     """Sources and EIA, with holes, of a picture that reaches far enough."""
     size = {"shape": rgbd.shape, "pixel_mm": rgbd.pixel_mm}
-    made = prepare(display, algorithm, **size, fill="all")
-    assert isinstance(made, Filled) and made.with_holes.shape == rgbd.shape
-    return made.with_holes.sources(rgbd), made.with_holes.generate(rgbd)
+    generator = prepare(display, algorithm, **size, fill="all")
+    assert isinstance(generator, Filled) and generator.with_holes.shape == rgbd.shape
+    return generator.with_holes.sources(rgbd), generator.with_holes.generate(rgbd)
 
 
 def wall_and_plate(display: Display, per_pitch: int = 4) -> RGBD:
@@ -117,47 +117,47 @@ def test_ground_that_is_seen_stays_and_what_is_unknown_does_not() -> None:
 
 def test_relic_before_black_ground_gets_no_rim() -> None:
     # A flat plate with a window; the range ends at it, so that no ray meets its sides.
-    shown = small_display(16, 15, pixel_pitch_mm=0.0347, depth_min_mm=33.0, depth_max_mm=40.0)
+    display = small_display(16, 15, pixel_pitch_mm=0.0347, depth_min_mm=33.0, depth_max_mm=40.0)
     covered = np.zeros((40, 40), bool)
     covered[4:36, 6:34] = True
     covered[17:23, 16:24] = False
     color = np.random.default_rng(3).uniform(0.2, 0.8, (40, 40, 3))
     rgbd = RGBD(color, np.full((40, 40), 33.0), covered, 0.55)
-    sources = find_sources(rgbd, shown, "li2012", fill="hidden")
-    assert np.array_equal(sources, find_sources(rgbd, shown, "li2012"))
-    painted = generate(rgbd, shown, "li2012", fill="hidden")
+    sources = find_sources(rgbd, display, "li2012", fill="hidden")
+    assert np.array_equal(sources, find_sources(rgbd, display, "li2012"))
+    painted = generate(rgbd, display, "li2012", fill="hidden")
     assert np.array_equal(painted[sources >= 0], colour_of(sources, rgbd)[sources >= 0])
     filled = (painted > 0).all(axis=2) & (sources < 0)
     # Every ray that meets the plate shows the plate, and only those.
-    plate = oracle.float_sources(rgbd, shown) >= 0
+    plate = oracle.float_sources(rgbd, display) >= 0
     assert not (filled & ~plate).any()
     assert np.mean((sources >= 0)[plate]) < 0.5
     assert np.mean((filled | (sources >= 0))[plate]) > 0.9
 
 
-@pytest.mark.parametrize("how", ["hidden", "all"])
+@pytest.mark.parametrize("method", ["hidden", "all"])
 @pytest.mark.parametrize("more", ARRAYS)
 @pytest.mark.parametrize("algorithm", [SURFACE, "li2012"])
-def test_fill_is_as_defined(more, how, algorithm) -> None:
+def test_fill_is_as_defined(more, method, algorithm) -> None:
     display = small_display(7, 6, **more)
     rgbd = hills(display)
     beyond = continued(rgbd)
     sources, plain = left(beyond, display, algorithm)
-    filled = generate(rgbd, display, algorithm, fill=how)
+    filled = generate(rgbd, display, algorithm, fill=method)
     as_without = find_sources(rgbd, display, algorithm)
-    assert np.array_equal(find_sources(rgbd, display, algorithm, fill=how), as_without)
+    assert np.array_equal(find_sources(rgbd, display, algorithm, fill=method), as_without)
     # A template supposes what goes on behind a surface; a fill is given the hole.
     assert ((sources == HOLE) & (as_without >= 0)).any() == (algorithm == SURFACE)
     assert np.array_equal(filled[sources != HOLE], plain[sources != HOLE])
     right, empty = 0, 0
     holes = np.argwhere(sources == HOLE)
     for i, j in holes[:: max(1, len(holes) // 200)]:
-        expected = by_definition(beyond, display, sources, i, j, unknown=how == "all")
+        expected = by_definition(beyond, display, sources, i, j, unknown=method == "all")
         assert np.abs(filled[i, j] - expected).max() < 1e-5
         right += expected.any()
         empty += not expected.any()
     assert right > 30
-    assert how == "all" or empty > 30
+    assert method == "all" or empty > 30
 
 
 def by_definition(rgbd, display, sources, i, j, *, unknown):
@@ -171,7 +171,7 @@ def by_definition(rgbd, display, sources, i, j, *, unknown):
         place = pixel + lenses * pitch_mm / display.pixel_pitch_mm
         return own[np.abs(own - place).argmin()]
 
-    def seen(p, q, z):
+    def first_along(p, q, z):
         x = columns.centre_mm[q] + columns.slope[q] * z
         y = rows.centre_mm[p] + rows.slope[p] * z
         u = math.floor(x / rgbd.pixel_mm + rgbd.shape[1] / 2)
@@ -182,7 +182,7 @@ def by_definition(rgbd, display, sources, i, j, *, unknown):
             return -1e30 if unknown else -math.inf
         return rgbd.depth_mm[v, u]
 
-    if seen(i, j, display.depth_range_mm[0]) == -math.inf:
+    if first_along(i, j, display.depth_range_mm[0]) == -math.inf:
         return np.zeros(3)
     surfaces = []
     for a, b in [(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if a or b]:
@@ -197,7 +197,7 @@ def by_definition(rgbd, display, sources, i, j, *, unknown):
             continue
         row, column = divmod(int(sources[p, q]), rgbd.shape[1])
         z = rgbd.depth_mm[row, column]
-        least = min(seen(*step, z) for step in steps)
+        least = min(first_along(*step, z) for step in steps)
         if least == -math.inf:
             continue
         r, c = row + a, column + b
@@ -206,13 +206,13 @@ def by_definition(rgbd, display, sources, i, j, *, unknown):
             row, column = r, c
         apart = len(steps) * math.hypot(a * display.row_pitch_mm, b * display.pitch_mm)
         surfaces.append((least >= z - same, z, 1 / apart, rgbd.color[row, column]))
-    taken = [s for s in surfaces if s[0]]
-    if not taken and surfaces and (unknown or rgbd.covered.all()):
+    covered_cells = [s for s in surfaces if s[0]]
+    if not covered_cells and surfaces and (unknown or rgbd.covered.all()):
         farthest = min(s[1] for s in surfaces)
-        taken = [s for s in surfaces if s[1] <= farthest + same]
-    if not taken:
+        covered_cells = [s for s in surfaces if s[1] <= farthest + same]
+    if not covered_cells:
         return np.zeros(3)
-    return sum(s[2] * s[3] for s in taken) / sum(s[2] for s in taken)
+    return sum(s[2] * s[3] for s in covered_cells) / sum(s[2] for s in covered_cells)
 
 
 @pytest.mark.parametrize("samples", [1, 4])
@@ -221,9 +221,9 @@ def test_display_ready_pixels_are_the_codes_of_the_same_light(samples: int) -> N
     rgbd = hills(display)
     codes = srgb_to_uint8(srgb_from_linear(rgbd.color))
     opaque = np.concatenate([codes, np.full((*rgbd.shape, 1), 255, np.uint8)], axis=-1)
-    shown = RGBD(opaque, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
+    encoded = RGBD(opaque, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
     method = f"template:colour=nearest:samples={samples}:fill=all"
-    linear, direct = generate(rgbd, display, method), generate(shown, display, method)
+    linear, direct = generate(rgbd, display, method), generate(encoded, display, method)
     far = np.abs(direct[..., :3].astype(int) - srgb_to_uint8(srgb_from_linear(linear)))
     # The picture's codes are rounded, and so is the light of a pixel that is shown in part.
     assert far.max() <= 3 and far.mean() < 0.3
@@ -234,17 +234,17 @@ def test_display_ready_pixels_are_the_codes_of_the_same_light(samples: int) -> N
 def test_fill_does_not_depend_on_threads() -> None:
     display = small_display(9, 8, pixel_pitch_mm=0.0636)
     rgbd = hills(display)
-    made = prepare(
+    generator = prepare(
         display,
         "template:colour=nearest:samples=4:fill=all",
         shape=rgbd.shape,
         pixel_mm=rgbd.pixel_mm,
     )
-    together = made.generate(rgbd)
+    together = generator.generate(rgbd)
     before = numba.get_num_threads()
     try:
         numba.set_num_threads(1)
-        alone = made.generate(rgbd)
+        alone = generator.generate(rgbd)
     finally:
         numba.set_num_threads(before)
     assert np.array_equal(together, alone)

@@ -73,9 +73,11 @@ def test_film_has_its_frames_in_order_at_their_rate(tmp_path, kind):
     path = tmp_path / f"film{kind}"
     write_film(path, frames(), 20)
     with Image.open(path) as film:
-        shown = [(f.convert("RGB").getpixel((9, 9)), f.info) for f in ImageSequence.Iterator(film)]
-    assert len(shown) == 4
-    for (color, info), expected in zip(shown, COLORS, strict=True):
+        film_frames = [
+            (f.convert("RGB").getpixel((9, 9)), f.info) for f in ImageSequence.Iterator(film)
+        ]
+    assert len(film_frames) == 4
+    for (color, info), expected in zip(film_frames, COLORS, strict=True):
         np.testing.assert_allclose(color, expected, atol=6)
         assert info.get("duration") == 50
         assert info.get("loop", 0) == 0

@@ -26,10 +26,10 @@ def ramps(axis: int) -> np.ndarray:
     return np.repeat(plane[..., None], 3, axis=-1).astype(np.float32)
 
 
-def lens_values(shown, x_mm: float, y_mm: float) -> np.ndarray:
+def lens_values(scene, x_mm: float, y_mm: float) -> np.ndarray:
     """What each lens's middle shows an eye, (lens rows, lens columns)."""
     eye = Viewpoint("eye", x_mm, y_mm, DISTANCE_MM)
-    view = shown.view(eye, pixels_per_lens=PER_LENS, spp=16, seed=0)
+    view = scene.view(eye, pixels_per_lens=PER_LENS, spp=16, seed=0)
     middle = PER_LENS // 2
     return view[middle::PER_LENS, middle::PER_LENS, 0]
 
@@ -43,12 +43,12 @@ def test_the_first_lens_flips_where_the_formula_says(lens_model, axis, sign):
     variant.use("auto")
     limit_mm = DISPLAY.flip_limit_mm(DISTANCE_MM)[1 - axis]
     limit_deg = math.degrees(math.atan(limit_mm / DISTANCE_MM))
-    shown = DisplayScene(ramps(axis), DISPLAY, lens_model)
+    scene = DisplayScene(ramps(axis), DISPLAY, lens_model)
     step_deg = 0.125
     flipped_deg = None
     for angle in limit_deg + np.arange(-16, 17) * step_deg:
         offset = sign * DISTANCE_MM * math.tan(math.radians(angle))
-        values = lens_values(shown, *((offset, 0.0) if axis == 1 else (0.0, offset)))
+        values = lens_values(scene, *((offset, 0.0) if axis == 1 else (0.0, offset)))
         # Within the zone, all lenses look at nearly the same place of their elemental images.
         middle = values[DISPLAY.lens_rows // 2, DISPLAY.lens_columns // 2]
         odd = np.abs(values - middle) > 0.5

@@ -109,16 +109,18 @@ def test_a_finger_at_the_rim_is_no_subject():
 @pytest.mark.parametrize("near_is_large", [False, True])
 def test_an_end_that_is_stated_alone_has_the_other_beyond_it(near_is_large):
     depth = box()
-    shown = values(depth.max() + depth.min() - depth if near_is_large else depth, near_is_large)
-    taken = ColorDepth(np.zeros((*depth.shape, 3), np.uint8), shown, 1.0, (400, 300), 0.0, (), None)
+    depths = values(depth.max() + depth.min() - depth if near_is_large else depth, near_is_large)
+    photograph = ColorDepth(
+        np.zeros((*depth.shape, 3), np.uint8), depths, 1.0, (400, 300), 0.0, (), None
+    )
 
     def ends(**stated):
         picture = CameraPicture(photo=Path("p.jpg"), orthographic=True, fit="auto", **stated)
-        depth_map = picture.fit_to(taken, DISPLAY, 1)[1]
+        depth_map = picture.fit_to(photograph, DISPLAY, 1)[1]
         return depth_map.near, depth_map.far
 
     near, far = ends()
-    farthest = float(shown.depth.min() if near_is_large else shown.depth.max())
+    farthest = float(depths.depth.min() if near_is_large else depths.depth.max())
     assert ends(near=near) == (near, far)
     # Behind what the framing takes for the far end, and in front of the background.
     behind = (far + (farthest - far) / 2, farthest)
@@ -127,10 +129,10 @@ def test_an_end_that_is_stated_alone_has_the_other_beyond_it(near_is_large):
 
 def test_a_flat_photograph_is_told_so():
     depth = values(np.full((30, 40), 1000.0))
-    taken = ColorDepth(np.zeros((30, 40, 3), np.uint8), depth, 1.0, (40, 30), 0.0, (), None)
+    photograph = ColorDepth(np.zeros((30, 40, 3), np.uint8), depth, 1.0, (40, 30), 0.0, (), None)
     picture = CameraPicture(photo=Path("p.jpg"), orthographic=True, fit="auto")
     with pytest.raises(FileError, match=r"^p\.jpg: its depth is 1000 everywhere; "):
-        picture.fit_to(taken, DISPLAY, 1)
+        picture.fit_to(photograph, DISPLAY, 1)
     # Both ways out.
     for words in ({"near": 500.0, "far": 2000.0}, {"fit": "contain"}):
-        replace(picture, **words).fit_to(taken, DISPLAY, 1)
+        replace(picture, **words).fit_to(photograph, DISPLAY, 1)

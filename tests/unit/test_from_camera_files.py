@@ -179,19 +179,19 @@ def test_zero_is_missing_of_distances_and_a_value_of_plain_numbers():
 def test_inverted_depth_is_warned_of():
     right = interpret_depth(as_file(room()), MM, "d.png")
     assert right.warnings == ()
-    for said in (MM, DepthConvention(1.0)):
-        wrong = interpret_depth(as_file(4000.0 - room()), said, "d.png")
+    for convention in (MM, DepthConvention(1.0)):
+        wrong = interpret_depth(as_file(4000.0 - room()), convention, "d.png")
         assert [w for w in wrong.warnings if "looks inverted" in w]
         assert not wrong.near_is_large
 
 
 def test_direction_without_a_unit_is_detected_with_a_warning():
     for values, near_is_large in ((255 - room() / 12, True), (room() / 12, False)):
-        found = interpret_depth(
+        interpreted = interpret_depth(
             DepthFile(values.astype(np.float32), 255), DepthConvention(0.0), "d.png"
         )
-        assert found.near_is_large == near_is_large
-        assert [w for w in found.warnings if "no depth direction given" in w]
+        assert interpreted.near_is_large == near_is_large
+        assert [w for w in interpreted.warnings if "no depth direction given" in w]
     flat = DepthFile(np.full((60, 80), 9, np.float32), 255)
     with pytest.raises(UsageError, match="--near-is-large"):
         interpret_depth(flat, DepthConvention(0.0), "d.png")
@@ -199,16 +199,16 @@ def test_direction_without_a_unit_is_detected_with_a_warning():
 
 def test_a_unit_that_is_not_stated_is_detected_with_a_warning():
     for values, integer, scale in ((room(), True, 1), (room() / 1000, False, 1000)):
-        found = interpret_depth(as_file(values, integer), DepthConvention(), "d")
-        assert any("no depth unit given" in w for w in found.warnings)
-        np.testing.assert_allclose(found.depth, np.asarray(values) * scale, rtol=1e-6)
+        interpreted = interpret_depth(as_file(values, integer), DepthConvention(), "d")
+        assert any("no depth unit given" in w for w in interpreted.warnings)
+        np.testing.assert_allclose(interpreted.depth, np.asarray(values) * scale, rtol=1e-6)
 
 
 def test_depths_at_the_largest_number_are_warned_of():
     values = room()
     values[:5] = 65535
-    found = interpret_depth(as_file(values), MM, "d.png")
-    assert any("--missing 65535" in w for w in found.warnings)
+    interpreted = interpret_depth(as_file(values), MM, "d.png")
+    assert any("--missing 65535" in w for w in interpreted.warnings)
 
 
 def test_fill_rules_copy_the_neighbour_they_say():
@@ -276,9 +276,9 @@ def test_a_colour_picture_is_read_upright_and_over_black(tmp_path):
     assert read_color(tmp_path / "turned.png").shape == (4, 2, 3)
     clear = np.dstack([pixels, np.uint8([[255] * 4, [0] * 4])])
     Image.fromarray(clear).save(tmp_path / "clear.png")
-    read = read_color(tmp_path / "clear.png")
-    np.testing.assert_array_equal(read[0], pixels[0])
-    assert not read[1].any()
+    read_back = read_color(tmp_path / "clear.png")
+    np.testing.assert_array_equal(read_back[0], pixels[0])
+    assert not read_back[1].any()
     grey = np.uint16([[0, 257, 32896, 65535]])
     Image.fromarray(grey).save(tmp_path / "grey.png")
     np.testing.assert_array_equal(read_color(tmp_path / "grey.png")[0, :, 1], [0, 1, 128, 255])
@@ -310,18 +310,18 @@ def test_an_eia_png_carries_its_pixel_size_and_what_is_empty(tmp_path):
     # Whole pixels per metre: right to half of one.
     assert across == down
     assert abs(across - 1000 / 0.0636) <= 0.5
-    read, shown = read_eia(tmp_path / "eia.png", display)
-    np.testing.assert_array_equal(shown, ~empty)
-    np.testing.assert_allclose(read, eia, atol=0.01)
+    light, covered = read_eia(tmp_path / "eia.png", display)
+    np.testing.assert_array_equal(covered, ~empty)
+    np.testing.assert_allclose(light, eia, atol=0.01)
 
 
 def test_an_eia_exr_carries_both_too(tmp_path):
     display = small_display()
     eia, empty = eia_of(display)
     write_eia(tmp_path / "eia.exr", eia, empty, display.pixel_pitch_mm)
-    read, shown = read_eia(tmp_path / "eia.exr", display)
-    np.testing.assert_array_equal(shown, ~empty)
-    np.testing.assert_array_equal(read, eia)
+    light, covered = read_eia(tmp_path / "eia.exr", display)
+    np.testing.assert_array_equal(covered, ~empty)
+    np.testing.assert_array_equal(light, eia)
     import OpenEXR
 
     header = OpenEXR.File(str(tmp_path / "eia.exr"), header_only=True).header()

@@ -31,9 +31,9 @@ def two_squares():
 
 
 def fitted(color, depth, camera=CAMERA, name="linear", ends=(1000.0, 2000.0), **options):
-    given = values(depth)
-    depth_map = map_depth(name, given, ends, DISPLAY)
-    return fit_picture(color, given, depth_map, DISPLAY, camera=camera, **options)
+    depths = values(depth)
+    depth_map = map_depth(name, depths, ends, DISPLAY)
+    return fit_picture(color, depths, depth_map, DISPLAY, camera=camera, **options)
 
 
 def cell_centres(rgbd):
@@ -66,9 +66,9 @@ def test_squares_lie_where_the_pinhole_formula_puts_them(frame_at, principal):
             -place(edge - 0.5, principal[1], middle[1]) for edge in (rows.start, rows.stop)
         )
         inside = (x > left) & (x < right) & (y > bottom) & (y < top)
-        shown = rgbd.color[..., channel] > 0.9
+        in_square = rgbd.color[..., channel] > 0.9
         assert inside.sum() > 50
-        np.testing.assert_array_equal(shown, inside)
+        np.testing.assert_array_equal(in_square, inside)
         expected = low + (2000 - z) / 1000 * (high - low)
         np.testing.assert_allclose(rgbd.depth_mm[inside], expected, rtol=1e-6)
 
@@ -96,19 +96,19 @@ def test_a_tilted_plane_has_no_crack_and_keeps_its_depths(slope):
     camera = Pinhole(100.0, 100.0, 24.5, 19.5)
     j = np.arange(columns)
     depth = np.tile(1500 / (1 - slope * (j - 24.5) / 100), (rows, 1))
-    given = values(depth)
+    depths = values(depth)
     ends = float(depth.min()), float(depth.max()) + 100.0
-    depth_map = map_depth("linear", given, ends, display)
-    made = fit_picture(
-        np.zeros((rows, columns, 3), np.uint8), given, depth_map, display, camera=camera,
+    depth_map = map_depth("linear", depths, ends, display)
+    picture = fit_picture(
+        np.zeros((rows, columns, 3), np.uint8), depths, depth_map, display, camera=camera,
         frame_at=1500.0, pixels_per_pitch=7,
     )  # fmt: skip
-    rgbd = made.rgbd
+    rgbd = picture.rgbd
     x, y = cell_centres(rgbd)
-    space = 1500 + slope * x / made.scale  # the plane again, from the cell's place
+    space = 1500 + slope * x / picture.scale  # the plane again, from the cell's place
     expected = depth_map.offset_mm + depth_map.slope * space
     # The outermost half samples have a neighbour on one side only.
-    u, v = x / made.scale / space * 100, y / made.scale / space * 100
+    u, v = x / picture.scale / space * 100, y / picture.scale / space * 100
     inside = (np.abs(u) < 24) & (np.abs(v) < 19)
     assert inside.sum() > 2000
     assert rgbd.covered[inside].all()
@@ -132,8 +132,8 @@ def test_an_orthographic_picture_fills_the_array_at_every_depth():
     rows, columns, _ = squares["red"]
     inside = (x > columns.start * 0.15 - 12) & (x < columns.stop * 0.15 - 12)
     inside &= (y < 9 - rows.start * 0.15) & (y > 9 - rows.stop * 0.15)
-    shown = rgbd.color[..., 0] > 0.9
-    np.testing.assert_array_equal(shown, inside)
+    in_square = rgbd.color[..., 0] > 0.9
+    np.testing.assert_array_equal(in_square, inside)
 
 
 def test_colour_of_a_picture_finer_than_the_cells_is_its_mean_light():
@@ -151,8 +151,8 @@ def test_two_surfaces_in_a_cell_do_not_mix():
     color = np.zeros((rows, columns, 3), np.uint8)
     depth[:, : columns // 2 + 5], color[:, : columns // 2 + 5] = 1000.0, 255
     rgbd = fitted(color, depth, camera=None).rgbd
-    shown = rgbd.color[rgbd.covered][:, 0]
-    assert set(np.unique(shown)) == {np.float32(0), np.float32(1)}
+    red = rgbd.color[rgbd.covered][:, 0]
+    assert set(np.unique(red)) == {np.float32(0), np.float32(1)}
     depths = np.unique(rgbd.depth_mm[rgbd.covered])
     assert len(depths) == 2
 
@@ -170,14 +170,14 @@ def test_missing_depth_stays_a_hole_and_true_black_does_not():
 def test_linear_map_takes_near_to_the_front_and_far_to_the_back():
     low, high = DISPLAY.depth_range_mm
     for ends, large in (((1000.0, 3000.0), False), ((3000.0, 1000.0), True)):
-        made = map_depth("linear", values([[ends[0], ends[1]]], large), ends, DISPLAY)
-        assert made.z_mm(np.array(ends)) == pytest.approx([high, low])
-        assert made.z_mm(np.array([2000.0])) == pytest.approx([(low + high) / 2])
+        mapping = map_depth("linear", values([[ends[0], ends[1]]], large), ends, DISPLAY)
+        assert mapping.z_mm(np.array(ends)) == pytest.approx([high, low])
+        assert mapping.z_mm(np.array([2000.0])) == pytest.approx([(low + high) / 2])
 
 
 def test_a_flat_picture_goes_to_the_central_depth_plane():
-    made = map_depth("linear", values([[5.0]]), (5.0, 5.0), DISPLAY)
-    assert made.z_mm(np.array([5.0])) == pytest.approx([DISPLAY.central_depth_mm])
+    mapping = map_depth("linear", values([[5.0]]), (5.0, 5.0), DISPLAY)
+    assert mapping.z_mm(np.array([5.0])) == pytest.approx([DISPLAY.central_depth_mm])
 
 
 def test_reciprocal_map_keeps_proportions_and_clips_beyond_its_ratio():
@@ -187,14 +187,14 @@ def test_reciprocal_map_keeps_proportions_and_clips_beyond_its_ratio():
     whole = 1 + DISPLAY.depth_span_mm / d
     for ratio, clips in ((whole * 0.999, False), (whole * 1.01, True)):
         near, far = 1000.0, 1000.0 * ratio
-        made = map_depth("reciprocal", values([[near, far]]), (near, far), DISPLAY)
+        picture = map_depth("reciprocal", values([[near, far]]), (near, far), DISPLAY)
         exact = d * (near + far) / (2 * np.array([near, far]))
         assert (exact[0] > high) == clips
-        np.testing.assert_allclose(made.z_mm(np.array([near, far])), np.clip(exact, low, high))
+        np.testing.assert_allclose(picture.z_mm(np.array([near, far])), np.clip(exact, low, high))
     depth = np.full(SHAPE, 2000.0)
     depth[:, :40] = 500.0
-    made = fitted(np.zeros((*SHAPE, 3), np.uint8), depth, None, "reciprocal", (500.0, 2000.0))
-    assert made.clipped == pytest.approx(1 / 4)
+    picture = fitted(np.zeros((*SHAPE, 3), np.uint8), depth, None, "reciprocal", (500.0, 2000.0))
+    assert picture.clipped == pytest.approx(1 / 4)
 
 
 def test_an_orthographic_picture_with_reciprocal_depth_keeps_a_plane_plane():
@@ -202,11 +202,11 @@ def test_an_orthographic_picture_with_reciprocal_depth_keeps_a_plane_plane():
     j, i = np.meshgrid(np.arange(160), np.arange(120))
     inverse = (1 + 0.002 * (j - 79.5) + 0.001 * (i - 59.5)) / 1500
     ends = (float(1 / inverse.max()), float(1 / inverse.min()))
-    made = fitted(np.zeros((*SHAPE, 3), np.uint8), 1 / inverse, None, "reciprocal", ends)
-    x, y = cell_centres(made.rgbd)
+    picture = fitted(np.zeros((*SHAPE, 3), np.uint8), 1 / inverse, None, "reciprocal", ends)
+    x, y = cell_centres(picture.rgbd)
     inside = (np.abs(x) < 11.7) & (np.abs(y) < 8.7)
     design = np.stack([x[inside], y[inside], np.ones(inside.sum())], axis=1)
-    z = made.rgbd.depth_mm[inside]
+    z = picture.rgbd.depth_mm[inside]
     plane, *_ = np.linalg.lstsq(design, z, rcond=None)
     assert np.ptp(z) > 5
     np.testing.assert_allclose(design @ plane, z, atol=1e-4)
@@ -244,15 +244,15 @@ def test_one_end_that_all_depths_lie_beyond_is_told_without_the_other():
 def test_eq_4_as_printed_maps_in_front_of_the_displayable_depth_and_is_clipped_there():
     """z_max + (h - h_min) / (h_max - h_min) (z_max - z_min), numbers as they are."""
     color, depth, _ = two_squares()
-    given = values(depth, near_is_large=True)
+    depths = values(depth, near_is_large=True)
     low, high = DISPLAY.depth_range_mm
-    made = map_depth("printed", given, (2000.0, 1000.0), DISPLAY)
-    shown = fit_picture(color, given, made, DISPLAY, camera=None)
-    assert shown.clipped == pytest.approx(np.mean(depth > 1000))  # all but d_min, at z_max
-    assert set(shown.rgbd.depth_mm[shown.rgbd.covered]) == {np.float32(high)}
-    (warning,) = made.warnings(shown.clipped)
+    mapping = map_depth("printed", depths, (2000.0, 1000.0), DISPLAY)
+    picture = fit_picture(color, depths, mapping, DISPLAY, camera=None)
+    assert picture.clipped == pytest.approx(np.mean(depth > 1000))  # all but d_min, at z_max
+    assert set(picture.rgbd.depth_mm[picture.rgbd.covered]) == {np.float32(high)}
+    (warning,) = mapping.warnings(picture.clipped)
     assert f"{high:.6g} .. {2 * high - low:.6g} mm" in warning
-    assert f"{shown.clipped:.1%} of the samples" in warning
+    assert f"{picture.clipped:.1%} of the samples" in warning
     assert "in front" not in warning
 
 
@@ -260,15 +260,15 @@ def test_a_stated_depth_range_shows_eq_4_where_it_is_printed():
     color, depth, _ = two_squares()
     low, high = DISPLAY.depth_range_mm
     deep = DISPLAY.replace(depth_min_mm=low, depth_max_mm=2 * high - low)
-    given = values(depth)
-    made = map_depth("printed", given, (1000.0, 2000.0), deep)
-    shown = fit_picture(color, given, made, deep, camera=None)
-    assert shown.clipped == 0
+    depths = values(depth)
+    mapping = map_depth("printed", depths, (1000.0, 2000.0), deep)
+    picture = fit_picture(color, depths, mapping, deep, camera=None)
+    assert picture.clipped == 0
     expected = {high + (z - 1000) / 1000 * (high - low) for z in (1000, 1600, 2000)}
-    found = np.unique(shown.rgbd.depth_mm[shown.rgbd.covered])
-    np.testing.assert_allclose(found, sorted(expected), rtol=1e-6)
+    distances = np.unique(picture.rgbd.depth_mm[picture.rgbd.covered])
+    np.testing.assert_allclose(distances, sorted(expected), rtol=1e-6)
     # Distances grow away from the viewer, and the wall comes out in front of the squares.
-    (warning,) = made.warnings(shown.clipped)
+    (warning,) = mapping.warnings(picture.clipped)
     assert "far points are shown in front" in warning
     assert "to show them there" not in warning
 

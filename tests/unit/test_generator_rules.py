@@ -61,9 +61,9 @@ def only(shape: tuple[int, int], cell: tuple[int, int], depth: float, cell_mm: f
     return picture(np.full(shape, depth), cell_mm, covered)
 
 
-def two_squares(shown: Display, cell_mm: float = 0.2371) -> RGBD:
+def two_squares(device: Display, cell_mm: float = 0.2371) -> RGBD:
     """A near square over a far one, on nothing."""
-    low, high = shown.depth_range_mm
+    low, high = device.depth_range_mm
     depth = np.full((60, 66), low + 0.2 * (high - low))
     depth[20:38, 24:45] = low + 0.8 * (high - low)
     covered = np.zeros(depth.shape, bool)
@@ -71,17 +71,17 @@ def two_squares(shown: Display, cell_mm: float = 0.2371) -> RGBD:
     return picture(depth, cell_mm, covered)
 
 
-def ray_at(shown: Display, z: float) -> tuple[np.ndarray, np.ndarray]:
+def ray_at(device: Display, z: float) -> tuple[np.ndarray, np.ndarray]:
     """y of every panel row's ray and x of every panel column's at depth z, by Eq. 1."""
     axes = []
     for pixels, lenses, sign in (
-        (shown.eia_shape[0], shown.lens_rows, -1),
-        (shown.eia_shape[1], shown.lens_columns, 1),
+        (device.eia_shape[0], device.lens_rows, -1),
+        (device.eia_shape[1], device.lens_columns, 1),
     ):
-        x = (np.arange(pixels) + 0.5 - pixels / 2) * shown.pixel_pitch_mm
+        x = (np.arange(pixels) + 0.5 - pixels / 2) * device.pixel_pitch_mm
         lens = np.arange(pixels) * lenses // pixels
-        x0 = (lens + 0.5 - lenses / 2) * shown.pitch_mm
-        axes.append(sign * (x0 + (x0 - x) * z / shown.gap_mm))
+        x0 = (lens + 0.5 - lenses / 2) * device.pitch_mm
+        axes.append(sign * (x0 + (x0 - x) * z / device.gap_mm))
     return axes[0], axes[1]
 
 
@@ -91,9 +91,9 @@ def ray_at(shown: Display, z: float) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("depth", [6.0, -4.0, -7.25])
 @BASES
 def test_flat_surface_shows_the_cell_at_its_depth(depth, base):
-    shown = display(base, depth_min_mm=-8.0, depth_max_mm=8.0)
-    sources = find_sources(picture(np.full((60, 66), depth), 0.1873), shown)
-    y, x = ray_at(shown, depth)
+    device = display(base, depth_min_mm=-8.0, depth_max_mm=8.0)
+    sources = find_sources(picture(np.full((60, 66), depth), 0.1873), device)
+    y, x = ray_at(device, depth)
     row, column = np.floor(30 - y / 0.1873).astype(int), np.floor(33 + x / 0.1873).astype(int)
     assert np.array_equal(sources, row[:, None] * 66 + column)
 
@@ -102,10 +102,10 @@ def test_flat_surface_shows_the_cell_at_its_depth(depth, base):
 def test_single_cell_appears_where_similar_triangles_put_it(z):
     # A thin slice of depth about z, so that the cell's walls show nothing.
     thin = 2.0**-12
-    shown = display(depth_min_mm=z - thin, depth_max_mm=z + thin)
+    device = display(depth_min_mm=z - thin, depth_max_mm=z + thin)
     cell, (row, column), (high, wide) = 0.5, (3, 9), (10, 14)
     x, y = (column + 0.5 - wide / 2) * cell, (high / 2 - row - 0.5) * cell
-    sources = find_sources(only((high, wide), (row, column), z - thin, cell), shown)
+    sources = find_sources(only((high, wide), (row, column), z - thin, cell), device)
     reach = cell / 2 * 2.0 / abs(z)  # half the size of the cell's image on the panel
     x0, y0 = np.arange(4) - 1.5, 1 - np.arange(3)
     inside = (np.arange(8) - 3.5) / 8
@@ -119,10 +119,10 @@ def test_single_cell_appears_where_similar_triangles_put_it(z):
 @pytest.mark.parametrize("algorithm", ["template", "gu2020"])
 @pytest.mark.parametrize("mode", [{}, VIRTUAL], ids=["real", "virtual"])
 def test_nearer_square_hides_farther_one(algorithm, mode):
-    shown = display(NOMINAL, **mode)
-    rgbd = two_squares(shown)
-    sources, near = find_sources(rgbd, shown, algorithm), rgbd.depth_mm.max()
-    y, x = ray_at(shown, float(near))
+    device = display(NOMINAL, **mode)
+    rgbd = two_squares(device)
+    sources, near = find_sources(rgbd, device, algorithm), rgbd.depth_mm.max()
+    y, x = ray_at(device, float(near))
     row, column = 30 - y / 0.2371, 33 + x / 0.2371
     meets = ((row > 20) & (row < 38))[:, None] & ((column > 24) & (column < 45))
     assert meets.any() and (sources[meets] >= 0).all()
@@ -130,36 +130,36 @@ def test_nearer_square_hides_farther_one(algorithm, mode):
 
 
 def test_first_row_of_the_picture_is_the_upper_one():
-    shown = display(depth_min_mm=-0.01, depth_max_mm=0.01)
+    device = display(depth_min_mm=-0.01, depth_max_mm=0.01)
     lens = np.arange(12).reshape(3, 4)
-    sources = find_sources(picture(np.zeros((3, 4)), 1.0), shown)
+    sources = find_sources(picture(np.zeros((3, 4)), 1.0), device)
     assert np.array_equal(sources, np.kron(lens, np.ones((8, 8), int)))
 
 
 def test_ray_along_a_border_belongs_to_the_larger_row_and_column():
     # Odd pixels: the middle one is under the lens centre and looks straight ahead, along the
     # corner of four cells where the picture is even.
-    shown = display(pitch_mm=0.875, lens_rows=1, lens_columns=1)
+    device = display(pitch_mm=0.875, lens_rows=1, lens_columns=1)
     covered = np.ones((8, 10), bool)
-    assert find_sources(picture(np.full((8, 10), 6.0), 0.25), shown)[3, 3] == 4 * 10 + 5
+    assert find_sources(picture(np.full((8, 10), 6.0), 0.25), device)[3, 3] == 4 * 10 + 5
     covered[4, 5] = False
-    assert find_sources(picture(np.full((8, 10), 6.0), 0.25, covered), shown)[3, 3] == HOLE
+    assert find_sources(picture(np.full((8, 10), 6.0), 0.25, covered), device)[3, 3] == HOLE
 
 
 @pytest.mark.parametrize("algorithm", ["template", "gu2020", "gu2020:step_mm=20.9"])
 def test_depth_equal_to_the_far_end_is_seen_below_it_is_not(algorithm):
-    shown = display(depth_min_mm=4.0, depth_max_mm=8.0)
+    device = display(depth_min_mm=4.0, depth_max_mm=8.0)
     for depth, holes in ((np.float32(4.0), 0), (np.nextafter(np.float32(4.0), np.float32(0)), 1)):
         rgbd = picture(np.full((40, 48), depth), 0.25)
-        assert hole_fraction(find_sources(rgbd, shown, algorithm)) == holes
+        assert hole_fraction(find_sources(rgbd, device, algorithm)) == holes
 
 
 def test_columns_that_end_are_nearer_to_the_truth_than_solid_ones():
-    shown = small_display(24, 24, 17)
-    rgbd = two_spheres(shown, shown.capture_shape(5), shown.capture_pixel_mm(5))
-    truth = srgb_from_linear(two_spheres_eia(shown))
+    display = small_display(24, 24, 17)
+    rgbd = two_spheres(display, display.capture_shape(5), display.capture_pixel_mm(5))
+    truth = srgb_from_linear(two_spheres_eia(display))
     error = [
-        np.mean((generate(rgbd, shown, f"{a}:samples=4")[..., :3] / 255 - truth) ** 2)
+        np.mean((generate(rgbd, display, f"{a}:samples=4")[..., :3] / 255 - truth) ** 2)
         for a in (SOLID, "template")
     ]
     assert 10 * math.log10(error[0] / error[1]) > 4
@@ -171,10 +171,10 @@ def test_rays_and_tables_without_end_are_refused_or_walked():
     rgbd = solids_of(noise(fine, (16, 16), 2e-5), fine)
     assert (find_sources(rgbd, fine, "layered", samples=1) >= 0).any()
     far = small_display(2, 2, pixels=3, gap_mm=3.0 * (1 + 2.0**-24))
-    for shown in (far, far.replace(rotation_deg=4.0)):
+    for device in (far, far.replace(rotation_deg=4.0)):
         for algorithm in ("layered", "template"):
             with pytest.raises(UsageError, match=f"{algorithm}: a ray crosses .* make sense"):
-                prepare(shown, algorithm, shape=(9, 9), pixel_mm=0.5)
+                prepare(device, algorithm, shape=(9, 9), pixel_mm=0.5)
 
 
 def test_only_arrays_with_parallel_pixels_share_lists():
@@ -186,13 +186,13 @@ def test_only_arrays_with_parallel_pixels_share_lists():
 # -- gu2020 -------------------------------------------------------------------------------------
 
 
-def searched(rgbd: RGBD, shown: Display, step: float) -> np.ndarray:
+def searched(rgbd: RGBD, device: Display, step: float) -> np.ndarray:
     """All samples of all rays at once, picked by argmax."""
-    low, high = shown.depth_range_mm
+    low, high = device.depth_range_mm
     z = np.append(np.arange(high, low + 1e-9 * step, -step), low)
     v, u = (
         np.floor(np.array(a.start, float)[:, None] + np.array(a.slope, float)[:, None] * z)
-        for a in oracle.all_rays(rgbd, shown)
+        for a in oracle.all_rays(rgbd, device)
     )
     high_cells, wide = rgbd.shape
     inside = ((v >= 0) & (v < high_cells))[:, None] & ((u >= 0) & (u < wide))[None]
@@ -206,19 +206,19 @@ def searched(rgbd: RGBD, shown: Display, step: float) -> np.ndarray:
 @pytest.mark.parametrize("mode", [{"depth_min_mm": 20.0, "depth_max_mm": 41.0}, VIRTUAL])
 @pytest.mark.parametrize("step", [0.37, 5.3])
 def test_gu2020_steps_as_far_as_it_is_told(mode, step):
-    shown = small_display(4, 3, pixel_pitch_mm=1 / 15.7, **mode)
-    rgbd = noise(shown, (33, 37), 0.27171, covered=0.4)
-    sources = find_sources(rgbd, shown, "gu2020", step_mm=step)
+    display = small_display(4, 3, pixel_pitch_mm=1 / 15.7, **mode)
+    rgbd = noise(display, (33, 37), 0.27171, covered=0.4)
+    sources = find_sources(rgbd, display, "gu2020", step_mm=step)
     lensed = sources != NO_LENS
-    assert np.array_equal(sources[lensed], searched(rgbd, shown, step)[lensed])
+    assert np.array_equal(sources[lensed], searched(rgbd, display, step)[lensed])
 
 
 def test_wrong_sources_of_gu2020_fade_as_the_step_does():
-    shown = display(NOMINAL)
-    rgbd = noise(shown, (60, 66), 0.2371, covered=0.5)
-    right = find_sources(rgbd, shown, SOLID)
+    device = display(NOMINAL)
+    rgbd = noise(device, (60, 66), 0.2371, covered=0.5)
+    right = find_sources(rgbd, device, SOLID)
     wrong = [
-        np.mean(find_sources(rgbd, shown, "gu2020", step_mm=s) != right)
+        np.mean(find_sources(rgbd, device, "gu2020", step_mm=s) != right)
         for s in (8.0, 2.0, 0.5, 0.125, 0.03125)
     ]
     # First order: a cell is missed when the stretch inside it is shorter than the step.
@@ -236,24 +236,24 @@ def test_step_that_makes_no_sense_is_refused_by_name(step):
 
 
 def entries(
-    rgbd: RGBD, shown: Display, row: int, column: int,
+    rgbd: RGBD, device: Display, row: int, column: int,
     matching: str = "matrix", rounding: str = "nearest", step_pixel: str = "picture",
     cells: str = "at_depth",
 ) -> tuple[float, list[tuple[float, int]]]:  # fmt: skip
     """Eq. 5 to 10 for one panel pixel, read off the text: the step, and each entry's mismatch."""
-    p_i = rgbd.pixel_mm if step_pixel == "picture" else shown.scene_pixel_mm
-    g, cell = shown.gap_mm, rgbd.pixel_mm
+    p_i = rgbd.pixel_mm if step_pixel == "picture" else device.scene_pixel_mm
+    g, cell = device.gap_mm, rgbd.pixel_mm
     high, wide = rgbd.shape
-    low, top = shown.depth_range_mm
-    pixels = round(shown.pixels_per_lens)
+    low, top = device.depth_range_mm
+    pixels = round(device.pixels_per_lens)
     (m, v), (n, u) = divmod(row, pixels), divmod(column, pixels)
-    x0 = (n - (shown.lens_columns - 1) / 2) * shown.pitch_mm
-    y0 = ((shown.lens_rows - 1) / 2 - m) * shown.pitch_mm
-    dx = ((pixels - 1) / 2 - u) * shown.pixel_pitch_mm  # x0 - x
-    dy = (v - (pixels - 1) / 2) * shown.pixel_pitch_mm  # y0 - y
+    x0 = (n - (device.lens_columns - 1) / 2) * device.pitch_mm
+    y0 = ((device.lens_rows - 1) / 2 - m) * device.pitch_mm
+    dx = ((pixels - 1) / 2 - u) * device.pixel_pitch_mm  # x0 - x
+    dy = (v - (pixels - 1) / 2) * device.pixel_pitch_mm  # y0 - y
     travel = max(abs(dx), abs(dy)) / g / p_i * (top - low)  # pixels P_I over the whole range
     if travel < (0.5 if rounding == "nearest" else 1):
-        step, depths = top - low, [shown.central_depth_mm]
+        step, depths = top - low, [device.central_depth_mm]
     else:
         step = p_i * g / max(abs(dx), abs(dy))  # Eq. 5
         z_len = round(travel + 1) if rounding == "nearest" else math.ceil(travel) + 1  # Eq. 6
@@ -284,12 +284,12 @@ def entries(
     ids=str,
 )  # fmt: skip
 def test_wang2024_takes_the_best_entry_under_each_option(mode, pixels, options):
-    shown = small_display(3, 2, pixels, **mode)
-    rgbd = noise(shown, (23, 20), 0.2717, seed=pixels)
-    sources = find_sources(rgbd, shown, "wang2024", **options)
+    display = small_display(3, 2, pixels, **mode)
+    rgbd = noise(display, (23, 20), 0.2717, seed=pixels)
+    sources = find_sources(rgbd, display, "wang2024", **options)
     assert (sources >= 0).any()
     for (row, column), source in np.ndenumerate(sources):
-        step, mismatches = entries(rgbd, shown, row, column, **options)
+        step, mismatches = entries(rgbd, display, row, column, **options)
         best = min((mismatch for mismatch, _ in mismatches), default=math.inf)
         # Entries may tie: the same cell is met from several columns of the matrix.
         tied = {s for d, s in mismatches if d <= best + 1e-9}
@@ -303,22 +303,22 @@ def test_wang2024_takes_the_best_entry_under_each_option(mode, pixels, options):
 )
 def test_single_entry_is_at_the_central_depth_plane_or_else_in_the_middle(low, high, at):
     # No ray moves by half a cell over a range this short: one entry each. D = 33.
-    shown = small_display(3, 2, 5, depth_min_mm=low, depth_max_mm=high)
-    sources = find_sources(picture(np.full((14, 15), at), 1.51), shown, "wang2024")
-    listed = np.ones(shown.eia_shape, bool)
-    masked = find_sources(picture(np.full((14, 15), at), 1.51), shown, "wang2024", mask=listed)
+    display = small_display(3, 2, 5, depth_min_mm=low, depth_max_mm=high)
+    sources = find_sources(picture(np.full((14, 15), at), 1.51), display, "wang2024")
+    listed = np.ones(display.eia_shape, bool)
+    masked = find_sources(picture(np.full((14, 15), at), 1.51), display, "wang2024", mask=listed)
     assert np.array_equal(masked, sources)
-    y, x = ray_at(shown, at)
+    y, x = ray_at(display, at)
     row, column = np.floor(7 - y / 1.51).astype(int), np.floor(7.5 + x / 1.51).astype(int)
     assert np.array_equal(sources, row[:, None] * 15 + column)
 
 
 def test_along_the_ray_fewer_pixels_come_from_the_wrong_cell_than_from_the_whole_matrix():
-    shown = display(NOMINAL)
-    rgbd = two_squares(shown)
-    right = find_sources(rgbd, shown)
+    device = display(NOMINAL)
+    rgbd = two_squares(device)
+    right = find_sources(rgbd, device)
     share = {
-        matching: np.mean(find_sources(rgbd, shown, "wang2024", matching=matching) != right)
+        matching: np.mean(find_sources(rgbd, device, "wang2024", matching=matching) != right)
         for matching in ("matrix", "ray")
     }
     assert 0 < share["ray"] < 0.8 * share["matrix"]
@@ -329,9 +329,9 @@ def test_along_the_ray_fewer_pixels_come_from_the_wrong_cell_than_from_the_whole
 
 @pytest.mark.parametrize("z", [12.0, 33.0, -12.0, -33.0])
 def test_single_pixel_lands_where_the_closed_form_says(z):
-    shown = small_display(12, 10, pixels=9)
+    display = small_display(12, 10, pixels=9)
     row, column, cell = 11, 21, 0.2371
-    sources = find_sources(only((31, 35), (row, column), z, cell), shown, "li2012")
+    sources = find_sources(only((31, 35), (row, column), z, cell), display, "li2012")
     x, y = (column + 0.5 - 35 / 2) * cell, (31 / 2 - row - 0.5) * cell
     expected = set()
     for m in range(10):
@@ -353,37 +353,37 @@ def test_pixel_on_the_axis_lands_to_the_left_and_above():
 @pytest.mark.parametrize("shape", [(20, 25), (25, 20)])
 @pytest.mark.parametrize("levels", [1, 3])
 def test_equal_landings_keep_the_mirror(shape, levels):
-    shown = small_display(4, 3, 5, depth_min_mm=20.0, depth_max_mm=41.0)
+    display = small_display(4, 3, 5, depth_min_mm=20.0, depth_max_mm=41.0)
     random = np.random.default_rng(levels)
     rgbd = picture(20 + 7.0 * random.integers(0, levels, shape), 0.2, random.random(shape) < 0.8)
-    sources, index = find_sources(rgbd, shown, "li2012"), np.arange(rgbd.depth_mm.size)
+    sources, index = find_sources(rgbd, display, "li2012"), np.arange(rgbd.depth_mm.size)
     for axis in (0, 1):
         there = picture(np.flip(rgbd.depth_mm, axis), 0.2, np.flip(rgbd.covered, axis))
-        back = np.flip(find_sources(there, shown, "li2012"), axis)
+        back = np.flip(find_sources(there, display, "li2012"), axis)
         named = np.where(back >= 0, np.flip(index.reshape(shape), axis).ravel()[back], back)
         # A point on the axis has to go one way.
-        middle = [(shown.eia_shape[axis] - 1) // 2, shown.eia_shape[axis] // 2]
+        middle = [(display.eia_shape[axis] - 1) // 2, display.eia_shape[axis] // 2]
         assert np.array_equal(np.delete(named, middle, axis), np.delete(sources, middle, axis))
 
 
 def test_magnified_picture_leaves_holes_of_the_expected_share():
     # Images of neighbours are cell g / z = 2 panel pixels apart: one panel pixel in four is met.
-    shown = small_display(6, 5, pixels=4)
+    display = small_display(6, 5, pixels=4)
     for cell_mm, cells, holes in ((5.0, 30, 0.75), (1.0, 200, 0)):
         rgbd = picture(np.full((cells, cells), 33.0), cell_mm)
-        assert hole_fraction(find_sources(rgbd, shown, "li2012")) == holes
+        assert hole_fraction(find_sources(rgbd, display, "li2012")) == holes
 
 
 def test_pixel_on_the_array_is_skipped_and_extreme_depths_do_no_harm():
-    shown = small_display(4, 4, pixels=9)
+    display = small_display(4, 4, pixels=9)
     depth = np.zeros((9, 9))
-    assert (find_sources(picture(depth, 0.25), shown, "li2012") == HOLE).all()
-    assert (generate(picture(depth, 0.25), shown, "li2012:fill=hidden") == 0).all()
+    assert (find_sources(picture(depth, 0.25), display, "li2012") == HOLE).all()
+    assert (generate(picture(depth, 0.25), display, "li2012:fill=hidden") == 0).all()
     depth[2, 3], depth[4, 5] = -20.0, 20.0
-    sources = find_sources(picture(depth, 0.25), shown, "li2012")
+    sources = find_sources(picture(depth, 0.25), display, "li2012")
     assert set(sources[sources >= 0]) == {2 * 9 + 3, 4 * 9 + 5}
     for z in (1e-30, -1e-30, 1e30, 0.01):
-        sources = find_sources(picture(np.full((16, 16), z), 0.3), shown, "li2012")
+        sources = find_sources(picture(np.full((16, 16), z), 0.3), display, "li2012")
         assert sources.min() >= HOLE and sources.max() < 256
 
 
@@ -435,18 +435,18 @@ def test_displays_that_a_method_does_not_serve_are_refused_by_name(algorithm, ch
 
 
 def test_pictures_and_places_of_another_size_are_refused():
-    shown = small_display()
-    rgbd = noise(shown, (24, 30), 0.5)
+    display = small_display()
+    rgbd = noise(display, (24, 30), 0.5)
     with pytest.raises(UsageError, match="prepared for 40 x 50"):
-        prepare(shown, shape=(40, 50), pixel_mm=0.5).generate(rgbd)
-    out = np.empty((*shown.eia_shape, 3), np.float32)
+        prepare(display, shape=(40, 50), pixel_mm=0.5).generate(rgbd)
+    out = np.empty((*display.eia_shape, 3), np.float32)
     for wrong in (out[:-1], out.astype(np.float64), out[:, ::-1], np.asfortranarray(out)):
         with pytest.raises(UsageError, match="out"):
-            generate(rgbd, shown, out=wrong)
-    for mask in (np.ones((3, 3), bool), np.ones(shown.eia_shape, np.uint8)):
+            generate(rgbd, display, out=wrong)
+    for mask in (np.ones((3, 3), bool), np.ones(display.eia_shape, np.uint8)):
         for algorithm in ("template", "li2012"):
             with pytest.raises(UsageError, match=r"must be bool of the panel's \(80, 96\)"):
-                prepare(shown, algorithm, shape=(4, 4), pixel_mm=1.0, mask=mask)
+                prepare(display, algorithm, shape=(4, 4), pixel_mm=1.0, mask=mask)
 
 
 def test_options_and_properties_are_those_of_the_algorithm():
@@ -460,32 +460,32 @@ def test_options_and_properties_are_those_of_the_algorithm():
 class Bright:
     """A generator by others, without a mask and with one place to write to."""
 
-    def __init__(self, shown: Display) -> None:
-        self.place = np.ones((*shown.eia_shape, 3), np.float32)
+    def __init__(self, display: Display) -> None:
+        self.place = np.ones((*display.eia_shape, 3), np.float32)
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         return self.place
 
 
 def test_a_generator_that_knows_no_mask_is_run_in_full(monkeypatch):
-    bright = Algorithm("bright", lambda shown, shape, pixel_mm: Bright(shown), own=False)
+    bright = Algorithm("bright", lambda display, shape, pixel_mm: Bright(display), own=False)
     monkeypatch.setattr("inim.generators.find_algorithm", lambda name: bright)
-    shown = small_display(5, 4, 3)
-    mask = np.random.default_rng(1).random(shown.eia_shape) < 0.4
-    made = prepare(shown, "bright", shape=(8, 10), pixel_mm=0.5, mask=mask)
-    rgbd = noise(shown, (8, 10), 0.5)
+    display = small_display(5, 4, 3)
+    mask = np.random.default_rng(1).random(display.eia_shape) < 0.4
+    generator = prepare(display, "bright", shape=(8, 10), pixel_mm=0.5, mask=mask)
+    rgbd = noise(display, (8, 10), 0.5)
     masked = np.repeat(mask[..., None], 3, axis=-1)
-    assert np.array_equal(made.generate(rgbd), masked)
-    assert np.array_equal(run_generator("bright", made, rgbd, shown, mask)[0], masked)
-    assert made._whole.place.all()
+    assert np.array_equal(generator.generate(rgbd), masked)
+    assert np.array_equal(run_generator("bright", generator, rgbd, display, mask)[0], masked)
+    assert generator._whole.place.all()
 
 
 def test_a_masked_run_reports_the_holes_of_its_pixels():
-    shown = small_display(9, 4, 5)
-    rgbd = noise(shown, shown.capture_shape(2), 0.5, covered=0.67)
-    whole = find_sources(rgbd, shown)
+    display = small_display(9, 4, 5)
+    rgbd = noise(display, display.capture_shape(2), 0.5, covered=0.67)
+    whole = find_sources(rgbd, display)
     mask = np.arange(whole.size).reshape(whole.shape) % 3 == 0
-    made = prepare(shown, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
-    eia, _, empty = run_generator("template", made, rgbd, shown, mask)
+    generator = prepare(display, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
+    eia, _, empty = run_generator("template", generator, rgbd, display, mask)
     assert np.array_equal(empty, mask & (whole < 0))
-    assert np.array_equal(eia, made.generate(rgbd))
+    assert np.array_equal(eia, generator.generate(rgbd))

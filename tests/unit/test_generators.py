@@ -61,11 +61,11 @@ def pairs(algorithms: list[str], displays: dict[str, Any]) -> list[Any]:
     whole and with fractional numbers of pixels per lens. `gu2020` and other displays are cheap.
     """
     return [
-        case((row - column) % 3 == 0 or not shown.is_separable or algorithm == "gu2020",
+        case((row - column) % 3 == 0 or not device.is_separable or algorithm == "gu2020",
              algorithm, display)
         for row, algorithm in enumerate(algorithms)
-        for column, (display, shown) in enumerate(displays.items())
-        if shown.is_separable or ALGORITHMS[algorithm].anywhere
+        for column, (display, device) in enumerate(displays.items())
+        if device.is_separable or ALGORITHMS[algorithm].anywhere
     ]  # fmt: skip
 
 
@@ -79,17 +79,17 @@ def case(is_fast: bool, *values: object) -> Any:
 
 @pytest.mark.parametrize(("algorithm", "display"), pairs(FIRST_HITS, SEPARABLE))
 def test_every_pixel_shows_the_first_hit_of_the_definition(algorithm, display):
-    shown, columns = DISPLAYS[display], ALGORITHMS[algorithm].columns
+    device, columns = DISPLAYS[display], ALGORITHMS[algorithm].columns
     assert columns is not None
     for name in pictures_for(display):
         rgbd = picture(display, name)
-        sources = find_sources(rgbd, shown, single_ray(algorithm))
-        right = oracle.exact_sources(rgbd, shown, columns)
+        sources = find_sources(rgbd, device, single_ray(algorithm))
+        right = oracle.exact_sources(rgbd, device, columns)
         wrong = np.argwhere(sources != right)
         assert len(wrong) == 0, f"{name}: {len(wrong)} pixels, the first {wrong[0]}"
-        assert np.array_equal(sources == NO_LENS, ~shown.lensed)
+        assert np.array_equal(sources == NO_LENS, ~device.lensed)
         # The product's own oracle, written apart.
-        assert exact_hits(rgbd, shown, columns, most=20).wrong_share(sources) == 0
+        assert exact_hits(rgbd, device, columns, most=20).wrong_share(sources) == 0
 
 
 @pytest.mark.parametrize(("algorithm", "display"), pairs(FIRST_HITS, NON_SEPARABLE))
@@ -103,26 +103,26 @@ def test_the_paper_s_algorithms_do_what_their_definitions_say(algorithm, display
 
 
 def check_against_float64(algorithm: str, display: str) -> None:
-    shown, known = DISPLAYS[display], []
+    device, exact = DISPLAYS[display], []
     for name in pictures_for(display):
         rgbd = picture(display, name)
-        pixels = chosen_pixels(shown, ALGORITHMS[algorithm].most_pixels)
-        sources = find_sources(rgbd, shown, single_ray(algorithm))
-        expected = answer(algorithm, rays_over(shown, rgbd, pixels), rgbd, shown, np.float64)
+        pixels = chosen_pixels(device, ALGORITHMS[algorithm].most_pixels)
+        sources = find_sources(rgbd, device, single_ray(algorithm))
+        expected = answer(algorithm, rays_over(device, rgbd, pixels), rgbd, device, np.float64)
         sure = ~expected.uncertain
         assert np.array_equal(sources[tuple(pixels.T)][sure], expected.sources[sure]), name
-        assert (sources[~shown.lensed] == NO_LENS).all()
-        known.append(sure.mean())
+        assert (sources[~device.lensed] == NO_LENS).all()
+        exact.append(sure.mean())
     # Rays straight ahead run along borders: with one pixel per lens, all do.
-    assert np.mean(known) > 0.2, "or the test says little"
+    assert np.mean(exact) > 0.2, "or the test says little"
 
 
 def test_the_matrix_has_hits_holes_and_deeper_layers():
-    shown, layered = DISPLAYS["odd pixels"], picture("odd pixels", "layers")
+    display, layered = DISPLAYS["odd pixels"], picture("odd pixels", "layers")
     for algorithm in ALGORITHMS:
-        sources = find_sources(layered, shown, single_ray(algorithm))
+        sources = find_sources(layered, display, single_ray(algorithm))
         assert (sources >= 0).any() and (sources == HOLE).any(), algorithm
-    sources = find_sources(layered, shown, "layered:samples=1")
+    sources = find_sources(layered, display, "layered:samples=1")
     assert len(np.unique(sources[sources >= 0] // layered.depth_mm.size)) == 3
 
 
@@ -130,14 +130,14 @@ def test_the_matrix_has_hits_holes_and_deeper_layers():
 @pytest.mark.parametrize("display", SEPARABLE)
 def test_lists_rays_with_shared_runs_and_free_rays_find_the_same(display, columns):
     """Bit for bit, but for the rounding of free rays; in the order of a stream of pictures."""
-    shown = DISPLAYS[display]
+    device = DISPLAYS[display]
     for name in ("layers", "random", "layers, odd size", "hills"):
         rgbd = picture(display, name)
-        size = (shown, rgbd.shape, rgbd.pixel_mm, columns)
+        size = (device, rgbd.shape, rgbd.pixel_mm, columns)
         alone = RayByRay(*size).sources(rgbd)
-        whole = exact_length(shown.pitch_mm) / exact_length(rgbd.pixel_mm)
-        shared = shares_directions(shown)
-        tables = whole.denominator == 1 and shown.row_pitch_mm == shown.pitch_mm
+        whole = exact_length(device.pitch_mm) / exact_length(rgbd.pixel_mm)
+        shared = shares_directions(device)
+        tables = whole.denominator == 1 and device.row_pitch_mm == device.pitch_mm
         if tables and (shared or columns != "layers"):
             lists = (SharedDirections if shared else NonIntegerPitch)(*size)
             for before in (rgbd, RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)):
@@ -146,7 +146,7 @@ def test_lists_rays_with_shared_runs_and_free_rays_find_the_same(display, column
         # Where pixels are on borders between lenses, free rays go either way.
         if name == "layers, odd size" and display in ("odd pixels", "virtual", "phone", "moved"):
             free = NonSeparable(*size).sources(rgbd)
-            assert (free != alone)[shown.lensed].mean() < 0.02
+            assert (free != alone)[device.lensed].mean() < 0.02
 
 
 # -- colours ------------------------------------------------------------------------------------
@@ -174,24 +174,26 @@ COLOURED = [
     ],
 )
 def test_a_pixel_shows_the_mean_of_the_rays_from_what_shines_of_it(algorithm, display, samples):
-    shown = DISPLAYS[display]
-    fill = exact_length(shown.pixel_fill)
-    pixels = chosen_pixels(shown, 60)
+    device = DISPLAYS[display]
+    fill = exact_length(device.pixel_fill)
+    pixels = chosen_pixels(device, 60)
     for name in ("random, sparse, odd size", "layers"):
         rgbd = picture(display, name)
-        eia = generate(rgbd, shown, f"{algorithm}:samples={samples}:colour=nearest")[
+        eia = generate(rgbd, device, f"{algorithm}:samples={samples}:colour=nearest")[
             tuple(pixels.T)
         ]
         palette = np.concatenate([rgbd.palette.reshape(-1, 3), np.zeros((1, 3), np.float32)])
-        for channel, place in enumerate(PATTERNS[shown.subpixels]):
+        for channel, place in enumerate(PATTERNS[device.subpixels]):
             mean, sure = np.zeros(len(pixels)), np.ones(len(pixels), bool)
             for down, right in _QUARTERS[samples]:
                 pixel_offset = (down * fill, place.right + right * place.width * fill)
-                rays = rays_over(shown, rgbd, pixels, pixel_offset)
-                known = answer(algorithm, rays, rgbd, shown, np.float64)
-                sources, _ = with_rational_ties(algorithm, known, known.sources, rays, rgbd, shown)
-                if not shown.is_separable:
-                    sure &= ~known.uncertain
+                rays = rays_over(device, rgbd, pixels, pixel_offset)
+                expected = answer(algorithm, rays, rgbd, device, np.float64)
+                sources, _ = with_rational_ties(
+                    algorithm, expected, expected.sources, rays, rgbd, device
+                )
+                if not device.is_separable:
+                    sure &= ~expected.uncertain
                 mean += palette[np.where(sources >= 0, sources, -1), channel] / samples
             assert sure.mean() > 0.2
             assert np.abs(eia[sure, channel] - mean[sure]).max() < 1e-6
@@ -200,18 +202,18 @@ def test_a_pixel_shows_the_mean_of_the_rays_from_what_shines_of_it(algorithm, di
 @pytest.mark.parametrize("samples", [2, 4])
 def test_codes_are_those_of_the_mean_light_to_the_last_bit(samples):
     """Against the colour module's formulas on every pixel's rays; alpha is no light."""
-    shown, linear = DISPLAYS["both sides"], picture("both sides", "spikes")
+    display, linear = DISPLAYS["both sides"], picture("both sides", "spikes")
     color = np.random.default_rng(1).integers(1, 256, (*linear.shape, 4)).astype(np.uint8)
     rgbd = RGBD(color, linear.depth_mm, linear.covered, linear.pixel_mm)
     algorithm = f"template:samples={samples}:colour=nearest"
-    made = prepare(shown, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
-    sources = np.stack([ray.generator.sources(rgbd) for ray in made.rays()])
+    generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
+    sources = np.stack([ray.generator.sources(rgbd) for ray in generator.rays()])
     palette = np.append(rgbd.color.reshape(-1, 4), np.zeros((1, 4), np.uint8), axis=0)
     codes = palette[np.where(sources >= 0, sources, -1)]
     # In 16383 steps of light, as the definition counts.
     steps = np.rint(linear_from_srgb(codes[..., :3] / np.float32(255)) * 16383).astype(int)
     mean = (steps.sum(axis=0) / (samples * 16383)).astype(np.float32)
-    eia = made.generate(rgbd)
+    eia = generator.generate(rgbd)
     assert np.array_equal(eia[..., :3], srgb_to_uint8(srgb_from_linear(mean)))
     alpha = codes[..., 3].sum(axis=0, dtype=int)
     assert np.array_equal(eia[..., 3], (2 * alpha + samples) // (2 * samples))
@@ -251,50 +253,52 @@ def served(method: str, display: str) -> bool:
     ],
 )  # fmt: skip
 def test_masks_threads_codes_and_earlier_pictures_change_no_pixel(method, display):
-    shown, algorithm = DISPLAYS[display], METHODS[method]
+    device, algorithm = DISPLAYS[display], METHODS[method]
     rgbd, other = picture(display, "layers"), picture(display, "layers")
     other = RGBD(other.color[::-1], other.depth_mm[::-1], other.covered[::-1], other.pixel_mm)
     size: dict[str, Any] = {"shape": rgbd.shape, "pixel_mm": rgbd.pixel_mm}
-    whole, sources = generate(rgbd, shown, algorithm), find_sources(rgbd, shown, algorithm)
-    assert whole.dtype == np.float32 and whole.shape == (*shown.eia_shape, 3)
-    assert sources.dtype == np.int32 and not whole[~shown.lensed].any()
-    made = prepare(shown, algorithm, **size)
-    assert isinstance(made, SourceGenerator)
-    if made.shows_sources(rgbd):
+    whole, sources = generate(rgbd, device, algorithm), find_sources(rgbd, device, algorithm)
+    assert whole.dtype == np.float32 and whole.shape == (*device.eia_shape, 3)
+    assert sources.dtype == np.int32 and not whole[~device.lensed].any()
+    generator = prepare(device, algorithm, **size)
+    assert isinstance(generator, SourceGenerator)
+    if generator.shows_sources(rgbd):
         assert np.array_equal(whole, colour_of(sources, rgbd))
     out = np.full_like(whole, 7)
-    made.generate(other)
-    made.generate(coded(rgbd))
-    assert made.generate(rgbd, out) is out and np.array_equal(out, whole)
-    assert np.array_equal(made.sources(rgbd), sources)
-    if made.shows_sources(rgbd):
-        index = generate(coded(rgbd), shown, algorithm).view(np.uint32)[..., 0].astype(np.int64)
+    generator.generate(other)
+    generator.generate(coded(rgbd))
+    assert generator.generate(rgbd, out) is out and np.array_equal(out, whole)
+    assert np.array_equal(generator.sources(rgbd), sources)
+    if generator.shows_sources(rgbd):
+        index = generate(coded(rgbd), device, algorithm).view(np.uint32)[..., 0].astype(np.int64)
         assert np.array_equal(index - 1, np.maximum(sources, HOLE))
     # What is not covered means nothing.
-    plain = generate(RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm), shown, algorithm)
+    plain = generate(
+        RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm), device, algorithm
+    )
     for depth in (np.nan, 6.0):
         strange = np.where(rgbd.covered, rgbd.depth_mm, np.float32(depth))
         same = RGBD(rgbd.color, strange, rgbd.covered, rgbd.pixel_mm)
-        assert np.array_equal(generate(same, shown, algorithm), plain)
+        assert np.array_equal(generate(same, device, algorithm), plain)
     before = numba.get_num_threads()
     try:
         numba.set_num_threads(1)
-        assert np.array_equal(made.generate(rgbd), whole)
+        assert np.array_equal(generator.generate(rgbd), whole)
     finally:
         numba.set_num_threads(before)
     for share in (0.0, 0.3, 1.0):
-        mask = np.random.default_rng(4).random(shown.eia_shape) < share
-        masked = prepare(shown, algorithm, mask=mask, **size)
+        mask = np.random.default_rng(4).random(device.eia_shape) < share
+        masked = prepare(device, algorithm, mask=mask, **size)
         part = masked.generate(rgbd, out)
         assert part is out
         assert np.array_equal(part[mask], whole[mask]) and not part[~mask].any()
-        asked = masked.sources(rgbd)
-        assert np.array_equal(asked[mask], sources[mask])
-        assert (asked[~mask & shown.lensed] == MASKED).all()
-        assert (asked[~shown.lensed] == NO_LENS).all()
-        lensed = np.count_nonzero(mask & shown.lensed)
+        masked_sources = masked.sources(rgbd)
+        assert np.array_equal(masked_sources[mask], sources[mask])
+        assert (masked_sources[~mask & device.lensed] == MASKED).all()
+        assert (masked_sources[~device.lensed] == NO_LENS).all()
+        lensed = np.count_nonzero(mask & device.lensed)
         empty = np.count_nonzero(sources[mask] == HOLE)
-        assert hole_fraction(asked) == (empty / lensed if lensed else 0.0)
+        assert hole_fraction(masked_sources) == (empty / lensed if lensed else 0.0)
 
 
 @pytest.mark.parametrize("algorithm", ["template", "layered:samples=1", "gu2020", "li2012"])
@@ -302,18 +306,18 @@ def test_masks_threads_codes_and_earlier_pictures_change_no_pixel(method, displa
 def test_nothing_covered_is_all_holes_and_a_picture_without_layers_is_its_front(algorithm, display):
     if not served(algorithm, display):
         pytest.skip("needs rows and columns")
-    shown, rgbd = DISPLAYS[display], picture(display, "layers")
+    device, rgbd = DISPLAYS[display], picture(display, "layers")
     front = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
-    nothing = RGBD(rgbd.color, rgbd.depth_mm, np.zeros(rgbd.shape, bool), rgbd.pixel_mm)
-    empty = find_sources(nothing, shown, algorithm)
-    assert (empty[shown.lensed] == HOLE).all() and not generate(nothing, shown, algorithm).any()
+    uncovered = RGBD(rgbd.color, rgbd.depth_mm, np.zeros(rgbd.shape, bool), rgbd.pixel_mm)
+    empty = find_sources(uncovered, device, algorithm)
+    assert (empty[device.lensed] == HOLE).all() and not generate(uncovered, device, algorithm).any()
     if algorithm == "layered:samples=1":
         assert np.array_equal(
-            find_sources(front, shown, algorithm), find_sources(front, shown, "template")
+            find_sources(front, device, algorithm), find_sources(front, device, "template")
         )
     else:
         assert np.array_equal(
-            find_sources(front, shown, algorithm), find_sources(rgbd, shown, algorithm)
+            find_sources(front, device, algorithm), find_sources(rgbd, device, algorithm)
         )
 
 
@@ -325,11 +329,11 @@ def test_nothing_covered_is_all_holes_and_a_picture_without_layers_is_its_front(
     [(a, d) for a in OF_PAPER for d in ("both sides", "virtual", "turned") if served(a, d)],
 )
 def test_plain_python_and_compiled_code_agree_to_the_bit(algorithm, display, monkeypatch):
-    shown, rgbd = DISPLAYS[display], picture(display, "random, sparse, odd size")
-    sources = find_sources(rgbd, shown, algorithm)
+    device, rgbd = DISPLAYS[display], picture(display, "random, sparse, odd size")
+    sources = find_sources(rgbd, device, algorithm)
     # As with NUMBA_DISABLE_JIT, but without another process.
     monkeypatch.setattr(base, "compile_kernel", lambda kernel: kernel)
-    assert np.array_equal(find_sources(rgbd, shown, algorithm), sources)
+    assert np.array_equal(find_sources(rgbd, device, algorithm), sources)
 
 
 @pytest.mark.parametrize("name", ["gu2020", "wang2024", "li2012"])

@@ -53,15 +53,15 @@ def test_png_is_srgb_and_upright(tmp_path):
     linear = np.zeros((2, 3, 3), np.float32)
     linear[0, 2] = (1.0, 0.21404114, 0.0)
     image.write_png(tmp_path / "a.png", linear)
-    shown = np.asarray(Image.open(tmp_path / "a.png"))
-    assert shown.dtype == np.uint8 and shown.shape == (2, 3, 3)
-    assert tuple(shown[0, 2]) == (255, 128, 0), "linear 0.214 is middle grey"
-    assert shown.sum() == 383
+    codes = np.asarray(Image.open(tmp_path / "a.png"))
+    assert codes.dtype == np.uint8 and codes.shape == (2, 3, 3)
+    assert tuple(codes[0, 2]) == (255, 128, 0), "linear 0.214 is middle grey"
+    assert codes.sum() == 383
 
 
 def test_srgb_is_the_standard_s_at_known_points():
-    known = {0.0: 0.0, 0.0031308: 0.0404499, 0.18: 0.4613561, 0.5: 0.7353570, 1.0: 1.0, 7.0: 1.0}
-    for linear, expected in known.items():
+    points = {0.0: 0.0, 0.0031308: 0.0404499, 0.18: 0.4613561, 0.5: 0.7353570, 1.0: 1.0, 7.0: 1.0}
+    for linear, expected in points.items():
         assert srgb_from_linear(np.array([linear]))[0] == pytest.approx(expected, abs=2e-6)
     assert srgb_to_uint8(np.array([0.5 / 255, 0.51 / 255, -1, 2])).tolist() == [0, 1, 0, 255]
 
@@ -94,14 +94,14 @@ def test_ssim_is_scikit_image_s_own_number(shape):
     rng = np.random.default_rng(3)
     a, b = (rng.random((*shape, 3)).astype(np.float32) for _ in range(2))
     b[3:-2, : shape[1] // 2] = a[3:-2, : shape[1] // 2]
-    shown = srgb_from_linear(a), srgb_from_linear(b)
+    codes = srgb_from_linear(a), srgb_from_linear(b)
     (ssim,) = (metric for metric in metrics.all_metrics() if metric.name == "ssim")
-    wanted = structural_similarity(*shown, **ssim.settings)
-    assert metrics.ssim(a, b) == pytest.approx(wanted, abs=1e-6)
+    expected = structural_similarity(*codes, **ssim.settings)
+    assert metrics.ssim(a, b) == pytest.approx(expected, abs=1e-6)
     assert metrics.score(a, b)["ssim"] == metrics.eia_scores(a, b)["ssim"] == metrics.ssim(a, b)
-    both = NoisyImage.from_image(a), NoisyImage.from_image(b)
-    assert view_scores(*both, keys=["ssim"])["ssim"].value == pytest.approx(wanted, abs=1e-6)
-    assert abs(metrics.ssim_map(a, b).mean() - wanted) > 1e-4, "its map's mean is another number"
+    images = NoisyImage.from_image(a), NoisyImage.from_image(b)
+    assert view_scores(*images, keys=["ssim"])["ssim"].value == pytest.approx(expected, abs=1e-6)
+    assert abs(metrics.ssim_map(a, b).mean() - expected) > 1e-4, "its map's mean is another number"
 
 
 def test_relic_s_region_is_what_its_pixels_enter_by_ssim_s_window():

@@ -68,11 +68,11 @@ def test_numbers_of_the_nominal_display_are_those_worked_out_by_hand(nominal):
 
 
 def test_twice_the_pixels_give_twice_the_views_for_four_times_the_bytes():
-    this, double = pixel_choice(NOMINAL, 1), pixel_choice(NOMINAL, 2)
-    assert this.angular_step_deg == pytest.approx(math.degrees(math.atan(1 / 17 / 3.3)))
-    assert this.frame_mb == pytest.approx(1088 * 1088 * 3e-6)
-    assert (this.views_across, double.views_across) == pytest.approx((17, 34))
-    assert double.frame_mb == pytest.approx(4 * this.frame_mb)
+    single, double = pixel_choice(NOMINAL, 1), pixel_choice(NOMINAL, 2)
+    assert single.angular_step_deg == pytest.approx(math.degrees(math.atan(1 / 17 / 3.3)))
+    assert single.frame_mb == pytest.approx(1088 * 1088 * 3e-6)
+    assert (single.views_across, double.views_across) == pytest.approx((17, 34))
+    assert double.frame_mb == pytest.approx(4 * single.frame_mb)
     # The formula's depth is what a display of such pixels says of itself.
     assert double.depth_span_mm == pytest.approx(
         NOMINAL.replace(pixel_pitch_mm=1 / 34).depth_span_mm
@@ -124,9 +124,9 @@ def test_voxel_curve_is_wider_than_the_depth_range():
 
 @pytest.mark.parametrize("display", [NOMINAL, VIRTUAL, FOCUSED], ids=["real", "virtual", "focused"])
 def test_thin_lens_images_a_point_of_the_central_depth_plane_to_a_point(display):
-    for found in spots(display, "thin", display.central_depth_mm):
-        assert found.rms_radius_um < 1e-9  # 1e-12 mm
-        assert found.lost_share == 0
+    for colour_spot in spots(display, "thin", display.central_depth_mm):
+        assert colour_spot.rms_radius_um < 1e-9  # 1e-12 mm
+        assert colour_spot.lost_share == 0
 
 
 def test_spot_lies_where_the_chief_ray_of_eq_1_does():
@@ -138,24 +138,24 @@ def test_spot_lies_where_the_chief_ray_of_eq_1_does():
 def test_spot_out_of_focus_is_the_aperture_in_proportion():
     """A point at depth z focuses at zf/(z - f); at g the cone is P |1 + g/z - g/f| wide."""
     width = abs(1 + 3.3 / 20 - 3.3 / 3)
-    found = spot(NOMINAL, "thin", 20.0, 0.0)
+    spot_size = spot(NOMINAL, "thin", 20.0, 0.0)
     side = math.sqrt(1 - 1 / 32**2)  # of 32 x 32 midpoints instead of the whole square
-    assert found.rms_radius_um == pytest.approx(1e3 * width * side / math.sqrt(6), rel=1e-9)
+    assert spot_size.rms_radius_um == pytest.approx(1e3 * width * side / math.sqrt(6), rel=1e-9)
 
 
 def test_pinhole_spreads_a_point_by_the_directions_within_a_cell():
-    found = spot(NOMINAL, "pinhole", 33.0, 0.0)
+    spot_size = spot(NOMINAL, "pinhole", 33.0, 0.0)
     side = math.sqrt(1 - 1 / 32**2)
-    assert found.rms_radius_um == pytest.approx(1e3 * 3.3 / 33 * side / math.sqrt(6), rel=1e-9)
+    assert spot_size.rms_radius_um == pytest.approx(1e3 * 3.3 / 33 * side / math.sqrt(6), rel=1e-9)
 
 
 @pytest.mark.parametrize(("side", "k"), [("viewer", 1.2047), ("panel", 4.6019)])
 def test_collimated_spot_has_the_third_order_size(side, k):
     """Longitudinal aberration k h^2 / f lands at k h^3 / f^2: RMS k a^3 / 2 f^2 over a disc."""
     display = FOCUSED.replace(aperture="round", fill_factor=0.2, curved_side=side)
-    found = spot(display, "thick", math.inf, 0.0)
+    spot_size = spot(display, "thick", math.inf, 0.0)
     # Midpoints fill the disc to some 2 % in the sixth moment.
-    assert found.rms_radius_um == pytest.approx(1e3 * k * 0.1**3 / (2 * 9), rel=0.04)
+    assert spot_size.rms_radius_um == pytest.approx(1e3 * k * 0.1**3 / (2 * 9), rel=0.04)
 
 
 def test_spot_grows_off_the_axis():
@@ -171,14 +171,14 @@ def test_turned_array_makes_the_same_spot_on_its_axis():
 
 
 def test_dispersive_lens_has_a_spot_for_each_colour_and_blue_defocuses_most():
-    found = spots(NOMINAL.replace(abbe_number=30.0), "thin", 33.0)
-    assert [s.colour for s in found[:3]] == ["red", "green", "blue"]
+    spot_sizes = spots(NOMINAL.replace(abbe_number=30.0), "thin", 33.0)
+    assert [s.colour for s in spot_sizes[:3]] == ["red", "green", "blue"]
     # Thin lens: power f^-1 (n - 1)/(n_d - 1); a defocused square is P g |change of power| wide.
     slope = 0.4917 / 30 / (486.13**-2 - 656.27**-2)
-    for one, wavelength in zip(found[:3], (611.4, 549.1, 464.2), strict=True):
+    for colour_spot, wavelength in zip(spot_sizes[:3], (611.4, 549.1, 464.2), strict=True):
         change = slope * (wavelength**-2 - 587.56**-2) / 0.4917 / 3
         width = 3.3 * abs(change) * math.sqrt(1 - 1 / 32**2)
-        assert one.rms_radius_um == pytest.approx(1e3 * width / math.sqrt(6), rel=1e-6)
+        assert colour_spot.rms_radius_um == pytest.approx(1e3 * width / math.sqrt(6), rel=1e-6)
 
 
 # --- Crosstalk ----------------------------------------------------------------------------------
@@ -187,13 +187,13 @@ def test_dispersive_lens_has_a_spot_for_each_colour_and_blue_defocuses_most():
 @pytest.mark.parametrize("display", [NOMINAL, PHONE], ids=["nominal", "phone"])
 def test_pinhole_crosstalk_begins_at_the_flip_limit(display):
     distance = default_distance_mm(display)
-    found = crosstalk_map(display, display, "pinhole", distance)
+    shares = crosstalk_map(display, display, "pinhole", distance)
     limits = display.flip_limit_mm(distance)
-    middle = len(found.eye_x_mm) // 2
-    grid = np.array(found.share)
+    middle = len(shares.eye_x_mm) // 2
+    grid = np.array(shares.share)
     for eyes, share, limit in (
-        (np.array(found.eye_x_mm), grid[middle], limits[0]),
-        (np.array(found.eye_y_mm), grid[:, middle], limits[1]),
+        (np.array(shares.eye_x_mm), grid[middle], limits[0]),
+        (np.array(shares.eye_y_mm), grid[:, middle], limits[1]),
     ):
         step = eyes[1] - eyes[0]
         # A ray at a cell's edge is half a pitch nearer to flipping than the lens's centre.
@@ -209,10 +209,10 @@ def test_crosstalk_of_a_shift_the_design_does_not_know_is_the_share_of_flipped_l
     lenses beyond 0.1 P V / g on one side are a cell off; the last column misses the panel."""
     distance = 415.8
     moved = NOMINAL.replace(shift_x_mm=0.4)
-    found = light_shares(NOMINAL, moved, "pinhole", (0.0, 0.0, distance))
+    shares = light_shares(NOMINAL, moved, "pinhole", (0.0, 0.0, distance))
     flipped = (32 - 0.1 * distance / 3.3) / 64
     # One sampled column of lenses in 14 stands for 4.4 of 64.
-    assert found.neighbour_share + found.beside_panel_share == pytest.approx(
+    assert shares.neighbour_share + shares.beside_panel_share == pytest.approx(
         flipped, abs=0.5 * 4.5 / 64
     )
     assert light_shares(moved, moved, "pinhole", (0.4, 0.0, distance)).neighbour_share == 0
@@ -296,12 +296,12 @@ def test_samples_stand_for_the_whole_array_and_the_outermost_lenses_for_themselv
 
 
 def says(inspection: Inspection, words: str) -> bool:
-    return any(words in said for said in inspection.document.warnings)
+    return any(words in warning for warning in inspection.document.warnings)
 
 
 def test_a_sound_display_has_no_warning():
-    found = inspected(focal_length_mm=3.0, pixels=16, fill_factor=0.6)
-    assert found.document.warnings == []
+    inspection = inspected(focal_length_mm=3.0, pixels=16, fill_factor=0.6)
+    assert inspection.document.warnings == []
 
 
 @pytest.mark.parametrize(
@@ -337,9 +337,9 @@ def test_impossible_thick_lens_gives_way_to_thin_unless_asked_for():
 
 
 def test_misalignment_is_told_in_words_with_who_knows():
-    known = NOMINAL.replace(shift_x_mm=-0.2)
-    real = known.replace(rotation_deg=0.5, gap_mm=3.2)
-    assert set(misalignments(known, real)) == {
+    design = NOMINAL.replace(shift_x_mm=-0.2)
+    real = design.replace(rotation_deg=0.5, gap_mm=3.2)
+    assert set(misalignments(design, real)) == {
         "array moved 0.2 mm to the left (in the design)",
         "array turned by 0.5° counter-clockwise (not in the design)",
         "array 0.1 mm too close to the panel (not in the design)",
@@ -354,7 +354,7 @@ def test_infinite_values_of_a_focused_display_are_null():
     assert depth.mode == "focused"
     assert depth.central_depth_mm is None and depth.scene_pixel_mm is None
     assert depth.depth_range_is_stated is True
-    assert not any("Depth range" in said for said in document.warnings)
+    assert not any("Depth range" in warning for warning in document.warnings)
 
 
 def test_display_in_the_data_is_the_one_asked_about(nominal):

@@ -30,11 +30,11 @@ def hear() -> None:
 
 def ended(code: str, *, deaf: bool = False) -> tuple[int, str, str]:
     """Exit code, stdout and stderr of a process that runs this code."""
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", PREAMBLE + code], capture_output=True, text=True, timeout=60,
         preexec_fn=(lambda: signal.signal(signal.SIGINT, signal.SIG_IGN)) if deaf else hear,
     )  # fmt: skip
-    return done.returncode, done.stdout, done.stderr
+    return process.returncode, process.stdout, process.stderr
 
 
 @pytest.mark.parametrize(

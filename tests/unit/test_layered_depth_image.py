@@ -18,14 +18,14 @@ def picture(layers=3, seed=3):
     """Random layers, each covering a part of the one before."""
     random = np.random.default_rng(seed)
     covered, top = random.random((ROWS, COLUMNS)) < 0.8, np.full((ROWS, COLUMNS), 30.0)
-    made = []
+    parts = []
     for _ in range(layers):
         front = np.where(covered, top - random.random(covered.shape), 0).astype(np.float32)
         back = np.where(covered, front - random.random(covered.shape), 0).astype(np.float32)
         color = random.random((ROWS, COLUMNS, 3)).astype(np.float32)
-        made.append(Layer(color, front, back, covered))
+        parts.append(Layer(color, front, back, covered))
         covered, top = covered & (random.random(covered.shape) < 0.7), back
-    first, *deeper = made
+    first, *deeper = parts
     return LayeredRGBD(
         first.color, first.front_mm, first.covered, 0.2, first.back_mm, tuple(deeper)
     )
@@ -38,9 +38,9 @@ def test_all_layers_come_back_from_a_file_bit_for_bit(tmp_path, layers):
     again = image.read_rgbd(tmp_path / "a.exr")
     assert isinstance(again, LayeredRGBD) and len(again.layers) == layers
     assert again.pixel_mm == rgbd.pixel_mm
-    for read, written in zip(again.layers, rgbd.layers, strict=True):
+    for actual, expected in zip(again.layers, rgbd.layers, strict=True):
         for name in ("color", "front_mm", "back_mm", "covered"):
-            assert np.array_equal(getattr(read, name), getattr(written, name)), name
+            assert np.array_equal(getattr(actual, name), getattr(expected, name)), name
 
 
 def test_a_back_that_never_comes_and_one_layer_survive_a_file(tmp_path):
@@ -68,9 +68,9 @@ def test_each_layer_has_named_parts_and_the_first_two_are_a_plain_picture_s(tmp_
         assert np.array_equal(np.isnan(part.channels["Z"].pixels), ~rgbd.covered)
     alone = OpenEXR.File(str(tmp_path / "b.exr"), separate_channels=True).parts
     assert len(alone) == 2, "a plain picture stays one"
-    for one, other in zip(alone, parts, strict=False):
-        assert one.name() == other.name()
-        for name, channel in one.channels.items():
+    for layer, other in zip(alone, parts, strict=False):
+        assert layer.name() == other.name()
+        for name, channel in layer.channels.items():
             same = np.array_equal(channel.pixels, other.channels[name].pixels, equal_nan=True)
             assert same, name
 

@@ -44,17 +44,17 @@ def plate_before_a_wall(half_mm, plate=0.5, wall=0.25):
 def test_a_wall_is_seen_behind_a_plate_as_far_as_the_cone_of_directions_reaches():
     half = 3.0
     front, back, x, y = plate_before_a_wall(half)
-    seen = layers_in_view(front, back, DISPLAY, PIXEL_MM)
-    assert np.array_equal(seen[0], np.isfinite(front[0]))
+    in_view = layers_in_view(front, back, DISPLAY, PIXEL_MM)
+    assert np.array_equal(in_view[0], np.isfinite(front[0]))
     # Under the plate's edge the steepest ray gets so far in; a panel pixel more by its own width.
     inward = half - np.maximum(np.abs(x), np.abs(y))
     reach = (at(0.4) - at(0.25)) * CONE
     more = (at(0.4) - at(0.25)) * DISPLAY.pixel_pitch_mm / DISPLAY.gap_mm
     behind = np.isfinite(front[1])
-    assert seen[1][behind & (inward < reach - PIXEL_MM)].all()
+    assert in_view[1][behind & (inward < reach - PIXEL_MM)].all()
     hidden = behind & (inward > reach + more + 3 * PIXEL_MM)
     assert hidden.sum() > 50
-    assert not seen[1][hidden].any()
+    assert not in_view[1][hidden].any()
 
 
 def test_what_is_in_a_closed_box_is_not_seen():
@@ -66,9 +66,9 @@ def test_what_is_in_a_closed_box_is_not_seen():
         for right in (-1, 0, 1):
             ring |= np.roll(lid, (down, right), (0, 1))
     front[0][ring & ~lid] = at(0.5)
-    seen = layers_in_view(front, back, DISPLAY, PIXEL_MM)
+    in_view = layers_in_view(front, back, DISPLAY, PIXEL_MM)
     assert lid.any()
-    assert not seen[1].any()
+    assert not in_view[1].any()
 
 
 def plates_before_a_relief(display, seed):
@@ -101,15 +101,15 @@ def test_what_is_left_out_changes_no_pixel(mode, samples, seed):
     display = small_display(8, 7, pixels=17, **mode)
     rgbd = plates_before_a_relief(display, seed)
     front, back = stacked(rgbd)
-    seen = layers_in_view(front, back, display, rgbd.pixel_mm)
+    in_view = layers_in_view(front, back, display, rgbd.pixel_mm)
     (behind,) = rgbd.deeper
-    kept = replace(rgbd, deeper=(replace(behind, covered=seen[1]),))
-    assert 0.1 < seen[1].sum() / behind.covered.sum() < 0.9
+    culled = replace(rgbd, deeper=(replace(behind, covered=in_view[1]),))
+    assert 0.1 < in_view[1].sum() / behind.covered.sum() < 0.9
     options = {"samples": samples, "colour": "nearest"}
-    made = [generate(one, display, "layered", **options) for one in (rgbd, kept)]
-    assert np.array_equal(*made)
-    shown = find_sources(rgbd, display, "layered", samples=1) >= rgbd.covered.size
-    assert shown.sum() > 50, "or nothing behind is in view anyway"
+    eias = [generate(layered, display, "layered", **options) for layered in (rgbd, culled)]
+    assert np.array_equal(*eias)
+    is_deeper = find_sources(rgbd, display, "layered", samples=1) >= rgbd.covered.size
+    assert is_deeper.sum() > 50, "or nothing behind is in view anyway"
 
 
 def test_one_layer_is_all_in_view():

@@ -235,8 +235,8 @@ def skew_rays(aperture, count=300):
     return hx, hy, sx, sy
 
 
-def landing(display, model, hx, hy, sx, sy, **how):
-    x, y, weight = trace_to_panel(display, model, CENTRE[0] + hx, CENTRE[1] + hy, sx, sy, **how)
+def landing(display, model, hx, hy, sx, sy, **method):
+    x, y, weight = trace_to_panel(display, model, CENTRE[0] + hx, CENTRE[1] + hy, sx, sy, **method)
     assert (weight > 0).all()
     return x - CENTRE[0], y - CENTRE[1]
 
@@ -361,13 +361,13 @@ def test_the_renderer_s_emitter_sees_what_numpy_traces(renderer, name, side):
     towards = mi.Vector3f(mi.Float(slope[0]), mi.Float(slope[1]), mi.Float(-1.0))
     away = mi.Point3f(mi.Float(at[0]), mi.Float(at[1]), mi.Float(0.0)) - towards
     si = scene.ray_intersect(mi.Ray3f(away, mi.Vector3f(towards / mi.Float(_length(slope)))))
-    seen = np.array(si.emitter(scene).eval(si)).T
-    where = np.array(si.p, np.float64)
+    radiance = np.array(si.emitter(scene).eval(si)).T
+    points = np.array(si.p, np.float64)
     direction = np.array(si.to_world(si.wi), np.float64)
     sx, sy = -direction[0] / direction[2], -direction[1] / direction[2]
     expected, doubtful = np.zeros((count, 3)), np.zeros(count, bool)
     for channel, index in enumerate(channel_indices(display)):
-        x, y, weight = trace_to_panel(display, "thick", where[0], where[1], sx, sy, index=index)
+        x, y, weight = trace_to_panel(display, "thick", points[0], points[1], sx, sy, index=index)
         columns, rows = x / display.pixel_pitch_mm, -y / display.pixel_pitch_mm
         column = np.floor(columns + eia.shape[1] / 2).astype(int)
         row = np.floor(rows + eia.shape[0] / 2).astype(int)
@@ -376,11 +376,13 @@ def test_the_renderer_s_emitter_sees_what_numpy_traces(renderer, name, side):
         expected[lit, channel] = eia[row[lit], column[lit], channel] * weight[lit]
         border = np.abs(np.stack([columns, rows]) - np.round([columns, rows])).min(axis=0)
         doubtful |= border * display.pixel_pitch_mm < 1e-4
-    same = (np.abs(seen - expected) < 2e-5).all(axis=1)
+    same = (np.abs(radiance - expected) < 2e-5).all(axis=1)
     assert expected.max(axis=1).astype(bool).mean() > 0.5
     assert same[~doubtful].mean() > 0.998, "all but rays at the relief's edges"
     assert doubtful.mean() < 0.02
-    assert (np.abs(seen[::-1] - expected) > 0.01).any(axis=1).mean() > 0.5, "noise tells rays apart"
+    assert (np.abs(radiance[::-1] - expected) > 0.01).any(axis=1).mean() > 0.5, (
+        "noise tells rays apart"
+    )
 
 
 def _length(slope):

@@ -82,10 +82,10 @@ def test_the_curved_face_has_the_sag_of_the_formula_and_its_area(changes):
     assert np.allclose(depth, sag, atol=1e-12)
     assert mesh.front_mm == pytest.approx(points[:, 2].max())
     # Seen from the front, the facets cover the lenses once.
-    shown = np.abs(face_normals(mesh)[mesh.is_glass][:, 2])
+    slopes = np.abs(face_normals(mesh)[mesh.is_glass][:, 2])
     face_points = corners(mesh)[mesh.is_glass][..., 2]
     bulge = ~np.isclose(face_points, mesh.flat_mm).all(axis=1)
-    assert shown[bulge].sum() == pytest.approx(display.width_mm * display.height_mm)
+    assert slopes[bulge].sum() == pytest.approx(display.width_mm * display.height_mm)
 
 
 def test_the_mesh_is_mirror_symmetric_to_the_last_bit():

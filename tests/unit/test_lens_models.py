@@ -86,8 +86,8 @@ def test_the_project_s_own_models_say_what_they_are():
 
 def test_each_model_is_drawn_live_as_the_nearest_simpler_one():
     assert models_drawn_live() == ["pinhole", "thin"]
-    drawn = {name: drawn_model(name) for name in (*OWN, "of a package that is not here")}
-    assert list(drawn.values()) == ["pinhole", "thin", "thin", "thin", "thin"]
+    models = {name: drawn_model(name) for name in (*OWN, "of a package that is not here")}
+    assert list(models.values()) == ["pinhole", "thin", "thin", "thin", "thin"]
 
 
 def test_an_unknown_model_is_refused_with_the_names_there_are():
@@ -140,7 +140,7 @@ def test_the_renderer_shows_a_display_through_another_package_s_model(plant, ren
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("wrong", "message"),
     [
         (THEIRS.replace("    centre_x, c", "    1 / 0\n    c, c"), "failed: ZeroDivisionError"),
         (THEIRS.replace("return PanelRay", "return list"), "failed: TypeError"),
@@ -155,9 +155,9 @@ def test_the_renderer_shows_a_display_through_another_package_s_model(plant, ren
         ("raise SystemExit(0)", "cannot be loaded: SystemExit"),
     ],
 )
-def test_a_model_that_fails_is_named_in_one_line(plant, wrong, said):
+def test_a_model_that_fails_is_named_in_one_line(plant, wrong, message):
     plant(wrong)
-    assert said in refusal()
+    assert message in refusal()
     check_lens_model("thin", DISPLAY)  # others are served as ever
 
 

@@ -147,8 +147,8 @@ def test_a_thousand_rays_land_where_optiland_s_do(name):
 def test_the_page_s_table_is_the_one_made_here():
     table = comparison_table()
     start, end = MARKERS
-    shown = PAGE.read_text(encoding="utf-8").split(start)[1].split(end)[0].strip()
-    assert shown == table, "run: python -m tests.unit.test_lens_oracles"
+    printed = PAGE.read_text(encoding="utf-8").split(start)[1].split(end)[0].strip()
+    assert printed == table, "run: python -m tests.unit.test_lens_oracles"
 
 
 # -- a ray that feels its way ------------------------------------------------------------------
@@ -285,8 +285,8 @@ def face_normal(display, u, v, side):
     """By differences of the sag, not by its derivative."""
 
     def depth(u, v):
-        one = display.replace(lens_columns=1, lens_rows=1, fill_factor=1.0, aperture="square")
-        return side * relief(one, u, v)[0]
+        lens = display.replace(lens_columns=1, lens_rows=1, fill_factor=1.0, aperture="square")
+        return side * relief(lens, u, v)[0]
 
     h = 1e-4
     gx = (8 * (depth(u + h, v) - depth(u - h, v)) - depth(u + 2 * h, v) + depth(u - 2 * h, v)) / (
@@ -303,19 +303,19 @@ def first_change(p, d, changed, until):
     """Path at which a ray first changes sides, marched in steps, then halved; or all its path."""
     steps = int(np.ceil(until.max() / STEP_MM))
     low, high = np.zeros(until.shape), until.copy()
-    found = np.zeros(until.shape, bool)
+    is_known = np.zeros(until.shape, bool)
     for k in range(1, steps + 1):
         here = np.minimum(k * STEP_MM, until)
-        now = changed(p + here[..., None] * d) & ~found
+        now = changed(p + here[..., None] * d) & ~is_known
         low = np.where(now, np.minimum((k - 1) * STEP_MM, until), low)
         high = np.where(now, here, high)
-        found |= now
-    low = np.where(found, low, high)
+        is_known |= now
+    low = np.where(is_known, low, high)
     for _ in range(40):
         middle = (low + high) / 2
         now = changed(p + middle[..., None] * d)
         high, low = np.where(now, middle, high), np.where(now, low, middle)
-    return np.where(found, high, until)
+    return np.where(is_known, high, until)
 
 
 ARRAY = NOMINAL.replace(lens_columns=7, lens_rows=7)
@@ -381,11 +381,11 @@ def test_rays_go_where_a_ray_that_feels_its_way_goes(name, side):
     # A ray inside the sheet that cuts the corner of a square hole is taken to go by.
     cut = 1 / 200 if display.aperture == "square" and display.fill_factor < 1 else 0.0
     assert ((weight == 0) != lost)[clear].mean() <= cut
-    seen = clear & ~lost & (weight > 0)
-    assert seen.mean() > 0.5
+    passes = clear & ~lost & (weight > 0)
+    assert passes.mean() > 0.5
     # What is left are the oracle's differences and its 40 halvings.
-    assert np.hypot(px - qx, py - qy)[seen].max() < 1e-8
-    assert np.abs(weight - felt_weight)[seen].max() < 1e-6
+    assert np.hypot(px - qx, py - qy)[passes].max() < 1e-8
+    assert np.abs(weight - felt_weight)[passes].max() < 1e-6
 
 
 @pytest.mark.parametrize(("cells", "suffice"), [(1, False), (4, True)])
@@ -417,10 +417,10 @@ def test_single_precision_is_enough_all_over_a_large_array(name, side):
     double = trace_to_panel(display, "thick", x, y, sx, sy)
     single = trace_to_panel(display, "thick", x, y, sx, sy, dtype=np.float32)
     assert all(a.dtype == np.float32 for a in single)
-    seen = (double[2] > 0.5) & (single[2] > 0.5)
-    assert seen.mean() > 0.6
+    passes = (double[2] > 0.5) & (single[2] > 0.5)
+    assert passes.mean() > 0.6
     assert ((double[2] > 0) != (single[2] > 0)).mean() < 1e-3, "at edges"
-    apart = np.hypot(double[0] - single[0], double[1] - single[1])[seen]
+    apart = np.hypot(double[0] - single[0], double[1] - single[1])[passes]
     same_lens = apart < 0.05
     assert same_lens.mean() > 1 - 1e-3
     assert (apart[same_lens] < 1e-4).mean() >= (1 if side == "viewer" else 1 - 1e-3)

@@ -32,8 +32,8 @@ def rays(count=2000, reach=0.7, steepest_deg=40.0, seed=1, dtype=np.float64):
 
 
 def points(face, x, y, d):
-    path, met = intersect(OPS, face, x, y, d)
-    return x + path * d[0], y + path * d[1], path * d[2], met
+    path, hits = intersect(OPS, face, x, y, d)
+    return x + path * d[0], y + path * d[1], path * d[2], hits
 
 
 def implicit(face, x, y, z):
@@ -49,12 +49,12 @@ def implicit(face, x, y, z):
 @pytest.mark.parametrize("name", FACES)
 def test_rays_end_on_the_face(name):
     face = FACES[name]
-    x, y, z, met = points(face, *rays())
-    assert met.mean() > 0.95
-    assert np.abs(implicit(face, x, y, z))[met].max() < 1e-14
+    x, y, z, hits = points(face, *rays())
+    assert hits.mean() > 0.95
+    assert np.abs(implicit(face, x, y, z))[hits].max() < 1e-14
     # Next to the vertex, not on the far side of the ball.
-    assert np.abs(z[met]).max() < 0.9
-    assert np.abs(z - sag(OPS, face, x**2 + y**2))[met].max() < 1e-13
+    assert np.abs(z[hits]).max() < 0.9
+    assert np.abs(z - sag(OPS, face, x**2 + y**2))[hits].max() < 1e-13
 
 
 def test_a_ray_beside_the_ball_is_not_met():
@@ -63,10 +63,10 @@ def test_a_ray_beside_the_ball_is_not_met():
     for height, expected in ((0.999, True), (1.001, False)):
         assert intersect(OPS, ball, np.array([height]), np.zeros(1), straight)[1] == expected
     bumpy = Face(1.0, None, (1e-3, 0.0))
-    path, met = intersect(
+    path, hits = intersect(
         OPS, bumpy, np.array([1.2, 0.5]), np.zeros(2), (*straight[:2], np.ones(2))
     )
-    assert list(met) == [False, True]
+    assert list(hits) == [False, True]
     assert np.isfinite(path).all()
 
 
@@ -75,16 +75,16 @@ def test_the_normal_has_length_one_and_follows_the_face(name):
     """Against differences of the sag."""
     face = FACES[name]
     x, y, d = rays()
-    x, y, z, met = points(face, x, y, d)
+    x, y, z, hits = points(face, x, y, d)
     n = surface_normal(OPS, face, x, y, z)
     length = np.broadcast_to(np.sqrt(sum(a * a for a in n)), x.shape)
-    assert np.abs(length - 1)[met].max() < 1e-13
+    assert np.abs(length - 1)[hits].max() < 1e-13
     h = 1e-5
     for offset, part in (((h, 0), 0), ((0, h), 1)):
         ahead = sag(OPS, face, (x + offset[0]) ** 2 + (y + offset[1]) ** 2)
         behind = sag(OPS, face, (x - offset[0]) ** 2 + (y - offset[1]) ** 2)
         slope = (ahead - behind) / (2 * h)
-        assert np.abs(-n[part] / n[2] - slope)[met].max() < 1e-8
+        assert np.abs(-n[part] / n[2] - slope)[hits].max() < 1e-8
     r = np.linspace(0.05, 0.7, 30)
     differences = (sag(OPS, face, (r + h) ** 2) - sag(OPS, face, (r - h) ** 2)) / (2 * h)
     assert steepness(OPS, face, r**2) * r == pytest.approx(differences, abs=1e-8)
@@ -95,10 +95,10 @@ def test_the_normal_has_length_one_and_follows_the_face(name):
 def test_refraction_keeps_snell_s_law_and_the_length(name, ratio):
     face = FACES[name]
     x, y, d = rays()
-    x, y, z, met = points(face, x, y, d)
+    x, y, z, hits = points(face, x, y, d)
     n = surface_normal(OPS, face, x, y, z)
     out, transmittance = refract(OPS, d, n, ratio)
-    passes = met & (transmittance > 0)
+    passes = hits & (transmittance > 0)
     assert passes.mean() > 0.5
     n, d, out = (np.stack([b * np.ones_like(x) for b in a], -1) for a in (n, d, out))
     assert np.abs(np.linalg.norm(out, axis=-1) - 1)[passes].max() < 1e-13
@@ -106,7 +106,7 @@ def test_refraction_keeps_snell_s_law_and_the_length(name, ratio):
     residual = ratio * np.cross(d, n) - np.cross(out, n)
     assert np.abs(residual)[passes].max() < 1e-13
     sine = np.linalg.norm(np.cross(d, n), axis=-1)
-    assert ((transmittance == 0) == (ratio * sine >= 1))[met].all(), "total reflection, only"
+    assert ((transmittance == 0) == (ratio * sine >= 1))[hits].all(), "total reflection, only"
 
 
 def test_fresnel_s_share_is_that_of_the_angles():
@@ -128,9 +128,9 @@ def test_light_takes_the_same_way_back(name):
     """A ray into glass and turned round comes out where it came from, to 1e-12."""
     face = FACES[name]
     x, y, d = rays(steepest_deg=30)
-    px, py, pz, met = points(face, x, y, d)
+    px, py, pz, hits = points(face, x, y, d)
     inner, share = refract(OPS, d, surface_normal(OPS, face, px, py, pz), 1 / 1.4917)
-    ok = met & (share > 0)
+    ok = hits & (share > 0)
     # Looked at from behind, z is turned round: the face bends the other way.
     turned = Face(
         -face.curvature,
@@ -212,10 +212,10 @@ def double_gauss(arriving, radii, thicknesses, indices):
     before, listed = 1.0, []
     for radius, index, thickness in zip(radii, indices, (*thicknesses, 0.0), strict=True):
         face = Face(1 / radius)
-        path, met = intersect(OPS, face, x, y, d)
+        path, hits = intersect(OPS, face, x, y, d)
         x, y, z = x + path * d[0], y + path * d[1], path * d[2]
         d, passes = refract(OPS, d, surface_normal(OPS, face, x, y, z), before / index)
-        assert met and passes > 0
+        assert hits and passes > 0
         listed.append((x, y, z, d[0] / d[2], d[1] / d[2]))
         x, y = advance(x, y, d, thickness - z)
         before = index

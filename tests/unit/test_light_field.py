@@ -61,11 +61,11 @@ def test_without_whole_pixels_each_view_takes_the_nearest_pixel_of_the_lens(name
     n = np.arange(display.lens_columns) - (display.lens_columns - 1) / 2
     m = (display.lens_rows - 1) / 2 - np.arange(display.lens_rows)
     for k in range(across):
-        wanted = n * cell + display.shift_x_mm + (0.5 - (k + 0.5) / across) * cell
-        assert np.abs(views[0, k, 0, :, 0] - wanted).max() <= half * 1.5
+        expected = n * cell + display.shift_x_mm + (0.5 - (k + 0.5) / across) * cell
+        assert np.abs(views[0, k, 0, :, 0] - expected).max() <= half * 1.5
     for k in range(down):
-        wanted = m * cell + display.shift_y_mm + ((k + 0.5) / down - 0.5) * cell
-        assert np.abs(views[k, 0, :, 0, 1] - wanted).max() <= half * 1.5
+        expected = m * cell + display.shift_y_mm + ((k + 0.5) / down - 0.5) * cell
+        assert np.abs(views[k, 0, :, 0, 1] - expected).max() <= half * 1.5
     eia = noise((rows, columns, 3))
     back = eia_from_views(sub_aperture_views(eia, display), display)
     again = sub_aperture_views(back, display)
@@ -88,8 +88,8 @@ def test_a_near_point_is_further_right_for_eyes_further_left():
     expected = 24.0 / disparity_step_mm(display, 9, display.pitch_mm)
     assert expected == pytest.approx(24.0 / 3.3 / 9)
     # Its middle is seen to half a lens at either end of four steps.
-    for found in (columns, rows):
-        assert (found[0] - found[-1]) / 4 == pytest.approx(expected, abs=0.25)
+    for place in (columns, rows):
+        assert (place[0] - place[-1]) / 4 == pytest.approx(expected, abs=0.25)
 
 
 def test_a_shift_moves_what_lies_on_the_array_to_the_depth_it_says():
@@ -145,15 +145,15 @@ def test_a_centre_view_s_disparity_is_the_depth_behind_each_lens_centre(lenses, 
     depth = (20 + 0.5 * x[None, :] + 0.25 * y[:, None]).astype(np.float32)
     covered = np.broadcast_to(x[None, :] < 1.9, shape)
     rgbd = RGBD(np.zeros((*shape, 3), np.float32), depth, covered, pixel)
-    found = centre_disparity(rgbd, display, 9) * disparity_step_mm(display, 9, display.pitch_mm)
+    depths = centre_disparity(rgbd, display, 9) * disparity_step_mm(display, 9, display.pitch_mm)
     lens_x = np.arange(lenses) - (lenses - 1) / 2
     lens_y = 2 - np.arange(5)
     expected = 20 + 0.5 * lens_x[None, :] + 0.25 * lens_y[:, None]
-    shown = np.broadcast_to(lens_x[None, :] < 1.9, expected.shape)
-    np.testing.assert_array_equal(np.isfinite(found), shown)
+    left_part = np.broadcast_to(lens_x[None, :] < 1.9, expected.shape)
+    np.testing.assert_array_equal(np.isfinite(depths), left_part)
     # A lens's centre on a border of pixels has the depth half a pixel aside.
     pixel_offset = 0.375 * pixel if per_pitch % 2 == 0 else 0.0
-    assert np.abs(found - expected)[shown].max() <= pixel_offset + 1e-5
+    assert np.abs(depths - expected)[left_part].max() <= pixel_offset + 1e-5
 
 
 @pytest.mark.parametrize(
@@ -197,9 +197,9 @@ def test_a_quilt_round_trips_and_starts_at_the_bottom_left(tmp_path, columns, ro
 
 
 def test_a_quilt_s_name_says_how_to_cut_it_up_and_only_once():
-    said = quilt_path(Path("relic_qs5x9a1.777.PNG"), 8, 6, 0.75)
-    assert said == Path("relic_qs8x6a0.75.PNG")
-    assert quilt_path(said, 8, 6, 0.75) == said
+    path = quilt_path(Path("relic_qs5x9a1.777.PNG"), 8, 6, 0.75)
+    assert path == Path("relic_qs8x6a0.75.PNG")
+    assert quilt_path(path, 8, 6, 0.75) == path
     assert quilt_path(Path("q.png"), 5, 9, 16 / 9).name == "q_qs5x9a1.77778.png"
     with pytest.raises(UsageError, match=r"a quilt is a \.png"):
         quilt_path(Path("q.jpg"), 8, 6, 0.75)

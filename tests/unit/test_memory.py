@@ -20,12 +20,12 @@ def test_passes_shrink_by_halves_as_memory_goes_and_then_there_are_none():
 
 def test_pictures_and_rays_together_stay_below_the_limit():
     """By the plan's own figure for a ray: what one more takes beyond the fewest."""
-    each = (LEAST_BYTES - 2 * GIB) / 2**16
+    bytes_per_ray = (LEAST_BYTES - 2 * GIB) / 2**16
     for limit in range(2 * GIB, 4 * GIB, 2**24):
         for pictures in (0, GIB // 3, GIB):
             rays = rays_in_flight(limit, pictures)
             if rays:
-                assert 2 * GIB + pictures + rays * each <= limit
+                assert 2 * GIB + pictures + rays * bytes_per_ray <= limit
             else:
                 assert LEAST_BYTES + pictures > limit
 

@@ -73,7 +73,7 @@ def gltf(node: dict[str, object], count: int = 4, **primitive: object) -> bytes:
     return json.dumps(tree).encode()
 
 
-def put(folder: Path, name: str, content: bytes | str) -> Path:
+def placed(folder: Path, name: str, content: bytes | str) -> Path:
     path = folder / name
     path.write_bytes(content.encode() if isinstance(content, str) else content)
     return path
@@ -104,17 +104,17 @@ def test_written_ply_reads_back_bit_for_bit(tmp_path):
         rng.random((4, 3), np.float32),
     )
     write_ply(tmp_path / "a.ply", sent)
-    (got,) = read_mesh(tmp_path / "a.ply")
-    np.testing.assert_array_equal(got.vertices, sent.vertices)
-    np.testing.assert_array_equal(got.faces, sent.faces)
-    np.testing.assert_array_equal(got.uv, sent.uv)
-    np.testing.assert_array_equal(got.color, sent.color)
-    np.testing.assert_allclose(got.normals, sent.normals, atol=1e-6)
-    assert got.vertices.dtype == np.float32
+    (mesh,) = read_mesh(tmp_path / "a.ply")
+    np.testing.assert_array_equal(mesh.vertices, sent.vertices)
+    np.testing.assert_array_equal(mesh.faces, sent.faces)
+    np.testing.assert_array_equal(mesh.uv, sent.uv)
+    np.testing.assert_array_equal(mesh.color, sent.color)
+    np.testing.assert_allclose(mesh.normals, sent.normals, atol=1e-6)
+    assert mesh.vertices.dtype == np.float32
 
 
 def test_failed_write_leaves_the_old_file(tmp_path):
-    path = put(tmp_path, "a.ply", "old")
+    path = placed(tmp_path, "a.ply", "old")
     with pytest.raises(ValueError, match="dimension"):
         write_ply(path, Mesh(POINTS, FACES, POINTS[:2]))
     assert path.read_text() == "old"
@@ -123,25 +123,25 @@ def test_failed_write_leaves_the_old_file(tmp_path):
 
 def test_quads_are_read(tmp_path):
     body = POINTS.tobytes() + struct.pack("<B4i", 4, 0, 1, 2, 3)
-    path = put(tmp_path, "a.ply", ply_header(4, 1) + body)
+    path = placed(tmp_path, "a.ply", ply_header(4, 1) + body)
     assert len(read_mesh(path)[0].faces) == 2
     assert len(read_shape(path, "ply").faces) == 2
 
 
 def test_stl_is_known_by_content(tmp_path):
     for name in ("a.stl", "a.bin"):
-        (mesh,) = read_mesh(put(tmp_path, name, stl(POINTS[FACES])))
+        (mesh,) = read_mesh(placed(tmp_path, name, stl(POINTS[FACES])))
         assert len(mesh.faces) == 4
 
 
 def test_gltf_node_transform_is_applied(tmp_path):
     node = {"translation": [10, 20, 30], "scale": [2, 2, 2]}
-    (mesh,) = read_mesh(put(tmp_path, "a.gltf", gltf(node)))
+    (mesh,) = read_mesh(placed(tmp_path, "a.gltf", gltf(node)))
     np.testing.assert_allclose(np.sort(mesh.vertices, 0), np.sort(POINTS * 2 + [10, 20, 30], 0))
 
 
 def test_gltf_base_colour_is_linear(tmp_path):
-    (mesh,) = read_mesh(put(tmp_path, "a.gltf", gltf({}, material=0)))
+    (mesh,) = read_mesh(placed(tmp_path, "a.gltf", gltf({}, material=0)))
     assert mesh.color is not None
     np.testing.assert_allclose(mesh.color, np.tile([1, 0.2, 0], (4, 1)), atol=1 / 255)
 
@@ -158,17 +158,17 @@ def test_ply_byte_colours_are_decoded_from_srgb(tmp_path):
     )
     text += "".join(f"{x} {y} {z} 255 188 0\n" for x, y, z in POINTS)
     text += "".join(f"3 {a} {b} {c}\n" for a, b, c in FACES)
-    (mesh,) = read_mesh(put(tmp_path, "a.ply", text))
+    (mesh,) = read_mesh(placed(tmp_path, "a.ply", text))
     assert mesh.color is not None
     np.testing.assert_allclose(mesh.color[0], [1.0, 0.5, 0.0], atol=0.01)
 
 
 def textured_obj(folder: Path, picture: str) -> Path:
-    put(folder, "a.mtl", f"newmtl skin\nmap_Kd {picture}\n")
+    placed(folder, "a.mtl", f"newmtl skin\nmap_Kd {picture}\n")
     uv = "vt 0 0\nvt 1 0\nvt 0 1\nvt 1 1\n"
     faces = "usemtl skin\n" + "".join(f"f {a}/{a} {b}/{b} {c}/{c}\n" for a, b, c in FACES + 1)
     points = "".join(f"v {x} {y} {z}\n" for x, y, z in POINTS)
-    return put(folder, "a.obj", "mtllib a.mtl\n" + points + uv + faces)
+    return placed(folder, "a.obj", "mtllib a.mtl\n" + points + uv + faces)
 
 
 def test_obj_texture_in_the_folder_is_kept(tmp_path):
@@ -196,23 +196,23 @@ def textured_ply(folder: Path, picture: str) -> Path:
     text = text.replace("1.0\n", f"1.0\ncomment TextureFile {picture}\n", 1)
     text = text.replace("float z\n", "float z\nproperty float s\nproperty float t\n")
     text += "".join(f"{x} {y} {z} 0 0\n" for x, y, z in POINTS)
-    return put(folder, "a.ply", text + "".join(f"3 {a} {b} {c}\n" for a, b, c in FACES))
+    return placed(folder, "a.ply", text + "".join(f"3 {a} {b} {c}\n" for a, b, c in FACES))
 
 
 def textured_gltf(folder: Path, picture: str) -> Path:
     tree = json.loads(gltf({}, material=0))
     tree["images"], tree["textures"] = [{"uri": picture}], [{"source": 0}]
     tree["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = {"index": 0}
-    return put(folder, "a.gltf", json.dumps(tree))
+    return placed(folder, "a.gltf", json.dumps(tree))
 
 
 @pytest.mark.parametrize("textured", [textured_obj, textured_ply, textured_gltf])
 def test_a_missing_picture_is_told_and_leaves_no_stand_in(tmp_path, capfd, textured):
-    said: list[str] = []
+    messages: list[str] = []
     path = textured(tmp_path, "gone.png")
-    (mesh,) = read_mesh(path, said.append)
+    (mesh,) = read_mesh(path, messages.append)
     assert mesh.texture is None
-    assert said == [
+    assert messages == [
         f"{path}: 'gone.png' is missing, unreadable or outside the mesh's folder; "
         "the relic goes without it"
     ]
@@ -226,7 +226,7 @@ def test_a_missing_picture_is_told_and_leaves_no_stand_in(tmp_path, capfd, textu
 def test_ply_index_out_of_range_is_refused(tmp_path, index):
     faces = FACES.astype(np.int64)
     faces[2, 1] = index
-    path = put(tmp_path, "a.ply", tetrahedron_ply(faces=faces))
+    path = placed(tmp_path, "a.ply", tetrahedron_ply(faces=faces))
     assert str(index) in refusal(path)
     with pytest.raises(FileError, match="refers to vertex"):
         read_shape(path, "ply")
@@ -243,7 +243,7 @@ def test_non_finite_vertex_is_refused_in_every_format(tmp_path, value):
         ("a.stl", stl(points[FACES])),
         ("a.obj", "\n".join(lines)),
     ):
-        assert "not finite" in refusal(put(tmp_path, name, content))
+        assert "not finite" in refusal(placed(tmp_path, name, content))
 
 
 ZEROS = json.dumps(
@@ -269,7 +269,7 @@ ZEROS = json.dumps(
     ],
 )
 def test_lying_counts_are_refused_quickly_and_cheaply(tmp_path, name, content, words):
-    path = put(tmp_path, name, content)
+    path = placed(tmp_path, name, content)
     tracemalloc.start()
     began = time.process_time()
     message = refusal(path)
@@ -313,36 +313,36 @@ STRIPS = (
     ],
 )
 def test_what_is_no_surface_is_refused_in_one_line(tmp_path, name, content, words):
-    assert words in refusal(put(tmp_path, name, content))
+    assert words in refusal(placed(tmp_path, name, content))
 
 
 def test_gltf_buffer_outside_the_folder_is_refused(tmp_path):
     inner = tmp_path / "in"
     inner.mkdir()
-    put(tmp_path, "b.bin", POINTS.tobytes() + FACES.tobytes())
+    placed(tmp_path, "b.bin", POINTS.tobytes() + FACES.tobytes())
     tree = json.loads(gltf({}))
     tree["buffers"][0]["uri"] = "../b.bin"
-    assert "'../b.bin' is no file" in refusal(put(inner, "a.gltf", json.dumps(tree)))
+    assert "'../b.bin' is no file" in refusal(placed(inner, "a.gltf", json.dumps(tree)))
 
 
 # --- Meshes of scenes ---------------------------------------------------------------------------
 
 
 def test_serialized_is_refused_with_the_way_out(tmp_path):
-    path = put(tmp_path, "a.serialized", b"\x1c\x04")
+    path = placed(tmp_path, "a.serialized", b"\x1c\x04")
     with pytest.raises(FileError, match=r"a\.serialized: serialized .* export it as PLY"):
         read_shape(path, "serialized")
 
 
 def test_relative_indices_are_read(tmp_path):
-    path = put(tmp_path, "a.obj", OBJ + "f -4 -3 -2\n")
+    path = placed(tmp_path, "a.obj", OBJ + "f -4 -3 -2\n")
     assert len(read_mesh(path)[0].faces) == 5
     assert len(read_shape(path, "obj").faces) == 5
 
 
 def test_a_shape_is_one_mesh_and_opens_no_other_file(tmp_path):
     """Mitsuba's shape has the scene's material on all its faces, whatever those of the file."""
-    path = put(tmp_path, "a.obj", "mtllib a.mtl\n" + OBJ + "usemtl one\nf 1 2 3\n")
+    path = placed(tmp_path, "a.obj", "mtllib a.mtl\n" + OBJ + "usemtl one\nf 1 2 3\n")
     os.mkfifo(tmp_path / "a.mtl")
     assert len(read_shape(path, "obj").faces) == 5
 
@@ -358,7 +358,7 @@ def test_million_triangles_are_read_in_half_a_second(tmp_path):
             np.stack([corner + 1, corner + side + 1, corner + side], 1),
         ]
     )
-    path = put(tmp_path, "a.ply", tetrahedron_ply(points, faces))
+    path = placed(tmp_path, "a.ply", tetrahedron_ply(points, faces))
     seconds = []
     for _ in range(3):
         began = time.process_time()

@@ -34,12 +34,12 @@ def test_score_of_another_package_stands_beside_the_own_ones(announce):
     a, b = two(np.random.default_rng(1))
     before = metrics.score(a, b)
     announce(mae=lower("mae", absolute), maemap=lower("maemap", absolute_map, has_relic_score=True))
-    found = metrics.score(a, b)
-    assert [*found] == ["ssim", "psnr_db", "flip", "mae", "maemap"]
-    assert {key: found[key] for key in before} == before
-    wanted = absolute(srgb_from_linear(a), srgb_from_linear(b))
-    assert found["mae"] == wanted
-    assert found["maemap"] == pytest.approx(wanted, rel=1e-6)
+    scores = metrics.score(a, b)
+    assert [*scores] == ["ssim", "psnr_db", "flip", "mae", "maemap"]
+    assert {key: scores[key] for key in before} == before
+    expected = absolute(srgb_from_linear(a), srgb_from_linear(b))
+    assert scores["mae"] == expected
+    assert scores["maemap"] == pytest.approx(expected, rel=1e-6)
     mask = np.zeros(a.shape[:2], bool)
     mask[:9] = True
     on_relic = absolute(srgb_from_linear(a[:9]), srgb_from_linear(b[:9]))
@@ -50,31 +50,31 @@ def test_score_of_another_package_stands_beside_the_own_ones(announce):
 def test_map_in_parts_is_the_map_of_the_whole(announce):
     a, b = two(np.random.default_rng(2))
     b[:30] = a[:30]
-    seen = []
+    shapes = []
 
     def local(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
-        seen.append(reference.shape[0])
+        shapes.append(reference.shape[0])
         return absolute_map(reference, test)
 
     announce(part=lower("part", local, reach=0), whole=lower("whole", absolute_map))
-    found = metrics.score_maps(a, b, ["part", "whole"])
-    assert np.array_equal(found["part"], found["whole"])
-    assert sum(seen) == 30
+    scores = metrics.score_maps(a, b, ["part", "whole"])
+    assert np.array_equal(scores["part"], scores["whole"])
+    assert sum(shapes) == 30
 
 
 def test_pictures_that_a_function_writes_into_are_its_own(announce):
     def spoil(reference: np.ndarray, test: np.ndarray) -> float:
-        found = absolute(reference, test)
+        scores = absolute(reference, test)
         reference[...] = test[...] = 0
-        return found
+        return scores
 
     a, b = two(np.random.default_rng(3))
-    kept = a.copy(), b.copy()
+    copies = a.copy(), b.copy()
     announce(spoil=lower("spoil", spoil), zlast=lower("zlast", absolute))
-    found = metrics.score(a, b)
-    assert found["spoil"] == found["zlast"] > 0
-    assert np.array_equal(a, kept[0])
-    assert np.array_equal(b, kept[1])
+    scores = metrics.score(a, b)
+    assert scores["spoil"] == scores["zlast"] > 0
+    assert np.array_equal(a, copies[0])
+    assert np.array_equal(b, copies[1])
 
 
 def raise_lines(reference: np.ndarray, test: np.ndarray) -> float:
@@ -107,14 +107,14 @@ def test_whatever_a_function_does_wrong_is_one_line(announce, function, words):
 
 
 @pytest.mark.parametrize(
-    ("found", "words"),
+    ("registered", "words"),
     [
         (absolute, "is a function; register an inim.metrics.Metric"),
         (lower("other", absolute), "has the name 'other'"),
     ],
 )
-def test_what_is_announced_must_be_a_metric_of_that_name(announce, found, words):
-    announce(mine=found)
+def test_what_is_announced_must_be_a_metric_of_that_name(announce, registered, words):
+    announce(mine=registered)
     with pytest.raises(UsageError, match=f"^metric 'mine' {words}"):
         metrics.all_metrics()
 
@@ -145,9 +145,9 @@ def test_declaration_that_makes_no_sense_is_refused(wrong, words):
 def test_eia_has_scores_of_those_metrics_that_say_something_of_it(announce):
     announce(mae=lower("mae", absolute, has_eia_score=True), other=lower("other", absolute))
     a, b = two(np.random.default_rng(7))
-    found = metrics.eia_scores(a, b)
+    scores = metrics.eia_scores(a, b)
     mae = absolute(srgb_from_linear(a), srgb_from_linear(b))
-    assert found == {"ssim": metrics.ssim(a, b), "psnr_db": metrics.psnr_db(a, b), "mae": mae}
+    assert scores == {"ssim": metrics.ssim(a, b), "psnr_db": metrics.psnr_db(a, b), "mae": mae}
 
 
 def test_keys_carry_the_unit():
@@ -177,17 +177,17 @@ def test_score_without_a_map_is_as_sure_as_the_same_with_one(announce):
     announce(plain=lower("plain", absolute), local=lower("local", absolute_map))
     rng = np.random.default_rng(6)
     scene = rng.uniform(0.3, 0.6, (160, 192, 3)).astype(np.float32)
-    made = np.clip(scene + rng.normal(0, 0.05, scene.shape), 0, 1).astype(np.float32)
+    test = np.clip(scene + rng.normal(0, 0.05, scene.shape), 0, 1).astype(np.float32)
     ratios = []
     for _ in range(12):
-        pair = halves(rng, scene, 0.03), halves(rng, made, 0.03)
-        found = view_scores(*pair, keys=["plain", "local"])
-        assert found["plain"].plain == pytest.approx(found["local"].plain, rel=1e-6)
-        assert found["plain"].bias == pytest.approx(found["local"].bias, rel=0.5)
-        assert found["plain"].freedom == found["plain"].value_freedom == 8
+        pair = halves(rng, scene, 0.03), halves(rng, test, 0.03)
+        scores = view_scores(*pair, keys=["plain", "local"])
+        assert scores["plain"].plain == pytest.approx(scores["local"].plain, rel=1e-6)
+        assert scores["plain"].bias == pytest.approx(scores["local"].bias, rel=0.5)
+        assert scores["plain"].freedom == scores["plain"].value_freedom == 8
         ratios.append(
             [
-                (getattr(found["plain"], error) / getattr(found["local"], error)) ** 2
+                (getattr(scores["plain"], error) / getattr(scores["local"], error)) ** 2
                 for error in ("error", "value_error")
             ]
         )
@@ -199,12 +199,12 @@ def test_tolerance_is_the_metrics_own(announce):
     def verdict(change: float) -> bool:
         old, new = (ScoreEstimate(v, 0.0, 8.0, 0.0) for v in (0.5, 0.5 + change))
         name = "hue_to_reference_deg"
-        (found,) = compare_scores({"a/left": {name: old}}, {"a/left": {name: new}})
-        assert (found.unit, found.name) == (
+        (check,) = compare_scores({"a/left": {name: old}}, {"a/left": {name: new}})
+        assert (check.unit, check.name) == (
             "deg",
             "a/left: Hue angle to reference against the baseline",
         )
-        return found.passed
+        return check.passed
 
     announce(hue=Metric("hue", absolute, unit="deg", label="Hue angle", tolerance=0.25))
     assert verdict(0.24)
@@ -213,7 +213,7 @@ def test_tolerance_is_the_metrics_own(announce):
 
 
 def test_score_whose_metric_is_gone_fails():
-    known = {"a/left": {"lpips_to_reference": ScoreEstimate(0.5, 0.0, 8.0, 0.0)}}
-    (found,) = compare_scores(known, known)
-    assert not found.passed
-    assert found.detail == "its metric is not installed"
+    scores = {"a/left": {"lpips_to_reference": ScoreEstimate(0.5, 0.0, 8.0, 0.0)}}
+    (check,) = compare_scores(scores, scores)
+    assert not check.passed
+    assert check.detail == "its metric is not installed"

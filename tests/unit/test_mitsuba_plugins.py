@@ -18,7 +18,7 @@ DISPLAY = small_display(12, 10, pixels=8)
 HALF = (6.0, 5.0)
 
 
-def told(display=DISPLAY) -> dict:
+def warnings_of(display=DISPLAY) -> dict:
     """A display's parameters."""
     return {k: v for k, v in display.parameters().items() if v is not None and k != "name"}
 
@@ -70,7 +70,7 @@ def panel(world, **changes) -> dict:
 
     emitter = {
         "type": "inim_display",
-        **told(),
+        **warnings_of(),
         "eia": mi.TensorXf(picture()),
     }
     emitter = {k: v for k, v in (emitter | changes).items() if v is not None}
@@ -79,7 +79,7 @@ def panel(world, **changes) -> dict:
 
 def eye(world, **changes) -> dict:
     place = {"x_mm": 3.0, "y_mm": -2.0, "z_mm": 200.0}
-    return {"type": "inim_eye", "to_world": rectangle(world), **told(), **place, **changes}
+    return {"type": "inim_eye", "to_world": rectangle(world), **warnings_of(), **place, **changes}
 
 
 def loaded(*, integrator: str = "path", **parts):
@@ -106,14 +106,14 @@ def test_the_eye_sees_what_reconstruct_shows(pupil):
 
     world = mi.ScalarTransform4f()
     scene = loaded(panel=panel(world), eye=eye(world, pupil_mm=pupil))
-    seen, again = (rendered(scene, spp=256, seed=seed) for seed in (0, 1))
+    image, again = (rendered(scene, spp=256, seed=seed) for seed in (0, 1))
     viewpoint = Viewpoint("eye", 3, -2, 200, pupil_mm=pupil)
-    shown = reconstruct(picture(), DISPLAY, viewpoint, pixels_per_lens=4, spp=256)
-    assert seen.shape == shown.shape
-    noise = np.abs(seen - again).mean()
-    assert np.abs(seen - shown).mean() < 1.1 * noise < 0.01, "the bench's samples are better spread"
-    for other in (shown[::-1], shown[:, ::-1], shown[..., ::-1]):
-        assert np.abs(seen - other).mean() > 0.1, "the comparison can tell a flip"
+    view = reconstruct(picture(), DISPLAY, viewpoint, pixels_per_lens=4, spp=256)
+    assert image.shape == view.shape
+    noise = np.abs(image - again).mean()
+    assert np.abs(image - view).mean() < 1.1 * noise < 0.01, "the bench's samples are better spread"
+    for other in (view[::-1], view[:, ::-1], view[..., ::-1]):
+        assert np.abs(image - other).mean() > 0.1, "the comparison can tell a flip"
 
 
 @pytest.mark.parametrize("name", ["moved", "turned", "in metres", "in micrometres", "all"])
@@ -140,10 +140,14 @@ def test_an_array_may_lie_turned_and_shifted_on_its_panel():
     half = display.half_extent_mm
     assert half[0] > HALF[0]
     world = turned("all")
-    emitter = {"type": "inim_display", **told(), "misalign": "rotation_deg=20, shift_x_mm=0.5"}
+    emitter = {
+        "type": "inim_display",
+        **warnings_of(),
+        "misalign": "rotation_deg=20, shift_x_mm=0.5",
+    }
     emitter |= {"tilt_y_deg": 1.0, "eia": mi.TensorXf(picture())}
     shape = {"type": "rectangle", "to_world": rectangle(world, half), "emitter": emitter}
-    sensor = {**eye(world), **told(display), "to_world": rectangle(world, half)}
+    sensor = {**eye(world), **warnings_of(display), "to_world": rectangle(world, half)}
     width, height = 64, round(64 * half[1] / half[0])
     sensor["film"] = {
         "type": "hdrfilm",
@@ -151,15 +155,15 @@ def test_an_array_may_lie_turned_and_shifted_on_its_panel():
         "height": height,
         "rfilter": {"type": "box"},
     }
-    seen = rendered(loaded(panel=shape, eye=sensor), spp=128)
+    image = rendered(loaded(panel=shape, eye=sensor), spp=128)
     viewpoint = Viewpoint("eye", 3, -2, 200)
-    shown = DisplayScene(picture(), display, "thick").view(
+    view = DisplayScene(picture(), display, "thick").view(
         viewpoint, pixels_per_lens=8, spp=128, seed=0
     )
     # The product's film is the array's own extent in the middle of the larger one.
-    assert seen.mean() * half[0] * half[1] >= shown.mean() * HALF[0] * HALF[1]
-    middle = seen[height // 2 - 8 : height // 2 + 8, width // 2 - 8 : width // 2 + 8]
-    rows, columns = shown.shape[:2]
+    assert image.mean() * half[0] * half[1] >= view.mean() * HALF[0] * HALF[1]
+    middle = image[height // 2 - 8 : height // 2 + 8, width // 2 - 8 : width // 2 + 8]
+    rows, columns = view.shape[:2]
     high, wide = (
         round(8 / n * h / w * m)
         for n, h, w, m in (
@@ -167,12 +171,12 @@ def test_an_array_may_lie_turned_and_shifted_on_its_panel():
             (width / 2, half[0], HALF[0], columns / 2),
         )
     )
-    same = shown[rows // 2 - high : rows // 2 + high, columns // 2 - wide : columns // 2 + wide]
+    same = view[rows // 2 - high : rows // 2 + high, columns // 2 - wide : columns // 2 + wide]
     assert middle.mean(axis=(0, 1)) == pytest.approx(same.mean(axis=(0, 1)), abs=0.03)
 
 
 def pickup(world, **changes) -> dict:
-    return {"type": "inim_pickup", **told(), "to_world": rectangle(world), **changes}
+    return {"type": "inim_pickup", **warnings_of(), "to_world": rectangle(world), **changes}
 
 
 @pytest.mark.parametrize(
@@ -309,13 +313,13 @@ def test_the_pickup_is_the_true_eia_of_what_stands_around(open_fitted):
     expected = mean_light(light, camera.shape, 64, seed=0)
     world = turned("all")
     plugin = mi.load_dict(pickup(world))
-    found, again = (
+    image, again = (
         np.array(mi.render(scene(world), sensor=plugin, spp=64, seed=seed)) for seed in (0, 1)
     )
-    assert found.shape == (*DISPLAY.eia_shape, 3)
-    noise = np.abs(again - found).mean()
-    assert np.abs(found - expected).mean() < 1.1 * noise < 0.02, "other samples of the sky's light"
-    for other in (found[::-1], found[:, ::-1]):
+    assert image.shape == (*DISPLAY.eia_shape, 3)
+    noise = np.abs(again - image).mean()
+    assert np.abs(image - expected).mean() < 1.1 * noise < 0.02, "other samples of the sky's light"
+    for other in (image[::-1], image[:, ::-1]):
         assert np.abs(other - expected).mean() > 5 * noise
 
 
@@ -355,9 +359,9 @@ def test_a_file_beside_the_scene_s_is_shown(tmp_path, form):
     else:
         write_exr(tmp_path / "eia.exr", picture())
     (tmp_path / "s.xml").write_text(XML.format(file=f"eia.{form}", numbers=NUMBERS))
-    seen = rendered(mi.load_file(str(tmp_path / "s.xml")), spp=128)
-    shown = reconstruct(picture(), DISPLAY, Viewpoint("e", 0, 0, 200, pupil_mm=3), "thin", spp=128)
-    assert np.abs(seen - 2 * shown).mean() < 0.02, "8 bits of a PNG, and noise"
+    image = rendered(mi.load_file(str(tmp_path / "s.xml")), spp=128)
+    view = reconstruct(picture(), DISPLAY, Viewpoint("e", 0, 0, 200, pupil_mm=3), "thin", spp=128)
+    assert np.abs(image - 2 * view).mean() < 0.02, "8 bits of a PNG, and noise"
     with pytest.raises(RuntimeError, match=r"(?s)s\.xml.*line 6.*has 8 x 8 pixels.*needs 96 x 80"):
         Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "eia.png")
         (tmp_path / "s.xml").write_text(XML.format(file="eia.png", numbers=NUMBERS))
@@ -374,8 +378,8 @@ def test_bitmap_and_tensor_are_one():
         shape = panel(world)
         del shape["emitter"]["eia"]
         shape["emitter"]["bitmap"] = bitmap
-        found = np.array(mi.traverse(loaded(panel=shape))["panel.emitter.eia"])
-        assert np.abs(found - picture()).max() <= limit
+        eia = np.array(mi.traverse(loaded(panel=shape))["panel.emitter.eia"])
+        assert np.abs(eia - picture()).max() <= limit
     assert np.array_equal(np.array(mi.traverse(by_bitmap)["panel.emitter.eia"]), picture())
 
 
@@ -442,16 +446,16 @@ def test_light_sampled_towards_it_and_found_by_chance_are_one():
     """Next-event estimation is unbiased: it agrees with paths that merely meet the display."""
     by_chance = {"type": "direct", "emitter_samples": 0, "bsdf_samples": 1}
     aimed = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
-    both = {"type": "path", "max_depth": 2}
-    found = {}
-    for name, integrator in {"chance": by_chance, "aimed": aimed, "both": both}.items():
+    path = {"type": "path", "max_depth": 2}
+    images = {}
+    for name, integrator in {"chance": by_chance, "aimed": aimed, "both": path}.items():
         scene = lit_wall(integrator)
         runs = np.stack([rendered(scene, 2**12, seed=seed) for seed in range(8)]).mean(axis=(1, 2))
-        found[name] = runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
+        images[name] = runs.mean(axis=0), runs.std(axis=0, ddof=1) / np.sqrt(len(runs))
     for other in ("aimed", "both"):
-        (a, error_a), (b, error_b) = found["chance"], found[other]
-        assert (np.abs(a - b) < 5 * np.hypot(error_a, error_b)).all(), (other, found)
-    assert (found["aimed"][1] < 0.01 * found["aimed"][0]).all(), "and is known well enough"
+        (a, error_a), (b, error_b) = images["chance"], images[other]
+        assert (np.abs(a - b) < 5 * np.hypot(error_a, error_b)).all(), (other, images)
+    assert (images["aimed"][1] < 0.01 * images["aimed"][0]).all(), "and is known well enough"
 
 
 def test_light_can_be_traced_from_it():
@@ -505,12 +509,12 @@ def test_gradients_reach_the_eia(integrator):
     dr.backward(dr.sum(image * mi.TensorXf(weights), axis=None))
     adjoint = np.array(dr.grad(eia))
 
-    def shown(values: np.ndarray) -> np.ndarray:
+    def image_of(values: np.ndarray) -> np.ndarray:
         parameters[key] = mi.TensorXf(values)
         parameters.update()
         return np.array(mi.render(scene, **options), np.float64)
 
-    difference = shown(picture() + step) - shown(picture())
+    difference = image_of(picture() + step) - image_of(picture())
     forward = (difference * weights).sum()
     backward = (adjoint.astype(np.float64) * step).sum()
     # Sums of some thousand float32 terms of size one.
@@ -518,8 +522,8 @@ def test_gradients_reach_the_eia(integrator):
     row, column, channel = np.unravel_index(np.argmax(np.abs(adjoint)), adjoint.shape)
     nudged = picture()
     nudged[row, column, channel] += 0.5
-    one = ((shown(nudged) - shown(picture())) * weights).sum() / 0.5
-    assert adjoint[row, column, channel] == pytest.approx(one, rel=1e-3)
+    derivative = ((image_of(nudged) - image_of(picture())) * weights).sum() / 0.5
+    assert adjoint[row, column, channel] == pytest.approx(derivative, rel=1e-3)
 
 
 def test_presets_are_the_displays_of_that_name():
@@ -569,19 +573,19 @@ def test_the_museum_s_room_shows_its_display_right_way_up(tmp_path):
     room = ROOT / "scenes" / "museum_room" / "room.xml"
     parameters = {"eia": str(tmp_path / "eia.png"), "width": "96", "height": "72"}
     scene = mi.load_file(str(room), **parameters)
-    seen = rendered(scene, 64)
-    red = seen[..., 0] > 3 * seen[..., 1] + 0.2
+    image = rendered(scene, 64)
+    red = image[..., 0] > 3 * image[..., 1] + 0.2
     assert red.sum() > 40
     rows, columns = np.nonzero(red)
     across = slice(columns.min(), columns.max() + 1)
-    below = seen[rows.max() + 3 : rows.max() + 8, across]
-    beside = seen[rows.min() : rows.max() + 1, columns.max() + 2 : columns.max() + 5]
+    below = image[rows.max() + 3 : rows.max() + 8, across]
+    beside = image[rows.min() : rows.max() + 1, columns.max() + 2 : columns.max() + 5]
     assert below.mean(axis=(0, 1)) == pytest.approx(beside.mean(axis=(0, 1)), rel=0.2)
     values = mi.traverse(scene)
     values["display.emitter.brightness"] = 0.0
     values.update()
     table = slice(60, 72), slice(36, 52)
-    assert seen[table].mean() > 1.02 * rendered(scene, 64)[table].mean(), "its light on the table"
+    assert image[table].mean() > 1.02 * rendered(scene, 64)[table].mean(), "its light on the table"
 
 
 @pytest.mark.skipif(bool(WHY_NO_CUDA), reason=WHY_NO_CUDA)
@@ -603,7 +607,7 @@ def test_scenes_leave_nothing_behind():
     def alive() -> int:
         gc.collect()
         kinds = ("DisplayEmitter", "EyeSensor", "PickupSensor")
-        return sum(type(one).__name__ in kinds for one in gc.get_objects())
+        return sum(type(item).__name__ in kinds for item in gc.get_objects())
 
     def used() -> None:
         import mitsuba as mi

@@ -22,7 +22,7 @@ def test_results_are_those_of_their_calls(processors):
 
     with threads() as submit:
         begun = [submit(late, number) for number in range(8)]
-        assert [one.result() for one in begun] == [number * number for number in range(8)]
+        assert [future.result() for future in begun] == [number * number for number in range(8)]
 
 
 @pytest.mark.parametrize("most", [None, 0, 1, 2])

@@ -40,16 +40,16 @@ def test_a_degree_has_as_many_pixels_as_fit_into_it():
 def test_a_view_s_pixels_lie_on_the_array():
     display = DISPLAYS["nominal"]
     optics = Optics(display, "thick", 4, 8, 0)
-    seen = optics.viewing_conditions(Viewpoint("eye", 0, 0, 572.9578), 123.0)
-    assert seen.pixels_per_degree == pytest.approx(10 / (display.pitch_mm / 4), rel=1e-4)
-    assert seen.luminance_cd_m2 == 123.0
+    viewing = optics.viewing_conditions(Viewpoint("eye", 0, 0, 572.9578), 123.0)
+    assert viewing.pixels_per_degree == pytest.approx(10 / (display.pitch_mm / 4), rel=1e-4)
+    assert viewing.luminance_cd_m2 == 123.0
 
 
 def test_only_a_picture_that_is_seen_is_scored(announce):
-    asked = []
+    arguments = []
 
     def score(reference: np.ndarray, test: np.ndarray, viewing: Viewing) -> float:
-        asked.append(viewing)
+        arguments.append(viewing)
         return viewing.pixels_per_degree * viewing.luminance_cd_m2
 
     announce(seen=Metric("seen", score, needs_viewing=True, tolerance=1, range=(0, np.inf)))
@@ -57,7 +57,7 @@ def test_only_a_picture_that_is_seen_is_scored(announce):
     assert "seen" not in metrics.score(a, b)
     assert "seen" not in metrics.eia_scores(a, b)
     assert metrics.score(a, b, viewing=SEEN)["seen"] == 12000
-    assert asked == [SEEN]
+    assert arguments == [SEEN]
 
 
 @pytest.mark.parametrize(("slow", "evaluations"), [(False, 1 + 8 * 4), (True, 1 + 2 * 4)])
@@ -73,12 +73,12 @@ def test_the_error_of_a_slow_metric_is_estimated_from_few_evaluations(announce, 
     )
     a, b, noise = pictures(2)
     noise = 0.02 * (noise - 0.5)
-    found = view_scores(NoisyImage.from_image(a), NoisyImage.from_image(b, noise), viewing=SEEN)[
+    scores = view_scores(NoisyImage.from_image(a), NoisyImage.from_image(b, noise), viewing=SEEN)[
         "seen"
     ]
     assert calls == [SEEN] * evaluations
-    assert found.freedom == (evaluations - 1) / 4
-    assert 0 < found.error < 0.01
+    assert scores.freedom == (evaluations - 1) / 4
+    assert 0 < scores.error < 0.01
 
 
 def test_a_heat_map_is_told_how_it_is_seen_and_scaled(announce):
@@ -95,8 +95,8 @@ def test_a_heat_map_is_told_how_it_is_seen_and_scaled(announce):
         heat_map_max=3.0,
     )
     a, b, _ = pictures(3)
-    wanted = 10 * np.abs(srgb_from_linear(a) - srgb_from_linear(b)).mean(axis=-1)
-    np.testing.assert_allclose(metrics.heat_map(metric, a, b, SEEN), wanted, rtol=1e-5)
+    expected = 10 * np.abs(srgb_from_linear(a) - srgb_from_linear(b)).mean(axis=-1)
+    np.testing.assert_allclose(metrics.heat_map(metric, a, b, SEEN), expected, rtol=1e-5)
 
 
 def test_a_heat_map_of_another_package_that_fails_is_one_line_that_names_it(announce):
@@ -141,8 +141,8 @@ def results(**psnr_db: float) -> ReportDocument:
 def test_a_metric_that_prefers_another_algorithm_is_named(announce):
     announce()
     assert disagreements(results(first=30.0, second=25.0)) == []
-    (said,) = disagreements(results(first=25.0, second=30.0))
-    assert said.startswith("PSNR disagrees: it prefers second to first, with 30.00")
+    (warning,) = disagreements(results(first=25.0, second=30.0))
+    assert warning.startswith("PSNR disagrees: it prefers second to first, with 30.00")
     within_its_tolerance = results(first=25.0, second=25.0 + 1e-3)
     assert disagreements(within_its_tolerance) == []
 
@@ -178,22 +178,22 @@ def test_jod_is_the_package_s_own_of_codes_on_a_display_in_its_words(
     theirs = pycvvdp.cvvdp(
         "mine", config_paths=[str(models)], device=torch.device("cpu"), quiet=True
     )
-    wanted, _ = theirs.predict(test, reference, dim_order="HWC")
-    linear = [linear_from_srgb(one.astype(np.float32) / 255) for one in (reference, test)]
-    found = metrics.score(*linear, viewing=Viewing(ppd, luminance))["cvvdp_jod"]
-    assert 3 < float(wanted) < 9.9
-    assert found == pytest.approx(float(wanted), abs=1e-3)
+    expected, _ = theirs.predict(test, reference, dim_order="HWC")
+    linear = [linear_from_srgb(codes.astype(np.float32) / 255) for codes in (reference, test)]
+    scores = metrics.score(*linear, viewing=Viewing(ppd, luminance))["cvvdp_jod"]
+    assert 3 < float(expected) < 9.9
+    assert scores == pytest.approx(float(expected), abs=1e-3)
 
 
 @installed
 def test_equal_pictures_are_ten_and_more_noise_is_less(tmp_path):
     a, _, noise = pictures(6)
-    found = [
+    scores = [
         metrics.score(a, np.clip(a + by * (noise - 0.5), 0, 1), viewing=SEEN)["cvvdp_jod"]
         for by in (0.0, 0.1, 0.4)
     ]
-    assert found[0] == 10.0
-    assert 10 > found[1] > found[2]
+    assert scores[0] == 10.0
+    assert 10 > scores[1] > scores[2]
 
 
 @installed

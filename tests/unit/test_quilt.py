@@ -45,8 +45,8 @@ def test_eyes_too_close_for_a_zone_are_refused():
     ],
 )
 def test_the_array_lies_in_a_tile_undistorted_and_as_large_as_fits(size, aspect, window):
-    asked = replace(REQUEST, width=size[0], height=size[1], aspect=aspect)
-    assert asked.window == window
+    request = replace(REQUEST, width=size[0], height=size[1], aspect=aspect)
+    assert request.window == window
 
 
 @pytest.mark.parametrize(

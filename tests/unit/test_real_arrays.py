@@ -71,7 +71,7 @@ STEEPEST = 0.4 * math.hypot(0.7, 0.25)
 def centres(display: Display, pitch: float, beyond: int = 2):
     """Centres of the cells of a pitch as complex numbers, and whether each has a lens."""
     ratio, turn = pitch / display.pitch_mm, cmath.rect(1, math.radians(display.rotation_deg))
-    found, real = [], []
+    positions, real = [], []
     for m in range(-beyond, display.lens_rows + beyond):
         for n in range(-beyond, display.lens_columns + beyond):
             pixel_offset = 0.0
@@ -79,9 +79,9 @@ def centres(display: Display, pitch: float, beyond: int = 2):
                 pixel_offset = 0.25 if m % 2 else -0.25
             x = (n - (display.lens_columns - 1) / 2 + pixel_offset) * display.pitch_mm * ratio
             y = ((display.lens_rows - 1) / 2 - m) * display.row_pitch_mm * ratio
-            found.append(complex(x, y) * turn + complex(display.shift_x_mm, display.shift_y_mm))
+            positions.append(complex(x, y) * turn + complex(display.shift_x_mm, display.shift_y_mm))
             real.append(0 <= m < display.lens_rows and 0 <= n < display.lens_columns)
-    return np.array(found), np.array(real)
+    return np.array(positions), np.array(real)
 
 
 def nearest(points, candidates):
@@ -230,11 +230,11 @@ def error_of_view(eia, display: Display, depth_mm: float, lens_model: str) -> fl
     if lens_model == "pinhole":  # it shows what lies behind the middle of the lens
         lenses, _ = centres(display, display.pitch_mm)
         through = lenses[nearest(at, lenses)[0]]
-    seen = through + slope * depth_mm
+    places = through + slope * depth_mm
     inside = (np.abs(at.real) < 0.35 * display.width_mm) & (
         np.abs(at.imag) < 0.35 * display.height_mm
     )
-    return float(np.abs(view - pattern(seen.real, seen.imag))[inside].mean())
+    return float(np.abs(view - pattern(places.real, places.imag))[inside].mean())
 
 
 WRONG = {
@@ -284,8 +284,8 @@ def test_colours_of_sub_pixels_meet_on_a_grey_ramp(name, renderer):
 
     def fringe(eia) -> float:
         """How much brighter the rightmost colour is than red in the middle of the array."""
-        shown = DisplayScene(eia, display, "thin")
-        views = [shown.view(eye, pixels_per_lens=2, spp=64, seed=0) for eye in eyes]
+        scene = DisplayScene(eia, display, "thin")
+        views = [scene.view(eye, pixels_per_lens=2, spp=64, seed=0) for eye in eyes]
         middle = np.mean(views, axis=0)[5:-5, 6:-6]
         return float((middle[..., last] - middle[..., 0]).mean())
 
@@ -333,7 +333,7 @@ def truth_and_picture(open_fitted):
     """
     from inim.render.ground_truth import capture, pickup, true_view
 
-    def made(display: Display):
+    def generate_both(display: Display):
         if display not in _rendered:
             _rendered[display] = render(display)
         return _rendered[display]
@@ -345,15 +345,15 @@ def truth_and_picture(open_fitted):
         rgbd = capture(fitted, display, pixels_per_pitch=16, spp=16, seed=2)
         return eia, view, rgbd
 
-    return made
+    return generate_both
 
 
-def score_inside_tiles(truth, shown, display: Display) -> float:
+def score_inside_tiles(truth, eia, display: Display) -> float:
     """PSNR where an EIA's pixels are as their neighbours: off the edges of tiles and lenses."""
-    windows = np.lib.stride_tricks.sliding_window_view(shown, (3, 3), axis=(0, 1))
+    windows = np.lib.stride_tricks.sliding_window_view(eia, (3, 3), axis=(0, 1))
     even = (np.ptp(windows, axis=(3, 4)).max(axis=-1) < 0.02) & display.lensed[1:-1, 1:-1]
     assert even.mean() > 0.1
-    return psnr(shown[1:-1, 1:-1][even], truth[1:-1, 1:-1][even])
+    return psnr(eia[1:-1, 1:-1][even], truth[1:-1, 1:-1][even])
 
 
 @pytest.mark.parametrize("name", WRONG)
@@ -396,8 +396,10 @@ def test_pickup_rays_start_all_over_what_shines_and_pass_the_lens_centre(name, r
             right = float(subpixel.right) + (across - 0.5) * 0.8 * float(subpixel.width)
             place = middle + complex(right, -(down - 0.5) * 0.8) * display.pixel_pitch_mm
             gap = display.gap_mm + tilts[0] * place.real + tilts[1] * place.imag
-            for z, wanted in ((0.0, lenses[own]), (-gap, place)):
+            for z, expected in ((0.0, lenses[own]), (-gap, place)):
                 t = (z - origin[2].reshape(rows, columns)) / run[2].reshape(rows, columns)
-                met = [(origin[k].reshape(t.shape) + t * run[k].reshape(t.shape)) for k in (0, 1)]
+                landings = [
+                    (origin[k].reshape(t.shape) + t * run[k].reshape(t.shape)) for k in (0, 1)
+                ]
                 # float32 over a way of 50 mm
-                assert np.abs(met[0] + 1j * met[1] - wanted)[sure].max() < 3e-5
+                assert np.abs(landings[0] + 1j * landings[1] - expected)[sure].max() < 3e-5

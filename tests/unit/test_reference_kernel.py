@@ -40,14 +40,14 @@ def test_addresses_are_those_of_float64_rays(renderer, name):
     display, pixel_mm = DISPLAYS[name]
     shape = display.capture_shape(round(1 / pixel_mm))
     color = np.zeros((*shape, 4), np.uint8)
-    found = ReferenceKernel(color, display, pixel_mm).addresses()
+    addresses = ReferenceKernel(color, display, pixel_mm).addresses()
     row, column = where_rays_meet_the_plane(display, shape, pixel_mm)
     lensed = (display.rows.lens >= 0)[:, None] & (display.columns.lens >= 0)[None, :]
     r, c = (
         np.clip(np.floor(place), 0, cells - 1).astype(int)
         for place, cells in zip((row, column), shape, strict=True)
     )
-    differs = lensed & (found != r[:, None] * shape[1] + c[None, :])
+    differs = lensed & (addresses != r[:, None] * shape[1] + c[None, :])
     near = [np.abs(place - np.rint(place)) < _BORDER for place in (row, column)]
     doubtful = near[0][:, None] | near[1][None, :]
     print(f"{name}: {differs.sum()} of {lensed.sum()} differ, all at borders between cells")

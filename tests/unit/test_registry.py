@@ -51,10 +51,10 @@ def test_properties_of_our_own_load_no_compiler_and_no_renderer():
         "for n in filter(is_own, algorithm_names()): properties(n); check_algorithm(n)\n"
         "print([m for m in ('numba', 'mitsuba', 'scipy', 'skimage') if m in sys.modules])"
     )
-    done = subprocess.run(
+    process = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True
     )
-    assert done.stdout.strip() == "[]"
+    assert process.stdout.strip() == "[]"
 
 
 def test_what_our_own_state():

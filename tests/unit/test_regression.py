@@ -70,8 +70,8 @@ def test_welch_s_test_agrees_with_scipy_s():
 
 
 def test_noiseless_means_differ_surely_or_not_at_all():
-    nothing, one = np.zeros(2), np.ones(2)
-    p = welch_p_value(np.array([0.0, 1e-9]), nothing, one, nothing, one)
+    zeros, ones = np.zeros(2), np.ones(2)
+    p = welch_p_value(np.array([0.0, 1e-9]), zeros, ones, zeros, ones)
     assert p.tolist() == [1.0, 0.0]
 
 
@@ -100,11 +100,11 @@ def test_shift_s_p_value_agrees_with_scipy_s():
 
 def test_shift_s_interval_holds_the_shift_as_often_as_it_says():
     rng = np.random.default_rng(4)
-    held = 0
+    hits = 0
     for _ in range(1000):
-        found = shift_of(rng.standard_t(2, 12) + 0.7, rng.standard_t(2, 12), 0.1)
-        held += found.low <= 0.7 <= found.high
-    assert 0.88 <= held / 1000 <= 0.96
+        estimate = shift_of(rng.standard_t(2, 12) + 0.7, rng.standard_t(2, 12), 0.1)
+        hits += estimate.low <= 0.7 <= estimate.high
+    assert 0.88 <= hits / 1000 <= 0.96
 
 
 # --- Tiles --------------------------------------------------------------------------------------
@@ -141,8 +141,15 @@ def test_errors_are_as_large_as_the_means_really_vary(scene, repeat):
     for _ in range(100):
         noise = 0.1 * rng.normal(size=(2, 64 // repeat, 80 // repeat, 3))
         halves = scene + noise.repeat(repeat, axis=1).repeat(repeat, axis=2)
-        found = tile_statistics(NoisyImage.from_halves(*halves), (16, 16), generated=repeat > 1)
-        p.append(2 * stats.t.sf(np.abs(found.mean - exact) / found.mean_error, found.freedom))
+        statistics = tile_statistics(
+            NoisyImage.from_halves(*halves), (16, 16), generated=repeat > 1
+        )
+        p.append(
+            2
+            * stats.t.sf(
+                np.abs(statistics.mean - exact) / statistics.mean_error, statistics.freedom
+            )
+        )
     for level in (0.3, 0.1, 0.02):
         assert 0.4 * level < np.mean(np.array(p) < level) < 1.15 * level
 
@@ -169,16 +176,16 @@ def test_fresh_noise_is_no_change(scene):
     rng = np.random.default_rng(7)
     old = statistics(rng, scene)
     noises = [0.05] * 200 + [0.3] * 100
-    found = [compare_pictures(old, statistics(rng, scene, noise))[0] for noise in noises]
-    assert sum(not verdict.passed for verdict in found) <= 2
+    verdicts = [compare_pictures(old, statistics(rng, scene, noise))[0] for noise in noises]
+    assert sum(not verdict.passed for verdict in verdicts) <= 2
 
 
 def test_firefly_is_no_change(scene):
     rng = np.random.default_rng(9)
     first, second = rendered(rng, scene, 0.02)
     first[20, 30] += 500
-    found = {"truth/a": tile_statistics(NoisyImage.from_halves(first, second), (8, 8))}
-    assert compare_pictures(statistics(rng, scene, 0.02), found)[0].passed
+    by_picture = {"truth/a": tile_statistics(NoisyImage.from_halves(first, second), (8, 8))}
+    assert compare_pictures(statistics(rng, scene, 0.02), by_picture)[0].passed
 
 
 @pytest.mark.parametrize(
@@ -218,13 +225,13 @@ def test_change_below_one_code_is_none_however_sure(scene):
     assert verdict.p_value == 0
 
 
-@pytest.mark.parametrize("how", ["missing", "nan", "smaller"])
-def test_picture_that_is_not_there_fails(scene, how):
+@pytest.mark.parametrize("flaw", ["missing", "nan", "smaller"])
+def test_picture_that_is_not_there_fails(scene, flaw):
     rng = np.random.default_rng(11)
     old, bad = statistics(rng, scene), scene.copy()
-    if how == "nan":
+    if flaw == "nan":
         bad[30, 30, 1] = np.nan
-    new = {} if how == "missing" else statistics(rng, bad[:-8] if how == "smaller" else bad)
+    new = {} if flaw == "missing" else statistics(rng, bad[:-8] if flaw == "smaller" else bad)
     verdict = compare_pictures(old, new)[0]
     assert not verdict.passed
     assert verdict.detail
@@ -234,16 +241,16 @@ def test_noise_of_half_the_samples_fails_and_of_a_twentieth_fewer_does_not(scene
     rng = np.random.default_rng(12)
     old = statistics(rng, scene, 0.05)
     for share, passed in ((0.95, True), (0.5, False), (2.0, True)):
-        found = compare_noise(old, statistics(rng, scene, 0.05 / math.sqrt(share)))
-        assert found.passed is passed
-        assert found.value == pytest.approx(1 / math.sqrt(share), rel=0.05)
-        assert found.interval[0] <= found.value <= found.interval[1]
+        check = compare_noise(old, statistics(rng, scene, 0.05 / math.sqrt(share)))
+        assert check.passed is passed
+        assert check.value == pytest.approx(1 / math.sqrt(share), rel=0.05)
+        assert check.interval[0] <= check.value <= check.interval[1]
 
 
 # --- Scores -------------------------------------------------------------------------------------
 
 
-def seen(rng, scene, noise):
+def noisy(rng, scene, noise):
     return NoisyImage.from_halves(*rendered(rng, scene, noise))
 
 
@@ -258,16 +265,19 @@ def test_score_s_errors_are_as_large_as_the_score_really_varies(scene, names, no
     """
     rng = np.random.default_rng(13)
     big = np.tile(scene, (2, 2, 1))
-    made = np.roll(big, 1, axis=0)
+    generated = np.roll(big, 1, axis=0)
     region = np.zeros(big.shape[:2], bool)
     region[20:100, 30:130] = True
-    found = [
-        view_scores(seen(rng, big, noise), seen(rng, made, noise), region, names) for _ in range(40)
+    scores = [
+        view_scores(noisy(rng, big, noise), noisy(rng, generated, noise), region, names)
+        for _ in range(40)
     ]
     ratios = {
-        f"{key} {kind}": np.sqrt(np.mean(np.square([getattr(one[key], error) for one in found])))
-        / np.std([getattr(one[key], kind) for one in found])
-        for key in found[0]
+        f"{key} {kind}": np.sqrt(
+            np.mean(np.square([getattr(score[key], error) for score in scores]))
+        )
+        / np.std([getattr(score[key], kind) for score in scores])
+        for key in scores[0]
         for kind, error in (("plain", "error"), ("value", "value_error"))
     }
     print(noise, ratios)
@@ -284,18 +294,20 @@ def test_score_free_of_noise_is_that_of_pictures_without(scene, names, on_relic)
     PSNR's logarithm is straightened; FLIP takes a root of small errors.
     """
     rng = np.random.default_rng(16)
-    made = np.roll(scene, 1, axis=0)
+    generated = np.roll(scene, 1, axis=0)
     region = np.zeros(scene.shape[:2], bool)
     region[20:50, 10:40] = True
-    clean = view_scores(NoisyImage.from_image(scene), NoisyImage.from_image(made), region, names)
-    found = [
-        view_scores(seen(rng, scene, 0.005), seen(rng, made, 0.005), region, names)
+    clean = view_scores(
+        NoisyImage.from_image(scene), NoisyImage.from_image(generated), region, names
+    )
+    scores = [
+        view_scores(noisy(rng, scene, 0.005), noisy(rng, generated, 0.005), region, names)
         for _ in range(30)
     ]
     for metric in map(find, names):
         key = metric.on_relic_key if on_relic else metric.key
         lost, left = (
-            np.mean([getattr(one[key], kind) for one in found]) - clean[key].plain
+            np.mean([getattr(score[key], kind) for score in scores]) - clean[key].plain
             for kind in ("plain", "value")
         )
         share = {"ssim": 0.1, "psnr": 0.2, "flip": 0.5}[metric.name]
@@ -311,14 +323,14 @@ def test_score_is_above_another_by_more_than_the_noise_of_both():
 
 
 def test_region_without_a_pixel_has_no_score(scene):
-    none = view_scores(
+    empty = view_scores(
         NoisyImage.from_image(scene),
         NoisyImage.from_image(scene),
         np.zeros(scene.shape[:2], bool),
         ["ssim"],
     )
-    assert math.isnan(none["ssim_on_relic"].value)
-    assert none["ssim"].value == 1
+    assert math.isnan(empty["ssim_on_relic"].value)
+    assert empty["ssim"].value == 1
 
 
 @pytest.mark.parametrize(
@@ -331,13 +343,13 @@ def test_region_without_a_pixel_has_no_score(scene):
 )
 def test_bias_predicts_what_fewer_samples_do_to_flip(scene, noise, repeats):
     """A fifth fewer samples: a root of small errors makes FLIP answer to noise most unevenly."""
-    made = np.roll(scene, 1, axis=0)
+    generated = np.roll(scene, 1, axis=0)
 
     def scores(noise):
         rng = np.random.default_rng(15)  # of either noise the same draws: their difference is sure
-        found = [view_scores(seen(rng, scene, noise), seen(rng, made, noise), keys=["flip"])
-                 for _ in range(repeats)]  # fmt: skip
-        return (np.mean([getattr(one["flip"], key) for one in found]) for key in ("plain", "bias"))
+        draws = ((noisy(rng, scene, noise), noisy(rng, generated, noise)) for _ in range(repeats))
+        flips = [view_scores(*pair, keys=["flip"])["flip"] for pair in draws]
+        return (np.mean([getattr(flip, key) for flip in flips]) for key in ("plain", "bias"))
 
     (old, old_bias), (new, new_bias) = scores(noise), scores(noise * math.sqrt(1.25))
     expected = (old_bias + new_bias / 1.25) / 2 * 0.25
@@ -386,13 +398,13 @@ def test_interval_of_a_score_is_student_s():
 
 def rounds(rng, slowdown=1.0, spread=0.05, session=0.0):
     """Rounds on a machine that is interrupted in one of ten, in log ratios; more until steady."""
-    found, pace = (), math.exp(session * rng.normal())
-    while not is_steady(found):
+    timings, pace = (), math.exp(session * rng.normal())
+    while not is_steady(timings):
         yardstick = 1e-3 * np.exp(spread * rng.normal(size=31))
         times = 2e-3 * slowdown * pace * np.exp(spread * rng.normal(size=31))
         times[rng.random(31) < 0.1] *= 4
-        found += log_ratios(times, yardstick)
-    return {"template": found}
+        timings += log_ratios(times, yardstick)
+    return {"template": timings}
 
 
 def test_generator_slower_by_30_percent_fails_and_noise_does_not():
@@ -462,8 +474,8 @@ def test_sampled_pixels_lie_in_every_lens_and_none_is_sampled_twice():
         at = sampled_pixels(display)
         assert len(set(at.tolist())) == len(at) == min(8192, display.lensed.sum())
         row, column = np.divmod(at, display.eia_shape[1])
-        each = display.eia_shape[0] // display.lens_rows
-        counts = np.bincount((row // each) * display.lens_columns + column // each)
+        lens_pixels = display.eia_shape[0] // display.lens_rows
+        counts = np.bincount((row // lens_pixels) * display.lens_columns + column // lens_pixels)
         assert counts.min() > 0.4 * counts.mean()
 
 
@@ -511,6 +523,6 @@ def test_nothing_compared_has_not_passed():
 
 
 def test_verdict_is_a_line_and_a_check_with_all_its_numbers():
-    found = within("a: b", "score", -0.02, 0.004, 0.001, unit="dB", detail="why")
-    assert verdict_line(found) == "FAILED  a: b: -0.02 dB (-0.024 to -0.016), within ±0.004; why"
-    assert (found.value, found.passed, found.unit) == (-0.02, False, "dB")
+    check = within("a: b", "score", -0.02, 0.004, 0.001, unit="dB", detail="why")
+    assert verdict_line(check) == "FAILED  a: b: -0.02 dB (-0.024 to -0.016), within ±0.004; why"
+    assert (check.value, check.passed, check.unit) == (-0.02, False, "dB")

@@ -33,10 +33,10 @@ def psnr_of(report: Report) -> float | None:
     return report.data.algorithms["template"].views["centre"]["psnr_to_reference_db"]
 
 
-def at(found: Any, path: tuple[str, ...]) -> Any:
+def at(text: Any, path: tuple[str, ...]) -> Any:
     for key in path:
-        found = found[key]
-    return found
+        text = text[key]
+    return text
 
 
 def write(folder: Path, content: ReportDocument) -> dict[str, Any]:
@@ -48,22 +48,22 @@ def write(folder: Path, content: ReportDocument) -> dict[str, Any]:
 
 def shown_psnr(folder: Path) -> str | None:
     page = html.unescape((folder / "report.html").read_text(encoding="utf-8"))
-    found = re.search(r"<dt>Whole image, to reference</dt>.*?PSNR <b>(.*?)</b>", page)
-    return found and found[1].replace("\u00a0", " ")
+    match = re.search(r"<dt>Whole image, to reference</dt>.*?PSNR <b>(.*?)</b>", page)
+    return match and match[1].replace("\u00a0", " ")
 
 
 def test_infinite_psnr_is_null_and_shows_as_infinite(tmp_path):
-    written = write(tmp_path, data(math.inf))
-    assert at(written, PSNR) is None
-    assert "not_finite" not in written
+    document = write(tmp_path, data(math.inf))
+    assert at(document, PSNR) is None
+    assert "not_finite" not in document
     assert shown_psnr(tmp_path) == "∞ dB"
 
 
 @pytest.mark.parametrize("lost", [math.nan, -math.inf])
 def test_psnr_that_is_not_a_number_is_null_but_listed_and_never_shows_as_infinite(tmp_path, lost):
-    written = write(tmp_path, data(lost))
-    assert at(written, PSNR) is None
-    assert written["not_finite"] == [list(PSNR)]
+    document = write(tmp_path, data(lost))
+    assert at(document, PSNR) is None
+    assert document["not_finite"] == [list(PSNR)]
     assert shown_psnr(tmp_path) == "–"
 
 
@@ -95,11 +95,11 @@ def test_path_that_is_no_utf8_is_written_and_read_back(tmp_path):
 
 def test_notebook_shows_the_page_in_a_frame_that_nothing_leaves(tmp_path):
     write(tmp_path, data(30.0, title="\"'></iframe><script>alert(1)</script>"))
-    shown = Report.load(tmp_path)._repr_html_()
-    found = re.fullmatch(r'<iframe srcdoc="([^"]*)"[^<>]*></iframe>', shown or "")
-    assert found
-    assert "<" not in found[1]
-    page = html.unescape(found[1])
+    page_frame = Report.load(tmp_path)._repr_html_()
+    match = re.fullmatch(r'<iframe srcdoc="([^"]*)"[^<>]*></iframe>', page_frame or "")
+    assert match
+    assert "<" not in match[1]
+    page = html.unescape(match[1])
     based = '<base href="about:srcdoc">'  # or the page's own links would open the notebook in it
     assert page.replace(based, "") == (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.index(based) < page.index("Content-Security-Policy")

@@ -67,14 +67,14 @@ class Page(HTMLParser):
     def text(self) -> str:
         return " ".join(" ".join(self.words).split())
 
-    def all(self, tag: str) -> list[dict[str, str | None]]:
+    def attributes(self, tag: str) -> list[dict[str, str | None]]:
         return [attributes for name, attributes in self.elements if name == tag]
 
     def all_alts(self) -> str:
-        return "; ".join(image["alt"] for image in self.all("img"))
+        return "; ".join(image["alt"] for image in self.attributes("img"))
 
     def picture(self, alt: str) -> np.ndarray:
-        source = next(i["src"] for i in self.all("img") if i["alt"] == alt)
+        source = next(i["src"] for i in self.attributes("img") if i["alt"] == alt)
         return np.asarray(Image.open(io.BytesIO(base64.b64decode(source.split(",")[1]))))
 
 
@@ -163,10 +163,10 @@ def test_sections_stand_in_the_order_of_their_places_and_every_link_leads_to_a_p
     assert len({s.place for s in listed}) == len({s.anchor for s in listed}) == len(listed)
     page = Page(render_html(report(ALGORITHMS), folder))
     assert page.open == []
-    assert page.all("html") == [{"lang": "en"}]
+    assert page.attributes("html") == [{"lang": "en"}]
     places = {attributes.get("id") for _, attributes in page.elements}
-    assert {link["href"][1:] for link in page.all("a")} <= places
-    anchors = [section["id"] for section in page.all("section")]
+    assert {link["href"][1:] for link in page.attributes("a")} <= places
+    anchors = [section["id"] for section in page.attributes("section")]
     assert anchors == [s.anchor for s in listed if s.anchor in anchors]
     assert (anchors[0], anchors[-1]) == ("overview", "meaning")
 
@@ -176,12 +176,12 @@ def test_page_needs_nothing_from_outside_and_forbids_it(folder):
     page = Page(html)
     assert not re.search(r"https?://|@import|url\(", html)
     assert not {"link", "iframe", "object"} & {name for name, _ in page.elements}
-    policy = [m["content"] for m in page.all("meta") if "http-equiv" in m]
+    policy = [m["content"] for m in page.attributes("meta") if "http-equiv" in m]
     assert len(policy) == 1
     assert policy[0].startswith("default-src 'none'; img-src data:;")
     assert page.scripts == [PAGE_SCRIPT, COMPARISON_SLIDER.script]
     digests = [hashlib.sha256(script.encode()).digest() for script in page.scripts]
-    allowed = " ".join(f"'sha256-{base64.b64encode(one).decode()}'" for one in digests)
+    allowed = " ".join(f"'sha256-{base64.b64encode(code).decode()}'" for code in digests)
     assert f"script-src {allowed};" in policy[0]
 
 
@@ -200,12 +200,12 @@ def test_hostile_names_are_shown_as_text_and_never_run(folder):
     html.encode("utf-8")
     assert page.open == []
     assert page.scripts == [PAGE_SCRIPT]  # and no slider, for there are no pictures
-    assert len(page.all("style")) == 1
+    assert len(page.attributes("style")) == 1
     assert "<script>alert(1)</script>" in page.text
     assert "双耳陶罐" in page.text
     assert "\x00" not in html
     allowed = {"src", "alt", "width", "height", "class", "style", "data-shows", "data-viewpoint"}
-    assert {key for image in page.all("img") for key in image} <= allowed
+    assert {key for image in page.attributes("img") for key in image} <= allowed
 
 
 def png(size):
@@ -227,23 +227,23 @@ def test_what_a_picture_lacks_has_a_box(folder, content, missing):
     path = folder / "views/template/centre.png"
     path.unlink() if content is None else path.write_bytes(content)
     text = Page(render_html(report(ALGORITHMS), folder)).text
-    for shown in ("template", *COMPARED):
-        assert (f"missing {shown} from centre" in text) == (shown in missing)
+    for name in ("template", *COMPARED):
+        assert (f"missing {name} from centre" in text) == (name in missing)
 
 
 def test_picture_smaller_than_ssim_s_window_has_no_map(folder):
     for place in ("views/reference", "views/template"):
         save(folder / place / "centre.png", noise(1, 10))
     text = Page(render_html(report(ALGORITHMS), folder)).text
-    assert [f"missing {shown} from centre" in text for shown in COMPARED] == [False, True]
+    assert [f"missing {name} from centre" in text for name in COMPARED] == [False, True]
 
 
 def test_difference_is_the_absolute_srgb_difference_times_four_and_says_so(folder):
     reference = np.full((8, 8, 3), 100, np.uint8)
-    made = reference.copy()
-    made[0, 0] = (90, 103, 250)
+    test = reference.copy()
+    test[0, 0] = (90, 103, 250)
     save(folder / "views/reference/centre.png", reference)
-    save(folder / "views/template/centre.png", made)
+    save(folder / "views/template/centre.png", test)
     page = Page(render_html(report(ALGORITHMS), folder))
     difference = page.picture("Difference of template and reference from centre")
     assert difference[0, 0].tolist() == [40, 12, 255]
@@ -254,19 +254,19 @@ def test_difference_is_the_absolute_srgb_difference_times_four_and_says_so(folde
 def test_ssim_map_is_black_where_equal_and_its_mean_is_the_score(folder):
     """The colours, read backwards on their own scale, hold what scikit-image says."""
     reference = np.full((64, 64, 3), 100, np.uint8)
-    made = reference.copy()
-    made[20:40, 20:40] += np.random.default_rng(1).integers(0, 60, (20, 20, 3), np.uint8)
+    test = reference.copy()
+    test[20:40, 20:40] += np.random.default_rng(1).integers(0, 60, (20, 20, 3), np.uint8)
     save(folder / "views/reference/centre.png", reference)
-    save(folder / "views/template/centre.png", made)
+    save(folder / "views/template/centre.png", test)
     page = Page(render_html(report(ALGORITHMS), folder))
-    shown = page.picture("SSIM map of template and reference from centre").astype(int)
+    map_picture = page.picture("SSIM map of template and reference from centre").astype(int)
     scale = page.picture("Colours of the SSIM maps, from black for 1 to pale yellow for 0")
-    places = abs(shown[:, :, None] - scale[0].astype(int)).sum(axis=-1).argmin(axis=-1)
+    places = abs(map_picture[:, :, None] - scale[0].astype(int)).sum(axis=-1).argmin(axis=-1)
     assert scale[0, 0].max() < 10
     assert places[:10].max() == 0
     assert places[30, 30] > 100
     score = structural_similarity(
-        reference, made, data_range=255, channel_axis=-1, gaussian_weights=True,
+        reference, test, data_range=255, channel_axis=-1, gaussian_weights=True,
         sigma=1.5, use_sample_covariance=False,
     )  # fmt: skip
     # Edges apart, which scikit-image leaves out of its mean; 256 colours, and none below 0.
@@ -277,15 +277,15 @@ def test_eia_crop_shows_the_same_busiest_lenses_of_every_array_unscaled(folder):
     truth = np.full((1088, 1088, 3), 128, np.uint8)
     top, left, size = 17 * 30, 17 * 22, 5 * 17
     truth[top : top + size, left : left + size] = noise(5, size)
-    made = noise(6, 1088)
+    eia = noise(6, 1088)
     save(folder / "truth/eia.png", truth)
-    save(folder / "eia/template.png", made)
+    save(folder / "eia/template.png", eia)
     page = Page(render_html(report(ALGORITHMS), folder))
     cut = np.s_[top : top + size, left : left + size]
     crop = page.picture("Magnified elemental images, Ground-truth EIA")
     np.testing.assert_array_equal(crop, truth[cut])
     crop = page.picture("Magnified elemental images, template")
-    np.testing.assert_array_equal(crop, made[cut])
+    np.testing.assert_array_equal(crop, eia[cut])
 
 
 def test_verdict_is_a_word_and_not_only_a_colour(folder):
@@ -303,7 +303,7 @@ def test_verdict_is_a_word_and_not_only_a_colour(folder):
 
 def test_first_pictures_are_ground_truth_reference_and_best_algorithm(folder):
     page = Page(render_html(report({"wang2024": 0.91, "template": 0.97}), folder))
-    assert [image["alt"] for image in page.all("img")][:3] == [
+    assert [image["alt"] for image in page.attributes("img")][:3] == [
         "Ground truth, viewpoint centre",
         "Reference, viewpoint centre",
         "template, viewpoint centre",
@@ -312,12 +312,12 @@ def test_first_pictures_are_ground_truth_reference_and_best_algorithm(folder):
 
 def test_parallax_strips_go_by_position_not_by_order(folder):
     page = Page(render_html(report(ALGORITHMS), folder))
-    thumbnails = [image["alt"] for image in page.all("img") if " from " in image["alt"]]
+    thumbnails = [image["alt"] for image in page.attributes("img") if " from " in image["alt"]]
     across = [f"Ground truth from {view}" for view in ("left", "centre", "right")]
     down = [f"Ground truth from {view}" for view in ("up", "centre", "down")]
-    shown = " ".join(thumbnails)
-    assert " ".join(across) in shown
-    assert " ".join(down) in shown
+    html = " ".join(thumbnails)
+    assert " ".join(across) in html
+    assert " ".join(down) in html
 
 
 @pytest.mark.parametrize("share", [0.8, 0.3])
@@ -336,14 +336,14 @@ def test_pictures_are_left_out_and_say_so_when_nothing_else_helps(folder, monkey
     monkeypatch.setattr(report_html, "LARGEST_PAGE_BYTES", 60_000)
     page = Page(render_html(report(ALGORITHMS), folder))
     drawings = ("Plan view", "Captured surface")
-    assert all(image["alt"].startswith(drawings) for image in page.all("img"))
+    assert all(image["alt"].startswith(drawings) for image in page.attributes("img"))
     assert "left out, the page would be too large Ground truth from centre" in page.text
 
 
 def test_parallax_is_left_out_with_its_link_when_nothing_stands_in_a_line(folder):
     page = Page(render_html(report(ALGORITHMS, views=("centre",)), folder))
-    assert "parallax" not in {section["id"] for section in page.all("section")}
-    assert "#parallax" not in {link["href"] for link in page.all("a")}
+    assert "parallax" not in {section["id"] for section in page.attributes("section")}
+    assert "#parallax" not in {link["href"] for link in page.attributes("a")}
 
 
 def test_timings_say_how_much_the_renderer_took_and_do_not_count_it_as_a_stage(folder):
@@ -418,7 +418,7 @@ def test_plan_view_names_the_eyes_and_escapes_them():
     eyes = [EyePosition(name=name, position_mm=place) for name, place in places.items()]
     drawing = Page(plan_view(display, eyes).decode())
     assert "<b>, up $" in drawing.text
-    assert drawing.all("b") == []
+    assert drawing.attributes("b") == []
     assert "eyes: <b> at 416 mm; up $ at 416 mm" in describe_plan(display, eyes)
 
 
@@ -426,7 +426,9 @@ def test_plan_view_names_the_eyes_and_escapes_them():
 
 
 def plot_words(page: Page) -> str:
-    source = next(i["src"] for i in page.all("img") if i["alt"].startswith("Time against error"))
+    source = next(
+        i["src"] for i in page.attributes("img") if i["alt"].startswith("Time against error")
+    )
     return Page(base64.b64decode(source.split(",")[1]).decode()).text
 
 
@@ -434,7 +436,9 @@ def test_time_against_error_names_every_algorithm_and_says_its_numbers(folder):
     data = report(ALGORITHMS, seconds=0.5)
     data["algorithms"]["wang2024"]["seconds"] = 12.0
     page = Page(render_html(data, folder))
-    alt = next(i["alt"] for i in page.all("img") if i["alt"].startswith("Time against error"))
+    alt = next(
+        i["alt"] for i in page.attributes("img") if i["alt"].startswith("Time against error")
+    )
     assert "template 0.5 seconds, 1 − SSIM on the relic, to the reference 0.027" in alt
     assert "wang2024 12 seconds, 1 − SSIM on the relic, to the reference 0.079" in alt
     words = plot_words(page)
@@ -444,7 +448,7 @@ def test_time_against_error_names_every_algorithm_and_says_its_numbers(folder):
 
 def test_algorithm_without_a_time_has_no_point(folder):
     data = report(ALGORITHMS)
-    assert "time" not in {s["id"] for s in Page(render_html(data, folder)).all("section")}
+    assert "time" not in {s["id"] for s in Page(render_html(data, folder)).attributes("section")}
     data["algorithms"]["template"]["seconds"] = 0.5
     assert "wang2024" not in plot_words(Page(render_html(data, folder)))
 

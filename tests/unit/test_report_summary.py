@@ -36,9 +36,9 @@ def report_data(**changes: Any) -> dict[str, Any]:
     views = {
         name: {
             "ssim": whole, "ssim_to_reference": whole + 0.1,
-            "ssim_on_relic": whole - 0.1, "ssim_on_relic_to_reference": kept,
+            "ssim_on_relic": whole - 0.1, "ssim_on_relic_to_reference": fraction,
         }
-        for name, whole, kept in (("centre", 0.86, 0.9731), ("left", 0.84, 0.9612))
+        for name, whole, fraction in (("centre", 0.86, 0.9731), ("left", 0.84, 0.9612))
     }  # fmt: skip
     eia = {"ssim": 0.9712, "hole_fraction": 0.0142}
     return {
@@ -110,8 +110,8 @@ def test_hostile_names_neither_format_nor_break_the_table():
 
 
 def test_summary_of_a_huge_report_stays_small():
-    many = [check(name="x" * 10_000, detail="y" * 10_000, value=0.1, passed=False)] * 500
-    data = report(verdict={"passed": False, "checks": many}, warnings=["w" * 100_000] * 50)
+    checks = [check(name="x" * 10_000, detail="y" * 10_000, value=0.1, passed=False)] * 500
+    data = report(verdict={"passed": False, "checks": checks}, warnings=["w" * 100_000] * 50)
     summary = render_summary(data)
     assert len(summary.encode()) < 32_000
     assert "and 480 more" in summary
@@ -119,12 +119,12 @@ def test_summary_of_a_huge_report_stays_small():
 
 
 @pytest.mark.parametrize(
-    ("value", "shown"),
+    ("value", "text"),
     [(0.97314, "0.9731"), (-0.5, "−0.5000"), (None, "–"), (math.nan, "–"), (math.inf, "∞"),
      (-math.inf, "−∞"), (1, "1.0000")],
 )  # fmt: skip
-def test_numbers_have_fixed_digits_and_gaps_are_dashes(value, shown):
-    assert number(value, 4) == shown
+def test_numbers_have_fixed_digits_and_gaps_are_dashes(value, text):
+    assert number(value, 4) == text
 
 
 def test_null_psnr_is_infinite_but_an_absent_one_and_a_null_ssim_are_not():
@@ -161,9 +161,9 @@ def test_run_without_criteria_ran_clean_and_suggests_some():
     assert "min_ssim_to_reference=template:0.95" in render_summary(data)
     assert "min_ssim_to_reference" not in render_summary(report())
     noisy = {"centre": {"ssim_on_relic_to_reference": {"plain": 0.9, "interval": [0.9, 1.0]}}}
-    made = report_data(verdict=clean)
-    made["algorithms"]["template"]["precision"] = noisy
-    assert suggested_criteria(report_document(made)) == "template:0.90"
+    noisy_data = report_data(verdict=clean)
+    noisy_data["algorithms"]["template"]["precision"] = noisy
+    assert suggested_criteria(report_document(noisy_data)) == "template:0.90"
     assert suggested_criteria(report(algorithms={"template": {}})) == ""
 
 
@@ -254,8 +254,8 @@ def test_failure_says_what_was_found_and_what_was_asked(value, digits):
 )  # fmt: skip
 def test_any_name_survives_but_for_characters_that_xml_cannot_hold(name):
     root = suite(check(name=name, passed=False, detail=name), passed=False)
-    held = name.translate(dict.fromkeys([0, 7, 0xD800, 0xFFFE], "\ufffd"))
-    assert root[0].get("name") == held
+    printable = name.translate(dict.fromkeys([0, 7, 0xD800, 0xFFFE], "\ufffd"))
+    assert root[0].get("name") == printable
 
 
 def test_failed_run_without_a_failed_check_is_still_red():

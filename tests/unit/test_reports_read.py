@@ -38,10 +38,10 @@ def refusal(folder: Path, content: Any) -> str:
     path.write_bytes(text.encode() if isinstance(text, str) else text)
     with pytest.raises(FileError) as caught:
         Report.load(folder)
-    said = str(caught.value)
-    assert said.startswith(f"{path}: ") and said.endswith("; make it anew with inim validate")
-    assert "\n" not in said and len(said) < len(str(path)) + 250
-    return said
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ") and message.endswith("; make it anew with inim validate")
+    assert "\n" not in message and len(message) < len(str(path)) + 250
+    return message
 
 
 CHECK = {
@@ -123,7 +123,7 @@ def write_baseline(folder: Path, document: Mapping[str, Any], arrays: bytes) -> 
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "message"),
     [
         (b"", "no readable arrays"),
         (npz(a=b"no array"), "no readable arrays"),
@@ -136,12 +136,12 @@ def write_baseline(folder: Path, document: Mapping[str, Any], arrays: bytes) -> 
         ({f"a{k}": b"" for k in range(20_001)}, "more than 20000 arrays"),
     ],
 )
-def test_arrays_that_are_none_are_refused_before_they_take_memory(content, said, tmp_path):
+def test_arrays_that_are_none_are_refused_before_they_take_memory(content, message, tmp_path):
     packed = npz(**content) if isinstance(content, dict) else content
     write_baseline(tmp_path, {}, packed)
     with pytest.raises(BaselineError) as caught:
         read_statistics(tmp_path, BASELINE)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "inim baseline accept" in str(caught.value)
 
 

@@ -46,8 +46,8 @@ CONDITIONS = MADE.conditions
 
 
 def with_changes(changes: dict[str, Any]) -> Conditions:
-    found: Conditions = msgspec.convert(msgspec.to_builtins(CONDITIONS) | changes, Conditions)
-    return found
+    conditions: Conditions = msgspec.convert(msgspec.to_builtins(CONDITIONS) | changes, Conditions)
+    return conditions
 
 
 @pytest.fixture
@@ -68,16 +68,16 @@ def statistics():
 
 
 def test_what_is_written_is_read_back(statistics, tmp_path):
-    kept = replace(statistics, reason="because", accepted="2026-01-01")
-    assert write_statistics(tmp_path, BASELINE, kept) == ["baseline.json", "baseline.npz"]
-    found = read_statistics(tmp_path, BASELINE)
-    assert replace(found, pictures={}, fingerprints={}) == replace(
-        kept, pictures={}, fingerprints={}
+    accepted = replace(statistics, reason="because", accepted="2026-01-01")
+    assert write_statistics(tmp_path, BASELINE, accepted) == ["baseline.json", "baseline.npz"]
+    read_back = read_statistics(tmp_path, BASELINE)
+    assert replace(read_back, pictures={}, fingerprints={}) == replace(
+        accepted, pictures={}, fingerprints={}
     )
-    for name, array in kept.pictures["truth/left"].arrays().items():
-        np.testing.assert_array_equal(found.pictures["truth/left"].arrays()[name], array)
+    for name, array in accepted.pictures["truth/left"].arrays().items():
+        np.testing.assert_array_equal(read_back.pictures["truth/left"].arrays()[name], array)
     np.testing.assert_array_equal(
-        found.fingerprints["template"].sample, kept.fingerprints["template"].sample
+        read_back.fingerprints["template"].sample, accepted.fingerprints["template"].sample
     )
 
 
@@ -99,34 +99,36 @@ def test_a_baseline_that_is_replaced_meanwhile_is_one_of_the_two(statistics, tmp
         "truth/left": tile_statistics(NoisyImage.from_image(np.full((40, 48, 3), 0.5)), (8, 8))
     }
     versions = [statistics, replace(statistics, pictures=pictures)]
-    means = [one.pictures["truth/left"].mean for one in versions]
+    means = [version_read.pictures["truth/left"].mean for version_read in versions]
     write_statistics(tmp_path, BASELINE, versions[0])
     ends = time.monotonic() + 1
 
     def write() -> None:
         for version in itertools.cycle((1, 0)):
-            kept = replace(versions[version], reason=str(version), accepted="2026-01-01")
-            write_statistics(tmp_path, BASELINE, kept)
+            accepted = replace(versions[version], reason=str(version), accepted="2026-01-01")
+            write_statistics(tmp_path, BASELINE, accepted)
             if time.monotonic() > ends and not version:
                 return
 
     writer = threading.Thread(target=write)
     writer.start()
-    found = []
+    versions_read = []
     while writer.is_alive():
         with suppress(BaselineError):
-            found.append(read_statistics(tmp_path, BASELINE))
-    assert len(found) > 3
-    for one in found:
-        np.testing.assert_array_equal(one.pictures["truth/left"].mean, means[int(one.reason or 0)])
+            versions_read.append(read_statistics(tmp_path, BASELINE))
+    assert len(versions_read) > 3
+    for version_read in versions_read:
+        np.testing.assert_array_equal(
+            version_read.pictures["truth/left"].mean, means[int(version_read.reason or 0)]
+        )
 
 
 def test_score_that_is_no_number_stays_none(statistics, tmp_path):
     wrong = {"template/left": {"ssim_to_reference": ScoreEstimate(math.nan, 0.1, 1.0, 0.0)}}
     write_statistics(tmp_path, BASELINE, replace(statistics, scores=wrong))
-    found = read_statistics(tmp_path, BASELINE)
-    assert math.isnan(found.scores["template/left"]["ssim_to_reference"].plain)
-    assert not all(v.passed for v in compare(statistics, found, "here"))
+    read_back = read_statistics(tmp_path, BASELINE)
+    assert math.isnan(read_back.scores["template/left"]["ssim_to_reference"].plain)
+    assert not all(v.passed for v in compare(statistics, read_back, "here"))
 
 
 def test_run_compared_with_itself_passes_every_verdict(statistics):

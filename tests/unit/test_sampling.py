@@ -23,20 +23,20 @@ def score(share: float, power: float = 1.0, size: float = 0.005, error: float = 
 @pytest.mark.parametrize("power", [0.4, 0.7, 1.0])
 @pytest.mark.parametrize("before", [1 / 16, 1 / 4, 1 / 2])
 def test_bias_is_found_whatever_its_power(power, before):
-    known = largest_uncertainty(score(1.0, power), score(before, power))
-    assert known == pytest.approx(0.005 + 1.96e-5, rel=1e-3)
+    uncertainty = largest_uncertainty(score(1.0, power), score(before, power))
+    assert uncertainty == pytest.approx(0.005 + 1.96e-5, rel=1e-3)
 
 
 def test_interval_counts_too():
-    known = largest_uncertainty(score(1.0, error=0.01), score(0.5, error=0.01))
-    assert known == pytest.approx(0.005 + 0.0196, rel=1e-2)
+    uncertainty = largest_uncertainty(score(1.0, error=0.01), score(0.5, error=0.01))
+    assert uncertainty == pytest.approx(0.005 + 0.0196, rel=1e-2)
 
 
 def test_slopes_that_do_not_fall_bind_by_the_change():
     """All similarity lost: the slope is small, and says nothing."""
     lost = {"a": estimate(0.1, 1e-6, 100, -0.001)}
-    found = {"a": estimate(0.5, 1e-6, 100, -0.2)}
-    assert largest_uncertainty(found, lost) >= 0.4
+    estimates = {"a": estimate(0.5, 1e-6, 100, -0.2)}
+    assert largest_uncertainty(estimates, lost) >= 0.4
 
 
 def test_scores_without_noise_are_known():
@@ -46,10 +46,10 @@ def test_scores_without_noise_are_known():
 
 
 def test_what_cannot_be_said_is_not_known():
-    nothing = {"a": estimate(math.nan, 0.1, 1.0, 0.0)}
+    estimates = {"a": estimate(math.nan, 0.1, 1.0, 0.0)}
     assert largest_uncertainty(score(1.0), {}) == math.inf
     assert largest_uncertainty({}, {}) == math.inf
-    assert largest_uncertainty(nothing, nothing) == math.inf
+    assert largest_uncertainty(estimates, estimates) == math.inf
     assert next_share(1 / 16, {"a": estimate(0.5, math.nan, 1.0, 0.0)}, 0.01) == 1
 
 
@@ -65,6 +65,11 @@ def test_forecast_doubles_and_ends(error, share):
 
 def test_shares_of_samples_are_even_numbers_and_no_more_than_asked_for():
     settings = Settings(capture_spp=1, eia_spp=7, view_spp=256, reconstruction_spp=64)
-    few = scale_samples(settings, 1 / 16)
-    assert (few.capture_spp, few.eia_spp, few.view_spp, few.reconstruction_spp) == (1, 2, 16, 4)
+    reduced = scale_samples(settings, 1 / 16)
+    assert (reduced.capture_spp, reduced.eia_spp, reduced.view_spp, reduced.reconstruction_spp) == (
+        1,
+        2,
+        16,
+        4,
+    )
     assert scale_samples(settings, 1) == settings

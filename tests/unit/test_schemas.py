@@ -42,8 +42,8 @@ def properties_in(value: Any) -> Iterator[tuple[str, Any]]:
     if isinstance(value, dict):
         yield from value.get("properties", {}).items()
         value = list(value.values())
-    for one in value if isinstance(value, list) else ():
-        yield from properties_in(one)
+    for entry in value if isinstance(value, list) else ():
+        yield from properties_in(entry)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -64,7 +64,7 @@ def test_generated_schema_describes_each_key(name):
 def referred(part: dict[str, Any]) -> str:
     """Name of the part that is referred to, alone or as an alternative to null."""
     choices = [part, *part.get("anyOf", ())]
-    return next((one["$ref"] for one in choices if "$ref" in one), "").rpartition("/")[2]
+    return next((choice["$ref"] for choice in choices if "$ref" in choice), "").rpartition("/")[2]
 
 
 def test_another_name_is_refused():

@@ -86,9 +86,9 @@ def test_a_copy_has_the_error_of_an_unshifted_plane(measured):
 
 def test_a_maker_that_leaves_views_out_is_refused():
     field = plane(1)
-    made = list(copy(field))[1:]
+    views = list(copy(field))[1:]
     with pytest.raises(ValueError, match="23 views made; the light field has 24"):
-        Scores(field).of(iter(made))
+        Scores(field).of(iter(views))
 
 
 def test_splat_puts_the_nearest_on_top():
@@ -97,8 +97,8 @@ def test_splat_puts_the_nearest_on_top():
     disparity[10, 10] = 2
     views = dict(field.views) | {(2, 2): field.middle}
     near = of_views("bump", SIDE, views, disparity)
-    shown = dict(splat(near))[2, 3]  # one view to the right: it moves left by two pixels
-    assert np.array_equal(shown[10, 8], field.middle[10, 10])
+    view = dict(splat(near))[2, 3]  # one view to the right: it moves left by two pixels
+    assert np.array_equal(view[10, 8], field.middle[10, 10])
 
 
 # Instead of a view, where each camera sees what is on the input camera's axis.
@@ -135,9 +135,9 @@ def test_the_middle_views_disparity_is_found_in_the_views():
     field = plane(1)
     views = dict(field.views) | {(2, 2): field.middle}
     grid = np.stack([np.stack([views[r, c] for c in range(SIDE)]) for r in range(SIDE)])
-    found = sweep(grid, np.linspace(-2, 2, 17), near=2)
+    disparity = sweep(grid, np.linspace(-2, 2, 17), near=2)
     # Where there is texture, and all views have it.
-    assert np.abs(found[10:-10, 10:-10] - 1).max() < 0.05
+    assert np.abs(disparity[10:-10, 10:-10] - 1).max() < 0.05
 
 
 def test_a_folder_is_read_with_its_grid_its_rim_and_its_source(tmp_path):
@@ -151,11 +151,11 @@ def test_a_folder_is_read_with_its_grid_its_rim_and_its_source(tmp_path):
     (folder / "parameters.cfg").write_text(f"[extrinsics]\nnum_cams_x = {SIDE}\n", "utf-8")
     write_pfm(folder / "gt.pfm", np.ones((ROWS - 4, COLUMNS - 2), np.float32))
     (folder / "source.json").write_text(json.dumps({"source": "s", "licence": "l"}), "utf-8")
-    found = read(folder)
-    assert found.side == SIDE and (found.source, found.licence) == ("s", "l")
-    assert found.views.keys() == field.views.keys() - {(0, 3)}
-    assert np.array_equal(found.disparity, field.disparity)
-    assert all(np.array_equal(view, field.views[p]) for p, view in found.views.items())
+    field_read = read(folder)
+    assert field_read.side == SIDE and (field_read.source, field_read.licence) == ("s", "l")
+    assert field_read.views.keys() == field.views.keys() - {(0, 3)}
+    assert np.array_equal(field_read.disparity, field.disparity)
+    assert all(np.array_equal(view, field.views[p]) for p, view in field_read.views.items())
 
 
 def test_the_page_lists_the_worst_first_and_names_who_loses(measured):

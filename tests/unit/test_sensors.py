@@ -97,8 +97,10 @@ def test_passes_of_any_size_give_the_same_pixels(open_fitted, monkeypatch):
     monkeypatch.setattr(trace, "_PIXELS_PER_BAND", 4321)
     assert np.array_equal(traced(), whole)
     monkeypatch.setattr(trace, "_RAYS_PER_PASS", 20)  # pixels whose samples take three passes
-    few = mask & (np.cumsum(mask).reshape(mask.shape) <= 50)
-    assert np.abs((traced(few) - whole)[few]).max() < 1e-6, "only sums are rounded elsewhere"
+    first_50 = mask & (np.cumsum(mask).reshape(mask.shape) <= 50)
+    assert np.abs((traced(first_50) - whole)[first_50]).max() < 1e-6, (
+        "only sums are rounded elsewhere"
+    )
 
 
 def test_lights_are_hidden_from_depth_and_colour(open_fitted):
@@ -113,5 +115,5 @@ def test_lights_are_hidden_from_depth_and_colour(open_fitted):
     lit = open_fitted(scene_text(sphere((0, 0, 0), 5.0), lamp), display)
     pictures = [capture(f, display, pixels_per_pitch=5, spp=16, seed=0) for f in (plain, lit)]
     assert np.array_equal(pictures[0].covered, pictures[1].covered)
-    seen = pictures[0].covered & pictures[1].covered
-    assert np.abs(pictures[0].depth_mm - pictures[1].depth_mm)[seen].max() < 1e-2
+    covered = pictures[0].covered & pictures[1].covered
+    assert np.abs(pictures[0].depth_mm - pictures[1].depth_mm)[covered].max() < 1e-2

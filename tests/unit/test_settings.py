@@ -27,10 +27,10 @@ def test_only_parameters_that_the_scene_uses_reach_the_renderer(tmp_path):
     body = """<default name="inim.pitch_mm" value="2"/><default name="spp" value="4"/>
         <default name="inim.seed" value="1"/><integer name="a" value="$spp"/>
         <float name="b" value="$inim.pitch_mm"/>"""
-    found = read_scene_file(
+    scene_file = read_scene_file(
         scene(tmp_path, body), {"spp": "8", "inim.pitch_mm": "3", "inim.seed": "5"}
     )
-    assert found.parameters == {"spp": "8", "inim.pitch_mm": "3"}
+    assert scene_file.parameters == {"spp": "8", "inim.pitch_mm": "3"}
 
 
 def test_a_changed_array_gets_a_panel_of_its_own_size():
@@ -43,24 +43,24 @@ def test_a_changed_array_gets_a_panel_of_its_own_size():
 
 
 def test_limits_go_to_the_algorithms_they_name():
-    both = ("template", "wang2024")
+    algorithms = ("template", "wang2024")
     parse = lambda text: Settings.parse({"inim.min_ssim_to_reference": text}, "s")  # noqa: E731
-    assert parse("0.9").ssim_limits(both, "s") == {"template": 0.9, "wang2024": 0.9}
-    assert parse("template:0.9, wang2024:0.5").ssim_limits(both, "s") == {
+    assert parse("0.9").ssim_limits(algorithms, "s") == {"template": 0.9, "wang2024": 0.9}
+    assert parse("template:0.9, wang2024:0.5").ssim_limits(algorithms, "s") == {
         "template": 0.9,
         "wang2024": 0.5,
     }
-    assert parse("").ssim_limits(both, "s") == {}
+    assert parse("").ssim_limits(algorithms, "s") == {}
     for wrong in ("1.5", "high", "other:0.5"):
         with pytest.raises(SceneError):
-            parse(wrong).ssim_limits(both, "s")
+            parse(wrong).ssim_limits(algorithms, "s")
 
 
 def test_the_hash_follows_contents_not_names(tmp_path):
     body = '<default name="inim.seed" value="1"/>'
-    one = read_scene_file(scene(tmp_path, body, "a.xml")).sha256
-    assert one == read_scene_file(scene(tmp_path, body, "b.xml")).sha256
-    assert one != read_scene_file(scene(tmp_path, body + " ", "a.xml")).sha256
+    digest = read_scene_file(scene(tmp_path, body, "a.xml")).sha256
+    assert digest == read_scene_file(scene(tmp_path, body, "b.xml")).sha256
+    assert digest != read_scene_file(scene(tmp_path, body + " ", "a.xml")).sha256
     mesh = '<shape type="ply"><string name="filename" value="m.ply"/></shape>'
     (tmp_path / "m.ply").write_bytes(b"1")
     first = read_scene_file(scene(tmp_path, mesh)).sha256
@@ -70,33 +70,33 @@ def test_the_hash_follows_contents_not_names(tmp_path):
 
 def test_includes_are_scanned_too(tmp_path):
     scene(tmp_path, '<default name="inim.seed" value="7"/>', "part.xml")
-    found = read_scene_file(scene(tmp_path, '<include filename="part.xml"/>'))
-    assert found.settings == {"inim.seed": "7"}
+    scene_file = read_scene_file(scene(tmp_path, '<include filename="part.xml"/>'))
+    assert scene_file.settings == {"inim.seed": "7"}
 
 
 DISPLAY = small_display(12, 10)
 
 
 def test_named_viewpoints_are_inside_the_zone_and_apart():
-    found = {v.name: v for v in parse_viewpoints("centre,left,right,up,down", DISPLAY)}
-    assert found["left"].x_mm < -5 < 5 < found["right"].x_mm
-    assert found["down"].y_mm < -5 < 5 < found["up"].y_mm
-    assert found["left"].x_mm == -found["right"].x_mm
+    viewpoints = {v.name: v for v in parse_viewpoints("centre,left,right,up,down", DISPLAY)}
+    assert viewpoints["left"].x_mm < -5 < 5 < viewpoints["right"].x_mm
+    assert viewpoints["down"].y_mm < -5 < 5 < viewpoints["up"].y_mm
+    assert viewpoints["left"].x_mm == -viewpoints["right"].x_mm
 
 
 def test_lenses_are_counted_from_a_panel_that_is_given():
-    given = {
+    parameters = {
         "inim.display": "phone", "inim.panel_columns": "2340", "inim.panel_rows": "1080",
         "inim.pixel_pitch_mm": "0.0629", "inim.pitch_mm": "1.2",
     }  # fmt: skip
-    made = Settings.parse(given, "here").make_display("here")
-    assert (made.lens_columns, made.lens_rows) == (122, 56)  # 147.186 / 1.2, 67.932 / 1.2
-    assert made.panel_excess_mm == (0, 0)
-    kept = Settings.parse(given | {"inim.lens_columns": "152"}, "here").make_display("here")
-    assert (kept.lens_columns, kept.lens_rows) == (152, 56)
-    assert kept.panel_excess_mm[0] == pytest.approx(152 * 1.2 - 2340 * 0.0629)
-    (said,) = lenses_beside_panel(kept)
-    assert "set lens_columns to 122 and lens_rows to 56" in said
+    counted = Settings.parse(parameters, "here").make_display("here")
+    assert (counted.lens_columns, counted.lens_rows) == (122, 56)  # 147.186 / 1.2, 67.932 / 1.2
+    assert counted.panel_excess_mm == (0, 0)
+    fixed = Settings.parse(parameters | {"inim.lens_columns": "152"}, "here").make_display("here")
+    assert (fixed.lens_columns, fixed.lens_rows) == (152, 56)
+    assert fixed.panel_excess_mm[0] == pytest.approx(152 * 1.2 - 2340 * 0.0629)
+    (warning,) = lenses_beside_panel(fixed)
+    assert "set lens_columns to 122 and lens_rows to 56" in warning
 
 
 @pytest.mark.parametrize("name", list(DISPLAYS))

@@ -46,8 +46,8 @@ def captured(open_fitted, *shapes, spp=16, text=around):
     from inim.render.ground_truth import capture_layers
 
     fitted = open_fitted(text(*shapes), DISPLAY)
-    found = peel(fitted, DISPLAY, pixels_per_pitch=PER_PITCH)
-    return fitted, found, capture_layers(fitted, found, spp=spp, seed=1)
+    layers = peel(fitted, DISPLAY, pixels_per_pitch=PER_PITCH)
+    return fitted, layers, capture_layers(fitted, layers, spp=spp, seed=1)
 
 
 def random_solids(seed, solids=3, rows=9, columns=11):
@@ -57,8 +57,8 @@ def random_solids(seed, solids=3, rows=9, columns=11):
     ends = ends.astype(np.float32)
     front, back = ends[::2].copy(), ends[1::2].copy()
     back[0, ::3] = front[1, ::3]  # some touch
-    none = np.arange(solids)[:, None, None] >= random.integers(0, solids + 1, (rows, columns))
-    front[none], back[none] = -np.inf, -np.inf
+    absent = np.arange(solids)[:, None, None] >= random.integers(0, solids + 1, (rows, columns))
+    front[absent], back[absent] = -np.inf, -np.inf
     return front, back
 
 
@@ -82,7 +82,7 @@ def test_what_is_open_is_cut_into_pieces_that_fill_it(seed):
     front, back = random_solids(seed)
     sides = Sides.of(front, back, (LOW, HIGH), DISPLAY.steepest_slopes, PIXEL_MM)
     tall = (HIGH - LOW) / PIECES
-    shown = set()
+    pieces = set()
     for k, r, c in np.argwhere(np.isfinite(front)):
         high, low = front[k, r, c], back[k, r, c]
         beside = [(r, c - 1), (r, c + 1), (r - 1, c), (r + 1, c)]
@@ -91,7 +91,7 @@ def test_what_is_open_is_cut_into_pieces_that_fill_it(seed):
         assert own.any() == (tallest > LEAST_MM)
         if not own.any():
             continue
-        shown.add(int(own.sum()))
+        pieces.add(int(own.sum()))
         ends = [*sides.front_mm[own], sides.back_mm[own][-1]]
         assert (np.diff(ends) < 0).all() and ends[-1] == low and ends[0] <= high
         assert np.array_equal(ends[1:-1], sides.back_mm[own][:-1]), "nothing slips between"
@@ -104,14 +104,14 @@ def test_what_is_open_is_cut_into_pieces_that_fill_it(seed):
                 span = sides.back_mm[n], sides.front_mm[n]
                 most = [max(gaps(front, back, *there, *span)) for there in beside]
                 assert end - begin == pytest.approx(most, abs=1e-5)
-    assert len(shown) > 2
+    assert len(pieces) > 2
     assert sides.is_first.sum() == len({*zip(sides.solid, sides.row, sides.column, strict=True)})
 
 
 @pytest.mark.usefixtures("renderer")
 def test_each_side_of_a_box_has_its_colour(open_fitted):
-    _, found, rgbd = captured(open_fitted, *box(4, 3, 3))
-    sides, layers = found.sides, rgbd.layers
+    _, captured_layers, rgbd = captured(open_fitted, *box(4, 3, 3))
+    sides, layers = captured_layers.sides, rgbd.layers
     assert len(layers) > 4
     assert np.array_equal(
         layers[0].back_mm[sides.row, sides.column], layers[0].front_mm[sides.row, sides.column]
@@ -133,8 +133,8 @@ def test_each_side_of_a_box_has_its_colour(open_fitted):
         (BELOW, (sides.row == high_row) & inner_column),
     ):
         assert own.sum() > 100
-        shown = color[own] / color[own].sum(axis=1, keepdims=True)
-        pure = np.abs(shown - np.array(expected) / sum(expected)).max(axis=1) < 1e-4
+        shares = color[own] / color[own].sum(axis=1, keepdims=True)
+        pure = np.abs(shares - np.array(expected) / sum(expected)).max(axis=1) < 1e-4
         assert pure.mean() > 0.95
 
 
@@ -142,30 +142,30 @@ def test_each_side_of_a_box_has_its_colour(open_fitted):
 @pytest.mark.parametrize("samples", [1, 4])
 def test_sides_move_no_ray(open_fitted, samples):
     """With all pieces in the colour of their front an EIA is that of the solids, bit for bit."""
-    _, found, rgbd = captured(open_fitted, *box(3, 3, 1), sphere((1, 0, 5), 2), spp=1)
+    _, layers, rgbd = captured(open_fitted, *box(3, 3, 1), sphere((1, 0, 5), 2), spp=1)
     rows, columns = rgbd.shape
     color = np.random.default_rng(1).random((rows, columns, 3), dtype=np.float32)
-    there = found.covered
-    assert len(found.sides.row) > 500 and len(rgbd.layers) > len(there)
+    there = layers.covered
+    assert len(layers.sides.row) > 500 and len(rgbd.layers) > len(there)
     solids = LayeredRGBD(
-        color, np.where(there[0], found.front_mm[0], 0), there[0], rgbd.pixel_mm,
-        np.where(there[0], found.back_mm[0], 0),
-        tuple(_layer(color, found, k) for k in range(1, len(there))),
+        color, np.where(there[0], layers.front_mm[0], 0), there[0], rgbd.pixel_mm,
+        np.where(there[0], layers.back_mm[0], 0),
+        tuple(_layer(color, layers, k) for k in range(1, len(there))),
     )  # fmt: skip
     deeper = tuple(_recoloured(layer, color) for layer in rgbd.deeper)
     cut = LayeredRGBD(color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm, rgbd.back_mm, deeper)
     options = {"samples": samples, "colour": "nearest"}
-    made = [generate(one, DISPLAY, "layered", **options) for one in (solids, cut)]
-    assert np.array_equal(*made)
+    eias = [generate(layered, DISPLAY, "layered", **options) for layered in (solids, cut)]
+    assert np.array_equal(*eias)
     behind = find_sources(cut, DISPLAY, "layered", samples=1) >= rows * columns
     assert behind.mean() > 0.005, "or no ray meets a side anyway"
 
 
-def _layer(color, found, number):
+def _layer(color, layers, number):
     from inim.image.rgbd import Layer
 
-    own = found.covered[number]
-    front, back = (np.where(own, v[number], 0) for v in (found.front_mm, found.back_mm))
+    own = layers.covered[number]
+    front, back = (np.where(own, v[number], 0) for v in (layers.front_mm, layers.back_mm))
     return Layer(color, front, back, own)
 
 
@@ -178,11 +178,11 @@ def _recoloured(layer, color):
 @pytest.mark.usefixtures("renderer")
 def test_a_relief_has_no_sides(open_fitted):
     """A plate as thin as the steepest ray is deep across a pixel, before a wide one."""
-    _, found, rgbd = captured(
+    _, layers, rgbd = captured(
         open_fitted, cube((0, 0, 0), (5, 5, 0.01)), cube((0, 0, 9), (3, 3, 0.01)), spp=1
     )
-    assert not len(found.sides.row)
-    assert len(rgbd.layers) == len(found.front_mm) == 2
+    assert not len(layers.sides.row)
+    assert len(rgbd.layers) == len(layers.front_mm) == 2
 
 
 @pytest.mark.usefixtures("renderer")
@@ -192,9 +192,9 @@ def test_who_looks_at_a_side_sees_its_colour(open_fitted):
 
     fitted, _, rgbd = captured(open_fitted, *box(3, 4, 4))
     truth = pickup(fitted, DISPLAY, spp=16, seed=2).image
-    shown = generate(rgbd, DISPLAY, "layered", colour="nearest")
+    rendered = generate(rgbd, DISPLAY, "layered", colour="nearest")
     for rgb in (LEFT, RIGHT, ABOVE, BELOW):
-        at = [_is_of(rgb, eia) for eia in (truth, shown)]
+        at = [_is_of(rgb, eia) for eia in (truth, rendered)]
         assert at[0].sum() > 100
         assert (at[0] & at[1]).sum() > 0.8 * at[0].sum()
 

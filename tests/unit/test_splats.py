@@ -47,9 +47,9 @@ def test_properties_may_stand_in_any_order_but_not_for_mitsuba(tmp_path):
     lines = head.decode().splitlines()
     names = [line.split()[2] for line in lines if line.startswith("property")]
     table = np.frombuffer(body, "<f4").reshape(9, -1)
-    kept = [k for k in reversed(range(len(names))) if names[k] not in ("nx", "ny", "nz")]
-    header = [*lines[:3], *(f"property double {names[k]}" for k in kept), "end_header\n"]
-    data = "\n".join(header).encode() + table[:, kept].astype("<f8").tobytes()
+    order = [k for k in reversed(range(len(names))) if names[k] not in ("nx", "ny", "nz")]
+    header = [*lines[:3], *(f"property double {names[k]}" for k in order), "end_header\n"]
+    data = "\n".join(header).encode() + table[:, order].astype("<f8").tobytes()
     back = read_splats(path, data)
     np.testing.assert_allclose(back.harmonics, splats.harmonics, rtol=1e-6)
     np.testing.assert_allclose(back.turn, splats.turn, rtol=1e-6)
@@ -62,8 +62,8 @@ def _changed(data, name, value):
     head, mark, body = data.partition(b"end_header\n")
     names = [w.split()[2] for w in head.decode().splitlines() if w.startswith("property")]
     table = np.frombuffer(body, "<f4").reshape(-1, len(names)).copy()
-    for one in name.split():
-        table[3, names.index(one)] = value
+    for part in name.split():
+        table[3, names.index(part)] = value
     return head + mark + table.tobytes()
 
 
@@ -96,9 +96,9 @@ def test_a_damaged_file_gets_one_line(tmp_path, damage):
     harmed = harm(path.read_bytes())
     assert harmed != path.read_bytes()
     path.write_bytes(harmed)
-    for read in (lambda: read_splats(path, harmed), lambda: check_splats(path, harmed)):
+    for reader in (lambda: read_splats(path, harmed), lambda: check_splats(path, harmed)):
         with pytest.raises(FileError, match=says) as caught:
-            read()
+            reader()
         assert "\n" not in str(caught.value) and "s.ply" in str(caught.value)
 
 
@@ -128,8 +128,8 @@ def test_the_frame_leaves_out_floaters_and_holds_the_relic():
 
 def test_crop_keeps_what_lies_in_the_box():
     splats = splats_at(np.array([[0.0, 0, 0], [5, 0, 0]]), 0.01, 0.9, np.ones(3))
-    kept, _ = place_splats(splats, np.eye(3), Frame.parse("4,6,-1,1,-1,1"))
-    assert len(kept) == 1
+    cropped, _ = place_splats(splats, np.eye(3), Frame.parse("4,6,-1,1,-1,1"))
+    assert len(cropped) == 1
     with pytest.raises(UsageError, match="holds no splats"):
         place_splats(splats, np.eye(3), Frame.parse("8,9,-1,1,-1,1"))
 
@@ -153,7 +153,7 @@ def test_colours_turn_with_the_splats(renderer, degree):
     def colours(splats, directions):
         along = mi.Vector3f(*(mi.Float(column.astype(np.float32)) for column in directions.T))
         basis = np.stack(
-            [np.asarray(one + dr.zeros(mi.Float, 30)) for one in dr.sh_eval(along, degree)]
+            [np.asarray(values + dr.zeros(mi.Float, 30)) for values in dr.sh_eval(along, degree)]
         )
         return np.einsum("nkc,kd->dnc", splats.harmonics, basis)
 
@@ -190,17 +190,17 @@ def test_turned_splats_look_as_the_splats_do_to_a_turned_eye(renderer, tmp_path)
     origin = np.column_stack([draw.uniform(-2.3, 2.3, (300, 2)), np.full(300, 5.0)])
     direction = np.tile([0.02, -0.03, -1.0], (300, 1))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    turn, found = rotation(), []
-    for name, one, way in (("a", splats, np.eye(3)), ("b", rotate_splats(splats, turn), turn)):
-        write_splats(tmp_path / f"{name}.ply", one)
+    turn, views = rotation(), []
+    for name, placed, way in (("a", splats, np.eye(3)), ("b", rotate_splats(splats, turn), turn)):
+        write_splats(tmp_path / f"{name}.ply", placed)
         shape = {"type": "ellipsoidsmesh", "filename": str(tmp_path / f"{name}.ply")}
         integrator = {"type": "volprim_rf_basic", "srgb_primitives": False}
         scene = mi.load_dict({"type": "scene", "integrator": integrator, "shape": shape})
-        found.append(light_along(scene, origin @ way.T, direction @ way.T)[0])
-    assert (found[0].max(axis=1) > 0.05).sum() > 20
+        views.append(light_along(scene, origin @ way.T, direction @ way.T)[0])
+    assert (views[0].max(axis=1) > 0.05).sum() > 20
     # Beyond 3 standard deviations a shell may be met or missed: at most 0.011 of the light.
-    assert np.abs(found[1] - found[0]).max() < 0.011 * 2
-    assert np.median(np.abs(found[1] - found[0])[found[0] > 0.05]) < 1e-4
+    assert np.abs(views[1] - views[0]).max() < 0.011 * 2
+    assert np.median(np.abs(views[1] - views[0])[views[0] > 0.05]) < 1e-4
 
 
 # --- Rays ---------------------------------------------------------------------------------------
@@ -223,10 +223,10 @@ def test_a_pane_passes_what_its_gaussian_leaves(open_fitted, tmp_path):
     fitted = open_fitted(splat_scene(tmp_path, pane(0, 0.6, [0.5, 0.2, 0.1], 4.0)), DISPLAY)
     places = np.array([[0.1, 0.2], [3.0, 1.0], [-2.0, 5.0]])
     colour, lost = light_along(fitted.scene, *rays_at(places))
-    taken = 0.6 * np.exp(-((places / 4) ** 2).sum(axis=1) / 2)
-    np.testing.assert_allclose(1 - lost.left, taken, atol=1e-5)
+    opacity = 0.6 * np.exp(-((places / 4) ** 2).sum(axis=1) / 2)
+    np.testing.assert_allclose(1 - lost.left, opacity, atol=1e-5)
     shade = srgb_from_linear(np.array([0.5, 0.2, 0.1]))
-    np.testing.assert_allclose(colour, linear_from_srgb(taken[:, None] * shade), atol=1e-4)
+    np.testing.assert_allclose(colour, linear_from_srgb(opacity[:, None] * shade), atol=1e-4)
     assert lost.half[0] == pytest.approx(20, abs=1e-3) and np.isinf(lost.half[2])
     assert not lost.twice.any()
 
@@ -238,9 +238,9 @@ def test_light_in_a_slab_is_lost_as_beer_and_lambert_say(open_fitted, tmp_path):
     fitted = open_fitted(splat_scene(tmp_path, slab), DISPLAY)
     _, lost = light_along(fitted.scene, *rays_at([[0.0, 0.1], [0.5, -0.4]]))
     per_unit = -math.log(0.95) / 0.2
-    for share, found in ((0.1, lost.tenth), (0.5, lost.half), (0.9, lost.most)):
+    for share, depth in ((0.1, lost.tenth), (0.5, lost.half), (0.9, lost.most)):
         expected = 20 - math.log(1 - share) / per_unit
-        assert (found > expected - 0.2 - 1e-3).all() and (found < expected + 1e-3).all()
+        assert (depth > expected - 0.2 - 1e-3).all() and (depth < expected + 1e-3).all()
     np.testing.assert_allclose(lost.left, 0.95 ** len(depths), atol=1e-4)
 
 
@@ -273,10 +273,10 @@ def test_two_sheets_are_two_layers_with_the_colours_that_lie_behind(open_fitted,
         assert layer.covered[middle].all()
         np.testing.assert_allclose(layer.front_mm[middle], depth, atol=1e-3)
         np.testing.assert_allclose(layer.back_mm[middle], depth, atol=1e-3)
-        found = layer.color[middle].reshape(-1, 3)
-        np.testing.assert_allclose(found, np.tile(linear_from_srgb(shade), (16, 1)), atol=0.01)
-    seen = capture(fitted, DISPLAY, pixels_per_pitch=PER_PITCH, spp=2, seed=1)
-    np.testing.assert_array_equal(seen.depth_mm[middle], layered.depth_mm[middle])
+        colors = layer.color[middle].reshape(-1, 3)
+        np.testing.assert_allclose(colors, np.tile(linear_from_srgb(shade), (16, 1)), atol=0.01)
+    captured = capture(fitted, DISPLAY, pixels_per_pitch=PER_PITCH, spp=2, seed=1)
+    np.testing.assert_array_equal(captured.depth_mm[middle], layered.depth_mm[middle])
 
 
 def test_ellipsoids_that_are_met_twice_are_noticed(open_fitted, tmp_path):
@@ -301,12 +301,12 @@ def test_the_eia_is_the_same_without_what_is_black(open_fitted, tmp_path):
         "</shape>", '<boolean name="extent_adaptive_clamping" value="true"/></shape>'
     )
     fitted, observers = open_fitted(text, DISPLAY), (Observer(), Observer())
-    found = [
+    eias = [
         pickup(fitted, DISPLAY, spp=2, seed=1, skip=skip, observer=observer).image
         for skip, observer in zip((True, False), observers, strict=True)
     ]
-    assert found[0].max() > 0.1
-    np.testing.assert_array_equal(*found)
+    assert eias[0].max() > 0.1
+    np.testing.assert_array_equal(*eias)
     assert observers[0].samples < 0.9 * observers[1].samples
 
 
@@ -355,21 +355,21 @@ def compared(open_fitted, tmp_path, per_edge):
         <string name="name" value="vertex_color"/></texture></bsdf></shape></scene>"""
     truth = open_fitted(lit, DISPLAY, 0.7)
     splats, sigma = on_triangles(vertices, faces, colors, per_edge)
-    made = open_fitted(splat_scene(tmp_path, splats), DISPLAY, 0.7)
+    scene = open_fitted(splat_scene(tmp_path, splats), DISPLAY, 0.7)
     # The same place in the display, and rays that start before both.
     truth = replace(truth, start_mm=truth.start_mm + 2)
-    made = replace(made, fit=truth.fit, start_mm=truth.start_mm)
+    scene = replace(scene, fit=truth.fit, start_mm=truth.start_mm)
     eye = Viewpoint("aside", 60.0, -30.0, 400.0)
     pictures = []
-    for fitted in (truth, made):
-        seen = capture(fitted, DISPLAY, pixels_per_pitch=6, spp=4, seed=1)
+    for fitted in (truth, scene):
+        captured = capture(fitted, DISPLAY, pixels_per_pitch=6, spp=4, seed=1)
         eia = pickup(fitted, DISPLAY, spp=4, seed=1).image
         view = true_view(fitted, DISPLAY, eye, pixels_per_lens=6, spp=4, seed=1)[0].image
-        pictures.append((seen, eia, view))
+        pictures.append((captured, eia, view))
     (rgbd, eia, view), (own, own_eia, own_view) = pictures
-    both = rgbd.covered & own.covered
-    assert both.sum() > 500
-    depth = np.abs(own.depth_mm - rgbd.depth_mm)[both].mean() / truth.fit.scale_z
+    in_both = rgbd.covered & own.covered
+    assert in_both.sum() > 500
+    depth = np.abs(own.depth_mm - rgbd.depth_mm)[in_both].mean() / truth.fit.scale_z
     return {
         "eia": float(np.sqrt(np.mean((own_eia - eia) ** 2))),
         "view": float(np.sqrt(np.mean((own_view - view) ** 2))),

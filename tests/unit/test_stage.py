@@ -75,7 +75,7 @@ def test_edited_code_and_the_stage_s_own_file_make_another_result(run, monkeypat
     product, calls = counted()
     product(Picture("one", np.arange(3.0)), 2, run=run)
     places: list[tuple[str, ...]] = []
-    monkeypatch.setattr(module, "code_digest", lambda *given: places.append(given) or "edited")
+    monkeypatch.setattr(module, "code_digest", lambda *inputs: places.append(inputs) or "edited")
     product(Picture("one", np.arange(3.0)), 2, run=run)
     assert calls == [2, 2]
     assert places == [("version.py", "pipeline/stages/stage.py")]
@@ -85,9 +85,9 @@ def test_the_report_says_what_was_made_found_and_why(run):
     product, _ = counted(describe=("made", "nothing", "it is new"))
     for factor in (2, 2):
         product(Picture("one", np.arange(3.0)), factor, run=run)
-    made, found = run.skipped.rows
-    assert (made["step"], made["performed"]) == ("product of 2", "made (not made before)")
-    assert (found["performed"], found["skipped"]) == ("read from the cache", "all of it")
+    computed, reused = run.skipped.rows
+    assert (computed["step"], computed["performed"]) == ("product of 2", "made (not made before)")
+    assert (reused["performed"], reused["skipped"]) == ("read from the cache", "all of it")
 
 
 def test_words_may_be_made_of_the_samples_traced(run):
@@ -101,7 +101,7 @@ def test_words_may_be_made_of_the_samples_traced(run):
     traced = stage(
         "samples", code=CODE, timer="render", describe=lambda n, factor: (f"{n}", "-", f"{factor}")
     )(function)
-    told = Run(run.cache, observer)
-    assert traced(3, run=told) == 3
-    assert told.skipped.rows[0]["performed"] == "15 (not made before)"
+    run_with_observer = Run(run.cache, observer)
+    assert traced(3, run=run_with_observer) == 3
+    assert run_with_observer.skipped.rows[0]["performed"] == "15 (not made before)"
     assert set(observer.timings) == {"render"}

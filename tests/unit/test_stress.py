@@ -264,6 +264,6 @@ def test_mistakes_in_names_are_usage_errors(tmp_path, algorithms, says):
 def test_solids_are_in_order_and_touch():
     display = small_display()
     solid = solids_of(noise(display, (9, 9), 0.5), display)
-    one, two = solid.deeper
-    assert (solid.depth_mm >= solid.back_mm).all() and (solid.back_mm >= one.front_mm).all()
-    assert (one.back_mm >= two.front_mm).all() and np.isneginf(two.back_mm).all()
+    second, third = solid.deeper
+    assert (solid.depth_mm >= solid.back_mm).all() and (solid.back_mm >= second.front_mm).all()
+    assert (second.back_mm >= third.front_mm).all() and np.isneginf(third.back_mm).all()

@@ -63,15 +63,15 @@ def test_oracles_in_fractions_and_in_float64_agree_with_the_tests_rational_one(p
     display = small_display(3, 2, pixels=pixels)
     rgbd = picture(display)
     rays = all_rays(display, rgbd)
-    found = exact_first_hits(rays, rgbd, display, np.arange(len(rays.pixels)))
+    hits = exact_first_hits(rays, rgbd, display, np.arange(len(rays.pixels)))
     expected = rational.exact_sources(rgbd, display)[rays.pixels[:, 0], rays.pixels[:, 1]]
-    assert np.array_equal(found, expected)
+    assert np.array_equal(hits, expected)
     # The float one agrees wherever it does not say that rounding decides.
     float64 = answer("template", rays, rgbd, display, np.float64)
-    assert not ((float64.sources != found) & ~float64.uncertain).any()
+    assert not ((float64.sources != hits) & ~float64.uncertain).any()
     if shift:
         moved = display.replace(shift_x_mm=shift)
-        assert not np.array_equal(first_hits(all_rays(moved, rgbd), rgbd, moved), found)
+        assert not np.array_equal(first_hits(all_rays(moved, rgbd), rgbd, moved), hits)
 
 
 lengths = st.sampled_from([1.0, 0.5, 0.93, 1 / 3, 1.17, 2.0])
@@ -129,13 +129,13 @@ def exact_or_uncertain(display, seed, per_pitch):
     # Lengths of too many digits (3 x 0.8 is not 2.4) are warned of, and then ties may be lost.
     warned = bool(accuracy_warnings(display, pixel_mm=rgbd.pixel_mm))
     uncertain = answer("template", rays, rgbd, display, np.float64).uncertain
-    for found in (find_sources(rgbd, display), alone):
-        wrong = found[at] != exact
+    for sources in (find_sources(rgbd, display), alone):
+        wrong = sources[at] != exact
         assert not (wrong & ~uncertain if warned else wrong).any()
     for algorithm in ("gu2020", "wang2024:matching=ray", "li2012"):
-        known = answer(algorithm, rays, rgbd, display, np.float64)
-        found = find_sources(rgbd, display, algorithm)[at]
-        assert not ((found != known.sources) & ~known.uncertain).any(), algorithm
+        expected = answer(algorithm, rays, rgbd, display, np.float64)
+        sources = find_sources(rgbd, display, algorithm)[at]
+        assert not ((sources != expected.sources) & ~expected.uncertain).any(), algorithm
 
 
 @pytest.mark.parametrize("side", ["viewer", "panel"])
@@ -143,9 +143,9 @@ def test_the_lens_oracle_obeys_the_thin_lens_near_the_axis(side):
     """h (1 - g / f) + s g from the lens centre, as in closed form."""
     display = display_of(curved_side=side)
     tiny = np.array([1e-6])
-    found = land(display, "thick", LensRays(tiny, 0 * tiny, 2 * tiny, 0 * tiny))
+    landing = land(display, "thick", LensRays(tiny, 0 * tiny, 2 * tiny, 0 * tiny))
     expected = 1e-6 * (1 - 3.3 / 3) + 2e-6 * 3.3
-    assert float(found.x[0]) == pytest.approx(expected, rel=1e-8)
+    assert float(landing.x[0]) == pytest.approx(expected, rel=1e-8)
 
 
 def test_the_lens_oracle_knows_where_total_reflection_begins():
@@ -168,8 +168,8 @@ MEANS = {(v.algorithm, np.dtype(v.dtype).name) for v in generators.VARIANTS if v
 
 def one_case(**changes):
     display = small_display(3, 3, pixels=5, **changes)
-    made = (display, picture(display))
-    return Family("family", "value", lambda _: []), Case("case", lambda: made, 1.0)
+    result = (display, picture(display))
+    return Family("family", "value", lambda _: []), Case("case", lambda: result, 1.0)
 
 
 def replace_finder(monkeypatch, finder):
@@ -206,9 +206,9 @@ def wrong_sign_of_depth(rgbd, display, algorithm="template", **options):
 
 
 def one_wrong_pixel(rgbd, display, algorithm="template", **options):
-    found = find_sources(rgbd, display, algorithm, **options)
-    found[7, 7] = HOLE if found[7, 7] != HOLE else 0
-    return found
+    sources = find_sources(rgbd, display, algorithm, **options)
+    sources[7, 7] = HOLE if sources[7, 7] != HOLE else 0
+    return sources
 
 
 def last_bit_of_depth(rgbd, display, algorithm="template", **options):
@@ -444,10 +444,10 @@ def test_limits_are_the_last_safe_values():
               ("pinhole", "thin", "thick")]  # fmt: skip
     indices = [row(v, safe=v > 1.1, family="index", model=m) for v in (1.05, 1.2, 1.5)
                for m in ("thin", "thick")]  # fmt: skip
-    found = accuracy_limits_of([row(0.0), row(1.0, safe=False)], lenses + widths + indices, 17)
-    assert found["slope"] == {"pinhole": 2.0, "thin": 2.0, "thick": 1.0}
-    assert (found["panel_pixels"], found["least_index"]) == (17 * 64.0, 1.2)
-    assert found["changed_by_rounding"] == 0.3
+    limits = accuracy_limits_of([row(0.0), row(1.0, safe=False)], lenses + widths + indices, 17)
+    assert limits["slope"] == {"pinhole": 2.0, "thin": 2.0, "thick": 1.0}
+    assert (limits["panel_pixels"], limits["least_index"]) == (17 * 64.0, 1.2)
+    assert limits["changed_by_rounding"] == 0.3
 
 
 HELD = RelationResult(

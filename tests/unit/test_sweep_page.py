@@ -15,7 +15,7 @@ ABOUT = SweepTable(title="T <b>&", command="inim sweep s.toml", created="2026", 
 
 
 def row(scene="jade", display="wide", algorithm="template", viewpoint="centre", **values):
-    given = {
+    parameters = {
         "status": "ok", "error": None, "ssim": 0.5, "ssim_to_reference": 0.8,
         "ssim_on_relic": 0.5, "ssim_on_relic_to_reference": 0.75, "reference_ssim_on_relic": 0.7,
         "noise_floor_ssim_on_relic": 0.99, "psnr_db": 30.0, "flip": 0.1, "seconds": 1.0,
@@ -23,7 +23,7 @@ def row(scene="jade", display="wide", algorithm="template", viewpoint="centre", 
         "lens_model": "thick",
     }  # fmt: skip
     names = {"scene": scene, "display": display, "algorithm": algorithm, "viewpoint": viewpoint}
-    return names | given | values
+    return names | parameters | values
 
 
 def test_a_result_is_the_mean_over_its_viewpoints():
@@ -72,8 +72,8 @@ def test_displays_are_ranked_for_each_relic_by_their_best_algorithm():
         "Relic", "Display", "Best algorithm on it", "SSIM on the relic to ground truth",
         "Its reference", "Depth, mm", "Share of its own depth", "PSNR", "FLIP",
     ]  # fmt: skip
-    found = [tuple(texts[i : i + 4]) for i in range(9, len(texts), 9)]
-    assert found == [
+    table = [tuple(texts[i : i + 4]) for i in range(9, len(texts), 9)]
+    assert table == [
         ("jade", "fine", "template", "0.7000"),
         ("", "wide", "gu2020", "0.6000"),
         ("tripod", "wide", "template", "0.9000"),

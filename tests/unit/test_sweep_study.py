@@ -36,7 +36,7 @@ lens_rows = 6
 
 
 @pytest.fixture
-def written(tmp_path):
+def write_study(tmp_path):
     """Write two scenes and a study of them; its path."""
     (tmp_path / "sub").mkdir()
     for name, radius in (("one.xml", 1.0), ("sub/two.xml", 2.0)):
@@ -53,8 +53,8 @@ def units_of(path: Path):
     return expand(read_study(path), path.parent / "out")
 
 
-def test_a_study_multiplies_scenes_displays_and_lists(written):
-    study = read_study(written())
+def test_a_study_multiplies_scenes_displays_and_lists(write_study):
+    study = read_study(write_study())
     assert list(study.scenes) == ["one", "two"]
     assert [d.name for d in study.displays] == ["nominal", "tiny", AS_SCENE]
     assert study.algorithms == ("template", "gu2020")
@@ -88,8 +88,8 @@ lens_rows = 8
 """
 
 
-def test_lists_and_ranges_multiply_displays_and_their_parameters(written):
-    units = units_of(written(GRID))
+def test_lists_and_ranges_multiply_displays_and_their_parameters(write_study):
+    units = units_of(write_study(GRID))
     assert len(units) == (3 * 2 + 1 + 1) * 2
     assert all(unit.plan is not None for unit in units)
     displays = {(unit.display, unit.variation): unit.plan.display for unit in units}
@@ -101,8 +101,8 @@ def test_lists_and_ranges_multiply_displays_and_their_parameters(written):
     assert len({unit.hash for unit in units}) == len(units)
 
 
-def test_values_that_describe_no_display_fail_alone(written):
-    units = units_of(written(GRID.replace("[3.3, 3.4]", "[3.3, -1]")))
+def test_values_that_describe_no_display_fail_alone(write_study):
+    units = units_of(write_study(GRID.replace("[3.3, 3.4]", "[3.3, -1]")))
     errors = {unit.variation: unit.error for unit in units if unit.error}
     assert len(errors) == 7  # six of the grid, and those of phone and scene under one label
     assert all("gap_mm" in label and "gap_mm" in error for label, error in errors.items())
@@ -118,13 +118,13 @@ def test_values_that_describe_no_display_fail_alone(written):
         ("{from = 1, to = 3, step = 1}", [1, 2, 3]),
     ],
 )
-def test_ranges_are_exact_in_decimals(written, text, values):
-    study = read_study(written(GRID.replace("[3.3, 3.4]", text)))
+def test_ranges_are_exact_in_decimals(write_study, text, values):
+    study = read_study(write_study(GRID.replace("[3.3, 3.4]", text)))
     assert [float(v["inim.gap_mm"]) for v in study.variations.values()] == values
 
 
-def test_tables_of_a_caller_are_checked_as_those_of_a_file(written, monkeypatch):
-    path = written(GRID)
+def test_tables_of_a_caller_are_checked_as_those_of_a_file(write_study, monkeypatch):
+    path = write_study(GRID)
     monkeypatch.chdir(path.parent)
     study = study_of(tomllib.loads(GRID), "inim.sweep")
     assert [u.hash for u in expand(study, Path("out"))] == [u.hash for u in units_of(path)]
@@ -132,10 +132,10 @@ def test_tables_of_a_caller_are_checked_as_those_of_a_file(written, monkeypatch)
         study_of({**tomllib.loads(GRID), "settings": {"gap": 3}}, "inim.sweep")
 
 
-def test_paths_start_at_the_study_s_folder_and_equal_stems_keep_their_path(written, tmp_path):
+def test_paths_start_at_the_study_s_folder_and_equal_stems_keep_their_path(write_study, tmp_path):
     (tmp_path / "sub" / "one.xml").write_text(scene_text(sphere((0, 0, 0), 3)))
     text = STUDY.replace('"sub/two.xml"', '"sub/one.xml"')
-    assert read_study(written(text)).scenes == {
+    assert read_study(write_study(text)).scenes == {
         "one.xml": tmp_path / "one.xml",
         "sub/one.xml": tmp_path / "sub/one.xml",
     }
@@ -172,9 +172,9 @@ def test_paths_start_at_the_study_s_folder_and_equal_stems_keep_their_path(writt
         ("[2, 4]", "[2, 4", ["no TOML"]),
     ],
 )  # fmt: skip
-def test_a_mistake_is_one_line_with_file_key_and_way_out(written, old, new, says):
+def test_a_mistake_is_one_line_with_file_key_and_way_out(write_study, old, new, says):
     assert old in STUDY
-    path = written(STUDY.replace(old, new, 1))
+    path = write_study(STUDY.replace(old, new, 1))
     with pytest.raises(InimError) as caught:
         read_study(path)
     message = str(caught.value)
@@ -185,29 +185,29 @@ def test_a_mistake_is_one_line_with_file_key_and_way_out(written, old, new, says
         assert words in message
 
 
-def test_too_much_at_once_is_refused(written):
+def test_too_much_at_once_is_refused(write_study):
     numbers = ", ".join(map(str, range(2, 2002)))
     with pytest.raises(InimError, match="24000 validations"):
-        read_study(written(STUDY.replace("[2, 4]", f"[{numbers}]")))
+        read_study(write_study(STUDY.replace("[2, 4]", f"[{numbers}]")))
 
 
-def test_a_display_of_a_study_is_the_same_for_all_scenes(written, tmp_path):
+def test_a_display_of_a_study_is_the_same_for_all_scenes(write_study, tmp_path):
     scene = (tmp_path / "one.xml").read_text()
     own = '<default name="inim.conic" value="-0.5"/>'
     (tmp_path / "one.xml").write_text(scene.replace('"3.0.0">', f'"3.0.0">{own}'))
-    units = [unit for unit in units_of(written()) if unit.scene == "one"]
+    units = [unit for unit in units_of(write_study()) if unit.scene == "one"]
     conics = {unit.display: unit.plan.display.conic for unit in units}
     assert conics == {"nominal": 0.0, "tiny": 0.0, "scene": -0.5}
 
 
-def test_where_nothing_can_be_run_the_first_reason_is_an_error(written):
+def test_where_nothing_can_be_run_the_first_reason_is_an_error(write_study):
     with pytest.raises(InimError, match="outside the viewing zone"):
-        units_of(written(STUDY.replace("near=0 0 300", "far=900 0 300")))
+        units_of(write_study(STUDY.replace("near=0 0 300", "far=900 0 300")))
 
 
-def test_a_key_follows_what_decides_and_nothing_else(written, tmp_path):
+def test_a_key_follows_what_decides_and_nothing_else(write_study, tmp_path):
     def first(text: str = STUDY):
-        return units_of(written(text))[0].hash
+        return units_of(write_study(text))[0].hash
 
     before = first()
     assert first(STUDY.replace("[study]", '[study]\ntitle = "other"')) == before
@@ -226,10 +226,10 @@ def test_a_key_follows_what_decides_and_nothing_else(written, tmp_path):
     assert len({before, *changed}) == 1 + len(changed)
 
 
-def test_a_key_follows_versions_and_code(written, monkeypatch):
+def test_a_key_follows_versions_and_code(write_study, monkeypatch):
     from inim.sweep import unit
 
-    plan = units_of(written())[0].plan
+    plan = units_of(write_study())[0].plan
     before = unit_hash(key_of(plan))
     monkeypatch.setattr(unit, "__version__", "9.9")
     newer = unit_hash(key_of(plan))
@@ -237,10 +237,10 @@ def test_a_key_follows_versions_and_code(written, monkeypatch):
     assert len({before, newer, unit_hash(key_of(plan))}) == 3
 
 
-def test_a_criterion_belongs_to_its_algorithm(written):
+def test_a_criterion_belongs_to_its_algorithm(write_study):
     text = STUDY.replace("view_spp = 2", 'min_ssim_to_reference = "template:0.5"')
-    unit = units_of(written(text))[0]
-    assert unit.hash == units_of(written(STUDY.replace("view_spp = 2", "")))[0].hash
+    unit = units_of(write_study(text))[0]
+    assert unit.hash == units_of(write_study(STUDY.replace("view_spp = 2", "")))[0].hash
     assert algorithm_inputs(unit.plan, "template") == {"min_ssim_to_reference": 0.5}
     assert algorithm_inputs(unit.plan, "gu2020") == {"min_ssim_to_reference": None}
     # A run of the other algorithm alone must not be refused for it.
@@ -251,8 +251,8 @@ def test_a_criterion_belongs_to_its_algorithm(written):
     assert other["inim.min_ssim_to_reference"] == "template:0.5"
 
 
-def test_rows_of_what_failed_have_all_that_is_known(written):
-    unit = units_of(written())[0]
+def test_rows_of_what_failed_have_all_that_is_known(write_study):
+    unit = units_of(write_study())[0]
     rows = failed_rows(unit, "template", "why")
     assert [row["viewpoint"] for row in rows] == ["centre", "near"]
     assert all(row["status"] == "failed" and row["error"] == "why" for row in rows)
@@ -274,13 +274,13 @@ MOST = 2**20 - 1000
 
 def lines(make, most=MOST):
     """As many lines as a study may have bytes."""
-    found, size = [], 0
+    messages, size = [], 0
     for number in range(most):
-        found.append(make(number))
-        size += len(found[-1])
+        messages.append(make(number))
+        size += len(messages[-1])
         if size > most:
-            return "".join(found[:-1])
-    return "".join(found)
+            return "".join(messages[:-1])
+    return "".join(messages)
 
 
 @pytest.mark.parametrize(

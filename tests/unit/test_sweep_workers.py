@@ -94,8 +94,8 @@ def test_a_unit_too_large_for_a_share_runs_alone(monkeypatch):
 
 
 def test_a_failing_unit_does_not_stop_the_others(monkeypatch, capsys):
-    def fails(one, on_start):
-        return WorkerError("it broke") if one.unit == "1" else None
+    def fails(make_unit, on_start):
+        return WorkerError("it broke") if make_unit.unit == "1" else None
 
     monkeypatch.setattr(sweep_workers, "attempt", fails)
     assert run_tasks([make(str(i)) for i in range(3)], None, 1, Progress(3)) == {"1": "it broke"}
@@ -107,7 +107,7 @@ def test_a_failing_unit_does_not_stop_the_others(monkeypatch, capsys):
 def test_an_interrupt_ends_what_runs(monkeypatch):
     children = []
 
-    def works(one, on_start):
+    def works(make_unit, on_start):
         child = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"])
         on_start(child)
         children.append(child)
@@ -129,8 +129,8 @@ def test_a_worker_s_death_is_tried_once_more_and_its_own_error_is_not(monkeypatc
     for error, times in ((WorkerError("died"), 2), (UsageError("wrong"), 1)):
         tries = []
 
-        def carry_out(one, on_start, error=error, tries=tries):
-            tries.append(one)
+        def carry_out(make_unit, on_start, error=error, tries=tries):
+            tries.append(make_unit)
             raise error
 
         monkeypatch.setattr(sweep_unit, "_carry_out", carry_out)
@@ -139,8 +139,8 @@ def test_a_worker_s_death_is_tried_once_more_and_its_own_error_is_not(monkeypatc
 
 
 def test_a_task_survives_its_way_to_another_process():
-    one = make("1")
-    assert pickle.loads(pickle.dumps(one)) == one
+    task = make("1")
+    assert pickle.loads(pickle.dumps(task)) == task
 
 
 def test_a_folder_that_a_machine_does_not_see_is_named(tmp_path):

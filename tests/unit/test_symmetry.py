@@ -19,10 +19,10 @@ _rendered: dict = {}
 
 def truth_of(open_fitted, text, display, viewpoint, spp=64, seed=1):
     """RGB-D, true EIA, true view of a scene; the same ones are rendered once."""
-    asked = (text, display, viewpoint, spp, seed)
-    if asked not in _rendered:
-        _rendered[asked] = _render(open_fitted, *asked)
-    rgbd, eia, view = _rendered[asked]
+    key = (text, display, viewpoint, spp, seed)
+    if key not in _rendered:
+        _rendered[key] = _render(open_fitted, *key)
+    rgbd, eia, view = _rendered[key]
     return rgbd, eia.copy(), view.copy()
 
 
@@ -58,8 +58,8 @@ def test_a_mirror_symmetric_scene_gives_mirror_symmetric_pictures(open_fitted, l
     # A sphere with a smaller one on either side and above and below: symmetric both ways.
     around = [(5, 0, 1), (-5, 0, 1), (0, 5, 1), (0, -5, 1)]
     text = scene_text(sphere((0, 0, 0), 4), *(sphere(place, 1.0, RED) for place in around))
-    one, other = (_all_pictures(open_fitted, text, display, seed) for seed in (1, 100))
-    for name, picture in one.items():
+    first, other = (_all_pictures(open_fitted, text, display, seed) for seed in (1, 100))
+    for name, picture in first.items():
         noise = np.abs(picture - other[name]).mean()
         for axis in (0, 1):
             mirrored = np.flip(other[name], axis)

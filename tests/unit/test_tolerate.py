@@ -48,23 +48,23 @@ CRITERION = 0.01
 
 
 def test_draws_alone_reach_either_way_and_leave_no_large_gap():
-    drawn = STUDY.draw_alone("rotation_deg")
-    assert len(drawn) == 20 and all(abs(error) <= 0.06 for error in drawn)
-    places = [-0.06, *sorted(drawn), 0.06]
+    draws = STUDY.draw_alone("rotation_deg")
+    assert len(draws) == 20 and all(abs(error) <= 0.06 for error in draws)
+    places = [-0.06, *sorted(draws), 0.06]
     gaps = [high - low for low, high in pairwise(places)]
     assert max(gaps) < 2.5 * 0.12 / 20
 
 
 def test_draws_together_scatter_as_their_spreads_say():
     study = ToleranceStudy(SPREADS, together=2000)
-    drawn = study.draw_together()
-    turned, apart = ([one[name] for one in drawn] for name in SPREADS)
+    draws = study.draw_together()
+    turned, apart = ([draw[name] for draw in draws] for name in SPREADS)
     assert abs(fmean(turned)) < 4 * 0.01 / math.sqrt(2000)
     assert pstdev(turned) == pytest.approx(0.01, rel=0.06)
     assert max(map(abs, apart)) <= 0.05
     assert pstdev(apart) == pytest.approx(0.05 / math.sqrt(3), rel=0.06)
-    both = fmean(a * b for a, b in zip(turned, apart, strict=True))
-    assert abs(both) < 4 * pstdev(turned) * pstdev(apart) / math.sqrt(2000)
+    product = fmean(a * b for a, b in zip(turned, apart, strict=True))
+    assert abs(product) < 4 * pstdev(turned) * pstdev(apart) / math.sqrt(2000)
 
 
 def test_more_draws_add_to_those_there_are_and_another_seed_draws_others():
@@ -100,7 +100,7 @@ def test_a_panel_pixel_at_the_edge_decides_the_errors_by_the_geometry():
 # -- a study's file -------------------------------------------------------------------------------
 
 
-def read(tmp_path, text):
+def evaluate_draws(tmp_path, text):
     path = tmp_path / "errors.toml"
     path.write_text(text)
     return read_tolerance_study(path, NOMINAL)
@@ -111,11 +111,11 @@ def test_a_study_is_read_and_what_it_leaves_out_has_defaults(tmp_path):
         "[study]\nalone = 9\nreach = 3\n"
         "[errors]\npitch_mm = { uniform = 0.002 }\ngap_mm = { normal = 1 }\n"
     )
-    assert read(tmp_path, text) == ToleranceStudy(
+    assert evaluate_draws(tmp_path, text) == ToleranceStudy(
         {"pitch_mm": Spread("uniform", 0.002), "gap_mm": Spread("normal", 1.0)}, alone=9, reach=3.0
     )
-    assert read(tmp_path, "") == ToleranceStudy(default_spreads(NOMINAL))
-    assert read_tolerance_study(None, NOMINAL) == read(tmp_path, "[study]\nseed = 0")
+    assert evaluate_draws(tmp_path, "") == ToleranceStudy(default_spreads(NOMINAL))
+    assert read_tolerance_study(None, NOMINAL) == evaluate_draws(tmp_path, "[study]\nseed = 0")
 
 
 @pytest.mark.parametrize(
@@ -138,12 +138,12 @@ def test_a_study_is_read_and_what_it_leaves_out_has_defaults(tmp_path):
 )
 def test_what_makes_no_sense_in_a_study_is_named(tmp_path, text, says):
     with pytest.raises(UsageError, match=says):
-        read(tmp_path, text)
+        evaluate_draws(tmp_path, text)
 
 
 def test_what_is_no_study_is_refused(tmp_path):
     with pytest.raises(FileError, match=r"errors\.toml: no TOML"):
-        read(tmp_path, "[")
+        evaluate_draws(tmp_path, "[")
     with pytest.raises(FileError, match="nothing"):
         read_tolerance_study(tmp_path / "nothing.toml", NOMINAL)
 
@@ -160,20 +160,22 @@ def losses_of(law, errors, noise=0.0, seed=0):
 def test_a_known_law_is_found_again(power):
     law = Curve(power, 0.8, 0.6)
     errors = ToleranceStudy({"gap_mm": Spread("uniform", 0.1)}, alone=16).draw_alone("gap_mm")
-    found = fit_curve(errors, losses_of(law, errors), CRITERION)
-    known = 0.6 * (-math.log(1 - CRITERION)) ** (1 / power)
-    assert law.tolerance(CRITERION) == pytest.approx(known)
-    assert law.loss(known) == pytest.approx(CRITERION)
-    assert found.tolerance(CRITERION) == pytest.approx(known, rel=0.01)
+    evaluated = fit_curve(errors, losses_of(law, errors), CRITERION)
+    tolerance = 0.6 * (-math.log(1 - CRITERION)) ** (1 / power)
+    assert law.tolerance(CRITERION) == pytest.approx(tolerance)
+    assert law.loss(tolerance) == pytest.approx(CRITERION)
+    assert evaluated.tolerance(CRITERION) == pytest.approx(tolerance, rel=0.01)
 
 
 def test_a_few_draws_that_lie_far_off_change_little():
     law, errors = LAW["rotation_deg"], STUDY.draw_alone("rotation_deg")
-    seen = losses_of(law, errors, 2e-4)
-    known = law.tolerance(CRITERION)
+    losses = losses_of(law, errors, 2e-4)
+    tolerance = law.tolerance(CRITERION)
     for i in (3, 11):
-        seen[i] += 0.1
-    assert fit_curve(errors, seen, CRITERION).tolerance(CRITERION) == pytest.approx(known, rel=0.05)
+        losses[i] += 0.1
+    assert fit_curve(errors, losses, CRITERION).tolerance(CRITERION) == pytest.approx(
+        tolerance, rel=0.05
+    )
 
 
 def test_the_smaller_of_both_ways_counts():
@@ -184,10 +186,10 @@ def test_the_smaller_of_both_ways_counts():
 
 def test_an_error_that_costs_nothing_bears_more_than_was_drawn():
     errors = STUDY.draw_alone("gap_mm")
-    seen = losses_of(Curve(1.0, 1e9, 1e9), errors, 1e-4)
-    found = fit_curve(errors, seen, CRITERION)
-    assert found.tolerance(CRITERION) > 0.3
-    assert tolerance_interval(found, errors, seen, 0.3, CRITERION, "s")[1] is None
+    losses = losses_of(Curve(1.0, 1e9, 1e9), errors, 1e-4)
+    evaluated = fit_curve(errors, losses, CRITERION)
+    assert evaluated.tolerance(CRITERION) > 0.3
+    assert tolerance_interval(evaluated, errors, losses, 0.3, CRITERION, "s")[1] is None
     scores = scores_of(STUDY, LAW | {"gap_mm": Curve(1.0, 1e9, 1e9)})
     row = parameter_tolerances(STUDY, scores, CRITERION, {})[0][1]
     assert row.tolerance is None and row.interval == (None, None)
@@ -196,18 +198,18 @@ def test_an_error_that_costs_nothing_bears_more_than_was_drawn():
 @pytest.mark.slow
 def test_the_interval_holds_the_truth_as_a_rule_and_shrinks_with_less_noise():
     law = LAW["rotation_deg"]
-    known = law.tolerance(CRITERION)
+    tolerance = law.tolerance(CRITERION)
 
     def interval(noise, seed):
         errors = ToleranceStudy(SPREADS, alone=20, seed=seed).draw_alone("rotation_deg")
-        seen = losses_of(law, errors, noise, seed)
-        curve = fit_curve(errors, seen, CRITERION)
-        return tolerance_interval(curve, errors, seen, 0.06, CRITERION, "s")
+        losses = losses_of(law, errors, noise, seed)
+        curve = fit_curve(errors, losses, CRITERION)
+        return tolerance_interval(curve, errors, losses, 0.06, CRITERION, "s")
 
-    found = [interval(1e-3, seed) for seed in range(6)]
-    assert sum(low <= known <= high for low, high in found) >= 5
+    evaluated = [interval(1e-3, seed) for seed in range(6)]
+    assert sum(low <= tolerance <= high for low, high in evaluated) >= 5
     low, high = interval(1e-4, 0)
-    assert high - low < (found[0][1] - found[0][0]) / 3
+    assert high - low < (evaluated[0][1] - evaluated[0][0]) / 3
     assert interval(1e-4, 0) == [low, high]
 
 
@@ -227,11 +229,12 @@ def test_the_interval_of_a_share_is_wilson_s():
 
 
 def scores_of(study, law=LAW, aligned=0.98):
-    drawn = [{name: e} for name in study.spreads for e in study.draw_alone(name)]
-    drawn += study.draw_together()
+    draws = [{name: e} for name in study.spreads for e in study.draw_alone(name)]
+    draws += study.draw_together()
     return {"": aligned} | {
-        misalignment_text(one): aligned - sum(law[name].loss(error) for name, error in one.items())
-        for one in drawn
+        misalignment_text(draw): aligned
+        - sum(law[name].loss(error) for name, error in draw.items())
+        for draw in draws
     }
 
 
@@ -248,15 +251,15 @@ def document_of(scores, reached=(), **changes):
 
 
 @pytest.fixture(scope="module")
-def found():
+def evaluated():
     return document_of(scores_of(STUDY), {"rotation_deg": 0.002, "gap_mm": 0.1})
 
 
-def test_each_parameter_alone_bears_what_its_law_says(found):
-    assert [row.name for row in found.parameters] == ["rotation_deg", "gap_mm"]
-    for row in found.parameters:
-        known = LAW[row.name].tolerance(CRITERION)
-        assert row.tolerance == pytest.approx(known, rel=0.01)
+def test_each_parameter_alone_bears_what_its_law_says(evaluated):
+    assert [row.name for row in evaluated.parameters] == ["rotation_deg", "gap_mm"]
+    for row in evaluated.parameters:
+        tolerance = LAW[row.name].tolerance(CRITERION)
+        assert row.tolerance == pytest.approx(tolerance, rel=0.01)
         assert row.interval[0] <= row.tolerance <= row.interval[1]
         assert row.scatter < 1e-3 and len(row.draws) == 20
         line = row.curve.line
@@ -264,15 +267,15 @@ def test_each_parameter_alone_bears_what_its_law_says(found):
         assert line[20] == (0, 0)
 
 
-def test_losses_that_add_up_are_found_to(found):
-    together = found.together
+def test_losses_that_add_up_are_found_to(evaluated):
+    together = evaluated.together
     assert together.to_sum == pytest.approx(1, abs=0.02)
-    lost = [found.aligned - draw.score for draw in together.draws]
+    lost = [evaluated.aligned - draw.score for draw in together.draws]
     assert together.share == sum(loss <= CRITERION for loss in lost) / 60
     assert 0.2 < together.share < 1
     whole = sum(
         LAW[row.name].loss(side * together.part_of_each * row.tolerance)
-        for row, side in zip(found.parameters, (-1, 1), strict=True)
+        for row, side in zip(evaluated.parameters, (-1, 1), strict=True)
     )
     assert whole == pytest.approx(CRITERION, rel=0.02)
 
@@ -282,8 +285,8 @@ def test_displays_that_failed_are_left_out_and_too_few_say_nothing():
     for i, error in enumerate(STUDY.draw_alone("gap_mm")):
         if i >= 4:
             scores[misalignment_text({"gap_mm": error})] = None
-    for one in STUDY.draw_together()[:10]:
-        scores[misalignment_text(one)] = None
+    for draw in STUDY.draw_together()[:10]:
+        scores[misalignment_text(draw)] = None
     (_, gap), together = parameter_tolerances(STUDY, scores, CRITERION, {})
     assert (gap.tolerance, gap.interval, gap.curve, gap.scatter) == (None,) * 4
     assert len(gap.draws) == 4
@@ -300,9 +303,9 @@ def plainly(lines):
     return [line.replace("\u00a0", " ") for line in lines]
 
 
-def test_the_sentences_say_what_the_numbers_do(found):
-    turned, apart, share, sums = plainly(sentences(found))
-    row = found.parameters[0]
+def test_the_sentences_say_what_the_numbers_do(evaluated):
+    turned, apart, share, sums = plainly(sentences(evaluated))
+    row = evaluated.parameters[0]
     low, high = row.interval
     assert turned == (
         f"With this sheet, rotation must be known to {row.tolerance:.3g} deg (95 % interval "
@@ -310,25 +313,25 @@ def test_the_sentences_say_what_the_numbers_do(found):
         f"{row.tolerance / 0.00392:.2g} times better than needed."
     )
     assert apart.endswith("A calibration reaches 0.196 mm in 95 % of cases: not good enough.")
-    assert f"{found.together.share:.0%}".replace("%", " %") in share
+    assert f"{evaluated.together.share:.0%}".replace("%", " %") in share
     assert "60 displays" in share
     assert sums.startswith(
         "The loss of all errors together is 1 times the sum of the single losses"
     )
 
 
-def test_an_error_that_may_be_larger_than_all_drawn_is_said_so(found):
+def test_an_error_that_may_be_larger_than_all_drawn_is_said_so(evaluated):
     rows = [
-        replace(found.parameters[0], tolerance=None, interval=(None, None)),
-        replace(found.parameters[1], interval=(0.1, None)),
+        replace(evaluated.parameters[0], tolerance=None, interval=(None, None)),
+        replace(evaluated.parameters[1], interval=(0.1, None)),
     ]
-    turned, apart = plainly(sentences(replace(found, parameters=rows, together=None)))
+    turned, apart = plainly(sentences(replace(evaluated, parameters=rows, together=None)))
     assert turned == "Rotation may deviate by 0.06 deg or more; use a larger reach."
     assert "(95 % interval 0.1 to beyond the drawn range)" in apart
 
 
-def test_document_reads_back_and_the_page_shows_it(found, tmp_path):
-    document = replace(found, failed=[FailedDisplay(display="s · <off>", error="why")])
+def test_document_reads_back_and_the_page_shows_it(evaluated, tmp_path):
+    document = replace(evaluated, failed=[FailedDisplay(display="s · <off>", error="why")])
     write_tolerance(document, tmp_path)
     assert read_document(tmp_path / "tolerate.json", "", ToleranceDocument) == document
     page = (tmp_path / "tolerate.html").read_text("utf-8")

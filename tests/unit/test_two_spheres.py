@@ -46,12 +46,12 @@ def test_a_finer_picture_is_the_same_scene():
 
 def test_true_eia_is_what_the_exact_generator_makes_of_a_fine_picture():
     display = small_display(columns=10, rows=8, pixels=8)
-    made = {}
+    eias = {}
     for count in (2, 16):
         rgbd = picture_of(display, count)
-        made[count] = linear_picture(colour_of(find_sources(rgbd, display), rgbd))
+        eias[count] = linear_picture(colour_of(find_sources(rgbd, display), rgbd))
     truth = two_spheres_eia(display)
-    error = {count: float(np.abs(eia - truth).mean()) for count, eia in made.items()}
+    error = {count: float(np.abs(eia - truth).mean()) for count, eia in eias.items()}
     assert error[16] < error[2]
     assert truth.shape == (*display.eia_shape, 3)
 

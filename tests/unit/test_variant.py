@@ -9,7 +9,7 @@ pytestmark = pytest.mark.usefixtures("renderer")
 
 
 @pytest.mark.parametrize(
-    ("active", "wanted", "used"),
+    ("active", "borrowed", "used"),
     [
         ("llvm_ad_rgb", "auto", "llvm_ad_rgb"),
         ("llvm_ad_spectral_polarized", "auto", "llvm_ad_rgb"),
@@ -21,15 +21,15 @@ pytestmark = pytest.mark.usefixtures("renderer")
         ("", "auto", "chosen for auto"),
     ],
 )
-def test_the_active_backend_is_kept_where_it_may_be(monkeypatch, active, wanted, used):
+def test_the_active_backend_is_kept_where_it_may_be(monkeypatch, active, borrowed, used):
     from inim.render import variant
 
-    def choose(wanted: str) -> Backend:
-        return Backend("chosen", f"chosen for {wanted}", None, None, "")
+    def choose(borrowed: str) -> Backend:
+        return Backend("chosen", f"chosen for {borrowed}", None, None, "")
 
     monkeypatch.setattr(variant.backends, "choose_backend", choose)
     monkeypatch.setattr(variant.backends, "activate", lambda backend: None)
-    assert variant._choose_variant(active, wanted) == used
+    assert variant._choose_variant(active, borrowed) == used
 
 
 def test_variant_and_threads_come_back_whatever_passes():

@@ -49,10 +49,10 @@ def picture(source: str) -> np.ndarray:
 def test_every_panel_is_embedded_once_and_exactly(tmp_path):
     page = render_html(shown_report(tmp_path, ("template", "wang2024")), tmp_path)
     data = block(page)
-    assert [one["name"] for one in data["panels"]] == ["Reference", "template", "wang2024"]
-    for seed, one in enumerate(data["panels"]):
-        np.testing.assert_array_equal(picture(one["source"]), noise(seed, 96)[:80, :96])
-        assert page.count(one["source"]) == 1
+    assert [panel["name"] for panel in data["panels"]] == ["Reference", "template", "wang2024"]
+    for seed, panel in enumerate(data["panels"]):
+        np.testing.assert_array_equal(picture(panel["source"]), noise(seed, 96)[:80, :96])
+        assert page.count(panel["source"]) == 1
     assert data["start"] == [0, 1]
 
 
@@ -62,11 +62,13 @@ def test_only_the_display_s_own_script_may_run(tmp_path):
     tags = zip(whole.all("script"), whole.scripts, strict=True)
     running = [text for attributes, text in tags if "type" not in attributes]
     assert running == [PAGE_SCRIPT, LIVE.script]
-    digests = [base64.b64encode(hashlib.sha256(one.encode()).digest()).decode() for one in running]
+    digests = [
+        base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in running
+    ]
     policy = next(m["content"] for m in whole.all("meta") if "http-equiv" in m)
     directives = dict(d.split(" ", 1) for d in policy.split("; "))
     assert directives["default-src"] == "'none'"
-    assert directives["script-src"] == " ".join(f"'sha256-{one}'" for one in digests)
+    assert directives["script-src"] == " ".join(f"'sha256-{script}'" for script in digests)
     assert directives["img-src"] == "data:"
     assert not re.search(r"https?://|@import|url\(|\beval\b|Function\(|fetch\(", page)
 
@@ -136,7 +138,7 @@ def test_missing_panel_is_named_and_the_rest_is_shown(tmp_path):
     data = shown_report(tmp_path, ("template", "wang2024"))
     (tmp_path / "eia/wang2024.png").unlink()
     page = render_html(data, tmp_path)
-    assert [one["name"] for one in block(page)["panels"]] == ["Reference", "template"]
+    assert [panel["name"] for panel in block(page)["panels"]] == ["Reference", "template"]
     assert "Missing, or not of the panel's size: wang2024." in Page(page).text
 
 
@@ -145,7 +147,7 @@ PANELS = [Panel(f"{i}", noise(i, 64)) for i in range(4)]
 
 
 @pytest.mark.parametrize(
-    ("share", "shown", "left_out", "exact"),
+    ("share", "names", "left_out", "exact"),
     [
         (4.1, ["0", "1", "2", "3"], [], True),
         (3.1, ["0", "1", "2"], ["3"], True),
@@ -154,13 +156,13 @@ PANELS = [Panel(f"{i}", noise(i, 64)) for i in range(4)]
         (0.2, [], ["0", "1", "2", "3"], None),
     ],
 )
-def test_the_most_important_panels_are_embedded_while_there_is_room(share, shown, left_out, exact):
-    one = len(embed_panels(PANELS[:1], 10**9, IMAGES)[0][0].source)
-    embedded, missing = embed_panels(PANELS, int(share * one), IMAGES)
-    assert [e.name for e in embedded] == shown
+def test_the_most_important_panels_are_embedded_while_there_is_room(share, names, left_out, exact):
+    size = len(embed_panels(PANELS[:1], 10**9, IMAGES)[0][0].source)
+    embedded, missing = embed_panels(PANELS, int(share * size), IMAGES)
+    assert [e.name for e in embedded] == names
     assert missing == left_out
     assert all(e.is_exact is exact for e in embedded)
-    assert sum(len(e.source) for e in embedded) <= share * one
+    assert sum(len(e.source) for e in embedded) <= share * size
     for e in embedded:
         difference = picture(e.source).astype(int) - noise(int(e.name), 64)
         assert bool(difference.any()) is not exact
@@ -183,16 +185,16 @@ def test_eye_far_off_sees_one_pixel_column_of_every_lens():
     for pixel in range(8):
         pixel_offset = (pixel + 0.5 - 4) / 8  # mm from the lens's centre
         eye = (-pixel_offset * distance / DISPLAY.gap_mm, 0.0, distance)
-        seen = still_view(codes, DISPLAY, eye, pixels_per_lens=1, grid=2)
-        assert (seen[..., 1] == 30 * pixel).all()
-        assert (seen[..., 0] == 255 * (np.arange(12) % 2)).all()
+        view = still_view(codes, DISPLAY, eye, pixels_per_lens=1, grid=2)
+        assert (view[..., 1] == 30 * pixel).all()
+        assert (view[..., 0] == 255 * (np.arange(12) % 2)).all()
 
 
 def test_half_lit_pixel_is_the_mean_of_its_light_not_of_its_codes():
     """From one gap away a lens's height spans eight panel pixels, every other one lit."""
     codes = np.zeros((*DISPLAY.eia_shape, 3), np.uint8)
     codes[::2] = 255
-    seen = still_view(codes, DISPLAY, (0, 0, DISPLAY.gap_mm), pixels_per_lens=1, grid=8)
+    view = still_view(codes, DISPLAY, (0, 0, DISPLAY.gap_mm), pixels_per_lens=1, grid=8)
     half = srgb_to_uint8(srgb_from_linear(linear_from_srgb(np.array([0, 1])).mean()))
     assert half == 188
-    assert (seen[3:7, 4:8] == half).all()
+    assert (view[3:7, 4:8] == half).all()
