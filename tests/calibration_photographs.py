@@ -1,4 +1,4 @@
-"""What a camera would decode from photographs of a display, without photographs.
+"""Positions that a camera would decode from photographs of a display, without photographs.
 
 Rays of pixels are traced by the thick lens model, and those of a Gaussian blur about them. The
 panel is seen as the steps that it is made of, smoothed by what a pixel and the camera's pupil cover
@@ -52,7 +52,7 @@ def look_at(eye: Any, target: Any = (0, 0, 0), roll_deg: float = 0.0) -> np.ndar
 def photograph(
     display: Display, lens: Lens, eye: Any, axes: np.ndarray, seed: int, noise_px: float = 0.05
 ) -> Photograph:
-    """What is decoded of a display that stands anywhere, from an eye with a camera."""
+    """Decoded photograph of a display at any pose, taken from an eye with a camera."""
     random = np.random.default_rng(seed)
     height, width = lens.shape
     v, u = np.mgrid[:height, :width] + 0.5

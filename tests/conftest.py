@@ -77,7 +77,7 @@ def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[st
 
 
 def no_cuda() -> str:
-    """Why CUDA cannot be used here; empty if it can."""
+    """Reason why CUDA cannot be used here; empty if it can."""
     try:
         choose_backend("cuda")
     except BackendError as error:

@@ -1,4 +1,4 @@
-"""What the virtual display asks of a graphics card, counted, and how fast it draws without one.
+"""Operations of the virtual display on a graphics card, and its frame rate without one.
 
     python -m tests.frame_rate OUT/report.html
 

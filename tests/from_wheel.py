@@ -1,4 +1,4 @@
-"""What a stranger does: the built wheel in a fresh virtual environment, outside the repository.
+"""Installation by a user: the built wheel in a fresh virtual environment, outside the repository.
 
     python -m tests.from_wheel                    # downloads what inim needs
     python -m tests.from_wheel --borrow-packages  # takes it from the environment that runs this

@@ -55,7 +55,7 @@ Read = Callable[[Path], object]
 
 
 def _open_scene(path: Path) -> None:
-    """As the worker does, after the plan as the parent makes it."""
+    """Read a scene like the worker, after the parent's plan."""
     from inim.pipeline.plan import make_plan
     from inim.pipeline.request import Request
     from inim.render.scene import open_scene

@@ -139,7 +139,7 @@ def _drop(_: random.Random, holder: Any, key: Any, __: Any) -> None:
 
 
 def _rename(rng: random.Random, holder: Any, key: Any, _: Any) -> None:
-    """Of a list, the value moves."""
+    """A list keeps its length; the value moves."""
     value = holder.pop(key)
     if isinstance(holder, list):
         holder.insert(rng.randrange(len(holder) + 1), value)
@@ -253,7 +253,7 @@ def _change_element(
 
 
 def _xml_safe(text: str) -> str:
-    """What an XML writer takes and a reader may refuse."""
+    """Text that an XML writer accepts and a reader may refuse."""
     return text.encode("utf-8", "replace").decode().replace("\0", "\x01")
 
 

@@ -1,4 +1,4 @@
-"""Nothing that a file can hold brings the program down.
+"""No file content crashes the program.
 
 Expected: each of the mutated files is read or refused in one clear line (exit code 2), within 10 s
 and 1 GiB, in a process that lives on. The fast run tries 35 of each format, the slow one
@@ -24,7 +24,7 @@ MOST_FINDINGS = 20
 
 @dataclass
 class Answers:
-    """What became of a run of mutations."""
+    """Outcome of a run of mutations."""
 
     sound: list[str] = field(default_factory=list)
     read_files: int = 0

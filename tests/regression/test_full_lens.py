@@ -52,7 +52,7 @@ def by_lens(view):
 
 
 def calculated(eia, display):
-    """By lens, for each seed, through `thick` lenses: (seeds, lenses, 3)."""
+    """Light by lens, for each seed, through `thick` lenses: (seeds, lenses, 3)."""
     from inim.render.reconstruct import DisplayScene
 
     scene = DisplayScene(eia, display, "thick")
@@ -139,7 +139,7 @@ def test_one_per_cent_and_half_a_pixel_would_be_seen(bulge):
 @pytest.mark.slow
 @BULGES
 def test_finer_facets_change_less_than_the_noise(bulge):
-    """Of a view with as many samples as a validation's; equal seeds make equal choices.
+    """A view has as many samples as a validation's; equal seeds make equal choices.
 
     So what is left of the difference is the facets'.
     """

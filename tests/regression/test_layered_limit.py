@@ -1,4 +1,4 @@
-"""How good a picture is that knows what lies behind its front surface.
+"""Limit of pictures that hold the surfaces behind the front one.
 
 Expected behaviour: on the two spheres and the relics, captured finely, `layered` at four samples a
 pixel comes within 1.5 dB of the noise floor of the ground-truth EIA, and passes solid columns of
@@ -95,7 +95,7 @@ def bust(folder):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("renderer")
-def test_a_dark_base_is_seen_from_below(tmp_path):
+def test_a_dark_base_is_visible_from_below(tmp_path):
     from inim.render.depth_peeling import peel
     from inim.render.ground_truth import capture_layers, pickup
     from inim.render.scene import open_scene

@@ -68,7 +68,7 @@ class Finished:
         generate: Callable[[RGBD], np.ndarray] | None = None,
         change_views: Callable[[dict[str, Any]], dict[str, Any]] = lambda views: views,
     ) -> RunStatistics:
-        """What it leaves, with another truth, another generator or other views planted."""
+        """Statistics of the run with another truth, another generator or other views planted."""
         truth, generate = truth or self.evaluation.truth, generate or self.generate
         plan, capture, run = self.evaluation.plan, self.evaluation.capture, Run()
         first, second = (generate(rgbd) for rgbd in capture.inputs[RGBD].halves)
@@ -108,7 +108,7 @@ def baseline(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """With a seed of its own: what is planted must stand out from fresh noise."""
+    """Run with its own seed: a planted error must stand out from fresh noise."""
     return run_of(tmp_path_factory.mktemp("run"), seed=1)
 
 

@@ -1,4 +1,4 @@
-"""Nobody is above the reference by more than noise: 20 runs of four relics by five seeds.
+"""No algorithm exceeds the reference by more than noise: 20 runs of four relics by five seeds.
 
 Expected behaviour: of the 360 scores to the scene, those above the reference's are so within the
 noise of both, also where the true EIA has few samples. Plain scores are not: their reference is too

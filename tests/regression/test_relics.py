@@ -61,7 +61,7 @@ def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n != "tripod" else n
                                   for n in MADE])  # fmt: skip
 def test_script_makes_the_committed_meshes_and_textures(name, tmp_path):
-    """To the byte where processor and libraries are the same; else to the last bit of sines and
+    """Equal bytes where processor and libraries are the same; else to the last bit of sines and
     a code of a texture."""
     words = [sys.executable, str(SCENES / "make_relics.py"), name, "-o", str(tmp_path)]
     subprocess.run(words, check=True, stdout=subprocess.DEVNULL)

@@ -30,7 +30,7 @@ def ssim_scores(data: dict[str, Any]) -> dict[str, float]:
 
 
 @pytest.mark.parametrize("scene", ["amphora", "wine_coin", "tripod", "jade", "ibex", "altar"])
-def test_scores_are_known_as_well_as_said(scene, tmp_path, monkeypatch):
+def test_scores_are_as_accurate_as_stated(scene, tmp_path, monkeypatch):
     monkeypatch.setenv("INIM_CACHE", str(tmp_path / "cache"))
 
     def run(**settings: Any) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""How good one RGB-D picture can be.
+"""Limit of a single RGB-D picture.
 
 Expected behaviour: on a two-sphere scene, four samples per pixel of solid columns come within
 0.3 dB of what unlimited samples reach, and that limit is the picture's missing data: with true
@@ -67,7 +67,7 @@ def _many_samples(rgbd, fold):
 
 
 def _seen(rgbd, points, display_from_world):
-    """Whether the picture holds the point that a ray meets, within a pixel and 0.5 mm."""
+    """True where the picture holds the point that a ray meets, within a pixel and 0.5 mm."""
     with np.errstate(invalid="ignore"):
         point = points @ display_from_world[:3, :3].T + display_from_world[:3, 3]
     rows, columns = rgbd.shape

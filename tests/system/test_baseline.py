@@ -153,7 +153,7 @@ def noisy(bench):
 # --- Passing and failing ------------------------------------------------------------------------
 
 
-def test_baseline_is_small_and_says_why_and_when(bench):
+def test_baseline_is_small_with_reason_and_date(bench):
     files = {p.name: p.stat().st_size for p in (bench.folder / "base").iterdir()}
     assert set(files) == {"baseline.json", "baseline.npz"}
     assert sum(files.values()) < 100_000
@@ -275,7 +275,7 @@ def _change_condition(path: Path, name: str, value: str) -> None:
         ),
     ],
 )
-def test_baseline_that_is_none_ends_with_4(bench, tmp_path, change, words):
+def test_an_invalid_baseline_ends_with_4(bench, tmp_path, change, words):
     base = Path(shutil.copytree(bench.folder / "base", tmp_path / "base"))
     change(base)
     ended = bench.run("-o", "out4", "--baseline", str(base))
@@ -365,7 +365,7 @@ def steps() -> list[dict[str, Any]]:
 
 
 def execute(step: Mapping[str, Any], folder: Path, variables: Mapping[str, str]) -> None:
-    """As the runner does: bash -e on the step's text, with the job's environment."""
+    """Run a step like the runner: bash -e on its text, with the job's environment."""
     env = {**os.environ, **workflow()["jobs"]["regression"]["env"], **variables}
     process = subprocess.run(
         ["bash", "-e", "-c", step["run"]], cwd=folder, env=env, capture_output=True, text=True
@@ -374,7 +374,7 @@ def execute(step: Mapping[str, Any], folder: Path, variables: Mapping[str, str])
 
 
 def clean_copy(folder: Path) -> Path:
-    """What a checkout of this commit, with what is changed here, holds."""
+    """Files of a checkout of this commit with the changes of the working tree."""
     listed = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
         cwd=PROJECT, capture_output=True, check=True,
@@ -483,7 +483,7 @@ def plugin_test(
 
 
 def test_plugin_asks_for_a_baseline_accepts_one_and_compares(bench, pytester):
-    """In this process, where `bench` has loaded the renderer, which can be loaded once only."""
+    """Runs in this process, where `bench` has loaded the renderer; it can be loaded only once."""
     missing = plugin_test(pytester)
     missing.assert_outcomes(failed=1)
     missing.stdout.fnmatch_lines(["*no such file*", "*--inim-update*"])

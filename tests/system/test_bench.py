@@ -149,7 +149,7 @@ def test_all_algorithms_take_part_unless_some_are_named(monkeypatch, site):
     assert [n for n in notes if "linear_only" in n and "needs float32" in n]
 
 
-def test_a_line_for_each_method_and_where_the_page_lies(finished):
+def test_a_line_for_each_method_and_the_path_of_the_page(finished):
     lines = finished[0].stdout.splitlines()
     assert [line.split()[0] for line in lines[:-1]] == ALGORITHMS
     assert lines[-1] == f"bench: {Path('out') / 'bench.html'}"

@@ -50,7 +50,7 @@ def test_every_case_is_timed_and_measured(cases):
 
 
 @pytest.mark.slow
-def test_what_is_found_again_is_not_traced(cases):
+def test_cached_results_are_not_traced_again(cases):
     cold = cases["cold"]
     assert 0 < cold["traced"] <= cold["whole"]
     assert cases["unchanged"]["traced"] == cases["one algorithm changed"]["traced"] == 0
@@ -75,7 +75,7 @@ def test_scores_are_compared_and_equal(cases):
 
 
 @pytest.mark.slow
-def test_generation_of_what_is_observed(finished):
+def test_generation_is_limited_to_observed_pixels(finished):
     generation = finished[1]["study"]["commands"]["generation"]
     assert len(generation["viewpoints"]) == 9
     forms = {c["form"]: [] for c in generation["algorithms"]}
@@ -140,7 +140,7 @@ def test_a_difference_is_found_where_it_counts(path, found_in):
         )
 
 
-def test_reports_with_nothing_in_common_are_not_the_same():
+def test_reports_without_common_rows_are_not_equal():
     assert differences(REPORT, {"algorithms": {"b": {"eia": {"ssim": 1.0}}}}, SCORES)
 
 

@@ -62,8 +62,8 @@ def test_each_scene_compares_one_layer_with_all_at_equal_samples(finished):
 
 
 @pytest.mark.slow
-def test_shares_of_what_is_captured(finished):
-    """In b a plate is closely behind another: but for its rim no ray gets there."""
+def test_shares_of_the_captured_layers(finished):
+    """Scene b has a plate closely behind another: but for its rim no ray gets there."""
     apart, closely = (entry["captured_layers"] for entry in finished[1]["study"]["layers"])
     for captured in (apart, closely):
         front, behind, *_ = captured["covered_shares"]

@@ -1,4 +1,4 @@
-"""In a program that uses Mitsuba itself: any order, any variant, and all as it was afterwards."""
+"""Calls in a program that uses Mitsuba itself: any order, any variant, and its state afterwards."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_without_mitsuba_before_the_variant_used_stays(inim_first):
         ),
     ],
 )
-def test_all_is_as_before(before, inim_first):
+def test_mitsuba_s_state_is_restored(before, inim_first):
     state = run(before)
     if state["before"] and state["before"][0]:
         assert state["after"] == state["before"], "a variant was active"

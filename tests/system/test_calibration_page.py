@@ -76,7 +76,7 @@ def shot(tab: Tab, path: Path) -> np.ndarray:
         pytest.param(1.25, (COLUMNS + 50, ROWS + 100), marks=pytest.mark.slow),
     ],
 )
-def test_a_panel_pixel_is_a_device_pixel_whatever_the_ratio(page, tmp_path, ratio, size):
+def test_a_panel_pixel_is_a_device_pixel_at_any_ratio(page, tmp_path, ratio, size):
     # Of a ratio that is emulated the browser does not say what it rounds.
     flags = (*NO_WEBGL, f"--force-device-scale-factor={ratio}")
     with browser(flags) as tab:
@@ -85,7 +85,7 @@ def test_a_panel_pixel_is_a_device_pixel_whatever_the_ratio(page, tmp_path, rati
 
 
 def in_the_middle(screenshot: np.ndarray, expected: np.ndarray) -> bool:
-    """Whether a picture stands there unscaled, less than three pixels off the middle."""
+    """True if a picture stands there unscaled, less than three pixels off the middle."""
     windows = np.lib.stride_tricks.sliding_window_view(screenshot, expected.shape)
     rows, columns = np.nonzero((windows == expected).all(axis=(2, 3)))
     middle = [(size - 1) / 2 for size in windows.shape[:2]]
@@ -158,7 +158,7 @@ def test_a_page_magnified_by_fingers_warns(tab, page):
 
 
 def test_a_scaled_picture_warns(tab, page):
-    """As a browser that does not keep to the size asked for would draw it."""
+    """A browser may not keep to the requested size."""
     window(tab, (COLUMNS, ROWS))
     begin(tab, page)
     tab.evaluate("document.documentElement.style.zoom = 1.1")

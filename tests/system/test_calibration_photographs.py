@@ -121,7 +121,7 @@ def test_photographs_decode_to_where_their_rays_land(case, tmp_path):
         assert np.sqrt(np.mean(off**2)) < 0.5
 
 
-def test_a_case_follows_from_its_number_and_photographs_say_nothing_of_it(case, tmp_path):
+def test_a_case_follows_from_its_number_and_photographs_do_not_reveal_it(case, tmp_path):
     assert draw_case(7).display == draw_case(7).display != draw_case(9).display
     assert draw_case(7).design.name == "phone"
     write_patterns(case.design, tmp_path / "patterns")

@@ -30,7 +30,7 @@ def photo(tmp_path):
 
 
 class _Tensor:
-    """As much of a tensor as is asked for."""
+    """Tensor with the requested part only."""
 
     def __init__(self, values):
         self.values = np.asarray(values, np.float32)
@@ -99,7 +99,7 @@ def test_flat_inverse_depth_is_all_near():
     assert (relative_distance(np.full((3, 4), 7.0), 4.0) == 1).all()
 
 
-def test_what_a_model_says_follows_from_its_kind_or_is_asked_for():
+def test_a_model_s_output_follows_from_its_kind_or_an_option():
     def config(kind, **more):
         return SimpleNamespace(model_type=kind, **more)
 
@@ -131,7 +131,7 @@ def test_a_folder_named_as_the_default_model_does_not_replace_it(photo, monkeypa
 
 
 @pytest.mark.parametrize("missing", ["torch", "transformers"])
-def test_without_the_extra_the_line_to_type_is_said(photo, monkeypatch, missing):
+def test_without_the_extra_the_install_command_is_printed(photo, monkeypatch, missing):
     stand_in(monkeypatch, np.ones((4, 4)))
     monkeypatch.setitem(sys.modules, missing, None)
     says = [f"{missing} is missing", "pip install 'inim[depth]'"]

@@ -87,6 +87,6 @@ def test_notebooks_run(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", pages())
-def test_what_a_page_says_to_type_works(page, tmp_path):
+def test_commands_of_a_page_work(page, tmp_path):
     for _ in run_page(page, tmp_path):
         pass

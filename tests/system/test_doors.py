@@ -207,7 +207,7 @@ KINDS: dict[str, Callable[[Path], object]] = {
 
 @pytest.fixture(autouse=True)
 def at_once():
-    """Nothing hangs, whatever it waits for."""
+    """No call hangs on any input."""
 
     def late(*_: object) -> None:
         raise AssertionError(f"took more than {MOST_SECONDS} s")
@@ -229,7 +229,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("door", "kind"), CASES)
-def test_what_is_no_file_is_refused_in_one_line(door, kind, tmp_path):
+def test_paths_that_are_no_file_are_refused_in_one_line(door, kind, tmp_path):
     words, name, code, beside = DOORS[door]
     beside(tmp_path)
     path = tmp_path / name

@@ -143,7 +143,7 @@ def once_a_lens(rgbd: RGBD, display: Display) -> RGBD:
     return RGBD(rgbd.color[place], rgbd.depth_mm[place], rgbd.covered[place], display.pitch_mm)
 
 
-def test_a_report_s_light_field_is_generated_to_what_its_picture_sampled_once_a_lens_shows(folder):
+def test_a_report_s_light_field_regenerates_its_picture_sampled_once_per_lens(folder):
     """Disparity is of the true depth: what differs from the report's own EIA is the sampling.
 
     Lenses see the picture's pixel at their centre; the light field has one sample a lens, in codes
@@ -244,7 +244,7 @@ def test_a_quilt_of_the_truth_is_the_scene_traced_again(folder, renderer):
 
 
 @pytest.mark.parametrize("model", ["pinhole", "thin"])
-def test_a_quilt_s_tiles_are_what_eyes_see_across_the_zone(tmp_path, renderer, model):
+def test_a_quilt_s_tiles_are_views_across_the_zone(tmp_path, renderer, model):
     """Near things move against the eye: x = -e z / (V - z) on the array, for eyes at (e, V)."""
     from inim.render.reconstruct import reconstruct
 

@@ -38,7 +38,7 @@ def previewed(tmp_path_factory, run_inim):
     return folder, run_inim(scene, "--preview", "-o", "out", folder=folder)
 
 
-def test_preview_says_so_everywhere_and_names_the_full_command(previewed):
+def test_preview_is_marked_everywhere_with_the_full_command(previewed):
     folder, ended = previewed
     assert ended.code == EXIT_PASSED
     assert "preview" in ended.stdout.splitlines()[-1]
@@ -90,7 +90,7 @@ def test_pictures_have_no_preview(tmp_path):
 
 
 def on_a_terminal(words: list[str], folder: Path) -> str:
-    """What a command writes on a terminal of 40 rows and 100 columns."""
+    """Output of a command on a terminal of 40 rows and 100 columns."""
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 100, 0, 0))
     with subprocess.Popen(words, cwd=folder, stdin=theirs, stdout=theirs, stderr=theirs) as child:

@@ -65,7 +65,7 @@ def place_seen(view: np.ndarray, channel: int, display: Display) -> tuple[float,
 
 
 def expected_place(square, eye, frame_at: float, display: Display) -> tuple[float, float]:
-    """Where the line from the eye to the square's middle crosses the array."""
+    """Point of the array on the line from the eye to the square's middle."""
     rows, columns, z, _ = square
     scale = min(
         display.width_mm * FOCAL / (COLUMNS * frame_at),
@@ -154,7 +154,7 @@ def test_output_names_the_fill_of_the_eia(camera, capsys, more, fill):
     assert f"of the EIA, fill: {fill}\n" in capsys.readouterr().out
 
 
-def test_what_was_guessed_is_said(camera, capsys):
+def test_guessed_settings_are_printed(camera, capsys):
     assert main(words(camera, *CAMERA)) == EXIT_PASSED
     output = capsys.readouterr()
     assert "no depth unit given; assumed mm" in output.err
@@ -165,7 +165,7 @@ def test_what_was_guessed_is_said(camera, capsys):
     assert "resampled to the colour's size by nearest pixel" in capsys.readouterr().err
 
 
-def test_eq_4_as_printed_is_shown_with_a_warning_of_what_it_does(camera, capsys):
+def test_eq_4_as_printed_is_generated_with_a_warning(camera, capsys):
     more = ("--orthographic", "--depth-unit", "mm", "--depth-map", "printed")
     assert main(words(camera, *more)) == EXIT_PASSED
     output = capsys.readouterr()

@@ -82,7 +82,7 @@ def test_stated_choices_win(tmp_path, capsys):
     np.testing.assert_allclose(rgbd.depth_mm[red], expected, atol=0.01)
 
 
-def test_relative_depth_is_said_to_be(tmp_path, capsys):
+def test_relative_depth_is_reported(tmp_path, capsys):
     photo = tmp_path / "photo.jpg"
     photo.write_bytes(apple_jpeg(picture(COLOR), picture(255 - CODES), apple_xml()))
     assert generate(photo, "-o", tmp_path / "eia.png") == EXIT_PASSED
@@ -133,7 +133,7 @@ def folder_of(tmp_path: Path) -> Path:
     return folder
 
 
-def test_of_a_folder_the_broken_one_is_said_and_the_others_are_made(tmp_path, capsys):
+def test_a_broken_file_of_a_folder_is_named_and_the_others_are_generated(tmp_path, capsys):
     folder, out = folder_of(tmp_path), tmp_path / "eias"
     assert generate(folder, "-o", out) == EXIT_CHECK_FAILED
     output = capsys.readouterr()

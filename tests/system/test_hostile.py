@@ -45,7 +45,7 @@ def scanned(folder: Path, body: str, allowed: Sequence[Path] = ()) -> SceneFile:
 
 
 def assert_quick(started: float, seconds: float = 5) -> None:
-    """In this process's own time, whatever else the machine does."""
+    """Limits this process's own time, independent of the machine's load."""
     assert time.process_time() - started < seconds
 
 
@@ -66,7 +66,7 @@ def assert_quick(started: float, seconds: float = 5) -> None:
         '<include filename="in/../../secret.txt"/>',
     ],
 )
-def test_no_way_of_writing_a_name_leads_outside(tmp_path, body):
+def test_no_spelling_of_a_name_leads_outside(tmp_path, body):
     (tmp_path / "secret.txt").write_text("400 1\n700 1\n")
     (tmp_path / "in" / "in").mkdir(parents=True)
     # Decoys under the names as written, which a scan that reads otherwise would settle for.
@@ -77,7 +77,7 @@ def test_no_way_of_writing_a_name_leads_outside(tmp_path, body):
 
 
 def test_a_folder_can_be_allowed(tmp_path):
-    """As the message says, which proposes the highest folder that is not the scene's own."""
+    """The message proposes the highest folder that is not the scene's own."""
     for name in ("common/meshes/deep", "scenes/one"):
         (tmp_path / name).mkdir(parents=True)
     for name in ("common/meshes/deep/a.ply", "other.ply"):
@@ -152,7 +152,7 @@ def test_plugin_is_a_name_and_not_a_path(tmp_path, plugin):
 
 
 @pytest.mark.parametrize("place", [".", "sub"])
-def test_library_beside_a_scene_is_never_run(tmp_path, place):
+def test_a_library_next_to_a_scene_is_never_run(tmp_path, place):
     """Mitsuba looks for plugins where it looks for files: `plugins/sphere.so` would be loaded.
 
     A folder of that name with pictures harms nobody.
@@ -239,7 +239,7 @@ MANY = "".join(f'<default name="p{k}" value="$p0"/>' for k in range(1, 2000))
     ],
     ids=["laughs", "parameters", "crowd of shapes", "file of terabytes"],
 )
-def test_what_unfolds_or_is_too_large_is_refused_soon(tmp_path, body, says):
+def test_files_that_expand_or_are_too_large_are_refused_soon(tmp_path, body, says):
     with (tmp_path / "huge.png").open("wb") as file:
         file.truncate(2**36)
     started = time.process_time()
@@ -351,7 +351,7 @@ def test_exr_bomb_is_refused(tmp_path):
         read_exr(path)
 
 
-def test_openexr_says_nothing_itself(tmp_path, capfd):
+def test_openexr_prints_nothing_itself(tmp_path, capfd):
     path = tmp_path / "a.exr"
     write_exr(path, np.random.default_rng(0).random((64, 64, 3)).astype(np.float32))
     data = bytearray(path.read_bytes())
@@ -432,7 +432,7 @@ def test_kinds_whose_readers_trust_their_headers_are_checked(tmp_path, start):
     ],
 )
 def test_textures_in_every_format_show_the_same(tmp_path, open_fitted, name, mode, options):
-    """As the PNG of the same pixels does, which the renderer reads itself; palettes, too."""
+    """Equal to the PNG of the same pixels, which the renderer reads itself; palettes, too."""
     pixels = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
     picture = Image.fromarray(pixels).quantize(8) if mode == "P" else Image.fromarray(pixels)
     picture = picture.convert(mode)
@@ -488,7 +488,7 @@ def test_infinite_pixel_size_names_the_file(tmp_path):
         read_rgbd(path)
 
 
-def test_surface_without_area_beside_a_sound_one_is_left_out(tmp_path):
+def test_a_surface_without_area_is_left_out(tmp_path):
     from inim.files.triangle_mesh import add_vertex_normals
 
     path = tmp_path / "a.obj"
@@ -515,7 +515,7 @@ def test_gltf_count_that_is_no_count_is_refused(tmp_path, count):
         ('</bsdf><bsdf type="blendbsdf">', "'blendbsdf' has no 'weight'"),
     ],
 )  # fmt: skip
-def test_plugin_without_what_it_needs_is_named(open_fitted, body, says):
+def test_a_plugin_without_its_required_parts_is_named(open_fitted, body, says):
     """Mitsuba ends the process there, without a word."""
     shape = f'<shape type="sphere"><bsdf type="diffuse">{body}</bsdf></shape>'
     with pytest.raises(SceneError, match=says):

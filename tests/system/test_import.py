@@ -16,7 +16,7 @@ def fresh(code: str) -> str:
     return ended.stdout.strip()
 
 
-def test_importing_the_package_loads_nothing_heavy_and_sets_no_variant():
+def test_importing_the_package_loads_no_large_module_and_sets_no_variant():
     loaded = fresh(
         "import sys, inim; dir(inim); print([m for m in "
         "('numpy', 'mitsuba', 'drjit', 'numba', 'skimage', 'trimesh') if m in sys.modules])"

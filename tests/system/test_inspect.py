@@ -24,7 +24,7 @@ FOCUSED = definitions({"inim.gap_mm": "3", "inim.depth_min_mm": "4", "inim.depth
 
 
 def inspect(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
-    """What the command prints when it succeeds."""
+    """Output of the command when it succeeds."""
     assert main(["inspect", *map(str, words), *SMALL]) == EXIT_PASSED
     output = capsys.readouterr()
     assert output.err == ""
@@ -48,7 +48,7 @@ def test_text_of_a_preset_fits_a_terminal_and_names_the_figures(capsys, preset):
     assert "nan" not in text and "inf " not in text
 
 
-def test_json_is_valid_complete_and_says_its_units(capsys):
+def test_json_is_valid_and_complete_with_units(capsys):
     data = read_text(inspect(capsys, "nominal", "--json"))
     assert data["schema"] == "inim.inspect/2"
     assert len(data["pixels_per_lens"]) == 3
@@ -115,7 +115,7 @@ def test_scene_s_settings_are_read_and_the_command_line_wins(capsys, tmp_path):
     assert data["viewing"]["distance_mm"] == 300
 
 
-def test_focused_display_says_nothing_of_a_formula_s_range(capsys):
+def test_a_focused_display_omits_the_formula_s_range(capsys):
     text = inspect(capsys, "nominal", *FOCUSED)
     assert "depth range                   4 to 24 mm (from the settings)" in text
     assert "focused: g = f" in text
@@ -160,7 +160,7 @@ def test_json_of_odd_displays_keeps_its_schema(capsys, words):
         ),
     ],
 )
-def test_bad_input_is_one_line_with_the_way_out(tmp_path, words, says):
+def test_bad_input_is_one_line_with_the_fix(tmp_path, words, says):
     assert_refused("inspect", *words, "-o", "out", folder=tmp_path, says=says)
 
 

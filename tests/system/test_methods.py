@@ -179,7 +179,7 @@ def request(scene: Path, *eias: str, algorithms: str = "none") -> Request:
 
 
 def task_of(plan: Plan, folder: Path) -> MethodSetup:
-    """What methods of a plan are given."""
+    """Task that methods of a plan are given."""
     _, renderer, _ = setup(plan, folder, Observer())
     scene = Scene(plan.file, plan.display, plan.settings.fit_share, renderer)
     return MethodSetup(DepthCamera(scene, 5, 2, 0), 2)
@@ -198,7 +198,7 @@ def task_of(plan: Plan, folder: Path) -> MethodSetup:
         ("small.exr", "small.exr: has 9 x 7 pixels, display nominal, changed needs 136 x 102"),
     ],
 )
-def test_bad_file_is_found_before_anything_is_rendered(tiny_scene, name, says):
+def test_bad_file_is_refused_before_anything_is_rendered(tiny_scene, name, says):
     folder = tiny_scene.parent
     write_bad_files(folder, make_plan(request(tiny_scene)).display.eia_shape)
     with pytest.raises(FileError) as caught:
@@ -219,7 +219,7 @@ print(*sorted({"OpenEXR", "PIL", "mitsuba"} & set(sys.modules)))
 """
 
 
-def test_plans_decode_nothing_for_they_are_made_outside_the_worker(tiny_scene):
+def test_plans_decode_no_picture_because_they_are_outside_the_worker(tiny_scene):
     folder = tiny_scene.parent
     eias = []
     for name in ("a.png", "b.exr"):
@@ -295,7 +295,7 @@ def test_grey_of_16_bits_keeps_them(tmp_path):
         ("pickup:samples=4", (), "'pickup' has no option 'samples'; its options are spp"),
     ],
 )
-def test_bad_method_is_named_with_the_way_out(algorithms, eias, says):
+def test_bad_method_is_named_with_the_fix(algorithms, eias, says):
     with pytest.raises(UsageError) as caught:
         parse_methods(algorithm_items(algorithms), parse_eias(eias))
     assert says in str(caught.value)
@@ -331,7 +331,7 @@ def test_holes_of_the_pickup_are_where_the_scene_is_not(tmp_path, run_inim):
     assert abs(holes - (lit == 0).mean()) <= at_edges < 0.1
 
 
-def test_pickup_without_a_scene_says_what_it_needs():
+def test_pickup_without_a_scene_is_refused_with_the_reason():
     display = small_display()
     rgbd = some_picture()
     with pytest.raises(UsageError, match=r"'pickup' needs the scene.*inim validate"):
@@ -463,7 +463,7 @@ def test_result_of_a_generator_is_looked_at(generator, says):
 # --- What there is ------------------------------------------------------------------------------
 
 
-def test_list_of_algorithms_names_options_and_what_cannot_be_loaded(tmp_path, others):
+def test_list_of_algorithms_names_options_and_load_errors(tmp_path, others):
     process = run_here("info", "algorithms", folder=tmp_path, variables=others)
     assert process.code == EXIT_PASSED
     rows = dict(line.split(maxsplit=1) for line in process.stdout.splitlines())

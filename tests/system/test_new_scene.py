@@ -259,7 +259,7 @@ def test_lamps_are_out_of_sight_within_25_degrees(tmp_path, mi):
 
 @pytest.mark.parametrize("kind", ["colour", "texture"])
 def test_a_white_relic_is_not_clipped(tmp_path, mi, kind):
-    """As bright as plaster of its shape; a dark one is not brightened."""
+    """A white relic is as bright as plaster of its shape; a dark one is not brightened."""
     views = {}
     for name, value in {"white": 1.0, "plaster": max(STONE), "dark": 0.3}.items():
         mesh = sphere()

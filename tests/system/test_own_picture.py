@@ -75,7 +75,7 @@ def test_views_are_scored_against_the_picture_and_the_exact_eia(finished):
     assert all(worse[name]["to_picture"]["ssim"] < own[name] for name in own)
 
 
-def test_what_cannot_be_scored_is_named_with_the_reason(finished):
+def test_algorithms_without_scores_are_named_with_the_reason(finished):
     words = " ".join(finished[1]["not_scored"])
     assert "no scene" in words and "hidden surfaces" in words
     page = (finished[0] / "out" / "report.html").read_text("utf-8")
@@ -101,7 +101,7 @@ def test_a_fitted_picture_gives_the_same_scores(finished):
     assert again["exact"] == data["exact"]
 
 
-def test_the_warped_picture_shows_each_square_where_it_is_seen_from_the_eye(finished):
+def test_the_warped_picture_shows_each_square_at_its_place_for_the_eye(finished):
     """Against the line from the eye to the square's middle, in closed form."""
     display = the_display()
     rgbd = read_rgbd(finished[0] / "out" / "rgbd.exr")
@@ -163,7 +163,7 @@ def test_the_page_begins_with_picture_depth_view_and_live_display(finished):
     assert ">–<" not in page[page.index('id="scores"') : page.index('id="views"')]
 
 
-def test_a_picture_that_is_mostly_clipped_or_empty_says_what_to_type(finished, capsys):
+def test_a_picture_that_is_mostly_clipped_or_empty_names_the_options(finished, capsys):
     folder = finished[0]
     words = ["--near", "300", "--far", "301", "--algorithms", "template", *DISPLAY]
     words += ["-D", "inim.reconstruction_spp=4", "--viewpoints", "centre"]

@@ -27,7 +27,7 @@ def package():
     """Something that scores as ColorVideoVDP does, where that is not installed."""
 
     class Found:
-        """Of a tensor, what is used."""
+        """Stand-in for the used part of a tensor."""
 
         def __init__(self, values: np.ndarray) -> None:
             self.values = values
@@ -89,7 +89,7 @@ def test_report_has_jod_to_scene_and_reference_with_intervals(validated):
     assert data["scoring"]["metrics"]["cvvdp"]["arguments"]["ambient_lux"] == 0
 
 
-def test_it_is_seen_as_the_display_from_the_eye(validated):
+def test_viewing_conditions_are_those_of_the_display_from_the_eye(validated):
     _, data = validated
     (position,) = (viewpoint["position_mm"] for viewpoint in data["viewpoints"])
     pixel = data["display"]["parameters"]["pitch_mm"] / data["settings"]["view_pixels_per_lens"]

@@ -91,7 +91,7 @@ def test_shift_blur_and_gamma_are_found_each_in_its_row(bench):
         (["--position", "front"], "other.xml", ["calibration.json", "no such file"]),
     ],
 )
-def test_what_is_missing_is_named(bench, more, display, words):
+def test_missing_inputs_are_named(bench, more, display, words):
     (bench / "other.xml").write_text((bench / "mine.xml").read_text())
     (bench / "p").mkdir(exist_ok=True)
     ended = photo(bench, *more, display=display)

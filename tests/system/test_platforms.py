@@ -83,7 +83,7 @@ def test_an_eia_is_generated_and_exported(inim, tmp_path):
     assert ended.code == 0, ended.stderr
 
 
-def test_commands_with_workers_say_what_they_need(inim):
+def test_commands_with_workers_name_the_required_platform(inim):
     commands = ("validate,tiny.xml", "validate,rgbd.exr", "demo", "bench,tiny.xml")
     commands += ("stress,--quick", "compare,a,b", "film,a", "sweep,study.toml")
     lines = inim(*commands, code=RUN_EACH).stderr.splitlines()

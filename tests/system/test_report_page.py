@@ -61,7 +61,7 @@ def tab(opened: Tab) -> Tab:
 
 
 def spoken(tab: Tab) -> list[dict[str, Any]]:
-    """What a screen reader is told: role and name of every node it does not pass over."""
+    """Text for a screen reader: role and name of every node it does not pass over."""
     nodes = tab.send("Accessibility.getFullAXTree")["nodes"]
     return [
         {"role": node["role"]["value"], "name": node.get("name", {}).get("value", "").strip()}
@@ -70,7 +70,7 @@ def spoken(tab: Tab) -> list[dict[str, Any]]:
     ]
 
 
-def test_whatever_can_be_worked_or_seen_has_a_name(tab):
+def test_every_control_and_picture_has_a_name(tab):
     nodes = spoken(tab)
     roles = {node["role"] for node in nodes}
     assert {*WORKED_BY_HAND, "image", "navigation", "main", "table"} <= roles
@@ -86,7 +86,7 @@ def test_headings_go_down_one_level_at_a_time(tab):
 
 
 def test_keyboard_reaches_every_control_and_leaves_it_again(tab):
-    """By the Tab key alone: each of the display's and the slider's, and the page's last link."""
+    """The Tab key alone reaches each control of display and slider, and the page's last link."""
     expected = tab.evaluate(
         "[...document.querySelectorAll(':is(a, button, select, input, canvas, [tabindex])')]"
         ".filter((e) => e.checkVisibility() && !e.disabled && (e.type !== 'radio' || e.checked))"
@@ -104,7 +104,7 @@ def test_keyboard_reaches_every_control_and_leaves_it_again(tab):
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
 @pytest.mark.parametrize("width", [320, 390, 1280])
-def test_nothing_sticks_out_of_the_screen(tab, theme, width):
+def test_the_page_fits_the_width_of_the_screen(tab, theme, width):
     tab.size(width, 800)
     scheme = [{"name": "prefers-color-scheme", "value": theme}]
     tab.send("Emulation.setEmulatedMedia", media="", features=scheme)
@@ -119,7 +119,7 @@ def test_nothing_sticks_out_of_the_screen(tab, theme, width):
 
 
 def test_no_word_of_a_table_is_broken_into_letters_on_a_phone(tmp_path):
-    """Of two checks of a comparison, whose five other columns never break."""
+    """Two checks of a comparison, whose five other columns never break."""
     named = {
         "name": "wang2024/right: SSIM on relic to reference against the baseline",
         "kind": "score",
@@ -145,7 +145,7 @@ def test_no_word_of_a_table_is_broken_into_letters_on_a_phone(tmp_path):
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
-def test_words_stand_out_from_what_is_behind_them(tab, theme):
+def test_text_has_enough_contrast(tab, theme):
     """Contrast of 4.5 at least, as WCAG 2.1, 1.4.3 asks, by its formula on computed colours."""
     scheme = [{"name": "prefers-color-scheme", "value": theme}]
     tab.send("Emulation.setEmulatedMedia", media="", features=scheme)
@@ -201,8 +201,8 @@ def test_page_prints_and_reads_whole_without_scripts(tab, page):
     assert tab.complaints == []
 
 
-def test_paper_has_what_the_screen_folds(tab):
-    """By what Chromium lays out: the folded parts are as high as the unfolded ones."""
+def test_paper_has_the_parts_that_the_screen_folds(tab):
+    """Layout of Chromium: the folded parts are as high as the unfolded ones."""
     height = "document.getElementById('reproduce').clientHeight"
     folded = tab.evaluate(height)
     tab.send("Emulation.setEmulatedMedia", media="print")
@@ -243,7 +243,7 @@ def test_tables_are_sorted_from_their_heads_by_mouse_and_keyboard(tab):
     assert tab.evaluate("document.querySelectorAll('#overview [aria-sort]').length") == 1
 
 
-def test_a_table_wider_than_the_screen_says_so_and_scrolls_in_its_box(tab):
+def test_a_table_wider_than_the_screen_scrolls_in_its_box_with_a_note(tab):
     box = "#overview .scroll"
     words = f"getComputedStyle(document.querySelector('{box}'), '::before').content"
     tab.size(1280, 800)
@@ -369,7 +369,7 @@ def test_border_moves_from_the_keyboard(slider):
     assert "up to 99 %" in slider.evaluate("document.activeElement.getAttribute('aria-valuetext')")
 
 
-def test_flip_shows_either_where_it_lies(slider):
+def test_flip_shows_both_pictures_in_place(slider):
     slider.click("#slider [value=flip]")
     assert_alike(stage(slider), picture("Ground truth"))
     slider.click("#slider [name=flip]")
@@ -409,7 +409,7 @@ def test_any_two_pictures_from_any_viewpoint(slider):
     assert slider.complaints == []
 
 
-def test_without_scripts_and_on_paper_only_the_views_stand(slider, slider_page):
+def test_without_scripts_and_on_paper_only_the_views_are_shown(slider, slider_page):
     height = "document.getElementById('slider').clientHeight"
     assert slider.evaluate(height) > 300
     slider.send("Emulation.setEmulatedMedia", media="print")

@@ -27,7 +27,7 @@ class Bench:
         self.out = folder / "out"
 
     def report(self, *words: str, cached: bool = True, **settings: str) -> dict[str, Any]:
-        """Of a run that passed, in a fresh folder."""
+        """Report of a run that passed, in a fresh folder."""
         shutil.rmtree(self.out, ignore_errors=True)
         cache = str(self.folder / "cache") if cached else "off"
         ended = self._run(
@@ -61,7 +61,7 @@ def cached_bench(bench, first_run):
 
 
 def lasting(report: dict[str, Any]) -> dict[str, Any]:
-    """What must not depend on what was skipped: all but times, and what was done."""
+    """Part of a report that must not depend on skipped steps: all but times and steps."""
     fixed = json.loads(json.dumps(report))
     for name in ("created", "command", "skipped", "timings"):
         del fixed[name]
@@ -85,7 +85,7 @@ def reason(report: dict[str, Any], step: str) -> str:
     return f"{row['performed']}; {row['why']}"
 
 
-def test_a_rerun_renders_nothing_and_says_the_same(bench):
+def test_a_rerun_renders_nothing_and_has_the_same_results(bench):
     cold = bench.report()
     pictures = {p: p.read_bytes() for p in bench.out.rglob("*.png")}
     assert len(rendered(cold)) == 4
@@ -159,7 +159,7 @@ def test_another_viewpoint_renders_one_view(cached_bench):
     assert rendered(moved) == {"ground-truth view: right"}
 
 
-def test_another_light_renders_all_and_says_why(cached_bench):
+def test_another_light_renders_all_with_the_reason(cached_bench):
     cached_bench.report()
     text = cached_bench.scene.read_text("utf-8")
     brighter = text.replace('name="irradiance" value="2.5"', 'name="irradiance" value="2.4"')
@@ -188,7 +188,7 @@ def test_the_step_table_names_the_setting_that_changed_the_eia(cached_bench):
         assert reason_text in reason(cached_bench.report(**{key: value}), "ground-truth EIA")
 
 
-def test_lazy_makes_what_is_observed_and_scores_views_the_same(bench):
+def test_lazy_generates_observed_pixels_and_scores_views_equally(bench):
     whole = bench.report("--lens-model", "thin", cached=False)
     eia = read_exr(bench.out / "eia" / "template.exr")
     truth = read_exr(bench.out / "truth" / "eia.exr")

@@ -157,5 +157,5 @@ def test_a_file_saved_at_any_moment(tmp_path, kind):
 
 
 def digest_of(out: Path) -> str:
-    """Of the scene, as its report has it."""
+    """Digest of the scene in its report."""
     return str(json.loads((out / "report.json").read_text())["scene"]["sha256"])

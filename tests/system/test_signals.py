@@ -75,7 +75,7 @@ def test_interrupt_while_modules_load_is_one_line(tmp_path, module):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signal_after_the_outcome_was_said_is_an_ordinary_end(number):
+def test_signal_after_the_outcome_was_printed_is_an_ordinary_end(number):
     code = "import atexit, os, signal, sys\nfrom inim.program import run\nimport inim.cli\n"
     code += f"atexit.register(os.kill, os.getpid(), {int(number)})\nrun('info', 'algorithms')"
     ended = subprocess.run(
@@ -168,7 +168,7 @@ def members(group: int) -> list[str]:
 def test_end_of_either_process_ends_the_other_and_leaves_nothing(
     tiny_scene, number, whom, code, says
 ):
-    """Of a run that would take minutes."""
+    """Ends a run that would take minutes."""
     run = Run(command(tiny_scene, "-o", "out", view_spp="1000000"), tiny_scene.parent)
     while not run.children():
         time.sleep(0.02)
@@ -219,7 +219,7 @@ class Bench:
         self.assert_nothing_left()
 
     def seed_of_report(self) -> int | None:
-        """Which run's report is there: whole, every file of it that run's; None where none is."""
+        """Seed of the run whose whole report is in the folder; None without a report."""
         if not (self.out / "report.json").exists():
             return None
         data = assert_whole(self.out)
@@ -277,7 +277,7 @@ CHOICES = [
 
 
 @on_linux
-def test_runs_ended_at_some_moment_leave_what_was_there_or_their_own(tmp_path):
+def test_runs_ended_at_any_moment_leave_the_old_report_or_their_own(tmp_path):
     """One of each that finds a report to replace; many in the slow tests."""
     bench = Bench(tmp_path, random.Random(1))
     assert bench.end_one(signal.SIGINT, "all", 0.2 * bench.seconds) == "ended"

@@ -45,7 +45,7 @@ def mi():
     return mitsuba
 
 
-def test_a_relic_with_y_down_stands_upright_and_is_not_mirrored(mi, tmp_path):
+def test_a_relic_with_y_down_is_upright_and_not_mirrored(mi, tmp_path):
     """Whoever stands at -z of such a file, with -y up, has +x of it on the right."""
     messages: list[str] = []
     scene = new_scene(
@@ -63,7 +63,7 @@ def test_a_relic_with_y_down_stands_upright_and_is_not_mirrored(mi, tmp_path):
     assert brightest["green"][1] > 0.6 * columns and brightest["blue"][1] < 0.4 * columns
 
 
-def test_what_splats_do_not_say_is_asked_for(tmp_path):
+def test_missing_settings_of_splats_are_requested(tmp_path):
     source, out = signpost(tmp_path), tmp_path / "a.xml"
     with pytest.raises(UsageError, match=r"--up .*nearly all of them are in -"):
         new_scene(source, out, unit=None, up=None)

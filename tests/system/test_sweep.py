@@ -131,7 +131,7 @@ def test_a_cluster_makes_the_same_table(swept, tmp_path):
 
 
 @pytest.mark.slow
-def test_what_is_added_or_damaged_is_computed_and_nothing_else(tmp_path):
+def test_only_added_or_damaged_units_are_computed(tmp_path):
     write_study(tmp_path)
     assert sweep("study.toml", "-o", "out", folder=tmp_path).code == EXIT_PASSED
     rows, before = table(tmp_path / "out"), results(tmp_path / "out")

@@ -49,7 +49,7 @@ def pages(folder):
     return {p: p.stat().st_mtime_ns for p in folder.glob("out/units/*/*.json")}
 
 
-def test_all_displays_are_drawn_and_said(tolerance_run):
+def test_all_displays_are_drawn_and_listed(tolerance_run):
     folder, ended = tolerance_run
     data = read_document(folder / "out" / "tolerate.json")
     assert [row["name"] for row in data["parameters"]] == ["shift_x_mm", "pitch_mm"]

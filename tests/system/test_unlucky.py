@@ -81,7 +81,7 @@ def test_folder_that_others_could_fill_with_code_is_refused(nothing_to_write, sp
         kernels.cache_folder(NOWHERE)
 
 
-def test_kernels_stay_beside_the_source_or_at_home_where_they_can(nothing_to_write, monkeypatch):
+def test_kernels_are_cached_next_to_the_source_or_at_home(nothing_to_write, monkeypatch):
     assert not kernels.cache_folder(nothing_to_write)
     monkeypatch.setenv("XDG_CACHE_HOME", str(nothing_to_write / "cache"))
     assert not kernels.cache_folder(NOWHERE)
@@ -165,7 +165,7 @@ def test_broken_cache_of_the_renderer_is_survived(tmp_path, run_process, content
 
 @pytest.mark.slow
 def test_read_only_package_and_no_home_is_enough(tmp_path):
-    """As installed by root for a user without a home: the first run compiles, the second not."""
+    """Installation by root for a user without a home: the first run compiles, the second not."""
     if os.geteuid() != 0 or not shutil.which("setpriv"):
         pytest.skip("gives up root's right to write anywhere, for which it needs root and setpriv")
     source = Path(inim.__file__).parent

@@ -31,7 +31,7 @@ TEXTURED = (
 )
 
 
-def test_a_mesh_in_place_of_a_scene_is_told_what_makes_one(tmp_path):
+def test_a_mesh_in_place_of_a_scene_names_the_command_that_makes_one(tmp_path):
     (tmp_path / "my pot.PLY").write_bytes(b"ply\n")
     says = ["is a mesh", "inim new-scene 'my pot.PLY'"]
     assert_refused("validate", "my pot.PLY", folder=tmp_path, says=says)
@@ -86,7 +86,7 @@ SETTINGS = [
 
 
 @pytest.mark.parametrize(("item", "says"), SETTINGS)
-def test_bad_setting_is_named_with_the_way_out(tiny_scene, item, says):
+def test_bad_setting_is_named_with_the_fix(tiny_scene, item, says):
     # A value with a space has no second option.
     items = item.split(" ") if " -" in item else [item]
     words = ("validate", tiny_scene, "-o", "out", "-D", *items)

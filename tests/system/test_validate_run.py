@@ -180,7 +180,7 @@ def test_every_name_in_the_page_and_the_summary_resolves(finished):
     assert ElementTree.parse(finished.out / "junit.xml").getroot().findall(".//testcase")
 
 
-def test_report_says_how_to_repeat_it(finished):
+def test_report_holds_the_command_that_repeats_it(finished):
     words = shlex.split(finished.data["command"])
     assert words[:4] == ["python", "-m", "inim.validate", 'a "b" & 鼎.xml']
     assert words[words.index("-o") + 1] == "deep/o u't"
@@ -267,7 +267,7 @@ def test_bare_machine_is_enough(tmp_path, run_process):
 
 
 def test_help_answers_within_a_second():
-    """Of the processor: what other programs take is not this one's."""
+    """Counts processor time, which other programs do not change."""
     seconds = []
     for _ in range(3):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)

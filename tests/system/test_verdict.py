@@ -143,7 +143,7 @@ def test_value_that_is_no_number_passes_no_check(value, relation):
 
 
 def test_noise_against_black_scores_next_to_nothing():
-    """With constants for 0..255 it would score 0.96."""
+    """The score would be 0.96 with constants for 0..255."""
     noise = np.random.default_rng(0).random((64, 64, 3)).astype(np.float32) / 255
     assert metrics.ssim(np.random.default_rng(1).random((64, 64, 3)), np.zeros((64, 64, 3))) < 0.05
     assert metrics.ssim(noise, np.zeros_like(noise)) < 0.99
@@ -172,7 +172,7 @@ def test_integrator_that_raises_is_an_error_and_no_pass(run, monkeypatch):
         (ZeroDivisionError("division"), EXIT_INTERNAL, "internal error: ZeroDivisionError"),
     ],
 )
-def test_whatever_a_worker_raises_becomes_one_line_and_a_code(error, code, says):
+def test_any_exception_of_a_worker_becomes_one_line_and_a_code(error, code, says):
     import io
     import json
 

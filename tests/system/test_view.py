@@ -163,7 +163,7 @@ def traced(renderer: object) -> Any:
 
 
 @pytest.mark.parametrize("by", [(0, 0), (70, -40), pytest.param((-90, 55), marks=pytest.mark.slow)])
-def test_dragging_the_eye_shows_what_the_ray_tracer_sees_from_there(tab, page, traced, by):
+def test_dragging_the_eye_agrees_with_the_ray_tracer(tab, page, traced, by):
     show(tab, page)
     tab.click("input[value=pinhole]")
     tab.drag("#virtual-display canvas", by)
@@ -244,7 +244,7 @@ def test_thick_lenses_live_are_those_that_are_scored(tab, page, traced):
     assert errors["thick"] < 0.5 * errors["thin"]
 
 
-def test_every_control_works_and_nothing_complains(tab, page):
+def test_every_control_works_without_an_error(tab, page):
     tab.size(700, 500)
     show(tab, page)
     start = eye(tab)
@@ -297,7 +297,7 @@ def test_every_control_works_and_nothing_complains(tab, page):
 
 
 def test_two_eyes_see_the_panel_from_their_two_places(tab, tmp_path):
-    """As `still_view` does from each: the left eye's picture left, the right eye's right."""
+    """Equal to `still_view` for each: the left eye's picture left, the right eye's right."""
     codes = tilted_plane(DISPLAY)
     show_eia(tab, tmp_path, codes)
     alone = tab.evaluate("inimDisplay.state().eyes")
@@ -373,7 +373,7 @@ def test_the_eye_sways_until_a_key_or_a_touch_and_never_where_motion_is_unwanted
     assert tab.complaints == []
 
 
-def test_the_eye_sways_where_a_slow_page_is_told_of_leaving_and_coming_at_once(tab, page):
+def test_the_eye_sways_on_a_slow_page_that_gets_leave_and_enter_together(tab, page):
     late = (
         "window.IntersectionObserver = class { constructor(told) { this.told = told; }"
         " observe(target) { setTimeout(() => this.told("
@@ -441,7 +441,7 @@ def assert_flip_limits(tab: Tab, display: Display) -> None:
         )
 
 
-def test_eye_outside_the_zone_sees_the_flip_and_a_warning(tab, page):
+def test_eye_outside_the_zone_shows_the_flip_and_a_warning(tab, page):
     show(tab, page)
     limit = DISPLAY.flip_limit_mm(180)[0]
     words = "document.querySelector('#virtual-display .sign').textContent"
@@ -592,7 +592,7 @@ def test_without_scripts_the_page_still_shows_the_views(tab, page):
 
 
 def stand_in(tab: Tab) -> bool:
-    """Whether pre-rendered views stand where the live display would."""
+    """True if pre-rendered views stand in place of the live display."""
     pictures = tab.evaluate(
         "[...document.querySelectorAll('#virtual-display .stand-in img')]"
         ".map((i) => [i.naturalWidth, i.clientWidth])"
@@ -608,7 +608,7 @@ def test_on_paper_it_is_the_pre_rendered_views(tab, page):
     assert stand_in(tab)
 
 
-def test_without_webgl_the_views_stand_in_and_nothing_complains(page, tmp_path):
+def test_without_webgl_the_views_replace_the_display_without_an_error(page, tmp_path):
     with browser(NO_WEBGL) as tab:
         tab.size(1000, 800)
         tab.open(page)

@@ -63,7 +63,7 @@ def test_limits_are_those_of_the_published_run(measured):
     assert warned == pytest.approx(limits.CHANGED_BY_TIES, abs=0.005)
 
 
-def test_the_published_run_holds_what_is_claimed(measured):
+def test_the_published_run_supports_the_claims(measured):
     assert measured["schema"] == "inim.stress-study/1"
     assert measured["mode"] == "full" and measured["passed"] is True
     assert all(check["passed"] and check["cases"] > 0 for check in measured["checks"])
@@ -120,7 +120,7 @@ def test_lengths_of_many_digits_warn():
     [{"lattice": "hexagonal"}, {"tilt_x_deg": 2.0}, {"rotation_deg": 90.0},
      {"rotation_deg": -30.0 + limits.LEAST_TURN_DEG / 2}],
 )  # fmt: skip
-def test_mounted_arrays_that_are_regular_warn_and_a_slight_turn_is_the_way_out(changes):
+def test_regular_mounted_arrays_warn_and_a_slight_rotation_avoids_it(changes):
     display = small_display(**changes)
     (warning,) = accuracy_warnings(display)
     assert next(iter(changes)) in warning and f"{limits.CHANGED_BY_TIES:.0%}" in warning
@@ -128,7 +128,7 @@ def test_mounted_arrays_that_are_regular_warn_and_a_slight_turn_is_the_way_out(c
     assert accuracy_warnings(turned) == []
 
 
-def test_the_way_out_of_corners_is_one():
+def test_the_suggested_fix_for_corners_works():
     """A tilted display shows sources of its corners' neighbours; turned a little, next to none."""
     lost = []
     for degrees in (0.0, limits.LEAST_TURN_DEG):

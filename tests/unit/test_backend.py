@@ -35,7 +35,7 @@ def _alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 
 @pytest.fixture
 def tried(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """What was probed; every probe says yes."""
+    """List of the probed libraries; every probe succeeds."""
     names: list[str] = []
 
     def answer(variant: str, variables: dict[str, str], needed: object) -> Verdict:
@@ -92,7 +92,7 @@ def test_newest_version_comes_first_and_a_nameless_one_last(tmp_path):
     assert [path.name for path in in_order] == order
 
 
-def test_other_files_named_alike_are_no_candidates(tmp_path):
+def test_files_of_similar_names_are_no_candidates(tmp_path):
     names = ["libLLVMX86CodeGen.a", "libLLVM-C.so", "libLLVMgold.so", "libLLVM-19.txt"]
     assert backend.find_libllvm([libraries(tmp_path / "lib", *names)]) == []
 
@@ -214,7 +214,7 @@ def test_versions_known_to_be_bad_are_never_run(tmp_path, tried):
     assert tried == []
 
 
-def test_refusal_is_one_line_with_every_reason_and_the_way_out(monkeypatch, tmp_path):
+def test_refusal_is_one_line_with_every_reason_and_the_fix(monkeypatch, tmp_path):
     refuse(monkeypatch)
     folder = libraries(tmp_path / "lib", "libLLVM-14.so.1", "libLLVM.so.19.1")
     with pytest.raises(BackendError) as caught:
@@ -226,7 +226,7 @@ def test_refusal_is_one_line_with_every_reason_and_the_way_out(monkeypatch, tmp_
     assert "sudo apt-get install libllvm19 libatomic1" in message
 
 
-def test_finding_nothing_says_so(tmp_path):
+def test_an_empty_search_is_reported(tmp_path):
     with pytest.raises(BackendError, match="found none; install one: pip install karellen"):
         backend.choose_backend("auto", [tmp_path])
 
@@ -326,7 +326,7 @@ def test_another_library_or_processor_is_tried_again(monkeypatch, tmp_path, trie
     assert len(tried) == 3
 
 
-def test_renderer_installed_anew_is_tried_again(monkeypatch, tmp_path, tried):
+def test_a_reinstalled_renderer_is_tried_again(monkeypatch, tmp_path, tried):
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     monkeypatch.setattr(sys, "path", [str(tmp_path / "site"), *sys.path])
     metadata = libraries(tmp_path / "site/drjit-1.5.0.dist-info")

@@ -95,7 +95,7 @@ def test_every_form_is_written_and_listed(tmp_path):
 
 @pytest.mark.parametrize("name", ["paper", "views", "layered", "commands"])
 def test_committed_results_are_still_read(name):
-    """What documents quote can be shown again, tables and plots."""
+    """Tables and plots that the documents quote can be made again."""
     folder = Path(__file__).parents[2] / "reports" / "bench" / name
     data = read_document(folder / "bench.json", "", BenchDocument)
     run = "report" if name in ("paper", "commands") else "run"
@@ -136,7 +136,7 @@ def _by_words(claims_read):
     return [next((c for c in claims_read if word in c["claim"]), None) for word in words]
 
 
-def test_speed_and_growth_are_told_of_their_own_figures():
+def test_claims_of_speed_and_growth_cite_their_own_figures():
     paper = paper_bench().study["paper"]
 
     def verdict(words):

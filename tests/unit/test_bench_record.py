@@ -18,7 +18,7 @@ def test_a_busy_machine_is_warned_of(monkeypatch, load, warned):
     assert not warned or ("load" in warning[0])
 
 
-def test_a_system_without_load_averages_says_none(monkeypatch):
+def test_a_system_without_load_averages_gives_no_load(monkeypatch):
     def fails():
         raise OSError
 

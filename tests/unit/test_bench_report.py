@@ -1,4 +1,4 @@
-"""What a bench writes: the tables say what the data say, and the page needs nothing else."""
+"""Files of a bench: the tables agree with the data, and the page needs no other file."""
 
 import json
 import re

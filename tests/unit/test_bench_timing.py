@@ -84,7 +84,7 @@ def test_ratios_are_median_to_median_and_fastest_to_fastest():
     assert pair == {"ratio": 8.0 / 3.0, "ratio_min": 3.0}
 
 
-def test_front_holds_those_that_none_beats():
+def test_front_holds_the_undominated_methods():
     points = [(1.0, 9.0), (2.0, 5.0), (3.0, 5.0), (4.0, 1.0), (5.0, 2.0), (6.0, None), (0.1, 99.0)]
     assert pareto(points) == [True, True, False, True, False, False, True]
 

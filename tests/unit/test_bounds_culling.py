@@ -23,7 +23,7 @@ ARRAYS = {
 
 
 @pytest.mark.parametrize("array", ARRAYS)
-def test_the_eia_is_the_same_without_what_is_black(array, open_fitted):
+def test_the_eia_is_the_same_without_black_pixels(array, open_fitted):
     from inim.render.ground_truth import pickup
 
     display = small_display(**ARRAYS[array])
@@ -40,7 +40,7 @@ def test_the_eia_is_the_same_without_what_is_black(array, open_fitted):
 
 
 @pytest.mark.parametrize("pupil", [0.0, 6.0])
-def test_views_and_captures_are_the_same_without_what_is_black(pupil, open_fitted):
+def test_views_and_captures_are_the_same_without_black_pixels(pupil, open_fitted):
     from inim.render.ground_truth import capture_halves, true_view
 
     display = small_display()
@@ -59,7 +59,7 @@ def test_views_and_captures_are_the_same_without_what_is_black(pupil, open_fitte
     assert observers[0].samples < 0.8 * observers[1].samples
 
 
-def test_few_pixels_beside_a_relic_are_traced(open_fitted, tmp_path):
+def test_few_pixels_around_a_relic_are_traced(open_fitted, tmp_path):
     """The grid is fine: of a ball's EIA, hardly more pixels are traced than show it."""
     from inim.render.ground_truth import pickup
     from inim.render.rays import pickup_rays

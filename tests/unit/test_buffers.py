@@ -1,4 +1,4 @@
-"""What is computed a band of rows at a time has no seams: the same bits as in one piece."""
+"""Computation by bands of rows has no seams: the same bits as in one piece."""
 
 import hashlib
 import math
@@ -80,7 +80,7 @@ def test_maps_near_a_difference_are_those_of_the_whole_picture(seed, band):
     assert np.array_equal(metrics.flip_map(first, second), error)
 
 
-def test_filters_reach_no_farther_than_said():
+def test_filters_reach_no_farther_than_their_declared_radius():
     """A single pixel at FLIP's greatest reach: one less would lose some of it."""
     first = np.full((80, 80, 3), 0.2, np.float32)
     second = first.copy()

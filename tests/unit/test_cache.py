@@ -31,7 +31,7 @@ def picture(seed: int, size: int = 100) -> np.ndarray:
     return np.random.default_rng(seed).random((size, size), np.float32)
 
 
-def test_what_is_kept_comes_back(store):
+def test_stored_records_are_loaded_back(store):
     arrays = {"a": picture(1), "covered": picture(2) > 0.5, "none": np.zeros((0, 3))}
     facts = {"score": 1 / 3, "infinite": float("inf"), "missing": None, "names": ["a", "ü"]}
     assert store.load("x") is None
@@ -65,7 +65,7 @@ def test_a_damaged_record_is_made_again_never_read(store):
         assert not path.exists()
 
 
-def test_a_record_under_anothers_name_is_found_out(store):
+def test_a_record_under_another_name_is_not_loaded(store):
     """Copied, renamed or linked: whole as it is, it is not what was asked for."""
     store.keep("x", Record({"a": picture(1)}, 1))
     store.keep("y", Record({"a": picture(2)}, 2))
@@ -180,7 +180,7 @@ def test_the_store_s_place(monkeypatch, tmp_path):
         open_store()
 
 
-def test_digests_tell_apart_what_differs():
+def test_digests_differ_for_different_values():
     a = np.arange(6, dtype=np.float32)
     different = [
         a,

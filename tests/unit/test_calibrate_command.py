@@ -95,7 +95,7 @@ def test_intrinsics_are_opencv_s(photos, tmp_path):
 
 
 @pytest.mark.slow
-def test_too_few_positions_are_told_what_is_missing(photos, tmp_path, capsys):
+def test_too_few_positions_name_the_undetermined_parameters(photos, tmp_path, capsys):
     photos.photographs.clear()
     photos.photographs["straight"] = straight_photograph()
     assert run(photos, "-o", str(tmp_path / "mine.xml")) == 1

@@ -99,7 +99,7 @@ def test_interior_pixels_are_known_and_right_within_the_error_that_they_state(go
     assert position.lit[inner].min() > 0.4
 
 
-def test_a_pixel_that_sees_two_lenses_is_not_known_rather_than_wrong(tmp_path):
+def test_a_pixel_of_two_lenses_is_undecoded_rather_than_wrong(tmp_path):
     photograph_all(tmp_path / "a", blur=1.5)
     position = decoded(tmp_path)
     decoded_pixels = np.isfinite(position.column)
@@ -156,7 +156,7 @@ def test_names_sort_in_shooting_order_and_hidden_files_do_not_count(good):
     assert position.focal_length_px is None
 
 
-def test_exif_tells_the_focal_length_and_its_rotation_is_not_applied(tmp_path):
+def test_exif_gives_the_focal_length_and_its_rotation_is_not_applied(tmp_path):
     exif = Image.Exif()
     exif.get_ifd(0x8769)[41989] = 70
     exif[0x0112] = 6  # a quarter turn
@@ -192,7 +192,7 @@ def test_pictures_of_two_sizes_are_refused(good, tmp_path):
     assert_refused(tmp_path, r"IMG_99\.jpg: has 10 x 10 pixels, but IMG_95")
 
 
-def test_no_folder_none_in_it_or_no_picture_is_refused(tmp_path):
+def test_a_missing_or_empty_folder_is_refused(tmp_path):
     assert_refused(tmp_path / "none", "no such folder")
     photograph_all(tmp_path)
     assert_refused(tmp_path, "contains no folders")
@@ -201,7 +201,7 @@ def test_no_folder_none_in_it_or_no_picture_is_refused(tmp_path):
     assert_refused(tmp_path, r"IMG_1\.HEIC: not a JPEG or PNG")
 
 
-def test_what_is_called_a_picture_and_is_none_is_refused(tmp_path):
+def test_files_that_are_no_pictures_are_refused(tmp_path):
     photograph_all(tmp_path / "a")
     (tmp_path / "a" / "IMG_99.jpg").write_text("no picture")
     assert_refused(tmp_path, r"IMG_99\.jpg: not a JPEG or PNG")

@@ -82,7 +82,7 @@ def fitted(*names: str) -> Calibration:
 
 @cache
 def straight_photograph() -> Photograph:
-    """From a viewer's distance, square to the display."""
+    """Photograph from a viewer's distance, square to the display."""
     eye, long = (1.0, -1.0, 350.0), CAMERA._replace(focal=5400.0)
     return photograph(HIDDEN, long, eye, look_at(eye, (1.0, -1.0, 0)), 5)
 
@@ -131,7 +131,7 @@ def test_projection_is_opencv_s():
 
 
 def true_index(numbering: Lenses, name: str, roll: float | None = None) -> np.ndarray:
-    """Of each lens, by where the ray of its middle crosses the array."""
+    """Index of each lens by the crossing of its middle ray with the array."""
     eye, target, own = EYES[name]
     pose = Pose(look_at(eye, target, own if roll is None else roll), np.array(eye))
     x, y, *_ = rays(TRUE_CAMERA, pose, numbering.centre_px)
@@ -241,7 +241,7 @@ def test_a_ray_beyond_its_cell_stays_with_its_lens():
 @pytest.mark.parametrize(
     ("side", "eye"), [("viewer", (-45.0, 30.0, 120.0)), ("panel", (-24.0, 18.0, 120.0))]
 )
-def test_outlines_are_where_the_relief_s_seams_are_seen(side, eye):
+def test_outlines_are_at_the_visible_seams_of_the_relief(side, eye):
     display = HIDDEN.replace(curved_side=side)
     axes = look_at(eye)
     lens = Lens((720, 960), 3400.0, (480.0, 360.0))
@@ -289,20 +289,20 @@ def test_neither_blur_nor_hidden_seams_look_like_an_imperfect_sheet():
 
 
 @pytest.mark.parametrize("name", EYES)
-def test_a_camera_stands_where_photographs_of_a_known_display_say(name):
+def test_a_camera_pose_follows_from_photographs_of_a_known_display(name):
     eye, target, roll = EYES[name]
     pose = fit_pose(lenses(name), HIDDEN, TRUE_CAMERA, name)
     np.testing.assert_allclose(pose.eye_mm, eye, atol=0.1)
     np.testing.assert_allclose(pose.turn, look_at(eye, target, roll), atol=0.001)
 
 
-def test_a_part_of_a_known_sheet_is_enough_to_stand_by():
+def test_a_part_of_a_known_sheet_gives_the_pose():
     photo = covered("left", lambda _, u: (u < 120) | (u > 360))
     pose = fit_pose(find_lenses(photo, DESIGN, "part"), HIDDEN, TRUE_CAMERA, "part")
     np.testing.assert_allclose(pose.eye_mm, EYES["left"][0], atol=0.2)
 
 
-def test_nobody_stands_before_another_display():
+def test_photographs_of_another_display_give_no_pose():
     with pytest.raises(FileError, match=r"^near: the photographs differ from display"):
         fit_pose(lenses("near"), HIDDEN.replace(rotation_deg=-2.0), TRUE_CAMERA, "near")
 
@@ -322,7 +322,7 @@ def test_a_hidden_display_is_found_within_its_errors():
         assert abs(truth(name) - getattr(DESIGN, name)) > 2 * limit, "the design would do"
 
 
-def test_cameras_are_found_where_they_stood():
+def test_camera_poses_are_recovered():
     result = fitted(*EYES)
     for (eye, target, roll), pose, errors in zip(
         EYES.values(), result.guess.poses, result.pose_errors, strict=True
@@ -333,7 +333,7 @@ def test_cameras_are_found_where_they_stood():
 
 
 @pytest.mark.slow
-def test_one_straight_position_tells_the_rotation_only():
+def test_one_straight_position_determines_the_rotation_only():
     result = straight_on()
     assert abs(result.display.rotation_deg - HIDDEN.rotation_deg) < 0.05
     assert {*result.undetermined} == {*PARAMETERS} - {"rotation_deg"}
@@ -463,7 +463,7 @@ def test_the_display_file_is_the_display(tmp_path):
     assert path.read_text("utf-8").count("±") == len(PARAMETERS)
 
 
-def test_a_file_of_what_is_not_determined_says_so():
+def test_a_file_of_undetermined_parameters_is_marked():
     result = fitted(*EYES)
     vague = {n: result.estimates[n]._replace(error=9.0) for n in ("gap_mm", "tilt_x_deg")}
     result = replace(result, estimates=result.estimates | vague)
@@ -486,7 +486,7 @@ def test_maps_of_residuals_have_no_pattern(tmp_path):
 
 
 @pytest.mark.slow
-def test_advice_says_what_a_further_position_brings():
+def test_advice_estimates_the_gain_of_a_further_position():
     three = fitted("near", "left", "above")
     advised = next_positions(three)
     document = calibration_document(three, "Calibration", "inim calibrate")

@@ -29,7 +29,7 @@ def cells(panel, axis):
 
 @pytest.mark.parametrize("panel", PANELS)
 @pytest.mark.parametrize("axis", ["row", "column"])
-def test_gray_codes_of_neighbouring_cells_differ_in_one_bit_and_no_two_are_alike(panel, axis):
+def test_gray_codes_are_unique_and_neighbours_differ_in_one_bit(panel, axis):
     code = cells(panel, axis)
     pixels = panel[axis == "column"]
     assert code.shape == (bit_count(pixels), pixels)
@@ -92,7 +92,7 @@ def test_another_display_in_the_same_folder_leaves_none_of_the_first_ones_pictur
     assert names == [f"{p.name}.png" for p in patterns(small_display(5, 4, 17).eia_shape)]
 
 
-def test_somebody_elses_picture_in_the_way_is_kept_and_named(tmp_path):
+def test_pictures_of_another_origin_are_kept_and_named(tmp_path):
     (tmp_path / "00-white.png").write_bytes(b"mine")
     with pytest.raises(FileError, match=r"00-white\.png.*in the way"):
         write_patterns(small_display(5, 4, 17), tmp_path)

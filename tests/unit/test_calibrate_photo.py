@@ -99,7 +99,7 @@ def test_a_movement_of_one_part_shows_in_the_flow_there(light, is_array):
     assert np.nanmedian(comparison.flow[:, left + 1 :, 0]) == pytest.approx(0.6, abs=0.05)
 
 
-def test_a_photograph_without_the_display_or_all_alike_is_refused(light, is_array):
+def test_a_photograph_without_the_display_or_of_one_value_is_refused(light, is_array):
     with pytest.raises(FileError, match="hardly shows the display"):
         compare(light, light, is_array & False, "photo")
     with pytest.raises(FileError, match="is uniform"):

@@ -25,7 +25,7 @@ HALF_MM = 2.5
 
 
 def places(slopes=(0.0, 0.0)):
-    """Where the rays of an orthographic camera cross the array's plane; x and y at depth z."""
+    """Crossings of an orthographic camera's rays with the array's plane; x and y at depth z."""
     rows, columns = SHAPE
     u = (np.arange(columns) - (columns - 1) / 2) * PIXEL_MM
     v = ((rows - 1) / 2 - np.arange(rows)) * PIXEL_MM

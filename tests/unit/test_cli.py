@@ -52,7 +52,7 @@ def test_help_lists_every_command_with_a_line(capsys):
 @pytest.mark.parametrize(
     "words", [("--help",), ("validate", "--help"), ("generate", "--help"), ("new-scene", "--help")]
 )
-def test_help_loads_nothing_heavy(words):
+def test_help_loads_no_large_module(words):
     assert loaded_by(*words).isdisjoint(HEAVY)
 
 
@@ -98,7 +98,7 @@ def test_without_a_word_there_is_help(capsys):
         ("inim validate a.xml --all", {"--allow-folder "}, {"--lazy"}),
     ],
 )
-def test_a_shell_is_told_how_a_word_goes_on(tmp_path, line, proposed, not_proposed):
+def test_shells_complete_the_words_of_a_command(tmp_path, line, proposed, not_proposed):
     answer = tmp_path / "answer"
     variables = {
         "_ARGCOMPLETE": "1",
@@ -119,7 +119,7 @@ def test_a_shell_is_told_how_a_word_goes_on(tmp_path, line, proposed, not_propos
 
 
 @pytest.mark.parametrize("words", [("validate", "scenes/jade.xml"), ("info", "algorithms")])
-def test_a_python_without_what_inim_needs_is_told_which_to_use(words):
+def test_a_python_without_the_dependencies_is_refused_with_the_one_to_use(words):
     isolated = [sys.executable, "-I", "-S", "-c"]  # no site-packages
     root = str(Path(inim.commands.__file__).parents[2])
     code = f"import sys; sys.path.insert(0, {root!r}); from inim.cli import main; sys.exit(main())"

@@ -97,7 +97,7 @@ def test_a_box_before_a_wall_hides_a_part_of_it(open_fitted):
     close(layers.back_mm[1], depth(-6.5), box)
 
 
-def test_a_wall_with_a_hole_shows_what_is_behind_as_its_front(open_fitted):
+def test_a_wall_with_a_hole_has_the_background_as_front(open_fitted):
     """Four bars round a hole: one layer through it, two through the bars."""
     bars = [cube((s * 4, 0, 0), (1, 5, 1)) for s in (-1, 1)]
     bars += [cube((0, s * 4, 0), (3, 1, 1)) for s in (-1, 1)]
@@ -217,7 +217,7 @@ def test_normals_that_point_inwards_make_the_same_solid(open_fitted, shape):
     assert not np.array_equal(right.facing[0], wrong.facing[0]), "they were the other way round"
 
 
-def test_nothing_behind_is_one_layer_and_too_much_is_counted(open_fitted):
+def test_an_empty_background_is_one_layer_and_extra_layers_are_counted(open_fitted):
     from inim.render.depth_peeling import MOST_LAYERS
 
     assert len(peeled(open_fitted, scene_text(sphere((0, 0, 0), 5.0)))[1].front_mm) == 1
@@ -250,7 +250,7 @@ def colours(open_fitted, text, spp=16, seed=1):
 
 
 def is_side(layers, number):
-    """Where the layer of a number is a piece of a side."""
+    """Mask of the pixels whose layer of this number is a piece of a side."""
     sides, mask = layers.sides, np.zeros(layers.front_mm.shape[1:], bool)
     own = sides.solid + 1 + sides.order == number
     mask[sides.row[own], sides.column[own]] = True
@@ -322,7 +322,7 @@ def validated(folder, algorithms):
     return run(make_plan(Request(scene, out, definitions=definitions)), out), out
 
 
-def test_layers_are_captured_for_those_that_want_them_and_change_nothing_else(tmp_path):
+def test_layers_are_captured_on_request_and_change_no_other_result(tmp_path):
     from inim.files.image import read_exr, read_rgbd
     from inim.image.rgbd import LayeredRGBD
 
@@ -363,7 +363,7 @@ def test_memory_is_planned_for_layers_where_one_wants_them(tmp_path, monkeypatch
         make_plan(Request(scene, tmp_path, definitions=fine, algorithms=("layered",)))
 
 
-def test_what_no_ray_of_the_display_meets_is_left_out_and_counted(open_fitted):
+def test_surfaces_without_a_ray_of_the_display_are_left_out_and_counted(open_fitted):
     """A small sphere in a box: closed all around, it is no layer. Before it, it is."""
     from inim.render.depth_peeling import peel
 

@@ -79,7 +79,7 @@ def test_millimetres_are_millimetres(tmp_path):
 
 
 @pytest.mark.parametrize("units", [None, "None", "Diopters"])
-def test_without_a_unit_of_length_depth_is_relative_and_the_photograph_says_so(tmp_path, units):
+def test_depth_without_a_unit_is_relative_and_marked_so(tmp_path, units):
     photo = read_photo(tmp_path, gdepth(picture(COLOR), DEPTH_PNG, Units=units, Near=2, Far=9))
     assert not photo.values.has_unit
     assert photo.values.near_is_large
@@ -88,7 +88,7 @@ def test_without_a_unit_of_length_depth_is_relative_and_the_photograph_says_so(t
     assert ("not given" in photo.notes[0]) == (units is None)
 
 
-def test_an_extension_of_the_metadata_is_put_together_whatever_its_order(tmp_path):
+def test_parts_of_extended_metadata_are_joined_in_any_order(tmp_path):
     for order in (1, -1):
         data = gdepth(picture(COLOR), DEPTH_PNG, extended=order, Units="m")
         assert data.count(EXTENDED) > 3
@@ -106,7 +106,7 @@ def test_apple_s_disparity_is_found_among_the_pictures_of_a_jpeg(tmp_path, order
     assert "accuracy relative: relative" in photo.notes[0]
 
 
-def test_what_is_infinitely_far_is_farther_than_all_else_and_finite(tmp_path):
+def test_infinite_depth_becomes_the_farthest_finite_one(tmp_path):
     codes = np.array([[0, 1], [2, 255]], np.uint8)
     xml = apple_xml(least=0, most=2.55, accuracy="absolute")
     pytest.importorskip("pillow_heif")
@@ -120,7 +120,7 @@ def test_what_is_infinitely_far_is_farther_than_all_else_and_finite(tmp_path):
 
 @pytest.mark.parametrize("orientation", range(1, 9))
 @pytest.mark.parametrize("kind", ["gdepth", "dynamic", "apple", "heic"])
-def test_colour_depth_and_camera_are_turned_alike(tmp_path, kind, orientation):
+def test_colour_depth_and_camera_are_rotated_equally(tmp_path, kind, orientation):
     camera = (100, 60, 40, 128, 96)
     jpeg = picture(COLOR, orientation=orientation)
     if kind == "heic":
@@ -183,7 +183,7 @@ def test_a_focal_length_in_35_mm_film_is_a_camera(tmp_path):
 
 
 @pytest.mark.parametrize("camera", [(100, 64, 48, "inf", "1e400"), (100, 64, "inf", 128, 96)])
-def test_a_camera_that_is_not_finite_is_none(tmp_path, camera):
+def test_a_camera_that_is_not_finite_is_ignored(tmp_path, camera):
     data = apple_jpeg(picture(COLOR), picture(SMALL), apple_xml(camera=camera))
     assert read_photo(tmp_path, data).camera is None
     model = (
@@ -262,7 +262,7 @@ def test_colours_of_display_p3_become_those_of_srgb(tmp_path, kind):
     assert np.abs(expected - codes).max() > 10  # it is another space
 
 
-def test_a_damaged_colour_profile_is_said(tmp_path):
+def test_a_damaged_colour_profile_warns(tmp_path):
     data = gdepth(picture(COLOR, icc=b"no profile" * 20), DEPTH_PNG)
     with pytest.raises(FileError, match="its colour profile is damaged"):
         read_photo(tmp_path, data)
@@ -375,7 +375,7 @@ def test_begins_of_metadata_without_an_end_cost_no_time(tmp_path):
     assert time.process_time() - started < 10  # all of them: some minutes
 
 
-def test_colours_of_other_primaries_are_said(tmp_path):
+def test_colours_of_other_primaries_warn(tmp_path):
     pytest.importorskip("pillow_heif")
     data = heic(COLOR, SMALL)
     nclx = b"nclx" + struct.pack(">H", 1)
@@ -394,7 +394,7 @@ def test_a_heic_that_declares_more_than_it_holds_is_refused(tmp_path):
         read_photo(tmp_path, data.replace(size, struct.pack(">II", 30_000, 30_000)), "photo.heic")
 
 
-def test_without_pillow_heif_the_line_says_what_to_install(tmp_path, monkeypatch):
+def test_without_pillow_heif_the_message_names_the_package(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pillow_heif", None)
     (tmp_path / "photo.heic").write_bytes(b"\0\0\0\x1cftypheic" + bytes(16))
     with pytest.raises(UsageError, match=r"pip install 'inim\[photos\]'"):

@@ -65,7 +65,7 @@ def test_focused_display_needs_a_depth_range():
 
 @pytest.mark.parametrize(("gap", "side"), [(3.3, 1), (2.7, -1)])
 @pytest.mark.parametrize("pixels", [2, 4, 7, 9, 10, 13])
-def test_range_that_would_cross_the_array_is_cut_in_front_of_it_and_says_so(gap, side, pixels):
+def test_a_range_across_the_array_is_cut_in_front_of_it_and_marked(gap, side, pixels):
     # Half the span is 10 / pixels of |D|, for either gap: 10 pixels and fewer reach the array.
     device = display(gap_mm=gap, pixel_pitch_mm=1 / pixels)
     centre, half = device.central_depth_mm, device.depth_span_mm / 2
@@ -100,7 +100,7 @@ LENGTHS = ["pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm"]
 
 @pytest.mark.parametrize("name", [*LENGTHS, "pitch_y_mm", "shift_x_mm", "depth_max_mm"])
 @pytest.mark.parametrize("value", [1e39, 1e200, -1e300])
-def test_length_beyond_float32_is_refused_and_not_found_out_by_an_overflow(name, value):
+def test_length_beyond_float32_is_refused_before_an_overflow(name, value):
     if value < 0 and name in [*LENGTHS, "pitch_y_mm"]:
         value = -value
     with pytest.raises(DisplayError, match=re.escape(f"{name} = {value:g}: at most 1e+38 mm")):
@@ -114,7 +114,7 @@ def test_longest_lengths_still_have_a_capture():
 
 @pytest.mark.parametrize("name", [*LENGTHS, "elemental_pitch_mm", "lens_thickness_mm"])
 @pytest.mark.parametrize("value", [0, -1.5, math.nan, math.inf, True, "1"])
-def test_length_that_is_none_is_refused_by_name_and_value(name, value):
+def test_an_invalid_length_is_refused_by_name_and_value(name, value):
     reason = "must be a (positive length|finite number)"
     expected = rf"^{name} = '?{re.escape(str(value))}(\.0)?'?: {reason}$"
     with pytest.raises(DisplayError, match=expected):
@@ -123,7 +123,7 @@ def test_length_that_is_none_is_refused_by_name_and_value(name, value):
 
 @pytest.mark.parametrize("name", ["lens_columns", "lens_rows", "panel_columns", "panel_rows"])
 @pytest.mark.parametrize("value", [0, -3, 2.5, 2.0, True, "4"])
-def test_count_that_is_none_is_refused_by_name_and_value(name, value):
+def test_an_invalid_count_is_refused_by_name_and_value(name, value):
     with pytest.raises(DisplayError, match=rf"^{name} = {value!r}: must be a whole number"):
         display(**{name: value})
 
@@ -301,7 +301,7 @@ def test_derived_values_are_those_of_the_properties_and_fit_json():
     assert derived["pixels_per_lens"] == pytest.approx(15.723, abs=5e-4)
 
 
-def test_replace_checks_anew():
+def test_replace_checks_again():
     assert NOMINAL.replace(gap_mm=3.5).gap_mm == 3.5
     with pytest.raises(DisplayError):
         NOMINAL.replace(gap_mm=0)
@@ -352,7 +352,7 @@ def test_displays_that_differ_in_their_lenses_are_one_through_pinholes():
 
 
 @pytest.mark.parametrize("name", RAYS)
-def test_what_decides_rays_through_lens_centres_is_kept_through_pinholes(name):
+def test_through_pinholes_keeps_the_rays_through_lens_centres(name):
     parameters = {"depth_min_mm": 10.0, "depth_max_mm": 50.0} | {name: RAYS[name]}
     pinholes = display(**LENSES, **parameters).through_pinholes()
     assert pinholes.parameters() == NOMINAL.parameters() | parameters | {"name": ""}

@@ -44,14 +44,14 @@ def mine(tmp_path: Path) -> str:
     return str(path)
 
 
-def test_a_file_replaces_all_that_a_scene_says_of_its_display_and_nothing_else(scene, mine):
+def test_a_file_replaces_the_display_of_a_scene_and_no_other_setting(scene, mine):
     plan = make_plan(Request(scene, Path("unused"), display=mine))
     assert plan.display == choose_display(mine)[0]
     assert (plan.display.pitch_mm, plan.display.gap_mm) == (0.9957, 3.3)
     assert (plan.settings.eia_spp, plan.settings.view_spp) == (4, 64)
 
 
-def test_misalignment_is_of_the_display_that_it_was_said_of(scene, mine):
+def test_misalignment_belongs_to_its_own_display(scene, mine):
     own = '<default name="inim.misalign" value="rotation_deg=0.5"/>'
     scene.write_text(scene.read_text().replace('"3.0.0">', f'"3.0.0">{own}'))
     assert make_plan(Request(scene, Path("unused"))).misaligned_display.rotation_deg == 0.5
@@ -94,7 +94,7 @@ def test_a_preset_leaves_the_scene_its_single_values(scene):
     assert (plan.display.pixel_pitch_mm, plan.display.gap_mm) == (0.0636, 3.4)
 
 
-def test_a_study_takes_a_file_from_beside_itself(scene, mine, tmp_path):
+def test_a_study_takes_a_file_next_to_itself(scene, mine, tmp_path):
     study = tmp_path / "study.toml"
     text = (
         '[study]\nscenes = ["scene.xml"]\nalgorithms = ["template"]\n[[display]]\nname = "mine"\n'

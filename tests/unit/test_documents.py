@@ -84,7 +84,7 @@ def test_example_is_the_one_that_the_tests_run(page, example):
     assert text in [block.text for block in blocks(f"docs/how-to/{page}.md")]
 
 
-def test_workflow_of_the_documents_runs_what_contributors_run():
+def test_the_documents_workflow_runs_the_contributors_commands():
     steps = (ROOT / ".github/workflows/docs.yml").read_text("utf-8")
     for target in ("make docs", "make test-docs"):
         assert target in steps

@@ -26,7 +26,7 @@ def family(display, viewpoint, per_lens=4, start_mm=1.0):
 
 
 def crossing(rays, axis, point, z):
-    """Where the rays of a pupil point (in radii) cross a plane, in float64."""
+    """Crossings of the rays of a pupil point (in radii) with a plane, in float64."""
     coordinates = getattr(rays, axis)
     place = coordinates.place_mm + point * rays.pupil_place_mm
     return place + (coordinates.slope + point * rays.pupil_slope) * (rays.start_mm - z)

@@ -100,7 +100,7 @@ def test_subpixels_are_filled_each_from_its_own_rays() -> None:
     assert (filled > 0.09).all()
 
 
-def test_ground_that_is_seen_stays_and_what_is_unknown_does_not() -> None:
+def test_visible_ground_stays_and_unknown_ground_is_filled() -> None:
     display = small_display(16, 15, pixels=9, **DEPTHS)
     rgbd = wall_and_plate(display)
     covered = rgbd.covered.copy()
@@ -250,7 +250,7 @@ def test_fill_does_not_depend_on_threads() -> None:
     assert np.array_equal(together, alone)
 
 
-def test_what_cannot_be_filled_is_refused(monkeypatch) -> None:
+def test_inputs_that_cannot_be_filled_are_refused(monkeypatch) -> None:
     display = DISPLAYS["nominal"]
     size = {"shape": (8, 8), "pixel_mm": 1.0}
     with pytest.raises(UsageError, match="fill = 'mirror': use none or hidden or all"):

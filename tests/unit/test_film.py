@@ -32,7 +32,7 @@ def test_circle_stays_at_one_share_of_the_zone_and_closes():
     np.testing.assert_allclose(turned, 2 * np.pi / 36)
 
 
-def test_way_there_and_back_is_walked_at_even_steps():
+def test_a_path_there_and_back_has_even_steps():
     at = places("-10 0 200, 10 0 200", 8)
     assert at[:, 0].tolist() == [-10, -5, 0, 5, 10, 5, 0, -5]
     assert (at[:, 1:] == [0, 200]).all()
@@ -40,7 +40,7 @@ def test_way_there_and_back_is_walked_at_even_steps():
     np.testing.assert_allclose(np.linalg.norm(np.diff(bent, axis=0), axis=1), 1.0)
 
 
-def test_positions_without_a_distance_stand_at_the_usual_one():
+def test_positions_without_a_distance_use_the_default():
     assert set(places("-1 0, 1 0", 4)[:, 2]) == {default_distance_mm(DISPLAY)}
 
 

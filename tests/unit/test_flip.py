@@ -1,4 +1,4 @@
-"""Where views flip: a sweep of the eye across the edge of the viewing zone."""
+"""Positions where views flip: a sweep of the eye across the edge of the viewing zone."""
 
 import math
 
@@ -27,7 +27,7 @@ def ramps(axis: int) -> np.ndarray:
 
 
 def lens_values(scene, x_mm: float, y_mm: float) -> np.ndarray:
-    """What each lens's middle shows an eye, (lens rows, lens columns)."""
+    """Light of each lens's middle towards an eye, (lens rows, lens columns)."""
     eye = Viewpoint("eye", x_mm, y_mm, DISTANCE_MM)
     view = scene.view(eye, pixels_per_lens=PER_LENS, spp=16, seed=0)
     middle = PER_LENS // 2
@@ -36,7 +36,7 @@ def lens_values(scene, x_mm: float, y_mm: float) -> np.ndarray:
 
 @pytest.mark.parametrize("lens_model", ["pinhole", "thin", "thick"])
 @pytest.mark.parametrize(("axis", "sign"), [(1, +1), (1, -1), (0, +1), (0, -1)])
-def test_the_first_lens_flips_where_the_formula_says(lens_model, axis, sign):
+def test_the_first_lens_flips_at_the_position_of_the_formula(lens_model, axis, sign):
     from inim.render import variant
     from inim.render.reconstruct import DisplayScene
 

@@ -28,7 +28,7 @@ def box(rows=300, columns=400, at=(120, 220), size=(60, 80), near=500.0, far=300
     return depth
 
 
-def test_the_subject_is_what_stands_before_the_background():
+def test_the_subject_is_the_part_in_front_of_the_background():
     framing = choose_framing(values(box()), 2.0)
     assert framing.near == pytest.approx(500, abs=1)
     nearness = 1 / 500, 1 / 550
@@ -80,7 +80,7 @@ def test_where_there_is_no_subject_everything_is_shown(kind):
     assert framing.reason.startswith("no subject")
 
 
-def test_disparities_and_distances_are_framed_alike():
+def test_disparities_and_distances_are_framed_equally():
     depth = box()
     a, b = (
         choose_framing(values(depth), 2.0),
@@ -127,7 +127,7 @@ def test_an_end_that_is_stated_alone_has_the_other_beyond_it(near_is_large):
     assert ends(near=behind[0]) == pytest.approx(behind)
 
 
-def test_a_flat_photograph_is_told_so():
+def test_a_flat_photograph_warns():
     depth = values(np.full((30, 40), 1000.0))
     photograph = ColorDepth(np.zeros((30, 40, 3), np.uint8), depth, 1.0, (40, 30), 0.0, (), None)
     picture = CameraPicture(photo=Path("p.jpg"), orthographic=True, fit="auto")

@@ -297,7 +297,7 @@ def eia_of(display):
     return eia, empty
 
 
-def test_an_eia_png_carries_its_pixel_size_and_what_is_empty(tmp_path):
+def test_an_eia_png_carries_its_pixel_size_and_empty_pixels(tmp_path):
     display = DISPLAYS["phone"].replace(
         lens_columns=6, lens_rows=4, panel_columns=None, panel_rows=None
     )

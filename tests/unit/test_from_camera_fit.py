@@ -45,7 +45,7 @@ def cell_centres(rgbd):
 
 @pytest.mark.parametrize("frame_at", [1037.0, 1713.0])
 @pytest.mark.parametrize("principal", [(79.5, 59.5), (70.25, 66.0)])
-def test_squares_lie_where_the_pinhole_formula_puts_them(frame_at, principal):
+def test_squares_are_at_the_places_of_the_pinhole_formula(frame_at, principal):
     camera = Pinhole(FOCAL, FOCAL, *principal)
     color, depth, squares = two_squares()
     rgbd = fitted(color, depth, camera, frame_at=frame_at).rgbd
@@ -212,7 +212,7 @@ def test_an_orthographic_picture_with_reciprocal_depth_keeps_a_plane_plane():
     np.testing.assert_allclose(design @ plane, z, atol=1e-4)
 
 
-def test_what_lies_beyond_the_range_is_taken_to_its_end_or_left_out():
+def test_depths_beyond_the_range_are_clamped_or_left_out():
     color, depth, _ = two_squares()
     clipped = fitted(color, depth, ends=(1000.0, 1800.0), frame_at=1800.0)
     dropped = fitted(color, depth, ends=(1000.0, 1800.0), frame_at=1800.0, drop=True)
@@ -233,7 +233,7 @@ def test_the_range_passes_over_stray_pixels_unless_stated():
         depth_range(values(depth), 3000.0, 900.0)
 
 
-def test_one_end_that_all_depths_lie_beyond_is_told_without_the_other():
+def test_an_end_that_all_depths_exceed_is_reported_alone():
     depth = values(np.linspace(1000, 2000, 4000).reshape(40, 100))
     with pytest.raises(UsageError, match=r"^--near 5000: the picture has no depth behind it"):
         depth_range(depth, near=5000.0)

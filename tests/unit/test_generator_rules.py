@@ -205,7 +205,7 @@ def searched(rgbd: RGBD, device: Display, step: float) -> np.ndarray:
 
 @pytest.mark.parametrize("mode", [{"depth_min_mm": 20.0, "depth_max_mm": 41.0}, VIRTUAL])
 @pytest.mark.parametrize("step", [0.37, 5.3])
-def test_gu2020_steps_as_far_as_it_is_told(mode, step):
+def test_gu2020_steps_as_far_as_its_option(mode, step):
     display = small_display(4, 3, pixel_pitch_mm=1 / 15.7, **mode)
     rgbd = noise(display, (33, 37), 0.27171, covered=0.4)
     sources = find_sources(rgbd, display, "gu2020", step_mm=step)
@@ -328,7 +328,7 @@ def test_along_the_ray_fewer_pixels_come_from_the_wrong_cell_than_from_the_whole
 
 
 @pytest.mark.parametrize("z", [12.0, 33.0, -12.0, -33.0])
-def test_single_pixel_lands_where_the_closed_form_says(z):
+def test_single_pixel_lands_at_the_place_of_the_closed_form(z):
     display = small_display(12, 10, pixels=9)
     row, column, cell = 11, 21, 0.2371
     sources = find_sources(only((31, 35), (row, column), z, cell), display, "li2012")
@@ -467,7 +467,7 @@ class Bright:
         return self.place
 
 
-def test_a_generator_that_knows_no_mask_is_run_in_full(monkeypatch):
+def test_a_generator_without_masks_is_run_in_full(monkeypatch):
     bright = Algorithm("bright", lambda display, shape, pixel_mm: Bright(display), own=False)
     monkeypatch.setattr("inim.generators.find_algorithm", lambda name: bright)
     display = small_display(5, 4, 3)

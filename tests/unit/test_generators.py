@@ -98,7 +98,7 @@ def test_arrays_without_rows_and_columns_show_first_hits_but_for_rounding(algori
 
 
 @pytest.mark.parametrize(("algorithm", "display"), pairs(OF_PAPER, SEPARABLE | NON_SEPARABLE))
-def test_the_paper_s_algorithms_do_what_their_definitions_say(algorithm, display):
+def test_the_paper_s_algorithms_follow_their_definitions(algorithm, display):
     check_against_float64(algorithm, display)
 
 
@@ -173,7 +173,7 @@ COLOURED = [
         for column, samples in enumerate(_QUARTERS)
     ],
 )
-def test_a_pixel_shows_the_mean_of_the_rays_from_what_shines_of_it(algorithm, display, samples):
+def test_a_pixel_shows_the_mean_of_the_rays_from_its_lit_area(algorithm, display, samples):
     device = DISPLAYS[display]
     fill = exact_length(device.pixel_fill)
     pixels = chosen_pixels(device, 60)
@@ -234,7 +234,7 @@ METHODS = {
 
 
 def served(method: str, display: str) -> bool:
-    """Whether a method of the matrix serves a display."""
+    """True if a method of the matrix serves a display."""
     rows_and_columns = DISPLAYS[display].is_separable
     return rows_and_columns or ("fill" not in method and method.partition(":")[0] not in (
         "wang2024", "li2012"))  # fmt: skip

@@ -104,7 +104,7 @@ def test_ssim_is_scikit_image_s_own_number(shape):
     assert abs(metrics.ssim_map(a, b).mean() - expected) > 1e-4, "its map's mean is another number"
 
 
-def test_relic_s_region_is_what_its_pixels_enter_by_ssim_s_window():
+def test_the_relic_s_region_has_the_pixels_within_ssim_s_window_of_it():
     relic = np.zeros((30, 40), bool)
     relic[14, 20] = relic[0, 39] = True
     a = np.zeros((30, 40, 3), np.float32)  # black, so that no change is lost in rounding
@@ -142,7 +142,7 @@ def test_psnr_is_its_formula():
 
 
 @pytest.mark.parametrize("scorer", [metrics.ssim, metrics.psnr_db, metrics.flip])
-def test_what_is_not_comparable_is_refused(scorer):
+def test_pictures_that_are_not_comparable_are_refused(scorer):
     a = picture(16, 16)
     with pytest.raises(UsageError, match="compared"):
         scorer(a, a[:8])
@@ -152,7 +152,7 @@ def test_what_is_not_comparable_is_refused(scorer):
         scorer(a, b)
 
 
-def test_a_masked_score_sees_only_the_mask():
+def test_a_masked_score_uses_only_the_mask():
     a = picture(40, 40)
     b = a.copy()
     b[:, 20:] = 0

@@ -1,4 +1,4 @@
-"""What a display can do, against closed forms worked out by hand and rays followed one by one."""
+"""Properties of a display against closed forms and rays traced one by one."""
 
 import math
 from itertools import product
@@ -129,7 +129,7 @@ def test_thin_lens_images_a_point_of_the_central_depth_plane_to_a_point(display)
         assert colour_spot.lost_share == 0
 
 
-def test_spot_lies_where_the_chief_ray_of_eq_1_does():
+def test_the_spot_is_at_the_chief_ray_of_eq_1():
     edge = spot(NOMINAL, "thin", 33.0, 8.0)
     assert edge.centre_x_mm == pytest.approx(0.5 - 3.3 * math.tan(math.radians(8)), abs=1e-12)
     assert edge.centre_y_mm == pytest.approx(0.5, abs=1e-12)
@@ -205,7 +205,7 @@ def test_pinhole_crosstalk_begins_at_the_flip_limit(display):
 
 
 def test_crosstalk_of_a_shift_the_design_does_not_know_is_the_share_of_flipped_lenses():
-    """On the axis a pinhole lens at x lands g x / V aside, and a shift of 0.4 P adds to that:
+    """The ray of a lens at x lands g x / V aside on the axis; a shift of 0.4 P adds to that:
     lenses beyond 0.1 P V / g on one side are a cell off; the last column misses the panel."""
     distance = 415.8
     moved = NOMINAL.replace(shift_x_mm=0.4)
@@ -241,7 +241,7 @@ def test_every_ray_is_accounted_for_once(model, kind):
 
 
 @pytest.mark.parametrize("fate", ["dark", "clear"])
-def test_light_between_round_apertures_is_what_the_discs_leave(fate):
+def test_light_between_round_apertures_is_the_area_outside_the_discs(fate):
     display = small_display(aperture="round", fill_factor=0.8, between_lenses=fate)
     shares = light_shares(display, display, "thin", (0.0, 0.0, 400.0))
     # At the rim, light that no lens bends inwards goes on beside the panel.
@@ -252,7 +252,7 @@ def test_light_between_round_apertures_is_what_the_discs_leave(fate):
     assert (shares.past_lenses_share if fate == "dark" else shares.dark_between_share) == 0
 
 
-def test_faces_reflect_what_fresnel_says_at_normal_incidence_and_little_more():
+def test_faces_reflect_as_fresnel_at_normal_incidence_and_little_more():
     shares = light_shares(NOMINAL, NOMINAL, "thick", (0.0, 0.0, 415.8))
     normal = 1 - (1 - (0.4917 / 2.4917) ** 2) ** 2
     assert normal < shares.reflected_share < normal + 0.003
@@ -320,11 +320,11 @@ def test_a_sound_display_has_no_warning():
         (lambda: inspect_display(small_display(12, 6), 20.0), "Crosstalk on the axis"),
     ],
 )
-def test_what_is_wrong_is_said(findings, words):
+def test_defects_of_a_display_are_warnings(findings, words):
     assert says(findings(), words)
 
 
-def test_impossible_thick_lens_gives_way_to_thin_unless_asked_for():
+def test_impossible_thick_lens_becomes_thin_unless_requested():
     display = NOMINAL.replace(**BAD_LENS)
     model, reason = usable_model(None, display)
     assert model == "thin"
@@ -336,7 +336,7 @@ def test_impossible_thick_lens_gives_way_to_thin_unless_asked_for():
     assert usable_model(None, NOMINAL) == ("thick", None)
 
 
-def test_misalignment_is_told_in_words_with_who_knows():
+def test_misalignment_is_described_with_its_source():
     design = NOMINAL.replace(shift_x_mm=-0.2)
     real = design.replace(rotation_deg=0.5, gap_mm=3.2)
     assert set(misalignments(design, real)) == {

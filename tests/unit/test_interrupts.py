@@ -76,7 +76,7 @@ def test_signal_after_the_end_is_ignored():
 
 
 def test_ignored_signals_stay_ignored():
-    """As for jobs of a shell's background, and below `nohup`."""
+    """Signals are ignored for jobs in a shell's background and under `nohup`."""
     main = "def main():\n    with delayed_interrupts(): interrupt()\n    interrupt(); say('on')\n"
     assert ended(main + "program(main)", deaf=True) == (0, "on ", "")
 

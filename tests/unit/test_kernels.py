@@ -21,7 +21,7 @@ def load(path):
 
 
 def loads_from_disk(path):
-    """Whether a kernel of this module, imported and called afresh, was found on disk."""
+    """True if a kernel of this module, imported and called again, was loaded from disk."""
     kernel = load(path)
     assert kernel(3) == 6
     return bool(sum(kernel.stats.cache_hits.values()))

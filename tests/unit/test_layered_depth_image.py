@@ -76,7 +76,7 @@ def test_each_layer_has_named_parts_and_the_first_two_are_a_plain_picture_s(tmp_
 
 
 @pytest.mark.parametrize("count", ["3", "0x2", "-1", (1.0, 2.0)])
-def test_a_file_with_other_layers_than_it_says_is_refused(tmp_path, count):
+def test_a_file_with_other_layers_than_declared_is_refused(tmp_path, count):
     image.write_rgbd(tmp_path / "a.exr", picture(2), {"inim:seed": "7"})
     parts = [
         ({**channels}, name)

@@ -1,4 +1,4 @@
-"""What no ray of a display can meet, and that leaving it out changes no pixel."""
+"""Surfaces that no ray of a display can meet: leaving them out changes no pixel."""
 
 from dataclasses import replace
 
@@ -41,7 +41,7 @@ def plate_before_a_wall(half_mm, plate=0.5, wall=0.25):
     return front.astype(np.float32), back.astype(np.float32), x[None, :], y[:, None]
 
 
-def test_a_wall_is_seen_behind_a_plate_as_far_as_the_cone_of_directions_reaches():
+def test_a_wall_behind_a_plate_is_visible_within_the_cone_of_directions():
     half = 3.0
     front, back, x, y = plate_before_a_wall(half)
     in_view = layers_in_view(front, back, DISPLAY, PIXEL_MM)
@@ -57,7 +57,7 @@ def test_a_wall_is_seen_behind_a_plate_as_far_as_the_cone_of_directions_reaches(
     assert not in_view[1][hidden].any()
 
 
-def test_what_is_in_a_closed_box_is_not_seen():
+def test_the_inside_of_a_closed_box_is_not_visible():
     """Walls all around: the gap between lid and floor is open nowhere."""
     front, back, *_ = plate_before_a_wall(3.0)
     lid = np.isfinite(front[1])
@@ -97,7 +97,7 @@ def plates_before_a_relief(display, seed):
 @pytest.mark.parametrize("mode", [{}, VIRTUAL], ids=["real", "virtual"])
 @pytest.mark.parametrize("samples", [1, 4])
 @pytest.mark.parametrize("seed", range(4))
-def test_what_is_left_out_changes_no_pixel(mode, samples, seed):
+def test_culled_layers_change_no_pixel(mode, samples, seed):
     display = small_display(8, 7, pixels=17, **mode)
     rgbd = plates_before_a_relief(display, seed)
     front, back = stacked(rgbd)

@@ -33,7 +33,7 @@ def single_lens(aperture_over_f, curved_side, gap_over_f=1.0):
 
 
 def crossing_mm(curved_side, height_over_f):
-    """Where a collimated ray crosses the axis, behind the rear principal plane."""
+    """Distance from the rear principal plane to a collimated ray's crossing of the axis."""
     display, height = single_lens(height_over_f, curved_side), 100 * height_over_f
     near, _, weight = trace_to_panel(display, "thick", height, 0.0, 0.0, 0.0)
     far, _, _ = trace_to_panel(display.replace(gap_mm=110.0), "thick", height, 0.0, 0.0, 0.0)
@@ -73,7 +73,7 @@ def test_no_ray_beyond_the_total_reflection_edge():
 
 
 @pytest.mark.parametrize("model", ["pinhole", "thick"])
-def test_the_chief_ray_lands_where_eq_1_says(model):
+def test_the_chief_ray_lands_at_the_place_of_eq_1(model):
     """Through the lens centre the panel pixel is the paper's: x = x0 - g (X - x0) / z."""
     for slope in (-0.14, -0.05, 0.05, 0.14):
         x, y, _ = trace_to_panel(NOMINAL, model, 2.5, -3.5, slope, -slope)
@@ -161,7 +161,7 @@ def test_a_lens_that_can_be_ground_is_taken_and_fills_its_aperture(changes):
     assert (weight > 0.8).all()
 
 
-def test_the_corner_of_a_cell_decides_what_radius_fills_it():
+def test_the_corner_of_a_cell_decides_the_radius_that_fills_it():
     """A hexagon of pitch P reaches P / sqrt(3), a rectangle half its diagonal."""
     n = NOMINAL.refractive_index
     for changes, corner in (
@@ -291,7 +291,7 @@ def test_principal_planes_stay_where_they_are_for_all_colours(side):
 
 
 def rays_from(point, depth_mm, aperture, count=400):
-    """From a point at a depth in front of the lens through a disc of its front principal plane."""
+    """Rays from a point in front of the lens through a disc of its front principal plane."""
     random = np.random.default_rng(4)
     radius = aperture / 2 * np.sqrt(random.uniform(0, 1, count))
     turn = random.uniform(0, 2 * np.pi, count)
@@ -340,7 +340,7 @@ KINDS = {
 
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("name", KINDS)
-def test_the_renderer_s_emitter_sees_what_numpy_traces(renderer, name, side):
+def test_the_renderer_s_emitter_agrees_with_numpy(renderer, name, side):
     """Same rays, one in the Dr.Jit kernel in float32, one here in float64, on a panel of noise.
 
     A landing point is known to 1e-4 mm in float32: rays that come closer than that to a pixel's

@@ -28,7 +28,7 @@ def face_normals(mesh):
 
 
 @pytest.mark.parametrize("changes", KINDS)
-def test_the_sheet_is_closed_and_runs_one_way_round(changes):
+def test_the_sheet_is_closed_and_consistently_oriented(changes):
     """Every edge has one face on either side, in opposite senses, once corners are joined."""
     mesh = sheet_mesh(small_display(3, 2, **changes), facets=4)
     joined = np.unique(np.round(mesh.vertices, 9), axis=0, return_inverse=True)[1].reshape(-1)
@@ -150,6 +150,6 @@ def test_the_nominal_array_fits_and_a_huge_one_is_refused():
         {"pixel_fill": 0.5},
     ],
 )
-def test_what_a_mesh_of_full_lenses_cannot_be_is_refused_by_name(changes):
+def test_impossible_meshes_of_full_lenses_are_refused_by_name(changes):
     with pytest.raises(DisplayError, match=next(iter(changes))):
         check_lens_model("full", NOMINAL.replace(**changes))

@@ -67,7 +67,7 @@ def plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 
 def refusal(model: str = "theirs") -> str:
-    """What is said of a model that cannot trace a ray."""
+    """Message for a model that cannot trace a ray."""
     with pytest.raises(InimError) as caught:
         trace_to_panel(DISPLAY, model, np.zeros(3), 0.1, 0.2, 0.0)
     text = str(caught.value)
@@ -75,7 +75,7 @@ def refusal(model: str = "theirs") -> str:
     return text
 
 
-def test_the_project_s_own_models_say_what_they_are():
+def test_the_project_s_own_models_describe_themselves():
     assert lens_models() == OWN
     for name in OWN:
         model = lens_model(name)

@@ -47,7 +47,7 @@ def bundle(slope, dtype):
 
 
 def optiland_landing(display, x, y, sx, sy):
-    """Where optiland's sequential trace of the same lens puts the rays on the panel."""
+    """Landing points of optiland's sequential trace of the same lens on the panel."""
     reason = "optiland is not installed: pip install -e '.[oracle]'"
     optic = pytest.importorskip("optiland.optic", reason=reason)
     from optiland.materials import IdealMaterial
@@ -228,7 +228,7 @@ def felt(display, x, y, sx, sy):
 
 
 def felt_bulge_first(display, p, d):
-    """From the plane of the vertices through bulge and flat face; what is left to the panel."""
+    """Trace from the vertices' plane through bulge and flat face; distance left to the panel."""
     n, t = display.refractive_index, display.pitch_mm
     path = first_change(p, d, lambda q: q[..., 2] > depth_at(display, q), DEEPEST_MM / d[..., 2])
     p = p + path[..., None] * d
@@ -282,7 +282,7 @@ def cross_relief(display, p, d, side, ratio):
 
 
 def face_normal(display, u, v, side):
-    """By differences of the sag, not by its derivative."""
+    """Normal by differences of the sag, not by its derivative."""
 
     def depth(u, v):
         lens = display.replace(lens_columns=1, lens_rows=1, fill_factor=1.0, aperture="square")
@@ -357,7 +357,7 @@ def oblique_rays(count, seed, steepest_deg=40.0):
 
 
 def near_an_edge(display, x, y):
-    """Whether a point lies within a step of an aperture's edge: steps cannot tell there."""
+    """True if a point is within a step of an aperture's edge: steps cannot tell there."""
     if display.aperture == "square" and display.fill_factor == 1:
         return np.zeros_like(x, bool)
     edge = np.zeros_like(x, bool)
@@ -370,7 +370,7 @@ def near_an_edge(display, x, y):
 
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("name", RELIEFS)
-def test_rays_go_where_a_ray_that_feels_its_way_goes(name, side):
+def test_rays_agree_with_a_ray_in_small_steps(name, side):
     """Through the first bulge met, lost on a wall or on a neighbour's bulge, or past the lens."""
     display = ARRAY.replace(curved_side=side, **RELIEFS[name])
     rays = oblique_rays(400, seed=5)
@@ -391,7 +391,7 @@ def test_rays_go_where_a_ray_that_feels_its_way_goes(name, side):
 @pytest.mark.parametrize(("cells", "suffice"), [(1, False), (4, True)])
 @pytest.mark.parametrize("side", SIDES)
 @pytest.mark.parametrize("name", ["square cells", "deep bulges", "hexagonal cells"])
-def test_two_cells_on_a_ray_s_way_are_enough(name, side, cells, suffice, monkeypatch):
+def test_two_cells_on_a_ray_s_path_are_enough(name, side, cells, suffice, monkeypatch):
     """Looking into more finds no other bulge, into fewer the wrong one."""
     display = ARRAY.replace(curved_side=side, **RELIEFS[name])
     rays = oblique_rays(50000, seed=13)

@@ -37,7 +37,7 @@ def points(face, x, y, d):
 
 
 def implicit(face, x, y, z):
-    """How far a point is off the face, by the conic's own equation: r^2 - 2 R z + (1 + k) z^2."""
+    """Distance of a point from the face by the conic's equation: r^2 - 2 R z + (1 + k) z^2."""
     r_squared = x**2 + y**2
     c, k = face.curvature, face.conic or 0.0
     if face.asphere is None:
@@ -57,7 +57,7 @@ def test_rays_end_on_the_face(name):
     assert np.abs(z - sag(OPS, face, x**2 + y**2))[hits].max() < 1e-13
 
 
-def test_a_ray_beside_the_ball_is_not_met():
+def test_a_ray_that_misses_the_ball_has_no_hit():
     ball = Face(1.0)
     straight = tuple(np.array([a]) for a in (0.0, 0.0, 1.0))
     for height, expected in ((0.999, True), (1.001, False)):
@@ -124,7 +124,7 @@ def test_fresnel_s_share_is_that_of_the_angles():
 
 
 @pytest.mark.parametrize("name", FACES)
-def test_light_takes_the_same_way_back(name):
+def test_light_takes_the_same_path_back(name):
     """A ray into glass and turned round comes out where it came from, to 1e-12."""
     face = FACES[name]
     x, y, d = rays(steepest_deg=30)
@@ -224,7 +224,7 @@ def double_gauss(arriving, radii, thicknesses, indices):
 
 @pytest.mark.parametrize("name", TRACED)
 def test_a_double_gauss_is_traced_as_by_code_v(name):
-    """To what its printed digits allow: the listing rounds prescription and ray alike."""
+    """Tolerance from the printed digits: the listing rounds prescription and ray."""
     (tan_x, tan_y), faces = TRACED[name]
     expected = np.array(faces)
     x, y, z = expected[0, :3]

@@ -92,7 +92,7 @@ def test_a_near_point_is_further_right_for_eyes_further_left():
         assert (place[0] - place[-1]) / 4 == pytest.approx(expected, abs=0.25)
 
 
-def test_a_shift_moves_what_lies_on_the_array_to_the_depth_it_says():
+def test_a_shift_moves_points_of_the_array_to_its_depth():
     """Flat views, all alike, show a plane on the array; shifted, one in front of it."""
     display = small_display(columns=30, rows=20, pixels=7)
     picture = noise((20, 30, 3))
@@ -196,7 +196,7 @@ def test_a_quilt_round_trips_and_starts_at_the_bottom_left(tmp_path, columns, ro
     np.testing.assert_array_equal(quilt_views(path, columns, rows), views)
 
 
-def test_a_quilt_s_name_says_how_to_cut_it_up_and_only_once():
+def test_a_quilt_s_name_holds_its_tiling_once():
     path = quilt_path(Path("relic_qs5x9a1.777.PNG"), 8, 6, 0.75)
     assert path == Path("relic_qs8x6a0.75.PNG")
     assert quilt_path(path, 8, 6, 0.75) == path

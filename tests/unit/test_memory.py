@@ -19,7 +19,7 @@ def test_passes_shrink_by_halves_as_memory_goes_and_then_there_are_none():
 
 
 def test_pictures_and_rays_together_stay_below_the_limit():
-    """By the plan's own figure for a ray: what one more takes beyond the fewest."""
+    """Checks the plan's own figure for a ray: the memory of one more beyond the fewest."""
     bytes_per_ray = (LEAST_BYTES - 2 * GIB) / 2**16
     for limit in range(2 * GIB, 4 * GIB, 2**24):
         for pictures in (0, GIB // 3, GIB):

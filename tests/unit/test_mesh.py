@@ -207,7 +207,7 @@ def textured_gltf(folder: Path, picture: str) -> Path:
 
 
 @pytest.mark.parametrize("textured", [textured_obj, textured_ply, textured_gltf])
-def test_a_missing_picture_is_told_and_leaves_no_stand_in(tmp_path, capfd, textured):
+def test_a_missing_picture_is_reported_and_not_replaced(tmp_path, capfd, textured):
     messages: list[str] = []
     path = textured(tmp_path, "gone.png")
     (mesh,) = read_mesh(path, messages.append)
@@ -312,7 +312,7 @@ STRIPS = (
         ("a.glb", b"hello", "its content is not"),
     ],
 )
-def test_what_is_no_surface_is_refused_in_one_line(tmp_path, name, content, words):
+def test_files_without_a_surface_are_refused_in_one_line(tmp_path, name, content, words):
     assert words in refusal(placed(tmp_path, name, content))
 
 
@@ -328,7 +328,7 @@ def test_gltf_buffer_outside_the_folder_is_refused(tmp_path):
 # --- Meshes of scenes ---------------------------------------------------------------------------
 
 
-def test_serialized_is_refused_with_the_way_out(tmp_path):
+def test_serialized_meshes_are_refused_with_the_fix(tmp_path):
     path = placed(tmp_path, "a.serialized", b"\x1c\x04")
     with pytest.raises(FileError, match=r"a\.serialized: serialized .* export it as PLY"):
         read_shape(path, "serialized")

@@ -30,7 +30,7 @@ def two(rng: np.random.Generator, rows: int = 60, columns: int = 48) -> tuple[np
     return tuple(rng.random((rows, columns, 3)).astype(np.float32) for _ in range(2))
 
 
-def test_score_of_another_package_stands_beside_the_own_ones(announce):
+def test_score_of_another_package_is_listed_with_the_own_ones(announce):
     a, b = two(np.random.default_rng(1))
     before = metrics.score(a, b)
     announce(mae=lower("mae", absolute), maemap=lower("maemap", absolute_map, has_relic_score=True))
@@ -97,7 +97,7 @@ def leave(reference: np.ndarray, test: np.ndarray) -> float:
         (lambda a, b: np.zeros(a.shape), "the result has the shape (60, 48, 3), not (60, 48)"),
     ],
 )
-def test_whatever_a_function_does_wrong_is_one_line(announce, function, words):
+def test_any_fault_of_a_function_is_one_line(announce, function, words):
     announce(bad=lower("bad", function))
     with pytest.raises(UsageError) as raised:
         metrics.score(*two(np.random.default_rng(4)))
@@ -113,7 +113,7 @@ def test_whatever_a_function_does_wrong_is_one_line(announce, function, words):
         (lower("other", absolute), "has the name 'other'"),
     ],
 )
-def test_what_is_announced_must_be_a_metric_of_that_name(announce, registered, words):
+def test_announced_objects_must_be_metrics_of_that_name(announce, registered, words):
     announce(mine=registered)
     with pytest.raises(UsageError, match=f"^metric 'mine' {words}"):
         metrics.all_metrics()

@@ -1,4 +1,4 @@
-"""How an array lies off its design."""
+"""Misalignment of an array."""
 
 import pytest
 
@@ -14,7 +14,7 @@ from inim.errors import DisplayError, UsageError
 NOMINAL = DISPLAYS["nominal"]
 
 
-def test_nothing_off_is_the_design_itself():
+def test_zero_misalignment_is_the_design_itself():
     assert misaligned(NOMINAL, "") is NOMINAL
     assert misaligned(NOMINAL, " , ") is NOMINAL
 
@@ -34,7 +34,7 @@ def test_picture_and_panel_stay_as_designed():
     assert off.central_depth_mm != NOMINAL.central_depth_mm
 
 
-def test_a_pitch_that_is_off_stretches_the_lattice_and_nothing_else():
+def test_a_pitch_error_only_stretches_the_lattice():
     aimed = NOMINAL.replace(elemental_pitch_mm=1.01, pitch_y_mm=0.9)
     off = misaligned(aimed, "pitch_mm=0.02")
     assert (off.pitch_mm, off.row_pitch_mm) == pytest.approx((1.02, 0.918))
@@ -63,7 +63,7 @@ def test_every_key_moves_something(key):
         (0.5, "misalign: 0.5 is a float; give a mapping"),
     ],
 )
-def test_what_cannot_be_read_is_named(text, says):
+def test_invalid_text_is_named(text, says):
     with pytest.raises(UsageError, match=says):
         misaligned(NOMINAL, text)
 
@@ -75,6 +75,6 @@ def test_numbers_and_their_text_are_the_same_misalignment():
 
 
 @pytest.mark.parametrize("text", ["gap_mm=-4", "pitch_mm=-1", "tilt_x_deg=80", "shift_x_mm=nan"])
-def test_what_cannot_be_mounted_names_misalignment_and_value(text):
+def test_an_impossible_mount_names_misalignment_and_value(text):
     with pytest.raises(DisplayError, match=f"misalign '{text}"):
         misaligned(NOMINAL, text)

@@ -99,7 +99,7 @@ def before(world) -> np.ndarray:
 
 
 @pytest.mark.parametrize("pupil", [0.0, 4.0])
-def test_the_eye_sees_what_reconstruct_shows(pupil):
+def test_the_eye_sensor_agrees_with_reconstruct(pupil):
     import mitsuba as mi
 
     from inim.render.reconstruct import reconstruct
@@ -130,7 +130,7 @@ def test_display_and_eye_may_be_anywhere_in_any_unit(name):
     assert here.mean() > 0.2
 
 
-def test_an_array_may_lie_turned_and_shifted_on_its_panel():
+def test_arrays_may_be_rotated_and_shifted_on_their_panel():
     """The rectangle holds the array as it lies; the product's formula sees the same."""
     import mitsuba as mi
 
@@ -208,7 +208,7 @@ def pickup(world, **changes) -> dict:
         (pickup, {"start_mm": "near"}, "start_mm = 'near': must be a number"),
     ],
 )
-def test_what_is_wrong_is_said_in_one_line(plugin, changes, says):
+def test_mistakes_are_reported_in_one_line(plugin, changes, says):
     world = turned("as it is")
     with pytest.raises(RuntimeError, match=says) as raised:
         loaded(wrong=plugin(world, **changes))
@@ -239,7 +239,7 @@ def test_a_lens_model_that_fails_is_refused_when_the_scene_is_loaded(monkeypatch
         ((6, 5, -1), "mirrors the display"),
     ],
 )
-def test_a_rectangle_that_is_no_display_is_refused_when_it_is_first_seen(scale, says):
+def test_a_rectangle_that_is_no_display_is_refused_at_first_use(scale, says):
     import mitsuba as mi
 
     world = mi.ScalarTransform4f()
@@ -256,7 +256,7 @@ def test_a_rectangle_that_is_no_display_is_refused_when_it_is_first_seen(scale, 
         mi.load_dict(eye(world) | {"to_world": mi.ScalarTransform4f().scale(scale)})
 
 
-def test_a_display_stands_on_a_rectangle_only():
+def test_a_display_needs_a_rectangle():
     import mitsuba as mi
 
     world = mi.ScalarTransform4f()
@@ -281,7 +281,7 @@ def test_a_crop_of_the_view_is_that_part_of_it():
     assert np.abs(part - whole[:12, :24]).mean() > 0.1
 
 
-def test_the_pickup_is_the_true_eia_of_what_stands_around(open_fitted):
+def test_the_pickup_is_the_true_eia_of_its_surroundings(open_fitted):
     """Squares in front of the array and behind it, by the bench's own camera and by the plugin."""
     import mitsuba as mi
 
@@ -347,7 +347,7 @@ NUMBERS = """<float name="pixel_pitch_mm" value="0.125"/><float name="gap_mm" va
 
 
 @pytest.mark.parametrize("form", ["png", "exr"])
-def test_a_file_beside_the_scene_s_is_shown(tmp_path, form):
+def test_a_file_next_to_the_scene_is_shown(tmp_path, form):
     import mitsuba as mi
     from PIL import Image
 
@@ -390,7 +390,7 @@ def test_in_the_bench_s_own_scenes_its_errors_are_one_line(open_fitted):
         open_fitted(wrong.replace("</scene>", square((0, 0, 0), 5, "0.5") + "</scene>"), DISPLAY)
 
 
-def test_what_it_shows_can_be_changed():
+def test_the_displayed_eia_can_be_changed():
     import mitsuba as mi
 
     world = turned("all")
@@ -442,7 +442,7 @@ def lit_wall(integrator: dict):
     )
 
 
-def test_light_sampled_towards_it_and_found_by_chance_are_one():
+def test_light_sampled_towards_it_equals_light_hit_by_chance():
     """Next-event estimation is unbiased: it agrees with paths that merely meet the display."""
     by_chance = {"type": "direct", "emitter_samples": 0, "bsdf_samples": 1}
     aimed = {"type": "direct", "emitter_samples": 1, "bsdf_samples": 0}
@@ -546,7 +546,7 @@ def test_presets_are_the_displays_of_that_name():
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_spectral", "llvm_ad_mono"])
-def test_other_variants_are_told_so_and_plugins_come_back(variant):
+def test_other_variants_are_refused_and_plugins_come_back(variant):
     import mitsuba as mi
 
     active = mi.variant()
@@ -600,7 +600,7 @@ def test_cuda_shows_the_same():
         mi.set_variant(active)
 
 
-def test_scenes_leave_nothing_behind():
+def test_scenes_leave_no_objects_behind():
     """Kernels are recorded of all emitters there are: they must go with their scenes."""
     import gc
 

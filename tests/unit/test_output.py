@@ -112,7 +112,7 @@ def test_folder_that_is_itself_a_link_is_the_user_s_choice(tmp_path):
 
 
 def test_run_killed_while_it_moved_its_files_is_cleared_up_by_the_next(tmp_path, monkeypatch):
-    """At each move in turn: the folder has the old report, the new one, or none."""
+    """Kills at each move in turn: the folder has the old report, the new one, or none."""
     first = {"eia/old.png": "old", "report.html": "old"}
     second = {"eia/new.png": "new", "report.html": "new"}
     move, moves, outcomes = Path.replace, 0, []
@@ -226,7 +226,7 @@ def test_file_in_the_way_is_named_and_nothing_is_touched(tmp_path, mine, theirs)
 # --- Lists by another hand ----------------------------------------------------------------------
 
 
-def test_what_a_report_says_of_its_files_deletes_nothing(tmp_path):
+def test_a_forged_list_of_files_deletes_nothing(tmp_path):
     out = tmp_path / "out"
     write_report(out)
     (out / "mine").write_text("mine")

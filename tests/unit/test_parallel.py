@@ -51,7 +51,7 @@ def test_alone_everything_is_done_in_the_callers_thread(monkeypatch):
         assert submit(threading.current_thread).result() is threading.current_thread()
 
 
-def test_errors_come_out_and_what_has_not_begun_is_dropped(processors):
+def test_errors_are_raised_and_waiting_tasks_are_dropped(processors):
     begun = []
 
     def fail() -> None:

@@ -37,7 +37,7 @@ def test_a_degree_has_as_many_pixels_as_fit_into_it():
     assert pixel_offset.pixels_per_degree == pytest.approx(40 * 500 / 572.9578, rel=1e-4)
 
 
-def test_a_view_s_pixels_lie_on_the_array():
+def test_a_view_s_pixels_are_on_the_array():
     display = DISPLAYS["nominal"]
     optics = Optics(display, "thick", 4, 8, 0)
     viewing = optics.viewing_conditions(Viewpoint("eye", 0, 0, 572.9578), 123.0)
@@ -45,7 +45,7 @@ def test_a_view_s_pixels_lie_on_the_array():
     assert viewing.luminance_cd_m2 == 123.0
 
 
-def test_only_a_picture_that_is_seen_is_scored(announce):
+def test_metrics_of_viewing_score_views_only(announce):
     arguments = []
 
     def score(reference: np.ndarray, test: np.ndarray, viewing: Viewing) -> float:
@@ -81,7 +81,7 @@ def test_the_error_of_a_slow_metric_is_estimated_from_few_evaluations(announce, 
     assert 0 < scores.error < 0.01
 
 
-def test_a_heat_map_is_told_how_it_is_seen_and_scaled(announce):
+def test_a_heat_map_gets_its_viewing_conditions_and_scale(announce):
     def lost(reference: np.ndarray, test: np.ndarray, viewing: Viewing) -> np.ndarray:
         return viewing.pixels_per_degree * np.abs(reference - test).mean(axis=-1)
 
@@ -114,7 +114,7 @@ def test_a_heat_map_of_another_package_that_fails_is_one_line_that_names_it(anno
         metrics._all_metrics.cache_clear()
 
 
-def test_more_pixels_in_a_degree_than_the_model_has_bands_for_is_told():
+def test_more_pixels_per_degree_than_the_model_has_bands_warns():
     with pytest.raises(UsageError, match=r"2.094e\+04 pixels per degree .* lower inim\.view"):
         cvvdp._model(Viewing(20944.0, 500.0))
 
@@ -147,7 +147,7 @@ def test_a_metric_that_prefers_another_algorithm_is_named(announce):
     assert disagreements(within_its_tolerance) == []
 
 
-def test_without_the_package_a_film_says_what_to_type(monkeypatch):
+def test_without_the_package_a_film_names_the_install_command(monkeypatch):
     monkeypatch.setitem(sys.modules, "pycvvdp", None)
     cvvdp._packages.cache_clear()
     a = pictures(4)[0]

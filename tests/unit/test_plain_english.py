@@ -1,7 +1,7 @@
 """Names and first lines of docstrings in plain English.
 
-Expected: in the package, the reports' scripts and the tests' helpers, no variable, argument or
-class attribute has a name without content, and no docstring opens with a fragment. In the package
+Expected: in the package, the reports' scripts and the tests, no variable, argument or class
+attribute has a name without content, and no docstring opens with a fragment. In the package
 no two classes share a name. `tests/plain_english.ini` is the only list of rejected words.
 """
 
@@ -18,17 +18,7 @@ LISTS.read_string((ROOT / "tests/plain_english.ini").read_text("utf-8"))
 WORDS = {kind: frozenset(words.split()) for kind, words in LISTS["words"].items()}
 PACKAGE = sorted((ROOT / "inim").rglob("*.py"))
 REPORTS = sorted((ROOT / "reports").rglob("*.py"))
-HELPERS = [
-    ROOT / "tests" / name
-    for name in (
-        "chromium.py",
-        "documents.py",
-        "generator_cases.py",
-        "oracle.py",
-        "schemas.py",
-        "system/conftest.py",
-    )
-]
+TESTS = sorted((ROOT / "tests").rglob("*.py"))
 
 
 def problems(source: str) -> Iterator[str]:
@@ -63,10 +53,10 @@ def test_rejected_words_are_reported_with_their_line(source, expected):
 
 
 def test_names_and_first_lines_are_plain():
-    assert PACKAGE and REPORTS
+    assert PACKAGE and REPORTS and TESTS
     report = [
         f"{file.relative_to(ROOT)}:{problem}"
-        for file in (*PACKAGE, *REPORTS, *HELPERS)
+        for file in (*PACKAGE, *REPORTS, *TESTS)
         for problem in problems(file.read_text("utf-8"))
         if f"{file.relative_to(ROOT)}:{problem.split(chr(39))[1]}" not in WORDS["allowed"]
     ]

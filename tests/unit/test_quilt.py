@@ -20,7 +20,7 @@ REQUEST = QuiltRequest(
 
 
 @pytest.mark.parametrize(("count", "distance"), [(1, None), (45, None), (48, 300.0)])
-def test_eyes_stand_in_the_middles_of_equal_shares_of_the_zone_from_left_to_right(count, distance):
+def test_eyes_are_in_the_middles_of_equal_shares_of_the_zone_from_left_to_right(count, distance):
     at = np.array([eye.position_mm for eye in zone_eyes(DISPLAY, count, distance)])
     stands = default_distance_mm(DISPLAY) if distance is None else distance
     limit = DISPLAY.flip_limit_mm(stands)[0]
@@ -44,7 +44,7 @@ def test_eyes_too_close_for_a_zone_are_refused():
         ((3, 1000), 0.003, (2, 3)),
     ],
 )
-def test_the_array_lies_in_a_tile_undistorted_and_as_large_as_fits(size, aspect, window):
+def test_the_array_fills_a_tile_undistorted(size, aspect, window):
     request = replace(REQUEST, width=size[0], height=size[1], aspect=aspect)
     assert request.window == window
 

@@ -94,7 +94,7 @@ def nearest(points, candidates):
 
 @functools.cache
 def own_lens(display: Display):
-    """Where every pixel is, its lens's index in `centres`, whether that is sure."""
+    """Position of every pixel, its lens's index in `centres`, and whether that is certain."""
     rows, columns = display.eia_shape
     x = (np.arange(columns) - (columns - 1) / 2) * display.pixel_pitch_mm
     y = ((rows - 1) / 2 - np.arange(rows)) * display.pixel_pitch_mm
@@ -134,7 +134,7 @@ def flat_picture(display: Display, depth_mm: float, per_pitch: int = 10, coded=F
 
 
 @pytest.mark.parametrize("name", EVERY)
-def test_a_pixel_s_ray_seen_from_the_viewer_lands_on_that_pixel(name):
+def test_a_pixel_s_ray_from_the_viewer_lands_on_that_pixel(name):
     display = real_display(name)
     rows, columns = display.eia_shape
     rays = pixel_rays(display, slice(0, rows))
@@ -163,7 +163,7 @@ def test_pixels_belong_to_the_nearest_lens(name):
     assert np.abs(order[rays.lens] - centre)[sure & lensed].max() < 1e-12, "rows from the top"
 
 
-def test_rows_and_columns_of_an_array_that_has_none_are_refused():
+def test_rows_and_columns_of_an_array_without_them_are_refused():
     for name in NON_SEPARABLE:
         display = real_display(name)
         with pytest.raises(DisplayError, match="row and its column"):
@@ -210,7 +210,7 @@ PER_LENS = 3
 
 
 def view_rays(display: Display, view: np.ndarray):
-    """Where each view pixel looks on the array, and its slope towards the viewer (complex)."""
+    """Point of the array on each view pixel's ray, and its slope towards the viewer (complex)."""
     rows, columns = view.shape[:2]
     x = (np.arange(columns) + 0.5 - columns / 2) * display.width_mm / columns
     y = (rows / 2 - np.arange(rows) - 0.5) * display.height_mm / rows
@@ -283,7 +283,7 @@ def test_colours_of_sub_pixels_meet_on_a_grey_ramp(name, renderer):
     last = 2 if display.subpixels == "rgb-stripe" else 1
 
     def fringe(eia) -> float:
-        """How much brighter the rightmost colour is than red in the middle of the array."""
+        """Excess of the rightmost colour over red in the middle of the array."""
         scene = DisplayScene(eia, display, "thin")
         views = [scene.view(eye, pixels_per_lens=2, spp=64, seed=0) for eye in eyes]
         middle = np.mean(views, axis=0)[5:-5, 6:-6]
@@ -371,7 +371,7 @@ CORNERS = ((0.5, 0.5), (0.0, 0.0), (1.0, 0.25))
 
 
 @pytest.mark.parametrize("name", EVERY)
-def test_pickup_rays_start_all_over_what_shines_and_pass_the_lens_centre(name, renderer):
+def test_pickup_rays_start_all_over_the_light_and_pass_the_lens_centre(name, renderer):
     import drjit as dr
     import mitsuba as mi
 

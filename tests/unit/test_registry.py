@@ -1,4 +1,4 @@
-"""What is known of an algorithm stands in its own file, and costs nothing to ask."""
+"""Properties of an algorithm are in its own file and are read without loading it."""
 
 import subprocess
 import sys
@@ -21,7 +21,7 @@ def prepare_plain(display, shape, pixel_mm, *, brightness=1.0):
 
 @algorithm(exact=True, color="#123456")
 def prepare_stated(display, shape, pixel_mm, *, mask=None, slow="no"):
-    """With properties."""
+    """Generator with properties."""
 
 
 @pytest.fixture

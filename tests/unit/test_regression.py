@@ -98,7 +98,7 @@ def test_shift_s_p_value_agrees_with_scipy_s():
     assert shift_of(b, a, 0.05).p_value == pytest.approx(expected)
 
 
-def test_shift_s_interval_holds_the_shift_as_often_as_it_says():
+def test_the_shift_s_interval_has_its_nominal_coverage():
     rng = np.random.default_rng(4)
     hits = 0
     for _ in range(1000):
@@ -289,7 +289,7 @@ def test_score_s_errors_are_as_large_as_the_score_really_varies(scene, names, no
 )
 @pytest.mark.parametrize("on_relic", [False, True])
 def test_score_free_of_noise_is_that_of_pictures_without(scene, names, on_relic):
-    """Of SSIM less than a tenth of what noise did is left, of FLIP less than half.
+    """Less than a tenth of the noise's effect is left in SSIM, less than half in FLIP.
 
     PSNR's logarithm is straightened; FLIP takes a root of small errors.
     """
@@ -341,7 +341,7 @@ def test_region_without_a_pixel_has_no_score(scene):
         pytest.param(0.05, 30, marks=pytest.mark.slow),
     ],
 )
-def test_bias_predicts_what_fewer_samples_do_to_flip(scene, noise, repeats):
+def test_bias_predicts_the_effect_of_fewer_samples_on_flip(scene, noise, repeats):
     """A fifth fewer samples: a root of small errors makes FLIP answer to noise most unevenly."""
     generated = np.roll(scene, 1, axis=0)
 
@@ -361,7 +361,7 @@ def compared(old, new, **more):
     return compare_scores({"a/left": {"ssim": old}}, {"a/left": {"ssim": new}}, **more)[0]
 
 
-def test_score_beyond_noise_and_size_fails_either_way():
+def test_score_beyond_noise_and_size_fails_in_both_directions():
     sure = ScoreEstimate(0.90, 0.0005, 30, 0.0)
     for value, passed in ((0.90, True), (0.904, True), (0.88, False), (0.92, False)):
         assert compared(sure, ScoreEstimate(value, 0.0005, 30, 0.0)).passed is passed
@@ -431,7 +431,7 @@ def test_small_slowdown_passes_however_sure():
 
 
 def test_scatter_that_a_slowdown_could_hide_in_is_no_measurement():
-    """Of whole turns of rounds, as on a machine that others use: neither verdict would be sound."""
+    """Scatter of whole turns of rounds, as on a shared machine: neither verdict would be sound."""
     rng = np.random.default_rng(17)
     loud, calm = ({"a": tuple(s * rng.normal(size=31))} for s in (0.6, 0.05))
     for old, new in ((loud, calm), (calm, loud)):
@@ -469,7 +469,7 @@ def test_too_few_rounds_are_no_measurement():
 # --- The reference input ------------------------------------------------------------------------
 
 
-def test_sampled_pixels_lie_in_every_lens_and_none_is_sampled_twice():
+def test_sampled_pixels_are_in_every_lens_and_unique():
     for display in (small_display(24, 24, 17), small_display(16, 12, 17), small_display(9, 7, 20)):
         at = sampled_pixels(display)
         assert len(set(at.tolist())) == len(at) == min(8192, display.lensed.sum())
@@ -515,7 +515,7 @@ def test_changed_pixels_are_counted_and_an_exact_path_may_have_none(exact):
 # --- Verdicts -----------------------------------------------------------------------------------
 
 
-def test_nothing_compared_has_not_passed():
+def test_a_comparison_without_checks_has_not_passed():
     assert not all_passed([])
     good = within("a", "score", 0.0, 0.1, 0.1)
     assert all_passed([good])

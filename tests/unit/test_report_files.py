@@ -77,7 +77,7 @@ def test_nan_survives_loading_and_writing_again(tmp_path):
     assert math.isnan(psnr_of(Report.load(tmp_path)) or 0)
 
 
-def test_page_shows_what_report_json_says_and_not_what_it_lost(tmp_path):
+def test_page_agrees_with_report_json(tmp_path):
     infinite = {"ssim_to_reference": math.inf, "psnr_to_reference_db": 30.0}
     write(tmp_path, data(30.0, algorithms={"template": {"views": {"centre": infinite}}}))
     assert "∞" not in (tmp_path / "summary.md").read_text(encoding="utf-8")

@@ -158,7 +158,7 @@ ALGORITHMS = {"template": 0.9731, "wang2024": 0.9211}
 COMPARED = ["Difference of template and reference", "SSIM map of template and reference"]
 
 
-def test_sections_stand_in_the_order_of_their_places_and_every_link_leads_to_a_place(folder):
+def test_sections_are_in_order_and_every_link_has_a_target(folder):
     listed = all_sections()
     assert len({s.place for s in listed}) == len({s.anchor for s in listed}) == len(listed)
     page = Page(render_html(report(ALGORITHMS), folder))
@@ -223,7 +223,7 @@ def png(size):
         (png(32), COMPARED),  # of another size than the reference's
     ],
 )
-def test_what_a_picture_lacks_has_a_box(folder, content, missing):
+def test_missing_pictures_have_a_box(folder, content, missing):
     path = folder / "views/template/centre.png"
     path.unlink() if content is None else path.write_bytes(content)
     text = Page(render_html(report(ALGORITHMS), folder)).text
@@ -238,7 +238,7 @@ def test_picture_smaller_than_ssim_s_window_has_no_map(folder):
     assert [f"missing {name} from centre" in text for name in COMPARED] == [False, True]
 
 
-def test_difference_is_the_absolute_srgb_difference_times_four_and_says_so(folder):
+def test_difference_is_the_absolute_srgb_difference_times_four_as_captioned(folder):
     reference = np.full((8, 8, 3), 100, np.uint8)
     test = reference.copy()
     test[0, 0] = (90, 103, 250)
@@ -332,7 +332,7 @@ def test_page_too_large_is_built_again_with_smaller_pictures(folder, monkeypatch
     assert "data:image/jpeg" in page
 
 
-def test_pictures_are_left_out_and_say_so_when_nothing_else_helps(folder, monkeypatch):
+def test_pictures_are_left_out_with_a_note_as_the_last_resort(folder, monkeypatch):
     monkeypatch.setattr(report_html, "LARGEST_PAGE_BYTES", 60_000)
     page = Page(render_html(report(ALGORITHMS), folder))
     drawings = ("Plan view", "Captured surface")
@@ -340,7 +340,7 @@ def test_pictures_are_left_out_and_say_so_when_nothing_else_helps(folder, monkey
     assert "left out, the page would be too large Ground truth from centre" in page.text
 
 
-def test_parallax_is_left_out_with_its_link_when_nothing_stands_in_a_line(folder):
+def test_parallax_is_left_out_with_its_link_without_views_in_a_line(folder):
     page = Page(render_html(report(ALGORITHMS, views=("centre",)), folder))
     assert "parallax" not in {section["id"] for section in page.attributes("section")}
     assert "#parallax" not in {link["href"] for link in page.attributes("a")}
@@ -378,7 +378,7 @@ def test_depth_profile_has_the_nearer_half_to_the_right(folder):
 
 
 @pytest.mark.parametrize(("near_mm", "words"), [(40.0, "is inside"), (60.0, "extends beyond")])
-def test_depth_profile_says_whether_the_relic_is_in_the_depth_range(folder, near_mm, words):
+def test_depth_profile_states_if_the_relic_is_in_the_depth_range(folder, near_mm, words):
     data = depth_step(folder, near_mm)
     text = Page(render_html(data, folder)).text
     assert f"the relic {words} the display's depth range" in text
@@ -403,7 +403,7 @@ def test_depth_profile_without_a_depth_picture_is_left_out(folder, content):
         (lambda d: d.update(settings={"fit_share": 0.123456789}), "0.123456789"),
     ],
 )  # fmt: skip
-def test_page_says_what_the_report_does(folder, change, words):
+def test_page_agrees_with_the_report(folder, change, words):
     data = report(ALGORITHMS)
     plain = render_html(data, folder)
     change(data)
@@ -432,7 +432,7 @@ def plot_words(page: Page) -> str:
     return Page(base64.b64decode(source.split(",")[1]).decode()).text
 
 
-def test_time_against_error_names_every_algorithm_and_says_its_numbers(folder):
+def test_time_against_error_has_every_algorithm_and_its_numbers(folder):
     data = report(ALGORITHMS, seconds=0.5)
     data["algorithms"]["wang2024"]["seconds"] = 12.0
     page = Page(render_html(data, folder))
@@ -463,7 +463,7 @@ def test_times_in_yardsticks_are_taken_where_all_have_them(folder):
     assert "medians of warm runs" in page.text
 
 
-def test_what_was_skipped_is_listed_with_its_reason(folder):
+def test_skipped_steps_are_listed_with_their_reason(folder):
     rows = [{"step": HOSTILE, "performed": "3 of 5", "skipped": "2", "why": "nothing moves there"}]
     page = Page(render_html({**report(ALGORITHMS), "skipped": rows}, folder))
     assert "3 of 5 2 nothing moves there" in page.text

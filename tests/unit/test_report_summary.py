@@ -85,7 +85,7 @@ def test_summary_has_the_verdict_and_a_row_for_each_reference():
     assert table["*noise floor*"] == ["(–); (0.9962)", "(–); (–)", "0.9931", "–", "–"]
 
 
-def test_failed_checks_are_listed_with_what_was_asked():
+def test_failed_checks_are_listed_with_their_limit():
     data = report(verdict={"passed": False, "checks": [check(value=0.85, passed=False)]})
     summary = render_summary(data)
     assert "❌ **Failed**: 0 of 1 checks passed." in summary
@@ -197,7 +197,7 @@ def test_a_report_prints_as_a_small_table():
     assert repr(Report(Path("out/amphora"), data)) == "Report('out/amphora': passed)"
 
 
-def test_what_is_missing_prints_too():
+def test_missing_values_print_too():
     assert "\x00" not in str(Report(Path(), report(title=HOSTILE)))
 
 
@@ -234,7 +234,7 @@ def test_each_stage_is_a_case_with_its_time():
 
 
 @pytest.mark.parametrize(("value", "digits"), [(0.85, 4), (0.8999996, 7)])
-def test_failure_says_what_was_found_and_what_was_asked(value, digits):
+def test_a_failure_states_value_and_limit(value, digits):
     """A value just short of its limit is not printed as equal to it."""
     root = suite(
         check(name="a"), check(name="b", value=value, passed=False, detail="why"), passed=False

@@ -32,7 +32,7 @@ SOUND = completed(
 
 
 def refusal(folder: Path, content: Any) -> str:
-    """What is said of a `report.json`."""
+    """Message about a `report.json`."""
     text = content if isinstance(content, (str, bytes)) else json.dumps(content)
     path = folder / "report.json"
     path.write_bytes(text.encode() if isinstance(text, str) else text)
@@ -136,7 +136,7 @@ def write_baseline(folder: Path, document: Mapping[str, Any], arrays: bytes) -> 
         ({f"a{k}": b"" for k in range(20_001)}, "more than 20000 arrays"),
     ],
 )
-def test_arrays_that_are_none_are_refused_before_they_take_memory(content, message, tmp_path):
+def test_invalid_arrays_are_refused_before_they_take_memory(content, message, tmp_path):
     packed = npz(**content) if isinstance(content, dict) else content
     write_baseline(tmp_path, {}, packed)
     with pytest.raises(BaselineError) as caught:

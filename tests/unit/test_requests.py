@@ -143,7 +143,7 @@ def test_the_recorded_command_repeats_the_run(scene, plans, settings, values):
         {"lens_columns": 20, "panel_columns": None, "panel_rows": None},
     ],
 )
-def test_a_display_reaches_the_plan_whatever_the_scene_states(scene, plans, name, changes):
+def test_a_display_reaches_the_plan_against_any_scene_setting(scene, plans, name, changes):
     display = DISPLAYS[name].replace(**changes)
     with_settings(scene, depth_min_mm=3, depth_max_mm=40, pitch_mm=2)
     assert planned(plans, scene, display=display).display.replace(name="") == display.replace(

@@ -67,7 +67,7 @@ def statistics():
     )
 
 
-def test_what_is_written_is_read_back(statistics, tmp_path):
+def test_written_statistics_are_read_back(statistics, tmp_path):
     accepted = replace(statistics, reason="because", accepted="2026-01-01")
     assert write_statistics(tmp_path, BASELINE, accepted) == ["baseline.json", "baseline.npz"]
     read_back = read_statistics(tmp_path, BASELINE)
@@ -81,7 +81,7 @@ def test_what_is_written_is_read_back(statistics, tmp_path):
     )
 
 
-def test_arrays_of_another_run_are_found_out(statistics, tmp_path):
+def test_arrays_of_another_run_are_refused(statistics, tmp_path):
     write_statistics(tmp_path, BASELINE, statistics)
     old = (tmp_path / "baseline.json").read_bytes()
     other = {
@@ -123,7 +123,7 @@ def test_a_baseline_that_is_replaced_meanwhile_is_one_of_the_two(statistics, tmp
         )
 
 
-def test_score_that_is_no_number_stays_none(statistics, tmp_path):
+def test_a_score_that_is_not_a_number_stays_none(statistics, tmp_path):
     wrong = {"template/left": {"ssim_to_reference": ScoreEstimate(math.nan, 0.1, 1.0, 0.0)}}
     write_statistics(tmp_path, BASELINE, replace(statistics, scores=wrong))
     read_back = read_statistics(tmp_path, BASELINE)

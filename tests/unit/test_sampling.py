@@ -1,4 +1,4 @@
-"""How many samples scores need, on scores whose noise is known."""
+"""Number of samples that scores need, on scores whose noise is known."""
 
 import math
 
@@ -10,19 +10,19 @@ from inim.settings import Settings
 
 
 def estimate(plain: float, error: float, freedom: float, bias: float) -> ScoreEstimate:
-    """Of one error, with and without noise."""
+    """Estimate with one error, with and without noise."""
     return ScoreEstimate(plain, error, freedom, bias, error, freedom)
 
 
 def score(share: float, power: float = 1.0, size: float = 0.005, error: float = 1e-5):
-    """Of a noiseless 0.9, by a bias that is a power of the noise's variance, 1 / share."""
+    """Score of a noiseless 0.9 with a bias that is a power of the noise's variance, 1 / share."""
     bias = size * share**-power
     return {"a": estimate(0.9 - bias, error / math.sqrt(share), 1e6, -power * bias)}
 
 
 @pytest.mark.parametrize("power", [0.4, 0.7, 1.0])
 @pytest.mark.parametrize("before", [1 / 16, 1 / 4, 1 / 2])
-def test_bias_is_found_whatever_its_power(power, before):
+def test_bias_of_any_power_is_estimated(power, before):
     uncertainty = largest_uncertainty(score(1.0, power), score(before, power))
     assert uncertainty == pytest.approx(0.005 + 1.96e-5, rel=1e-3)
 
@@ -45,7 +45,7 @@ def test_scores_without_noise_are_known():
     assert next_share(1 / 16, sure, 0.01) == 1 / 8
 
 
-def test_what_cannot_be_said_is_not_known():
+def test_undefined_estimates_are_not_known():
     estimates = {"a": estimate(math.nan, 0.1, 1.0, 0.0)}
     assert largest_uncertainty(score(1.0), {}) == math.inf
     assert largest_uncertainty({}, {}) == math.inf

@@ -82,7 +82,7 @@ def test_committed_document_keeps_its_schema(path):
     read_document(path)
 
 
-def test_a_document_that_does_not_is_told_where():
+def test_an_invalid_document_is_refused_with_the_place():
     document = copy.deepcopy(example(schema("report"), "report"))
     document["verdict"]["passed"] = "yes"
     with pytest.raises(AssertionError, match=r"verdict\.passed: 'yes' is not of type 'boolean'"):

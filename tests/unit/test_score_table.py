@@ -73,10 +73,10 @@ def test_paired_comparison_takes_one_observation_per_relic():
 
 
 def test_few_reports_have_no_p_value_and_one_no_interval():
-    few = compare_algorithms([report(a=(0.9, 0.9), b=(0.8, 0.8))], "a", "b")
-    assert few.mean == pytest.approx(0.1)
-    assert math.isnan(few.low)
-    assert math.isnan(few.p_value)
+    single = compare_algorithms([report(a=(0.9, 0.9), b=(0.8, 0.8))], "a", "b")
+    assert single.mean == pytest.approx(0.1)
+    assert math.isnan(single.low)
+    assert math.isnan(single.p_value)
 
 
 def test_missing_algorithm_is_named_with_its_report():

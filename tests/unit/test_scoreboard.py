@@ -52,7 +52,7 @@ def test_every_algorithm_shows_a_plane_to_the_last_bit_where_the_picture_does(me
     assert set(algorithms()) <= result["methods"].keys()
 
 
-def test_what_fills_continues_the_plane_beyond_the_edge(measured):
+def test_filling_continues_the_plane_beyond_the_edge(measured):
     _, _, result = measured
     assert result["pixel_share"]["beyond_edge"] > 0
     filling = ["splat", NEAREST, *(n for n in methods() if "fill=" in n and _is_nearest(n))]
@@ -158,7 +158,7 @@ def test_a_folder_is_read_with_its_grid_its_rim_and_its_source(tmp_path):
     assert all(np.array_equal(view, field.views[p]) for p, view in field_read.views.items())
 
 
-def test_the_page_lists_the_worst_first_and_names_who_loses(measured):
+def test_the_page_lists_the_worst_first_and_names_the_loser(measured):
     _, _, result = measured
     text = page({"rvs_build": "", "light_fields": [result]})
     board = text.split("## plane")[1].split("##")[0]

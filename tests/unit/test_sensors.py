@@ -21,7 +21,7 @@ def rays_at_centres(family, world_from_display=None):
 
 
 def at_depth(origin, direction, z):
-    """Where rays cross a plane of constant z."""
+    """Crossings of rays with a plane of constant z."""
     t = (z - origin[..., 2]) / direction[..., 2]
     return (origin + t[..., None] * direction)[..., :2]
 

@@ -76,7 +76,7 @@ def gaps(front, back, row, column, low, high):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_what_is_open_is_cut_into_pieces_that_fill_it(seed):
+def test_open_sides_are_cut_into_pieces_that_fill_them(seed):
     from inim.image.sides import PIECES, Sides
 
     front, back = random_solids(seed)
@@ -141,7 +141,7 @@ def test_each_side_of_a_box_has_its_colour(open_fitted):
 @pytest.mark.usefixtures("renderer")
 @pytest.mark.parametrize("samples", [1, 4])
 def test_sides_move_no_ray(open_fitted, samples):
-    """With all pieces in the colour of their front an EIA is that of the solids, bit for bit."""
+    """Pieces in the colour of their front: an EIA is that of the solids, bit for bit."""
     _, layers, rgbd = captured(open_fitted, *box(3, 3, 1), sphere((1, 0, 5), 2), spp=1)
     rows, columns = rgbd.shape
     color = np.random.default_rng(1).random((rows, columns, 3), dtype=np.float32)
@@ -186,7 +186,7 @@ def test_a_relief_has_no_sides(open_fitted):
 
 
 @pytest.mark.usefixtures("renderer")
-def test_who_looks_at_a_side_sees_its_colour(open_fitted):
+def test_an_eye_that_looks_at_a_side_gets_its_colour(open_fitted):
     """The base of a bust is dark, seen from below, whatever its front is."""
     from inim.render.ground_truth import pickup
 
@@ -200,7 +200,7 @@ def test_who_looks_at_a_side_sees_its_colour(open_fitted):
 
 
 def _is_of(rgb, eia):
-    """Where light is of one colour alone, however much of it."""
+    """Mask of light of a single colour, at any intensity."""
     total = eia.sum(axis=-1, keepdims=True)
     shares = np.divide(eia, total, out=np.zeros_like(eia), where=total > 1e-3)
     return np.abs(shares - np.array(rgb) / sum(rgb)).max(axis=-1) < 1e-3

@@ -40,7 +40,7 @@ def test_splats_come_back_as_they_were_written(tmp_path, degree):
         np.testing.assert_allclose(getattr(back, name), getattr(splats, name), rtol=1e-6)
 
 
-def test_properties_may_stand_in_any_order_but_not_for_mitsuba(tmp_path):
+def test_properties_are_read_in_any_order_and_written_in_mitsuba_s(tmp_path):
     splats, path = random_splats(9, 1), tmp_path / "s.ply"
     write_splats(path, splats)
     head, _, body = path.read_bytes().partition(b"end_header\n")
@@ -126,7 +126,7 @@ def test_the_frame_leaves_out_floaters_and_holds_the_relic():
     assert 2 * half.max() == pytest.approx(SIZE_MM)
 
 
-def test_crop_keeps_what_lies_in_the_box():
+def test_crop_keeps_the_splats_in_the_box():
     splats = splats_at(np.array([[0.0, 0, 0], [5, 0, 0]]), 0.01, 0.9, np.ones(3))
     cropped, _ = place_splats(splats, np.eye(3), Frame.parse("4,6,-1,1,-1,1"))
     assert len(cropped) == 1
@@ -142,7 +142,7 @@ def test_a_crop_that_is_no_box_is_refused(words):
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_colours_turn_with_the_splats(renderer, degree):
-    """By Mitsuba's own harmonics: a turned splat shows its colour in the turned direction."""
+    """Mitsuba's own harmonics agree: a turned splat shows its colour in the turned direction."""
     import drjit as dr
     import mitsuba as mi
 
@@ -219,7 +219,7 @@ def rays_at(places):
     return origin, np.tile([0.0, 0, -1], (len(places), 1))
 
 
-def test_a_pane_passes_what_its_gaussian_leaves(open_fitted, tmp_path):
+def test_a_pane_transmits_the_rest_of_its_gaussian(open_fitted, tmp_path):
     fitted = open_fitted(splat_scene(tmp_path, pane(0, 0.6, [0.5, 0.2, 0.1], 4.0)), DISPLAY)
     places = np.array([[0.1, 0.2], [3.0, 1.0], [-2.0, 5.0]])
     colour, lost = light_along(fitted.scene, *rays_at(places))
@@ -244,7 +244,7 @@ def test_light_in_a_slab_is_lost_as_beer_and_lambert_say(open_fitted, tmp_path):
     np.testing.assert_allclose(lost.left, 0.95 ** len(depths), atol=1e-4)
 
 
-def test_two_sheets_are_two_layers_with_the_colours_that_lie_behind(open_fitted, tmp_path):
+def test_two_sheets_are_two_layers_each_with_its_own_colours(open_fitted, tmp_path):
     from inim.render.depth_peeling import peel
     from inim.render.ground_truth import capture, capture_layers
     from inim.render.scene import fit_to_display
@@ -290,7 +290,7 @@ def test_ellipsoids_that_are_met_twice_are_noticed(open_fitted, tmp_path):
         assert lost.twice.any() == twice
 
 
-def test_the_eia_is_the_same_without_what_is_black(open_fitted, tmp_path):
+def test_black_splats_do_not_change_the_eia(open_fitted, tmp_path):
     from inim.process.observer import Observer
     from inim.render.ground_truth import pickup
 
@@ -336,7 +336,7 @@ def gem():
 
 
 def compared(open_fitted, tmp_path, per_edge):
-    """How the splats of a mesh differ from it: EIA, view, depth and coverage; and their size."""
+    """Differences between a mesh and its splats: EIA, view, depth, coverage; size of the splats."""
     from inim.display import Viewpoint
     from inim.render.ground_truth import capture, pickup, true_view
 
@@ -382,7 +382,7 @@ def compared(open_fitted, tmp_path, per_edge):
     ("coarse", "fine"), [(8, 16), pytest.param(16, 32, marks=pytest.mark.slow)]
 )
 def test_splats_of_a_mesh_become_the_mesh_as_they_shrink(open_fitted, tmp_path, coarse, fine):
-    """What differs is a rim as wide as a splat, and colours run into each other as far."""
+    """Differences are a rim as wide as a splat; colours blend over the same distance."""
     (wide, sigma), (narrow, half) = (
         compared(open_fitted, tmp_path, per_edge) for per_edge in (coarse, fine)
     )

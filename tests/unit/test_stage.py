@@ -61,7 +61,7 @@ def test_without_a_store_every_call_is_made(run):
     assert calls == [2, 2]
 
 
-def test_what_follows_from_other_arguments_decides_nothing(run):
+def test_derived_arguments_do_not_change_the_key(run):
     product, calls = counted(derived=("engine",))
     picture = Picture("one", np.arange(3.0))
     assert not product.is_cached(picture, 2, run=run)
@@ -81,7 +81,7 @@ def test_edited_code_and_the_stage_s_own_file_make_another_result(run, monkeypat
     assert places == [("version.py", "pipeline/stages/stage.py")]
 
 
-def test_the_report_says_what_was_made_found_and_why(run):
+def test_the_report_lists_computed_and_reused_results_with_the_reason(run):
     product, _ = counted(describe=("made", "nothing", "it is new"))
     for factor in (2, 2):
         product(Picture("one", np.arange(3.0)), factor, run=run)

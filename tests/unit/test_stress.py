@@ -117,7 +117,7 @@ def test_somebody_else_s_algorithm_is_counted(planted):
     ("fault", "outcome", "passed"),
     [("crash", "crashed", False), ("refuses", "refused", True), ("colours", "no sources", True)],
 )
-def test_what_goes_wrong_is_a_row_and_not_the_end(planted, fault, outcome, passed):
+def test_a_failed_case_is_a_row_and_the_study_continues(planted, fault, outcome, passed):
     row = check_first_hits(f"{planted}:fault={fault}", ONE)
     assert (row.outcome, row.passed) == (outcome, passed)
 
@@ -156,7 +156,7 @@ def test_every_relation_is_planted_an_error():
 
 
 @pytest.mark.parametrize("name", BROKEN_BY)
-def test_every_relation_sees_what_breaks_it(name):
+def test_every_relation_fails_on_its_fault(name):
     (relation,) = (r for r in RELATIONS if r.name == name)
 
     def wrong(rgbd, display, algorithm):
@@ -181,7 +181,7 @@ def test_threads_and_tiles_are_compared_for_real():
     assert {r.relation for r in rows if not r.passed} == set(CALLS)
 
 
-def test_what_only_first_hits_promise_is_measured_of_others_and_not_judged():
+def test_promises_of_first_hits_are_only_measured_for_others():
     chosen = [r for r in RELATIONS if r.name in ("transpose", _NEARER, "mirror left and right")]
     rows = {r.relation: r for r in run_relations(["wang2024"], relations=chosen)}
     for name in ("transpose", _NEARER):
@@ -210,7 +210,7 @@ def test_arrays_that_need_not_be_served_may_be_refused():
     assert not row.passed
 
 
-def test_what_rounding_decides_may_break_a_relation_of_others_only():
+def test_rounding_may_break_relations_of_other_algorithms_only():
     """gu2020's ray through a corner of the picture's pixels, seen in a mirror."""
     (relation,) = (r for r in RELATIONS if r.name == "mirror top and bottom")
     (row,) = run_relations(["gu2020"], relations=[relation])

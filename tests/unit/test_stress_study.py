@@ -148,7 +148,7 @@ def test_the_lens_oracle_obeys_the_thin_lens_near_the_axis(side):
     assert float(landing.x[0]) == pytest.approx(expected, rel=1e-8)
 
 
-def test_the_lens_oracle_knows_where_total_reflection_begins():
+def test_the_lens_oracle_has_the_limit_of_total_reflection():
     """Flat side first, parallel light is reflected beyond h = R / n."""
     radius = 3.0 * 0.4917
     display = display_of(curved_side="panel", pitch_mm=1.405 * radius, pixel_pitch_mm=0.08)
@@ -308,7 +308,7 @@ def test_every_case_of_mounted_arrays_holds(family):
     assert rows and [r for r in rows if not r["passed"]] == []
 
 
-def test_what_must_be_refused_and_is_not_is_reported():
+def test_accepted_invalid_inputs_are_reported():
     family, case = one_case()
     (row,) = generators.run_case(family, Case(case.label, case.make, 1.0, refused=True), FEW)
     assert row["outcome"] == "accepted" and not row["passed"]
@@ -324,7 +324,7 @@ BROKEN_LAYERS = {
 }
 
 
-def test_every_relation_of_layers_sees_what_breaks_it():
+def test_every_relation_of_layers_fails_on_its_fault():
     assert {r.name for r in relations.LAYER_RELATIONS} == BROKEN_LAYERS.keys()
     assert all(r.passed for r in relations.run_layer_relations())
     for number, name in enumerate(r.name for r in relations.LAYER_RELATIONS):
@@ -374,7 +374,7 @@ def honest_lenses():
 
 
 @pytest.mark.parametrize("name", lens_relations.LENS_RELATIONS)
-def test_every_lens_relation_sees_what_breaks_it(name, honest_lenses, monkeypatch):
+def test_every_lens_relation_fails_on_its_fault(name, honest_lenses, monkeypatch):
     def planted(display, model, *ray):
         x, y, weight = trace_to_panel(display, model, *ray)
         return (*LENS_BROKEN[name](x, y, display), weight)
@@ -460,7 +460,7 @@ def verdicts(rows, relations_rows=(HELD,)):
     return checks_of(rows, rows, relations_rows)
 
 
-def test_the_verdict_fails_for_what_is_unsafe_and_unguarded():
+def test_the_verdict_fails_for_unsafe_unguarded_inputs():
     good = [row(1.0), row(1.0, dtype="float64"), row(2.0, algorithm="gu2020")]
     assert all(c.passed for c in verdicts(good))
     bad = [*good, row(3.0, safe=False)]

@@ -34,7 +34,7 @@ def test_a_result_is_the_mean_over_its_viewpoints():
     assert not first.failed
 
 
-def test_a_mean_of_what_is_not_all_there_is_none():
+def test_a_mean_of_incomplete_values_is_none():
     assert mean([]) is None
     assert mean([0.5, None]) is None
     assert mean([0.5, math.nan]) is None
@@ -49,7 +49,7 @@ def test_settings_tell_results_apart_only_where_they_vary():
     assert [c.settings for c in results_of(rows[1:])] == ["", ""]
 
 
-def test_the_front_is_what_nothing_beats():
+def test_the_front_is_the_undominated_set():
     points = {"fast": (1, 9), "good": (9, 1), "both": (2, 2), "beaten": (3, 3), "tied": (1, 10)}
     assert on_front(points) == {"fast", "good", "both"}
     assert on_front({"one": (1, 1), "same": (1, 1)}) == {"one", "same"}
@@ -88,7 +88,7 @@ def test_times_are_yardsticks_only_where_all_have_them():
     assert time_column(results_of([timed, row(algorithm="gu2020", yardsticks=3.0)])) == "yardsticks"
 
 
-def test_the_page_needs_nothing_else_and_shows_what_is_in_the_table(tmp_path):
+def test_the_page_needs_no_other_file_and_shows_the_table(tmp_path):
     rows = [row(scene="<i>jade", ssim_on_relic_to_reference=0.4321), row("tripod")]
     write_page(tmp_path / "page.html", rows, ABOUT)
     page = (tmp_path / "page.html").read_text("utf-8")
@@ -137,7 +137,7 @@ def test_two_listed_parameters_make_a_map_with_depths():
         assert text in drawing, text
 
 
-def test_failures_stand_first_with_their_reasons():
+def test_failures_come_first_with_their_reasons():
     rows = [row(), row("tripod", status="failed", error="no <such> lens", passed=None)]
     rows.append(row("coin", passed=False, failed_checks="template: 0 shown"))
     page = render_sweep(rows, ABOUT)
@@ -147,7 +147,7 @@ def test_failures_stand_first_with_their_reasons():
     assert "Failed" in page
 
 
-def test_a_page_of_nothing_but_failures_is_a_page():
+def test_a_study_of_failures_has_a_page():
     page = render_sweep(
         [row(status="failed", error="why", ssim=None, ssim_to_reference=None)], ABOUT
     )

@@ -172,7 +172,7 @@ def test_paths_start_at_the_study_s_folder_and_equal_stems_keep_their_path(write
         ("[2, 4]", "[2, 4", ["no TOML"]),
     ],
 )  # fmt: skip
-def test_a_mistake_is_one_line_with_file_key_and_way_out(write_study, old, new, says):
+def test_a_mistake_is_one_line_with_file_key_and_fix(write_study, old, new, says):
     assert old in STUDY
     path = write_study(STUDY.replace(old, new, 1))
     with pytest.raises(InimError) as caught:
@@ -200,12 +200,12 @@ def test_a_display_of_a_study_is_the_same_for_all_scenes(write_study, tmp_path):
     assert conics == {"nominal": 0.0, "tiny": 0.0, "scene": -0.5}
 
 
-def test_where_nothing_can_be_run_the_first_reason_is_an_error(write_study):
+def test_a_study_without_a_runnable_unit_is_refused_with_the_first_reason(write_study):
     with pytest.raises(InimError, match="outside the viewing zone"):
         units_of(write_study(STUDY.replace("near=0 0 300", "far=900 0 300")))
 
 
-def test_a_key_follows_what_decides_and_nothing_else(write_study, tmp_path):
+def test_a_key_depends_on_deciding_inputs_only(write_study, tmp_path):
     def first(text: str = STUDY):
         return units_of(write_study(text))[0].hash
 
@@ -251,7 +251,7 @@ def test_a_criterion_belongs_to_its_algorithm(write_study):
     assert other["inim.min_ssim_to_reference"] == "template:0.5"
 
 
-def test_rows_of_what_failed_have_all_that_is_known(write_study):
+def test_rows_of_failed_units_have_all_known_columns(write_study):
     unit = units_of(write_study())[0]
     rows = failed_rows(unit, "template", "why")
     assert [row["viewpoint"] for row in rows] == ["centre", "near"]
@@ -273,7 +273,7 @@ MOST = 2**20 - 1000
 
 
 def lines(make, most=MOST):
-    """As many lines as a study may have bytes."""
+    """Lines up to the largest size of a study in bytes."""
     messages, size = [], 0
     for number in range(most):
         messages.append(make(number))
@@ -343,7 +343,7 @@ LARGEST = {
 
 
 def test_the_largest_studies_are_refused_within_seconds_and_half_a_gigabyte(tmp_path):
-    """In a process of their own, whose memory and processor time are limited."""
+    """Runs in a process whose memory and processor time are limited."""
     for name, text in LARGEST.items():
         (tmp_path / f"{name}.toml").write_text(text)
     code = (

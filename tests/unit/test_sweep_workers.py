@@ -39,7 +39,7 @@ def make(unit: str, memory_bytes: int = GIB, out: Path = Path("out")) -> SweepTa
         (5, 1, 2, (5, 1)),
     ],
 )
-def test_what_is_not_said_follows_from_the_cores(workers, threads, cores, chosen):
+def test_defaults_follow_from_the_cores(workers, threads, cores, chosen):
     assert choose_slots(workers, threads, cores) == chosen
 
 
@@ -104,7 +104,7 @@ def test_a_failing_unit_does_not_stop_the_others(monkeypatch, capsys):
     assert sum("label 1" in line and line.endswith("FAILED: it broke") for line in lines) == 1
 
 
-def test_an_interrupt_ends_what_runs(monkeypatch):
+def test_an_interrupt_ends_running_tasks(monkeypatch):
     children = []
 
     def works(make_unit, on_start):
@@ -138,7 +138,7 @@ def test_a_worker_s_death_is_tried_once_more_and_its_own_error_is_not(monkeypatc
         assert len(tries) == times
 
 
-def test_a_task_survives_its_way_to_another_process():
+def test_a_task_is_equal_after_pickling():
     task = make("1")
     assert pickle.loads(pickle.dumps(task)) == task
 

@@ -1,4 +1,4 @@
-"""Which way round: mirrors, occlusion, parallax, focus. A flipped picture passes many tests."""
+"""Orientation: mirrors, occlusion, parallax, focus. A flipped picture passes many tests."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def test_the_nearer_of_two_overlapping_squares_hides_the_other(open_fitted, mode
 @pytest.mark.parametrize("mode", [REAL, VIRTUAL], ids=["real", "virtual"])
 @pytest.mark.parametrize("source", ["template", "truth", "view"])
 def test_the_nearer_square_moves_against_the_eye(open_fitted, mode, source):
-    """From the left eye the nearer square stands farther right against the farther one."""
+    """The nearer square is farther right than the farther one for the left eye."""
     display = small_display(16, 16, pixels=9, **mode)
     text = scene_text(square((0, 0, 0), 5, GREEN), square((0, 0, 4), 1.5, RED))
     offset = {}

@@ -47,7 +47,7 @@ CRITERION = 0.01
 # -- draws ----------------------------------------------------------------------------------------
 
 
-def test_draws_alone_reach_either_way_and_leave_no_large_gap():
+def test_draws_of_one_parameter_reach_both_sides_and_leave_no_large_gap():
     draws = STUDY.draw_alone("rotation_deg")
     assert len(draws) == 20 and all(abs(error) <= 0.06 for error in draws)
     places = [-0.06, *sorted(draws), 0.06]
@@ -106,7 +106,7 @@ def evaluate_draws(tmp_path, text):
     return read_tolerance_study(path, NOMINAL)
 
 
-def test_a_study_is_read_and_what_it_leaves_out_has_defaults(tmp_path):
+def test_a_study_is_read_with_defaults_for_missing_keys(tmp_path):
     text = (
         "[study]\nalone = 9\nreach = 3\n"
         "[errors]\npitch_mm = { uniform = 0.002 }\ngap_mm = { normal = 1 }\n"
@@ -136,12 +136,12 @@ def test_a_study_is_read_and_what_it_leaves_out_has_defaults(tmp_path):
         ("errors = 1", r"errors: write it as a table"),
     ],
 )
-def test_what_makes_no_sense_in_a_study_is_named(tmp_path, text, says):
+def test_invalid_study_is_rejected_with_the_key(tmp_path, text, says):
     with pytest.raises(UsageError, match=says):
         evaluate_draws(tmp_path, text)
 
 
-def test_what_is_no_study_is_refused(tmp_path):
+def test_files_that_are_no_study_are_refused(tmp_path):
     with pytest.raises(FileError, match=r"errors\.toml: no TOML"):
         evaluate_draws(tmp_path, "[")
     with pytest.raises(FileError, match="nothing"):
@@ -157,7 +157,7 @@ def losses_of(law, errors, noise=0.0, seed=0):
 
 
 @pytest.mark.parametrize("power", [1.0, 1.5, 2.0, 3.0])
-def test_a_known_law_is_found_again(power):
+def test_a_known_law_is_recovered(power):
     law = Curve(power, 0.8, 0.6)
     errors = ToleranceStudy({"gap_mm": Spread("uniform", 0.1)}, alone=16).draw_alone("gap_mm")
     evaluated = fit_curve(errors, losses_of(law, errors), CRITERION)
@@ -167,7 +167,7 @@ def test_a_known_law_is_found_again(power):
     assert evaluated.tolerance(CRITERION) == pytest.approx(tolerance, rel=0.01)
 
 
-def test_a_few_draws_that_lie_far_off_change_little():
+def test_a_few_outliers_change_little():
     law, errors = LAW["rotation_deg"], STUDY.draw_alone("rotation_deg")
     losses = losses_of(law, errors, 2e-4)
     tolerance = law.tolerance(CRITERION)
@@ -184,7 +184,7 @@ def test_the_smaller_of_both_ways_counts():
     assert law.loss(-0.05) > law.loss(0.05)
 
 
-def test_an_error_that_costs_nothing_bears_more_than_was_drawn():
+def test_an_error_without_loss_tolerates_more_than_was_drawn():
     errors = STUDY.draw_alone("gap_mm")
     losses = losses_of(Curve(1.0, 1e9, 1e9), errors, 1e-4)
     evaluated = fit_curve(errors, losses, CRITERION)
@@ -255,7 +255,7 @@ def evaluated():
     return document_of(scores_of(STUDY), {"rotation_deg": 0.002, "gap_mm": 0.1})
 
 
-def test_each_parameter_alone_bears_what_its_law_says(evaluated):
+def test_each_parameter_alone_has_the_tolerance_of_its_law(evaluated):
     assert [row.name for row in evaluated.parameters] == ["rotation_deg", "gap_mm"]
     for row in evaluated.parameters:
         tolerance = LAW[row.name].tolerance(CRITERION)
@@ -267,7 +267,7 @@ def test_each_parameter_alone_bears_what_its_law_says(evaluated):
         assert line[20] == (0, 0)
 
 
-def test_losses_that_add_up_are_found_to(evaluated):
+def test_losses_that_add_up_are_reported_as_such(evaluated):
     together = evaluated.together
     assert together.to_sum == pytest.approx(1, abs=0.02)
     lost = [evaluated.aligned - draw.score for draw in together.draws]
@@ -303,7 +303,7 @@ def plainly(lines):
     return [line.replace("\u00a0", " ") for line in lines]
 
 
-def test_the_sentences_say_what_the_numbers_do(evaluated):
+def test_the_sentences_agree_with_the_numbers(evaluated):
     turned, apart, share, sums = plainly(sentences(evaluated))
     row = evaluated.parameters[0]
     low, high = row.interval
@@ -320,7 +320,7 @@ def test_the_sentences_say_what_the_numbers_do(evaluated):
     )
 
 
-def test_an_error_that_may_be_larger_than_all_drawn_is_said_so(evaluated):
+def test_a_tolerance_beyond_all_draws_is_stated_as_such(evaluated):
     rows = [
         replace(evaluated.parameters[0], tolerance=None, interval=(None, None)),
         replace(evaluated.parameters[1], interval=(0.1, None)),
@@ -378,7 +378,7 @@ def test_standard_errors_are_read_where_a_calibration_has_them(tmp_path):
          "parameters.gap_mm.standard_error is -1, not a positive number"),
     ],
 )  # fmt: skip
-def test_what_is_no_calibration_is_refused(tmp_path, text, words):
+def test_files_that_are_no_calibration_are_refused(tmp_path, text, words):
     path = tmp_path / "calibration.json"
     path.write_text(text)
     with pytest.raises(FileError) as caught:

@@ -44,7 +44,7 @@ def test_a_finer_picture_is_the_same_scene():
     assert np.allclose(coarse.depth_mm, fine.depth_mm[1::3, 1::3], atol=1e-4)
 
 
-def test_true_eia_is_what_the_exact_generator_makes_of_a_fine_picture():
+def test_the_true_eia_equals_the_exact_generator_on_a_fine_picture():
     display = small_display(columns=10, rows=8, pixels=8)
     eias = {}
     for count in (2, 16):

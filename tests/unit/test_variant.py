@@ -1,4 +1,4 @@
-"""Which variant is borrowed of a program that has one active, and that it comes back."""
+"""The variant borrowed from a program that has an active one, and its return."""
 
 import pytest
 
@@ -32,7 +32,7 @@ def test_the_active_backend_is_kept_where_it_may_be(monkeypatch, active, borrowe
     assert variant._choose_variant(active, borrowed) == used
 
 
-def test_variant_and_threads_come_back_whatever_passes():
+def test_variant_and_threads_come_back_after_any_exception():
     import drjit as dr
     import mitsuba as mi
 

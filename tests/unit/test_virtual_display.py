@@ -35,9 +35,9 @@ def shown_report(folder: Path, names=("template",), display: Display = DISPLAY) 
 
 
 def block(page: str) -> dict[str, Any]:
-    """What the page hands to its script."""
+    """Data that the page hands to its script."""
     whole = Page(page)
-    ids = [attributes.get("id") for attributes in whole.all("script")]
+    ids = [tag.get("id") for tag in whole.attributes("script")]
     assert ids.count("virtual-display-data") == 1
     return json.loads(whole.scripts[ids.index("virtual-display-data")])
 
@@ -59,13 +59,13 @@ def test_every_panel_is_embedded_once_and_exactly(tmp_path):
 def test_only_the_display_s_own_script_may_run(tmp_path):
     page = render_html(shown_report(tmp_path), tmp_path)
     whole = Page(page)
-    tags = zip(whole.all("script"), whole.scripts, strict=True)
+    tags = zip(whole.attributes("script"), whole.scripts, strict=True)
     running = [text for attributes, text in tags if "type" not in attributes]
     assert running == [PAGE_SCRIPT, LIVE.script]
     digests = [
         base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in running
     ]
-    policy = next(m["content"] for m in whole.all("meta") if "http-equiv" in m)
+    policy = next(m["content"] for m in whole.attributes("meta") if "http-equiv" in m)
     directives = dict(d.split(" ", 1) for d in policy.split("; "))
     assert directives["default-src"] == "'none'"
     assert directives["script-src"] == " ".join(f"'sha256-{script}'" for script in digests)
@@ -93,7 +93,7 @@ def test_viewpoint_called_centre_is_where_the_eye_starts(tmp_path):
 
 
 @pytest.mark.parametrize("subpixels", ["none", "rgb-stripe"])
-def test_subpixels_are_said_to_be_drawn_as_none(tmp_path, subpixels):
+def test_a_note_says_that_subpixels_are_not_drawn(tmp_path, subpixels):
     display = DISPLAY.replace(subpixels=subpixels)
     text = Page(render_html(shown_report(tmp_path, display=display), tmp_path)).text
     assert ("without sub-pixels and gaps" in text) == (subpixels != "none")
@@ -113,7 +113,7 @@ def test_it_starts_with_the_lens_model_nearest_to_the_report_s(
 ):
     data = shown_report(tmp_path, display=DISPLAY.replace(fill_factor=fill_factor))
     page = Page(render_html(data | {"lens_model": scored_with}, tmp_path))
-    radios = [i for i in page.all("input") if i["type"] == "radio"]
+    radios = [i for i in page.attributes("input") if i["type"] == "radio"]
     assert [i["value"] for i in radios if "checked" in i] == [first]
     assert ("the most similar lens model" in page.text) == (scored_with != first)
 
@@ -125,7 +125,7 @@ def test_it_starts_with_the_lens_model_nearest_to_the_report_s(
         (lambda d: d["viewpoints"][0].update(position_mm=[0, 0, -4]), "no viewpoint"),
     ],
 )
-def test_what_cannot_be_shown_live_is_left_out_with_its_reason(tmp_path, spoil, words):
+def test_panels_without_a_live_display_are_left_out_with_the_reason(tmp_path, spoil, words):
     data = shown_report(tmp_path) | report({"template": 0.9}, views=("centre",))
     data["display"] = {"parameters": DISPLAY.parameters(), "derived": DISPLAY.derived_quantities()}
     spoil(data)
@@ -191,7 +191,7 @@ def test_eye_far_off_sees_one_pixel_column_of_every_lens():
 
 
 def test_half_lit_pixel_is_the_mean_of_its_light_not_of_its_codes():
-    """From one gap away a lens's height spans eight panel pixels, every other one lit."""
+    """A lens's height, one gap away, spans eight panel pixels, every other one lit."""
     codes = np.zeros((*DISPLAY.eia_shape, 3), np.uint8)
     codes[::2] = 255
     view = still_view(codes, DISPLAY, (0, 0, DISPLAY.gap_mm), pixels_per_lens=1, grid=8)
