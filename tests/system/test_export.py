@@ -86,16 +86,14 @@ def export(folder: Path, *more: str) -> Ended:
 def test_the_best_algorithm_is_exported_unless_another_is_named(folder):
     pictures = {n: Image.open(folder / f"OUT/eia/{n}.png") for n in ("template", "wang2024")}
     pictures["truth"] = Image.open(folder / "OUT/truth/eia.png")
-    why = ", the best of 2 by SSIM on the relic, to the reference"
-    for options, name, message in (
-        ([], "template", why),
+    best = ", the best of 2 by SSIM on the relic, to the reference"
+    for options, name, why in (
+        ([], "template", best),
         (["--algorithms", "wang2024"], "wang2024", ""),
         (["--algorithms", "truth"], "truth", ""),
     ):
         ended = export(folder, "--hci", name, *options)
-        assert (ended.code, ended.stdout) == (0, f"{name}\nexported {name}{message}\n"), (
-            ended.stderr
-        )
+        assert (ended.code, ended.stdout) == (0, f"{name}\nexported {name}{why}\n"), ended.stderr
         eia = eia_from_views(read_hci(folder / name).views, DISPLAY)
         np.testing.assert_array_equal(eia, np.asarray(pictures[name]))
 
@@ -205,17 +203,8 @@ def test_a_quilt_of_the_truth_is_the_scene_traced_again(folder, renderer):
     from inim.render.scene import open_scene
     from inim.scene.file import read_scene_file
 
-    arguments = [
-        "--algorithms",
-        "truth",
-        "--quilt",
-        "q.png",
-        "--tiles",
-        "3x2",
-        "--view-size",
-        "50x64",
-    ]
-    ended = export(folder, *arguments, "--view-spp", "4")
+    quilt = ["--algorithms", "truth", "--quilt", "q.png", "--tiles", "3x2", "--view-size", "50x64"]
+    ended = export(folder, *quilt, "--view-spp", "4")
     assert (ended.code, ended.stdout) == (0, "q_qs3x2a0.78125.png\nexported truth\n"), ended.stderr
     views = quilt_views(folder / "q_qs3x2a0.78125.png", 3, 2)
     file = read_scene_file(folder / "scene.xml", {"red": "0.9,0.1,0.1"})
@@ -233,14 +222,14 @@ def test_a_quilt_of_the_truth_is_the_scene_traced_again(folder, renderer):
     # Another scene than the report's is not traced in its place.
     text = (folder / "scene.xml").read_text("utf-8")
     (folder / "scene.xml").rename(folder / "kept.xml")
-    ended = export(folder, *arguments)
+    ended = export(folder, *quilt)
     assert ended.code == EXIT_USAGE
     assert_one_line(ended.stderr, ["scene.xml"])
     (folder / "scene.xml").write_text(text.replace("1.2", "1.3"), encoding="utf-8")
-    ended = export(folder, *arguments)
+    ended = export(folder, *quilt)
     assert ended.code == EXIT_USAGE
     assert_one_line(ended.stderr, ["scene.xml", "differs from the report's scene", "--scene"])
-    assert export(folder, *arguments, "--scene", "kept.xml", "--view-spp", "2").code == EXIT_PASSED
+    assert export(folder, *quilt, "--scene", "kept.xml", "--view-spp", "2").code == EXIT_PASSED
 
 
 @pytest.mark.parametrize("model", ["pinhole", "thin"])
@@ -256,17 +245,8 @@ def test_a_quilt_s_tiles_are_views_across_the_zone(tmp_path, renderer, model):
     write_eia(tmp_path / "eia.exr", generate(rgbd, DISPLAY), None, DISPLAY.pixel_pitch_mm)
     names = ("lens_columns", "lens_rows", "pixel_pitch_mm")
     options = [*words(QUICK, *names), "-D", f"inim.lens_model={model}"]
-    arguments = [
-        "--quilt",
-        "made/q.png",
-        "--tiles",
-        "3x2",
-        "--view-size",
-        "60x48",
-        "--view-spp",
-        "16",
-    ]
-    ended = run_here("export", "eia.exr", *options, *arguments, folder=tmp_path)
+    quilt = ["--quilt", "made/q.png", "--tiles", "3x2", "--view-size", "60x48", "--view-spp", "16"]
+    ended = run_here("export", "eia.exr", *options, *quilt, folder=tmp_path)
     assert (ended.code, ended.stdout) == (0, "made/q_qs3x2a1.25.png\nexported eia.exr\n")
     views = quilt_views(tmp_path / "made/q_qs3x2a1.25.png", 3, 2)
     eyes, eia = zone_eyes(DISPLAY, 6), read_eia(tmp_path / "eia.exr", DISPLAY)[0]

@@ -63,9 +63,9 @@ def test_all_displays_are_drawn_and_listed(tolerance_run):
     lines = ended.stdout.splitlines()
     assert any("1 validations of 1 algorithms; 0 of 1 results" in line for line in lines)
     assert any("13 validations of 1 algorithms; 1 of 13 results" in line for line in lines)
-    (warning,) = [line for line in lines if "shift x" in line and line.startswith("With")]
-    assert f"{data['parameters'][0]['tolerance']:.3g}" in warning
-    assert warning in (folder / "out" / "tolerate.html").read_text("utf-8")
+    (sentence,) = [line for line in lines if "shift x" in line and line.startswith("With")]
+    assert f"{data['parameters'][0]['tolerance']:.3g}" in sentence
+    assert sentence in (folder / "out" / "tolerate.html").read_text("utf-8")
     assert nothing_left(folder)
 
 

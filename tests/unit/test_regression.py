@@ -141,15 +141,8 @@ def test_errors_are_as_large_as_the_means_really_vary(scene, repeat):
     for _ in range(100):
         noise = 0.1 * rng.normal(size=(2, 64 // repeat, 80 // repeat, 3))
         halves = scene + noise.repeat(repeat, axis=1).repeat(repeat, axis=2)
-        statistics = tile_statistics(
-            NoisyImage.from_halves(*halves), (16, 16), generated=repeat > 1
-        )
-        p.append(
-            2
-            * stats.t.sf(
-                np.abs(statistics.mean - exact) / statistics.mean_error, statistics.freedom
-            )
-        )
+        tiles = tile_statistics(NoisyImage.from_halves(*halves), (16, 16), generated=repeat > 1)
+        p.append(2 * stats.t.sf(np.abs(tiles.mean - exact) / tiles.mean_error, tiles.freedom))
     for level in (0.3, 0.1, 0.02):
         assert 0.4 * level < np.mean(np.array(p) < level) < 1.15 * level
 
@@ -273,9 +266,7 @@ def test_score_s_errors_are_as_large_as_the_score_really_varies(scene, names, no
         for _ in range(40)
     ]
     ratios = {
-        f"{key} {kind}": np.sqrt(
-            np.mean(np.square([getattr(score[key], error) for score in scores]))
-        )
+        f"{key} {kind}": np.sqrt(np.mean(np.square([getattr(s[key], error) for s in scores])))
         / np.std([getattr(score[key], kind) for score in scores])
         for key in scores[0]
         for kind, error in (("plain", "error"), ("value", "value_error"))

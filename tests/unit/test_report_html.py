@@ -67,14 +67,14 @@ class Page(HTMLParser):
     def text(self) -> str:
         return " ".join(" ".join(self.words).split())
 
-    def attributes(self, tag: str) -> list[dict[str, str | None]]:
+    def tags(self, tag: str) -> list[dict[str, str | None]]:
         return [attributes for name, attributes in self.elements if name == tag]
 
     def all_alts(self) -> str:
-        return "; ".join(image["alt"] for image in self.attributes("img"))
+        return "; ".join(image["alt"] for image in self.tags("img"))
 
     def picture(self, alt: str) -> np.ndarray:
-        source = next(i["src"] for i in self.attributes("img") if i["alt"] == alt)
+        source = next(i["src"] for i in self.tags("img") if i["alt"] == alt)
         return np.asarray(Image.open(io.BytesIO(base64.b64decode(source.split(",")[1]))))
 
 
@@ -163,10 +163,10 @@ def test_sections_are_in_order_and_every_link_has_a_target(folder):
     assert len({s.place for s in listed}) == len({s.anchor for s in listed}) == len(listed)
     page = Page(render_html(report(ALGORITHMS), folder))
     assert page.open == []
-    assert page.attributes("html") == [{"lang": "en"}]
+    assert page.tags("html") == [{"lang": "en"}]
     places = {attributes.get("id") for _, attributes in page.elements}
-    assert {link["href"][1:] for link in page.attributes("a")} <= places
-    anchors = [section["id"] for section in page.attributes("section")]
+    assert {link["href"][1:] for link in page.tags("a")} <= places
+    anchors = [section["id"] for section in page.tags("section")]
     assert anchors == [s.anchor for s in listed if s.anchor in anchors]
     assert (anchors[0], anchors[-1]) == ("overview", "meaning")
 
@@ -176,7 +176,7 @@ def test_page_needs_nothing_from_outside_and_forbids_it(folder):
     page = Page(html)
     assert not re.search(r"https?://|@import|url\(", html)
     assert not {"link", "iframe", "object"} & {name for name, _ in page.elements}
-    policy = [m["content"] for m in page.attributes("meta") if "http-equiv" in m]
+    policy = [m["content"] for m in page.tags("meta") if "http-equiv" in m]
     assert len(policy) == 1
     assert policy[0].startswith("default-src 'none'; img-src data:;")
     assert page.scripts == [PAGE_SCRIPT, COMPARISON_SLIDER.script]
@@ -200,12 +200,12 @@ def test_hostile_names_are_shown_as_text_and_never_run(folder):
     html.encode("utf-8")
     assert page.open == []
     assert page.scripts == [PAGE_SCRIPT]  # and no slider, for there are no pictures
-    assert len(page.attributes("style")) == 1
+    assert len(page.tags("style")) == 1
     assert "<script>alert(1)</script>" in page.text
     assert "双耳陶罐" in page.text
     assert "\x00" not in html
     allowed = {"src", "alt", "width", "height", "class", "style", "data-shows", "data-viewpoint"}
-    assert {key for image in page.attributes("img") for key in image} <= allowed
+    assert {key for image in page.tags("img") for key in image} <= allowed
 
 
 def png(size):
@@ -303,7 +303,7 @@ def test_verdict_is_a_word_and_not_only_a_colour(folder):
 
 def test_first_pictures_are_ground_truth_reference_and_best_algorithm(folder):
     page = Page(render_html(report({"wang2024": 0.91, "template": 0.97}), folder))
-    assert [image["alt"] for image in page.attributes("img")][:3] == [
+    assert [image["alt"] for image in page.tags("img")][:3] == [
         "Ground truth, viewpoint centre",
         "Reference, viewpoint centre",
         "template, viewpoint centre",
@@ -312,7 +312,7 @@ def test_first_pictures_are_ground_truth_reference_and_best_algorithm(folder):
 
 def test_parallax_strips_go_by_position_not_by_order(folder):
     page = Page(render_html(report(ALGORITHMS), folder))
-    thumbnails = [image["alt"] for image in page.attributes("img") if " from " in image["alt"]]
+    thumbnails = [image["alt"] for image in page.tags("img") if " from " in image["alt"]]
     across = [f"Ground truth from {view}" for view in ("left", "centre", "right")]
     down = [f"Ground truth from {view}" for view in ("up", "centre", "down")]
     html = " ".join(thumbnails)
@@ -336,14 +336,14 @@ def test_pictures_are_left_out_with_a_note_as_the_last_resort(folder, monkeypatc
     monkeypatch.setattr(report_html, "LARGEST_PAGE_BYTES", 60_000)
     page = Page(render_html(report(ALGORITHMS), folder))
     drawings = ("Plan view", "Captured surface")
-    assert all(image["alt"].startswith(drawings) for image in page.attributes("img"))
+    assert all(image["alt"].startswith(drawings) for image in page.tags("img"))
     assert "left out, the page would be too large Ground truth from centre" in page.text
 
 
 def test_parallax_is_left_out_with_its_link_without_views_in_a_line(folder):
     page = Page(render_html(report(ALGORITHMS, views=("centre",)), folder))
-    assert "parallax" not in {section["id"] for section in page.attributes("section")}
-    assert "#parallax" not in {link["href"] for link in page.attributes("a")}
+    assert "parallax" not in {section["id"] for section in page.tags("section")}
+    assert "#parallax" not in {link["href"] for link in page.tags("a")}
 
 
 def test_timings_say_how_much_the_renderer_took_and_do_not_count_it_as_a_stage(folder):
@@ -418,7 +418,7 @@ def test_plan_view_names_the_eyes_and_escapes_them():
     eyes = [EyePosition(name=name, position_mm=place) for name, place in places.items()]
     drawing = Page(plan_view(display, eyes).decode())
     assert "<b>, up $" in drawing.text
-    assert drawing.attributes("b") == []
+    assert drawing.tags("b") == []
     assert "eyes: <b> at 416 mm; up $ at 416 mm" in describe_plan(display, eyes)
 
 
@@ -426,9 +426,7 @@ def test_plan_view_names_the_eyes_and_escapes_them():
 
 
 def plot_words(page: Page) -> str:
-    source = next(
-        i["src"] for i in page.attributes("img") if i["alt"].startswith("Time against error")
-    )
+    source = next(i["src"] for i in page.tags("img") if i["alt"].startswith("Time against error"))
     return Page(base64.b64decode(source.split(",")[1]).decode()).text
 
 
@@ -436,9 +434,7 @@ def test_time_against_error_has_every_algorithm_and_its_numbers(folder):
     data = report(ALGORITHMS, seconds=0.5)
     data["algorithms"]["wang2024"]["seconds"] = 12.0
     page = Page(render_html(data, folder))
-    alt = next(
-        i["alt"] for i in page.attributes("img") if i["alt"].startswith("Time against error")
-    )
+    alt = next(i["alt"] for i in page.tags("img") if i["alt"].startswith("Time against error"))
     assert "template 0.5 seconds, 1 − SSIM on the relic, to the reference 0.027" in alt
     assert "wang2024 12 seconds, 1 − SSIM on the relic, to the reference 0.079" in alt
     words = plot_words(page)
@@ -448,7 +444,7 @@ def test_time_against_error_has_every_algorithm_and_its_numbers(folder):
 
 def test_algorithm_without_a_time_has_no_point(folder):
     data = report(ALGORITHMS)
-    assert "time" not in {s["id"] for s in Page(render_html(data, folder)).attributes("section")}
+    assert "time" not in {s["id"] for s in Page(render_html(data, folder)).tags("section")}
     data["algorithms"]["template"]["seconds"] = 0.5
     assert "wang2024" not in plot_words(Page(render_html(data, folder)))
 

@@ -65,11 +65,6 @@ def test_forecast_doubles_and_ends(error, share):
 
 def test_shares_of_samples_are_even_numbers_and_no_more_than_asked_for():
     settings = Settings(capture_spp=1, eia_spp=7, view_spp=256, reconstruction_spp=64)
-    reduced = scale_samples(settings, 1 / 16)
-    assert (reduced.capture_spp, reduced.eia_spp, reduced.view_spp, reduced.reconstruction_spp) == (
-        1,
-        2,
-        16,
-        4,
-    )
+    spp = scale_samples(settings, 1 / 16)
+    assert (spp.capture_spp, spp.eia_spp, spp.view_spp, spp.reconstruction_spp) == (1, 2, 16, 4)
     assert scale_samples(settings, 1) == settings

@@ -37,7 +37,7 @@ def shown_report(folder: Path, names=("template",), display: Display = DISPLAY) 
 def block(page: str) -> dict[str, Any]:
     """Data that the page hands to its script."""
     whole = Page(page)
-    ids = [tag.get("id") for tag in whole.attributes("script")]
+    ids = [tag.get("id") for tag in whole.tags("script")]
     assert ids.count("virtual-display-data") == 1
     return json.loads(whole.scripts[ids.index("virtual-display-data")])
 
@@ -59,13 +59,13 @@ def test_every_panel_is_embedded_once_and_exactly(tmp_path):
 def test_only_the_display_s_own_script_may_run(tmp_path):
     page = render_html(shown_report(tmp_path), tmp_path)
     whole = Page(page)
-    tags = zip(whole.attributes("script"), whole.scripts, strict=True)
+    tags = zip(whole.tags("script"), whole.scripts, strict=True)
     running = [text for attributes, text in tags if "type" not in attributes]
     assert running == [PAGE_SCRIPT, LIVE.script]
     digests = [
         base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in running
     ]
-    policy = next(m["content"] for m in whole.attributes("meta") if "http-equiv" in m)
+    policy = next(m["content"] for m in whole.tags("meta") if "http-equiv" in m)
     directives = dict(d.split(" ", 1) for d in policy.split("; "))
     assert directives["default-src"] == "'none'"
     assert directives["script-src"] == " ".join(f"'sha256-{script}'" for script in digests)
@@ -113,7 +113,7 @@ def test_it_starts_with_the_lens_model_nearest_to_the_report_s(
 ):
     data = shown_report(tmp_path, display=DISPLAY.replace(fill_factor=fill_factor))
     page = Page(render_html(data | {"lens_model": scored_with}, tmp_path))
-    radios = [i for i in page.attributes("input") if i["type"] == "radio"]
+    radios = [i for i in page.tags("input") if i["type"] == "radio"]
     assert [i["value"] for i in radios if "checked" in i] == [first]
     assert ("the most similar lens model" in page.text) == (scored_with != first)
 
