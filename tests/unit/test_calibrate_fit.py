@@ -353,6 +353,7 @@ def test_known_intrinsics_are_kept_and_help():
         assert estimate.error < 1.3 * own.estimates[name].error
 
 
+@pytest.mark.slow
 def test_half_the_sheet_under_a_thumb_still_works():
     photos = {name: covered(name, lambda _, u: u > 260) for name in EYES}
     numberings = {name: find_lenses(photo, DESIGN, name) for name, photo in photos.items()}
@@ -394,7 +395,9 @@ def test_photographs_of_another_display_are_refused():
         calibrate(numberings, other)
 
 
-@pytest.mark.parametrize("zoom", [pytest.param(0.9, marks=pytest.mark.slow), 1.1, 1.25])
+@pytest.mark.parametrize(
+    "zoom", [1.25, *(pytest.param(z, marks=pytest.mark.slow) for z in (0.9, 1.1))]
+)
 def test_patterns_that_the_browser_scaled_are_refused(zoom):
     near = lenses("near")
     scaled = replace(near, panel_px=near.panel_px / zoom, middle_px=near.middle_px / zoom)
