@@ -46,9 +46,9 @@ _TEXTURED = (
     '<string name="filename" value="{1}"/></texture></bsdf></shape>'
 )
 _VOLUME = (
-    '<shape type="cube"><bsdf type="null"/><medium type="heterogeneous" name="interior">'
-    '<volume type="gridvolume" name="albedo"><string name="filename" value="{1}"/></volume>'
-    "</medium></shape>"
+    '<shape type="rectangle"><bsdf type="diffuse"><texture type="volume" name="reflectance">'
+    '<volume type="gridvolume" name="volume"><string name="filename" value="{1}"/></volume>'
+    "</texture></bsdf></shape>"
 )
 
 Read = Callable[[Path], object]
