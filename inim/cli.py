@@ -59,6 +59,11 @@ GROUPS = {
 }
 COMMANDS = {name: module for group in GROUPS.values() for name, module in group.items()}
 
+_DESCRIPTION = (
+    "Simulate integral-imaging displays. An elemental image array (EIA) is the image on the panel\n"
+    "behind the lens array."
+)
+
 
 class _Parser(argparse.ArgumentParser):
     """One line per mistake instead of a page of usage."""
@@ -123,7 +128,7 @@ def _parser(named: str | None) -> argparse.ArgumentParser:
         "formatter_class": argparse.RawDescriptionHelpFormatter,
         "epilog": EXIT_CODES,
     }
-    parser = _Parser(prog="inim", description="Simulation of integral-imaging displays.", **layout)
+    parser = _Parser(prog="inim", description=_DESCRIPTION, **layout)
     if named not in COMMANDS:
         parser.epilog = f"{_command_list()}\n{EXIT_CODES}"
     parser.add_argument("--version", action="version", version=f"inim {__version__}")
@@ -133,7 +138,8 @@ def _parser(named: str | None) -> argparse.ArgumentParser:
         parser.about = f"inim {named}"
     for name in [named] if named in COMMANDS else COMMANDS:
         command = _command(name)
-        own = commands.add_parser(name, description=f"{command.summary.capitalize()}.", **layout)
+        description = f"{command.summary[0].upper()}{command.summary[1:]}."
+        own = commands.add_parser(name, description=description, **layout)
         command.add_arguments(own)
         own.description = fill(own.description)
         own.set_defaults(run=command.run)

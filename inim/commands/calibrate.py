@@ -298,5 +298,7 @@ def _lines(document: PhotoDocument) -> list[str]:
 
 COMMANDS = {
     "calibrate": Command("measure a real display from photographs", _add_arguments, _run),
-    "photo": Command("compare a photograph with its simulation", _add_photo_arguments, _photo),
+    "photo": Command(
+        "compare a photograph of a display with a simulated one", _add_photo_arguments, _photo
+    ),
 }

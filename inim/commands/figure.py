@@ -14,23 +14,28 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "Draw a figure of a report: views of one viewpoint with magnified insets, error maps, "
         "scores with 95 % intervals, and run time against error."
     )
-    parser.add_argument("report", type=Path, metavar="OUT", help="folder of a report")
-    add_shared(parser, out="file to write: .pdf, .svg, .png or .eps (figure.pdf)")
+    parser.add_argument("report", type=Path, metavar="REPORT", help="folder of a report")
+    add_shared(parser, out="file to write: .pdf, .svg, .png or .eps (default: figure.pdf)")
     parser.add_argument(
         "--parts",
         default="views,errors,scores,time",
-        help="parts, separated by commas (%(default)s)",
+        help="parts to draw, separated by commas (default: %(default)s)",
     )
-    parser.add_argument("--viewpoint", default="", help="viewpoint of the views (centre)")
-    add_shared(parser, algorithms="algorithms of the report, separated by commas (all)")
+    parser.add_argument("--viewpoint", default="", help="viewpoint of the views (default: centre)")
+    add_shared(parser, algorithms="algorithms of the report, separated by commas (default: all)")
     parser.add_argument(
         "--inset",
         action="append",
         default=[],
         metavar="X,Y,SIDE",
-        help="square to magnify: centre and side as shares of the view's width; may be repeated",
+        help="square to magnify: centre and side as fractions of the view's width; may be repeated",
     )
-    parser.add_argument("--width", type=float, default=180.0, help="width in mm (%(default)g)")
+    parser.add_argument(
+        "--width",
+        type=float,
+        default=180.0,
+        help="width of the figure in mm (default: %(default)g)",
+    )
     parser.add_argument(
         "--maps", type=Path, metavar="DIR", help="also write the error maps of all views as EXR"
     )

@@ -31,20 +31,20 @@ if TYPE_CHECKING:
 
 _DEFAULT_ALGORITHM = "template"
 _EPILOG = """depth
-  In distances (--depth-unit mm, cm, m, or 5000 for 5000 units per metre), 0, negative and
-  non-finite values count as missing. In values without a unit (--depth-unit none), non-finite
-  values and those listed by --missing count as missing. Larger values are farther from the camera
-  unless --near-is-large is given.
+  Depth with a unit (--depth-unit mm, cm, m, or 5000 for 5000 units per metre) is missing where the
+  value is 0, negative or not finite. Depth without a unit (--depth-unit none) is missing where the
+  value is not finite or is listed by --missing. Larger values are farther from the camera unless
+  --near-is-large is given.
 
 photographs that contain depth
-  Just give the file name: the file contains the depth, its unit and its direction. The photograph
-  is treated as orthographic. With --intrinsics photo it is unprojected with the camera parameters
-  in the file. The default of --fit is auto.
+  Give only the file name: the file contains the depth, its unit and its direction. The photograph
+  is treated as taken with parallel rays. With --intrinsics photo, it is unprojected with the camera
+  parameters in the file. The default of --fit is auto.
 
 perspective
-  --intrinsics unprojects every picture pixel to its position in space, and the display shows this
-  space. At the distance --frame-at, the picture fits the lens array. --orthographic uses the
-  picture without this step.
+  --intrinsics unprojects the picture: it moves every pixel to its position in space, and the
+  display shows the pixels there. At the distance --frame-at, the picture fits the lens array.
+  --orthographic omits this step.
   Straight lines stay straight with --intrinsics and linear depth, or with --orthographic and
   reciprocal depth.
 """
@@ -84,14 +84,14 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--fill",
         help="holes to fill: none, hidden (behind a nearer surface), all, or auto (default: the "
-        "algorithm's)",
+        "algorithm's own)",
     )
     add("--pdf", type=Path, help="also write a PDF that prints at true size")
     add(
         "--save-rgbd",
         type=Path,
         metavar="FILE",
-        help="also write the fitted colour and depth, .exr",
+        help="also write the fitted colour and depth as .exr",
     )
 
 

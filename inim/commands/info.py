@@ -144,7 +144,7 @@ _SUBJECTS = {
 def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Compute the properties of a display without rendering: depth, viewing zone, voxel size, "
-        "spots, crosstalk, and the effect of more or fewer pixels per lens."
+        "spot size, crosstalk, and the effect of more or fewer pixels per lens."
     )
     parser.add_argument("display", metavar="SCENE|PRESET", help="scene (.xml), nominal or phone")
     lens_model = "lens model: pinhole, thin or thick (default: thick, if it can be manufactured)"
@@ -156,7 +156,7 @@ def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="MM",
         help="viewing distance (default: the scene's, or twice the nearest usable distance)",
     )
-    parser.add_argument("--json", action="store_true", help="JSON instead of text")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
 
 def _inspect(args: argparse.Namespace) -> int:

@@ -113,17 +113,29 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "mesh",
         type=Path,
         metavar="MESH",
-        help="mesh: PLY, OBJ, OFF, STL, GLB or glTF; or splats: PLY",
+        help="mesh (PLY, OBJ, OFF, STL, GLB or glTF) or Gaussian splats (PLY)",
     )
     add("-o", "--out", type=Path, metavar="XML", help="scene to write (default: MESH-scene.xml)")
-    add("--unit", choices=_UNITS, help="length of one unit of the mesh (glTF: metres)")
+    add(
+        "--unit",
+        choices=_UNITS,
+        help="length of one unit of the mesh; required, except for glTF (m) and splats",
+    )
     axes = f"{', '.join(_AXES)}; write a negative axis as --up=-z"
-    add("--up", metavar="AXIS", help=f"axis of the mesh that points up: {axes} (glTF: y)")
-    add("--front", metavar="AXIS", help="axis that faces the viewer (default: z; if z is up, -y)")
+    add(
+        "--up",
+        metavar="AXIS",
+        help=f"axis of the mesh that points up: {axes}; required, except for glTF (y)",
+    )
+    add(
+        "--front",
+        metavar="AXIS",
+        help="axis of the mesh that faces the viewer (default: z; if z is up, -y)",
+    )
     add(
         "--crop",
         metavar="BOX",
-        help="splats: keep this box, x0,x1,y0,y1,z0,z1 (default: nearly all)",
+        help="splats: keep only this box, x0,x1,y0,y1,z0,z1 (default: a box of nearly all)",
     )
     add("--title", help="name of the scene in reports (default: the mesh file's name)")
     add("--display", help="display preset to write into the scene: nominal or phone")
@@ -331,4 +343,6 @@ def _write_part(part: Mesh, path: Path) -> None:
         write_ply(path, part)
 
 
-COMMANDS = {"new-scene": Command("create a lit scene from a mesh or splats", _add_arguments, _run)}
+COMMANDS = {
+    "new-scene": Command("create a lit scene from a mesh or Gaussian splats", _add_arguments, _run)
+}

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 #: Below the help of every command.
 EXIT_CODES = """exit codes:
   0 passed    1 a check failed    2 usage, scene or file error
-  3 no usable backend, or out of memory    4 baseline missing or incomparable    5 internal error
+  3 no usable backend, or out of memory    4 baseline missing or not comparable    5 internal error
 """
 # A parser, or a group of one.
 _Options = Any
@@ -70,13 +70,15 @@ _SHARED = {
     "cameras": _option(
         "--cameras",
         help="also score algorithms on RGB-D pictures from several cameras: 5 (centre and corners "
-        "of the viewing zone) or a grid such as 3x3; separate several arrangements by commas",
+        "of the viewing zone) or a grid such as 3x3; several of these, separated by commas",
     ),
     "viewpoints": _option(
-        "--viewpoints", help="names or 'name=x y [z]' in mm, separated by commas"
+        "--viewpoints", help="names, such as centre, or 'name=x y [z]' in mm; separated by commas"
     ),
     "lens_model": _option(
-        "--lens-model", help="pinhole, thin, thick, full, or a model from another package"
+        "--lens-model",
+        help="pinhole, thin, thick, full (thick lenses as a path-traced mesh, slow), or a model "
+        "from another package",
     ),
     "allow_folders": _option(
         "--allow-folder",
@@ -170,18 +172,20 @@ def add_picture(parser: _Options) -> None:
     add(
         "--depth-unit",
         metavar="UNIT",
-        help="unit of depth: mm, cm, m, none, or a number of units per metre (5000)",
+        help="unit of depth: mm, cm, m, none, or a number of units per metre, such as 5000",
     )
     add(
         "--intrinsics",
         metavar="FX,FY,CX,CY",
-        help="camera parameters in pixels of the colour picture, or photo to read them from it",
+        help="camera parameters in pixels of the colour picture; or `photo`: read them from the "
+        "photograph",
     )
-    add("--orthographic", action="store_true", help="treat the picture as orthographic")
+    add("--orthographic", action="store_true", help="treat the picture as taken with parallel rays")
     add(
         "--depth-map",
         default="linear",
-        help="linear, reciprocal (Li 2012), or printed (Eq. 4 as printed)",
+        help="mapping of depth to the display: linear, reciprocal (Li 2012), or printed (Eq. 4 of "
+        "Wang 2024 as printed)",
     )
     direction = parser.add_mutually_exclusive_group()
     direction.add_argument("--near-is-large", action="store_true", help="larger values are nearer")
@@ -192,18 +196,18 @@ def add_picture(parser: _Options) -> None:
         "--near",
         type=float,
         metavar="D",
-        help="nearest depth to map (mm, or raw values if unitless)",
+        help="nearest depth to map, in mm, or in raw values with --depth-unit none",
     )
     add(
         "--far",
         type=float,
         metavar="D",
-        help="farthest depth to map (defaults: 0.5 and 99.5 %% quantiles)",
+        help="farthest depth to map (defaults of both: 0.5 %% and 99.5 %% quantiles)",
     )
     add(
         "--out-of-range",
         default="clip",
-        help="treatment of depths beyond --near and --far: clip or drop",
+        help="what to do with depths beyond --near and --far: clip or drop (default: %(default)s)",
     )
     add(
         "--missing",
@@ -214,7 +218,7 @@ def add_picture(parser: _Options) -> None:
     add(
         "--missing-depth",
         default="none",
-        help="how to fill missing depth: none, nearest, behind or far",
+        help="how to fill missing depth: none, nearest, behind or far (default: %(default)s)",
     )
     add(
         "--fit",
@@ -224,10 +228,15 @@ def add_picture(parser: _Options) -> None:
         "--frame-at",
         type=float,
         metavar="D",
-        help="distance at which the picture fits the array (default: the median)",
+        help="distance at which the picture fits the array (default: the median depth)",
     )
-    add("--max-slope", type=float, default=10.0, help="largest slope within one surface (10)")
-    add("--swap-bytes", action="store_true", help="swap the bytes of 16-bit depth")
+    add(
+        "--max-slope",
+        type=float,
+        default=10.0,
+        help="steepest slope within one surface; steeper steps are edges (default: %(default)g)",
+    )
+    add("--swap-bytes", action="store_true", help="swap the two bytes of each 16-bit depth")
 
 
 def picture_of(args: argparse.Namespace) -> CameraPicture:

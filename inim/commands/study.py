@@ -23,8 +23,13 @@ def _add_sweep_arguments(parser: argparse.ArgumentParser) -> None:
         "write one table. Existing results are reused, so the command can be repeated after an "
         "interruption or with a larger study."
     )
-    parser.add_argument("study", type=Path, help="study (.toml); docs/how-to/sweep.md describes it")
-    add_shared(parser, out="folder (default: STUDY-sweep)")
+    parser.add_argument(
+        "study",
+        type=Path,
+        metavar="STUDY",
+        help="study (.toml); docs/how-to/sweep.md describes it",
+    )
+    add_shared(parser, out="folder for the results (default: STUDY-sweep)")
     _add_place(parser)
 
 
@@ -32,7 +37,7 @@ def _add_place(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scheduler",
         metavar="tcp://HOST:PORT",
-        help="use the workers of this dask scheduler; all need access to the folder",
+        help="use the workers of this dask scheduler; each must have access to the folder",
     )
     parser.add_argument(
         "--workers",
@@ -44,7 +49,9 @@ def _add_place(parser: argparse.ArgumentParser) -> None:
         "--threads", type=int, metavar="T", help="threads per validation (default: cores / workers)"
     )
     parser.add_argument(
-        "--dry-run", action="store_true", help="list finished and remaining validations, and stop"
+        "--dry-run",
+        action="store_true",
+        help="only list the finished and the remaining validations",
     )
     add_shared(parser, "allow_folders", "quiet", "debug")
 
@@ -120,7 +127,7 @@ def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.01,
         metavar="LOSS",
-        help="largest acceptable loss of SSIM on the relic to the reference (0.01)",
+        help="largest acceptable loss of SSIM on the relic to the reference (default: 0.01)",
     )
     parser.add_argument(
         "--calibration",
@@ -159,9 +166,9 @@ def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
     )
     shared = ("definitions", "display", "algorithms", "allow_folders", "quiet", "debug")
     add_shared(parser, "scene", *shared, out="folder (default: SCENE-bench)")
-    parser.add_argument("--runs", type=int, default=9, metavar="N", help="timed runs (9)")
+    parser.add_argument("--runs", type=int, default=9, metavar="N", help="timed runs (default: 9)")
     parser.add_argument(
-        "--warmups", type=int, default=2, metavar="N", help="untimed runs before them (2)"
+        "--warmups", type=int, default=2, metavar="N", help="untimed runs before them (default: 2)"
     )
     parser.add_argument(
         "--threads", type=int, metavar="T", help="threads per algorithm (default: all)"
@@ -225,7 +232,7 @@ COMMANDS = {
         _sweep,
     ),
     "tolerate": Command(
-        "compute the tolerances of pitch, gap, rotation, shift and tilt",
+        "compute tolerances for pitch, gap, rotation, shift and tilt",
         _add_tolerance_arguments,
         _tolerate,
     ),

@@ -44,8 +44,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=FILE",
-        help="also score an existing EIA, .png (sRGB) or .exr (linear); with `--algorithms none`, "
-        "score no other; may be repeated",
+        help="also score an existing EIA, .png (sRGB) or .exr (linear); add `--algorithms none` to "
+        "score nothing else; may be repeated",
     )
     add(
         "--backend",
@@ -57,24 +57,25 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--baseline",
         type=Path,
         metavar="DIR",
-        help="compare with this baseline from `inim baseline accept`; a significant change fails",
+        help="compare with this baseline from `inim baseline accept`; a significant change fails "
+        "the run",
     )
     add_shared(parser, "preview")
     add(
         "--time",
         action="store_true",
-        help="also time the algorithms; with --baseline, a slowdown of 15 %% fails",
+        help="also time the algorithms; with --baseline, a slowdown of 15 %% fails the run",
     )
     add(
         "--lazy",
         action="store_true",
-        help="generate only the panel pixels that the viewpoints observe; views keep their scores, "
-        "EIAs are not scored",
+        help="generate only the panel pixels that the viewpoints see; the scores of views do not "
+        "change, and EIAs get none",
     )
     add(
         "--no-skip",
         action="store_true",
-        help="run every step, even if it cannot change a result, and do not use the cache",
+        help="ignore the cache, and also run steps that cannot change a result",
     )
     add_shared(parser, "quiet", "debug")
     picture = parser.add_argument_group(
@@ -179,7 +180,7 @@ def _validate_picture(args: argparse.Namespace) -> int:
 
 
 def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.description = "Validate the bundled amphora and print the path of its report."
+    parser.description = "Validate the bundled amphora scene and print the path of its report."
     add_shared(parser, "preview", "quiet", "debug", out="folder for the report (amphora-report)")
 
 
@@ -233,10 +234,10 @@ def _compare(args: argparse.Namespace) -> int:
 
 COMMANDS = {
     "baseline": Command(
-        "accept a report as the baseline of later runs", _add_baseline_arguments, _baseline
+        "accept a report as the baseline for later runs", _add_baseline_arguments, _baseline
     ),
     "compare": Command("compare two reports statistically", _add_compare_arguments, _compare),
-    "demo": Command("validate the bundled amphora: start here", _add_demo_arguments, _demo),
+    "demo": Command("validate the bundled amphora scene: start here", _add_demo_arguments, _demo),
     "validate": Command(
         "render a scene, generate EIAs, and score every view", _add_arguments, _run
     ),

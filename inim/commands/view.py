@@ -239,5 +239,7 @@ def _film(args: argparse.Namespace) -> int:
 
 COMMANDS = {
     "view": Command("view a report's EIAs, or any EIA, in a browser", _add_view_arguments, _view),
-    "film": Command("film a report's display with a moving eye", _add_film_arguments, _film),
+    "film": Command(
+        "make a film of a report's display, seen by a moving eye", _add_film_arguments, _film
+    ),
 }

@@ -96,7 +96,7 @@ class DerivedDisplay(DepthRange):
     ]
     nearest_viewing_distance_mm: Annotated[
         float | None,
-        doc("Distance from which an eye on the axis sees no flipped view, mm; null: none."),
+        doc("Distance from which an eye on the axis sees no flipped view, mm; null: no distance."),
     ]
 
 

@@ -265,7 +265,7 @@ class Evaluation:
         return [
             f"{name}/{view}: {MAIN.label} to the scene{' on the relic' * (key != MAIN.key)}, "
             f"{score.value:.4f}, is significantly above the reference's, {reference.value:.4f}; "
-            "the reference is not a bound here"
+            "here the reference is not an upper bound"
             for name, view, key, score, reference in pairs
             if is_above(score, reference, len(pairs))
         ]

@@ -203,7 +203,8 @@ def verdict_words(document: ReportDocument | PictureDocument) -> str:
 
 #: Above a preview's scores, before the command that makes the full report.
 PREVIEW_WORDS = (
-    "This preview uses few samples: its scores are rough, and it cannot be a baseline. Full report:"
+    "This preview uses few samples, so its scores are rough and it cannot be a baseline. For the "
+    "full report, run:"
 )
 
 

@@ -142,7 +142,7 @@ def _verdict_line(data: ReportDocument) -> str:
     parts = [
         f"Display {markdown_text(data.display.parameters.name)}",
         f"lens model {markdown_text(data.lens_model)}",
-        markdown_text(data.backend.variant),
+        f"renderer {markdown_text(data.backend.variant)}",
         f"inim {markdown_text(data.inim_version)}",
     ]
     verdict = data.verdict

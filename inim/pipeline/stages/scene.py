@@ -125,6 +125,6 @@ def _millions(samples: int) -> str:
 
 #: Reason for leaving out rays.
 EMPTY_RAYS = (
-    "rays that miss all bounding boxes are black; random numbers belong to pixels, so all other "
-    "samples are unchanged"
+    "rays that miss all bounding boxes are black; each pixel has its own random numbers, so all "
+    "other samples are unchanged"
 )

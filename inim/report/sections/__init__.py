@@ -117,6 +117,6 @@ def _facts(data: ReportDocument) -> list[str]:
     return [
         f"Display {text(data.display.parameters.name)}",
         f"lens model {text(data.lens_model)}",
-        text(data.backend.variant),
+        f"renderer {text(data.backend.variant)}",
         f"inim {text(data.inim_version)}",
     ]

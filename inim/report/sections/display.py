@@ -90,8 +90,8 @@ def _display_words(data: ReportDocument | PictureDocument) -> str:
 def _distance_words(derived: DerivedDisplay) -> str:
     nearest = derived.nearest_viewing_distance_mm
     if nearest is None:
-        return "An eye on the axis sees flipped views at any distance."
-    return f"An eye on the axis sees no flipped view from {mm(nearest)} onwards."
+        return "An eye on the axis sees flipped views at every distance."
+    return f"At {mm(nearest)} or farther, an eye on the axis sees no flipped view."
 
 
 def _focus_words(derived: DerivedDisplay) -> str:

@@ -16,8 +16,8 @@ _CROP_LENSES = 5
 _WHOLE_EIA_PX = 420
 _INTRO = (
     f"About {_CROP_LENSES} × {_CROP_LENSES} elemental images of the panel, magnified, where the "
-    "ground-truth EIA varies most near the centre. The whole EIA below each is scaled down and "
-    "marks this region."
+    "ground-truth EIA varies most near the centre. Below each is the whole EIA, scaled "
+    "down, with a frame around this region."
 )
 
 

@@ -27,9 +27,10 @@ from inim.report.sections import ReportSection
 
 _FAILURES_ON_TOP = 3
 _NOTE = (
-    "The large number is the SSIM on the relic to the reference view. It measures the algorithm "
-    "alone; ± is its 95 % interval. The small numbers are the SSIM on the relic to the ground "
-    "truth, which includes the loss of the display, and both scores for the whole image. "
+    "The large number is the SSIM on the relic to the reference view: the ground-truth EIA seen "
+    "through the same lenses. It measures the loss of the algorithm alone; ± is its 95 % interval. "
+    "The small numbers are the SSIM on the relic to the ground truth, which includes the loss of "
+    "the display, and both scores for the whole image. "
 )
 
 
@@ -72,7 +73,7 @@ def _scores(data: ReportDocument) -> str:
     own = {name: reference.views[name] for name in names}
     rows.append(_reference_row(REFERENCE, "to ground truth", own, reference.precision))
     noise = {name: floor.views[name] for name in names}
-    rows.append(_reference_row("Noise floor", "to itself", noise, {}, floor.eia))
+    rows.append(_reference_row("Noise floor", "ground truth to itself", noise, {}, floor.eia))
     return table(f"{HEADLINE_WORDS}, per viewpoint", [text(h) for h in heads], rows, "scores")
 
 

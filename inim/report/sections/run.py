@@ -26,9 +26,9 @@ _EXACT = "Skipping did not change any score."
 _NO_CRITERIA = (
     "No quality criteria are set. These checks only verify that all images exist, are finite and "
     "are not black. To set criteria, give inim.min_ssim_to_reference, the minimum SSIM on the "
-    "relic to the reference, or compare with an accepted run by --baseline. This run would just "
-    "pass with:"
+    "relic to the reference, or compare with an accepted run by --baseline."
 )
+_SUGGESTION = "This run would just pass with:"
 _SAMPLES = (
     "Sampling stopped when every SSIM had the precision set by inim.score_error. With all "
     "samples, some scores would differ by at most that amount. No other skipped step changes a "
@@ -48,7 +48,7 @@ _MEANINGS = (
         REFERENCE,
         "The view of the ground-truth EIA through this display's lenses. The difference between "
         "reference and ground truth is the loss of the display, not of an algorithm. A warning "
-        "lists algorithms that score above the reference by more than noise.",
+        "lists algorithms that score above the reference by more than the noise.",
     ),
     (
         "SSIM to reference",
@@ -63,29 +63,29 @@ _MEANINGS = (
     ),
     (
         "Noise floor",
-        "The score of one half of the ground truth's samples against the other half. Plain scores, "
-        "such as the EIA's, that differ by less than its distance from 1 do not differ "
-        "meaningfully. For noise-corrected scores, ± is the 95 % interval.",
+        "The score of one half of the ground truth's samples against the other half. For plain "
+        "scores, such as the EIA's, ignore differences smaller than 1 minus the noise floor. For "
+        "noise-corrected scores, ± is the 95 % interval.",
     ),
     (
         "On the relic",
         "Restricted to the relic's pixels in the ground-truth view, plus a margin of "
-        f"{RELIC_MARGIN_PX} pixels, equal for all algorithms. An empty background raises every "
-        "score and can change the order of the algorithms.",
+        f"{RELIC_MARGIN_PX} pixels. The region is the same for all algorithms. An empty "
+        "background raises every score and can change the order of the algorithms.",
     ),
     (
         "Noise-corrected",
-        "Noise of the samples lowers the similarity of images. The loss is estimated from two "
+        "Sampling noise lowers the similarity of two images. This loss is estimated from two "
         "halves of the samples and added back; ± is the 95 % interval. report.json also has the "
         "plain scores of the noisy images.",
     ),
     ("PSNR", "Peak signal-to-noise ratio in dB, higher is better; ∞ for identical images."),
     ("FLIP", "Visible difference when alternating between two images; 0 is none."),
-    ("Holes", "Share of the panel's pixels for which an algorithm has no source."),
+    ("Holes", "Share of the panel's pixels for which an algorithm found no colour."),
     (
         "Across scenes",
-        "Scores are never compared across scenes: a smooth relic scores higher "
-        "than a detailed one with the same algorithm. Compare algorithms within this page.",
+        "Do not compare scores of different scenes: with the same algorithm, a smooth relic "
+        "scores higher than a detailed one. Compare algorithms within one report.",
     ),
 )
 
@@ -105,10 +105,10 @@ def _no_criteria(data: ReportDocument) -> str:
     """Limits of the checks, with suggested criteria; empty if criteria exist."""
     if data.verdict.word != "ran clean":
         return ""
-    words = lead(_NO_CRITERIA)
     criteria = suggested_criteria(data)
     if not criteria:
-        return words
+        return lead(_NO_CRITERIA)
+    words = lead(f"{_NO_CRITERIA} {_SUGGESTION}")
     line = f"-D 'inim.min_ssim_to_reference={criteria}'"
     return words + element("pre", element("code", text(line)), tabindex=0)
 

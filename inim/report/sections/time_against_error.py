@@ -33,12 +33,12 @@ from inim.report.sections import ReportSection
 _KERNEL_TIMES = "kernel times"
 _WORDS = "Points at the bottom left are best. The line joins the Pareto-optimal algorithms. "
 _RATIOS = (
-    "Times are medians of warm runs, alternating with the reference kernel, one gather of 4 bytes "
-    "per display pixel."
+    "Times are medians of warm runs, alternating with the reference kernel, a loop that copies one "
+    "4-byte value per panel pixel."
 )
 _SECONDS = (
-    "Times are rough, because they are from a single run with preparation and compilation. For "
-    "warm times relative to the reference kernel, use "
+    "Times are rough, because each is from a single run and includes preparation and "
+    "compilation. For warm times relative to the reference kernel, use "
 )
 
 

@@ -43,8 +43,8 @@ from inim.report.page import (
 from inim.report.sections import ReportSection
 
 _INTRO = (
-    "Each image is shown with its difference and its SSIM map. Differences are absolute "
-    f"differences of the sRGB values, amplified ×{NBSP}{DIFFERENCE_GAIN}: black is equal. The "
+    "Each view is shown with its difference and its SSIM map. The difference is the absolute "
+    f"difference of the sRGB values, amplified ×{NBSP}{DIFFERENCE_GAIN}: black is equal. The "
     "reference is compared with the ground truth, which shows the loss of the display. Algorithms "
     "are compared with the reference, which shows their own loss."
 )
@@ -60,8 +60,8 @@ _WAYS = (
     ("difference", f"difference ×{NBSP}{DIFFERENCE_GAIN}", False),
 )
 _HELP = (
-    "Drag across the image, or move the slider with the arrow keys, to see more of either image. "
-    "Flip alternates between them. Difference shows where they differ."
+    "Drag across the image, or move the slider with the arrow keys, to see more of one or the "
+    "other image. Flip alternates between them. Difference shows where they differ."
 )
 _THUMBNAIL_PX = 320
 _PARALLAX = (
@@ -121,7 +121,7 @@ def _comparison_slider(data: ReportDocument, images: ReportImages) -> str:
     itself = void("input", type="checkbox", name_="by-itself")
     below = [
         element("label", "Border", border, data_way="slider"),
-        element("div", flips, element("label", itself, "by itself"), data_way="flip"),
+        element("div", flips, element("label", itself, "automatically"), data_way="flip"),
         element("p", class_="spoken", role="status"),
     ]
     controls = element("div", *choices, class_="controls")

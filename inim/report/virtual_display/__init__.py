@@ -275,7 +275,7 @@ def _embedding_words(embedded: Sequence[_Embedded], left_out: Sequence[str]) -> 
 
 
 def _display_words(display: Display) -> list[str]:
-    words = ["The eye has no pupil: it is a point."]
+    words = ["The eye is a point, without a pupil."]
     if display.subpixels != "none" or display.pixel_fill < 1:
         words.append("Panel pixels are drawn evenly lit, without sub-pixels and gaps.")
     if display.tilt_x_deg or display.tilt_y_deg:
