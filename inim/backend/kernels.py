@@ -17,8 +17,9 @@ import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, NoReturn
@@ -107,6 +108,42 @@ def compiled(
     if _is_forked:
         _refuse_after_fork()
     return kernel
+
+
+def share_rows(kernel: Callable[..., None], rows: int, *arguments: Any) -> None:
+    """Run ``kernel(begin, end, *arguments)`` over parts of some rows, on numba's number of threads.
+
+    A kernel that numba shares among its threads takes a second longer to compile.
+    """
+    others = min(numba.get_num_threads(), rows) - 1
+    if others < 1:
+        kernel(0, rows, *arguments)
+        return
+    part = -(-rows // (_PARTS * (others + 1)))
+    begins = iter(range(0, rows, part))
+
+    def take_parts() -> None:
+        for begin in begins:
+            kernel(begin, min(begin + part, rows), *arguments)
+
+    threads = _threads(os.getpid(), others)
+    helping = [threads.submit(take_parts) for _ in range(others)]
+    try:
+        take_parts()
+    finally:
+        late = [future for future in helping if not future.cancel()]
+        for future in late:
+            future.result()
+
+
+# Parts of the rows for each thread: the last ones end at about the same time.
+_PARTS = 8
+
+
+@cache
+def _threads(process: int, count: int) -> ThreadPoolExecutor:  # noqa: ARG001 (a fork has none)
+    """Threads of a process that take parts of rows next to the caller."""
+    return ThreadPoolExecutor(count, "kernel")
 
 
 _parallel_kernels: list[Any] = []

@@ -12,7 +12,7 @@ pixel depends only on its own ray and the picture.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from fractions import Fraction
 from functools import cache
 from types import FunctionType
@@ -183,6 +183,25 @@ class SourceGenerator(ABC):
             out[...] = sources[rows]
 
         return find_rows
+
+    def joined(self, rays: Sequence[SourceGenerator]) -> SourceGenerator | None:  # noqa: ARG002
+        """A generator that traces several rays of every pixel faster than their generators do.
+
+        Its `search` finds the sources of all rays, (rays, rows, columns), and it has `show_light`.
+        """
+        return None
+
+    def show_light(self, rgbd: RGBD, words: np.ndarray, out: np.ndarray) -> None:
+        """Write the codes of the mean light of rays.
+
+        Parameters
+        ----------
+        rgbd : RGBD
+        words : (layers x H x W,) uint64
+            Light of each source; see `raycast.light`.
+        out : (rows, columns, 4) uint8
+        """
+        raise NotImplementedError
 
     def sources(self, rgbd: RGBD) -> Sources:
         """``row * W + column`` of each panel pixel's source, `HOLE`, `NO_LENS` or `MASKED`."""

@@ -40,6 +40,6 @@ def prepare(
         Another number of samples, or rays so long that they are a slip.
     """
     from inim.generators.raycast.columns import LAYERS
-    from inim.generators.raycast.shared_directions import first_hits
+    from inim.generators.raycast.strips import first_hits
 
     return first_hits("layered", display, shape, pixel_mm, LAYERS, samples, mask)

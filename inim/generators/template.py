@@ -13,18 +13,14 @@ back: see `raycast.columns`.
 A ray that runs exactly along a border between cells belongs to the cell of the larger row or
 column; one that crosses exactly at a corner passes to the diagonal neighbour.
 
-Three implementations give the same sources, bit for bit, on separable displays:
+Two implementations give the same sources, bit for bit, on separable displays:
 
-* if co-located pixels of all lenses have parallel rays and the picture has a whole number of pixels
-per pitch, one list of cells per direction serves all lenses (`raycast.polyphase`), and runs
-  over the picture's phases without a gather (`raycast.shared_directions`);
-* if only the second condition holds (15.7 pixels per lens, a separate elemental-image pitch),
-strips of lenses share cells but not exit depths (`raycast.non_integer_pitch`);
+* if the picture has a whole number of pixels per lens pitch, strips of neighbouring lenses follow
+  the same lists of cells over the picture's phases, without a gather (`raycast.strips`);
 * otherwise, and for the few pixels of a sparse mask, each ray is followed separately
-  (`raycast.ray_by_ray.RayByRay`).
+  (`raycast.ray_by_ray`).
 
-A fourth serves hexagonal, rotated and tilted arrays: each ray separately, in float64, exact except
-for ties (`raycast.ray_by_ray.NonSeparable`).
+The second also serves hexagonal, rotated and tilted arrays, in float64, exact except for ties.
 
 With sub-pixels (`Display.subpixels`) each colour's rays start at its sub-pixel
 (`raycast.supersampling`); sources are those of the pixel's centre.
@@ -72,7 +68,7 @@ def prepare(
         An invalid number of samples, or rays of implausible length.
     """
     from inim.generators.raycast.columns import SEEN, SURFACE
-    from inim.generators.raycast.shared_directions import first_hits
+    from inim.generators.raycast.strips import first_hits
 
     rule = one_of("template: columns", columns, ("surface", "solid"))
     if leave_holes and rule == SURFACE:

@@ -29,10 +29,8 @@ from inim.generators import (
     prepare,
 )
 from inim.generators.oracle import exact_hits
-from inim.generators.raycast.non_integer_pitch import NonIntegerPitch
-from inim.generators.raycast.polyphase import shares_directions
-from inim.generators.raycast.ray_by_ray import NonSeparable, RayByRay
-from inim.generators.raycast.shared_directions import SharedDirections
+from inim.generators.raycast.ray_by_ray import RayByRay
+from inim.generators.raycast.strips import Strips
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD
 from reports.stress.study.oracles import answer, with_rational_ties
@@ -128,7 +126,7 @@ def test_the_matrix_has_hits_holes_and_deeper_layers():
 
 @pytest.mark.parametrize("columns", ["surface", "solid", "layers"])
 @pytest.mark.parametrize("display", SEPARABLE)
-def test_lists_rays_with_shared_runs_and_free_rays_find_the_same(display, columns):
+def test_strips_single_rays_and_free_rays_find_the_same(display, columns):
     """Bit for bit, but for the rounding of free rays; in the order of a stream of pictures."""
     device = DISPLAYS[display]
     for name in ("layers", "random", "layers, odd size", "hills"):
@@ -136,16 +134,16 @@ def test_lists_rays_with_shared_runs_and_free_rays_find_the_same(display, column
         size = (device, rgbd.shape, rgbd.pixel_mm, columns)
         alone = RayByRay(*size).sources(rgbd)
         whole = exact_length(device.pitch_mm) / exact_length(rgbd.pixel_mm)
-        shared = shares_directions(device)
-        tables = whole.denominator == 1 and device.row_pitch_mm == device.pitch_mm
-        if tables and (shared or columns != "layers"):
-            lists = (SharedDirections if shared else NonIntegerPitch)(*size)
+        if whole.denominator == 1 and device.row_pitch_mm == device.pitch_mm:
+            lists = Strips(*size)
             for before in (rgbd, RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)):
                 lists.sources(before)
                 assert np.array_equal(lists.sources(rgbd), alone)
         # Where pixels are on borders between lenses, free rays go either way.
         if name == "layers, odd size" and display in ("odd pixels", "virtual", "phone", "moved"):
-            free = NonSeparable(*size).sources(rgbd)
+            turned = device.replace(rotation_deg=1e-9)
+            assert not turned.is_separable
+            free = RayByRay(turned, *size[1:]).sources(rgbd)
             assert (free != alone)[device.lensed].mean() < 0.02
 
 

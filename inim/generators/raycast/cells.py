@@ -98,6 +98,64 @@ def non_separable_cell_rays(
     )
 
 
+@dataclass(frozen=True)
+class AxisRuns:
+    """Cells of each panel column's (or row's) ray along that axis, nearest first.
+
+    A ray's cells in the picture are the overlaps of its column runs with its row runs.
+
+    Attributes
+    ----------
+    count : (n,) int64
+        Cells of each ray.
+    cell : (n, most) int64
+        Picture column (row).
+    exit_mm : (n, most) float64
+        Depth at which the ray leaves it; z_min at the end, and after it.
+    """
+
+    count: np.ndarray
+    cell: np.ndarray
+    exit_mm: np.ndarray
+
+    @property
+    def entry_mm(self) -> np.ndarray:
+        """Depths at which the rays enter their cells, (n, most) float64; inf at the first."""
+        before = np.full((len(self.cell), 1), np.inf)
+        return np.concatenate([before, self.exit_mm[:, :-1]], axis=1)
+
+    @property
+    def used(self) -> np.ndarray:
+        """Cells that the rays visit, (n, most) bool."""
+        return np.arange(self.cell.shape[1]) < self.count[:, None]
+
+
+def axis_runs(rays: CellRays, depth_range_mm: tuple[float, float]) -> AxisRuns:
+    """The runs of all rays of one axis."""
+    z_min, z_max = depth_range_mm
+    start, slope = rays.start[:, None], rays.slope[:, None]
+    # z falls along a ray. The product is rounded: begin with the cell before.
+    step = np.where(slope > 0, -1, 1)
+    begin = np.floor((start + slope * z_max) / rays.scale).astype(np.int64) - step * (slope != 0)
+    cell = begin + step * np.arange(rays.most_cells(depth_range_mm) + 2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        exits = ((cell + (slope <= 0)) * rays.scale - start) / slope
+    exits[slope[:, 0] == 0] = -np.inf  # they never move
+    # Cells are entered just below z_max, or above it.
+    above = np.count_nonzero(exits >= z_max, axis=1)
+    count = np.count_nonzero(exits > z_min, axis=1) - above + 1
+    place = np.minimum(above[:, None] + np.arange(count.max()), cell.shape[1] - 1)
+    exits = np.maximum(np.take_along_axis(exits, place, axis=1), z_min)
+    return AxisRuns(count, np.take_along_axis(cell, place, axis=1), exits)
+
+
+def rounded_up(values: np.ndarray) -> np.ndarray:
+    """The smallest float32 that is not below each float64."""
+    near = values.astype(np.float32)
+    above = np.nextafter(near, np.float32(np.inf))
+    return np.where(near.astype(np.float64) < values, above, near)
+
+
 def check_ray_length(name: str, display: Display, shape: tuple[int, int], pixel_mm: float) -> None:
     """Raise `UsageError` for rays that the generator `name` would walk for ever."""
     depths = display.depth_range_mm

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inim.backend.kernels import compiled, prange
+from inim.backend.kernels import compiled, share_rows
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 
 SURFACE, SEEN, SOLID, LAYERS = "surface", "seen", "solid", "layers"
@@ -99,22 +99,18 @@ def surface_backs(depth_mm: np.ndarray, covered: np.ndarray, pixel_mm: float) ->
     rows, columns = depth_mm.shape
     steps = np.float32(STEEPEST * pixel_mm), np.float32(STEEPEST * pixel_mm * math.sqrt(2))
     front = np.full((rows + 2, columns + 2), -np.inf, np.float32)
+    np.copyto(front[1:-1, 1:-1], depth_mm, where=covered)
     back = np.empty((rows, columns), np.float32)
-    _end(depth_mm, covered, *steps, np.float32(THICKNESS_PX * pixel_mm), front, back)
+    share_rows(_end, rows, *steps, np.float32(THICKNESS_PX * pixel_mm), front, back)
     return back
 
 
-@compiled(parallel=True)
-def _end(depth, covered, straight, diagonal, thickness, front, back):  # type: ignore[no-untyped-def]
-    """Fill `front`, which is empty and has a border, and `back`."""
-    rows, columns = depth.shape
-    for i in prange(rows):
-        for j in range(columns):
-            if covered[i, j]:
-                front[i + 1, j + 1] = depth[i, j]
-    for i in prange(rows):
+@compiled
+def _end(first, end, straight, diagonal, thickness, front, back):  # type: ignore[no-untyped-def]
+    """Fill rows of `back`; `front` has a border without surfaces."""
+    for i in range(first, end):
         above, middle, below = front[i], front[i + 1], front[i + 2]
-        for j in range(columns):
+        for j in range(back.shape[1]):
             here = middle[j + 1]
             low = here - thickness
             low = _lower(low, here, above[j], diagonal)

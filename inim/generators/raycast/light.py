@@ -13,12 +13,13 @@ from functools import cache
 
 import numpy as np
 
-from inim.backend.kernels import compiled, prange
+from inim.backend.kernels import compiled
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 
 #: Steps of light from black to white. Even the darkest codes are five steps apart.
 STEPS = 2**14 - 1
-_WHITE = 4 * STEPS  # of the sum of four rays
+#: Light of the sum of four rays.
+WHITE = 4 * STEPS
 # Alpha in the word of a colour, for one code: the sum of four fits, and its rounding is a shift.
 _OPAQUE = 64
 
@@ -30,94 +31,111 @@ def light_of_codes() -> np.ndarray:
 
 
 @cache
-def code_table() -> np.ndarray:
-    """Code of each light from 0 to 1 in steps of 1 / (4 `STEPS`), (n,) uint8."""
-    light = np.arange(_WHITE + 1, dtype=np.float32) / np.float32(_WHITE)
-    return srgb_to_uint8(srgb_from_linear(light))
+def code_steps() -> np.ndarray:
+    """Codes of light from 0 to 1 in steps of 1 / (4 `STEPS`), by sixteens, (n,) uint16.
+
+    Of sixteen steps, the low byte has the code of the first, and the high byte the number of steps
+    with this code; all others have the next code.
+    """
+    light = np.arange(WHITE + 1, dtype=np.float32) / np.float32(WHITE)
+    codes = srgb_to_uint8(srgb_from_linear(light))
+    blocks = np.pad(codes, (0, -len(codes) % 16), mode="edge").reshape(-1, 16)
+    first = blocks[:, 0].astype(np.uint16)
+    steps: np.ndarray = first | (
+        np.count_nonzero(blocks == blocks[:, :1], axis=1).astype(np.uint16) << 8
+    )
+    return steps
+
+
+@compiled
+def code_of(steps, codes):
+    """Code of a light in steps, from the table `code_steps`."""
+    entry = np.uint32(codes[np.uintp(steps >> np.uint32(4))])
+    is_next = (steps & np.uint32(15)) >= (entry >> np.uint32(8))
+    return (entry & np.uint32(255)) + np.uint32(is_next)
+
+
+@compiled
+def encode_light(words, codes, out):
+    """RGBA codes, red in the lowest byte, of sums of words of four rays; see `pack_light`."""
+    for index in range(len(words)):
+        n = np.uintp(index)
+        word = words[n]
+        low, high = np.uint32(word), np.uint32(word >> np.uint64(32))
+        sixteen = np.uint32(16)
+        red, green = code_of(low & np.uint32(0xFFFF), codes), code_of(low >> sixteen, codes)
+        blue = code_of(high & np.uint32(0xFFFF), codes)
+        alpha = ((high >> sixteen) + np.uint32(2 * _OPAQUE)) >> np.uint32(8)
+        out[n] = red | green << np.uint32(8) | blue << sixteen | alpha << np.uint32(24)
 
 
 def decode_light(colours: np.ndarray) -> np.ndarray:
     """Linear light and opacity, (n, 4) float32, of sRGB codes (n, 4) or linear RGB (n, 3)."""
     light = np.ones((len(colours), 4), np.float32)
     if colours.dtype == np.uint8:
-        _decode(colours, light_of_codes(), light)
+        np.take(light_of_codes(), colours[:, :3], out=light[:, :3])
+        np.divide(colours[:, 3], np.float32(255), out=light[:, 3])
     else:
         light[:, :3] = colours
     return light
 
 
-@compiled(parallel=True)
-def _decode(codes, light_of_code, light):
-    for n in prange(len(codes)):
-        for c in range(3):
-            light[n, c] = light_of_code[codes[n, c]]
-        light[n, 3] = np.float32(codes[n, 3]) / np.float32(255)
+def pack_light(light: np.ndarray, rays: int) -> np.ndarray:
+    """Light and opacity, (n, 4), in the four parts of uint64 words, whose sum over all rays counts.
+
+    One ray counts four times, and two count twice.
+    """
+    parts = np.minimum(light, np.float32(1)) * np.array(
+        [STEPS, STEPS, STEPS, 255 * _OPAQUE], np.float32
+    )
+    parts += np.float32(0.5)
+    steps = parts.astype(np.uint16) * np.uint16(4 // rays)
+    words: np.ndarray = steps.view(np.uint64)[:, 0]
+    return words
 
 
-@compiled(parallel=True)
-def pack_light(light, words):
-    """Steps of light and opacity, (n, 4), in the four parts of uint64 words."""
-    for n in prange(len(light)):
-        word = np.uint64(np.float32(255 * _OPAQUE) * light[n, 3] + np.float32(0.5)) << np.uint64(48)
-        for c in range(3):
-            steps = np.float32(STEPS) * min(light[n, c], np.float32(1)) + np.float32(0.5)
-            word |= np.uint64(steps) << np.uint64(16 * c)
-        words[n] = word
-
-
-@compiled(parallel=True)
-def mean_codes(sources, words, table, selected, out):
-    """Codes of the mean light of 1, 2 or 4 rays, in the selected channels, and mean alpha.
+@compiled
+def mean_codes(begin, end, sources, words, codes, out):
+    """Codes of the mean light of the rays of some rows.
 
     Parameters
     ----------
+    begin, end : int
+        The rows.
     sources : (rays, rows, columns) int32
     words : (n + 1,) uint64
         Light of a hole and of each source; see `pack_light`.
-    table : (m,) uint8
-        See `code_table`.
-    selected : (3,) bool
+    codes : (m,) uint16
+        See `code_steps`.
     out : (rows, columns) uint32
         RGBA, red in the lowest byte.
     """
-    rays, rows, columns = sources.shape
-    half, mask = np.uint32(2 * _OPAQUE), np.uint32(0xFF000000)
-    for channel in range(3):
-        if selected[channel]:
-            mask |= np.uint32(0xFF) << np.uint32(8 * channel)
-    for i in prange(rows):
-        # Two rays count twice, and one four times.
-        a, b = sources[0, i], sources[rays // 4, i]
-        c, d = sources[rays // 2, i], sources[rays - 1, i]
-        line = out[i]
-        for index in range(columns):
-            j = np.uintp(index)
-            light = (words[_place(a[j])] + words[_place(b[j])]) + (
-                words[_place(c[j])] + words[_place(d[j])]
-            )
-            code = ((np.uint32(light >> np.uint64(48)) + half) >> np.uint32(8)) << np.uint32(24)
-            for channel in range(3):
-                part = np.uintp((light >> np.uint64(16 * channel)) & np.uint64(0xFFFF))
-                code |= np.uint32(table[part]) << np.uint32(8 * channel)
-            line[j] = (line[j] & ~mask) | (code & mask)
+    rays, _, columns = sources.shape
+    light = np.empty(columns, np.uint64)
+    for i in range(begin, end):
+        light[:] = 0
+        for ray in range(rays):
+            line = sources[ray, i]
+            for index in range(columns):
+                j = np.uintp(index)
+                light[j] += words[np.uintp(np.uint32(max(line[j], np.int32(-1)) + np.int32(1)))]
+        encode_light(light, codes, out[i])
 
 
-@compiled(parallel=True)
-def mean_light(sources, palette, selected, out):
-    """Mean of linear colours (n, 3) of some rays, in the selected channels of (rows, columns, 3).
+@compiled
+def mean_light(begin, end, sources, palette, out):
+    """Mean of linear colours (n, 3) of the rays of some rows, in (rows, columns, 3).
 
     The mean of equal colours is that colour, bit for bit.
     """
-    rays, rows, columns = sources.shape
+    rays, _, columns = sources.shape
     share = np.float32(1 / rays)
-    for i in prange(rows):
+    for i in range(begin, end):
         for j in range(columns):
             first, same = sources[0, i, j], True
             for ray in range(1, rays):
                 same &= sources[ray, i, j] == first
             for c in range(3):
-                if not selected[c]:
-                    continue
                 light = np.float32(0)
                 if not same:
                     for ray in range(rays):
@@ -127,9 +145,3 @@ def mean_light(sources, palette, selected, out):
                 elif first >= 0:
                     light = palette[first, c]
                 out[i, j, c] = light
-
-
-@compiled
-def _place(source):
-    """Index of a source's entry in tables that begin with that of a hole."""
-    return np.uintp(np.uint32(max(source, np.int32(-1)) + np.int32(1)))

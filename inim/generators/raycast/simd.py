@@ -30,12 +30,13 @@ _INDEX = ir.IntType(64)
 _ELEMENTS = {
     "float32": ir.FloatType(),
     "uint32": ir.IntType(32),
+    "uint64": ir.IntType(64),
     "flag": ir.IntType(1),
 }
 
 
 class Lanes(types.Type):  # type: ignore[misc]
-    """One number (float32, uint32) or flag for each lane."""
+    """One number (float32, uint32, uint64) or flag for each lane."""
 
     def __init__(self, element: str, count: int) -> None:
         self.element, self.count = element, count
@@ -82,7 +83,7 @@ def _loader(count: int) -> Any:
 
 
 def _filler(count: int) -> Any:
-    """Intrinsic that puts a float32 or uint32 in each lane."""
+    """Intrinsic that puts a number in each lane."""
 
     @intrinsic
     def same(typing, number):  # type: ignore[no-untyped-def]
@@ -152,6 +153,8 @@ less = _operation(lambda builder, a, b: builder.fcmp_ordered("<", a, b), compare
 and_flags = _operation(lambda builder, a, b: builder.and_(a, b))
 either = _operation(lambda builder, a, b: builder.or_(a, b))
 but_not = _operation(lambda builder, a, b: builder.and_(a, builder.not_(b)))
+#: Sums of whole numbers.
+add = _operation(lambda builder, a, b: builder.add(a, b))
 #: Float32 arithmetic.
 plus = _operation(lambda builder, a, b: builder.fadd(a, b))
 minus = _operation(lambda builder, a, b: builder.fsub(a, b))

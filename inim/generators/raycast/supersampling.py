@@ -27,7 +27,7 @@ from inim.generators.base import (
     SourceGenerator,
     Sources,
 )
-from inim.generators.raycast.colour import NEAREST, show_colours
+from inim.generators.raycast.colour import NEAREST, group_rays, show_colours
 from inim.image.rgbd import RGBD, LayeredRGBD
 
 _A = Fraction(1, 4)
@@ -98,7 +98,7 @@ class ColouredRays(SourceGenerator):
     ) -> None:
         super().__init__(display, shape, pixel_mm)
         self._rays, self._centre, self._colour = list(rays), centre, colour
-        self._reads = reads
+        self._reads, self._groups = reads, group_rays(rays)
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
@@ -114,5 +114,5 @@ class ColouredRays(SourceGenerator):
         out = self.place(rgbd, out)
         if isinstance(rgbd, LayeredRGBD) and self._reads is RGBD:
             rgbd = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
-        show_colours(rgbd, self.display, self._colour, self._rays, out)
+        show_colours(rgbd, self.display, self._colour, self._groups, out)
         return out

@@ -18,8 +18,13 @@ from inim.display import Display
 from inim.display.pixels import exact_length, pixel_rays
 from inim.generators.li2012 import _position, forward_axes
 from inim.generators.oracle import AxisRays, axis_rays
-from inim.generators.raycast.cells import CellRays, cell_rays, non_separable_cell_rays
-from inim.generators.raycast.ray_by_ray import leaves, rounded_up
+from inim.generators.raycast.cells import (
+    CellRays,
+    cell_rays,
+    non_separable_cell_rays,
+    rounded_up,
+)
+from inim.generators.raycast.ray_by_ray import leaves
 from inim.image.rgbd import RGBD
 from reports.stress.study.rays import chosen_pixels, rays_over
 

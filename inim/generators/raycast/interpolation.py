@@ -1,0 +1,337 @@
+# Kernels have no types of their own.
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""Colours of rays, interpolated between the pixels of their source's surface.
+
+The point at which a ray meets the surface is the ray's position at the depth of the source, moved
+to the border of the source's pixel if it is outside. The colour is interpolated bilinearly between
+the centres of the four nearest pixels. Pixels of another surface have no weight, and the weights
+of the others are divided by their sum.
+
+Everything that depends on the picture only is tabulated once per picture: the eight neighbours of
+each pixel on its surface. The colour of a pixel is a vector of red, green, blue and 1: its last
+part adds up to the weight of the pixels that were read, and a missing neighbour is zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from inim.backend.kernels import compiled, share_rows
+from inim.display import Display
+from inim.display.pixels import pixel_rays
+from inim.generators.base import Ray
+from inim.generators.raycast.cells import cell_rays, non_separable_cell_rays
+from inim.generators.raycast.columns import STEEPEST
+from inim.generators.raycast.diffusion import neighbour_layer
+from inim.generators.raycast.light import WHITE, code_of, code_steps
+from inim.generators.raycast.simd import (
+    LANES,
+    choose,
+    last4,
+    less,
+    load,
+    load4,
+    minus,
+    over,
+    plus,
+    same,
+    same4,
+    store,
+    times,
+)
+from inim.image.rgbd import RGBD
+
+# Panel pixels whose rays are interpolated at once: their positions stay in the first cache.
+_CHUNK = 4 * LANES
+
+
+class Interpolation:
+    """Interpolation between the pixels of a picture.
+
+    Parameters
+    ----------
+    rgbd : RGBD
+    display : Display
+    front : (layers, H, W) float32
+        Depth in mm; -inf where there is no surface.
+    """
+
+    def __init__(self, rgbd: RGBD, display: Display, front: np.ndarray) -> None:
+        self._rgbd, self._display = rgbd, display
+        self._surfaces = _Surfaces.of(front, rgbd.pixel_mm)
+
+    def writer(
+        self, light: np.ndarray, opacity: np.ndarray | None, squared: bool, rays: Sequence[Ray]
+    ) -> Callable[[slice, np.ndarray, np.ndarray], None]:
+        """Function that writes mean colours of rays, from the sources of some panel rows.
+
+        Parameters
+        ----------
+        light : (n, 4) float32
+            Linear RGB of the pixels, or its square roots, and 1.
+        opacity : (n,) float32, optional
+            Of the pixels; all are opaque if omitted.
+        squared : bool
+            Interpolated colours are square roots of light.
+        rays : sequence of Ray
+        """
+        lines, texels = _Lines(self._rgbd, self._display, rays), _with_hole(light)
+        alphas = None
+        if opacity is not None:
+            parts = (opacity, opacity, opacity, np.ones_like(opacity))
+            alphas = _with_hole(np.stack(parts, axis=1))
+
+        def write(rows: slice, sources: np.ndarray, out: np.ndarray) -> None:
+            count, arguments = len(out), (sources, *lines.of(rows), *self._surfaces)
+            if out.dtype != np.uint8:
+                share_rows(_write_light, count, *arguments, texels, squared, out)
+                return
+            share_rows(_write_codes, count, *arguments, texels, squared, code_steps(), out)
+            if alphas is not None:
+                mean = np.empty((*out.shape[:2], 3), np.float32)
+                share_rows(_write_light, count, *arguments, alphas, False, mean)
+                out[..., 3] = np.rint(mean[..., 0] * np.float32(255))
+
+        return write
+
+
+def _with_hole(colours: np.ndarray) -> np.ndarray:
+    """Colours (n, 4) with that of a hole in front, flat."""
+    return np.concatenate([np.zeros((1, 4), np.float32), colours]).reshape(-1)
+
+
+class _Lines:
+    """Rays of all panel pixels over a picture; see `of`."""
+
+    def __init__(self, rgbd: RGBD, display: Display, rays: Sequence[Ray]) -> None:
+        self._size, self._display = (rgbd.shape, rgbd.pixel_mm), display
+        self._offsets = [ray.pixel_offset for ray in rays]
+        if display.is_separable:
+            axes = [cell_rays(*self._size, display, offset) for offset in self._offsets]
+            self._u, self._v = (
+                np.stack([_parts(ray.start / ray.scale, ray.slope / ray.scale) for ray in of_axis])
+                for of_axis in zip(*axes, strict=True)
+            )
+
+    def of(self, rows: slice) -> tuple[np.ndarray, np.ndarray]:
+        """Columns u and rows v of the rays of some panel rows, in picture pixels.
+
+        Returns
+        -------
+        u : (rays, rows or 1, 3, columns) float32
+            Whole part and fraction, less 1/2, at depth 0; and slope. The columns are padded.
+        v : (rays, rows, 3, columns or 1) float32
+        """
+        if self._display.is_separable:
+            v = self._v[:, :, rows].transpose(0, 2, 1)[..., None]
+            return _padded(self._u[:, None]), np.ascontiguousarray(v)
+        lines = []
+        for offset in self._offsets:
+            block = pixel_rays(self._display, rows, (float(offset[0]), float(offset[1])))
+            lines.append(np.broadcast_arrays(*non_separable_cell_rays(*self._size, block)))
+        u0, du, v0, dv = np.array(lines).transpose(1, 0, 2, 3)
+        return _padded(_parts(u0, du, axis=2)), _padded(_parts(v0, dv, axis=2))
+
+
+def _parts(start: np.ndarray, slope: np.ndarray, axis: int = 0) -> np.ndarray:
+    """Rays whose whole part keeps the digits of float32 for the position in a cell."""
+    whole = np.floor(start)
+    return np.stack([whole, start - whole - 0.5, slope], axis=axis).astype(np.float32)
+
+
+def _padded(lines: np.ndarray) -> np.ndarray:
+    """Lines with elements for all lanes of their last pixel."""
+    return np.pad(lines, [(0, 0)] * 3 + [(0, LANES - 1)])
+
+
+class _Surfaces(NamedTuple):
+    """Surfaces of a picture as tables of its sources; the first entry of each is that of a hole.
+
+    Attributes
+    ----------
+    head : (n x 4,) float32
+        Depth, column and row of each source.
+    near : (n x 8,) int32
+        First number, in a table of four to each source, of the neighbours on the same surface: on
+        the left and right, above and below, and on the four diagonals in this order, rows first;
+        0 where there is none.
+    """
+
+    head: np.ndarray
+    near: np.ndarray
+
+    @classmethod
+    def of(cls, front: np.ndarray, pixel_mm: float) -> _Surfaces:
+        # Zeros take no memory until they are written: most layers are nearly empty.
+        head = np.zeros(4 * (front.size + 1), np.float32)
+        near = np.zeros(8 * (front.size + 1), np.int32)
+        lines = front.shape[0] * front.shape[1]
+        share_rows(_survey, lines, front, np.float32(STEEPEST * pixel_mm), head, near)
+        return cls(head, near)
+
+
+@compiled
+def _survey(begin, end, front, steepest, head, near):
+    """Fill the tables of `_Surfaces`."""
+    _, rows, columns = front.shape
+    diagonal = steepest * np.float32(np.sqrt(2.0))
+    for line in range(begin, end):
+        layer, row = divmod(line, rows)
+        for column in range(columns):
+            depth = front[layer, row, column]
+            if depth == -np.inf:
+                continue
+            place = 1 + line * columns + column
+            head[4 * place], head[4 * place + 1], head[4 * place + 2] = depth, column, row
+            for k in range(8):
+                down = 0 if k < 2 else 2 * (k - 2) - 1 if k < 4 else k // 2 * 2 - 5
+                right = 2 * k - 1 if k < 2 else 0 if k < 4 else k % 2 * 2 - 1
+                r, c = row + down, column + right
+                reach = steepest if k < 4 else diagonal
+                neighbour = neighbour_layer(front, r, c, depth, reach)
+                if neighbour >= 0:
+                    near[8 * place + k] = 4 * (1 + (neighbour * rows + r) * columns + c)
+
+
+@compiled
+def _write_light(begin, end, sources, u, v, head, near, texels, squared, out):
+    """Mean light of the rays of some rows, (rows, columns, 3)."""
+    share = np.float32(1) / np.float32(len(sources))
+    buffers = _buffers()
+    for i in range(begin, end):
+        for first in range(0, sources.shape[2], _CHUNK):
+            count = _sum_light(sources, i, first, u, v, head, near, texels, squared, *buffers)
+            for j in range(count):
+                for c in range(3):
+                    out[i, first + j, c] = share * buffers[4][4 * j + c]
+
+
+@compiled
+def _write_codes(begin, end, sources, u, v, head, near, texels, squared, codes, out):
+    """Mean codes of the rays of some rows, (rows, columns, 4) with alpha."""
+    share = np.float32(1) / np.float32(len(sources))
+    buffers = _buffers()
+    total = buffers[4]
+    for i in range(begin, end):
+        line = out[i].reshape(-1)
+        for first in range(0, sources.shape[2], _CHUNK):
+            count = _sum_light(sources, i, first, u, v, head, near, texels, squared, *buffers)
+            for j in range(count):
+                here, place = np.uintp(4 * j), np.uintp(4 * (first + j))
+                for c in range(3):
+                    light = min(share * total[here + np.uintp(c)], np.float32(1))
+                    steps = np.uint32(light * np.float32(WHITE) + np.float32(0.5))
+                    line[place + np.uintp(c)] = code_of(steps, codes)
+                alpha = share * total[here + np.uintp(3)] * np.float32(255)
+                line[place + np.uintp(3)] = np.uint8(alpha + np.float32(0.5))
+
+
+@compiled
+def _buffers():
+    """Places, sides, positions, weights and light of the pixels of a chunk."""
+    return (
+        np.zeros(_CHUNK, np.uint32), np.zeros(2 * _CHUNK, np.uint32),
+        np.zeros(3 * _CHUNK, np.float32), np.zeros(4 * _CHUNK, np.float32),
+        np.zeros(4 * _CHUNK, np.float32),
+    )  # fmt: skip
+
+
+@compiled
+def _sum_light(
+    sources, i, first, u, v, head, near, texels, squared, place, side, position, weight, total
+):
+    """Add up the light of the rays of a chunk of a panel row, from a first pixel on; its length."""
+    rays, _, columns = sources.shape
+    count = min(_CHUNK, columns - first)
+    total[:] = 0
+    for ray in range(rays):
+        any_source = _locate(sources[ray, i, first : first + count], head, place, position)
+        if any_source:
+            across, down = u[ray, min(i, u.shape[1] - 1)], v[ray, i]
+            _weigh(count, first, across, down, position, side, weight)
+            _add_light(count, place, side, weight, near, texels, squared, total)
+    return count
+
+
+@compiled
+def _locate(sources, head, place, position):
+    """Table entries, depths, columns and rows of some sources; true if there are any."""
+    any_source = False
+    for j in range(len(sources)):
+        source, here = sources[j], np.uintp(j)
+        any_source |= source >= 0
+        entry = np.uint32(max(source, np.int32(-1)) + np.int32(1))
+        place[here] = entry
+        for part in range(3):
+            at = np.uintp(4) * np.uintp(entry) + np.uintp(part)
+            position[here + np.uintp(part * _CHUNK)] = head[at]
+    return any_source
+
+
+@compiled
+def _weigh(count, first, u, v, position, side, weight):
+    """Weights of the four pixels around each ray, and the sides of its source that they are on."""
+    half, zero, unit = same(np.float32(0.5)), same(np.float32(0)), same(np.float32(1))
+    yes, no = same(np.uint32(1)), same(np.uint32(0))
+    part = np.uintp(_CHUNK)
+    for begin in range(0, count, LANES):
+        j, panel = np.uintp(begin), np.uintp(first + begin)
+        depth = load(position, j)
+        x = _from_centre(u, panel, depth, load(position, j + part))
+        if v.shape[1] == 1:
+            y = plus(minus(same(v[0, 0]), load(position, j + part + part)), same(v[1, 0]))
+            y = plus(y, times(same(v[2, 0]), depth))
+        else:
+            y = _from_centre(v, panel, depth, load(position, j + part + part))
+        right, below = less(zero, x), less(zero, y)
+        store(side, j, choose(right, yes, no))
+        store(side, j + part, choose(below, yes, no))
+        x, y = choose(right, x, minus(zero, x)), choose(below, y, minus(zero, y))
+        x, y = choose(less(x, half), x, half), choose(less(y, half), y, half)
+        diagonal = times(x, y)
+        horizontal = minus(x, diagonal)
+        store(weight, j, minus(minus(unit, y), horizontal))
+        store(weight, j + part, horizontal)
+        store(weight, j + part + part, minus(y, diagonal))
+        store(weight, j + part + part + part, diagonal)
+
+
+@compiled
+def _from_centre(line, panel, depth, cell):
+    """Distance of rays, at some depths, from the centres of some columns or rows of cells."""
+    flat, width = line.reshape(-1), np.uintp(line.shape[1])
+    start = plus(minus(load(flat, panel), cell), load(flat, panel + width))
+    return plus(start, times(load(flat, panel + width + width), depth))
+
+
+@compiled
+def _add_light(count, place, side, weight, near, texels, squared, total):
+    """Add the interpolated light of one ray of each pixel of a chunk."""
+    least, part = same4(np.float32(1e-30)), np.uintp(_CHUNK)
+    four, eight = np.uintp(4), np.uintp(8)
+    for index in range(count):
+        j = np.uintp(index)
+        entry, right, below = np.uintp(place[j]), np.uintp(side[j]), np.uintp(side[j + part])
+        of_entry = entry * eight
+        beside = np.uintp(near[of_entry + right])
+        under = np.uintp(near[of_entry + below + np.uintp(2)])
+        across = np.uintp(near[of_entry + right + below + below + four])
+        light = plus(
+            plus(
+                times(same4(weight[j]), load4(texels, entry * four)),
+                times(same4(weight[j + part]), load4(texels, beside)),
+            ),
+            plus(
+                times(same4(weight[j + part + part]), load4(texels, under)),
+                times(same4(weight[j + part + part + part]), load4(texels, across)),
+            ),
+        )
+        of_surface = last4(light)
+        light = over(light, choose(less(of_surface, least), least, of_surface))
+        if squared:
+            light = times(light, light)
+        at = j * four
+        store(total, at, plus(light, load4(total, at)))
