@@ -32,7 +32,7 @@ from inim.generators.base import Ray, SourceGenerator
 from inim.generators.raycast.diffusion import diffused, sharpened
 from inim.generators.raycast.interpolation import Interpolation
 from inim.generators.raycast.light import (
-    code_steps,
+    code_table,
     decode_light,
     mean_codes,
     mean_light,
@@ -167,7 +167,7 @@ class _Picture:
         if self.adds_codes:
             words = np.concatenate([np.zeros(1, np.uint64), self.words(group)])
             return lambda _, sources, out: share_rows(
-                mean_codes, len(out), sources, words, code_steps(), out.view(np.uint32)[..., 0]
+                mean_codes, len(out), sources, words, code_table(), out.view(np.uint32)[..., 0]
             )
         light = self._light_of(group)
         if self._colour in (LINEAR, SMOOTH):

@@ -26,7 +26,7 @@ from inim.generators.base import Ray
 from inim.generators.raycast.cells import cell_rays, non_separable_cell_rays
 from inim.generators.raycast.columns import STEEPEST
 from inim.generators.raycast.diffusion import neighbour_layer
-from inim.generators.raycast.light import WHITE, code_of, code_steps
+from inim.generators.raycast.light import WHITE, code_table
 from inim.generators.raycast.simd import (
     LANES,
     choose,
@@ -89,7 +89,7 @@ class Interpolation:
             if out.dtype != np.uint8:
                 share_rows(_write_light, count, *arguments, texels, squared, out)
                 return
-            share_rows(_write_codes, count, *arguments, texels, squared, code_steps(), out)
+            share_rows(_write_codes, count, *arguments, texels, squared, code_table(), out)
             if alphas is not None:
                 mean = np.empty((*out.shape[:2], 3), np.float32)
                 share_rows(_write_light, count, *arguments, alphas, False, mean)
@@ -210,7 +210,7 @@ def _write_light(begin, end, sources, u, v, head, near, texels, squared, out):
 
 
 @compiled
-def _write_codes(begin, end, sources, u, v, head, near, texels, squared, codes, out):
+def _write_codes(begin, end, sources, u, v, head, near, texels, squared, table, out):
     """Mean codes of the rays of some rows, (rows, columns, 4) with alpha."""
     share = np.float32(1) / np.float32(len(sources))
     buffers = _buffers()
@@ -223,8 +223,8 @@ def _write_codes(begin, end, sources, u, v, head, near, texels, squared, codes, 
                 here, place = np.uintp(4 * j), np.uintp(4 * (first + j))
                 for c in range(3):
                     light = min(share * total[here + np.uintp(c)], np.float32(1))
-                    steps = np.uint32(light * np.float32(WHITE) + np.float32(0.5))
-                    line[place + np.uintp(c)] = code_of(steps, codes)
+                    step = np.uintp(light * np.float32(WHITE) + np.float32(0.5))
+                    line[place + np.uintp(c)] = table[step]
                 alpha = share * total[here + np.uintp(3)] * np.float32(255)
                 line[place + np.uintp(3)] = np.uint8(alpha + np.float32(0.5))
 

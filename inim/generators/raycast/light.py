@@ -31,42 +31,23 @@ def light_of_codes() -> np.ndarray:
 
 
 @cache
-def code_steps() -> np.ndarray:
-    """Codes of light from 0 to 1 in steps of 1 / (4 `STEPS`), by sixteens, (n,) uint16.
-
-    Of sixteen steps, the low byte has the code of the first, and the high byte the number of steps
-    with this code; all others have the next code.
-    """
+def code_table() -> np.ndarray:
+    """Code of each light from 0 to 1 in steps of 1 / `WHITE`, (n,) uint8."""
     light = np.arange(WHITE + 1, dtype=np.float32) / np.float32(WHITE)
-    codes = srgb_to_uint8(srgb_from_linear(light))
-    blocks = np.pad(codes, (0, -len(codes) % 16), mode="edge").reshape(-1, 16)
-    first = blocks[:, 0].astype(np.uint16)
-    steps: np.ndarray = first | (
-        np.count_nonzero(blocks == blocks[:, :1], axis=1).astype(np.uint16) << 8
-    )
-    return steps
+    return srgb_to_uint8(srgb_from_linear(light))
 
 
 @compiled
-def code_of(steps, codes):
-    """Code of a light in steps, from the table `code_steps`."""
-    entry = np.uint32(codes[np.uintp(steps >> np.uint32(4))])
-    is_next = (steps & np.uint32(15)) >= (entry >> np.uint32(8))
-    return (entry & np.uint32(255)) + np.uint32(is_next)
-
-
-@compiled
-def encode_light(words, codes, out):
+def encode_light(words, table, out):
     """RGBA codes, red in the lowest byte, of sums of words of four rays; see `pack_light`."""
     for index in range(len(words)):
         n = np.uintp(index)
-        word = words[n]
-        low, high = np.uint32(word), np.uint32(word >> np.uint64(32))
-        sixteen = np.uint32(16)
-        red, green = code_of(low & np.uint32(0xFFFF), codes), code_of(low >> sixteen, codes)
-        blue = code_of(high & np.uint32(0xFFFF), codes)
-        alpha = ((high >> sixteen) + np.uint32(2 * _OPAQUE)) >> np.uint32(8)
-        out[n] = red | green << np.uint32(8) | blue << sixteen | alpha << np.uint32(24)
+        word, code = words[n], np.uint32(0)
+        for c in range(3):
+            light = np.uintp((word >> np.uint64(16 * c)) & np.uint64(0xFFFF))
+            code |= np.uint32(table[light]) << np.uint32(8 * c)
+        alpha = (np.uint32(word >> np.uint64(48)) + np.uint32(2 * _OPAQUE)) >> np.uint32(8)
+        out[n] = code | alpha << np.uint32(24)
 
 
 def decode_light(colours: np.ndarray) -> np.ndarray:
@@ -95,7 +76,7 @@ def pack_light(light: np.ndarray, rays: int) -> np.ndarray:
 
 
 @compiled
-def mean_codes(begin, end, sources, words, codes, out):
+def mean_codes(begin, end, sources, words, table, out):
     """Codes of the mean light of the rays of some rows.
 
     Parameters
@@ -105,8 +86,8 @@ def mean_codes(begin, end, sources, words, codes, out):
     sources : (rays, rows, columns) int32
     words : (n + 1,) uint64
         Light of a hole and of each source; see `pack_light`.
-    codes : (m,) uint16
-        See `code_steps`.
+    table : (m,) uint8
+        See `code_table`.
     out : (rows, columns) uint32
         RGBA, red in the lowest byte.
     """
@@ -119,7 +100,7 @@ def mean_codes(begin, end, sources, words, codes, out):
             for index in range(columns):
                 j = np.uintp(index)
                 light[j] += words[np.uintp(np.uint32(max(line[j], np.int32(-1)) + np.int32(1)))]
-        encode_light(light, codes, out[i])
+        encode_light(light, table, out[i])
 
 
 @compiled

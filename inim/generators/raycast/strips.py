@@ -57,7 +57,7 @@ from inim.generators.raycast.cells import (
     rounded_up,
 )
 from inim.generators.raycast.columns import LAYERS, SOLID, Columns, columns_of
-from inim.generators.raycast.light import code_steps, encode_light
+from inim.generators.raycast.light import code_table, encode_light
 from inim.generators.raycast.phases import Layout, Phases, cells_per_pitch, fits_tables
 from inim.generators.raycast.ray_by_ray import FirstHits, RayByRay
 from inim.generators.raycast.simd import (
@@ -84,7 +84,9 @@ from inim.image.rgbd import RGBD
 
 # Of the compiler's own type: a Python integer would make addresses signed, and checked.
 _LANES = np.uintp(LANES)
-_NO_CODES = np.empty(0, np.uint16)
+_NO_CODES = np.empty(0, np.uint8)
+# Rays of a pixel of neighbouring lenses lean to the left or to the right.
+_SIDES = 2
 
 
 class _Lists(NamedTuple):
@@ -102,10 +104,14 @@ class _Lists(NamedTuple):
         See `Layout.row_reach`; of all rays.
     first : (n,) int64
         Where the list of each pass begins.
+    exit_mm : (cells,) float32
+        Depth at which a lens leaves a cell, rounded up; the least of all lenses.
+    entry_mm : (cells,) float32
+        Depth at which it enters the cell, rounded down; a bound of all lenses.
     members : (rays x passes,) uint32
         Lenses of a strip that take part in a pass, a bit each.
-    passes, strip_passes, sides : int
-        Passes of a ray; of a strip, 0 if all strips share them; and of a pixel.
+    passes, strip_passes : int
+        Passes of a ray; and of a strip, 0 if all strips share them.
     lens_first, lens_pixels : (lens columns,) int64
         First panel column of each lens, and how many it has.
     most_pixels, least_pixels : int
@@ -118,10 +124,11 @@ class _Lists(NamedTuple):
     list_row: np.ndarray
     reach: np.ndarray
     first: np.ndarray
+    exit_mm: np.ndarray
+    entry_mm: np.ndarray
     members: np.ndarray
     passes: int
     strip_passes: int
-    sides: int
     lens_first: np.ndarray
     lens_pixels: np.ndarray
     most_pixels: int
@@ -130,19 +137,15 @@ class _Lists(NamedTuple):
 
 
 class _Directions(NamedTuple):
-    """Cells of directions that all lenses share, nearest first.
+    """Cells of directions that all lenses share; their depths are those of `_Lists`.
 
     Attributes
     ----------
-    offset : (n,) int64
-        Flat distance of the cells from slot (0, 0).
-    exit_mm, entry_mm : (n,) float32
-        Rounded up and down; a ray enters its first cell at infinity.
+    offset : (cells,) int64
+        Flat distance from slot (0, 0).
     """
 
     offset: np.ndarray
-    exit_mm: np.ndarray
-    entry_mm: np.ndarray
 
 
 class _Passes(NamedTuple):
@@ -161,8 +164,6 @@ class _Passes(NamedTuple):
         See `Layout.column_offset`.
     exit_mm, entry_mm : (columns, LANES) float32
         Per lens; anything where a lens does not visit a cell.
-    nearest_exit_mm : (columns,) float32
-        The least exit from each cell.
     """
 
     cell: np.ndarray
@@ -172,7 +173,6 @@ class _Passes(NamedTuple):
     offset: np.ndarray
     exit_mm: np.ndarray
     entry_mm: np.ndarray
-    nearest_exit_mm: np.ndarray
 
 
 _Tables = tuple[Layout, _Lists, _Directions | _Passes]
@@ -266,14 +266,12 @@ def _direction_tables(
         layout,
         _Lists(
             display.rows.lens, panel_rows % pixels, _widest(reach), first,
-            np.full(len(offsets) * pixels, 2**32 - 1, np.uint32), pixels, 0, 1,
+            rounded_up(exit_mm), -rounded_up(-entry_mm),
+            np.full(len(offsets) * pixels, 2**32 - 1, np.uint32), pixels, 0,
             np.arange(display.lens_columns) * pixels, np.full(display.lens_columns, pixels),
             pixels, pixels, False,
         ),
-        _Directions(
-            layout.row_offset(row) + layout.column_offset(column), rounded_up(exit_mm),
-            -rounded_up(-entry_mm),
-        ),
+        _Directions(layout.row_offset(row) + layout.column_offset(column)),
     )  # fmt: skip
 
 
@@ -351,19 +349,21 @@ def _pass_tables(
         np.concatenate([values.reshape(-1, *values.shape[2:]) for values in of_rays])
         for of_rays in zip(*parts, strict=True)
     )
-    exit_mm = rounded_up(exits)
+    exit_mm, row_exit, row_entry = rounded_up(exits), rounded_up(row_exit), -rounded_up(-row_entry)
+    cell = np.concatenate([cell for _, cell in listed])
+    nearest_exit = np.maximum(row_exit[cell[:, 0]], exit_mm.min(axis=1)[cell[:, 1]])
     return (
         layout,
         _Lists(
             row_lens, np.arange(len(row_lens)), _widest(np.stack(reach)),
-            _joined_first([first for first, _ in listed]), members,
-            len(members) // len(offsets), 2 * pixels, 2, lens_first, lens_pixels, pixels,
+            _joined_first([first for first, _ in listed]), nearest_exit,
+            row_entry[cell[:, 0]], members,
+            len(members) // len(offsets), _SIDES * pixels, lens_first, lens_pixels, pixels,
             int(lens_pixels.min()), bool((owner < 0).any()),
         ),
         _Passes(
-            np.concatenate([cell for _, cell in listed]), layout.row_offset(row),
-            rounded_up(row_exit), -rounded_up(-row_entry),
-            column_offset, exit_mm, -rounded_up(-entries), exit_mm.min(axis=1),
+            cell, layout.row_offset(row), row_exit, row_entry, column_offset, exit_mm,
+            -rounded_up(-entries),
         ),
     )  # fmt: skip
 
@@ -494,6 +494,7 @@ def _strip_loop(*, per_lens: bool, columns_end: bool, layered: bool, light: bool
     light : bool
         Payloads are light, whose sum is written as codes; see `raycast.light`.
     """
+    sides = _SIDES if per_lens else 1
 
     @compiled
     def trace_rows(  # type: ignore[no-untyped-def]
@@ -524,85 +525,77 @@ def _strip_loop(*, per_lens: bool, columns_end: bool, layered: bool, light: bool
                     least = farthest[top, s]
                     for i in range(top + 1, bottom + 1):
                         least = min(least, farthest[i, s])
-                for u in range(pixels):
-                    total = same(empty)
-                    for ray in range(start_ray, stop_ray):
-                        for side in range(lists.sides):
-                            part = s * lists.strip_passes + u * lists.sides + side
-                            searching = lanes_of(lists.members[ray * lists.passes + part])
-                            number = (ray * list_rows + list_row) * lists.passes + part
-                            k, end = (
-                                np.uintp(lists.first[number]),
-                                np.uintp(lists.first[number + 1]),
-                            )
-                            while k < end:
+                if per_lens:
+                    sums[:] = empty
+                for ray in range(start_ray, stop_ray):
+                    number = s * lists.strip_passes
+                    members = lists.members[ray * lists.passes + number :]
+                    number += (ray * list_rows + list_row) * lists.passes
+                    beginnings = lists.first[number:]
+                    for part in range(pixels * sides):
+                        searching = lanes_of(members[part]) if per_lens else all_lanes()
+                        k, end = np.uintp(beginnings[part]), np.uintp(beginnings[part + 1])
+                        while k < end and lists.exit_mm[k] > most:
+                            k += np.uintp(1)
+                        begin, behind, payloads = k, no_lanes(), same(no_payload)
+                        while k < end:
+                            if columns_end and not layered and lists.entry_mm[k] < least:
+                                break
+                            if per_lens:
+                                offset, exits, entries, visitors = _pass_cell(lists, cells, k)
+                            else:
+                                offset, exits, entries, visitors = _direction_cell(lists, cells, k)
+                            cell = np.uintp(base + offset)
+                            hit = and_flags(searching, visitors)
+                            hit = and_flags(hit, at_least(load(front, cell), exits))
+                            if columns_end:
+                                behind = either(behind, hit)
+                                below = hit
+                                hit = and_flags(below, at_least(entries, load(back, cell)))
+                            payloads = choose(hit, load(payload, cell), payloads)
+                            searching = but_not(searching, hit)
+                            if layered:
+                                # Layers begin ever farther back: rays above one are above
+                                # those behind.
+                                below = but_not(below, hit)
+                                slot_row = (cell - np.uintp(start)) // np.uintp(across)
+                                if (
+                                    any_lane(below)
+                                    and deeper_nearest[slot_row, s] >= lists.exit_mm[k]
+                                ):
+                                    searching, payloads = _hit_deeper(
+                                        below, searching, payloads, exits, entries, cell,
+                                        deeper_front, deeper_back, deeper_payload,
+                                    )  # fmt: skip
+                            if not any_lane(searching):
+                                break
+                            k += np.uintp(1)
+                        if columns_end and continue_behind:
+                            # Back up the rays that met nothing, to the last cell each passed
+                            # over. Before the nearest surface there is none: such came in over
+                            # a border.
+                            lost, k = and_flags(behind, searching), end
+                            while k > begin and any_lane(lost):
+                                k -= np.uintp(1)
                                 if per_lens:
-                                    nearest_exit = _pass_bounds(cells, k)[0]
+                                    offset, exits, entries, visitors = _pass_cell(lists, cells, k)
                                 else:
-                                    nearest_exit = cells.exit_mm[k]
-                                if nearest_exit <= most:
-                                    break
-                                k += np.uintp(1)
-                            begin, behind, payloads = k, no_lanes(), same(no_payload)
-                            while k < end:
-                                if per_lens:
-                                    nearest_exit, latest_entry = _pass_bounds(cells, k)
-                                else:
-                                    nearest_exit, latest_entry = cells.exit_mm[k], cells.entry_mm[k]
-                                if columns_end and not layered and latest_entry < least:
-                                    break
-                                if per_lens:
-                                    offset, exits, entries, visitors = _pass_cell(cells, k)
-                                else:
-                                    offset, exits, entries, visitors = _direction_cell(cells, k)
+                                    offset, exits, entries, visitors = _direction_cell(
+                                        lists, cells, k
+                                    )
                                 cell = np.uintp(base + offset)
-                                hit = and_flags(searching, visitors)
-                                hit = and_flags(hit, at_least(load(front, cell), exits))
-                                if columns_end:
-                                    behind = either(behind, hit)
-                                    below = hit
-                                    hit = and_flags(below, at_least(entries, load(back, cell)))
-                                payloads = choose(hit, load(payload, cell), payloads)
-                                searching = but_not(searching, hit)
-                                if layered:
-                                    # Layers begin ever farther back: rays above one are above
-                                    # those behind.
-                                    below = but_not(below, hit)
-                                    slot_row = (cell - np.uintp(start)) // np.uintp(across)
-                                    if (
-                                        any_lane(below)
-                                        and deeper_nearest[slot_row, s] >= nearest_exit
-                                    ):
-                                        searching, payloads = _hit_deeper(
-                                            below, searching, payloads, exits, entries, cell,
-                                            deeper_front, deeper_back, deeper_payload,
-                                        )  # fmt: skip
-                                if not any_lane(searching):
-                                    break
-                                k += np.uintp(1)
-                            if columns_end and continue_behind:
-                                # Back up the rays that met nothing, to the last cell each passed
-                                # over. Before the nearest surface there is none: such came in over
-                                # a border.
-                                lost, k = and_flags(behind, searching), end
-                                while k > begin and any_lane(lost):
-                                    k -= np.uintp(1)
-                                    if per_lens:
-                                        offset, exits, entries, visitors = _pass_cell(cells, k)
-                                    else:
-                                        offset, exits, entries, visitors = _direction_cell(cells, k)
-                                    cell = np.uintp(base + offset)
-                                    depth = load(front, cell)
-                                    passed = and_flags(
-                                        and_flags(lost, visitors), less(depth, exits)
-                                    )
-                                    covered = less(same(np.float32(-np.inf)), depth)
-                                    payloads = choose(
-                                        and_flags(passed, covered), load(payload, cell), payloads
-                                    )
-                                    lost = but_not(lost, passed)
-                            total = add(total, payloads)
-                    store(sums, np.uintp(u) * _LANES, total)
+                                depth = load(front, cell)
+                                passed = and_flags(and_flags(lost, visitors), less(depth, exits))
+                                covered = less(same(np.float32(-np.inf)), depth)
+                                payloads = choose(
+                                    and_flags(passed, covered), load(payload, cell), payloads
+                                )
+                                lost = but_not(lost, passed)
+                        place = np.uintp(part // sides) * _LANES
+                        before = same(empty)
+                        if per_lens or ray > start_ray:
+                            before = load(sums, place)
+                        store(sums, place, add(before, payloads))
                 if light:
                     encode_light(sums, codes, words)
                     _write_strip(words, lists, start, row)
@@ -613,13 +606,13 @@ def _strip_loop(*, per_lens: bool, columns_end: bool, layered: bool, light: bool
 
 
 @compiled
-def _direction_cell(cells, k):  # type: ignore[no-untyped-def]
+def _direction_cell(lists, cells, k):  # type: ignore[no-untyped-def]
     """Offset of a cell; its exit depths, entry depths and visitors, by lens."""
-    return cells.offset[k], same(cells.exit_mm[k]), same(cells.entry_mm[k]), all_lanes()
+    return cells.offset[k], same(lists.exit_mm[k]), same(lists.entry_mm[k]), all_lanes()
 
 
 @compiled
-def _pass_cell(cells, k):  # type: ignore[no-untyped-def]
+def _pass_cell(_, cells, k):  # type: ignore[no-untyped-def]
     """As `_direction_cell`, of `_Passes`."""
     i, q = np.uintp(cells.cell[k, 0]), np.uintp(cells.cell[k, 1])
     exits, entries = load(cells.exit_mm, q * _LANES), load(cells.entry_mm, q * _LANES)
@@ -630,13 +623,6 @@ def _pass_cell(cells, k):  # type: ignore[no-untyped-def]
         choose(less(row_entry, entries), row_entry, entries),
         lanes_of(cells.cell[k, 2]),
     )
-
-
-@compiled
-def _pass_bounds(cells, k):  # type: ignore[no-untyped-def]
-    """Bounds of a cell's exits, from below, and of its entries, from above."""
-    i, q = cells.cell[k, 0], cells.cell[k, 1]
-    return max(cells.row_exit_mm[i], cells.nearest_exit_mm[q]), cells.row_entry_mm[i]
 
 
 @compiled
@@ -823,7 +809,7 @@ class Strips(FirstHits):
         )  # fmt: skip
         share_rows(
             loop, len(out), first_row, picture, lists, cells, *rays, columns.continue_behind, empty,
-            payload.dtype.type(0), code_steps() if light else _NO_CODES, out,
+            payload.dtype.type(0), code_table() if light else _NO_CODES, out,
         )  # fmt: skip
 
 
