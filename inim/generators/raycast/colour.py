@@ -100,10 +100,11 @@ def show_colours(
         return
     alpha = np.ones(out.shape[:2], np.uint16)
     for group in groups:
-        shown = np.empty_like(out)
-        _show_group(picture, group, shown)
-        out[..., group.channels] = shown[..., group.channels]
-        alpha += shown[..., -1].astype(np.uint16) * np.uint16(len(group.channels))
+        part = np.empty_like(out)
+        _show_group(picture, group, part)
+        out[..., group.channels] = part[..., group.channels]
+        if out.dtype == np.uint8:
+            alpha += part[..., 3] * np.uint16(len(group.channels))
     if out.dtype == np.uint8:
         out[..., 3] = alpha // 3
 

@@ -162,12 +162,12 @@ class RayByRay(FirstHits):
         def find_rows(rows: slice, out: Sources) -> None:
             out[...] = HOLE
             for block in row_blocks(self.display) if z_max > z_min else ():
-                some = slice(max(block.start, rows.start), min(block.stop, rows.stop))
-                if some.start < some.stop and selected[some].any():
+                part = slice(max(block.start, rows.start), min(block.stop, rows.stop))
+                if part.start < part.stop and selected[part].any():
                     share_rows(
-                        _first_hits, some.stop - some.start, selected[some], *surfaces, above,
-                        *self._rays(some), z_min, z_max,
-                        out[some.start - rows.start : some.stop - rows.start],
+                        _first_hits, part.stop - part.start, selected[part], *surfaces, above,
+                        *self._rays(part), z_min, z_max,
+                        out[part.start - rows.start : part.stop - rows.start],
                     )  # fmt: skip
             self.mark(rows, out)
 

@@ -613,7 +613,7 @@ def _direction_cell(lists, cells, k):  # type: ignore[no-untyped-def]
 
 @compiled
 def _pass_cell(_, cells, k):  # type: ignore[no-untyped-def]
-    """As `_direction_cell`, of `_Passes`."""
+    """Offset of a cell; its exit depths, entry depths and visitors, by lens."""
     i, q = np.uintp(cells.cell[k, 0]), np.uintp(cells.cell[k, 1])
     exits, entries = load(cells.exit_mm, q * _LANES), load(cells.entry_mm, q * _LANES)
     row_exit, row_entry = same(cells.row_exit_mm[i]), same(cells.row_entry_mm[i])
@@ -665,8 +665,8 @@ def _write_strip(strip, lists, start, row):  # type: ignore[no-untyped-def]
             u = pixels - BLOCK
             transpose(strip, np.uintp(u * LANES + n), row, np.uintp(u), lens_first, lens)
     for n in range(lanes):
-        written = 0 if n >= blocked else pixels if again else whole
-        for u in range(written, lists.lens_pixels[start + n]):
+        transposed = 0 if n >= blocked else pixels if again else whole
+        for u in range(transposed, lists.lens_pixels[start + n]):
             row[lens_first[start + n] + u] = strip[u * LANES + n]
 
 
