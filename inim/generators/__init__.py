@@ -341,4 +341,4 @@ def merge_cameras(
 
     display = display_of(display)
     pixel_mm = display.capture_pixel_mm(pixels_per_pitch)
-    return merge(pictures, display, display.capture_shape(pixels_per_pitch), pixel_mm)
+    return merge([pictures], display, display.capture_shape(pixels_per_pitch), pixel_mm)[0]

@@ -130,6 +130,38 @@ def test_a_sphere_from_five_cameras_has_its_depth_and_colour():
         assert (layer.back_mm <= layer.front_mm)[layer.covered].all()
 
 
+def tapered_block(lean):
+    """An endless block on nothing, narrower by `lean` per depth; its sides face away from z."""
+    front, back = NEAR, NEAR - 25
+
+    def scene(slopes=(0.0, 0.0)):
+        at, slope = places(slopes), slopes[0]
+        z = np.full(SHAPE, np.inf)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for side in (-1, 1):
+                # u + slope z = side (HALF_MM - lean (front - z))
+                wall = (side * (HALF_MM - lean * front) - at(0.0)[0]) / (slope - side * lean)
+                is_hit = (side * slope > lean) & (wall < front) & (wall > back)
+                z = np.where(is_hit, wall, z)
+        z = np.where(np.abs(at(front)[0]) < HALF_MM, front, z)
+        return z, np.isfinite(z)[..., None] * np.array(RED)
+
+    return scene
+
+
+@pytest.mark.parametrize("lean", [0.03, 0.1])
+def test_a_block_ends_at_its_undercut_side_where_a_camera_sees_it(lean):
+    """Also where the side is so steep that its pixels are a depth step apart (0.1)."""
+    merged = merge_cameras(pictures(tapered_block(lean), "5"), DISPLAY)
+    back = np.min([np.where(m.covered, m.back_mm, np.inf) for m in merged.layers], axis=0)
+    inside = HALF_MM - np.abs(places()(0.0)[0])
+    is_undercut = (inside > PIXEL_MM) & (inside < 25 * lean - PIXEL_MM)
+    is_undercut[:60] = is_undercut[-60:] = False  # the edge of the pictures
+    assert is_undercut.any()
+    error = back[is_undercut] - (NEAR - inside[is_undercut] / lean)
+    assert np.abs(error).max() < PIXEL_MM / lean
+
+
 def test_five_cameras_show_more_of_the_wall_than_one():
     """Display rays that pass the square meet the wall, whose colour one camera has to suppose."""
     picture = merge_cameras(pictures(square_before_wall, "1"), DISPLAY)

@@ -11,9 +11,9 @@ Each pixel of the result is a column through its centre, followed from the near 
 A solid begins where the column enters space that is not empty at a surface that a camera sees
 there (height within one pixel); z is that of the camera that shows the surface at the finest
 resolution. Where no camera sees a surface, the space is only unknown, and no solid begins. A solid
-ends where the column is empty again, and at the latest where a single picture's column would
-(`columns.surface_backs`), or where a camera sees the last steep surface, a wall, in the column or
-next to it.
+ends where the column is empty again, if a camera sees a surface there. Otherwise its end is
+unknown: it ends at the latest where a single picture's column would (`columns.surface_backs`), or
+where a camera sees the last steep surface, a wall, in the column or next to it.
 
 The colour of a solid is the mean of the cameras that see it, weighted by the number of their pixels
 per area of the surface: a frontal view has more than an oblique one. Pixels at an edge, whose
@@ -23,6 +23,7 @@ the mean colour of the steep surfaces that cameras see there.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -66,7 +67,7 @@ class _Pictures(NamedTuple):
     """
 
     depth: np.ndarray  # (cameras, H, W) float32
-    color: np.ndarray  # (cameras, H, W, 3) float32
+    color: np.ndarray  # (cameras, H, W, 3 per colouring) float32
     matrix: np.ndarray  # (cameras, 3, 4): points from pixels
     inverse: np.ndarray  # (cameras, 4, 4)
     is_pinhole: np.ndarray  # (cameras,) bool
@@ -75,14 +76,16 @@ class _Pictures(NamedTuple):
     slope: np.ndarray  # (cameras, H, W) float32
 
     @classmethod
-    def of(cls, cameras: CameraRGBDs) -> _Pictures:
-        pictures = cameras.pictures
+    def of(cls, colourings: Sequence[CameraRGBDs]) -> _Pictures:
+        pictures = colourings[0].pictures
         rows, columns = np.max([picture.depth.shape for picture in pictures], axis=0)
         depth = np.full((len(pictures), rows, columns), np.nan, np.float32)
-        color = np.zeros((*depth.shape, 3), np.float32)
+        color = np.zeros((*depth.shape, 3 * len(colourings)), np.float32)
         for k, picture in enumerate(pictures):
             height, width = picture.depth.shape
-            depth[k, :height, :width], color[k, :height, :width] = picture.depth, picture.color
+            depth[k, :height, :width] = picture.depth
+            colors = [cameras.pictures[k].color for cameras in colourings]
+            color[k, :height, :width] = np.concatenate(colors, axis=-1)
         matrix = np.stack([picture.camera.display_from_picture for picture in pictures])
         last = np.broadcast_to([[0.0, 0, 0, 1]], (len(pictures), 1, 4))
         result = cls(
@@ -99,45 +102,67 @@ class _Pictures(NamedTuple):
         return result
 
 
-def merge(cameras: CameraRGBDs, display: Display, shape: tuple[int, int], pixel_mm: float) -> RGBD:
+class _Walls(NamedTuple):
+    """Points on the steep surfaces of all pictures, and their colours."""
+
+    points: np.ndarray  # (n, 3) float64
+    color: np.ndarray  # (n, 3 per colouring) float32
+
+    @classmethod
+    def of(cls, pictures: _Pictures) -> _Walls:
+        is_steep = pictures.slope >= _STEEP
+        return cls(_points(pictures, np.argwhere(is_steep)), pictures.color[is_steep])
+
+
+def merge(
+    colourings: Sequence[CameraRGBDs], display: Display, shape: tuple[int, int], pixel_mm: float
+) -> list[RGBD]:
     """Merge pictures into a layered depth image; a single one becomes a picture without layers.
 
     Parameters
     ----------
-    cameras : CameraRGBDs
+    colourings : sequence of CameraRGBDs
+        The pictures, or several versions of them that differ in colour only, such as half images:
+        each is merged into one result.
     display : Display
     shape : (rows, columns)
-        Size of the result, such as `Display.capture_shape`.
+        Size of the results, such as `Display.capture_shape`.
     pixel_mm : float
-        Side of its pixels.
+        Side of their pixels.
 
     Raises
     ------
     FileError
         The pictures contradict each other.
     """
-    pictures = _Pictures.of(cameras)
+    cameras, pictures = colourings[0], _Pictures.of(colourings)
     _check_agreement(cameras, pictures, pixel_mm)
     low, high = display.depth_range_mm
     margin = (high - low) / 64
     ends = np.array([high + margin, low - margin])
     front = np.full((MOST_SOLIDS, *shape), -np.inf, np.float32)
-    back = front.copy()
-    _carve(pictures, pixel_mm, ends, _step_mm(pictures, ends), front, back)
+    back, is_closed = front.copy(), np.zeros(front.shape, np.bool_)
+    _carve(pictures, pixel_mm, ends, _step_mm(pictures, ends), front, back, is_closed)
     solids = max(1, int(np.count_nonzero((front > -np.inf).any(axis=(1, 2)))))
-    front, back = front[:solids], back[:solids]
-    color = np.zeros((*front.shape, 3), np.float32)
+    front, back, is_closed = front[:solids], back[:solids], is_closed[:solids]
+    color = np.zeros((*front.shape, pictures.color.shape[-1]), np.float32)
     _colour(pictures, pixel_mm, front, color)
+    colors = np.split(color, len(colourings), axis=-1)
     if len(cameras.pictures) == 1:
         covered = front[0] > -np.inf
-        return RGBD(color[0], np.where(covered, front[0], 0), covered, pixel_mm)
-    thin = [surface_backs(layer, layer > -np.inf, pixel_mm) for layer in front]
-    walls = np.zeros(shape, np.uint64)
-    _mark_walls(pictures, pixel_mm, ends, walls)
-    _end_solids(front, np.stack(thin), walls, ends, THICKNESS_PX * pixel_mm, back)
+        depth = np.where(covered, front[0], 0)
+        return [RGBD(color[0], depth, covered, pixel_mm) for color in colors]
+    walls = _Walls.of(pictures)
+    thin = np.stack([surface_backs(layer, layer > -np.inf, pixel_mm) for layer in front])
+    thin[is_closed] = back[is_closed]
+    bins = _mark_walls(walls.points, pixel_mm, ends, shape)
+    _end_solids(front, thin, bins, ends, THICKNESS_PX * pixel_mm, back)
     sides = Sides.of(front, back, display.depth_range_mm, display.steepest_slopes, pixel_mm)
-    light, has_light = _side_colours(pictures, sides, shape, pixel_mm)
-    return with_sides((front, back, color), sides, light, has_light, pixel_mm)
+    light, has_light = _side_colours(walls, sides, shape, pixel_mm)
+    return [
+        with_sides((front, back, color), sides, of_sides, has_light, pixel_mm)
+        for color, of_sides in zip(colors, np.split(light, len(colourings), axis=-1), strict=True)
+    ]
 
 
 def _step_mm(pictures: _Pictures, ends: np.ndarray) -> float:
@@ -187,20 +212,21 @@ def _check_agreement(cameras: CameraRGBDs, pictures: _Pictures, pixel_mm: float)
 
 
 def _side_colours(
-    pictures: _Pictures, sides: Sides, shape: tuple[int, int], pixel_mm: float
+    walls: _Walls, sides: Sides, shape: tuple[int, int], pixel_mm: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Mean colour of the pixels that see each piece, (pieces, 3) float32, and if there are any."""
+    """Mean colours of the pixels that see each piece, float32, and if there are any."""
     pixel = sides.row.astype(np.int64) * shape[1] + sides.column
     first = np.searchsorted(pixel, np.arange(shape[0] * shape[1] + 1))
-    sums, counts = np.zeros((len(pixel), 3)), np.zeros(len(pixel))
-    _paint_sides(pictures, pixel_mm, shape, first, sides.front_mm, sides.back_mm, sums, counts)
+    pieces = _nearest_pieces(walls.points, pixel_mm, shape, first, sides.front_mm, sides.back_mm)
+    sums, is_wall = np.zeros((len(pixel), walls.color.shape[1])), pieces >= 0
+    np.add.at(sums, pieces[is_wall], walls.color[is_wall])
+    counts = np.bincount(pieces[is_wall], minlength=len(pixel))
     return (sums / np.maximum(counts, 1)[:, None]).astype(np.float32), counts > 0
 
 
 @compiled
-def _point(pictures, k, i, j):
-    """Point of a pixel with depth."""
-    d = np.float64(pictures.depth[k, i, j])
+def _point(pictures, k, i, j, d):
+    """Point of a pixel at a depth."""
     w = d if pictures.is_pinhole[k] else 1.0
     m = pictures.matrix[k]
     return (
@@ -208,6 +234,16 @@ def _point(pictures, k, i, j):
         m[1, 0] * j * w + m[1, 1] * i * w + m[1, 2] * d + m[1, 3],
         m[2, 0] * j * w + m[2, 1] * i * w + m[2, 2] * d + m[2, 3],
     )
+
+
+@compiled
+def _points(pictures, pixels):
+    """Points of pixels: camera, row and column."""
+    points = np.empty(pixels.shape)
+    for n in range(len(pixels)):
+        k, i, j = pixels[n, 0], pixels[n, 1], pixels[n, 2]
+        points[n] = _point(pictures, k, i, j, np.float64(pictures.depth[k, i, j]))
+    return points
 
 
 @compiled
@@ -300,8 +336,19 @@ def _surface_at(pictures, x, y, z, same):
     return depth
 
 
+@compiled
+def _is_on_surface(pictures, x, y, z, same):
+    """True if a camera sees a surface at a point; its distance is measured across a slope."""
+    for k in range(len(pictures.depth)):
+        height, row, column, _, _ = _look(pictures, k, x, y, z)
+        is_known = not np.isnan(height)  # otherwise the place may be outside the picture
+        if is_known and abs(height) <= same * (1 + pictures.slope[k, row, column]):
+            return True
+    return False
+
+
 @compiled(parallel=True)
-def _carve(pictures, pixel, ends, step, front, back):
+def _carve(pictures, pixel, ends, step, front, back, is_closed):
     """Fronts of the solids of all columns, and backs where the columns are empty again."""
     layers, rows, columns = front.shape
     steps = int(np.ceil((ends[0] - ends[1]) / step))
@@ -328,7 +375,42 @@ def _carve(pictures, pixel, ends, step, front, back):
                 elif is_empty and not was_empty and is_solid:
                     border = np.float32(_border(pictures, x, y, z, previous, past))
                     back[layer, row, column] = min(border, front[layer, row, column])
+                    is_closed[layer, row, column] = _is_on_surface(pictures, x, y, border, same)
                 was_empty, previous = is_empty, z
+
+
+@compiled
+def _step(pictures, k, i, j, down, right):
+    """Step on a surface by one pixel of its picture, and if the surface ends next to it.
+
+    The mean of the steps to both neighbours on the surface. Without one, the smaller jump, as on a
+    wall that the camera grazes; without any depth, a step at equal depth.
+    """
+    depth = pictures.depth[k]
+    rows, columns = depth.shape
+    here = np.float64(depth[i, j])
+    first, last, jump, is_end = (0, here), (0, here), (1, here), False
+    smallest = np.inf
+    for side in (-1, 1):
+        r, c = i + side * down, j + side * right
+        if not (0 <= r < rows and 0 <= c < columns):
+            continue
+        other = np.float64(depth[r, c])
+        if np.isfinite(other) and _is_same(here, other, pictures.limits[k]):
+            if side < 0:
+                first = side, other
+            else:
+                last = side, other
+        else:
+            is_end = True
+            if abs(other - here) < smallest:
+                smallest, jump = abs(other - here), (side, other)
+    if first[0] == last[0]:
+        last = jump
+    pixels = last[0] - first[0]
+    x, y, z = _point(pictures, k, i + first[0] * down, j + first[0] * right, first[1])
+    u, v, w = _point(pictures, k, i + last[0] * down, j + last[0] * right, last[1])
+    return ((u - x) / pixels, (v - y) / pixels, (w - z) / pixels), is_end
 
 
 @compiled(parallel=True)
@@ -338,32 +420,14 @@ def _describe_surfaces(pictures, resolution, slope):
     for index in prange(cameras * rows):
         k, i = divmod(np.int64(index), rows)
         for j in range(columns):
-            depth = np.float64(pictures.depth[k, i, j])
-            if not np.isfinite(depth):
+            if not np.isfinite(pictures.depth[k, i, j]):
                 continue
-            x, y, z = _point(pictures, k, i, j)
-            steps, is_edge = np.zeros((2, 3)), False
-            for axis in range(2):
-                count = 0
-                for side in (-1, 1):
-                    r, c = (i + side, j) if axis == 0 else (i, j + side)
-                    if not (0 <= r < rows and 0 <= c < columns):
-                        continue
-                    other = np.float64(pictures.depth[k, r, c])
-                    if not (np.isfinite(other) and _is_same(depth, other, pictures.limits[k])):
-                        is_edge = True
-                        continue
-                    u, v, w = _point(pictures, k, r, c)
-                    steps[axis, 0] += side * (u - x)
-                    steps[axis, 1] += side * (v - y)
-                    steps[axis, 2] += side * (w - z)
-                    count += 1
-                steps[axis] /= max(1, count)
-            a, b = steps[0], steps[1]
+            a, ends_down = _step(pictures, k, i, j, 1, 0)
+            b, ends_right = _step(pictures, k, i, j, 0, 1)
             normal_x, normal_y = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2]
             normal_z = a[0] * b[1] - a[1] * b[0]
             across = np.hypot(normal_x, normal_y)
-            weight = _EDGE_WEIGHT if is_edge else 1.0
+            weight = _EDGE_WEIGHT if ends_down or ends_right else 1.0
             resolution[k, i, j] = weight / max(np.hypot(across, normal_z), 1e-9)
             slope[k, i, j] = across / max(abs(normal_z), 1e-9)
 
@@ -380,7 +444,7 @@ def _heights(pictures, k, pixel, stride):
         for j in range(0, columns, stride):
             if not np.isfinite(pictures.depth[k, i, j]):
                 continue
-            x, y, z = _point(pictures, k, i, j)
+            x, y, z = _point(pictures, k, i, j, np.float64(pictures.depth[k, i, j]))
             unit = _CONTRADICTION_PX * pixel * (1 + pictures.slope[k, i, j])
             for other in range(len(pictures.depth)):
                 if other != k:
@@ -397,7 +461,7 @@ def _add_colour(pictures, k, row, column, down, right, weight, sums):
     for corner in range(4):
         r, c, share = _neighbour(pictures, k, row, column, down, right, corner)
         if share > 0:
-            for channel in range(3):
+            for channel in range(len(sums)):
                 sums[channel] += weight * share / total * pictures.color[k, r, c, channel]
 
 
@@ -405,8 +469,11 @@ def _add_colour(pictures, k, row, column, down, right, weight, sums):
 def _colour(pictures, pixel, front, color):
     """Colours of fronts."""
     layers, rows, columns = front.shape
+    cameras, channels = len(pictures.depth), pictures.color.shape[3]
     same = _SAME_PX * pixel
     for row in prange(rows):
+        heights, places = np.empty(cameras), np.empty((cameras, 2), np.int64)
+        offsets = np.empty((cameras, 2))
         y = (0.5 * (rows - 1) - np.float64(row)) * pixel
         for column in range(columns):
             x = (column - 0.5 * (columns - 1)) * pixel
@@ -415,70 +482,66 @@ def _colour(pictures, pixel, front, color):
                 if z == -np.inf:
                     break
                 nearest = np.inf
-                for k in range(len(pictures.depth)):
-                    height = abs(_look(pictures, k, x, y, z)[0])
-                    nearest = height if height < nearest else nearest
-                reach = max(nearest, same)
-                sums, total = np.zeros(3), 0.0
-                for k in range(len(pictures.depth)):
+                for k in range(cameras):
                     height, r, c, down, right = _look(pictures, k, x, y, z)
-                    if abs(height) <= reach:
+                    heights[k] = abs(height)
+                    places[k] = r, c
+                    offsets[k] = down, right
+                    nearest = heights[k] if heights[k] < nearest else nearest
+                reach = max(nearest, same)
+                sums, total = np.zeros(channels), 0.0
+                for k in range(cameras):
+                    if heights[k] <= reach:
+                        r, c = places[k, 0], places[k, 1]
+                        down, right = offsets[k, 0], offsets[k, 1]
                         weight = np.float64(pictures.resolution[k, r, c])
                         _add_colour(pictures, k, r, c, down, right, weight, sums)
                         total += weight
-                for channel in range(3):
+                for channel in range(channels):
                     color[layer, row, column, channel] = sums[channel] / max(total, 1e-30)
 
 
 @compiled
-def _paint_sides(pictures, pixel, shape, first, front, back, sums, counts):
-    """Add the colours of walls to the pieces of sides in their column, or in the nearest one.
+def _nearest_pieces(points, pixel, shape, first, front, back):
+    """Piece of a side in the column of each point, or in the nearest one next to it; -1 for none.
 
     The pieces of pixel p are ``first[p]`` to ``first[p + 1] - 1``.
     """
     rows, columns = shape
-    for k in range(len(pictures.depth)):
-        for i in range(pictures.depth.shape[1]):
-            for j in range(pictures.depth.shape[2]):
-                if pictures.slope[k, i, j] < _STEEP:
+    pieces = np.full(len(points), -1)
+    for index in range(len(points)):
+        x, y, z = points[index, 0], points[index, 1], points[index, 2]
+        u, v = x / pixel + 0.5 * columns, 0.5 * rows - y / pixel
+        row, column = int(np.floor(v)), int(np.floor(u))
+        nearest = 1.0
+        for r in range(max(row - 1, 0), min(row + 2, rows)):
+            for c in range(max(column - 1, 0), min(column + 2, columns)):
+                distance = max(abs(r + 0.5 - v), abs(c + 0.5 - u)) - 0.5
+                if distance >= nearest:
                     continue
-                x, y, z = _point(pictures, k, i, j)
-                u, v = x / pixel + 0.5 * columns, 0.5 * rows - y / pixel
-                row, column = int(np.floor(v)), int(np.floor(u))
-                nearest, piece = 1.0, -1
-                for r in range(max(row - 1, 0), min(row + 2, rows)):
-                    for c in range(max(column - 1, 0), min(column + 2, columns)):
-                        distance = max(abs(r + 0.5 - v), abs(c + 0.5 - u)) - 0.5
-                        if distance >= nearest:
-                            continue
-                        for n in range(first[r * columns + c], first[r * columns + c + 1]):
-                            if back[n] <= z <= front[n]:
-                                nearest, piece = distance, n
-                if piece >= 0:
-                    counts[piece] += 1
-                    for channel in range(3):
-                        sums[piece, channel] += pictures.color[k, i, j, channel]
+                for n in range(first[r * columns + c], first[r * columns + c + 1]):
+                    if back[n] <= z <= front[n]:
+                        nearest, pieces[index] = distance, n
+    return pieces
 
 
 @compiled
-def _mark_walls(pictures, pixel, ends, walls):
-    """Mark in which bins of depth cameras see walls in a column or next to it."""
-    rows, columns = walls.shape
+def _mark_walls(points, pixel, ends, shape):
+    """Bins of depth in which cameras see walls in a column or next to it, as bits."""
+    rows, columns = shape
+    walls = np.zeros(shape, np.uint64)
     bin_mm = (ends[0] - ends[1]) / _BINS
-    for k in range(len(pictures.depth)):
-        for i in range(pictures.depth.shape[1]):
-            for j in range(pictures.depth.shape[2]):
-                if pictures.slope[k, i, j] < _STEEP:
-                    continue
-                x, y, z = _point(pictures, k, i, j)
-                number = int(np.floor((z - ends[1]) / bin_mm))
-                if not 0 <= number < _BINS:
-                    continue
-                row = int(np.floor(0.5 * rows - y / pixel))
-                column = int(np.floor(x / pixel + 0.5 * columns))
-                for r in range(max(row - 1, 0), min(row + 2, rows)):
-                    for c in range(max(column - 1, 0), min(column + 2, columns)):
-                        walls[r, c] |= np.uint64(1) << np.uint64(number)
+    for index in range(len(points)):
+        x, y, z = points[index, 0], points[index, 1], points[index, 2]
+        number = int(np.floor((z - ends[1]) / bin_mm))
+        if not 0 <= number < _BINS:
+            continue
+        row = int(np.floor(0.5 * rows - y / pixel))
+        column = int(np.floor(x / pixel + 0.5 * columns))
+        for r in range(max(row - 1, 0), min(row + 2, rows)):
+            for c in range(max(column - 1, 0), min(column + 2, columns)):
+                walls[r, c] |= np.uint64(1) << np.uint64(number)
+    return walls
 
 
 @compiled

@@ -203,9 +203,8 @@ def capture_cameras(camera: DepthCamera, views: str) -> tuple[RGBD, RGBD]:
             half.append(
                 CameraRGBD(picture.color.astype(np.float32), depth, place, f"camera {x:+g} {y:+g}")
             )
-    first, second = (
-        merge(CameraRGBDs(tuple(half)), display, camera.shape, camera.pixel_mm) for half in halves
-    )
+    colourings = [CameraRGBDs(tuple(half)) for half in halves]
+    first, second = merge(colourings, display, camera.shape, camera.pixel_mm)
     return first, second
 
 
