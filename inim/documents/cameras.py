@@ -16,8 +16,8 @@ Vector = tuple[float, float, float]
 class PlacedPicture(Part):
     """A colour and a depth picture, with the place of their camera."""
 
-    color: Annotated[str, doc("Colour picture, relative to the document.")]
-    depth: Annotated[str, doc("Depth picture, relative to the document.")]
+    color: Annotated[str, doc("Colour picture, in the folder of the document.")]
+    depth: Annotated[str, doc("Depth picture, in the folder of the document.")]
     intrinsics: Annotated[Intrinsics | None, doc("Of this camera, if it has its own.")] = None
     position_mm: Annotated[
         Vector, doc("Position of the camera in mm; x to the right, y down, z away.")

@@ -100,7 +100,7 @@ def _read(
     intrinsics = placed.intrinsics or document.intrinsics
     if intrinsics is None:
         raise FileError(f"{path}: {placed.color} has no intrinsics; add fx, fy, cx, cy in pixels")
-    files = path.parent / placed.color, path.parent / placed.depth
+    files = _file(path, placed.color), _file(path, placed.depth)
     text = ",".join(map(repr, intrinsics))
     picture = replace(options, color=files[0], depth=files[1], intrinsics=text).read()
     if not picture.values.has_unit or picture.values.near_is_large:
@@ -111,6 +111,21 @@ def _read(
     assert picture.camera is not None
     check_pinhole(picture.camera, (picture.color.shape[0], picture.color.shape[1]))
     return picture
+
+
+def _file(document: Path, name: str) -> Path:
+    """File that a document names; raises `FileError` unless it is in the document's folder."""
+    file = document.parent / name
+    try:
+        is_inside = file.resolve().is_relative_to(document.parent.resolve())
+    except (OSError, ValueError, RuntimeError):
+        raise FileError(f"{document}: {name!r} is no file name; correct it") from None
+    if not is_inside:
+        raise FileError(
+            f"{document}: {name!r} is outside the document's folder; copy it there, or move the "
+            "document to a folder that contains all pictures"
+        )
+    return file
 
 
 def _place(

@@ -276,6 +276,30 @@ def test_a_wrong_position_names_the_file(tmp_path):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("name", ["../1.png", "{absolute}", "link.png"])
+def test_a_document_names_no_file_outside_its_folder(tmp_path, name):
+    folder = tmp_path / "document"
+    folder.mkdir()
+    path, document = write_document(folder, POSITIONS[:2])
+    outside = (folder / "1.png").rename(tmp_path / "1.png")
+    (folder / "link.png").symlink_to(outside)
+    document["pictures"][1]["color"] = name.format(absolute=outside)
+    path.write_text(json.dumps(document))
+    with pytest.raises(FileError, match=r"cameras\.json: '.*png' is outside the document's folder"):
+        read_cameras(path, OPTIONS, DISPLAYS["nominal"])
+
+
+def test_a_document_may_name_files_in_a_folder_below(tmp_path):
+    (tmp_path / "below").mkdir()
+    path, document = write_document(tmp_path / "below", POSITIONS[:2])
+    for placed in document["pictures"]:
+        placed.update({key: f"below/{placed[key]}" for key in ("color", "depth")})
+    path.unlink()
+    path = tmp_path / "cameras.json"
+    path.write_text(json.dumps(document))
+    assert len(read_cameras(path, OPTIONS, DISPLAYS["nominal"]).pictures.pictures) == 2
+
+
 def test_invalid_documents_are_refused(tmp_path):
     path, document = write_document(tmp_path, POSITIONS[:2])
     display = DISPLAYS["nominal"]
@@ -289,6 +313,7 @@ def test_invalid_documents_are_refused(tmp_path):
     refused({"pictures": [first]}, "1 pictures; give 2 to 9")
     refused({"intrinsics": None}, "has no intrinsics; add")
     refused({"pictures": [first, second | {"pose": 1}]}, "pose")
+    refused({"pictures": [first, second | {"color": "1\0.png"}]}, "is no file name; correct it")
     mirrored = [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]
     refused({"pictures": [first, second | {"rotation": mirrored}]}, "no rotation matrix")
     refused({}, "--orthographic: the document has", CameraPicture(orthographic=True))
