@@ -24,12 +24,13 @@ _DEFAULT = "template"
 _FOUR = "template:samples=4:colour=nearest"
 _ONE = "template:samples=1:colour=nearest"
 _SOLID = "template:columns=solid:samples=1:colour=nearest"
+_SOLID_FOUR = "template:columns=solid:samples=4:colour=nearest"
 #: The literature, with one ray per panel pixel and nearest colours.
 _LITERATURE = ("wang2024", "wang2024:matching=ray", "gu2020", "li2012")
 _FIVE_CAMERAS = "cameras:views=5"
-_CAMERAS = ("cameras:views=2", _FIVE_CAMERAS, "cameras:views=9")
+_CAMERAS = ("cameras:views=1", "cameras:views=2", _FIVE_CAMERAS, "cameras:views=9")
 _LAYERED = "layered"
-ALGORITHMS = (_DEFAULT, _FOUR, _ONE, _SOLID, *_LITERATURE, *_CAMERAS, _LAYERED)
+ALGORITHMS = (_DEFAULT, _FOUR, _SOLID_FOUR, _ONE, _SOLID, *_LITERATURE, *_CAMERAS, _LAYERED)
 _VIEWPOINTS = "centre,right,up"
 _PSNR, _SSIM = "eia_psnr_db", "relic_ssim"
 _TITLES = {_PSNR: "EIA PSNR, dB", _SSIM: "SSIM on the relic, to the reference"}
