@@ -180,7 +180,10 @@ def _validate_picture(args: argparse.Namespace) -> int:
 
 
 def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.description = "Validate the bundled amphora scene and print the path of its report."
+    parser.description = (
+        "Validate the bundled amphora scene and print the path of its report. In a terminal, the "
+        "report also opens in the browser, if there is one."
+    )
     add_shared(parser, "preview", "quiet", "debug", out="folder for the report (amphora-report)")
 
 
@@ -191,7 +194,12 @@ def _demo(args: argparse.Namespace) -> int:
     args.scene, args.backend = next(filter(Path.is_file, scenes), None), "auto"
     if args.scene is None:
         raise FileError(f"{package / 'demo'}: missing; install inim again")
-    return _validate_scene(args)
+    code = _validate_scene(args)
+    if sys.stdout.isatty() and not args.quiet:
+        import webbrowser
+
+        webbrowser.open((args.out / "report.html").resolve().as_uri())
+    return code
 
 
 def _add_baseline_arguments(parser: argparse.ArgumentParser) -> None:

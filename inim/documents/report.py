@@ -223,11 +223,19 @@ class AlgorithmResult(Part):
     ]
     precision: Precision
     seconds: Annotated[
-        float | None, doc("Seconds to generate the EIA, once, without warm-up; null: an EIA file.")
+        float | None,
+        doc("Seconds to generate the EIA, once, prepared and compiled; null: an EIA file."),
     ]
     yardsticks: Annotated[
         float | None,
         doc("With `--time`: a generator's time as a multiple of the reference kernel's, median."),
+    ] = None
+    unlit_fraction: Annotated[
+        float | None,
+        doc(
+            "Share of the panel pixels with light in the ground-truth EIA that this EIA leaves "
+            "black, 0 to 1; null: not computed, as with `--lazy`."
+        ),
     ] = None
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from inim.cache import ResultCache, open_store
 from inim.documents.report import ReportDocument
-from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS
+from inim.metrics.headline import HEADLINE_WORDS
 from inim.pipeline.output import Images
 from inim.pipeline.plan import Plan, check_baseline
 from inim.pipeline.stages.scene import Renderer
@@ -16,6 +16,7 @@ from inim.pipeline.validate import validate
 from inim.process.observer import Observer
 from inim.report import Report
 from inim.report.labels import suggested_criteria
+from inim.report.summary import score_lines
 from inim.worker.output import publish
 
 
@@ -52,17 +53,10 @@ def setup(
 
 
 def _print_scores(observer: Observer, data: ReportDocument) -> None:
-    """Print the scores of each view, on the relic and whole, and suggested criteria."""
-    width, best = max(len(name) for name in data.algorithms), data.best_algorithm
-    for name, result in data.algorithms.items():
-        for view, score in result.views.items():
-            reference = data.reference.views[view]
-            observer.line(
-                f"{name:{width}}  {view:8}  SSIM on the relic to reference {score[HEADLINE]:.4f}, "
-                f"to scene {score[HEADLINE_TO_SCENE]:.4f} (reference "
-                f"{reference[HEADLINE_TO_SCENE]:.4f})  whole {score['ssim_to_reference']:.4f}, "
-                f"{score['ssim']:.4f} ({reference['ssim']:.4f})"
-            )
+    """Print the headline scores, the best algorithm, and suggested criteria."""
+    best = data.best_algorithm
+    for line in score_lines(data):
+        observer.line(line)
     if best is not None and len(data.algorithms) > 1:
         observer.line(f"best: {best}, by its mean {HEADLINE_WORDS}")
     if data.verdict.word == "ran clean" and (criteria := suggested_criteria(data)):

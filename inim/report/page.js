@@ -9,7 +9,8 @@
   const numberOf = (words) =>
     parseFloat(words.replaceAll(",", "").replaceAll("−", "-").replaceAll("∞", "Infinity"));
   // The headline of a cell, without the small figures below it.
-  const wordsOf = (cell) => (cell.querySelector("span") || cell).textContent.trim();
+  const wordsOf = (cell) =>
+    ([...cell.querySelectorAll("span")].find((span) => span.offsetParent) || cell).textContent.trim();
 
   function sorted(rows, column, falling) {
     const cells = rows.map((row) => wordsOf(row.cells[column]));

@@ -20,6 +20,7 @@ from inim.report.labels import (
     full_command,
     is_number,
     number,
+    per_cent,
     plain,
     relation,
     score,
@@ -64,23 +65,59 @@ def render_summary(data: ReportDocument) -> str:
 
 def render_text(data: ReportDocument) -> str:
     """The headline scores as a table of plain text, for a terminal."""
-    names = data.viewpoint_names
-    rows = [["", *names]]
-    for name, result in data.algorithms.items():
-        views = [result.views.get(view, {}) for view in names]
-        rows.append(
-            [name, *(f"{score(v, HEADLINE)} ({score(v, HEADLINE_TO_SCENE)})" for v in views)]
-        )
-    views = [data.reference.views[view] for view in names]
-    rows.append(["reference", *(f"({score(v, HEADLINE_TO_SCENE)})" for v in views)])
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = [
-        "  ".join(cell.ljust(w) if i == 0 else cell.rjust(w) for i, (cell, w) in enumerate(cells))
-        for cells in (zip(row, widths, strict=True) for row in rows)
+    return plain("\n".join([f"{data.title}: {verdict_words(data)}", *score_lines(data)]))
+
+
+_LINE_WIDTH = 80
+_MOST_OF_NAME = 34
+
+
+def score_lines(data: ReportDocument) -> list[str]:
+    """Headline scores of all algorithms and viewpoints, in lines of at most 80 characters.
+
+    Viewpoints that do not fit are in a further block of lines.
+    """
+    results = {name: result.views for name, result in data.algorithms.items()}
+    names = {name: _cut(name, _MOST_OF_NAME) for name in [*results, "reference"]}
+    columns = {}
+    for view in data.viewpoint_names:
+        cells = [view]
+        for views in results.values():
+            scores = views.get(view, {})
+            to_truth = _three_digits(scores, HEADLINE_TO_SCENE)
+            cells.append(f"{_three_digits(scores, HEADLINE)} ({to_truth})")
+        cells.append(f"({_three_digits(data.reference.views[view], HEADLINE_TO_SCENE)})")
+        columns[view] = cells
+    first = ["", *names.values()]
+    lines = [f"{MAIN.label} on the relic to the reference (in brackets: to the ground truth)"]
+    block = [first]
+    for cells in columns.values():
+        if len(block) > 1 and _width([*block, cells]) > _LINE_WIDTH:
+            lines += _aligned(block)
+            block = [first]
+        block.append(cells)
+    return lines + _aligned(block)
+
+
+def _three_digits(scores: Mapping[str, Any], key: str) -> str:
+    return number(scores.get(key), 3)
+
+
+def _cut(name: str, longest: int) -> str:
+    return name if len(name) <= longest else name[: longest - 1] + "…"
+
+
+def _width(columns: Sequence[Sequence[str]]) -> int:
+    return sum(max(map(len, column)) + 2 for column in columns) - 2
+
+
+def _aligned(columns: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of columns, the first one to the left and the others to the right."""
+    widths = [max(map(len, column)) for column in columns]
+    return [
+        "  ".join(c.rjust(w) if i else c.ljust(w) for i, (c, w) in enumerate(cells)).rstrip()
+        for cells in (zip(row, widths, strict=True) for row in zip(*columns, strict=True))
     ]
-    head = f"{data.title}: {verdict_words(data)}"
-    of = f"{MAIN.label} on the relic to the reference, in brackets to the ground truth"
-    return plain("\n".join([head, of, *(line.rstrip() for line in lines)]))
 
 
 def render_checks(data: CompareDocument) -> str:
@@ -156,7 +193,7 @@ def _sign(verdict: Checks) -> str:
 
 def _scores_table(data: ReportDocument) -> str:
     names = data.viewpoint_names
-    heads = ["algorithm", *map(markdown_text, names), f"EIA {MAIN.label}", "holes", "seconds"]
+    heads = ["algorithm", *map(markdown_text, names), f"EIA {MAIN.label}", "unlit", "seconds"]
     rows = [_algorithm_row(data, name, names) for name in data.algorithms]
     floor = data.noise_floor
     rows.append(_reference_row("*reference*", [data.reference.views[n] for n in names], {}))
@@ -176,7 +213,8 @@ def _algorithm_row(data: ReportDocument, name: str, names: list[str]) -> list[st
     if name == data.best_algorithm and len(data.algorithms) > 1:
         label += ", best"
     eia = result.eia
-    last = [score(eia, MAIN.key), score(eia, "hole_fraction"), number(result.seconds, 2)]
+    unlit = per_cent(result.unlit_fraction, 2)
+    last = [score(eia, MAIN.key), unlit, number(result.seconds, 2)]
     return [label, *cells, *last]
 
 

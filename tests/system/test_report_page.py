@@ -224,9 +224,9 @@ def test_link_opens_the_folded_part_it_leads_to_and_contents_stay_in_sight(tab):
 
 
 FIRST_CELLS = (
-    "[...document.querySelectorAll('#overview tbody th')].map((c) => c.firstChild.textContent)"
+    "[...document.querySelectorAll('#scores tbody th')].map((c) => c.firstChild.textContent)"
 )
-HEAD = "#overview thead th:nth-child(2)"
+HEAD = "#scores thead th:nth-child(2)"
 
 
 def test_tables_are_sorted_from_their_heads_by_mouse_and_keyboard(tab):
@@ -240,11 +240,34 @@ def test_tables_are_sorted_from_their_heads_by_mouse_and_keyboard(tab):
     tab.key("Enter")
     assert tab.evaluate(f"document.querySelector('{HEAD}').ariaSort") == "descending"
     assert tab.evaluate(FIRST_CELLS) == ["template", "wang2024", *references]
-    assert tab.evaluate("document.querySelectorAll('#overview [aria-sort]').length") == 1
+    assert tab.evaluate("document.querySelectorAll('#scores [aria-sort]').length") == 1
+
+
+VISIBLE_SCORES = """[...document.querySelectorAll('.score-box tbody td span')]
+    .filter((e) => e.checkVisibility()).map((e) => e.className)"""
+
+
+def test_each_cell_has_one_score_and_the_reader_chooses_which(tab):
+    """The style sheet hides the others; the first comparison and metric are chosen at first."""
+    choices = (("relic-reference", "m0"), ("whole-truth", "m0"), ("whole-truth", "m1"))
+    for comparison, metric in choices:
+        for value in (comparison, metric):
+            tab.evaluate(f"document.querySelector('.score-box [value={value}]').click()")
+        visible = tab.evaluate(VISIBLE_SCORES)
+        cells = tab.evaluate("document.querySelectorAll('.score-box td:has(span)').length")
+        assert visible == [f"{comparison} {metric}"] * cells
+    for value in choices[0]:
+        tab.evaluate(f"document.querySelector('.score-box [value={value}]').click()")
+
+
+def test_contents_fit_into_one_line_of_a_laptop(tab):
+    tab.size(1440, 900)
+    hidden = "(({scrollWidth, clientWidth}) => scrollWidth - clientWidth)"
+    assert tab.evaluate(f"{hidden}(document.querySelector('nav'))") <= 0
 
 
 def test_a_table_wider_than_the_screen_scrolls_in_its_box_with_a_note(tab):
-    box = "#overview .scroll"
+    box = "#scores .scroll"
     words = f"getComputedStyle(document.querySelector('{box}'), '::before').content"
     tab.size(1280, 800)
     tab.until(f"!{words}.includes('scroll it sideways')")

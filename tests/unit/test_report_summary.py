@@ -13,6 +13,7 @@ import pytest
 
 from inim.documents.parts import Check
 from inim.documents.report import ReportDocument
+from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE
 from inim.report import Report
 from inim.report.labels import (
     check_limit,
@@ -22,7 +23,7 @@ from inim.report.labels import (
     suggested_criteria,
     verdict_words,
 )
-from inim.report.summary import render_junit, render_summary
+from inim.report.summary import render_junit, render_summary, score_lines
 from tests.schemas import report_document
 
 HOSTILE = "<script>alert(1)</script> | `x` *b* [a](b)\n# 双耳陶罐 \x00"
@@ -40,14 +41,16 @@ def report_data(**changes: Any) -> dict[str, Any]:
         }
         for name, whole, fraction in (("centre", 0.86, 0.9731), ("left", 0.84, 0.9612))
     }  # fmt: skip
-    eia = {"ssim": 0.9712, "hole_fraction": 0.0142}
+    eia = {"ssim": 0.9712, "hole_fraction": 0.6}
     return {
         "title": "Painted amphora",
         "inim_version": "0.1.0",
         "viewpoints": [{"name": "centre"}, {"name": "left"}],
         "noise_floor": {"eia": {"ssim": 0.9931}, "views": {"centre": {"ssim": 0.9962}}},
         "reference": {"views": {"centre": {"ssim": 0.881}, "left": {"ssim": 0.875}}},
-        "algorithms": {"template": {"seconds": 0.42, "eia": eia, "views": views}},
+        "algorithms": {
+            "template": {"seconds": 0.42, "unlit_fraction": 0.0142, "eia": eia, "views": views}
+        },
         "verdict": {"passed": True, "checks": [check()]},
         "warnings": [],
         **changes,
@@ -189,16 +192,36 @@ def test_a_report_prints_as_a_small_table():
     printed = str(Report(Path("out/amphora"), data))
     assert printed.splitlines() == [
         "Painted amphora: passed",
-        "SSIM on the relic to the reference, in brackets to the ground truth",
-        "                    centre             left",
-        "template   0.9731 (0.7600)  0.9612 (0.7400)",
-        "reference         (0.8910)              (–)",
+        "SSIM on the relic to the reference (in brackets: to the ground truth)",
+        "                  centre           left",
+        "template   0.973 (0.760)  0.961 (0.740)",
+        "reference        (0.891)            (–)",
     ]
     assert repr(Report(Path("out/amphora"), data)) == "Report('out/amphora': passed)"
 
 
 def test_missing_values_print_too():
     assert "\x00" not in str(Report(Path(), report(title=HOSTILE)))
+
+
+def test_scores_fit_into_a_terminal_of_80_columns():
+    """Seven viewpoints need further blocks of lines, and a long name is cut."""
+    names = [f"viewpoint{n}" for n in range(7)]
+    long = "template:samples=1:colour=nearest:columns=solid"
+    views = {name: {HEADLINE: 0.9, HEADLINE_TO_SCENE: 0.5} for name in names}
+    data = report(
+        viewpoints=[{"name": name} for name in names],
+        algorithms={name: {"views": views} for name in (long, "gu2020")},
+        reference={"views": views},
+        noise_floor={"views": {}},
+    )
+    lines = score_lines(data)
+    assert max(map(len, lines)) <= 80
+    heads = [line.split() for line in lines if "viewpoint" in line]
+    assert [name for head in heads for name in head] == names
+    assert sum(line.startswith("template:samples=1:colour=nearest…") for line in lines) == len(
+        heads
+    )
 
 
 # -- JUnit -----------------------------------------------------------------------------------------

@@ -73,7 +73,6 @@ class GeneratorHandle:
         self.algorithm, self.display = algorithm, display
         self.shape, self.pixel_mm, self.mask = shape, pixel_mm, mask
         self.properties = properties(algorithm)
-        self.seconds = 0.0
 
     def cache_key(self) -> dict[str, Any]:
         """Return all values that affect the generator's output for an input."""
@@ -86,18 +85,15 @@ class GeneratorHandle:
 
     @cached_property
     def generator(self) -> Generator:
-        """The generator; preparing it sets `seconds`."""
-        start = time.perf_counter()
+        """The generator."""
         with foreign_errors(self.algorithm):
-            generator = prepare(
+            return prepare(
                 self.display,
                 self.algorithm,
                 shape=self.shape,
                 pixel_mm=self.pixel_mm,
                 mask=self.mask,
             )
-        self.seconds = time.perf_counter() - start
-        return generator
 
     def run(self, rgbd: RGBD) -> tuple[np.ndarray, float, np.ndarray | None]:
         """Run the generator (`run_generator`) and return an EIA that no later run overwrites."""
@@ -107,10 +103,10 @@ class GeneratorHandle:
         # Another package's generator may return the same array each time.
         return eia if self.properties.own else eia.copy(), seconds, holes
 
-    def rerun(self, rgbd: RGBD) -> np.ndarray:
-        """Generate another EIA without repeating the generator's messages."""
+    def rerun(self, rgbd: RGBD) -> tuple[np.ndarray, float]:
+        """Another EIA and its run time, without the generator's messages."""
         with redirect_stderr(io.StringIO()):
-            return self.run(rgbd)[0]
+            return self.run(rgbd)[:2]
 
     def reference_input(self) -> RGBD:
         """Reference input of this generator's size."""
@@ -126,14 +122,15 @@ class GeneratorHandle:
 def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
     """Generate the EIA of a capture, and its noise from the half images."""
     rgbd, halves = capture.inputs[generator.properties.input]
-    eia, seconds, empty = generator.run(rgbd)
+    eia, _, empty = generator.run(rgbd)
     holes = hole_fraction(empty, generator.display, generator.mask)
     del empty
-    noise, second = (generator.rerun(half) for half in halves)
+    noise, _ = generator.rerun(halves[0])
+    second, seconds = generator.rerun(halves[1])  # by now everything is prepared and compiled
     # In place: each of these takes 0.4 GB for an 8K panel.
     noise -= second
     noise /= 2
-    return GeneratedEIA(NoisyImage.from_image(eia, noise), generator.seconds + seconds, holes)
+    return GeneratedEIA(NoisyImage.from_image(eia, noise), seconds, holes)
 
 
 @stage(
@@ -142,7 +139,7 @@ def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
 def _fingerprint(generator: GeneratorHandle) -> Fingerprint:
     """Fingerprint of a generator's output for the reference input."""
     rgbd, exact = generator.reference_input(), generator.properties.portable
-    return fingerprint(rgbd, generator.rerun(rgbd), generator.display, exact=exact)
+    return fingerprint(rgbd, generator.rerun(rgbd)[0], generator.display, exact=exact)
 
 
 def prepare_generator(
@@ -170,7 +167,7 @@ def prepare_generator(
         if mask is not None:  # the fingerprint of a partial EIA is not comparable
             return output
         reference = ReferenceOutput(
-            compute_fingerprint, lambda: generator.rerun(generator.reference_input())
+            compute_fingerprint, lambda: generator.rerun(generator.reference_input())[0]
         )
         return replace(output, reference_output=reference)
 

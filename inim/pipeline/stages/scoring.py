@@ -120,6 +120,7 @@ def score_method(
             views=view_values,
             precision=precision,
             seconds=output.seconds,
+            unlit_fraction=_unlit_fraction(eia.image, truth) if truth.is_whole else None,
         )
         scores = {f"{name}/{viewpoint}": s for viewpoint, s in scores_by_view.items()}
         statistics = Statistics(tiles.result(), scores, fingerprints)
@@ -259,6 +260,13 @@ def missing_viewpoints(name: str, expected: Sequence[str], views: Collection[str
         return []
     detail = ", ".join(missing) or "no views"
     return [check(f"{name}: viewpoints missing", max(1, len(missing)), "<=", 0, detail)]
+
+
+def _unlit_fraction(eia: np.ndarray, truth: GroundTruth) -> float:
+    """Share of the pixels with light in the ground-truth EIA that are black in another EIA."""
+    lit = truth.eia.image.max(axis=-1) > BLACK
+    unlit = lit & (eia.max(axis=-1) <= BLACK)
+    return int(np.count_nonzero(unlit)) / max(1, int(np.count_nonzero(lit)))
 
 
 def _content_check(name: str, output: GeneratedEIA) -> Check:

@@ -1,16 +1,16 @@
-"""First screen: all scores, the failures, and one viewpoint as ground truth, reference and best
-view.
-"""
+"""First screen: failures, the verdict in a sentence, one viewpoint in three images; all scores."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from inim.documents.parts import Precision
 from inim.documents.picture import PictureDocument
 from inim.documents.report import AlgorithmResult, ReportDocument
-from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS, MAIN
+from inim.metrics import Metric, all_metrics
+from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, MAIN
 from inim.report.images import ReportImages, is_wide
 from inim.report.labels import (
     PREVIEW_WORDS,
@@ -19,27 +19,40 @@ from inim.report.labels import (
     check_finding,
     disagreements,
     full_command,
+    is_number,
     number,
+    per_cent,
     score,
 )
-from inim.report.page import element, figure, lead, table, text
+from inim.report.page import element, figure, lead, radio, table, text
 from inim.report.sections import ReportSection
 
 _FAILURES_ON_TOP = 3
+_MOST_DIGITS = 3
+#: Comparisons of a view: the reader chooses one. Key and label.
+_COMPARISONS = (
+    ("relic-reference", "relic, to the reference"),
+    ("relic-truth", "relic, to the ground truth"),
+    ("whole-reference", "whole image, to the reference"),
+    ("whole-truth", "whole image, to the ground truth"),
+)
+_HEADS = {
+    f"EIA {MAIN.label}": (
+        f"{MAIN.label} of the elemental image array to the ground-truth EIA, without optics"
+    ),
+    "Unlit": "Share of the panel pixels with light in the ground-truth EIA that are black here",
+    "Seconds": "Time to generate the EIA, once, compiled; inim bench measures precisely",
+}
 _NOTE = (
-    "The large number is the SSIM on the relic to the reference view: the ground-truth EIA seen "
-    "through the same lenses. It measures the loss of the algorithm alone; ± is its 95 % interval. "
-    "The small numbers are the SSIM on the relic to the ground truth, which includes the loss of "
-    "the display, and both scores for the whole image. "
+    "± is the 95 % interval. The reference is the ground-truth EIA seen through the same lenses: "
+    "a score to it measures the loss of the algorithm alone. A score to the ground truth includes "
+    "the loss of the display. "
 )
 
 
 def overview(data: ReportDocument, images: ReportImages) -> str:
-    """The table of scores above the images of the centre viewpoint."""
-    link = element("a", "Meaning of the numbers", href="#meaning")
-    note = element("p", text(_NOTE), link, class_="note")
-    others = [lead(line, "note") for line in disagreements(data)]
-    parts = [failures(data), _scores(data), note, *others, _hero(data, images)]
+    """The verdict in a sentence, above the images of the centre viewpoint."""
+    parts = [failures(data), _sentence(data), _hero(data, images)]
     if command := full_command(data):
         words = text(PREVIEW_WORDS), " ", element("code", text(command))
         parts.insert(0, element("p", *words, class_="preview"))
@@ -61,37 +74,139 @@ def failures(data: ReportDocument | PictureDocument) -> str:
     return element("ul", *lines, class_="failures", aria_label="Failed checks")
 
 
-def _scores(data: ReportDocument) -> str:
+def ranking(data: ReportDocument) -> list[tuple[str, float]]:
+    """Algorithms with their mean headline scores, the best first."""
+    means = {}
+    for name in data.algorithms:
+        scores = data.headlines(name)
+        if scores and len(scores) == len(data.viewpoint_names):
+            means[name] = math.fsum(scores) / len(scores)
+    return sorted(means.items(), key=lambda item: -item[1])
+
+
+def verdict_sentence(data: ReportDocument) -> str:
+    """The best algorithm, and the next, in a sentence; empty without scores."""
+    ranked = ranking(data)
+    if not ranked:
+        return ""
+    (best, value), *others = ranked
+    words = f"{best} keeps {per_cent(value, 0)} of what this display can show"
+    if others:
+        words += f"; the next, {others[0][0]}, {per_cent(others[0][1], 0)}"
+    return f"{words}."
+
+
+def _sentence(data: ReportDocument) -> str:
+    words = verdict_sentence(data)
+    meaning = f"Mean {MAIN.label} on the relic to the reference view"
+    return element("p", text(words), class_="sentence", title=meaning) if words else ""
+
+
+def scores_section(data: ReportDocument, images: ReportImages) -> str:  # noqa: ARG001
+    """The table of scores, with a choice of metric and comparison."""
+    link = element("a", "Glossary", href="#meaning")
+    note = element("p", text(_NOTE), link, class_="note")
+    others = [lead(line, "note") for line in disagreements(data)]
+    metrics = _metrics(data)
+    first = _COMPARISONS[0]
+    compare = [radio("comparison", *choice, choice == first) for choice in _COMPARISONS]
+    choices = [element("fieldset", element("legend", "Compare"), *compare)]
+    if len(metrics) > 1:
+        buttons = [radio("metric", f"m{i}", m.label, i == 0) for i, m in enumerate(metrics)]
+        choices.append(element("fieldset", element("legend", "Metric"), *buttons))
+    controls = element("div", *choices, class_="score-choice")
+    scores = element("div", controls, _scores(data, metrics), class_="score-box")
+    return "".join([scores, note, *others])
+
+
+def _metrics(data: ReportDocument) -> list[Metric]:
+    """Metrics of the report that are installed here, the main one first."""
+    views = [view for result in data.algorithms.values() for view in result.views.values()]
+    keys = {key for view in views for key in view}
+    listed = [metric for metric in all_metrics() if metric.key in keys]
+    return sorted(listed, key=lambda metric: metric.key != MAIN.key)
+
+
+def _scores(data: ReportDocument, metrics: Sequence[Metric]) -> str:
     names, best = data.viewpoint_names, data.best_algorithm
-    heads = ["Algorithm", *names, f"EIA {MAIN.label}", "Holes", "Seconds"]
+    heads = [text("Algorithm"), *map(text, names)]
+    heads += [element("abbr", text(head), title=meaning) for head, meaning in _HEADS.items()]
     several = len(data.algorithms) > 1
     rows = [
-        _algorithm_row(name, result, names, several and name == best)
+        _algorithm_row(name, result, names, metrics, several and name == best)
         for name, result in data.algorithms.items()
     ]
     reference, floor = data.reference, data.noise_floor
     own = {name: reference.views[name] for name in names}
-    rows.append(_reference_row(REFERENCE, "to ground truth", own, reference.precision))
+    rows.append(_reference_row(REFERENCE, "to the ground truth", own, reference.precision, metrics))
     noise = {name: floor.views[name] for name in names}
-    rows.append(_reference_row("Noise floor", "ground truth to itself", noise, {}, floor.eia))
-    return table(f"{HEADLINE_WORDS}, per viewpoint", [text(h) for h in heads], rows, "scores")
+    itself = "ground truth to itself"
+    rows.append(_reference_row("Noise floor", itself, noise, {}, metrics, floor.eia))
+    return table("One viewpoint per column", heads, rows, "scores")
+
+
+def _keys(metric: Metric) -> dict[str, str]:
+    """Names of a metric's scores by comparison."""
+    keys = {"whole-reference": metric.to_reference_key, "whole-truth": metric.key}
+    if metric.has_relic_score:
+        keys["relic-reference"] = metric.on_relic_to_reference_key
+        keys["relic-truth"] = metric.on_relic_key
+    return keys
+
+
+def _score_cell(
+    scores: Mapping[str, Any],
+    precision: Precision,
+    view: str,
+    metrics: Sequence[Metric],
+    *,
+    to_itself: bool,
+) -> str:
+    """All scores of a view, of which the style sheet displays the chosen one.
+
+    `to_itself`: the scores are against the ground truth only, whatever comparison is chosen.
+    """
+    parts = []
+    for i, metric in enumerate(metrics):
+        keys = _keys(metric)
+        for comparison in keys:
+            key = keys[comparison.replace("reference", "truth") if to_itself else comparison]
+            value, digits = scores.get(key), min(metric.digits, _MOST_DIGITS)
+            words = number(value, digits) if is_number(value) else score(scores, key)
+            half = _half_width(precision, view, key)
+            if half is not None:
+                words += f" ± {number(_round_up(half, digits), digits)}"
+            parts.append(element("span", text(words), class_=f"{comparison} m{i}"))
+    return "".join(parts)
+
+
+def _round_up(value: float, digits: int) -> float:
+    unit = 10.0**-digits
+    return math.ceil(value / unit - 1e-9) * unit
+
+
+def _half_width(precision: Precision, view: str, key: str) -> float | None:
+    score_precision = precision.get(view, {}).get(key)
+    return None if score_precision is None else score_precision.half_width
 
 
 def _algorithm_row(
-    name: str, result: AlgorithmResult, names: Sequence[str], is_best: bool
+    name: str,
+    result: AlgorithmResult,
+    names: Sequence[str],
+    metrics: Sequence[Metric],
+    is_best: bool,
 ) -> list[str]:
-    views = [result.views.get(viewpoint, {}) for viewpoint in names]
     label = text(name) + (element("small", "best mean") if is_best else "")
     cells = [
-        element("span", text(score(scores, HEADLINE)))
-        + _noise(result.precision, view, HEADLINE)
-        + element("small", text(f"{score(scores, HEADLINE_TO_SCENE)} ground truth"))
-        + element("small", text(f"{score(scores, MAIN.to_reference_key)} whole"))
-        + element("small", text(f"{score(scores, MAIN.key)} whole, ground truth"))
-        for view, scores in zip(names, views, strict=True)
+        _score_cell(result.views.get(view, {}), result.precision, view, metrics, to_itself=False)
+        for view in names
     ]
-    eia = result.eia
-    last = [score(eia, MAIN.key), score(eia, "hole_fraction"), number(result.seconds, 2)]
+    last = [
+        number(result.eia.get(MAIN.key), _MOST_DIGITS),
+        per_cent(result.unlit_fraction, 1),
+        number(result.seconds, 2),
+    ]
     return [label, *cells, *map(text, last)]
 
 
@@ -100,23 +215,15 @@ def _reference_row(
     against: str,
     views: Mapping[str, Mapping[str, Any]],
     precision: Precision,
+    metrics: Sequence[Metric],
     eia: Mapping[str, Any] | None = None,
 ) -> list[str]:
     cells = [
-        element("span", text(score(own, HEADLINE_TO_SCENE)))
-        + _noise(precision, view, HEADLINE_TO_SCENE)
-        + element("small", text(f"{score(own, MAIN.key)} whole"))
-        for view, own in views.items()
+        _score_cell(own, precision, view, metrics, to_itself=True) for view, own in views.items()
     ]
-    of_eia = score(eia, MAIN.key) if eia else ""
+    of_eia = number(eia.get(MAIN.key), _MOST_DIGITS) if eia else ""
     head = element("em", text(label)) + " " + element("span", text(against), class_="aside")
-    return [head, *cells, text(of_eia), "", ""]
-
-
-def _noise(precision: Precision, view: str, key: str) -> str:
-    score_precision = precision.get(view, {}).get(key)
-    half = None if score_precision is None else score_precision.half_width
-    return "" if half is None else element("small", text(f"± {number(half, MAIN.digits)}"))
+    return [head, *cells, of_eia, "", ""]
 
 
 def _hero(data: ReportDocument, images: ReportImages) -> str:
@@ -127,14 +234,14 @@ def _hero(data: ReportDocument, images: ReportImages) -> str:
     view = "centre" if "centre" in names else names[0]
     truth = images.read("truth", f"{view}.png")
     shots = [_shot(images, truth, view, TRUTH, f"viewpoint {view}, without a display")]
-    own = score(data.reference.views[view], HEADLINE_TO_SCENE)
-    reference = f"{MAIN.label} {own} on the relic to the ground truth"
+    own = number(data.reference.views[view].get(HEADLINE_TO_SCENE), _MOST_DIGITS)
+    reference = f"the ground-truth EIA on this display, {MAIN.label} {own} to the ground truth"
     reference_view = images.read("views", "reference", f"{view}.png")
     shots.append(_shot(images, reference_view, view, REFERENCE, reference))
     if best is not None:
         best_view = images.read("views", best, f"{view}.png")
         scores = data.algorithms[best].views.get(view, {})
-        words = f"{MAIN.label} {score(scores, HEADLINE)} on the relic to the reference"
+        words = f"{MAIN.label} {number(scores.get(HEADLINE), _MOST_DIGITS)} to the reference"
         words += ", best on average" * (len(data.algorithms) > 1)
         shots.append(_shot(images, best_view, view, best, words))
     return element("div", *shots, class_="hero wide" if is_wide(truth) else "hero")
@@ -144,4 +251,7 @@ def _shot(images: ReportImages, pixels: Any, view: str, name: str, remark: str) 
     return figure(images.embed(pixels, f"{name}, viewpoint {view}"), name, remark)
 
 
-SECTIONS = (ReportSection(10, "overview", "Scores", overview),)
+SECTIONS = (
+    ReportSection(10, "overview", "Overview", overview),
+    ReportSection(30, "scores", "Scores", scores_section),
+)

@@ -118,7 +118,7 @@ def _score_phrase(label: str) -> str:
     return label.replace("eia", "EIA").replace("_", " ")
 
 
-SECTIONS = (ReportSection(30, "regression", "Against the baseline", regression),)
+SECTIONS = (ReportSection(35, "regression", "Against the baseline", regression),)
 
 
 _SHOWN = ("title", "created", "inim", "mitsuba", "libLLVM", "device", "threads", "seed")

@@ -81,7 +81,11 @@ _MEANINGS = (
     ),
     ("PSNR", "Peak signal-to-noise ratio in dB, higher is better; ∞ for identical images."),
     ("FLIP", "Visible difference when alternating between two images; 0 is none."),
-    ("Holes", "Share of the panel's pixels for which an algorithm found no colour."),
+    (
+        "Unlit",
+        "Share of the panel pixels with light in the ground-truth EIA that an algorithm leaves "
+        "black: holes, where something should be.",
+    ),
     (
         "Across scenes",
         "Do not compare scores of different scenes: with the same algorithm, a smooth relic "
@@ -196,11 +200,9 @@ SECTIONS = (
     ReportSection(
         140,
         "reproduce",
-        "How to reproduce",
+        "Reproduce",
         lambda data, _: how_to_reproduce(data).body,
         is_folded=True,
     ),
-    ReportSection(
-        150, "meaning", "Meaning of the numbers", lambda _, __: _meanings(), is_folded=True
-    ),
+    ReportSection(150, "meaning", "Glossary", lambda _, __: _meanings(), is_folded=True),
 )
