@@ -21,7 +21,7 @@ from inim.commands.view import view_eia
 from inim.documents import NAMES, schema
 from inim.pipeline.stages.method import algorithm_table
 from inim.settings import setting_table
-from inim.sweep.table import columns_as_markdown
+from inim.sweeps.table import columns_as_markdown
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the project's own folders
 from reports.gallery.page import gallery_page

@@ -15,7 +15,7 @@ from inim.lens import trace_to_panel
 
 
 class Photograph(NamedTuple):
-    """The maps of `inim.calibrate.decode.Decoded`."""
+    """The maps of `inim.calibration.decode.Decoded`."""
 
     column: np.ndarray
     row: np.ndarray

@@ -17,7 +17,7 @@ from inim.documents import NAMES
 from inim.documents.parts import EIA_SCORES, VIEW_SCORES
 from inim.documents.report import ALGORITHM_VIEW_SCORES, ReportDocument
 from inim.settings import Settings
-from inim.sweep.table import columns
+from inim.sweeps.table import columns
 
 schema = cache(documents.schema)
 

@@ -16,9 +16,9 @@ from inim.commands.options import (
 from inim.errors import UsageError, suggest_words
 
 if TYPE_CHECKING:
-    from inim.calibrate.fit import Calibration
-    from inim.calibrate.lattice import Lenses
-    from inim.calibrate.model import Intrinsics, Pose
+    from inim.calibration.fit import Calibration
+    from inim.calibration.lattice import Lenses
+    from inim.calibration.model import Intrinsics, Pose
     from inim.display import Display
     from inim.documents.calibration import CalibrationDocument, CameraPosition, PhotoDocument
 
@@ -69,7 +69,7 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _write_patterns(args: argparse.Namespace, display: Display) -> int:
-    from inim.calibrate.patterns import write_patterns
+    from inim.calibration.patterns import write_patterns
 
     if args.intrinsics is not None:
         raise UsageError("--intrinsics: patterns have no camera; leave it out")
@@ -79,8 +79,8 @@ def _write_patterns(args: argparse.Namespace, display: Display) -> int:
 
 def _calibrate(args: argparse.Namespace, display: Display, preset: str) -> int:
     """Fit the display, and write the report's folder, then the display file."""
-    from inim.calibrate.fit import calibrate, check_display
-    from inim.calibrate.output import calibration_document, display_file, residual_maps
+    from inim.calibration.fit import calibrate, check_display
+    from inim.calibration.output import calibration_document, display_file, residual_maps
     from inim.documents.files import write_text
     from inim.report.calibration import FILES, write_calibration
     from inim.worker.output import output_files
@@ -108,7 +108,7 @@ def _calibrate(args: argparse.Namespace, display: Display, preset: str) -> int:
 
 def _camera(text: str | None) -> Intrinsics | None:
     """Camera given by `--intrinsics`."""
-    from inim.calibrate.model import Intrinsics
+    from inim.calibration.model import Intrinsics
 
     if text is None:
         return None
@@ -130,9 +130,9 @@ def _camera(text: str | None) -> Intrinsics | None:
 
 def _lenses(photos: Path, display: Display) -> tuple[dict[str, Lenses], float | None]:
     """Lenses in the photographs of each position, and the focal length in their metadata."""
-    from inim.calibrate.decode import decode
-    from inim.calibrate.lattice import find_lenses
-    from inim.calibrate.photographs import read_positions
+    from inim.calibration.decode import decode
+    from inim.calibration.lattice import find_lenses
+    from inim.calibration.photographs import read_positions
 
     positions = read_positions(photos, display)
     stated = {position.focal_length_px for position in positions}
@@ -185,9 +185,9 @@ def _add_photo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _photo(args: argparse.Namespace) -> int:
-    from inim.calibrate.model import Intrinsics
-    from inim.calibrate.photo import compare, photo_document, simulate
-    from inim.calibrate.photographs import read_colors
+    from inim.calibration.model import Intrinsics
+    from inim.calibration.photo import compare, photo_document, simulate
+    from inim.calibration.photographs import read_colors
     from inim.files.eia_file import read_eia
     from inim.report.calibration import PHOTO_FILES, write_photo
     from inim.worker.output import default_out, output_files
@@ -252,7 +252,7 @@ def _calibrated_pose(positions: list[CameraPosition], name: str | None) -> tuple
     """Pose and name of a position of a calibration."""
     import numpy as np
 
-    from inim.calibrate.model import Pose
+    from inim.calibration.model import Pose
 
     places = {position.name: position for position in positions}
     if name is None and len(places) > 1:
@@ -268,10 +268,10 @@ def _calibrated_pose(positions: list[CameraPosition], name: str | None) -> tuple
 
 def _pose(folder: Path, display: Display, camera: Intrinsics, shape: tuple[int, int]) -> Pose:
     """Pose of the camera that photographed the patterns."""
-    from inim.calibrate.decode import decode
-    from inim.calibrate.fit import fit_pose
-    from inim.calibrate.lattice import find_lenses
-    from inim.calibrate.photographs import read_position
+    from inim.calibration.decode import decode
+    from inim.calibration.fit import fit_pose
+    from inim.calibration.lattice import find_lenses
+    from inim.calibration.photographs import read_position
 
     position = read_position(folder, display)
     _check_shape(folder, position.shape, shape)

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from inim.backend.trial import Verdict
     from inim.cache import StoreInfo
     from inim.display import Display
-    from inim.inspect.findings import Inspection
+    from inim.inspection.findings import Inspection
     from inim.settings import Settings
 
 
@@ -161,7 +161,7 @@ def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _inspect(args: argparse.Namespace) -> int:
     from inim.documents.document import encode
-    from inim.inspect.output import as_text
+    from inim.inspection.output import as_text
 
     inspection = _inspect_display(args, *_choose(args.display, args.definitions))
     json_text = encode(inspection.document)
@@ -189,7 +189,7 @@ def _choose(display: str, items: list[str]) -> tuple[Display, Settings]:
 def _inspect_display(args: argparse.Namespace, design: Display, settings: Settings) -> Inspection:
     from inim.display.misalignment import misaligned
     from inim.display.viewpoint import default_distance_mm
-    from inim.inspect.findings import DEFAULT_LENS_MODEL, inspect_display
+    from inim.inspection.findings import DEFAULT_LENS_MODEL, inspect_display
     from inim.lens import lens_model as find_lens_model
 
     distance = settings.viewing_distance_mm if args.distance is None else args.distance
@@ -209,7 +209,7 @@ def _inspect_display(args: argparse.Namespace, design: Display, settings: Settin
 def _write(inspection: Inspection, json_text: str, folder: Path) -> list[str]:
     """Write the figure, then the JSON, which marks a complete result."""
     from inim.files.image import write_atomically
-    from inim.inspect.figure import draw_figure
+    from inim.inspection.figure import draw_figure
     from inim.process.atomic_file import file_errors
 
     with file_errors(folder):

@@ -12,7 +12,7 @@ from inim.commands.options import Command, add_shared, finish, print_warning, re
 from inim.errors import EXIT_PASSED, UsageError
 
 if TYPE_CHECKING:
-    from inim.sweep.run import SweepPlace
+    from inim.sweeps.run import SweepPlace
 
 _KEPT = "results are kept; run it again to continue"
 
@@ -57,7 +57,7 @@ def _add_place(parser: argparse.ArgumentParser) -> None:
 
 
 def _place(args: argparse.Namespace, source: Path, kind: str) -> SweepPlace:
-    from inim.sweep.run import SweepPlace
+    from inim.sweeps.run import SweepPlace
     from inim.worker.output import default_out
 
     args.out = args.out or default_out(source, kind)
@@ -68,8 +68,8 @@ def _place(args: argparse.Namespace, source: Path, kind: str) -> SweepPlace:
 
 def _sweep(args: argparse.Namespace) -> int:
     from inim.report.sweep import PAGE
-    from inim.sweep.run import plan_study, run_sweep
-    from inim.sweep.study import read_study
+    from inim.sweeps.run import plan_study, run_sweep
+    from inim.sweeps.study import read_study
 
     place = _place(args, args.study, "sweep")
     if args.dry_run:

@@ -254,7 +254,7 @@ def write_photo(
     pictures : mapping of str to (H, W, 3) array, linear
         The photograph, its simulation, and that matched in all three respects.
     flow : (rows, columns, 2) array
-        See `inim.calibrate.photo.Difference`.
+        See `inim.calibration.photo.Difference`.
     folder : Path
     """
     for name in _PICTURES:

@@ -1,7 +1,7 @@
 """Tests of algorithms against the exact first hits, and against small changes of depth.
 
 If an algorithm shows first hits by definition, every panel pixel must agree, including ties, except
-on displays whose lengths have too many digits (`inim.inspect.accuracy_limits` warns about these).
+on displays whose lengths have too many digits; `inim.inspection.accuracy_limits` warns about these.
 For other algorithms `check_first_hits` measures the distance of their definition, or of their
 arithmetic, from the correct view.
 
@@ -29,7 +29,7 @@ from inim.generators import SourceGenerator, foreign_errors, prepare
 from inim.generators.oracle import exact_hits
 from inim.generators.registry import properties
 from inim.image.rgbd import RGBD
-from inim.inspect.accuracy_limits import accuracy_warnings
+from inim.inspection.accuracy_limits import accuracy_warnings
 from inim.stress.pictures import (
     DISPLAYS,
     SHAPES,

@@ -22,7 +22,7 @@ from inim.display.misalignment import MISALIGNMENTS
 from inim.documents import read_document
 from inim.documents.calibration import CalibrationDocument
 from inim.errors import FileError
-from inim.sweep.study import MOST_UNITS, Tables, read_toml, short_value
+from inim.sweeps.study import MOST_UNITS, Tables, read_toml, short_value
 
 #: Fewest draws for a curve with three parameters.
 LEAST_ALONE = 5

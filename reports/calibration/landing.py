@@ -2,7 +2,7 @@
 
 The renderer intersects the mesh of `inim.lens.full` and refracts by the laws of its `dielectric`.
 This module shares only the mesh's description of the display with the fit. It uses no formula of
-`inim.lens.thick` and no camera of `inim.calibrate`.
+`inim.lens.thick` and no camera of `inim.calibration`.
 
 Rays are traced once for each position. Their panel points determine the photograph of any picture.
 """

@@ -22,11 +22,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import inim
-from inim.calibrate.decode import decode
-from inim.calibrate.fit import Calibration, calibrate
-from inim.calibrate.lattice import find_lenses
-from inim.calibrate.patterns import write_patterns
-from inim.calibrate.photographs import read_positions
+from inim.calibration.decode import decode
+from inim.calibration.fit import Calibration, calibrate
+from inim.calibration.lattice import find_lenses
+from inim.calibration.patterns import write_patterns
+from inim.calibration.photographs import read_positions
 from inim.display import Display
 from inim.errors import InimError
 from inim.files.image import write_atomically

@@ -99,7 +99,7 @@ _rgbd = _reader("files.image", "read_exr", "read_rgbd")
 _depth = _reader("from_camera.picture_files", "read_depth")
 _color = _reader("from_camera.picture_files", "read_color")
 _photo = _reader("from_camera.depth_photo", "read_depth_photo")
-_read_study = _reader("sweep.study", "read_study")
+_read_study = _reader("sweeps.study", "read_study")
 
 
 class EndedError(InimError):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.calibrate.patterns import patterns, write_patterns
+from inim.calibration.patterns import patterns, write_patterns
 from tests.chromium import NO_WEBGL, Tab, browser
 from tests.conftest import small_display
 

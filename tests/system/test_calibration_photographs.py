@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.calibrate.decode import decode
-from inim.calibrate.patterns import write_patterns
-from inim.calibrate.photographs import read_positions
+from inim.calibration.decode import decode
+from inim.calibration.patterns import write_patterns
+from inim.calibration.photographs import read_positions
 from inim.lens import trace_to_panel
 from reports.calibration.cases import draw_case
 from reports.calibration.landing import SAMPLES, Camera, Pose, Sheet, look_at

@@ -14,7 +14,7 @@ import pytest
 
 from inim import timing as turns
 from inim.errors import EXIT_PASSED, EXIT_USAGE
-from inim.sweep.table import TABLE, read_table
+from inim.sweeps.table import TABLE, read_table
 from tests.schemas import read_document
 from tests.system.conftest import (
     TINY,

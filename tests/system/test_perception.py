@@ -15,7 +15,7 @@ from inim import metrics
 from inim import timing as turns
 from inim.files.picture import open_picture
 from inim.metrics import Viewing, cvvdp
-from inim.sweep.table import columns
+from inim.sweeps.table import columns
 from tests.schemas import read_document
 from tests.system.conftest import TINY, assert_one_line, definitions, run_here, write_scene
 

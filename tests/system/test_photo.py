@@ -12,8 +12,8 @@ import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter, shift
 
-from inim.calibrate.model import Intrinsics, Pose
-from inim.calibrate.photo import simulate
+from inim.calibration.model import Intrinsics, Pose
+from inim.calibration.photo import simulate
 from inim.documents import schema
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from tests.conftest import small_display

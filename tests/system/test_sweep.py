@@ -15,8 +15,8 @@ import pytest
 
 import inim
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
-from inim.sweep.run import SweepPlace, run_sweep
-from inim.sweep.table import TABLE, columns
+from inim.sweeps.run import SweepPlace, run_sweep
+from inim.sweeps.table import TABLE, columns
 from tests.conftest import scene_text
 from tests.schemas import read_document
 from tests.system.conftest import assert_one_line, nothing_left, worker_here

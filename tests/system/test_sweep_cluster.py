@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from inim.errors import EXIT_PASSED
-from inim.sweep.table import TABLE
+from inim.sweeps.table import TABLE
 from tests.system.conftest import nothing_left
 from tests.system.sweeps import (
     WITHIN_S,

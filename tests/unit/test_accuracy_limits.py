@@ -9,8 +9,8 @@ import pytest
 from inim.display import DISPLAYS, Viewpoint
 from inim.generators import find_sources
 from inim.image.rgbd import RGBD
-from inim.inspect import accuracy_limits as limits
-from inim.inspect.accuracy_limits import accuracy_warnings
+from inim.inspection import accuracy_limits as limits
+from inim.inspection.accuracy_limits import accuracy_warnings
 from inim.lens import lens_model, lens_models
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request

@@ -12,9 +12,9 @@ import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from inim.calibrate import decode, photographs
-from inim.calibrate.model import Intrinsics, Pose
-from inim.calibrate.photo import simulate
+from inim.calibration import decode, photographs
+from inim.calibration.model import Intrinsics, Pose
+from inim.calibration.photo import simulate
 from inim.cli import main
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.scene.file import choose_display

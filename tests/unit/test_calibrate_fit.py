@@ -12,9 +12,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from inim.calibrate.fit import Calibration, calibrate, fit_pose
-from inim.calibrate.lattice import Lenses, find_lenses
-from inim.calibrate.model import (
+from inim.calibration.fit import Calibration, calibrate, fit_pose
+from inim.calibration.lattice import Lenses, find_lenses
+from inim.calibration.model import (
     PARAMETERS,
     Guess,
     Intrinsics,
@@ -26,7 +26,12 @@ from inim.calibrate.model import (
     project,
     rays,
 )
-from inim.calibrate.output import calibration_document, display_file, next_positions, residual_maps
+from inim.calibration.output import (
+    calibration_document,
+    display_file,
+    next_positions,
+    residual_maps,
+)
 from inim.display import DISPLAYS
 from inim.documents.calibration import CalibrationDocument
 from inim.documents.document import decode, encode

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.calibrate.patterns import CELL, PAGE, PERIOD, bit_count, patterns, write_patterns
+from inim.calibration.patterns import CELL, PAGE, PERIOD, bit_count, patterns, write_patterns
 from inim.display import DISPLAYS
 from inim.errors import FileError
 from inim.image.color import linear_from_srgb

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter, shift
 
-from inim.calibrate.model import Intrinsics, Pose, rotation
-from inim.calibrate.photo import BLOCK_PX, compare, simulate
+from inim.calibration.model import Intrinsics, Pose, rotation
+from inim.calibration.photo import BLOCK_PX, compare, simulate
 from inim.errors import FileError
 from inim.lens import trace_to_panel
 from tests.conftest import small_display

@@ -372,7 +372,7 @@ def test_rays_through_pinholes_are_those_of_the_display():
 
 
 def test_a_picture_s_pixel_is_the_float_of_the_quotient_that_was_meant():
-    from inim.inspect.accuracy_limits import accuracy_warnings
+    from inim.inspection.accuracy_limits import accuracy_warnings
 
     wide = display(pitch_mm=1.7)
     assert wide.pitch_mm / 5 != 0.34

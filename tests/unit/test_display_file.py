@@ -8,9 +8,9 @@ from inim.errors import FileError, InimError, SceneError
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.scene.file import choose_display
-from inim.sweep.run import SweepPlace
-from inim.sweep.study import read_study
-from inim.sweep.unit import expand
+from inim.sweeps.run import SweepPlace
+from inim.sweeps.study import read_study
+from inim.sweeps.unit import expand
 from inim.tolerate.run import ToleranceRequest, plan_tolerance
 from tests.conftest import scene_text, sphere
 

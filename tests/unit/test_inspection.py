@@ -10,13 +10,13 @@ from msgspec.structs import asdict
 from inim.display import DISPLAYS
 from inim.display.viewpoint import default_distance_mm
 from inim.errors import DisplayError, UsageError
-from inim.inspect.findings import (
+from inim.inspection.findings import (
     Inspection,
     inspect_display,
     misalignments,
     usable_model,
 )
-from inim.inspect.geometry import (
+from inim.inspection.geometry import (
     aperture_blur_mm,
     array_samples,
     crosstalk_map,
@@ -26,7 +26,7 @@ from inim.inspect.geometry import (
     voxel_mm,
     voxel_widths,
 )
-from inim.inspect.spots import cell_of, field_angles_deg, land, spot, spots
+from inim.inspection.spots import cell_of, field_angles_deg, land, spot, spots
 from inim.report.diagram import zone_outline_mm
 from tests.conftest import small_display
 

@@ -5,7 +5,7 @@ import pytest
 from inim.display import DISPLAYS
 from inim.display.viewpoint import parse_viewpoints
 from inim.errors import SceneError
-from inim.inspect.accuracy_limits import lenses_beside_panel
+from inim.inspection.accuracy_limits import lenses_beside_panel
 from inim.scene.file import read_scene_file
 from inim.settings import Settings
 from tests.conftest import small_display

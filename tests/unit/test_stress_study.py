@@ -19,7 +19,7 @@ from inim.generators import HOLE, find_sources, generate
 from inim.generators.oracle import lensed_pixels
 from inim.generators.template import ray_by_ray
 from inim.image.rgbd import RGBD
-from inim.inspect.accuracy_limits import accuracy_warnings
+from inim.inspection.accuracy_limits import accuracy_warnings
 from inim.lens import trace_to_panel
 from inim.stress.pictures import MOUNTINGS, algorithm_output, noise
 from reports.stress.study import generators, lens_cases, lens_models, lens_relations, relations

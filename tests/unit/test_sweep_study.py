@@ -11,9 +11,9 @@ from inim.display import DISPLAYS
 from inim.errors import EXIT_USAGE, FileError, InimError
 from inim.report.sweep import VARIED_COLUMNS
 from inim.settings import Settings
-from inim.sweep.study import AS_SCENE, _check_keys, read_study, study_of, tomllib
-from inim.sweep.table import columns, failed_rows
-from inim.sweep.unit import algorithm_inputs, expand, key_of, unit_hash
+from inim.sweeps.study import AS_SCENE, _check_keys, read_study, study_of, tomllib
+from inim.sweeps.table import columns, failed_rows
+from inim.sweeps.unit import algorithm_inputs, expand, key_of, unit_hash
 from tests.conftest import scene_text, sphere
 
 STUDY = """
@@ -227,7 +227,7 @@ def test_a_key_depends_on_deciding_inputs_only(write_study, tmp_path):
 
 
 def test_a_key_follows_versions_and_code(write_study, monkeypatch):
-    from inim.sweep import unit
+    from inim.sweeps import unit
 
     plan = units_of(write_study())[0].plan
     before = unit_hash(key_of(plan))
@@ -302,7 +302,7 @@ def test_a_key_of_many_parts_is_refused_before_it_is_read(tmp_path, text, monkey
     """Expected: half a million parts, of a kilobyte each in memory, never come to the reader."""
     path = tmp_path / "study.toml"
     path.write_text(text)
-    monkeypatch.setattr("inim.sweep.study.tomllib.loads", lambda _: pytest.fail("was read"))
+    monkeypatch.setattr("inim.sweeps.study.tomllib.loads", lambda _: pytest.fail("was read"))
     with pytest.raises(FileError, match=r"study\.toml: no TOML \(line \d: a key of more than 4"):
         read_study(path)
 
@@ -350,7 +350,7 @@ def test_the_largest_studies_are_refused_within_seconds_and_half_a_gigabyte(tmp_
         "import resource, sys\n"
         "from pathlib import Path\n"
         "from inim.errors import InimError\n"
-        "from inim.sweep.study import read_study\n"
+        "from inim.sweeps.study import read_study\n"
         "used = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()\n"
         "resource.setrlimit(resource.RLIMIT_AS, (used + 2**29, used + 2**29))\n"
         "resource.setrlimit(resource.RLIMIT_CPU, (60, 60))\n"

@@ -12,10 +12,10 @@ import pytest
 
 from inim.errors import UsageError, WorkerError
 from inim.pipeline.request import Request
-from inim.sweep import unit as sweep_unit
-from inim.sweep import workers as sweep_workers
-from inim.sweep.unit import SweepTask, attempt
-from inim.sweep.workers import Progress, choose_slots, run_tasks
+from inim.sweeps import unit as sweep_unit
+from inim.sweeps import workers as sweep_workers
+from inim.sweeps.unit import SweepTask, attempt
+from inim.sweeps.workers import Progress, choose_slots, run_tasks
 
 GIB = 2**30
 

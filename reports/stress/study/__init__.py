@@ -5,7 +5,7 @@ from its definition (`oracles`, `lens_oracle`; rays in `rays`). Each family of c
 parameter until arithmetic fails (`cases`, `lens_cases`). Relations without an oracle are those of
 `inim.stress`, and further ones of layers, implementations and lens models (`relations`,
 `lens_relations`). The cases give the safe range of each parameter (`limits`).
-`inim.inspect.accuracy_limits` contains these limits for the warnings of validations, and a test
+`inim.inspection.accuracy_limits` contains these limits for the warnings of validations, and a test
 compares the two.
 
 From the root of the repository::

@@ -29,5 +29,6 @@ class StudyDocument(StressRecord, tag="inim.stress-study/1"):
         doc("Widest safe range of each family's parameter, for each algorithm or model and type."),
     ]
     trust: Annotated[
-        dict[str, Any], doc("Measured values for the constants of `inim.inspect.accuracy_limits`.")
+        dict[str, Any],
+        doc("Measured values for the constants of `inim.inspection.accuracy_limits`."),
     ]

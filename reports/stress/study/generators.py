@@ -21,7 +21,7 @@ from inim.generators.raycast.phases import cells_per_pitch
 from inim.generators.raycast.strips import shares_directions
 from inim.generators.template import ray_by_ray
 from inim.image.rgbd import RGBD
-from inim.inspect.accuracy_limits import accuracy_warnings
+from inim.inspection.accuracy_limits import accuracy_warnings
 from inim.stress.pictures import solids_of
 from reports.stress.study.cases import FAMILIES, Case, Family, Size, every
 from reports.stress.study.oracles import answer, with_rational_ties

@@ -9,7 +9,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import InimError
-from inim.inspect.accuracy_limits import accuracy_warnings
+from inim.inspection.accuracy_limits import accuracy_warnings
 from inim.lens import trace_to_panel
 from reports.stress.study.cases import Case, every
 from reports.stress.study.lens_cases import LENS_FAMILIES, LensFamily

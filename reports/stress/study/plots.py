@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from inim.files.image import write_atomically
-from inim.inspect.accuracy_limits import LANDING_PIXELS
+from inim.inspection.accuracy_limits import LANDING_PIXELS
 from inim.report.plots import LINES, across, style
 from reports.stress.study.document import StudyDocument
 

@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from inim.calibrate.lattice import Lenses
+from inim.calibration.lattice import Lenses
 from inim.display import Display
 from inim.lens import lens_model
 from inim.lens.array import (
@@ -208,7 +208,7 @@ def panel_points(display: Display, index: np.ndarray, arriving: np.ndarray) -> n
     index : (n, 2) int
         The lenses, column and row.
     arriving : (4, n)
-        See `inim.calibrate.model.rays`.
+        See `inim.calibration.model.rays`.
 
     Returns
     -------

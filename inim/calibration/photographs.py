@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from inim.calibrate.patterns import patterns
+from inim.calibration.patterns import patterns
 from inim.display import Display
 from inim.errors import FileError
 from inim.files.picture import open_picture
@@ -40,7 +40,7 @@ class Position:
     name : str
         Name of its folder.
     photographs : tuple of Path
-        One photograph for each of `inim.calibrate.patterns.patterns`, in that order.
+        One photograph for each of `inim.calibration.patterns.patterns`, in that order.
     shape : (rows, columns)
         Size of every photograph.
     panel : (rows, columns)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.calibrate.lattice import Lenses
-from inim.calibrate.model import Intrinsics, Pose, panel_mm, rotation
+from inim.calibration.lattice import Lenses
+from inim.calibration.model import Intrinsics, Pose, panel_mm, rotation
 from inim.display import Display
 from inim.errors import FileError
 

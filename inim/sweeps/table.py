@@ -22,7 +22,7 @@ from inim.report.sweep import CRITERION, DEPTH, DEPTH_SHARE, VARIED_COLUMNS
 from inim.settings import DISPLAY_KEYS, PREFIX, Settings
 
 if TYPE_CHECKING:
-    from inim.sweep.unit import Unit
+    from inim.sweeps.unit import Unit
 
 #: Prefixes of the reference's and the noise floor's scores in each row.
 REFERENCES = ("reference", "noise_floor")

@@ -137,7 +137,7 @@ def _page(display: Display, pictures: dict[str, bytes]) -> str:
         "COUNT": str(len(pictures)),
         "IMAGES": images,
     }
-    page = resources.files("inim.calibrate").joinpath(PAGE).read_text("utf-8")
+    page = resources.files("inim.calibration").joinpath(PAGE).read_text("utf-8")
     for word, value in words.items():
         page = page.replace(f"@{word}@", value)
     return page

@@ -17,7 +17,7 @@ from inim.display import Display
 from inim.errors import FileError
 
 if TYPE_CHECKING:
-    from inim.calibrate.decode import Decoded
+    from inim.calibration.decode import Decoded
 
 # Jumps of panel coordinates, in lens pitches: above it pixels belong to two lenses, ...
 _SAME_LENS = 0.3

@@ -24,7 +24,7 @@ from inim.documents.inspect import (
 )
 from inim.documents.parts import EyePosition
 from inim.errors import DisplayError
-from inim.inspect.spots import array_to_display, cell_of, finite_or_none, land, lens_at
+from inim.inspection.spots import array_to_display, cell_of, finite_or_none, land, lens_at
 from inim.report.diagram import zone_outline_mm
 
 # Panels are driven with 8 bits of red, green and blue.

@@ -23,8 +23,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from inim.calibrate.patterns import CELL, PERIOD, bit_count
-from inim.calibrate.photographs import Position, read_photograph
+from inim.calibration.patterns import CELL, PERIOD, bit_count
+from inim.calibration.photographs import Position, read_photograph
 from inim.errors import FileError
 
 # A lens is lit where it has this share of the light that bright ones have.

@@ -8,8 +8,16 @@ from dataclasses import fields
 
 import numpy as np
 
-from inim.calibrate.fit import Calibration
-from inim.calibrate.model import PARAMETERS, SHARED, Guess, Intrinsics, Observations, Pose, centres
+from inim.calibration.fit import Calibration
+from inim.calibration.model import (
+    PARAMETERS,
+    SHARED,
+    Guess,
+    Intrinsics,
+    Observations,
+    Pose,
+    centres,
+)
 from inim.display import Display
 from inim.documents.calibration import (
     CalibrationDocument,

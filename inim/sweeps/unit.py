@@ -44,8 +44,8 @@ from inim.process.observer import Observer
 from inim.regression.run_statistics import CANDIDATE, read_statistics
 from inim.report import Report
 from inim.settings import PREFIX
-from inim.sweep.study import Study
-from inim.sweep.table import unit_document
+from inim.sweeps.study import Study
+from inim.sweeps.table import unit_document
 from inim.version import __version__
 from inim.worker.output import publish, staging_folder
 from inim.worker.supervisor import OnStart, run_in_worker
@@ -284,7 +284,7 @@ def _carry_out(task: SweepTask, on_start: OnStart | None) -> None:
             "all machines share"
         )
     run_in_worker(
-        "inim.sweep.unit:run_job",
+        "inim.sweeps.unit:run_job",
         lambda: task,
         _staging(task),
         backend=task.request.backend,

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from inim.documents.inspect import InspectDocument
-from inim.inspect.findings import Inspection
-from inim.inspect.spots import Spot
+from inim.inspection.findings import Inspection
+from inim.inspection.spots import Spot
 from inim.report.diagram import draw_plan
 from inim.report.plots import (
     BLUE,

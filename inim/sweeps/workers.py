@@ -31,7 +31,7 @@ from typing import Any
 from inim.errors import UsageError
 from inim.process import machine
 from inim.process.python_process import end_process
-from inim.sweep.unit import SweepTask, attempt
+from inim.sweeps.unit import SweepTask, attempt
 
 # How often the connection to the scheduler is checked.
 _TICK_S = 0.5

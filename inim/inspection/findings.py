@@ -11,8 +11,8 @@ from inim.display import Display
 from inim.display.pixels import least_gap_mm
 from inim.documents.inspect import InspectDocument, TracedModel
 from inim.errors import DisplayError
-from inim.inspect.accuracy_limits import lenses_beside_panel
-from inim.inspect.geometry import (
+from inim.inspection.accuracy_limits import lenses_beside_panel
+from inim.inspection.geometry import (
     array_samples,
     crosstalk_map,
     depth_figures,
@@ -23,7 +23,7 @@ from inim.inspect.geometry import (
     viewing_limits,
     voxel_widths,
 )
-from inim.inspect.spots import Spot, spots
+from inim.inspection.spots import Spot, spots
 from inim.lens import check_lens_model
 from inim.lens import lens_model as find_lens_model
 from inim.settings import Settings

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.ndimage import binary_erosion, gaussian_filter, shift
 from scipy.optimize import least_squares, minimize_scalar
 
-from inim.calibrate.model import Intrinsics, Pose, rays
+from inim.calibration.model import Intrinsics, Pose, rays
 from inim.display import Display
 from inim.documents.calibration import ImageShift, MatchedStage, PhotoDocument, ToneCurve
 from inim.documents.parts import DisplayRecord, origin

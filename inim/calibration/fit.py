@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.calibrate.lattice import Lenses
-from inim.calibrate.model import (
+from inim.calibration.lattice import Lenses
+from inim.calibration.model import (
     PARAMETERS,
     SHARED,
     Guess,
@@ -29,7 +29,13 @@ from inim.calibrate.model import (
     first_lens_mm,
     rotation,
 )
-from inim.calibrate.start import check_pitch, find_placement, focal_guess, number_lenses, pose_guess
+from inim.calibration.start import (
+    check_pitch,
+    find_placement,
+    focal_guess,
+    number_lenses,
+    pose_guess,
+)
 from inim.display import Display
 from inim.errors import DisplayError, FileError, UsageError
 
@@ -204,7 +210,7 @@ def calibrate(
     Parameters
     ----------
     lenses : mapping of str to Lenses
-        Lenses by position, from `inim.calibrate.lattice.find_lenses`.
+        Lenses by position, from `inim.calibration.lattice.find_lenses`.
     nominal : Display
         Nominal display: the start of the search, and the source of parameters that are not fitted.
     camera : Intrinsics, optional

@@ -16,9 +16,9 @@ from inim.pipeline.plan import LEAST_BYTES
 from inim.process.atomic_file import file_errors
 from inim.process.machine import cpu_count
 from inim.report.sweep import PAGE, write_page
-from inim.sweep.study import Study, read_study, study_of
-from inim.sweep.table import TABLE, check_pyarrow, failed_rows, finished_rows, write_table
-from inim.sweep.unit import (
+from inim.sweeps.study import Study, read_study, study_of
+from inim.sweeps.table import TABLE, check_pyarrow, failed_rows, finished_rows, write_table
+from inim.sweeps.unit import (
     FOLDER,
     Results,
     SweepTask,
@@ -28,7 +28,7 @@ from inim.sweep.unit import (
     key_of,
     report_folder,
 )
-from inim.sweep.workers import Progress, check_answers, check_dask, choose_slots, run_tasks
+from inim.sweeps.workers import Progress, check_answers, check_dask, choose_slots, run_tasks
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ import textwrap
 from collections.abc import Callable
 
 from inim.documents.inspect import InspectDocument, PixelChoice
-from inim.inspect.findings import PIXEL_STEPS
-from inim.inspect.geometry import aperture_blur_mm, mode, pixel_footprint_mm, voxel_mm
+from inim.inspection.findings import PIXEL_STEPS
+from inim.inspection.geometry import aperture_blur_mm, mode, pixel_footprint_mm, voxel_mm
 from inim.lens import lens_model as find_lens_model
 
 _COLUMNS = 100
