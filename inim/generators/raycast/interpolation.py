@@ -29,6 +29,7 @@ from inim.generators.raycast.diffusion import neighbour_layer
 from inim.generators.raycast.light import WHITE, code_table
 from inim.generators.raycast.simd import (
     LANES,
+    add,
     choose,
     last4,
     less,
@@ -123,11 +124,12 @@ class _Lines:
         -------
         u : (rays, rows or 1, 3, columns) float32
             Whole part and fraction, less 1/2, at depth 0; and slope. The columns are padded.
-        v : (rays, rows, 3, columns or 1) float32
+        v : (rays, rows, 3, columns) float32
+            Only `LANES` columns if all have the same row.
         """
         if self._display.is_separable:
             v = self._v[:, :, rows].transpose(0, 2, 1)[..., None]
-            return _padded(self._u[:, None]), np.ascontiguousarray(v)
+            return _padded(self._u[:, None]), np.repeat(v, LANES, axis=3)
         lines = []
         for offset in self._offsets:
             block = pixel_rays(self._display, rows, (float(offset[0]), float(offset[1])))
@@ -200,103 +202,109 @@ def _survey(begin, end, front, steepest, head, near):
 def _write_light(begin, end, sources, u, v, head, near, texels, squared, out):
     """Mean light of the rays of some rows, (rows, columns, 3)."""
     share = np.float32(1) / np.float32(len(sources))
-    buffers = _buffers()
+    total, scratch = np.empty(4 * _CHUNK, np.float32), np.empty(_SCRATCH * _CHUNK, np.float32)
+    tables = head, near, texels, squared, scratch, np.empty(_CHUNK, np.uint32), total
     for i in range(begin, end):
         for first in range(0, sources.shape[2], _CHUNK):
-            count = _sum_light(sources, i, first, u, v, head, near, texels, squared, *buffers)
+            count = _sum_light(sources, i, first, u, v, *tables)
             for j in range(count):
                 for c in range(3):
-                    out[i, first + j, c] = share * buffers[4][4 * j + c]
+                    out[i, first + j, c] = share * total[4 * j + c]
 
 
 @compiled
 def _write_codes(begin, end, sources, u, v, head, near, texels, squared, table, out):
     """Mean codes of the rays of some rows, (rows, columns, 4) with alpha."""
     share = np.float32(1) / np.float32(len(sources))
-    buffers = _buffers()
-    total = buffers[4]
+    total, scratch = np.empty(4 * _CHUNK, np.float32), np.empty(_SCRATCH * _CHUNK, np.float32)
+    tables = head, near, texels, squared, scratch, np.empty(_CHUNK, np.uint32), total
     for i in range(begin, end):
-        line = out[i].reshape(-1)
+        row = out[i].reshape(-1)
         for first in range(0, sources.shape[2], _CHUNK):
-            count = _sum_light(sources, i, first, u, v, head, near, texels, squared, *buffers)
+            count = _sum_light(sources, i, first, u, v, *tables)
             for j in range(count):
                 here, place = np.uintp(4 * j), np.uintp(4 * (first + j))
                 for c in range(3):
                     light = min(share * total[here + np.uintp(c)], np.float32(1))
                     step = np.uintp(light * np.float32(WHITE) + np.float32(0.5))
-                    line[place + np.uintp(c)] = table[step]
+                    row[place + np.uintp(c)] = table[step]
                 alpha = share * total[here + np.uintp(3)] * np.float32(255)
-                line[place + np.uintp(3)] = np.uint8(alpha + np.float32(0.5))
+                row[place + np.uintp(3)] = np.uint8(alpha + np.float32(0.5))
+
+
+# Numbers of a pixel of a chunk: depth, column and row of its source; weights of the pixels around
+# the ray.
+_SCRATCH = 7
 
 
 @compiled
-def _buffers():
-    """Places, sides, positions, weights and light of the pixels of a chunk."""
-    return (
-        np.zeros(_CHUNK, np.uint32), np.zeros(2 * _CHUNK, np.uint32),
-        np.zeros(3 * _CHUNK, np.float32), np.zeros(4 * _CHUNK, np.float32),
-        np.zeros(4 * _CHUNK, np.float32),
-    )  # fmt: skip
+def _sum_light(sources, i, first, u, v, head, near, texels, squared, scratch, side, total):
+    """Add up the light of the rays of a chunk of a panel row, from a first pixel on; its length.
 
-
-@compiled
-def _sum_light(
-    sources, i, first, u, v, head, near, texels, squared, place, side, position, weight, total
-):
-    """Add up the light of the rays of a chunk of a panel row, from a first pixel on; its length."""
+    `side` receives the sides of the sources that rays are on, 1 if on the right and 2 if below.
+    """
     rays, _, columns = sources.shape
-    count = min(_CHUNK, columns - first)
+    count, part = min(_CHUNK, columns - first), np.uintp(_CHUNK)
+    weight = scratch[3 * _CHUNK :]
+    half, zero, unit = same(np.float32(0.5)), same(np.float32(0)), same(np.float32(1))
+    no_side, right_side, lower_side = same(np.uint32(0)), same(np.uint32(1)), same(np.uint32(2))
+    least, four = same4(np.float32(1e-30)), np.uintp(4)
     total[:] = 0
     for ray in range(rays):
-        any_source = _locate(sources[ray, i, first : first + count], head, place, position)
-        if any_source:
-            across, down = u[ray, min(i, u.shape[1] - 1)], v[ray, i]
-            _weigh(count, first, across, down, position, side, weight)
-            _add_light(count, place, side, weight, near, texels, squared, total)
+        sources_of_ray, any_source = sources[ray, i, first:], False
+        for index in range(count):
+            j = np.uintp(index)
+            entry = np.uintp(max(sources_of_ray[j], np.int32(-1)) + np.int32(1))
+            any_source |= bool(entry > 0)
+            for number in range(3):
+                here = j + np.uintp(number * _CHUNK)
+                scratch[here] = head[entry * four + np.uintp(number)]
+        if not any_source:
+            continue
+        across, down = u[ray, min(i, u.shape[1] - 1)], v[ray, i]
+        for begin in range(0, count, LANES):
+            j, panel = np.uintp(begin), np.uintp(first + begin)
+            depth = load(scratch, j)
+            x = _from_centre(across, panel, depth, load(scratch, j + part))
+            row = panel if v.shape[3] > LANES else np.uintp(0)
+            y = _from_centre(down, row, depth, load(scratch, j + part + part))
+            right, below = less(zero, x), less(zero, y)
+            store(
+                side, j, add(choose(right, right_side, no_side), choose(below, lower_side, no_side))
+            )
+            x, y = choose(right, x, minus(zero, x)), choose(below, y, minus(zero, y))
+            x, y = choose(less(x, half), x, half), choose(less(y, half), y, half)
+            diagonal = times(x, y)
+            horizontal = minus(x, diagonal)
+            store(weight, j, minus(minus(unit, y), horizontal))
+            store(weight, j + part, horizontal)
+            store(weight, j + part + part, minus(y, diagonal))
+            store(weight, j + part + part + part, diagonal)
+        for index in range(count):
+            j = np.uintp(index)
+            place = np.uintp(max(sources_of_ray[j], np.int32(-1)) + np.int32(1)) * four
+            sides = np.uintp(side[j])
+            numbers = place + place
+            beside = np.uintp(near[numbers + (sides & np.uintp(1))])
+            under = np.uintp(near[numbers + (sides >> np.uintp(1)) + np.uintp(2)])
+            opposite = np.uintp(near[numbers + sides + four])
+            light = plus(
+                plus(
+                    times(same4(weight[j]), load4(texels, place)),
+                    times(same4(weight[j + part]), load4(texels, beside)),
+                ),
+                plus(
+                    times(same4(weight[j + part + part]), load4(texels, under)),
+                    times(same4(weight[j + part + part + part]), load4(texels, opposite)),
+                ),
+            )
+            of_surface = last4(light)
+            light = over(light, choose(less(of_surface, least), least, of_surface))
+            if squared:
+                light = times(light, light)
+            here = j * four
+            store(total, here, plus(light, load4(total, here)))
     return count
-
-
-@compiled
-def _locate(sources, head, place, position):
-    """Table entries, depths, columns and rows of some sources; true if there are any."""
-    any_source = False
-    for j in range(len(sources)):
-        source, here = sources[j], np.uintp(j)
-        any_source |= source >= 0
-        entry = np.uint32(max(source, np.int32(-1)) + np.int32(1))
-        place[here] = entry
-        for part in range(3):
-            at = np.uintp(4) * np.uintp(entry) + np.uintp(part)
-            position[here + np.uintp(part * _CHUNK)] = head[at]
-    return any_source
-
-
-@compiled
-def _weigh(count, first, u, v, position, side, weight):
-    """Weights of the four pixels around each ray, and the sides of its source that they are on."""
-    half, zero, unit = same(np.float32(0.5)), same(np.float32(0)), same(np.float32(1))
-    yes, no = same(np.uint32(1)), same(np.uint32(0))
-    part = np.uintp(_CHUNK)
-    for begin in range(0, count, LANES):
-        j, panel = np.uintp(begin), np.uintp(first + begin)
-        depth = load(position, j)
-        x = _from_centre(u, panel, depth, load(position, j + part))
-        if v.shape[1] == 1:
-            y = plus(minus(same(v[0, 0]), load(position, j + part + part)), same(v[1, 0]))
-            y = plus(y, times(same(v[2, 0]), depth))
-        else:
-            y = _from_centre(v, panel, depth, load(position, j + part + part))
-        right, below = less(zero, x), less(zero, y)
-        store(side, j, choose(right, yes, no))
-        store(side, j + part, choose(below, yes, no))
-        x, y = choose(right, x, minus(zero, x)), choose(below, y, minus(zero, y))
-        x, y = choose(less(x, half), x, half), choose(less(y, half), y, half)
-        diagonal = times(x, y)
-        horizontal = minus(x, diagonal)
-        store(weight, j, minus(minus(unit, y), horizontal))
-        store(weight, j + part, horizontal)
-        store(weight, j + part + part, minus(y, diagonal))
-        store(weight, j + part + part + part, diagonal)
 
 
 @compiled
@@ -305,33 +313,3 @@ def _from_centre(line, panel, depth, cell):
     flat, width = line.reshape(-1), np.uintp(line.shape[1])
     start = plus(minus(load(flat, panel), cell), load(flat, panel + width))
     return plus(start, times(load(flat, panel + width + width), depth))
-
-
-@compiled
-def _add_light(count, place, side, weight, near, texels, squared, total):
-    """Add the interpolated light of one ray of each pixel of a chunk."""
-    least, part = same4(np.float32(1e-30)), np.uintp(_CHUNK)
-    four, eight = np.uintp(4), np.uintp(8)
-    for index in range(count):
-        j = np.uintp(index)
-        entry, right, below = np.uintp(place[j]), np.uintp(side[j]), np.uintp(side[j + part])
-        of_entry = entry * eight
-        beside = np.uintp(near[of_entry + right])
-        under = np.uintp(near[of_entry + below + np.uintp(2)])
-        across = np.uintp(near[of_entry + right + below + below + four])
-        light = plus(
-            plus(
-                times(same4(weight[j]), load4(texels, entry * four)),
-                times(same4(weight[j + part]), load4(texels, beside)),
-            ),
-            plus(
-                times(same4(weight[j + part + part]), load4(texels, under)),
-                times(same4(weight[j + part + part + part]), load4(texels, across)),
-            ),
-        )
-        of_surface = last4(light)
-        light = over(light, choose(less(of_surface, least), least, of_surface))
-        if squared:
-            light = times(light, light)
-        at = j * four
-        store(total, at, plus(light, load4(total, at)))

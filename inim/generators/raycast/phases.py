@@ -125,6 +125,9 @@ class Layout:
 
     def spread(self, values: np.ndarray, phases: np.ndarray) -> None:
         """Copy values of a picture (H, W) into phases (slots,); slots beyond it stay."""
+        # As whole numbers: the kernel is compiled once for each size.
+        words = f"u{values.itemsize}"
+        values, phases = np.ascontiguousarray(values).view(words), phases.view(words)
         share_rows(_spread, self.shape[0], values, *self.origin, phases.reshape(self.shape))
 
 
