@@ -32,7 +32,7 @@ from inim.backend.kernels import compiled, prange
 from inim.display import Display
 from inim.errors import FileError
 from inim.generators.raycast.columns import THICKNESS_PX, surface_backs
-from inim.image.cameras import CameraRGBDs
+from inim.image.cameras import MAX_SLOPE, CameraRGBDs
 from inim.image.rgbd import RGBD
 from inim.image.sides import Sides, with_sides
 
@@ -338,11 +338,12 @@ def _surface_at(pictures, x, y, z, same):
 
 @compiled
 def _is_on_surface(pictures, x, y, z, same):
-    """True if a camera sees a surface at a point; its distance is measured across a slope."""
+    """True if a camera sees a surface at a point; on slopes, heights are larger."""
     for k in range(len(pictures.depth)):
         height, row, column, _, _ = _look(pictures, k, x, y, z)
-        is_known = not np.isnan(height)  # otherwise the place may be outside the picture
-        if is_known and abs(height) <= same * (1 + pictures.slope[k, row, column]):
+        if np.isnan(height):  # the place may be outside the picture
+            continue
+        if abs(height) <= same * (1 + min(pictures.slope[k, row, column], MAX_SLOPE)):
             return True
     return False
 
