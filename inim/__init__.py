@@ -13,16 +13,25 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
+    from inim.calibration.run import calibrate as calibrate
     from inim.display import DISPLAYS as DISPLAYS
     from inim.display import Display as Display
     from inim.display.viewpoint import Viewpoint as Viewpoint
     from inim.files.image import read_rgbd as read_rgbd
+    from inim.files.image import save_image as save_image
     from inim.generators import generate as generate
+    from inim.image.color import to_srgb as to_srgb
     from inim.image.rgbd import RGBD as RGBD
+    from inim.inspection.run import inspect as inspect
+    from inim.metrics import score as score
     from inim.pipeline.launch import validate as validate
     from inim.render.reconstruct import reconstruct as reconstruct
     from inim.render.variant import register_plugins as register_plugins
     from inim.report import Report as Report
+    from inim.report.score_table import compare_algorithms as compare_algorithms
+    from inim.scene.new_scene import new_scene as new_scene
+    from inim.sweeps.run import sweep as sweep
+    from inim.views.export import export as export
 
 _HOME = {
     "DISPLAYS": "inim.display",
@@ -30,14 +39,45 @@ _HOME = {
     "RGBD": "inim.image.rgbd",
     "Report": "inim.report",
     "Viewpoint": "inim.display",
+    "calibrate": "inim.calibration.run",
+    "compare_algorithms": "inim.report.score_table",
+    "export": "inim.views.export",
     "generate": "inim.generators",
+    "inspect": "inim.inspection.run",
+    "new_scene": "inim.scene.new_scene",
     "read_rgbd": "inim.files.image",
     "reconstruct": "inim.render.reconstruct",
     "register_plugins": "inim.render.variant",
+    "save_image": "inim.files.image",
+    "score": "inim.metrics",
+    "sweep": "inim.sweeps.run",
+    "to_srgb": "inim.image.color",
     "validate": "inim.pipeline.launch",
 }
 
-__all__ = [*_HOME, "__version__"]
+# Literal, for type checkers and editors.
+__all__ = [
+    "DISPLAYS",
+    "RGBD",
+    "Display",
+    "Report",
+    "Viewpoint",
+    "__version__",
+    "calibrate",
+    "compare_algorithms",
+    "export",
+    "generate",
+    "inspect",
+    "new_scene",
+    "read_rgbd",
+    "reconstruct",
+    "register_plugins",
+    "save_image",
+    "score",
+    "sweep",
+    "to_srgb",
+    "validate",
+]
 
 
 def __getattr__(name: str) -> Any:

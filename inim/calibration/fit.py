@@ -198,7 +198,7 @@ def check_display(display: Display) -> None:
             )
 
 
-def calibrate(
+def fit_display(
     lenses: Mapping[str, Lenses],
     nominal: Display,
     *,

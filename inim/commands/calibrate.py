@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from inim.commands.options import (
     Command,
     add_shared,
+    choices_of,
     display_and_settings,
     finish,
     print_warning,
@@ -17,7 +18,6 @@ from inim.errors import UsageError, suggest_words
 
 if TYPE_CHECKING:
     from inim.calibration.fit import Calibration
-    from inim.calibration.lattice import Lenses
     from inim.calibration.model import Intrinsics, Pose
     from inim.display import Display
     from inim.documents.calibration import CalibrationDocument, CameraPosition, PhotoDocument
@@ -35,8 +35,6 @@ then
   in the order of the patterns.
 
 """
-# Pixels whose sides differ by more are not square.
-_SQUARE = 0.005
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,90 +60,36 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    display, settings = display_and_settings(args)
-    if args.photos == _PATTERNS:
-        return _write_patterns(args, display)
-    return _calibrate(args, display, settings.display)
+    return _write_patterns(args) if args.photos == _PATTERNS else _calibrate(args)
 
 
-def _write_patterns(args: argparse.Namespace, display: Display) -> int:
+def _write_patterns(args: argparse.Namespace) -> int:
     from inim.calibration.patterns import write_patterns
 
+    display, _ = display_and_settings(args)
     if args.intrinsics is not None:
         raise UsageError("--intrinsics: patterns have no camera; leave it out")
     page = write_patterns(display, args.out or Path(_PATTERNS))
     return finish(True, f"patterns: open {page} on the display")
 
 
-def _calibrate(args: argparse.Namespace, display: Display, preset: str) -> int:
-    """Fit the display, and write the report's folder, then the display file."""
-    from inim.calibration.fit import calibrate, check_display
-    from inim.calibration.output import calibration_document, display_file, residual_maps
-    from inim.documents.files import write_text
-    from inim.report.calibration import FILES, write_calibration
-    from inim.worker.output import output_files
+def _calibrate(args: argparse.Namespace) -> int:
+    from inim.calibration.run import calibrate, output_paths
 
-    photos = Path(args.photos)
-    out = args.out or Path(f"{photos.resolve().name}.xml")
-    if out.suffix.lower() != ".xml":
-        raise UsageError(f"-o {out}: a display file is an .xml; name it {out.stem}.xml")
-    camera = _camera(args.intrinsics)
-    check_display(display)
-    lenses, focal_px = _lenses(photos, display)
-    calibration = calibrate(lenses, display, camera=camera, focal_px=focal_px)
-    title = f"Calibration: {photos.resolve().name}"
-    document = calibration_document(calibration, title, args.command_line)
-    folder = out.with_name(f"{out.stem}-calibration")
-    with output_files(folder, FILES) as staging:
-        write_calibration(document, residual_maps(calibration), staging)
-    write_text(out, display_file(calibration, preset))
+    choices = choices_of(args)
+    calibration = calibrate(
+        args.photos,
+        choices.get("display"),
+        definitions=choices["definitions"],
+        intrinsics=args.intrinsics,
+        out=args.out,
+        command=args.command_line,
+        warn=print_warning,
+    )
     print("\n".join(_parameter_lines(calibration)))
-    for warning in document.warnings:
-        print_warning(warning)
+    file, folder = output_paths(args.photos, args.out)
     page = folder / "calibration.html"
-    return finish(not calibration.undetermined, f"calibrated: {out}, {page}")
-
-
-def _camera(text: str | None) -> Intrinsics | None:
-    """Camera given by `--intrinsics`."""
-    from inim.calibration.model import Intrinsics
-
-    if text is None:
-        return None
-    try:
-        fx, fy, cx, cy, k1, k2 = map(float, text.split(","))
-    except ValueError:
-        raise UsageError(
-            f"--intrinsics {text}: write FX,FY,CX,CY,K1,K2 in pixels of the photographs, such as "
-            "3020,3020,2015.5,1511.5,0.02,-0.05"
-        ) from None
-    if not (fx > 0 and abs(fx - fy) < _SQUARE * fx):
-        raise UsageError(
-            f"--intrinsics {text}: focal lengths of {fx:g} and {fy:g} pixels; both must be above 0 "
-            "and equal, because pixels are assumed to be square"
-        )
-    # Pixel centres are at half-integers here, at integers there.
-    return Intrinsics((fx + fy) / 2, cx + 0.5, cy + 0.5, k1, k2)
-
-
-def _lenses(photos: Path, display: Display) -> tuple[dict[str, Lenses], float | None]:
-    """Lenses in the photographs of each position, and the focal length in their metadata."""
-    from inim.calibration.decode import decode
-    from inim.calibration.lattice import find_lenses
-    from inim.calibration.photographs import read_positions
-
-    positions = read_positions(photos, display)
-    stated = {position.focal_length_px for position in positions}
-    if len(stated - {None}) > 1:
-        raise UsageError(
-            f"{photos}: the camera's focal length differs between positions; photograph all with "
-            "one lens and without zoom"
-        )
-    lenses = {
-        position.name: find_lenses(decode(position), display, position.name)
-        for position in positions
-    }
-    return lenses, stated.pop() if len(stated) == 1 else None
+    return finish(not calibration.undetermined, f"calibrated: {file}, {page}")
 
 
 def _parameter_lines(calibration: Calibration) -> list[str]:

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inim.commands.options import Command, add_shared
-from inim.errors import EXIT_PASSED, BackendError, UsageError, suggest_words
+from inim.errors import EXIT_PASSED, BackendError
 
 if TYPE_CHECKING:
     from inim.backend.trial import Verdict
     from inim.cache import StoreInfo
-    from inim.display import Display
-    from inim.inspection.findings import Inspection
-    from inim.settings import Settings
 
 
 _NO_STORE = "no cache: INIM_CACHE is off, or there is no home folder; set INIM_CACHE to a folder"
@@ -161,63 +157,20 @@ def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _inspect(args: argparse.Namespace) -> int:
     from inim.documents.document import encode
-    from inim.inspection.output import as_text
+    from inim.inspection.run import inspect
+    from inim.scene.file import parse_definitions
 
-    inspection = _inspect_display(args, *_choose(args.display, args.definitions))
-    json_text = encode(inspection.document)
-    files = [] if args.out is None else _write(inspection, json_text, args.out)
-    print(json_text if args.json else as_text(inspection.document))
-    if files and not args.json:
-        print("\nwritten: " + ", ".join(str(args.out / name) for name in files))
-    return EXIT_PASSED
-
-
-def _choose(display: str, items: list[str]) -> tuple[Display, Settings]:
-    """The display and the settings of a scene file or, for a preset, of the definitions alone."""
-    from inim.display import DISPLAYS
-    from inim.scene.file import choose_display, parse_definitions
-
-    if display not in DISPLAYS and not (display.lower().endswith(".xml") or Path(display).exists()):
-        raise UsageError(
-            f"{display}: neither a scene file nor a preset; give a .xml file, or "
-            f"{suggest_words(display, DISPLAYS)}; and change single values with -D inim.KEY=VALUE"
-        )
-    chosen = display if display in DISPLAYS else Path(display)
-    return choose_display(chosen, parse_definitions(items), display)
-
-
-def _inspect_display(args: argparse.Namespace, design: Display, settings: Settings) -> Inspection:
-    from inim.display.misalignment import misaligned
-    from inim.display.viewpoint import default_distance_mm
-    from inim.inspection.findings import DEFAULT_LENS_MODEL, inspect_display
-    from inim.lens import lens_model as find_lens_model
-
-    distance = settings.viewing_distance_mm if args.distance is None else args.distance
-    if distance is not None and not (math.isfinite(distance) and distance > 0):
-        raise UsageError(f"--distance {distance:g}: give a distance above 0, in millimetres")
-    model = find_lens_model(settings.lens_model)
-    stated = model.name if model.mesh is None else model.stand_in  # a mesh is for the renderer
-    return inspect_display(
-        design,
-        default_distance_mm(design) if distance is None else distance,
-        misaligned=misaligned(design, settings.misalign),
-        lens_model=args.lens_model or (None if stated == DEFAULT_LENS_MODEL else stated),
-        source=args.display,
+    inspection = inspect(
+        args.display,
+        definitions=parse_definitions(args.definitions),
+        lens_model=args.lens_model,
+        distance_mm=args.distance,
+        out=args.out,
     )
-
-
-def _write(inspection: Inspection, json_text: str, folder: Path) -> list[str]:
-    """Write the figure, then the JSON, which marks a complete result."""
-    from inim.files.image import write_atomically
-    from inim.inspection.figure import draw_figure
-    from inim.process.atomic_file import file_errors
-
-    with file_errors(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    path = folder / "inspect.json"
-    figures = draw_figure(inspection, folder, "inspect")
-    write_atomically(path, lambda p: p.write_text(json_text + "\n", encoding="utf-8"))
-    return [*figures, path.name]
+    print(encode(inspection.document) if args.json else inspection)
+    if args.out is not None and not args.json:
+        print("\nwritten: " + ", ".join(str(args.out / name) for name in inspection.files))
+    return EXIT_PASSED
 
 
 COMMANDS = {

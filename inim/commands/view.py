@@ -87,7 +87,7 @@ def view_eia(
     from inim.display.viewpoint import parse_viewpoints
     from inim.documents.parts import EyePosition
     from inim.files.eia_file import read_eia
-    from inim.image.color import srgb_codes
+    from inim.image.color import to_srgb
     from inim.report.images import ENCODINGS, ReportImages
     from inim.report.virtual_display import (
         LIVE,
@@ -103,7 +103,7 @@ def view_eia(
     viewpoints = parse_viewpoints(settings.viewpoints, design, settings.viewing_distance_mm)
     eyes = [EyePosition(name=v.name, position_mm=v.position_mm) for v in viewpoints]
     real = misaligned(design, settings.misalign)
-    codes = srgb_codes(read_eia(eia, real)[0])
+    codes = to_srgb(read_eia(eia, real)[0])
     model = shown_lens_model(real, settings.lens_model)
     stills = [
         Still(eye.name, f"{model} lenses", still_view(codes, real, eye.position_mm, model))

@@ -18,7 +18,7 @@ from inim.errors import FileError
 from inim.files.image import read_exr_channels, write_atomically, write_exr_parts
 from inim.files.picture import open_picture
 from inim.files.regular_file import check_file
-from inim.image.color import linear_from_srgb, srgb_codes
+from inim.image.color import linear_from_srgb, to_srgb
 from inim.image.noisy_image import row_bands
 
 # Pillow's names for grey of 16 bits.
@@ -153,7 +153,7 @@ def write_eia(
         header = {"inim:pixel_mm": repr(float(pixel_mm)), "xDensity": per_inch}
         write_exr_parts(path, [(channels, "color")], header)
         return
-    codes = srgb_codes(eia)
+    codes = to_srgb(eia)
     if empty is not None:
         alpha = np.where(empty, 0, 255).astype(np.uint8)
         codes = np.concatenate([codes, alpha[..., None]], axis=-1)
@@ -186,7 +186,7 @@ def write_true_size_pdf(path: Path, eia: NDArray[np.float32], pixel_mm: float) -
             f"{path}: a page of {columns * pixel_mm:.0f} x {rows * pixel_mm:.0f} mm is larger than "
             "PDF allows; print the PNG from a program that keeps its size"
         )
-    codes = srgb_codes(eia)
+    codes = to_srgb(eia)
     content = f"q {width:.6f} 0 0 {height:.6f} 0 0 cm /EIA Do Q\n".encode()
     picture = zlib.compress(codes.tobytes(), 6)
     objects = [

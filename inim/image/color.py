@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from inim.image.noisy_image import row_bands
 
@@ -51,8 +52,18 @@ def srgb_to_uint8(srgb: np.ndarray) -> np.ndarray:
     return codes
 
 
-def srgb_codes(linear: np.ndarray) -> np.ndarray:
-    """The 8-bit sRGB of linear light, (rows, columns, ...), a band of rows at a time."""
+def to_srgb(linear: np.ndarray) -> NDArray[np.uint8]:
+    """Convert linear light to 8-bit sRGB (IEC 61966-2-1), as a PNG or a panel has it.
+
+    Parameters
+    ----------
+    linear : (rows, columns, ...) float array
+        Linear radiance, 1 being the panel's white; clipped to 0..1.
+
+    Returns
+    -------
+    (rows, columns, ...) uint8 array.
+    """
     codes = np.empty(linear.shape, np.uint8)
     for band in row_bands(*linear.shape[:2]):
         codes[band] = srgb_to_uint8(srgb_from_linear(linear[band]))

@@ -13,6 +13,7 @@ from inim.documents.inspect import InspectDocument, TracedModel
 from inim.errors import DisplayError
 from inim.inspection.accuracy_limits import lenses_beside_panel
 from inim.inspection.geometry import (
+    PIXEL_STEPS,
     array_samples,
     crosstalk_map,
     depth_figures,
@@ -23,6 +24,7 @@ from inim.inspection.geometry import (
     viewing_limits,
     voxel_widths,
 )
+from inim.inspection.output import as_text
 from inim.inspection.spots import Spot, spots
 from inim.lens import check_lens_model
 from inim.lens import lens_model as find_lens_model
@@ -31,8 +33,6 @@ from inim.version import __version__
 
 #: Tried first where none is chosen.
 DEFAULT_LENS_MODEL = Settings.lens_model
-#: Pixels per lens to compare: half as many, these, twice as many.
-PIXEL_STEPS = (0.5, 1.0, 2.0)
 _MOST_CROSSTALK = 0.01
 # Fields in which a mounted array may differ from its design, and the words for a positive and a
 # negative number.
@@ -46,10 +46,17 @@ _DIRECTIONS = {
 
 
 class Inspection(NamedTuple):
-    """Properties of a display, and the spots with their points for the figure."""
+    """Properties of a display, and the spots with their points for the figure.
+
+    `files` are the names of the files written. As text, it is what `inim inspect` prints.
+    """
 
     document: InspectDocument
     spots: tuple[Spot, ...]
+    files: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return as_text(self.document)
 
 
 def usable_model(chosen: str | None, display: Display) -> tuple[str, str | None]:

@@ -27,6 +27,8 @@ from inim.errors import DisplayError
 from inim.inspection.spots import array_to_display, cell_of, finite_or_none, land, lens_at
 from inim.report.diagram import zone_outline_mm
 
+#: Pixels per lens to compare: half as many, these, twice as many.
+PIXEL_STEPS = (0.5, 1.0, 2.0)
 # Panels are driven with 8 bits of red, green and blue.
 _BYTES_PER_PIXEL = 3
 _CURVE_POINTS = 241

@@ -6,8 +6,13 @@ import textwrap
 from collections.abc import Callable
 
 from inim.documents.inspect import InspectDocument, PixelChoice
-from inim.inspection.findings import PIXEL_STEPS
-from inim.inspection.geometry import aperture_blur_mm, mode, pixel_footprint_mm, voxel_mm
+from inim.inspection.geometry import (
+    PIXEL_STEPS,
+    aperture_blur_mm,
+    mode,
+    pixel_footprint_mm,
+    voxel_mm,
+)
 from inim.lens import lens_model as find_lens_model
 
 _COLUMNS = 100

@@ -160,10 +160,27 @@ def score(
     region: np.ndarray | None = None,
     viewing: Viewing | None = None,
 ) -> dict[str, float]:
-    """Score an image by every metric, by key; with a region, also on the relic.
+    """Score an image by every installed metric.
 
-    Images are (rows, columns, 3) float32, linear RGB. The region, (rows, columns) bool, is that of
-    `relic_region`. Without `viewing`, metrics with `needs_viewing` are left out.
+    Parameters
+    ----------
+    reference, test : (rows, columns, 3) float32 array
+        Linear RGB, 1 being the panel's white.
+    region : (rows, columns) bool array, optional
+        Region of the relic, such as `inim.metrics.relic_region` returns; adds scores restricted to
+        it.
+    viewing : Viewing, optional
+        Viewing conditions; without them, metrics that need them are left out.
+
+    Returns
+    -------
+    dict of str to float
+        Scores by key: ``ssim``, ``psnr_db``, ``flip``; ``ssim_on_relic``, ...
+
+    Raises
+    ------
+    UsageError
+        Images that differ in shape or contain values that are not finite.
     """
     maps = score_maps(reference, test, viewing=viewing)
     metrics = [metric for metric in all_metrics() if metric.key in maps]

@@ -11,7 +11,7 @@ import numpy as np
 from inim.display import Display, Viewpoint
 from inim.errors import FileError, InimError, UsageError
 from inim.files.eia_file import read_eia
-from inim.image.color import srgb_codes
+from inim.image.color import to_srgb
 from inim.lens import check_lens_model
 from inim.pipeline.stages.ground_truth import render_view
 from inim.pipeline.stages.reconstruction import DisplayedEIA, Optics
@@ -159,4 +159,4 @@ def _views_of(
             view = render_view(scene, eye, *sampling, run=Run())[0].image
         else:
             view = eia_on_display.view(eye, half=0)
-        yield srgb_codes(view)
+        yield to_srgb(view)

@@ -23,7 +23,7 @@ import numpy as np
 
 import inim
 from inim.calibration.decode import decode
-from inim.calibration.fit import Calibration, calibrate
+from inim.calibration.fit import Calibration, fit_display
 from inim.calibration.lattice import find_lenses
 from inim.calibration.patterns import write_patterns
 from inim.calibration.photographs import read_positions
@@ -91,7 +91,7 @@ def measure(case: Case) -> dict[str, Any]:
 def _calibrate(photographs: Path, design: Display) -> Calibration:
     positions = read_positions(photographs, design)
     lenses = {p.name: find_lenses(decode(p), design, p.name) for p in positions}
-    return calibrate(lenses, design, focal_px=positions[0].focal_length_px)
+    return fit_display(lenses, design, focal_px=positions[0].focal_length_px)
 
 
 def _estimates(calibration: Calibration) -> dict[str, Any]:

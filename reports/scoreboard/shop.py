@@ -26,7 +26,7 @@ from scipy.ndimage import shift as moved
 
 from inim.files.light_field import write_hci
 from inim.files.picture import write_pfm
-from inim.image.color import linear_from_srgb, srgb_codes
+from inim.image.color import linear_from_srgb, to_srgb
 
 _NAME = re.compile(r".*_(\d\d)_(\d\d)_.*\.jpg")
 _SIDE = 27
@@ -114,7 +114,7 @@ def main() -> None:
         cut = whole[top : top + high, left : left + wide]
         squares = cut.reshape(high // _SQUARE, _SQUARE, wide // _SQUARE, _SQUARE, 3)
         light = linear_from_srgb(squares.astype(np.float32) / 255).mean(axis=(1, 3))
-        views[row, column] = srgb_codes(light)
+        views[row, column] = to_srgb(light)
     grid = np.stack([np.stack([views[r, c] for c in range(_SIDE)]) for r in range(_SIDE)])
     tried = np.linspace(_LEAST - _CONVERGED, _MOST - _CONVERGED, _PLANES) / _SQUARE
     disparity = sweep(grid, tried)

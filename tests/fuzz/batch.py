@@ -78,7 +78,7 @@ def _in_a_scene(shape: str, plugin: str) -> Read:
 
 
 def _new_scene(path: Path) -> None:
-    from inim.commands.new_scene import new_scene
+    from inim.scene.new_scene import new_scene
 
     out = path.parent / "made" / "new.xml"
     new_scene(path, out, unit="mm", up="y", force=True, warn=lambda _: None)

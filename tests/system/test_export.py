@@ -25,7 +25,7 @@ from inim.files.light_field import eia_from_views, read_hci
 from inim.from_camera.depth_values import DepthValues
 from inim.from_camera.fit import fit_picture, map_depth
 from inim.generators import generate
-from inim.image.color import srgb_codes
+from inim.image.color import to_srgb
 from inim.image.rgbd import RGBD
 from inim.lens import white_exposure
 from inim.metrics import ssim
@@ -167,7 +167,7 @@ def test_a_report_s_light_field_regenerates_its_picture_sampled_once_per_lens(fo
     back = read_rgbd(folder / "rgbd.exr")
     np.testing.assert_array_equal(back.covered, expected.covered)
     np.testing.assert_allclose(back.depth_mm, expected.depth_mm, atol=1e-3)
-    codes = [srgb_codes(layer.color).astype(int)[expected.covered] for layer in (back, expected)]
+    codes = [to_srgb(layer.color).astype(int)[expected.covered] for layer in (back, expected)]
     assert np.abs(codes[0] - codes[1]).max() <= 1
     # So as an EIA it is as near to the report's as sampling once a lens lets it be.
     sampled = ssim(fine, generate(expected, display, nearest))
@@ -215,7 +215,7 @@ def test_a_quilt_of_the_truth_is_the_scene_traced_again(folder, renderer):
             fitted, DISPLAY, eyes[k], pixels_per_lens=2.5, spp=4, seed=seed_of("views", 0)
         )[0].image
         assert view.shape == (40, 50, 3)
-        np.testing.assert_array_equal(views[k, 12:52], srgb_codes(view))
+        np.testing.assert_array_equal(views[k, 12:52], to_srgb(view))
     assert not views[:, :12].any()
     assert not views[:, 52:].any()
     assert nothing_left(folder)
@@ -254,7 +254,7 @@ def test_a_quilt_s_tiles_are_views_across_the_zone(tmp_path, renderer, model):
     for view, eye in zip(views, eyes, strict=True):
         eye_view = reconstruct(eia, DISPLAY, eye, model, pixels_per_lens=3, spp=16, seed=0)
         exposed = np.float32(white_exposure(DISPLAY, model)) * eye_view
-        np.testing.assert_array_equal(view, srgb_codes(exposed))
+        np.testing.assert_array_equal(view, to_srgb(exposed))
         light = eye_view[..., 0].sum(axis=0)
         expected = -eye.x_mm * z / (eye.z_mm - z)
         assert (light @ x) / light.sum() == pytest.approx(expected, abs=DISPLAY.pitch_mm / 2)

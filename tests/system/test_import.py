@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from types import ModuleType
 
 import pytest
+
+import inim
 
 
 def fresh(code: str) -> str:
@@ -46,3 +49,18 @@ print(inim.reconstruct(eia, display, inim.Viewpoint("eye", 0, 0, 200), spp=4).sh
 )
 def test_a_view_can_be_the_first_thing_asked_for(before):
     assert fresh(before + VIEW) == "(12, 16, 3)"
+
+
+def test_static_list_of_names_is_that_of_the_loaded_ones():
+    assert sorted([*inim._HOME, "__version__"]) == sorted(inim.__all__)
+    for name in inim._HOME:
+        value = getattr(inim, name)
+        assert not isinstance(value, ModuleType) and (name == "DISPLAYS" or value.__doc__)
+
+
+def test_functions_stay_functions_after_the_import_of_any_module():
+    code = (
+        "import inim, inim.sweeps.run, inim.inspection.run, inim.calibration.run, inim.views.export"
+        "\nprint([callable(getattr(inim, n)) for n in ('sweep', 'inspect', 'calibrate', 'export')])"
+    )
+    assert fresh(code) == "[True, True, True, True]"

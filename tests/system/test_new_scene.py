@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.commands.new_scene import COMMANDS, new_scene
+from inim.commands.new_scene import COMMANDS
 from inim.errors import FileError, UsageError
 from inim.files.mesh import read_mesh
 from inim.files.ply import write_ply
 from inim.files.triangle_mesh import Mesh, add_vertex_normals
 from inim.image.color import srgb_from_linear, srgb_to_uint8
+from inim.scene.new_scene import new_scene
 from inim.scene.relic_scene import STONE, scene_xml
 
 

@@ -10,9 +10,9 @@ import pytest
 import trimesh
 
 from inim.cli import main
-from inim.commands.new_scene import new_scene
 from inim.errors import EXIT_PASSED, UsageError
 from inim.files.splat_ply import read_splats, write_splats
+from inim.scene.new_scene import new_scene
 from tests.schemas import assert_schema, read_document
 from tests.splat_relics import joined, random_splats, splats_at
 from tests.system.conftest import run_here
@@ -65,7 +65,7 @@ def test_a_relic_with_y_down_is_upright_and_not_mirrored(mi, tmp_path):
 
 def test_missing_settings_of_splats_are_requested(tmp_path):
     source, out = signpost(tmp_path), tmp_path / "a.xml"
-    with pytest.raises(UsageError, match=r"--up .*nearly all of them are in -"):
+    with pytest.raises(UsageError, match=r"--up .*nearly all splats are in -"):
         new_scene(source, out, unit=None, up=None)
     with pytest.raises(UsageError, match="splats have no unit"):
         new_scene(source, out, unit="mm", up="-y")

@@ -10,7 +10,7 @@ import pytest
 from inim import metrics
 from inim.errors import UsageError
 from inim.generators import colour_of
-from inim.image.color import linear_from_srgb, srgb_codes, srgb_from_linear, srgb_to_uint8
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8, to_srgb
 from inim.image.noisy_image import NoisyImage, row_bands
 from inim.image.rgbd import RGBD
 from inim.metrics.flip import FLIP_REACH
@@ -110,11 +110,11 @@ def test_pixels_that_are_not_finite_are_counted_over_all_bands(band):
 
 def test_codes_are_those_of_the_whole_picture(band):
     picture = pictures()[1]
-    codes = srgb_codes(picture)
+    codes = to_srgb(picture)
     assert codes.dtype == np.uint8
     assert np.array_equal(codes, srgb_to_uint8(srgb_from_linear(picture)))
     every = np.arange(256, dtype=np.uint8).reshape(32, 8)
-    assert np.array_equal(srgb_codes(linear_from_srgb(every / np.float32(255))), every)
+    assert np.array_equal(to_srgb(linear_from_srgb(every / np.float32(255))), every)
 
 
 @pytest.mark.parametrize("generated", [False, True])
@@ -172,7 +172,7 @@ def test_colours_of_sources_are_looked_up_one_by_one(band):
     [
         (lambda a, b: metrics.ssim(a, b), 0.6),  # the map alone is a third
         (lambda a, b: metrics.psnr_db(a, b), 0.2),
-        (lambda a, b: srgb_codes(a), 0.4),  # the codes alone are a quarter
+        (lambda a, b: to_srgb(a), 0.4),  # the codes alone are a quarter
         (lambda a, b: tile_statistics(NoisyImage.from_halves(a, b), (40, 40)), 0.6),
         (
             lambda a, b: tile_statistics(NoisyImage.from_image(a, b), (40, 40), generated=True),

@@ -13,6 +13,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from inim.calibration import decode, photographs
+from inim.calibration import run as calibration_run
 from inim.calibration.model import Intrinsics, Pose
 from inim.calibration.photo import simulate
 from inim.cli import main
@@ -46,8 +47,8 @@ def photos(monkeypatch, tmp_path):
         assert folder == tmp_path / "<photos>" and display.eia_shape == DESIGN.eia_shape
         return [SimpleNamespace(name=name, focal_length_px=stated.get(name)) for name in by_name]
 
-    monkeypatch.setattr(photographs, "read_positions", read_positions)
-    monkeypatch.setattr(decode, "decode", lambda position: by_name[position.name])
+    monkeypatch.setattr(calibration_run, "read_positions", read_positions)
+    monkeypatch.setattr(calibration_run, "decode", lambda position: by_name[position.name])
     return SimpleNamespace(photographs=by_name, stated=stated, folder=str(tmp_path / "<photos>"))
 
 

@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from inim.calibration.fit import Calibration, calibrate, fit_pose
+from inim.calibration.fit import Calibration, fit_display, fit_pose
 from inim.calibration.lattice import Lenses, find_lenses
 from inim.calibration.model import (
     PARAMETERS,
@@ -82,7 +82,7 @@ def covered(name: str, hides: Callable[[np.ndarray, np.ndarray], np.ndarray]) ->
 
 @cache
 def fitted(*names: str) -> Calibration:
-    return calibrate({name: lenses(name) for name in names}, DESIGN)
+    return fit_display({name: lenses(name) for name in names}, DESIGN)
 
 
 @cache
@@ -94,7 +94,7 @@ def straight_photograph() -> Photograph:
 
 @cache
 def straight_on() -> Calibration:
-    return calibrate({"straight": find_lenses(straight_photograph(), DESIGN, "straight")}, DESIGN)
+    return fit_display({"straight": find_lenses(straight_photograph(), DESIGN, "straight")}, DESIGN)
 
 
 @cache
@@ -349,7 +349,7 @@ def test_one_straight_position_determines_the_rotation_only():
 
 
 def test_known_intrinsics_are_kept_and_help():
-    result = calibrate({name: lenses(name) for name in EYES}, DESIGN, camera=TRUE_CAMERA)
+    result = fit_display({name: lenses(name) for name in EYES}, DESIGN, camera=TRUE_CAMERA)
     assert result.guess.camera == TRUE_CAMERA
     assert [*result.estimates] == [*PARAMETERS]
     own = fitted(*EYES)
@@ -362,7 +362,7 @@ def test_known_intrinsics_are_kept_and_help():
 def test_half_the_sheet_under_a_thumb_still_works():
     photos = {name: covered(name, lambda _, u: u > 260) for name in EYES}
     numberings = {name: find_lenses(photo, DESIGN, name) for name, photo in photos.items()}
-    result = calibrate(numberings, DESIGN)
+    result = fit_display(numberings, DESIGN)
     assert result.edges_seen == (False, True)
     for name in PARAMETERS:
         estimate = result.estimates[name]
@@ -377,7 +377,7 @@ def test_without_its_edges_the_shift_nearest_to_the_design_is_given():
 
     design = DESIGN.replace(shift_x_mm=2.0, panel_rows=ROWS, panel_columns=COLUMNS)
     cut = {name: find_lenses(covered(name, edges), DESIGN, name) for name in EYES}
-    result = calibrate(cut, design)
+    result = fit_display(cut, design)
     assert result.edges_seen == (False, False)
     shift = result.guess.display.shift_x_mm
     angle = np.radians(HIDDEN.rotation_deg)
@@ -397,7 +397,7 @@ def test_photographs_of_another_display_are_refused():
     with pytest.raises(
         FileError, match=r"^near: the lenses are 15\.\d+ panel pixels apart.*--display"
     ):
-        calibrate(numberings, other)
+        fit_display(numberings, other)
 
 
 @pytest.mark.parametrize(
@@ -410,7 +410,7 @@ def test_patterns_that_the_browser_scaled_are_refused(zoom):
         FileError,
         match=r"^near: the lenses are .* show the patterns in the browser pixel for pixel",
     ):
-        calibrate({"near": scaled}, DESIGN)
+        fit_display({"near": scaled}, DESIGN)
 
 
 def test_more_lenses_than_there_are_is_another_display():
@@ -418,19 +418,19 @@ def test_more_lenses_than_there_are_is_another_display():
     with pytest.raises(
         FileError, match=r"28 columns of lenses are visible, but display small has 20"
     ):
-        calibrate({"near": lenses("near"), "far": lenses("far")}, fewer)
+        fit_display({"near": lenses("near"), "far": lenses("far")}, fewer)
 
 
 def test_mirrored_photographs_are_refused():
     mirrored = Photograph(*(part[:, ::-1].copy() for part in photograph_from("near")))
     with pytest.raises(FileError, match=r"^near: the photographs are mirrored"):
-        calibrate({"near": find_lenses(mirrored, DESIGN, "near")}, DESIGN)
+        fit_display({"near": find_lenses(mirrored, DESIGN, "near")}, DESIGN)
 
 
 def test_another_size_of_photograph_is_another_camera():
     other = replace(lenses("far"), shape=(480, 360))
     with pytest.raises(FileError, match="480 x 360 and of 360 x 480 pixels"):
-        calibrate({"near": lenses("near"), "far": other}, DESIGN)
+        fit_display({"near": lenses("near"), "far": other}, DESIGN)
 
 
 @pytest.mark.slow
@@ -440,18 +440,18 @@ def test_a_sheet_that_slipped_between_positions_is_refused():
     photo = photograph(slipped, CAMERA, eye, look_at(eye, target, roll), 3)
     numberings = {"near": lenses("near"), "far": find_lenses(photo, DESIGN, "far")}
     with pytest.raises(FileError, match="are all of one sheet"):
-        calibrate(numberings, DESIGN)
+        fit_display(numberings, DESIGN)
 
 
 def test_a_strip_of_the_sheet_is_too_little():
     strip = covered("near", lambda _, u: u >= 90)
     with pytest.raises(FileError, match=r"^strip: \d+ lenses are completely visible"):
-        calibrate({"strip": find_lenses(strip, DESIGN, "strip")}, DESIGN)
+        fit_display({"strip": find_lenses(strip, DESIGN, "strip")}, DESIGN)
 
 
 def test_other_lattices_are_refused():
     with pytest.raises(UsageError, match="lattice = 'hexagonal' cannot be calibrated"):
-        calibrate({"near": lenses("near")}, DESIGN.replace(lattice="hexagonal"))
+        fit_display({"near": lenses("near")}, DESIGN.replace(lattice="hexagonal"))
 
 
 # -- what is written ------------------------------------------------------------------------------
@@ -507,7 +507,7 @@ def test_advice_estimates_the_gain_of_a_further_position():
     best = advised[0]
     photo = photograph(HIDDEN, CAMERA, best.eye_mm, look_at(best.eye_mm), 9)
     numberings = {name: lenses(name) for name in ("near", "left", "above")}
-    more = calibrate({**numberings, "new": find_lenses(photo, DESIGN, "new")}, DESIGN)
+    more = fit_display({**numberings, "new": find_lenses(photo, DESIGN, "new")}, DESIGN)
     for name in ("gap_mm", "focal_length_mm"):
         promised = best.standard_errors[name] / own[name].error
         ratio = more.estimates[name].error / own[name].error

@@ -80,9 +80,9 @@ def test_wrong_inputs_of_reconstruct_are_one_line(renderer, eia, display, viewpo
 
 
 def test_the_remedy_for_an_8_bit_eia_is_the_linear_one(renderer):
-    from inim.image.color import linear_from_srgb, srgb_codes
+    from inim.image.color import linear_from_srgb, to_srgb
 
-    codes = srgb_codes(EIA)
+    codes = to_srgb(EIA)
     with pytest.raises(UsageError, match=r"linear_from_srgb\(eia\[..., :3\] / 255\)"):
         inim.reconstruct(codes, "nominal", "centre")
     np.testing.assert_allclose(linear_from_srgb(codes[..., :3] / 255), EIA, atol=0.005)

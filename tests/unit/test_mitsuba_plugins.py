@@ -7,7 +7,7 @@ import pytest
 
 from inim.display import DISPLAYS, Viewpoint
 from inim.errors import BackendError, FileError, SceneError
-from inim.image.color import srgb_codes
+from inim.image.color import to_srgb
 from tests.conftest import no_cuda, small_display, square
 
 ROOT = Path(__file__).parents[2]
@@ -355,7 +355,7 @@ def test_a_file_next_to_the_scene_is_shown(tmp_path, form):
     from inim.render.reconstruct import reconstruct
 
     if form == "png":
-        Image.fromarray(srgb_codes(picture())).save(tmp_path / "eia.png")
+        Image.fromarray(to_srgb(picture())).save(tmp_path / "eia.png")
     else:
         write_exr(tmp_path / "eia.exr", picture())
     (tmp_path / "s.xml").write_text(XML.format(file=f"eia.{form}", numbers=NUMBERS))
@@ -372,7 +372,7 @@ def test_bitmap_and_tensor_are_one():
     import mitsuba as mi
 
     world = mi.ScalarTransform4f()
-    codes = srgb_codes(picture())
+    codes = to_srgb(picture())
     by_bitmap = loaded(panel=panel(world), eye=eye(world))
     for bitmap, limit in ((mi.Bitmap(picture()), 0.0), (mi.Bitmap(codes), 5e-3)):
         shape = panel(world)

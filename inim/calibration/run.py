@@ -1,0 +1,131 @@
+"""Calibration of a display from a folder of photographs, with its files."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from inim.calibration.decode import decode
+from inim.calibration.fit import Calibration, check_display, fit_display
+from inim.calibration.lattice import Lenses, find_lenses
+from inim.calibration.model import Intrinsics
+from inim.calibration.output import calibration_document, display_file, residual_maps
+from inim.calibration.photographs import read_positions
+from inim.display import Display
+from inim.documents.files import write_text
+from inim.errors import UsageError
+from inim.report.calibration import FILES, write_calibration
+from inim.scene.file import choose_display, parse_definitions
+from inim.worker.output import output_files
+
+# Pixels whose sides differ by more are not square.
+_SQUARE = 0.005
+
+
+def calibrate(
+    photos: Path | str,
+    display: Display | str | Path | None = None,
+    *,
+    definitions: Mapping[str, Any] | None = None,
+    intrinsics: str | Sequence[float] | None = None,
+    out: Path | str | None = None,
+    command: str = "",
+    warn: Callable[[str], object] = warnings.warn,
+) -> Calibration:
+    """Measure a display's parameters from photographs of patterns on it.
+
+    Also writes a display file, and a report next to it, into the folder `OUT-calibration`.
+
+    Parameters
+    ----------
+    photos : path
+        Folder with one subfolder of photographs per camera position; see
+        `inim.calibration.patterns.write_patterns`.
+    display : Display, str or path, optional
+        The display as designed: a value, the name of a preset or a display file.
+    definitions : mapping, optional
+        Settings to override: ``{"inim.gap_mm": 3.2}``.
+    intrinsics : str or six floats, optional
+        ``FX, FY, CX, CY, K1, K2`` in pixels, as OpenCV defines them; by default fitted.
+    out : path, optional
+        Display file to write; default: `PHOTOS.xml` in the current folder.
+    command : str
+        Command line, for the record.
+    warn : callable
+        Receives warnings as text; by default `warnings.warn`.
+
+    Returns
+    -------
+    Calibration
+        Its `display` is the measured one; `undetermined` lists parameters that the photographs do
+        not determine.
+
+    Raises
+    ------
+    InimError
+        Unusable photographs, a display that cannot be calibrated, or files that cannot be written.
+    """
+    photos = Path(photos)
+    design, settings = choose_display(
+        display, parse_definitions(definitions or {}), "inim calibrate"
+    )
+    file, folder = output_paths(photos, out)
+    if file.suffix.lower() != ".xml":
+        raise UsageError(f"-o {file}: a display file is an .xml; name it {file.stem}.xml")
+    camera = _camera(intrinsics)
+    check_display(design)
+    lenses, focal_px = _lenses(photos, design)
+    calibration = fit_display(lenses, design, camera=camera, focal_px=focal_px)
+    title = f"Calibration: {photos.resolve().name}"
+    document = calibration_document(calibration, title, command)
+    with output_files(folder, FILES) as staging:
+        write_calibration(document, residual_maps(calibration), staging)
+    write_text(file, display_file(calibration, settings.display))
+    for warning in document.warnings:
+        warn(warning)
+    return calibration
+
+
+def output_paths(photos: Path | str, out: Path | str | None) -> tuple[Path, Path]:
+    """Display file and folder of the report."""
+    file = Path(f"{Path(photos).resolve().name}.xml") if out is None else Path(out)
+    return file, file.with_name(f"{file.stem}-calibration")
+
+
+def _camera(intrinsics: str | Sequence[float] | None) -> Intrinsics | None:
+    """Camera given by `--intrinsics`, as text or as numbers."""
+    if intrinsics is None:
+        return None
+    text = intrinsics if isinstance(intrinsics, str) else ",".join(map(str, intrinsics))
+    try:
+        fx, fy, cx, cy, k1, k2 = map(float, text.split(","))
+    except ValueError:
+        raise UsageError(
+            f"--intrinsics {text}: write FX,FY,CX,CY,K1,K2 in pixels of the photographs, such as "
+            "3020,3020,2015.5,1511.5,0.02,-0.05"
+        ) from None
+    if not (fx > 0 and abs(fx - fy) < _SQUARE * fx):
+        raise UsageError(
+            f"--intrinsics {text}: focal lengths of {fx:g} and {fy:g} pixels; both must be above 0 "
+            "and equal, because pixels are assumed to be square"
+        )
+    # Pixel centres are at half-integers here, at integers there.
+    return Intrinsics((fx + fy) / 2, cx + 0.5, cy + 0.5, k1, k2)
+
+
+def _lenses(photos: Path, display: Display) -> tuple[dict[str, Lenses], float | None]:
+    """Lenses in the photographs of each position, and the focal length in their metadata."""
+    positions = read_positions(photos, display)
+    stated = {position.focal_length_px for position in positions}
+    if len(stated - {None}) > 1:
+        raise UsageError(
+            f"{photos}: the camera's focal length differs between positions; photograph all with "
+            "one lens and without zoom"
+        )
+    lenses = {
+        position.name: find_lenses(decode(position), display, position.name)
+        for position in positions
+    }
+    return lenses, stated.pop() if len(stated) == 1 else None

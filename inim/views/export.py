@@ -1,0 +1,352 @@
+"""An EIA for printing, and its views for other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from inim.errors import FileError, UsageError, ViewpointError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from inim.display import Display
+    from inim.report import Report
+    from inim.views.quilt import QuiltRequest
+
+#: Two whole numbers, across and down: ``(8, 6)`` or ``"8x6"``.
+Pair = str | tuple[int, int]
+#: Quilts of published devices, by their columns and rows of views: width and height of a view in
+#: pixels, and its width over its height as seen, where its pixels are not square.
+_QUILTS = {
+    (8, 6): (420, 560, 0.75),
+    (5, 9): (819, 455, 16 / 9),
+    (7, 7): (857, 857, 16 / 9),
+    (11, 6): (372, 682, 9 / 16),
+}
+#: Defaults of a quilt: tiles across and down, and samples per pixel.
+TILES, SPP = "8x6", 32
+
+
+@dataclass(frozen=True)
+class _ChosenEIA:
+    """EIA to export, with the design of its display and the misaligned display.
+
+    `distance_mm` is the distance of the eyes, and `description` is the name of the EIA with the
+    reason of its choice.
+    """
+
+    path: Path
+    display: Display
+    misaligned: Display
+    lens_model: str
+    distance_mm: float | None
+    description: str
+    report: Report | None = None
+    is_truth: bool = False
+
+    @property
+    def design_display(self) -> Display:
+        """Display for which the EIA was generated: algorithms use the design."""
+        return self.misaligned if self.is_truth else self.display
+
+
+def export(
+    source: Path | str,
+    *,
+    pdf: Path | str | None = None,
+    views: Path | str | None = None,
+    hci: Path | str | None = None,
+    quilt: Path | str | None = None,
+    algorithm: str | None = None,
+    display: Display | str | Path | None = None,
+    definitions: Mapping[str, Any] | None = None,
+    grid: Pair | None = None,
+    tiles: Pair | None = None,
+    view_size: Pair | None = None,
+    aspect: float | None = None,
+    view_spp: int | None = None,
+    scene: Path | str | None = None,
+    allow_folders: Sequence[Path | str] = (),
+    quiet: bool = True,
+    debug: bool = False,
+    say: Callable[[str], object] | None = None,
+) -> list[Path]:
+    """Write an EIA as a PDF to print, as sub-aperture views, as a light field, or as a quilt.
+
+    At least one of `pdf`, `views`, `hci` and `quilt` is required. Pairs, across and down, are
+    ``(8, 6)`` or ``"8x6"``.
+
+    Parameters
+    ----------
+    source : path
+        Folder of a report, or an EIA (.png, .exr).
+    pdf : path, optional
+        PDF that prints at true size.
+    views, hci : path, optional
+        Folders for sub-aperture views (``view_ROW_COLUMN.png``) and for an HCI light field.
+    quilt : path, optional
+        PNG of views rendered through the lens array; ``_qsCOLSxROWSaASPECT`` is added to its name.
+    algorithm : str, optional
+        Algorithm of the report, or ``"truth"``; default: the best.
+    display, definitions : optional
+        Display of an EIA, as for `inim.validate`; a report has its own.
+    grid : pair, optional
+        Number of sub-aperture views; default: the pixels per lens.
+    tiles, view_size : pair, optional
+        Tiles of the quilt (8x6), and the size of a tile in pixels.
+    aspect : float, optional
+        Displayed width of a tile over its height; default: square pixels.
+    view_spp : int, optional
+        Samples per pixel of a tile (32).
+    scene : path, optional
+        New path of the report's scene, for a quilt of the ground truth.
+    allow_folders : sequence of path
+        Additional folders for files that the scene references.
+    quiet, debug : bool
+        As for `inim.views.frames.render_in_worker`.
+    say : callable, optional
+        Receives a sentence about the chosen EIA.
+
+    Returns
+    -------
+    list of Path
+        Files and folders written.
+
+    Raises
+    ------
+    InimError
+        Contradictory or impossible choices, unreadable files, or no usable backend.
+    """
+    from inim.scene.file import parse_definitions
+
+    request = Exports(
+        source=Path(source),
+        pdf=_path(pdf),
+        views=_path(views),
+        hci=_path(hci),
+        quilt=_path(quilt),
+        scene=_path(scene),
+        grid=_pair_text(grid),
+        tiles=_pair_text(tiles),
+        view_size=_pair_text(view_size),
+        algorithm=algorithm,
+        display=display,
+        definitions=parse_definitions(definitions or {}),
+        aspect=aspect,
+        view_spp=view_spp,
+        allow_folders=tuple(map(Path, allow_folders)),
+    )
+    chosen = _choose_from_report(request) if request.source.is_dir() else _choose_eia(request)
+    quilt_request = None if request.quilt is None else _quilt(request, request.quilt, chosen)
+    files = _write_sheet_and_views(request, chosen)
+    if quilt_request is not None:
+        from inim.views.frames import render_in_worker
+
+        render_in_worker(quilt_request, quiet=quiet, debug=debug)
+        files.append(quilt_request.file)
+    if say is not None:
+        say(f"exported {chosen.description}")
+    return files
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exports:
+    """Arguments of `export`, checked against each other; pairs are texts such as ``8x6``."""
+
+    source: Path
+    pdf: Path | None
+    views: Path | None
+    hci: Path | None
+    quilt: Path | None
+    scene: Path | None
+    grid: str | None
+    tiles: str | None
+    view_size: str | None
+    algorithm: str | None
+    display: Display | str | Path | None
+    definitions: Mapping[str, str]
+    aspect: float | None
+    view_spp: int | None
+    allow_folders: tuple[Path, ...]
+
+    def __post_init__(self) -> None:
+        if not (self.pdf or self.views or self.hci or self.quilt):
+            raise UsageError(
+                "nothing to write: give --pdf FILE, --views DIR, --hci DIR or --quilt FILE"
+            )
+        for option, path in (("--views", self.views), ("--hci", self.hci)):
+            if path is not None and path.exists() and not path.is_dir():
+                raise FileError(f"{option} {path}: is a file; name a folder")
+        for option in ("tiles", "view_size", "aspect", "view_spp", "scene"):
+            if getattr(self, option) is not None and self.quilt is None:
+                raise UsageError(f"--{option.replace('_', '-')}: needs a quilt; add --quilt FILE")
+
+
+def _path(path: Path | str | None) -> Path | None:
+    return None if path is None else Path(path)
+
+
+def _pair_text(pair: Pair | None) -> str | None:
+    return pair if pair is None or isinstance(pair, str) else "x".join(map(str, pair))
+
+
+def _pair(option: str, text: str, most: int) -> tuple[int, int]:
+    """Two whole numbers, across and down."""
+    across, _, down = text.lower().partition("x")
+    if not (across.isdecimal() and down.isdecimal() and 0 < int(across) * int(down) <= most):
+        raise UsageError(f"{option} {text}: write ACROSSxDOWN, such as 9x9, of at most {most}")
+    return int(across), int(down)
+
+
+def _choose_eia(request: Exports) -> _ChosenEIA:
+    from inim.display.misalignment import misaligned
+    from inim.scene.file import choose_display
+
+    if request.algorithm:
+        raise UsageError("--algorithms: needs a report's folder; an EIA has no algorithms")
+    design, settings = choose_display(request.display, request.definitions, "inim export")
+    real, distance = misaligned(design, settings.misalign), settings.viewing_distance_mm
+    return _ChosenEIA(
+        request.source, design, real, settings.lens_model, distance, request.source.name
+    )
+
+
+def _choose_from_report(request: Exports) -> _ChosenEIA:
+    """Chosen algorithm or the ground truth; by default the best by the headline score."""
+    from inim.display.misalignment import misaligned
+    from inim.report import TRUTH, Report
+
+    if request.display or request.definitions:
+        raise UsageError(
+            f"{request.source}: is a report, which has its own display; --display and -D are for "
+            "an EIA"
+        )
+    report = Report.load(request.source)
+    name, why = (request.algorithm, "") if request.algorithm else _best(report)
+    path, design = report.eia_path(name, "--algorithms"), report.display
+    return _ChosenEIA(
+        path,
+        design,
+        misaligned(design, report.data.misalign),
+        report.data.lens_model,
+        report.data.settings.viewing_distance_mm,
+        name + why,
+        report,
+        name == TRUTH,
+    )
+
+
+def _best(report: Report) -> tuple[str, str]:
+    """Best algorithm, with a phrase for the reason."""
+    from inim.metrics.headline import HEADLINE_WORDS
+
+    names, best = list(report.data.algorithms), report.data.best_algorithm
+    if len(names) == 1:
+        return names[0], ", the report's only algorithm"
+    if best is None:
+        raise UsageError(
+            f"{report.folder}: has no scores to choose by; name one with --algorithms: "
+            f"{', '.join([*names, 'truth'])}"
+        )
+    return best, f", the best of {len(names)} by {HEADLINE_WORDS}"
+
+
+def _write_sheet_and_views(request: Exports, chosen: _ChosenEIA) -> list[Path]:
+    from inim.files.eia_file import read_eia, write_true_size_pdf
+    from inim.files.light_field import sub_aperture_views, write_hci
+    from inim.image.color import to_srgb
+
+    grid = None if request.grid is None else _pair("--grid", request.grid, 10_000)[::-1]
+    if request.pdf is None and request.views is None and request.hci is None:
+        return []
+    display = chosen.design_display
+    eia = read_eia(chosen.path, display)[0]
+    codes = to_srgb(eia)
+    views = None if request.views is None else sub_aperture_views(codes, display, grid)
+    field = None if request.hci is None else _light_field(request, chosen, codes, grid)
+    if request.pdf is not None:
+        write_true_size_pdf(request.pdf, eia, display.pixel_pitch_mm)
+    if request.views is not None and views is not None:
+        _write_views(request.views, views)
+    if request.hci is not None and field is not None:
+        write_hci(request.hci, field[0], display, field[1])
+    return [path for path in (request.pdf, request.views, request.hci) if path is not None]
+
+
+def _light_field(
+    request: Exports, chosen: _ChosenEIA, codes: np.ndarray, grid: tuple[int, int] | None
+) -> tuple[np.ndarray, np.ndarray | None]:
+    """Views; for a report also the disparity of the centre view."""
+    from inim.files.image import read_rgbd
+    from inim.files.light_field import centre_disparity, sub_aperture_views, view_grid
+
+    display = chosen.design_display
+    if chosen.report is None:
+        return sub_aperture_views(codes, display, grid), None
+    if grid is None:  # odd numbers, for a centre view
+        down, across = (n - 1 + n % 2 for n in view_grid(display))
+    elif not (grid[0] % 2 and grid[1] % 2):
+        raise UsageError(
+            f"--grid {request.grid}: has no centre view, which needs a disparity; use odd numbers"
+        )
+    else:
+        down, across = grid
+    rgbd = read_rgbd(chosen.report.folder / "rgbd.exr")
+    views = sub_aperture_views(codes, display, (down, across))
+    return views, centre_disparity(rgbd, display, across)
+
+
+def _write_views(folder: Path, views: np.ndarray) -> None:
+    from PIL import Image
+
+    from inim.files.image import write_atomically
+
+    for row, line in enumerate(views):
+        for column, view in enumerate(line):
+            save = partial(Image.fromarray(view).save, format="PNG")
+            write_atomically(folder / f"view_{row:02}_{column:02}.png", save)
+
+
+def _quilt(request: Exports, out: Path, chosen: _ChosenEIA) -> QuiltRequest:
+    """Request for the quilt, checked."""
+    from inim.views.frames import TracedScene
+    from inim.views.quilt import QuiltRequest
+
+    if request.scene is not None and not chosen.is_truth:
+        raise UsageError("--scene: needs the ground truth; add --algorithms truth")
+    columns, rows = tiles = _pair("--tiles", request.tiles or TILES, 1000)
+    if request.view_size is not None:
+        width, height = _pair("--view-size", request.view_size, 2**28)
+        aspect = width / height
+    elif tiles in _QUILTS:
+        width, height, aspect = _QUILTS[tiles]
+    else:
+        raise UsageError(f"--tiles {request.tiles}: unknown size of a tile; give --view-size WxH")
+    quilt = QuiltRequest(
+        out=out,
+        sources={
+            "quilt": TracedScene.of(chosen.report, request.scene, request.allow_folders)
+            if chosen.is_truth and chosen.report
+            else chosen.path
+        },
+        label=chosen.path,
+        design=chosen.display,
+        misaligned_display=chosen.misaligned,
+        lens_model=chosen.lens_model,
+        spp=SPP if request.view_spp is None else request.view_spp,
+        distance_mm=chosen.distance_mm,
+        columns=columns,
+        rows=rows,
+        width=width,
+        height=height,
+        aspect=aspect if request.aspect is None else request.aspect,
+    )
+    try:
+        quilt.check()
+    except ViewpointError as error:
+        raise FileError(f"{request.source}: {error}") from None
+    return quilt
