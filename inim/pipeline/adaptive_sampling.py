@@ -35,7 +35,7 @@ from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.scoring import MethodResult, Scores
 from inim.pipeline.stages.stage import Run
-from inim.regression.scores import ScoreEstimate, is_above, score_interval
+from inim.regression.scores import ScoreEstimate, is_above, scatter
 from inim.settings import Settings
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ def largest_uncertainty(
         if name in previous and name not in bends:
             # Negligible noise, or so much that the score no longer depends on it.
             bias = max(bias, abs(score.plain - previous[name].plain))
-        uncertainties.append(bias + _half_width(score))
+        uncertainties.append(bias + scatter(score))
     if not previous or any(map(math.isnan, uncertainties)):
         return math.inf
     return max(uncertainties, default=math.inf)
@@ -165,16 +165,11 @@ def next_share(share: float, scores: Mapping[str, ScoreEstimate], error: float) 
 
 def _needed_share(share: float, score: ScoreEstimate, error: float) -> float:
     """Solve ``bias x^2 + half_width x = error`` for ``share / x^2``."""
-    bias, half = _USUAL_BEND * abs(score.bias), _half_width(score)
+    bias, half = _USUAL_BEND * abs(score.bias), scatter(score)
     root = half + math.sqrt(half**2 + 4 * bias * error)
     if math.isnan(root):
         return 1.0
     return share * (root / (2 * error)) ** 2
-
-
-def _half_width(score: ScoreEstimate) -> float:
-    low, high = score_interval(score)
-    return (high - low) / 2
 
 
 # Rays through the edges of splat shells; Mitsuba's `ellipsoids` counts half of all pixels twice.

@@ -17,7 +17,7 @@ from inim.settings import DISPLAY_KEYS, NOT_SET, PREFIX, Settings, value_text
 PREVIEW = {
     "inim.algorithms": "template",
     "inim.viewpoints": "centre",
-    "inim.capture_spp": "8",
+    "inim.capture_spp": "32",
     "inim.eia_spp": "8",
     "inim.view_spp": "16",
     "inim.reconstruction_spp": "16",

@@ -9,6 +9,7 @@ from scipy import stats
 
 from inim.image.noisy_image import NoisyImage
 from inim.metrics import find
+from inim.metrics.psnr import psnr_db
 from inim.regression.comparison import (
     MAX_SLOWDOWN,
     codes_from_linear,
@@ -27,6 +28,7 @@ from inim.regression.fingerprints import (
     sampled_pixels,
 )
 from inim.regression.scores import (
+    REMAINING_BIAS,
     ScoreEstimate,
     compare_scores,
     is_above,
@@ -305,6 +307,33 @@ def test_score_free_of_noise_is_that_of_pictures_without(scene, names, on_relic)
         assert abs(left) < share * abs(lost), key
 
 
+@pytest.mark.parametrize("bright", [False, True], ids=["gaussian", "rare bright samples"])
+def test_interval_contains_the_score_without_noise(scene, bright):
+    """Noise that biases SSIM by some hundredths; 24 draws, of which at most two may miss."""
+    rng = np.random.default_rng(21)
+    generated = np.roll(scene, 1, axis=0)
+    clean = view_scores(
+        NoisyImage.from_image(scene), NoisyImage.from_image(generated), None, ("ssim", "psnr_db")
+    )
+
+    def half(image):
+        draws = rng.normal(size=(*image.shape[:2], 1))
+        if bright:  # variance 1, and rarely far above
+            draws = (rng.exponential(size=draws.shape) ** 2 / 2 - 1) / math.sqrt(5)
+        return (image + 0.008 * draws).astype(np.float32)
+
+    def with_noise(image):
+        return NoisyImage.from_halves(half(image), half(image))
+
+    misses = dict.fromkeys(clean, 0)
+    for _ in range(24):
+        scores = view_scores(with_noise(scene), with_noise(generated), None, [*clean])
+        for key, score in scores.items():
+            low, high = score_interval(score)
+            misses[key] += not low <= clean[key].plain <= high
+    assert max(misses.values()) <= 2, misses
+
+
 def test_score_is_above_another_by_more_than_the_noise_of_both():
     low, high = (ScoreEstimate(value, 9.0, 1, 0.0, 0.001, 30) for value in (0.900, 0.904))
     assert is_above(high, low)
@@ -382,6 +411,29 @@ def test_identical_pictures_stay_identical_and_nothing_else():
 def test_interval_of_a_score_is_student_s():
     low, high = score_interval(ScoreEstimate(0.9, 9.0, 1, 0.0, 0.01, 7))
     assert (low, high) == pytest.approx(stats.t.interval(0.95, 7, 0.9, 0.01))
+
+
+@pytest.mark.parametrize("bias", [-0.02, 0.02])
+def test_interval_extends_towards_the_correction_of_the_bias(bias):
+    """A bias of -0.02 was added back, and up to 0.7 of it again may be missing."""
+    score = ScoreEstimate(0.9, 0.01, 7, bias, 0.01, 7)
+    low, high = score_interval(score)
+    half = stats.t.ppf(0.975, 7) * 0.01
+    rest = REMAINING_BIAS * abs(bias)
+    expected = (half, half + rest) if bias < 0 else (half + rest, half)
+    assert (score.value - low, high - score.value) == pytest.approx(expected)
+
+
+def test_corrected_psnr_is_that_of_the_corrected_squared_error():
+    """Noise is a third of the squared error: 0.003 instead of 0.002."""
+    shape, rng = (96, 96, 3), np.random.default_rng(3)
+    grey = np.full(shape, 0.5, np.float32)
+    other = grey + np.float32(0.03)
+    noise = [(0.02 * rng.normal(size=shape)).astype(np.float32) for _ in range(2)]
+    test = NoisyImage.from_halves(other + noise[0], other + noise[1])
+    score = view_scores(NoisyImage.from_image(grey), test, None, ["psnr_db"])["psnr_db"]
+    assert score.plain < score.value - 0.3
+    assert score.value == pytest.approx(psnr_db(grey, other), abs=0.1)
 
 
 # --- Times --------------------------------------------------------------------------------------
