@@ -143,7 +143,8 @@ def largest_uncertainty(
             # Negligible noise, or so much that the score no longer depends on it.
             bias = max(bias, abs(score.plain - previous[name].plain))
         uncertainties.append(bias + scatter(score))
-    if not previous or any(map(math.isnan, uncertainties)):
+    undefined = [math.isnan(score.plain) for score in scores.values()]
+    if not previous or any(undefined) or any(map(math.isnan, uncertainties)):
         return math.inf
     return max(uncertainties, default=math.inf)
 
