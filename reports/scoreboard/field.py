@@ -1,11 +1,11 @@
-"""A light field with true views, and its middle view as a picture for a display.
+"""Light field with true views, and its middle view as a picture for a display.
 
-A folder holds views ``input_CamNNN.png`` of a square grid, numbered row by row from the upper left,
-of which some may be missing but not the middle one, and one ``.pfm`` with the middle view's
-disparity: pixels to the next view, positive where nearer. So does the 4D Light Field Benchmark
-(Honauer et al., ACCV 2016). The grid's side is ``num_cams_x`` of ``parameters.cfg``; without it the
-benchmark's, 9. A disparity of fewer pixels is one whose rim was left out: it is carried on to the
-rim. ``source.json``, if there, says in ``source`` and ``licence`` where the views are from.
+A folder holds views ``input_CamNNN.png`` of a square grid, numbered row by row from the upper left.
+Some may be missing, but not the middle view. One ``.pfm`` file has the middle view's disparity:
+pixels to the next view, positive where nearer. This is the format of the 4D Light Field Benchmark
+(Honauer et al., ACCV 2016). The side of the grid is ``num_cams_x`` of ``parameters.cfg``; without
+that file it is 9, as in the benchmark. A disparity of fewer pixels lacks its rim, which repeats its
+border. ``source`` and ``licence`` of the views are in ``source.json``, if it exists.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ Views = Iterator[tuple[Place, np.ndarray]]
 
 _SIDE = 9
 _VIEW = re.compile(r"input_Cam(\d+)\.png")
-# Gap between panel and lenses, in lens pitches, and so the depth of a disparity.
+# Gap between panel and lenses, in lens pitches. It determines the depth of a disparity.
 _GAP = 9
 # Gap less focal length, times the squared side of the grid: with it, `gu2020` steps by an eighth of
 # a pixel of disparity in every light field.
 _DEFOCUS_MM = 8.1
-# In front of all and behind it, pixels of disparity.
+# Margins of the depth range at its near and far ends, in pixels of disparity.
 _IN_FRONT, _BEHIND = 1 / 81, 5 / 81
 
 
 @dataclass(frozen=True)
 class LightField:
-    """True views, and what a method is given to make them of.
+    """True views, and the picture and display for a method.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class LightField:
     side : int
         Views in a row and in a column.
     views : {(row, column): (H, W, 3) uint8}
-        The true ones, sRGB; all there are but the middle one.
+        True views, sRGB, without the middle view.
     rgbd : RGBD
         The middle view and its depth.
     display : Display
@@ -82,13 +82,13 @@ class LightField:
         return place[0] - self.side // 2, place[1] - self.side // 2
 
     def ring(self, place: Place) -> int:
-        """Views from the middle one, along the axis along which they are more."""
+        """Distance from the middle view, in views, along the axis where it is larger."""
         return max(map(abs, self.offset(place)))
 
     def of_eia(self, eia: np.ndarray) -> Iterator[tuple[Place, np.ndarray]]:
-        """Each view's place, and what an EIA shows there."""
-        made = sub_aperture_views(eia, self.display)
-        return ((place, made[place]) for place in self.views)
+        """Places of the views, and the views that an EIA shows there."""
+        views = sub_aperture_views(eia, self.display)
+        return ((place, views[place]) for place in self.views)
 
 
 def codes(linear: np.ndarray) -> np.ndarray:
@@ -105,7 +105,7 @@ def of_views(
     source: str = "",
     licence: str = "",
 ) -> LightField:
-    """A light field of its views, the middle one among them, and that one's disparity."""
+    """Light field of all its views and the disparity of the middle view."""
     others = dict(views)
     middle = others.pop((side // 2, side // 2))
     rows, columns = disparity.shape
@@ -128,20 +128,20 @@ def of_views(
 
 
 def read(folder: Path) -> LightField:
-    """Read a light field's folder; see the module."""
+    """Light field of a folder; see the module."""
     from PIL import Image
 
     side = _side(folder)
     views = {}
     for path in sorted(folder.iterdir()):
-        if found := _VIEW.fullmatch(path.name):
-            views[divmod(int(found[1]), side)] = np.asarray(Image.open(path).convert("RGB"))
+        if match := _VIEW.fullmatch(path.name):
+            views[divmod(int(match[1]), side)] = np.asarray(Image.open(path).convert("RGB"))
     (file,) = folder.glob("*.pfm")
     disparity = read_pfm(file)
     shape = views[(side // 2, side // 2)].shape
     rim = [((n - m) // 2,) * 2 for n, m in zip(shape, disparity.shape, strict=False)]
-    said = folder / "source.json"
-    about = json.loads(said.read_text("utf-8")) if said.is_file() else {}
+    source = folder / "source.json"
+    about = json.loads(source.read_text("utf-8")) if source.is_file() else {}
     return of_views(
         folder.name,
         side,

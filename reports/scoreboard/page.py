@@ -14,49 +14,50 @@ _LABELS = {
     "splat": "naive splat, nearest fill",
     "rvs": "RVS (MPEG)",
 }
-#: The project's first hits with the naive fill: what `fill=hidden` is worth by itself.
+#: First hits of the project with the naive fill: the difference is the gain of `fill=hidden`.
 NEAREST = "template, holes from the nearest pixel"
-_SPLIT = ("splat", NEAREST, "template:fill=hidden")
+_SPLIT = ("splat", "rvs", NEAREST, DEFAULT)
 _KINDS = {
     "shown": "shown",
     "uncovered": "uncovered, a hole",
     "beyond_edge": "beyond the picture's edge, a hole",
 }
 _COMMAND = "`python -m reports.scoreboard.run FOLDER ... --rvs RVS -o reports/scoreboard`"
-_WHY = """\
-![One row of pixels in all views of the middle row: the truth, and methods](strip.png)
+_STRIP = """\
+![One row of pixels in all views of the middle row: true views and methods](strip.png)
 
-One row of pixels of *shop*, a line a view
+One row of pixels of *shop*, one line for each view
 (`python -m reports.scoreboard.strip shop --row 72 --rvs RVS -o reports/scoreboard/strip.png`).
-The project's algorithms and the splat show each colour of a whole picture pixel: edges run in
-stairs. RVS interpolates between pixels, `samples=4` softens. `gu2020` meets what lies on a ray at
-the depths that it steps through, `wang2024` at the entries of its matrix. `li2012` puts each
-picture pixel through each lens on one panel pixel: with a lens for each picture pixel, and
-disparities below 1, most of the panel stays empty.""".splitlines()
+With `colour=nearest`, as in the splat, each picture pixel keeps its colour, and edges become
+stairs. RVS and `colour=smooth` interpolate between pixels. `gu2020` tests a ray at fixed steps of
+depth, `wang2024` at the entries of its matrix. `li2012` projects each picture pixel through each
+lens to one panel pixel. With one lens for each picture pixel and disparities below 1, most of its
+panel stays empty.""".splitlines()
 _MEASURED = """\
-* PSNR is that of the mean squared error of all views, in dB; SSIM a mean over views.
-* *Shown* is the PSNR of those pixels alone that the middle view shows, too: what an algorithm
-  does wrong, without what it cannot know. A dash: equal to the last bit.
-* *Next* and *farthest*: PSNR of the views next to the middle one, and at the grid's rim; all
-  distances are in the JSON.
-* A method without `fill` leaves holes black.
+* PSNR belongs to the mean squared error of all views, in dB. SSIM is the mean of the views.
+* *Shown* is the PSNR of the pixels whose surface the middle view shows, too. A dash means equal to
+  the last bit.
+* *Next* and *farthest* are the PSNR of the views next to the middle one and at the rim of the grid.
+  The JSON has all distances.
+* `template` and `layered` fill the holes of these pictures by default. Without `fill`, the holes of
+  other algorithms, and of `colour=nearest`, stay black.
 * `gu2020` steps by the display's pixel in focus, here an eighth of a pixel of disparity.
-* *Copy*: every view is the middle view. *Naive splat*: each pixel moves to its place, the nearest
-  on top, and empty ones take the nearest pixel.
-* *RVS*: MPEG's Reference View Synthesizer (https://gitlab.com/mpeg-i-visual/rvs, BSD), by
-  `RVS CONFIG --noopengl`, of one view with a 16-bit depth map. It shares no code with inim.\
+* *Copy* shows the middle view in every place. *Naive splat* moves each pixel to its new position,
+  the nearest on top, and fills empty pixels from the nearest pixel.
+* *RVS* is MPEG's Reference View Synthesizer (https://gitlab.com/mpeg-i-visual/rvs, BSD), run as
+  `RVS CONFIG --noopengl` on one view with a 16-bit depth map. It shares no code with inim.\
 """.splitlines()
-_NOT_MEASURED = """\
-## What this does not measure
+_LIMITS = """\
+## Limits
 
-* No display: neither lenses, nor their blur and crosstalk, nor an eye. A panel pixel here is one
-  pixel of one view, and a lens one pixel of the picture.
-* No relic before black: these pictures fill their frame, and disparities are small. `fill=hidden`
-  is made for that, the default of every algorithm is not.
-* Where disparity was estimated, its errors count against all methods alike, and hide part of what
-  is between them. Of *shop* it was found in the true views themselves.
-* Shine moves with the eye: one picture does not say how, and no method here tries.
-* No synthesiser that has learned from pictures is among the others.""".splitlines()
+* There is no display: no lenses with blur and crosstalk, and no eye. A panel pixel is one pixel of
+  one view, and a lens is one pixel of the picture.
+* All pictures fill their frame, and disparities are small. Relics in front of a background are in
+  `reports/one_picture`.
+* Errors of an estimated disparity affect all methods and hide part of their differences. The
+  disparity of *shop* is estimated from the true views.
+* Highlights move with the eye. One picture does not determine how, and no method here tries.
+* No learned view synthesis is included.""".splitlines()
 
 
 def page(data: Mapping[str, Any]) -> str:
@@ -65,24 +66,24 @@ def page(data: Mapping[str, Any]) -> str:
     lines = [
         "# Scoreboard: light fields with true views",
         "",
-        "Each method is given the middle view of a light field and its disparity, and makes all",
-        "other views; they are compared with the true ones. Made by",
-        f"{_COMMAND},",
-        "whose docstring says what a folder holds. All figures: `scoreboard.json`.",
+        "Each method generates all other views of a light field from the middle view and its",
+        "disparity. They are compared with the true views. Command:",
+        f"{_COMMAND};",
+        "its docstring describes the folders. `scoreboard.json` has all scores.",
         "",
-        "## What it says",
+        "## Results",
         "",
         *_tally(results),
         "",
         *(line for result in results for line in _verdict(result)),
         "",
-        *_WHY,
+        *_STRIP,
         "",
-        "## What was measured",
+        "## Method",
         "",
         *_MEASURED,
-        f"  Its settings: {_settings()}.",
-        f"  Its build: {data['rvs_build'] or 'not said'}.",
+        f"  Settings: {_settings()}.",
+        f"  Build: {data['rvs_build'] or 'unknown'}.",
     ]
     for result in results:
         lines += _board(result)
@@ -90,7 +91,7 @@ def page(data: Mapping[str, Any]) -> str:
     lines += _sources(results)
     lines += [
         "",
-        *_NOT_MEASURED,
+        *_LIMITS,
     ]
     return "\n".join(lines) + "\n"
 
@@ -100,8 +101,8 @@ def _settings() -> str:
 
 
 def _psnr(scored: Mapping[str, Any], key: str = "psnr_db") -> float:
-    found = scored[key]
-    return inf if found is None else float(found)
+    psnr = scored[key]
+    return inf if psnr is None else float(psnr)
 
 
 def _decibels(value: float) -> str:
@@ -113,17 +114,17 @@ def _label(method: str) -> str:
 
 
 def _tally(results: list[dict[str, Any]]) -> list[str]:
-    """Over all light fields: how often the best of the project, and its default, are ahead."""
+    """Number of light fields on which the best algorithm of the project and its default lead."""
     lines = []
     for rival, label in _LABELS.items():
-        met = [r["methods"] for r in results if rival in r["methods"]]
+        compared = [r["methods"] for r in results if rival in r["methods"]]
         best, default = (
-            sum(ahead(m) > _psnr(m[rival]) for m in met)
+            sum(ahead(m) > _psnr(m[rival]) for m in compared)
             for ahead in (_best_of, lambda m: _psnr(m[DEFAULT]))
         )
         lines.append(
-            f"* Above {label}, of {len(met)} light fields: the best of the project on {best}, "
-            f"`{DEFAULT}` as it is on {default}."
+            f"* Better than {label}, of {len(compared)} light fields: the best algorithm of the "
+            f"project on {best}, `{DEFAULT}` with default options on {default}."
         )
     return lines
 
@@ -137,20 +138,21 @@ def _best_of(methods: Mapping[str, Any]) -> float:
 
 
 def _verdict(result: Mapping[str, Any]) -> list[str]:
-    """The best of the project, how far it is from the others' and who loses to whom."""
+    """Lead of the best algorithm of the project, and algorithms below each of the others."""
     methods = result["methods"]
     own = _own(methods)
     best = max(own, key=own.__getitem__)
-    text = f"* **{result['name']}**: best of the project is {_label(best)}, {own[best]:.2f} dB"
+    text = f"* **{result['name']}**: best is {_label(best)} with {own[best]:.2f} dB"
     rivals = [name for name in _LABELS if name in methods]
     text += "".join(
-        f", {own[best] - _psnr(methods[name]):+.2f} dB to {_label(name)}" for name in rivals
+        f", {own[best] - _psnr(methods[name]):+.2f} dB compared with {_label(name)}"
+        for name in rivals
     )
     lines = [text + "."]
     for name in rivals:
         losing = [n for n, psnr in own.items() if psnr < _psnr(methods[name])]
         if len(losing) == len(own):
-            lines.append(f"  All of the project's are below {_label(name)}.")
+            lines.append(f"  All algorithms of the project are below {_label(name)}.")
         elif losing:
             lines.append(f"  Below {_label(name)}: {_listed(losing)}.")
         else:
@@ -203,9 +205,9 @@ def _where(results: list[dict[str, Any]]) -> list[str]:
     heads = [r["name"] for r in results]
     lines = [
         "",
-        "## Where the error is",
+        "## Errors by kind of pixel",
         "",
-        "Share of the true views' pixels, and of each method's squared error.",
+        "Shares of the pixels of all true views, and of the squared error of each method.",
         "",
         f"| kind of pixel | {' | '.join(heads)} |",
         f"| --- |{' --: |' * len(heads)}",
@@ -214,12 +216,13 @@ def _where(results: list[dict[str, Any]]) -> list[str]:
         share = [f"{r['pixel_share'][kind]:.2%}" for r in results]
         lines.append(f"| {words}: pixels | {' | '.join(share)} |")
         for name in _SPLIT:
-            share = [f"{r['methods'][name]['error_share'][kind]:.1%}" for r in results]
+            scores = [r["methods"].get(name) for r in results]
+            share = ["" if s is None else f"{s['error_share'][kind]:.1%}" for s in scores]
             lines.append(f"| {words}: error, {_label(name)} | {' | '.join(share)} |")
     return lines
 
 
 def _sources(results: list[dict[str, Any]]) -> list[str]:
-    lines = ["", "## Sources and licences", "", "Pictures are not part of the project.", ""]
+    lines = ["", "## Sources and licences", "", "The pictures are not part of the project.", ""]
     lines += ["| light field | source | licence |", "| --- | --- | --- |"]
     return lines + [f"| {r['name']} | {r['source']} | {r['licence']} |" for r in results]

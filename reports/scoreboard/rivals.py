@@ -1,10 +1,10 @@
-"""Makers of views that are not the project's: two naive ones, and MPEG's view synthesiser.
+"""View synthesis that is not the project's: two naive methods, and MPEG's synthesizer.
 
 The Reference View Synthesizer (https://gitlab.com/mpeg-i-visual/rvs, BSD) is that of MPEG's
-immersive video. Between neighbouring picture pixels it spans triangles, moves their corners, and
-draws them, the nearer on top; what stays empty shows its nearest pixel. It is given cameras that
-see the light field's disparity: their axes parallel, their principal points shifted, the farthest
-depth twice the nearest.
+immersive video. It spans triangles between neighbouring picture pixels, moves their corners, and
+draws them with the nearest on top. Empty pixels show the nearest pixel. Its cameras see the light
+field's disparity: their axes are parallel, their principal points are shifted, and the farthest
+depth is twice the nearest.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from scipy.ndimage import distance_transform_edt
 
 from reports.scoreboard.field import LightField, Place, Views
 
-#: What RVS is told, beside cameras and files.
+#: Settings of RVS, in addition to cameras and files.
 RVS_SETTINGS = {
     "Precision": 1.0,
     "ColorSpace": "RGB",
@@ -28,18 +28,18 @@ RVS_SETTINGS = {
     "BlendingFactor": 1.0,
 }
 _DEPTH_BITS = 16
-# From the range of disparities to that of depths.
+# Margin between the range of disparities and that of depths.
 _BEYOND_PX = 1 / 16
 
 
 def copy(field: LightField) -> Views:
-    """The middle view, whatever the place."""
+    """Show the middle view in every place."""
     middle = field.middle
     return ((place, middle) for place in field.views)
 
 
 def splat(field: LightField) -> Views:
-    """Each pixel moved to its place, the nearest on top; empty ones from the nearest pixel."""
+    """Move each pixel to its place, the nearest on top; fill empty pixels from the nearest."""
     order = np.argsort(field.disparity, axis=None, kind="stable")
     rows, columns = np.divmod(order, field.rgbd.shape[1])
     moved = field.disparity.ravel()[order]
@@ -63,17 +63,17 @@ def nearest(empty: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def rvs(field: LightField, program: Path) -> Views:
-    """What RVS makes of the middle view.
+    """Views that RVS generates from the middle view.
 
     Parameters
     ----------
     field : LightField
     program : Path
-        The executable of RVS 4.
+        Executable of RVS 4.
     """
     from PIL import Image
 
-    # RVS draws nothing at the farthest of depths.
+    # RVS draws nothing at the farthest depth.
     low = float(field.disparity.min()) - _BEYOND_PX
     span = float(field.disparity.max()) + _BEYOND_PX - low
     with TemporaryDirectory() as scratch:
@@ -111,7 +111,7 @@ def rvs(field: LightField, program: Path) -> Views:
 
 
 def _camera(field: LightField, place: Place, focal: float, converged: float) -> dict[str, object]:
-    """A camera that sees disparity d at z = focal / (d + converged); x to the front, y left."""
+    """Camera that sees disparity d at z = focal / (d + converged); x to the front, y left."""
     rows, columns = field.rgbd.shape
     down, across = field.offset(place)
     return {

@@ -1,15 +1,15 @@
-"""Light fields with true views: what each algorithm makes of the middle view, beside others' work.
+"""Light fields with true views: each algorithm, from the middle view, next to other programs.
 
     python -m reports.scoreboard.run FOLDER ... --rvs RVS -o reports/scoreboard
 
-Folders are light fields (`reports.scoreboard.field`); their pictures stay with whoever runs this,
-what is committed are figures. ``--rvs`` is the executable of MPEG's Reference View Synthesizer
-(`reports.scoreboard.rivals`); without it its row is missing. Results lie in ``out/scoreboard``,
-too, a file a light field; one that is there is taken as it is: remove it after a change.
+Folders are light fields (`reports.scoreboard.field`). Their pictures are not committed, only the
+scores. ``--rvs`` is the executable of MPEG's Reference View Synthesizer
+(`reports.scoreboard.rivals`); without it, its row is missing. ``out/scoreboard`` keeps one file of
+results for each light field. An existing file is reused: remove it after a change.
 
-The middle view and its disparity become a picture, the light field's grid a display: a lens for
-each picture pixel, a panel pixel for each direction, so that a method's EIA is the light field, and
-its sub-aperture views are compared with the true ones. All views are of 8 bits.
+The middle view and its disparity are the picture. The display has a lens for each picture pixel and
+a panel pixel for each view, so an EIA is a light field, and its sub-aperture views are compared
+with the true views. All views have 8 bits.
 """
 
 from __future__ import annotations
@@ -37,23 +37,20 @@ from reports.scoreboard.page import NEAREST, page
 from reports.scoreboard.rivals import copy, nearest, rvs, splat
 
 RUNS = Path("out", "scoreboard")
-#: Of a true view's pixels: the picture shows what is there; does not, for something hides it; or
-#: does not, for it lies beyond the picture's edge.
+#: Kinds of pixels of the true views: the middle view shows their surface; a nearer surface hides
+#: it there; or it is beyond the edge of the middle view.
 KINDS = ("shown", "uncovered", "beyond_edge")
 _FILL, _FAST = ":fill=hidden", ":samples=1:colour=nearest"
-# What matters beside an algorithm as it is. Most of `li2012`'s panel is holes: filled, it is fill.
+# Options that are scored in addition to the defaults. Most of the panel of `li2012` is holes, so a
+# fill would hide the algorithm.
 _OPTIONS = {
     "template": (
-        _FILL,
         _FAST,
         f"{_FAST}{_FILL}",
-        ":colour=nearest",
         f":colour=nearest{_FILL}",
-        ":samples=1:colour=linear",
         ":colour=linear",
-        f"{_FAST}:columns=solid",
     ),
-    "layered": (_FILL,),
+    "layered": (f":colour=nearest{_FILL}",),
     "gu2020": (_FILL,),
     "wang2024": (":matching=ray", f":matching=ray{_FILL}"),
 }
@@ -70,7 +67,7 @@ def methods() -> list[str]:
 
 
 class Scores:
-    """How views compare with a light field's true ones."""
+    """Comparison of views with the true views of a light field."""
 
     def __init__(self, field: LightField) -> None:
         self._field = field
@@ -80,15 +77,16 @@ class Scores:
         self._kinds = {place: _kinds(field, place, holes[place] == HOLE) for place in field.views}
 
     def pixel_share(self) -> dict[str, float]:
-        """How many pixels of the true views are of each kind."""
+        """Share of each kind of pixel in the true views."""
         by_view = [np.bincount(k.ravel(), minlength=len(KINDS)) for k in self._kinds.values()]
         counts = np.sum(by_view, axis=0)
         return dict(zip(KINDS, (counts / counts.sum()).tolist(), strict=True))
 
     def of(self, views: Views) -> dict[str, Any]:
-        """Scores over all views, of the worst, by distance, and where the squared error is.
+        """Scores over all views, of the worst, by distance, and shares of the squared error.
 
-        PSNR is that of the mean squared error, null of equal pictures; SSIM a mean over views.
+        PSNR belongs to the mean squared error and is null for equal pictures. SSIM is the mean
+        over views.
         """
         ssim = find("ssim")
         assert ssim is not None
@@ -101,7 +99,7 @@ class Scores:
             pixels += np.bincount(kinds, minlength=len(KINDS))
             by_view[place] = float(errors.mean()), ssim.score(maps["ssim"])
         if by_view.keys() != self._true.keys():
-            raise ValueError(f"{len(by_view)} views made; the light field has {len(self._true)}")
+            raise ValueError(f"{len(by_view)} views; the light field has {len(self._true)}")
         worst = max(by_view, key=lambda place: by_view[place][0])
         rings = sorted({self._field.ring(place) for place in by_view})
         total = squared.sum()
@@ -117,22 +115,22 @@ class Scores:
         }
 
     def nearest_fill(self) -> Views:
-        """First hits, each hole from the nearest pixel of its own view, whatever that shows."""
+        """First hits, with each hole filled from the nearest pixel of its own view."""
         palette = self._field.middle.reshape(-1, 3)
         for place, view in self._field.of_eia(self._left):
             yield place, palette[view[nearest(view == HOLE)]]
 
 
 def measure(field: LightField, program: Path | None = None) -> dict[str, Any]:
-    """Score every method on a light field, RVS where there is one."""
+    """Score every method on a light field, and RVS if there is an executable."""
     scores = Scores(field)
-    made: dict[str, Any] = {}
+    scores_by_method: dict[str, Any] = {}
     by_digest: dict[str, dict[str, Any]] = {}
-    for name, views, digest in _made(field, scores, program):
-        # Algorithms that make the same panel, bit for bit, have the same scores.
-        made[name] = by_digest.get(digest) or scores.of(views)
-        by_digest[digest or name] = made[name]
-        psnr = made[name]["psnr_db"]
+    for name, views, digest in _views(field, scores, program):
+        # Equal panels have equal scores.
+        scores_by_method[name] = by_digest.get(digest) or scores.of(views)
+        by_digest[digest or name] = scores_by_method[name]
+        psnr = scores_by_method[name]["psnr_db"]
         print(f"{field.name:12} {name:45} {psnr and round(psnr, 2)} dB", flush=True)
     low, high = float(field.disparity.min()), float(field.disparity.max())
     return {
@@ -145,14 +143,14 @@ def measure(field: LightField, program: Path | None = None) -> dict[str, Any]:
         "disparity": field.disparity_file,
         "disparity_range_px": [low, high],
         "pixel_share": scores.pixel_share(),
-        "methods": made,
+        "methods": scores_by_method,
     }
 
 
-def _made(
+def _views(
     field: LightField, scores: Scores, program: Path | None
 ) -> Iterator[tuple[str, Views, str]]:
-    """Each method's name, its views, and its panel's digest if it has a panel."""
+    """Name and views of each method, and the digest of its panel if it has one."""
     yield "copy", copy(field), ""
     yield "splat", splat(field), ""
     if program:
@@ -174,7 +172,7 @@ def _mean(scored: list[tuple[float, float]]) -> dict[str, float | None]:
 
 
 def _decibels(squared: float) -> float | None:
-    # Codes of 8 bits that are equal differ by the rounding of the sRGB curve, there and back.
+    # Equal 8-bit codes differ by rounding after conversion to linear light and back.
     return None if squared < (1e-3 / 255) ** 2 else float(-10 * np.log10(squared))
 
 
@@ -186,7 +184,7 @@ def _left(field: LightField) -> np.ndarray:
 
 
 def _kinds(field: LightField, place: Place, holes: np.ndarray) -> np.ndarray:
-    """Index of each pixel's kind: a hole is beyond the edge if its ray leaves the picture."""
+    """Index of the kind of each pixel; a hole is beyond the edge if its ray leaves the picture."""
     rows, columns = np.indices(holes.shape)
     down, across = field.offset(place)
     leaves = np.zeros(holes.shape, bool)
@@ -199,19 +197,19 @@ def _kinds(field: LightField, place: Place, holes: np.ndarray) -> np.ndarray:
 
 
 def main() -> None:
-    """Measure and write."""
+    """Score light fields and write the page."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("folders", nargs="+", type=Path, help="light fields")
     parser.add_argument("--rvs", type=Path, help="executable of MPEG's RVS")
-    parser.add_argument("--rvs-build", default="", help="which one, in words, for the page")
+    parser.add_argument("--rvs-build", default="", help="description of that build for the page")
     parser.add_argument("-o", "--out", type=Path, default=Path("reports/scoreboard"))
     args = parser.parse_args()
     results = []
     for folder in args.folders:
-        kept = RUNS / f"{folder.resolve().name}.json"
-        if not kept.is_file():
-            _write(kept, measure(read(folder), args.rvs))
-        results.append(json.loads(kept.read_text("utf-8")))
+        result = RUNS / f"{folder.resolve().name}.json"
+        if not result.is_file():
+            _write(result, measure(read(folder), args.rvs))
+        results.append(json.loads(result.read_text("utf-8")))
     about = {"inim_version": inim.__version__, "rvs_build": args.rvs_build}
     data = {**about, "light_fields": results}
     _write(args.out / "scoreboard.json", data)

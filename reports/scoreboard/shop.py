@@ -1,4 +1,4 @@
-"""Make a light field of the 27 x 27 views of "shop", rendered by others with camera positions.
+"""Light field of the 27 x 27 rendered views of "shop", whose camera positions are published.
 
     python -m reports.scoreboard.shop light-fields/shop -o FOLDER/shop
 
@@ -7,10 +7,10 @@ The views are those of https://github.com/linusmossberg/light-field-renderer (MI
 pixels from view to view brings the middle of the scene to disparity 0. The rest is averaged in
 linear light over squares of pixels, so that an elemental image array of all views fits in memory.
 
-No depth comes with them. The middle view's disparity is found in the true views, by a sweep of
-planes: of each disparity, how far the views that it brings to the middle one differ from it, in
-the mean over each of the four halves of them, the best of the halves, smoothed over a window. So
-it is right where views agree, and no measurement: all methods are given the same.
+The views have no depth. The middle view's disparity is estimated from the true views by a plane
+sweep. The cost of a disparity is the difference between the middle view and the views that it moves
+onto the middle view. It is averaged over each of four halves of the views, the least of the four
+averages is used, and a window smooths it. All methods read the same estimate.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from inim.image.color import linear_from_srgb, to_srgb
 
 _NAME = re.compile(r".*_(\d\d)_(\d\d)_.*\.jpg")
 _SIDE = 27
-# Pixels of the stored views, from view to view: where the window goes, and how far disparities go.
+# Shift of the window from view to view, and range of disparities, in pixels of the stored views.
 _CONVERGED, _LEAST, _MOST = 4, 0.0, 9.0
 _SQUARE = 4
 _PLANES = 145
@@ -39,18 +39,18 @@ _NEAR = 13
 _WINDOW = 1.5
 _SOURCE = "https://github.com/linusmossberg/light-field-renderer, scene by Alex Treviño after a "
 _SOURCE += "concept by Anaïs Maamar; disparity: estimated from the true views by a plane sweep"
-_LICENCE = "of the repository: MIT; of the scene itself it says nothing"
+_LICENCE = "repository: MIT; scene: not stated"
 
 
 def sweep(views: np.ndarray, disparities: np.ndarray, near: int = _NEAR) -> np.ndarray:
-    """The middle view's disparity.
+    """Estimate the middle view's disparity.
 
     Parameters
     ----------
     views : (n, n, H, W, 3) uint8
         Row 0 from the uppermost eye, column 0 from the leftmost.
     disparities : (planes,) float
-        To try, evenly spaced.
+        Candidates, evenly spaced.
     near : int
         Views up to this far from the middle one are compared with it.
 
@@ -70,20 +70,20 @@ def sweep(views: np.ndarray, disparities: np.ndarray, near: int = _NEAR) -> np.n
         costs.append(gaussian_filter(np.min(means, axis=0), _WINDOW))
     cost = np.stack(costs)
     best = np.clip(cost.argmin(axis=0), 1, len(disparities) - 2)
-    # The parabola through the least cost and its neighbours.
+    # Minimum of the parabola through the least cost and its neighbours.
     before, least, after = (np.take_along_axis(cost, (best + d)[None], 0)[0] for d in (-1, 0, 1))
     bend = before - 2 * least + after
     part = np.where(bend > 0, (before - after) / (2 * np.where(bend > 0, bend, 1)), 0)
     step = disparities[1] - disparities[0]
-    found = disparities[best] + np.clip(part, -0.5, 0.5) * step
-    smooth: np.ndarray = median_filter(found, 3).astype(np.float32)
+    estimate = disparities[best] + np.clip(part, -0.5, 0.5) * step
+    smooth: np.ndarray = median_filter(estimate, 3).astype(np.float32)
     return smooth
 
 
 def _difference(
     views: np.ndarray, reference: np.ndarray, offset: tuple[int, int], disparity: float
 ) -> np.ndarray:
-    """How far a view, brought to the middle one by a disparity, differs from it."""
+    """Difference between the middle view and a view that a disparity moves onto it."""
     middle = views.shape[0] // 2
     view = views[middle + offset[0], middle + offset[1]].astype(np.float32)
     shift = (disparity * offset[0], disparity * offset[1], 0)
@@ -92,20 +92,20 @@ def _difference(
 
 
 def main() -> None:
-    """Read, cut, estimate, write."""
+    """Convert the stored views and estimate the disparity."""
     from PIL import Image
 
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("folder", type=Path, help="of the views as they are stored")
+    parser.add_argument("folder", type=Path, help="stored views")
     parser.add_argument("-o", "--out", type=Path, required=True)
     args = parser.parse_args()
     rim = _CONVERGED * (_SIDE // 2)
     views = {}
     for path in sorted(args.folder.glob("*.jpg")):
         # Rows are numbered from the lowest camera, columns from the rightmost.
-        found = _NAME.fullmatch(path.name)
-        assert found
-        row, column = _SIDE - 1 - int(found[1]), _SIDE - 1 - int(found[2])
+        match = _NAME.fullmatch(path.name)
+        assert match
+        row, column = _SIDE - 1 - int(match[1]), _SIDE - 1 - int(match[2])
         whole = np.asarray(Image.open(path).convert("RGB"))
         # A point at disparity d moves against the camera.
         top = rim - _CONVERGED * (row - _SIDE // 2)

@@ -1,9 +1,9 @@
-"""One row of pixels as all views of the middle row see it: the truth, and methods.
+"""One row of pixels in all views of the middle row: true views and methods.
 
     python -m reports.scoreboard.strip FOLDER --row 72 --rvs RVS -o reports/scoreboard/strip.png
 
-A line a view, the leftmost eye's on top: an epipolar image. What lies at one depth makes a straight
-edge, steeper where disparity is less; what comes out from behind something begins at its edge.
+The lines are views, the leftmost on top: an epipolar image. A surface at one depth has straight
+edges, steeper for smaller disparities. Uncovered surfaces begin at the edge that hides them.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from inim.files.image import write_atomically
 from reports.scoreboard.field import LightField, Views, codes, read
 from reports.scoreboard.rivals import rvs, splat
 
-_ALGORITHMS = ("template:samples=4:fill=hidden", "template:samples=4", "gu2020", "wang2024")
+_ALGORITHMS = ("template", "template:colour=nearest:fill=hidden", "gu2020", "wang2024")
 _ENLARGED, _GAP = 4, 6
 
 
 def strip(views: Views, field: LightField, row: int) -> np.ndarray:
-    """A line a view, (side, columns, 3) uint8; the middle view among them."""
+    """One line for each view, with the middle view, (side, columns, 3) uint8."""
     lines = {place[1]: view[row] for place, view in views}
     lines[field.side // 2] = field.middle[row]
     return np.stack([lines[column] for column in range(field.side)])
 
 
 def main() -> None:
-    """Make and draw."""
+    """Draw the strips of all methods."""
     from PIL import Image, ImageDraw
 
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -43,7 +43,7 @@ def main() -> None:
     whole = read(args.folder)
     row = whole.side // 2
     field = replace(whole, views={p: v for p, v in whole.views.items() if p[0] == row})
-    made = {
+    views_by_method = {
         "true views": iter(field.views.items()),
         "naive splat": splat(field),
         "RVS": rvs(field, args.rvs),
@@ -54,13 +54,13 @@ def main() -> None:
     }
     high, wide = field.side * _ENLARGED, field.rgbd.shape[1] * _ENLARGED
     text = 14
-    sheet = Image.new("RGB", (wide, len(made) * (high + text + _GAP)), "white")
+    sheet = Image.new("RGB", (wide, len(views_by_method) * (high + text + _GAP)), "white")
     draw = ImageDraw.Draw(sheet)
-    for n, (name, views) in enumerate(made.items()):
+    for n, (name, views) in enumerate(views_by_method.items()):
         top = n * (high + text + _GAP)
         draw.text((2, top + 1), name, fill="black")
-        drawn = Image.fromarray(strip(views, field, args.row))
-        sheet.paste(drawn.resize((wide, high), Image.Resampling.NEAREST), (0, top + text))
+        lines = Image.fromarray(strip(views, field, args.row))
+        sheet.paste(lines.resize((wide, high), Image.Resampling.NEAREST), (0, top + text))
     write_atomically(args.out, lambda p: sheet.quantize().save(p, "PNG", optimize=True))
 
 

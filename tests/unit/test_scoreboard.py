@@ -1,4 +1,4 @@
-"""The scoreboard: what is known in closed form, a textured plane, is scored as it must be."""
+"""Scores of the scoreboard, on a textured plane that has them in closed form."""
 
 import json
 import math
@@ -87,7 +87,7 @@ def test_a_copy_has_the_error_of_an_unshifted_plane(measured):
 def test_a_maker_that_leaves_views_out_is_refused():
     field = plane(1)
     views = list(copy(field))[1:]
-    with pytest.raises(ValueError, match="23 views made; the light field has 24"):
+    with pytest.raises(ValueError, match="23 views; the light field has 24"):
         Scores(field).of(iter(views))
 
 
