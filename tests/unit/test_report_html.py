@@ -171,6 +171,21 @@ def test_sections_are_in_order_and_every_link_has_a_target(folder):
     assert (anchors[0], anchors[-1]) == ("overview", "meaning")
 
 
+def test_depth_of_the_relic_is_stated_with_the_display(folder):
+    """13.2 mm, at 2 mm of depth and 5 mm of width for one unit of the scene."""
+    data = report(ALGORITHMS)
+    data["scene"]["fit"] = {"depth_mm": None}
+    assert "deep here" not in render_html(data, folder)
+    data["scene"]["fit"] = {"scale_xy": 5.0, "scale_z": 2.0, "depth_mm": 13.2}
+    html = render_html(data, folder).replace("\xa0", " ")
+    assert "The relic is 13.2 mm deep here, 40 % of its own depth" in html
+
+
+def test_first_screen_names_the_best_algorithm_and_the_next(folder):
+    html = render_html(report({"template": 0.958, "gu2020": 0.871}), folder).replace("\xa0", " ")
+    assert "template keeps 96 % of what this display can show; the next, gu2020, 87 %." in html
+
+
 def test_page_needs_nothing_from_outside_and_forbids_it(folder):
     html = render_html(report(ALGORITHMS), folder)
     page = Page(html)

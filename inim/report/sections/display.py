@@ -84,7 +84,19 @@ def _display_words(data: ReportDocument | PictureDocument) -> str:
         f"{_focus_words(derived)} Each lens covers viewing angles within "
         f"±{short(derived.viewing_half_angle_deg)}°. {_distance_words(derived)}"
     )
-    return lead(words)
+    return lead(words + _relic_depth_words(data))
+
+
+def _relic_depth_words(data: ReportDocument | PictureDocument) -> str:
+    """Depth of the relic on the display; empty if unknown."""
+    if isinstance(data, PictureDocument) or data.scene.fit.depth_mm is None:
+        return ""
+    fit = data.scene.fit
+    return (
+        f" The relic is {mm(fit.depth_mm)} deep here, {per_cent(fit.depth_share, 0)} of its own "
+        "depth at this width. Less depth is an easier task: compare scores of displays at equal "
+        "depth."
+    )
 
 
 def _distance_words(derived: DerivedDisplay) -> str:
