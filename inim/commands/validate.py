@@ -100,8 +100,12 @@ def _run(args: argparse.Namespace) -> int:
     return _validate_scene(args) if args.scene else _validate_picture(args)
 
 
+# Warnings on the terminal; the report has all.
+_MOST_WARNINGS = 3
+
+
 def _finish(passed: bool, out: Path, quiet: bool) -> int:
-    """Print the failed checks, the verdict and the report's path; return the exit code."""
+    """Print warnings, failed checks, the verdict and the report's path; return the exit code."""
     from inim.documents import read_document
     from inim.documents.picture import PictureDocument
     from inim.documents.report import ReportDocument
@@ -115,7 +119,10 @@ def _finish(passed: bool, out: Path, quiet: bool) -> int:
         if passed:
             verdict = verdict_words(data)
         failed = [check for check in data.verdict.checks if not (passed or check.passed)]
-        lines = [f"failed: {check.name}: {check_sentence(check)}" for check in failed]
+        lines = [f"warning: {text}" for text in data.warnings[:_MOST_WARNINGS]]
+        if len(data.warnings) > _MOST_WARNINGS:
+            lines.append(f"and {len(data.warnings) - _MOST_WARNINGS} more warnings in the report")
+        lines += [f"failed: {check.name}: {check_sentence(check)}" for check in failed]
     lines.append(f"{verdict}; report: {out / 'report.html'}")
     return finish(passed, "\n".join(lines), quiet=quiet)
 

@@ -191,12 +191,17 @@ def test_report_holds_the_command_that_repeats_it(finished):
 # --- What the terminal shows --------------------------------------------------------------------
 
 
-def test_one_line_for_each_algorithm_and_viewpoint_in_order(finished):
-    *scores, best, criteria, verdict = finished.ended.stdout.splitlines()
+def test_scores_are_a_table_of_algorithms_and_viewpoints(finished):
+    lines = finished.ended.stdout.splitlines()
+    title, views, *rows = lines[: 3 + len(ALGORITHMS)]
+    best, criteria, *warnings, verdict = lines[3 + len(ALGORITHMS) :]
+    assert title.startswith("SSIM on the relic to the reference")
+    assert views.split() == list(VIEWS)
+    assert [row.split()[0] for row in rows] == [*ALGORITHMS, "reference"]
+    assert all(len(line) <= 80 for line in (title, views, *rows))
     assert best.startswith("best: ")
     assert criteria.startswith("no criteria set; for later runs: -D 'inim.min_ssim_to_reference=")
-    expected = [[algorithm, view] for algorithm in ALGORITHMS for view in VIEWS]
-    assert [line.split()[:2] for line in scores] == expected
+    assert warnings == [f"warning: {text}" for text in finished.data["warnings"][:3]]
     assert verdict == "ran clean; no criteria set; report: deep/o u't/report.html"
     assert finished.ended.stderr == "", "where it is no terminal"
 
