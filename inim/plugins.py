@@ -1,4 +1,4 @@
-"""Plugins: entry points of other packages, and errors that name them.
+"""Plugins: entry points of other packages, modules of Mitsuba plugins, and errors that name them.
 
 Generators, metrics and lens models of other packages are entry points of the groups
 ``inim.generators``, ``inim.metrics`` and ``inim.lens_models``.
@@ -7,14 +7,16 @@ Generators, metrics and lens models of other packages are entry points of the gr
 from __future__ import annotations
 
 import hashlib
+import sys
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from importlib import metadata, util
+from dataclasses import dataclass
+from importlib import import_module, metadata, util
 from pathlib import Path
 from typing import Any
 
-from inim.errors import InimError, OutOfMemoryError, UsageError
+from inim.errors import FileError, InimError, OutOfMemoryError, UsageError
 
 
 def announced_names(group: str) -> list[str]:
@@ -85,3 +87,76 @@ def attribute_errors(group: str, kind: str, name: str) -> Iterator[None]:
             f"{plugin} failed: {type(error).__name__}: {' '.join(str(error).split())[:400]} "
             f"({last.filename}, line {last.lineno}); --debug shows the traceback"
         ) from error
+
+
+@dataclass(frozen=True)
+class PluginModule:
+    """A module that registers Mitsuba plugins, with the digest of its code.
+
+    `file` is the file of the top-level module or package. It is loaded from there: its folder is
+    not searched for other modules, so a `numpy.py` next to it is not executed.
+    """
+
+    name: str
+    file: Path
+    sha256: str
+
+    @classmethod
+    def of(cls, text: str) -> PluginModule:
+        """Find a module by its name or by the path of its .py file, without importing it.
+
+        Raises `UsageError` if there is no such module.
+        """
+        top, file = text.partition(".")[0], Path(text)
+        if file.suffix == ".py":
+            name, file = file.stem, file.absolute()
+        else:
+            try:
+                spec = util.find_spec(top)
+            except (ImportError, ValueError):
+                spec = None
+            name, file = text, Path(spec.origin) if spec and spec.origin else Path()
+        if not file.is_file():
+            raise UsageError(f"--plugin {text}: no such module; install it, or give its .py file")
+        return cls(name, file.resolve(), _digest(file))
+
+    @property
+    def text(self) -> str:
+        """Name for `of` that does not depend on the search path; of a package, its name."""
+        return self.name if self.file.name == "__init__.py" else str(self.file)
+
+    def load(self) -> None:
+        """Import the module from its file.
+
+        Raises `UsageError` if it fails or another module has its name, and `FileError` if its code
+        was changed meanwhile.
+        """
+        top = self.name.partition(".")[0]
+        loaded = sys.modules.get(top)
+        if loaded is not None and Path(loaded.__file__ or "").resolve() != self.file:
+            raise UsageError(f"--plugin {self.name}: another module has this name; rename it")
+        try:
+            if loaded is None:
+                spec = util.spec_from_file_location(top, self.file)
+                assert spec is not None and spec.loader is not None
+                sys.modules[top] = util.module_from_spec(spec)
+                spec.loader.exec_module(sys.modules[top])
+            import_module(self.name)
+        except (Exception, SystemExit) as error:
+            raise UsageError(
+                f"--plugin {self.name}: cannot be loaded: {type(error).__name__}: "
+                f"{' '.join(str(error).split())[:400]}"
+            ) from error
+        if _digest(self.file) != self.sha256:
+            raise FileError(f"{self.file}: was saved while the run read it; run it again")
+
+
+def _digest(file: Path) -> str:
+    """SHA-256 of a module's file; of a package, of all its code."""
+    digest = hashlib.sha256()
+    files = [file] if file.name != "__init__.py" else sorted(file.parent.rglob("*"))
+    for path in files:
+        if path.suffix in (".py", ".so", ".pyd") and path.is_file():
+            digest.update(path.relative_to(file.parent).as_posix().encode() + b"\0")
+            digest.update(path.read_bytes())
+    return digest.hexdigest()

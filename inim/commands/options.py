@@ -147,7 +147,7 @@ def request_of(args: argparse.Namespace) -> Request:
     values = {f.name: getattr(args, f.name) for f in fields(Request) if hasattr(args, f.name)}
     if "eias" in values:
         values["eias"] = parse_eias(values["eias"])
-    values["allow_folders"] = tuple(values.get("allow_folders", ()))
+    values |= {name: tuple(values.get(name, ())) for name in ("allow_folders", "plugins")}
     return Request(**values | choices_of(args))
 
 

@@ -60,6 +60,15 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="compare with this baseline from `inim baseline accept`; a significant change fails "
         "the run",
     )
+    add(
+        "--plugin",
+        dest="plugins",
+        action="append",
+        default=[],
+        metavar="MODULE",
+        help="import this module, a name or a .py file, which registers Mitsuba plugins of the "
+        "scene; may be repeated",
+    )
     add_shared(parser, "preview")
     add(
         "--time",
@@ -164,7 +173,7 @@ def _validate_picture(args: argparse.Namespace) -> int:
             f"{args.input}: is a mesh; create a scene from it first: inim new-scene "
             f"{shlex.quote(str(args.input))}"
         )
-    for option in ("eias", "baseline", "preview", "time", "lazy", "allow_folders"):
+    for option in ("eias", "baseline", "preview", "time", "lazy", "allow_folders", "plugins"):
         if getattr(args, option):
             option_name = f"--{option.removesuffix('s').replace('_', '-')}"
             raise UsageError(f"{option_name}: needs the ground truth of a scene; leave it out")

@@ -47,7 +47,9 @@ def setup(
     """Create the run, the renderer and the images of a plan."""
     request = plan.request
     cache = ResultCache(store, str(request.scene.resolve()))
-    renderer = Renderer(request.backend, observer, plan.rays_in_flight, not request.no_skip)
+    renderer = Renderer(
+        request.backend, observer, plan.rays_in_flight, not request.no_skip, plan.plugins
+    )
     attributes = {"inim:scene_sha256": plan.file.sha256, "inim:seed": str(plan.settings.seed)}
     return Run(cache, observer), renderer, Images(folder, attributes, observer, cache)
 

@@ -5,18 +5,25 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from inim.errors import UsageError
-from inim.worker.output import default_out, staging_folder
+from inim.pipeline.scene_source import scene_and_out
+from inim.plugins import PluginModule
+from inim.process.progress import OnStage, shown_progress
+from inim.worker.output import staging_folder
 from inim.worker.supervisor import run_in_worker
 
 if TYPE_CHECKING:
+    import trimesh
+
     from inim.display import Display
     from inim.display.viewpoint import Viewpoint
     from inim.pipeline.plan import Plan
     from inim.pipeline.request import Request
     from inim.report import Report
+
+    Trimesh: TypeAlias = trimesh.Trimesh | trimesh.Scene
 
 
 def validate_in_worker(
@@ -27,12 +34,14 @@ def validate_in_worker(
     backend: str = "auto",
     quiet: bool = True,
     debug: bool = False,
+    on_stage: OnStage | None = None,
 ) -> bool:
     """Validate in a worker process, which writes the report to `out`; True if every check passed.
 
     `make_request` returns the request for this scene, folder and backend; it is called while the
     worker loads. `quiet` suppresses result lines and the progress bar, and `debug` prints the
-    traceback of an internal error. Raises an `InimError` as `run_in_worker` does.
+    traceback of an internal error. `on_stage` receives the progress. Raises an `InimError` as
+    `run_in_worker` does.
     """
 
     def plan() -> Plan:
@@ -48,11 +57,12 @@ def validate_in_worker(
         about=str(scene),
         quiet=quiet,
         debug=debug,
+        on_stage=on_stage,
     )
 
 
 def validate(
-    scene: str | Path,
+    scene: str | Path | Mapping[str, Any] | Trimesh,
     out: str | Path | None = None,
     *,
     definitions: Mapping[str, Any] | None = None,
@@ -70,6 +80,9 @@ def validate(
     lazy: bool = False,
     no_skip: bool = False,
     allow_folders: str | Path | Sequence[str | Path] = (),
+    new_scene: Mapping[str, Any] | None = None,
+    plugins: str | Sequence[str] = (),
+    progress: Callable[[str, float], object] | bool | None = None,
 ) -> Report:
     """Validate a scene in a worker process, as `python -m inim.validate` does.
 
@@ -77,8 +90,10 @@ def validate(
 
     Parameters
     ----------
-    scene : path
-        Mitsuba XML with `inim.*` settings.
+    scene : path, dictionary or trimesh
+        Mitsuba XML with `inim.*` settings, a dictionary as for `mi.load_dict`, or a mesh: a file or
+        a `trimesh` object. The scene of a dictionary or a mesh is written into `<out>-scene`, with
+        copies of the files that it references.
     out : path, optional
         Folder for the report; default: `<scene>-report` in the current folder.
     definitions : mapping, optional
@@ -114,6 +129,14 @@ def validate(
         Run every step, even if it cannot change a result, and ignore the result cache.
     allow_folders : path or sequence of path
         Additional folders for files that the scene references.
+    new_scene : mapping, optional
+        Options of `inim.new_scene` for a mesh: ``{"unit": "mm", "up": "y"}``.
+    plugins : str or sequence of str, optional
+        Modules to import in the worker that register Mitsuba plugins of the scene, by name or by
+        the path of a .py file.
+    progress : callable or bool, optional
+        Receives the name of each stage and the finished share of the stages, 0..1; an exception
+        from it ends the run. Or whether to draw a progress bar; by default in notebooks only.
 
     Returns
     -------
@@ -131,12 +154,12 @@ def validate(
     from inim.pipeline.request import Request
     from inim.scene.file import parse_definitions
 
-    scene = _path("scene", scene)
+    path, folder = scene_and_out(scene, None if out is None else _path("out", out), new_scene)
     if eias is not None and not isinstance(eias, Mapping):
         raise UsageError(f"eias: is a {type(eias).__name__}; give a mapping of names to paths")
     request = Request(
-        scene,
-        default_out(scene, "report") if out is None else _path("out", out),
+        path,
+        folder,
         {str(name): _path(f"eias[{name!r}]", eia) for name, eia in (eias or {}).items()},
         backend,
         None if baseline is None else _path("baseline", baseline),
@@ -145,6 +168,7 @@ def validate(
         lazy,
         no_skip,
         _paths("allow_folders", allow_folders),
+        tuple(PluginModule.of(str(name)).text for name in _paths("plugins", plugins)),
         definitions=parse_definitions({} if definitions is None else definitions),
         display=display,
         algorithms=None if algorithms is None else algorithm_items(algorithms),
@@ -153,7 +177,10 @@ def validate(
         lens_model=lens_model,
         misalign=None if misalign is None else parse_misalignment(misalign),
     )
-    validate_in_worker(lambda: request, scene, request.out, backend=backend)
+    with shown_progress(progress) as on_stage:
+        validate_in_worker(lambda: request, path, folder, backend=backend, on_stage=on_stage)
+        if on_stage is not None:
+            on_stage("finished", 1.0)
     from inim.report import Report
 
     return Report.load(request.out)

@@ -20,6 +20,7 @@ from inim.pipeline.stages.capture import DepthCamera
 from inim.pipeline.stages.method import Method, parse_methods
 from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import Renderer, Scene
+from inim.plugins import PluginModule
 from inim.regression.comparison import check_comparable
 from inim.regression.run_statistics import BASELINE, RunStatistics, read_statistics
 from inim.scene.file import SceneFile, choose_display, read_scene_file
@@ -74,6 +75,7 @@ class Plan:
     images_bytes: int
     rays_in_flight: int
     baseline: RunStatistics | None = None
+    plugins: tuple[PluginModule, ...] = ()
 
     @property
     def definitions(self) -> dict[str, str]:
@@ -139,8 +141,18 @@ def make_plan(request: Request) -> Plan:
     memory = _plan_memory(display, settings, len(viewpoints), methods)
     for method in methods:
         method.check()
+    plugins = tuple(map(PluginModule.of, request.plugins))
     plan = Plan(
-        request, file, settings, display, misaligned_display, viewpoints, methods, limits, *memory
+        request,
+        file,
+        settings,
+        display,
+        misaligned_display,
+        viewpoints,
+        methods,
+        limits,
+        *memory,
+        plugins=plugins,
     )
     if request.baseline is not None:
         plan = replace(plan, baseline=read_statistics(request.baseline, BASELINE))

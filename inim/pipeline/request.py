@@ -122,6 +122,7 @@ class Request(Choices):
     lazy: bool = False
     no_skip: bool = False
     allow_folders: tuple[Path, ...] = ()
+    plugins: tuple[str, ...] = ()
 
     def command(self, settings: Settings, scene_keys: Container[str] = ()) -> list[str]:
         """Arguments of `python -m inim.validate` that repeat this request.
@@ -129,7 +130,7 @@ class Request(Choices):
         `scene_keys` are the keys of the settings in the scene file.
         """
         flags = ("preview", "time", "lazy", "no_skip")
-        choices = ("algorithms", "viewpoints", "lens_model")
+        choices = ("algorithms", "cameras", "viewpoints", "lens_model")
         texts = self.overrides()
         is_object = isinstance(self.display, Display)
         return [
@@ -141,6 +142,7 @@ class Request(Choices):
                     "--display": settings.display if is_object else self.display,
                     **{f"--{name.replace('_', '-')}": texts.get(name) for name in choices},
                     "--allow-folder": self.allow_folders,
+                    "--plugin": self.plugins,
                     "--eia": [f"{name}={path}" for name, path in self.eias.items()],
                     "--backend": None if self.backend == "auto" else self.backend,
                     "--baseline": self.baseline,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
@@ -11,7 +11,8 @@ import drjit as dr
 import mitsuba as mi
 
 from inim import backend as backends
-from inim.errors import BackendError
+from inim.errors import BackendError, UsageError
+from inim.plugins import PluginModule
 from inim.render import counter_sampler, display_emitter, scene, sensors
 from inim.scene.parameters import check_plugin_folder
 
@@ -56,6 +57,24 @@ def _check_version(backend: backends.Backend) -> None:
             f"LLVM {backend.libllvm_version} was chosen, and Dr.Jit is loaded already, with "
             f"{loaded}; import inim.render before drjit"
         )
+
+
+def load_plugins(modules: Iterable[PluginModule]) -> None:
+    """Import modules that register Mitsuba plugins in the active variant, in a worker.
+
+    Raises
+    ------
+    UsageError
+        A module cannot be loaded, or changes the variant.
+    """
+    before = mi.variant()
+    for module in modules:
+        module.load()
+        if mi.variant() != before:
+            raise UsageError(
+                f"--plugin {module.name}: sets the variant {mi.variant()} instead of {before}; "
+                "only register plugins in it"
+            )
 
 
 @contextmanager

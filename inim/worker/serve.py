@@ -23,6 +23,7 @@ from typing import Any
 from inim.errors import InimError, unexpected_error
 from inim.process import machine
 from inim.process.observer import Observer
+from inim.process.progress import OnStage
 from inim.process.python_process import exit_with_parent
 
 _BAR = "{desc}: {percentage:3.0f}%|{bar}| {remaining} left"
@@ -32,15 +33,17 @@ _REDRAW_S = 1.0
 class ConsoleObserver(Observer):
     """Prints result lines and draws a bar that counts stages; the bar only on a terminal.
 
-    With `quiet`, there are neither lines nor a bar. `on_stage` receives each stage's name.
+    With `quiet`, there are neither lines nor a bar. `on_stage` receives each stage's name, and the
+    share of the stages before it.
     """
 
-    def __init__(self, quiet: bool, on_stage: Callable[[str], None]) -> None:
+    def __init__(self, quiet: bool, on_stage: OnStage) -> None:
         super().__init__()
         self._quiet = quiet
         self._on_stage = on_stage
         self._bar: Any = None
         self._coming: list[str] = []
+        self._finished = self._total = 0
         self._over = threading.Event()
 
     def __enter__(self) -> ConsoleObserver:
@@ -54,8 +57,9 @@ class ConsoleObserver(Observer):
     def begin(self, stages: Sequence[str]) -> None:
         """See `Observer`."""
         self._coming = list(stages)
+        self._total = (self._finished + 1 if self._total else 0) + len(stages)
         if self._bar is not None:
-            self._bar.total = self._bar.n + 1 + len(stages)
+            self._bar.total = self._total
         elif not self._quiet and sys.stderr.isatty():
             from tqdm import tqdm
 
@@ -71,13 +75,13 @@ class ConsoleObserver(Observer):
 
     def stage(self, name: str) -> None:
         """See `Observer`."""
-        self._on_stage(name)
-        if self._bar is None:
-            return
         if name in self._coming:
             del self._coming[: self._coming.index(name) + 1]
-            self._bar.n = self._bar.total - len(self._coming) - 1
-        self._bar.set_description_str(name)
+            self._finished = self._total - len(self._coming) - 1
+        self._on_stage(name, self._finished / self._total if self._total else 0.0)
+        if self._bar is not None:
+            self._bar.n = self._finished
+            self._bar.set_description_str(name)
 
     def line(self, text: str) -> None:
         """See `Observer`."""
@@ -123,7 +127,9 @@ def answer(job: Job, channel: Any, run_job: RunJob) -> None:
             channel.flush()
 
     try:
-        with ConsoleObserver(job.quiet, lambda stage: send({"stage": stage})) as observer:
+        with ConsoleObserver(
+            job.quiet, lambda stage, share: send({"stage": stage, "share": share})
+        ) as observer:
             passed = _run_with_retry(job, observer, run_job)
         send({"passed": passed})
     except InimError as error:

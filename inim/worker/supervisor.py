@@ -26,6 +26,7 @@ from inim import backend as backends
 from inim import errors
 from inim.errors import InimError, OutOfMemoryError, WorkerError
 from inim.process import machine
+from inim.process.progress import OnStage
 from inim.process.python_process import child_environment, end_process, python_module
 from inim.worker.serve import Job
 
@@ -52,6 +53,7 @@ def run_in_worker(
     quiet: bool = True,
     debug: bool = False,
     on_start: OnStart | None = None,
+    on_stage: OnStage | None = None,
 ) -> bool:
     """Run a request in a worker process; True if every check passed.
 
@@ -61,7 +63,7 @@ def run_in_worker(
     result, such as `inim.worker.output.staging_folder`, and `fill` writes the worker's input files
     into it. `about` is a label for `ps`; `variables` are additional environment variables. `quiet`
     suppresses result lines and the progress bar, `debug` lets the worker print the traceback of an
-    internal error, and `on_start` receives the process, which it may end.
+    internal error, `on_start` receives the process, which it may end, and `on_stage` the progress.
 
     Raises the `InimError` of `make_request` or of the worker, and `WorkerError` or
     `OutOfMemoryError` if the worker died.
@@ -77,7 +79,7 @@ def run_in_worker(
                 if on_start is not None:
                     on_start(process)
                 job = Job(request, folder, chosen, quiet, debug)
-                return outcome_of(_carry_out(process, messages, job))
+                return outcome_of(_carry_out(process, messages, job, on_stage))
             finally:
                 end_process(process)  # before the folder it writes to is removed
     finally:
@@ -120,7 +122,9 @@ def _stdin(process: subprocess.Popen[bytes]) -> IO[bytes]:
     return process.stdin
 
 
-def _carry_out(process: subprocess.Popen[bytes], messages: IO[str], job: Job) -> dict[str, Any]:
+def _carry_out(
+    process: subprocess.Popen[bytes], messages: IO[str], job: Job, on_stage: OnStage | None
+) -> dict[str, Any]:
     """Send a worker its job and wait for its last message; raises an `InimError` if it crashed."""
     message: dict[str, Any] = {"stage": "start"}
     with contextlib.suppress(OSError):  # it has already ended
@@ -129,6 +133,8 @@ def _carry_out(process: subprocess.Popen[bytes], messages: IO[str], job: Job) ->
     for line in messages:
         if line.endswith("\n"):
             message = json.loads(line)
+            if on_stage is not None and "stage" in message:
+                on_stage(message["stage"], message["share"])
     code = process.wait()
     if "stage" in message:
         raise _death(code, message["stage"], machine.memory_limit_bytes())

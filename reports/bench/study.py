@@ -100,7 +100,7 @@ def run_study(
             document = record(title, command, variant.use("llvm"), rounds, load)
             folder = staging / "work"
             folder.mkdir()
-            with ConsoleObserver(args.quiet, lambda _: None) as listener:
+            with ConsoleObserver(args.quiet, lambda *_: None) as listener:
                 study = dict(measure(rounds, listener, folder))
             shutil.rmtree(folder)
             final_load = replace(document.load, end=load_average())

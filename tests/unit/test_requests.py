@@ -5,18 +5,21 @@ wrong type is one line that gives the remedy.
 """
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import trimesh
 
 import inim
 from inim.cli import main
 from inim.display import DISPLAYS, Display, Viewpoint
-from inim.errors import DisplayError, InimError
+from inim.errors import DisplayError, FileError, InimError, UsageError
 from inim.pipeline import launch
 from inim.pipeline.plan import Plan, conditions_of, make_plan
+from inim.plugins import PluginModule
 from tests.conftest import scene_text, sphere
 
 
@@ -24,6 +27,7 @@ from tests.conftest import scene_text, sphere
 def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.png").touch()
+    (tmp_path / "own.py").write_text("raise AssertionError('the plan imports no plugin')")
     path = tmp_path / "ball.xml"
     path.write_text(scene_text(sphere((0, 0, 0), 10)), encoding="utf-8")
     return path
@@ -121,6 +125,7 @@ def test_values_and_text_make_the_same_plan(scene, plans, values, words):
         ({"pupil_mm": 4, "focus_mm": 300}, {"viewpoints": [Viewpoint("mine", 0, 0, 400)]}),
         ({}, {"algorithms": {"template": {"samples": 2}}, "misalign": {"gap_mm": 1 / 3}}),
         ({}, {"definitions": {"inim.seed": 3}, "preview": True, "lazy": True}),
+        ({}, {"cameras": 5, "algorithms": "cameras", "plugins": ["own.py"]}),
     ],
 )
 def test_the_recorded_command_repeats_the_run(scene, plans, settings, values):
@@ -188,12 +193,64 @@ def test_a_plan_is_sent_to_the_worker(scene, plans):
         ({"eias": {"a": 3}}, r"eias\['a'\]: is a int; give a path"),
         ({"baseline": 3}, "baseline: is a int; give a path"),
         ({"allow_folders": 3}, "allow_folders: is a int; give a path"),
+        ({"plugins": 3}, "plugins: is a int; give a path"),
+        ({"plugins": "nowhere.paint"}, "--plugin nowhere.paint: no such module"),
+        ({"new_scene": {"unit": "mm"}}, "ball.xml is a scene already"),
+        ({"scene": trimesh.creation.box()}, "a trimesh has no unit and no up axis"),
+        ({"scene": {"type": "sphere"}}, "has the type 'sphere'"),
+        ({"scene": {"type": "scene", "relic": {"type": "unknown"}}}, "cannot be written as XML"),
     ],
 )
 def test_wrong_types_are_one_line(scene, plans, values, says):
     with pytest.raises(InimError, match=says) as raised:
         inim.validate(**({"scene": scene} | values))
     assert "\n" not in str(raised.value)
+
+
+BALL = {
+    "type": "scene",
+    "paint": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.5, 0.2, 0.1]}},
+    "relic": {"type": "ply", "filename": "relic.ply", "bsdf": {"type": "ref", "id": "paint"}},
+}
+
+
+@pytest.mark.parametrize(
+    ("source", "options"),
+    [(BALL, None), ("relic.ply", {"unit": "cm", "up": "z"}), (None, {"unit": "cm", "up": "z"})],
+    ids=["dictionary", "mesh", "trimesh"],
+)
+def test_dictionaries_and_meshes_become_scenes_next_to_the_report(scene, plans, source, options):
+    box = trimesh.creation.box((1, 2, 3))
+    box.export("relic.ply")
+    for _ in range(2):  # a second run replaces the first one's files
+        plan = planned(plans, source or box, new_scene=options)
+    assert plan.request.scene.parent == Path("out-scene") and plan.request.scene.is_file()
+    (mesh,) = plan.file.meshes
+    assert mesh[1].is_relative_to(scene.parent / "out-scene")
+    assert make_plan(replace(plan.request, definitions={})).file.sha256 == plan.file.sha256
+    assert typed(plans, *plan.command).request.scene == plan.request.scene
+    Path("out-scene/mine.txt").touch()
+    Path("out-scene", plan.request.scene.name).unlink()
+    Path("out-scene", plan.request.scene.name).symlink_to("mine.txt")
+    with pytest.raises(FileError, match="is in the way"):
+        inim.validate(source or box, "out", new_scene=options)
+
+
+def test_modules_of_plugins_are_found_by_name_and_identified_by_their_code(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    package = tmp_path / "own_paints"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    (package / "red.py").write_text("COLOR = 'red'")
+    before = PluginModule.of("own_paints.red")
+    assert (before.text, before.file) == ("own_paints.red", package / "__init__.py")
+    (package / "red.py").write_text("COLOR = 'dark red'")
+    assert PluginModule.of("own_paints.red") != before
+    with pytest.raises(FileError, match="was saved while"):
+        before.load()
+    (tmp_path / "numpy.py").write_text("")
+    with pytest.raises(UsageError, match="another module has this name"):
+        PluginModule.of(str(tmp_path / "numpy.py")).load()
 
 
 def test_an_unknown_parameter_of_a_display_is_named():

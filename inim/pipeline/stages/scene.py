@@ -9,6 +9,7 @@ from typing import Any
 from inim.backend import Backend, choose_backend
 from inim.display import Display
 from inim.pipeline.stages.stage import RENDERING, stage
+from inim.plugins import PluginModule
 from inim.process.observer import Observer
 from inim.scene.file import SceneFile
 
@@ -27,13 +28,15 @@ class Renderer:
     """The renderer, loaded on first use.
 
     With `skip`, it leaves out rays that change no result. `rays_in_flight` is the number of rays
-    that may be traced at once in the available memory.
+    that may be traced at once in the available memory. `plugins` are modules with Mitsuba plugins
+    of the scene.
     """
 
     requested_backend: str
     observer: Observer
     rays_in_flight: int | None = None
     skip: bool = True
+    plugins: tuple[PluginModule, ...] = ()
 
     @cached_property
     def backend(self) -> Backend:
@@ -50,6 +53,7 @@ class Renderer:
         from inim.render import trace, variant
 
         variant.use(self.requested_backend)
+        variant.load_plugins(self.plugins)
         if self.rays_in_flight is not None:
             trace.limit_rays(self.rays_in_flight)
 
@@ -78,6 +82,7 @@ class Scene:
             "fit_share": self.fit_share,
             **{f"display {name}": value for name, value in parameters.items() if name != "name"},
             **self.renderer.cache_key(),
+            **{f"plugin {plugin.name}": plugin.sha256 for plugin in self.renderer.plugins},
         }
 
     @cached_property

@@ -1,0 +1,50 @@
+"""Scenes that use the caller's own Mitsuba plugins, and progress, through `inim.validate`.
+
+Expected: the worker imports the named module from its file and nothing else from its folder; new
+code of a plugin gives new images; the callback receives every stage, and shares that grow to 1.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+PLUGIN = """
+import mitsuba as mi
+paint = {{"type": "diffuse", "reflectance": {{"type": "rgb", "value": {value}}}}}
+mi.register_bsdf("own_paint", lambda props: mi.load_dict(paint))
+"""
+RUN = """
+import inim
+few = {f"inim.{name}_spp": 2 for name in ("capture", "eia", "view", "reconstruction")}
+few |= {"inim.lens_columns": 12, "inim.lens_rows": 12, "inim.lens_model": "pinhole"}
+scene = "own.xml"
+shares = []
+report = inim.validate(
+    scene, "out", algorithms="template", viewpoints="centre", definitions=few,
+    plugins="own_paint", progress=lambda stage, share: shares.append((share, stage)))
+assert "own_paint.py" in report.data.command
+print(shares == sorted(shares, key=lambda pair: pair[0]), shares[0][0], shares[-1], len(shares) > 6)
+print(float(inim.read_rgbd("out/rgbd.exr").color.max()))
+"""
+
+
+def test_worker_imports_the_plugin_and_reports_its_progress(tmp_path):
+    (tmp_path / "own.xml").write_text(
+        """<scene version="3.0.0"><emitter type="constant"/>
+        <shape type="sphere"><bsdf type="own_paint"/></shape></scene>"""
+    )
+    (tmp_path / "numpy.py").write_text("raise AssertionError('a file next to the plugin is run')")
+    code = f"import sys; import numpy; sys.path.insert(0, {str(tmp_path)!r}){RUN}"
+    brightest = []
+    for value in (0.5, 0.05):
+        (tmp_path / "own_paint.py").write_text(PLUGIN.format(value=value))
+        ended = subprocess.run(
+            [sys.executable, "-P", "-c", code], capture_output=True, text=True, cwd=tmp_path,
+            timeout=300, check=False,
+        )  # fmt: skip
+        assert ended.returncode == 0, ended.stderr
+        progress, color = ended.stdout.strip().splitlines()
+        assert progress == "True 0.0 (1.0, 'finished') True"
+        brightest.append(float(color))
+    assert brightest[0] > 5 * brightest[1] > 0
