@@ -29,7 +29,8 @@ from inim.documents.calibration import (
     ParameterEstimate,
 )
 from inim.documents.parts import DisplayRecord, origin
-from inim.settings import DISPLAY_KEYS, PREFIX
+from inim.scene.display_file import display_xml
+from inim.settings import DISPLAY_KEYS
 from inim.version import __version__
 
 _VERSIONS = ("numpy", "scipy")
@@ -48,12 +49,11 @@ def display_file(calibration: Calibration, preset: str) -> str:
     values = calibration.display.parameters()
     defaults = {field.name: field.default for field in fields(Display)}
     positions = ", ".join(calibration.names)
-    lines = [
-        '<scene version="3.0.0">',
+    about = (
         f"    <!-- {_comment(f'Calibrated by inim {__version__} from photographs: {positions}.')}",
         "         Behind each measured value stands its standard error. -->",
-        f'    <default name="{PREFIX}display" value="{preset}"/>',
-    ]
+    )
+    texts, comments = {"display": preset}, {}
     for key in DISPLAY_KEYS:
         estimate = calibration.estimates.get(key)
         if values[key] == defaults[key] and estimate is None:
@@ -62,9 +62,10 @@ def display_file(calibration: Calibration, preset: str) -> str:
         text = f"{value:.{_DIGITS}g}" if isinstance(value, float) else str(value)
         if estimate is not None and estimate.is_known:
             text = f"{value:.{_decimals(estimate.error)}f}"
-        comment = "" if estimate is None else f" <!-- {_describe_error(key, calibration)} -->"
-        lines.append(f'    <default name="{PREFIX}{key}" value="{text}"/>{comment}')
-    return "\n".join([*lines, "</scene>"]) + "\n"
+        texts[key] = text
+        if estimate is not None:
+            comments[key] = _describe_error(key, calibration)
+    return display_xml(texts, comments, about)
 
 
 def _decimals(error: float) -> int:

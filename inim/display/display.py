@@ -13,7 +13,9 @@ import math
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import cached_property
+from importlib import import_module
 from numbers import Integral, Real
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -85,6 +87,11 @@ def _check_parameter(name: str, kind: str, value: Any) -> Any:
         allowed = " or ".join(repr(word) for word in _WORDS[name])
         raise DisplayError(f"{name} = {value!r}: use {allowed}")
     return value
+
+
+def _call(module: str, function: str, *arguments: Any) -> Any:
+    """Call a function of a package above this one: files and drawings of a display."""
+    return getattr(import_module(module), function)(*arguments)
 
 
 @dataclass(frozen=True)
@@ -601,6 +608,25 @@ class Display:
                     f"{suggest_words(name, names)}"
                 )
         return replace(self, **changes)
+
+    def save(self, path: Path | str) -> None:
+        """Write a display file (.xml) that every command and function accepts as a display.
+
+        The file has no name: reports name the display after the nearest preset.
+
+        Raises
+        ------
+        UsageError
+            The name does not end in .xml.
+        FileError
+            The file cannot be written.
+        """
+        _call("inim.scene.display_file", "save_display", self, Path(path))
+
+    def _repr_svg_(self) -> str:
+        """Plan view, for notebooks."""
+        svg: bytes = _call("inim.report.diagram", "plan_view", self, ())
+        return svg.decode()
 
     def with_fixed_panel(self) -> Display:
         """A copy that states its panel and depth range: no change of a length moves them."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import io
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -68,6 +71,15 @@ def to_srgb(linear: np.ndarray) -> NDArray[np.uint8]:
     for band in row_bands(*linear.shape[:2]):
         codes[band] = srgb_to_uint8(srgb_from_linear(linear[band]))
     return codes
+
+
+def png_data_uri(pixels: np.ndarray) -> str:
+    """A PNG of (rows, columns, 3) uint8 sRGB, as a data URI."""
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(pixels)).save(stream, "PNG")
+    return f"data:image/png;base64,{base64.b64encode(stream.getvalue()).decode()}"
 
 
 def magma(share: np.ndarray) -> np.ndarray:

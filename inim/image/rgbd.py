@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from inim.errors import UsageError
 
+# Largest side of a picture in a notebook.
+_THUMBNAIL_PX = 256
+
 
 @dataclass(frozen=True)
 class Layer:
@@ -99,6 +102,22 @@ class RGBD:
     def shape(self) -> tuple[int, int]:
         """Rows and columns."""
         return self.depth_mm.shape[0], self.depth_mm.shape[1]
+
+    def _repr_html_(self) -> str:
+        """Thumbnails of colour and depth (near is white, no surface is blue), for notebooks."""
+        from inim.image.color import png_data_uri, to_srgb
+
+        step = max(1, math.ceil(max(self.shape) / _THUMBNAIL_PX))
+        color, depth = self.color[::step, ::step], self.depth_mm[::step, ::step]
+        covered = self.covered[::step, ::step]
+        low, high = np.quantile(depth[covered], (0, 1)) if covered.any() else (0.0, 0.0)
+        gray = np.where(covered, (depth - low) / max(high - low, 1e-9), 0)[..., None]
+        codes = np.repeat(np.rint(255 * gray).astype(np.uint8), 3, axis=-1)
+        codes[~covered] = (30, 60, 120)
+        colors = color[..., :3] if color.dtype == np.uint8 else to_srgb(color)
+        images = "".join(f'<img src="{png_data_uri(pixels)}"> ' for pixels in (colors, codes))
+        rows, columns = self.shape
+        return f"{images}<br>{columns} x {rows} pixels, {low:.4g} to {high:.4g} mm"
 
     @property
     def layers(self) -> tuple[Layer, ...]:

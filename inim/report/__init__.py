@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import quote
 
 from inim.cache import ResultCache
 from inim.display import Display
@@ -144,6 +145,29 @@ class Report:
         }
         write_forms(self.data, self.folder, "report.json", forms)
 
+    def page(self) -> ReportPage:
+        """The whole page with the virtual display, for a notebook: 5 to 9 MB in its file."""
+        return ReportPage(self.html_path)
+
+    def _repr_html_(self) -> str:
+        """The scores as a table, with a link to the page, for notebooks."""
+        from inim.report.summary import render_table
+
+        path = self.html_path
+        link = (
+            quote(path.as_posix(), errors="surrogateescape")
+            if not path.is_absolute()
+            else path.as_uri()
+        )
+        return render_table(self.data, link)
+
+
+@dataclass(frozen=True)
+class ReportPage:
+    """Page of a report, shown in a notebook; see `Report.page`."""
+
+    path: Path
+
     def _repr_html_(self) -> str | None:
         """The page in an isolated frame, so that its styles do not affect the notebook.
 
@@ -152,7 +176,7 @@ class Report:
         policy allows only the report's own scripts.
         """
         try:
-            page = read_file(self.html_path, _MOST_PAGE_BYTES).decode("utf-8")
+            page = read_file(self.path, _MOST_PAGE_BYTES).decode("utf-8")
         except (FileError, ValueError):
             return None
         # Without a base of its own, a framed page's links are relative to the notebook.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from html import escape
 from typing import Any
 
 from inim.documents.compare import CompareDocument
@@ -68,6 +69,7 @@ def render_text(data: ReportDocument) -> str:
     return plain("\n".join([f"{data.title}: {verdict_words(data)}", *score_lines(data)]))
 
 
+_SCORE_WORDS = f"{MAIN.label} on the relic to the reference (in brackets: to the ground truth)"
 _LINE_WIDTH = 80
 _MOST_OF_NAME = 34
 
@@ -77,9 +79,35 @@ def score_lines(data: ReportDocument) -> list[str]:
 
     Viewpoints that do not fit are in a further block of lines.
     """
+    first, *columns = _score_columns(data)
+    lines = [_SCORE_WORDS]
+    block = [first]
+    for cells in columns:
+        if len(block) > 1 and _width([*block, cells]) > _LINE_WIDTH:
+            lines += _aligned(block)
+            block = [first]
+        block.append(cells)
+    return lines + _aligned(block)
+
+
+def render_table(data: ReportDocument, link: str) -> str:
+    """Verdict and headline scores as HTML, with a link to the page."""
+    rows = "".join(
+        f"<tr>{''.join(f'<td>{escape(plain(cell))}</td>' for cell in row)}</tr>"
+        for row in zip(*_score_columns(data), strict=True)
+    )
+    verdict = escape(plain(f"{data.title}: {verdict_words(data)}"))
+    return (
+        f'<p>{verdict}; <a href="{escape(link)}" target="_blank">report</a></p>'
+        f"<table><caption>{escape(_SCORE_WORDS)}</caption>{rows}</table>"
+    )
+
+
+def _score_columns(data: ReportDocument) -> list[list[str]]:
+    """Names, then for each viewpoint its name and the headline scores of all algorithms."""
     results = {name: result.views for name, result in data.algorithms.items()}
     names = {name: _cut(name, _MOST_OF_NAME) for name in [*results, "reference"]}
-    columns = {}
+    columns = [["", *names.values()]]
     for view in data.viewpoint_names:
         cells = [view]
         for views in results.values():
@@ -87,16 +115,8 @@ def score_lines(data: ReportDocument) -> list[str]:
             to_truth = _three_digits(scores, HEADLINE_TO_SCENE)
             cells.append(f"{_three_digits(scores, HEADLINE)} ({to_truth})")
         cells.append(f"({_three_digits(data.reference.views[view], HEADLINE_TO_SCENE)})")
-        columns[view] = cells
-    first = ["", *names.values()]
-    lines = [f"{MAIN.label} on the relic to the reference (in brackets: to the ground truth)"]
-    block = [first]
-    for cells in columns.values():
-        if len(block) > 1 and _width([*block, cells]) > _LINE_WIDTH:
-            lines += _aligned(block)
-            block = [first]
-        block.append(cells)
-    return lines + _aligned(block)
+        columns.append(cells)
+    return columns
 
 
 def _three_digits(scores: Mapping[str, Any], key: str) -> str:

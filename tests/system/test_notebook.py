@@ -35,7 +35,7 @@ def report(tmp_path_factory):
 def notebook(tab: Tab, report: Report, folder: Path) -> None:
     """A page that shows the report as a notebook does, and has something to steal."""
     path = folder / "notebook.html"
-    cell = report._repr_html_()
+    cell = report.page()._repr_html_()
     path.write_text(
         f"<!doctype html><title>mine</title><script>secret = 42</script>{cell}", encoding="utf-8"
     )

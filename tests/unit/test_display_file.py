@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from inim.errors import FileError, InimError, SceneError
+from inim.display import DISPLAYS
+from inim.errors import FileError, InimError, SceneError, UsageError
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.scene.file import choose_display
@@ -117,6 +118,20 @@ def test_tolerances_are_those_of_the_file_s_display(scene, mine, tmp_path):
     units = plan_tolerance(request).units
     assert {unit.plan.display.pitch_mm for unit in units} == {0.9957}
     assert len({unit.plan.misaligned_display.rotation_deg for unit in units}) > 10
+
+
+@pytest.mark.parametrize("preset", list(DISPLAYS))
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"gap_mm": 1 / 3 + 3, "lattice": "hexagonal"}, {"panel_columns": 700, "panel_rows": 300}],
+)
+def test_a_saved_display_is_read_back_exactly(tmp_path, preset, changes):
+    display = DISPLAYS[preset].replace(**changes, name="")
+    display.save(tmp_path / "mine.xml")
+    assert choose_display(tmp_path / "mine.xml")[0].replace(name="") == display
+    assert "<svg" in display._repr_svg_()
+    with pytest.raises(UsageError, match=r"a display file is an \.xml; name it mine\.xml"):
+        display.save(tmp_path / "mine.png")
 
 
 def test_a_file_that_a_scene_names_is_not_looked_for(scene):

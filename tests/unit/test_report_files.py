@@ -95,7 +95,7 @@ def test_path_that_is_no_utf8_is_written_and_read_back(tmp_path):
 
 def test_notebook_shows_the_page_in_a_frame_that_nothing_leaves(tmp_path):
     write(tmp_path, data(30.0, title="\"'></iframe><script>alert(1)</script>"))
-    page_frame = Report.load(tmp_path)._repr_html_()
+    page_frame = Report.load(tmp_path).page()._repr_html_()
     match = re.fullmatch(r'<iframe srcdoc="([^"]*)"[^<>]*></iframe>', page_frame or "")
     assert match
     assert "<" not in match[1]
@@ -105,5 +105,19 @@ def test_notebook_shows_the_page_in_a_frame_that_nothing_leaves(tmp_path):
     assert page.index(based) < page.index("Content-Security-Policy")
 
 
-def test_notebook_shows_a_report_without_a_page_as_text(tmp_path):
-    assert Report(tmp_path, data(30.0))._repr_html_() is None
+def test_notebook_shows_no_frame_without_a_page(tmp_path):
+    assert Report(tmp_path, data(30.0)).page()._repr_html_() is None
+
+
+def test_notebook_shows_the_scores_with_a_link_to_the_page(tmp_path, monkeypatch):
+    evil, no_utf8 = "'\"><script>alert(1)</script>", b"\xff".decode("utf-8", "surrogateescape")
+    write(tmp_path, data(30.0, title=f"{evil}{no_utf8}"))
+    table = Report.load(tmp_path)._repr_html_()
+    assert len(table) < 5000 and "<script" not in table
+    table.encode("utf-8")
+    assert f'href="{tmp_path.as_uri()}/report.html"' in table
+    monkeypatch.chdir(tmp_path.parent)
+    assert f'href="{tmp_path.name}/report.html"' in Report.load(tmp_path.name)._repr_html_()
+    for line in str(Report.load(tmp_path)).splitlines()[2:]:
+        for cell in line.split("  "):
+            assert html.escape(cell.strip()) in table

@@ -1,9 +1,13 @@
 """An RGB-D picture is consistent, or is not made."""
 
+import base64
+import io
+import re
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from inim.errors import UsageError
 from inim.image.rgbd import RGBD
@@ -67,3 +71,17 @@ def test_inconsistent_picture_is_refused_with_the_value(changes, message):
 def test_depth_of_an_uncovered_pixel_may_be_anything():
     depth = np.where(COVERED, DEPTH, np.nan)
     assert np.isnan(picture(depth_mm=depth).depth_mm[0, 2])
+
+
+@pytest.mark.parametrize("covered", [True, False])
+def test_notebook_shows_small_thumbnails_of_colour_and_depth(covered):
+    shape = (300, 700)
+    depth = np.linspace(4, 20, 210_000, dtype=np.float32).reshape(shape)
+    rgbd = RGBD(np.full((*shape, 3), 0.5, np.float32), depth, np.full(shape, covered), 0.1)
+    color, depth_map = (
+        np.asarray(Image.open(io.BytesIO(base64.b64decode(data))))
+        for data in re.findall(r'base64,([^"]+)"', rgbd._repr_html_())
+    )
+    assert color.shape == depth_map.shape == (100, 234, 3)
+    assert (color == 188).all()
+    assert (depth_map[0, 0, 0], depth_map[-1, -1, 0]) == ((0, 255) if covered else (30, 30))
