@@ -211,7 +211,7 @@ class Settings:
         try:
             display = preset.replace(name=f"{preset.name}, changed", **parameters)
             # A panel that is given without its lenses has as many as fit on it.
-            counted = {
+            counted: dict[str, Any] = {
                 f"lens_{axis}": lenses
                 for axis, lenses in zip(("rows", "columns"), display.lenses_on_panel, strict=True)
                 if parameters.get(f"panel_{axis}") and f"lens_{axis}" not in parameters

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -167,7 +167,7 @@ class Calibration:
     def display(self) -> Display:
         """Nominal display with all determined parameters replaced."""
         rows, columns = self.nominal.eia_shape
-        determined = {
+        determined: dict[str, Any] = {
             name: estimate.value
             for name, estimate in self.estimates.items()
             if name in PARAMETERS and estimate.is_known
@@ -333,7 +333,8 @@ def _begin(
                 "position"
             )
     positions = list(lenses.values())
-    flat = display.replace(**dict.fromkeys(_LIE, 0.0))
+    flat_placement: dict[str, Any] = dict.fromkeys(_LIE, 0.0)
+    flat = display.replace(**flat_placement)
     first = camera or focal_guess(flat, positions, focal_px)
     # The lattice alone, as if each position's first lens were the array's.
     corner = np.append(first_lens_mm(flat), 0.0)

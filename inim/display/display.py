@@ -16,10 +16,11 @@ from functools import cached_property
 from importlib import import_module
 from numbers import Integral, Real
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
+from inim.display.parameters import Aperture, BetweenLenses, CurvedSide, Lattice, Subpixels
 from inim.display.pixels import (
     SUBPIXELS,
     PixelAxis,
@@ -30,6 +31,11 @@ from inim.display.pixels import (
     row_blocks,
 )
 from inim.errors import DisplayError, suggest_words
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+    from inim.display.parameters import DisplayParameters
 
 # Must be positive; depths and shifts are of either sign.
 _LENGTHS = (
@@ -42,11 +48,11 @@ _LENGTHS = (
     "lens_thickness_mm",
 )
 _WORDS = {
-    "curved_side": ("viewer", "panel"),
-    "lattice": ("square", "hexagonal"),
-    "aperture": ("square", "round"),
-    "between_lenses": ("dark", "clear"),
-    "subpixels": ("none", "rgb-stripe", "pentile"),
+    "curved_side": get_args(CurvedSide),
+    "lattice": get_args(Lattice),
+    "aperture": get_args(Aperture),
+    "between_lenses": get_args(BetweenLenses),
+    "subpixels": get_args(Subpixels),
 }
 # Pictures hold depths as float32, which end at 3.4e38; products of two lengths are floats still.
 _LONGEST_MM = 1e38
@@ -167,22 +173,22 @@ class Display:
     elemental_pitch_mm: float | None = None
     refractive_index: float = 1.4917
     lens_thickness_mm: float | None = None
-    curved_side: str = "viewer"
+    curved_side: CurvedSide = "viewer"
     conic: float = 0.0
     asphere_a4: float = 0.0
     asphere_a6: float = 0.0
     abbe_number: float | None = None
     pitch_y_mm: float | None = None
-    lattice: str = "square"
-    aperture: str = "square"
+    lattice: Lattice = "square"
+    aperture: Aperture = "square"
     fill_factor: float = 1.0
-    between_lenses: str = "dark"
+    between_lenses: BetweenLenses = "dark"
     shift_x_mm: float = 0.0
     shift_y_mm: float = 0.0
     rotation_deg: float = 0.0
     tilt_x_deg: float = 0.0
     tilt_y_deg: float = 0.0
-    subpixels: str = "none"
+    subpixels: Subpixels = "none"
     pixel_fill: float = 1.0
     name: str = "custom"
 
@@ -592,7 +598,7 @@ class Display:
             values["nearest_viewing_distance_mm"] = None
         return {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in values.items()}
 
-    def replace(self, **changes: Any) -> Display:
+    def replace(self, **changes: Unpack[DisplayParameters]) -> Display:
         """Copy with some parameters changed and checked.
 
         Raises
@@ -642,7 +648,9 @@ class Display:
         The ground truth is traced through lens centres, so displays that differ only in their
         lenses share it.
         """
-        defaults = {f.name: f.default for f in fields(self) if f.name in _LENS_ONLY}
+        defaults: dict[str, Any] = {
+            field.name: field.default for field in fields(self) if field.name in _LENS_ONLY
+        }
         return self.replace(name="", **defaults)
 
 

@@ -87,11 +87,12 @@ def misaligned(display: Display, misalignment: str | Mapping[str, float]) -> Dis
     if not off:
         return display
     # Picture and panel stay as designed: the depth range and the pixels are not the array's.
+    changes: dict[str, Any] = _changes_with_pitch(display, off.get("pitch_mm", 0.0))
+    changes |= {key: getattr(display, key) + value for key, value in off.items()}
     try:
         return display.with_fixed_panel().replace(
             name=f"{display.name}, misaligned",
-            **_changes_with_pitch(display, off.get("pitch_mm", 0.0)),
-            **{key: getattr(display, key) + value for key, value in off.items()},
+            **changes,
         )
     except DisplayError as error:
         raise DisplayError(f"misalign {misalignment_text(off)!r}: {error}") from None

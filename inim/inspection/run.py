@@ -13,6 +13,7 @@ from inim.display.misalignment import misaligned
 from inim.display.viewpoint import default_distance_mm
 from inim.errors import UsageError, suggest_words
 from inim.inspection.findings import DEFAULT_LENS_MODEL, Inspection, inspect_display
+from inim.lens import LensModel, LensModelName, lens_model_name
 from inim.lens import lens_model as find_lens_model
 from inim.process.atomic_file import file_errors
 from inim.scene.file import choose_display, parse_definitions
@@ -22,7 +23,7 @@ def inspect(
     display: Display | str | Path = "nominal",
     *,
     definitions: Mapping[str, Any] | None = None,
-    lens_model: str | None = None,
+    lens_model: LensModelName | LensModel | None = None,
     distance_mm: float | None = None,
     out: Path | str | None = None,
 ) -> Inspection:
@@ -34,7 +35,8 @@ def inspect(
         A display, the name of a preset, or the path of a scene or display file.
     definitions : mapping, optional
         Settings to override: ``{"inim.gap_mm": 3.2}``.
-    lens_model : str, optional
+    lens_model : {"pinhole", "thin", "thick", "full"} or LensModel, optional
+        Of another package, pass the registered `inim.lens.LensModel`; its name works, too.
         Default: the file's, or ``"thick"`` if such lenses can be manufactured.
     distance_mm : float, optional
         Viewing distance; default: the file's, or twice the nearest usable distance.
@@ -59,11 +61,12 @@ def inspect(
         raise UsageError(f"--distance {distance:g}: give a distance above 0, in millimetres")
     model = find_lens_model(settings.lens_model)
     stated = model.name if model.mesh is None else model.stand_in  # a mesh is for the renderer
+    default = None if stated == DEFAULT_LENS_MODEL else stated
     inspection = inspect_display(
         design,
         default_distance_mm(design) if distance is None else distance,
         misaligned=misaligned(design, settings.misalign),
-        lens_model=lens_model or (None if stated == DEFAULT_LENS_MODEL else stated),
+        lens_model=lens_model_name(lens_model) if lens_model else default,
         source=source,
     )
     return inspection if out is None else _write(inspection, Path(out))

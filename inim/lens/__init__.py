@@ -26,7 +26,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, wraps
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -55,6 +55,7 @@ __all__ = [
     "FULL",
     "LensArray",
     "LensModel",
+    "LensModelName",
     "LensTraits",
     "Ops",
     "PanelRay",
@@ -67,6 +68,7 @@ __all__ = [
     "lens_array",
     "lens_centre",
     "lens_model",
+    "lens_model_name",
     "lens_models",
     "lens_traits",
     "models_drawn_live",
@@ -77,6 +79,9 @@ __all__ = [
     "white_exposure",
 ]
 
+#: Names of the built-in lens models.
+LensModelName = Literal["pinhole", "thin", "thick", "full"]
+
 _OWN = {model.name: model for model in (pinhole.MODEL, thin.MODEL, thick.MODEL, full.MODEL)}
 _ENTRY_POINTS = "inim.lens_models"
 #: The model that is a mesh.
@@ -86,6 +91,11 @@ FULL = full.MODEL.name
 def lens_models() -> list[str]:
     """Names of all registered models: the built-in models, then those of other packages."""
     return [*_OWN, *(name for name in announced_names(_ENTRY_POINTS) if name not in _OWN)]
+
+
+def lens_model_name(model: LensModelName | LensModel) -> str:
+    """Name of a built-in or a registered lens model."""
+    return model.name if isinstance(model, LensModel) else model
 
 
 @cache

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from inim.display import Display
     from inim.display.viewpoint import Viewpoint
+    from inim.lens import LensModel, LensModelName
     from inim.pipeline.plan import Plan
     from inim.pipeline.request import Request
     from inim.report import Report
@@ -70,7 +71,7 @@ def validate(
     algorithms: str | Sequence[str | Mapping[str, Any]] | Mapping[str, Any] | None = None,
     cameras: str | int | None = None,
     viewpoints: str | Viewpoint | Sequence[str | Viewpoint] | None = None,
-    lens_model: str | None = None,
+    lens_model: LensModelName | LensModel | None = None,
     misalign: str | Mapping[str, float] | None = None,
     eias: Mapping[str, str | Path] | None = None,
     backend: str = "auto",
@@ -109,8 +110,8 @@ def validate(
     viewpoints : str, Viewpoint or sequence, optional
         Text as after ``--viewpoints``; or names (``"left"``), texts and `Viewpoint` objects.
         All `Viewpoint` objects must have the same pupil and focus, which apply to every viewpoint.
-    lens_model : str, optional
-        One of `inim.lens.lens_models`.
+    lens_model : {"pinhole", "thin", "thick", "full"} or LensModel, optional
+        Of another package, pass the registered `inim.lens.LensModel`; its name works, too.
     misalign : str or mapping, optional
         Misalignment of the lens array: ``"rotation_deg=0.5"``, or ``{"rotation_deg": 0.5}``.
     eias : mapping, optional
@@ -151,6 +152,7 @@ def validate(
     from inim.display.misalignment import parse_misalignment
     from inim.display.viewpoint import viewpoint_items
     from inim.generators import algorithm_items
+    from inim.lens import lens_model_name
     from inim.pipeline.request import Request
     from inim.scene.file import parse_definitions
 
@@ -174,7 +176,7 @@ def validate(
         algorithms=None if algorithms is None else algorithm_items(algorithms),
         cameras=None if cameras is None else str(cameras),
         viewpoints=None if viewpoints is None else viewpoint_items(viewpoints),
-        lens_model=lens_model,
+        lens_model=None if lens_model is None else lens_model_name(lens_model),
         misalign=None if misalign is None else parse_misalignment(misalign),
     )
     with shown_progress(progress) as on_stage:

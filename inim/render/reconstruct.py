@@ -13,7 +13,14 @@ import numpy as np
 from inim.display import Display
 from inim.display.viewpoint import Viewpoint, check_viewpoint, viewpoint_of
 from inim.errors import UsageError
-from inim.lens import SheetMesh, channel_indices, lens_array
+from inim.lens import (
+    LensModel,
+    LensModelName,
+    SheetMesh,
+    channel_indices,
+    lens_array,
+    lens_model_name,
+)
 from inim.lens import lens_model as find_lens_model
 from inim.process.observer import Observer
 from inim.render import variant
@@ -182,7 +189,7 @@ def reconstruct(
     eia: np.ndarray,
     display: Display | str | Path,
     viewpoint: Viewpoint | str,
-    lens_model: str = "thick",
+    lens_model: LensModelName | LensModel = "thick",
     *,
     pixels_per_lens: int = 4,
     spp: int = 64,
@@ -204,8 +211,8 @@ def reconstruct(
     viewpoint : Viewpoint or str
         A viewpoint, or its text: ``"centre"``, ``"mine=10 -5 400"``. Must lie inside the viewing
         zone, with its pupil, unless `allow_flips`.
-    lens_model : str
-        One of `inim.lens.lens_models`.
+    lens_model : {"pinhole", "thin", "thick", "full"} or LensModel
+        Of another package, pass the registered `inim.lens.LensModel`; its name works, too.
     pixels_per_lens : int
         Resolution of the view; it shows exactly the lens array.
     spp : int
@@ -228,7 +235,7 @@ def reconstruct(
     check_viewpoint(viewpoint, display, allow_flips=allow_flips)
     eia = _check_linear(eia)
     with variant.temporary(backend):
-        scene = DisplayScene(eia, display, lens_model)
+        scene = DisplayScene(eia, display, lens_model_name(lens_model))
         return scene.view(viewpoint, pixels_per_lens=pixels_per_lens, spp=spp, seed=seed)
 
 

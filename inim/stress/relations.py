@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from msgspec.structs import replace
@@ -300,17 +301,17 @@ def _scale(factor: float, pictures: _Pictures) -> _Check:
         for display, rgbd in pictures():
             low, high = display.depth_range_mm
             base = display.replace(depth_min_mm=low, depth_max_mm=high)
-            lengths = {name: getattr(base, name) * factor for name in _LENGTHS}
+            lengths: dict[str, Any] = {name: getattr(base, name) * factor for name in _LENGTHS}
             if base.elemental_pitch_mm is not None:
                 lengths["elemental_pitch_mm"] = base.elemental_pitch_mm * factor
-            ends = {"depth_min_mm": low * factor, "depth_max_mm": high * factor}
+            lengths |= {"depth_min_mm": low * factor, "depth_max_mm": high * factor}
             # Depths that both float32 pictures hold exactly: of 12 binary digits.
             depth = _short(rgbd.depth_mm)
             scaled = RGBD(rgbd.color, depth, rgbd.covered, rgbd.pixel_mm)
             pixel = rgbd.pixel_mm * factor
             other = RGBD(rgbd.color, depth * np.float32(factor), rgbd.covered, pixel)
             before = show(scaled, base, algorithm)
-            after = show(other, base.replace(**lengths, **ends), algorithm)
+            after = show(other, base.replace(**lengths), algorithm)
             yield Comparison(base, scaled, same_colour(before, after), display.lensed)
 
     return check

@@ -23,7 +23,7 @@ from inim.bench.job import load_average, record
 from inim.display import Display, Viewpoint
 from inim.errors import InimError
 from inim.image.rgbd import RGBD
-from inim.lens import white_exposure
+from inim.lens import LensModelName, white_exposure
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.process.observer import Observer
@@ -134,7 +134,7 @@ def picture_of(display: Display, pixels_per_pitch: int) -> RGBD:
 
 
 def views_of(
-    display: Display, viewpoints: Sequence[Viewpoint], lens_model: str = "thick"
+    display: Display, viewpoints: Sequence[Viewpoint], lens_model: LensModelName = "thick"
 ) -> Callable[[np.ndarray], list[np.ndarray]]:
     """Function that reconstructs the views of an EIA, exposed so that panel white is white."""
     exposure = white_exposure(display, lens_model)

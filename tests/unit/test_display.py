@@ -4,7 +4,8 @@ import json
 import math
 import re
 from fractions import Fraction
-from typing import Any
+from pathlib import Path
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -12,8 +13,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from inim.display import DISPLAYS, Display
+from inim.display.parameters import DisplayParameters
 from inim.display.pixels import pixel_rays
 from inim.errors import DisplayError
+from inim.lens import LensModelName, lens_models
 from tests import oracle
 
 NOMINAL = DISPLAYS["nominal"]
@@ -380,3 +383,32 @@ def test_a_picture_s_pixel_is_the_float_of_the_quotient_that_was_meant():
     for hundredths in range(30, 300):
         device = display(pitch_mm=hundredths / 100, pixel_pitch_mm=hundredths / 1700)
         assert not accuracy_warnings(device, pixel_mm=device.capture_pixel_mm(5)), hundredths
+
+
+def test_types_for_checkers_are_those_of_the_fields():
+    fields = get_type_hints(Display)
+    assert get_type_hints(DisplayParameters) == {
+        name: fields[name] for name in NOMINAL.parameters()
+    }
+    assert list(get_args(LensModelName)) == lens_models()[:4]
+
+
+@pytest.mark.slow
+def test_type_checkers_see_wrong_keywords_and_values(tmp_path):
+    mypy = pytest.importorskip("mypy.api")
+    wrong = [
+        "inim.DISPLAYS['nominal'].replace(gapmm=3)",
+        "inim.DISPLAYS['nominal'].replace(lattice='hexagon')",
+        "inim.Display(1, 3, 3.3, 0.1, 8, 8, subpixels='rgb')",
+        "inim.validate('jade.xml', lens_model='thik')",
+        "inim.validate('jade.xml', lensmodel='thick')",
+        "inim.unknown",
+    ]
+    right = "inim.validate('jade.xml', lens_model='thick', display=inim.DISPLAYS['phone'])"
+    config = tmp_path / "pyproject.toml"
+    text = (Path(__file__).parents[2] / "pyproject.toml").read_text("utf-8")
+    config.write_text(text.replace('packages = ["inim", "reports"]', ""), "utf-8")
+    code = "\n".join(["import inim", *wrong, right])
+    output, problems, _ = mypy.run(["--config-file", str(config), "-c", code])
+    lines = {int(number) for number in re.findall(r"<string>:(\d+): error", output)}
+    assert lines == set(range(2, 2 + len(wrong))), output + problems

@@ -1,0 +1,45 @@
+"""Types of a display's parameters."""
+
+from typing import Literal, TypedDict
+
+CurvedSide = Literal["viewer", "panel"]
+Lattice = Literal["square", "hexagonal"]
+Aperture = Literal["square", "round"]
+BetweenLenses = Literal["dark", "clear"]
+Subpixels = Literal["none", "rgb-stripe", "pentile"]
+
+
+class DisplayParameters(TypedDict, total=False):
+    """Parameters of a display, for type checkers: the fields of `Display`."""
+
+    pitch_mm: float
+    focal_length_mm: float
+    gap_mm: float
+    pixel_pitch_mm: float
+    lens_columns: int
+    lens_rows: int
+    panel_columns: int | None
+    panel_rows: int | None
+    depth_min_mm: float | None
+    depth_max_mm: float | None
+    elemental_pitch_mm: float | None
+    refractive_index: float
+    lens_thickness_mm: float | None
+    curved_side: CurvedSide
+    conic: float
+    asphere_a4: float
+    asphere_a6: float
+    abbe_number: float | None
+    pitch_y_mm: float | None
+    lattice: Lattice
+    aperture: Aperture
+    fill_factor: float
+    between_lenses: BetweenLenses
+    shift_x_mm: float
+    shift_y_mm: float
+    rotation_deg: float
+    tilt_x_deg: float
+    tilt_y_deg: float
+    subpixels: Subpixels
+    pixel_fill: float
+    name: str
