@@ -121,112 +121,81 @@ def export(
     InimError
         Contradictory or impossible choices, unreadable files, or no usable backend.
     """
-    from inim.scene.file import parse_definitions
-
-    request = Exports(
-        source=Path(source),
-        pdf=_path(pdf),
-        views=_path(views),
-        hci=_path(hci),
-        quilt=_path(quilt),
-        scene=_path(scene),
-        grid=_pair_text(grid),
-        tiles=_pair_text(tiles),
-        view_size=_pair_text(view_size),
-        algorithm=algorithm,
-        display=display,
-        definitions=parse_definitions(definitions or {}),
-        aspect=aspect,
-        view_spp=view_spp,
-        allow_folders=tuple(map(Path, allow_folders)),
-    )
-    chosen = _choose_from_report(request) if request.source.is_dir() else _choose_eia(request)
-    quilt_request = None if request.quilt is None else _quilt(request, request.quilt, chosen)
-    files = _write_sheet_and_views(request, chosen)
-    if quilt_request is not None:
+    outputs = [None if path is None else Path(path) for path in (pdf, views, hci)]
+    if not (any(outputs) or quilt):
+        raise UsageError(
+            "nothing to write: give --pdf FILE, --views DIR, --hci DIR or --quilt FILE"
+        )
+    for option, path in zip(("--views", "--hci"), outputs[1:], strict=True):
+        if path is not None and path.exists() and not path.is_dir():
+            raise FileError(f"{option} {path}: is a file; name a folder")
+    of_quilt = {"tiles": tiles, "view-size": view_size, "aspect": aspect, "view-spp": view_spp}
+    for option, value in {**of_quilt, "scene": scene}.items():
+        if value is not None and quilt is None:
+            raise UsageError(f"--{option}: needs a quilt; add --quilt FILE")
+    source = Path(source)
+    if source.is_dir():
+        chosen = _choose_from_report(source, algorithm, bool(display or definitions))
+    else:
+        chosen = _choose_eia(source, algorithm, display, definitions)
+    request = None
+    if quilt is not None:
+        sizes = (tiles or TILES, view_size, aspect, view_spp)
+        request = _quilt(chosen, Path(quilt), *sizes, scene, allow_folders)
+        try:
+            request.check()
+        except ViewpointError as error:
+            raise FileError(f"{source}: {error}") from None
+    lenses = None if grid is None else _pair("--grid", grid, 10_000)[::-1]
+    if any(outputs):
+        _write_sheet_and_views(chosen, outputs[0], outputs[1], outputs[2], lenses)
+    files = [path for path in outputs if path is not None]
+    if request is not None:
         from inim.views.frames import render_in_worker
 
-        render_in_worker(quilt_request, quiet=quiet, debug=debug)
-        files.append(quilt_request.file)
+        render_in_worker(request, quiet=quiet, debug=debug)
+        files.append(request.file)
     if say is not None:
         say(f"exported {chosen.description}")
     return files
 
 
-@dataclass(frozen=True, kw_only=True)
-class Exports:
-    """Arguments of `export`, checked against each other; pairs are texts such as ``8x6``."""
-
-    source: Path
-    pdf: Path | None
-    views: Path | None
-    hci: Path | None
-    quilt: Path | None
-    scene: Path | None
-    grid: str | None
-    tiles: str | None
-    view_size: str | None
-    algorithm: str | None
-    display: Display | str | Path | None
-    definitions: Mapping[str, str]
-    aspect: float | None
-    view_spp: int | None
-    allow_folders: tuple[Path, ...]
-
-    def __post_init__(self) -> None:
-        if not (self.pdf or self.views or self.hci or self.quilt):
-            raise UsageError(
-                "nothing to write: give --pdf FILE, --views DIR, --hci DIR or --quilt FILE"
-            )
-        for option, path in (("--views", self.views), ("--hci", self.hci)):
-            if path is not None and path.exists() and not path.is_dir():
-                raise FileError(f"{option} {path}: is a file; name a folder")
-        for option in ("tiles", "view_size", "aspect", "view_spp", "scene"):
-            if getattr(self, option) is not None and self.quilt is None:
-                raise UsageError(f"--{option.replace('_', '-')}: needs a quilt; add --quilt FILE")
-
-
-def _path(path: Path | str | None) -> Path | None:
-    return None if path is None else Path(path)
-
-
-def _pair_text(pair: Pair | None) -> str | None:
-    return pair if pair is None or isinstance(pair, str) else "x".join(map(str, pair))
-
-
-def _pair(option: str, text: str, most: int) -> tuple[int, int]:
+def _pair(option: str, pair: Pair, most: int) -> tuple[int, int]:
     """Two whole numbers, across and down."""
+    text = pair if isinstance(pair, str) else "x".join(map(str, pair))
     across, _, down = text.lower().partition("x")
     if not (across.isdecimal() and down.isdecimal() and 0 < int(across) * int(down) <= most):
         raise UsageError(f"{option} {text}: write ACROSSxDOWN, such as 9x9, of at most {most}")
     return int(across), int(down)
 
 
-def _choose_eia(request: Exports) -> _ChosenEIA:
+def _choose_eia(
+    path: Path,
+    algorithm: str | None,
+    display: Display | str | Path | None,
+    definitions: Mapping[str, Any] | None,
+) -> _ChosenEIA:
     from inim.display.misalignment import misaligned
-    from inim.scene.file import choose_display
+    from inim.scene.file import choose_display, parse_definitions
 
-    if request.algorithm:
+    if algorithm:
         raise UsageError("--algorithms: needs a report's folder; an EIA has no algorithms")
-    design, settings = choose_display(request.display, request.definitions, "inim export")
+    design, settings = choose_display(display, parse_definitions(definitions or {}), "inim export")
     real, distance = misaligned(design, settings.misalign), settings.viewing_distance_mm
-    return _ChosenEIA(
-        request.source, design, real, settings.lens_model, distance, request.source.name
-    )
+    return _ChosenEIA(path, design, real, settings.lens_model, distance, path.name)
 
 
-def _choose_from_report(request: Exports) -> _ChosenEIA:
+def _choose_from_report(folder: Path, algorithm: str | None, has_display: bool) -> _ChosenEIA:
     """Chosen algorithm or the ground truth; by default the best by the headline score."""
     from inim.display.misalignment import misaligned
     from inim.report import TRUTH, Report
 
-    if request.display or request.definitions:
+    if has_display:
         raise UsageError(
-            f"{request.source}: is a report, which has its own display; --display and -D are for "
-            "an EIA"
+            f"{folder}: is a report, which has its own display; --display and -D are for an EIA"
         )
-    report = Report.load(request.source)
-    name, why = (request.algorithm, "") if request.algorithm else _best(report)
+    report = Report.load(folder)
+    name, why = (algorithm, "") if algorithm else _best(report)
     path, design = report.eia_path(name, "--algorithms"), report.display
     return _ChosenEIA(
         path,
@@ -255,30 +224,32 @@ def _best(report: Report) -> tuple[str, str]:
     return best, f", the best of {len(names)} by {HEADLINE_WORDS}"
 
 
-def _write_sheet_and_views(request: Exports, chosen: _ChosenEIA) -> list[Path]:
+def _write_sheet_and_views(
+    chosen: _ChosenEIA,
+    pdf: Path | None,
+    views: Path | None,
+    hci: Path | None,
+    grid: tuple[int, int] | None,
+) -> None:
     from inim.files.eia_file import read_eia, write_true_size_pdf
     from inim.files.light_field import sub_aperture_views, write_hci
     from inim.image.color import to_srgb
 
-    grid = None if request.grid is None else _pair("--grid", request.grid, 10_000)[::-1]
-    if request.pdf is None and request.views is None and request.hci is None:
-        return []
     display = chosen.design_display
     eia = read_eia(chosen.path, display)[0]
     codes = to_srgb(eia)
-    views = None if request.views is None else sub_aperture_views(codes, display, grid)
-    field = None if request.hci is None else _light_field(request, chosen, codes, grid)
-    if request.pdf is not None:
-        write_true_size_pdf(request.pdf, eia, display.pixel_pitch_mm)
-    if request.views is not None and views is not None:
-        _write_views(request.views, views)
-    if request.hci is not None and field is not None:
-        write_hci(request.hci, field[0], display, field[1])
-    return [path for path in (request.pdf, request.views, request.hci) if path is not None]
+    images = None if views is None else sub_aperture_views(codes, display, grid)
+    field = None if hci is None else _light_field(chosen, codes, grid)
+    if pdf is not None:
+        write_true_size_pdf(pdf, eia, display.pixel_pitch_mm)
+    if views is not None and images is not None:
+        _write_views(views, images)
+    if hci is not None and field is not None:
+        write_hci(hci, field[0], display, field[1])
 
 
 def _light_field(
-    request: Exports, chosen: _ChosenEIA, codes: np.ndarray, grid: tuple[int, int] | None
+    chosen: _ChosenEIA, codes: np.ndarray, grid: tuple[int, int] | None
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Views; for a report also the disparity of the centre view."""
     from inim.files.image import read_rgbd
@@ -291,7 +262,8 @@ def _light_field(
         down, across = (n - 1 + n % 2 for n in view_grid(display))
     elif not (grid[0] % 2 and grid[1] % 2):
         raise UsageError(
-            f"--grid {request.grid}: has no centre view, which needs a disparity; use odd numbers"
+            f"--grid {grid[1]}x{grid[0]}: has no centre view, which needs a disparity; use odd "
+            "numbers"
         )
     else:
         down, across = grid
@@ -311,42 +283,44 @@ def _write_views(folder: Path, views: np.ndarray) -> None:
             write_atomically(folder / f"view_{row:02}_{column:02}.png", save)
 
 
-def _quilt(request: Exports, out: Path, chosen: _ChosenEIA) -> QuiltRequest:
-    """Request for the quilt, checked."""
+def _quilt(
+    chosen: _ChosenEIA,
+    out: Path,
+    tiles: Pair,
+    view_size: Pair | None,
+    aspect: float | None,
+    spp: int | None,
+    scene: Path | str | None,
+    allow_folders: Sequence[Path | str],
+) -> QuiltRequest:
     from inim.views.frames import TracedScene
     from inim.views.quilt import QuiltRequest
 
-    if request.scene is not None and not chosen.is_truth:
+    if scene is not None and not chosen.is_truth:
         raise UsageError("--scene: needs the ground truth; add --algorithms truth")
-    columns, rows = tiles = _pair("--tiles", request.tiles or TILES, 1000)
-    if request.view_size is not None:
-        width, height = _pair("--view-size", request.view_size, 2**28)
-        aspect = width / height
-    elif tiles in _QUILTS:
-        width, height, aspect = _QUILTS[tiles]
+    columns, rows = _pair("--tiles", tiles, 1000)
+    if view_size is not None:
+        width, height = _pair("--view-size", view_size, 2**28)
+        default_aspect = width / height
+    elif (columns, rows) in _QUILTS:
+        width, height, default_aspect = _QUILTS[columns, rows]
     else:
-        raise UsageError(f"--tiles {request.tiles}: unknown size of a tile; give --view-size WxH")
-    quilt = QuiltRequest(
+        raise UsageError(f"--tiles {columns}x{rows}: unknown size of a tile; give --view-size WxH")
+    truth = chosen.report if chosen.is_truth else None
+    path = None if scene is None else Path(scene)
+    folders = tuple(map(Path, allow_folders))
+    return QuiltRequest(
         out=out,
-        sources={
-            "quilt": TracedScene.of(chosen.report, request.scene, request.allow_folders)
-            if chosen.is_truth and chosen.report
-            else chosen.path
-        },
+        sources={"quilt": TracedScene.of(truth, path, folders) if truth else chosen.path},
         label=chosen.path,
         design=chosen.display,
         misaligned_display=chosen.misaligned,
         lens_model=chosen.lens_model,
-        spp=SPP if request.view_spp is None else request.view_spp,
+        spp=SPP if spp is None else spp,
         distance_mm=chosen.distance_mm,
         columns=columns,
         rows=rows,
         width=width,
         height=height,
-        aspect=aspect if request.aspect is None else request.aspect,
+        aspect=default_aspect if aspect is None else aspect,
     )
-    try:
-        quilt.check()
-    except ViewpointError as error:
-        raise FileError(f"{request.source}: {error}") from None
-    return quilt
