@@ -275,9 +275,9 @@ def ratios(timing: Timing, unit: Timing) -> dict[str, float]:
 
 def max_threads() -> int:
     """Number of threads that this process may use."""
-    import numba
+    from inim.backend.kernels import MOST_THREADS
 
-    return int(numba.config.NUMBA_NUM_THREADS)
+    return MOST_THREADS
 
 
 @contextmanager
@@ -286,18 +286,12 @@ def threads(count: int | None) -> Iterator[int]:
 
     Raises `UsageError` if the number exceeds the available threads.
     """
-    import numba
-
+    from inim.backend.kernels import limited_threads
     from inim.render.reference_kernel import drjit_threads
 
     limit = max_threads()
     count = limit if count is None else count
     if not 1 <= count <= limit:
         raise UsageError(f"--threads {count}: this machine has 1 to {limit}")
-    before = numba.get_num_threads()
-    numba.set_num_threads(count)
-    try:
-        with drjit_threads(count):
-            yield count
-    finally:
-        numba.set_num_threads(before)
+    with limited_threads(count), drjit_threads(count):
+        yield count

@@ -22,17 +22,15 @@ from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import Any, NoReturn
+from typing import Any
 
 from inim.cache import code_digest
-from inim.errors import BackendError, FileError
+from inim.errors import FileError
 from inim.process.python_process import configuration_hidden
 
 with configuration_hidden():
     import numba
     from numba.core import caching, compiler, config
-
-prange = numba.prange
 
 
 class _Compiler(compiler.Compiler):  # type: ignore[misc]
@@ -73,27 +71,23 @@ def _fixed_configuration() -> Iterator[None]:
         config.reload_config = reload_config
 
 
-def compiled(
-    function: Callable[..., Any] | None = None, *, parallel: bool = False, inline: str = "never"
-) -> Any:
+def compiled(function: Callable[..., Any] | None = None, *, inline: str = "never") -> Any:
     """Compile a function on its first call, and keep the result on disk.
 
     Parameters
     ----------
     function : callable
-    parallel : bool
-        Run the turns of its `prange` loops on all threads.
     inline : {"never", "always"}
         Copy the function into its callers.
     """
     if function is None:
-        return partial(compiled, parallel=parallel, inline=inline)
+        return partial(compiled, inline=inline)
     folder = cache_folder(Path(function.__code__.co_filename).parent)
     before, config.CACHE_DIR = config.CACHE_DIR, folder
     try:
-        kernel = numba.njit(
-            parallel=parallel, inline=inline, cache=True, nogil=True, pipeline_class=_Compiler
-        )(function)
+        kernel = numba.njit(inline=inline, cache=True, nogil=True, pipeline_class=_Compiler)(
+            function
+        )
     finally:
         config.CACHE_DIR = before
     if not config.DISABLE_JIT:
@@ -103,20 +97,17 @@ def compiled(
         kernel._cache._cache_file = _KernelFiles(
             files._cache_path, kernel._cache._impl.filename_base, stamp
         )
-    if parallel:
-        _parallel_kernels.append(kernel)
-    if _is_forked:
-        _refuse_after_fork()
     return kernel
 
 
 def share_rows(kernel: Callable[..., None], rows: int, *arguments: Any) -> None:
-    """Run ``kernel(begin, end, *arguments)`` over parts of some rows, on numba's number of threads.
+    """Run ``kernel(begin, end, *arguments)`` over parts of some rows, on `thread_count` threads.
 
-    A kernel that numba shares among its threads takes a second longer to compile.
+    A kernel that numba shares among its own threads takes a second longer to compile, and does not
+    survive a fork.
     """
-    others = min(numba.get_num_threads(), rows) - 1
-    if others < 1:
+    others = min(_thread_count, rows) - 1
+    if others < 1 or config.DISABLE_JIT:
         kernel(0, rows, *arguments)
         return
     part = -(-rows // (_PARTS * (others + 1)))
@@ -146,33 +137,25 @@ def _threads(process: int, count: int) -> ThreadPoolExecutor:  # noqa: ARG001 (a
     return ThreadPoolExecutor(count, "kernel")
 
 
-_parallel_kernels: list[Any] = []
-_is_forked = False
+#: Number of threads that kernels may use; NUMBA_NUM_THREADS sets it.
+MOST_THREADS = int(config.NUMBA_NUM_THREADS)
+_thread_count = MOST_THREADS
 
 
-def _refuse_after_fork() -> None:
-    """Make parallel kernels raise in a forked process, which GNU OpenMP would end.
-
-    A pool of processes would start another one, and never return.
-    """
-    global _is_forked
-    layer = numba.np.ufunc.parallel
-    if layer._is_initialized and layer.threading_layer() == "omp" and sys.platform == "linux":
-        _is_forked = True
-        for kernel in _parallel_kernels:
-            kernel._reset_overloads()
-            kernel._compile_for_args = _raise_after_fork
+def thread_count() -> int:
+    """Number of threads that kernels use now."""
+    return _thread_count
 
 
-def _raise_after_fork(*_: object, **__: object) -> NoReturn:
-    raise BackendError(
-        "this process was forked from one that has run kernels, whose threads it lacks; start it "
-        "by multiprocessing.get_context('spawn') instead, or set NUMBA_THREADING_LAYER=workqueue"
-    )
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_refuse_after_fork)
+@contextmanager
+def limited_threads(count: int) -> Iterator[None]:
+    """Run kernels on a number of threads, of this whole process, during a block."""
+    global _thread_count
+    before, _thread_count = _thread_count, count
+    try:
+        yield
+    finally:
+        _thread_count = before
 
 
 _VARIABLE = "NUMBA_CACHE_DIR"

@@ -371,19 +371,18 @@ def check_array(array: Any, shape: tuple[int, ...], kind: str) -> None:
         raise ValueError(f"the result is {result}; this display needs {kind} {shape}")
 
 
-#: Of a kernel's outer loop; compiled, its turns are shared among the threads.
-prange = range
-
-
 def run_kernel(
-    kernel: Any, shape: tuple[int, int], start: int, *arguments: Any
+    kernel: Any, turns: int, shape: tuple[int, int], start: int, *arguments: Any
 ) -> NDArray[np.int32]:
-    """Fill a map of panel pixels with a kernel.
+    """Fill a map of panel pixels with a kernel, on several threads.
 
     Parameters
     ----------
     kernel : function
-        Called with the arguments and, last, the map as a flat array for the result.
+        Called with the first and the end of some turns of its outer loop, the arguments, and the
+        map as a flat array for the result.
+    turns : int
+        Number of all turns.
     shape : (rows, columns)
         Size of the map.
     start : int
@@ -395,8 +394,10 @@ def run_kernel(
     -------
     (rows, columns) int32
     """
+    from inim.backend.kernels import share_rows
+
     filled = np.full(shape, start, np.int32)
-    compile_kernel(kernel)(*arguments, filled.ravel())
+    share_rows(compile_kernel(kernel), turns, *arguments, filled.ravel())
     return filled
 
 
@@ -412,13 +413,9 @@ def compile_kernel(kernel: FunctionType) -> Any:
     from inim.backend import kernels
 
     names = dict(kernel.__globals__)
-    called = {name: names[name] for name in kernel.__code__.co_names if name in names}
-    parallel = called.get("prange") is prange
-    for name, value in called.items():
-        if value is prange:
-            names[name] = kernels.prange
-        elif isinstance(value, FunctionType):
+    for name in kernel.__code__.co_names:
+        if isinstance(value := names.get(name), FunctionType):
             names[name] = compile_kernel(value)
     copy = FunctionType(kernel.__code__, names, kernel.__name__)
     copy.__qualname__ = kernel.__qualname__
-    return kernels.compiled(copy, parallel=parallel)
+    return kernels.compiled(copy)

@@ -39,7 +39,6 @@ from inim.generators.base import (
     PixelOffset,
     SourceGenerator,
     Sources,
-    prange,
     run_kernel,
 )
 from inim.generators.raycast.cells import cell_rays
@@ -116,6 +115,7 @@ class _Gu2020(SourceGenerator):
         ]
         return run_kernel(
             _search_all,
+            self.display.eia_shape[0],
             self.display.eia_shape,
             HOLE,
             self.selected.ravel(),
@@ -133,6 +133,7 @@ class _Gu2020(SourceGenerator):
         for rows, cells in ray_blocks(self):
             sources[rows] = run_kernel(
                 _search_each,
+                sources[rows].size,
                 sources[rows].shape,
                 HOLE,
                 self.selected[rows].ravel(),
@@ -160,9 +161,9 @@ def _sampled_depths(display: Display, step_mm: float) -> np.ndarray:
     return np.array([*((top - k * down) / parts for k in range(steps)), float(low)])
 
 
-def _search_all(selected, depth, rows, columns, u0, du, v0, dv, depths, sources):
+def _search_all(begin, end, selected, depth, rows, columns, u0, du, v0, dv, depths, sources):
     """Search the ray of every selected panel pixel; u and v are columns and rows of the picture."""
-    for i in prange(len(v0)):
+    for i in range(begin, end):
         for j in range(len(u0)):
             if selected[i * len(u0) + j]:
                 sources[i * len(u0) + j] = _first_crossing(
@@ -170,9 +171,9 @@ def _search_all(selected, depth, rows, columns, u0, du, v0, dv, depths, sources)
                 )
 
 
-def _search_each(selected, depth, rows, columns, u0, du, v0, dv, depths, sources):
+def _search_each(begin, end, selected, depth, rows, columns, u0, du, v0, dv, depths, sources):
     """Search rays that are one per pixel in both coordinates."""
-    for i in prange(len(u0)):
+    for i in range(begin, end):
         if selected[i]:
             sources[i] = _first_crossing(depth, rows, columns, u0[i], du[i], v0[i], dv[i], depths)
 

@@ -45,7 +45,6 @@ from inim.generators.base import (
     PictureShape,
     SourceGenerator,
     Sources,
-    prange,
     require_separable,
     run_kernel,
 )
@@ -178,7 +177,7 @@ class _Li2012(SourceGenerator):
         miss = np.full(x.pixels * y.pixels, np.inf)
         shape = self.display.eia_shape
         mapping = (depth, x, y, nearest, miss)
-        return run_kernel(_map_all, shape, HOLE, *mapping)
+        return run_kernel(_map_all, len(y.first), shape, HOLE, *mapping)
 
     def _mapping(self, rgbd: RGBD) -> tuple[np.ndarray, ForwardAxis, ForwardAxis]:
         """Depths, 0 for pixels without a panel position, and both axes of the mapping."""
@@ -188,9 +187,9 @@ class _Li2012(SourceGenerator):
         return depth.ravel(), *forward_axes(self.display, self.shape, self.pixel_mm, depths)
 
 
-def _map_all(depth, x, y, nearest, miss, sources):
+def _map_all(begin, end, depth, x, y, nearest, miss, sources):
     """Gather the picture for every lens; no two lenses share a panel pixel."""
-    for m in prange(len(y.first)):
+    for m in range(begin, end):
         for n in range(len(x.first)):
             _map_through_lens(depth, x, y, m, n, nearest, miss, sources)
 

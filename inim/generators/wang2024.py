@@ -54,7 +54,6 @@ from inim.generators.base import (
     PictureShape,
     SourceGenerator,
     Sources,
-    prange,
     require_separable,
     run_kernel,
 )
@@ -158,6 +157,7 @@ class _Wang2024(SourceGenerator):
         depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), np.inf)
         return run_kernel(
             _match_all,
+            self.display.eia_shape[0],
             self.display.eia_shape,
             HOLE,
             self.selected.ravel(),
@@ -176,11 +176,11 @@ class _Wang2024(SourceGenerator):
 
 
 def _match_all(
-    selected, depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, stride, up,
+    begin, end, selected, depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, stride, up,
     along_ray, consecutive, sources,
 ):  # fmt: skip
     """Match all selected panel pixels; u and v are columns and rows in picture pixels."""
-    for i in prange(len(v0)):
+    for i in range(begin, end):
         for j in range(len(u0)):
             if not selected[i * len(u0) + j]:
                 continue

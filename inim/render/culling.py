@@ -25,7 +25,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.backend.kernels import compiled, prange
+from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
 from inim.render.rays import Interval, NonSeparableRays, SeparableRays
 from inim.render.splats import splat_count
@@ -81,7 +81,8 @@ class BoundsGrid:
         mark = _mark_rows if isinstance(rays, SeparableRays) else _mark_pixels
         for k, counts in enumerate(self.counts):
             across, up = rays.reach(ends[k : k + 2])
-            mark(counts, *self._cells(across, 0), *self._cells(up, 1), is_visible)
+            cells = *self._cells(across, 0), *self._cells(up, 1)
+            share_rows(mark, len(is_visible), counts, *cells, is_visible)
         return is_visible
 
     def _cells(self, interval: Interval, axis: int) -> tuple[np.ndarray, np.ndarray]:
@@ -141,20 +142,20 @@ def _count_boxes(first: np.ndarray, last: np.ndarray) -> np.ndarray:
     return change[:-1, :-1, :-1]
 
 
-@compiled(parallel=True)
-def _mark_rows(counts, left, right, low, high, is_visible):  # type: ignore[no-untyped-def]
+@compiled
+def _mark_rows(begin, end, counts, left, right, low, high, is_visible):  # type: ignore[no-untyped-def]
     """Mark pixels whose rectangle of cells, per column and per row, holds an occupied one."""
-    for i in prange(is_visible.shape[0]):
+    for i in range(begin, end):
         below, above = counts[low[i]], counts[high[i]]
         for j in range(is_visible.shape[1]):
             a, b = left[j], right[j]
             is_visible[i, j] |= above[b] - above[a] - below[b] + below[a] > 0
 
 
-@compiled(parallel=True)
-def _mark_pixels(counts, left, right, low, high, is_visible):  # type: ignore[no-untyped-def]
+@compiled
+def _mark_pixels(begin, end, counts, left, right, low, high, is_visible):  # type: ignore[no-untyped-def]
     """Mark pixels as `_mark_rows`, with individual rectangles."""
-    for i in prange(is_visible.shape[0]):
+    for i in range(begin, end):
         for j in range(is_visible.shape[1]):
             below, above = counts[low[i, j]], counts[high[i, j]]
             a, b = left[i, j], right[i, j]

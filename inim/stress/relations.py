@@ -404,16 +404,12 @@ def _threads(pictures: _Pictures) -> _Check:
     """Equal bits with one thread and with all."""
 
     def check(show: Show, algorithm: str) -> Iterator[Comparison]:
-        import numba
+        from inim.backend.kernels import limited_threads
 
-        before = numba.get_num_threads()
         for display, rgbd in pictures():
             with_all_threads = show(rgbd, display, algorithm)
-            numba.set_num_threads(1)
-            try:
+            with limited_threads(1):
                 with_one_thread = show(rgbd, display, algorithm)
-            finally:
-                numba.set_num_threads(before)
             yield Comparison(
                 display, rgbd, same_colour(with_all_threads, with_one_thread), display.lensed
             )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from inim import metrics
-from inim.backend.kernels import compiled, prange
+from inim.backend.kernels import compiled, share_rows
 from inim.display import Display, Viewpoint
 from inim.display.viewpoint import parse_viewpoints
 from inim.documents.parts import (
@@ -351,7 +351,10 @@ def warp_to_viewpoint(
     horizontal = (x / rgbd.pixel_mm + rgbd.shape[1] / 2, slope_x / rgbd.pixel_mm)
     vertical = (rgbd.shape[0] / 2 - y / rgbd.pixel_mm, -slope_y / rgbd.pixel_mm)
     z_range = display.depth_range_mm
-    _trace_view(*surface_arrays, rgbd.color, *horizontal, *vertical, *z_range, view, share)
+    share_rows(
+        _trace_view, len(view), *surface_arrays, rgbd.color, *horizontal, *vertical, *z_range, view,
+        share,
+    )  # fmt: skip
     return view, share
 
 
@@ -362,12 +365,14 @@ def _ray_positions(pixels: int, size_mm: float) -> np.ndarray:
     return centres
 
 
-@compiled(parallel=True)
-def _trace_view(fronts, backs, continue_behind, color, u0, du, v0, dv, z_min, z_max, view, share):  # type: ignore[no-untyped-def]
+@compiled
+def _trace_view(  # type: ignore[no-untyped-def]
+    begin, end, fronts, backs, continue_behind, color, u0, du, v0, dv, z_min, z_max, view, share
+):
     """Mean colour over the rays of each pixel, and the share of its rays that hit."""
     columns = fronts.shape[2]
     weight = np.float32(1 / (_RAYS * _RAYS))
-    for row in prange(view.shape[0]):
+    for row in range(begin, end):
         for column in range(view.shape[1]):
             for i in range(row * _RAYS, (row + 1) * _RAYS):
                 for j in range(column * _RAYS, (column + 1) * _RAYS):

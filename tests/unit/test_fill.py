@@ -9,11 +9,11 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numba
 import numpy as np
 import pytest
 
 import inim
+from inim.backend.kernels import limited_threads
 from inim.display import DISPLAYS, Display
 from inim.errors import UsageError
 from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
@@ -241,12 +241,8 @@ def test_fill_does_not_depend_on_threads() -> None:
         pixel_mm=rgbd.pixel_mm,
     )
     together = generator.generate(rgbd)
-    before = numba.get_num_threads()
-    try:
-        numba.set_num_threads(1)
+    with limited_threads(1):
         alone = generator.generate(rgbd)
-    finally:
-        numba.set_num_threads(before)
     assert np.array_equal(together, alone)
 
 

@@ -40,7 +40,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.backend.kernels import compiled, prange
+from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
 from inim.display.pixels import PixelAxis
 from inim.errors import UsageError
@@ -142,8 +142,8 @@ class Filled(SourceGenerator):
         across = _lattice(
             display.columns, display.lens_columns, display.elemental_image_pitch_mm, display
         )
-        _fill(
-            holes, sources, down, across, _kept(rows), _kept(columns), *visible,
+        share_rows(
+            _fill, len(holes), holes, sources, down, across, _kept(rows), _kept(columns), *visible,
             STEEPEST * self.pixel_mm, display.row_pitch_mm / display.pitch_mm,
             display.depth_range_mm[0], bool((visible.front > -np.inf).all()), colour, filled,
         )  # fmt: skip
@@ -279,13 +279,13 @@ def _lattice(
     return axis.lens, first, end, pitch_mm / display.pixel_pitch_mm
 
 
-@compiled(parallel=True)
+@compiled
 def _fill(
-    holes, sources, down, across, row_rays, column_rays, front, depth, palette, same_mm, aspect,
-    z_min, no_ground, colour, filled,
+    begin, end, holes, sources, down, across, row_rays, column_rays, front, depth, palette,
+    same_mm, aspect, z_min, no_ground, colour, filled,
 ):  # fmt: skip
     """Fill each hole; see the module's definition."""
-    for n in prange(len(holes)):
+    for n in range(begin, end):
         i, j = divmod(holes[n], sources.shape[1])
         if _visible_depth(front, row_rays, i, column_rays, j, z_min) == -np.inf:
             continue

@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.backend.kernels import compiled, prange
+from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
 from inim.errors import FileError
 from inim.generators.raycast.columns import THICKNESS_PX, surface_backs
@@ -98,7 +98,8 @@ class _Pictures(NamedTuple):
             np.zeros(depth.shape, np.float32),
             np.zeros(depth.shape, np.float32),
         )
-        _describe_surfaces(result, result.resolution, result.slope)
+        lines = result.depth.shape[0] * result.depth.shape[1]
+        share_rows(_describe_surfaces, lines, result, result.resolution, result.slope)
         return result
 
 
@@ -142,11 +143,12 @@ def merge(
     ends = np.array([high + margin, low - margin])
     front = np.full((MOST_SOLIDS, *shape), -np.inf, np.float32)
     back, is_closed = front.copy(), np.zeros(front.shape, np.bool_)
-    _carve(pictures, pixel_mm, ends, _step_mm(pictures, ends), front, back, is_closed)
+    step = _step_mm(pictures, ends)
+    share_rows(_carve, front.shape[1], pictures, pixel_mm, ends, step, front, back, is_closed)
     solids = max(1, int(np.count_nonzero((front > -np.inf).any(axis=(1, 2)))))
     front, back, is_closed = front[:solids], back[:solids], is_closed[:solids]
     color = np.zeros((*front.shape, pictures.color.shape[-1]), np.float32)
-    _colour(pictures, pixel_mm, front, color)
+    share_rows(_colour, front.shape[1], pictures, pixel_mm, front, color)
     colors = np.split(color, len(colourings), axis=-1)
     if len(cameras.pictures) == 1:
         covered = front[0] > -np.inf
@@ -348,14 +350,14 @@ def _is_on_surface(pictures, x, y, z, same):
     return False
 
 
-@compiled(parallel=True)
-def _carve(pictures, pixel, ends, step, front, back, is_closed):
+@compiled
+def _carve(begin, end, pictures, pixel, ends, step, front, back, is_closed):
     """Fronts of the solids of all columns, and backs where the columns are empty again."""
     layers, rows, columns = front.shape
     steps = int(np.ceil((ends[0] - ends[1]) / step))
     past, same = _PAST_PX * pixel, _SAME_PX * pixel
-    for row in prange(rows):
-        y = (0.5 * (rows - 1) - np.float64(row)) * pixel
+    for row in range(begin, end):
+        y = (0.5 * (rows - 1) - row) * pixel
         for column in range(columns):
             x = (column - 0.5 * (columns - 1)) * pixel
             layer, is_solid, was_empty, previous = -1, False, True, ends[0]
@@ -414,12 +416,12 @@ def _step(pictures, k, i, j, down, right):
     return ((u - x) / pixels, (v - y) / pixels, (w - z) / pixels), is_end
 
 
-@compiled(parallel=True)
-def _describe_surfaces(pictures, resolution, slope):
+@compiled
+def _describe_surfaces(begin, end, pictures, resolution, slope):
     """Resolution and slope of the pictures' surfaces, from the differences of neighbours."""
-    cameras, rows, columns = pictures.depth.shape
-    for index in prange(cameras * rows):
-        k, i = divmod(np.int64(index), rows)
+    _, rows, columns = pictures.depth.shape
+    for index in range(begin, end):
+        k, i = divmod(index, rows)
         for j in range(columns):
             if not np.isfinite(pictures.depth[k, i, j]):
                 continue
@@ -466,16 +468,16 @@ def _add_colour(pictures, k, row, column, down, right, weight, sums):
                 sums[channel] += weight * share / total * pictures.color[k, r, c, channel]
 
 
-@compiled(parallel=True)
-def _colour(pictures, pixel, front, color):
+@compiled
+def _colour(begin, end, pictures, pixel, front, color):
     """Colours of fronts."""
     layers, rows, columns = front.shape
     cameras, channels = len(pictures.depth), pictures.color.shape[3]
     same = _SAME_PX * pixel
-    for row in prange(rows):
+    for row in range(begin, end):
         heights, places = np.empty(cameras), np.empty((cameras, 2), np.int64)
         offsets = np.empty((cameras, 2))
-        y = (0.5 * (rows - 1) - np.float64(row)) * pixel
+        y = (0.5 * (rows - 1) - row) * pixel
         for column in range(columns):
             x = (column - 0.5 * (columns - 1)) * pixel
             for layer in range(layers):
