@@ -78,7 +78,7 @@ def test_another_package_states_its_properties_or_does_not():
     assert plain.color is None
     assert stated.exact and stated.color == "#123456" and stated.takes_mask
     assert not stated.own
-    assert registry.algorithm_summary("stated") == ("stated:slow=no", "With properties.")
+    assert registry.algorithm_summary("stated") == ("stated:slow=no", "Generator with properties.")
 
 
 def test_properties_of_an_unknown_algorithm_are_refused():
