@@ -357,17 +357,20 @@ def no_material(folder: Path) -> None:
     ("lose", "name"),
     [(no_picture, "skin.png"), (broken_picture, "skin.png"), (no_material, "a.mtl")],
 )
-def test_a_texture_that_is_lost_is_named_in_one_line(tmp_path, capsys, lose, name):
+def test_a_texture_that_is_lost_is_named_in_one_warning(tmp_path, lose, name):
     source = quadrants(tmp_path / "given")
     lose(tmp_path / "given")
-    new_scene(source, tmp_path / "b.xml", unit="mm", up="y")
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"inim: warning: {source}: '{name}' is missing")
+    warnings: list[str] = []
+    new_scene(source, tmp_path / "b.xml", unit="mm", up="y", warn=warnings.append)
+    (text,) = warnings
+    assert text.startswith(f"{source}: '{name}' is missing")
 
 
-def test_a_whole_mesh_is_taken_without_a_word(tmp_path, capsys):
-    new_scene(quadrants(tmp_path / "given"), tmp_path / "b.xml", unit="mm", up="y")
-    assert capsys.readouterr().err == ""
+def test_a_whole_mesh_is_taken_without_a_warning(tmp_path):
+    warnings: list[str] = []
+    source = quadrants(tmp_path / "given")
+    new_scene(source, tmp_path / "b.xml", unit="mm", up="y", warn=warnings.append)
+    assert warnings == []
 
 
 def test_vertex_colours_reach_mitsuba(tmp_path, mi):
