@@ -439,7 +439,7 @@ def test_a_sheet_that_slipped_between_positions_is_refused():
     slipped = HIDDEN.replace(rotation_deg=HIDDEN.rotation_deg + 1)
     photo = photograph(slipped, CAMERA, eye, look_at(eye, target, roll), 3)
     numberings = {"near": lenses("near"), "far": find_lenses(photo, DESIGN, "far")}
-    with pytest.raises(FileError, match="are all of one sheet"):
+    with pytest.raises(FileError, match="all show the same sheet"):
         fit_display(numberings, DESIGN)
 
 
