@@ -79,12 +79,13 @@ def run_job(
     names, notes = choose_algorithms(request.validation.algorithms)
     scene, others = bench_scene(plan, names, request.rounds, renderer)
     _print_algorithms(observer, scene.algorithms)
-    document.warnings[:] = warn_of_others(others) if others is not None else document.warnings
-    for warning in document.warnings:
+    warnings = document.warnings if others is None else warn_of_others(others)
+    for warning in warnings:
         observer.line(f"warning: {warning}")
     final_load = replaced(document.load, end=load_average(), others=others)
     observer.stage("write")
-    write_bench(replaced(document, notes=notes, scene=scene, load=final_load), staging)
+    results = {"warnings": warnings, "notes": notes, "scene": scene, "load": final_load}
+    write_bench(replaced(document, **results), staging)
     publish(staging, request.validation.out, _MARKER)
     return True
 

@@ -475,6 +475,12 @@ class RunReport(TitledDocument):
         """Names of the viewpoints, in order."""
         return [eye.name for eye in self.viewpoints]
 
+    @property
+    def main_viewpoint(self) -> str | None:
+        """The centre, or the first viewpoint; None without any."""
+        names = self.viewpoint_names
+        return "centre" if "centre" in names else next(iter(names), None)
+
 
 class SceneFileRecord(Part):
     """A scene's file."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -85,7 +85,7 @@ class FigureRequest:
         """The request with defaults filled in; raises `UsageError` for a name the report lacks."""
         data = report.data
         names = data.viewpoint_names
-        viewpoint = self.viewpoint or ("centre" if "centre" in names else names[0])
+        viewpoint = self.viewpoint or data.main_viewpoint or ""
         choices = {"--parts": PARTS, "--viewpoint": names, "--algorithms": [*data.algorithms]}
         requested = {
             "--parts": self.parts,
@@ -107,7 +107,7 @@ class FigureRequest:
         if not 20 <= self.width_mm <= 2000:
             raise UsageError(f"--width {self.width_mm:g}: use 20 to 2000 mm")
         algorithms = self.algorithms or tuple(data.algorithms)
-        return FigureRequest(self.parts, viewpoint, algorithms, self.insets, self.width_mm)
+        return replace(self, viewpoint=viewpoint, algorithms=algorithms)
 
 
 def write_figure(report: Report, request: FigureRequest, path: Path) -> None:
@@ -136,7 +136,7 @@ def write_figure(report: Report, request: FigureRequest, path: Path) -> None:
 def draw_figure(report: Report, request: FigureRequest) -> Any:
     """Draw a figure of a report: a matplotlib Figure; errors as of `write_figure`."""
     request = request.checked(report)
-    images = _read_views(report, request)
+    images = _read_views(report, request.viewpoint, request.algorithms)
     rows, columns = next(iter(images.values())).shape[:2]
     width = request.width_mm / _MM_PER_INCH
     tile = width / len(images) * rows / columns
@@ -170,8 +170,7 @@ def write_error_maps(report: Report, request: FigureRequest, folder: Path) -> li
     request = request.checked(report)
     paths = []
     for viewpoint in report.data.viewpoint_names:
-        names = FigureRequest((), viewpoint, request.algorithms)
-        images = _read_views(report, names)
+        images = _read_views(report, viewpoint, request.algorithms)
         for name, image in images.items():
             if name == TRUTH:
                 continue
@@ -183,11 +182,11 @@ def write_error_maps(report: Report, request: FigureRequest, folder: Path) -> li
     return paths
 
 
-def _read_views(report: Report, request: FigureRequest) -> dict[str, np.ndarray]:
+def _read_views(report: Report, viewpoint: str, algorithms: Sequence[str]) -> dict[str, np.ndarray]:
     """Linear views by name: ground truth, reference, then the algorithms."""
-    file = f"{request.viewpoint}.exr"
+    file = f"{viewpoint}.exr"
     folders = {TRUTH: Path("truth"), REFERENCE: Path("views", "reference")}
-    folders |= {name: Path("views", name) for name in request.algorithms}
+    folders |= {name: Path("views", name) for name in algorithms}
     images = {name: read_exr(report.folder / path / file) for name, path in folders.items()}
     shapes = {image.shape for image in images.values()}
     if len(shapes) > 1:
@@ -308,10 +307,10 @@ def _draw_time(part: Any, report: Report, request: FigureRequest) -> None:
     axis = part.subplots(gridspec_kw=_PLOT_MARGINS)
     labels = []
     for name in request.algorithms:
-        scores = report.data.headlines(name)
-        if name not in times or not scores:
+        score = report.data.mean(name, HEADLINE)
+        if name not in times or score is None:
             continue
-        error = 1 - math.fsum(scores) / len(scores)
+        error = 1 - score
         axis.plot(times[name], error, marker_of(name), color=colour_of(name), markersize=5)
         labels.append(Name(name.replace("$", r"\$"), times[name], error, colour_of(name), _FONT))
     style(axis, "", f"{unit} (↙ better)", f"1 − {_HEADLINE_LINES}")

@@ -52,6 +52,12 @@ def number(value: float | None, digits: int) -> str:
     return f"−{number_text}" if value < 0 else number_text
 
 
+def last_digits(half_width: float, digits: int) -> int:
+    """Half of an interval in units of the last of some digits, rounded up."""
+    units: float = 10**digits
+    return math.ceil(half_width * units - 1e-9)
+
+
 def short(value: object) -> str:
     """Any scalar, numbers with at most four significant digits."""
     if value is None:

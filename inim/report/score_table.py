@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from inim.errors import UsageError, suggest_words
 from inim.metrics import find
 from inim.metrics.headline import HEADLINE
-from inim.report.labels import is_number, number
+from inim.report.labels import is_number, last_digits, number
 
 if TYPE_CHECKING:
     from inim.report import Report
@@ -121,7 +121,7 @@ def _latex_cell(row: dict[str, Any], score: str, digits: int) -> str:
     text = number(value, digits)
     if not (is_number(low) and is_number(high)):
         return text
-    return f"{text}({math.ceil((high - low) / 2 * 10**digits - 1e-9)})"
+    return f"{text}({last_digits((high - low) / 2, digits)})"
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from inim.documents.files import write_text
 from inim.documents.unit import SweepTable
@@ -185,11 +185,7 @@ def _points(results: Sequence[Result], display: str, column: str) -> dict[str, t
 
 
 def _draw_panels(panels: Mapping[str, Mapping[str, tuple[float, float]]], unit: str) -> bytes:
-    across = min(_MOST_ACROSS, len(panels))
-    down = -(-len(panels) // across)
-    figure, axes = new_figure(across, _PANEL_HEIGHT * down, down, sharex=True, sharey=True)
-    for axis in axes[len(panels) :]:
-        axis.set_visible(False)
+    figure, axes = _panels(len(panels), sharex=True, sharey=True)
     panel_points = [
         (axis, display, points, on_front(points))
         for axis, (display, points) in zip(axes, panels.items(), strict=False)
@@ -257,8 +253,11 @@ def best_displays(results: Sequence[Result]) -> str:
     columns += [(m.on_relic_key if m.has_relic_score else m.key, m.digits) for m in others]
     rows: list[list[str]] = []
     notices: list[str] = []
-    for scene in names_of(results, "scene"):
-        ranking = _rank_results([c for c in results if c.scene == scene and not c.failed])
+    rankings = {
+        scene: _rank_results([c for c in results if c.scene == scene and not c.failed])
+        for scene in names_of(results, "scene")
+    }
+    for scene, ranking in rankings.items():
         notices += _depth_notice(scene, ranking)
         front = on_front(_depth_points(ranking))
         for place, result in enumerate(ranking):
@@ -284,7 +283,7 @@ def best_displays(results: Sequence[Result]) -> str:
     listed = table(
         "Displays by relic, the highest score first", [text(h) for h in heads], rows, "numbers"
     )
-    return bullets(notices, "cautions") + lead(_BEST) + listed + _depth_plot(results)
+    return bullets(notices, "cautions") + lead(_BEST) + listed + _depth_plot(rankings)
 
 
 def _depth_notice(scene: str, ranking: Sequence[Result]) -> list[str]:
@@ -305,13 +304,13 @@ def _depth_points(ranking: Sequence[Result]) -> dict[str, tuple[float, float]]:
     return points
 
 
-def _depth_plot(results: Sequence[Result]) -> str:
+def _depth_plot(rankings: Mapping[str, Sequence[Result]]) -> str:
     """Score against depth, a panel for each relic; empty where no depths differ."""
-    panels = {}
-    for scene in names_of(results, "scene"):
-        ranking = _rank_results([c for c in results if c.scene == scene and not c.failed])
-        if _depth_notice(scene, ranking):
-            panels[scene] = _depth_points(ranking)
+    panels = {
+        scene: _depth_points(ranking)
+        for scene, ranking in rankings.items()
+        if _depth_notice(scene, ranking)
+    }
     if not panels:
         return ""
     figure, axes = _panels(len(panels))
@@ -334,57 +333,77 @@ def _depth_plot(results: Sequence[Result]) -> str:
     return lead(_DEPTH_PLOT) + plot(svg(figure), "Score against depth")
 
 
-def _panels(count: int) -> tuple[Any, Sequence[Any]]:
+def _panels(count: int, **options: Any) -> tuple[Any, Sequence[Any]]:
     """A figure with some panels; the rest of its last row is empty."""
     across = min(_MOST_ACROSS, count)
     down = -(-count // across)
-    figure, axes = new_figure(across, _PANEL_HEIGHT * down, down)
+    figure, axes = new_figure(across, _PANEL_HEIGHT * down, down, **options)
     for axis in axes[count:]:
         axis.set_visible(False)
     return figure, axes
 
 
+class _HeatMap(NamedTuple):
+    """Results over two parameters, by the value of the one down and of the one across."""
+
+    down: str
+    across: str
+    results: dict[tuple[float, float], Result]
+
+
 def _heat_maps(results: Sequence[Result]) -> str:
     """Maps of the best score over the first two listed parameters; empty with fewer than two."""
-    groups: dict[str, list[Result]] = {}
-    columns: list[str] = []
+    maps: dict[str, _HeatMap] = {}
     for scene in names_of(results, "scene"):
-        own = [c for c in results if c.scene == scene and not c.failed]
-        for display in names_of(own, "display"):
-            ranking = _rank_results([c for c in own if c.display == display])
-            columns = [n for n in VARIED_COLUMNS if len({r.values.get(n) for r in ranking}) > 1]
-            if len(columns) < 2:
-                continue
-            for result in sorted(ranking, key=lambda result: [*result.values.values()]):
-                others = [f"{n} = {result.values[n]:g}" for n in columns[2:] if n in result.values]
-                title = ", ".join([scene, display, *others])
-                groups.setdefault(title, []).append(result)
-    if not groups:
+        for display in names_of(results, "display"):
+            own = [c for c in results if (c.scene, c.display) == (scene, display) and not c.failed]
+            maps |= _maps_of(f"{scene}, {display}", _rank_results(own))
+    if not maps:
         return ""
-    first_groups = dict(list(groups.items())[:_MOST_HEAT_PANELS])
-    figure, axes = _panels(len(first_groups))
-    scores = [r.scores[HEADLINE_TO_SCENE] or 0.0 for group in first_groups.values() for r in group]
-    for axis, (title, group) in zip(axes, first_groups.items(), strict=False):
-        _draw_heat_map(axis, title, group, (min(scores), max(scores)))
+    first_maps = dict(list(maps.items())[:_MOST_HEAT_PANELS])
+    figure, axes = _panels(len(first_maps))
+    scores = [
+        result.scores[HEADLINE_TO_SCENE] or 0.0
+        for heat_map in first_maps.values()
+        for result in heat_map.results.values()
+    ]
+    for axis, (title, heat_map) in zip(axes, first_maps.items(), strict=False):
+        _draw_heat_map(axis, title, heat_map, (min(scores), max(scores)))
     words = lead(_HEAT)
-    if len(first_groups) < len(groups):
+    if len(first_maps) < len(maps):
         words += lead(
-            f"The first {len(first_groups)} of {len(groups)} panels; the table has all values."
+            f"The first {len(first_maps)} of {len(maps)} panels; the table has all values."
         )
     return words + plot(svg(figure), "Scores by two parameters")
 
 
-def _draw_heat_map(
-    axis: Any, title: str, group: Sequence[Result], limits: tuple[float, float]
-) -> None:
-    down, across = (
-        [name for name in VARIED_COLUMNS if len({r.values.get(name) for r in group}) > 1] + ["", ""]
-    )[:2]
-    rows, columns = (sorted({r.values.get(name, 0.0) for r in group}) for name in (down, across))
+def _maps_of(title: str, ranking: Sequence[Result]) -> dict[str, _HeatMap]:
+    """Maps of one scene and display by title, one for each value of the further parameters."""
+    varied = [name for name in VARIED_COLUMNS if len({r.values.get(name) for r in ranking}) > 1]
+    numeric = [n for n in varied if all(isinstance(r.values[n], int | float) for r in ranking)]
+    maps: dict[str, _HeatMap] = {}
+    if len(numeric) < 2:
+        return maps
+    down, across, *_ = numeric
+    others = [name for name in varied if name not in (down, across)]
+    for result in sorted(ranking, key=lambda result: [_order(result.values[n]) for n in others]):
+        values = result.values
+        key = ", ".join([title, *(f"{name} = {values[name]}" for name in others)])
+        heat_map = maps.setdefault(key, _HeatMap(down, across, {}))
+        heat_map.results[values[down], values[across]] = result
+    return maps
+
+
+def _order(value: Any) -> tuple[str, Any]:
+    """Sort key of a setting: a number, a word, or None."""
+    return ("" if isinstance(value, int | float) else type(value).__name__, value)
+
+
+def _draw_heat_map(axis: Any, title: str, heat_map: _HeatMap, limits: tuple[float, float]) -> None:
+    rows, columns = (sorted(set(values)) for values in zip(*heat_map.results, strict=True))
     grid = [[math.nan] * len(columns) for _ in rows]
-    for result in group:
-        i = rows.index(result.values.get(down, 0.0))
-        j = columns.index(result.values.get(across, 0.0))
+    for (down, across), result in heat_map.results.items():
+        i, j = rows.index(down), columns.index(across)
         score, depth = result.scores[HEADLINE_TO_SCENE], result.scores[DEPTH]
         grid[i][j] = math.nan if score is None else score
         words = number(score, 3) + ("" if depth is None else f"\n{mm(depth)}")
@@ -393,7 +412,7 @@ def _draw_heat_map(
             j, i, words, ha="center", va="center", fontsize=7.5, color="white" if dark else INK
         )
     axis.imshow(grid, origin="lower", aspect="auto", vmin=limits[0], vmax=limits[1])
-    style(axis, title, across, down)
+    style(axis, title, heat_map.across, heat_map.down)
     axis.grid(False)
     axis.set_xticks(range(len(columns)), [f"{value:g}" for value in columns])
     axis.set_yticks(range(len(rows)), [f"{value:g}" for value in rows])
@@ -484,8 +503,8 @@ class Result:
     failed : bool
     scores : dict of str to float or None
         By column of the table; None where a viewpoint lacks it.
-    values : dict of str to float
-        Parameters and settings that are numbers.
+    values : dict of str to any
+        Parameters and settings that vary.
     """
 
     scene: str
@@ -494,7 +513,7 @@ class Result:
     algorithm: str
     failed: bool
     scores: dict[str, float | None]
-    values: dict[str, float] = field(default_factory=dict)
+    values: dict[str, Any] = field(default_factory=dict)
 
     @property
     def place(self) -> str:
@@ -517,7 +536,7 @@ def results_of(rows: Sequence[Row]) -> list[Result]:
             *key,
             any(row["status"] != "ok" for row in group),
             {name: mean(row.get(name) for row in group) for name in columns},
-            {n: group[0][n] for n in VARIED_COLUMNS if isinstance(group[0].get(n), int | float)},
+            {name: group[0].get(name) for name in varied},
         )
         for key, group in groups.items()
     ]

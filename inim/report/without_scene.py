@@ -149,11 +149,6 @@ def _page(data: PictureDocument, folder: Path, encoding: Encoding) -> str:
     )
 
 
-def _first_view(data: PictureDocument) -> str | None:
-    names = data.viewpoint_names
-    return "centre" if "centre" in names else next(iter(names), None)
-
-
 def _overview(data: PictureDocument, images: ReportImages, best: str | None) -> str:
     """Overview: the picture on the array, its depth, and its reconstructed view."""
     color, depth = (_on_array(data, images.read(f"rgbd_{k}.png")) for k in ("color", "depth"))
@@ -166,7 +161,7 @@ def _overview(data: PictureDocument, images: ReportImages, best: str | None) -> 
             f"lighter is nearer to the viewer, from {far} to {near}; black shows nothing",
         ),
     ]
-    view = _first_view(data)
+    view = data.main_viewpoint
     if best is not None and view is not None:
         best_view = images.read("views", best, f"{view}.png")
         scores = data.algorithms[best].views[view].to_exact
@@ -239,5 +234,5 @@ def _views(data: PictureDocument, images: ReportImages) -> str:
         ]
         kind = "views wide" if is_wide(pictures[0]) else "views"
         row = element("div", *figures, class_=kind, style=f"--count:{len(figures)}")
-        rows.append(folded(element("h3", text(name)), row, is_open=name == _first_view(data)))
+        rows.append(folded(element("h3", text(name)), row, is_open=name == data.main_viewpoint))
     return "".join(rows)

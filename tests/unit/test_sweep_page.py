@@ -124,6 +124,21 @@ def test_displays_of_unequal_depth_are_compared_with_a_notice_and_a_front():
     assert "different depths" not in best_displays(results_of(equal))
 
 
+def test_each_lens_model_has_its_own_map():
+    """Values of words are not on an axis: two maps of 2 x 2, not one with two scores in a cell."""
+    rows = [
+        row(pitch_mm=pitch, gap_mm=gap, lens_model=model, ssim_on_relic=score)
+        for model, score in (("thin", 0.4), ("thick", 0.6))
+        for pitch, gap in product((0.5, 1.0), (3.3, 3.4))
+    ]
+    page = render_sweep(rows, ABOUT)
+    sources = re.findall(r'base64,([^"]*)" alt="Scores by two parameters"', page)
+    (drawing,) = (base64.b64decode(source).decode() for source in sources)
+    assert (drawing.count(">0.400<"), drawing.count(">0.600<")) == (4, 4)
+    for title in ("lens_model = thick", "lens_model = thin"):
+        assert drawing.count(title) >= 1
+
+
 def test_two_listed_parameters_make_a_map_with_depths():
     rows = [
         row(pitch_mm=pitch, gap_mm=gap, seed=seed, relic_depth_mm=10 * pitch, ssim_on_relic=score)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -20,6 +19,7 @@ from inim.report.labels import (
     disagreements,
     full_command,
     is_number,
+    last_digits,
     number,
     per_cent,
     score,
@@ -76,12 +76,9 @@ def failures(data: ReportDocument | PictureDocument) -> str:
 
 def ranking(data: ReportDocument) -> list[tuple[str, float]]:
     """Algorithms with their mean headline scores, the best first."""
-    means = {}
-    for name in data.algorithms:
-        scores = data.headlines(name)
-        if scores and len(scores) == len(data.viewpoint_names):
-            means[name] = math.fsum(scores) / len(scores)
-    return sorted(means.items(), key=lambda item: -item[1])
+    means = [(name, data.mean(name, HEADLINE)) for name in data.algorithms]
+    ranked = [(name, mean) for name, mean in means if mean is not None]
+    return sorted(ranked, key=lambda item: -item[1])
 
 
 def verdict_sentence(data: ReportDocument) -> str:
@@ -175,14 +172,9 @@ def _score_cell(
             words = number(value, digits) if is_number(value) else score(scores, key)
             half = _half_width(precision, view, key)
             if half is not None:
-                words += f" ± {number(_round_up(half, digits), digits)}"
+                words += f" ± {number(last_digits(half, digits) / 10**digits, digits)}"
             parts.append(element("span", text(words), class_=f"{comparison} m{i}"))
     return "".join(parts)
-
-
-def _round_up(value: float, digits: int) -> float:
-    unit = 10.0**-digits
-    return math.ceil(value / unit - 1e-9) * unit
 
 
 def _half_width(precision: Precision, view: str, key: str) -> float | None:
@@ -228,10 +220,9 @@ def _reference_row(
 
 def _hero(data: ReportDocument, images: ReportImages) -> str:
     """One viewpoint: ground truth, reference view, and view of the best algorithm."""
-    names, best = data.viewpoint_names, data.best_algorithm
-    if not names:
+    view, best = data.main_viewpoint, data.best_algorithm
+    if view is None:
         return ""
-    view = "centre" if "centre" in names else names[0]
     truth = images.read("truth", f"{view}.png")
     shots = [_shot(images, truth, view, TRUTH, f"viewpoint {view}, without a display")]
     own = number(data.reference.views[view].get(HEADLINE_TO_SCENE), _MOST_DIGITS)

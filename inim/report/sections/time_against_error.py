@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Any
 
 from inim.documents.report import ReportDocument
-from inim.metrics.headline import HEADLINE_WORDS
+from inim.metrics.headline import HEADLINE, HEADLINE_WORDS
 from inim.metrics.psnr import metric as PSNR  # noqa: N812
 from inim.report.images import ReportImages
 from inim.report.labels import plain
@@ -52,9 +52,9 @@ def time_against_error(data: ReportDocument, images: ReportImages) -> str:
     views: list[_Point] = []  # 1 − mean main score to the reference, if no viewpoint lacks it
     eias: list[_Point] = []  # negative PSNR of the EIA to the true one
     for name, time in times.items():
-        scores, psnr = data.headlines(name), data.algorithms[name].eia[PSNR.key]
-        if scores and len(scores) == len(data.viewpoint_names):
-            views.append((plain(name), time, 1 - math.fsum(scores) / len(scores)))
+        score, psnr = data.mean(name, HEADLINE), data.algorithms[name].eia[PSNR.key]
+        if score is not None:
+            views.append((plain(name), time, 1 - score))
         if psnr is not None and math.isfinite(psnr):
             eias.append((plain(name), time, -psnr))
     if not (views or eias):

@@ -91,14 +91,13 @@ def _comparison_slider(data: ReportDocument, images: ReportImages) -> str:
     The script finds an image by its content and viewpoint. Empty without a viewpoint, or if
     images are missing or omitted.
     """
-    viewpoints, best = data.viewpoint_names, data.best_algorithm
-    if not viewpoints or not images.encoding.longest_px:
+    viewpoints, start, best = data.viewpoint_names, data.main_viewpoint, data.best_algorithm
+    if start is None or not images.encoding.longest_px:
         return ""
     truth = images.read("truth", f"{viewpoints[0]}.png")
     if truth is None:
         return ""
     names = [TRUTH, REFERENCE, *data.algorithms]
-    start = "centre" if "centre" in viewpoints else viewpoints[0]
     ways = [radio("compare-by", *way) for way in _WAYS]
     choices = [
         _choice("From", "viewpoint", viewpoints, start),
