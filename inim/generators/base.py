@@ -127,6 +127,29 @@ class Ray(NamedTuple):
     generator: SourceGenerator
 
 
+class JoinedRays(Protocol):
+    """Several rays of every pixel, traced together faster than by their generators."""
+
+    def search(self, rgbd: RGBD) -> Search:
+        """Function that finds the sources of all rays of some panel rows.
+
+        It returns (rays, rows, columns); see `SourceGenerator.search` for the rest.
+        """
+        ...
+
+    def show_light(self, rgbd: RGBD, words: np.ndarray, out: np.ndarray) -> None:
+        """Write the codes of the mean light of the rays.
+
+        Parameters
+        ----------
+        rgbd : RGBD
+        words : (layers x H x W,) uint64
+            Light of each source; see `raycast.light`.
+        out : (rows, columns, 4) uint8
+        """
+        ...
+
+
 class SourceGenerator(ABC):
     """Generator that reports the source of each panel pixel.
 
@@ -184,24 +207,9 @@ class SourceGenerator(ABC):
 
         return find_rows
 
-    def joined(self, rays: Sequence[SourceGenerator]) -> SourceGenerator | None:  # noqa: ARG002
-        """A generator that traces several rays of every pixel faster than their generators do.
-
-        Its `search` finds the sources of all rays, (rays, rows, columns), and it has `show_light`.
-        """
+    def joined(self, rays: Sequence[SourceGenerator]) -> JoinedRays | None:  # noqa: ARG002
+        """Rays of this and other generators, if they can be traced together."""
         return None
-
-    def show_light(self, rgbd: RGBD, words: np.ndarray, out: np.ndarray) -> None:
-        """Write the codes of the mean light of rays.
-
-        Parameters
-        ----------
-        rgbd : RGBD
-        words : (layers x H x W,) uint64
-            Light of each source; see `raycast.light`.
-        out : (rows, columns, 4) uint8
-        """
-        raise NotImplementedError
 
     def sources(self, rgbd: RGBD) -> Sources:
         """``row * W + column`` of each panel pixel's source, `HOLE`, `NO_LENS` or `MASKED`."""

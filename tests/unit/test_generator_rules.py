@@ -23,7 +23,7 @@ from inim.generators import (
     hole_fraction,
     prepare,
 )
-from inim.generators.raycast.strips import shares_directions
+from inim.generators.raycast.cell_lists import shares_directions
 from inim.generators.registry import properties
 from inim.image.color import srgb_from_linear
 from inim.image.rgbd import RGBD

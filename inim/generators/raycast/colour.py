@@ -28,7 +28,7 @@ import numpy as np
 from inim.backend.kernels import share_rows
 from inim.display import Display
 from inim.display.pixels import SUBPIXELS, row_blocks
-from inim.generators.base import Ray, SourceGenerator
+from inim.generators.base import JoinedRays, Ray
 from inim.generators.raycast.diffusion import diffused, sharpened
 from inim.generators.raycast.interpolation import Interpolation
 from inim.generators.raycast.light import (
@@ -60,13 +60,13 @@ class RayGroup(NamedTuple):
     channels : tuple of int
     rays : list of Ray
         One, two or four.
-    joined : SourceGenerator, optional
-        See `SourceGenerator.joined`.
+    joined : JoinedRays, optional
+        All of them together.
     """
 
     channels: tuple[int, ...]
     rays: list[Ray]
-    joined: SourceGenerator | None
+    joined: JoinedRays | None
 
 
 def group_rays(rays: Sequence[Ray]) -> list[RayGroup]:

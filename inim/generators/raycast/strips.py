@@ -4,18 +4,9 @@ A ray is in a cell between its entry depth and its exit depth. The first cell, a
 layer, whose column overlaps this interval is hit: ``front >= exit`` and ``back <= entry``. The last
 cell ends at z_min.
 
-If the picture has a whole number of pixels per lens pitch, the rays of one pixel of every lens meet
-the same cells, shifted by whole lenses. The list of cells is built once, and a strip of lenses
-(`raycast.simd`) follows it from near to far until each lens has a hit. Depths and colours are
-contiguous (`raycast.phases`).
-
-With a whole number of panel pixels per lens as well, these rays are parallel: one list per
-*direction* has the depths at which all lenses leave its cells (`_Directions`). Otherwise (15.7
-pixels per lens, and the like) exit depths differ a little from lens to lens, and are vectors along
-the strip (`_Passes`). Rays are separable, so depths are stored per panel row and per panel column.
-Which lenses visit a cell, ``max(exits) < min(entries)``, does not depend on the picture: it is
-stored, as float64 has it. All tables hold exits as float32, rounded up, and entries, rounded
-down: they compare with a float32 depth as the exact ones do.
+Rays of one pixel of neighbouring lenses share a list of cells (`raycast.cell_lists`). A strip of
+lenses (`raycast.simd`) follows it from near to far until each lens has a hit. Depths and colours
+are contiguous (`raycast.phases`).
 
 Entries with exits above the nearest surface within reach of the strip cannot hit, and are skipped.
 Entries below the end of every column within reach cannot hit either, and end the search. With solid
@@ -29,9 +20,8 @@ colours (`raycast.light`) needs no sources in memory.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache, cached_property, lru_cache
-from typing import Any, NamedTuple
+from functools import cache, cached_property
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +31,7 @@ from inim.errors import UsageError
 from inim.generators.base import (
     CENTRE,
     HOLE,
+    JoinedRays,
     PictureShape,
     PixelOffset,
     Search,
@@ -48,17 +39,16 @@ from inim.generators.base import (
     Sources,
     masked,
 )
-from inim.generators.raycast.cells import (
-    AxisRuns,
-    CellRays,
-    axis_runs,
-    cell_rays,
-    check_ray_length,
-    rounded_up,
+from inim.generators.raycast.cell_lists import (
+    SIDES,
+    Passes,
+    Tables,
+    cell_tables,
 )
+from inim.generators.raycast.cells import check_ray_length
 from inim.generators.raycast.columns import LAYERS, SOLID, Columns, columns_of
 from inim.generators.raycast.light import code_table, encode_light
-from inim.generators.raycast.phases import Layout, Phases, cells_per_pitch, fits_tables
+from inim.generators.raycast.phases import Phases, fits_tables
 from inim.generators.raycast.ray_by_ray import FirstHits, RayByRay
 from inim.generators.raycast.simd import (
     BLOCK,
@@ -85,398 +75,6 @@ from inim.image.rgbd import RGBD
 # Of the compiler's own type: a Python integer would make addresses signed, and checked.
 _LANES = np.uintp(LANES)
 _NO_CODES = np.empty(0, np.uint8)
-# Rays of a pixel of neighbouring lenses lean to the left or to the right.
-_SIDES = 2
-
-
-class _Lists(NamedTuple):
-    """Lists of the cells of rays, of one display and picture size.
-
-    A *pass* is a ray of the pixels u of those lenses of a strip that visit cells in the same order.
-    It has the number ``p = strip * strip_passes + u * sides + side``. On a row of lists, its list
-    begins at ``first[(ray * list_rows + list_row) * passes + p]``.
-
-    Attributes
-    ----------
-    lens, list_row : (panel rows,) int64
-        Lens row, -1 where none; and row of lists.
-    reach : (list rows, 2) int64
-        See `Layout.row_reach`; of all rays.
-    first : (n,) int64
-        Where the list of each pass begins.
-    exit_mm : (cells,) float32
-        Depth at which a lens leaves a cell, rounded up; the least of all lenses.
-    entry_mm : (cells,) float32
-        Depth at which it enters the cell, rounded down; a bound of all lenses.
-    members : (rays x passes,) uint32
-        Lenses of a strip that take part in a pass, a bit each.
-    passes, strip_passes : int
-        Passes of a ray; and of a strip, 0 if all strips share them.
-    lens_first, lens_pixels : (lens columns,) int64
-        First panel column of each lens, and how many it has.
-    most_pixels, least_pixels : int
-        Largest and smallest of these numbers.
-    has_gaps : bool
-        Some panel columns have no lens.
-    """
-
-    lens: np.ndarray
-    list_row: np.ndarray
-    reach: np.ndarray
-    first: np.ndarray
-    exit_mm: np.ndarray
-    entry_mm: np.ndarray
-    members: np.ndarray
-    passes: int
-    strip_passes: int
-    lens_first: np.ndarray
-    lens_pixels: np.ndarray
-    most_pixels: int
-    least_pixels: int
-    has_gaps: bool
-
-
-class _Directions(NamedTuple):
-    """Cells of directions that all lenses share; their depths are those of `_Lists`.
-
-    Attributes
-    ----------
-    offset : (cells,) int64
-        Flat distance from slot (0, 0).
-    """
-
-    offset: np.ndarray
-
-
-class _Passes(NamedTuple):
-    """Cells of rays whose exit depths differ between lenses, nearest first.
-
-    Rays of a pass lean to one side.
-
-    Attributes
-    ----------
-    cell : (n, 3) uint32
-        Index in the row arrays and in the column arrays, and lenses that visit it, a bit each.
-    row_offset : (rows,) int64
-        See `Layout.row_offset`.
-    row_exit_mm, row_entry_mm : (rows,) float32
-    offset : (columns,) int64
-        See `Layout.column_offset`.
-    exit_mm, entry_mm : (columns, LANES) float32
-        Per lens; anything where a lens does not visit a cell.
-    """
-
-    cell: np.ndarray
-    row_offset: np.ndarray
-    row_exit_mm: np.ndarray
-    row_entry_mm: np.ndarray
-    offset: np.ndarray
-    exit_mm: np.ndarray
-    entry_mm: np.ndarray
-
-
-_Tables = tuple[Layout, _Lists, _Directions | _Passes]
-
-
-@dataclass(frozen=True)
-class DirectionLists:
-    """Templates of one display and picture size; direction (v, u) has the index ``v * pixels + u``.
-
-    Attributes
-    ----------
-    first : (pixels^2 + 1,) int64
-        Start of each direction's entries.
-    row, column : (n,) int64
-        Cells of the lens with index (0, 0); lens (m, n) adds ``per_pitch * (m, n)``. Nearest first.
-    exit_mm, entry_mm : (n,) float64
-        Depths at which the ray leaves and enters them; inf for the first cells.
-    """
-
-    first: np.ndarray
-    row: np.ndarray
-    column: np.ndarray
-    exit_mm: np.ndarray
-    entry_mm: np.ndarray
-
-
-def shares_directions(display: Display) -> bool:
-    """True if co-located pixels of all elemental images have parallel rays, as templates need."""
-    if not display.has_integer_ratio:
-        return False
-    pixels = round(display.pixels_per_lens)
-    return all(
-        axis.offset == axis.offset[:pixels] * (len(axis.offset) // pixels)
-        for axis in (display.columns, display.rows)
-    )
-
-
-def build_lists(
-    display: Display, shape: PictureShape, pixel_mm: float, pixel_offset: PixelOffset = CENTRE
-) -> DirectionLists:
-    """Templates by exact traversal, in float64, from the rays of the first lens."""
-    assert shares_directions(display)
-    pixels, depths = round(display.pixels_per_lens), display.depth_range_mm
-    columns, rows = (
-        axis_runs(CellRays(rays.start[:pixels], rays.slope[:pixels], rays.scale), depths)
-        for rays in cell_rays(shape, pixel_mm, display, pixel_offset)
-    )
-    parts: list[tuple[np.ndarray, ...]] = []
-    for row_cell, row_exit in zip(rows.cell, rows.exit_mm, strict=True):
-        # All borders, nearest first, and once where a row's and a column's meet in a corner.
-        exits = np.concatenate(
-            [columns.exit_mm, np.broadcast_to(row_exit, (pixels, len(row_exit)))], axis=1
-        )
-        exits = -np.sort(-exits, axis=1)
-        entries = np.roll(exits, 1, axis=1)
-        entries[:, 0] = np.inf
-        ends = exits < entries
-        # The cell that a ray leaves is as far on as borders are above.
-        column = np.count_nonzero(columns.exit_mm[:, None] > exits[..., None], axis=2)
-        row = np.count_nonzero(row_exit > exits[..., None], axis=2)
-        cells = row_cell[row], np.take_along_axis(columns.cell, column, axis=1), exits, entries
-        parts.append((np.count_nonzero(ends, axis=1), *(values[ends] for values in cells)))
-    count, *values = (np.concatenate(of_row) for of_row in zip(*parts, strict=True))
-    return DirectionLists(np.concatenate([[0], np.cumsum(count)]), *values)
-
-
-@lru_cache(maxsize=8)
-def _tables(
-    display: Display, shape: PictureShape, pixel_mm: float, offsets: tuple[PixelOffset, ...]
-) -> _Tables:
-    """Tables of rays of a display over pictures of one size."""
-    build = _direction_tables if shares_directions(display) else _pass_tables
-    return build(display, shape, pixel_mm, offsets)
-
-
-def _direction_tables(
-    display: Display, shape: PictureShape, pixel_mm: float, offsets: tuple[PixelOffset, ...]
-) -> _Tables:
-    per_pitch, pixels = cells_per_pitch(display, pixel_mm), round(display.pixels_per_lens)
-    assert per_pitch is not None
-    lists = [build_lists(display, shape, pixel_mm, offset) for offset in offsets]
-    row, column, exit_mm, entry_mm = (
-        np.concatenate([getattr(of_ray, name) for of_ray in lists])
-        for name in ("row", "column", "exit_mm", "entry_mm")
-    )
-    layout = Layout.of(per_pitch, row, column, display)
-    first = _joined_first([of_ray.first for of_ray in lists])
-    reach = layout.row_reach(row, first[:-1:pixels]).reshape(len(offsets), pixels, 2)
-    panel_rows = np.arange(display.eia_shape[0])
-    return (
-        layout,
-        _Lists(
-            display.rows.lens, panel_rows % pixels, _widest(reach), first,
-            rounded_up(exit_mm), -rounded_up(-entry_mm),
-            np.full(len(offsets) * pixels, 2**32 - 1, np.uint32), pixels, 0,
-            np.arange(display.lens_columns) * pixels, np.full(display.lens_columns, pixels),
-            pixels, pixels, False,
-        ),
-        _Directions(layout.row_offset(row) + layout.column_offset(column)),
-    )  # fmt: skip
-
-
-def _joined_first(firsts: Sequence[np.ndarray]) -> np.ndarray:
-    """Beginnings of lists that follow one another, from those of each ray."""
-    counts = np.concatenate([np.diff(first) for first in firsts])
-    return np.concatenate([[0], np.cumsum(counts)])
-
-
-def _widest(reach: np.ndarray) -> np.ndarray:
-    """Reach of all rays, (list rows, 2), from that of each, (rays, list rows, 2)."""
-    return np.stack([reach[..., 0].min(axis=0), reach[..., 1].max(axis=0)], axis=1)
-
-
-class _RayRuns(NamedTuple):
-    """Runs of one ray of every pixel; cells as if under the lens 0."""
-
-    row: np.ndarray
-    column: np.ndarray
-    rows: AxisRuns
-    columns: AxisRuns
-
-
-def _pass_tables(
-    display: Display, shape: PictureShape, pixel_mm: float, offsets: tuple[PixelOffset, ...]
-) -> _Tables:
-    per_pitch = cells_per_pitch(display, pixel_mm)
-    assert per_pitch is not None
-    row_lens, owner = display.rows.lens, display.columns.lens
-    rays = []
-    for offset in offsets:
-        columns, rows = (
-            axis_runs(axis, display.depth_range_mm)
-            for axis in cell_rays(shape, pixel_mm, display, offset)
-        )
-        row, column = (
-            runs.cell - per_pitch * lens[:, None]
-            for runs, lens in ((rows, row_lens), (columns, owner))
-        )
-        rays.append(_RayRuns(row, column, rows, columns))
-    layout = Layout.of(
-        per_pitch,
-        np.concatenate([ray.row[ray.rows.used & (row_lens >= 0)[:, None]] for ray in rays]),
-        np.concatenate([ray.column[ray.columns.used & (owner >= 0)[:, None]] for ray in rays]),
-        display,
-    )
-    lens_pixels = np.bincount(owner[owner >= 0], minlength=display.lens_columns)
-    lens_first = np.array([np.argmax(owner == n) for n in range(display.lens_columns)])
-    pixels = int(lens_pixels.max())
-    parts = [_ray_passes(ray, owner, lens_first, pixels, layout) for ray in rays]
-    row_first = [np.concatenate([[0], np.cumsum(ray.rows.count)]) for ray in rays]
-    reach = [
-        layout.row_reach(ray.row[ray.rows.used], first[:-1])
-        for ray, first in zip(rays, row_first, strict=True)
-    ]
-    listed = [
-        _find_pass_cells(row_lens, ray.rows, exits, entries)
-        for ray, (*_, exits, entries) in zip(rays, parts, strict=True)
-    ]
-    rows_before, columns_before = 0, 0
-    for ray, (_, cell), (column_offset, *_) in zip(rays, listed, parts, strict=True):
-        cell[:, :2] += np.array([rows_before, columns_before], np.uint32)
-        rows_before += ray.rows.count.sum()
-        columns_before += column_offset.size
-    used = [ray.rows.used for ray in rays]
-    row, row_exit, row_entry = (
-        np.concatenate([values[visited] for values, visited in zip(of_rays, used, strict=True)])
-        for of_rays in (
-            [ray.row for ray in rays],
-            [ray.rows.exit_mm for ray in rays],
-            [ray.rows.entry_mm for ray in rays],
-        )
-    )
-    column_offset, members, exits, entries = (
-        np.concatenate([values.reshape(-1, *values.shape[2:]) for values in of_rays])
-        for of_rays in zip(*parts, strict=True)
-    )
-    exit_mm, row_exit, row_entry = rounded_up(exits), rounded_up(row_exit), -rounded_up(-row_entry)
-    cell = np.concatenate([cell for _, cell in listed])
-    nearest_exit = np.maximum(row_exit[cell[:, 0]], exit_mm.min(axis=1)[cell[:, 1]])
-    return (
-        layout,
-        _Lists(
-            row_lens, np.arange(len(row_lens)), _widest(np.stack(reach)),
-            _joined_first([first for first, _ in listed]), nearest_exit,
-            row_entry[cell[:, 0]], members,
-            len(members) // len(offsets), _SIDES * pixels, lens_first, lens_pixels, pixels,
-            int(lens_pixels.min()), bool((owner < 0).any()),
-        ),
-        _Passes(
-            cell, layout.row_offset(row), row_exit, row_entry, column_offset, exit_mm,
-            -rounded_up(-entries),
-        ),
-    )  # fmt: skip
-
-
-def _ray_passes(
-    ray: _RayRuns, owner: np.ndarray, lens_first: np.ndarray, pixels: int, layout: Layout
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Column cells of the passes of one ray.
-
-    Parameters
-    ----------
-    ray : _RayRuns
-    owner : (panel columns,) int64
-        Lens of each; -1 where none.
-    lens_first : (lenses,) int64
-        First panel column of each lens.
-    pixels : int
-        Most pixels of a lens.
-    layout : Layout
-
-    Returns
-    -------
-    offset : (passes, cells) int64
-        See `Layout.column_offset`.
-    members : (passes,) uint32
-        See `_Lists`.
-    exits, entries : (passes, cells, LANES) float64
-        inf and -inf where a lens does not visit a cell.
-    """
-    lenses, runs = len(lens_first), ray.columns
-    last = np.take_along_axis(runs.cell, runs.count[:, None] - 1, axis=1)[:, 0]
-    within = 2 * (np.arange(len(owner)) - lens_first[owner]) + (last >= runs.cell[:, 0])
-    strips = -(-lenses // LANES)
-    # Panel columns of each strip, with the number and the lane of their pass.
-    column, number, lane = [], [], []
-    for strip in range(strips):
-        start = max(min(strip * LANES, lenses - LANES), 0)
-        own = np.flatnonzero((owner >= start) & (owner < start + LANES))
-        column.append(own)
-        number.append(2 * pixels * strip + within[own])
-        lane.append(owner[own] - start)
-    of_column = np.concatenate(column)
-    cells, used = ray.column[of_column], runs.used[of_column]
-    number_of_run = np.repeat(np.concatenate(number), used.sum(axis=1))
-    lane_of_run = np.repeat(np.concatenate(lane), used.sum(axis=1))
-    # The nearest cell of any lens: the leftmost of rays that go right.
-    step = np.tile([-1, 1], strips * pixels)
-    along = step[number_of_run] * cells[used]
-    nearest = np.full(len(step), np.iinfo(np.int64).max)
-    np.minimum.at(nearest, number_of_run, along)
-    nearest[nearest == np.iinfo(np.int64).max] = 0  # a pass without lenses
-    rank = along - nearest[number_of_run]
-    most = int(rank.max()) + 1
-    exits = np.full((len(step), most, LANES), np.inf)
-    entries = np.full((len(step), most, LANES), -np.inf)
-    place = number_of_run, rank, lane_of_run
-    exits[place], entries[place] = runs.exit_mm[of_column][used], runs.entry_mm[of_column][used]
-    members = np.isfinite(exits).any(axis=1) @ (1 << np.arange(LANES))
-    offset = layout.column_offset(step[:, None] * (nearest[:, None] + np.arange(most)))
-    return offset, members.astype(np.uint32), exits, entries
-
-
-def _find_pass_cells(
-    lens: np.ndarray, rows: AxisRuns, exits: np.ndarray, entries: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Find the cells that some lens of a pass visits, on every panel row: first and cells."""
-    # Bounds of all cells from here on.
-    latest = np.maximum.accumulate(entries.max(axis=2)[:, ::-1], axis=1)[:, ::-1]
-    row_first = np.concatenate([[0], np.cumsum(rows.count)])
-    depths = (
-        row_first, lens, rows.exit_mm[rows.used], rows.entry_mm[rows.used], exits, entries,
-        exits.min(axis=2), np.ascontiguousarray(latest),
-    )  # fmt: skip
-    count = np.zeros(len(lens) * len(exits), np.int64)
-    share_rows(_find_cells, len(lens), *depths, count, np.empty((0, 3), np.uint32), False)
-    first = np.concatenate([[0], np.cumsum(count)])
-    cell = np.empty((first[-1], 3), np.uint32)
-    share_rows(_find_cells, len(lens), *depths, first, cell, True)
-    return first, cell
-
-
-@compiled
-def _find_cells(  # type: ignore[no-untyped-def]
-    start, stop, row_first, lens, row_exit, row_entry, exits, entries, least_exit, latest, first,
-    cell, write,
-):  # fmt: skip
-    """Count the cells of each pass on some panel rows, or write them."""
-    passes, most, _ = exits.shape
-    for r in range(start, stop):
-        if lens[r] < 0:
-            continue
-        for p in range(passes):
-            at, begin = 0, 0
-            for i in range(row_first[r], row_first[r + 1]):
-                # Cells left above this row's entry are left above those of all further rows.
-                while begin < most and least_exit[p, begin] >= row_entry[i]:
-                    begin += 1
-                for q in range(begin, most):
-                    if latest[p, q] <= row_exit[i]:
-                        break
-                    bits = np.uint32(0)
-                    for n in range(LANES):
-                        z_exit = max(exits[p, q, n], row_exit[i])
-                        visits = z_exit < min(entries[p, q, n], row_entry[i])
-                        bits |= np.uint32(visits) << np.uint32(n)
-                    if bits:
-                        if write:
-                            place = first[r * passes + p] + at
-                            cell[place, 0], cell[place, 1] = i, p * most + q
-                            cell[place, 2] = bits
-                        at += 1
-            if not write:
-                first[r * passes + p] = at
 
 
 def _strip_loop(*, per_lens: bool, columns_end: bool, layered: bool, light: bool) -> Any:
@@ -488,13 +86,13 @@ def _strip_loop(*, per_lens: bool, columns_end: bool, layered: bool, light: bool
     Parameters
     ----------
     per_lens : bool
-        The cells are `_Passes`, not `_Directions`.
+        The cells are `Passes`, not `Directions`.
     columns_end, layered : bool
         Columns have backs; a picture has several layers.
     light : bool
         Payloads are light, whose sum is written as codes; see `raycast.light`.
     """
-    sides = _SIDES if per_lens else 1
+    sides = SIDES if per_lens else 1
 
     @compiled
     def trace_rows(  # type: ignore[no-untyped-def]
@@ -646,7 +244,7 @@ def _write_strip(strip, lists, start, row):  # type: ignore[no-untyped-def]
     Parameters
     ----------
     strip : (most pixels x LANES,) uint32
-    lists : _Lists
+    lists : CellLists
     start : int
         The strip's first lens.
     row : (panel columns,) uint32
@@ -698,8 +296,8 @@ class Strips(FirstHits):
         super().__init__(display, shape, pixel_mm, rule, self._offsets[0])
 
     @cached_property
-    def _tables(self) -> _Tables:
-        return _tables(self.display, self.shape, self.pixel_mm, self._offsets)
+    def _tables(self) -> Tables:
+        return cell_tables(self.display, self.shape, self.pixel_mm, self._offsets)
 
     @cached_property
     def _phases(self) -> Phases:
@@ -722,7 +320,7 @@ class Strips(FirstHits):
         """Phases of light."""
         return np.zeros(len(self._phases.depth), np.uint64)
 
-    def joined(self, rays: Sequence[SourceGenerator]) -> SourceGenerator | None:
+    def joined(self, rays: Sequence[SourceGenerator]) -> JoinedRays | None:
         """See `SourceGenerator.joined`."""
         strips = [ray for ray in rays if isinstance(ray, Strips)]
         offsets = [offset for ray in strips for offset in ray._offsets]
@@ -765,7 +363,7 @@ class Strips(FirstHits):
         return out
 
     def show_light(self, rgbd: RGBD, words: np.ndarray, out: np.ndarray) -> None:
-        """See `SourceGenerator.show_light`."""
+        """See `JoinedRays.show_light`."""
         self._show(rgbd, list(words.reshape(-1, *self.shape)), self._light_buffer, out)
 
     def _show(
@@ -800,7 +398,7 @@ class Strips(FirstHits):
         payload, deeper = payloads
         light = payload.dtype == np.uint64
         loop = _loop(
-            per_lens=isinstance(cells, _Passes), columns_end=columns.end,
+            per_lens=isinstance(cells, Passes), columns_end=columns.end,
             layered=len(deeper) > 0, light=light,
         )  # fmt: skip
         picture = (
