@@ -17,8 +17,9 @@ export PIP_ROOT_USER_ACTION := ignore
 # Containers forbid to keep compiled modules; each of hundreds of processes would compile all again.
 unexport PYTHONDONTWRITEBYTECODE
 
-# The tests of a file share fixtures. With the files' order kept, the longest are not last.
-PARALLEL := -n 3 --dist loadfile --no-loadscope-reorder
+# Workers begin with contiguous thirds, whose tests share fixtures, and take tests from slower ones.
+# With `loadfile`, a crashed worker's file is never finished, and the run does not end.
+PARALLEL := -n 3 --dist worksteal
 
 .DEFAULT_GOAL := test
 .PHONY: demo test test-all test-perception checks fast docs test-docs clean
