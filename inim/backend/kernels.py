@@ -110,6 +110,7 @@ def share_rows(kernel: Callable[..., None], rows: int, *arguments: Any) -> None:
     if others < 1 or config.DISABLE_JIT:
         kernel(0, rows, *arguments)
         return
+    kernel(0, 0, *arguments)  # compiled in this thread only
     part = -(-rows // (_PARTS * (others + 1)))
     begins = iter(range(0, rows, part))
 

@@ -17,6 +17,7 @@ from inim.backend.kernels import limited_threads
 from inim.display import DISPLAYS, Display
 from inim.errors import UsageError
 from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
+from inim.generators.raycast import fill
 from inim.generators.raycast.columns import STEEPEST
 from inim.generators.raycast.fill import Filled
 from inim.generators.registry import Algorithm
@@ -244,6 +245,24 @@ def test_fill_does_not_depend_on_threads() -> None:
     with limited_threads(1):
         alone = generator.generate(rgbd)
     assert np.array_equal(together, alone)
+
+
+def test_picture_of_which_nothing_is_shown_is_not_searched(monkeypatch) -> None:
+    """A depth far behind the range leaves holes only; each search passes over 64 lenses."""
+    shared_rows = []
+    monkeypatch.setattr(fill, "share_rows", lambda kernel, rows, *_: shared_rows.append(rows))
+    display = small_display()
+    shape = display.capture_shape(4)
+    rgbd = RGBD(
+        np.ones((*shape, 3), np.float32),
+        np.full(shape, display.depth_range_mm[0] - 1000, np.float32),
+        np.ones(shape, bool),
+        display.pitch_mm / 4,
+    )
+    with pytest.warns(UserWarning, match="outside the display's depth range"):
+        eia = generate(rgbd, display, "template:fill=all")
+    assert shared_rows == [0] * 4
+    assert not eia.any()
 
 
 def test_inputs_that_cannot_be_filled_are_refused(monkeypatch) -> None:
