@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated
 
-from inim.documents.document import Document, Part, doc
+from inim.documents.document import Document, Part
 from inim.documents.parts import DisplayRecord, Files, TitledDocument, Versions
 
 Vector = tuple[float, float, float]
@@ -14,104 +13,76 @@ Vector = tuple[float, float, float]
 class ParameterEstimate(Part):
     """A parameter of the display, as determined by the photographs."""
 
-    value: Annotated[float, doc("Best value, also where it is not determined.")]
-    standard_error: Annotated[float, doc("Standard error of the value.")]
-    low: Annotated[float, doc("Lower end of the 95 % interval.")]
-    high: Annotated[float, doc("Upper end of the 95 % interval.")]
-    largest_standard_error: Annotated[
-        float, doc("Largest standard error of a parameter that counts as determined.")
-    ]
-    is_determined: Annotated[
-        bool,
-        doc(
-            "True if the photographs determine the parameter; the display file has the design's "
-            "value otherwise."
-        ),
-    ]
-    nominal: Annotated[float, doc("The design's value.")]
+    value: float  #: Best value, also where it is not determined.
+    standard_error: float  #: Standard error of the value.
+    low: float  #: Lower end of the 95 % interval.
+    high: float  #: Upper end of the 95 % interval.
+    #: Largest standard error of a parameter that counts as determined.
+    largest_standard_error: float
+    #: True if the photographs determine the parameter; the display file has the design's value
+    #: otherwise.
+    is_determined: bool
+    nominal: float  #: The design's value.
 
 
 class CertainShift(Part):
     """Axes along which both edges of the array are seen; elsewhere the shift is modulo a pitch."""
 
-    x: Annotated[bool, doc("The left and the right edge are seen.")]
-    y: Annotated[bool, doc("The upper and the lower edge are seen.")]
+    x: bool  #: The left and the right edge are seen.
+    y: bool  #: The upper and the lower edge are seen.
 
 
 class CameraEstimate(Part):
     """The camera's intrinsics."""
 
-    is_given: Annotated[bool, doc("True if the intrinsics were given; fitted otherwise.")]
-    width_px: Annotated[int, doc("Width of the photographs, pixels.")]
-    height_px: Annotated[int, doc("Height of the photographs, pixels.")]
-    focal_px: Annotated[float, doc("Focal length, pixels of the photographs.")]
-    centre_x_px: Annotated[
-        float, doc("Principal point, to the right, pixels; a pixel's centre is at a half.")
-    ]
-    centre_y_px: Annotated[float, doc("Principal point, downwards, pixels.")]
-    k1: Annotated[float, doc("Radial distortion of the second order, OpenCV's k1.")]
-    k2: Annotated[float, doc("Radial distortion of the fourth order, OpenCV's k2.")]
-    standard_errors: Annotated[
-        dict[str, float | None],
-        doc("Standard errors of `focal_px` to `k2`, by name; null of given ones."),
-    ]
+    is_given: bool  #: True if the intrinsics were given; fitted otherwise.
+    width_px: int  #: Width of the photographs, pixels.
+    height_px: int  #: Height of the photographs, pixels.
+    focal_px: float  #: Focal length, pixels of the photographs.
+    centre_x_px: float  #: Principal point, to the right, pixels; a pixel's centre is at a half.
+    centre_y_px: float  #: Principal point, downwards, pixels.
+    k1: float  #: Radial distortion of the second order, OpenCV's k1.
+    k2: float  #: Radial distortion of the fourth order, OpenCV's k2.
+    #: Standard errors of `focal_px` to `k2`, by name; null of given ones.
+    standard_errors: dict[str, float | None]
 
 
 class Correlation(Part):
     """Correlations of the estimates."""
 
-    names: Annotated[
-        list[str], doc("Parameters of the display, then of the camera where it was fitted.")
-    ]
-    matrix: Annotated[
-        list[list[float | None]],
-        doc("A row for each name, in their order, with a number for each name; null: not known."),
-    ]
+    names: list[str]  #: Parameters of the display, then of the camera where it was fitted.
+    #: A row for each name, in their order, with a number for each name; null: not known.
+    matrix: list[list[float | None]]
 
 
 class CameraPosition(Part):
     """A position of the camera."""
 
-    name: Annotated[str, doc("Name of the folder of its photographs.")]
-    eye_mm: Annotated[Vector, doc("Position of the camera's pupil, display frame, mm.")]
-    eye_standard_error_mm: Annotated[Vector, doc("Standard error of the position, mm.")]
-    turn: Annotated[
-        tuple[Vector, Vector, Vector],
-        doc("Rotation from the display's frame to the camera's (x right, y down, z away), rows."),
-    ]
-    turn_standard_error_deg: Annotated[
-        Vector, doc("Standard error of the rotation about the camera's axes, degrees.")
-    ]
-    off_straight_deg: Annotated[
-        float, doc("Angle between the display's axis and the line to the pupil, degrees.")
-    ]
-    lenses: Annotated[int, doc("Number of detected lenses.")]
-    whole_lenses: Annotated[int, doc("Lenses whose whole outline is in the photographs.")]
-    panel_residual_um: Annotated[
-        float,
-        doc(
-            "Typical distance on the panel between the end of a ray and that of the fit, along an "
-            "axis, µm."
-        ),
-    ]
-    outline_residual_px: Annotated[
-        float,
-        doc(
-            "Typical distance between a lens's centre in the photographs and that of the fit, "
-            "along an axis, pixels."
-        ),
-    ]
+    name: str  #: Name of the folder of its photographs.
+    eye_mm: Vector  #: Position of the camera's pupil, display frame, mm.
+    eye_standard_error_mm: Vector  #: Standard error of the position, mm.
+    #: Rotation from the display's frame to the camera's (x right, y down, z away), rows.
+    turn: tuple[Vector, Vector, Vector]
+    #: Standard error of the rotation about the camera's axes, degrees.
+    turn_standard_error_deg: Vector
+    off_straight_deg: float  #: Angle between the display's axis and the line to the pupil, degrees.
+    lenses: int  #: Number of detected lenses.
+    whole_lenses: int  #: Lenses whose whole outline is in the photographs.
+    #: Typical distance on the panel between the end of a ray and that of the fit, along an axis,
+    #: µm.
+    panel_residual_um: float
+    #: Typical distance between a lens's centre in the photographs and that of the fit, along an
+    #: axis, pixels.
+    outline_residual_px: float
 
 
 class NextPosition(Part):
     """A position to photograph from next."""
 
-    description: Annotated[str, doc("The position in words.")]
-    eye_mm: Annotated[Vector, doc("Position of the camera's pupil, display frame, mm.")]
-    standard_errors: Annotated[
-        dict[str, float],
-        doc("Standard errors of the display's parameters with photographs from there added."),
-    ]
+    description: str  #: The position in words.
+    eye_mm: Vector  #: Position of the camera's pupil, display frame, mm.
+    #: Standard errors of the display's parameters with photographs from there added.
+    standard_errors: dict[str, float]
 
 
 class CalibrationDocument(TitledDocument, tag="inim.calibration/2"):
@@ -123,24 +94,16 @@ class CalibrationDocument(TitledDocument, tag="inim.calibration/2"):
 
     versions: Versions
     display: DisplayRecord
-    parameters: Annotated[
-        dict[str, ParameterEstimate],
-        doc(
-            "Estimates by parameter of the display: `pitch_mm`, `rotation_deg`, `shift_x_mm`, "
-            "`shift_y_mm`, `gap_mm`, `tilt_x_deg`, `tilt_y_deg` and `focal_length_mm`."
-        ),
-    ]
-    not_determined: Annotated[list[str], doc("Parameters that the photographs do not determine.")]
+    #: Estimates by parameter of the display: `pitch_mm`, `rotation_deg`, `shift_x_mm`,
+    #: `shift_y_mm`, `gap_mm`, `tilt_x_deg`, `tilt_y_deg` and `focal_length_mm`.
+    parameters: dict[str, ParameterEstimate]
+    not_determined: list[str]  #: Parameters that the photographs do not determine.
     shift_is_certain: CertainShift
     camera: CameraEstimate
     correlation: Correlation
-    positions: Annotated[list[CameraPosition], doc("The camera's positions.")]
-    next: Annotated[
-        list[NextPosition], doc("Positions to photograph from next, the best one first.")
-    ]
-    warnings: Annotated[
-        list[str], doc("Sentences on parameters that are not determined, and other warnings.")
-    ]
+    positions: list[CameraPosition]  #: The camera's positions.
+    next: list[NextPosition]  #: Positions to photograph from next, the best one first.
+    warnings: list[str]  #: Sentences on parameters that are not determined, and other warnings.
     files: Files
 
 
@@ -150,50 +113,41 @@ class PatternsDocument(Document, tag="inim.patterns/1"):
     `patterns.json` of `inim calibrate patterns`: the display and the order of its patterns.
     """
 
-    inim_version: Annotated[str, doc("Version of inim that wrote the document.")]
-    display: Annotated[str, doc("Name of the display.")]
-    panel_rows: Annotated[int, doc("Panel pixels down, as of every picture.")]
-    panel_columns: Annotated[int, doc("Panel pixels across.")]
-    pixel_pitch_mm: Annotated[float, doc("Panel pixel, mm.")]
-    pictures: Annotated[list[str], doc("File names in the order of display.")]
+    inim_version: str  #: Version of inim that wrote the document.
+    display: str  #: Name of the display.
+    panel_rows: int  #: Panel pixels down, as of every picture.
+    panel_columns: int  #: Panel pixels across.
+    pixel_pitch_mm: float  #: Panel pixel, mm.
+    pictures: list[str]  #: File names in the order of display.
 
 
 class ImageShift(Part):
     """Displacement of the photograph against the simulation."""
 
-    right_px: Annotated[float, doc("To the right, pixels of the photograph.")]
-    down_px: Annotated[float, doc("Down, pixels of the photograph.")]
-    standard_error_px: Annotated[
-        float | None,
-        doc("Standard error, from the scatter of the blocks; null: too few blocks show enough."),
-    ]
-    lens_px: Annotated[float, doc("Lens pitch, pixels of the photograph.")]
-    block_px: Annotated[int, doc("Side of the blocks, pixels of the photograph.")]
-    largest_block_px: Annotated[
-        float, doc("Largest displacement of a block, pixels of the photograph.")
-    ]
+    right_px: float  #: To the right, pixels of the photograph.
+    down_px: float  #: Down, pixels of the photograph.
+    #: Standard error, from the scatter of the blocks; null: too few blocks show enough.
+    standard_error_px: float | None
+    lens_px: float  #: Lens pitch, pixels of the photograph.
+    block_px: int  #: Side of the blocks, pixels of the photograph.
+    largest_block_px: float  #: Largest displacement of a block, pixels of the photograph.
 
 
 class ToneCurve(Part):
     """Response of a channel, black + gain * light ^ gamma."""
 
-    black: Annotated[float, doc("Value of the photograph without light.")]
-    gain: Annotated[float, doc("Factor of the light.")]
-    gamma: Annotated[float, doc("Exponent of the light.")]
+    black: float  #: Value of the photograph without light.
+    gain: float  #: Factor of the light.
+    gamma: float  #: Exponent of the light.
 
 
 class MatchedStage(Part):
     """The simulation after one more cause of difference is added to it."""
 
-    name: Annotated[str, doc("The cause added last.")]
-    error_share: Annotated[
-        float,
-        doc("Remaining squared error of linear light, as a share of the first stage's."),
-    ]
-    scores: Annotated[
-        Mapping[str, float | None],
-        doc("Scores against the photograph, by metric and unit; null: infinite."),
-    ]
+    name: str  #: The cause added last.
+    error_share: float  #: Remaining squared error of linear light, as a share of the first stage's.
+    #: Scores against the photograph, by metric and unit; null: infinite.
+    scores: Mapping[str, float | None]
 
 
 class PhotoDocument(TitledDocument, tag="inim.photo/2"):
@@ -204,32 +158,17 @@ class PhotoDocument(TitledDocument, tag="inim.photo/2"):
     """
 
     versions: Versions
-    photograph: Annotated[str, doc("File of the photograph.")]
-    eia: Annotated[str, doc("File of the EIA on the panel.")]
-    position: Annotated[
-        str,
-        doc(
-            "Position of the calibration, or folder of patterns that were photographed from the "
-            "same place."
-        ),
-    ]
+    photograph: str  #: File of the photograph.
+    eia: str  #: File of the EIA on the panel.
+    #: Position of the calibration, or folder of patterns that were photographed from the same
+    #: place.
+    position: str
     display: DisplayRecord
-    window_px: Annotated[
-        tuple[int, int, int, int],
-        doc("Left, top, right and bottom of the compared part, pixels of the photograph."),
-    ]
+    #: Left, top, right and bottom of the compared part, pixels of the photograph.
+    window_px: tuple[int, int, int, int]
     geometry: ImageShift
-    blur_sigma_px: Annotated[
-        float,
-        doc(
-            "Sigma of the Gaussian blur that makes the simulation as blurred as the photograph, "
-            "pixels."
-        ),
-    ]
-    tone: Annotated[
-        dict[str, ToneCurve], doc("Response of panel and camera, by `red`, `green` and `blue`.")
-    ]
-    stages: Annotated[
-        list[MatchedStage], doc("The simulation, with one more cause of difference in each stage.")
-    ]
+    #: Sigma of the Gaussian blur that makes the simulation as blurred as the photograph, pixels.
+    blur_sigma_px: float
+    tone: dict[str, ToneCurve]  #: Response of panel and camera, by `red`, `green` and `blue`.
+    stages: list[MatchedStage]  #: The simulation, with one more cause of difference in each stage.
     files: Files

@@ -16,19 +16,14 @@ Vector = tuple[float, float, float]
 class PlacedPicture(Part):
     """A colour and a depth picture, with the place of their camera."""
 
-    color: Annotated[str, doc("Colour picture, in the folder of the document.")]
-    depth: Annotated[str, doc("Depth picture, in the folder of the document.")]
-    intrinsics: Annotated[Intrinsics | None, doc("Of this camera, if it has its own.")] = None
-    position_mm: Annotated[
-        Vector, doc("Position of the camera in mm; x to the right, y down, z away.")
-    ] = (0.0, 0.0, 0.0)
-    rotation: Annotated[
-        tuple[Vector, Vector, Vector],
-        doc(
-            "Rotation matrix, by rows: its columns are the camera's right, down and forward "
-            "directions. Without it, the camera looks along z."
-        ),
-    ] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    color: str  #: Colour picture, in the folder of the document.
+    depth: str  #: Depth picture, in the folder of the document.
+    intrinsics: Intrinsics | None = None  #: Of this camera, if it has its own.
+    #: Position of the camera in mm; x to the right, y down, z away.
+    position_mm: Vector = (0.0, 0.0, 0.0)
+    #: Rotation matrix, by rows: its columns are the camera's right, down and forward directions.
+    #: Without it, the camera looks along z.
+    rotation: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class CamerasDocument(Document, tag="inim.cameras/1"):
@@ -39,5 +34,5 @@ class CamerasDocument(Document, tag="inim.cameras/1"):
     camera.
     """
 
-    intrinsics: Annotated[Intrinsics | None, doc("Of all cameras without their own.")] = None
-    pictures: Annotated[list[PlacedPicture], doc("Two to nine pictures, the front view first.")]
+    intrinsics: Intrinsics | None = None  #: Of all cameras without their own.
+    pictures: list[PlacedPicture]  #: Two to nine pictures, the front view first.

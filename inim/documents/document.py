@@ -3,6 +3,8 @@
 JSON has no number that is not finite. A document's text has null in its place. The paths of NaN and
 minus infinity are listed under `not_finite`, and a reader puts NaN there. Any other null is a value
 that does not exist, or plus infinity: the PSNR of identical images.
+
+A field's description, with its unit, is the `#:` comment behind it or above it, as Sphinx has them.
 """
 
 from __future__ import annotations
@@ -10,10 +12,11 @@ from __future__ import annotations
 import inspect
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
+from functools import cache
 from importlib import import_module
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, Union
+from typing import TYPE_CHECKING, Any, TypeVar, Union
 
 import msgspec
 
@@ -38,7 +41,7 @@ _Path = tuple[str | int, ...]
 
 
 def doc(text: str, **schema: Any) -> msgspec.Meta:
-    """Description of a field, with its unit; `schema` adds keys to its JSON Schema."""
+    """Description of a type that several fields share; `schema` adds keys to its JSON Schema."""
     return msgspec.Meta(description=text, extra_json_schema=schema or None)
 
 
@@ -66,13 +69,9 @@ class Document(Part, tag_field="schema"):
     The first line of a document's docstring is the title of its schema.
     """
 
-    not_finite: Annotated[
-        list[list[str | int]],
-        doc(
-            "Paths (keys and indices) of the nulls that stand for NaN or minus infinity. A null "
-            "PSNR that is not listed is infinite; any other null is a value that does not exist."
-        ),
-    ] = []
+    #: Paths (keys and indices) of the nulls that stand for NaN or minus infinity. A null PSNR that
+    #: is not listed is infinite; any other null is a value that does not exist.
+    not_finite: list[list[str | int]] = []
 
 
 _D = TypeVar("_D", bound=Document)
@@ -212,6 +211,8 @@ def schema(name: str) -> dict[str, Any]:
     module, _, class_name = _CLASSES[name].partition(":")
     declaration = getattr(import_module(f"inim.documents.{module}"), class_name)
     _, parts = msgspec.json.schema_components([declaration], ref_template="#/$defs/{name}")
+    for part_class in filter(lambda part_class: part_class.__name__ in parts, _subclasses(Part)):
+        _describe_fields(parts[part_class.__name__], part_class)
     own = parts.pop(declaration.__name__)
     for dataclass in (Display, Settings):
         if dataclass.__name__ in parts:
@@ -225,6 +226,40 @@ def schema(name: str) -> dict[str, Any]:
         "description": " ".join(description.split()),
     }
     return head | {k: v for k, v in own.items() if k not in head} | {"$defs": parts}
+
+
+def _subclasses(declaration: Any) -> Iterator[Any]:
+    """Classes of this package that derive from one; no two of them share a name."""
+    for derived in declaration.__subclasses__():
+        yield from _subclasses(derived)
+        if derived.__module__.startswith(__package__):
+            yield derived
+
+
+def _describe_fields(part: dict[str, Any], declaration: Any) -> None:
+    """Describe the fields of a document's part by their comments, those of base classes too."""
+    texts: dict[str, str] = {}
+    for base in reversed(declaration.__mro__[: declaration.__mro__.index(Part)]):
+        texts |= _comments(base)
+    keys = dict(
+        zip(declaration.__struct_fields__, declaration.__struct_encode_fields__, strict=True)
+    )
+    for name, text in texts.items():
+        part["properties"][keys[name]] |= {"description": text}
+
+
+@cache
+def _comments(declaration: type) -> dict[str, str]:
+    """Texts of the `#:` comments of a class, by field."""
+    texts: dict[str, str] = {}
+    above: list[str] = []
+    for line in inspect.getsource(declaration).splitlines():
+        code, _, comment = line.strip().partition("#: ")
+        above += [comment] if comment else []
+        if code and above:
+            texts[code.partition(":")[0]] = " ".join(above)
+            above = []
+    return texts
 
 
 def _describe(part: dict[str, Any], dataclass: type) -> None:

@@ -39,9 +39,9 @@ Warnings = Annotated[list[str], doc("Warnings about the results, one text each."
 class BackendRecord(Part):
     """The renderer's backend."""
 
-    variant: Annotated[str, doc("Variant of Mitsuba.")]
-    libllvm: Annotated[str | None, doc("Version of the LLVM library; null: the CUDA backend.")]
-    device: Annotated[str, doc("Name of the processor or graphics card.")]
+    variant: str  #: Variant of Mitsuba.
+    libllvm: str | None  #: Version of the LLVM library; null: the CUDA backend.
+    device: str  #: Name of the processor or graphics card.
 
     @classmethod
     def of(cls, backend: Any) -> BackendRecord:
@@ -63,47 +63,35 @@ def origin(command: str, packages: Iterable[str] | None = None) -> dict[str, Any
 class DepthRange(Part):
     """Depths that a display can show."""
 
-    central_depth_mm: Annotated[
-        float | None,
-        doc("Central depth plane D = f g / (g - f), z in mm; null: infinite, a focused display."),
-    ]
-    scene_pixel_mm: Annotated[
-        float | None,
-        doc("Size of a panel pixel's image in that plane, P_I = |D| P_D / g, mm; null: infinite."),
-    ]
-    depth_span_mm: Annotated[
-        float | None, doc("Displayable depth by the formula, 2 |D| P_I / P, mm; null: infinite.")
-    ]
-    depth_min_mm: Annotated[float, doc("Far end of the depth range for pictures, z in mm.")]
-    depth_max_mm: Annotated[float, doc("Near end of the depth range for pictures, z in mm.")]
-    depth_range_is_cut: Annotated[
-        bool, doc("True if the range by the formula reached into the lens array and was cut.")
-    ]
+    #: Central depth plane D = f g / (g - f), z in mm; null: infinite, a focused display.
+    central_depth_mm: float | None
+    #: Size of a panel pixel's image in that plane, P_I = |D| P_D / g, mm; null: infinite.
+    scene_pixel_mm: float | None
+    #: Displayable depth by the formula, 2 |D| P_I / P, mm; null: infinite.
+    depth_span_mm: float | None
+    depth_min_mm: float  #: Far end of the depth range for pictures, z in mm.
+    depth_max_mm: float  #: Near end of the depth range for pictures, z in mm.
+    #: True if the range by the formula reached into the lens array and was cut.
+    depth_range_is_cut: bool
 
 
 class DerivedDisplay(DepthRange):
     """Lengths and angles that follow from a display's parameters."""
 
-    width_mm: Annotated[float, doc("Width of the lens array, mm.")]
-    height_mm: Annotated[float, doc("Height of the lens array, mm.")]
-    eia_rows: Annotated[int, doc("Panel pixels down, the rows of an elemental image array (EIA).")]
-    eia_columns: Annotated[int, doc("Panel pixels across, the columns of an EIA.")]
-    pixels_per_lens: Annotated[
-        float, doc("Panel pixels per elemental image along one axis; rarely an integer.")
-    ]
-    viewing_half_angle_deg: Annotated[
-        float, doc("Half of the angle within which no view repeats, degrees.")
-    ]
-    nearest_viewing_distance_mm: Annotated[
-        float | None,
-        doc("Distance from which an eye on the axis sees no flipped view, mm; null: no distance."),
-    ]
+    width_mm: float  #: Width of the lens array, mm.
+    height_mm: float  #: Height of the lens array, mm.
+    eia_rows: int  #: Panel pixels down, the rows of an elemental image array (EIA).
+    eia_columns: int  #: Panel pixels across, the columns of an EIA.
+    pixels_per_lens: float  #: Panel pixels per elemental image along one axis; rarely an integer.
+    viewing_half_angle_deg: float  #: Half of the angle within which no view repeats, degrees.
+    #: Distance from which an eye on the axis sees no flipped view, mm; null: no distance.
+    nearest_viewing_distance_mm: float | None
 
 
 class DisplayRecord(Part):
     """The display as designed."""
 
-    parameters: Annotated[Display, doc("Its parameters.")]
+    parameters: Display  #: Its parameters.
     derived: DerivedDisplay
 
     @classmethod
@@ -115,22 +103,18 @@ class DisplayRecord(Part):
 class PictureShape(Part):
     """Size of a picture."""
 
-    rows: Annotated[int, doc("Pixels down.")]
-    columns: Annotated[int, doc("Pixels across.")]
-    pixel_mm: Annotated[float, doc("Size of a pixel, mm.")]
+    rows: int  #: Pixels down.
+    columns: int  #: Pixels across.
+    pixel_mm: float  #: Size of a pixel, mm.
 
 
 class EyePosition(Part):
     """An eye position."""
 
-    name: Annotated[str, doc("Its name.")]
-    position_mm: Annotated[
-        tuple[float, float, float],
-        doc(
-            "Position x, y, z of the eye in the display frame, mm: x to the right, y up, z "
-            "towards the viewer from the lens array."
-        ),
-    ]
+    name: str  #: Its name.
+    #: Position x, y, z of the eye in the display frame, mm: x to the right, y up, z towards the
+    #: viewer from the lens array.
+    position_mm: tuple[float, float, float]
 
 
 Viewpoints = Annotated[list[EyePosition], doc("Eye positions, in order.")]
@@ -146,31 +130,20 @@ Kind = Literal["picture", "score", "pixels", "noise", "time"]
 class Check(Part):
     """A value against a limit."""
 
-    name: Annotated[str, doc("Name of the checked value.")]
-    value: Annotated[float | None, doc("Measured value; null: not finite, which fails.")]
-    relation: Annotated[
-        Relation,
-        doc("Relation of value and limit; `within` is between -limit and limit."),
-    ]
-    limit: Annotated[float, doc("Limit of the value.")]
-    passed: Annotated[bool, doc("True if the check passed.")]
-    detail: Annotated[str, doc("Explanation; may be empty.")]
-    interval: Annotated[
-        tuple[float | None, float | None] | None,
-        doc(
-            "Confidence interval of the value, if its noise is known; null: an end that is "
-            "unknown or infinite."
-        ),
-    ] = None
-    p_value: Annotated[
-        float | None,
-        doc("p-value of no change, two-sided, before the correction for many tests."),
-    ] = None
-    unit: Annotated[
-        str | None, doc("Unit of the value in a comparison with a baseline; may be empty.")
-    ] = None
-    kind: Annotated[Kind | None, doc("Object of a comparison with a baseline.")] = None
-    criterion: Annotated[bool, doc("True if the user set the limit: a check of quality.")] = False
+    name: str  #: Name of the checked value.
+    value: float | None  #: Measured value; null: not finite, which fails.
+    relation: Relation  #: Relation of value and limit; `within` is between -limit and limit.
+    limit: float  #: Limit of the value.
+    passed: bool  #: True if the check passed.
+    detail: str  #: Explanation; may be empty.
+    #: Confidence interval of the value, if its noise is known; null: an end that is unknown or
+    #: infinite.
+    interval: tuple[float | None, float | None] | None = None
+    #: p-value of no change, two-sided, before the correction for many tests.
+    p_value: float | None = None
+    unit: str | None = None  #: Unit of the value in a comparison with a baseline; may be empty.
+    kind: Kind | None = None  #: Object of a comparison with a baseline.
+    criterion: bool = False  #: True if the user set the limit: a check of quality.
 
     def __post_init__(self) -> None:
         if self.passed and (self.value is None or math.isnan(self.value)):
@@ -210,8 +183,8 @@ def check(
 class Checks(Part):
     """The verdict: all checks."""
 
-    passed: Annotated[bool, doc("True if every check passed.")]
-    checks: Annotated[list[Check], doc("The checks, in order.")]
+    passed: bool  #: True if every check passed.
+    checks: list[Check]  #: The checks, in order.
 
     @property
     def word(self) -> Literal["passed", "ran clean", "failed", "no verdict"]:
@@ -297,11 +270,9 @@ EiaScores = Annotated[
 class ScorePrecision(Part):
     """Precision of a score."""
 
-    plain: Annotated[float | None, doc("The score of the noisy pictures; null: as for the score.")]
-    interval: Annotated[
-        tuple[float | None, float | None],
-        doc("95 % interval of the score without noise; null: an unknown or infinite end."),
-    ]
+    plain: float | None  #: The score of the noisy pictures; null: as for the score.
+    #: 95 % interval of the score without noise; null: an unknown or infinite end.
+    interval: tuple[float | None, float | None]
 
     @property
     def half_width(self) -> float | None:
@@ -331,112 +302,86 @@ def check_scores(place: str, values: dict[str, float | None], named: dict[str, s
 class Change(Part):
     """A circumstance that differs."""
 
-    name: Annotated[str, doc("Its name.")]
-    baseline: Annotated[
-        str | int | float | bool | None, doc("Its value in the baseline; null: none.")
-    ]
-    candidate: Annotated[str | int | float | bool | None, doc("Its value now; null: none.")]
+    name: str  #: Its name.
+    baseline: str | int | float | bool | None  #: Its value in the baseline; null: none.
+    candidate: str | int | float | bool | None  #: Its value now; null: none.
 
 
 class Drift(Part):
     """A score of both runs."""
 
-    subject: Annotated[
-        str, doc("Scored object: an algorithm's EIA, or one of its views as `ALGORITHM/VIEWPOINT`.")
-    ]
-    score: Annotated[str, doc("Name of the score.")]
-    baseline: Annotated[float | None, doc("Its value in the baseline; null: none, or not finite.")]
-    candidate: Annotated[float | None, doc("Its value now; null: none, or not finite.")]
-    change: Annotated[float | None, doc("Increase; null: one of the two is null.")]
+    #: Scored object: an algorithm's EIA, or one of its views as `ALGORITHM/VIEWPOINT`.
+    subject: str
+    score: str  #: Name of the score.
+    baseline: float | None  #: Its value in the baseline; null: none, or not finite.
+    candidate: float | None  #: Its value now; null: none, or not finite.
+    change: float | None  #: Increase; null: one of the two is null.
 
 
 class Regression(Part):
     """Results of a comparison with a baseline, except its checks."""
 
-    baseline: Annotated[str, doc("Folder of the baseline, or of the report before.")]
-    reason: Annotated[str, doc("Reason for the baseline; empty for a report.")]
-    accepted: Annotated[str, doc("Time of its acceptance, UTC, ISO 8601; empty for a report.")]
-    circumstances: Annotated[
-        list[Change], doc("Other differences: versions, samples, seed, machine.")
-    ]
-    drift: Annotated[list[Drift], doc("Every score of both runs.")]
-    pictures: Annotated[list[str], doc("Names of the changed pictures in `regression/`.")]
+    baseline: str  #: Folder of the baseline, or of the report before.
+    reason: str  #: Reason for the baseline; empty for a report.
+    accepted: str  #: Time of its acceptance, UTC, ISO 8601; empty for a report.
+    circumstances: list[Change]  #: Other differences: versions, samples, seed, machine.
+    drift: list[Drift]  #: Every score of both runs.
+    pictures: list[str]  #: Names of the changed pictures in `regression/`.
 
 
 class Conditions(Part):
     """Conditions that two runs must share to be compared."""
 
-    scene_sha256: Annotated[Sha256, doc("SHA-256 over the scene's XML and all files it names.")] = (
-        field(name="scene (SHA-256)")
-    )
-    scene_parameters: Annotated[
-        list[str], doc("Values of the scene's own parameters, as `NAME=VALUE`.")
-    ] = field(name="scene parameters")
-    display: Annotated[Display, doc("Parameters of the display; absent: the default.")]
+    #: SHA-256 over the scene's XML and all files it names.
+    scene_sha256: Sha256 = field(name="scene (SHA-256)")
+    #: Values of the scene's own parameters, as `NAME=VALUE`.
+    scene_parameters: list[str] = field(name="scene parameters")
+    display: Display  #: Parameters of the display; absent: the default.
     derived: DerivedDisplay = field(name="display as derived")
-    misalign: Annotated[
-        str,
-        doc(
-            "Misalignment not corrected by generators, as `rotation_deg=0.5, gap_mm=0.1`; empty: "
-            "none."
-        ),
-    ] = field(name="array as mounted")
-    fit_share: Annotated[float, doc("Share of the array that the relic may fill, 0 to 1.")] = field(
-        name="share of the array filled"
-    )
+    #: Misalignment not corrected by generators, as `rotation_deg=0.5, gap_mm=0.1`; empty: none.
+    misalign: str = field(name="array as mounted")
+    #: Share of the array that the relic may fill, 0 to 1.
+    fit_share: float = field(name="share of the array filled")
     lens_model: LensModel = field(name="lens model")
-    viewpoints: Annotated[
-        dict[str, tuple[float, float, float, float, float | None]],
-        doc(
-            "By name: position x, y, z in the display frame, diameter of the pupil, and distance "
-            "of the eye's focus (null: the central depth plane), mm."
-        ),
-    ]
-    view_pixels_per_lens: Annotated[int, doc("Pixels per lens of the views, along one axis.")] = (
-        field(name="view pixels per lens")
-    )
-    capture_pixels_per_pitch: Annotated[
-        int | float, doc("Pixels of the RGB-D picture per lens pitch.")
-    ] = field(name="RGB-D pixels per pitch")
-    algorithms: Annotated[list[str], doc("Names of the algorithms, in alphabetical order.")]
-    luminance_cd_m2: Annotated[
-        float | None, doc("Only with perceptual metrics: luminance of the panel's white.")
-    ] = field(name="luminance of white, cd/m^2", default=None)
-    panel_pixels: Annotated[Literal["observed ones only"] | None, doc("Only with `--lazy`.")] = (
-        field(name="panel pixels", default=None)
-    )
-    variant: Annotated[str | None, doc("Variant of the renderer.")] = None
+    #: By name: position x, y, z in the display frame, diameter of the pupil, and distance of the
+    #: eye's focus (null: the central depth plane), mm.
+    viewpoints: dict[str, tuple[float, float, float, float, float | None]]
+    #: Pixels per lens of the views, along one axis.
+    view_pixels_per_lens: int = field(name="view pixels per lens")
+    #: Pixels of the RGB-D picture per lens pitch.
+    capture_pixels_per_pitch: int | float = field(name="RGB-D pixels per pitch")
+    algorithms: list[str]  #: Names of the algorithms, in alphabetical order.
+    #: Only with perceptual metrics: luminance of the panel's white.
+    luminance_cd_m2: float | None = field(name="luminance of white, cd/m^2", default=None)
+    #: Only with `--lazy`.
+    panel_pixels: Literal["observed ones only"] | None = field(name="panel pixels", default=None)
+    variant: str | None = None  #: Variant of the renderer.
 
 
 class Circumstances(Part):
     """Circumstances of a run, which may differ between two that are compared."""
 
-    title: Annotated[str, doc("Name of the scene.")]
+    title: str  #: Name of the scene.
     created: Created
     inim: InimVersion
-    python: Annotated[str, doc("Version of Python.")]
-    drjit: Annotated[str, doc("Version of Dr.Jit.")]
-    mitsuba: Annotated[str, doc("Version of Mitsuba.")]
-    numba: Annotated[str, doc("Version of numba.")]
-    numpy: Annotated[str, doc("Version of NumPy.")]
-    scikit_image: Annotated[str, doc("Version of scikit-image.")] = field(name="scikit-image")
-    cvvdp: Annotated[str | None, doc("Version of ColorVideoVDP, if installed.")] = None
-    torch: Annotated[str | None, doc("Version of PyTorch, if ColorVideoVDP is installed.")] = None
-    libllvm: Annotated[str | None, doc("Version of the LLVM library; null: the CUDA backend.")] = (
-        field(name="libLLVM")
-    )
-    device: Annotated[str, doc("Name of the processor or graphics card that rendered.")]
-    processor: Annotated[
-        str, doc("Model of the processor. Times are compared only between equal ones.")
-    ]
-    threads: Annotated[
-        int, doc("Threads of the processor. Times are compared only between equal numbers.")
-    ]
-    capture_spp: Annotated[int, doc("Samples per pixel of the RGB-D picture.")]
-    eia_spp: Annotated[int, doc("Samples per pixel of the ground-truth EIA, both halves.")]
-    view_spp: Annotated[int, doc("Samples per pixel of a ground-truth view, both halves.")]
-    reconstruction_spp: Annotated[int, doc("Samples per pixel of a reconstructed view.")]
-    seed: Annotated[int, doc("Random seed of the ground truth.")]
+    python: str  #: Version of Python.
+    drjit: str  #: Version of Dr.Jit.
+    mitsuba: str  #: Version of Mitsuba.
+    numba: str  #: Version of numba.
+    numpy: str  #: Version of NumPy.
+    scikit_image: str = field(name="scikit-image")  #: Version of scikit-image.
+    cvvdp: str | None = None  #: Version of ColorVideoVDP, if installed.
+    torch: str | None = None  #: Version of PyTorch, if ColorVideoVDP is installed.
+    #: Version of the LLVM library; null: the CUDA backend.
+    libllvm: str | None = field(name="libLLVM")
+    device: str  #: Name of the processor or graphics card that rendered.
+    processor: str  #: Model of the processor. Times are compared only between equal ones.
+    threads: int  #: Threads of the processor. Times are compared only between equal numbers.
+    capture_spp: int  #: Samples per pixel of the RGB-D picture.
+    eia_spp: int  #: Samples per pixel of the ground-truth EIA, both halves.
+    view_spp: int  #: Samples per pixel of a ground-truth view, both halves.
+    reconstruction_spp: int  #: Samples per pixel of a reconstructed view.
+    seed: int  #: Random seed of the ground truth.
 
 
 def check_names(names: Iterable[str]) -> None:
@@ -452,7 +397,7 @@ def check_names(names: Iterable[str]) -> None:
 class TitledDocument(Document):
     """A document with a title and the command that repeats it."""
 
-    title: Annotated[str, doc("Title of its page.")]
+    title: str  #: Title of its page.
     created: Created
     inim_version: InimVersion
     command: Command
@@ -485,5 +430,5 @@ class RunReport(TitledDocument):
 class SceneFileRecord(Part):
     """A scene's file."""
 
-    path: Annotated[str, doc("Path of the scene's XML, as given.")]
-    sha256: Annotated[Sha256, doc("SHA-256 over the XML and all files it names.")]
+    path: str  #: Path of the scene's XML, as given.
+    sha256: Sha256  #: SHA-256 over the XML and all files it names.

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
 
-from inim.documents.document import Part, doc
+from inim.documents.document import Part
 from inim.documents.parts import (
     VIEW_SCORES,
     PictureShape,
@@ -20,20 +19,18 @@ from inim.metrics.headline import MAIN
 class FittedPicture(PictureShape):
     """The picture as fitted to the display."""
 
-    layers: Annotated[int, doc("Number of layers; 1: the front surface alone.")]
-    covered_fraction: Annotated[float, doc("Share of the pixels that show something, 0 to 1.")]
-    depth_min_mm: Annotated[float, doc("Farthest depth, z in mm.")]
-    depth_max_mm: Annotated[float, doc("Nearest depth, z in mm.")]
-    notes: Annotated[
-        list[str], doc("For a photograph with depth inside: its contents and its framing.")
-    ]
+    layers: int  #: Number of layers; 1: the front surface alone.
+    covered_fraction: float  #: Share of the pixels that show something, 0 to 1.
+    depth_min_mm: float  #: Farthest depth, z in mm.
+    depth_max_mm: float  #: Nearest depth, z in mm.
+    notes: list[str]  #: For a photograph with depth inside: its contents and its framing.
 
 
 class PictureView(Part):
     """Scores of a view against two references."""
 
-    to_picture: Annotated[Scores, doc("Against the picture itself, warped to the viewpoint.")]
-    to_exact: Annotated[Scores, doc("Against the view of the exact EIA.")]
+    to_picture: Scores  #: Against the picture itself, warped to the viewpoint.
+    to_exact: Scores  #: Against the view of the exact EIA.
 
     def __post_init__(self) -> None:
         check_scores("to_picture", self.to_picture, VIEW_SCORES)
@@ -43,24 +40,15 @@ class PictureView(Part):
 class PictureAlgorithm(Part):
     """Results of an algorithm."""
 
-    seconds: Annotated[float, doc("Seconds to prepare and generate the EIA.")]
-    wrong_source: Annotated[
-        float | None,
-        doc(
-            "Share of the compared panel pixels that show another pixel of the picture than the "
-            "exact one, 0 to 1; null: the algorithm does not report its sources, or there is no "
-            "oracle."
-        ),
-    ]
-    hole_fraction: Annotated[
-        float | None,
-        doc("Share of the lensed panel pixels that show nothing, 0 to 1; null: unknown."),
-    ]
-    not_finite: Annotated[
-        float, doc("Share of the panel pixels with values that are not finite, 0 to 1.")
-    ]
-    brightest: Annotated[float, doc("Largest value of the EIA, linear; 1 is the panel's white.")]
-    views: Annotated[dict[str, PictureView], doc("Scores of its views, by viewpoint.")]
+    seconds: float  #: Seconds to prepare and generate the EIA.
+    #: Share of the compared panel pixels that show another pixel of the picture than the exact one,
+    #: 0 to 1; null: the algorithm does not report its sources, or there is no oracle.
+    wrong_source: float | None
+    #: Share of the lensed panel pixels that show nothing, 0 to 1; null: unknown.
+    hole_fraction: float | None
+    not_finite: float  #: Share of the panel pixels with values that are not finite, 0 to 1.
+    brightest: float  #: Largest value of the EIA, linear; 1 is the panel's white.
+    views: dict[str, PictureView]  #: Scores of its views, by viewpoint.
 
 
 class PictureDocument(RunReport, tag="inim.picture/2"):
@@ -71,25 +59,15 @@ class PictureDocument(RunReport, tag="inim.picture/2"):
     """
 
     picture: FittedPicture
-    oracle_pixels: Annotated[
-        int,
-        doc(
-            "Panel pixels, drawn at random, whose source was compared with the exact one; 0: the "
-            "display has no oracle."
-        ),
-    ]
-    exact: Annotated[
-        dict[str, Scores],
-        doc("View of the exact EIA against the picture, warped to the viewpoint, by viewpoint."),
-    ]
-    met_fraction: Annotated[
-        dict[str, float],
-        doc("Share of the picture's window that shows something, 0 to 1, by viewpoint."),
-    ]
-    algorithms: Annotated[
-        dict[str, PictureAlgorithm], doc("Results by algorithm, under its name with options.")
-    ]
-    not_scored: Annotated[list[str], doc("Missing scores and reasons, a text each.")]
+    #: Panel pixels, drawn at random, whose source was compared with the exact one; 0: the display
+    #: has no oracle.
+    oracle_pixels: int
+    #: View of the exact EIA against the picture, warped to the viewpoint, by viewpoint.
+    exact: dict[str, Scores]
+    #: Share of the picture's window that shows something, 0 to 1, by viewpoint.
+    met_fraction: dict[str, float]
+    algorithms: dict[str, PictureAlgorithm]  #: Results by algorithm, under its name with options.
+    not_scored: list[str]  #: Missing scores and reasons, a text each.
 
     def __post_init__(self) -> None:
         check_names([*self.viewpoint_names, *self.algorithms])

@@ -59,58 +59,39 @@ _ALGORITHM_EIA_SCORES = EIA_SCORES | {
 class Preview(Part):
     """A preview takes few samples: its scores are rough."""
 
-    full_command: Annotated[str, doc("Command line for the full report.")]
+    full_command: str  #: Command line for the full report.
 
 
 class Translucency(Part):
     """Translucency of a relic of 3D Gaussian splats, by the rays of the RGB-D picture."""
 
-    count: Annotated[int, doc("Number of splats.")]
-    touched_fraction: Annotated[
-        float,
-        doc(
-            "Share of the RGB-D picture's pixels whose ray loses at least a hundredth of its "
-            "light, 0 to 1: the shares below are of these pixels."
-        ),
-    ]
-    mean_coverage: Annotated[
-        float | None, doc("Mean share of the lost light, 0 to 1; null: splats touch no pixel.")
-    ]
-    coverage_histogram: Annotated[
-        list[float],
-        doc("Shares of the pixels that lose 0 to 10 %, 10 to 20 %, ... of the light: 10 numbers."),
-    ]
-    without_depth_fraction: Annotated[
-        float, doc("Share of the pixels that never lose half of the light: they have no depth.")
-    ]
-    never_opaque_fraction: Annotated[
-        float, doc("Share of the pixels that never lose nine tenths of the light.")
-    ]
-    depth_spread_mm: Annotated[
-        float | None,
-        doc(
-            "Median depth from the first tenth of the light lost to the last, mm; null: no pixel "
-            "loses nine tenths."
-        ),
-    ]
-    depth_spread_p95_mm: Annotated[float | None, doc("The same, of the pixel at 95 %, mm.")]
-    counted_twice_fraction: Annotated[
-        float, doc("Share of the pixels in which the renderer counts a splat twice.")
-    ]
+    count: int  #: Number of splats.
+    #: Share of the RGB-D picture's pixels whose ray loses at least a hundredth of its light, 0 to
+    #: 1: the shares below are of these pixels.
+    touched_fraction: float
+    #: Mean share of the lost light, 0 to 1; null: splats touch no pixel.
+    mean_coverage: float | None
+    #: Shares of the pixels that lose 0 to 10 %, 10 to 20 %, ... of the light: 10 numbers.
+    coverage_histogram: list[float]
+    #: Share of the pixels that never lose half of the light: they have no depth.
+    without_depth_fraction: float
+    never_opaque_fraction: float  #: Share of the pixels that never lose nine tenths of the light.
+    #: Median depth from the first tenth of the light lost to the last, mm; null: no pixel loses
+    #: nine tenths.
+    depth_spread_mm: float | None
+    depth_spread_p95_mm: float | None  #: The same, of the pixel at 95 %, mm.
+    #: Share of the pixels in which the renderer counts a splat twice.
+    counted_twice_fraction: float
 
 
 class SceneFit(Part):
     """Fit of the scene into the display."""
 
-    scale_xy: Annotated[float, doc("Display millimetres per world unit, across and down.")]
-    scale_z: Annotated[float, doc("Display millimetres per world unit, in depth.")]
-    display_from_world: Annotated[
-        tuple[_Row, _Row, _Row, _Row],
-        doc("Matrix from world to display coordinates, rows of a 4 x 4."),
-    ]
-    depth_mm: Annotated[
-        float | None, doc("Depth of the relic on the display, mm; null: not recorded.")
-    ] = None
+    scale_xy: float  #: Display millimetres per world unit, across and down.
+    scale_z: float  #: Display millimetres per world unit, in depth.
+    #: Matrix from world to display coordinates, rows of a 4 x 4.
+    display_from_world: tuple[_Row, _Row, _Row, _Row]
+    depth_mm: float | None = None  #: Depth of the relic on the display, mm; null: not recorded.
 
     @property
     def depth_share(self) -> float:
@@ -121,13 +102,12 @@ class SceneFit(Part):
 class SceneRecord(Part):
     """The scene."""
 
-    path: Annotated[str, doc("Path of the scene's XML, as given.")]
-    sha256: Annotated[Sha256, doc("SHA-256 over the XML and all files it names.")]
-    definitions: Annotated[
-        dict[str, str], doc("Settings and scene parameters of the command line (`-D`), by name.")
-    ]
-    allow_folders: Annotated[list[str], doc("Further folders from which the scene may load files.")]
-    shapes: Annotated[int, doc("Number of shapes that are not lights.")]
+    path: str  #: Path of the scene's XML, as given.
+    sha256: Sha256  #: SHA-256 over the XML and all files it names.
+    #: Settings and scene parameters of the command line (`-D`), by name.
+    definitions: dict[str, str]
+    allow_folders: list[str]  #: Further folders from which the scene may load files.
+    shapes: int  #: Number of shapes that are not lights.
     splats: Translucency | None = None
     fit: SceneFit
 
@@ -135,13 +115,9 @@ class SceneRecord(Part):
 class CapturedPicture(PictureShape):
     """The RGB-D picture of the scene, the input of the algorithms."""
 
-    covered_fraction: Annotated[float, doc("Share of the pixels that show something, 0 to 1.")]
-    depth_min_mm: Annotated[
-        float | None, doc("Farthest depth, z in mm; null: the picture shows nothing.")
-    ]
-    depth_max_mm: Annotated[
-        float | None, doc("Nearest depth, z in mm; null: the picture shows nothing.")
-    ]
+    covered_fraction: float  #: Share of the pixels that show something, 0 to 1.
+    depth_min_mm: float | None  #: Farthest depth, z in mm; null: the picture shows nothing.
+    depth_max_mm: float | None  #: Nearest depth, z in mm; null: the picture shows nothing.
 
 
 class NoiseFloor(Part):
@@ -150,35 +126,27 @@ class NoiseFloor(Part):
     Smaller differences are noise.
     """
 
-    eia: Annotated[EiaScores, doc("Scores of the ground-truth EIA.")]
-    views: Annotated[dict[str, Scores], doc("Scores of the ground-truth views, by viewpoint.")]
+    eia: EiaScores  #: Scores of the ground-truth EIA.
+    views: dict[str, Scores]  #: Scores of the ground-truth views, by viewpoint.
 
 
 class MetricSettings(Part):
     """Settings of a metric."""
 
-    border_px: Annotated[int, doc("Ignored pixels along each side of a picture.")]
-    arguments: Annotated[
-        dict[str, float | str | bool],
-        doc(
-            "For SSIM the arguments of scikit-image's structural_similarity, for FLIP the pixels "
-            "per degree."
-        ),
-    ]
+    border_px: int  #: Ignored pixels along each side of a picture.
+    #: For SSIM the arguments of scikit-image's structural_similarity, for FLIP the pixels per
+    #: degree.
+    arguments: dict[str, float | str | bool]
 
 
 class Scoring(Part):
     """All that decides scores, to compute them again from the EXR pictures."""
 
-    headline: Annotated[str, doc("Name of the score that ranks algorithms.")]
-    relic_margin_px: Annotated[
-        int,
-        doc(
-            "Margin of the relic's region, in pixels along each axis, around its pixels in the "
-            "ground-truth view: `truth/relic`."
-        ),
-    ]
-    metrics: Annotated[dict[str, MetricSettings], doc("Settings of each metric, by its name.")]
+    headline: str  #: Name of the score that ranks algorithms.
+    #: Margin of the relic's region, in pixels along each axis, around its pixels in the
+    #: ground-truth view: `truth/relic`.
+    relic_margin_px: int
+    metrics: dict[str, MetricSettings]  #: Settings of each metric, by its name.
 
 
 class ReferenceViews(Part):
@@ -187,7 +155,7 @@ class ReferenceViews(Part):
     A warning lists algorithms that score higher by more than noise.
     """
 
-    views: Annotated[dict[str, Scores], doc("Scores against the scene, by viewpoint.")]
+    views: dict[str, Scores]  #: Scores against the scene, by viewpoint.
     precision: Precision
 
 
@@ -201,51 +169,41 @@ class AlgorithmResult(Part):
             _ALGORITHM_EIA_SCORES,
         ),
     ]
-    views: Annotated[
-        dict[
-            str,
-            Annotated[
-                dict[
-                    str,
-                    Annotated[
-                        float | None,
-                        doc(
-                            "The same of another package's metric: NAME_UNIT against the scene, "
-                            "NAME_to_reference_UNIT against the reference view, NAME_on_relic_UNIT "
-                            "and NAME_on_relic_to_reference_UNIT on the relic; null: infinite."
-                        ),
-                    ],
+    #: Scores of its views, by viewpoint.
+    views: dict[
+        str,
+        Annotated[
+            dict[
+                str,
+                Annotated[
+                    float | None,
+                    doc(
+                        "The same of another package's metric: NAME_UNIT against the scene, "
+                        "NAME_to_reference_UNIT against the reference view, NAME_on_relic_UNIT "
+                        "and NAME_on_relic_to_reference_UNIT on the relic; null: infinite."
+                    ),
                 ],
-                scores("Scores of a view without noise.", ALGORITHM_VIEW_SCORES),
             ],
+            scores("Scores of a view without noise.", ALGORITHM_VIEW_SCORES),
         ],
-        doc("Scores of its views, by viewpoint."),
     ]
     precision: Precision
-    seconds: Annotated[
-        float | None,
-        doc("Seconds to generate the EIA, once, prepared and compiled; null: an EIA file."),
-    ]
-    yardsticks: Annotated[
-        float | None,
-        doc("With `--time`: a generator's time as a multiple of the reference kernel's, median."),
-    ] = None
-    unlit_fraction: Annotated[
-        float | None,
-        doc(
-            "Share of the panel pixels with light in the ground-truth EIA that this EIA leaves "
-            "black, 0 to 1; null: not computed, as with `--lazy`."
-        ),
-    ] = None
+    #: Seconds to generate the EIA, once, prepared and compiled; null: an EIA file.
+    seconds: float | None
+    #: With `--time`: a generator's time as a multiple of the reference kernel's, median.
+    yardsticks: float | None = None
+    #: Share of the panel pixels with light in the ground-truth EIA that this EIA leaves black, 0 to
+    #: 1; null: not computed, as with `--lazy`.
+    unlit_fraction: float | None = None
 
 
 class SkippedStep(Part):
     """A step of the run, in words."""
 
-    step: Annotated[str, doc("The step.")]
-    performed: Annotated[str, doc("The performed part.")]
-    skipped: Annotated[str, doc("The skipped part.")]
-    why: Annotated[str, doc("Reason why skipping is safe.")]
+    step: str  #: The step.
+    performed: str  #: The performed part.
+    skipped: str  #: The skipped part.
+    why: str  #: Reason why skipping is safe.
 
 
 class ReportDocument(RunReport, tag="inim.report/2"):
@@ -256,27 +214,16 @@ class ReportDocument(RunReport, tag="inim.report/2"):
 
     preview: Preview | None = None
     scene: SceneRecord
-    settings: Annotated[
-        Settings,
-        doc(
-            "Every effective `inim.*` setting, by its name without `inim.`; null: not given. With "
-            "`score_error`, the sample counts are those that were used."
-        ),
-    ]
-    misalign: Annotated[
-        str, doc("Misalignment of the array that generators do not correct; empty: none.")
-    ]
+    #: Every effective `inim.*` setting, by its name without `inim.`; null: not given. With
+    #: `score_error`, the sample counts are those that were used.
+    settings: Settings
+    misalign: str  #: Misalignment of the array that generators do not correct; empty: none.
     rgbd: CapturedPicture
     noise_floor: NoiseFloor
     scoring: Scoring
     reference: ReferenceViews
-    algorithms: Annotated[
-        dict[str, AlgorithmResult],
-        doc(
-            "Results, by name: an algorithm with its options, or the name of a finished EIA "
-            "(`--eia`)."
-        ),
-    ]
+    #: Results, by name: an algorithm with its options, or the name of a finished EIA (`--eia`).
+    algorithms: dict[str, AlgorithmResult]
     timings: Annotated[
         dict[str, float],
         doc(
@@ -287,8 +234,8 @@ class ReportDocument(RunReport, tag="inim.report/2"):
             required=[*_TIMES],
         ),
     ]
-    skipped: Annotated[list[SkippedStep], doc("Performed and skipped parts of each step.")]
-    regression: Annotated[Regression | None, doc("Only with `--baseline`.")] = None
+    skipped: list[SkippedStep]  #: Performed and skipped parts of each step.
+    regression: Regression | None = None  #: Only with `--baseline`.
 
     def __post_init__(self) -> None:
         check_names([*self.viewpoint_names, *self.algorithms])

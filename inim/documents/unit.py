@@ -13,18 +13,13 @@ Scores = dict[str, float | None]
 class UnitView(Part):
     """Scores of one viewpoint."""
 
-    viewpoint: Annotated[str, doc("Name of the eye position.")]
-    x_mm: Annotated[float, doc("Position of the eye to the right, mm.")]
-    y_mm: Annotated[float, doc("Position of the eye upwards, mm.")]
-    z_mm: Annotated[float, doc("Distance of the eye from the lens array, mm.")]
-    scores: Annotated[
-        Scores,
-        doc(
-            "Scores by column of the sweep's table: of the view against the scene and the "
-            "reference view, of the reference, and of the noise floor; null: infinite, or no pixel "
-            "shows the relic."
-        ),
-    ]
+    viewpoint: str  #: Name of the eye position.
+    x_mm: float  #: Position of the eye to the right, mm.
+    y_mm: float  #: Position of the eye upwards, mm.
+    z_mm: float  #: Distance of the eye from the lens array, mm.
+    #: Scores by column of the sweep's table: of the view against the scene and the reference view,
+    #: of the reference, and of the noise floor; null: infinite, or no pixel shows the relic.
+    scores: Scores
 
 
 class UnitDocument(Document, tag="inim.unit/2"):
@@ -42,50 +37,31 @@ class UnitDocument(Document, tag="inim.unit/2"):
             examples=["0" * 16],
         ),
     ]
-    algorithm: Annotated[str, doc("The algorithm with its options.")]
-    making: Annotated[
-        dict[str, str | float | None],
-        doc(
-            "Further inputs of this algorithm's result: `min_ssim_to_reference`, its "
-            "criterion (null: none); the code of another package's algorithm as `entry_point`, "
-            "`version` and `sha256`, where they exist."
-        ),
-    ]
-    key: Annotated[
-        dict[str, Any],
-        doc(
-            "Everything else that the scores depend on (scene, settings, display, viewpoints, "
-            "backend, versions, code): equal keys are equal results."
-        ),
-    ]
+    algorithm: str  #: The algorithm with its options.
+    #: Further inputs of this algorithm's result: `min_ssim_to_reference`, its criterion (null:
+    #: none); the code of another package's algorithm as `entry_point`, `version` and `sha256`,
+    #: where they exist.
+    making: dict[str, str | float | None]
+    #: Everything else that the scores depend on (scene, settings, display, viewpoints, backend,
+    #: versions, code): equal keys are equal results.
+    key: dict[str, Any]
     created: Created
     inim_version: InimVersion
     versions: Versions
     backend: BackendRecord
-    scores: Annotated[
-        Scores,
-        doc(
-            "Scores of the EIA and of its noise floor, and `hole_fraction`, by column of the "
-            "sweep's table; null: infinite, or not known."
-        ),
-    ]
-    seconds: Annotated[
-        float | None, doc("Seconds to generate the EIA, once, without warm-up; null: not measured.")
-    ]
-    yardsticks: Annotated[
-        float | None,
-        doc(
-            "With `time = true`: time of the generator as a multiple of the reference kernel's, "
-            "median; null: not timed."
-        ),
-    ]
-    unit_seconds: Annotated[float, doc("Seconds of the whole validation.")]
-    render_seconds: Annotated[float, doc("Seconds of the validation inside the renderer.")]
-    passed: Annotated[
-        bool, doc("True if the validation's checks on ground truth and algorithm passed.")
-    ]
-    failed_checks: Annotated[str | None, doc("Failed checks in words; null: none.")]
-    views: Annotated[list[UnitView], doc("Scores of each viewpoint.")]
+    #: Scores of the EIA and of its noise floor, and `hole_fraction`, by column of the sweep's
+    #: table; null: infinite, or not known.
+    scores: Scores
+    #: Seconds to generate the EIA, once, without warm-up; null: not measured.
+    seconds: float | None
+    #: With `time = true`: time of the generator as a multiple of the reference kernel's, median;
+    #: null: not timed.
+    yardsticks: float | None
+    unit_seconds: float  #: Seconds of the whole validation.
+    render_seconds: float  #: Seconds of the validation inside the renderer.
+    passed: bool  #: True if the validation's checks on ground truth and algorithm passed.
+    failed_checks: str | None  #: Failed checks in words; null: none.
+    views: list[UnitView]  #: Scores of each viewpoint.
 
     def __post_init__(self) -> None:
         if not self.views:
