@@ -116,24 +116,13 @@ def rejection_reason(version: tuple[int, ...] | None) -> str:
 
 
 class Backend(NamedTuple):
-    """Working backend: its libraries and its description.
+    """Working backend: its libraries and its description."""
 
-    Attributes
-    ----------
-    name : {"cuda", "llvm"}
-    variant : str
-        Mitsuba's name for it.
-    libllvm : Path or None
-    libllvm_version : str or None
-    device : str
-        The processor or graphics card, for people.
-    """
-
-    name: str
-    variant: str
+    name: str  #: {"cuda", "llvm"}
+    variant: str  #: Mitsuba's name for it.
     libllvm: Path | None
     libllvm_version: str | None
-    device: str
+    device: str  #: The processor or graphics card, for people.
 
 
 def environment(backend: Backend) -> dict[str, str]:

@@ -61,26 +61,18 @@ _NOISE_WINDOW = 9
 
 
 class Decoded(NamedTuple):
-    """Panel coordinates that the pixels of a camera see, (H, W) float32 each.
+    """Panel coordinates that the pixels of a camera see, (H, W) float32 each."""
 
-    Attributes
-    ----------
-    column, row :
-        Panel coordinates in pixels. 0 is the panel's left or top edge, and a pixel's centre is at
-        n + 0.5. NaN, for both, if not decoded. They are means over a camera pixel's
-        blur: within an aberrated lens they change less than along rays through its centre,
-        by half the variance of the blur times the mapping's second derivative.
-    error_px :
-        Their estimated standard error, panel pixels: noise, and 1 / sqrt(12) of a pixel. Neighbours
-        that see one panel pixel share this quantisation error.
-    lit :
-        White minus black, linear; 1 is the camera's brightest code.
-    """
-
+    #: Panel coordinates in pixels. 0 is the panel's left or top edge, and a pixel's centre is at n
+    #: + 0.5. NaN, for both, if not decoded. They are means over a camera pixel's blur: within an
+    #: aberrated lens they change less than along rays through its centre, by half the variance of
+    #: the blur times the mapping's second derivative.
     column: np.ndarray
     row: np.ndarray
+    #: Their estimated standard error, panel pixels: noise, and 1 / sqrt(12) of a pixel. Neighbours
+    #: that see one panel pixel share this quantisation error.
     error_px: np.ndarray
-    lit: np.ndarray
+    lit: np.ndarray  #: White minus black, linear; 1 is the camera's brightest code.
 
 
 class _Lights(NamedTuple):

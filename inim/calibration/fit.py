@@ -94,19 +94,12 @@ _LIE = ("shift_x_mm", "shift_y_mm", "rotation_deg", "tilt_x_deg", "tilt_y_deg")
 
 
 class Estimate(NamedTuple):
-    """Value of a fitted parameter.
+    """Value of a fitted parameter."""
 
-    Attributes
-    ----------
-    value, error : float
-        Value and its standard error.
-    limit : float
-        Largest standard error of a determined parameter.
-    """
-
+    #: Value and its standard error.
     value: float
     error: float
-    limit: float
+    limit: float  #: Largest standard error of a determined parameter.
 
     @property
     def is_known(self) -> bool:

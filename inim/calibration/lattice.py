@@ -40,33 +40,21 @@ _LEAST_LENSES = 25
 
 @dataclass(frozen=True)
 class Lenses:
-    """Lenses visible from one camera position.
+    """Lenses visible from one camera position."""
 
-    Attributes
-    ----------
-    index : (lenses, 2) int
-        Column to the right and row down, counted from an arbitrary lens.
-    centre_px : (lenses, 2) float
-        Centre of gravity of the region seen through the lens, x and y in the photograph.
-    is_whole : (lenses,) bool
-        True if the outline is that of the whole lens, so that `centre_px` is valid.
-    middle_px : (lenses, 2) float
-        Mean panel column and row seen through the lens.
-    pixel : (lenses, SAMPLES, 2) float
-        Camera pixels well inside the lens, x and y.
-    panel_px : (lenses, SAMPLES, 2) float
-        Panel column and row seen by each of these pixels; NaN for samples outside the lens.
-    shape : (int, int)
-        Height and width of the photograph.
-    """
-
+    #: (lenses, 2) int: column to the right and row down, counted from an arbitrary lens.
     index: np.ndarray
+    #: (lenses, 2) float: centre of gravity of the region seen through the lens, x and y in the
+    #: photograph.
     centre_px: np.ndarray
+    #: (lenses,) bool: true if the outline is that of the whole lens, so that `centre_px` is valid.
     is_whole: np.ndarray
-    middle_px: np.ndarray
-    pixel: np.ndarray
+    middle_px: np.ndarray  #: (lenses, 2) float: mean panel column and row seen through the lens.
+    pixel: np.ndarray  #: (lenses, SAMPLES, 2) float: camera pixels well inside the lens, x and y.
+    #: (lenses, SAMPLES, 2) float: panel column and row seen by each of these pixels; NaN for
+    #: samples outside the lens.
     panel_px: np.ndarray
-    shape: tuple[int, int]
+    shape: tuple[int, int]  #: Height and width of the photograph.
 
 
 def find_lenses(decoded: Decoded, display: Display, name: str) -> Lenses:

@@ -272,25 +272,15 @@ def _seam_depth(array: LensArray, traits: LensTraits, share: float) -> float:
 
 @dataclass(frozen=True)
 class Observations:
-    """Observations in the photographs, by position.
+    """Observations in the photographs, by position."""
 
-    Attributes
-    ----------
-    lens : tuple of (rays, 2) int
-        The lens that each ray goes through: column and row of the array.
-    pixel, panel : tuple of (rays, 2) float
-        Its pixel; where on the panel it was found to end, mm, display frame.
-    outlined : tuple of (lenses, 2) int
-        Lenses whose outline is seen,
-    centre : tuple of (lenses, 2) float
-        and around which pixel.
-    """
-
+    #: (rays, 2) int each: the lens that a ray goes through, column and row of the array.
     lens: tuple[np.ndarray, ...]
+    #: (rays, 2) float each: its pixel; where on the panel it was found to end, mm, display frame.
     pixel: tuple[np.ndarray, ...]
     panel: tuple[np.ndarray, ...]
-    outlined: tuple[np.ndarray, ...]
-    centre: tuple[np.ndarray, ...]
+    outlined: tuple[np.ndarray, ...]  #: (lenses, 2) int each: lenses whose outline is seen.
+    centre: tuple[np.ndarray, ...]  #: (lenses, 2) float each: the pixels around which it is.
 
     @classmethod
     def of(

@@ -37,17 +37,10 @@ _SHIFTS_DEG = (0, 90, 180, 270)
 
 
 class Pattern(NamedTuple):
-    """Pattern that varies along one axis of the panel, or is constant.
+    """Pattern that varies along one axis of the panel, or is constant."""
 
-    Attributes
-    ----------
-    name : str
-        Name of its file without the ending; names sort in display order.
-    codes : (rows or 1, columns or 1) uint8
-        sRGB grey; an axis of length 1 is constant.
-    """
-
-    name: str
+    name: str  #: Name of its file without the ending; names sort in display order.
+    #: (rows or 1, columns or 1) uint8: sRGB grey; an axis of length 1 is constant.
     codes: np.ndarray
 
 

@@ -56,38 +56,23 @@ class MatchedPicture(NamedTuple):
 
 
 class Difference(NamedTuple):
-    """Difference between a photograph and its simulation.
+    """Difference between a photograph and its simulation."""
 
-    Attributes
-    ----------
-    right_px, down_px, error_px : float
-        Shift of the photograph, and its standard error from the scatter of the blocks.
-    flow : (rows, columns, 2) float array
-        Shift of each block of `BLOCK_PX`, right and down; NaN without enough texture.
-    tones : (ToneCurve, ToneCurve, ToneCurve)
-        Red, green, blue.
-    blur_px : float
-        Sigma of the Gaussian that blurs the simulation like the photograph.
-    window : (slice, slice)
-        The compared part of the photograph.
-    counts : (H, W) bool
-        Compared pixels of that part.
-    photograph : (H, W, 3) float32
-        That part, linear; black at other pixels, as in the stages.
-    stages : tuple of MatchedPicture
-        Simulation with the photograph's exposure only; then moved; then blurred; then with its tone
-        curve.
-    """
-
+    #: Shift of the photograph, and its standard error from the scatter of the blocks.
     right_px: float
     down_px: float
     error_px: float
+    #: (rows, columns, 2) float array: shift of each block of `BLOCK_PX`, right and down; NaN
+    #: without enough texture.
     flow: np.ndarray
-    tones: tuple[ToneCurve, ...]
-    blur_px: float
-    window: tuple[slice, slice]
-    counts: np.ndarray
+    tones: tuple[ToneCurve, ...]  #: Red, green, blue.
+    blur_px: float  #: Sigma of the Gaussian that blurs the simulation like the photograph.
+    window: tuple[slice, slice]  #: The compared part of the photograph.
+    counts: np.ndarray  #: (H, W) bool: compared pixels of that part.
+    #: (H, W, 3) float32: that part, linear; black at other pixels, as in the stages.
     photograph: np.ndarray
+    #: Simulation with the photograph's exposure only; then moved; then blurred; then with its tone
+    #: curve.
     stages: tuple[MatchedPicture, ...]
 
 

@@ -33,27 +33,15 @@ _DIAGONAL_35MM = math.hypot(36, 24)
 
 @dataclass(frozen=True)
 class Position:
-    """Photographs from one camera position.
+    """Photographs from one camera position."""
 
-    Attributes
-    ----------
-    name : str
-        Name of its folder.
-    photographs : tuple of Path
-        One photograph for each of `inim.calibration.patterns.patterns`, in that order.
-    shape : (rows, columns)
-        Size of every photograph.
-    panel : (rows, columns)
-        Size of the panel that showed the patterns.
-    focal_length_px : float or None
-        Focal length from EXIF, computed from the one for 35 mm film (CIPA DCG-001: equal diagonal),
-        which cameras round to whole millimetres; None without EXIF.
-    """
-
-    name: str
+    name: str  #: Name of its folder.
+    #: One photograph for each of `inim.calibration.patterns.patterns`, in that order.
     photographs: tuple[Path, ...]
-    shape: tuple[int, int]
-    panel: tuple[int, int]
+    shape: tuple[int, int]  #: (rows, columns): size of every photograph.
+    panel: tuple[int, int]  #: (rows, columns): size of the panel that showed the patterns.
+    #: Focal length from EXIF, computed from the one for 35 mm film (CIPA DCG-001: equal diagonal),
+    #: which cameras round to whole millimetres; None without EXIF.
     focal_length_px: float | None
 
 

@@ -140,19 +140,12 @@ def check_pitch(display: Display, size: float, name: str) -> None:
 
 
 class ArrayPlacement(NamedTuple):
-    """Placement of the array over the panel, from one position's photographs.
+    """Placement of the array over the panel, from one position's photographs."""
 
-    Attributes
-    ----------
-    rotation_deg, size : float
-        Rotation, and the approximate pitch of the array in nominal pitches.
-    origin_mm : (2,) array
-        Position of the lens 0, 0 of its numbering, display frame.
-    """
-
+    #: Rotation, and the approximate pitch of the array in nominal pitches.
     rotation_deg: float
     size: float
-    origin_mm: np.ndarray
+    origin_mm: np.ndarray  #: (2,) array: position of the lens 0, 0 of its numbering, display frame.
 
 
 def find_placement(display: Display, lenses: Lenses, pose: Pose, name: str) -> ArrayPlacement:
@@ -170,21 +163,12 @@ def find_placement(display: Display, lenses: Lenses, pose: Pose, name: str) -> A
 
 
 class LensNumbering(NamedTuple):
-    """Common numbering of lenses for all positions, from the array's top left.
+    """Common numbering of lenses for all positions, from the array's top left."""
 
-    Attributes
-    ----------
-    shift_mm : (2,) array
-        Position of the array's centre, display frame.
-    offsets : list of (2,) int
-        Offsets to add to each position's indices.
-    edges_seen : (bool, bool)
-        True if all columns, or rows, of the array are visible: the numbering is unambiguous.
-        Otherwise it is the one with the smallest shift of the array.
-    """
-
-    shift_mm: np.ndarray
-    offsets: list[np.ndarray]
+    shift_mm: np.ndarray  #: (2,) array: position of the array's centre, display frame.
+    offsets: list[np.ndarray]  #: (2,) int each: offsets to add to each position's indices.
+    #: True if all columns, or rows, of the array are visible: the numbering is unambiguous.
+    #: Otherwise it is the one with the smallest shift of the array.
     edges_seen: tuple[bool, bool]
 
 

@@ -24,21 +24,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SubPixel:
-    """Emitting area of one colour in a pixel.
+    """Emitting area of one colour in a pixel."""
 
-    Attributes
-    ----------
-    right : Fraction
-        Its centre, to the right of the pixel's, in pixels.
-    width : Fraction
-        In pixels; its height is the pixel's.
-    turn : {0, 1}, optional
-        Only pixels whose row and column, counted from the top left, add up to an even (0) or odd
-        (1) number have it; all have if None.
-    """
-
-    right: Fraction
-    width: Fraction
+    right: Fraction  #: Its centre, to the right of the pixel's, in pixels.
+    width: Fraction  #: In pixels; its height is the pixel's.
+    #: {0, 1}, optional: only pixels whose row and column, counted from the top left, add up to an
+    #: even (0) or odd (1) number have it; all have if None.
     turn: int | None = None
 
     @property
@@ -254,26 +245,18 @@ class PixelRays:
 
     A pixel's chief ray is ``(x0 + slope_x z, y0 + slope_y z)`` in the display frame, which is Eq. 1
     of Wang et al. 2024 with the pixel's own gap.
-
-    Attributes
-    ----------
-    lens : int64
-        ``row * lens_columns + column``, rows from the top; -1 outside the array, where the lattice
-        is carried on, so that every pixel has a ray.
-    x0, y0 : float64
-        The lens's centre, mm.
-    slope_x, slope_y : float64
-        Lateral travel per millimetre towards the viewer, ``(x0 - x) / gap_mm``.
-    gap_mm : float64
-        From the array down to the pixel.
     """
 
+    #: int64: ``row * lens_columns + column``, rows from the top; -1 outside the array, where the
+    #: lattice is carried on, so that every pixel has a ray.
     lens: np.ndarray
+    #: float64: the lens's centre, mm.
     x0: np.ndarray
     y0: np.ndarray
+    #: float64: lateral travel per millimetre towards the viewer, ``(x0 - x) / gap_mm``.
     slope_x: np.ndarray
     slope_y: np.ndarray
-    gap_mm: np.ndarray
+    gap_mm: np.ndarray  #: float64: from the array down to the pixel.
 
 
 def row_blocks(display: Display) -> Iterator[slice]:

@@ -44,21 +44,16 @@ _MOST_PARAMETER_BYTES = 2**20
 
 @dataclass(frozen=True)
 class LightField:
-    """A grid of views.
+    """A grid of views."""
 
-    Attributes
-    ----------
-    views : (rows, columns, H, W, 3) uint8, sRGB
-        Row 0 from the uppermost eye, column 0 from the leftmost.
-    disparity : (H, W) float32, or None
-        Disparity of the centre view: shift in pixels to the next view, positive if nearer.
-    of_display : bool
-        True for views of an EIA, as marked by `write_hci`: disparity is 0 on the lens array. For
-        other light fields the plane of disparity 0 is unknown.
-    """
-
+    #: (rows, columns, H, W, 3) uint8, sRGB: row 0 from the uppermost eye, column 0 from the
+    #: leftmost.
     views: NDArray[np.uint8]
+    #: (H, W) float32, or None: disparity of the centre view: shift in pixels to the next view,
+    #: positive if nearer.
     disparity: NDArray[np.float32] | None = None
+    #: True for views of an EIA, as marked by `write_hci`: disparity is 0 on the lens array. For
+    #: other light fields the plane of disparity 0 is unknown.
     of_display: bool = False
 
 

@@ -28,42 +28,23 @@ _TYPES = {
 
 @dataclass(frozen=True)
 class PlyElement:
-    """One PLY element of fixed records, each list being a count and 3 items.
-
-    Attributes
-    ----------
-    name : str
-    count : int
-        Records declared.
-    fields : tuple of (str, str)
-        Name and NumPy type; a list `a` is `a.count`, `a.0`, `a.1`, `a.2`.
-    lists : tuple of str
-    """
+    """One PLY element of fixed records, each list being a count and 3 items."""
 
     name: str
-    count: int
+    count: int  #: Records declared.
+    #: Name and NumPy type; a list `a` is `a.count`, `a.0`, `a.1`, `a.2`.
     fields: tuple[tuple[str, str], ...] = ()
     lists: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """Header of a PLY file.
+    """Header of a PLY file."""
 
-    Attributes
-    ----------
-    order : str
-        NumPy's sign for the byte order; "=" for text.
-    elements : tuple of PlyElement
-    comments : tuple of str
-    size : int
-        Bytes up to the body.
-    """
-
-    order: str
+    order: str  #: NumPy's sign for the byte order; "=" for text.
     elements: tuple[PlyElement, ...]
     comments: tuple[str, ...]
-    size: int
+    size: int  #: Bytes up to the body.
 
     @property
     def is_text(self) -> bool:

@@ -36,26 +36,16 @@ _MOST_LOG = float(np.log(_MOST_EXTENT))
 
 @dataclass(frozen=True)
 class Splats:
-    """3D Gaussians with colours that depend on the direction.
+    """3D Gaussians with colours that depend on the direction."""
 
-    Attributes
-    ----------
-    centre : (n, 3) float32
-    log_scale : (n, 3) float32
-        Logarithms of the standard deviations along the splat's axes.
-    turn : (n, 4) float32
-        Unit quaternions from the splat's axes to the file's, real part first.
-    logit : (n,) float32
-        Logit of the opacity.
-    harmonics : (n, 1, 4, 9 or 16, 3) float32
-        Coefficients of red, green and blue, for the direction of the ray. The sRGB colour is the
-        expansion plus 0.5.
-    """
-
-    centre: np.ndarray
+    centre: np.ndarray  #: (n, 3) float32
+    #: (n, 3) float32: logarithms of the standard deviations along the splat's axes.
     log_scale: np.ndarray
+    #: (n, 4) float32: unit quaternions from the splat's axes to the file's, real part first.
     turn: np.ndarray
-    logit: np.ndarray
+    logit: np.ndarray  #: (n,) float32: logit of the opacity.
+    #: (n, 1, 4, 9 or 16, 3) float32: coefficients of red, green and blue, for the direction of the
+    #: ray. The sRGB colour is the expansion plus 0.5.
     harmonics: np.ndarray
 
     def __len__(self) -> int:

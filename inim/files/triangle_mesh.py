@@ -17,29 +17,20 @@ from inim.files.regular_file import read_file
 
 @dataclass(frozen=True)
 class Mesh:
-    """A triangle mesh in the unit and axes of the file it came from.
+    """A triangle mesh in the unit and axes of the file it came from."""
 
-    Attributes
-    ----------
-    vertices : (n, 3) float32
-    faces : (m, 3) integers, counter-clockwise from outside
-    normals : (n, 3) float32, finite and not zero, as in the file, or None
-    uv : (n, 2) float32 or None; v grows upwards, row 0 of the texture is at v = 1
-    color : (n, 3) float32 or None; **linear** RGB in 0..1 (8-bit PLY, OBJ and STL colours are
-        sRGB and decoded, glTF's are linear already)
-    texture : (h, w, 3) uint8 or None; sRGB, base colour
-    name : str
-    attributes : dict of str to array
-        Further values of vertices or faces, (n or m, 1 or 3) float32, by Mitsuba's names for them.
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
+    vertices: np.ndarray  #: (n, 3) float32
+    faces: np.ndarray  #: (m, 3) integers, counter-clockwise from outside
+    #: (n, 3) float32, finite and not zero, as in the file, or None
     normals: np.ndarray | None = None
+    #: (n, 2) float32 or None; v grows upwards, row 0 of the texture is at v = 1
     uv: np.ndarray | None = None
+    #: (n, 3) float32 or None; linear RGB in 0..1 (8-bit PLY, OBJ and STL colours are sRGB and
+    #: decoded, glTF's are linear already)
     color: np.ndarray | None = None
-    texture: np.ndarray | None = None
+    texture: np.ndarray | None = None  #: (h, w, 3) uint8 or None; sRGB, base colour
     name: str = ""
+    #: Further values of vertices or faces, (n or m, 1 or 3) float32, by Mitsuba's names for them.
     attributes: dict[str, np.ndarray] = field(default_factory=dict)
 
 

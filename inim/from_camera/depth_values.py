@@ -38,43 +38,26 @@ _SIGNIFICANT = 0.1
 
 @dataclass(frozen=True)
 class DepthConvention:
-    """Properties of a depth picture that the user gives; None: to be detected.
+    """Properties of a depth picture that the user gives; None: to be detected."""
 
-    Attributes
-    ----------
-    unit_mm : float or None
-        Millimetres per unit; 0 for numbers without a unit.
-    missing : tuple of float
-        Numbers that mean "no depth"; infinite values and NaN always do.
-    has_range : bool
-        True if the user confirms the distances by giving both near and far.
-    """
-
-    unit_mm: float | None = None
+    unit_mm: float | None = None  #: Millimetres per unit; 0 for numbers without a unit.
     near_is_large: bool | None = None
+    #: Numbers that mean "no depth"; infinite values and NaN always do.
     missing: tuple[float, ...] = ()
-    has_range: bool = False
+    has_range: bool = False  #: True if the user confirms the distances by giving both near and far.
 
 
 @dataclass(frozen=True)
 class DepthValues:
-    """Depth with its unit and direction.
+    """Depth with its unit and direction."""
 
-    Attributes
-    ----------
-    depth : (H, W) float32
-        Millimetres, or raw values if unitless; NaN where missing.
-    step : float
-        Quantisation step of the file, in the same unit; 0 for floats.
-    inverse_step : float
-        Quantisation step of the inverse depth, for files that quantise it; otherwise 0.
-    """
-
+    #: (H, W) float32: millimetres, or raw values if unitless; NaN where missing.
     depth: NDArray[np.float32]
     near_is_large: bool
     has_unit: bool
-    step: float
+    step: float  #: Quantisation step of the file, in the same unit; 0 for floats.
     warnings: tuple[str, ...]
+    #: Quantisation step of the inverse depth, for files that quantise it; otherwise 0.
     inverse_step: float = 0.0
 
 

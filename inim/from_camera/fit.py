@@ -44,22 +44,15 @@ _STRAY = 0.005
 
 @dataclass(frozen=True)
 class DepthMap:
-    """Map from depth d to display depth: ``z = offset_mm + slope d``, or ``+ slope / d``.
+    """Map from depth d to display depth: ``z = offset_mm + slope d``, or ``+ slope / d``."""
 
-    Attributes
-    ----------
-    name : {"linear", "reciprocal", "printed"}
-    near, far : float
-        Range of d; values beyond it are clipped.
-    low_mm, high_mm : float
-        Range to which display depths are clipped.
-    """
-
-    name: str
+    name: str  #: {"linear", "reciprocal", "printed"}
+    #: Range of d; values beyond it are clipped.
     near: float
     far: float
     offset_mm: float
     slope: float
+    #: Range to which display depths are clipped.
     low_mm: float
     high_mm: float
 
@@ -243,29 +236,16 @@ def check_pinhole(camera: Pinhole, shape: tuple[int, int]) -> None:
 
 @dataclass(frozen=True)
 class PictureFit:
-    """A picture in the display frame.
-
-    Attributes
-    ----------
-    clipped : float
-        Share of the samples with depth that are out of range.
-    empty : float
-        Share of the lens array's area without any surface in front of or behind it.
-    frame_at : float or None
-        Distance at which the picture fits the array, in the unit of the depth; None if
-        orthographic.
-    scale : float
-        Display millimetres per unit of length in x and y, or per picture pixel if orthographic.
-    framing : str or None
-        Description of the automatic framing, if used.
-    """
+    """A picture in the display frame."""
 
     rgbd: RGBD
-    clipped: float
-    empty: float
+    clipped: float  #: Share of the samples with depth that are out of range.
+    empty: float  #: Share of the lens array's area without any surface in front of or behind it.
+    #: Distance at which the picture fits the array, in the unit of the depth; None if orthographic.
     frame_at: float | None
+    #: Display millimetres per unit of length in x and y, or per picture pixel if orthographic.
     scale: float
-    framing: str | None = None
+    framing: str | None = None  #: Description of the automatic framing, if used.
 
 
 def fit_picture(

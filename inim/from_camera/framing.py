@@ -35,25 +35,16 @@ _TIE = 1e-9
 
 @dataclass(frozen=True)
 class Framing:
-    """Crop, depth range and fit of a picture.
+    """Crop, depth range and fit of a picture."""
 
-    Attributes
-    ----------
-    rows, columns : slice
-        Part of the picture.
-    near, far : float
-        Depth range, in the picture's unit.
-    subject_depth : float
-        Median depth of the subject.
-    fit : {"contain", "cover"}
-    """
-
+    #: Part of the picture.
     rows: slice
     columns: slice
+    #: Depth range, in the picture's unit.
     near: float
     far: float
-    subject_depth: float
-    fit: str
+    subject_depth: float  #: Median depth of the subject.
+    fit: str  #: {"contain", "cover"}
     reason: str
 
 

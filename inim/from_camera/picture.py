@@ -151,33 +151,16 @@ def _contrast(grey: NDArray[np.float32]) -> NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class ColorDepth:
-    """Colour and depth of a camera on one grid.
+    """Colour and depth of a camera on one grid."""
 
-    Attributes
-    ----------
-    color : (H, W, 3) uint8 sRGB, or float32 linear RGB
-    values : DepthValues
-        Same rows and columns as `color`.
-    coarseness : float
-        Width of a depth sample in colour pixels, at least 1.
-    depth_size : (columns, rows)
-        Size of the depth file.
-    missing : float
-        Share of the depth pixels without depth.
-    camera : Pinhole or None
-        None for orthographic pictures.
-    notes : tuple of str
-        Depth and camera properties that a photograph contains.
-    """
-
-    color: np.ndarray
-    values: DepthValues
-    coarseness: float
-    depth_size: tuple[int, int]
-    missing: float
+    color: np.ndarray  #: (H, W, 3) uint8 sRGB, or float32 linear RGB
+    values: DepthValues  #: Same rows and columns as `color`.
+    coarseness: float  #: Width of a depth sample in colour pixels, at least 1.
+    depth_size: tuple[int, int]  #: (columns, rows): size of the depth file.
+    missing: float  #: Share of the depth pixels without depth.
     warnings: tuple[str, ...]
-    camera: Pinhole | None
-    notes: tuple[str, ...] = ()
+    camera: Pinhole | None  #: None for orthographic pictures.
+    notes: tuple[str, ...] = ()  #: Depth and camera properties that a photograph contains.
 
 
 @dataclass(frozen=True)

@@ -34,14 +34,6 @@ class TileFrame(NamedTuple):
     Sample (i, j) of value q is at ``x = ax (j - cx) w + ox``, ``y = -ay (i - cy) w + oy`` with
     w = 1 / q if `perspective`, else 1. Its z is ``offset_mm + slope q``, or ``+ slope / q`` if
     `over_q`, clipped to `low_mm` .. `high_mm`. Cells are `cell_mm` wide.
-
-    Attributes
-    ----------
-    q_low, q_high : float
-        Range to which samples are clipped; samples out of range are omitted if `drop`.
-    tolerance, tolerance_share : float
-        Neighbours belong to one surface if their q differ by at most
-        ``tolerance + tolerance_share min(q)``.
     """
 
     ax: float
@@ -57,8 +49,11 @@ class TileFrame(NamedTuple):
     low_mm: float
     high_mm: float
     cell_mm: float
+    #: Range to which samples are clipped; samples out of range are omitted if `drop`.
     q_low: float
     q_high: float
+    #: Neighbours belong to one surface if their q differ by at most ``tolerance + tolerance_share
+    #: min(q)``.
     tolerance: float
     tolerance_share: float
     drop: bool
@@ -66,21 +61,12 @@ class TileFrame(NamedTuple):
 
 @dataclass(frozen=True)
 class TileImage:
-    """Cells of the display's picture.
+    """Cells of the display's picture."""
 
-    Attributes
-    ----------
-    color : (rows, columns, 3) float32, linear RGB
-    depth_mm : (rows, columns) float32
-    covered : (rows, columns) bool
-    clipped : int
-        Number of samples out of range.
-    """
-
-    color: NDArray[np.float32]
-    depth_mm: NDArray[np.float32]
-    covered: NDArray[np.bool_]
-    clipped: int
+    color: NDArray[np.float32]  #: (rows, columns, 3) float32, linear RGB
+    depth_mm: NDArray[np.float32]  #: (rows, columns) float32
+    covered: NDArray[np.bool_]  #: (rows, columns) bool
+    clipped: int  #: Number of samples out of range.
 
 
 def draw_tiles(

@@ -50,22 +50,14 @@ def camera_directions(arrangement: str) -> tuple[tuple[float, float], ...]:
 
 @dataclass(frozen=True)
 class Camera:
-    """Map from pixels and depths of a picture to points of the display frame.
+    """Map from pixels and depths of a picture to points of the display frame."""
 
-    Attributes
-    ----------
-    display_from_picture : (3, 4) float64
-        Times ``(j w, i w, d, 1)`` it gives the point of column j and row i at depth d, in mm. The
-        centre of the first pixel is at (0, 0).
-    is_pinhole : bool
-        True if w = d, the distance along the camera's axis; False if w = 1.
-    same_surface : (least, share) of float
-        Neighbouring pixels are one surface if their depths differ by at most
-        ``least + share min(d)``.
-    """
-
+    #: (3, 4) float64: times ``(j w, i w, d, 1)`` it gives the point of column j and row i at depth
+    #: d, in mm. The centre of the first pixel is at (0, 0).
     display_from_picture: NDArray[np.float64]
-    is_pinhole: bool
+    is_pinhole: bool  #: True if w = d, the distance along the camera's axis; False if w = 1.
+    #: (least, share) of float: neighbouring pixels are one surface if their depths differ by at
+    #: most ``least + share min(d)``.
     same_surface: tuple[float, float]
 
     @classmethod
@@ -114,24 +106,14 @@ class Camera:
 
 @dataclass(frozen=True)
 class CameraRGBD:
-    """RGB-D picture of a camera with a position and direction of its own.
+    """RGB-D picture of a camera with a position and direction of its own."""
 
-    Attributes
-    ----------
-    color : (H, W, 3) float32
-        Linear RGB.
-    depth : (H, W) float32
-        Depth as the camera defines it; inf where the camera sees that there is nothing, and NaN
-        where the depth is unknown.
-    camera : Camera
-    name : str
-        For messages: its file.
-    """
-
-    color: NDArray[np.float32]
+    color: NDArray[np.float32]  #: (H, W, 3) float32: linear RGB.
+    #: (H, W) float32: depth as the camera defines it; inf where the camera sees that there is
+    #: nothing, and NaN where the depth is unknown.
     depth: NDArray[np.float32]
     camera: Camera
-    name: str = "camera"
+    name: str = "camera"  #: For messages: its file.
 
     def __post_init__(self) -> None:
         color, depth = np.asarray(self.color, np.float32), np.asarray(self.depth, np.float32)

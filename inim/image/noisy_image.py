@@ -15,19 +15,13 @@ class NoisyImage:
     The image is the mean of the halves, its noise is half their difference. A rendered image stores
     its halves, any other image stores itself and its noise. The other two follow, in float32: an
     8K panel takes 0.4 GB per array, so they are computed on each request.
-
-    Attributes
-    ----------
-    arrays : two (rows, columns, 3) float32, linear RGB
-        The halves, or the image and its noise. The noise is None for an image without noise.
-    stores_halves : bool
-    nonfinite : int
-        Number of pixels that were not finite and are black instead.
     """
 
+    #: two (rows, columns, 3) float32, linear RGB: the halves, or the image and its noise. The noise
+    #: is None for an image without noise.
     arrays: tuple[np.ndarray, np.ndarray | None]
     stores_halves: bool = False
-    nonfinite: int = 0
+    nonfinite: int = 0  #: Number of pixels that were not finite and are black instead.
 
     @classmethod
     def from_halves(cls, first: np.ndarray, second: np.ndarray) -> NoisyImage:

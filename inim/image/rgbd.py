@@ -19,22 +19,13 @@ _THUMBNAIL_PX = 256
 
 @dataclass(frozen=True)
 class Layer:
-    """A surface of a picture, with the solid that it begins.
+    """A surface of a picture, with the solid that it begins."""
 
-    Attributes
-    ----------
-    color : (H, W, channels)
-        As in the picture.
-    front_mm, back_mm : (H, W) float32
-        Where the solid begins and ends, ``back_mm <= front_mm``.
-    covered : (H, W) bool
-        Where there is such a layer.
-    """
-
-    color: np.ndarray
+    color: np.ndarray  #: (H, W, channels): as in the picture.
+    #: (H, W) float32: where the solid begins and ends, ``back_mm <= front_mm``.
     front_mm: NDArray[np.float32]
     back_mm: NDArray[np.float32]
-    covered: NDArray[np.bool_]
+    covered: NDArray[np.bool_]  #: (H, W) bool: where there is such a layer.
 
 
 @dataclass(frozen=True)

@@ -27,26 +27,19 @@ BESIDE = np.array([(0, -1), (0, 1), (-1, 0), (1, 0)])
 
 @dataclass(frozen=True)
 class Sides:
-    """Pieces of all sides, ordered by rows, columns and depths, nearest first.
+    """Pieces of all sides, ordered by rows, columns and depths, nearest first."""
 
-    Attributes
-    ----------
-    slopes : (2,) float
-        Slopes of the display's steepest rays, horizontally and vertically.
-    solid, row, column : (pieces,) int32
-        Number of the solid in its pixel, and the pixel.
-    front_mm, back_mm : (pieces,) float32
-        Display z. A solid's last piece ends at the solid's back.
-    low_mm, high_mm : (pieces, 4) float32
-        Tallest gap next to a piece, left, right, above and below; equal without a gap.
-    """
-
+    #: Slopes of the display's steepest rays, horizontally and vertically.
     slopes: tuple[float, float]
+    #: (pieces,) int32: number of the solid in its pixel, and the pixel.
     solid: NDArray[np.int32]
     row: NDArray[np.int32]
     column: NDArray[np.int32]
+    #: (pieces,) float32: display z. A solid's last piece ends at the solid's back.
     front_mm: NDArray[np.float32]
     back_mm: NDArray[np.float32]
+    #: (pieces, 4) float32: tallest gap next to a piece, left, right, above and below; equal without
+    #: a gap.
     low_mm: NDArray[np.float32]
     high_mm: NDArray[np.float32]
 

@@ -28,21 +28,13 @@ _NEIGHBOURS = {
 
 
 class Landings(NamedTuple):
-    """Panel points of rays.
+    """Panel points of rays."""
 
-    Attributes
-    ----------
-    x_mm, y_mm : (n,) float64
-        On the panel, display frame.
-    weight : (n,) float64
-        Share of a ray's light that gets there.
-    lens_x_mm, lens_y_mm : (n,) float64
-        Centre of the lens that bent the ray, array frame; NaN where none did.
-    """
-
+    #: (n,) float64: on the panel, display frame.
     x_mm: np.ndarray
     y_mm: np.ndarray
-    weight: np.ndarray
+    weight: np.ndarray  #: (n,) float64: share of a ray's light that gets there.
+    #: (n,) float64: centre of the lens that bent the ray, array frame; NaN where none did.
     lens_x_mm: np.ndarray
     lens_y_mm: np.ndarray
 
@@ -158,21 +150,13 @@ def cell_of(
 
 
 class Lens(NamedTuple):
-    """Lens whose cell contains a point of the array plane, for (n,) points.
+    """Lens whose cell contains a point of the array plane, for (n,) points."""
 
-    Attributes
-    ----------
-    x_mm, y_mm : (n,) float64
-        Its centre, array frame.
-    exists : (n,) bool
-        True if the point is on the array.
-    in_aperture : (n,) bool
-    """
-
+    #: (n,) float64: its centre, array frame.
     x_mm: np.ndarray
     y_mm: np.ndarray
-    exists: np.ndarray
-    in_aperture: np.ndarray
+    exists: np.ndarray  #: (n,) bool: true if the point is on the array.
+    in_aperture: np.ndarray  #: (n,) bool
 
 
 def lens_at(display: Display, x_mm: np.ndarray, y_mm: np.ndarray) -> Lens:
@@ -201,32 +185,21 @@ _RAYS_ACROSS = 32
 
 @dataclass(frozen=True)
 class Spot:
-    """Image of a point on the panel, through one lens.
+    """Image of a point on the panel, through one lens."""
 
-    Attributes
-    ----------
-    field_angle_deg : float
-        Angle between the axis and the line from the lens's centre to the point.
-    colour : str
-        ``"all"`` without dispersion, or one of `COLOURS`.
-    x_um, y_um : (n,) float64
-        Panel points of its rays, relative to their centre of gravity.
-    centre_x_mm, centre_y_mm : float
-        Centre of gravity on the panel, display frame.
-    rms_radius_um, rms_radius_px : float
-        Root mean square distance from it, weighted by light; in µm and in panel pixels.
-    lost_share : float
-        Share of the aperture's rays that are blocked or refracted by a neighbouring lens.
-    """
-
+    #: Angle between the axis and the line from the lens's centre to the point.
     field_angle_deg: float
-    colour: str
+    colour: str  #: ``"all"`` without dispersion, or one of `COLOURS`.
+    #: (n,) float64: panel points of its rays, relative to their centre of gravity.
     x_um: np.ndarray
     y_um: np.ndarray
+    #: Centre of gravity on the panel, display frame.
     centre_x_mm: float
     centre_y_mm: float
+    #: Root mean square distance from it, weighted by light; in µm and in panel pixels.
     rms_radius_um: float
     rms_radius_px: float
+    #: Share of the aperture's rays that are blocked or refracted by a neighbouring lens.
     lost_share: float
 
     def figures(self) -> SpotFigures:

@@ -28,31 +28,18 @@ Trace = Callable[[LensArray, LensTraits, Ops, Any, Any, Any, Any, Any], PanelRay
 
 @dataclass(frozen=True)
 class SheetMesh:
-    """A closed body, display frame, millimetres; faces run counter-clockwise seen from outside.
+    """A closed body, display frame, millimetres; faces run counter-clockwise seen from outside."""
 
-    Attributes
-    ----------
-    vertices, normals : (n, 3) float64
-        Normals point outwards and are those of the exact surface.
-    faces : (m, 3) uint32
-    is_glass : (m,) bool
-        Which faces refract; the others are the black mount.
-    front_mm : float
-        Largest z.
-    flat_mm, rear_principal_mm : float
-        z of the flat face, and of the rear principal plane.
-    facet_error_mm : float
-        How far, along z, facets depart from the curved face at most.
-    """
-
+    #: (n, 3) float64: normals point outwards and are those of the exact surface.
     vertices: np.ndarray
     normals: np.ndarray
-    faces: np.ndarray
-    is_glass: np.ndarray
-    front_mm: float
+    faces: np.ndarray  #: (m, 3) uint32
+    is_glass: np.ndarray  #: (m,) bool: which faces refract; the others are the black mount.
+    front_mm: float  #: Largest z.
+    #: z of the flat face, and of the rear principal plane.
     flat_mm: float
     rear_principal_mm: float
-    facet_error_mm: float
+    facet_error_mm: float  #: How far, along z, facets depart from the curved face at most.
 
 
 def _accept_any(display: Display) -> None:
@@ -144,21 +131,11 @@ _ON_FACE = 3e-6
 
 
 class Face(NamedTuple):
-    """Face of revolution; absent terms are None and are not computed.
+    """Face of revolution; absent terms are None and are not computed."""
 
-    Attributes
-    ----------
-    curvature :
-        c = 1 / R, mm^-1; 0 for a plane.
-    conic :
-        k: 0 or None for a sphere, -1 for a paraboloid.
-    asphere : (a4, a6), optional
-        mm^-3 and mm^-5.
-    """
-
-    curvature: Any
-    conic: Any = None
-    asphere: tuple[Any, Any] | None = None
+    curvature: Any  #: c = 1 / R, mm^-1; 0 for a plane.
+    conic: Any = None  #: k: 0 or None for a sphere, -1 for a paraboloid.
+    asphere: tuple[Any, Any] | None = None  #: (a4, a6), optional: mm^-3 and mm^-5.
 
 
 def _under_root(face: Face, r_squared: Any) -> Any:

@@ -23,18 +23,10 @@ _UNIT = re.compile(r"[A-Za-z]*")
 
 @dataclass(frozen=True)
 class Viewing:
-    """Viewing conditions of an image, for perceptual metrics.
+    """Viewing conditions of an image, for perceptual metrics."""
 
-    Attributes
-    ----------
-    pixels_per_degree : float
-        At the centre of the image.
-    luminance_cd_m2 : float
-        Luminance of white.
-    """
-
-    pixels_per_degree: float
-    luminance_cd_m2: float
+    pixels_per_degree: float  #: At the centre of the image.
+    luminance_cd_m2: float  #: Luminance of white.
 
     @classmethod
     def of(cls, pixel_mm: float, eye_mm: Sequence[float], luminance_cd_m2: float) -> Viewing:

@@ -50,23 +50,13 @@ _TESTS = 4
 
 @dataclass(frozen=True)
 class TileChange:
-    """Changes between two images by tile; the last axis is R, G, B, power.
+    """Changes between two images by tile; the last axis is R, G, B, power."""
 
-    Attributes
-    ----------
-    codes : (R, C, 4) float64
-        Change in 8-bit codes, candidate minus baseline.
-    limit : (R, C, 4) float64
-        Largest change that passes, in the direction of the change.
-    half_width : (R, C, 4) float64
-        Half width of the change's interval.
-    p_value : (R, C, 4) float64
-    """
-
-    codes: np.ndarray
+    codes: np.ndarray  #: (R, C, 4) float64: change in 8-bit codes, candidate minus baseline.
+    #: (R, C, 4) float64: largest change that passes, in the direction of the change.
     limit: np.ndarray
-    half_width: np.ndarray
-    p_value: np.ndarray
+    half_width: np.ndarray  #: (R, C, 4) float64: half width of the change's interval.
+    p_value: np.ndarray  #: (R, C, 4) float64
 
     @property
     def failed(self) -> np.ndarray:

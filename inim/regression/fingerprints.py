@@ -32,21 +32,13 @@ _SAMPLES = 8192
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """Digest and sample of a generator's EIA of the reference input.
+    """Digest and sample of a generator's EIA of the reference input."""
 
-    Attributes
-    ----------
-    exact : bool
-        True if the algorithm guarantees equality.
-    input_sha256, eia_sha256 : str
-        Digests of the picture and of the EIA's float32 values.
-    sample : (n, 3) uint8
-        Linear values times 255 of pixels spread evenly over the lensed panel.
-    """
-
-    exact: bool
+    exact: bool  #: True if the algorithm guarantees equality.
+    #: Digests of the picture and of the EIA's float32 values.
     input_sha256: str
     eia_sha256: str
+    #: (n, 3) uint8: linear values times 255 of pixels spread evenly over the lensed panel.
     sample: np.ndarray
 
     def as_record(self) -> FingerprintRecord:

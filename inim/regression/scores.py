@@ -87,30 +87,15 @@ _STEPS = (_STEP, -_STEP, 2 * _STEP, -2 * _STEP)
 
 @dataclass(frozen=True)
 class ScoreEstimate:
-    """A score with its uncertainty.
+    """A score with its uncertainty."""
 
-    Attributes
-    ----------
-    plain : float
-        Score of the noisy images.
-    error : float
-        Standard error of `plain`.
-    freedom : float
-        Degrees of freedom of `error`.
-    bias : float
-        Change of `plain` if the noise's variance doubled.
-    value_error : float
-        Standard error of `value`; infinite if unknown, as in a baseline.
-    value_freedom : float
-        Degrees of freedom of `value_error`.
-    """
-
-    plain: float
-    error: float
-    freedom: float
-    bias: float
+    plain: float  #: Score of the noisy images.
+    error: float  #: Standard error of `plain`.
+    freedom: float  #: Degrees of freedom of `error`.
+    bias: float  #: Change of `plain` if the noise's variance doubled.
+    #: Standard error of `value`; infinite if unknown, as in a baseline.
     value_error: float = math.inf
-    value_freedom: float = 1.0
+    value_freedom: float = 1.0  #: Degrees of freedom of `value_error`.
 
     @property
     def value(self) -> float:

@@ -48,28 +48,18 @@ _PIXELS_AT_ONCE = 2**18
 
 @dataclass(frozen=True)
 class TileStatistics:
-    """Statistics of an image's tiles.
+    """Statistics of an image's tiles."""
 
-    Attributes
-    ----------
-    tile : (int, int)
-        Rows and columns of a tile in pixels; the last ones may be cut.
-    shape : (int, int)
-        Rows and columns of the image.
-    mean, mean_error : (R, C, 3) float32
-        Linear RGB, and its standard error.
-    power, power_error : (R, C) float32
-        Mean square over pixels and colours, and its standard error.
-    freedom : (R, C, 3) float32
-        Degrees of freedom of `mean_error`; the smallest of the three also applies to the power.
-    """
-
-    tile: tuple[int, int]
-    shape: tuple[int, int]
+    tile: tuple[int, int]  #: Rows and columns of a tile in pixels; the last ones may be cut.
+    shape: tuple[int, int]  #: Rows and columns of the image.
+    #: (R, C, 3) float32: linear RGB, and its standard error.
     mean: np.ndarray
     mean_error: np.ndarray
+    #: (R, C) float32: mean square over pixels and colours, and its standard error.
     power: np.ndarray
     power_error: np.ndarray
+    #: (R, C, 3) float32: degrees of freedom of `mean_error`; the smallest of the three also applies
+    #: to the power.
     freedom: np.ndarray
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -160,25 +150,17 @@ def tile_statistics(
 
 
 class _Sums(NamedTuple):
-    """Sums over the pixels of each tile; see the module.
+    """Sums over the pixels of each tile; see the module."""
 
-    Attributes
-    ----------
-    pixels, power, spread : (R, C) float64
-        Number of pixels, sum of `a b`, and sum of squared errors of `a b`.
-    mean, halves : (R, C, 3) float64
-        Sums of ``(a + b) / 2`` and ``a - b``.
-    squares, fourths : (R, C, 3) float64
-        Sums over sets of powers of the set's ``(a - b) / 2``.
-    """
-
-    pixels: np.ndarray
+    pixels: np.ndarray  #: (R, C) float64: number of pixels.
+    #: (R, C, 3) float64: sums of ``(a + b) / 2`` and ``a - b``.
     mean: np.ndarray
     halves: np.ndarray
+    #: (R, C, 3) float64: sums over sets of powers of the set's ``(a - b) / 2``.
     squares: np.ndarray
     fourths: np.ndarray
-    power: np.ndarray
-    spread: np.ndarray
+    power: np.ndarray  #: (R, C) float64: sum of `a b`.
+    spread: np.ndarray  #: (R, C) float64: sum of squared errors of `a b`.
 
     @classmethod
     def of(

@@ -47,44 +47,26 @@ _PLUGIN = re.compile(r"\w+", re.ASCII)
 
 @dataclass(frozen=True)
 class SceneFile:
-    """A scanned scene file.
-
-    Attributes
-    ----------
-    path : Path
-    settings : dict of str to str
-        `inim.*` texts; the command line overrides the file.
-    parameters : dict of str to str
-        Parameters for Mitsuba's loader.
-    meshes : tuple of (str, Path)
-        Shape plugin and mesh file of the scene's shapes, to be decoded for Mitsuba.
-    pictures, volumes : tuple of Path
-        Pictures to be decoded for Mitsuba or checked, and grids to be checked, because Mitsuba
-        allocates the size in a header.
-    named : dict of str to Path
-        Path of every named file, by its name in the scene.
-    contents : dict of Path to tuple
-        SHA-256, size and modification times of the XML and all named files as read.
-    definitions, allowed : dict, tuple of Path
-        Arguments of the scan.
-    sha256 : str
-        Digest of the XML and all named files.
-    rendered_sha256 : str
-        Digest of the renderer's input: elements with substituted parameters, and the bytes of
-        files, without `inim.*` settings, comments, layout, includes, or the names of files.
-    """
+    """A scanned scene file."""
 
     path: Path
-    settings: dict[str, str]
-    parameters: dict[str, str]
+    settings: dict[str, str]  #: `inim.*` texts; the command line overrides the file.
+    parameters: dict[str, str]  #: Parameters for Mitsuba's loader.
+    #: Shape plugin and mesh file of the scene's shapes, to be decoded for Mitsuba.
     meshes: tuple[tuple[str, Path], ...]
+    #: Pictures to be decoded for Mitsuba or checked, and grids to be checked, because Mitsuba
+    #: allocates the size in a header.
     pictures: tuple[Path, ...]
     volumes: tuple[Path, ...]
-    named: dict[str, Path]
+    named: dict[str, Path]  #: Path of every named file, by its name in the scene.
+    #: SHA-256, size and modification times of the XML and all named files as read.
     contents: dict[Path, Content]
+    #: Arguments of the scan.
     definitions: Mapping[str, str]
     allowed: tuple[Path, ...]
-    sha256: str
+    sha256: str  #: Digest of the XML and all named files.
+    #: Digest of the renderer's input: elements with substituted parameters, and the bytes of files,
+    #: without `inim.*` settings, comments, layout, includes, or the names of files.
     rendered_sha256: str
 
     def check_unchanged(self) -> None:

@@ -45,24 +45,12 @@ _SAME_SHAPE = 0.02
 
 @dataclass(frozen=True)
 class DepthPhoto:
-    """A photograph with depth inside.
+    """A photograph with depth inside."""
 
-    Attributes
-    ----------
-    color : (H, W, 3) uint8
-        sRGB, upright.
-    values : DepthValues
-        Upright, at the resolution of the depth image.
-    camera : Pinhole or None
-        Camera of the upright colour picture; None if the file has none.
-    notes : tuple of str
-        Two lines: kind and scale of the depth; source of the camera.
-    """
-
-    color: NDArray[np.uint8]
-    values: DepthValues
-    camera: Pinhole | None
-    notes: tuple[str, ...]
+    color: NDArray[np.uint8]  #: (H, W, 3) uint8: sRGB, upright.
+    values: DepthValues  #: Upright, at the resolution of the depth image.
+    camera: Pinhole | None  #: Camera of the upright colour picture; None if the file has none.
+    notes: tuple[str, ...]  #: Two lines: kind and scale of the depth; source of the camera.
 
 
 def read_depth_photo(path: Path) -> DepthPhoto:

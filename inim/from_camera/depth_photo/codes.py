@@ -60,24 +60,14 @@ class Coding:
 
 @dataclass(frozen=True)
 class EmbeddedDepth:
-    """A depth image as stored in a photograph.
+    """A depth image as stored in a photograph."""
 
-    Attributes
-    ----------
-    codes : (h, w) uint8 or uint16
-    camera : Pinhole or None
-        Camera of the stored colour picture, before its rotation upright.
-    camera_size : (columns, rows)
-        Picture size to which `camera` refers.
-    along_ray : bool
-        Distances are measured along the ray, not along the optical axis.
-    """
-
-    codes: np.ndarray
+    codes: np.ndarray  #: (h, w) uint8 or uint16
     coding: Coding
+    #: Camera of the stored colour picture, before its rotation upright.
     camera: Pinhole | None = None
-    camera_size: tuple[float, float] = (0.0, 0.0)
-    along_ray: bool = False
+    camera_size: tuple[float, float] = (0.0, 0.0)  #: Picture size to which `camera` refers.
+    along_ray: bool = False  #: Distances are measured along the ray, not along the optical axis.
 
 
 def parse_number(text: str | None, path: Path, name: str) -> float:
