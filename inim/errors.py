@@ -107,8 +107,6 @@ def suggest_words(
 
     Parameters
     ----------
-    word : object
-    allowed : iterable of str
     otherwise : str
         Text instead of "use A or B" if no allowed word is similar.
     prefix : str

@@ -136,10 +136,7 @@ def activate(backend: Backend) -> None:
     Dr.Jit searches its libraries once, when it is imported. If it is already loaded, its own
     choice is accepted unless its version is known to fail.
 
-    Raises
-    ------
-    BackendError
-        Dr.Jit is already loaded without a library that `backend` needs.
+    Raises `BackendError`: Dr.Jit is already loaded without a library that `backend` needs.
     """
     if "drjit" in sys.modules:
         check_loaded(backend.name)
@@ -222,13 +219,8 @@ def choose_backend(requested: str = "auto", search: Sequence[Path] | None = None
         Folders for the search of libLLVM, instead of the usual ones. The environment
         variable INIM_LLVM_SEARCH (folders joined by ``:``) has the same effect.
 
-    Raises
-    ------
-    BackendError
-        No backend works; the message lists the candidates, the reasons of rejection, and the
-        remedy.
-    UsageError
-        `requested` is none of the three.
+    Raises `BackendError`: no backend works; the message lists the candidates, the reasons of
+    rejection, and the remedy. `UsageError`: `requested` is none of the three.
     """
     if requested not in BACKENDS:
         raise UsageError(f"backend {requested!r} is unknown: choose one of {', '.join(BACKENDS)}")

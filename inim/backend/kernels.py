@@ -76,7 +76,6 @@ def compiled(function: Callable[..., Any] | None = None, *, inline: str = "never
 
     Parameters
     ----------
-    function : callable
     inline : {"never", "always"}
         Copy the function into its callers.
     """
@@ -170,10 +169,7 @@ def cache_folder(package: Path) -> str:
     package : Path
         The folder whose modules are compiled.
 
-    Raises
-    ------
-    FileError
-        No folder can be written.
+    Raises `FileError`: no folder can be written.
     """
     named = os.environ.get(_VARIABLE, "")
     if named or any(map(_can_hold, (package / "__pycache__", _user_cache()))):

@@ -29,10 +29,7 @@ def parse_misalignment(misalignment: str | Mapping[str, float]) -> dict[str, flo
         ``"rotation_deg=0.5, shift_x_mm=0.1"``, or ``{"rotation_deg": 0.5, "shift_x_mm": 0.1}``.
         Empty: none.
 
-    Raises
-    ------
-    UsageError
-        An unknown or doubled key, a value that is no number, or another type.
+    Raises `UsageError`: an unknown or doubled key, a value that is no number, or another type.
     """
     if isinstance(misalignment, str):
         items = [part.strip() for part in misalignment.split(",") if part.strip()]
@@ -76,12 +73,7 @@ def misaligned(display: Display, misalignment: str | Mapping[str, float]) -> Dis
     misalignment : str or mapping
         Deviation; see `parse_misalignment`. It is added to the design's own values.
 
-    Raises
-    ------
-    UsageError
-        See `parse_misalignment`.
-    DisplayError
-        The misalignment is impossible.
+    Raises `UsageError`: see `parse_misalignment`. `DisplayError`: the misalignment is impossible.
     """
     off = parse_misalignment(misalignment)
     if not off:

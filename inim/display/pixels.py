@@ -63,7 +63,6 @@ def emission_profile(
 
     Parameters
     ----------
-    subpixel : SubPixel
     fill : float
         `Display.pixel_fill`.
     select : callable
@@ -164,10 +163,7 @@ def pixel_axis(display: Display, sign: int) -> PixelAxis:
     halves of the panel are mirror images bit for bit (except a pixel on the axis at a border
     between lenses, which must belong to one side).
 
-    Raises
-    ------
-    DisplayError
-        The display is not separable, or no pixel is under a lens.
+    Raises `DisplayError`: the display is not separable, or no pixel is under a lens.
     """
     if not display.is_separable:
         raise DisplayError(
@@ -311,10 +307,7 @@ def pixel_rays(
 def least_gap_mm(display: Display) -> float:
     """The smallest gap over the panel, where that is tilted.
 
-    Raises
-    ------
-    DisplayError
-        When the panel meets the array.
+    Raises `DisplayError`: the panel meets the array.
     """
     rows, columns = display.eia_shape
     slopes = [abs(slope) for slope in display.tilt_slopes]

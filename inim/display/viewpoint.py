@@ -120,10 +120,7 @@ def focus_distance_mm(viewpoint: Viewpoint, display: Display) -> float:
     that plane is at infinity (a focused display). A pinhole eye is focused at all distances,
     represented by the array.
 
-    Raises
-    ------
-    ViewpointError
-        The central depth plane is not in front of an eye with a pupil.
+    Raises `ViewpointError`: the central depth plane is not in front of an eye with a pupil.
     """
     if viewpoint.focus_mm is not None:
         return viewpoint.focus_mm
@@ -170,10 +167,7 @@ def viewpoint_items(viewpoints: object) -> tuple[str | Viewpoint, ...]:
     viewpoints : str, Viewpoint or sequence of them
         Texts are separated at their commas; see `parse_viewpoints`.
 
-    Raises
-    ------
-    UsageError
-        Another type, or no viewpoint at all.
+    Raises `UsageError`: another type, or no viewpoint at all.
     """
     if isinstance(viewpoints, Viewpoint):
         return (viewpoints,)
@@ -224,12 +218,8 @@ def parse_viewpoints(
         For every eye given as text; see `Viewpoint`. Eyes with a pupil are returned with explicit
         focus, because they may later see a misaligned display.
 
-    Raises
-    ------
-    UsageError
-        See `viewpoint_items`.
-    ViewpointError
-        Unknown or doubled name, unreadable position, or outside the viewing zone.
+    Raises `UsageError`: see `viewpoint_items`. `ViewpointError`: unknown or doubled name,
+    unreadable position, or outside the viewing zone.
     """
     distance = default_distance_mm(display) if distance_mm is None else distance_mm
     eyes = [
@@ -258,10 +248,8 @@ def parse_viewpoints(
 def viewpoint_of(viewpoint: Viewpoint | str, display: Display) -> Viewpoint:
     """A viewpoint from a value, or from its text as `parse_viewpoints` reads it; not checked.
 
-    Raises
-    ------
-    UsageError, ViewpointError
-        Another type, several viewpoints, or text that cannot be read.
+    Raises `UsageError` or `ViewpointError`: another type, several viewpoints, or text that cannot
+    be read.
     """
     item, *others = viewpoint_items(viewpoint)
     if others:
@@ -300,18 +288,13 @@ def eye_path(
     text : str
         ``"circle"`` (an ellipse well inside the viewing zone, at the usual distance), or two or
         more positions ``"x y [z], x y [z]"`` in millimetres, to be walked at even steps and back.
-    display : Display
     count : int
         Frames.
     allow_flips : bool
         Positions may lie outside the viewing zone.
 
-    Raises
-    ------
-    UsageError
-        A path that cannot be read.
-    ViewpointError
-        A position outside the viewing zone.
+    Raises `UsageError`: a path that cannot be read. `ViewpointError`: a position outside the
+    viewing zone.
     """
     distance = default_distance_mm(display)
     if text.strip() == "circle":
@@ -335,15 +318,10 @@ def zone_eyes(display: Display, count: int, distance_mm: float | None = None) ->
 
     Parameters
     ----------
-    display : Display
-    count : int
     distance_mm : float, optional
         `default_distance_mm` otherwise.
 
-    Raises
-    ------
-    ViewpointError
-        Too close for a viewing zone.
+    Raises `ViewpointError`: too close for a viewing zone.
     """
     distance = default_distance_mm(display) if distance_mm is None else distance_mm
     check_viewpoint(Viewpoint("middle", 0.0, 0.0, distance), display)

@@ -92,15 +92,11 @@ def decode(text: str, *types: type[_D]) -> _D:
 
     Parameters
     ----------
-    text : str
     *types : type of Document
         The key `schema` selects among them.
 
-    Raises
-    ------
-    ValueError
-        Not strict JSON, nested too deeply, or not as the type declares; the message gives the
-        place in the document.
+    Raises `ValueError`: not strict JSON, nested too deeply, or not as the type declares; the
+    message gives the place in the document.
     """
     try:
         values = json.loads(
@@ -201,10 +197,7 @@ def schema(name: str) -> dict[str, Any]:
     name : str
         One of `NAMES`.
 
-    Raises
-    ------
-    ValueError
-        Another name.
+    Raises `ValueError`: another name.
     """
     if name not in _CLASSES:
         raise ValueError(f"schema {name!r}: use {' or '.join(NAMES)}")

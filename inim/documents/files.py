@@ -26,17 +26,13 @@ def read_document(path: Path, remedy: str, *types: type[_D]) -> _D:
 
     Parameters
     ----------
-    path : Path
     remedy : str
         End of each error message.
     *types : type of Document
         The key `schema` selects among them.
 
-    Raises
-    ------
-    FileError
-        Missing, not a regular file, too large, not strict JSON, or not as its type declares. The
-        line names the file and the place in the document.
+    Raises `FileError`: missing, not a regular file, too large, not strict JSON, or not as its type
+    declares. The line names the file and the place in the document.
     """
     data = read_file(path, _LARGEST_BYTES, remedy=remedy)
     try:
@@ -60,8 +56,6 @@ def write_forms(
 
     Parameters
     ----------
-    document : Document
-    folder : Path
     name : str
         File name of the document.
     forms : mapping of str to callable

@@ -351,10 +351,7 @@ def unprojection(
     frame_at : float
         Distance at which the picture fits the array.
 
-    Raises
-    ------
-    UsageError
-        The depths are not distances, or `frame_at` is not.
+    Raises `UsageError`: the depths are not distances, or `frame_at` is not.
     """
     _check_distances(values)
     rows, columns = values.depth.shape

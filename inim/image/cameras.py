@@ -27,10 +27,7 @@ def camera_directions(arrangement: str) -> tuple[tuple[float, float], ...]:
     image. An arrangement is a grid of rows and columns, ``3x3``, or a number of cameras: ``5`` is
     the centre and the four corners, and other numbers are grids, the longer side across.
 
-    Raises
-    ------
-    UsageError
-        Another text, or more than `MOST_CAMERAS`.
+    Raises `UsageError`: another text, or more than `MOST_CAMERAS`.
     """
     grid = _GRID.fullmatch(arrangement)
     rows, columns = (int(grid[1]), int(grid[2])) if grid else _GRIDS.get(arrangement, (0, 0))
@@ -133,10 +130,7 @@ class CameraRGBD:
 class CameraRGBDs:
     """RGB-D pictures of one scene from several cameras.
 
-    Raises
-    ------
-    UsageError
-        None, or more than `MOST_CAMERAS`.
+    Raises `UsageError`: none, or more than `MOST_CAMERAS`.
     """
 
     pictures: tuple[CameraRGBD, ...]

@@ -184,10 +184,8 @@ def with_sides(
     ----------
     solids : fronts, backs and colours
         (solids, rows, columns) float32, -inf where there is none; and (..., 3) linear RGB.
-    sides : Sides
     light : (pieces, 3) float32
     has_light : (pieces,) bool
-    pixel_mm : float
     """
     front_mm, back_mm, colors = solids
     exists = front_mm > -np.inf

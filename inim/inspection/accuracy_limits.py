@@ -47,7 +47,6 @@ def accuracy_warnings(
 
     Parameters
     ----------
-    display : Display
     lens_model : str, optional
         Lens model of the reconstructed views; None without views.
     viewpoints : iterable of Viewpoint

@@ -62,10 +62,7 @@ class Inspection(NamedTuple):
 def usable_model(chosen: str | None, display: Display) -> tuple[str, str | None]:
     """Lens model to use, and the reason if the default was replaced.
 
-    Raises
-    ------
-    InimError
-        A chosen model that does not exist or cannot be made.
+    Raises `InimError`: a chosen model that does not exist or cannot be made.
     """
     if chosen is not None:
         check_lens_model(chosen, display)
@@ -89,7 +86,6 @@ def inspect_display(
 
     Parameters
     ----------
-    design : Display
     distance_mm : float
         Viewing distance.
     misaligned : Display, optional
@@ -99,10 +95,7 @@ def inspect_display(
     source : str
         Source of the display.
 
-    Raises
-    ------
-    InimError
-        An impossible lens model, or a tilted panel that meets the array.
+    Raises `InimError`: an impossible lens model, or a tilted panel that meets the array.
     """
     real = design if misaligned is None else misaligned
     least_gap_mm(real)

@@ -56,7 +56,6 @@ def land(
 
     Parameters
     ----------
-    display : Display
     model : str
         One of `inim.lens.lens_models` that is no mesh.
     x_mm, y_mm, slope_x, slope_y : (n,) arrays
@@ -257,7 +256,6 @@ def spot(
         One of `inim.lens.lens_models` that is not a mesh.
     depth_mm : float
         z of the point, possibly behind the array or infinite.
-    field_angle_deg : float
     colour, index : str, float, optional
         Refractive index of that colour; default: the display's.
     """

@@ -102,10 +102,7 @@ def lens_model_name(model: LensModelName | LensModel) -> str:
 def lens_model(name: str) -> LensModel:
     """The model of a name.
 
-    Raises
-    ------
-    UsageError
-        Unknown, or another package's that cannot be loaded or is no `LensModel`.
+    Raises `UsageError`: unknown, or another package's that cannot be loaded or is no `LensModel`.
     """
     if name in _OWN:
         return _OWN[name]
@@ -186,12 +183,8 @@ def drawn_model(name: str) -> str:
 def check_lens_model(name: str, display: Display) -> None:
     """Raise unless the model exists and the display's lenses are possible for it.
 
-    Raises
-    ------
-    UsageError
-        Unknown model.
-    DisplayError
-        A prescription that cannot be ground or does not fit the gap.
+    Raises `UsageError`: unknown model. `DisplayError`: a prescription that cannot be ground or does
+    not fit the gap.
     """
     lens_model(name).check(display)
 
@@ -236,7 +229,6 @@ def trace_to_panel(
 
     Parameters
     ----------
-    display : Display
     name : str
         One of `lens_models` that is not a mesh.
     x_mm, y_mm : (...) array
@@ -252,10 +244,7 @@ def trace_to_panel(
     -------
     panel_x_mm, panel_y_mm, weight : (...) arrays of `dtype`
 
-    Raises
-    ------
-    UsageError, DisplayError
-        As for `check_lens_model`; or the model is a mesh.
+    Raises `UsageError` or `DisplayError`: as for `check_lens_model`; or the model is a mesh.
     """
     model = lens_model(name)
     trace = model.function

@@ -110,10 +110,7 @@ def sheet_mesh(display: Display, facets: int | None = None) -> SheetMesh:
     facets : int, optional
         Along a lens's side; `facets_per_lens` otherwise.
 
-    Raises
-    ------
-    DisplayError
-        Lenses that cannot be made so.
+    Raises `DisplayError`: lenses that cannot be made so.
     """
     check(display)
     array = lens_array(display)
