@@ -79,10 +79,7 @@ class _Parser(argparse.ArgumentParser):
 def main(argv: list[str] | None = None) -> int:
     """Run one command and return its exit code.
 
-    Parameters
-    ----------
-    argv : list of str, optional
-        Arguments after the program's name; the process's own otherwise.
+    * `argv`: arguments after the program's name; the process's own otherwise.
     """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a name must not fail for the terminal's encoding

@@ -105,12 +105,8 @@ def suggest_words(
 ) -> str:
     """Remedy for an unknown word: "did you mean X?", or a list of all allowed words.
 
-    Parameters
-    ----------
-    otherwise : str
-        Text instead of "use A or B" if no allowed word is similar.
-    prefix : str
-        Text before the suggested word.
+    * `otherwise`: text instead of "use A or B" if no allowed word is similar.
+    * `prefix`: text before the suggested word.
     """
     import difflib
 

@@ -163,10 +163,7 @@ def check_loaded(name: str) -> None:
 def required_libraries(library: Path | None) -> list[str]:
     """Libraries to load before Dr.Jit: the system may lack them, or not find them by their names.
 
-    Parameters
-    ----------
-    library : Path or None
-        The libLLVM to use; None for CUDA.
+    * `library`: the libLLVM to use; None for CUDA.
     """
     is_linux_x86 = sys.platform == "linux" and platform.machine() == "x86_64"
     lacks_atomic = is_linux_x86 and not _system_has_libatomic()
@@ -211,13 +208,9 @@ _WITHOUT_TARGET = (
 def choose_backend(requested: str = "auto", search: Sequence[Path] | None = None) -> Backend:
     """Choose the backend: CUDA if it works, otherwise the newest working libLLVM.
 
-    Parameters
-    ----------
-    requested : {"auto", "cuda", "llvm"}
-        ``auto`` prefers CUDA.
-    search : sequence of Path, optional
-        Folders for the search of libLLVM, instead of the usual ones. The environment
-        variable INIM_LLVM_SEARCH (folders joined by ``:``) has the same effect.
+    * `requested`, {"auto", "cuda", "llvm"}: ``auto`` prefers CUDA.
+    * `search`: folders for the search of libLLVM, instead of the usual ones. The environment
+      variable INIM_LLVM_SEARCH (folders joined by ``:``) has the same effect.
 
     Raises `BackendError`: no backend works; the message lists the candidates, the reasons of
     rejection, and the remedy. `UsageError`: `requested` is none of the three.

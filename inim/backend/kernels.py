@@ -74,10 +74,7 @@ def _fixed_configuration() -> Iterator[None]:
 def compiled(function: Callable[..., Any] | None = None, *, inline: str = "never") -> Any:
     """Compile a function on its first call, and keep the result on disk.
 
-    Parameters
-    ----------
-    inline : {"never", "always"}
-        Copy the function into its callers.
+    * `inline`, {"never", "always"}: copy the function into its callers.
     """
     if function is None:
         return partial(compiled, inline=inline)
@@ -164,10 +161,7 @@ _VARIABLE = "NUMBA_CACHE_DIR"
 def cache_folder(package: Path) -> str:
     """Folder for compiled kernels; empty if numba finds a usable folder itself.
 
-    Parameters
-    ----------
-    package : Path
-        The folder whose modules are compiled.
+    * `package`: the folder whose modules are compiled.
 
     Raises `FileError`: no folder can be written.
     """
@@ -198,10 +192,7 @@ def is_cache_fault(error: BaseException) -> bool:
 def disable_cache(error: BaseException) -> None:
     """Compile kernels without the cache from now on, and remove an unreadable index.
 
-    Parameters
-    ----------
-    error : BaseException
-        For which `is_cache_fault` holds.
+    * `error`: for which `is_cache_fault` holds.
     """
     for frame in _frames(error.__traceback__):
         index = getattr(frame.f_locals.get("self"), "_index_path", None)

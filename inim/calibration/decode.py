@@ -95,10 +95,7 @@ class _Axis(NamedTuple):
 def decode(position: Position) -> Decoded:
     """Decode the photographs of one camera position.
 
-    Parameters
-    ----------
-    position : Position
-        Its photographs are read one after another.
+    * `position`: its photographs are read one after another.
 
     Raises `FileError`: a photograph that cannot be read; too dark, saturated, unsharp; not in the
     order of the patterns; or of another display's patterns. The line names the photographs.

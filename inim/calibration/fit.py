@@ -200,14 +200,10 @@ def fit_display(
 ) -> Calibration:
     """Fit a display, a camera and its poses.
 
-    Parameters
-    ----------
-    lenses : mapping of str to Lenses
-        Lenses by position, from `inim.calibration.lattice.find_lenses`.
-    nominal : Display
-        Nominal display: the start of the search, and the source of parameters that are not fitted.
-    camera : Intrinsics, optional
-        Calibrated intrinsics; fitted by default, starting from `focal_px` if given.
+    * `lenses`: lenses by position, from `inim.calibration.lattice.find_lenses`.
+    * `nominal`: nominal display: the start of the search, and the source of parameters that are not
+      fitted.
+    * `camera`: calibrated intrinsics; fitted by default, starting from `focal_px` if given.
 
     Raises `UsageError`: this kind of display cannot be calibrated. `FileError`: the photographs
     have different sizes, show another display, or do not fit any such display.
@@ -257,10 +253,7 @@ def fit_display(
 def fit_pose(lenses: Lenses, display: Display, camera: Intrinsics, name: str) -> Pose:
     """Fit the pose of a calibrated camera in front of a calibrated display.
 
-    Parameters
-    ----------
-    name : str
-        Name of the photographs in error messages.
+    * `name`: name of the photographs in error messages.
 
     Raises `UsageError` or `FileError`: as for `calibrate`.
     """

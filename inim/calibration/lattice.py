@@ -47,7 +47,7 @@ class Lenses:
     #: (lenses, 2) float: centre of gravity of the region seen through the lens, x and y in the
     #: photograph.
     centre_px: np.ndarray
-    #: (lenses,) bool: true if the outline is that of the whole lens, so that `centre_px` is valid.
+    #: (lenses,) bool: True if the outline is that of the whole lens, so that `centre_px` is valid.
     is_whole: np.ndarray
     middle_px: np.ndarray  #: (lenses, 2) float: mean panel column and row seen through the lens.
     pixel: np.ndarray  #: (lenses, SAMPLES, 2) float: camera pixels well inside the lens, x and y.
@@ -60,12 +60,8 @@ class Lenses:
 def find_lenses(decoded: Decoded, display: Display, name: str) -> Lenses:
     """Find the lenses in a decoded photograph and their lattice indices.
 
-    Parameters
-    ----------
-    display : Display
-        Nominal display with a square lattice. Its pitch may be wrong by a fifth.
-    name : str
-        Name of the photographs in error messages.
+    * `display`: nominal display with a square lattice. Its pitch may be wrong by a fifth.
+    * `name`: name of the photographs in error messages.
 
     Raises `FileError`: too few lenses are visible to determine a lattice.
     """

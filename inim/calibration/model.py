@@ -203,16 +203,10 @@ def _lens_centres(array: LensArray, index: np.ndarray) -> np.ndarray:
 def panel_points(display: Display, index: np.ndarray, arriving: np.ndarray) -> np.ndarray:
     """Panel points reached by rays through given lenses.
 
-    Parameters
-    ----------
-    index : (n, 2) int
-        The lenses, column and row.
-    arriving : (4, n)
-        See `inim.calibration.model.rays`.
+    * `index`, (n, 2) int: the lenses, column and row.
+    * `arriving`, (4, n): see `inim.calibration.model.rays`.
 
-    Returns
-    -------
-    (n, 2) array, display frame, mm
+    Returns (n, 2) array, display frame, mm.
     """
     array, traits = lens_array(display), lens_traits(display)
     x, y, sx, sy = to_array(array, traits, *arriving)

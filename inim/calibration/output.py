@@ -41,10 +41,7 @@ _DIGITS = 9
 def display_file(calibration: Calibration, preset: str) -> str:
     """Write the display as XML for `--display`, with standard errors as comments.
 
-    Parameters
-    ----------
-    preset : str
-        Preset that the file changes, for reports.
+    * `preset`: preset that the file changes, for reports.
     """
     values = calibration.display.parameters()
     defaults = {field.name: field.default for field in fields(Display)}

@@ -52,10 +52,7 @@ def bit_count(pixels: int) -> int:
 def patterns(panel: tuple[int, int]) -> list[Pattern]:
     """All pictures of a panel, in the order of display.
 
-    Parameters
-    ----------
-    panel : (rows, columns)
-        A display's `eia_shape`.
+    * `panel`, (rows, columns): a display's `eia_shape`.
     """
     rows, columns = panel
     sequence = [("white", np.full((1, 1), _WHITE)), ("black", np.zeros((1, 1)))]
@@ -78,15 +75,9 @@ def patterns(panel: tuple[int, int]) -> list[Pattern]:
 def write_patterns(display: Display, folder: Path) -> Path:
     """Write a display's patterns as PNG, `patterns.json`, and the page that shows them.
 
-    Parameters
-    ----------
-    folder : Path
-        Created if missing; files from an earlier call are replaced.
+    * `folder`: created if missing; files from an earlier call are replaced.
 
-    Returns
-    -------
-    Path
-        Path of the page.
+    Returns path of the page.
 
     Raises `FileError`: the folder cannot be written, or another file is in the way.
     """

@@ -81,18 +81,11 @@ def simulate(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Simulate the photograph of a display with the thick lens model and a pinhole camera.
 
-    Parameters
-    ----------
-    eia : (rows, columns, 3) float array, linear
-    shape : (H, W)
-        Of the photograph.
+    * `eia`, (rows, columns, 3) float array, linear
+    * `shape`, (H, W): of the photograph.
 
-    Returns
-    -------
-    light : (H, W, 3) float32, linear
-        1 being the panel's white without its way through the lenses.
-    seen : (H, W) bool
-        Pixels all of whose samples come from the panel through a lens.
+    Returns `light`, (H, W, 3) float32, linear: 1 being the panel's white without its way through
+    the lenses; `seen`, (H, W) bool: pixels all of whose samples come from the panel through a lens.
     """
     light = np.zeros((*shape, 3), np.float32)
     is_display = np.zeros(shape, bool)
@@ -120,13 +113,9 @@ def compare(
 ) -> Difference:
     """Compare a photograph with its simulation.
 
-    Parameters
-    ----------
-    photograph, light : (H, W, 3) float arrays, linear
-    is_display : (H, W) bool
-        Pixels that see the display, from `simulate`.
-    name : str
-        Name of the photograph in error messages.
+    * `photograph`, `light`, (H, W, 3) float arrays, linear
+    * `is_display`, (H, W) bool: pixels that see the display, from `simulate`.
+    * `name`: name of the photograph in error messages.
 
     Raises `FileError`: the display covers too little of the photograph, or has no texture to
     compare.
@@ -288,12 +277,8 @@ def photo_document(
 ) -> PhotoDocument:
     """A comparison as a document, without the list of its files.
 
-    Parameters
-    ----------
-    lens_px : float
-        Lens pitch in pixels of the photograph.
-    title, command, photograph, eia, position : str
-        Names of the document and its inputs.
+    * `lens_px`: lens pitch in pixels of the photograph.
+    * `title`, `command`, `photograph`, `eia`, `position`: names of the document and its inputs.
     """
     errors = [
         float(np.mean((stage.picture - difference.photograph)[difference.counts] ** 2))

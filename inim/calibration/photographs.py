@@ -50,10 +50,7 @@ def read_positions(folder: Path, display: Display) -> list[Position]:
 
     Numbers in names count as numbers: ``9.jpg`` comes before ``10.jpg``. Hidden files are left out.
 
-    Parameters
-    ----------
-    display : Display
-        Whose patterns were shown.
+    * `display`: whose patterns were shown.
 
     Raises `FileError`: no such folder, or none in it; a file that is no picture; a number of
     pictures that is not that of the patterns; pictures of different sizes, within a position or

@@ -23,11 +23,8 @@ MISALIGNMENTS = {
 def parse_misalignment(misalignment: str | Mapping[str, float]) -> dict[str, float]:
     """Misalignment as numbers by key of `MISALIGNMENTS`.
 
-    Parameters
-    ----------
-    misalignment : str or mapping
-        ``"rotation_deg=0.5, shift_x_mm=0.1"``, or ``{"rotation_deg": 0.5, "shift_x_mm": 0.1}``.
-        Empty: none.
+    * `misalignment`: ``"rotation_deg=0.5, shift_x_mm=0.1"``, or ``{"rotation_deg": 0.5,
+      "shift_x_mm": 0.1}``. Empty: none.
 
     Raises `UsageError`: an unknown or doubled key, a value that is no number, or another type.
     """
@@ -66,12 +63,8 @@ def misalignment_text(misalignment: Mapping[str, float]) -> str:
 def misaligned(display: Display, misalignment: str | Mapping[str, float]) -> Display:
     """Display with its misaligned array.
 
-    Parameters
-    ----------
-    display : Display
-        Design, as generators use it.
-    misalignment : str or mapping
-        Deviation; see `parse_misalignment`. It is added to the design's own values.
+    * `display`: design, as generators use it.
+    * `misalignment`: deviation; see `parse_misalignment`. It is added to the design's own values.
 
     Raises `UsageError`: see `parse_misalignment`. `DisplayError`: the misalignment is impossible.
     """

@@ -61,21 +61,14 @@ def emission_profile(
 ) -> Any:
     """Radiance of a point of a pixel at full drive, as a multiple of the panel's mean.
 
-    Parameters
-    ----------
-    fill : float
-        `Display.pixel_fill`.
-    select : callable
-        NumPy's `where` or Dr.Jit's `select`.
-    right, down : array of float
-        Position inside the pixel, from its centre, in pixels: -1/2 .. 1/2.
-    turn : array
-        (row + column) modulo 2 of the pixel, counted from the top left.
+    * `fill`: `Display.pixel_fill`.
+    * `select`: NumPy's `where` or Dr.Jit's `select`.
+    * `right`, `down`, array of float: position inside the pixel, from its centre, in pixels: -1/2
+      .. 1/2.
+    * `turn`: (row + column) modulo 2 of the pixel, counted from the top left.
 
-    Returns
-    -------
-    array of float
-        0 outside the emitting area. Its mean over the panel is 1: drive 1 in all colours is white.
+    Returns array of float: 0 outside the emitting area. Its mean over the panel is 1: drive 1 in
+    all colours is white.
     """
     pixel_offset, half = right - float(subpixel.right), float(subpixel.width) / 2 * fill
     shines = (

@@ -162,10 +162,7 @@ def named_viewpoint(name: str, display: Display, distance_mm: float) -> Viewpoin
 def viewpoint_items(viewpoints: object) -> tuple[str | Viewpoint, ...]:
     """Viewpoints one by one, each a `Viewpoint` or its text.
 
-    Parameters
-    ----------
-    viewpoints : str, Viewpoint or sequence of them
-        Texts are separated at their commas; see `parse_viewpoints`.
+    * `viewpoints`: texts are separated at their commas; see `parse_viewpoints`.
 
     Raises `UsageError`: another type, or no viewpoint at all.
     """
@@ -206,17 +203,12 @@ def parse_viewpoints(
 ) -> tuple[Viewpoint, ...]:
     """Checked viewpoints from values or from text: ``"centre, mine=10 -5, far=0 0 900"``.
 
-    Parameters
-    ----------
-    viewpoints : str, Viewpoint or sequence of them
-        Names of `DEFAULT_VIEWPOINTS`, or ``name=x y [z]`` in millimetres, separated by commas.
-    display : Display
-        Display whose viewing zone must contain them.
-    distance_mm : float, optional
-        Viewing distance for text without z; default: `default_distance_mm`.
-    pupil_mm, focus_mm : float
-        For every eye given as text; see `Viewpoint`. Eyes with a pupil are returned with explicit
-        focus, because they may later see a misaligned display.
+    * `viewpoints`: names of `DEFAULT_VIEWPOINTS`, or ``name=x y [z]`` in millimetres, separated by
+      commas.
+    * `display`: display whose viewing zone must contain them.
+    * `distance_mm`: viewing distance for text without z; default: `default_distance_mm`.
+    * `pupil_mm`, `focus_mm`: for every eye given as text; see `Viewpoint`. Eyes with a pupil are
+      returned with explicit focus, because they may later see a misaligned display.
 
     Raises `UsageError`: see `viewpoint_items`. `ViewpointError`: unknown or doubled name,
     unreadable position, or outside the viewing zone.
@@ -283,15 +275,10 @@ def eye_path(
 ) -> list[Viewpoint]:
     """Eye positions of a film, which ends where it begins.
 
-    Parameters
-    ----------
-    text : str
-        ``"circle"`` (an ellipse well inside the viewing zone, at the usual distance), or two or
-        more positions ``"x y [z], x y [z]"`` in millimetres, to be walked at even steps and back.
-    count : int
-        Frames.
-    allow_flips : bool
-        Positions may lie outside the viewing zone.
+    * `text`: ``"circle"`` (an ellipse well inside the viewing zone, at the usual distance), or two
+      or more positions ``"x y [z], x y [z]"`` in millimetres, to be walked at even steps and back.
+    * `count`: frames.
+    * `allow_flips`: positions may lie outside the viewing zone.
 
     Raises `UsageError`: a path that cannot be read. `ViewpointError`: a position outside the
     viewing zone.
@@ -316,10 +303,7 @@ def zone_eyes(display: Display, count: int, distance_mm: float | None = None) ->
 
     Each stands in the middle of its share of the zone.
 
-    Parameters
-    ----------
-    distance_mm : float, optional
-        `default_distance_mm` otherwise.
+    * `distance_mm`: `default_distance_mm` otherwise.
 
     Raises `ViewpointError`: too close for a viewing zone.
     """

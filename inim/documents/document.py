@@ -90,10 +90,7 @@ def encode(document: Document) -> str:
 def decode(text: str, *types: type[_D]) -> _D:
     """The document in a text of strict JSON.
 
-    Parameters
-    ----------
-    *types : type of Document
-        The key `schema` selects among them.
+    * `*types`: the key `schema` selects among them.
 
     Raises `ValueError`: not strict JSON, nested too deeply, or not as the type declares; the
     message gives the place in the document.
@@ -192,10 +189,7 @@ NAMES = tuple(_CLASSES)
 def schema(name: str) -> dict[str, Any]:
     """The JSON Schema of a document, complete in itself.
 
-    Parameters
-    ----------
-    name : str
-        One of `NAMES`.
+    * `name`: one of `NAMES`.
 
     Raises `ValueError`: another name.
     """

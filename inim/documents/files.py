@@ -24,12 +24,8 @@ _D = TypeVar("_D", bound=Document)
 def read_document(path: Path, remedy: str, *types: type[_D]) -> _D:
     """Read and check a document.
 
-    Parameters
-    ----------
-    remedy : str
-        End of each error message.
-    *types : type of Document
-        The key `schema` selects among them.
+    * `remedy`: end of each error message.
+    * `*types`: the key `schema` selects among them.
 
     Raises `FileError`: missing, not a regular file, too large, not strict JSON, or not as its type
     declares. The line names the file and the place in the document.
@@ -54,13 +50,9 @@ def write_forms(
 ) -> None:
     """Write a document and other forms of it, the document last: it marks a whole report.
 
-    Parameters
-    ----------
-    name : str
-        File name of the document.
-    forms : mapping of str to callable
-        By file name, the function for the file's text. It gets the document as it reads back, so
-        that all forms agree.
+    * `name`: file name of the document.
+    * `forms`: by file name, the function for the file's text. It gets the document as it reads
+      back, so that all forms agree.
     """
     text = encode(document)
     decoded = decode(text, type(document))

@@ -41,17 +41,10 @@ def read_eia(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | Non
     Pillow reduces 16-bit colour to 8 bits; grey and EXR keep their precision. Colour profiles of
     PNGs are ignored.
 
-    Parameters
-    ----------
-    display : Display
-        Its `eia_shape` must match the file.
+    * `display`: its `eia_shape` must match the file.
 
-    Returns
-    -------
-    eia : (rows, columns, 3) float32
-        Linear RGB, composited over black.
-    mask : (rows, columns) bool, or None
-        True where alpha is above 0; None for a file without alpha.
+    Returns `eia`, (rows, columns, 3) float32: linear RGB, composited over black; `mask`, (rows,
+    columns) bool, or None: True where alpha is above 0; None for a file without alpha.
 
     Raises `FileError`: missing, damaged, wrong format or wrong size.
     """
@@ -123,16 +116,11 @@ def write_eia(
 ) -> None:
     """Write an EIA: sRGB PNG with its pixel size (pHYs), or linear EXR (xDensity).
 
-    Parameters
-    ----------
-    path : Path
-        .png or .exr.
-    eia : (rows, columns, 3) float32, linear RGB
-    empty : (rows, columns) bool, or None
-        Pixels without a surface at their centre. They get alpha 0 if they are black, others 1; None
-        writes no alpha.
-    pixel_mm : float
-        Pixel pitch of the panel.
+    * `path`: .png or .exr.
+    * `eia`, (rows, columns, 3) float32, linear RGB
+    * `empty`, (rows, columns) bool, or None: pixels without a surface at their centre. They get
+      alpha 0 if they are black, others 1; None writes no alpha.
+    * `pixel_mm`: pixel pitch of the panel.
 
     Raises `FileError`: the suffix is wrong, or the file cannot be written.
     """
@@ -168,11 +156,8 @@ def write_true_size_pdf(path: Path, eia: NDArray[np.float32], pixel_mm: float) -
     Pixels are lossless and not interpolated; empty ones are black. Print at 100 % ("actual size"),
     if possible at a multiple of the picture's resolution.
 
-    Parameters
-    ----------
-    path : Path
-        .pdf
-    eia : (rows, columns, 3) float32, linear RGB
+    * `path`: .pdf
+    * `eia`, (rows, columns, 3) float32, linear RGB
 
     Raises `FileError`: the suffix is wrong, the page is too large for PDF, or the file cannot be
     written.

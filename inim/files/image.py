@@ -87,14 +87,10 @@ def encode_image(
 ) -> bytes:
     """Encode an image as the bytes of a file.
 
-    Parameters
-    ----------
-    pixels : (H, W, 3) uint8
-    form : {"PNG", "JPEG"}
-    cache : ResultCache
-        Stores encoded images, as reading is faster than compressing.
-    **options
-        Options of Pillow's writer.
+    * `pixels`, (H, W, 3) uint8
+    * `form`, {"PNG", "JPEG"}
+    * `cache`: stores encoded images, as reading is faster than compressing.
+    * `**options`: options of Pillow's writer.
     """
 
     def make() -> np.ndarray:

@@ -69,18 +69,12 @@ def sub_aperture_views(
 ) -> np.ndarray:
     """Extract the views of an EIA.
 
-    Parameters
-    ----------
-    eia : (rows, columns, ...) array
-        Shape: `eia_shape` of the display.
-    display : Display
-        Square lattice without rotation or tilt.
-    grid : (rows, columns), optional
-        Number of views, evenly spaced over a lens's field; by default `view_grid`.
+    * `eia`, (rows, columns, ...) array: shape: `eia_shape` of the display.
+    * `display`: square lattice without rotation or tilt.
+    * `grid`, (rows, columns): number of views, evenly spaced over a lens's field; by default
+      `view_grid`.
 
-    Returns
-    -------
-    (view rows, view columns, lens_rows, lens_columns, ...) array, of the EIA's type.
+    Returns (view rows, view columns, lens_rows, lens_columns, ...) array, of the EIA's type.
 
     Raises `UsageError`: wrong shape, or a display without rows and columns of lenses.
     """
@@ -106,21 +100,14 @@ def eia_from_views(
 
     Inverts `sub_aperture_views` for whole numbers of pixels per lens.
 
-    Parameters
-    ----------
-    views : (view rows, view columns, H, W, ...) array
-        Any number and size.
-    display : Display
-        Square lattice without rotation or tilt.
-    shift : float
-        Disparity to add, in view pixels; positive values move the scene towards the viewer.
-    pixel_mm : float, optional
-        Size of a view's pixel on the array; by default the views are stretched over the array.
+    * `views`, (view rows, view columns, H, W, ...) array: any number and size.
+    * `display`: square lattice without rotation or tilt.
+    * `shift`: disparity to add, in view pixels; positive values move the scene towards the viewer.
+    * `pixel_mm`: size of a view's pixel on the array; by default the views are stretched over the
+      array.
 
-    Returns
-    -------
-    (rows, columns, ...) array, of the views' type
-        Zero outside the array, and where the shift exceeds the views.
+    Returns (rows, columns, ...) array, of the views' type: zero outside the array, and where the
+    shift exceeds the views.
     """
     _check_rows(display)
     down, across, height, width = views.shape[:4]
@@ -186,15 +173,10 @@ def centre_disparity(rgbd: RGBD, display: Display, across: int) -> NDArray[np.fl
     Centre view and depth camera both look straight back through the lens centres. Each lens takes
     the depth of the pixel at its centre.
 
-    Parameters
-    ----------
-    across : int
-        Columns of views.
+    * `across`: columns of views.
 
-    Returns
-    -------
-    (lens_rows, lens_columns) float32
-        Shift in pixels to the next view, positive in front of the array; NaN without surface.
+    Returns (lens_rows, lens_columns) float32: shift in pixels to the next view, positive in front
+    of the array; NaN without surface.
     """
     rows, columns = rgbd.shape
     # For centres on a pixel border, the offset selects the right and lower pixel despite rounding.
@@ -217,14 +199,9 @@ def write_hci(
 ) -> None:
     """Write views, (rows, columns, H, W, 3) uint8 sRGB, in the HCI benchmark's layout.
 
-    Parameters
-    ----------
-    folder : Path
-        Created if missing; views and disparities in it are replaced.
-    display : Display, optional
-        Display of the EIA; its geometry is written to ``parameters.cfg``.
-    disparity : (H, W) array, optional
-        Disparity of the centre view; see `LightField`.
+    * `folder`: created if missing; views and disparities in it are replaced.
+    * `display`: display of the EIA; its geometry is written to ``parameters.cfg``.
+    * `disparity`, (H, W) array: disparity of the centre view; see `LightField`.
     """
     from PIL import Image
 
@@ -273,14 +250,9 @@ def write_quilt(path: Path, views: NDArray[np.uint8], columns: int, rows: int) -
 
     Tiles run from left to right and then upwards, for eyes from left to right.
 
-    Parameters
-    ----------
-    path : Path
-        See `quilt_path`.
-    views : (columns * rows, H, W, 3) uint8, sRGB
-        From the leftmost eye to the rightmost.
-    columns, rows : int
-        Number of tiles.
+    * `path`: see `quilt_path`.
+    * `views`, (columns * rows, H, W, 3) uint8, sRGB: from the leftmost eye to the rightmost.
+    * `columns`, `rows`: number of tiles.
     """
     from PIL import Image
 

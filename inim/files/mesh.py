@@ -26,10 +26,7 @@ def _silent(_: str) -> None:
 def read_mesh(path: Path, warn: Callable[[str], object] = _silent) -> list[Mesh]:
     """Read every triangle mesh of a PLY, OBJ, OFF, STL, GLB or glTF file, node transforms applied.
 
-    Parameters
-    ----------
-    warn : callable
-        Called with a line for each missing companion file.
+    * `warn`: called with a line for each missing companion file.
 
     Raises `FileError`: the file is missing, of another kind, damaged or without faces; one line
     with the file and the cause.
@@ -42,10 +39,7 @@ def read_mesh(path: Path, warn: Callable[[str], object] = _silent) -> list[Mesh]
 def read_shape(path: Path, plugin: str) -> Mesh:
     """Read the mesh file of a scene's shape, without its materials: the scene has its own.
 
-    Parameters
-    ----------
-    plugin : str
-        Mitsuba's name of the shape, which is that of the format.
+    * `plugin`: Mitsuba's name of the shape, which is that of the format.
 
     Raises `FileError`: as `read_mesh`, and for Mitsuba's `.serialized` format.
     """

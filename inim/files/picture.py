@@ -37,15 +37,10 @@ _UNKNOWN = (
 def read_texture(path: Path) -> np.ndarray | None:
     """Decode a texture of a scene.
 
-    Parameters
-    ----------
-    path : Path
-        EXR, PNG, JPEG, Radiance HDR, PFM, BMP, TGA or PPM.
+    * `path`: EXR, PNG, JPEG, Radiance HDR, PFM, BMP, TGA or PPM.
 
-    Returns
-    -------
-    (H, W, 3 or 1) float32 of EXR, HDR and PFM, (H, W, 3) or (H, W) uint8 of others, or None
-        None for a valid PNG or JPEG, which Mitsuba reads.
+    Returns (H, W, 3 or 1) float32 of EXR, HDR and PFM, (H, W, 3) or (H, W) uint8 of others, or
+    None: None for a valid PNG or JPEG, which Mitsuba reads.
 
     Raises `FileError`: missing, damaged, unsupported, or suspiciously large when decoded.
     """
@@ -82,16 +77,10 @@ def open_picture(
 ) -> Iterator[Any]:
     """Open a picture with Pillow and check its size.
 
-    Parameters
-    ----------
-    formats : sequence of str
-        Accepted formats, by Pillow's names.
-    sample_bytes : int
-        Size of a decoded sample.
-    unknown : str
-        Error message for other formats.
-    data : bytes, optional
-        Content of the picture, if already read or embedded in the file.
+    * `formats`: accepted formats, by Pillow's names.
+    * `sample_bytes`: size of a decoded sample.
+    * `unknown`: error message for other formats.
+    * `data`: content of the picture, if already read or embedded in the file.
 
     Raises `FileError`: missing, damaged, unsupported, or suspiciously large when decoded.
     """

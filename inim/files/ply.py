@@ -120,19 +120,11 @@ _CHANNELS = {"xyz": "", "rgb": "_color", "012": "", "123": ""}
 def read_ply(path: Path, data: bytes, *, materials: bool = True) -> Mesh | None:
     """Read the mesh of a PLY of triangles.
 
-    Parameters
-    ----------
-    path : Path
-        For messages.
-    data : bytes
-        Content of the file.
-    materials : bool
-        Whether a picture that the file names is needed.
+    * `path`: for messages.
+    * `data`: content of the file.
+    * `materials`: whether a picture that the file names is needed.
 
-    Returns
-    -------
-    Mesh or None
-        None for other polygons, and where a picture is needed: trimesh reads these.
+    Returns None for other polygons, and where a picture is needed: trimesh reads these.
 
     Raises `FileError`: the file is damaged.
     """

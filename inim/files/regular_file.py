@@ -26,12 +26,8 @@ _FLAGS = os.O_RDONLY | sum(
 def open_file(path: Path, *, label: str = "", remedy: str = "") -> Iterator[BinaryIO]:
     """Open a regular file for reading bytes.
 
-    Parameters
-    ----------
-    label : str
-        Name for error messages; by default the path.
-    remedy : str
-        End of error messages.
+    * `label`: name for error messages; by default the path.
+    * `remedy`: end of error messages.
 
     Raises `FileError`: missing, unreadable (now or while it is open), a folder, a pipe, a device or
     a socket.
@@ -62,10 +58,7 @@ def check_file(path: Path) -> None:
 def read_file(path: Path, most_bytes: int, *, label: str = "", remedy: str = "") -> bytes:
     """Read a regular file; other parameters and errors as for `open_file`.
 
-    Parameters
-    ----------
-    most_bytes : int
-        Largest accepted file size; larger files raise `FileError`.
+    * `most_bytes`: largest accepted file size; larger files raise `FileError`.
     """
     with open_file(path, label=label, remedy=remedy) as file:
         size = os.fstat(file.fileno()).st_size

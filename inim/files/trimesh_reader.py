@@ -66,18 +66,11 @@ def read_with_trimesh(
 ) -> list[Mesh]:
     """Read every surface of the *transformed* scene; any exception of trimesh becomes a FileError.
 
-    Parameters
-    ----------
-    path : Path
-        Path of the mesh, next to its companion files.
-    data : bytes
-        Content of the file.
-    kind : str
-        Name of the format in trimesh.
-    warn : callable
-        Called with a line for each missing companion file.
-    materials : bool
-        True to read materials and textures.
+    * `path`: path of the mesh, next to its companion files.
+    * `data`: content of the file.
+    * `kind`: name of the format in trimesh.
+    * `warn`: called with a line for each missing companion file.
+    * `materials`: True to read materials and textures.
     """
     try:
         if kind in ("glb", "gltf"):

@@ -81,12 +81,8 @@ def parse_unit(text: str) -> float:
 def interpret_depth(file: DepthFile, convention: DepthConvention, name: str) -> DepthValues:
     """Interpret the numbers of a depth picture.
 
-    Parameters
-    ----------
-    convention : DepthConvention
-        Properties given by the user.
-    name : str
-        File name for messages.
+    * `convention`: properties given by the user.
+    * `name`: file name for messages.
 
     Raises `FileError`: no pixel has a depth, or the distances are implausible. `UsageError`: the
     direction is not given and cannot be detected.

@@ -128,13 +128,9 @@ def depth_range(
 def map_depth(name: str, values: DepthValues, ends: tuple[float, float], to: Display) -> DepthMap:
     """Map a depth range onto a display's.
 
-    Parameters
-    ----------
-    name : {"linear", "reciprocal", "printed"}
-    values : DepthValues
-        Supplies the direction of the depths.
-    ends : (near, far)
-        See `depth_range`.
+    * `name`, {"linear", "reciprocal", "printed"}
+    * `values`: supplies the direction of the depths.
+    * `ends`, (near, far): see `depth_range`.
 
     Raises `UsageError`: `reciprocal` for depths that are not distances, or for a display whose CDP
     is behind the array; `printed` for a flat picture or a focused display.
@@ -264,26 +260,17 @@ def fit_picture(
 ) -> PictureFit:
     """Fit a colour and depth picture to a display.
 
-    Parameters
-    ----------
-    color : (H, W, 3) uint8 sRGB, or float32 linear RGB
-    values : DepthValues
-        Same rows and columns as `color`.
-    camera : Pinhole or None
-        None for an orthographic picture.
-    pixels_per_pitch : float
-        Cells of the result per lens pitch.
-    fit : {"contain", "cover"}
-        Show the whole picture, or fill the whole array.
-    frame_at : float, optional
-        Distance at which the picture fits the array; by default the median. Perspective only.
-    max_slope : float
-        Maximum slope (depth over width) between neighbouring samples of one surface: 10 is 84
-        degrees. Measured in the scene, or on the display for orthographic pictures.
-    coarseness : float
-        Width of a depth sample in colour pixels, at least 1.
-    drop : bool
-        Omit samples out of range instead of clipping them.
+    * `color`, (H, W, 3) uint8 sRGB, or float32 linear RGB
+    * `values`: same rows and columns as `color`.
+    * `camera`: None for an orthographic picture.
+    * `pixels_per_pitch`: cells of the result per lens pitch.
+    * `fit`, {"contain", "cover"}: show the whole picture, or fill the whole array.
+    * `frame_at`: distance at which the picture fits the array; by default the median. Perspective
+      only.
+    * `max_slope`: maximum slope (depth over width) between neighbouring samples of one surface: 10
+      is 84 degrees. Measured in the scene, or on the display for orthographic pictures.
+    * `coarseness`: width of a depth sample in colour pixels, at least 1.
+    * `drop`: omit samples out of range instead of clipping them.
 
     Raises `UsageError`: the depths cannot be unprojected, or no part of the picture is on the
     display.
@@ -342,14 +329,8 @@ def unprojection(
 ) -> tuple[float, tuple[float, float], float]:
     """Affine map of a pinhole camera's space to the display, in x and y.
 
-    Returns
-    -------
-    scale : float
-        Display millimetres per unit of length.
-    offset : (right, up)
-        Position of the camera's axis, in mm.
-    frame_at : float
-        Distance at which the picture fits the array.
+    Returns `scale`: display millimetres per unit of length; `offset`, (right, up): position of the
+    camera's axis, in mm; `frame_at`: distance at which the picture fits the array.
 
     Raises `UsageError`: the depths are not distances, or `frame_at` is not.
     """

@@ -52,16 +52,10 @@ _PLAUSIBLE_FLOATS = (1e-12, 1e15)
 def read_color(path: Path) -> NDArray[np.uint8] | NDArray[np.float32]:
     """Colour picture, rotated by its EXIF orientation.
 
-    Parameters
-    ----------
-    path : Path
-        PNG, JPEG, TIFF, BMP, WebP or PPM, brought to sRGB by its colour profile, over black where
-        transparent; or a linear EXR.
+    * `path`: PNG, JPEG, TIFF, BMP, WebP or PPM, brought to sRGB by its colour profile, over black
+      where transparent; or a linear EXR.
 
-    Returns
-    -------
-    (H, W, 3) uint8 sRGB, or (H, W, 3) float32 linear RGB of an EXR
-        Row 0 on top.
+    Returns (H, W, 3) uint8 sRGB, or (H, W, 3) float32 linear RGB of an EXR: row 0 on top.
 
     Raises `FileError`: missing, damaged or of another kind.
     """
@@ -125,13 +119,9 @@ class DepthFile:
 def read_depth(path: Path, *, swap_bytes: bool = False) -> DepthFile:
     """Read a depth picture.
 
-    Parameters
-    ----------
-    path : Path
-        PNG, PGM, TIFF or JPEG in grey of 8, 16 or 32 bits; EXR (channel Z, Y, V or R of the
-        first part); PFM; or NumPy's .npy with a (H, W) array.
-    swap_bytes : bool
-        The two bytes of 16-bit numbers are swapped relative to the format.
+    * `path`: PNG, PGM, TIFF or JPEG in grey of 8, 16 or 32 bits; EXR (channel Z, Y, V or R of the
+      first part); PFM; or NumPy's .npy with a (H, W) array.
+    * `swap_bytes`: the two bytes of 16-bit numbers are swapped relative to the format.
 
     Raises `FileError`: the file is missing, damaged, of another kind, has several numbers per
     pixel, or bytes in the wrong order.

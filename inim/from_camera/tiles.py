@@ -78,15 +78,11 @@ def draw_tiles(
 ) -> TileImage:
     """Draw samples into cells.
 
-    Parameters
-    ----------
-    q : (H, W) float32
-        Inverse distances, or depths; NaN where missing.
-    color : (H, W, 3) uint8 sRGB, or float32 linear RGB
-    shape : (rows, columns)
-        Number of cells, centred on the display's axis.
-    same_mm : float
-        Maximum depth difference between a cell and the samples that contribute to its colour.
+    * `q`, (H, W) float32: inverse distances, or depths; NaN where missing.
+    * `color`, (H, W, 3) uint8 sRGB, or float32 linear RGB
+    * `shape`, (rows, columns): number of cells, centred on the display's axis.
+    * `same_mm`: maximum depth difference between a cell and the samples that contribute to its
+      colour.
     """
     depth = np.full(shape, -np.inf)
     owner = np.full(shape, -1, np.int64)

@@ -63,14 +63,9 @@ class Camera:
     ) -> Camera:
         """Parallel rays, whose depth is z of the display frame.
 
-        Parameters
-        ----------
-        slopes : (right, up)
-            Millimetres per millimetre towards the viewer.
-        shape : (rows, columns)
-            Of the picture, which is centred on the array's plane, z = 0.
-        pixel_mm : float
-            Side of a pixel on that plane.
+        * `slopes`, (right, up): millimetres per millimetre towards the viewer.
+        * `shape`, (rows, columns): of the picture, which is centred on the array's plane, z = 0.
+        * `pixel_mm`: side of a pixel on that plane.
         """
         (rows, columns), (right, up) = shape, slopes
         matrix = [
@@ -86,12 +81,9 @@ class Camera:
     ) -> Camera:
         """A perspective camera.
 
-        Parameters
-        ----------
-        intrinsics : (fx, fy, cx, cy)
-            In pixels; see `inim.from_camera.fit.Pinhole`.
-        display_from_camera : (3, 4)
-            Affine map from the camera's frame: x to the right, y down, z away from the camera.
+        * `intrinsics`, (fx, fy, cx, cy): in pixels; see `inim.from_camera.fit.Pinhole`.
+        * `display_from_camera`, (3, 4): affine map from the camera's frame: x to the right, y down,
+          z away from the camera.
         """
         fx, fy, cx, cy = intrinsics
         camera_from_picture = [

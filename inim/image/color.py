@@ -18,14 +18,9 @@ _KNEE_CODE = 0.04045
 def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
     """Linear RGB to sRGB in 0..1, clipped to the panel's range.
 
-    Parameters
-    ----------
-    linear : (...) float array
-        Linear radiance, 1 being the panel's white.
+    * `linear`, (...) float array: linear radiance, 1 being the panel's white.
 
-    Returns
-    -------
-    (...) float32 array.
+    Returns (...) float32 array.
     """
     clipped = np.clip(np.asarray(linear, np.float32), 0.0, 1.0)
     curve = 1.055 * np.power(np.maximum(clipped, _KNEE), 1 / 2.4) - 0.055
@@ -35,14 +30,9 @@ def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
 def linear_from_srgb(srgb: np.ndarray) -> np.ndarray:
     """The linear RGB of sRGB in 0..1, by IEC 61966-2-1: the inverse of `srgb_from_linear`.
 
-    Parameters
-    ----------
-    srgb : (...) float array
-        Code values over the largest one: 8-bit values divided by 255.
+    * `srgb`, (...) float array: code values over the largest one: 8-bit values divided by 255.
 
-    Returns
-    -------
-    (...) float32 array.
+    Returns (...) float32 array.
     """
     srgb = np.asarray(srgb, np.float32)
     curve = np.power((np.maximum(srgb, _KNEE_CODE) + 0.055) / 1.055, 2.4)

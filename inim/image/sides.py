@@ -54,16 +54,11 @@ class Sides:
     ) -> Sides:
         """The sides of solids.
 
-        Parameters
-        ----------
-        front_mm, back_mm : (solids, rows, columns) float32
-            Nearest first; fronts are -inf where there is none.
-        depth_range_mm : (low, high)
-            Of the display.
-        slopes : (2,) float
-            As in the attributes.
-        pixel_mm : float
-            Of the picture.
+        * `front_mm`, `back_mm`, (solids, rows, columns) float32: nearest first; fronts are -inf
+          where there is none.
+        * `depth_range_mm`, (low, high): of the display.
+        * `slopes`: as in the fields.
+        * `pixel_mm`: of the picture.
         """
         low, high = depth_range_mm
         pieces = np.zeros(front_mm.shape, np.int32)
@@ -180,12 +175,9 @@ def with_sides(
     A solid with a side is a sheet, and the pieces of its side are separate layers behind it. A
     piece without light has the colour of the previous layer.
 
-    Parameters
-    ----------
-    solids : fronts, backs and colours
-        (solids, rows, columns) float32, -inf where there is none; and (..., 3) linear RGB.
-    light : (pieces, 3) float32
-    has_light : (pieces,) bool
+    * `solids`: (solids, rows, columns) float32, -inf where there is none; and (..., 3) linear RGB.
+    * `light`, (pieces, 3) float32
+    * `has_light`, (pieces,) bool
     """
     front_mm, back_mm, colors = solids
     exists = front_mm > -np.inf

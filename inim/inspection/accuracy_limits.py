@@ -45,16 +45,11 @@ def accuracy_warnings(
 ) -> list[str]:
     """One sentence with numbers for each exceeded limit.
 
-    Parameters
-    ----------
-    lens_model : str, optional
-        Lens model of the reconstructed views; None without views.
-    viewpoints : iterable of Viewpoint
-        Viewpoints of the views.
-    slope : float, optional
-        Sideways travel per millimetre of the steepest ray, in addition to those of the viewpoints.
-    pixel_mm : float, optional
-        Pixel of the RGB-D picture.
+    * `lens_model`: lens model of the reconstructed views; None without views.
+    * `viewpoints`: viewpoints of the views.
+    * `slope`: sideways travel per millimetre of the steepest ray, in addition to those of the
+      viewpoints.
+    * `pixel_mm`: pixel of the RGB-D picture.
     """
     warnings = _generator_limits(display, pixel_mm)
     if lens_model is not None:

@@ -84,16 +84,11 @@ def inspect_display(
 ) -> Inspection:
     """Compute the properties of a display at a viewing distance.
 
-    Parameters
-    ----------
-    distance_mm : float
-        Viewing distance.
-    misaligned : Display, optional
-        Misaligned display, if different from the design.
-    lens_model : str, optional
-        Default: `DEFAULT_LENS_MODEL`, or its replacement if such lenses cannot be manufactured.
-    source : str
-        Source of the display.
+    * `distance_mm`: viewing distance.
+    * `misaligned`: misaligned display, if different from the design.
+    * `lens_model`: default: `DEFAULT_LENS_MODEL`, or its replacement if such lenses cannot be
+      manufactured.
+    * `source`: source of the display.
 
     Raises `InimError`: an impossible lens model, or a tilted panel that meets the array.
     """

@@ -234,17 +234,11 @@ def light_shares(
 
     By reversibility, these are the shares of the light that reaches the eye, by origin.
 
-    Parameters
-    ----------
-    design : Display
-        Design of the elemental images.
-    misaligned : Display
-        The same display with its misaligned array.
-    model : str
-        One of `inim.lens.lens_models` that is not a mesh.
-    eye_mm : (x, y, z)
-    samples : Samples, optional
-        `array_samples(misaligned)`, to make them once for many eyes.
+    * `design`: design of the elemental images.
+    * `misaligned`: the same display with its misaligned array.
+    * `model`: one of `inim.lens.lens_models` that is not a mesh.
+    * `eye_mm`, (x, y, z)
+    * `samples`: `array_samples(misaligned)`, to make them once for many eyes.
     """
     x, y, area = array_samples(misaligned) if samples is None else samples
     eye_x, eye_y, distance = eye_mm

@@ -54,14 +54,9 @@ def land(
     surface. Such a ray belongs to the lens it met: the one that alone, without neighbours, bends it
     to the same place.
 
-    Parameters
-    ----------
-    model : str
-        One of `inim.lens.lens_models` that is no mesh.
-    x_mm, y_mm, slope_x, slope_y : (n,) arrays
-        As `inim.lens.trace_to_panel` takes them.
-    index : float, optional
-        Refractive index, where it is not the display's own.
+    * `model`: one of `inim.lens.lens_models` that is no mesh.
+    * `x_mm`, `y_mm`, `slope_x`, `slope_y`, (n,) arrays: as `inim.lens.trace_to_panel` takes them.
+    * `index`: refractive index, where it is not the display's own.
     """
     rays = tuple(np.asarray(v, float) for v in (x_mm, y_mm, slope_x, slope_y))
     x, y, weight = trace_to_panel(display, model, *rays, index=index)
@@ -124,19 +119,11 @@ def cell_of(
     The elemental images form the lattice of the lenses at their own pitch Q: the array frame scaled
     by Q / P.
 
-    Parameters
-    ----------
-    display : Display
-        Design of the panel's EIA.
-    x_mm, y_mm : (n,) float64
-        Panel points, display frame.
+    * `display`: design of the panel's EIA.
+    * `x_mm`, `y_mm`, (n,) float64: panel points, display frame.
 
-    Returns
-    -------
-    lens_x_mm, lens_y_mm : (n,) float64
-        The lens's centre, array frame.
-    is_lit : (n,) bool
-        False outside the panel and outside all elemental images.
+    Returns `lens_x_mm`, `lens_y_mm`, (n,) float64: the lens's centre, array frame; `is_lit`, (n,)
+    bool: False outside the panel and outside all elemental images.
     """
     array, traits = lens_array(display), lens_traits(display)
     rows, columns = display.eia_shape
@@ -154,7 +141,7 @@ class Lens(NamedTuple):
     #: (n,) float64: its centre, array frame.
     x_mm: np.ndarray
     y_mm: np.ndarray
-    exists: np.ndarray  #: (n,) bool: true if the point is on the array.
+    exists: np.ndarray  #: (n,) bool: True if the point is on the array.
     in_aperture: np.ndarray  #: (n,) bool
 
 
@@ -248,16 +235,10 @@ def spot(
     infinite depth. At the central depth plane, 1/f = 1/D + 1/g gives a point image; the spot then
     shows the aberrations only.
 
-    Parameters
-    ----------
-    display : Display
-        Display with its misaligned array.
-    model : str
-        One of `inim.lens.lens_models` that is not a mesh.
-    depth_mm : float
-        z of the point, possibly behind the array or infinite.
-    colour, index : str, float, optional
-        Refractive index of that colour; default: the display's.
+    * `display`: display with its misaligned array.
+    * `model`: one of `inim.lens.lens_models` that is not a mesh.
+    * `depth_mm`: z of the point, possibly behind the array or infinite.
+    * `colour`, `index`: refractive index of that colour; default: the display's.
     """
     x, y, lens_x, lens_y = _aperture_points(display)
     tangent = math.tan(math.radians(field_angle_deg))

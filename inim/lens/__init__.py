@@ -227,22 +227,14 @@ def trace_to_panel(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Trace a viewer's rays to the panel, in NumPy.
 
-    Parameters
-    ----------
-    name : str
-        One of `lens_models` that is not a mesh.
-    x_mm, y_mm : (...) array
-        Intersections of the rays with the array plane z = 0, display frame.
-    slope_x, slope_y : (...) array
-        Sideways travel per millimetre away from the viewer.
-    index : float, optional
-        Refractive index; default: the display's.
-    dtype : float type
-        Type of the computation.
+    * `name`: one of `lens_models` that is not a mesh.
+    * `x_mm`, `y_mm`, (...) array: intersections of the rays with the array plane z = 0, display
+      frame.
+    * `slope_x`, `slope_y`, (...) array: sideways travel per millimetre away from the viewer.
+    * `index`: refractive index; default: the display's.
+    * `dtype`, float type: type of the computation.
 
-    Returns
-    -------
-    panel_x_mm, panel_y_mm, weight : (...) arrays of `dtype`
+    Returns `panel_x_mm`, `panel_y_mm`, `weight`, (...) arrays of `dtype`.
 
     Raises `UsageError` or `DisplayError`: as for `check_lens_model`; or the model is a mesh.
     """
@@ -266,12 +258,8 @@ def trace_to_pixels(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Panel pixels that viewer's rays see; parameters and errors as of `trace_to_panel`.
 
-    Returns
-    -------
-    row, column : (...) int64 arrays
-        0 where the weight is.
-    weight : (...) float array
-        0 also of rays that miss the panel.
+    Returns `row`, `column`, (...) int64 arrays: 0 where the weight is; `weight`, (...) float array:
+    0 also of rays that miss the panel.
     """
     x, y, weight = trace_to_panel(display, name, *rays, index=index)
     rows, columns = display.eia_shape

@@ -103,12 +103,8 @@ def _sag(array: LensArray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def sheet_mesh(display: Display, facets: int | None = None) -> SheetMesh:
     """The sheet of a display's lenses.
 
-    Parameters
-    ----------
-    display : Display
-        Of a square lattice; turned and shifted arrays are turned and shifted.
-    facets : int, optional
-        Along a lens's side; `facets_per_lens` otherwise.
+    * `display`: of a square lattice; turned and shifted arrays are turned and shifted.
+    * `facets`: along a lens's side; `facets_per_lens` otherwise.
 
     Raises `DisplayError`: lenses that cannot be made so.
     """

@@ -167,18 +167,11 @@ def steepness(ops: Ops, face: Face, r_squared: Any) -> Any:
 def intersect(ops: Ops, face: Face, x: Any, y: Any, d: Any) -> tuple[Any, Any]:
     """Path along a ray from the vertex plane to the face, and whether the ray meets it.
 
-    Parameters
-    ----------
-    x, y :
-        Intersection of the ray with the vertex plane z = 0, mm.
-    d : (dx, dy, dz)
-        Unit vector along the light, dz > 0.
+    * `x`, `y`: intersection of the ray with the vertex plane z = 0, mm.
+    * `d`, (dx, dy, dz): unit vector along the light, dz > 0.
 
-    Returns
-    -------
-    path, is_hit :
-        Millimetres, negative if the face is in front of its vertex plane. Of a conic's two
-        intersections it is the one next to the vertex.
+    Returns `path`, `is_hit`: millimetres, negative if the face is in front of its vertex plane. Of
+    a conic's two intersections it is the one next to the vertex.
     """
     c = face.curvature
     r_squared = x * x + y * y
@@ -226,17 +219,11 @@ def surface_normal(ops: Ops, face: Face, x: Any, y: Any, z: Any) -> tuple[Any, A
 def refract(ops: Ops, d: Any, against: Any, ratio: Any) -> tuple[tuple[Any, Any, Any], Any]:
     """Snell's law in vector form, and Fresnel's transmittance of unpolarised light.
 
-    Parameters
-    ----------
-    d, against : (x, y, z)
-        The ray's unit vector, and the face's normal against it.
-    ratio :
-        Index in front of the face over the index behind it.
+    * `d`, `against`, (x, y, z): the ray's unit vector, and the face's normal against it.
+    * `ratio`: index in front of the face over the index behind it.
 
-    Returns
-    -------
-    d, transmittance :
-        The refracted unit vector; 0 under total reflection and on a face met from behind.
+    Returns `d`, `transmittance`: the refracted unit vector; 0 under total reflection and on a face
+    met from behind.
     """
     cos_in = -(d[0] * against[0] + d[1] * against[1] + d[2] * against[2])
     under = 1.0 - ratio * ratio * (1.0 - cos_in * cos_in)

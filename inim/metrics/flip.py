@@ -46,9 +46,7 @@ metric = Metric(
 def flip_map(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
     """LDR-FLIP error of each pixel, (rows, columns) float32, 0 (equal) to 1.
 
-    Parameters
-    ----------
-    reference, test : (rows, columns, 3) float32, linear RGB
+    * `reference`, `test`, (rows, columns, 3) float32, linear RGB
 
     Source: Andersson et al., HPG 2020, at 67 pixels per degree.
     """

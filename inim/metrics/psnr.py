@@ -29,9 +29,7 @@ def _decibels(squared_error: float) -> tuple[float, float]:
 def psnr_db(reference: np.ndarray, test: np.ndarray) -> float:
     """Peak signal-to-noise ratio of sRGB in 0..1, dB; infinite for equal images.
 
-    Parameters
-    ----------
-    reference, test : (rows, columns, 3) float32, linear RGB
+    * `reference`, `test`, (rows, columns, 3) float32, linear RGB
     """
     check_images(reference, test)
     by_row: list[float] = []  # summed exactly, so that the height of bands has no effect

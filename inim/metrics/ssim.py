@@ -48,9 +48,7 @@ metric = Metric(
 def ssim_map(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
     """Structural similarity of each pixel, (rows, columns) float32, mean over the channels.
 
-    Parameters
-    ----------
-    reference, test : (rows, columns, 3) float32, linear RGB
+    * `reference`, `test`, (rows, columns, 3) float32, linear RGB
 
     Source: Wang, Bovik, Sheikh and Simoncelli, IEEE TIP 2004, as in scikit-image, without the
     sample-covariance correction, as the paper defines it.

@@ -127,14 +127,9 @@ def view_scores(
 ) -> dict[str, ScoreEstimate]:
     """Scores of a view with their errors, by `inim.metrics.Metric.key`.
 
-    Parameters
-    ----------
-    region : (rows, columns) bool, optional
-        The relic's region, for additional scores by `on_relic_key`.
-    keys : sequence of str, optional
-        `inim.metrics.Metric.key` of the metrics to compute; default: all.
-    viewing : Viewing, optional
-        Without it, metrics with `needs_viewing` are left out.
+    * `region`, (rows, columns) bool: the relic's region, for additional scores by `on_relic_key`.
+    * `keys`: `inim.metrics.Metric.key` of the metrics to compute; default: all.
+    * `viewing`: without it, metrics with `needs_viewing` are left out.
     """
     metrics = [m for m in all_metrics() if keys is None or m.key in keys]
     truth, view = _image_and_noise(reference), _image_and_noise(test)

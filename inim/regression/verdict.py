@@ -39,10 +39,7 @@ def freedom_of_sum(squares: np.ndarray, fourths: np.ndarray) -> np.ndarray:
     For ``S1 = sum v_i`` and ``S2 = sum v_i^2`` it is ``3 S1^2 / S2 - 2``, at least one: near n for
     n equal estimates, and 1 for a single one.
 
-    Parameters
-    ----------
-    squares, fourths : arrays of one shape
-        S1 and S2.
+    * `squares`, `fourths`, arrays of one shape: S1 and S2.
 
     Source: Welch, Biometrika 34, 1947: ``(sum v)^2 / sum(v^2 / (f + 2)) - 2`` at f = 1, which
     removes the bias of Satterthwaite's (1946) formula at few degrees.

@@ -84,10 +84,7 @@ class SceneFile:
 def parse_definitions(definitions: object) -> dict[str, str]:
     """Settings and scene parameters to override, as texts by key.
 
-    Parameters
-    ----------
-    definitions : sequence of str, or mapping
-        `key=value` items, as after -D; or texts and numbers by key.
+    * `definitions`: `key=value` items, as after -D; or texts and numbers by key.
 
     Raises `UsageError`: an item without an equals sign, a key given twice, or another type.
     """
@@ -116,14 +113,9 @@ def read_scene_file(
 ) -> SceneFile:
     """Scan a scene and everything it includes.
 
-    Parameters
-    ----------
-    path : Path
-        Mitsuba XML.
-    definitions : mapping of str to str, optional
-        The command line's `-D key=value`.
-    allowed : iterable of Path
-        Folders besides its own where files that it names may lie.
+    * `path`: Mitsuba XML.
+    * `definitions`: the command line's `-D key=value`.
+    * `allowed`: folders besides its own where files that it names may lie.
 
     Raises `FileError`: missing, unreadable or broken XML, or a file it names that is not there.
     `SceneError`: too deep, too large, or naming files elsewhere; an unknown `-D` key.
@@ -170,19 +162,15 @@ def choose_display(
 ) -> tuple[Display, Settings]:
     """Design display and settings of a run.
 
-    Parameters
-    ----------
-    display : Display, str or Path, optional
-        A display; the name of a preset; or the path of an XML file with `inim.*` settings. A preset
-        replaces the scene's preset. A display or a file replaces all display settings of a scene; a
-        file also replaces misalignment and luminance. None: the scene's display, or the default
-        one.
-    definitions : mapping of str to str, optional
-        Single settings to override, as after -D. With a `Display`, they cannot be its parameters.
-    source : str
-        Name for error messages without a file.
-    scene : SceneFile, optional
-        Scene read with these definitions. Without a scene, a display file gives all settings.
+    * `display`: a display; the name of a preset; or the path of an XML file with `inim.*` settings.
+      A preset replaces the scene's preset. A display or a file replaces all display settings of a
+      scene; a file also replaces misalignment and luminance. None: the scene's display, or the
+      default one.
+    * `definitions`: single settings to override, as after -D. With a `Display`, they cannot be its
+      parameters.
+    * `source`: name for error messages without a file.
+    * `scene`: scene read with these definitions. Without a scene, a display file gives all
+      settings.
 
     Raises `InimError`: an unknown setting or preset, values that describe no possible display, or
     another type.

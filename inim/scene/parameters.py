@@ -37,12 +37,8 @@ _LIBRARIES = (".so", ".dylib", ".dll")
 class SceneFolder:
     """The files that a scene names.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the scene's XML, resolved.
-    allowed : iterable of Path
-        Folders, resolved, besides it: every file must lie in one of them.
+    * `folder`: of the scene's XML, resolved.
+    * `allowed`: folders, resolved, besides it: every file must lie in one of them.
     """
 
     def __init__(self, folder: Path, allowed: Iterable[Path] = ()) -> None:
@@ -193,10 +189,7 @@ _NAME = re.compile(r"(?<!\\)\$(\w*)", re.ASCII)
 class SceneParameters:
     """Values of `$name`; the first definition wins.
 
-    Parameters
-    ----------
-    given : mapping of str to str
-        The command line's; a scene's own `<default>`s yield to them.
+    * `given`: the command line's; a scene's own `<default>`s yield to them.
     """
 
     def __init__(self, definitions: Mapping[str, str]) -> None:

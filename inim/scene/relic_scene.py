@@ -94,14 +94,11 @@ def scene_xml(
 ) -> str:
     """Text of the scene.
 
-    Parameters
-    ----------
-    files : mapping of Path to Mesh
-        The relic's PLY files in the scene's folder; a texture is a PNG next to its file.
-    half_mm : (3,) float array
-        Half the size of the relic's bounding box, which is centred on the origin.
-    title, display : str
-        Values of `inim.title` and `inim.display`; without a display, the default applies.
+    * `files`: the relic's PLY files in the scene's folder; a texture is a PNG next to its file.
+    * `half_mm`, (3,) float array: half the size of the relic's bounding box, which is centred on
+      the origin.
+    * `title`, `display`: values of `inim.title` and `inim.display`; without a display, the default
+      applies.
     """
     radius = math.hypot(*half_mm)
     lines = defaults_xml(title, display)
@@ -294,18 +291,10 @@ class Frame:
 def place_splats(splats: Splats, turn: np.ndarray, frame: Frame) -> tuple[Splats, np.ndarray]:
     """The splats in a frame, turned, `SIZE_MM` large, about the origin.
 
-    Parameters
-    ----------
-    turn : (3, 3) float64
-        Rotation from the file's axes to the scene's.
-    frame : Frame
-        Holds their centres.
+    * `turn`, (3, 3) float64: rotation from the file's axes to the scene's.
+    * `frame`: holds their centres.
 
-    Returns
-    -------
-    splats : Splats
-    half_mm : (3,) float64
-        Half the size of the box that their supports reach.
+    Returns `splats`; `half_mm`, (3,) float64: half the size of the box that their supports reach.
 
     Raises `UsageError`: none are left.
     """
@@ -348,14 +337,9 @@ def rotate_splats(splats: Splats, turn: np.ndarray) -> Splats:
 def splat_scene_xml(name: str, half_mm: np.ndarray, title: str, display: str | None = None) -> str:
     """The scene's text.
 
-    Parameters
-    ----------
-    name : str
-        Of the PLY file, in the scene's folder.
-    half_mm : (3,) float64
-        Half the size of the relic, which is centred on the origin.
-    title, display : str
-        See `scene_xml`.
+    * `name`: of the PLY file, in the scene's folder.
+    * `half_mm`, (3,) float64: half the size of the relic, which is centred on the origin.
+    * `title`, `display`: see `scene_xml`.
     """
     # There is no light to sample: noise is that of a pixel's area alone, and a few samples do.
     lines = defaults_xml(title, display, score_error="0.01")

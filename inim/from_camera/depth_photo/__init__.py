@@ -56,10 +56,7 @@ class DepthPhoto:
 def read_depth_photo(path: Path) -> DepthPhoto:
     """Read a photograph with depth inside.
 
-    Parameters
-    ----------
-    path : Path
-        HEIC or HEIF, or JPEG with dynamic depth, GDepth or Apple's disparity.
+    * `path`: HEIC or HEIF, or JPEG with dynamic depth, GDepth or Apple's disparity.
 
     Raises `FileError`: missing, damaged, unsupported format, or no depth. `UsageError`: the file is
     HEIC, and pillow-heif is not installed.
