@@ -12,7 +12,7 @@ from msgspec.structs import replace as replaced
 
 from inim import metrics
 from inim.display import Display
-from inim.documents.bench import (
+from inim.documents.algorithms import (
     BenchAlgorithm,
     BenchScene,
     BenchScore,

@@ -11,7 +11,7 @@ from typing import Any
 from msgspec.structs import replace as replaced
 
 from inim.bench.evaluate import DISTURBED, bench_scene, choose_algorithms
-from inim.documents.bench import BenchAlgorithm, BenchDocument, BenchRounds, Load
+from inim.documents.algorithms import BenchAlgorithm, BenchDocument, BenchRounds, Load
 from inim.documents.parts import BackendRecord, origin
 from inim.errors import UsageError
 from inim.pipeline.plan import Plan, make_plan

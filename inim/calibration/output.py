@@ -19,7 +19,7 @@ from inim.calibration.model import (
     centres,
 )
 from inim.display import Display
-from inim.documents.calibration import (
+from inim.documents.display import (
     CalibrationDocument,
     CameraEstimate,
     CameraPosition,

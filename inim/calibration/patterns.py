@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display import Display
-from inim.documents.calibration import PatternsDocument
+from inim.documents.display import PatternsDocument
 from inim.documents.document import encode
 from inim.files.image import encode_image
 from inim.image.color import srgb_from_linear, srgb_to_uint8

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares, minimize_scalar
 
 from inim.calibration.model import Intrinsics, Pose, rays
 from inim.display import Display
-from inim.documents.calibration import ImageShift, MatchedStage, PhotoDocument, ToneCurve
+from inim.documents.display import ImageShift, MatchedStage, PhotoDocument, ToneCurve
 from inim.documents.parts import DisplayRecord, origin
 from inim.errors import FileError
 from inim.lens import trace_to_pixels

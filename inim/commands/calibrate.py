@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from inim.calibration.fit import Calibration
     from inim.calibration.model import Intrinsics, Pose
     from inim.display import Display
-    from inim.documents.calibration import CalibrationDocument, CameraPosition, PhotoDocument
+    from inim.documents.display import CalibrationDocument, CameraPosition, PhotoDocument
 
 
 _PATTERNS = "patterns"
@@ -176,7 +176,7 @@ def _photo(args: argparse.Namespace) -> int:
 def _calibration(display: Path) -> CalibrationDocument:
     """The calibration that `inim calibrate` wrote next to a display file."""
     from inim.documents import read_document
-    from inim.documents.calibration import CalibrationDocument
+    from inim.documents.display import CalibrationDocument
 
     path = display.with_name(f"{display.stem}-calibration") / "calibration.json"
     return read_document(

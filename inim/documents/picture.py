@@ -1,10 +1,11 @@
-"""`report.json` of one's own picture: scores without a ground truth."""
+"""Documents about a user's own pictures: several cameras, and a report without a ground truth."""
 
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
-from inim.documents.document import Part
+from inim.documents.document import Document, Part, doc
 from inim.documents.parts import (
     VIEW_SCORES,
     PictureShape,
@@ -89,3 +90,35 @@ class PictureDocument(RunReport, tag="inim.picture/2"):
         numbers = {name: [v for v in values if v is not None] for name, values in scores.items()}
         means = {name: sum(v) / len(v) if v else -math.inf for name, v in numbers.items()}
         return max(means, key=lambda name: means[name], default=None)
+
+
+Intrinsics = Annotated[
+    tuple[float, float, float, float],
+    doc("Focal lengths and principal point fx, fy, cx, cy, in pixels of the colour picture."),
+]
+Vector = tuple[float, float, float]
+
+
+class PlacedPicture(Part):
+    """A colour and a depth picture, with the place of their camera."""
+
+    color: str  #: Colour picture, in the folder of the document.
+    depth: str  #: Depth picture, in the folder of the document.
+    intrinsics: Intrinsics | None = None  #: Of this camera, if it has its own.
+    #: Position of the camera in mm; x to the right, y down, z away.
+    position_mm: Vector = (0.0, 0.0, 0.0)
+    #: Rotation matrix, by rows: its columns are the camera's right, down and forward directions.
+    #: Without it, the camera looks along z.
+    rotation: tuple[Vector, Vector, Vector] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+class CamerasDocument(Document, tag="inim.cameras/1"):
+    """RGB-D pictures from several cameras.
+
+    Input of `inim generate`, written by the user. The display shows the scene as the first camera
+    sees it. Positions and rotations of all cameras are in one frame, which may be that of the first
+    camera.
+    """
+
+    intrinsics: Intrinsics | None = None  #: Of all cameras without their own.
+    pictures: list[PlacedPicture]  #: Two to nine pictures, the front view first.

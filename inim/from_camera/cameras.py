@@ -1,4 +1,4 @@
-"""A user's RGB-D pictures from several cameras (`inim.documents.cameras`), fitted to a display."""
+"""A user's RGB-D pictures from several cameras (`inim.documents.picture`), fitted to a display."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display import Display
-from inim.documents.cameras import CamerasDocument, PlacedPicture
 from inim.documents.files import read_document
+from inim.documents.picture import CamerasDocument, PlacedPicture
 from inim.errors import FileError, UsageError
 from inim.from_camera.fit import FITS, DepthMap, check_pinhole, depth_range, map_depth, unprojection
 from inim.from_camera.picture import CameraPicture, ColorDepth

@@ -9,7 +9,7 @@ from typing import Any
 
 from msgspec.structs import asdict
 
-from inim.documents.bench import (
+from inim.documents.algorithms import (
     BenchAlgorithm,
     BenchDocument,
     BenchScene,

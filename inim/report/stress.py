@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from inim.documents import Part
-from inim.documents.stress import (
+from inim.documents.algorithms import (
     FirstHitsResult,
     RelationResult,
     StressDocument,

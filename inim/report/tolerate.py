@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from inim.documents.display import ParameterTolerance, Together, ToleranceDocument
 from inim.documents.files import write_forms
-from inim.documents.tolerate import ParameterTolerance, Together, ToleranceDocument
 from inim.metrics.headline import HEADLINE_WORDS
 from inim.report.labels import MISSING, NBSP, number, per_cent
 from inim.report.page import (

@@ -23,7 +23,7 @@ from msgspec.structs import replace
 
 from inim import metrics
 from inim.display import Display
-from inim.documents.stress import FirstHitsResult, Jitter
+from inim.documents.algorithms import FirstHitsResult, Jitter
 from inim.errors import InimError
 from inim.generators import SourceGenerator, foreign_errors, prepare
 from inim.generators.oracle import exact_hits

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from inim.documents.parts import BackendRecord, origin
-from inim.documents.stress import (
+from inim.documents.algorithms import (
     Claim,
     FirstHitsResult,
     JitteredPicture,
     RelationResult,
     StressDocument,
 )
+from inim.documents.parts import BackendRecord, origin
 from inim.errors import UsageError
 from inim.generators import algorithm_names, check_algorithm, is_own
 from inim.image.rgbd import RGBD

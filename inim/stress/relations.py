@@ -20,7 +20,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from inim.display import Display
-from inim.documents.stress import RelationResult
+from inim.documents.algorithms import RelationResult
 from inim.errors import InimError
 from inim.generators import properties
 from inim.image.rgbd import RGBD

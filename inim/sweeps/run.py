@@ -10,8 +10,8 @@ from typing import Any
 
 from inim import backend as backends
 from inim.display import Display
+from inim.documents.algorithms import SweepTable
 from inim.documents.parts import origin
-from inim.documents.unit import SweepTable
 from inim.pipeline.plan import LEAST_BYTES
 from inim.process.atomic_file import file_errors
 from inim.process.machine import cpu_count

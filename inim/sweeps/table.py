@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec import to_builtins
 
+from inim.documents.algorithms import SweepTable, UnitDocument, UnitView
 from inim.documents.report import ReportDocument
-from inim.documents.unit import SweepTable, UnitDocument, UnitView
 from inim.errors import UsageError
 from inim.files.image import write_atomically
 from inim.files.regular_file import check_file

@@ -28,8 +28,8 @@ import inim
 from inim.backend import versions
 from inim.display import Display
 from inim.documents import read_document
+from inim.documents.algorithms import UnitDocument
 from inim.documents.document import encode
-from inim.documents.unit import UnitDocument
 from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, WorkerError
 from inim.files.image import write_atomically
 from inim.generators import PICKUP, is_own, parse_algorithm

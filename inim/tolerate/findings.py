@@ -22,7 +22,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from inim.display.misalignment import misalignment_text
-from inim.documents.tolerate import (
+from inim.documents.display import (
     DrawAlone,
     DrawTogether,
     LossCurve,

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from inim.display.misalignment import misalignment_text
+from inim.documents.display import FailedDisplay, ToleranceDocument
 from inim.documents.parts import DisplayRecord, SceneFileRecord, origin
-from inim.documents.tolerate import FailedDisplay, ToleranceDocument
 from inim.errors import SceneError, UsageError
 from inim.generators import PICKUP
 from inim.metrics.headline import HEADLINE

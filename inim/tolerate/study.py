@@ -20,7 +20,7 @@ from typing import Any
 from inim.display import Display
 from inim.display.misalignment import MISALIGNMENTS
 from inim.documents import read_document
-from inim.documents.calibration import CalibrationDocument
+from inim.documents.display import CalibrationDocument
 from inim.errors import FileError
 from inim.sweeps.study import MOST_UNITS, Tables, read_toml, short_value
 

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from inim.documents import read_document
-from inim.documents.tolerate import ToleranceDocument
+from inim.documents.display import ToleranceDocument
 from inim.files.image import write_atomically
 from inim.report.tolerate import sentences
 from reports.calibration.cases import draw_case

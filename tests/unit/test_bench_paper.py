@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from inim.documents import read_document
-from inim.documents.bench import BenchDocument
+from inim.documents.algorithms import BenchDocument
 from inim.report.bench import bench_page, milliseconds, times, write_bench
 from inim.report.labels import per_cent
 from reports.bench.paper.claims import claims

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 
 from inim.bench.evaluate import all_scores
 from inim.display import DISPLAYS
-from inim.documents.bench import (
+from inim.documents.algorithms import (
     BenchAlgorithm,
     BenchDocument,
     BenchRounds,

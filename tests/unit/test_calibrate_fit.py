@@ -33,7 +33,7 @@ from inim.calibration.output import (
     residual_maps,
 )
 from inim.display import DISPLAYS
-from inim.documents.calibration import CalibrationDocument
+from inim.documents.display import CalibrationDocument
 from inim.documents.document import decode, encode
 from inim.errors import FileError, UsageError
 from inim.lens import trace_to_panel

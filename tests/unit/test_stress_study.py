@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.database import DirectoryBasedExampleDatabase
 
 from inim.display import Display
-from inim.documents.stress import RelationResult
+from inim.documents.algorithms import RelationResult
 from inim.generators import HOLE, find_sources, generate
 from inim.generators.oracle import lensed_pixels
 from inim.generators.template import ray_by_ray

@@ -7,7 +7,7 @@ from itertools import product
 
 import pytest
 
-from inim.documents.unit import SweepTable
+from inim.documents.algorithms import SweepTable
 from inim.report.plots import on_front
 from inim.report.sweep import best_displays, mean, render_sweep, results_of, time_column, write_page
 

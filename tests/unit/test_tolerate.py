@@ -16,8 +16,8 @@ from msgspec.structs import replace
 from inim.display import DISPLAYS
 from inim.display.misalignment import MISALIGNMENTS, misaligned, misalignment_text
 from inim.documents import read_document, schema
+from inim.documents.display import FailedDisplay, ToleranceDocument
 from inim.documents.parts import DisplayRecord, SceneFileRecord
-from inim.documents.tolerate import FailedDisplay, ToleranceDocument
 from inim.errors import FileError, SceneError, UsageError
 from inim.report.tolerate import sentences, write_tolerance
 from inim.tolerate.findings import (

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from inim.documents.algorithms import JitteredPicture
 from inim.documents.document import decode, encode
-from inim.documents.stress import JitteredPicture
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 from inim.process.observer import Observer
 from inim.report.stress import write_stress

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from inim.documents import doc
-from inim.documents.stress import StressRecord
+from inim.documents.algorithms import StressRecord
 
 
 class StudyDocument(StressRecord, tag="inim.stress-study/1"):

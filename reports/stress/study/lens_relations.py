@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.documents.stress import RelationResult
+from inim.documents.algorithms import RelationResult
 from inim.lens import trace_to_panel
 from reports.stress.study.lens_cases import display_of, rays_over
 from reports.stress.study.lens_oracle import LensRays

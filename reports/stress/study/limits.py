@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from inim.documents.stress import Claim, RelationResult
+from inim.documents.algorithms import Claim, RelationResult
 from inim.inspection.accuracy_limits import LANDING_PIXELS
 
 Rows = Sequence[Mapping[str, Any]]

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from inim.display import Display
-from inim.documents.stress import RelationResult
+from inim.documents.algorithms import RelationResult
 from inim.generators import find_sources
 from inim.generators.template import ray_by_ray
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
