@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from inim.generators import generate as generate
     from inim.image.color import to_srgb as to_srgb
     from inim.image.rgbd import RGBD as RGBD
-    from inim.inspection.run import inspect as inspect
+    from inim.inspection.findings import inspect as inspect
     from inim.metrics import score as score
     from inim.pipeline.launch import validate as validate
     from inim.render.reconstruct import reconstruct as reconstruct
@@ -43,7 +43,7 @@ _HOME = {
     "compare_algorithms": "inim.report.score_table",
     "export": "inim.views.export",
     "generate": "inim.generators",
-    "inspect": "inim.inspection.run",
+    "inspect": "inim.inspection.findings",
     "new_scene": "inim.scene.new_scene",
     "read_rgbd": "inim.files.image",
     "reconstruct": "inim.render.reconstruct",

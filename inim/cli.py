@@ -34,14 +34,14 @@ from inim.version import __version__
 GROUPS = {
     "first steps": {
         "demo": "validate",
-        "new-scene": "new_scene",
+        "new-scene": "inputs",
         "validate": "validate",
         "view": "view",
     },
     "your own pictures and displays": {
         "generate": "generate",
-        "depth": "depth",
-        "export": "export",
+        "depth": "inputs",
+        "export": "view",
         "film": "view",
         "inspect": "info",
         "calibrate": "calibrate",
@@ -52,7 +52,7 @@ GROUPS = {
         "compare": "validate",
         "baseline": "validate",
         "sweep": "study",
-        "figure": "figure",
+        "figure": "validate",
     },
     "information": {"info": "info"},
     "for developers of algorithms": {"bench": "study", "stress": "study"},

@@ -23,8 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from inim.calibration.patterns import CELL, PERIOD, bit_count
-from inim.calibration.photographs import Position, read_photograph
+from inim.calibration.patterns import CELL, PERIOD, Position, bit_count, read_photograph
 from inim.errors import FileError
 
 # A lens is lit where it has this share of the light that bright ones have.

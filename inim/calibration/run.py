@@ -12,7 +12,7 @@ from inim.calibration.fit import Calibration, check_display, fit_display
 from inim.calibration.lattice import Lenses, find_lenses
 from inim.calibration.model import Intrinsics
 from inim.calibration.output import calibration_document, display_file, residual_maps
-from inim.calibration.photographs import read_positions
+from inim.calibration.patterns import read_positions
 from inim.display import Display
 from inim.documents.files import write_text
 from inim.errors import UsageError

@@ -130,8 +130,8 @@ def _add_photo_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _photo(args: argparse.Namespace) -> int:
     from inim.calibration.model import Intrinsics
+    from inim.calibration.patterns import read_colors
     from inim.calibration.photo import compare, photo_document, simulate
-    from inim.calibration.photographs import read_colors
     from inim.files.eia_file import read_eia
     from inim.report.calibration import PHOTO_FILES, write_photo
     from inim.worker.output import default_out, output_files
@@ -215,7 +215,7 @@ def _pose(folder: Path, display: Display, camera: Intrinsics, shape: tuple[int, 
     from inim.calibration.decode import decode
     from inim.calibration.fit import fit_pose
     from inim.calibration.lattice import find_lenses
-    from inim.calibration.photographs import read_position
+    from inim.calibration.patterns import read_position
 
     position = read_position(folder, display)
     _check_shape(folder, position.shape, shape)

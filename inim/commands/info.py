@@ -157,7 +157,7 @@ def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _inspect(args: argparse.Namespace) -> int:
     from inim.documents.document import encode
-    from inim.inspection.run import inspect
+    from inim.inspection.findings import inspect
     from inim.scene.file import parse_definitions
 
     inspection = inspect(

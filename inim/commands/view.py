@@ -1,4 +1,4 @@
-"""Commands `inim view`, the virtual display as an HTML file, and `inim film`.
+"""Commands `inim view` (the virtual display as an HTML file), `film` and `export`.
 
 A view needs no rendering: a report's panels and views are in its folder, and the replacement views
 of a single EIA come from the lens models in NumPy.
@@ -237,9 +237,82 @@ def _film(args: argparse.Namespace) -> int:
     return EXIT_PASSED
 
 
+_EXPORT_OPTIONS = (
+    *("pdf", "views", "hci", "quilt", "grid", "tiles", "view_size", "aspect", "view_spp"),
+    *("scene", "allow_folders", "quiet", "debug"),
+)
+
+
+def _add_export_arguments(parser: argparse.ArgumentParser) -> None:
+    from inim.views.export import SPP, TILES
+
+    parser.description = (
+        "Write an EIA as a PDF to print, its sub-aperture views (one pixel per lens) as images or "
+        "as an HCI light field, or a quilt of views rendered through the lens array."
+    )
+    add = parser.add_argument
+    algorithms = "report: algorithm, or truth for the ground-truth EIA (the best algorithm)"
+    add_shared(parser, "source", "display", "definitions", algorithms=algorithms)
+    add("--pdf", type=Path, metavar="FILE", help="write a PDF that prints at true size")
+    add(
+        "--views",
+        type=Path,
+        metavar="DIR",
+        help="write sub-aperture views, view_ROW_COLUMN.png, into this folder",
+    )
+    add(
+        "--hci",
+        type=Path,
+        metavar="DIR",
+        help="write an HCI light field into this folder; with the true disparity for a report",
+    )
+    add(
+        "--grid",
+        metavar="COLSxROWS",
+        help="number of sub-aperture views (default: the pixels per lens)",
+    )
+    add(
+        "--quilt",
+        type=Path,
+        metavar="FILE",
+        help="write a quilt, .png; _qsCOLSxROWSaASPECT is added to its name",
+    )
+    add("--tiles", metavar="COLSxROWS", help=f"tiles of the quilt ({TILES})")
+    add("--view-size", metavar="WxH", help="size of a tile in pixels (8x6: 420x560)")
+    add(
+        "--aspect",
+        type=float,
+        help="displayed width over height of a tile (default: square pixels)",
+    )
+    add("--view-spp", type=int, metavar="N", help=f"samples per pixel of a tile ({SPP})")
+    add(
+        "--scene",
+        type=Path,
+        metavar="XML",
+        help="scene file for a quilt of the ground truth (default: the report's scene)",
+    )
+    add_shared(parser, "allow_folders", "quiet", "debug")
+
+
+def _export(args: argparse.Namespace) -> int:
+    from inim.views.export import export
+
+    notes: list[str] = []
+    options = {name: getattr(args, name) for name in _EXPORT_OPTIONS}
+    choices = choices_of(args)
+    choices.pop("algorithms", None)
+    files = export(args.source, algorithm=args.algorithms, **choices, **options, say=notes.append)
+    if not args.quiet:
+        print("\n".join([*map(str, files), *notes]))
+    return EXIT_PASSED
+
+
 COMMANDS = {
     "view": Command("view a report's EIAs, or any EIA, in a browser", _add_view_arguments, _view),
     "film": Command(
         "make a film of a report's display, seen by a moving eye", _add_film_arguments, _film
+    ),
+    "export": Command(
+        "write an EIA as PDF, views, light field or quilt", _add_export_arguments, _export
     ),
 }

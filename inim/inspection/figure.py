@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from inim.documents.inspect import InspectDocument
-from inim.inspection.findings import Inspection
 from inim.inspection.spots import Spot
 from inim.report.diagram import draw_plan
 from inim.report.plots import (
@@ -25,6 +24,9 @@ from inim.report.plots import (
     save,
     style,
 )
+
+if TYPE_CHECKING:
+    from inim.inspection.findings import Inspection
 
 _SIZE_INCHES = (13.0, 8.6)
 _SPOT_MARKS = {"all": (BLUE, "o"), "red": (VERMILION, "s"), "green": (GREEN, "^")} | {

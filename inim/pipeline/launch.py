@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from inim.errors import UsageError
 from inim.pipeline.scene_source import scene_and_out
 from inim.plugins import PluginModule
-from inim.process.progress import OnStage, shown_progress
+from inim.process.observer import OnStage, shown_progress
 from inim.worker.output import staging_folder
 from inim.worker.supervisor import run_in_worker
 

@@ -22,8 +22,7 @@ from typing import Any
 
 from inim.errors import InimError, unexpected_error
 from inim.process import machine
-from inim.process.observer import Observer
-from inim.process.progress import OnStage
+from inim.process.observer import Observer, OnStage
 from inim.process.python_process import exit_with_parent
 
 _BAR = "{desc}: {percentage:3.0f}%|{bar}| {remaining} left"

@@ -26,7 +26,7 @@ from inim import backend as backends
 from inim import errors
 from inim.errors import InimError, OutOfMemoryError, WorkerError
 from inim.process import machine
-from inim.process.progress import OnStage
+from inim.process.observer import OnStage
 from inim.process.python_process import child_environment, end_process, python_module
 from inim.worker.serve import Job
 

@@ -25,8 +25,7 @@ import inim
 from inim.calibration.decode import decode
 from inim.calibration.fit import Calibration, fit_display
 from inim.calibration.lattice import find_lenses
-from inim.calibration.patterns import write_patterns
-from inim.calibration.photographs import read_positions
+from inim.calibration.patterns import read_positions, write_patterns
 from inim.display import Display
 from inim.errors import InimError
 from inim.files.image import write_atomically

@@ -9,8 +9,7 @@ import pytest
 from PIL import Image
 
 from inim.calibration.decode import decode
-from inim.calibration.patterns import write_patterns
-from inim.calibration.photographs import read_positions
+from inim.calibration.patterns import read_positions, write_patterns
 from inim.lens import trace_to_panel
 from reports.calibration.cases import draw_case
 from reports.calibration.landing import SAMPLES, Camera, Pose, Sheet, look_at

@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 from inim.cli import main
-from inim.commands.depth import relative_distance, returns_distance
+from inim.commands.inputs import relative_distance, returns_distance
 from inim.errors import EXIT_PASSED, UsageError
 from inim.from_camera.picture_files import read_depth
 from tests.system.conftest import assert_refused

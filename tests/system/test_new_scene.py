@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.commands.new_scene import COMMANDS
+from inim.commands.inputs import COMMANDS
 from inim.errors import FileError, UsageError
 from inim.files.mesh import read_mesh
 from inim.files.ply import write_ply

@@ -10,8 +10,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from inim.calibration.decode import decode
-from inim.calibration.patterns import patterns
-from inim.calibration.photographs import read_photograph, read_positions
+from inim.calibration.patterns import patterns, read_photograph, read_positions
 from inim.display import DISPLAYS
 from inim.errors import FileError
 from inim.image.color import srgb_from_linear, srgb_to_uint8

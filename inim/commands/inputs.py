@@ -1,4 +1,6 @@
-"""`inim depth`: depth of a single photograph by a learned model, through `transformers`.
+"""Preparation of inputs: `inim depth` for photographs, `inim new-scene` for relics.
+
+`inim depth` estimates the depth of a single photograph by a learned model, through `transformers`.
 
 There are two kinds of models. Some return metres (ZoeDepth, Depth Pro, GLPN, the metric Depth
 Anything); their numbers are kept. Most return inverse depth, larger for nearer objects, up to an
@@ -13,10 +15,11 @@ from __future__ import annotations
 
 import math
 import os
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inim.commands.options import Command, add_shared
+from inim.commands.options import Command, add_shared, print_warning
 from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
 from inim.files.regular_file import check_file
 
@@ -34,7 +37,7 @@ _INVERSE_TYPES = frozenset({"dpt"})
 _DEFAULT_RATIO = 4.0
 
 
-def _add_arguments(parser: argparse.ArgumentParser) -> None:
+def _add_depth_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Estimate the depth of a photograph with a depth-estimation model, for `inim generate`. "
         f"Needs the extra: {_INSTALL}"
@@ -57,10 +60,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add_shared(parser, "debug")
 
 
-def _run(args: argparse.Namespace) -> int:
+def _depth(args: argparse.Namespace) -> int:
     import numpy as np
 
-    _check(args)
+    _check_depth(args)
     estimator = _estimator(args.model)
     metric = returns_distance(estimator.model.config, args.model, args.model_output)
     predicted = _predict_depth(estimator, args.photo, args.model)
@@ -72,7 +75,7 @@ def _run(args: argparse.Namespace) -> int:
             relative_distance(predicted, args.depth_ratio),
             "--depth-unit none --far-is-large",
         )
-    _write(args.out, depth, "distance in metres" if metric else "relative distance")
+    _write_depth(args.out, depth, "distance in metres" if metric else "relative distance")
     low, high = float(np.nanmin(depth)), float(np.nanmax(depth))
     kind = "metres" if metric else "inverse depth, converted to relative distance"
     print(f"model      {args.model}: {kind}")
@@ -81,7 +84,7 @@ def _run(args: argparse.Namespace) -> int:
     return EXIT_PASSED
 
 
-def _check(args: argparse.Namespace) -> None:
+def _check_depth(args: argparse.Namespace) -> None:
     if args.out.suffix.lower() not in (".exr", ".npy"):
         raise UsageError(f"-o {args.out}: depth is written as .exr or .npy")
     if args.out.is_dir():
@@ -185,7 +188,7 @@ def relative_distance(inverse: np.ndarray, ratio: float) -> np.ndarray:
     return distance
 
 
-def _write(path: Path, depth: np.ndarray, meaning: str) -> None:
+def _write_depth(path: Path, depth: np.ndarray, meaning: str) -> None:
     import numpy as np
 
     from inim.files.image import write_atomically
@@ -197,4 +200,56 @@ def _write(path: Path, depth: np.ndarray, meaning: str) -> None:
         write_atomically(path, lambda p: np.save(p, depth))
 
 
-COMMANDS = {"depth": Command("estimate the depth of a photograph", _add_arguments, _run)}
+def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+    from inim.scene.new_scene import AXES, UNITS
+
+    add = parser.add_argument
+    add(
+        "mesh",
+        type=Path,
+        metavar="MESH",
+        help="mesh (PLY, OBJ, OFF, STL, GLB or glTF) or Gaussian splats (PLY)",
+    )
+    add("-o", "--out", type=Path, metavar="XML", help="scene to write (default: MESH-scene.xml)")
+    add(
+        "--unit",
+        choices=UNITS,
+        help="length of one unit of the mesh; required, except for glTF (m) and splats",
+    )
+    axes = f"{', '.join(AXES)}; write a negative axis as --up=-z"
+    add(
+        "--up",
+        metavar="AXIS",
+        help=f"axis of the mesh that points up: {axes}; required, except for glTF (y)",
+    )
+    add(
+        "--front",
+        metavar="AXIS",
+        help="axis of the mesh that faces the viewer (default: z; if z is up, -y)",
+    )
+    add(
+        "--crop",
+        metavar="BOX",
+        help="splats: keep only this box, x0,x1,y0,y1,z0,z1 (default: a box of nearly all)",
+    )
+    add("--title", help="name of the scene in reports (default: the mesh file's name)")
+    add("--display", help="display preset to write into the scene: nominal or phone")
+    add("--force", action="store_true", help="replace existing files")
+
+
+def _new_scene(args: argparse.Namespace) -> int:
+    from inim.scene.new_scene import new_scene
+
+    options = ("unit", "up", "front", "crop", "title", "display", "force")
+    choices = {name: getattr(args, name) for name in options}
+    path = new_scene(args.mesh, args.out, **choices, warn=print_warning, say=print)
+    print(f"wrote {path}; next: inim validate {shlex.quote(str(path))}")
+    return 0
+
+
+COMMANDS = {
+    "depth": Command("estimate the depth of a photograph", _add_depth_arguments, _depth),
+    "new-scene": Command(
+        "create a lit scene from a mesh or Gaussian splats", _add_scene_arguments, _new_scene
+    ),
+}
