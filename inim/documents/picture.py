@@ -14,7 +14,7 @@ from inim.documents.parts import (
     check_names,
     check_scores,
 )
-from inim.metrics.headline import MAIN
+from inim.metrics import MAIN
 
 
 class FittedPicture(PictureShape):

@@ -23,7 +23,7 @@ from inim.documents.parts import (
     scores,
 )
 from inim.errors import InimError
-from inim.metrics.headline import HEADLINE, best_algorithm, passing_limit
+from inim.metrics import HEADLINE, best_algorithm, passing_limit
 from inim.settings import Settings
 
 _Row = tuple[float, float, float, float]

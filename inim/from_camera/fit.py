@@ -1,26 +1,15 @@
 """Fit of a camera's picture to a display: position, size and depth.
 
-There are three depth maps. `linear` maps the camera's depth range onto the display's (the paper's
-Eq. 4, corrected): ``z = z_min + (far - d) / (far - near) (z_max - z_min)``, reversed if numbers
-grow towards the viewer. A flat picture, near = far, is placed at the central depth plane.
-
-`reciprocal` is ``z = D (near + far) / 2 d`` (Li et al. 2012, as cited in the paper). It preserves
-the proportions of depths. It clips depths beyond the display's range if far / near > 1 + span / D.
-
-`printed` is Eq. 4 as printed, for reproduction: ``z = z_max + (d - d_min) / (d_max - d_min)
-(z_max - z_min)``. It maps onto [z_max, 2 z_max - z_min], in front of the displayable depth, and
-inverts numbers that grow away from the viewer. z_min and z_max are the ends of the displayable
-depth, D -+ span / 2. Depths beyond the display's depth range are clipped: all except d_min, unless
-depth_min_mm and depth_max_mm set a larger range.
-
-`linear` is an affine map of an unprojected picture, and `reciprocal` a projective map of an
-orthographic one: both preserve planes. The other two combinations bend planes.
+There are three depth maps; docs/theory/paper.md compares them. `linear` maps the camera's depth
+range onto the display's, ``z = z_min + (far - d) / (far - near) (z_max - z_min)``, reversed if
+numbers grow towards the viewer. A flat picture is placed at the central depth plane. `reciprocal`
+is ``z = D (near + far) / 2 d`` (Li et al. 2012). `printed` is Eq. 4 of the paper as printed:
+``z = z_max + (d - d_min) / (d_max - d_min) (z_max - z_min)``, beyond the displayable depth.
 
 A perspective picture is unprojected: each sample is moved to its position in space, and an affine
 map takes that space to the display. It has one scale for x and y, and another for z if depths are
 mapped linearly. At the distance `frame_at` (by default the median depth), the picture fits the lens
-array, centred on the display's axis; at shorter distances it is narrower, at longer ones wider. An
-orthographic picture fits the array at every depth.
+array, centred on the display's axis. An orthographic picture fits the array at every depth.
 """
 
 from __future__ import annotations

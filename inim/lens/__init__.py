@@ -9,15 +9,8 @@ z = 0 and `(sx, sy)` its sideways travel per millimetre away from the viewer; `i
 material's refractive index for the ray's colour. The result is the ray at z = -gap, behind the
 lens, and its share of transmitted light, 0 for a blocked ray. A ray may end under a neighbour's
 elemental image; this crosstalk is kept. The arithmetic is passed as `ops`, so the same code runs in
-float64 NumPy and in a Dr.Jit kernel.
-
-A model may also be a mesh of the array, through which the renderer traces rays.
-
-Other packages register models in the entry-point group ``inim.lens_models``, under the model's
-name, and need only this package's public names::
-
-    [project.entry-points."inim.lens_models"]
-    mine = "my_package.lens:model"
+float64 NumPy and in a Dr.Jit kernel. Other packages register models in the entry-point group
+``inim.lens_models``, under the model's name: docs/how-to/own-lens-model.md.
 """
 
 from __future__ import annotations

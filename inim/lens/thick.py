@@ -1,24 +1,19 @@
 """`thick`: a plano-convex lens, refracted exactly at both faces.
 
 Position: the front principal plane is the plane z = 0, and the panel is at the distance g behind
-the rear principal plane, so f and g have the same meaning as for a thin lens. With the bulge
-towards the viewer the vertex is at z = 0 and the rear principal plane t - t/n behind it; with the
-bulge towards the panel the flat face is at z = t/n and the vertex is the rear principal plane, t -
-t/n behind z = 0 (Hecht, Optics, thick lenses: h = f (n - 1) t / (R n)). The planes use the design
-index, so that they do not depend on a ray's colour.
+the rear principal plane. With the bulge towards the viewer the vertex is at z = 0 and the rear
+principal plane t - t/n behind it; with the bulge towards the panel the flat face is at z = t/n and
+the vertex is the rear principal plane (Hecht, Optics, thick lenses: h = f (n - 1) t / (R n)). The
+planes use the design index, so that they do not depend on a ray's colour.
 
-The bulges of lenses that fill their cells make one relief, and a ray meets its first bulge: one
-that would reach its lens through a neighbour's bulge is the neighbour's. None leaves a bulge and
-strikes the next: at a slope b it would have to leave at more than 90 - b degrees off the axis, so
-n sin(a - b) >= cos(2 b) for its angle a in the glass. That takes rays 70 degrees off the axis in
-PMMA, 45 at n = 1.3, and there are none from n = 1.6.
-
-Lenses with gaps between them are sunk in a sheet of thickness t, with vertices flush with its
-surface. Outside the apertures that surface is painted dark, or is the bare face of a plane-parallel
-plate. Light on the walls of a lens's hole is lost.
+The bulges of lenses that fill their cells make one relief, and a ray meets its first bulge. None
+leaves a bulge and strikes the next: at a slope b it would have to leave at more than 90 - b degrees
+off the axis, so n sin(a - b) >= cos(2 b) for its angle a in the glass: in PMMA it would arrive 70
+degrees off the axis. Lenses with gaps between them are sunk in a sheet of thickness t, vertices
+flush.
 
 Weights are the unpolarised Fresnel transmittances of the two faces; the factor n^2 of radiance
-inside glass cancels between them.
+inside glass cancels between them. docs/theory/lens-models.md has omissions and comparisons.
 """
 
 from __future__ import annotations

@@ -1,20 +1,16 @@
-"""Scores of an image against a reference, on display-referred sRGB.
+"""Scores of an image against a reference, on display-referred sRGB, and the headline score.
 
 A metric is one file with one value, a `Metric`. Other packages register theirs in the entry-point
-group ``inim.metrics``, under the metric's name::
-
-    [project.entry-points."inim.metrics"]
-    mine = "my_package.score:metric"
-
-Every run computes all installed metrics, including ColorVideoVDP if its package is installed. All
-parameters are fixed: window, data range, viewing conditions. Scores are comparable only for the
-same scene.
+group ``inim.metrics``, under the metric's name: docs/how-to/own-metric.md. Every run computes all
+installed metrics, including ColorVideoVDP if its package is installed. All parameters are fixed.
+Algorithms are ranked by the headline: `MAIN` on the relic, to the reference.
 """
 
 from __future__ import annotations
 
+import math
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, wraps
 from threading import Lock
@@ -36,18 +32,25 @@ from inim.metrics.ssim import metric as _ssim
 from inim.plugins import announced_names, attribute_errors, identity, load
 
 __all__ = [
+    "HEADLINE",
+    "HEADLINE_TO_SCENE",
+    "HEADLINE_WORDS",
+    "MAIN",
     "RELIC_MARGIN_PX",
     "SSIM_WINDOW",
     "Metric",
     "Viewing",
     "all_metrics",
+    "best_algorithm",
     "eia_scores",
     "find",
     "flip",
     "flip_map",
     "foreign_identities",
     "heat_map",
+    "passing_limit",
     "perception_packages",
+    "preferred_algorithm",
     "psnr_db",
     "relic_region",
     "score",
@@ -231,3 +234,47 @@ def eia_scores(reference: np.ndarray, test: np.ndarray) -> dict[str, float]:
         elif metric.has_eia_score:
             scores[metric.key] = metric.score(maps_of([metric], reference, test)[metric.key])
     return scores
+
+
+# -- headline score -------------------------------------------------------------------------------
+
+MAIN = _ssim
+#: Keys of the headline score and of the same score to the scene.
+HEADLINE, HEADLINE_TO_SCENE = MAIN.on_relic_to_reference_key, MAIN.on_relic_key
+HEADLINE_WORDS = f"{MAIN.label} on the relic, to the reference"
+
+
+def best_algorithm(headlines: Mapping[str, Sequence[float]]) -> str | None:
+    """Name of the algorithm with the best mean headline score; the first of equal ones.
+
+    The finite scores of the views are given by algorithm; those with fewer scores rank lower. None
+    if there are no scores.
+    """
+
+    def rank(algorithm: str) -> tuple[int, float]:
+        scores = headlines[algorithm]
+        return len(scores), sum(scores) / len(scores) if scores else 0.0
+
+    best = max(headlines, key=rank, default=None)
+    return best if best is not None and headlines[best] else None
+
+
+def preferred_algorithm(metric: Metric, means: Mapping[str, float], best: str) -> str:
+    """Name of the algorithm that a metric ranks first by its mean score to the reference.
+
+    Within the metric's tolerance, it is `best`, the best algorithm by the headline score.
+    """
+    sign = 1 if metric.better == "higher" else -1
+    other = max(means, key=lambda name: sign * means[name], default=best)
+    if best not in means or sign * (means[other] - means[best]) <= metric.tolerance:
+        return best
+    return other
+
+
+def passing_limit(headlines: Sequence[float], noise: float) -> float:
+    """Suggest a criterion that a run just passes.
+
+    The worst view's headline score, minus the largest half interval and the smallest change that
+    counts, rounded down to a hundredth.
+    """
+    return max(math.floor(100 * (min(headlines) - noise - MAIN.tolerance)) / 100, 0.0)

@@ -27,7 +27,7 @@ from inim.backend import Backend
 from inim.documents.parts import Check
 from inim.documents.report import AlgorithmResult
 from inim.image.rgbd import LayeredRGBD
-from inim.metrics.headline import HEADLINE_TO_SCENE, MAIN
+from inim.metrics import HEADLINE_TO_SCENE, MAIN
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.capture import Capture
 from inim.pipeline.stages.generation import ReferenceOutput

@@ -7,7 +7,7 @@ from typing import Any
 
 from inim.cache import ResultCache, open_store
 from inim.documents.report import ReportDocument
-from inim.metrics.headline import HEADLINE_WORDS
+from inim.metrics import HEADLINE_WORDS
 from inim.pipeline.output import Images
 from inim.pipeline.plan import Plan, check_baseline
 from inim.pipeline.stages.scene import Renderer

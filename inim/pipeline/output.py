@@ -34,7 +34,7 @@ from inim.files.image import write_exr, write_png, write_rgbd
 from inim.image.color import linear_from_srgb, magma
 from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.inspection.accuracy_limits import accuracy_warnings, lenses_beside_panel
-from inim.metrics.headline import HEADLINE
+from inim.metrics import HEADLINE
 from inim.pipeline.adaptive_sampling import Evaluation
 from inim.pipeline.baseline import BaselineComparison
 from inim.pipeline.stages.capture import Capture

@@ -1,14 +1,10 @@
 """Comparison of a run with a baseline: verdicts, or the differing conditions, and images.
 
-Rendered images are compared by Welch's t-test in every tile, with a smallest change that counts.
-Changes are given in codes: steps of an 8-bit panel, on the sRGB curve, of the tile's mean or of the
-root of its power. A panel cannot show a change below one code.
-
-Times are compared as ratios to the reference kernel's time in the same round, because the
-machine's load affects both. Each round yields ``ln(time / kernel time)``. Two runs are compared by
-the median of all pairwise differences of these, with its distribution-free interval (`shift_of`):
-an interrupted round is one outlier among many and has no weight. A time fails if its interval
-contains both no change and 30 % more time, or if there are too few rounds.
+Rendered images are compared by Welch's t-test in every tile. Changes are in codes, steps of an
+8-bit panel on the sRGB curve, of the tile's mean or of the root of its power. Times are compared as
+ratios to the reference kernel's time in the same round: by the median of all pairwise differences
+of ``ln(time / kernel time)``, with its distribution-free interval (`shift_of`). See
+docs/theory/regression.md.
 """
 
 from __future__ import annotations

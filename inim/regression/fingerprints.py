@@ -1,9 +1,7 @@
 """Reference input: an RGB-D picture that is equal on every machine, and its EIA's fingerprint.
 
-Rendering is not bit-exact across machines, so the EIA of a rendered scene cannot be compared by its
-bytes. The EIA of this picture can: the picture uses only integers and single divisions, which IEEE
-754 rounds identically everywhere. It contains common difficulties of generators: depth steps, thin
-objects, a slope, holes and an empty margin. No two neighbours share a colour, so a pixel with
+The picture uses only integers and single divisions, which IEEE 754 rounds identically everywhere,
+and contains common difficulties of generators. No two neighbours share a colour, so a pixel with
 another source has another colour.
 """
 

@@ -1,43 +1,21 @@
 """Noise-corrected scores with standard errors, from the two halves of a run's samples.
 
-A score is the mean of a local map m (of SSIM, of FLIP, or of PSNR's squared error). The run has two
-halves a, b with independent random numbers: ground truth, capture, reconstruction. Their difference
-is pure noise. Images shifted by ``h (a - b) / 2`` and by its opposite therefore measure how the
-score responds to the run's own noise. A small step h = 1/4 measures it at the run's own level:
+A score is the mean of a local map m. The difference of the halves a, b is pure noise, so images
+shifted by ``h (a - b) / 2`` and its opposite measure how the score responds to the run's own noise:
 
     D(h) = (m(+h) - m(-h)) / h                expectation 0 in every block, symmetric in sign
     error^2 = c sum over blocks (sum of D in the block)^2 / (4 N^2)
     bias = (mean of m(+h) + mean of m(-h) - 2 mean of m) / (2 h^2)
 
-This is the infinitesimal jackknife (Jaeckel, Bell Laboratories MM 72-1215-11, 1972). Blocks are
-wider than the correlation by SSIM's window and by a lens; `c` corrects for the correlation across
-the blocks' borders.
-
-Shifted images have ``1 + h^2`` times the variance of the noise. So the bias is the change of the
-score when the variance doubles; SSIM of noisy images is too low. Extrapolation in the other
-direction, to h^2 = -1, yields the noise-corrected score: the mean of m minus the bias. With h = 1
-it would be twice the score of all samples minus the mean of the halves' scores; the small step
-leaves half of the second-order error (docs/theory/scores.md).
-
-The bias also scatters, correlated with the mean of m. The error of the noise-corrected score
-follows from its own odd response, extrapolated from the steps h and 2 h to the same point:
+The noise-corrected score is the mean of m minus the bias: the extrapolation from ``1 + h^2`` times
+the variance to none, h^2 = -1. Its own error follows from D, extrapolated to the same point:
 
     D(i) = D(h) - (1 + h^2) (D(2 h) - D(h)) / (3 h^2)         at h^2 = -1
-    value_error^2 = c sum over blocks (sum of D(i) in the block)^2 / (4 N^2)
-
-This is its variance to third order in the noise; error^2 exceeds the mean's by the bias' own.
-
-The correction is of first order in the variance. The loss of similarity saturates as noise grows,
-and halves of a few bright samples differ less than twice the samples would, so a part of the bias
-remains. The interval extends by `REMAINING_BIAS` of the correction, in its direction.
 
 Runs are compared by their uncorrected scores, which scatter least. If sample counts differ, a score
 is expected to change by ``bias (r^2 - 1)``, where r is the ratio of the ground truth's standard
-errors.
-
-A score that is not the mean of a map responds as a whole. Its D^2 is the mean over several fixed
-random patterns of signs by which the blocks are shifted; the expectation over all patterns is the
-sum of the blocks' squares (Hutchinson, Commun. Statist. Simul. 18, 1989).
+errors. A score without a map responds as a whole: its D^2 is the mean over fixed random patterns of
+signs by which the blocks are shifted. Derivation and sources: docs/theory/scores.md.
 """
 
 from __future__ import annotations

@@ -1,8 +1,6 @@
 """Tile statistics of a rendered image: means, power and their errors.
 
-An image consists of two independent halves of its samples, `a` and `b`; it is their mean. The
-difference ``a - b`` is pure noise. No assumption about its distribution or level is needed, and a
-single firefly raises both a tile's mean and its error, so that it never counts as a change.
+An image is the mean of two independent halves of its samples, `a` and `b`; ``a - b`` is pure noise.
 
 | stored, per tile of n pixels | estimate                       | purpose                      |
 | ---------------------------- | ------------------------------ | ---------------------------- |
@@ -11,19 +9,10 @@ single firefly raises both a tile's mean and its error, so that it never counts 
 | degrees of freedom           | `freedom_of_sum` over ``deff`` | few if few pixels are noisy  |
 | power, mean over the colours | ``sum a b / n``                | noise or blur of equal means |
 
-The expectation of ``a b`` is the true square for any number of samples, because the halves are
-independent. In a generator's EIA, pixels that show the same pixel of the RGB-D picture have equal
-errors: they differ between the halves by exactly the same number. ``d_s`` is the sum of ``a - b``
-over such a set s; in a rendered image each pixel is its own set. ``deff``, the design effect (Kish,
-Survey Sampling, 1965), covers other dependence, such as averages over several rays: the squared
-differences between the means of tiles' halves, relative to those of independent sets, over the
-whole image; at least 1.
-
-At silhouettes a few samples of the RGB-D picture hit or miss, and both halves may agree by chance:
-a tile in which few such pixels are spread over many has too small an error. Therefore each tile's
-variance in a generator's EIA is moderated, that is, averaged with the image's variance at
-`_PRIOR_FREEDOM` degrees of freedom (Smyth, Stat. Appl. Genet. Mol. Biol. 3, 2004). These are not
-added to the tile's own degrees of freedom.
+``d_s`` is the sum of ``a - b`` over a set s of pixels with equal errors: those of a generator's EIA
+that show the same pixel of the RGB-D picture, otherwise each pixel. ``deff``, the design effect,
+covers other dependence. Variances in a generator's EIA are moderated by the image's variance,
+because both halves may agree by chance. Reasons and sources: docs/theory/regression.md.
 """
 
 from __future__ import annotations

@@ -13,8 +13,7 @@ import numpy as np
 from inim.errors import FileError, UsageError, suggest_words
 from inim.files.image import read_exr, write_atomically, write_exr_parts
 from inim.image.color import srgb_from_linear
-from inim.metrics import ssim_map
-from inim.metrics.headline import HEADLINE, HEADLINE_WORDS, MAIN
+from inim.metrics import HEADLINE, HEADLINE_WORDS, MAIN, ssim_map
 from inim.report import TRUTH
 from inim.report.labels import is_number, number
 from inim.report.plots import (

@@ -15,8 +15,7 @@ from typing import Any, Literal, TypeGuard
 from inim.documents.parts import Check
 from inim.documents.picture import PictureDocument
 from inim.documents.report import ReportDocument
-from inim.metrics import Metric, all_metrics, find
-from inim.metrics.headline import HEADLINE, preferred_algorithm
+from inim.metrics import HEADLINE, Metric, all_metrics, find, preferred_algorithm
 
 ScoreKind = Literal["scene", "reference", "relic", "relic to reference", "eia"]
 

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from inim.errors import UsageError, suggest_words
-from inim.metrics import find
-from inim.metrics.headline import HEADLINE
+from inim.metrics import HEADLINE, find
 from inim.report.labels import is_number, last_digits, number
 
 if TYPE_CHECKING:

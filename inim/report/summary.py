@@ -11,7 +11,7 @@ from typing import Any
 from inim.documents.compare import CompareDocument
 from inim.documents.parts import Check, Checks
 from inim.documents.report import ReportDocument
-from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, MAIN
+from inim.metrics import HEADLINE, HEADLINE_TO_SCENE, MAIN
 from inim.report.labels import (
     MISSING,
     PREVIEW_WORDS,

@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 
 from inim.documents.algorithms import SweepTable
 from inim.documents.files import write_text
-from inim.metrics import all_metrics
-from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS, MAIN
+from inim.metrics import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS, MAIN, all_metrics
 from inim.report.labels import MISSING, is_number, mm, number
 from inim.report.page import (
     Section,

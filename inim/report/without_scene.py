@@ -10,8 +10,7 @@ import numpy as np
 
 from inim.documents.files import write_listed
 from inim.documents.picture import PictureAlgorithm, PictureDocument
-from inim.metrics import RELIC_MARGIN_PX, all_metrics
-from inim.metrics.headline import MAIN
+from inim.metrics import MAIN, RELIC_MARGIN_PX, all_metrics
 from inim.report.images import Encoding, ReportImages, is_wide
 from inim.report.labels import mm, number, per_cent, score, verdict_words
 from inim.report.page import (

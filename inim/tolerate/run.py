@@ -14,7 +14,7 @@ from inim.documents.display import FailedDisplay, ToleranceDocument
 from inim.documents.parts import DisplayRecord, SceneFileRecord, origin
 from inim.errors import SceneError, UsageError
 from inim.generators import PICKUP
-from inim.metrics.headline import HEADLINE
+from inim.metrics import HEADLINE
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.report.sweep import mean

@@ -211,7 +211,7 @@ def _choose_from_report(folder: Path, algorithm: str | None, has_display: bool) 
 
 def _best(report: Report) -> tuple[str, str]:
     """Best algorithm, with a phrase for the reason."""
-    from inim.metrics.headline import HEADLINE_WORDS
+    from inim.metrics import HEADLINE_WORDS
 
     names, best = list(report.data.algorithms), report.data.best_algorithm
     if len(names) == 1:

@@ -48,7 +48,7 @@ from inim.generators.registry import properties
 from inim.image.noisy_image import NoisyImage, replace_nonfinite
 from inim.image.rgbd import RGBD
 from inim.lens import check_lens_model
-from inim.metrics.headline import MAIN
+from inim.metrics import MAIN
 from inim.pipeline.output import picture_facts, write_rgbd_pngs
 from inim.pipeline.request import Choices
 from inim.pipeline.stages.generation import GeneratorHandle, hole_fraction

@@ -13,7 +13,7 @@ import pytest
 
 from inim.documents.parts import Check
 from inim.documents.report import ReportDocument
-from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE
+from inim.metrics import HEADLINE, HEADLINE_TO_SCENE
 from inim.report import Report
 from inim.report.labels import (
     check_limit,

@@ -15,8 +15,7 @@ from inim import metrics
 from inim.documents.parts import Check, ScorePrecision, check
 from inim.documents.report import AlgorithmResult, NoiseFloor
 from inim.image.noisy_image import NoisyImage
-from inim.metrics import Viewing
-from inim.metrics.headline import HEADLINE, HEADLINE_WORDS
+from inim.metrics import HEADLINE, HEADLINE_WORDS, Viewing
 from inim.pipeline.stages.capture import nonfinite_checks
 from inim.pipeline.stages.generation import GeneratedEIA, ReferenceOutput
 from inim.pipeline.stages.ground_truth import (

@@ -8,8 +8,7 @@ from typing import Any
 from inim.documents.parts import Precision
 from inim.documents.picture import PictureDocument
 from inim.documents.report import AlgorithmResult, ReportDocument
-from inim.metrics import Metric, all_metrics
-from inim.metrics.headline import HEADLINE, HEADLINE_TO_SCENE, MAIN
+from inim.metrics import HEADLINE, HEADLINE_TO_SCENE, MAIN, Metric, all_metrics
 from inim.report.images import ReportImages, is_wide
 from inim.report.labels import (
     PREVIEW_WORDS,

@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Any
 
 from inim.documents.report import ReportDocument
-from inim.metrics.headline import HEADLINE, HEADLINE_WORDS
+from inim.metrics import HEADLINE, HEADLINE_WORDS
 from inim.metrics.psnr import metric as PSNR  # noqa: N812
 from inim.report.images import ReportImages
 from inim.report.labels import plain
