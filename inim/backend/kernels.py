@@ -97,7 +97,7 @@ def compiled(function: Callable[..., Any] | None = None, *, inline: str = "never
 
 
 def share_rows(kernel: Callable[..., None], rows: int, *arguments: Any) -> None:
-    """Run ``kernel(begin, end, *arguments)`` over parts of some rows, on `thread_count` threads.
+    """Run ``kernel(begin, end, *arguments)`` over parts of some rows, on several threads.
 
     A kernel that numba shares among its own threads takes a second longer to compile, and does not
     survive a fork.
@@ -137,11 +137,6 @@ def _threads(process: int, count: int) -> ThreadPoolExecutor:  # noqa: ARG001 (a
 #: Number of threads that kernels may use; NUMBA_NUM_THREADS sets it.
 MOST_THREADS = int(config.NUMBA_NUM_THREADS)
 _thread_count = MOST_THREADS
-
-
-def thread_count() -> int:
-    """Number of threads that kernels use now."""
-    return _thread_count
 
 
 @contextmanager

@@ -388,9 +388,7 @@ def renumber_lenses(
 
 
 def _thin_out(lenses: Lenses) -> Lenses:
-    """Random selection of at most `_MOST_LENSES` lenses. Every n-th lens would beat with the
-    panel's pixels.
-    """
+    """Choose at most `_MOST_LENSES` lenses at random: every n-th would beat with the pixels."""
     order = np.random.default_rng(0).permutation(len(lenses.index))
     chosen = np.sort(order[:_MOST_LENSES])
     parts = {f.name: getattr(lenses, f.name) for f in fields(lenses) if f.name != "shape"}

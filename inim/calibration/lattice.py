@@ -148,9 +148,7 @@ def _lens_regions(label: np.ndarray, panel: np.ndarray, step: np.ndarray) -> _Re
 def _walk(
     regions: _Regions, step: np.ndarray, name: str
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Walk from lens to lens: regions that are lenses, their indices, and the lattice steps in
-    pixels.
-    """
+    """Regions that are lenses, their indices, and the lattice steps in pixels, lens by lens."""
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import breadth_first_order, connected_components
 

@@ -319,9 +319,7 @@ class Observations:
         return [(len(a), len(b)) for a, b in zip(self.lens, self.outlined, strict=True)]
 
     def residuals(self, guess: Guess) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Residuals of each position: of rays, (n, 2) mm on the panel, and of outlines, (m, 2)
-        pixels.
-        """
+        """Residuals by position: of rays, (n, 2) mm on the panel; of outlines, (m, 2) pixels."""
         display, camera, poses = guess
         arriving = [
             rays(camera, p, px).reshape(4, -1) for p, px in zip(poses, self.pixel, strict=True)

@@ -30,7 +30,7 @@ from inim.documents.display import PatternsDocument
 from inim.documents.document import encode
 from inim.errors import FileError
 from inim.files.image import encode_image
-from inim.files.picture import open_picture
+from inim.files.picture import DIAGONAL_35MM, open_picture, read_exif
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.version import __version__
 from inim.worker.output import output_files
@@ -143,10 +143,6 @@ _NOT_ONE = "not a JPEG or PNG; take it out of the folder, or save it as one"
 _NUMBER = re.compile(r"(\d+)")
 _CODES = np.arange(256, dtype=np.float32) / 255
 _LARGEST_OF_16_BITS = 65535.0
-# EXIF: where the tags are, and which say the focal length.
-_EXIF_IFD = 0x8769
-_FOCAL_LENGTH_35MM = 41989
-_DIAGONAL_35MM = math.hypot(36, 24)
 
 
 @dataclass(frozen=True)
@@ -236,14 +232,9 @@ def _header(path: Path) -> tuple[tuple[int, int], float | None]:
     """Rows and columns of a photograph, and its focal length in pixels."""
     with open_picture(path, _FORMATS, 1, _NOT_ONE) as picture:
         shape = (picture.height, picture.width)
-        stated = picture.getexif().get_ifd(_EXIF_IFD).get(_FOCAL_LENGTH_35MM)
-    try:
-        millimetres = float(stated)
-    except (TypeError, ValueError, ZeroDivisionError):
-        return shape, None
-    if not (math.isfinite(millimetres) and millimetres > 0):
-        return shape, None
-    return shape, millimetres / _DIAGONAL_35MM * math.hypot(*shape)
+        _, millimetres = read_exif(picture)
+    is_stated = 0 < millimetres < math.inf
+    return shape, millimetres / DIAGONAL_35MM * math.hypot(*shape) if is_stated else None
 
 
 def read_colors(path: Path) -> np.ndarray:

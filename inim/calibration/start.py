@@ -31,9 +31,7 @@ def _lattice_mm(display: Display, index: np.ndarray) -> np.ndarray:
 
 
 def _homography(display: Display, lenses: Lenses) -> np.ndarray:
-    """Homography from the lens array's plane to the photograph (Hartley and Zisserman, algorithm
-    4.2).
-    """
+    """Homography from the array's plane to the photograph (Hartley, Zisserman, algorithm 4.2)."""
     flat = [_lattice_mm(display, lenses.index), lenses.centre_px]
     scaled, norms = [], []
     for points in flat:
@@ -112,9 +110,7 @@ def _pose(homography: np.ndarray, camera: Intrinsics) -> Pose:
 
 
 def _array_to_panel(display: Display, lenses: Lenses) -> tuple[np.ndarray, np.ndarray]:
-    """Affine map from positions in the array to panel points seen through the lenses: matrix and
-    offset.
-    """
+    """Affine map from places in the array to panel points seen through lenses: matrix, offset."""
     points = _lattice_mm(display, lenses.index)
     homogeneous = np.hstack([points, np.ones((len(points), 1))])
     fit = np.linalg.lstsq(homogeneous, panel_mm(display, lenses.middle_px), rcond=None)[0]
@@ -122,9 +118,7 @@ def _array_to_panel(display: Display, lenses: Lenses) -> tuple[np.ndarray, np.nd
 
 
 def _panel_step(display: Display, lenses: Lenses) -> float:
-    """Step between adjacent lenses on the panel, in nominal pitches: P (1 + g / V) over the
-    nominal P.
-    """
+    """Step between adjacent lenses on the panel, P (1 + g / V), in nominal pitches."""
     return math.sqrt(abs(float(np.linalg.det(_array_to_panel(display, lenses)[0]))))
 
 

@@ -8,6 +8,7 @@ readers trust the header.
 from __future__ import annotations
 
 import io
+import math
 import os
 import re
 import struct
@@ -102,6 +103,23 @@ def open_picture(
                 raise FileError(f"{path}: {unknown}") from error
             cause = getattr(error, "strerror", None) or str(error).partition("\n")[0]
             raise FileError(f"{path}: not a readable picture ({cause}); save it again") from error
+
+
+_ORIENTATION, _EXIF, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
+#: Diagonal of 35 mm film, mm: lenses are compared by it (CIPA DCG-001).
+DIAGONAL_35MM = math.hypot(36, 24)
+
+
+def read_exif(picture: Any) -> tuple[int, float]:
+    """Orientation (1 to 8) and 35 mm equivalent focal length (0 if absent) of a Pillow picture.
+
+    Pillow's exceptions for damaged EXIF pass through.
+    """
+    exif = picture.getexif()
+    orientation = exif.get(_ORIENTATION)
+    focal = exif.get_ifd(_EXIF).get(_FOCAL_35MM)
+    focal = float(focal) if isinstance(focal, (int, float)) and focal > 0 else 0.0
+    return orientation if orientation in range(1, 9) else 1, focal
 
 
 # Header lines that start with -Y or +Y are excluded: they give the size.

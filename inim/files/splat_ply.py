@@ -18,7 +18,7 @@ import numpy as np
 
 from inim.errors import FileError
 from inim.files.image import write_atomically
-from inim.files.ply import PlyHeader, columns_of, is_ply, ply_header
+from inim.files.ply import PlyHeader, columns_of, is_ply, ply_header, write_header
 
 #: Mitsuba's shapes that read such a file.
 SPLAT_SHAPES = frozenset({"ellipsoids", "ellipsoidsmesh"})
@@ -101,9 +101,7 @@ def write_splats(path: Path, splats: Splats) -> None:
         splats.logit[:, None], splats.log_scale, splats.turn,
     ]  # fmt: skip
     records = np.hstack(columns).astype("<f4")
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(splats)}"]
-    header += [f"property float {name}" for name in _names(splats.harmonics.shape[1])]
-    head = ("\n".join([*header, "end_header"]) + "\n").encode("ascii")
+    head = write_header(_names(splats.harmonics.shape[1]), len(splats))
 
     def write(temporary: Path) -> None:
         with temporary.open("wb") as file:

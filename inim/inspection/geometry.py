@@ -22,7 +22,7 @@ from inim.documents.inspect import (
     ViewingLimits,
     VoxelWidths,
 )
-from inim.documents.parts import EyePosition
+from inim.documents.parts import DepthRange, EyePosition
 from inim.errors import DisplayError
 from inim.inspection.spots import array_to_display, cell_of, finite_or_none, land, lens_at
 from inim.report.diagram import zone_outline_mm
@@ -70,14 +70,10 @@ def size_of(display: Display) -> Size:
 def depth_figures(display: Display) -> DepthFigures:
     """Depths at which a display is sharp."""
     low, high = display.depth_range_mm
+    derived = display.derived_quantities()
     return DepthFigures(
+        **{name: derived[name] for name in DepthRange.__struct_fields__},
         mode=mode(display),
-        central_depth_mm=finite_or_none(display.central_depth_mm),
-        scene_pixel_mm=finite_or_none(display.scene_pixel_mm),
-        depth_span_mm=finite_or_none(display.depth_span_mm),
-        depth_min_mm=low,
-        depth_max_mm=high,
-        depth_range_is_cut=display.depth_range_is_cut,
         depth_range_is_stated=display.depth_min_mm is not None,
         voxel_at_depth_min_mm=float(voxel_mm(display, low)),
         voxel_at_depth_max_mm=float(voxel_mm(display, high)),

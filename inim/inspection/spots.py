@@ -207,10 +207,7 @@ def field_angles_deg(display: Display) -> tuple[float, float, float]:
 
 
 def spots(display: Display, model: str, depth_mm: float) -> tuple[Spot, ...]:
-    """A spot for each field angle and, where the lenses' material is dispersive, colour.
-
-    See `spot`.
-    """
+    """A `spot` for each field angle and, where the lenses' material is dispersive, colour."""
     colours: tuple[tuple[str, float | None], ...] = (("all", None),)
     if display.abbe_number is not None:
         colours = tuple(zip(COLOURS, channel_indices(display), strict=True))

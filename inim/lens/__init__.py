@@ -151,9 +151,7 @@ def _check_transmittance(transmittance: Callable[[Display], float]) -> Callable[
 
 
 def foreign_identity(name: str) -> dict[str, str]:
-    """`inim.plugins.identity` of another package's model, as a cache input; empty for built-in
-    models.
-    """
+    """`inim.plugins.identity` of another package's model, for cache keys; empty for inim's own."""
     return {} if name in _OWN else identity(_ENTRY_POINTS, name)
 
 

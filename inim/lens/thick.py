@@ -172,9 +172,7 @@ def _trace_flat_first(
 
 
 class _SurfaceHit(NamedTuple):
-    """Intersection with a lens surface: the lens's centre, the point relative to its vertex, a
-    flag.
-    """
+    """Intersection with a lens surface: the lens's centre, the point from its vertex, a flag."""
 
     centre_x: Any
     centre_y: Any

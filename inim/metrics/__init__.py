@@ -223,10 +223,7 @@ def relic_region(relic: np.ndarray) -> np.ndarray:
 
 
 def eia_scores(reference: np.ndarray, test: np.ndarray) -> dict[str, float]:
-    """Score an EIA by the metrics with `has_eia_score`, by key.
-
-    Images are (rows, columns, 3) float32, linear RGB.
-    """
+    """Score an EIA, (rows, columns, 3) float32, linear RGB, by the metrics that apply to it."""
     scores = {}
     for metric in all_metrics():
         if metric.whole_image_score is not None and metric.has_eia_score:

@@ -48,10 +48,7 @@ def busy_seconds() -> float | None:
 
 
 def memory_limit_bytes() -> int:
-    """Memory limit of this process in bytes: the machine's, a container's or a shell's.
-
-    0 if unavailable.
-    """
+    """Memory limit of this process: a machine's, container's or shell's; 0 if unavailable."""
     if not hasattr(os, "sysconf"):
         return 0
     import resource

@@ -144,9 +144,7 @@ class SceneFolder:
             )
 
     def _folder_to_allow(self, path: Path) -> Path:
-        """Folder to propose for --allow-folder: the first below the common parent of file and
-        scene.
-        """
+        """Folder to propose for --allow-folder: the first below the parent shared with it."""
         folder, top = path if path.is_dir() else path.parent, Path(path.anchor)
         common = next(
             (parent for parent in self._folder.parents if folder.is_relative_to(parent)), top

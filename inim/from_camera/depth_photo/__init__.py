@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from inim.errors import FileError, UsageError
 from inim.files.image import check_unfolding, silence_output
-from inim.files.picture import open_picture
+from inim.files.picture import DIAGONAL_35MM, open_picture, read_exif
 from inim.files.regular_file import read_file
 from inim.from_camera.depth_photo.codes import (
     REMEDY,
@@ -31,7 +31,6 @@ from inim.from_camera.depth_photo.codes import (
     decode_depth,
     read_apple_camera,
     read_apple_coding,
-    read_exif,
     read_xmp,
     rotate_camera,
     rotate_upright,
@@ -47,7 +46,6 @@ SUFFIXES = (".heic", ".heif", ".hif", ".jpeg", ".jpg")
 _MAX_BYTES = 2**27
 # Colour primaries (ITU-T H.273): those of BT.709, which are sRGB's; unspecified; absent.
 _SRGB_PRIMARIES = (1, 2, None)
-_DIAGONAL_35MM = math.hypot(36, 24)
 _SAME_SHAPE = 0.02
 
 
@@ -138,7 +136,7 @@ def _find_camera(
         if abs(x / y - 1) <= _SAME_SHAPE and min(scaled.fx, scaled.fy) > 0:
             return scaled, "camera by the file's calibration"
     if 0 < focal_35mm < math.inf:
-        focal = focal_35mm * math.hypot(*size) / _DIAGONAL_35MM
+        focal = focal_35mm * math.hypot(*size) / DIAGONAL_35MM
         middle = ((size[0] - 1) / 2, (size[1] - 1) / 2)
         return Pinhole(focal, focal, *middle), f"camera by EXIF, {focal_35mm:g} mm in 35 mm film"
     return None, "camera unknown"

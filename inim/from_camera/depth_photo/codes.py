@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -38,7 +37,6 @@ _NAMESPACES = {
 _MAX_TAGS = 40_000
 # Largest distance in any unit, limited by float precision.
 _LARGEST = 1e9
-_ORIENTATION, _EXIF, _FOCAL_35MM = 0x0112, 0x8769, 0xA405
 _RAY_WARNING = "a photograph's depth along the ray was interpreted as depth along the optical axis"
 
 
@@ -110,18 +108,6 @@ def invert_disparity(values: DepthValues, unit_mm: float = 0.0) -> DepthValues:
     scale = unit_mm or 1.0
     depth = (scale / np.maximum(values.depth.astype(np.float64), least)).astype(np.float32)
     return DepthValues(depth, False, unit_mm > 0, 0.0, values.warnings, values.step / scale)
-
-
-def read_exif(picture: Any) -> tuple[int, float]:
-    """Orientation (1 to 8) and 35 mm equivalent focal length (0 if absent) of a Pillow picture.
-
-    Pillow's exceptions for damaged EXIF pass through.
-    """
-    exif = picture.getexif()
-    orientation = exif.get(_ORIENTATION)
-    focal = exif.get_ifd(_EXIF).get(_FOCAL_35MM)
-    focal = float(focal) if isinstance(focal, (int, float)) and focal > 0 else 0.0
-    return orientation if orientation in range(1, 9) else 1, focal
 
 
 def rotate_upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
