@@ -30,7 +30,7 @@ def check_eia_name(path: Path) -> None:
 
     The content is not decoded: only a supervised worker runs the native decoders.
     """
-    if path.suffix.lower() not in (".png", ".exr"):
+    if path.suffix.lower() not in EIA_SUFFIXES:
         raise FileError(f"{path}: not an EIA; give a .png (sRGB) or an .exr (linear)")
     check_file(path)
 
@@ -122,19 +122,14 @@ def write_eia(
       alpha 0 if they are black, others 1; None writes no alpha.
     * `pixel_mm`: pixel pitch of the panel.
 
-    Raises `FileError`: the suffix is wrong, or the file cannot be written.
+    Raises `FileError`: the file cannot be written.
     """
     from PIL import Image
 
-    suffix = path.suffix.lower()
-    if suffix not in EIA_SUFFIXES:
-        raise FileError(f"{path}: not an EIA file name; use {' or '.join(EIA_SUFFIXES)}")
-    if path.is_dir():
-        raise FileError(f"{path}: is a folder; give a file")
     if empty is not None:
         empty = empty & ~eia.any(axis=-1)
     per_inch = _MM_PER_INCH / pixel_mm
-    if suffix == ".exr":
+    if path.suffix.lower() == ".exr":
         channels: dict[str, np.ndarray] = {"RGB": eia}
         if empty is not None:
             channels["A"] = np.where(empty, np.float32(0), np.float32(1))
