@@ -19,13 +19,7 @@ from textwrap import fill
 from typing import Any, NoReturn
 
 from inim.commands.options import EXIT_CODES, Command, print_warning
-from inim.errors import (
-    EXIT_PASSED,
-    EXIT_USAGE,
-    InimError,
-    suggest_words,
-    unexpected_error,
-)
+from inim.errors import EXIT_PASSED, EXIT_USAGE, InimError, suggest_words, unexpected_error
 from inim.process.interrupts import raise_again
 from inim.process.python_process import configuration_hidden
 from inim.version import __version__

@@ -244,11 +244,7 @@ def _whole(index: np.ndarray, area: np.ndarray) -> np.ndarray:
 
 
 def _inside(
-    label: np.ndarray,
-    panel: np.ndarray,
-    number: np.ndarray,
-    centre: np.ndarray,
-    steps: np.ndarray,
+    label: np.ndarray, panel: np.ndarray, number: np.ndarray, centre: np.ndarray, steps: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Camera pixels well inside each lens, and the panel coordinates that they see."""
     places = np.array([(i, j) for j in _PLACES for i in _PLACES])

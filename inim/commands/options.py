@@ -46,10 +46,7 @@ def _option(*flags: str, **settings: Any) -> tuple[tuple[str, ...], dict[str, An
 _SHARED = {
     "scene": _option("scene", type=Path, help="Mitsuba scene (.xml)"),
     "source": _option(
-        "source",
-        type=Path,
-        metavar="OUT|EIA",
-        help="a report's folder, or an EIA (.png, .exr)",
+        "source", type=Path, metavar="OUT|EIA", help="a report's folder, or an EIA (.png, .exr)"
     ),
     "out": _option("-o", "--out", type=Path),
     "definitions": _option(

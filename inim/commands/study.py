@@ -24,10 +24,7 @@ def _add_sweep_arguments(parser: argparse.ArgumentParser) -> None:
         "interruption or with a larger study."
     )
     parser.add_argument(
-        "study",
-        type=Path,
-        metavar="STUDY",
-        help="study (.toml); docs/how-to/sweep.md describes it",
+        "study", type=Path, metavar="STUDY", help="study (.toml); docs/how-to/sweep.md describes it"
     )
     add_shared(parser, out="folder for the results (default: STUDY-sweep)")
     _add_place(parser)

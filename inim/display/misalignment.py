@@ -75,10 +75,7 @@ def misaligned(display: Display, misalignment: str | Mapping[str, float]) -> Dis
     changes: dict[str, Any] = _changes_with_pitch(display, off.get("pitch_mm", 0.0))
     changes |= {key: getattr(display, key) + value for key, value in off.items()}
     try:
-        return display.with_fixed_panel().replace(
-            name=f"{display.name}, misaligned",
-            **changes,
-        )
+        return display.with_fixed_panel().replace(name=f"{display.name}, misaligned", **changes)
     except DisplayError as error:
         raise DisplayError(f"misalign {misalignment_text(off)!r}: {error}") from None
 

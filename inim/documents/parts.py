@@ -24,8 +24,7 @@ Created = Annotated[
 ]
 InimVersion = Annotated[str, doc("Version of inim.")]
 Versions = Annotated[
-    dict[str, str],
-    doc("Versions of Python and of packages by name; `unknown`: not installed."),
+    dict[str, str], doc("Versions of Python and of packages by name; `unknown`: not installed.")
 ]
 Command = Annotated[str, doc("The command line that repeats it.")]
 Files = Annotated[list[str], doc("All its files, relative to its folder.")]

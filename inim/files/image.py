@@ -236,9 +236,7 @@ def check_unfolding(path: Path, bytes_unfolded: int, size: int | None = None) ->
 
 
 def write_exr_parts(
-    path: Path,
-    parts: list[tuple[dict[str, np.ndarray], str]],
-    attributes: Mapping[str, Any] | None,
+    path: Path, parts: list[tuple[dict[str, np.ndarray], str]], attributes: Mapping[str, Any] | None
 ) -> None:
     """Write channels, (H, W) or packed (H, W, 3), as the named parts of a float32 EXR."""
     import OpenEXR

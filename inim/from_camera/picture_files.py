@@ -16,11 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.errors import FileError
-from inim.files.image import (
-    read_exr,
-    read_exr_channels,
-    write_exr_parts,
-)
+from inim.files.image import read_exr, read_exr_channels, write_exr_parts
 from inim.files.picture import is_exr, open_picture, read_pfm
 from inim.files.regular_file import check_file
 

@@ -165,10 +165,7 @@ def _viewing_lines(data: InspectDocument) -> list[str]:
         _line("viewing distance", f"{_n(zone.distance_mm)} mm"),
     ]
     if zone.zone_is_empty:
-        return [
-            *lines,
-            _line("sideways eye movement", "none: every eye sees flipped views"),
-        ]
+        return [*lines, _line("sideways eye movement", "none: every eye sees flipped views")]
     limits = (
         f"±{_n(zone.flip_limit_x_mm)} mm (±{_n(zone.flip_limit_x_deg)}°) across, "
         f"±{_n(zone.flip_limit_y_mm)} mm (±{_n(zone.flip_limit_y_deg)}°) up and down"

@@ -26,11 +26,7 @@ def trace(
     del index  # nothing is refracted
     centre_x, centre_y, inside = lens_centre(array, traits, ops, x, y)
     ray = PanelRay(
-        centre_x + array.gap * sx,
-        centre_y + array.gap * sy,
-        sx,
-        sy,
-        ops.where(inside, 1.0, 0.0),
+        centre_x + array.gap * sx, centre_y + array.gap * sy, sx, sy, ops.where(inside, 1.0, 0.0)
     )
     within = in_aperture(array, traits, x - centre_x, y - centre_y)
     return pass_straight(array, traits, ops, ray, within, inside, (x, y, sx, sy), 1.0)

@@ -299,12 +299,7 @@ def compare_scores(
 
 
 def _verdict(
-    label: str,
-    name: str,
-    old: ScoreEstimate,
-    new: ScoreEstimate | None,
-    level: float,
-    scale: float,
+    label: str, name: str, old: ScoreEstimate, new: ScoreEstimate | None, level: float, scale: float
 ) -> Check:
     metric = find(name)
     smallest, unit = (metric.tolerance, metric.unit) if metric else (0.0, "")

@@ -97,10 +97,7 @@ def eia_tile(shape: tuple[int, int], lens_counts: tuple[int, int]) -> tuple[int,
 
 
 def tile_statistics(
-    image: NoisyImage,
-    tile: tuple[int, int],
-    *,
-    generated: bool = False,
+    image: NoisyImage, tile: tuple[int, int], *, generated: bool = False
 ) -> TileStatistics:
     """Compute the statistics of an image from the two halves of its samples; see the module.
 

@@ -180,12 +180,7 @@ def verdict_line(verdict: Check) -> str:
 
 
 def within(
-    name: str,
-    kind: Kind,
-    change: float,
-    half_width: float,
-    smallest: float,
-    **more: Any,
+    name: str, kind: Kind, change: float, half_width: float, smallest: float, **more: Any
 ) -> Check:
     """Verdict on a change, which fails only if it counts *and* noise does not explain it.
 

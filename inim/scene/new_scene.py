@@ -130,11 +130,7 @@ def new_scene(
 
 
 def _place_mesh(
-    source: Path,
-    unit: str | None,
-    up: str | None,
-    front: str | None,
-    warn: Callable[[str], object],
+    source: Path, unit: str | None, up: str | None, front: str | None, warn: Callable[[str], object]
 ) -> tuple[Sequence[Mesh], np.ndarray]:
     """Read, rotate, scale and centre a mesh; return its parts and the size of their box, mm."""
     from inim.files.mesh import UNIT_MM, read_mesh

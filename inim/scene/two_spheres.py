@@ -59,11 +59,7 @@ def two_spheres_eia(display: Display) -> np.ndarray:
         for across in turn:
             columns, rows = display.columns, display.rows
             total += _first_hits(
-                display,
-                columns.centre_mm,
-                columns.slope - across,
-                rows.centre_mm,
-                rows.slope - up,
+                display, columns.centre_mm, columns.slope - across, rows.centre_mm, rows.slope - up
             ).color
     mean: np.ndarray = np.where(display.lensed[..., None], total / _SUBPIXELS**2, 0.0).astype(
         np.float32

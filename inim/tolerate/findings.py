@@ -22,13 +22,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from inim.display.misalignment import misalignment_text
-from inim.documents.display import (
-    DrawAlone,
-    DrawTogether,
-    LossCurve,
-    ParameterTolerance,
-    Together,
-)
+from inim.documents.display import DrawAlone, DrawTogether, LossCurve, ParameterTolerance, Together
 from inim.errors import SceneError
 from inim.tolerate.study import LEAST_ALONE, ToleranceStudy, round_digits
 

@@ -128,10 +128,7 @@ def _find_camera(
     if camera is not None and all(map(math.isfinite, numbers)) and min(columns, rows) > 0:
         x, y = size[0] / columns, size[1] / rows
         scaled = Pinhole(
-            camera.fx * x,
-            camera.fy * y,
-            (camera.cx + 0.5) * x - 0.5,
-            (camera.cy + 0.5) * y - 0.5,
+            camera.fx * x, camera.fy * y, (camera.cx + 0.5) * x - 0.5, (camera.cy + 0.5) * y - 0.5
         )
         if abs(x / y - 1) <= _SAME_SHAPE and min(scaled.fx, scaled.fy) > 0:
             return scaled, "camera by the file's calibration"
