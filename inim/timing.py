@@ -156,11 +156,8 @@ class Rounds:
 class OtherPrograms:
     """Context that measures the load by other programs.
 
-    Attributes
-    ----------
-    share : float, optional
-        Processor time of other programs during the block, as a share of all processors; None if
-        unavailable.
+    * `share`: processor time of other programs during the block, as a share of all processors; None
+      if unavailable.
     """
 
     def __enter__(self) -> OtherPrograms:

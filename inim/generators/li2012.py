@@ -89,18 +89,12 @@ class ForwardAxis(NamedTuple):
     numbers wherever the display's lengths are short decimals or fractions: a position on a border
     between panel pixels is then exact.
 
-    Attributes
-    ----------
-    cells, pixels : int
-        Pixels of the picture and of the panel.
-    unit : float
-    lens_z, lens_g : (lenses,) float64
-    pixel_g : (cells,) float64
-    first, end : (lenses,) int64
-        Panel pixels of each elemental image, `end` excluded.
-    low, high : (lenses,) int64
-        Picture pixels that may land in each elemental image, at the depths of the picture; `high`
-        excluded, one more on either side.
+    * `cells`, `pixels`: pixels of the picture and of the panel.
+    * `lens_z`, `lens_g`: (lenses,) float64.
+    * `pixel_g`: (cells,) float64.
+    * `first`, `end`, (lenses,) int64: panel pixels of each elemental image, `end` excluded.
+    * `low`, `high`, (lenses,) int64: picture pixels that may land in each elemental image, at the
+      depths of the picture; `high` excluded, one more on either side.
     """
 
     cells: int

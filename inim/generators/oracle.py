@@ -48,12 +48,8 @@ Line = tuple[Fraction, Fraction, Fraction, Fraction]
 class ExactHits:
     """Exact sources of some panel pixels by the definition of a first hit, in rational numbers.
 
-    Attributes
-    ----------
-    pixels : (n, 2) int
-        Row and column of each.
-    sources : (n,) int64
-        ``(layer * H + row) * W + column``, or `HOLE`.
+    * `pixels`, (n, 2) int: row and column of each.
+    * `sources`, (n,) int64: ``(layer * H + row) * W + column``, or `HOLE`.
     """
 
     pixels: np.ndarray
@@ -91,15 +87,9 @@ def exact_hits(
 ) -> ExactHits:
     """Exact first hits of panel pixels under lenses: of all, or of a random sample of them.
 
-    Parameters
-    ----------
-    rgbd : RGBD
-    display : Display
-        Separable.
-    columns : {"surface", "solid", "layers"}
-        See `column_layers`.
-    most : int
-        Panel pixels at most.
+    * `display`: separable.
+    * `columns`, {"surface", "solid", "layers"}: see `column_layers`.
+    * `most`: panel pixels at most.
     """
     pixels = lensed_pixels(display)
     if len(pixels) > most:
@@ -112,11 +102,8 @@ def exact_hits(
 def column_layers(rgbd: RGBD, columns: str) -> tuple[tuple[Layer, ...], bool]:
     """Solids of a picture's columns, and whether the background continues behind them.
 
-    Parameters
-    ----------
-    rgbd : RGBD
-    columns : {"surface", "solid", "layers"}
-        As of `template:columns=`; or those of a layered depth image, "surface" of other pictures.
+    * `columns`, {"surface", "solid", "layers"}: as of `template:columns=`; or those of a layered
+      depth image, "surface" of other pictures.
     """
     if columns == "layers" and isinstance(rgbd, LayeredRGBD):
         return rgbd.layers, False
@@ -222,12 +209,7 @@ def first_hits_of(
 ) -> np.ndarray:
     """Source of each ray, (n,) int64: ``(layer * H + row) * W + column``, or `HOLE`.
 
-    Parameters
-    ----------
-    lines : iterable of Line
-    rgbd, columns :
-        See `exact_hits`.
-    display : Display
+    * `rgbd`, `columns`: see `exact_hits`.
     """
     low, high = map(exact_length, display.depth_range_mm)
     columns_of_picture = column_layers(rgbd, columns)

@@ -27,19 +27,13 @@ def _table(numbers: np.ndarray) -> Any:
 class FilmCamera:
     """Camera with the rays of a ray family.
 
-    Parameters
-    ----------
-    rays : SeparableRays or NonSeparableRays
-    world_from_display : (4, 4) float64
-        Any invertible affine map. It keeps lines and their order, so a picture squeezed into the
-        display's depth range is exact geometry, lit in its own world.
+    * `world_from_display`, (4, 4) float64: any invertible affine map. It keeps lines and their
+      order, so a picture squeezed into the display's depth range is exact geometry, lit in its own
+      world.
 
-    Attributes
-    ----------
-    shape : tuple of int
-        Rows and columns of the film.
-    has_pupil : bool
-        True if a pixel's rays start on a disc.
+    Its attributes:
+    * `shape`: rows and columns of the film.
+    * `has_pupil`: true if a pixel's rays start on a disc.
     """
 
     def __init__(
@@ -81,14 +75,9 @@ class FilmCamera:
     ) -> tuple[list[Any], list[Any]]:
         """Rays through film pixels as [x, y] on the start plane and [x, y] slopes.
 
-        Parameters
-        ----------
-        pixel : (n,) Point2u
-            Column and row.
-        within : (n,) Point2f
-            Position inside the pixel, 0..1, rightwards and downwards.
-        pupil : (n,) Point2f, optional
-            Point of the pupil, in the unit disc; its middle if None.
+        * `pixel`, (n,) Point2u: column and row.
+        * `within`, (n,) Point2f: position inside the pixel, 0..1, rightwards and downwards.
+        * `pupil`, (n,) Point2f: point of the pupil, in the unit disc; its middle if None.
         """
         if not self._is_separable:
             return self._non_separable_lines(pixel, within, active)

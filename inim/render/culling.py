@@ -40,14 +40,11 @@ _STRAY = 0.01
 class BoundsGrid:
     """Coarse grid of the space occupied by a scene's shapes.
 
-    Attributes
-    ----------
-    low_mm, cell_mm : (3,) float64
-        The grid's corner in the display frame, and the size of its cells.
-    counts : (slabs, rows + 1, columns + 1) int64
-        Occupied cells of each slab below and left of each corner, summed up.
-    start_mm : float
-        Plane that rays start from.
+    * `low_mm`, `cell_mm`, (3,) float64: the grid's corner in the display frame, and the size of its
+      cells.
+    * `counts`, (slabs, rows + 1, columns + 1) int64: occupied cells of each slab below and left of
+      each corner, summed up.
+    * `start_mm`: plane that rays start from.
     """
 
     low_mm: np.ndarray
@@ -177,18 +174,12 @@ def layers_in_view(
 ) -> NDArray[np.bool_]:
     """Mask of layer pixels that some ray of a display can meet.
 
-    Parameters
-    ----------
-    front_mm, back_mm : (layers, rows, columns) float32
-        Nearest first; fronts are -inf where there is no layer.
-    display : Display
-    pixel_mm : float
-        A cell.
+    * `front_mm`, `back_mm`, (layers, rows, columns) float32: nearest first; fronts are -inf where
+      there is no layer.
+    * `pixel_mm`: a cell.
 
-    Returns
-    -------
-    (layers, rows, columns) bool
-        The front surface always is; False where there is no layer.
+    Returns (layers, rows, columns) bool: the front surface always is; False where there is no
+    layer.
     """
     is_in_view = np.isfinite(front_mm)
     if not is_in_view[1:].any():

@@ -59,26 +59,16 @@ _SAME_STEPS = 4
 class PeeledLayers:
     """Layers of a scene without colours, (layers, rows, columns), nearest first.
 
-    Attributes
-    ----------
-    display : Display
-    rays : SeparableRays
-        Rays of the camera.
-    front_mm, back_mm : float32
-        Depths in the display frame; -inf without a layer.
-    near, far : float32
-        World distances on the ray between which a neighbouring ray's hit is on the same surface.
-    facing : bool
-        True if the ray meets the front face.
-    spread : float32
-        Width in pixels over which colours are averaged.
-    cut_share : float
-        Share of the covered pixels with more than `MOST_LAYERS` layers.
-    hidden_share : float
-        Removed share of the layers behind the front surface that no display ray
-        meets. Zero without such layers.
-    has_sides : bool
-        True if the space between a front and a back is solid and has sides.
+    * `rays`: rays of the camera.
+    * `front_mm`, `back_mm`, float32: depths in the display frame; -inf without a layer.
+    * `near`, `far`, float32: world distances on the ray between which a neighbouring ray's hit is
+      on the same surface.
+    * `facing`: true if the ray meets the front face.
+    * `spread`, float32: width in pixels over which colours are averaged.
+    * `cut_share`: share of the covered pixels with more than `MOST_LAYERS` layers.
+    * `hidden_share`: removed share of the layers behind the front surface that no display ray
+      meets. Zero without such layers.
+    * `has_sides`: true if the space between a front and a back is solid and has sides.
     """
 
     display: Display
@@ -123,16 +113,9 @@ def peel(
 ) -> PeeledLayers:
     """Find the layers of a scene along the rays of its RGB-D picture.
 
-    Parameters
-    ----------
-    fitted : FittedScene
-    display : Display
-    pixels_per_pitch : float
-        Resolution of the picture.
-    hidden : bool
-        Keep also the layers that no display ray can meet.
-    observer : Observer, optional
-        Receives the rendering time.
+    * `pixels_per_pitch`: resolution of the picture.
+    * `hidden`: keep also the layers that no display ray can meet.
+    * `observer`: receives the rendering time.
     """
     started = time.perf_counter()
     rays = capture_rays(display, pixels_per_pitch, fitted.start_mm)
@@ -243,19 +226,13 @@ class _Hits:
     """Hits of each ray in order; all fields except `count` are (hits, rays), of which `count` are
     valid.
 
-    Attributes
-    ----------
-    count : (rays,) int32
-    distance : float32
-        World distance from the ray's start.
-    depth : float32
-        Display z.
-    slope : float32
-        Millimetres of depth per millimetre sideways in the display frame, x and y added.
-    facing : bool
-        Whether the ray meets the front face.
-    shape : uint32
-        Which shape.
+    * `count`: (rays,) int32.
+    * `distance`, float32: world distance from the ray's start.
+    * `depth`, float32: display z.
+    * `slope`, float32: millimetres of depth per millimetre sideways in the display frame, x and y
+      added.
+    * `facing`: whether the ray meets the front face.
+    * `shape`, uint32: which shape.
     """
 
     count: np.ndarray

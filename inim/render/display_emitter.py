@@ -53,17 +53,12 @@ _OPS = Ops(dr.sqrt, dr.floor, dr.select, dr.abs)
 class LensedPanel:
     """Panel with its lens array: the emitted light as Dr.Jit code.
 
-    Parameters
-    ----------
-    display : Display
-    lens_model : str
-    picture : flat Float, optional
-        The EIA, row 0 on top. Without it, only `find_pixels` work: where light would come from.
+    * `picture`: the EIA, row 0 on top. Without it, only `find_pixels` work: where light would come
+      from.
 
-    Attributes
-    ----------
-    start_mm : float
-        Start plane of the rays of `light`: only the display is there, so nothing is intersected.
+    Its attributes:
+    * `start_mm`: start plane of the rays of `light`: only the display is there, so nothing is
+      intersected.
     """
 
     start_mm = 0.0

@@ -204,12 +204,9 @@ def pickup(
     Samples cover the emitting area of the pixel. With sub-pixels, each colour has a separate pickup
     with `spp` samples. Panel pixels outside the array have no lens and are black.
 
-    Parameters
-    ----------
-    skip : bool
-        Trace only pixels that can be non-black (`inim.render.culling`): the same bits.
-    mask : (rows, columns) bool, optional
-        Panel pixels to trace; the others stay black. It does not change the traced pixels.
+    * `skip`: trace only pixels that can be non-black (`inim.render.culling`): the same bits.
+    * `mask`, (rows, columns) bool: panel pixels to trace; the others stay black. It does not change
+      the traced pixels.
     """
     mask = display.lensed if mask is None else mask & display.lensed
     # Also where a pixel lacks a colour: what is not shown is left out by the panel.

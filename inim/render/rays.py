@@ -39,14 +39,10 @@ Interval = tuple[np.ndarray, np.ndarray]
 class FilmAxis:
     """One axis of a ray family: the rays of the pixel centres, and how they change inside a pixel.
 
-    Attributes
-    ----------
-    place_mm : (n,) float64
-        Where the ray of each column (row) crosses the start plane.
-    slope : (n,) float64
-        Its sideways travel per millimetre away from the viewer.
-    place_step_mm, slope_step : float
-        Change of both from one side of a pixel to the other, in film order.
+    * `place_mm`, (n,) float64: where the ray of each column (row) crosses the start plane.
+    * `slope`, (n,) float64: its sideways travel per millimetre away from the viewer.
+    * `place_step_mm`, `slope_step`: change of both from one side of a pixel to the other, in film
+      order.
     """
 
     place_mm: np.ndarray
@@ -107,20 +103,12 @@ class NonSeparableRays:
     and the centre of the pixel's lens; display frame, millimetres. Tables are (rows, columns)
     float32: differences are computed in float64 first, to avoid cancellation.
 
-    Attributes
-    ----------
-    start_mm : float
-        Plane of the rays' starts.
-    x0_mm, y0_mm :
-        Centre of the lens.
-    aside_x_mm, aside_y_mm :
-        Vector from the centre of the pixel's bundle to the lens centre.
-    gap_mm :
-        Gap at the centre of the bundle.
-    step_x_mm, step_y_mm : float
-        Size of the bundle's base on the panel, in film order.
-    tilt_x, tilt_y : float
-        Growth of the gap per millimetre.
+    * `start_mm`: plane of the rays' starts.
+    * `x0_mm`, `y0_mm`: centre of the lens.
+    * `offset_x_mm`, `offset_y_mm`: vector from the centre of the pixel's bundle to the lens centre.
+    * `gap_mm`: gap at the centre of the bundle.
+    * `step_x_mm`, `step_y_mm`: size of the bundle's base on the panel, in film order.
+    * `tilt_x`, `tilt_y`: growth of the gap per millimetre.
     """
 
     start_mm: float
@@ -190,12 +178,7 @@ def pickup_rays(
 ) -> SeparableRays | NonSeparableRays:
     """Bundles from the emitting area of each panel pixel through its lens centre (Eq. 1).
 
-    Parameters
-    ----------
-    display : Display
-    start_mm : float
-    subpixel : SubPixel
-        Emitting area of the colour, independent of its `turn`.
+    * `subpixel`: emitting area of the colour, independent of its `turn`.
     """
     right = float(subpixel.right)
     width, height = float(subpixel.width) * display.pixel_fill, display.pixel_fill
@@ -246,14 +229,9 @@ def eye_rays(
     """Rays from an eye through the lens array, which fills the film: `frustum_rays` of square
     lenses.
 
-    Parameters
-    ----------
-    display : Display
-    viewpoint : Viewpoint
-        The pupil's centre and diameter, and the distance it is focused at.
-    pixels_per_lens : int, or (down, across)
-        A pair need not be whole: the array has whole pixels all the same.
-    start_mm : float
+    * `viewpoint`: the pupil's centre and diameter, and the distance it is focused at.
+    * `pixels_per_lens`, int, or (down, across): a pair need not be whole: the array has whole
+      pixels all the same.
     """
     # Staggered rows make the array half a pitch wider than its lenses.
     cell_x = display.pitch_mm
@@ -274,16 +252,9 @@ def frustum_rays(
 ) -> SeparableRays:
     """Rays from an eye through a film on the array: an off-axis frustum.
 
-    Parameters
-    ----------
-    shape : tuple of int
-        Rows and columns of the film.
-    pixel_mm : tuple of float
-        Width and height of its pixels, on the array.
-    display : Display
-        Display for the default focus.
-    viewpoint : Viewpoint
-    start_mm : float
+    * `shape`: rows and columns of the film.
+    * `pixel_mm`: width and height of its pixels, on the array.
+    * `display`: display for the default focus.
     """
     x, y, distance = viewpoint.position_mm
     focus, pupil_mm = focus_distance_mm(viewpoint, display), viewpoint.pupil_mm

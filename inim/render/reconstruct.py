@@ -53,18 +53,12 @@ class LensMesh:
     wide. The sideways error is this distance times the sine of the ray's angle to the normal (at
     most a half): 3 per cent of a nominal panel pixel.
 
-    Parameters
-    ----------
-    eia : (rows, columns, 3) float32
-        Linear RGB, row 0 on top.
-    display : Display
-    sheet : SheetMesh
-        Mesh of its lens array.
+    * `eia`, (rows, columns, 3) float32: linear RGB, row 0 on top.
+    * `sheet`: mesh of its lens array.
 
-    Attributes
-    ----------
-    start_mm : float
-        Start plane of the rays, outside and near the glass, so that coordinates stay small.
+    Its attributes:
+    * `start_mm`: start plane of the rays, outside and near the glass, so that coordinates stay
+      small.
     """
 
     def __init__(self, eia: np.ndarray, display: Display, sheet: SheetMesh) -> None:
@@ -242,10 +236,8 @@ def reconstruct(
 def _check_linear(eia: np.ndarray) -> np.ndarray:
     """An EIA as an array of finite floats.
 
-    Raises
-    ------
-    UsageError
-        Whole numbers, which are sRGB codes in most files, or values that are not finite.
+    Raises `UsageError`: whole numbers, which are sRGB codes in most files, or values that are not
+    finite.
     """
     eia = np.asarray(eia)
     if not np.issubdtype(eia.dtype, np.floating):
@@ -276,17 +268,11 @@ def observed_pixels(
 
     Other pixels may hold anything, and the views are the same to the bit.
 
-    Parameters
-    ----------
-    display, viewpoints, lens_model, pixels_per_lens, spp :
-        As of the views; see `reconstruct`.
-    seeds : ints
-        Of all views that will be made.
+    * `display`, `viewpoints`, `lens_model`, `pixels_per_lens`, `spp`: as of the views; see
+      `reconstruct`.
+    * `seeds`: of all views that will be made.
 
-    Returns
-    -------
-    (rows, columns) bool, or None
-        None for a mesh, whose rays scatter between the lenses.
+    Returns (rows, columns) bool, or None: none for a mesh, whose rays scatter between the lenses.
     """
     model = find_lens_model(lens_model)
     model.check(display)

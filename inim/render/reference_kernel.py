@@ -57,13 +57,8 @@ def _axis_address(
 class ReferenceKernel:
     """One gather per panel pixel, ready to be timed.
 
-    Parameters
-    ----------
-    color : (H, W, 4) uint8
-        The display-ready picture.
-    display : Display
-    pixel_mm : float
-        Of the picture.
+    * `color`, (H, W, 4) uint8: the display-ready picture.
+    * `pixel_mm`: of the picture.
     """
 
     def __init__(self, color: np.ndarray, display: Display, pixel_mm: float) -> None:

@@ -51,13 +51,9 @@ _DEFAULT_INTEGRATOR = {"type": "path", "max_depth": 8, "hide_emitters": True}
 class Fit:
     """The affine map between display and world (DESIGN: uniform in x and y, its own scale in z).
 
-    Attributes
-    ----------
-    display_from_world, world_from_display : (4, 4) float64
-    scale_xy, scale_z : float
-        Display millimetres per world unit.
-    depth_mm : float
-        Depth of the relic on the display.
+    * `display_from_world`, `world_from_display`: (4, 4) float64.
+    * `scale_xy`, `scale_z`: display millimetres per world unit.
+    * `depth_mm`: depth of the relic on the display.
     """
 
     display_from_world: np.ndarray
@@ -71,14 +67,8 @@ class Fit:
 class FittedScene:
     """A loaded scene with its place in the display.
 
-    Attributes
-    ----------
-    scene, integrator : Mitsuba objects
-    fit : Fit
-    start_mm : float
-        Plane just in front of the relic, on which camera rays start.
-    shapes : int
-        Shapes that are not lights.
+    * `start_mm`: plane just in front of the relic, on which camera rays start.
+    * `shapes`: shapes that are not lights.
     """
 
     scene: Any
@@ -114,12 +104,8 @@ def open_scene(
 ) -> FittedScene:
     """Load a scanned scene, check its meshes, fit it.
 
-    Raises
-    ------
-    FileError
-        A mesh is damaged, Mitsuba rejects a file, or a file was saved since its scan.
-    SceneError
-        A scene without visible shapes.
+    Raises `FileError`: a mesh is damaged, Mitsuba rejects a file, or a file was saved since its
+    scan. Raises `SceneError`: a scene without visible shapes.
     """
     try:
         decoded = _read_files(file)
@@ -279,22 +265,12 @@ def fit_to_display(
 ) -> Fit:
     """Map a relic into the display: as large as its share of the array, as deep as the range.
 
-    Parameters
-    ----------
-    points : (n, 3) float64
-        World points that span the relic.
-    axes : (3, 3) float64
-        Rows are the display's axes in the world.
-    display : Display
-    fit_share : float
-        Share of the array's width or height that the relic fills.
-    source : str
-        Named in errors.
+    * `points`, (n, 3) float64: world points that span the relic.
+    * `axes`, (3, 3) float64: rows are the display's axes in the world.
+    * `fit_share`: share of the array's width or height that the relic fills.
+    * `source`: named in errors.
 
-    Raises
-    ------
-    SceneError
-        Points that are not finite or span no area.
+    Raises `SceneError`: points that are not finite or span no area.
     """
     turned = points @ axes.T
     if not np.isfinite(turned).all():
@@ -336,12 +312,8 @@ def register() -> None:
 def use_mesh(properties: Any, mesh: Mesh) -> None:
     """Let a `ply` or `obj` shape have a mesh instead of the file that it names.
 
-    Parameters
-    ----------
-    properties : mi.Properties
-        Of the shape; changed in place.
-    mesh : Mesh
-        With indices in range.
+    * `properties`: of the shape; changed in place.
+    * `mesh`: with indices in range.
     """
     flipped = _FLIPS_BY_DEFAULT[properties.plugin_name()]
     if "flip_tex_coords" in properties:

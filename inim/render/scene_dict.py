@@ -16,17 +16,12 @@ from inim.render import variant
 def write_scene_dict(scene: Mapping[str, Any], path: Path) -> None:
     """Write a scene as XML, with copies of its files in subfolders of the XML's folder.
 
-    Parameters
-    ----------
-    scene : mapping
-        As for `mi.load_dict`, of type ``scene``. File names are relative to the current folder.
-    path : Path
-        The XML.
+    * `scene`: as for `mi.load_dict`, of type ``scene``. File names are relative to the current
+      folder.
+    * `path`: the XML.
 
-    Raises
-    ------
-    SceneError
-        Not a scene, an unknown plugin, or a loaded Mitsuba object, which no file can hold.
+    Raises `SceneError`: not a scene, an unknown plugin, or a loaded Mitsuba object, which no file
+    can hold.
     """
     if scene.get("type") != "scene":
         raise SceneError(f"scene: has the type {scene.get('type')!r}; give a dictionary of a scene")

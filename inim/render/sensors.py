@@ -184,19 +184,11 @@ def read_properties(
 ) -> dict[str, Any]:
     """Read the parameters of a plugin: a display's, and its own.
 
-    Parameters
-    ----------
-    plugin : str
-    props : mi.Properties
-    own : tuple of str
-        The plugin's own parameters, in addition to a display's.
-    stock : tuple of str
-        Parameters of its base class, which also receives all objects that are not the plugin's own.
+    * `own`: the plugin's own parameters, in addition to a display's.
+    * `stock`: parameters of its base class, which also receives all objects that are not the
+      plugin's own.
 
-    Raises
-    ------
-    SceneError
-        An unknown parameter, with the nearest valid name.
+    Raises `SceneError`: an unknown parameter, with the nearest valid name.
     """
     allowed = (*own, *_DISPLAY)
     values = {}
@@ -222,16 +214,10 @@ def read_number(plugin: str, values: dict[str, Any], name: str) -> float:
 def read_display(plugin: str, values: dict[str, Any]) -> Display:
     """Display described by a plugin's parameters, with its misalignment.
 
-    Parameters
-    ----------
-    plugin : str
-    values : dict
-        `preset` (nominal), `misalign`, and changes to the preset under the names of `Display`.
+    * `values`: `preset` (nominal), `misalign`, and changes to the preset under the names of
+      `Display`.
 
-    Raises
-    ------
-    InimError
-        The parameters describe no possible display.
+    Raises `InimError`: the parameters describe no possible display.
     """
     preset = values.get("preset", "nominal")
     if preset not in DISPLAYS:
@@ -247,23 +233,11 @@ def read_display(plugin: str, values: dict[str, Any]) -> Display:
 def world_from_display(plugin: str, to_world: np.ndarray, display: Display) -> np.ndarray:
     """Map from the display frame, in millimetres, to the world.
 
-    Parameters
-    ----------
-    plugin : str
-    to_world : (4, 4) float64
-        Map of the rectangle [-1, 1]^2, which is the misaligned array. Its scale along the
-        rectangle's normal does not matter.
-    display : Display
+    * `to_world`, (4, 4) float64: map of the rectangle [-1, 1]^2, which is the misaligned array. Its
+      scale along the rectangle's normal does not matter.
 
-    Returns
-    -------
-    (4, 4) float64
-        Rotation, one scale, translation.
-
-    Raises
-    ------
-    SceneError
-        The rectangle is skewed or mirrored, or its aspect ratio does not match the array.
+    Returns (4, 4) float64: rotation, one scale, translation. Raises `SceneError`: the rectangle is
+    skewed or mirrored, or its aspect ratio does not match the array.
     """
     half_x, half_y = display.half_extent_mm
     sides = np.linalg.norm(to_world[:3, :2], axis=0)

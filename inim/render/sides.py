@@ -27,15 +27,9 @@ _LEAST_SHARE = 1e-3
 def side_light(fitted: FittedScene, rays: SeparableRays, sides: Sides, seen_only: bool) -> Light:
     """Function that returns the light of samples on the walls of sides, one pixel per wall.
 
-    Parameters
-    ----------
-    fitted : FittedScene
-    rays : SeparableRays
-        Rays of the depth camera.
-    sides : Sides
-    seen_only : bool
-        Return 1 for a sample that reaches its wall unobstructed, instead of its light. The others
-        are 0 in both cases. Equal seeds draw equal samples.
+    * `rays`: rays of the depth camera.
+    * `seen_only`: return 1 for a sample that reaches its wall unobstructed, instead of its light.
+      The others are 0 in both cases. Equal seeds draw equal samples.
     """
     camera = fitted.camera(rays)
     piece, beside = sides.walls.T

@@ -55,15 +55,11 @@ def radiance(scene: Any, integrator: Any, sampler: Any, ray: Any, active: Any = 
 class Absorption:
     """Depths of light absorption along rays, (rays,) each.
 
-    Attributes
-    ----------
-    left : float32
-        Transmittance of all that they meet, down to 0.01: rays end there.
-    tenth, half, most : float32
-        World distances at which 10, 50 and 90 % are gone; infinite where they never are.
-    twice : bool
-        Whether the renderer met a splat twice in succession, which no straight line does: it
-        counted that splat double.
+    * `left`, float32: transmittance of all that they meet, down to 0.01: rays end there.
+    * `tenth`, `half`, `most`, float32: world distances at which 10, 50 and 90 % are gone; infinite
+      where they never are.
+    * `twice`: whether the renderer met a splat twice in succession, which no straight line does: it
+      counted that splat double.
     """
 
     left: NDArray[np.float32]
@@ -104,13 +100,10 @@ def absorption(scene: Any, integrator: Any, ray: Any) -> Absorption:
 class SplatLayers:
     """Layers of splats along rays, (layers, rays) float32, nearest first, in world distances.
 
-    Attributes
-    ----------
-    near, front, back : float32
-        Where the layer before it has ended, and where this one begins and ends; -inf where there
-        is no layer.
-    count : (rays,) uint32
-        How many layers there are; those beyond the first dimension are cut off.
+    * `near`, `front`, `back`, float32: where the layer before it has ended, and where this one
+      begins and ends; -inf where there is no layer.
+    * `count`, (rays,) uint32: how many layers there are; those beyond the first dimension are cut
+      off.
     """
 
     near: NDArray[np.float32]

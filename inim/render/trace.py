@@ -60,23 +60,13 @@ def mean_light(
 
     Not-a-number samples are kept: the caller counts them.
 
-    Parameters
-    ----------
-    light : callable
-        See `Light`.
-    shape : tuple of int
-        Shape of the film.
-    spp : int
-        Samples per pixel.
-    seed : int
-    mask : (*shape) bool, optional
-        Pixels to trace; the others stay black and need no time.
-    observer : Observer, optional
-        Counts time and samples.
+    * `light`: see `Light`.
+    * `shape`: shape of the film.
+    * `spp`: samples per pixel.
+    * `mask`, (*shape) bool: pixels to trace; the others stay black and need no time.
+    * `observer`: counts time and samples.
 
-    Returns
-    -------
-    (*shape, 3) float32, linear RGB. Equal seeds give equal pixels for every mask.
+    Returns (*shape, 3) float32, linear RGB. Equal seeds give equal pixels for every mask.
     """
     started, traced = time.perf_counter(), 0
     seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
@@ -128,12 +118,9 @@ def first_surface(
 
     Lights do not count; splats count where they have absorbed half of the light.
 
-    Returns
-    -------
-    covered : (rows, columns) bool
-        Pixels with a surface.
-    points : (rows, columns, 3) float64
-        World points; not finite where not covered.
+    Returned values:
+    * `covered`, (rows, columns) bool: pixels with a surface.
+    * `points`, (rows, columns, 3) float64: world points; not finite where not covered.
     """
     started = time.perf_counter()
     ray = camera.centre_rays()

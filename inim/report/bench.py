@@ -60,13 +60,8 @@ def scene_parts(data: BenchDocument) -> list[PagePart]:
 def write_bench(data: BenchDocument, folder: Path, parts_of: PartsOf = scene_parts) -> None:
     """Write all forms of a bench into a folder, `bench.json` last: it marks a whole one.
 
-    Parameters
-    ----------
-    data : BenchDocument
-        Its `files` are listed here.
-    folder : Path
-        Empty; the plots are written first, for the page shows them.
-    parts_of : callable
+    * `data`: its `files` are listed here.
+    * `folder`: empty; the plots are written first, for the page shows them.
     """
     data = decode(encode(data), BenchDocument)  # as it is read: infinite values are null
     bench_page(data, parts_of(data)).write(data, folder, "bench")

@@ -67,13 +67,9 @@ Maps = Sequence[tuple[str, np.ndarray, np.ndarray]]
 def write_calibration(data: CalibrationDocument, maps: Maps, folder: Path) -> None:
     """Write all forms into a folder, `calibration.json` last: it marks a whole report.
 
-    Parameters
-    ----------
-    data : CalibrationDocument
-        Its `files` are listed here.
-    maps : sequence of (str, (rows, columns, 2) array, (rows, columns, 2) array)
-        Of each position, by lens: residuals on the panel, µm, and in the photograph, pixels.
-    folder : Path
+    * `data`: its `files` are listed here.
+    * `maps`, sequence of (str, (rows, columns, 2) array, (rows, columns, 2) array): of each
+      position, by lens: residuals on the panel, µm, and in the photograph, pixels.
     """
     save(_draw(maps), folder, "residuals")
     write_listed(data, folder, FILES[0], {FILES[1]: lambda data: _page(data, folder)})
@@ -247,15 +243,10 @@ def write_photo(
 ) -> None:
     """Write all forms into a folder, `photo.json` last: it marks a whole report.
 
-    Parameters
-    ----------
-    data : PhotoDocument
-        Its `files` are listed here.
-    pictures : mapping of str to (H, W, 3) array, linear
-        The photograph, its simulation, and that matched in all three respects.
-    flow : (rows, columns, 2) array
-        See `inim.calibration.photo.Difference`.
-    folder : Path
+    * `data`: its `files` are listed here.
+    * `pictures`, mapping of str to (H, W, 3) array, linear: the photograph, its simulation, and
+      that matched in all three respects.
+    * `flow`, (rows, columns, 2) array: see `inim.calibration.photo.Difference`.
     """
     for name in _PICTURES:
         write_png(folder / f"{name}.png", pictures[name])

@@ -61,17 +61,10 @@ class Inset(NamedTuple):
 class FigureRequest:
     """Content of a figure.
 
-    Attributes
-    ----------
-    parts : tuple of str
-        Of `PARTS`.
-    viewpoint : str
-        Viewpoint of the views and error maps; by default the centre, or the first.
-    algorithms : tuple of str
-        By default all of the report.
-    insets : tuple of Inset
-        Magnified below each view.
-    width_mm : float
+    * `parts`: of `PARTS`.
+    * `viewpoint`: viewpoint of the views and error maps; by default the centre, or the first.
+    * `algorithms`: by default all of the report.
+    * `insets`: magnified below each view.
     """
 
     parts: tuple[str, ...] = PARTS
@@ -112,12 +105,8 @@ class FigureRequest:
 def write_figure(report: Report, request: FigureRequest, path: Path) -> None:
     """Draw a figure of a report into a file.
 
-    Raises
-    ------
-    UsageError
-        An unknown part, name or format.
-    FileError
-        An image of the report is missing.
+    Raises `UsageError`: an unknown part, name or format. Raises `FileError`: an image of the report
+    is missing.
     """
     if path.suffix.lower() not in FORMATS:
         raise UsageError(f"{path}: use a name that ends in {', '.join(FORMATS)}")

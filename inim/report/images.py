@@ -103,14 +103,10 @@ class ReportImages:
     def source(self, pixels: np.ndarray, form: str, quality: int, **png: int) -> str:
         """An image as the source of an img element.
 
-        Parameters
-        ----------
-        pixels : (rows, columns, 3) uint8, sRGB
-        form : {"PNG", "JPEG"}
-        quality : int
-            Of a JPEG.
-        **png
-            Pillow's options for a PNG.
+        * `pixels`: (rows, columns, 3) uint8, sRGB.
+        * `form`: {"PNG", "JPEG"}.
+        * `quality`: of a JPEG.
+        * `**png`: Pillow's options for a PNG.
         """
         # No "optimize": with it Pillow's JPEG writer runs out of buffer on noisy images.
         options = {"quality": quality, "subsampling": 0} if form == "JPEG" else png

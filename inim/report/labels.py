@@ -96,13 +96,9 @@ def score(scores: Mapping[str, Any], key: str) -> str:
 def metric_scores(scores: Mapping[str, Any], kind: ScoreKind = "scene") -> list[tuple[str, str]]:
     """Label and score, with its unit, of every metric that has scores of a kind.
 
-    Parameters
-    ----------
-    scores : mapping
-        By key.
-    kind : {"scene", "reference", "relic", "relic to reference", "eia"}
-        A view's to the scene or to the reference, of the whole or on the relic; an EIA's to the
-        true one.
+    * `scores`: by key.
+    * `kind`, {"scene", "reference", "relic", "relic to reference", "eia"}: a view's to the scene or
+      to the reference, of the whole or on the relic; an EIA's to the true one.
     """
     texts = []
     for metric in all_metrics():

@@ -33,16 +33,10 @@ _POLICY = (
 class Section:
     """A part of a page under its own heading.
 
-    Attributes
-    ----------
-    anchor : str
-        Links to the section end in ``#anchor``.
-    title : str
-        Plain text.
-    body : str
-        HTML. A section without a body is left out of the page.
-    is_folded : bool
-        Only the title shows until it is clicked.
+    * `anchor`: links to the section end in ``#anchor``.
+    * `title`: plain text.
+    * `body`: HTML. A section without a body is left out of the page.
+    * `is_folded`: only the title shows until it is clicked.
     """
 
     anchor: str
@@ -55,12 +49,8 @@ class Section:
 class Widget:
     """A style sheet, and a script that runs in pages that hold `marker`.
 
-    Attributes
-    ----------
-    style, script : str
-        Contents of the CSS and the JavaScript file.
-    marker : str
-        HTML that only the widget itself writes: text from outside is escaped.
+    * `style`, `script`: contents of the CSS and the JavaScript file.
+    * `marker`: HTML that only the widget itself writes: text from outside is escaped.
     """
 
     style: str
@@ -90,27 +80,15 @@ def render_page(
 ) -> str:
     """Whole page as HTML.
 
-    Parameters
-    ----------
-    heading : object
-        Plain text above the page.
-    facts : iterable of str
-        HTML, shown in one line below the heading.
-    sections : iterable of Section
-        Sections in order. The navigation links to them if there are several.
-    window_title : str
-        Plain text for the browser's window.
-    footer : str
-        Plain text.
-    verdict_badge : str
-        HTML, from `badge` or `check_badge`.
-    widgets : sequence of Widget
-        Widgets: styles are always in the page, scripts only if a section needs them.
+    * `heading`: plain text above the page.
+    * `facts`: HTML, shown in one line below the heading.
+    * `sections`: sections in order. The navigation links to them if there are several.
+    * `window_title`: plain text for the browser's window.
+    * `footer`: plain text.
+    * `verdict_badge`: HTML, from `badge` or `check_badge`.
+    * `widgets`: widgets: styles are always in the page, scripts only if a section needs them.
 
-    Returns
-    -------
-    str
-        HTML that ends in a line break.
+    Returns HTML that ends in a line break.
     """
     nonempty = [section for section in sections if section.body]
     scripts = [package_text("page.js")]
@@ -191,18 +169,11 @@ def document_page(
 ) -> str:
     """The page of a document: its title, time and data file around the sections.
 
-    Parameters
-    ----------
-    document : Document
-        Has `title` and `created`.
-    file : str
-        The data file, named in the footer.
-    facts, sections :
-        As of `render_page`; the time follows the facts.
-    purpose, words : str
-        Name of the window after the title, and words that belong to the title.
-    **options
-        Of `render_page`.
+    * `document`: has `title` and `created`.
+    * `file`: the data file, named in the footer.
+    * `facts`, `sections`: as of `render_page`; the time follows the facts.
+    * `purpose`, `words`: name of the window after the title, and words that belong to the title.
+    * `**options`: of `render_page`.
     """
     created = plain(document.created).replace("T", " ")
     time = element("time", text(created.replace("+00:00", " UTC").replace("Z", " UTC")))
@@ -221,13 +192,9 @@ def document_page(
 def how_to_reproduce(document: Document, more: str = "") -> Section:
     """Section with the command of a report and all conditions that could change a repeated run.
 
-    Parameters
-    ----------
-    document : Document
-        Its `command`, `settings`, `scene`, `versions` and `backend` are shown, as far as it has
-        them.
-    more : str
-        HTML below the command.
+    * `document`: its `command`, `settings`, `scene`, `versions` and `backend` are shown, as far as
+      it has them.
+    * `more`: HTML below the command.
     """
     data: dict[str, Any] = msgspec.to_builtins(document)
     command = element("pre", element("code", text(data["command"])), tabindex=0)

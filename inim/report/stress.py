@@ -168,15 +168,9 @@ def write_stress(
 ) -> None:
     """Write all forms of a stress run into a folder, `stress.json` last, as a mark of completeness.
 
-    Parameters
-    ----------
-    data : StressRecord
-        Record; its `files` are set here.
-    folder : Path
-        Folder that contains figures only.
-    parts : sequence of PagePart
-    lines : sequence of str
-        Sentences of the page and of the Markdown.
+    * `data`: record; its `files` are set here.
+    * `folder`: folder that contains figures only.
+    * `lines`: sentences of the page and of the Markdown.
     """
     facts = [
         "passed" if data.passed else "FAILED",

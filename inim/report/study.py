@@ -36,18 +36,10 @@ class Table:
 class PagePart:
     """A part of the page of a bench, a stress run or a study.
 
-    Attributes
-    ----------
-    name, title, lead : str
-        Its anchor, its heading and the words below that.
-    tables : sequence of Table
-    plot : str
-        The plot's files are ``PLOT.svg`` and ``PLOT.png``.
-    figure : matplotlib Figure, optional
-    remarks : sequence of str
-        How it was measured; shown among the page's conditions.
-    claims : (str, sequence of str)
-        A heading and sentences below it; none if empty.
+    * `name`, `title`, `lead`: its anchor, its heading and the words below that.
+    * `plot`: the plot's files are ``PLOT.svg`` and ``PLOT.png``.
+    * `remarks`: how it was measured; shown among the page's conditions.
+    * `claims`, (str, sequence of str): a heading and sentences below it; none if empty.
     """
 
     name: str
@@ -64,12 +56,7 @@ class PagePart:
 class StudyPage:
     """Content of a page besides its document.
 
-    Attributes
-    ----------
-    summary : str
-        Heading of the first section, with `warnings` and `remarks`.
-    facts, warnings, remarks : sequence of str
-    parts : sequence of PagePart
+    * `summary`: heading of the first section, with `warnings` and `remarks`.
     """
 
     summary: str
@@ -81,13 +68,8 @@ class StudyPage:
     def write(self, data: Any, folder: Path, stem: str) -> None:
         """Write all forms into a folder, ``STEM.json`` last, as a mark of completeness.
 
-        Parameters
-        ----------
-        data : Document
-            Its `files` are listed here.
-        folder : Path
-            May hold figures; those of the parts are written first, for the page shows them.
-        stem : str
+        * `data`: its `files` are listed here.
+        * `folder`: may hold figures; those of the parts are written first, for the page shows them.
         """
         for part in self.parts:
             if part.figure is not None:

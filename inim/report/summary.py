@@ -293,10 +293,7 @@ def markdown_command(command: str) -> str:
 def render_junit(data: ReportDocument | CompareDocument) -> str:
     """One test suite, ``inim.validate``: a test case per check, and one per stage with its time.
 
-    Returns
-    -------
-    str
-        Well-formed XML document for any names of the checks.
+    Returns well-formed XML document for any names of the checks.
     """
     suite = ET.Element("testsuite")
     for check in data.verdict.checks:

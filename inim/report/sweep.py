@@ -496,14 +496,8 @@ VARIED_COLUMNS = (
 class Result:
     """One algorithm on one scene, display and set of settings: means over its viewpoints.
 
-    Attributes
-    ----------
-    scene, display, settings, algorithm : str
-    failed : bool
-    scores : dict of str to float or None
-        By column of the table; None where a viewpoint lacks it.
-    values : dict of str to any
-        Parameters and settings that vary.
+    * `scores`: by column of the table; None where a viewpoint lacks it.
+    * `values`: parameters and settings that vary.
     """
 
     scene: str

@@ -45,28 +45,19 @@ class CellLists(NamedTuple):
     It has the number ``p = strip * strip_passes + u * sides + side``. On a row of lists, its list
     begins at ``first[(ray * list_rows + list_row) * passes + p]``.
 
-    Attributes
-    ----------
-    lens, list_row : (panel rows,) int64
-        Lens row, -1 where none; and row of lists.
-    reach : (list rows, 2) int64
-        See `Layout.row_reach`; of all rays.
-    first : (n,) int64
-        Where the list of each pass begins.
-    exit_mm : (cells,) float32
-        Depth at which a lens leaves a cell, rounded up; the least of all lenses.
-    entry_mm : (cells,) float32
-        Depth at which it enters the cell, rounded down; a bound of all lenses.
-    members : (rays x passes,) uint32
-        Lenses of a strip that take part in a pass, a bit each.
-    passes, strip_passes : int
-        Passes of a ray; and of a strip, 0 if all strips share them.
-    lens_first, lens_pixels : (lens columns,) int64
-        First panel column of each lens, and how many it has.
-    most_pixels, least_pixels : int
-        Largest and smallest of these numbers.
-    has_gaps : bool
-        Some panel columns have no lens.
+    * `lens`, `list_row`, (panel rows,) int64: lens row, -1 where none; and row of lists.
+    * `reach`, (list rows, 2) int64: see `Layout.row_reach`; of all rays.
+    * `first`, (n,) int64: where the list of each pass begins.
+    * `exit_mm`, (cells,) float32: depth at which a lens leaves a cell, rounded up; the least of all
+      lenses.
+    * `entry_mm`, (cells,) float32: depth at which it enters the cell, rounded down; a bound of all
+      lenses.
+    * `members`, (rays x passes,) uint32: lenses of a strip that take part in a pass, a bit each.
+    * `passes`, `strip_passes`: passes of a ray; and of a strip, 0 if all strips share them.
+    * `lens_first`, `lens_pixels`, (lens columns,) int64: first panel column of each lens, and how
+      many it has.
+    * `most_pixels`, `least_pixels`: largest and smallest of these numbers.
+    * `has_gaps`: some panel columns have no lens.
     """
 
     lens: np.ndarray
@@ -88,10 +79,7 @@ class CellLists(NamedTuple):
 class Directions(NamedTuple):
     """Cells of directions that all lenses share; their depths are those of `CellLists`.
 
-    Attributes
-    ----------
-    offset : (cells,) int64
-        Flat distance from slot (0, 0).
+    * `offset`, (cells,) int64: flat distance from slot (0, 0).
     """
 
     offset: np.ndarray
@@ -102,17 +90,13 @@ class Passes(NamedTuple):
 
     Rays of a pass lean to one side.
 
-    Attributes
-    ----------
-    cell : (n, 3) uint32
-        Index in the row arrays and in the column arrays, and lenses that visit it, a bit each.
-    row_offset : (rows,) int64
-        See `Layout.row_offset`.
-    row_exit_mm, row_entry_mm : (rows,) float32
-    offset : (columns,) int64
-        See `Layout.column_offset`.
-    exit_mm, entry_mm : (columns, LANES) float32
-        Per lens; anything where a lens does not visit a cell.
+    * `cell`, (n, 3) uint32: index in the row arrays and in the column arrays, and lenses that visit
+      it, a bit each.
+    * `row_offset`, (rows,) int64: see `Layout.row_offset`.
+    * `row_exit_mm`, `row_entry_mm`: (rows,) float32.
+    * `offset`, (columns,) int64: see `Layout.column_offset`.
+    * `exit_mm`, `entry_mm`, (columns, LANES) float32: per lens; anything where a lens does not
+      visit a cell.
     """
 
     cell: np.ndarray
@@ -131,14 +115,11 @@ Tables = tuple[Layout, CellLists, Directions | Passes]
 class DirectionLists:
     """Templates of one display and picture size; direction (v, u) has the index ``v * pixels + u``.
 
-    Attributes
-    ----------
-    first : (pixels^2 + 1,) int64
-        Start of each direction's entries.
-    row, column : (n,) int64
-        Cells of the lens with index (0, 0); lens (m, n) adds ``per_pitch * (m, n)``. Nearest first.
-    exit_mm, entry_mm : (n,) float64
-        Depths at which the ray leaves and enters them; inf for the first cells.
+    * `first`, (pixels^2 + 1,) int64: start of each direction's entries.
+    * `row`, `column`, (n,) int64: cells of the lens with index (0, 0); nearest first. Lens (m, n)
+      adds ``per_pitch * (m, n)``.
+    * `exit_mm`, `entry_mm`, (n,) float64: depths at which the ray leaves and enters them; inf for
+      the first cells.
     """
 
     first: np.ndarray
@@ -322,25 +303,15 @@ def _ray_passes(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Column cells of the passes of one ray.
 
-    Parameters
-    ----------
-    ray : _RayRuns
-    owner : (panel columns,) int64
-        Lens of each; -1 where none.
-    lens_first : (lenses,) int64
-        First panel column of each lens.
-    pixels : int
-        Most pixels of a lens.
-    layout : Layout
+    * `owner`, (panel columns,) int64: lens of each; -1 where none.
+    * `lens_first`, (lenses,) int64: first panel column of each lens.
+    * `pixels`: most pixels of a lens.
 
-    Returns
-    -------
-    offset : (passes, cells) int64
-        See `Layout.column_offset`.
-    members : (passes,) uint32
-        See `CellLists`.
-    exits, entries : (passes, cells, LANES) float64
-        inf and -inf where a lens does not visit a cell.
+    Returned values:
+    * `offset`, (passes, cells) int64: see `Layout.column_offset`.
+    * `members`, (passes,) uint32: see `CellLists`.
+    * `exits`, `entries`, (passes, cells, LANES) float64: inf and -inf where a lens does not visit a
+      cell.
     """
     lenses, runs = len(lens_first), ray.columns
     last = np.take_along_axis(runs.cell, runs.count[:, None] - 1, axis=1)[:, 0]

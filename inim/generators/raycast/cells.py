@@ -31,13 +31,9 @@ class CellRays:
     depth is then rounded once, from the exact one: borders of rows and columns that meet in a
     corner meet in the same float, and comparing a float32 depth with them is exact.
 
-    Attributes
-    ----------
-    start, slope : (n,) float64
-        Lens centre in cells, and cells per millimetre towards the viewer, both times a common
-        factor (slopes may carry a power of two besides).
-    scale : float
-        One cell times that factor.
+    * `start`, `slope`, (n,) float64: lens centre in cells, and cells per millimetre towards the
+      viewer, both times a common factor (slopes may carry a power of two besides).
+    * `scale`: one cell times that factor.
     """
 
     start: np.ndarray
@@ -55,14 +51,10 @@ def cell_rays(
 ) -> tuple[CellRays, CellRays]:
     """Column rays and row rays of a display over a picture.
 
-    Parameters
-    ----------
-    shape : (rows, columns)
-    pixel_mm : float
-        Width of the picture's pixels.
-    display : Display
-    pixel_offset : (down, right) of Fraction
-        Start of each ray in its pixel, in panel pixels from the centre.
+    * `shape`: (rows, columns).
+    * `pixel_mm`: width of the picture's pixels.
+    * `pixel_offset`, (down, right) of Fraction: start of each ray in its pixel, in panel pixels
+      from the centre.
     """
     rows, columns = shape
     down, right = pixel_offset
@@ -77,17 +69,12 @@ def non_separable_cell_rays(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Rays of a block of panel pixels over a picture, where no two of them share a coordinate.
 
-    Parameters
-    ----------
-    shape : (rows, columns)
-    pixel_mm : float
-        The picture's pixel.
-    rays : PixelRays
+    * `shape`: (rows, columns).
+    * `pixel_mm`: the picture's pixel.
 
-    Returns
-    -------
-    u0, du, v0, dv : (block rows, panel columns) float64
-        Column ``u0 + du z`` and row ``v0 + dv z`` at depth z in millimetres: rounded as floats are.
+    Returned values:
+    * `u0`, `du`, `v0`, `dv`, (block rows, panel columns) float64: column ``u0 + du z`` and row ``v0
+      + dv z`` at depth z in millimetres: rounded as floats are.
     """
     rows, columns = shape
     return (
@@ -104,14 +91,10 @@ class AxisRuns:
 
     A ray's cells in the picture are the overlaps of its column runs with its row runs.
 
-    Attributes
-    ----------
-    count : (n,) int64
-        Cells of each ray.
-    cell : (n, most) int64
-        Picture column (row).
-    exit_mm : (n, most) float64
-        Depth at which the ray leaves it; z_min at the end, and after it.
+    * `count`, (n,) int64: cells of each ray.
+    * `cell`, (n, most) int64: picture column (row).
+    * `exit_mm`, (n, most) float64: depth at which the ray leaves it; z_min at the end, and after
+      it.
     """
 
     count: np.ndarray

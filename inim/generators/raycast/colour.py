@@ -55,13 +55,8 @@ _Writer = Callable[[slice, np.ndarray, np.ndarray], None]
 class RayGroup(NamedTuple):
     """Rays of every pixel that show the same colour channels.
 
-    Attributes
-    ----------
-    channels : tuple of int
-    rays : list of Ray
-        One, two or four.
-    joined : JoinedRays, optional
-        All of them together.
+    * `rays`: one, two or four.
+    * `joined`: all of them together.
     """
 
     channels: tuple[int, ...]
@@ -85,14 +80,9 @@ def show_colours(
 ) -> None:
     """Write the mean colours of the rays of every pixel.
 
-    Parameters
-    ----------
-    rgbd : RGBD
-    display : Display
-    colour : {"nearest", "linear", "averaged", "smooth"}
-    groups : sequence of RayGroup
-    out : (rows, columns, 3) float32 or (rows, columns, 4) uint8
-        Alpha is the mean of the channels.
+    * `colour`: {"nearest", "linear", "averaged", "smooth"}.
+    * `out`, (rows, columns, 3) float32 or (rows, columns, 4) uint8: alpha is the mean of the
+      channels.
     """
     picture = _Picture(rgbd, display, colour)
     if len(groups) == 1:

@@ -41,15 +41,10 @@ THICKNESS_PX = 10.0
 class Columns:
     """Columns of a picture.
 
-    Attributes
-    ----------
-    layers : tuple of Layer
-        Layers, the front surface first.
-    end : bool
-        True if columns have backs, so that rays may pass behind them.
-    continue_behind : bool
-        True if a ray that passed behind a column without a later hit shows the last cell on its
-        path.
+    * `layers`: layers, the front surface first.
+    * `end`: true if columns have backs, so that rays may pass behind them.
+    * `continue_behind`: true if a ray that passed behind a column without a later hit shows the
+      last cell on its path.
     """
 
     layers: tuple[Layer, ...]
@@ -84,17 +79,10 @@ def columns_of(rgbd: RGBD, rule: str) -> Columns:
 def surface_backs(depth_mm: np.ndarray, covered: np.ndarray, pixel_mm: float) -> np.ndarray:
     """Back of each pixel's column by the rule of `SURFACE`.
 
-    Parameters
-    ----------
-    depth_mm : (H, W) float32
-        Depth in the display frame; larger is nearer.
-    covered : (H, W) bool
-    pixel_mm : float
+    * `depth_mm`, (H, W) float32: depth in the display frame; larger is nearer.
+    * `covered`: (H, W) bool.
 
-    Returns
-    -------
-    (H, W) float32
-        inf at uncovered pixels.
+    Returns (H, W) float32: inf at uncovered pixels.
     """
     rows, columns = depth_mm.shape
     steps = np.float32(STEEPEST * pixel_mm), np.float32(STEEPEST * pixel_mm * math.sqrt(2))

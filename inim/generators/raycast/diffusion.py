@@ -34,22 +34,14 @@ def diffused(
 ) -> np.ndarray:
     """Light of pixels averaged over the surfaces around them; see the module.
 
-    Parameters
-    ----------
-    front : (layers, H, W) float32
-        Depth in mm; -inf where there is no surface.
-    light : (layers x H x W, 4) float32
-        Linear RGB, and 1.
-    footprint : (down, across)
-        Height and width of a ray's footprint, in picture pixels per millimetre of depth.
-    pixel_mm : float
-        Width of a picture pixel.
-    present : float
-        Variance that is there without an average.
+    * `front`, (layers, H, W) float32: depth in mm; -inf where there is no surface.
+    * `light`, (layers x H x W, 4) float32: linear RGB, and 1.
+    * `footprint`, (down, across): height and width of a ray's footprint, in picture pixels per
+      millimetre of depth.
+    * `pixel_mm`: width of a picture pixel.
+    * `present`: variance that is there without an average.
 
-    Returns
-    -------
-    (layers x H x W, 4) float32
+    Returns (layers x H x W, 4) float32.
     """
     farthest = float(np.abs(front, where=front > -np.inf, out=np.zeros_like(front)).max())
     for stride in _strides((max(footprint) * farthest) ** 2 / 12 - present):

@@ -68,20 +68,12 @@ class Filled(SourceGenerator):
 
     Its sources are the generator's: holes are reported as without a fill.
 
-    Parameters
-    ----------
-    generator : SourceGenerator
-        Generator of a whole panel.
-    fill : {"hidden", "all"}
-        Kind of fill; see the module.
-    with_holes : SourceGenerator
-        The same generator for the continued picture, with holes at pixels whose source is only an
-        assumption.
+    * `generator`: generator of a whole panel.
+    * `fill`, {"hidden", "all"}: kind of fill; see the module.
+    * `with_holes`: the same generator for the continued picture, with holes at pixels whose source
+      is only an assumption.
 
-    Raises
-    ------
-    UsageError
-        The lenses of the display do not form rows and columns.
+    Raises `UsageError`: the lenses of the display do not form rows and columns.
     """
 
     def __init__(self, generator: SourceGenerator, fill: str, with_holes: SourceGenerator) -> None:
@@ -125,12 +117,9 @@ class Filled(SourceGenerator):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Panel pixels with holes that can be filled, and their fill colours.
 
-        Returns
-        -------
-        pixels : (n,) int64
-            ``row * columns + column`` of the panel.
-        colour : (n, 4) float32
-            Linear RGB, and 1.
+        Returned values:
+        * `pixels`, (n,) int64: ``row * columns + column`` of the panel.
+        * `colour`, (n, 4) float32: linear RGB, and 1.
         """
         sources = ray.generator.sources(rgbd)
         holes = np.flatnonzero(sources == HOLE)
@@ -183,12 +172,8 @@ class FilledFrames(SourceGenerator):
 
     Photographs and light fields fill their frame; relics in front of a background do not.
 
-    Parameters
-    ----------
-    generator : SourceGenerator
-        Generator without a fill.
-    prepare_filled : callable
-        Prepares the same generator with a fill, when the first such picture comes.
+    * `generator`: generator without a fill.
+    * `prepare_filled`: prepares the same generator with a fill, when the first such picture comes.
     """
 
     def __init__(self, generator: SourceGenerator, prepare_filled: Callable[[], Generator]) -> None:
@@ -227,15 +212,10 @@ def _fills_frame(rgbd: RGBD) -> bool:
 class _VisibleSurfaces(NamedTuple):
     """Visible surfaces of a picture, with all its layers.
 
-    Attributes
-    ----------
-    front : (H, W) float32
-        Depth behind which the view is blocked; -inf at background, the lowest finite number
-        at unknown pixels.
-    depth : (layers x H x W,) float32
-        Depth of each source; -inf at uncovered pixels.
-    palette : (layers x H x W, 3) float32
-        Linear RGB.
+    * `front`, (H, W) float32: depth behind which the view is blocked; -inf at background, the
+      lowest finite number at unknown pixels.
+    * `depth`, (layers x H x W,) float32: depth of each source; -inf at uncovered pixels.
+    * `palette`, (layers x H x W, 3) float32: linear RGB.
     """
 
     front: np.ndarray

@@ -52,12 +52,7 @@ _CHUNK = 4 * LANES
 class Interpolation:
     """Interpolation between the pixels of a picture.
 
-    Parameters
-    ----------
-    rgbd : RGBD
-    display : Display
-    front : (layers, H, W) float32
-        Depth in mm; -inf where there is no surface.
+    * `front`, (layers, H, W) float32: depth in mm; -inf where there is no surface.
     """
 
     def __init__(self, rgbd: RGBD, display: Display, front: np.ndarray) -> None:
@@ -69,15 +64,9 @@ class Interpolation:
     ) -> Callable[[slice, np.ndarray, np.ndarray], None]:
         """Function that writes mean colours of rays, from the sources of some panel rows.
 
-        Parameters
-        ----------
-        light : (n, 4) float32
-            Linear RGB of the pixels, or its square roots, and 1.
-        opacity : (n,) float32, optional
-            Of the pixels; all are opaque if omitted.
-        squared : bool
-            Interpolated colours are square roots of light.
-        rays : sequence of Ray
+        * `light`, (n, 4) float32: linear RGB of the pixels, or its square roots, and 1.
+        * `opacity`, (n,) float32: of the pixels; all are opaque if omitted.
+        * `squared`: interpolated colours are square roots of light.
         """
         lines, texels = _Lines(self._rgbd, self._display, rays), _with_hole(light)
         alphas = None
@@ -120,12 +109,10 @@ class _Lines:
     def of(self, rows: slice) -> tuple[np.ndarray, np.ndarray]:
         """Columns u and rows v of the rays of some panel rows, in picture pixels.
 
-        Returns
-        -------
-        u : (rays, rows or 1, 3, columns) float32
-            Whole part and fraction, less 1/2, at depth 0; and slope. The columns are padded.
-        v : (rays, rows, 3, columns) float32
-            Only `LANES` columns if all have the same row.
+        Returned values:
+        * `u`, (rays, rows or 1, 3, columns) float32: whole part and fraction, less 1/2, at depth 0;
+          and slope. The columns are padded.
+        * `v`, (rays, rows, 3, columns) float32: only `LANES` columns if all have the same row.
         """
         if self._display.is_separable:
             v = self._v[:, :, rows].transpose(0, 2, 1)[..., None]
@@ -152,14 +139,10 @@ def _padded(lines: np.ndarray) -> np.ndarray:
 class _Surfaces(NamedTuple):
     """Surfaces of a picture as tables of its sources; the first entry of each is that of a hole.
 
-    Attributes
-    ----------
-    head : (n x 4,) float32
-        Depth, column and row of each source.
-    near : (n x 8,) int32
-        First number, in a table of four to each source, of the neighbours on the same surface: on
-        the left and right, above and below, and on the four diagonals in this order, rows first;
-        0 where there is none.
+    * `head`, (n x 4,) float32: depth, column and row of each source.
+    * `near`, (n x 8,) int32: first number, in a table of four to each source, of the neighbours on
+      the same surface: on the left and right, above and below, and on the four diagonals in this
+      order, rows first; 0 where there is none.
     """
 
     head: np.ndarray

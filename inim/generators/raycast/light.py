@@ -79,17 +79,11 @@ def pack_light(light: np.ndarray, rays: int) -> np.ndarray:
 def mean_codes(begin, end, sources, words, table, out):
     """Codes of the mean light of the rays of some rows.
 
-    Parameters
-    ----------
-    begin, end : int
-        The rows.
-    sources : (rays, rows, columns) int32
-    words : (n + 1,) uint64
-        Light of a hole and of each source; see `pack_light`.
-    table : (m,) uint8
-        See `code_table`.
-    out : (rows, columns) uint32
-        RGBA, red in the lowest byte.
+    * `begin`, `end`: the rows.
+    * `sources`: (rays, rows, columns) int32.
+    * `words`, (n + 1,) uint64: light of a hole and of each source; see `pack_light`.
+    * `table`, (m,) uint8: see `code_table`.
+    * `out`, (rows, columns) uint32: RGBA, red in the lowest byte.
     """
     rays, _, columns = sources.shape
     light = np.empty(columns, np.uint64)

@@ -120,21 +120,12 @@ def merge(
 ) -> list[RGBD]:
     """Merge pictures into a layered depth image; a single one becomes a picture without layers.
 
-    Parameters
-    ----------
-    colourings : sequence of CameraRGBDs
-        The pictures, or several versions of them that differ in colour only, such as half images:
-        each is merged into one result.
-    display : Display
-    shape : (rows, columns)
-        Size of the results, such as `Display.capture_shape`.
-    pixel_mm : float
-        Side of their pixels.
+    * `colourings`: the pictures, or several versions of them that differ in colour only, such as
+      half images: each is merged into one result.
+    * `shape`, (rows, columns): size of the results, such as `Display.capture_shape`.
+    * `pixel_mm`: side of their pixels.
 
-    Raises
-    ------
-    FileError
-        The pictures contradict each other.
+    Raises `FileError`: the pictures contradict each other.
     """
     cameras, pictures = colourings[0], _Pictures.of(colourings)
     _check_agreement(cameras, pictures, pixel_mm)

@@ -33,15 +33,11 @@ _NO_DEPTH = np.float32(-np.inf)
 class Layout:
     """Addresses of picture cells in phases, of one display and picture size.
 
-    Attributes
-    ----------
-    shape : (slots down, per_pitch, per_pitch, slots across)
-    origin : (row, column) of int
-        Picture cell of slot (0, 0), phase (0, 0); negative where slots reach beyond the picture.
-    window : (slots down, slots across) of int
-        Slots that the rays of one lens can reach.
-    strips : int
-        Strips of lenses in a row.
+    * `shape`: (slots down, per_pitch, per_pitch, slots across).
+    * `origin`, (row, column) of int: picture cell of slot (0, 0), phase (0, 0); negative where
+      slots reach beyond the picture.
+    * `window`, (slots down, slots across) of int: slots that the rays of one lens can reach.
+    * `strips`: strips of lenses in a row.
     """
 
     shape: tuple[int, int, int, int]
@@ -53,13 +49,8 @@ class Layout:
     def of(cls, per_pitch: int, rows: np.ndarray, columns: np.ndarray, display: Display) -> Layout:
         """Lay out the phases.
 
-        Parameters
-        ----------
-        per_pitch : int
-            Picture cells per lens pitch.
-        rows, columns : int arrays
-            All cells that rays of the lens (0, 0) visit.
-        display : Display
+        * `per_pitch`: picture cells per lens pitch.
+        * `rows`, `columns`: all cells that rays of the lens (0, 0) visit.
         """
         first = [int(cells.min()) // per_pitch for cells in (rows, columns)]
         last = [int(cells.max()) // per_pitch for cells in (rows, columns)]
@@ -109,15 +100,10 @@ class Layout:
     def row_reach(self, rows: np.ndarray, first: np.ndarray) -> np.ndarray:
         """First and last row of slots, from a lens's own, of runs of picture rows of lens row 0.
 
-        Parameters
-        ----------
-        rows : (n,) int array
-        first : (m,) int array
-            Where each run begins.
+        * `rows`: (n,) int array.
+        * `first`, (m,) int array: where each run begins.
 
-        Returns
-        -------
-        (m, 2) int array
+        Returns (m, 2) int array.
         """
         slots = (rows - self.origin[0]) // self.shape[1]
         ends = [extreme.reduceat(slots, first) for extreme in (np.minimum, np.maximum)]
@@ -148,29 +134,21 @@ def _spread(begin, end, values, row0, column0, phases):  # type: ignore[no-untyp
 class Phases:
     """A picture by phases, in buffers that are filled again for every picture.
 
-    Parameters
-    ----------
-    layout : Layout
-    shape : (rows, columns)
-        Size of the pictures.
-    end : bool
-        Whether columns end.
+    * `shape`, (rows, columns): size of the pictures.
+    * `end`: whether columns end.
 
-    Attributes
-    ----------
-    layout : Layout
-    depth : (slots,) float32
-        Depths by phase, -inf at uncovered cells, NaN around the picture.
-    back : (slots,) float32
-        Backs of columns, inf at uncovered cells; empty if no column has a back.
-    nearest : (slots down, strips) float32
-        Greatest depth, in a row of slots, within reach of a strip of lenses.
-    farthest : (slots down, strips) float32
-        Least depth of a back within the same reach; inf without covered cells.
-    deeper_depth, deeper_back : (layers, slots) float32
-        All layers except the first; depths of -inf, and any back, where no layer exists.
-    deeper_nearest : (rows of slots of a phase, strips) float32
-        Greatest depth of the deeper layers within reach.
+    Its attributes:
+    * `depth`, (slots,) float32: depths by phase, -inf at uncovered cells, NaN around the picture.
+    * `back`, (slots,) float32: backs of columns, inf at uncovered cells; empty if no column has a
+      back.
+    * `nearest`, (slots down, strips) float32: greatest depth, in a row of slots, within reach of a
+      strip of lenses.
+    * `farthest`, (slots down, strips) float32: least depth of a back within the same reach; inf
+      without covered cells.
+    * `deeper_depth`, `deeper_back`, (layers, slots) float32: all layers except the first; depths of
+      -inf, and any back, where no layer exists.
+    * `deeper_nearest`, (rows of slots of a phase, strips) float32: greatest depth of the deeper
+      layers within reach.
     """
 
     def __init__(self, layout: Layout, shape: PictureShape, *, end: bool) -> None:

@@ -110,12 +110,8 @@ def _is_hit(fronts, backs, row, column, z_entry, z_exit):  # type: ignore[no-unt
 class FirstHits(SourceGenerator):
     """First hits in the columns of pictures.
 
-    Parameters
-    ----------
-    display, shape, pixel_mm, pixel_offset, mask :
-        As for `SourceGenerator`.
-    rule : str
-        See `raycast.columns`.
+    * `display`, `shape`, `pixel_mm`, `pixel_offset`, `mask`: as for `SourceGenerator`.
+    * `rule`: see `raycast.columns`.
     """
 
     def __init__(
@@ -197,11 +193,8 @@ def ray_blocks(
 ) -> Iterator[tuple[slice, tuple[np.ndarray, ...]]]:
     """Rays of blocks of panel rows with selected pixels.
 
-    Yields
-    ------
-    rows : slice
-    cells : four (block rows, columns) float64
-        See `non_separable_cell_rays`.
+    Yielded values:
+    * `cells`, four (block rows, columns) float64: see `non_separable_cell_rays`.
     """
     pixel_offset = float(generator.pixel_offset[0]), float(generator.pixel_offset[1])
     for rows in row_blocks(generator.display):

@@ -83,14 +83,9 @@ def _strip_loop(*, per_lens: bool, columns_end: bool, layered: bool, light: bool
     There are separate versions for columns without backs, for one layer and for more: a common
     version would take a third longer.
 
-    Parameters
-    ----------
-    per_lens : bool
-        The cells are `Passes`, not `Directions`.
-    columns_end, layered : bool
-        Columns have backs; a picture has several layers.
-    light : bool
-        Payloads are light, whose sum is written as codes; see `raycast.light`.
+    * `per_lens`: the cells are `Passes`, not `Directions`.
+    * `columns_end`, `layered`: columns have backs; a picture has several layers.
+    * `light`: payloads are light, whose sum is written as codes; see `raycast.light`.
     """
     sides = SIDES if per_lens else 1
 
@@ -241,13 +236,9 @@ def _hit_deeper(below, searching, word, exit_z, entry_z, cell, fronts, backs, wo
 def _write_strip(strip, lists, start, row):  # type: ignore[no-untyped-def]
     """Write a strip to its panel row.
 
-    Parameters
-    ----------
-    strip : (most pixels x LANES,) uint32
-    lists : CellLists
-    start : int
-        The strip's first lens.
-    row : (panel columns,) uint32
+    * `strip`: (most pixels x LANES,) uint32.
+    * `start`: the strip's first lens.
+    * `row`: (panel columns,) uint32.
     """
     lens_first, pixels = lists.lens_first, lists.least_pixels
     lanes = min(LANES, len(lens_first))
@@ -276,12 +267,8 @@ class Strips(FirstHits):
 
     Tables and buffers are created for the first picture.
 
-    Parameters
-    ----------
-    display, shape, pixel_mm, rule :
-        As for `FirstHits`.
-    *offsets : PixelOffset
-        Start of each ray in its pixel.
+    * `display`, `shape`, `pixel_mm`, `rule`: as for `FirstHits`.
+    * `*offsets`: start of each ray in its pixel.
     """
 
     def __init__(
@@ -428,20 +415,12 @@ def first_hits(
 ) -> SourceGenerator:
     """Create the generator of first hits in the columns of pictures.
 
-    Parameters
-    ----------
-    name : str
-        Name of the algorithm, for error messages.
-    display, shape, pixel_mm, mask :
-        See `inim.generators.prepare`.
-    rule : str
-        Rule of the columns; see `raycast.columns`.
-    samples : {1, 2, 4}
+    * `name`: name of the algorithm, for error messages.
+    * `display`, `shape`, `pixel_mm`, `mask`: see `inim.generators.prepare`.
+    * `rule`: rule of the columns; see `raycast.columns`.
+    * `samples`: {1, 2, 4}.
 
-    Raises
-    ------
-    UsageError
-        An invalid number of samples, or rays of implausible length.
+    Raises `UsageError`: an invalid number of samples, or rays of implausible length.
     """
     if str(samples) not in ("1", "2", "4"):
         raise UsageError(f"{name}: samples = {samples!r}; use 1, 2 or 4")

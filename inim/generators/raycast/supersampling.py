@@ -43,15 +43,10 @@ def averaged(
 ) -> SourceGenerator:
     """Generator with one or several rays per panel pixel or sub-pixel.
 
-    Parameters
-    ----------
-    display : Display
-    samples : {1, 2, 4}
-        Rays through the centre; through two points on the diagonal; through the centres of the
-        quarters of the emitting area (`Display.pixel_fill`). Colours are averaged in linear light,
-        and a hole counts as black.
-    make : callable
-        Creates the generator of the rays through one point of every pixel.
+    * `samples`, {1, 2, 4}: rays through the centre; through two points on the diagonal; through the
+      centres of the quarters of the emitting area (`Display.pixel_fill`). Colours are averaged in
+      linear light, and a hole counts as black.
+    * `make`: creates the generator of the rays through one point of every pixel.
     """
     channels: dict[SubPixel, list[int]] = {}
     for channel, subpixel in enumerate(SUBPIXELS[display.subpixels]):
@@ -75,15 +70,9 @@ class ColouredRays(SourceGenerator):
 
     Its sources are those of the pixel centres.
 
-    Parameters
-    ----------
-    rays : sequence of Ray
-    centre : callable
-        Returns the generator of the sources, which pictures do without.
-    display, shape, pixel_mm :
-        As for `SourceGenerator`.
-    colour : {"nearest", "linear", "averaged", "smooth"}
-        See `raycast.colour`.
+    * `centre`: returns the generator of the sources, which pictures do without.
+    * `display`, `shape`, `pixel_mm`: as for `SourceGenerator`.
+    * `colour`, {"nearest", "linear", "averaged", "smooth"}: see `raycast.colour`.
     """
 
     def __init__(

@@ -30,18 +30,12 @@ LARGEST_PAGE_BYTES = 10_000_000
 class ReportSection:
     """Section of the page.
 
-    Attributes
-    ----------
-    place : int
-        Position; sections are sorted by it.
-    anchor, title : str
-        As for `inim.report.page.Section`.
-    body : callable
-        Function from the report's data and its images to HTML; empty if the section does not apply.
-    widget : Widget, optional
-        Style sheets and scripts of the section.
-    is_folded : bool
-        As for `inim.report.page.Section`.
+    * `place`: position; sections are sorted by it.
+    * `anchor`, `title`: as for `inim.report.page.Section`.
+    * `body`: function from the report's data and its images to HTML; empty if the section does not
+      apply.
+    * `widget`: style sheets and scripts of the section.
+    * `is_folded`: as for `inim.report.page.Section`.
     """
 
     place: int
@@ -66,18 +60,10 @@ def all_sections() -> tuple[ReportSection, ...]:
 def render_html(data: ReportDocument, folder: Path, cache: ResultCache | None = None) -> str:
     """The whole report as one HTML page.
 
-    Parameters
-    ----------
-    data : ReportDocument
-    folder : Path
-        Where the report's PNG files lie. One that is missing or unreadable shows as a box.
-    cache : ResultCache, optional
-        Of the page's pictures.
+    * `folder`: where the report's PNG files lie. One that is missing or unreadable shows as a box.
+    * `cache`: of the page's pictures.
 
-    Returns
-    -------
-    str
-        The page, below `LARGEST_PAGE_BYTES` unless the data without images is above it.
+    Returns the page, below `LARGEST_PAGE_BYTES` unless the data without images is above it.
     """
     cache = cache or ResultCache()
     return small_enough(lambda encoding: _page(data, ReportImages(Path(folder), encoding, cache)))

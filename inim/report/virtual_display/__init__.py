@@ -62,11 +62,7 @@ _BETWEEN_EYES_MM = 63
 class Panel:
     """An EIA to show.
 
-    Attributes
-    ----------
-    name : str
-    codes : (rows, columns, 3) uint8
-        sRGB, row 0 on top.
+    * `codes`, (rows, columns, 3) uint8: sRGB, row 0 on top.
     """
 
     name: str
@@ -95,23 +91,13 @@ def live_display(
 ) -> str:
     """Section content: the virtual display, hidden until its script runs, and its replacement.
 
-    Parameters
-    ----------
-    display : Display
-        Display with its misaligned array.
-    panels : sequence of Panel
-        Panels of its size, the most important first.
-    eyes : sequence of EyePosition
-        Eye positions; the eye starts at the first.
-    stills : sequence of Still
-    images : ReportImages
-        Embeds the stills.
-    most_bytes : int
-        Maximum size of the panels.
-    lens_model : str
-        Initial lens model, or its replacement in the virtual display.
-    remarks : sequence of str
-        Sentences below the display.
+    * `display`: display with its misaligned array.
+    * `panels`: panels of its size, the most important first.
+    * `eyes`: eye positions; the eye starts at the first.
+    * `images`: embeds the stills.
+    * `most_bytes`: maximum size of the panels.
+    * `lens_model`: initial lens model, or its replacement in the virtual display.
+    * `remarks`: sentences below the display.
     """
     embedded, left_out = embed_panels(panels, most_bytes, images)
     words = [*_embedding_words(embedded, left_out), *remarks, *_display_words(display)]
@@ -288,10 +274,7 @@ def _optics(display: Display) -> dict[str, Any]:
 
     `traits` are names for the compilation of the shader.
 
-    Parameters
-    ----------
-    display : Display
-        Display with its misaligned array.
+    * `display`: display with its misaligned array.
     """
     array, traits = lens_array(display), lens_traits(display)
     rows, columns = display.eia_shape
@@ -353,15 +336,10 @@ def embed_panels(
 ) -> tuple[list[_Embedded], list[str]]:
     """Embed as many panels as fit, and return the names of the others.
 
-    Parameters
-    ----------
-    panels : sequence of Panel
-        The most important first. The first two go in before anything else, compressed with loss
-        if they have to be.
-    most_bytes : int
-        For all data URIs together.
-    images : ReportImages
-        Embeds the panels.
+    * `panels`: the most important first. The first two go in before anything else, compressed with
+      loss if they have to be.
+    * `most_bytes`: for all data URIs together.
+    * `images`: embeds the panels.
     """
     for form, quality in _FORMS:
         first = [_embed(images, panel, form, quality) for panel in panels[:2]]
@@ -406,23 +384,14 @@ def still_view(
 ) -> np.ndarray:
     """A view of a display from one eye position, by the lens models in NumPy.
 
-    Parameters
-    ----------
-    eia : (rows, columns, 3) uint8, sRGB
-        Row 0 on top.
-    display : Display
-    eye_mm : (x, y, z)
-    lens_model : str
-        One of `inim.lens.lens_models`.
-    pixels_per_lens : int
-        Of the view, which shows exactly the lens array.
-    grid : int
-        Samples along one side of a view pixel, at the shader's places.
+    * `eia`, (rows, columns, 3) uint8, sRGB: row 0 on top.
+    * `eye_mm`: (x, y, z).
+    * `lens_model`: one of `inim.lens.lens_models`.
+    * `pixels_per_lens`: of the view, which shows exactly the lens array.
+    * `grid`: samples along one side of a view pixel, at the shader's places.
 
-    Returns
-    -------
-    (rows, columns, 3) uint8, sRGB
-        Panel pixels are evenly lit: sub-pixels are drawn as none.
+    Returns (rows, columns, 3) uint8, sRGB: panel pixels are evenly lit: sub-pixels are drawn as
+    none.
     """
     rows, columns = (n * pixels_per_lens for n in (display.lens_rows, display.lens_columns))
     light = linear_from_srgb(np.arange(256) / 255)
