@@ -23,13 +23,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import UsageError
-from inim.generators import (
-    Generator,
-    foreign_errors,
-    is_own,
-    parse_algorithm,
-    prepare,
-)
+from inim.generators import Generator, foreign_errors, is_own, parse_algorithm, prepare
 from inim.generators.base import check_array
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD, LayeredRGBD
@@ -264,10 +258,7 @@ def _max_runs(seconds: float, runs: int) -> int:
 
 def ratios(timing: Timing, unit: Timing) -> dict[str, float]:
     """Ratios of two timings, of their medians and of their minima."""
-    return {
-        "ratio": timing.median_s / unit.median_s,
-        "ratio_min": timing.min_s / unit.min_s,
-    }
+    return {"ratio": timing.median_s / unit.median_s, "ratio_min": timing.min_s / unit.min_s}
 
 
 def max_threads() -> int:

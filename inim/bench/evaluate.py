@@ -286,11 +286,7 @@ _MOST_ATTEMPTS = 3
 
 
 def _time_undisturbed(
-    methods: Sequence[TimedMethod],
-    rgbd: RGBD,
-    display: Display,
-    rounds: Rounds,
-    observer: Observer,
+    methods: Sequence[TimedMethod], rgbd: RGBD, display: Display, rounds: Rounds, observer: Observer
 ) -> tuple[dict[str, Timing], float | None]:
     """Times of the least disturbed attempt, and the share of the processors used by others."""
     attempts: list[tuple[dict[str, Timing], float | None]] = []

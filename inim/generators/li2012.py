@@ -56,11 +56,7 @@ _EXACT = 2**53
 
 
 @algorithm(color="#cc79a7", marker="D")
-def prepare(
-    display: Display,
-    shape: PictureShape,
-    pixel_mm: float,
-) -> SourceGenerator:
+def prepare(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGenerator:
     """Forward mapping: each picture pixel through each lens (Li et al. 2012).
 
     Parameters

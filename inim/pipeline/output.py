@@ -210,10 +210,7 @@ def make_report(
         reference=ReferenceViews(views=reference_views, precision=reference_precision),
         algorithms=algorithms,
         timings=observer.timings
-        | {
-            "mitsuba_render": observer.render_seconds,
-            "total": perf_counter() - observer.started,
-        },
+        | {"mitsuba_render": observer.render_seconds, "total": perf_counter() - observer.started},
         skipped=[SkippedStep(**row) for row in evaluation.run.skipped.rows],
         warnings=[*display_warnings, *evaluation.warnings],
         verdict=Checks(passed=all(check.passed for check in checks), checks=checks),

@@ -21,12 +21,7 @@ from inim.pipeline.stages.ground_truth import (
     render_ground_truth_eia,
     render_view,
 )
-from inim.pipeline.stages.method import (
-    MethodSetup,
-    generate_eia,
-    generator_times,
-    prepare_methods,
-)
+from inim.pipeline.stages.method import MethodSetup, generate_eia, generator_times, prepare_methods
 from inim.pipeline.stages.reconstruction import find_observed_pixels, reconstruct_views
 from inim.pipeline.stages.scene import Renderer, describe_scene
 from inim.pipeline.stages.scoring import (

@@ -23,14 +23,7 @@ from inim.display import Display
 from inim.display.pixels import SUBPIXELS, emission_profile
 from inim.errors import SceneError
 from inim.files.eia_file import read_eia
-from inim.lens import (
-    LensArray,
-    Ops,
-    channel_indices,
-    lens_array,
-    lens_traits,
-    through_array,
-)
+from inim.lens import LensArray, Ops, channel_indices, lens_array, lens_traits, through_array
 from inim.lens import lens_model as find_lens_model
 from inim.render.camera import FilmCamera
 from inim.render.sensors import (

@@ -18,13 +18,7 @@ from inim.image.sides import with_sides
 from inim.process.observer import Observer
 from inim.render import splats
 from inim.render.depth_peeling import MOST_LAYERS, PeeledLayers
-from inim.render.rays import (
-    NonSeparableRays,
-    SeparableRays,
-    capture_rays,
-    eye_rays,
-    pickup_rays,
-)
+from inim.render.rays import NonSeparableRays, SeparableRays, capture_rays, eye_rays, pickup_rays
 from inim.render.scene import FittedScene
 from inim.render.sides import side_light
 from inim.render.trace import Light, first_surface, mean_light, scene_light

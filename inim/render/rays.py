@@ -194,9 +194,7 @@ def pickup_rays(
         )
 
     return SeparableRays(
-        start_mm,
-        axis(display.columns, +1, right, width),
-        axis(display.rows, -1, 0.0, height),
+        start_mm, axis(display.columns, +1, right, width), axis(display.rows, -1, 0.0, height)
     )
 
 

@@ -9,13 +9,7 @@ from typing import Any
 
 from msgspec.structs import asdict
 
-from inim.documents.algorithms import (
-    BenchAlgorithm,
-    BenchDocument,
-    BenchScene,
-    BenchScore,
-    Scores,
-)
+from inim.documents.algorithms import BenchAlgorithm, BenchDocument, BenchScene, BenchScore, Scores
 from inim.documents.document import decode, encode
 from inim.report.labels import MISSING, number, per_cent
 from inim.report.plots import (

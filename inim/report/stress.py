@@ -7,12 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from inim.documents import Part
-from inim.documents.algorithms import (
-    FirstHitsResult,
-    RelationResult,
-    StressDocument,
-    StressRecord,
-)
+from inim.documents.algorithms import FirstHitsResult, RelationResult, StressDocument, StressRecord
 from inim.report.labels import MISSING, number, per_cent
 from inim.report.study import PagePart, StudyPage, Table
 

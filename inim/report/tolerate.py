@@ -174,10 +174,7 @@ def _tolerance_table(rows: Sequence[ParameterTolerance]) -> str:
             " – ".join(between),
             _format_with_unit(row, row.farthest),
         ]
-        line += [
-            number(row.scatter, 4),
-            f"{row.distribution} {_format_with_unit(row, row.spread)}",
-        ]
+        line += [number(row.scatter, 4), f"{row.distribution} {_format_with_unit(row, row.spread)}"]
         error = row.calibration_standard_error
         if calibrated:
             within = MISSING if error is None else _format_with_unit(row, _WITHIN * error)

@@ -194,15 +194,7 @@ TABLE = "sweep.parquet"
 # Column types of settings, by their annotations.
 _TYPES = {"str": "string", "int": "int64", "float": "float64"}
 _SETTINGS = {f.name: _TYPES[str(f.type).split(" ")[0]] for f in fields(Settings)}
-_MADE = (
-    "unit",
-    "scene_sha256",
-    "variant",
-    "device",
-    "inim_version",
-    "mitsuba_version",
-    "created",
-)
+_MADE = ("unit", "scene_sha256", "variant", "device", "inim_version", "mitsuba_version", "created")
 
 
 def column_groups() -> dict[str, dict[str, str]]:

@@ -22,12 +22,7 @@ from inim.documents.parts import (
     check,
     origin,
 )
-from inim.documents.picture import (
-    FittedPicture,
-    PictureAlgorithm,
-    PictureDocument,
-    PictureView,
-)
+from inim.documents.picture import FittedPicture, PictureAlgorithm, PictureDocument, PictureView
 from inim.errors import FileError, UsageError
 from inim.files.eia_file import write_eia
 from inim.files.image import read_rgbd, write_png, write_rgbd

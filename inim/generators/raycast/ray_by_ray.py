@@ -188,9 +188,7 @@ class RayByRay(FirstHits):
         return tuple(np.broadcast_to(line, shape) for line in lines), *scales
 
 
-def ray_blocks(
-    generator: SourceGenerator,
-) -> Iterator[tuple[slice, tuple[np.ndarray, ...]]]:
+def ray_blocks(generator: SourceGenerator) -> Iterator[tuple[slice, tuple[np.ndarray, ...]]]:
     """Rays of blocks of panel rows with selected pixels.
 
     Yielded values:

@@ -39,12 +39,7 @@ from inim.generators.base import (
     Sources,
     masked,
 )
-from inim.generators.raycast.cell_lists import (
-    SIDES,
-    Passes,
-    Tables,
-    cell_tables,
-)
+from inim.generators.raycast.cell_lists import SIDES, Passes, Tables, cell_tables
 from inim.generators.raycast.cells import check_ray_length
 from inim.generators.raycast.columns import LAYERS, SOLID, Columns, columns_of
 from inim.generators.raycast.light import code_table, encode_light

@@ -19,14 +19,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.pixels import SUBPIXELS, SubPixel, exact_length
-from inim.generators.base import (
-    CENTRE,
-    PictureShape,
-    PixelOffset,
-    Ray,
-    SourceGenerator,
-    Sources,
-)
+from inim.generators.base import CENTRE, PictureShape, PixelOffset, Ray, SourceGenerator, Sources
 from inim.generators.raycast.colour import NEAREST, group_rays, show_colours
 from inim.image.rgbd import RGBD, LayeredRGBD
 

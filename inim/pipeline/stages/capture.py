@@ -227,10 +227,7 @@ def capture_layers(camera: DepthCamera) -> Layers:
     scene, observer = camera.scene, camera.scene.renderer.observer
     seed = seed_of("layers", camera.seed)
     peeled = peel(
-        scene.fitted,
-        scene.display,
-        pixels_per_pitch=camera.pixels_per_pitch,
-        observer=observer,
+        scene.fitted, scene.display, pixels_per_pitch=camera.pixels_per_pitch, observer=observer
     )
     first, second = (
         ground_truth.capture_layers(

@@ -189,11 +189,7 @@ def hole_fraction(
 
 
 def run_generator(
-    name: str,
-    generator: Generator,
-    rgbd: RGBD,
-    display: Display,
-    mask: np.ndarray | None = None,
+    name: str, generator: Generator, rgbd: RGBD, display: Display, mask: np.ndarray | None = None
 ) -> tuple[np.ndarray, float, np.ndarray | None]:
     """Generate the EIA of a linear float32 picture; `mask` is that of the prepared generator.
 

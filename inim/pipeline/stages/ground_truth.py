@@ -57,13 +57,7 @@ def pick_up_eia(
 
 
 def render_ground_truth_eia(
-    scene: Scene,
-    display: Display,
-    eia_spp: int,
-    seed: int,
-    mask: np.ndarray | None,
-    *,
-    run: Run,
+    scene: Scene, display: Display, eia_spp: int, seed: int, mask: np.ndarray | None, *, run: Run
 ) -> NoisyImage:
     """Render the ground-truth EIA of the misaligned display, with nonfinite pixels replaced."""
     name = "ground-truth EIA" if mask is None else "ground-truth EIA, where observed"

@@ -18,12 +18,7 @@ from inim.image.noisy_image import NoisyImage
 from inim.metrics import HEADLINE, HEADLINE_WORDS, Viewing
 from inim.pipeline.stages.capture import nonfinite_checks
 from inim.pipeline.stages.generation import GeneratedEIA, ReferenceOutput
-from inim.pipeline.stages.ground_truth import (
-    BLACK,
-    CLIPPED_SHARE,
-    GroundTruth,
-    out_of_range_share,
-)
+from inim.pipeline.stages.ground_truth import BLACK, CLIPPED_SHARE, GroundTruth, out_of_range_share
 from inim.pipeline.stages.stage import SCORING, Run, stage
 from inim.process.threads import Submit, threads
 from inim.regression.fingerprints import Fingerprint

@@ -17,17 +17,7 @@ from inim.files.image import read_rgbd
 from inim.report.diagram import depth_profile, describe_plan, describe_profile, plan_view
 from inim.report.images import ReportImages
 from inim.report.labels import mm, per_cent, short
-from inim.report.page import (
-    element,
-    figure,
-    folded,
-    lead,
-    plot,
-    svg_source,
-    text,
-    text_table,
-    void,
-)
+from inim.report.page import element, figure, folded, lead, plot, svg_source, text, text_table, void
 from inim.report.sections import ReportSection
 
 # The renderer works in single precision, and so does the depth picture.

@@ -36,14 +36,8 @@ _SAMPLES = (
 )
 _SKIPPED = {"step": "Step", "performed": "Performed", "skipped": "Skipped", "why": "Reason"}
 _MEANINGS = (
-    (
-        TRUTH,
-        "The scene as rendered from a viewpoint, without a display.",
-    ),
-    (
-        TRUE_EIA,
-        "The EIA of the scene, path traced through the centre of every lens.",
-    ),
+    (TRUTH, "The scene as rendered from a viewpoint, without a display."),
+    (TRUE_EIA, "The EIA of the scene, path traced through the centre of every lens."),
     (
         REFERENCE,
         "The view of the ground-truth EIA through this display's lenses. The difference between "
@@ -191,18 +185,9 @@ SECTIONS = (
         lambda data, _: _skipped_steps_section(data),
         is_folded=True,
     ),
+    ReportSection(130, "warnings", "Warnings", lambda data, _: bullets(data.warnings, "cautions")),
     ReportSection(
-        130,
-        "warnings",
-        "Warnings",
-        lambda data, _: bullets(data.warnings, "cautions"),
-    ),
-    ReportSection(
-        140,
-        "reproduce",
-        "Reproduce",
-        lambda data, _: how_to_reproduce(data).body,
-        is_folded=True,
+        140, "reproduce", "Reproduce", lambda data, _: how_to_reproduce(data).body, is_folded=True
     ),
     ReportSection(150, "meaning", "Glossary", lambda _, __: _meanings(), is_folded=True),
 )

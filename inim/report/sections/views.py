@@ -15,19 +15,8 @@ import numpy as np
 from inim.documents.parts import EyePosition
 from inim.documents.report import ReportDocument
 from inim.metrics import all_metrics
-from inim.report.images import (
-    DIFFERENCE_GAIN,
-    ReportImages,
-    difference,
-    is_wide,
-)
-from inim.report.labels import (
-    NBSP,
-    REFERENCE,
-    TRUTH,
-    metric_scores,
-    short,
-)
+from inim.report.images import DIFFERENCE_GAIN, ReportImages, difference, is_wide
+from inim.report.labels import NBSP, REFERENCE, TRUTH, metric_scores, short
 from inim.report.page import (
     Widget,
     captioned,
@@ -126,14 +115,7 @@ def _comparison_slider(data: ReportDocument, images: ReportImages) -> str:
     controls = element("div", *choices, class_="controls")
     kind = f"{_SLIDER_ID} wide" if is_wide(truth) else _SLIDER_ID
     return element(
-        "div",
-        lead(_HELP),
-        controls,
-        stage,
-        *below,
-        id=_SLIDER_ID,
-        class_=kind,
-        hidden="hidden",
+        "div", lead(_HELP), controls, stage, *below, id=_SLIDER_ID, class_=kind, hidden="hidden"
     )
 
 
@@ -263,9 +245,7 @@ def _strip_shot(
     kind = "upright" if direction == "left to right" else "level"
     line = element("i", class_=kind, aria_hidden="true")
     return element(
-        "figure",
-        element("div", picture, line, class_="marked"),
-        element("figcaption", text(view)),
+        "figure", element("div", picture, line, class_="marked"), element("figcaption", text(view))
     )
 
 
