@@ -194,7 +194,7 @@ class _Preparation:
             )
         if self.colour == "nearest":
             return generator
-        from inim.generators.raycast.supersampling import ColouredRays
+        from inim.generators.raycast.colour import ColouredRays
 
         source_generator = self._with_sources(generator, COLOUR)
         return ColouredRays(

@@ -3,25 +3,12 @@
 """`gu2020`: reverse search along each ray in equal steps of depth, "one search one".
 
 The method of Gu et al. (2020) as described by Wang et al., Heritage Science 2024, doi
-10.1186/s40494-024-01462-4. A panel pixel's ray X(z) = x0 + (x0 - x) z / g (the paper's Eq. 1) is
-sampled from z_max down to z_min in steps of one scene pixel at the central depth plane,
-P_I = |D| P_D / g (Eq. 3). The first sample at which the picture's surface is at least as near as
-the ray, depth >= z, gives the source: of several surfaces on the ray the nearest to the viewer.
+10.1186/s40494-024-01462-4. A panel pixel's ray is sampled from z_max down to z_min in steps of one
+scene pixel at the central depth plane, P_I = |D| P_D / g (Eq. 3). The first sample at which the
+picture's surface is at least as near as the ray, depth >= z, gives the source.
 
-A fixed step misses the cells that the ray crosses between two samples: oblique rays miss corners of
-pixels and thin objects. As the step approaches zero, the result becomes that of
-`template:columns=solid`.
-
-Choices that the description leaves open:
-
-* The last step is shortened, so that z_min is always sampled and a surface at the far end is hit.
-* On a focused display P_I is infinite, and the step is one pixel of the picture.
-* A ray along the border between two cells of the picture belongs to the larger row or column, as
-  in `template`.
-* A ray without a sample below a surface is a hole. Uncovered pixels have no surface.
-* On hexagonal, rotated or tilted arrays each pixel has an individual ray; the method is the same.
-* With sub-pixels (`Display.subpixels`) each colour's rays start at its sub-pixel; sources are those
-of the pixel's centre.
+docs/theory/paper.md describes what a fixed step misses, and the choices that the description leaves
+open. Uncovered pixels have no surface.
 """
 
 from __future__ import annotations
@@ -77,7 +64,7 @@ def prepare(
         step_mm = pixel_mm if focused else display.scene_pixel_mm
     depths = _sampled_depths(display, positive_mm("step_mm", step_mm))
 
-    from inim.generators.raycast.supersampling import averaged
+    from inim.generators.raycast.colour import averaged
 
     return averaged(
         display,

@@ -3,31 +3,15 @@
 """`li2012`: forward mapping of every picture pixel through every lens, "one to many".
 
 The method of Li et al. (2012) as described by Wang et al., Heritage Science 2024, doi
-10.1186/s40494-024-01462-4. Through the lens at x0, the picture pixel at X and depth z is shown by
-the panel point x = x0 + (x0 - X) g / z (Eq. 1 of Wang et al. solved for x), if it is in the lens's
-own elemental image, |x - x0| <= Q / 2. The panel pixel that contains the point takes the colour. If
-several picture pixels reach one panel pixel, the nearest to the viewer, with the largest z, is
-kept. On a slope of a finely sampled picture this is the foremost at the rim of the panel pixel, not
-the one at its centre. The depth conversion, linear or Li's reciprocal one, is a previous step: the
-picture has display depths.
-
-A picture pixel is a point, regardless of its size on the panel. If the picture is magnified by more
-than a panel pixel, or at a step from a near to a far surface, panel pixels stay empty, and a far
-surface may show through the gaps of a near one. The source map marks empty pixels as `HOLE`.
-
-Choices that the description leaves open:
+10.1186/s40494-024-01462-4; docs/theory/paper.md has the definition and its limits. Choices that the
+description leaves open:
 
 * A point on the border between two panel pixels belongs to the one nearer the panel's axis, and on
   the axis to the left or upper one; lenses own whole panel pixels, by their centres.
 * Among picture pixels of equal z on one panel pixel, the one nearest to that pixel's centre is
-kept, then the one nearest to the picture's vertical axis, then to its horizontal one. A mirrored
-picture therefore gives the mirrored map, except for points exactly on an axis.
-* A point at z = 0 is on the array and under every pixel of one lens at once. It is skipped. z < 0,
-  virtual images, are mapped by the same formula.
-* Colours are mapped to whole pixels: the pixel's centre serves all sub-pixels
-(`Display.subpixels`).
-* Elemental images are rectangles along the panel's rows: hexagonal, rotated and tilted arrays are
-rejected.
+  kept, then the one nearest to the picture's vertical axis, then to its horizontal one. A mirrored
+  picture therefore gives the mirrored map, except for points exactly on an axis.
+* A point at z = 0 is on the array and under every pixel of one lens at once. It is skipped.
 """
 
 from __future__ import annotations

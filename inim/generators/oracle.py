@@ -1,17 +1,11 @@
 """Exact first hits in rational numbers: the definition of `template` and `layered`.
 
 Validations of users' own pictures and `inim.stress` score algorithms against this oracle. It shares
-no code with the generators. It collects and sorts all border crossings of a ray, whereas the
-generators walk from cell to cell. Nothing is rounded, so the definition decides ties:
-
-* A cell counts if the ray is in it over an interval of depth, not if it touches it in a point. A
-  ray along a border is in the cell of the larger row or column.
-* A panel pixel on the border between two elemental images belongs to the one nearer to the array's
-  centre, and at the centre to the left or upper one.
-* Columns are those of `template`: as thick as the pixel's surface, solid, or
-  the layers of a layered depth image. The rule of the first is float32 arithmetic by definition.
-* A length is the number that a person wrote: 0.0636 is 636/10000
-  (`inim.display.pixels.exact_length`). A float32 depth is exactly its value.
+no code with the generators: it collects and sorts all border crossings of a ray, whereas the
+generators walk from cell to cell. Nothing is rounded, so the definition decides ties
+(docs/theory/templates.md). Lengths are the numbers that a person wrote
+(`inim.display.pixels.exact_length`), a float32 depth is exactly its value, and only the backs of
+columns are float32 arithmetic, by definition.
 
 `tests/oracle.py` checks this oracle with a second rational oracle, written independently with
 another method. Both must agree.

@@ -1,19 +1,7 @@
 """`template`: the exact first hit of every panel pixel's ray in the picture's columns.
 
-Definition. A depth image is a set of columns, one per covered pixel, each from its depth, its
-front, down to its back. A panel pixel's ray X(z) = x0 + (x0 - x) z / g (the paper's Eq. 1) is
-followed from z_max towards z_min, cell by cell; the first covered cell whose front is at least the
-ray's z at its exit from that cell (or z_min at the end of the ray), and whose back is at most the
-ray's z at its entry, is the source. Without such a cell the pixel is a hole, with one exception: if
-the ray passed behind a column, the last cell on its path is the source, if it is covered.
-
-With `columns=surface` a column is as thick as its pixel's surface; with `columns=solid` it has no
-back: see `raycast.columns`.
-
-A ray that runs exactly along a border between cells belongs to the cell of the larger row or
-column; one that crosses exactly at a corner passes to the diagonal neighbour.
-
-Two implementations give the same sources, bit for bit, on separable displays:
+docs/theory/templates.md has the definition. Two implementations give the same sources, bit for bit,
+on separable displays:
 
 * if the picture has a whole number of pixels per lens pitch, strips of neighbouring lenses follow
   the same lists of cells over the picture's phases, without a gather (`raycast.strips`);
@@ -21,9 +9,6 @@ Two implementations give the same sources, bit for bit, on separable displays:
   (`raycast.ray_by_ray`).
 
 The second also serves hexagonal, rotated and tilted arrays, in float64, exact except for ties.
-
-With sub-pixels (`Display.subpixels`) each colour's rays start at its sub-pixel
-(`raycast.supersampling`); sources are those of the pixel's centre.
 """
 
 from __future__ import annotations

@@ -2,43 +2,14 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """`wang2024`: local depth template matching as the paper prints it.
 
-Wang et al., Heritage Science 2024, doi 10.1186/s40494-024-01462-4, Eq. 5 to 10. For the pixels of
-one master elemental image the depth range is sampled in z_len steps, each as deep as the ray takes
-to move one picture pixel sideways; every combination of a row sample and a column sample is
-compared with the picture's depth at that place, and the best match is the source. The same offsets
-serve the co-located pixels of all elemental images.
+Wang et al., Heritage Science 2024, doi 10.1186/s40494-024-01462-4, Eq. 5 to 10. The depth range is
+sampled in z_len steps, each as deep as the ray takes to move one picture pixel sideways. Every
+combination of a row sample and a column sample is compared with the picture's depth at that place,
+and the best match is the source.
 
 Two printed properties are kept on purpose, to test the paper's claim: the whole z_len x z_len
-matrix is searched although the ray only crosses its diagonal, with z depending on the row alone (a
-match may lie off the ray); and the best match wins anywhere along the ray (occlusion is ignored).
-
-Eq. 6 prints z_len = round(... + 1), to the nearest whole number: the last sample is up to half a
-step before or after z_max. Option ``rounding="up"`` takes the next larger one, so that the samples
-reach z_max.
-
-Eq. 5 counts in scene pixels P_I, which in the paper are the picture's (Eq. 3). A picture may have
-other pixels here, and a step is one picture pixel. With ``step_pixel="scene"`` it is P_I of the
-display, and the number of samples does not depend on the picture.
-
-Eq. 7 and 8 advance the picture's row and column by one pixel per entry, from the pixel that the ray
-meets at z_min. Over each step the ray moves by one pixel along the longer of its two offsets only,
-so the entries' row and column are taken at the entry's depth. Option ``cells="consecutive"`` counts
-pixels as printed.
-
-Deviations from the print (see `_steps` and `_match`):
-
-* Eq. 5 divides by |x0 - x|, which is zero under the lens centre: one entry, z_len = 1, at the
-central depth plane, as for any z_len of 1. It is printed for x; the larger of the two offsets is
-  used, so that neither axis skips a pixel.
-* The paper's picture has no background. Uncovered pixels never match, and a best match farther from
-its surface than one step is a hole.
-
-* The single master elemental image requires arrays aligned with the panel's rows: hexagonal,
-rotated and tilted arrays are rejected. The pixel's centre serves all sub-pixels
-(`Display.subpixels`).
-
-Option ``matching="ray"`` searches the diagonal only, where the row sample and the column sample
-have the same depth and the entry is on the ray. The best match still wins, not the first hit.
+matrix is searched although the ray only crosses its diagonal, and the best match wins anywhere
+along the ray. docs/theory/paper.md describes the options and lists the deviations from the print.
 """
 
 from __future__ import annotations

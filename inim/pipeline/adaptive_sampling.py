@@ -1,17 +1,10 @@
 """Adaptive sampling: a run uses only the samples that its scores need.
 
-Noise scatters a score and biases it, because noisy images are less similar. A run with a target
-error (`inim.score_error`) proceeds in rounds. The first round renders one viewpoint with a
-sixteenth of the samples and forecasts the number of samples. Each later round at least doubles the
-samples; the run ends when the uncertainty of every SSIM is within the target. Each round renders
-all images again.
-
-The uncertainty of a score is the half width of its interval plus a bound of its bias. The bias
-estimate of `inim.regression.scores` is the change of the score when the noise is added once more.
-It is correct while the score falls linearly with the noise's variance V. SSIM falls less and less
-as noise grows, since even parts of an image soon lose all similarity, so that estimate is too
-small. For a bias ``c V^p`` it is ``p c V^p`` at any V; therefore the change of the score between
-rounds, divided by the change of the estimate, is 1 / p.
+docs/theory/skipping.md describes it. The uncertainty of a score is the half width of its interval
+plus a bound of its bias. The bias estimate of `inim.regression.scores` is correct while the score
+falls linearly with the noise's variance V. SSIM falls less and less as noise grows, so that
+estimate is too small. For a bias ``c V^p`` it is ``p c V^p`` at any V; therefore the change of the
+score between rounds, divided by the change of the estimate, is 1 / p.
 
 Scatter falls with the square root of the number of samples, bias with the number.
 """

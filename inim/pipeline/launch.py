@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from inim.errors import UsageError
-from inim.pipeline.scene_source import scene_and_out
 from inim.plugins import PluginModule
 from inim.process.observer import OnStage, shown_progress
-from inim.worker.output import staging_folder
+from inim.worker.output import default_out, output_files, staging_folder
 from inim.worker.supervisor import run_in_worker
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ def validate(
     from inim.pipeline.request import Request
     from inim.scene.file import parse_definitions
 
-    path, folder = scene_and_out(scene, None if out is None else _path("out", out), new_scene)
+    path, folder = _scene_and_out(scene, None if out is None else _path("out", out), new_scene)
     if eias is not None and not isinstance(eias, Mapping):
         raise UsageError(f"eias: is a {type(eias).__name__}; give a mapping of names to paths")
     request = Request(
@@ -198,3 +198,58 @@ def _path(name: str, value: object) -> Path:
     if not isinstance(value, str | PathLike):
         raise UsageError(f"{name}: is a {type(value).__name__}; give a path")
     return Path(value)
+
+
+def _scene_and_out(
+    scene: object, out: Path | None, options: Mapping[str, Any] | None
+) -> tuple[Path, Path]:
+    """Path of the scene's XML, and the report's folder.
+
+    A dictionary or a mesh becomes a scene in the folder `OUT-scene`, which remains: the report's
+    command, and later quilts and views of the ground truth, read it.
+    """
+    from inim.files.triangle_mesh import MESH_SUFFIXES
+
+    if isinstance(scene, str | PathLike):
+        source = Path(scene)
+        out = out or default_out(source, "report")
+        if source.suffix.lower() not in MESH_SUFFIXES:
+            if options is not None:
+                raise UsageError(f"new_scene: {source} is a scene already; leave it out")
+            return source, out
+        name = source.stem
+    else:
+        name, out = "scene", out or Path("scene-report")
+    folder = out.with_name(f"{out.name}-scene")
+    with output_files(folder, (f"{name}.xml",)) as staging:
+        _write_scene(scene, staging / f"{name}.xml", dict(options or {}))
+    return folder / f"{name}.xml", out
+
+
+def _write_scene(scene: object, path: Path, options: dict[str, Any]) -> None:
+    if isinstance(scene, Mapping):
+        from inim.render.scene_dict import write_scene_dict
+
+        if options:
+            raise UsageError("new_scene: the scene is a dictionary already; leave it out")
+        write_scene_dict(scene, path)
+        return
+    from inim.scene.new_scene import new_scene
+
+    if isinstance(scene, str | PathLike):
+        new_scene(Path(scene), path, **{"title": path.stem, **options})
+        return
+    trimesh = sys.modules.get("trimesh")
+    if trimesh is None or not isinstance(scene, trimesh.Trimesh | trimesh.Scene):
+        raise UsageError(
+            f"scene: is a {type(scene).__name__}; give a path, a Mitsuba dictionary or a trimesh"
+        )
+    if not {"unit", "up"} <= options.keys():
+        raise UsageError(
+            "new_scene: a trimesh has no unit and no up axis; give them, such as "
+            "new_scene={'unit': 'mm', 'up': 'y'}"
+        )
+    mesh = path.with_suffix(".glb")  # holds textures and vertex colours
+    scene.export(mesh)
+    new_scene(mesh, path, **options)
+    mesh.unlink()

@@ -2,24 +2,11 @@
 
 A ray through a pixel's centre is followed through every surface except lights. The interval between
 a front face and a back face is solid, and each solid that no other covers in depth is a layer of
-that pixel: its front and its back. `inim.image.sides` determines which layers have sides;
-`inim.render.ground_truth.capture_layers` colours them.
+that pixel: its front and its back. docs/theory/layers.md, "Depth peeling", has the rules that pair
+fronts with backs and close gaps between pixels of one surface.
 
-Fronts and backs are paired by these rules:
-
-* A back belongs to the last open front, of the same shape if there is one, otherwise of any: nested
-or
-  intersecting shapes form one solid, and so do shapes that are closed only together.
-* A face without a partner is a sheet.
-* If most rays enter a shape through a back face and leave through a front face, its normals are
-inverted.
-  They are reversed for pairing only; the rendered colour does not change.
-
-Sheets have no thickness, and walls may be thinner than the depth step between adjacent pixels, so
-oblique rays would slip between. Each column is therefore extended down to the neighbouring fronts
-that belong to the same surface by both slopes, but never to the next surface.
-
-Layers that no display ray can meet (`inim.render.culling`) are removed and counted.
+`inim.image.sides` determines which layers have sides, `inim.render.culling` which layers no display
+ray can meet; `inim.render.ground_truth.capture_layers` colours them.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import pytest
 
 from inim.generators import generate, prepare
 from inim.generators.raycast.ray_by_ray import RayByRay
-from inim.generators.raycast.supersampling import ColouredRays
+from inim.generators.raycast.colour import ColouredRays
 from inim.image.rgbd import RGBD, LayeredRGBD
 from tests.generator_cases import DISPLAYS, picture
 

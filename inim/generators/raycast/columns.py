@@ -1,15 +1,12 @@
-"""Columns: the solids of a picture, cell by cell.
+"""Columns: the solids of a picture, cell by cell, each from a front to a back.
 
-A picture gives the position of its surface but not the thickness of the object. Its pixels are
-columns, each from a front to a back, by one of four rules:
+A picture gives the position of its surface but not the thickness of the object. One of four rules
+decides on the backs (docs/theory/templates.md, "The backs of columns"):
 
 `SURFACE`
-    As thick as the pixel's surface. Two neighbours are one surface if their depths differ by no
-    more than `STEEPEST` times their distance. A column extends back to the lowest of the eight
-    neighbours on the same surface, so that the surface has no gaps, and at least by `THICKNESS_PX`
-    picture pixels, so that its rim has a side. The region behind a surface is unknown: a ray that
-    passes behind a surface and has no later hit shows the last cell on its path, as if that cell's
-    surface continued.
+    The lowest of the eight neighbours on the same surface, and at least `THICKNESS_PX` picture
+    pixels behind the front. A ray that passes behind a surface and has no later hit shows the last
+    cell on its path, as if that cell's surface continued.
 `SEEN`
     The same rule, but the hidden region stays a hole, for a later fill (`raycast.fill`).
 `SOLID`

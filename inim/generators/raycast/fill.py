@@ -2,31 +2,11 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """Hole filling: an option of every algorithm that reports its sources.
 
-Definition. First the picture is continued beyond its edge, as far as rays reach: the pixels at its
-border, with their depth and layers, are repeated outwards. Colours of rays are those of the
-continued picture. What remains without a source is a hole.
-
-A hole belongs to one view: the pixels at its place under all other lenses have rays parallel to its
-own. In that view, in each of the eight directions, the next pixel with a source gives a surface.
-This surface is extended at its depth to the hole, over the pixels between. It is a candidate if the
-picture could not see it there: at that depth the rays of all these pixels must be behind the
-picture's surface, or outside the continued picture. If the picture shows a farther surface, the
-extension is empty space. This excludes the foreground next to the background that it uncovers, but
-not the background that continues behind it. The hole receives the mean of the candidates' colours,
-in linear light, weighted by nearness. No source is between the hole and a candidate, so no surface
-is extended across a nearer one.
-
-Pixels at the edge of a surface are mixed with their surroundings. A candidate's colour is therefore
-that of the picture's next pixel, away from the hole, if it is on the same surface.
-
-Under ``hidden``, uncovered pixels are visible background, as in the capture of a relic: a hole
-whose ray ends there remains, and no surface is extended over it. Under ``all`` they are unknown, as
-in a photograph whose depth has gaps. In a picture without background, the farthest surfaces are
-used if no surface is certainly hidden.
-
-Under ``auto``, the default of `template` and `layered` except with nearest colours, pictures that
-fill their frame are filled as under ``hidden``: those with more than half of the pixels at their
-border covered. Other pictures, and displays whose lenses form no rows and columns, are not filled.
+docs/theory/templates.md, "Hidden regions", defines it. The picture is continued beyond its edge as
+far as rays reach. A pixel that still has no source is a hole of one view. In that view, the next
+pixel with a source in each of eight directions gives a surface, which is extended at its depth to
+the hole. It is a candidate only if the picture could not see it there. The hole receives the mean
+of the candidates' colours in linear light, weighted by nearness.
 
 Each hole is filled from sources in its own view, never from another filled hole: results do not
 depend on order, and the cost grows with the number of holes.

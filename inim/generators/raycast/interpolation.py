@@ -25,8 +25,7 @@ from inim.display.pixels import pixel_rays
 from inim.generators.base import Ray
 from inim.generators.raycast.cells import cell_rays, non_separable_cell_rays
 from inim.generators.raycast.columns import STEEPEST
-from inim.generators.raycast.diffusion import neighbour_layer
-from inim.generators.raycast.light import WHITE, code_table
+from inim.generators.raycast.light import WHITE, code_table, neighbour_layer
 from inim.generators.raycast.simd import (
     LANES,
     add,

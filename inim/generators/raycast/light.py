@@ -1,10 +1,18 @@
 # Kernels have no types of their own.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""Linear light of colours, and mean light of rays.
+"""Linear light of colours: of codes, its mean over rays, and its average over footprints.
 
 Light adds up, code values do not: means are taken in linear light. Those of sRGB codes count in
 `STEPS` equal steps, so that four colours of a pixel add up in one 64-bit word and one table has the
 code of every sum.
+
+A ray stands for a rectangle of the panel: the emitting area of its pixel or sub-pixel, divided by
+the number of samples. At depth z its image, the footprint, has a width of w = |z| / g times that of
+the rectangle. The average over it is a diffusion of linear light between neighbours on the same
+surface, in passes over distances of 1, 2, 4, ... picture pixels. Its variance along each axis is
+w^2 / 12, in picture pixels, minus the variance that is there anyway: 1/12 of a picture's pixel, or
+1/6 of the interpolation. Where that is negative, one pass over the square roots of light sharpens
+them. docs/theory/templates.md, "Colour of a ray", has the formulas.
 """
 
 from __future__ import annotations
@@ -13,7 +21,9 @@ from functools import cache
 
 import numpy as np
 
-from inim.backend.kernels import compiled
+from inim.backend.kernels import compiled, share_rows
+from inim.generators.raycast.columns import STEEPEST
+from inim.generators.raycast.simd import choose, less, load4, minus, plus, same4, store, times
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 
 #: Steps of light from black to white. Even the darkest codes are five steps apart.
@@ -120,3 +130,118 @@ def mean_light(begin, end, sources, palette, out):
                 elif first >= 0:
                     light = palette[first, c]
                 out[i, j, c] = light
+
+
+def diffused(
+    front: np.ndarray,
+    light: np.ndarray,
+    footprint: tuple[float, float],
+    pixel_mm: float,
+    present: float,
+) -> np.ndarray:
+    """Light of pixels averaged over the surfaces around them; see the module.
+
+    * `front`, (layers, H, W) float32: depth in mm; -inf where there is no surface.
+    * `light`, (layers x H x W, 4) float32: linear RGB, and 1.
+    * `footprint`, (down, across): height and width of a ray's footprint, in picture pixels per
+      millimetre of depth.
+    * `pixel_mm`: width of a picture pixel.
+    * `present`: variance that is there without an average.
+
+    Returns (layers x H x W, 4) float32.
+    """
+    farthest = float(np.abs(front, where=front > -np.inf, out=np.zeros_like(front)).max())
+    for stride in _strides((max(footprint) * farthest) ** 2 / 12 - present):
+        light = _diffused(
+            front, light, footprint, pixel_mm, present, (0, stride * stride / 4), stride
+        )
+    return light
+
+
+def sharpened(
+    front: np.ndarray,
+    roots: np.ndarray,
+    footprint: tuple[float, float],
+    pixel_mm: float,
+    present: float,
+) -> np.ndarray:
+    """Square roots of light, sharpened where a footprint has less variance than is present.
+
+    Parameters and result are those of `diffused`.
+    """
+    return _diffused(front, roots, footprint, pixel_mm, present, (-present, 0))
+
+
+def _diffused(
+    front: np.ndarray,
+    light: np.ndarray,
+    footprint: tuple[float, float],
+    pixel_mm: float,
+    present: float,
+    limits: tuple[float, float],
+    stride: int = 1,
+) -> np.ndarray:
+    """One pass of the diffusion, whose variance is within limits."""
+    result = np.empty_like(light)
+    share_rows(
+        _diffuse, front.shape[0] * front.shape[1], front, light.reshape(-1),
+        np.array(footprint, np.float32) / np.float32(12**0.5),
+        np.float32(present), *map(np.float32, limits), stride, np.float32(STEEPEST * pixel_mm),
+        result.reshape(-1),
+    )  # fmt: skip
+    return result
+
+
+def _strides(variance: float) -> list[int]:
+    """Distances of the neighbours in the passes for a variance, in picture pixels; at least one."""
+    strides = [1]
+    while variance > (4 ** len(strides) - 1) / 12:  # of all passes so far
+        strides.append(2 * strides[-1])
+    return strides
+
+
+@compiled
+def _diffuse(begin, end, front, light, scale, present, least, most, stride, steepest, result):
+    """One pass of the diffusion: its share of the variance, from neighbours at a distance."""
+    _, rows, columns = front.shape
+    square = np.float32(stride * stride)
+    used = (square - np.float32(1)) / np.float32(12)
+    weight = np.float32(0.5) / square
+    reach = steepest * np.float32(stride)
+    for line in range(begin, end):
+        layer, row = divmod(line, rows)
+        for column in range(columns):
+            depth = front[layer, row, column]
+            here = np.uintp(4 * (line * columns + column))
+            value = load4(light, here)
+            total = value
+            for axis in range(2):
+                width = scale[axis] * depth
+                share = min(max(width * width - present - used, least), most)
+                if share == 0 or depth == -np.inf:
+                    continue
+                factor = same4(weight * share)
+                for side in (-stride, stride):
+                    r = row + side if axis == 0 else row
+                    c = column if axis == 0 else column + side
+                    neighbour = neighbour_layer(front, r, c, depth, reach)
+                    if neighbour >= 0:
+                        other = np.uintp(4 * ((neighbour * rows + r) * columns + c))
+                        total = plus(total, times(factor, minus(load4(light, other), value)))
+            zero = same4(np.float32(0))
+            store(result, here, choose(less(total, zero), zero, total))
+
+
+@compiled
+def neighbour_layer(front, row, column, depth, reach):
+    """Layer of a pixel that is nearest to a depth and on the same surface; -1 if there is none."""
+    if not (0 <= row < front.shape[1] and 0 <= column < front.shape[2]):
+        return -1
+    nearest = -1
+    for layer in range(front.shape[0]):
+        distance = abs(front[layer, row, column] - depth)
+        if distance <= reach:
+            reach, nearest = distance, layer
+            if distance == 0:
+                break
+    return nearest

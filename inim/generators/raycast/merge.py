@@ -2,23 +2,11 @@
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """Merge of RGB-D pictures from several cameras into a layered depth image.
 
-Definition. The **height** of a camera's surface over a point is the distance in z, along the
-camera's ray through the point, to the surface that it sees: negative if it sees past the point,
-minus infinity if it sees nothing there. Depth is interpolated bilinearly between pixels of one
-surface, so a surface has no gaps between pixels. A point is **empty** if a camera sees past it.
-
-Each pixel of the result is a column through its centre, followed from the near end to the far end.
-A solid begins where the column enters space that is not empty at a surface that a camera sees
-there (height within one pixel); z is that of the camera that shows the surface at the finest
-resolution. Where no camera sees a surface, the space is only unknown, and no solid begins. A solid
-ends where the column is empty again, if a camera sees a surface there. Otherwise its end is
-unknown: it ends at the latest where a single picture's column would (`columns.surface_backs`), or
-where a camera sees the last steep surface, a wall, in the column or next to it.
-
-The colour of a solid is the mean of the cameras that see it, weighted by the number of their pixels
-per area of the surface: a frontal view has more than an oblique one. Pixels at an edge, whose
-colours are mixed with those of another surface, count a thousandth. Sides (`inim.image.sides`) have
-the mean colour of the steep surfaces that cameras see there.
+docs/theory/layers.md, "Several cameras", has the definition of surfaces, backs and colours. The
+**height** of a camera's surface over a point is the distance in z, along the camera's ray through
+the point, to the surface that it sees: negative if it sees past the point, minus infinity if it
+sees nothing there. Depth is interpolated bilinearly between pixels of one surface, so a surface has
+no gaps between pixels. A point is **empty** if a camera sees past it.
 """
 
 from __future__ import annotations

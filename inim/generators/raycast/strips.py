@@ -41,6 +41,7 @@ from inim.generators.base import (
 )
 from inim.generators.raycast.cell_lists import SIDES, Passes, Tables, cell_tables
 from inim.generators.raycast.cells import check_ray_length
+from inim.generators.raycast.colour import averaged
 from inim.generators.raycast.columns import LAYERS, SOLID, Columns, columns_of
 from inim.generators.raycast.light import code_table, encode_light
 from inim.generators.raycast.phases import Phases, fits_tables
@@ -64,7 +65,6 @@ from inim.generators.raycast.simd import (
     store,
     transpose,
 )
-from inim.generators.raycast.supersampling import averaged
 from inim.image.rgbd import RGBD
 
 # Of the compiler's own type: a Python integer would make addresses signed, and checked.
