@@ -261,25 +261,24 @@ def ratios(timing: Timing, unit: Timing) -> dict[str, float]:
     return {"ratio": timing.median_s / unit.median_s, "ratio_min": timing.min_s / unit.min_s}
 
 
-def max_threads() -> int:
-    """Number of threads that this process may use."""
+def thread_count(requested: int | None) -> int:
+    """Number of threads: as requested, or all that this process may use.
+
+    Raises `UsageError` for more.
+    """
     from inim.backend.kernels import MOST_THREADS
 
-    return MOST_THREADS
+    if requested is not None and not 1 <= requested <= MOST_THREADS:
+        raise UsageError(f"--threads {requested}: this machine has 1 to {MOST_THREADS}")
+    return requested or MOST_THREADS
 
 
 @contextmanager
 def threads(count: int | None) -> Iterator[int]:
-    """Run generators and the reference kernel on a number of threads; all threads if None.
-
-    Raises `UsageError` if the number exceeds the available threads.
-    """
+    """Run generators and the reference kernel on a number of threads (`thread_count`)."""
     from inim.backend.kernels import limited_threads
     from inim.render.reference_kernel import drjit_threads
 
-    limit = max_threads()
-    count = limit if count is None else count
-    if not 1 <= count <= limit:
-        raise UsageError(f"--threads {count}: this machine has 1 to {limit}")
+    count = thread_count(count)
     with limited_threads(count), drjit_threads(count):
         yield count

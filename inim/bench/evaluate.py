@@ -43,6 +43,7 @@ from inim.pipeline.stages.reconstruction import reconstruct_views
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
 from inim.process.observer import Observer
+from inim.report.plots import on_front
 from inim.timing import (
     REFERENCE_KERNEL,
     OtherPrograms,
@@ -194,36 +195,22 @@ def _lensed_share(chosen: np.ndarray, exact: Sources) -> float:
 
 
 def mark_fronts(algorithms: Sequence[BenchAlgorithm]) -> list[BenchAlgorithm]:
-    """Set the Pareto fronts that each algorithm is on, by name of the error."""
-    errors: dict[str, list[float | None]] = {
-        "wrong_source": [algorithm.wrong_source for algorithm in algorithms]
-    }
+    """Set the Pareto fronts that each algorithm is on, by name of the error.
+
+    An algorithm without an error is not on its front.
+    """
+    errors = {"wrong_source": {a.name: a.wrong_source for a in algorithms}}
     for score in all_scores():
         sign = 1 if score.metric.better == "lower" else -1
-        values = [algorithm.scores.get(score.key) for algorithm in algorithms]
-        errors[score.key] = [None if value is None else sign * value for value in values]
-    fronts: list[list[str]] = [[] for _ in algorithms]
-    for name, error in errors.items():
-        points = [(a.median_ms, e) for a, e in zip(algorithms, error, strict=True)]
-        for front, is_on in zip(fronts, pareto(points), strict=True):
-            front += [name] * is_on
-    return [
-        replaced(algorithm, fronts=front, pareto=bool(front))
-        for algorithm, front in zip(algorithms, fronts, strict=True)
-    ]
-
-
-def pareto(points: Sequence[tuple[float, float | None]]) -> list[bool]:
-    """Mask of Pareto-optimal points (time, error); a point without an error (None) is not optimal.
-
-    No other point is at least as good in both and better in one.
-    """
-    complete = [(time, error) for time, error in points if error is not None]
-    return [
-        error is not None
-        and not any(t <= time and e <= error and (t, e) != (time, error) for t, e in complete)
-        for time, error in points
-    ]
+        values = {a.name: a.scores.get(score.key) for a in algorithms}
+        errors[score.key] = {n: None if v is None else sign * v for n, v in values.items()}
+    times = {algorithm.name: algorithm.median_ms for algorithm in algorithms}
+    fronts = {
+        key: on_front({n: (times[n], value) for n, value in error.items() if value is not None})
+        for key, error in errors.items()
+    }
+    names = {name: [key for key, front in fronts.items() if name in front] for name in times}
+    return [replaced(a, fronts=names[a.name], pareto=bool(names[a.name])) for a in algorithms]
 
 
 # Algorithms to time by default, in addition to those of other packages.

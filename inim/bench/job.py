@@ -13,13 +13,12 @@ from msgspec.structs import replace as replaced
 from inim.bench.evaluate import DISTURBED, bench_scene, choose_algorithms
 from inim.documents.algorithms import BenchAlgorithm, BenchDocument, BenchRounds, Load
 from inim.documents.parts import BackendRecord, origin
-from inim.errors import UsageError
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.stages.scene import Renderer
 from inim.process.observer import Observer
 from inim.report.bench import write_bench
-from inim.timing import Rounds, max_threads
+from inim.timing import Rounds, thread_count
 from inim.worker.output import publish, staging_folder
 from inim.worker.supervisor import run_in_worker
 
@@ -41,9 +40,7 @@ class BenchRequest:
 
     def plan(self) -> Plan:
         """Plan the validation, and check the algorithms and the number of threads."""
-        most, threads = max_threads(), self.rounds.threads
-        if threads is not None and not 1 <= threads <= most:
-            raise UsageError(f"--threads {threads}: this machine has 1 to {most}")
+        thread_count(self.rounds.threads)
         # Timed algorithms may have options that are not allowed in file names.
         plan = make_plan(replace(self.validation, algorithms=("template",)))
         if self.validation.algorithms is not None:
@@ -118,7 +115,7 @@ def record(
         title=title,
         **origin(command, _VERSIONS),
         backend=BackendRecord.of(backend),
-        threads=rounds.threads or max_threads(),
+        threads=thread_count(rounds.threads),
         threading_layer=os.environ.get("NUMBA_THREADING_LAYER", "default"),
         rounds=BenchRounds(runs=rounds.runs, warmups=rounds.warmups),
         warnings=warn_of_load(load),

@@ -91,15 +91,7 @@ class _Gu2020(SourceGenerator):
         depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), -np.inf)
         if not self.display.is_separable:
             return self._find_in_blocks(depth)
-        column_rays, row_rays = cell_rays(
-            self.shape, self.pixel_mm, self.display, self.pixel_offset
-        )
-        rays = [
-            column_rays.start / column_rays.scale,
-            column_rays.slope / column_rays.scale,
-            row_rays.start / row_rays.scale,
-            row_rays.slope / row_rays.scale,
-        ]
+        columns, rows = cell_rays(self.shape, self.pixel_mm, self.display, self.pixel_offset)
         return run_kernel(
             _search_all,
             self.display.eia_shape[0],
@@ -108,7 +100,8 @@ class _Gu2020(SourceGenerator):
             self.selected.ravel(),
             depth.ravel(),
             *self.shape,
-            *rays,
+            *columns.in_cells,
+            *rows.in_cells,
             self._depths,
         )
 

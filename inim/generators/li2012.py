@@ -69,7 +69,6 @@ class ForwardAxis(NamedTuple):
     numbers wherever the display's lengths are short decimals or fractions: a position on a border
     between panel pixels is then exact.
 
-    * `cells`, `pixels`: pixels of the picture and of the panel.
     * `lens_z`, `lens_g`: (lenses,) float64.
     * `pixel_g`: (cells,) float64.
     * `first`, `end`, (lenses,) int64: panel pixels of each elemental image, `end` excluded.

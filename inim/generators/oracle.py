@@ -24,16 +24,13 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.pixels import exact_length
-from inim.generators.base import HOLE, Sources
+from inim.generators.base import CENTRE, HOLE, PixelOffset, Sources
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 
 # Panel pixels that are followed in fractions, a millisecond or two each; a share of one in a
 # hundred is known to a quarter of it.
 _MOST_PIXELS = 2000
 
-#: Where in its pixel a ray starts: (down, right) of the centre, in pixels.
-PixelOffset = tuple[Fraction, Fraction]
-CENTRE: PixelOffset = (Fraction(0), Fraction(0))
 #: Row and column ``v0 + dv z, u0 + du z`` of a ray: v0, dv, u0, du.
 Line = tuple[Fraction, Fraction, Fraction, Fraction]
 
@@ -83,7 +80,6 @@ def exact_hits(
 
     * `display`: separable.
     * `columns`, {"surface", "solid", "layers"}: see `column_layers`.
-    * `most`: panel pixels at most.
     """
     pixels = lensed_pixels(display)
     if len(pixels) > most:
@@ -201,10 +197,7 @@ def _rays(
 def first_hits_of(
     lines: Iterable[Line], rgbd: RGBD, display: Display, columns: str = "surface"
 ) -> np.ndarray:
-    """Source of each ray, (n,) int64: ``(layer * H + row) * W + column``, or `HOLE`.
-
-    * `rgbd`, `columns`: see `exact_hits`.
-    """
+    """Source of each ray, (n,) int64: ``(layer * H + row) * W + column``, or `HOLE`."""
     low, high = map(exact_length, display.depth_range_mm)
     columns_of_picture = column_layers(rgbd, columns)
     return np.array([_first_hit(line, *columns_of_picture, low, high) for line in lines], np.int64)

@@ -120,7 +120,7 @@ class _Wang2024(SourceGenerator):
         self._steps = steps
 
     def find(self, rgbd: RGBD) -> Sources:
-        column_rays, row_rays = cell_rays(self.shape, self.pixel_mm, self.display)
+        columns, rows = cell_rays(self.shape, self.pixel_mm, self.display)
         z_min, z_max = self.display.depth_range_mm
         single = self.display.central_depth_mm
         if not z_min <= single <= z_max:
@@ -134,10 +134,8 @@ class _Wang2024(SourceGenerator):
             self.selected.ravel(),
             depth.ravel(),
             *self.shape,
-            column_rays.start / column_rays.scale,
-            column_rays.slope / column_rays.scale,
-            row_rays.start / row_rays.scale,
-            row_rays.slope / row_rays.scale,
+            *columns.in_cells,
+            *rows.in_cells,
             z_min,
             z_max,
             single,

@@ -30,10 +30,6 @@ class FilmCamera:
     * `world_from_display`, (4, 4) float64: any invertible affine map. It keeps lines and their
       order, so a picture squeezed into the display's depth range is exact geometry, lit in its own
       world.
-
-    Its attributes:
-    * `shape`: rows and columns of the film.
-    * `has_pupil`: true if a pixel's rays start on a disc.
     """
 
     def __init__(

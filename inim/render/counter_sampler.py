@@ -1,14 +1,10 @@
 """Sampler plugin `inim_counter`: counter-based, well-distributed random numbers.
 
-The numbers of a sample depend only on (seed, pixel, sample), not on the other traced pixels,
-their order or the number of passes. Skipping pixels therefore leaves the bits of all
-others unchanged, and an image may be traced in tiles, in part, or continued.
-
-Every pair of numbers that a path requests is a point of the Sobol' (0, 2)-sequence, with a separate
-order and Owen scrambling for each seed, pixel and pair (Burley, "Practical hash-based Owen
-scrambling", JCGT 9(4), 2020). Each sample alone is uniform, and images with different seeds are
-independent. The samples of one pixel are well distributed over its area, its lights and its lens.
-They leave less noise than the same number of independent samples.
+The numbers of a sample depend only on (seed, pixel, sample), not on the other traced pixels, their
+order or the number of passes. Every pair of numbers that a path requests is a point of the Sobol'
+(0, 2)-sequence, with a separate order and Owen scrambling for each seed, pixel and pair (Burley,
+"Practical hash-based Owen scrambling", JCGT 9(4), 2020). docs/theory/ground-truth.md, "Colour",
+has the consequences.
 """
 
 from __future__ import annotations

@@ -5,14 +5,8 @@ coarse grid of the display frame. A pixel's bundle of rays is a prism: in a dept
 within one horizontal and one vertical interval. If no slab has an occupied cell there, no ray of
 the pixel meets a shape, and it is black, because lights are invisible to cameras.
 
-Layers (`layers_in_view`): a layer behind the front surface is in view if a ray can pass the layers
-in front of it. The algorithm follows the positions of possible rays from the viewer's side into the
-depth, slice by slice. A cell has 8 by 8 positions, one bit each of a word. A slice is so thin that
-no display ray moves by more than one position in it: between slices, rays spread to all
-neighbouring positions, and a solid stops them. A layer without a possible ray in any slice that it
-occupies is removed, which changes no pixel. The result includes too many layers, never too few: it
-also counts paths that bend within the display's cone of directions, and rays through solids thinner
-than a slice, such as sheets.
+Layers (`layers_in_view`): docs/theory/layers.md, "Hidden layers", describes the search. A cell has
+8 by 8 positions, one bit each of a word. The result includes too many layers, never too few.
 """
 
 from __future__ import annotations
@@ -44,7 +38,6 @@ class BoundsGrid:
       cells.
     * `counts`, (slabs, rows + 1, columns + 1) int64: occupied cells of each slab below and left of
       each corner, summed up.
-    * `start_mm`: plane that rays start from.
     """
 
     low_mm: np.ndarray
@@ -176,7 +169,6 @@ def layers_in_view(
 
     * `front_mm`, `back_mm`, (layers, rows, columns) float32: nearest first; fronts are -inf where
       there is no layer.
-    * `pixel_mm`: a cell.
 
     Returns (layers, rows, columns) bool: the front surface always is; False where there is no
     layer.

@@ -46,7 +46,6 @@ _SAME_STEPS = 4
 class PeeledLayers:
     """Layers of a scene without colours, (layers, rows, columns), nearest first.
 
-    * `rays`: rays of the camera.
     * `front_mm`, `back_mm`, float32: depths in the display frame; -inf without a layer.
     * `near`, `far`, float32: world distances on the ray between which a neighbouring ray's hit is
       on the same surface.
@@ -100,9 +99,7 @@ def peel(
 ) -> PeeledLayers:
     """Find the layers of a scene along the rays of its RGB-D picture.
 
-    * `pixels_per_pitch`: resolution of the picture.
     * `hidden`: keep also the layers that no display ray can meet.
-    * `observer`: receives the rendering time.
     """
     started = time.perf_counter()
     rays = capture_rays(display, pixels_per_pitch, fitted.start_mm)
@@ -196,14 +193,13 @@ def _remove_layers(peeled: PeeledLayers, hidden: np.ndarray) -> PeeledLayers:
         return np.take_along_axis(values, order, axis=0)[:layers]
 
     there, no_layer = kept(peeled.covered & ~hidden), np.float32(-np.inf)
+    names = ("near", "far", "facing", "spread")
+    others: dict[str, Any] = {name: kept(getattr(peeled, name)) for name in names}
     return replace(
         peeled,
         front_mm=np.where(there, kept(peeled.front_mm), no_layer),
         back_mm=np.where(there, kept(peeled.back_mm), no_layer),
-        near=kept(peeled.near),
-        far=kept(peeled.far),
-        facing=kept(peeled.facing),
-        spread=kept(peeled.spread),
+        **others,
         hidden_share=int(np.count_nonzero(hidden)) / max(1, behind),
     )
 
@@ -218,8 +214,6 @@ class _Hits:
     * `depth`, float32: display z.
     * `slope`, float32: millimetres of depth per millimetre sideways in the display frame, x and y
       added.
-    * `facing`: whether the ray meets the front face.
-    * `shape`, uint32: which shape.
     """
 
     count: np.ndarray

@@ -161,7 +161,6 @@ def _side_light(fitted: FittedScene, rays: SeparableRays, sides: Sides, seen_onl
     unobstructed from the viewer to the centre of the neighbouring pixel, which the camera saw to be
     empty. From there a ray meets the side, up to half a pixel in front of the wall or behind it.
 
-    * `rays`: rays of the depth camera.
     * `seen_only`: return 1 for a sample that reaches its wall unobstructed, instead of its light.
       The others are 0 in both cases. Equal seeds draw equal samples.
     """

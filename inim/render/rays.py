@@ -1,21 +1,14 @@
 """Tables of the rays of a depth camera, of a display's pixels, and of an eye.
 
-| rays    | film plane        | ray of a film point q                                   |
-| ------- | ----------------- | ------------------------------------------------------- |
-| capture | any plane         | through q, along z: the RGB-D camera                    |
-| pickup  | panel, z = -gap   | through q and the centre of the pixel's lens (Eq. 1)    |
-| eye     | lens array, z = 0 | from the eye through q: an off-axis frustum on the array |
-
-An eye may have a pupil, a disc about its centre e in the plane z = V, focused on the plane a
-distance F in front of it. The ray of q from the pupil's point e + u meets the ray from e in the
-plane of focus: with s the slope of that chief ray, it runs at s - u / F, and crosses z = `start_mm`
-with an offset of u (1 - (V - start) / F). Both changes are linear in u and the same for every
-pixel.
+docs/theory/ground-truth.md, "Three families of rays", defines them. An eye may have a pupil, a disc
+about its centre e in the plane z = V, focused on the plane a distance F in front of it. The ray of
+a film point from the pupil's point e + u meets the ray from e in the plane of focus: with s the
+slope of that chief ray, it runs at s - u / F, and crosses z = `start_mm` with an offset of
+u (1 - (V - start) / F).
 
 All three are separable in x and y and linear inside a pixel. In the display frame a ray starts on
-the plane z = `start_mm`, just in front of the scene. Its position and slope depend on the film
-column (row) only. The pickup of a hexagonal, rotated or tilted array is not separable: each pixel
-has an individual lens, position and gap.
+the plane z = `start_mm`, just in front of the scene. The pickup of a hexagonal, rotated or tilted
+array is not separable: each pixel has an individual lens, position and gap.
 """
 
 from __future__ import annotations
@@ -103,8 +96,6 @@ class NonSeparableRays:
     and the centre of the pixel's lens; display frame, millimetres. Tables are (rows, columns)
     float32: differences are computed in float64 first, to avoid cancellation.
 
-    * `start_mm`: plane of the rays' starts.
-    * `x0_mm`, `y0_mm`: centre of the lens.
     * `offset_x_mm`, `offset_y_mm`: vector from the centre of the pixel's bundle to the lens centre.
     * `gap_mm`: gap at the centre of the bundle.
     * `step_x_mm`, `step_y_mm`: size of the bundle's base on the panel, in film order.
@@ -250,7 +241,6 @@ def frustum_rays(
 ) -> SeparableRays:
     """Rays from an eye through a film on the array: an off-axis frustum.
 
-    * `shape`: rows and columns of the film.
     * `pixel_mm`: width and height of its pixels, on the array.
     * `display`: display for the default focus.
     """

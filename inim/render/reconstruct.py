@@ -54,7 +54,6 @@ class LensMesh:
     most a half): 3 per cent of a nominal panel pixel.
 
     * `eia`, (rows, columns, 3) float32: linear RGB, row 0 on top.
-    * `sheet`: mesh of its lens array.
 
     Its attributes:
     * `start_mm`: start plane of the rays, outside and near the glass, so that coordinates stay

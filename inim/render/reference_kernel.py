@@ -58,7 +58,6 @@ class ReferenceKernel:
     """One gather per panel pixel, ready to be timed.
 
     * `color`, (H, W, 4) uint8: the display-ready picture.
-    * `pixel_mm`: of the picture.
     """
 
     def __init__(self, color: np.ndarray, display: Display, pixel_mm: float) -> None:

@@ -53,7 +53,6 @@ class Fit:
 
     * `display_from_world`, `world_from_display`: (4, 4) float64.
     * `scale_xy`, `scale_z`: display millimetres per world unit.
-    * `depth_mm`: depth of the relic on the display.
     """
 
     display_from_world: np.ndarray
@@ -268,7 +267,6 @@ def fit_to_display(
     * `points`, (n, 3) float64: world points that span the relic.
     * `axes`, (3, 3) float64: rows are the display's axes in the world.
     * `fit_share`: share of the array's width or height that the relic fills.
-    * `source`: named in errors.
 
     Raises `SceneError`: points that are not finite or span no area.
     """

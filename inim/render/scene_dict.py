@@ -18,7 +18,6 @@ def write_scene_dict(scene: Mapping[str, Any], path: Path) -> None:
 
     * `scene`: as for `mi.load_dict`, of type ``scene``. File names are relative to the current
       folder.
-    * `path`: the XML.
 
     Raises `SceneError`: not a scene, an unknown plugin, or a loaded Mitsuba object, which no file
     can hold.

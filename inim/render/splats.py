@@ -1,15 +1,8 @@
 """Traversal of 3D Gaussian splats, equal to Mitsuba's integrator `volprim_rf_basic`.
 
-A ray meets the splats in the order in which it enters them. Each absorbs the share ``opacity
-exp(-m/2)`` of the remaining light. m is the minimum squared Mahalanobis distance of the ray from
-its centre. The absorption is assigned to the point of this minimum: the splat's **peak**. Colours
-and transmittance are the integrator's own; this module computes depths and layers.
-
-* **Depth** is the peak of the splat at which half of the light is absorbed.
-* **Layers**: splats with overlapping supports along the ray form a **run**; the space between runs
-is
-  empty. A layer begins where half of the light that remained after the previous layer is absorbed.
-  It ends with its run, at the last peak.
+docs/theory/ground-truth.md, "Splats", has the formulas. Colours and transmittance are the
+integrator's own; this module computes depths and layers. A splat's absorption is assigned to its
+**peak**, the point of the ray with the least Mahalanobis distance from the splat's centre.
 """
 
 from __future__ import annotations
@@ -42,13 +35,13 @@ def splat_count(shape: Any) -> int:
     return len(mi.traverse(shape)["data"]) // _NUMBERS
 
 
-def radiance(scene: Any, integrator: Any, sampler: Any, ray: Any, active: Any = True) -> Any:
+def radiance(scene: Any, integrator: Any, sampler: Any, ray: Any) -> Any:
     """Light along rays, three channels, from a C++ integrator or the integrator for splats."""
     if shows_splats(integrator):
         # Differentiable integrators in Python take a mode, and gradients that there are none of.
         primal = dr.ADMode.Primal
-        return integrator.sample(primal, scene, sampler, ray, None, None, mi.Bool(active))[0]
-    return integrator.sample(scene, sampler, mi.RayDifferential3f(ray), active=active)[0]
+        return integrator.sample(primal, scene, sampler, ray, None, None, mi.Bool(True))[0]
+    return integrator.sample(scene, sampler, mi.RayDifferential3f(ray), active=True)[0]
 
 
 @dataclass(frozen=True)

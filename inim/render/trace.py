@@ -60,11 +60,7 @@ def mean_light(
 
     Not-a-number samples are kept: the caller counts them.
 
-    * `light`: see `Light`.
-    * `shape`: shape of the film.
-    * `spp`: samples per pixel.
     * `mask`, (*shape) bool: pixels to trace; the others stay black and need no time.
-    * `observer`: counts time and samples.
 
     Returns (*shape, 3) float32, linear RGB. Equal seeds give equal pixels for every mask.
     """

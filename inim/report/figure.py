@@ -61,7 +61,6 @@ class Inset(NamedTuple):
 class FigureRequest:
     """Content of a figure.
 
-    * `parts`: of `PARTS`.
     * `viewpoint`: viewpoint of the views and error maps; by default the centre, or the first.
     * `algorithms`: by default all of the report.
     * `insets`: magnified below each view.

@@ -104,7 +104,6 @@ class ReportImages:
         """An image as the source of an img element.
 
         * `pixels`: (rows, columns, 3) uint8, sRGB.
-        * `form`: {"PNG", "JPEG"}.
         * `quality`: of a JPEG.
         * `**png`: Pillow's options for a PNG.
         """

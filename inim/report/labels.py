@@ -96,25 +96,25 @@ def score(scores: Mapping[str, Any], key: str) -> str:
 def metric_scores(scores: Mapping[str, Any], kind: ScoreKind = "scene") -> list[tuple[str, str]]:
     """Label and score, with its unit, of every metric that has scores of a kind.
 
-    * `scores`: by key.
     * `kind`, {"scene", "reference", "relic", "relic to reference", "eia"}: a view's to the scene or
       to the reference, of the whole or on the relic; an EIA's to the true one.
     """
     texts = []
     for metric in all_metrics():
-        if (kind.startswith("relic") and not metric.has_relic_score) or (
-            kind == "eia" and not metric.has_eia_score
-        ):
-            continue
-        keys = {
-            "reference": metric.to_reference_key,
-            "relic": metric.on_relic_key,
-            "relic to reference": metric.on_relic_to_reference_key,
-        }
-        score_text = score(scores, keys.get(kind, metric.key))
-        unit = f"{NBSP}{metric.unit}" if metric.unit and score_text != MISSING else ""
-        texts.append((metric.label, score_text + unit))
+        if key := score_keys(metric).get(kind):
+            score_text = score(scores, key)
+            unit = f"{NBSP}{metric.unit}" if metric.unit and score_text != MISSING else ""
+            texts.append((metric.label, score_text + unit))
     return texts
+
+
+def score_keys(metric: Metric) -> dict[ScoreKind, str]:
+    """Names of a metric's scores by kind, as far as it has them."""
+    keys: dict[ScoreKind, str] = {"reference": metric.to_reference_key, "scene": metric.key}
+    if metric.has_relic_score:
+        keys["relic to reference"] = metric.on_relic_to_reference_key
+        keys["relic"] = metric.on_relic_key
+    return keys | ({"eia": metric.key} if metric.has_eia_score else {})
 
 
 def _may_be_infinite(metric: Metric | None) -> bool:
@@ -220,9 +220,8 @@ def disagreements(report: ReportDocument) -> list[str]:
     """Sentences on metrics that prefer another algorithm than the headline score does."""
     best, sentences = report.best_algorithm, []
     for metric in all_metrics():
-        key = (
-            metric.on_relic_to_reference_key if metric.has_relic_score else metric.to_reference_key
-        )
+        keys = score_keys(metric)
+        key = keys.get("relic to reference", keys["reference"])
         if best is None or key == HEADLINE:
             continue
         means = {

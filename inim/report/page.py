@@ -170,10 +170,8 @@ def document_page(
     """The page of a document: its title, time and data file around the sections.
 
     * `document`: has `title` and `created`.
-    * `file`: the data file, named in the footer.
     * `facts`, `sections`: as of `render_page`; the time follows the facts.
     * `purpose`, `words`: name of the window after the title, and words that belong to the title.
-    * `**options`: of `render_page`.
     """
     created = plain(document.created).replace("T", " ")
     time = element("time", text(created.replace("+00:00", " UTC").replace("Z", " UTC")))
@@ -306,10 +304,10 @@ def plot(svg: bytes, alt: str, caption: str = "", **attributes: object) -> str:
     return element("figure", image, words, class_="plot")
 
 
-def saved_plot(path: Path, alt: str, caption: str = "") -> str:
+def saved_plot(path: Path, alt: str) -> str:
     """The drawing in an SVG file; empty where there is no such file."""
     try:
-        return plot(path.read_bytes(), alt, caption)
+        return plot(path.read_bytes(), alt)
     except OSError:
         return ""
 

@@ -164,7 +164,6 @@ def write_stress(
     """Write all forms of a stress run into a folder, `stress.json` last, as a mark of completeness.
 
     * `data`: record; its `files` are set here.
-    * `folder`: folder that contains figures only.
     * `lines`: sentences of the page and of the Markdown.
     """
     facts = [

@@ -12,7 +12,7 @@ from inim.documents.files import write_listed
 from inim.documents.picture import PictureAlgorithm, PictureDocument
 from inim.metrics import MAIN, RELIC_MARGIN_PX, all_metrics
 from inim.report.images import Encoding, ReportImages, is_wide
-from inim.report.labels import mm, number, per_cent, score, verdict_words
+from inim.report.labels import mm, number, per_cent, score, score_keys, verdict_words
 from inim.report.page import (
     Section,
     bullets,
@@ -72,14 +72,9 @@ def _heads() -> list[str]:
 
 def _columns() -> list[tuple[str, str]]:
     """Label and name of every score: first on the picture's region, then of the whole view."""
-    columns = []
-    for on_relic in (True, False):
-        for metric in all_metrics():
-            if metric.has_relic_score or not on_relic:
-                label = " ".join(filter(None, (metric.label, metric.unit)))
-                own = (f"{label}, covered", metric.on_relic_key)
-                columns.append(own if on_relic else (label, metric.key))
-    return columns
+    labelled = [(f"{m.label} {m.unit}".rstrip(), score_keys(m)) for m in all_metrics()]
+    relic = [(f"{label}, covered", keys["relic"]) for label, keys in labelled if "relic" in keys]
+    return relic + [(label, keys["scene"]) for label, keys in labelled]
 
 
 def _cells(scores: Mapping[str, Any]) -> list[str]:

@@ -142,26 +142,19 @@ def quantise_depth(rgbd: RGBD, display: Display, bits: int, offset: int = 0) -> 
 
 
 def _jitters(rgbd: RGBD, display: Display) -> dict[str, tuple[RGBD, RGBD]]:
-    """Pictures before and after each kind of jitter, in the order of `JITTERS`."""
+    """Pictures before and after each kind of jitter, in the table's order."""
     up, down = (np.nextafter(rgbd.depth_mm, np.float32(end)) for end in (np.inf, -np.inf))
     sign = np.random.default_rng(0).integers(-1, 2, rgbd.shape)
     random = np.where(sign > 0, up, np.where(sign < 0, down, rgbd.depth_mm))
     ulps = [RGBD(rgbd.color, z, rgbd.covered, rgbd.pixel_mm) for z in (up, down, random)]
     rounded = [quantise_depth(rgbd, display, bits) for bits in BITS]
-    pairs = [(rgbd, picture) for picture in (*ulps, *rounded)]
+    names = ("+1 ulp", "-1 ulp", "an ulp by chance", *(f"{bits} bits" for bits in BITS))
+    pairs = {name: (rgbd, p) for name, p in zip(names, (*ulps, *rounded), strict=True)}
     for bits, base in zip(BITS, rounded, strict=True):
-        pairs += [(base, quantise_depth(rgbd, display, bits, step)) for step in (1, -1)]
-    return dict(zip(JITTERS, pairs, strict=True))
-
-
-#: Kinds of jitter, in the order of the table.
-JITTERS = (
-    "+1 ulp",
-    "-1 ulp",
-    "an ulp by chance",
-    *(f"{b} bits" for b in BITS),
-    *(f"{sign:+d} quantum of {b} bits" for b in BITS for sign in (1, -1)),
-)
+        for step in (1, -1):
+            moved = quantise_depth(rgbd, display, bits, step)
+            pairs[f"{step:+d} quantum of {bits} bits"] = base, moved
+    return pairs
 
 
 def measure_jitter(rgbd: RGBD, display: Display, algorithms: Sequence[str]) -> list[Jitter]:
@@ -174,12 +167,12 @@ def measure_jitter(rgbd: RGBD, display: Display, algorithms: Sequence[str]) -> l
     for algorithm in algorithms:
         # Several kinds of jitter share a picture.
         images_by_picture: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-        for kind in JITTERS:
-            for picture in jitters[kind]:
+        for kind, pair in jitters.items():
+            for picture in pair:
                 if id(picture) not in images_by_picture:
                     with foreign_errors(algorithm):
                         images_by_picture[id(picture)] = eia_of(picture, display, algorithm)
-            (a, eia), (b, moved) = (images_by_picture[id(picture)] for picture in jitters[kind])
+            (a, eia), (b, moved) = (images_by_picture[id(picture)] for picture in pair)
             changed = float((a != b).any(axis=-1)[display.lensed].mean())
             lost = 1 - metrics.ssim(eia, moved) if changed else 0.0
             rows.append(Jitter(jitter=kind, algorithm=algorithm, changed=changed, ssim_loss=lost))

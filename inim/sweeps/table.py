@@ -17,7 +17,7 @@ from inim.errors import UsageError
 from inim.files.image import write_atomically
 from inim.files.regular_file import check_file
 from inim.metrics import Metric, all_metrics
-from inim.report.labels import check_finding
+from inim.report.labels import ScoreKind, check_finding, score_keys
 from inim.report.sweep import CRITERION, DEPTH, DEPTH_SHARE, VARIED_COLUMNS
 from inim.settings import DISPLAY_KEYS, PREFIX, Settings
 
@@ -28,25 +28,23 @@ if TYPE_CHECKING:
 REFERENCES = ("reference", "noise_floor")
 
 
-def view_columns() -> dict[str, Metric]:
+def view_columns(prefix: str = "") -> dict[str, Metric]:
     """Columns of a view's scores against the scene, with their metrics, in the table's order."""
-    metrics = all_metrics()
-    on_relic = {metric.on_relic_key: metric for metric in metrics if metric.has_relic_score}
-    return {metric.key: metric for metric in metrics} | on_relic
+    return _columns_of_kinds("scene", "relic", prefix)
 
 
 def to_reference_columns() -> dict[str, Metric]:
     """Columns of a view's scores against the reference view, with their metrics."""
-    metrics = all_metrics()
-    on_relic = {
-        metric.on_relic_to_reference_key: metric for metric in metrics if metric.has_relic_score
+    return _columns_of_kinds("reference", "relic to reference")
+
+
+def _columns_of_kinds(whole: ScoreKind, relic: ScoreKind, prefix: str = "") -> dict[str, Metric]:
+    return {
+        f"{prefix}{keys[kind]}": metric
+        for kind in (whole, relic)
+        for metric in all_metrics()
+        if kind in (keys := score_keys(metric))
     }
-    return {metric.to_reference_key: metric for metric in metrics} | on_relic
-
-
-def prefixed_view_columns(prefix: str) -> dict[str, Metric]:
-    """Columns of the scores of one of `REFERENCES`, with their metrics."""
-    return {f"{prefix}_{key}": metric for key, metric in view_columns().items()}
 
 
 def eia_columns(start: str = "eia") -> dict[str, Metric]:
@@ -178,7 +176,7 @@ def _infinite(columns: Mapping[str, float | None]) -> dict[str, float | None]:
     scores = view_columns() | to_reference_columns()
     scores |= eia_columns() | eia_columns("noise_floor_eia")
     for reference in REFERENCES:
-        scores |= prefixed_view_columns(reference)
+        scores |= view_columns(f"{reference}_")
     ends = {name: max(metric.range) for name, metric in scores.items()}
     return {
         key: math.inf if value is None and ends.get(key) == math.inf else value
@@ -207,8 +205,8 @@ def column_groups() -> dict[str, dict[str, str]]:
     scores = {
         "the view against the scene": view_columns(),
         "against the reference view": to_reference_columns(),
-        "the reference against the scene": prefixed_view_columns("reference"),
-        "noise floor": prefixed_view_columns("noise_floor"),
+        "the reference against the scene": view_columns("reference_"),
+        "noise floor": view_columns("noise_floor_"),
     }
     groups = {
         "names": _columns_of_type("string", "scene", "display", "algorithm", "viewpoint"),

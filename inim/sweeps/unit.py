@@ -60,7 +60,6 @@ _NOT_SCORING = (
     "report/",
     "bench/",
     "stress/",
-    "sweep/",
     "tolerate/",
     "documents/",
     "views/",

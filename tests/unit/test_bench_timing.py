@@ -2,8 +2,9 @@
 
 import pytest
 
-from inim.bench.evaluate import mark_fronts, pareto
+from inim.bench.evaluate import mark_fronts
 from inim.errors import UsageError
+from inim.report.plots import on_front
 from inim.timing import Rounds, Timing, ratios, time_calls
 from tests.unit.test_bench_report import algorithm
 
@@ -85,12 +86,8 @@ def test_ratios_are_median_to_median_and_fastest_to_fastest():
 
 
 def test_front_holds_the_undominated_methods():
-    points = [(1.0, 9.0), (2.0, 5.0), (3.0, 5.0), (4.0, 1.0), (5.0, 2.0), (6.0, None), (0.1, 99.0)]
-    assert pareto(points) == [True, True, False, True, False, False, True]
-
-
-def test_equal_points_are_both_on_the_front():
-    assert pareto([(1.0, 1.0), (1.0, 1.0), (1.0, 2.0)]) == [True, True, False]
+    points = [(1.0, 9.0), (2.0, 5.0), (3.0, 5.0), (4.0, 1.0), (5.0, 2.0), (0.1, 99.0)]
+    assert on_front(dict(zip("abcdef", points, strict=True))) == {"a", "b", "d", "f"}
 
 
 def test_a_method_without_sources_can_still_be_on_another_front():

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from inim.generators import generate, prepare
-from inim.generators.raycast.ray_by_ray import RayByRay
 from inim.generators.raycast.colour import ColouredRays
+from inim.generators.raycast.ray_by_ray import RayByRay
 from inim.image.rgbd import RGBD, LayeredRGBD
 from tests.generator_cases import DISPLAYS, picture
 

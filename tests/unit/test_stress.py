@@ -12,7 +12,7 @@ import pytest
 from inim.errors import UsageError
 from inim.generators import algorithm_items
 from inim.generators.oracle import exact_hits
-from inim.stress.checks import JITTERS, cases, check_first_hits, measure_jitter, quantise_depth
+from inim.stress.checks import cases, check_first_hits, measure_jitter, quantise_depth
 from inim.stress.job import StressRequest
 from inim.stress.pictures import algorithm_output, noise, random_picture, small_display, solids_of
 from inim.stress.relations import RELATIONS, run_relations
@@ -236,7 +236,7 @@ def test_coarser_depth_changes_more(planted, fault):
     display = small_display(lens_columns=4, lens_rows=4)
     rgbd = noise(display, display.capture_shape(4), 1 / 4)
     rows = measure_jitter(rgbd, display, [f"{planted}:fault={fault}"])
-    assert [r.jitter for r in rows] == list(JITTERS)
+    assert len({r.jitter for r in rows}) == len(rows) == 12
     changed = {r.jitter: r.changed for r in rows}
     assert changed["8 bits"] > changed["10 bits"] > changed["16 bits"]
     assert changed["+1 ulp"] <= changed["16 bits"] < 0.01

@@ -299,7 +299,6 @@ def _ray_passes(
 
     * `owner`, (panel columns,) int64: lens of each; -1 where none.
     * `lens_first`, (lenses,) int64: first panel column of each lens.
-    * `pixels`: most pixels of a lens.
 
     Returned values:
     * `offset`, (passes, cells) int64: see `Layout.column_offset`.

@@ -40,6 +40,11 @@ class CellRays:
     slope: np.ndarray
     scale: float
 
+    @property
+    def in_cells(self) -> tuple[np.ndarray, np.ndarray]:
+        """Start and slope in cells, rounded as floats are."""
+        return self.start / self.scale, self.slope / self.scale
+
     def most_cells(self, depth_range_mm: tuple[float, float]) -> int:
         """More cells than any of the rays can visit along this axis."""
         z_min, z_max = depth_range_mm
@@ -51,8 +56,6 @@ def cell_rays(
 ) -> tuple[CellRays, CellRays]:
     """Column rays and row rays of a display over a picture.
 
-    * `shape`: (rows, columns).
-    * `pixel_mm`: width of the picture's pixels.
     * `pixel_offset`, (down, right) of Fraction: start of each ray in its pixel, in panel pixels
       from the centre.
     """
@@ -68,9 +71,6 @@ def non_separable_cell_rays(
     shape: tuple[int, int], pixel_mm: float, rays: PixelRays
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Rays of a block of panel pixels over a picture, where no two of them share a coordinate.
-
-    * `shape`: (rows, columns).
-    * `pixel_mm`: the picture's pixel.
 
     Returned values:
     * `u0`, `du`, `v0`, `dv`, (block rows, panel columns) float64: column ``u0 + du z`` and row ``v0

@@ -63,7 +63,6 @@ class RayGroup(NamedTuple):
     """Rays of every pixel that show the same colour channels.
 
     * `rays`: one, two or four.
-    * `joined`: all of them together.
     """
 
     channels: tuple[int, ...]

@@ -38,7 +38,6 @@ THICKNESS_PX = 10.0
 class Columns:
     """Columns of a picture.
 
-    * `layers`: layers, the front surface first.
     * `end`: true if columns have backs, so that rays may pass behind them.
     * `continue_behind`: true if a ray that passed behind a column without a later hit shows the
       last cell on its path.

@@ -48,7 +48,6 @@ class Filled(SourceGenerator):
 
     Its sources are the generator's: holes are reported as without a fill.
 
-    * `generator`: generator of a whole panel.
     * `fill`, {"hidden", "all"}: kind of fill; see the module.
     * `with_holes`: the same generator for the continued picture, with holes at pixels whose source
       is only an assumption.
@@ -152,7 +151,6 @@ class FilledFrames(SourceGenerator):
 
     Photographs and light fields fill their frame; relics in front of a background do not.
 
-    * `generator`: generator without a fill.
     * `prepare_filled`: prepares the same generator with a fill, when the first such picture comes.
     """
 

@@ -101,7 +101,7 @@ class _Lines:
         if display.is_separable:
             axes = [cell_rays(*self._size, display, offset) for offset in self._offsets]
             self._u, self._v = (
-                np.stack([_parts(ray.start / ray.scale, ray.slope / ray.scale) for ray in of_axis])
+                np.stack([_parts(*rays.in_cells) for rays in of_axis])
                 for of_axis in zip(*axes, strict=True)
             )
 

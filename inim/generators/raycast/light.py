@@ -89,7 +89,6 @@ def pack_light(light: np.ndarray, rays: int) -> np.ndarray:
 def mean_codes(begin, end, sources, words, table, out):
     """Codes of the mean light of the rays of some rows.
 
-    * `begin`, `end`: the rows.
     * `sources`: (rays, rows, columns) int32.
     * `words`, (n + 1,) uint64: light of a hole and of each source; see `pack_light`.
     * `table`, (m,) uint8: see `code_table`.
@@ -145,7 +144,6 @@ def diffused(
     * `light`, (layers x H x W, 4) float32: linear RGB, and 1.
     * `footprint`, (down, across): height and width of a ray's footprint, in picture pixels per
       millimetre of depth.
-    * `pixel_mm`: width of a picture pixel.
     * `present`: variance that is there without an average.
 
     Returns (layers x H x W, 4) float32.

@@ -111,7 +111,6 @@ def merge(
     * `colourings`: the pictures, or several versions of them that differ in colour only, such as
       half images: each is merged into one result.
     * `shape`, (rows, columns): size of the results, such as `Display.capture_shape`.
-    * `pixel_mm`: side of their pixels.
 
     Raises `FileError`: the pictures contradict each other.
     """

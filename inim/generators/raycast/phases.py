@@ -37,7 +37,6 @@ class Layout:
     * `origin`, (row, column) of int: picture cell of slot (0, 0), phase (0, 0); negative where
       slots reach beyond the picture.
     * `window`, (slots down, slots across) of int: slots that the rays of one lens can reach.
-    * `strips`: strips of lenses in a row.
     """
 
     shape: tuple[int, int, int, int]
@@ -49,7 +48,6 @@ class Layout:
     def of(cls, per_pitch: int, rows: np.ndarray, columns: np.ndarray, display: Display) -> Layout:
         """Lay out the phases.
 
-        * `per_pitch`: picture cells per lens pitch.
         * `rows`, `columns`: all cells that rays of the lens (0, 0) visit.
         """
         first = [int(cells.min()) // per_pitch for cells in (rows, columns)]
@@ -100,7 +98,6 @@ class Layout:
     def row_reach(self, rows: np.ndarray, first: np.ndarray) -> np.ndarray:
         """First and last row of slots, from a lens's own, of runs of picture rows of lens row 0.
 
-        * `rows`: (n,) int array.
         * `first`, (m,) int array: where each run begins.
 
         Returns (m, 2) int array.
@@ -133,9 +130,6 @@ def _spread(begin, end, values, row0, column0, phases):  # type: ignore[no-untyp
 
 class Phases:
     """A picture by phases, in buffers that are filled again for every picture.
-
-    * `shape`, (rows, columns): size of the pictures.
-    * `end`: whether columns end.
 
     Its attributes:
     * `depth`, (slots,) float32: depths by phase, -inf at uncovered cells, NaN around the picture.

@@ -1,17 +1,12 @@
 """Local depth templates: first hits of strips of neighbouring lenses at once, without a gather.
 
-A ray is in a cell between its entry depth and its exit depth. The first cell, and in it the nearest
-layer, whose column overlaps this interval is hit: ``front >= exit`` and ``back <= entry``. The last
-cell ends at z_min.
-
-Rays of one pixel of neighbouring lenses share a list of cells (`raycast.cell_lists`). A strip of
-lenses (`raycast.simd`) follows it from near to far until each lens has a hit. Depths and colours
-are contiguous (`raycast.phases`).
-
-Entries with exits above the nearest surface within reach of the strip cannot hit, and are skipped.
-Entries below the end of every column within reach cannot hit either, and end the search. With solid
-columns there is no such bound: a ray under the farthest surface still hits the next covered cell,
-and testing coverage costs as much as loading depth.
+docs/theory/templates.md, "One list for all lenses", describes the method. A ray is in a cell
+between its entry depth and its exit depth. The first cell, and in it the nearest layer, whose
+column overlaps this interval is hit: ``front >= exit`` and ``back <= entry``. Rays of one pixel of
+neighbouring lenses share a list of cells (`raycast.cell_lists`). A strip of lenses (`raycast.simd`)
+follows it from near to far until each lens has a hit. With solid columns no depth ends the search:
+a ray under the farthest surface still hits the next covered cell, and testing coverage costs as
+much as loading depth.
 
 Several rays of a pixel are traced together. Payloads of their hits add up in registers: light of
 colours (`raycast.light`) needs no sources in memory.
@@ -232,7 +227,6 @@ def _write_strip(strip, lists, start, row):  # type: ignore[no-untyped-def]
     """Write a strip to its panel row.
 
     * `strip`: (most pixels x LANES,) uint32.
-    * `start`: the strip's first lens.
     * `row`: (panel columns,) uint32.
     """
     lens_first, pixels = lists.lens_first, lists.least_pixels
@@ -263,7 +257,6 @@ class Strips(FirstHits):
     Tables and buffers are created for the first picture.
 
     * `display`, `shape`, `pixel_mm`, `rule`: as for `FirstHits`.
-    * `*offsets`: start of each ray in its pixel.
     """
 
     def __init__(
@@ -410,9 +403,7 @@ def first_hits(
 ) -> SourceGenerator:
     """Create the generator of first hits in the columns of pictures.
 
-    * `name`: name of the algorithm, for error messages.
     * `display`, `shape`, `pixel_mm`, `mask`: see `inim.generators.prepare`.
-    * `rule`: rule of the columns; see `raycast.columns`.
     * `samples`: {1, 2, 4}.
 
     Raises `UsageError`: an invalid number of samples, or rays of implausible length.

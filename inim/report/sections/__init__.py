@@ -30,12 +30,8 @@ LARGEST_PAGE_BYTES = 10_000_000
 class ReportSection:
     """Section of the page.
 
-    * `place`: position; sections are sorted by it.
-    * `anchor`, `title`: as for `inim.report.page.Section`.
     * `body`: function from the report's data and its images to HTML; empty if the section does not
       apply.
-    * `widget`: style sheets and scripts of the section.
-    * `is_folded`: as for `inim.report.page.Section`.
     """
 
     place: int
@@ -61,7 +57,6 @@ def render_html(data: ReportDocument, folder: Path, cache: ResultCache | None = 
     """The whole report as one HTML page.
 
     * `folder`: where the report's PNG files lie. One that is missing or unreadable shows as a box.
-    * `cache`: of the page's pictures.
 
     Returns the page, below `LARGEST_PAGE_BYTES` unless the data without images is above it.
     """

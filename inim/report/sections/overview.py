@@ -14,6 +14,7 @@ from inim.report.labels import (
     PREVIEW_WORDS,
     REFERENCE,
     TRUTH,
+    ScoreKind,
     check_finding,
     disagreements,
     full_command,
@@ -22,19 +23,21 @@ from inim.report.labels import (
     number,
     per_cent,
     score,
+    score_keys,
 )
 from inim.report.page import element, figure, lead, radio, table, text
 from inim.report.sections import ReportSection
 
 _FAILURES_ON_TOP = 3
 _MOST_DIGITS = 3
-#: Comparisons of a view: the reader chooses one. Key and label.
-_COMPARISONS = (
-    ("relic-reference", "relic, to the reference"),
-    ("relic-truth", "relic, to the ground truth"),
-    ("whole-reference", "whole image, to the reference"),
-    ("whole-truth", "whole image, to the ground truth"),
+#: Comparisons of a view: the reader chooses one. Key, label and kind of score.
+_COMPARISONS: tuple[tuple[str, str, ScoreKind], ...] = (
+    ("relic-reference", "relic, to the reference", "relic to reference"),
+    ("relic-truth", "relic, to the ground truth", "relic"),
+    ("whole-reference", "whole image, to the reference", "reference"),
+    ("whole-truth", "whole image, to the ground truth", "scene"),
 )
+_TO_TRUTH: dict[ScoreKind, ScoreKind] = {"relic to reference": "relic", "reference": "scene"}
 _HEADS = {
     f"EIA {MAIN.label}": (
         f"{MAIN.label} of the elemental image array to the ground-truth EIA, without optics"
@@ -105,7 +108,7 @@ def scores_section(data: ReportDocument, images: ReportImages) -> str:  # noqa: 
     others = [lead(line, "note") for line in disagreements(data)]
     metrics = _metrics(data)
     first = _COMPARISONS[0]
-    compare = [radio("comparison", *choice, choice == first) for choice in _COMPARISONS]
+    compare = [radio("comparison", *c[:2], c == first) for c in _COMPARISONS]
     choices = [element("fieldset", element("legend", "Compare"), *compare)]
     if len(metrics) > 1:
         buttons = [radio("metric", f"m{i}", m.label, i == 0) for i, m in enumerate(metrics)]
@@ -141,15 +144,6 @@ def _scores(data: ReportDocument, metrics: Sequence[Metric]) -> str:
     return table("One viewpoint per column", heads, rows, "scores")
 
 
-def _keys(metric: Metric) -> dict[str, str]:
-    """Names of a metric's scores by comparison."""
-    keys = {"whole-reference": metric.to_reference_key, "whole-truth": metric.key}
-    if metric.has_relic_score:
-        keys["relic-reference"] = metric.on_relic_to_reference_key
-        keys["relic-truth"] = metric.on_relic_key
-    return keys
-
-
 def _score_cell(
     scores: Mapping[str, Any],
     precision: Precision,
@@ -164,9 +158,11 @@ def _score_cell(
     """
     parts = []
     for i, metric in enumerate(metrics):
-        keys = _keys(metric)
-        for comparison in keys:
-            key = keys[comparison.replace("reference", "truth") if to_itself else comparison]
+        keys = score_keys(metric)
+        for comparison, _, kind in _COMPARISONS:
+            if kind not in keys:
+                continue
+            key = keys[_TO_TRUTH.get(kind, kind) if to_itself else kind]
             value, digits = scores.get(key), min(metric.digits, _MOST_DIGITS)
             words = number(value, digits) if is_number(value) else score(scores, key)
             half = _half_width(precision, view, key)

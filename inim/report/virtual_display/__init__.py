@@ -94,10 +94,7 @@ def live_display(
     * `display`: display with its misaligned array.
     * `panels`: panels of its size, the most important first.
     * `eyes`: eye positions; the eye starts at the first.
-    * `images`: embeds the stills.
-    * `most_bytes`: maximum size of the panels.
     * `lens_model`: initial lens model, or its replacement in the virtual display.
-    * `remarks`: sentences below the display.
     """
     embedded, left_out = embed_panels(panels, most_bytes, images)
     words = [*_embedding_words(embedded, left_out), *remarks, *_display_words(display)]
@@ -339,7 +336,6 @@ def embed_panels(
     * `panels`: the most important first. The first two go in before anything else, compressed with
       loss if they have to be.
     * `most_bytes`: for all data URIs together.
-    * `images`: embeds the panels.
     """
     for form, quality in _FORMS:
         first = [_embed(images, panel, form, quality) for panel in panels[:2]]
@@ -385,7 +381,6 @@ def still_view(
     """A view of a display from one eye position, by the lens models in NumPy.
 
     * `eia`, (rows, columns, 3) uint8, sRGB: row 0 on top.
-    * `eye_mm`: (x, y, z).
     * `lens_model`: one of `inim.lens.lens_models`.
     * `pixels_per_lens`: of the view, which shows exactly the lens array.
     * `grid`: samples along one side of a view pixel, at the shader's places.

@@ -16,7 +16,7 @@ from inim.display import Display
 from inim.display.pixels import exact_length
 from inim.errors import InimError
 from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
-from inim.generators.oracle import PixelOffset
+from inim.generators.base import PixelOffset
 from inim.generators.raycast.cell_lists import shares_directions
 from inim.generators.raycast.phases import cells_per_pitch
 from inim.generators.template import ray_by_ray

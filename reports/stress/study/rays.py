@@ -15,7 +15,8 @@ from functools import lru_cache
 import numpy as np
 
 from inim.display import Display
-from inim.generators.oracle import CENTRE, AxisRays, Line, PixelOffset, axis_rays, lensed_pixels
+from inim.generators.base import CENTRE, PixelOffset
+from inim.generators.oracle import AxisRays, Line, axis_rays, lensed_pixels
 from inim.image.rgbd import RGBD
 
 # Rounding errors of a coordinate: start, slope, depth, product and sum.
