@@ -110,17 +110,7 @@ class Generator(Protocol):
 
 
 class Ray(NamedTuple):
-    """One ray of every pixel.
-
-    Attributes
-    ----------
-    pixel_offset : (down, right)
-        Start in its pixel, in pixels from the centre.
-    channels : tuple of int
-        Colour channels of the ray.
-    generator : SourceGenerator
-        Generator of the ray's sources.
-    """
+    """One ray of every pixel: its start in the pixel, its colour channels and their sources."""
 
     pixel_offset: PixelOffset
     channels: tuple[int, ...]
@@ -138,14 +128,9 @@ class JoinedRays(Protocol):
         ...
 
     def show_light(self, rgbd: RGBD, words: np.ndarray, out: np.ndarray) -> None:
-        """Write the codes of the mean light of the rays.
+        """Write the codes of the mean light of the rays, (rows, columns, 4) uint8.
 
-        Parameters
-        ----------
-        rgbd : RGBD
-        words : (layers x H x W,) uint64
-            Light of each source; see `raycast.light`.
-        out : (rows, columns, 4) uint8
+        `words`, (layers x H x W,) uint64, are the light of each source; see `raycast.light`.
         """
         ...
 
@@ -273,12 +258,9 @@ def check_mask(mask: np.ndarray, display: Display) -> None:
 
 
 def check_out(out: np.ndarray | None, shape: tuple[int, ...], dtype: np.dtype) -> NDArray[Any]:
-    """The array to write into: `out` if it fits, a new one if there is none.
+    """The array to write into: `out`, or a new one without it.
 
-    Raises
-    ------
-    UsageError
-        Wrong shape, type or layout, or not writable.
+    Raises `UsageError` for another shape, type or layout, and for an array that is not writable.
     """
     if out is None:
         return np.empty(shape, dtype)
@@ -293,13 +275,7 @@ def check_out(out: np.ndarray | None, shape: tuple[int, ...], dtype: np.dtype) -
 
 
 class Masked:
-    """A generator run in full, of which only the pixels of a mask are shown.
-
-    Parameters
-    ----------
-    whole : Generator
-    mask : (rows, columns) bool
-    """
+    """A generator run in full, with only the pixels of a mask, (rows, columns) bool, shown."""
 
     def __init__(self, whole: Generator, mask: np.ndarray) -> None:
         self._whole, self.mask = whole, mask
@@ -382,25 +358,11 @@ def check_array(array: Any, shape: tuple[int, ...], kind: str) -> None:
 def run_kernel(
     kernel: Any, turns: int, shape: tuple[int, int], start: int, *arguments: Any
 ) -> NDArray[np.int32]:
-    """Fill a map of panel pixels with a kernel, on several threads.
+    """Fill a map of panel pixels, (rows, columns) int32, with a kernel, on several threads.
 
-    Parameters
-    ----------
-    kernel : function
-        Called with the first and the end of some turns of its outer loop, the arguments, and the
-        map as a flat array for the result.
-    turns : int
-        Number of all turns.
-    shape : (rows, columns)
-        Size of the map.
-    start : int
-        Initial value of the map.
-    *arguments
-        Numbers, flat arrays and named tuples of them.
-
-    Returns
-    -------
-    (rows, columns) int32
+    The kernel is called with the first and the end of some turns of its outer loop, the arguments
+    (numbers, flat arrays and named tuples of them), and the map as a flat array, whose initial
+    value is `start`.
     """
     from inim.backend.kernels import share_rows
 

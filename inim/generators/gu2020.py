@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import exact_length
+from inim.display.pixels import exact_length, row_blocks
 from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
@@ -28,7 +28,7 @@ from inim.generators.base import (
     Sources,
     run_kernel,
 )
-from inim.generators.raycast.cells import cell_rays
+from inim.generators.raycast.cells import cell_rays, non_separable_cell_rays
 from inim.generators.registry import algorithm, positive_mm
 from inim.image.rgbd import RGBD
 
@@ -107,10 +107,13 @@ class _Gu2020(SourceGenerator):
 
     def _find_in_blocks(self, depth: np.ndarray) -> Sources:
         """Find sources on displays without separable axes, in blocks of panel rows."""
-        from inim.generators.raycast.ray_by_ray import ray_blocks
-
         sources = np.full(self.display.eia_shape, HOLE, np.int32)
-        for rows, cells in ray_blocks(self):
+        for rows in row_blocks(self.display):
+            if not self.selected[rows].any():
+                continue
+            cells = non_separable_cell_rays(
+                self.shape, self.pixel_mm, self.display, rows, self.pixel_offset
+            )
             sources[rows] = run_kernel(
                 _search_each,
                 sources[rows].size,

@@ -177,7 +177,7 @@ def sweep(
         "inim.sweep",
     )
     place = SweepPlace(Path(out), scheduler, workers, threads)
-    _sweep(study, place, "", quiet=quiet, debug=False)
+    run_sweep(study, place, quiet=quiet)
     return parquet.read_table(place.out / TABLE)
 
 
@@ -216,7 +216,7 @@ class SweepResult:
 
 
 def run_sweep(
-    study_file: Path,
+    study: Study | Path,
     place: SweepPlace,
     command: str = "",
     *,
@@ -227,12 +227,7 @@ def run_sweep(
 
     `command` is the command line, for the record.
     """
-    return _sweep(read_study(study_file), place, command, quiet=quiet, debug=debug)
-
-
-def _sweep(
-    study: Study, place: SweepPlace, command: str, *, quiet: bool, debug: bool
-) -> SweepResult:
+    study = read_study(study) if isinstance(study, Path) else study
     check_pyarrow()
     result = compute_results(study, place, quiet=quiet, debug=debug)
     about = SweepTable(title=study.title, **origin(command))

@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import PixelAxis, PixelRays, exact_length
+from inim.display.pixels import PixelAxis, exact_length, pixel_rays
 from inim.errors import UsageError
 from inim.generators.base import CENTRE, PixelOffset
 
@@ -68,14 +68,20 @@ def cell_rays(
 
 
 def non_separable_cell_rays(
-    shape: tuple[int, int], pixel_mm: float, rays: PixelRays
+    shape: tuple[int, int],
+    pixel_mm: float,
+    display: Display,
+    block: slice,
+    pixel_offset: PixelOffset = CENTRE,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Rays of a block of panel pixels over a picture, where no two of them share a coordinate.
+    """Rays of some panel rows over a picture, where no two of them share a coordinate.
 
     Returned values:
-    * `u0`, `du`, `v0`, `dv`, (block rows, panel columns) float64: column ``u0 + du z`` and row ``v0
-      + dv z`` at depth z in millimetres: rounded as floats are.
+    * `u0`, `du`, `v0`, `dv`, (block rows, panel columns) float64: column ``u0 + du z`` and row
+      ``v0 + dv z`` at depth z in millimetres: rounded as floats are.
     """
+    down, right = pixel_offset
+    rays = pixel_rays(display, block, (float(down), float(right)))
     rows, columns = shape
     return (
         rays.x0 / pixel_mm + columns / 2,

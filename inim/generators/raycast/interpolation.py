@@ -21,7 +21,6 @@ import numpy as np
 
 from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
-from inim.display.pixels import pixel_rays
 from inim.generators.base import Ray
 from inim.generators.raycast.cells import cell_rays, non_separable_cell_rays
 from inim.generators.raycast.columns import STEEPEST
@@ -118,8 +117,8 @@ class _Lines:
             return _padded(self._u[:, None]), np.repeat(v, LANES, axis=3)
         lines = []
         for offset in self._offsets:
-            block = pixel_rays(self._display, rows, (float(offset[0]), float(offset[1])))
-            lines.append(np.broadcast_arrays(*non_separable_cell_rays(*self._size, block)))
+            block = non_separable_cell_rays(*self._size, self._display, rows, offset)
+            lines.append(np.broadcast_arrays(*block))
         u0, du, v0, dv = np.array(lines).transpose(1, 0, 2, 3)
         return _padded(_parts(u0, du, axis=2)), _padded(_parts(v0, dv, axis=2))
 

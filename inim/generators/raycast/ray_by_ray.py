@@ -7,14 +7,13 @@ for each border: no error accumulates, and corners are exact.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
 
 from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
-from inim.display.pixels import pixel_rays, row_blocks
+from inim.display.pixels import row_blocks
 from inim.generators.base import (
     CENTRE,
     HOLE,
@@ -181,24 +180,11 @@ class RayByRay(FirstHits):
             lines = (across.start, across.slope, down.start[rows, None], down.slope[rows, None])
             scales = across.scale, down.scale
         else:
-            down_right = float(self.pixel_offset[0]), float(self.pixel_offset[1])
-            rays = pixel_rays(self.display, rows, down_right)
-            lines = non_separable_cell_rays(self.shape, self.pixel_mm, rays)
+            lines = non_separable_cell_rays(
+                self.shape, self.pixel_mm, self.display, rows, self.pixel_offset
+            )
             scales = 1.0, 1.0
         return tuple(np.broadcast_to(line, shape) for line in lines), *scales
-
-
-def ray_blocks(generator: SourceGenerator) -> Iterator[tuple[slice, tuple[np.ndarray, ...]]]:
-    """Rays of blocks of panel rows with selected pixels.
-
-    Yielded values:
-    * `cells`, four (block rows, columns) float64: see `non_separable_cell_rays`.
-    """
-    pixel_offset = float(generator.pixel_offset[0]), float(generator.pixel_offset[1])
-    for rows in row_blocks(generator.display):
-        if generator.selected[rows].any():
-            rays = pixel_rays(generator.display, rows, pixel_offset)
-            yield rows, non_separable_cell_rays(generator.shape, generator.pixel_mm, rays)
 
 
 def _covered_above(covered: np.ndarray) -> np.ndarray:

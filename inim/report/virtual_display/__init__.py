@@ -338,30 +338,20 @@ def embed_panels(
     * `most_bytes`: for all data URIs together.
     """
     for form, quality in _FORMS:
-        first = [_embed(images, panel, form, quality) for panel in panels[:2]]
-        if sum(len(panel.source) for panel in first) <= most_bytes:
-            return _fill_up(images, panels, first, form, quality, most_bytes)
+        embedded = [_embed(images, panel, form, quality) for panel in panels[:2]]
+        room = most_bytes - sum(len(panel.source) for panel in embedded)
+        if room < 0:
+            continue
+        left_out = []
+        for panel in panels[2:]:
+            embedded_panel = _embed(images, panel, form, quality)
+            if len(embedded_panel.source) <= room:
+                embedded.append(embedded_panel)
+                room -= len(embedded_panel.source)
+            else:
+                left_out.append(panel.name)
+        return embedded, left_out
     return [], [panel.name for panel in panels]
-
-
-def _fill_up(
-    images: ReportImages,
-    panels: Sequence[Panel],
-    embedded: list[_Embedded],
-    form: str,
-    quality: int,
-    most_bytes: int,
-) -> tuple[list[_Embedded], list[str]]:
-    left_out = []
-    room = most_bytes - sum(len(panel.source) for panel in embedded)
-    for panel in panels[2:]:
-        embedded_panel = _embed(images, panel, form, quality)
-        if len(embedded_panel.source) <= room:
-            embedded.append(embedded_panel)
-            room -= len(embedded_panel.source)
-        else:
-            left_out.append(panel.name)
-    return embedded, left_out
 
 
 def _embed(images: ReportImages, panel: Panel, form: str, quality: int) -> _Embedded:

@@ -15,7 +15,7 @@ from fractions import Fraction
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import exact_length, pixel_rays
+from inim.display.pixels import exact_length
 from inim.generators.li2012 import _position, forward_axes
 from inim.generators.oracle import AxisRays, axis_rays
 from inim.generators.raycast.cells import (
@@ -98,9 +98,8 @@ def _nonseparable_coordinates(display: Display, rgbd: RGBD, dtype: type) -> _Pai
     pixels = chosen_pixels(display, _RAYS * 4)
     rays = rays_over(display, rgbd, pixels)
     r, c = pixels.T
-    cells = non_separable_cell_rays(
-        rgbd.shape, rgbd.pixel_mm, pixel_rays(display, slice(0, display.eia_shape[0]))
-    )
+    whole_panel = slice(0, display.eia_shape[0])
+    cells = non_separable_cell_rays(rgbd.shape, rgbd.pixel_mm, display, whole_panel)
     with np.errstate(over="ignore"):
         u0, du, v0, dv = (values[r, c].astype(dtype) for values in cells)
     for i in np.flatnonzero(~rays.doubtful)[: _RAYS * 2]:
