@@ -11,19 +11,8 @@ from msgspec.structs import asdict
 
 from inim.documents.algorithms import BenchAlgorithm, BenchDocument, BenchScene, BenchScore, Scores
 from inim.documents.document import decode, encode
+from inim.report import plots
 from inim.report.labels import MISSING, number, per_cent
-from inim.report.plots import (
-    LINES,
-    Name,
-    across,
-    draw_front,
-    draw_point,
-    new_figure,
-    plain_ticks,
-    point_name,
-    set_apart,
-    style,
-)
 from inim.report.study import PagePart, StudyPage, Table
 
 #: The label of a time axis.
@@ -158,25 +147,25 @@ def _remarks(data: BenchDocument, parts: Sequence[PagePart]) -> list[str]:
 def _draw_scene(scene: BenchScene) -> Any:
     """Small multiples over one time axis: wrong sources, then the scores that are plotted."""
     plotted = [score for score in scene.scores if score.plotted]
-    figure, axes = new_figure(1 + len(plotted), 4.6, sharex=True)
+    figure, axes = plots.new_figure(1 + len(plotted), 4.6, sharex=True)
     axes[0].set_xscale("log")  # of all of them
     title, label = "Wrong source", "panel pixels with a wrong source, %"
     names = [_panel(axes[0], scene, "wrong_source", lambda share: 100 * share)]
-    style(axes[0], title, f"{TIME} (↙ better)", label)
+    plots.style(axes[0], title, f"{TIME} (↙ better)", label)
     for axis, score in zip(axes[1:], plotted, strict=True):
         names.append(_score_panel(axis, scene, score))
     linear = 100 * _LINEAR_SHARE  # below, so that zero has a place on the axis
     axes[0].set_yscale("symlog", linthresh=linear, linscale=0.5)
     axes[0].set_ylim(-0.3 * linear, max(10 * linear, 2.5 * axes[0].get_ylim()[1]))
     for axis in axes:
-        plain_ticks(axis)
+        plots.plain_ticks(axis)
     figure.canvas.draw()  # now all has its place, and names can be set apart in it
     for axis, texts in zip(axes, names, strict=True):
-        set_apart(axis, texts)
+        plots.set_apart(axis, texts)
     return figure
 
 
-def _score_panel(axis: Any, scene: BenchScene, score: BenchScore) -> list[Name]:
+def _score_panel(axis: Any, scene: BenchScene, score: BenchScore) -> list[plots.Name]:
     """Draw a panel with its better end at the bottom, and return the names to place."""
     key, label, best = score.key, score.label, score.best
     is_higher = score.better == "higher"
@@ -185,7 +174,7 @@ def _score_panel(axis: Any, scene: BenchScene, score: BenchScore) -> list[Name]:
         label = f"{best:g} − {label}"
     else:
         names = _panel(axis, scene, key, lambda value: value)
-    style(axis, score.title, f"{TIME} (↙ better)", label)
+    plots.style(axis, score.title, f"{TIME} (↙ better)", label)
     errors = [_error(algorithm, key) for algorithm in scene.algorithms]
     if is_higher and best is not None:
         if all(value is None or value < best for value in errors):
@@ -203,7 +192,7 @@ def _error(algorithm: BenchAlgorithm, key: str) -> float | None:
 
 def _panel(
     axis: Any, scene: BenchScene, key: str, transform: Callable[[float], float]
-) -> list[Name]:
+) -> list[plots.Name]:
     """Draw one panel; the names that go into it."""
     points = [
         (a.name, a.median_ms, transform(value), key in a.fronts, a.min_ms)
@@ -211,13 +200,13 @@ def _panel(
         if (value := _error(a, key)) is not None
     ]
     for name, time, value, on_front, fastest in sorted(points, key=lambda point: point[3]):
-        draw_point(axis, name, time, value, on_front, fastest)
-    draw_front(axis, [(time, value) for _, time, value, on_front, _ in points if on_front])
-    axis.axvline(scene.yardstick.median_ms, **LINES["kernel"])
-    across(axis, "reference kernel", x=scene.yardstick.median_ms)
+        plots.draw_point(axis, name, time, value, on_front, fastest)
+    plots.draw_front(axis, [(time, value) for _, time, value, on_front, _ in points if on_front])
+    axis.axvline(scene.yardstick.median_ms, **plots.LINES["kernel"])
+    plots.across(axis, "reference kernel", x=scene.yardstick.median_ms)
     floor = scene.noise_floor.get(key)
     if floor is not None:
-        axis.axhline(transform(floor), **LINES["floor"])
-        across(axis, "noise floor", y=transform(floor))
+        axis.axhline(transform(floor), **plots.LINES["floor"])
+        plots.across(axis, "noise floor", y=transform(floor))
     axis.margins(0.12, 0.12)
-    return [point_name(*point[:4]) for point in points]
+    return [plots.point_name(*point[:4]) for point in points]

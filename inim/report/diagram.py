@@ -12,23 +12,8 @@ from inim.display import Display
 from inim.documents.parts import EyePosition
 from inim.errors import DisplayError
 from inim.image.rgbd import RGBD
+from inim.report import plots
 from inim.report.labels import mm, plain, short
-from inim.report.plots import (
-    BLUE,
-    GREEN,
-    INK,
-    LEGEND,
-    ORANGE,
-    SKY,
-    SOFT,
-    VERMILION,
-    Name,
-    blank_figure,
-    reproducible,
-    set_apart,
-    style,
-    svg,
-)
 
 _PLAN_INCHES = (9.2, 3.4)
 _PROFILE_INCHES = (4.2, 4.2)
@@ -59,37 +44,39 @@ def draw_plan(axis: Any, display: Display, viewpoints: Sequence[EyePosition]) ->
     outline = zone_outline_mm(display, far)
     if outline:
         z, limit = (np.array(values) for values in zip(*outline, strict=True))
-        axis.fill_between(z, -limit, limit, color=SKY, alpha=0.35, linewidth=0, label="no flips")
+        axis.fill_between(
+            z, -limit, limit, color=plots.SKY, alpha=0.35, linewidth=0, label="no flips"
+        )
     axis.fill_betweenx(
-        [-half, half], low, high, color=ORANGE, alpha=0.45, linewidth=0, label="depth range"
+        [-half, half], low, high, color=plots.ORANGE, alpha=0.45, linewidth=0, label="depth range"
     )
     if low <= display.central_depth_mm <= high:
-        dashed = {"color": VERMILION, "linewidth": 1.2, "linestyle": "--"}
+        dashed = {"color": plots.VERMILION, "linewidth": 1.2, "linestyle": "--"}
         at = [display.central_depth_mm] * 2
         axis.plot(at, [-half, half], **dashed, label="central depth plane")
-    axis.plot([0, 0], [-half, half], color=INK, linewidth=2.2, label="lens array")
+    axis.plot([0, 0], [-half, half], color=plots.INK, linewidth=2.2, label="lens array")
     wide = display.eia_shape[1] * display.pixel_pitch_mm / 2
-    axis.plot([-display.gap_mm] * 2, [-wide, wide], color=GREEN, linewidth=1.6, label="panel")
+    axis.plot([-display.gap_mm] * 2, [-wide, wide], color=plots.GREEN, linewidth=1.6, label="panel")
     nearest = _nearest_distance_mm(display)
     if nearest <= far:
-        dotted = {"color": SOFT, "linewidth": 0.9, "linestyle": ":"}
+        dotted = {"color": plots.SOFT, "linewidth": 0.9, "linestyle": ":"}
         axis.axvline(nearest, **dotted, label="nearest, no flips")
     for distance in dict.fromkeys(distances[:1]):
         limit_mm = display.flip_limit_mm(distance)[0]
         if limit_mm >= 0:
             ends = [-limit_mm, limit_mm]
-            axis.plot([distance] * 2, ends, "_-", color=BLUE, linewidth=1, label="flip limit")
+            axis.plot([distance] * 2, ends, "_-", color=plots.BLUE, linewidth=1, label="flip limit")
     eyes = [[eye.position_mm[n] for eye in viewpoints] for n in (2, 0)]
-    ring = {"color": BLUE, "markersize": 6, "markerfacecolor": "white", "linestyle": "none"}
+    ring = {"color": plots.BLUE, "markersize": 6, "markerfacecolor": "white", "linestyle": "none"}
     axis.plot(*eyes, "o", **ring, label="eyes")
     axis.set_xlim(min(-display.gap_mm, low, -0.03 * far) * 1.2, far)
-    style(
+    plots.style(
         axis,
         "Plan view, from above (scales differ)",
         "distance from the lens array z, mm",
         "to the viewer's right x, mm",
     )
-    axis.legend(loc="upper left", bbox_to_anchor=(0, -0.2), ncols=4, **LEGEND)
+    axis.legend(loc="upper left", bbox_to_anchor=(0, -0.2), ncols=4, **plots.LEGEND)
 
 
 def _nearest_distance_mm(display: Display) -> float:
@@ -99,7 +86,7 @@ def _nearest_distance_mm(display: Display) -> float:
         return math.inf
 
 
-@reproducible()
+@plots.reproducible()
 def plan_view(display: Display, viewpoints: Sequence[EyePosition]) -> bytes:
     """The plan view with the eyes' names, as SVG."""
     first_eyes = viewpoints[:_MOST_EYES_DRAWN]
@@ -107,12 +94,14 @@ def plan_view(display: Display, viewpoints: Sequence[EyePosition]) -> bytes:
     for eye in first_eyes:
         x, _, z = eye.position_mm
         names.setdefault((round(z, 6), round(x, 6)), []).append(plain(eye.name).replace("$", r"\$"))
-    figure = blank_figure(_PLAN_INCHES)
+    figure = plots.blank_figure(_PLAN_INCHES)
     figure.subplots_adjust(left=0.08, right=0.985, bottom=0.27, top=0.91)
     axis = figure.subplots()
     draw_plan(axis, display, first_eyes)
-    set_apart(axis, [Name(", ".join(n), z, x, SOFT, 8) for (z, x), n in names.items()])
-    return svg(figure)
+    plots.set_apart(
+        axis, [plots.Name(", ".join(n), z, x, plots.SOFT, 8) for (z, x), n in names.items()]
+    )
+    return plots.svg(figure)
 
 
 def describe_plan(display: Display, viewpoints: Sequence[EyePosition]) -> str:
@@ -140,24 +129,24 @@ def column_depths(rgbd: RGBD) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return x, far, near
 
 
-@reproducible()
+@plots.reproducible()
 def depth_profile(rgbd: RGBD, display: Display) -> bytes:
     """Depths of a picture along the array, from above, all rows together, as SVG."""
     (low, high), half = display.depth_range_mm, display.width_mm / 2
     x, far, near = column_depths(rgbd)
-    figure = blank_figure(_PROFILE_INCHES)
+    figure = plots.blank_figure(_PROFILE_INCHES)
     figure.subplots_adjust(left=0.15, right=0.97, bottom=0.25, top=0.92)
     axis = figure.subplots()
-    band = {"color": ORANGE, "alpha": 0.45, "linewidth": 0}
+    band = {"color": plots.ORANGE, "alpha": 0.45, "linewidth": 0}
     axis.fill_between([-half, half], low, high, **band, label="depth range")
-    axis.fill_between(x, far, near, step="mid", color=INK, linewidth=0.8, label="relic")
-    axis.plot([-half, half], [0, 0], color=GREEN, linewidth=2.2, label="lens array")
+    axis.fill_between(x, far, near, step="mid", color=plots.INK, linewidth=0.8, label="relic")
+    axis.plot([-half, half], [0, 0], color=plots.GREEN, linewidth=2.2, label="lens array")
     if min(0.0, low) <= display.central_depth_mm <= max(0.0, high):
-        dashed = {"color": VERMILION, "linewidth": 1.2, "linestyle": "--"}
+        dashed = {"color": plots.VERMILION, "linewidth": 1.2, "linestyle": "--"}
         axis.plot([-half, half], [display.central_depth_mm] * 2, **dashed, label="CDP")
-    style(axis, "From above (scales differ)", "x, mm", "depth z, towards the viewer, mm")
-    axis.legend(loc="upper left", bbox_to_anchor=(0, -0.14), ncols=2, **LEGEND)
-    return svg(figure)
+    plots.style(axis, "From above (scales differ)", "x, mm", "depth z, towards the viewer, mm")
+    axis.legend(loc="upper left", bbox_to_anchor=(0, -0.14), ncols=2, **plots.LEGEND)
+    return plots.svg(figure)
 
 
 def describe_profile(rgbd: RGBD) -> str:

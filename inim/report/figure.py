@@ -14,21 +14,8 @@ from inim.errors import FileError, UsageError, suggest_words
 from inim.files.image import read_exr, write_atomically, write_exr_parts
 from inim.image.color import srgb_from_linear
 from inim.metrics import HEADLINE, HEADLINE_WORDS, MAIN, ssim_map
-from inim.report import TRUTH
+from inim.report import TRUTH, plots
 from inim.report.labels import is_number, number
-from inim.report.plots import (
-    INK,
-    SOFT,
-    VERMILION,
-    Name,
-    blank_figure,
-    colour_of,
-    marker_of,
-    plain_ticks,
-    reproducible,
-    set_apart,
-    style,
-)
 from inim.report.score_table import REFERENCE, ScoreTable
 from inim.report.sections.time_against_error import times_of
 
@@ -113,7 +100,7 @@ def write_figure(report: Report, request: FigureRequest, path: Path) -> None:
     metadata = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
 
     def save(partial: Path) -> None:
-        with reproducible():
+        with plots.reproducible():
             form = path.suffix[1:].lower()
             figure.savefig(partial, format=form, dpi=_DPI, metadata=metadata)
 
@@ -142,7 +129,7 @@ def draw_figure(report: Report, request: FigureRequest) -> Any:
     }
     sizes = [heights[part] for part in request.parts]
     # Fixed margins: the solver of automatic layouts differs in the last bits from run to run.
-    figure = blank_figure((width, sum(sizes)))
+    figure = plots.blank_figure((width, sum(sizes)))
     parts = figure.subfigures(len(sizes), 1, height_ratios=sizes, squeeze=False).ravel()
     for name, part in zip(request.parts, parts, strict=True):
         drawers[name](part)
@@ -239,12 +226,14 @@ def _frame(axis: Any, left: int, top: int, side: int) -> None:
     from matplotlib.patches import Rectangle
 
     place = (left - 0.5, top - 0.5)
-    axis.add_patch(Rectangle(place, side, side, fill=False, edgecolor=VERMILION, linewidth=0.7))
+    axis.add_patch(
+        Rectangle(place, side, side, fill=False, edgecolor=plots.VERMILION, linewidth=0.7)
+    )
 
 
 def _show(axis: Any, pixels: np.ndarray, title: str, **options: Any) -> Any:
     image = axis.imshow(pixels, interpolation="nearest", **options)
-    axis.set_title(title, fontsize=_FONT, color=INK)
+    axis.set_title(title, fontsize=_FONT, color=plots.INK)
     axis.set_axis_off()
     return image
 
@@ -256,7 +245,7 @@ def _draw_errors(part: Any, images: dict[str, np.ndarray]) -> None:
     axes[0].set_axis_off()
     axes[0].text(
         0.5, 0.5, f"1 − {MAIN.label}\nreference: to the\nground truth;\nothers: to the\nreference",
-        ha="center", va="center", fontsize=_FONT, color=SOFT, transform=axes[0].transAxes,
+        ha="center", va="center", fontsize=_FONT, color=plots.SOFT, transform=axes[0].transAxes,
     )  # fmt: skip
     last = None
     for axis, name in zip(axes[1:], names, strict=True):
@@ -281,10 +270,10 @@ def _draw_scores(part: Any, report: Report, request: FigureRequest) -> None:
         low, high = (np.array([math.nan if end is None else end for end in side]) for side in ends)
         axis.errorbar(
             np.array(places) + offset, values, [values - low, high - values],
-            fmt=marker_of(name), color=colour_of(name), markersize=4, capsize=2, linewidth=0.8,
-            label=name.replace("$", r"\$"),
+            fmt=plots.marker_of(name), color=plots.colour_of(name), markersize=4, capsize=2,
+            linewidth=0.8, label=name.replace("$", r"\$"),
         )  # fmt: skip
-    style(axis, "", "viewpoint, with 95 % intervals", _HEADLINE_LINES)
+    plots.style(axis, "", "viewpoint, with 95 % intervals", _HEADLINE_LINES)
     axis.set_xticks(range(len(viewpoints)), viewpoints)
     axis.legend(fontsize=_FONT, frameon=False, loc="center left", bbox_to_anchor=(1, 0.5))
 
@@ -298,11 +287,15 @@ def _draw_time(part: Any, report: Report, request: FigureRequest) -> None:
         if name not in times or score is None:
             continue
         error = 1 - score
-        axis.plot(times[name], error, marker_of(name), color=colour_of(name), markersize=5)
-        labels.append(Name(name.replace("$", r"\$"), times[name], error, colour_of(name), _FONT))
-    style(axis, "", f"{unit} (↙ better)", f"1 − {_HEADLINE_LINES}")
+        axis.plot(
+            times[name], error, plots.marker_of(name), color=plots.colour_of(name), markersize=5
+        )
+        labels.append(
+            plots.Name(name.replace("$", r"\$"), times[name], error, plots.colour_of(name), _FONT)
+        )
+    plots.style(axis, "", f"{unit} (↙ better)", f"1 − {_HEADLINE_LINES}")
     axis.set_xscale("log")
     axis.margins(0.25, 0.2)
-    plain_ticks(axis)
+    plots.plain_ticks(axis)
     axis.figure.canvas.draw()
-    set_apart(axis, labels)
+    plots.set_apart(axis, labels)

@@ -9,13 +9,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from inim.documents.algorithms import SweepTable
 from inim.documents.files import write_text
 from inim.metrics import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS, MAIN, all_metrics
+from inim.report import plots
 from inim.report.labels import MISSING, is_number, mm, number
 from inim.report.page import (
     Section,
@@ -31,22 +32,7 @@ from inim.report.page import (
     text,
     text_table,
 )
-from inim.report.plots import (
-    BLUE,
-    INK,
-    SOFT,
-    Name,
-    draw_front,
-    draw_point,
-    new_figure,
-    on_front,
-    plain_ticks,
-    point_name,
-    set_apart,
-    style,
-    svg,
-)
-from inim.settings import DISPLAY_KEYS
+from inim.settings import DISPLAY_KEYS, Settings
 
 PAGE = "sweep.html"
 
@@ -186,22 +172,24 @@ def _points(results: Sequence[Result], display: str, column: str) -> dict[str, t
 def _draw_panels(panels: Mapping[str, Mapping[str, tuple[float, float]]], unit: str) -> bytes:
     figure, axes = _panels(len(panels), sharex=True, sharey=True)
     panel_points = [
-        (axis, display, points, on_front(points))
+        (axis, display, points, plots.on_front(points))
         for axis, (display, points) in zip(axes, panels.items(), strict=False)
     ]
     for axis, display, points, front in panel_points:
         for name, point in points.items():
-            draw_point(axis, name, *point, name in front)
-        draw_front(axis, [points[name] for name in front])
-        style(axis, display, f"{_UNITS[unit]} per EIA (↙ better)", f"1 − {HEADLINE_WORDS}")
+            plots.draw_point(axis, name, *point, name in front)
+        plots.draw_front(axis, [points[name] for name in front])
+        plots.style(axis, display, f"{_UNITS[unit]} per EIA (↙ better)", f"1 − {HEADLINE_WORDS}")
         axis.set_xscale("log")
         axis.margins(0.24, 0.14)
     for axis, *_ in panel_points:
-        plain_ticks(axis)
+        plots.plain_ticks(axis)
     figure.canvas.draw()  # the layout is final, so names can be placed
     for axis, _, points, front in panel_points:
-        set_apart(axis, [point_name(name, *at, name in front) for name, at in points.items()])
-    return svg(figure)
+        plots.set_apart(
+            axis, [plots.point_name(name, *at, name in front) for name, at in points.items()]
+        )
+    return plots.svg(figure)
 
 
 def matrix(display: str, settings: str, results: Sequence[Result]) -> str:
@@ -258,7 +246,7 @@ def best_displays(results: Sequence[Result]) -> str:
     }
     for scene, ranking in rankings.items():
         notices += _depth_notice(scene, ranking)
-        front = on_front(_depth_points(ranking))
+        front = plots.on_front(_depth_points(ranking))
         for place, result in enumerate(ranking):
             name = text(result.place)
             rows.append(
@@ -314,29 +302,31 @@ def _depth_plot(rankings: Mapping[str, Sequence[Result]]) -> str:
         return ""
     figure, axes = _panels(len(panels))
     for axis, (scene, points) in zip(axes, panels.items(), strict=False):
-        front = on_front(points)
+        front = plots.on_front(points)
         for name, (depth, score) in points.items():
-            colour = BLUE if name in front else SOFT
+            colour = plots.BLUE if name in front else plots.SOFT
             axis.plot(-depth, -score, "o", color=colour, markersize=5, clip_on=False)
-        style(axis, scene, "depth of the relic on the display, mm", f"{MAIN.label}, ground truth")
+        plots.style(
+            axis, scene, "depth of the relic on the display, mm", f"{MAIN.label}, ground truth"
+        )
         axis.margins(0.24, 0.14)
     figure.canvas.draw()
     for axis, points in zip(axes, panels.values(), strict=False):
-        front = on_front(points)
+        front = plots.on_front(points)
         names = [
-            Name(re.sub(r"\w+ = ", "", name), -x, -y, BLUE, 7)
+            plots.Name(re.sub(r"\w+ = ", "", name), -x, -y, plots.BLUE, 7)
             for name, (x, y) in points.items()
             if name in front
         ]
-        set_apart(axis, names)
-    return lead(_DEPTH_PLOT) + plot(svg(figure), "Score against depth")
+        plots.set_apart(axis, names)
+    return lead(_DEPTH_PLOT) + plot(plots.svg(figure), "Score against depth")
 
 
 def _panels(count: int, **options: Any) -> tuple[Any, Sequence[Any]]:
     """A figure with some panels; the rest of its last row is empty."""
     across = min(_MOST_ACROSS, count)
     down = -(-count // across)
-    figure, axes = new_figure(across, _PANEL_HEIGHT * down, down, **options)
+    figure, axes = plots.new_figure(across, _PANEL_HEIGHT * down, down, **options)
     for axis in axes[count:]:
         axis.set_visible(False)
     return figure, axes
@@ -373,7 +363,7 @@ def _heat_maps(results: Sequence[Result]) -> str:
         words += lead(
             f"The first {len(first_maps)} of {len(maps)} panels; the table has all values."
         )
-    return words + plot(svg(figure), "Scores by two parameters")
+    return words + plot(plots.svg(figure), "Scores by two parameters")
 
 
 def _maps_of(title: str, ranking: Sequence[Result]) -> dict[str, _HeatMap]:
@@ -408,10 +398,16 @@ def _draw_heat_map(axis: Any, title: str, heat_map: _HeatMap, limits: tuple[floa
         words = number(score, 3) + ("" if depth is None else f"\n{mm(depth)}")
         dark = score is None or score < (limits[0] + limits[1]) / 2
         axis.text(
-            j, i, words, ha="center", va="center", fontsize=7.5, color="white" if dark else INK
+            j,
+            i,
+            words,
+            ha="center",
+            va="center",
+            fontsize=7.5,
+            color="white" if dark else plots.INK,
         )
     axis.imshow(grid, origin="lower", aspect="auto", vmin=limits[0], vmax=limits[1])
-    style(axis, title, heat_map.across, heat_map.down)
+    plots.style(axis, title, heat_map.across, heat_map.down)
     axis.grid(False)
     axis.set_xticks(range(len(columns)), [f"{value:g}" for value in columns])
     axis.set_yticks(range(len(rows)), [f"{value:g}" for value in rows])
@@ -471,24 +467,21 @@ DEPTH, DEPTH_SHARE = "relic_depth_mm", "relic_depth_share"
 #: Column of the smallest headline score that passes.
 CRITERION = "min_ssim_to_reference"
 
+# Settings with columns of their own, or without one.
+_OTHER_COLUMNS = (
+    "title",
+    "display",
+    "algorithms",
+    "cameras",
+    "viewpoints",
+    "lens_model",
+    CRITERION,
+)
 #: Parameters and settings that tell rows of one scene, display, algorithm and viewpoint apart.
 VARIED_COLUMNS = (
     *DISPLAY_KEYS,
     "lens_model",
-    "misalign",
-    "fit_share",
-    "viewing_distance_mm",
-    "pupil_mm",
-    "focus_mm",
-    "luminance_cd_m2",
-    "view_pixels_per_lens",
-    "capture_pixels_per_pitch",
-    "capture_spp",
-    "eia_spp",
-    "view_spp",
-    "reconstruction_spp",
-    "score_error",
-    "seed",
+    *(f.name for f in fields(Settings) if f.name not in (*DISPLAY_KEYS, *_OTHER_COLUMNS)),
 )
 
 

@@ -10,24 +10,10 @@ from typing import Any
 from inim.documents.report import ReportDocument
 from inim.metrics import HEADLINE, HEADLINE_WORDS
 from inim.metrics.psnr import metric as PSNR  # noqa: N812
+from inim.report import plots
 from inim.report.images import ReportImages
 from inim.report.labels import plain
 from inim.report.page import element, plot, text
-from inim.report.plots import (
-    LINES,
-    Name,
-    across,
-    blank_figure,
-    colour_of,
-    draw_front,
-    marker_of,
-    on_front,
-    plain_ticks,
-    reproducible,
-    set_apart,
-    style,
-    svg,
-)
 from inim.report.sections import ReportSection
 
 _KERNEL_TIMES = "kernel times"
@@ -88,13 +74,13 @@ def times_of(data: ReportDocument) -> tuple[dict[str, float], str]:
 
 
 @lru_cache(maxsize=8)  # a page too large is put together again
-@reproducible()
+@plots.reproducible()
 def _drawing(
     views: tuple[_Point, ...], eias: tuple[_Point, ...], unit: str, floor: float | None
 ) -> bytes:
     """Both panels over one time axis, as SVG."""
     # Margins for labels of any length that there can be: to lay them out takes half of the time.
-    figure = blank_figure((9.2, 4.0))
+    figure = plots.blank_figure((9.2, 4.0))
     figure.subplots_adjust(left=0.09, right=0.985, bottom=0.13, top=0.92, wspace=0.24)
     axes = figure.subplots(1, 2, sharex=True)
     panels = (
@@ -104,33 +90,35 @@ def _drawing(
     labels = []
     for axis, (title, points, sign, label, line) in zip(axes, panels, strict=True):
         axis.set_xscale("log")
-        style(axis, title, f"{unit} (↙ better)", label)
+        plots.style(axis, title, f"{unit} (↙ better)", label)
         labels.append(_panel(axis, points, sign))
         if line is not None and points:
-            axis.axhline(line, **LINES["floor"])
-            across(axis, "noise floor", y=line)
+            axis.axhline(line, **plots.LINES["floor"])
+            plots.across(axis, "noise floor", y=line)
     axes[1].invert_yaxis()  # as in the other panel, down is better
     for axis in axes:
-        plain_ticks(axis)
+        plots.plain_ticks(axis)
     for axis in axes:
         axis.autoscale_view()  # now all has its place, and names can be set apart in it
     for axis, names in zip(axes, labels, strict=True):
-        set_apart(axis, names)
-    return svg(figure)
+        plots.set_apart(axis, names)
+    return plots.svg(figure)
 
 
-def _panel(axis: Any, points: Sequence[_Point], sign: float) -> list[Name]:
+def _panel(axis: Any, points: Sequence[_Point], sign: float) -> list[plots.Name]:
     """Draw one panel; the names that go into it."""
     for name, time, error in points:
-        mark, colour = marker_of(name), colour_of(name)
+        mark, colour = plots.marker_of(name), plots.colour_of(name)
         axis.plot(time, sign * error, mark, color=colour, markersize=7, zorder=3)
-    front = on_front({name: (time, error) for name, time, error in points})
+    front = plots.on_front({name: (time, error) for name, time, error in points})
     if len(front) > 1:
-        draw_front(axis, [(time, sign * error) for name, time, error in points if name in front])
+        plots.draw_front(
+            axis, [(time, sign * error) for name, time, error in points if name in front]
+        )
     axis.margins(0.25, 0.2)
     # A dollar sign would begin a formula.
     return [
-        Name(name.replace("$", r"\$"), time, sign * error, colour_of(name), 8)
+        plots.Name(name.replace("$", r"\$"), time, sign * error, plots.colour_of(name), 8)
         for name, time, error in points
     ]
 
