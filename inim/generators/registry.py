@@ -145,15 +145,9 @@ def algorithm(
 
 @dataclass(frozen=True)
 class Algorithm:
-    """An algorithm by its name.
+    """An algorithm by its name; `own` if it ships with inim.
 
-    Attributes
-    ----------
-    name : str
-    prepare : callable
-        ``prepare(display, shape, pixel_mm, **options)`` makes a `Generator`.
-    own : bool
-        It ships with inim.
+    ``prepare(display, shape, pixel_mm, **options)`` makes a `Generator`.
     """
 
     name: str
@@ -250,10 +244,7 @@ def algorithm_names() -> list[str]:
 def find_algorithm(name: str) -> Algorithm:
     """The algorithm of a name without options.
 
-    Raises
-    ------
-    UsageError
-        Unknown, announced twice, or an announced one that cannot be loaded.
+    Raises `UsageError` if it is unknown, announced twice, or announced and cannot be loaded.
     """
     if name in _built_in():
         return _built_in()[name]
@@ -274,12 +265,8 @@ def find_algorithm(name: str) -> Algorithm:
 def properties(text: str) -> AlgorithmProperties:
     """Properties of an algorithm, ``name`` or ``name:key=value``.
 
-    Those of inim's own algorithms load neither numba nor the renderer.
-
-    Raises
-    ------
-    UsageError
-        As `find_algorithm` and `parse_algorithm`.
+    Those of inim's own algorithms load neither numba nor the renderer. Raises `UsageError` as
+    `find_algorithm` and `parse_algorithm`.
     """
     name, options = parse_algorithm(text)
     return find_algorithm(name).properties(options)
@@ -288,10 +275,7 @@ def properties(text: str) -> AlgorithmProperties:
 def algorithm_summary(name: str) -> tuple[str, str]:
     """Name of an algorithm with the defaults of all its options, and its docstring's first line.
 
-    Raises
-    ------
-    UsageError
-        Unknown, or cannot be loaded.
+    Raises `UsageError` as `find_algorithm`.
     """
     definition = find_algorithm(name)
     no_default = (inspect.Parameter.empty, None)
@@ -307,10 +291,7 @@ def algorithm_summary(name: str) -> tuple[str, str]:
 def parse_algorithm(text: str) -> tuple[str, dict[str, str]]:
     """An algorithm with options, ``name`` or ``name:key=value:key=value``.
 
-    Raises
-    ------
-    UsageError
-        An option without a value, or given twice.
+    Raises `UsageError` for an option without a value, or given twice.
     """
     name, *items = (part.strip() for part in text.split(":"))
     options: dict[str, str] = {}
@@ -327,16 +308,9 @@ def parse_algorithm(text: str) -> tuple[str, dict[str, str]]:
 def algorithm_items(algorithms: object) -> tuple[str, ...]:
     """Algorithms one by one, each a name with its options: ``template:samples=4``.
 
-    Parameters
-    ----------
-    algorithms : str, mapping, or sequence of them
-        Texts are separated at their commas. A mapping holds options by name:
-        ``{"template": {"samples": 4}, "wang2024": {}}``.
-
-    Raises
-    ------
-    UsageError
-        Another type.
+    `algorithms` are a text, separated at its commas, a mapping of options by name,
+    ``{"template": {"samples": 4}, "wang2024": {}}``, or a sequence of these. Raises `UsageError`
+    for another type.
     """
     if isinstance(algorithms, str):
         return tuple(item.strip() for item in algorithms.split(",") if item.strip())
@@ -367,13 +341,7 @@ def check_algorithm(text: str) -> None:
 
 
 def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
-    """The value of an option that is one of a few words.
-
-    Raises
-    ------
-    UsageError
-        Any other value.
-    """
+    """The value of an option that is one of a few words; raises `UsageError` for any other."""
     if value not in choices:
         raise UsageError(f"{name} = {value!r}: {suggest_words(value, choices)}")
     return str(value)
@@ -382,10 +350,7 @@ def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
 def positive_mm(name: str, value: Any) -> float:
     """The value of an option that is a length, given as a number or as text.
 
-    Raises
-    ------
-    UsageError
-        Not a positive finite length.
+    Raises `UsageError` unless it is positive and finite.
     """
     try:
         length = math.nan if isinstance(value, bool) else float(value)

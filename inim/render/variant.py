@@ -23,16 +23,8 @@ _FEWEST_THREADS = 2
 def use(requested: str = "auto") -> backends.Backend:
     """Set a backend's variant and inim's plugins permanently, in one of inim's own processes.
 
-    Repeating it is free.
-
-    Parameters
-    ----------
-    requested : {"auto", "llvm", "cuda"}
-
-    Raises
-    ------
-    BackendError
-        When none works on this machine.
+    Repeating it is free. `requested` is "auto", "llvm" or "cuda". Raises `BackendError` if none
+    works on this machine.
     """
     check_plugin_folder(
         Path()
@@ -62,10 +54,7 @@ def _check_version(backend: backends.Backend) -> None:
 def load_plugins(modules: Iterable[PluginModule]) -> None:
     """Import modules that register Mitsuba plugins in the active variant, in a worker.
 
-    Raises
-    ------
-    UsageError
-        A module cannot be loaded, or changes the variant.
+    Raises `UsageError` if a module cannot be loaded, or changes the variant.
     """
     before = mi.variant()
     for module in modules:
@@ -83,18 +72,8 @@ def temporary(requested: str = "auto") -> Iterator[None]:
 
     The active variant's backend is kept if `requested` allows it. Afterwards, also after an
     exception, the variant and the thread count are restored. If no variant was active, the new one
-    remains, because Mitsuba cannot unset it.
-
-    Parameters
-    ----------
-    requested : {"auto", "llvm", "cuda"}
-
-    Raises
-    ------
-    BackendError
-        No backend works on this machine.
-    UsageError
-        `requested` is none of the three.
+    remains, because Mitsuba cannot unset it. `requested` is "auto", "llvm" or "cuda"; raises
+    `UsageError` for another word, and `BackendError` if no backend works on this machine.
     """
     check_plugin_folder(Path())
     before, threads = mi.variant(), dr.thread_count()
