@@ -5,6 +5,7 @@ from __future__ import annotations
 from inim.documents.parts import Check, Checks
 from inim.documents.report import ReportDocument
 from inim.metrics import RELIC_MARGIN_PX, all_metrics
+from inim.report.images import ReportImages
 from inim.report.labels import (
     NBSP,
     REFERENCE,
@@ -111,6 +112,14 @@ def _no_criteria(data: ReportDocument) -> str:
     return words + element("pre", element("code", text(line)), tabindex=0)
 
 
+def _checks(data: ReportDocument, _images: ReportImages) -> str:
+    return _no_criteria(data) + check_list(data.verdict)
+
+
+def _reproduce(data: ReportDocument, _images: ReportImages) -> str:
+    return how_to_reproduce(data).body
+
+
 def _check_row(check: Check) -> list[str]:
     word = "passed" if check.passed else "failed"
     name = text(check.name)
@@ -122,7 +131,7 @@ def _check_row(check: Check) -> list[str]:
     return [name, text(value), text(relation(check)), text(limit), badge, interval]
 
 
-def _timings(data: ReportDocument) -> str:
+def _timings(data: ReportDocument, _images: ReportImages) -> str:
     """Time of each stage, and the renderer's share."""
     timings = data.timings
     stages = {k: v for k, v in timings.items() if k not in (_TOTAL, _RENDER)}
@@ -146,7 +155,7 @@ def _stage_row(name: str, seconds: float, total: float) -> list[str]:
     return [label, text(number(seconds, 2)), element("div", words, bar, class_="share")]
 
 
-def _skipped_steps_section(data: ReportDocument) -> str:
+def _skipped_steps_section(data: ReportDocument, _images: ReportImages) -> str:
     """The section; empty without any step."""
     rows = [[getattr(row, key) for key in _SKIPPED] for row in data.skipped]
     if not rows:
@@ -170,24 +179,10 @@ def _meanings() -> str:
 
 
 SECTIONS = (
-    ReportSection(
-        100,
-        "checks",
-        "Checks",
-        lambda data, _: _no_criteria(data) + check_list(data.verdict),
-        is_folded=True,
-    ),
-    ReportSection(110, "timings", "Timings", lambda data, _: _timings(data), is_folded=True),
-    ReportSection(
-        120,
-        "skipped",
-        "Skipped steps",
-        lambda data, _: _skipped_steps_section(data),
-        is_folded=True,
-    ),
+    ReportSection(100, "checks", "Checks", _checks, is_folded=True),
+    ReportSection(110, "timings", "Timings", _timings, is_folded=True),
+    ReportSection(120, "skipped", "Skipped steps", _skipped_steps_section, is_folded=True),
     ReportSection(130, "warnings", "Warnings", lambda data, _: bullets(data.warnings, "cautions")),
-    ReportSection(
-        140, "reproduce", "Reproduce", lambda data, _: how_to_reproduce(data).body, is_folded=True
-    ),
+    ReportSection(140, "reproduce", "Reproduce", _reproduce, is_folded=True),
     ReportSection(150, "meaning", "Glossary", lambda _, __: _meanings(), is_folded=True),
 )
