@@ -49,13 +49,10 @@ def pytest_configure(config: pytest.Config) -> None:
 def inim_validate(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[..., Report]:
     """Validate a scene and compare it with this test's baseline.
 
-    Returns
-    -------
-    callable
-        Function of a scene and the arguments of `inim.validate`, and `name` for the baseline if a
-        test has several. A scene's path is relative to the test's folder, or absolute. Returns the
-        report, whose folder is inside the test's `tmp_path`. Fails the test, with a line for each
-        failed check, or if the baseline is missing.
+    The function takes a scene, the arguments of `inim.validate`, and `name` for the baseline if a
+    test has several. A scene's path is relative to the test's folder, or absolute. It returns the
+    report, whose folder is inside the test's `tmp_path`. It fails the test, with a line for each
+    failed check, or if the baseline is missing.
     """
     config = request.config
 

@@ -60,7 +60,10 @@ def register() -> None:
         return
 
     class DisplaySensor(mi.Sensor):  # type: ignore[misc]
-        """Sensor whose rays follow from a display; its `to_world` puts the display into a world."""
+        """Sensor whose rays follow from a display; its `to_world` puts the display into a world.
+
+        The method `rays` of a subclass checks the film, or adds one.
+        """
 
         plugin: str
         own: tuple[str, ...]
@@ -80,10 +83,6 @@ def register() -> None:
         def traverse(self, callback: Any) -> None:
             super().traverse(callback)
             callback.put("to_world", self.to_world, mi.ParamFlags.NonDifferentiable)
-
-        def rays(self, values: dict[str, Any], props: Any) -> SeparableRays | NonSeparableRays:
-            """The rays that the parameters describe; checks the film, or adds one."""
-            raise NotImplementedError
 
         def parameters_changed(self, keys: list[str]) -> None:
             super().parameters_changed(keys)

@@ -10,6 +10,7 @@
 from __future__ import annotations
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -73,7 +74,7 @@ class MethodSetup:
 
 
 @dataclass(frozen=True)
-class Method:
+class Method(ABC):
     """A source of an EIA to score; it can be pickled.
 
     `name` is the name in the report and its files: the algorithm with its options. `verb` is the
@@ -90,15 +91,15 @@ class Method:
         """Its input from the scene."""
         return RGBD
 
-    def check(self) -> None:
+    def check(self) -> None:  # noqa: B027 (most methods have none)
         """Raise an `InimError` for mistakes that can be detected without native code.
 
         Plans are also made outside the worker, where a crash of a decoder would end the program.
         """
 
+    @abstractmethod
     def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:
         """Prepare before anything is rendered, so that mistakes cost no rendering time."""
-        raise NotImplementedError
 
 
 def prepare_methods(
