@@ -1,11 +1,12 @@
-"""Measure how often the intervals of scores contain the score with 64 times the samples.
+"""Measure how often the intervals of scores contain the score with many samples.
 
-    python -m reports.coverage.run scenes/amphora.xml ... -o reports/coverage --seeds 40
+    python -m reports.coverage.run scenes/amphora.xml ... -o reports/coverage
 
-Each scene is evaluated with new seeds, once with the samples of a preview and once with the default
-samples. A score of an evaluation is covered if its interval contains the value of a single
-evaluation with 64 times the default samples and yet another seed. Finished evaluations in
-``out/coverage`` are reused: remove them after a change.
+Each scene is evaluated with new seeds, with the samples of a preview and with the default samples.
+A score of an evaluation is covered if its interval contains the value of a single evaluation with
+another seed and 64 times the samples of a preview, which are 16 times the default samples (32 times
+those of the RGB-D picture). Finished evaluations in ``out/coverage`` are reused: remove them after
+a change.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from inim.pipeline.request import PREVIEW, Request
 from inim.pipeline.validate import evaluate
 from inim.process.observer import Observer
 from inim.regression.scores import INTERVAL_LEVEL, score_interval
-from inim.settings import PREFIX
+from inim.settings import PREFIX, Settings
 
 RUNS = Path("out", "coverage")
 #: The default, the same sources with the nearest colour of one ray, and layers.
@@ -35,6 +36,11 @@ VIEWPOINTS = ("centre",)
 FACTOR = 64
 _COUNTS = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp")
 _PREVIEW = {name: int(PREVIEW[f"{PREFIX}{name}"]) for name in _COUNTS}
+_SAMPLES: dict[str, dict[str, int]] = {
+    "preview": _PREVIEW,
+    "default": {name: getattr(Settings(), name) for name in _COUNTS},
+    "truth": {name: FACTOR * count for name, count in _PREVIEW.items()},
+}
 _TRUTH_SEED = 1_000_003
 _TARGET = (0.90, 0.99)
 
@@ -48,15 +54,14 @@ class _Unsaved(Images):
         pass
 
 
-def evaluate_scene(scene: Path, samples: Mapping[str, int], factor: int, seed: int) -> Intervals:
+def evaluate_scene(scene: Path, samples: Mapping[str, int], seed: int) -> Intervals:
     """Value and interval of every score of a scene, by ``algorithm/viewpoint score``.
 
-    `samples` replace the scene's sample counts, which are multiplied by `factor`.
+    `samples` replace the scene's sample counts.
     """
     request = Request(scene=scene, out=Path("unused"), algorithms=ALGORITHMS, viewpoints=VIEWPOINTS)
     plan = make_plan(request)
-    counts = {n: factor * samples.get(n, getattr(plan.settings, n)) for n in _COUNTS}
-    plan = replace(plan, settings=replace(plan.settings, **counts, seed=seed))
+    plan = replace(plan, settings=replace(plan.settings, **samples, seed=seed))
     with tempfile.TemporaryDirectory() as folder:
         run, renderer, _ = setup(plan, Path(folder), Observer())
         evaluation = evaluate(plan, renderer, _Unsaved(Path(folder), {}, run.observer), run)
@@ -74,8 +79,7 @@ def stored(scene: Path, mode: str, seed: int) -> Intervals:
     """Evaluate a scene as a preview, with default samples, or for the truth; once."""
     path = RUNS / f"{scene.stem}-{mode}-{seed}.json"
     if not path.is_file():
-        samples = _PREVIEW if mode == "preview" else {}
-        result = evaluate_scene(scene, samples, FACTOR if mode == "truth" else 1, seed)
+        result = evaluate_scene(scene, _SAMPLES[mode], seed)
         print(path.stem, flush=True)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(json.dumps(result), "utf-8")
@@ -137,7 +141,7 @@ def page(modes: Mapping[str, Sequence[Mapping[str, Any]]], seeds: Mapping[str, i
         "# Coverage of the intervals of scores",
         "",
         f"Share of {1 - INTERVAL_LEVEL:.0%} intervals that contain the score with {FACTOR} times "
-        f"the default samples. Target: {low:.0%} to {high:.0%}.",
+        f"the samples of a preview. Target: {low:.0%} to {high:.0%}.",
     ]
     for mode, rows in modes.items():
         covered, total = (sum(row[key] for row in rows) for key in ("covered", "intervals"))
@@ -161,24 +165,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("scenes", nargs="+", type=Path)
     parser.add_argument("-o", "--out", type=Path, required=True)
-    parser.add_argument("--seeds", type=int, default=40)
+    parser.add_argument("--previews", type=int, default=40, help="seeds with preview samples")
+    parser.add_argument("--defaults", type=int, default=40, help="seeds with default samples")
     options = parser.parse_args()
-    numbers = range(1, options.seeds + 1)
-    for scene in options.scenes:
-        stored(scene, "truth", _TRUTH_SEED)
-    for seed in numbers:
-        for scene in options.scenes:
-            stored(scene, "preview", seed)
-            stored(scene, "default", seed)
-    modes, seeds = {}, {}
-    for mode in ("preview", "default"):
-        counts = {
-            scene.stem: count_covered(
-                stored(scene, "truth", _TRUTH_SEED), [stored(scene, mode, n) for n in numbers]
-            )
+    seeds = {"preview": options.previews, "default": options.defaults}
+    truth = {scene: stored(scene, "truth", _TRUTH_SEED) for scene in options.scenes}
+    for number in range(1, max(seeds.values()) + 1):
+        for mode in seeds:
+            for scene in options.scenes if number <= seeds[mode] else ():
+                stored(scene, mode, number)
+    modes = {}
+    for mode, count in seeds.items():
+        evaluations = {
+            scene: [stored(scene, mode, number) for number in range(1, count + 1)]
             for scene in options.scenes
         }
-        modes[mode], seeds[mode] = summarize(counts), options.seeds
+        modes[mode] = summarize(
+            {scene.stem: count_covered(truth[scene], evaluations[scene]) for scene in truth}
+        )
     options.out.mkdir(parents=True, exist_ok=True)
     document = json.dumps({"seeds": seeds, "factor": FACTOR, "coverage": modes}, indent=1)
     (options.out / "coverage.json").write_text(document + "\n", "utf-8")
