@@ -54,7 +54,7 @@ class _Unsaved(Images):
         pass
 
 
-def evaluate_scene(scene: Path, samples: Mapping[str, int], seed: int) -> Intervals:
+def evaluate_scene(scene: Path, samples: Mapping[str, Any], seed: int) -> Intervals:
     """Value and interval of every score of a scene, by ``algorithm/viewpoint score``.
 
     `samples` replace the scene's sample counts.
