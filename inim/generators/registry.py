@@ -40,6 +40,10 @@ from inim.settings import value_text
 DEFAULT = "template"
 #: Ray tracing the scene itself, which a validation can score as it does the generators.
 PICKUP = "pickup"
+#: The EIA whose views come closest to the scene, which a validation can score as well.
+OPTIMAL = "optimal"
+#: Algorithms whose input is the scene itself.
+SCENE_ALGORITHMS = (PICKUP, OPTIMAL)
 #: The parameter of a `prepare` that takes a pixel mask; not an option of the algorithm.
 MASK = "mask"
 
@@ -238,7 +242,7 @@ def foreign_errors(text: str) -> AbstractContextManager[None]:
 def algorithm_names() -> list[str]:
     """All algorithms there are: the project's own, then those that other packages announce."""
     others = announced_names(_ENTRY_POINTS)
-    return [*_built_in(), *(n for n in others if n not in _built_in() and n != PICKUP)]
+    return [*_built_in(), *(n for n in others if n not in (*_built_in(), *SCENE_ALGORITHMS))]
 
 
 def find_algorithm(name: str) -> Algorithm:
@@ -248,7 +252,7 @@ def find_algorithm(name: str) -> Algorithm:
     """
     if name in _built_in():
         return _built_in()[name]
-    if name == PICKUP:
+    if name in SCENE_ALGORITHMS:
         raise UsageError(f"algorithm {name!r} needs the scene, not a picture: use `inim validate`")
     if name not in announced_names(_ENTRY_POINTS):
         raise UsageError(f"algorithm {name!r}: {suggest_words(name, algorithm_names())}")

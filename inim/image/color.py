@@ -27,6 +27,18 @@ def srgb_from_linear(linear: np.ndarray) -> np.ndarray:
     return np.where(clipped <= _KNEE, 12.92 * clipped, curve).astype(np.float32)
 
 
+def srgb_slope(linear: np.ndarray) -> np.ndarray:
+    """Derivative of `srgb_from_linear` within the panel's range; continued above white.
+
+    Parameters
+    ----------
+    linear : (...) float array
+        Linear radiance, at least 0.
+    """
+    curve = 1.055 / 2.4 * np.power(np.maximum(linear, _KNEE), 1 / 2.4 - 1)
+    return np.where(linear <= _KNEE, 12.92, curve)
+
+
 def linear_from_srgb(srgb: np.ndarray) -> np.ndarray:
     """The linear RGB of sRGB in 0..1, by IEC 61966-2-1: the inverse of `srgb_from_linear`.
 

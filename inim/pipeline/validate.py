@@ -55,7 +55,7 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
     camera = plan.camera(renderer)
     scene = camera.scene
     mask = find_observed_pixels(eyes, optics, renderer, run=run) if plan.request.lazy else None
-    setup = MethodSetup(camera, s.eia_spp, mask)
+    setup = MethodSetup(camera, optics, eyes, s.eia_spp, s.view_spp, mask)
     prepared_methods = prepare_methods(plan.methods, setup, run=run)
 
     scene_record = describe_scene(scene, run=run)
@@ -79,7 +79,7 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
 
     results = {}
     for method, prepared_method in zip(plan.methods, prepared_methods, strict=True):
-        output = generate_eia(method, prepared_method, capture, run=run)
+        output = generate_eia(method, prepared_method, capture, truth_eia, run=run)
         images.save(f"eia/{method.name}", output.eia.image)
         views = reconstruct_views(method.name, output.eia, eyes, optics, renderer, run=run)
         images.save_views(method.name, views)

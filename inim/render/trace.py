@@ -38,6 +38,11 @@ def limit_rays(count: int) -> None:
     _RAYS_PER_PASS = count
 
 
+def rays_per_pass() -> int:
+    """Maximum number of simultaneous rays in this process."""
+    return _RAYS_PER_PASS
+
+
 def scene_light(scene: Any, integrator: Any, camera: FilmCamera) -> Light:
     """Function that returns the light of a camera's rays in a Mitsuba scene."""
 
@@ -65,7 +70,6 @@ def mean_light(
     Returns (*shape, 3) float32, linear RGB. Equal seeds give equal pixels for every mask.
     """
     started, traced = time.perf_counter(), 0
-    seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
     count = math.prod(shape)
     image = np.zeros((count, 3), np.float32)
     for first in range(0, count, _PIXELS_PER_BAND):
@@ -88,19 +92,35 @@ def _sums(light: Light, pixels: np.ndarray, spp: int, seed: int) -> np.ndarray:
         part = slice(start, start + pixels_per_pass)
         for first in range(0, spp, samples_per_pass):
             samples = min(samples_per_pass, spp - first)
-            color = _wavefront(light, pixels[part], first, samples, seed)
+            color = trace_samples(light, pixels[part], first, samples, seed)
             # Summing outside the kernel keeps the count out of it: no compilation per setting.
             total[part] += np.stack([np.asarray(dr.block_sum(c, samples)) for c in color], -1)
     return total
 
 
-def _wavefront(light: Light, pixels: np.ndarray, first: int, samples: int, seed: int) -> Any:
-    """Light of each sample of one pass; one compiled kernel for all passes."""
+def trace_samples(light: Light, pixels: np.ndarray, first: int, samples: int, seed: int) -> Any:
+    """Result of a function for each sample of one pass; one compiled kernel for all passes.
+
+    Parameters
+    ----------
+    light : callable
+        See `Light`. Its result may be any value that Dr.Jit evaluates.
+    pixels : (n,) int
+        Flat indices of the pixels.
+    first, samples : int
+        First sample of each pixel, and their number.
+    seed : int
+
+    Returns
+    -------
+    Values of n * samples lanes, pixel by pixel.
+    """
     lane = dr.arange(mi.UInt32, len(pixels) * samples)
     count = dr.opaque(mi.UInt32, samples)
     entry = lane // count
     index = dr.gather(mi.UInt32, mi.UInt32(np.asarray(pixels, np.uint32)), entry)
     sampler = mi.load_dict({"type": PLUGIN})
+    seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
     sampler.start(seed, index, lane - entry * count + dr.opaque(mi.UInt32, first))
     color = light(index, sampler)
     dr.eval(color)

@@ -32,7 +32,7 @@ from inim.documents.algorithms import UnitDocument
 from inim.documents.document import encode
 from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, WorkerError
 from inim.files.image import write_atomically
-from inim.generators import PICKUP, is_own, parse_algorithm
+from inim.generators import SCENE_ALGORITHMS, is_own, parse_algorithm
 from inim.metrics import foreign_identities
 from inim.pipeline.baseline import FOLDER as STATISTICS
 from inim.pipeline.plan import Plan, make_plan
@@ -179,7 +179,7 @@ def algorithm_inputs(plan: Plan, algorithm: str) -> dict[str, Any]:
     """Further inputs of an algorithm's result: its criterion, and another package's code."""
     inputs: dict[str, Any] = {"min_ssim_to_reference": plan.ssim_limits.get(algorithm)}
     name = parse_algorithm(algorithm)[0]
-    if is_own(name) or name == PICKUP:
+    if is_own(name) or name in SCENE_ALGORITHMS:
         return inputs
     return inputs | identity("inim.generators", name)
 

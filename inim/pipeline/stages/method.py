@@ -4,6 +4,7 @@
 | ----------------- | --------------------------------------- | ------------------------------ |
 | `GeneratorMethod` | from a generator and the RGB-D picture  | ``--algorithms template``      |
 | `PickupMethod`    | ray traced from the scene               | ``--algorithms pickup:spp=16`` |
+| `OptimalMethod`   | whose views come closest to the scene   | ``--algorithms optimal``       |
 | `FileMethod`      | from a file of any program              | ``--eia mine=mine.png``        |
 """
 
@@ -14,15 +15,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from inim.display.viewpoint import is_file_safe
+from inim.display.viewpoint import Viewpoint, is_file_safe
 from inim.errors import InimError, UsageError, suggest_words
 from inim.files.eia_file import check_eia_name, read_eia
 from inim.generators import (
+    OPTIMAL,
     PICKUP,
+    SCENE_ALGORITHMS,
     algorithm_names,
     algorithm_summary,
     check_algorithm,
@@ -35,6 +38,8 @@ from inim.image.rgbd import RGBD
 from inim.pipeline.stages.capture import Capture, DepthCamera
 from inim.pipeline.stages.generation import GeneratedEIA, hole_fraction, prepare_generator
 from inim.pipeline.stages.ground_truth import covered_pixels, pick_up_eia
+from inim.pipeline.stages.optimal import ScoredViews, optimise_eia
+from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import seed_of
 from inim.pipeline.stages.stage import Run
 from inim.regression.comparison import is_steady, log_ratios
@@ -56,20 +61,23 @@ _LABEL = re.compile(r"[\w+-][\w.+:=-]{0,99}")
 # More samples per pixel are a typing error.
 _MAX_SAMPLES = 2**20
 
-#: A method ready to compute the EIA of a capture.
-PreparedMethod = Callable[[Capture], GeneratedEIA]
+#: A method ready to compute an EIA of the scene from its capture and its ground-truth EIA.
+PreparedMethod = Callable[[Capture, NoisyImage], GeneratedEIA]
 
 
 @dataclass(frozen=True)
 class MethodSetup:
     """Inputs of a run's methods that exist before anything is rendered.
 
-    `eia_spp` are the samples per panel pixel of the ground truth; `mask`, (rows, columns) bool,
-    selects the panel pixels to generate, all if None.
+    `eia_spp` and `view_spp` are the samples per pixel of the ground-truth EIA and views; `mask`,
+    (rows, columns) bool, selects the panel pixels to generate, all if None.
     """
 
     camera: DepthCamera
+    optics: Optics
+    viewpoints: tuple[Viewpoint, ...]
     eia_spp: int
+    view_spp: int
     mask: np.ndarray | None = None
 
 
@@ -114,11 +122,16 @@ def prepare_methods(
 
 
 def generate_eia(
-    method: Method, prepared_method: PreparedMethod, capture: Capture, *, run: Run
+    method: Method,
+    prepared_method: PreparedMethod,
+    capture: Capture,
+    truth_eia: NoisyImage,
+    *,
+    run: Run,
 ) -> GeneratedEIA:
     """Generate the EIA of a method; pixels that are not finite become black and fail a check."""
     with run.observer.timed(f"{method.verb} {method.name}"):
-        output = prepared_method(capture)
+        output = prepared_method(capture, truth_eia)
     return replace(output, eia=output.eia.replace_nonfinite())
 
 
@@ -135,7 +148,8 @@ class GeneratorMethod(Method):
 
     def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:
         """See `Method`."""
-        return prepare_generator(self.name, setup.camera, setup.mask, run=run)
+        generate_from = prepare_generator(self.name, setup.camera, setup.mask, run=run)
+        return lambda capture, _: generate_from(capture)
 
 
 @dataclass(frozen=True)
@@ -154,7 +168,7 @@ class FileMethod(Method):
         display = setup.camera.scene.display
         eia, nonempty = read_eia(self.path, display)
         holes = hole_fraction(None if nonempty is None else ~nonempty, display, setup.mask)
-        return lambda _: GeneratedEIA(NoisyImage.from_image(eia), None, holes)
+        return lambda *_: GeneratedEIA(NoisyImage.from_image(eia), None, holes)
 
 
 @dataclass(frozen=True)
@@ -172,13 +186,30 @@ class PickupMethod(Method):
         scene, mask = setup.camera.scene, setup.mask
         display, seed = scene.display.through_pinholes(), seed_of("pickup", setup.camera.seed)
 
-        def generate(_: Capture) -> GeneratedEIA:
+        def generate(*_: Any) -> GeneratedEIA:
             spp, name = self.spp or setup.eia_spp, f"EIA of {self.name}"
             eia, seconds = pick_up_eia(scene, display, spp, seed, mask, name, run=run)
             holes = hole_fraction(~covered_pixels(scene, run=run), scene.display, mask)
             return GeneratedEIA(NoisyImage.from_image(eia.image, eia.noise), seconds, holes)
 
         return generate
+
+
+class OptimalMethod(Method):
+    """EIA whose views come closest to the scene: the bound of all algorithms."""
+
+    verb = "optimise"
+
+    def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:
+        """See `Method`."""
+        views = ScoredViews(setup.optics, setup.viewpoints, setup.view_spp)
+        views.check()
+
+        def optimise(_: Capture, truth_eia: NoisyImage) -> GeneratedEIA:
+            eia, seconds = optimise_eia(self.name, setup.camera.scene, views, truth_eia, run=run)
+            return GeneratedEIA(eia, seconds, None)
+
+        return optimise
 
 
 def parse_methods(algorithms: Sequence[str], eias: Mapping[str, Path]) -> tuple[Method, ...]:
@@ -209,8 +240,12 @@ def _parse_algorithm(text: str) -> Method:
     label = ":".join([name, *(f"{key}={value}" for key, value in options.items())])
     if name == PICKUP:
         return PickupMethod(label, _pickup_samples(label, options))
+    if name == OPTIMAL:
+        for key in options:
+            raise UsageError(f"algorithm {OPTIMAL!r} has no option {key!r}; it has none")
+        return OptimalMethod(label)
     if name not in (names := algorithm_names()):
-        raise UsageError(f"algorithm {name!r}: {suggest_words(name, [*names, PICKUP])}")
+        raise UsageError(f"algorithm {name!r}: {suggest_words(name, [*names, *SCENE_ALGORITHMS])}")
     check_algorithm(text)
     if not _LABEL.fullmatch(label):
         raise UsageError(
@@ -250,7 +285,7 @@ def parse_eias(items: Iterable[str]) -> dict[str, Path]:
 def _file_method(name: str, path: Path) -> Method:
     if not is_file_safe(name):
         raise UsageError(f"--eia name {name!r}: use 1 to 64 letters, digits or . _ + -")
-    reserved_names = (*_RESERVED_NAMES, PICKUP, *algorithm_names())
+    reserved_names = (*_RESERVED_NAMES, *SCENE_ALGORITHMS, *algorithm_names())
     if name.lower() in (word.lower() for word in reserved_names):
         raise UsageError(f"--eia name {name!r} is reserved; choose another")
     return FileMethod(name, path)
@@ -261,8 +296,13 @@ def algorithm_table() -> str:
 
     An algorithm that cannot be loaded has its error as its summary.
     """
-    summary = (PickupMethod.__doc__ or "").partition("\n")[0]
-    rows = [(f"{PICKUP}:spp=EIA_SPP", summary)]
+    rows = [
+        (usage, (method.__doc__ or "").partition("\n")[0])
+        for usage, method in (
+            (OPTIMAL, OptimalMethod),
+            (f"{PICKUP}:spp=EIA_SPP", PickupMethod),
+        )
+    ]
     for name in reversed(algorithm_names()):
         try:
             rows.append(algorithm_summary(name))

@@ -15,7 +15,7 @@ from inim.scene.file import SceneFile
 
 # Each rendered image has its own seed, so that a new viewpoint changes no other image. Append new
 # names at the end.
-_SEEDED = ("capture", "eia", "views", "pickup", "layers")
+_SEEDED = ("capture", "eia", "views", "pickup", "layers", "optimal")
 
 
 def seed_of(image: str, run_seed: int) -> int:
