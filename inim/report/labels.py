@@ -15,7 +15,8 @@ from typing import Any, Literal, TypeGuard
 from inim.documents.parts import Check
 from inim.documents.picture import PictureDocument
 from inim.documents.report import ReportDocument
-from inim.metrics import HEADLINE, Metric, all_metrics, find, preferred_algorithm
+from inim.generators.registry import OPTIMAL
+from inim.metrics import HEADLINE, Metric, all_metrics, find, preferred_algorithm, psnr
 
 ScoreKind = Literal["scene", "reference", "relic", "relic to reference", "eia"]
 
@@ -76,6 +77,24 @@ def mm(value: float | None) -> str:
 def per_cent(share: float | None, digits: int) -> str:
     """A share of one in per cent."""
     return f"{number(100 * share, digits)}{NBSP}%" if is_number(share) else MISSING
+
+
+def shares_of_possible(data: ReportDocument) -> dict[str, float]:
+    """Share of what is possible that each algorithm reaches, the best first.
+
+    The least possible error of the views, that of `optimal`, divided by the algorithm's: root mean
+    squares, from the mean PSNR of whole views to the ground truth. Empty without `optimal`.
+    """
+    if OPTIMAL not in data.algorithms:
+        return {}
+    psnr_db = {name: data.mean(name, psnr.metric.key) for name in data.algorithms}
+    best = psnr_db.pop(OPTIMAL)
+    shares = {
+        name: 10 ** ((value - best) / 20)
+        for name, value in psnr_db.items()
+        if best is not None and value is not None
+    }
+    return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
 
 def score(scores: Mapping[str, Any], key: str) -> str:
@@ -248,4 +267,5 @@ def suggested_criteria(report: ReportDocument) -> str:
     """
     if full_command(report):
         return ""
-    return ", ".join(f"{name}:{limit:.2f}" for name, limit in report.passing_limits().items())
+    limits = report.passing_limits().items()
+    return ", ".join(f"{name}:{limit:.2f}" for name, limit in limits if name != OPTIMAL)

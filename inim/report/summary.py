@@ -25,6 +25,7 @@ from inim.report.labels import (
     plain,
     relation,
     score,
+    shares_of_possible,
     suggested_criteria,
     verdict_words,
 )
@@ -55,6 +56,7 @@ def render_summary(data: ReportDocument) -> str:
         "SSIM on the relic to the reference, in brackets to the ground truth; then both for "
         "the whole image. Scores are corrected for noise, except those of the EIA and the noise "
         "floor. The reference is the view of the ground-truth EIA.",
+        *(f"{markdown_text(line, _LONGEST_SENTENCE)}." for line in _possible_lines(data)),
         *criteria,
         *_regression_lines(data),
         *_failures(data),
@@ -87,7 +89,14 @@ def score_lines(data: ReportDocument) -> list[str]:
             lines += _aligned(block)
             block = [first]
         block.append(cells)
-    return lines + _aligned(block)
+    return [*lines, *_aligned(block), *_possible_lines(data)]
+
+
+def _possible_lines(data: ReportDocument) -> list[str]:
+    """Line with the algorithms' `shares_of_possible`; none without `optimal`."""
+    shares = shares_of_possible(data).items()
+    cells = ", ".join(f"{name} {per_cent(share, 0)}" for name, share in shares)
+    return [f"share of what is possible: {cells}"] * bool(cells)
 
 
 def render_table(data: ReportDocument, link: str) -> str:

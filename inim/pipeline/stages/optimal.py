@@ -13,10 +13,11 @@ gradients, on the values that are not held at 0 or 1 (Nocedal and Wright, Numeri
 ground-truth EIA.
 
 Limits. It bounds the mean over the viewpoints of the PSNR of whole views, not SSIM, FLIP, the score
-of a single view, of the relic, or of other viewpoints: with few viewpoints, each has panel pixels
-of its own, and views in between are sacrificed. It is a local optimum, rounded to 8 bits. It is
-found with ground-truth views of its own noise, so it does not follow the noise of those that score
-it; its own noise lowers its score slightly, which the noise correction of the scores estimates.
+of a single view, of the relic, or of other viewpoints. With few viewpoints, hardly any panel pixel
+serves two of them, and views in between are sacrificed; more viewpoints give a lower and stricter
+bound. It is a local optimum, rounded to 8 bits. Its ground-truth views have another seed than those
+that score it, so it does not follow their noise. The noise of these views lowers its score
+slightly; the noise correction of the scores estimates by how much.
 """
 
 from __future__ import annotations
@@ -50,6 +51,8 @@ _NEARNESS = np.float32(1e-3)
 _TOLERANCE = 1e-3
 _MOST_STEPS = 8
 _CONJUGATE_STEPS = 20
+# Share of the squared gradient that counts as solved, some float32 roundings.
+_LEAST_REST = 1e-10
 _SHORTEST_STEP = 1e-3
 
 
@@ -202,17 +205,22 @@ class LeastSquares:
             return total
 
         gradient = transposed(estimate.residuals) + _NEARNESS * (estimate.codes - start)
-        held = (estimate.codes <= 0) & (gradient > 0) | (estimate.codes >= 1) & (gradient < 0)
+        is_at_bound = (estimate.codes <= 0) & (gradient > 0) | (estimate.codes >= 1) & (
+            gradient < 0
+        )
         direction: np.ndarray = np.zeros_like(gradient)
-        rest = np.where(held, 0, -gradient)
+        rest = np.where(is_at_bound, 0, -gradient)
         along, square = rest.copy(), float(np.vdot(rest, rest))
-        for _ in range(_CONJUGATE_STEPS if square > 0 else 0):
+        smallest = _LEAST_REST * square
+        for _ in range(_CONJUGATE_STEPS):
+            if square <= smallest:
+                break
             light = light_slope * along
             changes = [
                 slope * _apply(forward, light)
                 for forward, slope in zip(self._forward, estimate.slopes, strict=True)
             ]
-            curved = np.where(held, 0, transposed(changes) + _NEARNESS * along)
+            curved = np.where(is_at_bound, 0, transposed(changes) + _NEARNESS * along)
             share = np.float32(square / float(np.vdot(along, curved)))
             direction += share * along
             rest -= share * curved

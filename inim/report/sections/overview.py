@@ -24,6 +24,7 @@ from inim.report.labels import (
     per_cent,
     score,
     score_keys,
+    shares_of_possible,
 )
 from inim.report.page import element, figure, lead, radio, table, text
 from inim.report.sections import ReportSection
@@ -85,11 +86,14 @@ def ranking(data: ReportDocument) -> list[tuple[str, float]]:
 
 def verdict_sentence(data: ReportDocument) -> str:
     """The best algorithm, and the next, in a sentence; empty without scores."""
-    ranked = ranking(data)
+    shares = shares_of_possible(data)
+    ranked = [*shares.items()] or ranking(data)
     if not ranked:
         return ""
     (best, value), *others = ranked
     words = f"{best} keeps {per_cent(value, 0)} of what this display can show"
+    if shares:
+        words = f"{best} reaches {per_cent(value, 0)} of what is possible"
     if others:
         words += f"; the next, {others[0][0]}, {per_cent(others[0][1], 0)}"
     return f"{words}."
@@ -98,6 +102,8 @@ def verdict_sentence(data: ReportDocument) -> str:
 def _sentence(data: ReportDocument) -> str:
     words = verdict_sentence(data)
     meaning = f"Mean {MAIN.label} on the relic to the reference view"
+    if shares_of_possible(data):
+        meaning = "Least possible view error, of optimal, over the algorithm's; root mean squares"
     return element("p", text(words), class_="sentence", title=meaning) if words else ""
 
 
