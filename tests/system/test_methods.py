@@ -25,7 +25,7 @@ from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE, FileError, U
 from inim.files.eia_file import read_eia
 from inim.files.image import read_exr, write_exr
 from inim.generators import SourceGenerator, algorithm_items
-from inim.image.color import linear_from_srgb
+from inim.image.color import linear_from_srgb, srgb_from_linear
 from inim.pipeline.job import setup
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
@@ -182,7 +182,7 @@ def task_of(plan: Plan, folder: Path) -> MethodSetup:
     """Task that methods of a plan are given."""
     _, renderer, _ = setup(plan, folder, Observer())
     scene = Scene(plan.file, plan.display, plan.settings.fit_share, renderer)
-    return MethodSetup(DepthCamera(scene, 5, 2, 0), 2)
+    return MethodSetup(DepthCamera(scene, 5, 2, 0), plan.optics, plan.viewpoints, 2, 2)
 
 
 @pytest.mark.parametrize(
@@ -286,6 +286,7 @@ def test_grey_of_16_bits_keeps_them(tmp_path):
         ("template", ("reference=a.png",), "'reference' is reserved"),
         ("wang2024", ("Template=a.png",), "'Template' is reserved"),
         ("wang2024", ("pickup=a.png",), "'pickup' is reserved"),
+        ("wang2024", ("optimal=a.png",), "'optimal' is reserved"),
         ("template", ("mine=a.png", "Mine=b.png"), "EIA 'Mine' is given twice"),
         ("pickup,pickup", (), "algorithm 'pickup' is given twice"),
         ("pickup:spp=1", (), "spp must be a whole number in 2.."),
@@ -293,12 +294,58 @@ def test_grey_of_16_bits_keeps_them(tmp_path):
         ("pickup:spp=x", (), "spp must be a whole number in 2.."),
         ("pickup:spp=4:spp=8", (), "option 'spp' is given twice"),
         ("pickup:samples=4", (), "'pickup' has no option 'samples'; its options are spp"),
+        ("optimal:spp=4", (), "'optimal' has no option 'spp'; it has none"),
     ],
 )
 def test_bad_method_is_named_with_the_fix(algorithms, eias, says):
     with pytest.raises(UsageError) as caught:
         parse_methods(algorithm_items(algorithms), parse_eias(eias))
     assert says in str(caught.value)
+
+
+# --- The optimum --------------------------------------------------------------------------------
+
+
+def psnr_of(views: dict[str, dict[str, float]]) -> float:
+    return float(np.mean([view["psnr_db"] for view in views.values()]))
+
+
+@pytest.mark.parametrize("lens_model", ["pinhole", "thick"])
+def test_optimal_has_the_best_views_and_is_the_measure_of_the_others(
+    tmp_path, run_inim, lens_model
+):
+    scene = write_scene(
+        tmp_path, square((0, 0, 0), 0.6, "0.2"), square((0.3, 0.2, 0.4), 0.3, "0.8")
+    )
+    words = ("-o", "out", "--algorithms", "template,optimal,pickup", "--viewpoints", "centre,left")
+    ended = run_inim(scene, *words, folder=tmp_path, lens_model=lens_model, view_spp=16)
+    assert ended.code == EXIT_PASSED, ended.stderr
+    finished = Finished(ended, tmp_path / "out")
+    psnr_db = {name: psnr_of(result["views"]) for name, result in finished.results.items()}
+    psnr_db["reference"] = psnr_of(finished.data["reference"]["views"])
+    best = psnr_db.pop("optimal")
+    assert best > max(psnr_db.values()) + 0.5
+    optimal = finished.results["optimal"]
+    assert optimal["seconds"] > 0
+    assert optimal["eia"]["hole_fraction"] is None
+    codes = 255 * srgb_from_linear(read_exr(finished.out / "eia" / "optimal.exr"))
+    assert np.abs(codes - np.rint(codes)).max() < 2e-3, "8 bits"
+    share = f"template {100 * 10 ** ((psnr_db['template'] - best) / 20):.0f}"
+    line = next(x for x in ended.stdout.splitlines() if "share of what is possible: " in x)
+    assert share in line.replace("\N{NO-BREAK SPACE}", " ")
+    assert "share of what is possible" in (finished.out / "summary.md").read_text()
+    assert "of what is possible" in (finished.out / "report.html").read_text()
+    assert not [text for text in finished.data["warnings"] if text.startswith("optimal/")]
+
+
+def test_optimal_needs_a_traced_lens_model(tmp_path, run_inim):
+    ended = run_inim(
+        write_scene(tmp_path), "-o", "out", "--algorithms", "optimal", folder=tmp_path,
+        lens_model="full",
+    )  # fmt: skip
+    assert ended.code == EXIT_USAGE
+    assert "'optimal': the full lens model scatters rays between lenses; use " in ended.stderr
+    assert nothing_left(tmp_path)
 
 
 # --- The pickup ---------------------------------------------------------------------------------
