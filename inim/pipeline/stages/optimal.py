@@ -161,13 +161,13 @@ class LeastSquares:
         targets = [srgb_from_linear(view).reshape(-1, 3) for view in views]
         start = srgb_from_linear(self._start.reshape(-1, 3)[self._shown])
         codes = start if guess is None else srgb_from_linear(guess.reshape(-1, 3)[self._shown])
-        estimate = self._estimate(codes, targets)
+        estimate = self._state_of(codes, targets)
         for _ in range(steps):
             direction = self._direction(estimate, start)
             share = 1.0
             while True:
                 codes = np.clip(estimate.codes + np.float32(share) * direction, 0, 1)
-                closer = self._estimate(codes, targets)
+                closer = self._state_of(codes, targets)
                 if closer.error < estimate.error or share < _SHORTEST_STEP:
                     break
                 share /= 2
@@ -181,7 +181,7 @@ class LeastSquares:
         result: np.ndarray = eia.reshape(self._start.shape)
         return result
 
-    def _estimate(self, codes: np.ndarray, targets: Sequence[np.ndarray]) -> _Estimate:
+    def _state_of(self, codes: np.ndarray, targets: Sequence[np.ndarray]) -> _PanelState:
         """The views of panel values, and their errors."""
         light = linear_from_srgb(codes)
         views = [_apply(forward, light) for forward in self._forward]
@@ -190,9 +190,9 @@ class LeastSquares:
         slopes = [srgb_slope(view).astype(np.float32) for view in views]
         weights = [np.float32(min(squares) / square) for square in squares]
         error = float(np.mean(np.log(squares)))
-        return _Estimate(codes, light, slopes, residuals, weights, error)
+        return _PanelState(codes, light, slopes, residuals, weights, error)
 
-    def _direction(self, estimate: _Estimate, start: np.ndarray) -> np.ndarray:
+    def _direction(self, estimate: _PanelState, start: np.ndarray) -> np.ndarray:
         """Solution of the linearised least squares, by conjugate gradients."""
         light_slope: np.ndarray = 1 / srgb_slope(estimate.light).astype(np.float32)
 
@@ -229,7 +229,7 @@ class LeastSquares:
         return direction
 
 
-class _Estimate(NamedTuple):
+class _PanelState(NamedTuple):
     """Panel values with their views: what a Gauss-Newton step needs.
 
     `codes` and `light` are (shown pixels, 3), sRGB and linear; `slopes` are the derivatives of the
