@@ -18,8 +18,9 @@ from statistics import fmean
 from typing import Any
 
 import inim
+from inim.lens import LensModelName
 
-LENS_MODELS = ("pinhole", "thick")
+LENS_MODELS: tuple[LensModelName, ...] = ("pinhole", "thick")
 OPTIMAL, REFERENCE = "optimal", "reference"
 ALGORITHMS = (OPTIMAL, "template", "template:samples=1", "layered")
 #: Viewpoints between the five default ones, in mm at the default distance of a nominal display.
@@ -31,7 +32,7 @@ def mean_psnr(views: Mapping[str, Mapping[str, float | None]]) -> float:
     return fmean(view["psnr_db"] or 0.0 for view in views.values())
 
 
-def score_scene(scene: Path, lens_model: str, work: Path) -> dict[str, Any]:
+def score_scene(scene: Path, lens_model: LensModelName, work: Path) -> dict[str, Any]:
     """Mean view PSNR of all algorithms and of the reference, and seconds of the algorithms."""
     report = inim.validate(
         scene, work / f"{scene.stem}-{lens_model}", lens_model=lens_model, algorithms=ALGORITHMS
@@ -47,7 +48,7 @@ def score_scene(scene: Path, lens_model: str, work: Path) -> dict[str, Any]:
     }
 
 
-def score_in_between(scene: Path, lens_model: str, work: Path) -> dict[str, Any]:
+def score_in_between(scene: Path, lens_model: LensModelName, work: Path) -> dict[str, Any]:
     """Mean view PSNR of finished EIAs from viewpoints in between."""
     folder = work / f"{scene.stem}-{lens_model}" / "eia"
     report = inim.validate(
@@ -70,7 +71,8 @@ def lead(row: Mapping[str, Any]) -> float:
 
 def _best_other(row: Mapping[str, Any]) -> str:
     others = [name for name in row["psnr_db"] if name != OPTIMAL]
-    return max(others, key=lambda name: row["psnr_db"][name])
+    best: str = max(others, key=lambda name: row["psnr_db"][name])
+    return best
 
 
 def write_page(data: Mapping[str, Any]) -> str:

@@ -107,7 +107,7 @@ def test_slope_is_the_derivative_of_the_srgb_curve():
 
 
 def test_one_view_pixel_per_panel_pixel_shows_the_scene_itself():
-    """Nothing is lost with unit rays and values that a panel can show."""
+    """Unit rays and values that a panel can show lose nothing."""
     random = np.random.default_rng(1)
     scene = random.uniform(0, 1, (6, 5, 3)).astype(np.float32)
     fit = LeastSquares([[csr_array(np.eye(30, dtype=np.float32))]], np.full_like(scene, 0.5))

@@ -50,13 +50,13 @@ def bench_optimal(plan: Plan, rounds: Rounds, listener: Any) -> list[dict[str, A
     )
     results = []
     for lens_model in _LENS_MODELS:
+        optics = replace(plan.optics, lens_model=lens_model)
+        # Compiles the kernels.
+        _time(scene, ScoredViews(optics, plan.viewpoints[:1], settings.view_spp), start)
         for further in _FURTHER_VIEWPOINTS:
             eyes = (*plan.viewpoints, *zone_eyes(plan.misaligned_display, further))
-            views = ScoredViews(
-                replace(plan.optics, lens_model=lens_model), eyes, settings.view_spp
-            )
+            views = ScoredViews(optics, eyes, settings.view_spp)
             listener.stage(f"{lens_model}, {len(eyes)} viewpoints")
-            _time(scene, views, start)  # compiles the kernels
             times = [_time(scene, views, start) for _ in range(rounds.runs)]
             seconds, processor_seconds = (median(column) for column in zip(*times, strict=True))
             results.append(
