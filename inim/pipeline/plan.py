@@ -17,7 +17,7 @@ from inim.lens import check_lens_model
 from inim.metrics import SSIM_WINDOW, Viewing, all_metrics
 from inim.pipeline.request import PREVIEW, Request, definition_words
 from inim.pipeline.stages.capture import DepthCamera
-from inim.pipeline.stages.method import Method, parse_methods
+from inim.pipeline.stages.method import Method, OptimalMethod, parse_methods
 from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.plugins import PluginModule
@@ -52,6 +52,8 @@ _LAYERS_BYTES = 3200
 # View: float64 sums, rays of the coverage pass, the scorer's copies; and the stored view.
 _VIEW_BYTES = 400
 _STORED_VIEW_BYTES = 12
+# Per pixel of each view of the optimal EIA: its matrix, twice, and the images of the search.
+_OPTIMAL_BYTES = 200
 
 
 @dataclass(frozen=True)
@@ -219,6 +221,7 @@ def _plan_memory(
     """Bytes of all images and number of rays in flight; raises if the images are too large."""
     from inim.process.machine import memory_limit_bytes
 
+    optimal = _OPTIMAL_BYTES if any(isinstance(m, OptimalMethod) for m in methods) else 0
     layers = _LAYERS_BYTES if any(m.input is not RGBD for m in methods) else 0
     images = {
         "use a display with fewer pixels": (display.eia_shape, _EIA_BYTES),
@@ -228,7 +231,7 @@ def _plan_memory(
         ),
         "lower inim.view_pixels_per_lens": (
             _view_shape(display, settings.view_pixels_per_lens),
-            _VIEW_BYTES + views * (3 + len(methods)) * _STORED_VIEW_BYTES,
+            _VIEW_BYTES + views * ((3 + len(methods)) * _STORED_VIEW_BYTES + optimal),
         ),
     }
     needs = {fix: shape[0] * shape[1] * size for fix, (shape, size) in images.items()}

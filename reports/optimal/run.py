@@ -2,16 +2,16 @@
 
     python -m reports.optimal.run scenes/altar.xml scenes/amphora.xml ... -o reports/optimal
 
-Each scene is validated with both lens models. The page lists the mean PSNR of whole views to the
-ground truth, which `optimal` maximises, and the time of each algorithm. For the first scene,
-finished EIAs are also seen from viewpoints in between, for which they are not optimised.
+Each scene is validated with both lens models; finished validations in the working folder are read
+again. The page lists the mean PSNR of whole views to the ground truth, which `optimal` maximises.
+For the first scene, finished EIAs are also seen from viewpoints in between, for which they are not
+optimised. `reports.bench.optimal.run` measures the time.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
@@ -19,6 +19,7 @@ from typing import Any
 
 import inim
 from inim.lens import LensModelName
+from inim.report import Report
 
 LENS_MODELS: tuple[LensModelName, ...] = ("pinhole", "thick")
 OPTIMAL, REFERENCE = "optimal", "reference"
@@ -32,20 +33,22 @@ def mean_psnr(views: Mapping[str, Mapping[str, float | None]]) -> float:
     return fmean(view["psnr_db"] or 0.0 for view in views.values())
 
 
-def score_scene(scene: Path, lens_model: LensModelName, work: Path) -> dict[str, Any]:
-    """Mean view PSNR of all algorithms and of the reference, and seconds of the algorithms."""
-    report = inim.validate(
-        scene, work / f"{scene.stem}-{lens_model}", lens_model=lens_model, algorithms=ALGORITHMS
-    )
+def score_scene(scene: Path, lens_model: LensModelName, work: Path, lazy: bool) -> dict[str, Any]:
+    """Mean view PSNR of all algorithms and of the reference.
+
+    `lazy` leaves out panel pixels that no view shows, which does not change the views.
+    """
+    folder = work / f"{scene.stem}-{lens_model}"
+    if (folder / "report.json").is_file():
+        report = Report.load(folder)
+    else:
+        report = inim.validate(
+            scene, folder, lens_model=lens_model, algorithms=ALGORITHMS, lazy=lazy
+        )
     algorithms = report.data.algorithms
     psnr_db = {name: mean_psnr(result.views) for name, result in algorithms.items()}
-    return {
-        "relic": scene.stem,
-        "lens_model": lens_model,
-        "psnr_db": psnr_db | {REFERENCE: mean_psnr(report.data.reference.views)},
-        "seconds": {name: result.seconds for name, result in algorithms.items()},
-        "load_average": os.getloadavg()[0],
-    }
+    psnr_db[REFERENCE] = mean_psnr(report.data.reference.views)
+    return {"relic": scene.stem, "lens_model": lens_model, "psnr_db": psnr_db}
 
 
 def score_in_between(scene: Path, lens_model: LensModelName, work: Path) -> dict[str, Any]:
@@ -96,7 +99,7 @@ def write_page(data: Mapping[str, Any]) -> str:
             f"| {row['relic']} | {row['lens_model']} | {scores} | {_best_other(row)} | "
             f"{lead(row):.2f} |"
         )
-    lines += ["", _between_page(data["in_between"]), "", _time_page(rows)]
+    lines += ["", _between_page(data["in_between"])]
     return "\n".join(lines) + "\n"
 
 
@@ -118,26 +121,6 @@ def _between_page(rows: Sequence[Mapping[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def _time_page(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Seconds of each algorithm and the load of the machine."""
-    lines = [
-        "## Time",
-        "",
-        "Seconds for one EIA on two cores. `optimal` also renders its own ground-truth",
-        "views. Times at a load average above 2 are longer than on an idle machine, by about half",
-        "the load average.",
-        "",
-        f"| relic | lens model | {' | '.join(f'`{n}`' for n in ALGORITHMS)} | load average |",
-        f"| --- | --- |{' --: |' * len(ALGORITHMS)} --: |",
-    ]
-    for row in rows:
-        seconds = " | ".join(f"{row['seconds'][name]:.2f}" for name in ALGORITHMS)
-        lines.append(
-            f"| {row['relic']} | {row['lens_model']} | {seconds} | {row['load_average']:.1f} |"
-        )
-    return "\n".join(lines)
-
-
 def main() -> None:
     """Validate the scenes and write the page and its data."""
     parser = argparse.ArgumentParser(prog="python -m reports.optimal.run")
@@ -146,7 +129,11 @@ def main() -> None:
     parser.add_argument("--work", type=Path, default=Path("out/optimal"))
     args = parser.parse_args()
     data = {
-        "rows": [score_scene(s, model, args.work) for s in args.scenes for model in LENS_MODELS],
+        "rows": [
+            score_scene(scene, model, args.work, lazy=scene != args.scenes[0])
+            for scene in args.scenes
+            for model in LENS_MODELS
+        ],
         "in_between": [score_in_between(args.scenes[0], m, args.work) for m in LENS_MODELS],
     }
     args.out.mkdir(parents=True, exist_ok=True)

@@ -517,6 +517,7 @@ def test_list_of_algorithms_names_options_and_load_errors(tmp_path, others):
     rows = dict(line.split(maxsplit=1) for line in process.stdout.splitlines())
     assert rows["example:brightness=1.0"].startswith("Prepare an algorithm that assumes")
     assert "cannot be loaded" in rows["gone"]
-    assert list(rows)[-1].startswith("pickup:spp=")
+    assert list(rows)[-2].startswith("pickup:spp=")
+    assert list(rows)[-1] == "optimal"
     assert {"template", "wang2024"} <= {entry.partition(":")[0] for entry in rows}
     assert process.stderr == ""
