@@ -300,15 +300,18 @@ def test_colours_of_sub_pixels_meet_on_a_grey_ramp(name, renderer):
 
 
 def tiled_slope() -> str:
-    """A slope of thirty tiles, each of its own colour: texture and depth, and no depth edges."""
+    """A slope of four tiles, each of its own colour: texture and depth, and no depth edges.
+
+    In an elemental image a tile is eight pixels wide or more.
+    """
     random = np.random.default_rng(8)
     tiles = []
-    for i in range(6):
-        for j in range(5):
+    for i in range(2):
+        for j in range(2):
             rgb = ", ".join(f"{v:.2f}" for v in random.uniform(0.1, 0.9, 3))
             tiles.append(
-                f"""<shape type="rectangle"><transform name="to_world"><scale value="1.5"/>
-                <translate x="{3 * i - 7.5}" y="{3 * j - 6}"/><rotate y="1" angle="20"/>
+                f"""<shape type="rectangle"><transform name="to_world"><scale x="4.5" y="3.75"/>
+                <translate x="{9 * i - 4.5}" y="{7.5 * j - 3.75}"/><rotate y="1" angle="20"/>
                 <rotate x="1" angle="12"/></transform>
                 <bsdf type="diffuse"><rgb name="reflectance" value="{rgb}"/></bsdf></shape>"""
             )
@@ -322,49 +325,27 @@ def psnr(a, b) -> float:
 DEPTHS = {"depth_min_mm": 24.0, "depth_max_mm": 44.0}
 
 
-_rendered: dict = {}
-
-
-@pytest.fixture
-def truth_and_picture(open_fitted):
-    """The ground-truth EIA of the slope, its view from an eye, and a fine picture of it.
-
-    Those of a display are rendered once.
-    """
-    from inim.render.ground_truth import capture, pickup, true_view
-
-    def generate_both(display: Display):
-        if display not in _rendered:
-            _rendered[display] = render(display)
-        return _rendered[display]
-
-    def render(display: Display):
-        fitted = open_fitted(tiled_slope(), display)
-        eia = pickup(fitted, display, spp=32, seed=1).image
-        view = true_view(fitted, display, EYE, pixels_per_lens=2, spp=64, seed=4)[0].image
-        rgbd = capture(fitted, display, pixels_per_pitch=16, spp=16, seed=2)
-        return eia, view, rgbd
-
-    return generate_both
-
-
 def score_inside_tiles(truth, eia, display: Display) -> float:
-    """PSNR where an EIA's pixels are as their neighbours: off the edges of tiles and lenses."""
+    """PSNR where an EIA shows a tile, off the edges of tiles and lenses; black does not count."""
     windows = np.lib.stride_tricks.sliding_window_view(eia, (3, 3), axis=(0, 1))
     even = (np.ptp(windows, axis=(3, 4)).max(axis=-1) < 0.02) & display.lensed[1:-1, 1:-1]
-    assert even.mean() > 0.1
+    even &= eia[1:-1, 1:-1].max(axis=-1) > 0
+    assert even.mean() > 0.05
     return psnr(eia[1:-1, 1:-1][even], truth[1:-1, 1:-1][even])
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_ground_truth_agrees_with_generation_for_that_very_array(name, truth_and_picture):
+def test_ground_truth_agrees_with_generation_for_that_very_array(name, open_fitted):
+    from inim.render.ground_truth import capture, pickup
+
     display = real_display(name, **DEPTHS)
     rows, columns = display.eia_shape
-    truth, _, rgbd = truth_and_picture(display)
+    fitted = open_fitted(tiled_slope(), display)
+    truth = pickup(fitted, display, spp=32, seed=1).image
+    rgbd = capture(fitted, display, pixels_per_pitch=16, spp=16, seed=2)
     other = display.replace(**WRONG[name], panel_rows=rows, panel_columns=columns)
     right, wrong = (score_inside_tiles(truth, generate(rgbd, d), d) for d in (display, other))
-    assert right > 35
-    assert wrong < right - 7
+    assert wrong < 28 < 35 < right
 
 
 CORNERS = ((0.5, 0.5), (0.0, 0.0), (1.0, 0.25))
