@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import inim
-from inim.errors import EXIT_PASSED, SceneError
+from inim.errors import EXIT_PASSED, EXIT_USAGE, SceneError
 from inim.process.python_process import child_environment, python_code, python_module
 from inim.render import variant
-from tests.system.conftest import ALONE, TINY, definitions, write_scene
+from tests.system.conftest import ALONE, TINY, assert_one_line, definitions, write_scene
 
 ONE_VIEW = TINY | {f"inim.{key}": value for key, value in ALONE.items()}
 #: Of the standard library, of what is installed, what Python itself looks for, and the package.
@@ -50,16 +50,16 @@ def without_cache_variable() -> dict[str, str]:
 
 @pytest.mark.parametrize("start", ["script", "module"])
 def test_modules_in_the_current_folder_are_not_executed(trapped, start):
-    words = [sys.executable, "-m", "inim.validate"]
     if start == "script":  # as the one that pip installs
-        words = [sys.executable, str(trapped / "bin" / "inim"), "validate"]
+        words = [sys.executable, str(trapped / "bin" / "inim"), "validate", "-o", "out"]
         (trapped / "bin").mkdir()
         script = "import sys\nfrom inim.cli import main\nsys.exit(main())\n"
         (trapped / "bin" / "inim").write_text(script)
-    else:  # Python itself has found the package by then
+    else:  # Python itself has found the package by then; the worker is that of the script
+        words = [sys.executable, "-m", "inim.validate", "-o", "tiny.xml"]
         (trapped / "inim.py").unlink()
     ended = subprocess.run(
-        [*words, "tiny.xml", "-o", "out", *definitions(ONE_VIEW)],
+        [*words, "tiny.xml", *definitions(ONE_VIEW)],
         cwd=trapped,
         env=without_cache_variable(),
         capture_output=True,
@@ -68,8 +68,12 @@ def test_modules_in_the_current_folder_are_not_executed(trapped, start):
     )
     assert not (trapped / "executed").exists(), (trapped / "executed").read_text()
     assert not (trapped / "kernels").exists()
-    assert ended.returncode == EXIT_PASSED, ended.stderr
-    assert (trapped / "out" / "report.json").exists()
+    if start == "script":
+        assert ended.returncode == EXIT_PASSED, ended.stderr
+        assert (trapped / "out" / "report.json").exists()
+    else:  # the plan, with the scene's file in the place of the folder
+        assert ended.returncode == EXIT_USAGE
+        assert_one_line(ended.stderr, ["tiny.xml"])
 
 
 PICTURE = """
@@ -112,7 +116,8 @@ def test_a_program_s_own_kernels_obey_its_configuration(tmp_path):
 
 
 def test_pictures_are_drawn_without_the_current_folder_s_configuration(tmp_path):
-    words = python_module("inim", "inspect", "nominal", "-o", "out")
+    small = definitions({"inim.lens_columns": "6", "inim.lens_rows": "6"})
+    words = python_module("inim", "inspect", "nominal", "-o", "out", *small)
     ended = subprocess.run(
         words,
         cwd=configured(tmp_path),

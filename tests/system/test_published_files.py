@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from inim.version import __version__
-from tests.system.conftest import write_scene
+from tests.system.conftest import TINY, definitions, write_scene
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -70,7 +70,7 @@ def test_action_validates_a_scene_of_another_repository(tmp_path):
     values |= {
         "scene": "scenes/tiny.xml",
         "algorithms": "template:samples=1,gu2020",
-        "arguments": "--viewpoints left --quiet",
+        "arguments": " ".join(["--viewpoints", "left", "--quiet", *definitions(TINY)]),
     }
     python = tmp_path / "bin" / "python"
     python.parent.mkdir()
