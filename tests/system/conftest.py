@@ -27,6 +27,7 @@ import pytest
 
 from inim.cli import main
 from inim.files.image import read_exr_channels
+from inim.report import sections
 from inim.worker import supervisor
 from inim.worker.serve import answer
 from tests.conftest import scene_text, sphere, square
@@ -143,6 +144,21 @@ def worker_here() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(supervisor, "_start_worker", _start_here)
         patch.setattr(supervisor, "_carry_out", _carry_out_here)
+        yield
+
+
+@contextmanager
+def without_page() -> Iterator[None]:
+    """Give reports an empty page: drawing it takes as long as the rest of a tiny run."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sections, "_page", lambda *_: "<html></html>")
+        yield
+
+
+@pytest.fixture(scope="module")
+def no_page() -> Iterator[None]:
+    """No page for all runs of a module in this process."""
+    with without_page():
         yield
 
 

@@ -104,10 +104,6 @@ class Bench:
         checks = self.data(out)["verdict"]["checks"]
         return {check["name"] for check in checks if not check["passed"]}
 
-    def ratios(self, out: str) -> list[float]:
-        path = self.folder / out / "regression" / "candidate.json"
-        return list(read_document(path)["times"]["planted"])
-
 
 @pytest.fixture(scope="module")
 def bench(tmp_path_factory, run_inim):
@@ -127,18 +123,16 @@ def bench(tmp_path_factory, run_inim):
 
 @pytest.fixture(scope="module")
 def timed(bench):
-    """A baseline with times in `timed-base`, and a run compared with it in `timed`.
+    """A run with times in `timed`, compared with itself in `timed-again`.
 
     Without the pauses that make times comparable: here they need only be taken.
     """
-    to = str(bench.folder / "timed-base")
-    words = ["baseline", "accept", str(bench.folder / "timed-first"), "--reason", "times", "--to"]
     with pytest.MonkeyPatch.context() as patch:
         for name in ("_SETTLE_S", "_LEAD_IN_S"):
             patch.setattr(turns, name, 0.0)
-        assert bench.run("-o", "timed-first", "--time").code == EXIT_PASSED
-        assert main([*words, to]) == EXIT_PASSED
-        bench.run("-o", "timed", "--time", "--baseline", to)
+        assert bench.run("-o", "timed", "--time").code == EXIT_PASSED
+    run = str(bench.folder / "timed")
+    main(["compare", run, run, "-o", str(bench.folder / "timed-again"), "--quiet"])
     return bench
 
 
@@ -210,9 +204,11 @@ def test_failed_rows_are_in_junit_summary_and_page(noisy):
 
 
 def test_times_of_the_same_machine_are_compared(timed):
-    rows = [c for c in timed.data("timed")["verdict"]["checks"] if c.get("kind") == "time"]
+    data = read_document(timed.folder / "timed-again" / "compare.json")
+    rows = [check for check in data["verdict"]["checks"] if check.get("kind") == "time"]
     assert [row["name"] for row in rows] == ["planted: time against the baseline"]
-    rounds = min(len(timed.ratios(out)) for out in ("timed-first", "timed"))
+    candidate = read_document(timed.folder / "timed" / "regression" / "candidate.json")
+    rounds = len(candidate["times"]["planted"])
     assert rounds >= 31
     assert f"{rounds} rounds" in rows[0]["detail"]
     assert rows[0]["interval"][0] <= rows[0]["value"] <= rows[0]["interval"][1]
@@ -289,7 +285,7 @@ def test_times_of_another_machine_end_with_4(timed):
     from inim.regression.comparison import check_times
     from inim.regression.run_statistics import read_statistics
 
-    base = read_statistics(timed.folder / "timed-base", "baseline")
+    base = read_statistics(timed.folder / "timed" / "regression", "candidate")
     check_times(base, base.circumstances, "here")
     for name, value in (("threads", 99), ("processor", "abacus")):
         with pytest.raises(BaselineError, match=f"{name}.*{value}"):

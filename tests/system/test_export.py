@@ -57,7 +57,7 @@ def words(settings: dict[str, object], *names: str) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def export_folder(tmp_path_factory):
+def export_folder(no_page, tmp_path_factory):
     """A folder with a scene, of a colour given by -D, and its report OUT; the worse is first."""
     folder = tmp_path_factory.mktemp("export")
     shapes = (

@@ -22,7 +22,7 @@ def out(tmp_path_factory, run_inim):
     return folder / "out"
 
 
-@pytest.mark.parametrize("form", ["pdf", "svg", "png"])
+@pytest.mark.parametrize("form", ["pdf", "svg", pytest.param("png", marks=pytest.mark.slow)])
 def test_each_format_is_written_the_same_twice(out, tmp_path, form):
     paths = [tmp_path / f"{name}.{form}" for name in ("first", "second")]
     for path in paths:

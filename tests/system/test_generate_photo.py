@@ -15,7 +15,7 @@ from inim.files.eia_file import read_eia
 from inim.files.image import read_rgbd
 from tests.conftest import small_display
 from tests.depth_photographs import apple_jpeg, apple_xml, gdepth, heic, picture
-from tests.system.conftest import assert_refused
+from tests.system.conftest import assert_refused, worker_here
 
 SIZES = {"lens_columns": 24, "lens_rows": 12, "pixel_pitch_mm": 0.125}
 DISPLAY = [word for k, v in SIZES.items() for word in ("-D", f"inim.{k}={v}")]
@@ -186,8 +186,10 @@ def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, words, says):
 def test_a_photograph_is_validated(tmp_path, capsys, renderer):
     photo, out = tmp_path / "photo.jpg", tmp_path / "report"
     photo.write_bytes(METRIC)
-    words = [str(photo), "-o", str(out), "--algorithms", "template:samples=4"]
-    assert main(["validate", *words, "--viewpoints", "centre", *DISPLAY]) == EXIT_PASSED
+    words = [str(photo), "-o", str(out), "--algorithms", "template:samples=4", *DISPLAY]
+    words += ["-D", "inim.reconstruction_spp=4", "--viewpoints", "centre"]
+    with worker_here():
+        assert main(["validate", *words]) == EXIT_PASSED
     output = capsys.readouterr()
     assert "units m: metric" in line(output.out, "photo")
     assert "subject" in line(output.out, "framed")

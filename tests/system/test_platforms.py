@@ -68,7 +68,8 @@ def test_commands_without_a_worker_succeed(inim, tmp_path):
     text = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
     text += "property float z\nelement face 1\nproperty list uchar int vertex_indices\n"
     (tmp_path / "ball.ply").write_text(text + "end_header\n0 0 0\n9 0 0\n0 9 1\n3 0 1 2\n")
-    commands = ("info,settings", "info,algorithms", "info,cache", "inspect,phone")
+    small = "inspect,phone,-D,inim.lens_columns=6,-D,inim.lens_rows=6"
+    commands = ("info,settings", "info,algorithms", "info,cache", small)
     ended = inim(*commands, "new-scene,ball.ply,--unit,mm,--up,y", code=RUN_EACH)
     assert ended.stderr.split() == ["0"] * 5
 

@@ -22,6 +22,7 @@ from inim.render import scene as render_scene
 from tests.conftest import scene_text, square
 from tests.system.conftest import Ended, assert_one_line, command
 
+pytestmark = pytest.mark.usefixtures("no_page")
 SHAPE = """<shape type="ply"><string name="filename" value="a.ply"/><bsdf type="diffuse">
     <texture type="bitmap" name="reflectance"><string name="filename" value="{0}"/></texture>
     </bsdf></shape><include filename="part.xml"/>"""

@@ -100,7 +100,7 @@ def test_crop_keeps_a_part(tmp_path, capsys):
 
 
 def test_a_splat_relic_is_validated_with_layers_and_its_translucency(tmp_path):
-    relic = random_splats(300)
+    relic = random_splats(100)
     write_splats(tmp_path / "relic.ply", replace(relic, log_scale=relic.log_scale - 0.5))
     new_scene(tmp_path / "relic.ply", tmp_path / "scene.xml", unit=None, up="y", warn=print)
     ended = run_here(

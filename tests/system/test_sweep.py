@@ -31,11 +31,12 @@ from tests.system.sweeps import (
     write_study,
 )
 
+pytestmark = pytest.mark.usefixtures("no_page")
 HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "sweep.md"
 
 
 @pytest.fixture(scope="module")
-def swept(tmp_path_factory):
+def swept(no_page, tmp_path_factory):
     """Two relics, one display, two algorithms."""
     folder = tmp_path_factory.mktemp("sweep 鼎")
     study = write_study(folder)

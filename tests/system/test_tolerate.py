@@ -23,6 +23,7 @@ from tests.system.conftest import (
     write_scene,
 )
 
+pytestmark = pytest.mark.usefixtures("no_page")
 STUDY = """
 [study]
 alone = 5
@@ -36,7 +37,7 @@ COMMAND = ("tolerate", "tiny.xml", "--study", "errors.toml", "-o", "out", "--vie
 
 
 @pytest.fixture(scope="module")
-def tolerance_run(tmp_path_factory):
+def tolerance_run(no_page, tmp_path_factory):
     folder = tmp_path_factory.mktemp("tolerate 鼎")
     write_scene(folder)
     (folder / "errors.toml").write_text(STUDY)

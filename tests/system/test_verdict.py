@@ -26,6 +26,7 @@ from inim.report import Report
 from tests.conftest import scene_text, square
 from tests.system.conftest import TINY, write_scene
 
+pytestmark = pytest.mark.usefixtures("no_page")
 VIEWS = ("right", "down")
 # The sound run scores 0.74 and 0.75 from there.
 LIMIT = 0.6
