@@ -26,7 +26,6 @@ from tests.system.conftest import (
 )
 
 PACKAGE = Path(__file__).parents[1] / "example_package"
-HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "own-lens-model.md"
 SECTION = re.compile(r'\[project\.entry-points\."(inim\.\w+)"\]\n((?:.+\n)+)')
 LENS = {"inim.lens_model": "vignetted"}
 
@@ -157,10 +156,3 @@ def test_metric_with_a_fault_is_one_line_that_names_it(tmp_path, code, words):
     assert (ended.code, ended.stdout) == (EXIT_USAGE, "")
     assert_one_line(ended.stderr, ["metric 'bad'", *words])
     assert not (tmp_path / "out").exists()
-
-
-def test_lens_model_of_the_how_to_is_the_one_tested_here():
-    page = HOW_TO.read_text("utf-8")
-    assert f"```python\n{(PACKAGE / 'inim_example_lens.py').read_text('utf-8')}```" in page
-    points = dict(SECTION.findall((PACKAGE / "pyproject.toml").read_text("utf-8")))
-    assert f'[project.entry-points."inim.lens_models"]\n{points["inim.lens_models"]}' in page

@@ -124,7 +124,6 @@ def test_without_scores_to_choose_by_it_asks(folder):
         (["--pdf", "p.pdf", "--tiles", "8x6"], ["--tiles", "--quilt FILE"]),
         (["--quilt", "q.png", "--scene", "scene.xml"], ["--scene", "--algorithms truth"]),
         (["--quilt", "q.png", "--tiles", "10x10"], ["--tiles 10x10", "--view-size"]),
-        (["--quilt", "q.jpg", "--pdf", "p.pdf"], ["q.jpg", "a quilt is a .png"]),
     ],
 )
 def test_a_mistake_is_one_line_and_nothing_is_written(folder, more, message):
@@ -293,7 +292,6 @@ def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
         (("--pdf", "sheet.png"), "not a PDF file name; use .pdf"),
         (("--quilt", "q.jpg"), "a quilt is a .png"),
         (("--views", "v", "--grid", "8"), "--grid 8: write ACROSSxDOWN"),
-        (("--quilt", "q.png", "--view-size", "8"), "--view-size 8: write ACROSSxDOWN"),
         (("--views", "eia.png"), "is a file; name a folder"),
         (("--views", "v", "--algorithms", "template"), "needs a report's folder"),
         (("--views", "v", "-D", "inim.rotation_deg=3"), "rotation_deg = 3"),

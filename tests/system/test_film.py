@@ -89,7 +89,6 @@ def test_one_panel_by_name(folder):
         (["-o", "OUT"], ["OUT"]),
         (["--algorithms", "magic"], ["magic", "template", "wang2024"]),
         (["--path", "0 0 180, 80 0 180"], ["outside the viewing zone"]),
-        (["--path", "somewhere"], ["--path", "x y"]),
         (["--frames", "0"], ["--frames 0"]),
         (["--rate", "nan"], ["--rate nan"]),
         (["--lens-model", "magic"], ["magic", "pinhole"]),

@@ -140,8 +140,6 @@ def test_json_of_odd_displays_keeps_its_schema(capsys, words):
     ("words", "says"),
     [
         (("tv",), ("tv", "nominal or phone")),
-        (("gone.xml",), ("gone.xml", "no such file")),
-        ((".",), ("is a folder",)),
         (("nominal", "-D", "inim.pich_mm=1"), ("did you mean inim.pitch_mm?",)),
         (("nominal", "-D", "spp=4"), ("-D spp", "inim.*")),
         (("nominal", "-D", "inim.display=phone"), ("inim.display", "name it once")),

@@ -118,7 +118,7 @@ def test_the_page_fits_the_width_of_the_screen(tab, theme, width):
     assert tab.complaints == []
 
 
-def test_no_word_of_a_table_is_broken_into_letters_on_a_phone(tmp_path):
+def test_no_word_of_a_table_is_broken_into_letters_on_a_phone(tab, page):
     """Two checks of a comparison, whose five other columns never break."""
     named = {
         "name": "wang2024/right: SSIM on relic to reference against the baseline",
@@ -132,14 +132,16 @@ def test_no_word_of_a_table_is_broken_into_letters_on_a_phone(tmp_path):
     }
     data = report_data()
     data["verdict"] = {"passed": True, "checks": [named, named]}
-    path = report_folder(tmp_path) / "report.html"
+    path = page.with_name("checks.html")
     path.write_text(render_html(data, path.parent), encoding="utf-8")
-    with browser() as tab:
+    try:
         tab.size(390, 844, mobile=True)
         tab.open(path)
         tab.evaluate(UNFOLD.format("true"))
         rows = "[...document.querySelectorAll('.checks tr')].map((e) => e.clientHeight)"
         heights = tab.evaluate(rows)
+    finally:
+        tab.open(page)  # as the other tests expect it
     assert len(heights) == 3
     assert max(heights) < 160
 

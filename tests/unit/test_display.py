@@ -304,12 +304,6 @@ def test_derived_values_are_those_of_the_properties_and_fit_json():
     assert derived["pixels_per_lens"] == pytest.approx(15.723, abs=5e-4)
 
 
-def test_replace_checks_again():
-    assert NOMINAL.replace(gap_mm=3.5).gap_mm == 3.5
-    with pytest.raises(DisplayError):
-        NOMINAL.replace(gap_mm=0)
-
-
 # Every parameter of the lenses alone, and others that a ray through a lens's centre depends on.
 LENSES: dict[str, Any] = {
     "refractive_index": 1.7,

@@ -78,11 +78,6 @@ def test_a_mistake_in_the_file_is_the_file_s(scene, mine, wrong, says):
         make_plan(Request(scene, Path("unused"), display=mine))
 
 
-def test_a_path_is_a_display_too(scene, mine):
-    plan = make_plan(Request(scene, Path("unused"), display=Path(mine)))
-    assert plan.display.pitch_mm == 0.9957
-
-
 def test_the_command_line_has_the_last_word_on_single_values(scene, mine):
     definitions = {"inim.rotation_deg": "0.2", "inim.view_spp": "2"}
     plan = make_plan(Request(scene, Path("unused"), definitions=definitions, display=mine))

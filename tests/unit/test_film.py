@@ -89,11 +89,6 @@ def test_gif_is_never_faster_than_players_believe(tmp_path):
         assert film.info["duration"] == 20
 
 
-def test_other_kinds_of_film_are_refused(tmp_path):
-    with pytest.raises(UsageError, match=r"film\.avi: unknown film type; use \.gif"):
-        write_film(tmp_path / "film.avi", frames(), 20)
-
-
 def test_mp4_without_its_encoder_names_the_line_to_type(tmp_path, monkeypatch):
     find = importlib.util.find_spec
     monkeypatch.setattr(

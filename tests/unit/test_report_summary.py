@@ -200,10 +200,6 @@ def test_a_report_prints_as_a_small_table():
     assert repr(Report(Path("out/amphora"), data)) == "Report('out/amphora': passed)"
 
 
-def test_missing_values_print_too():
-    assert "\x00" not in str(Report(Path(), report(title=HOSTILE)))
-
-
 def test_scores_fit_into_a_terminal_of_80_columns():
     """Seven viewpoints need further blocks of lines, and a long name is cut."""
     names = [f"viewpoint{n}" for n in range(7)]
