@@ -249,9 +249,9 @@ def test_a_ray_beyond_its_cell_stays_with_its_lens():
 def test_outlines_are_at_the_visible_seams_of_the_relief(side, eye):
     display = HIDDEN.replace(curved_side=side)
     axes = look_at(eye)
-    lens = Lens((720, 960), 3400.0, (480.0, 360.0))
+    lens = Lens((540, 720), 2550.0, (360.0, 270.0))
     numbering = find_lenses(photograph(display, lens, eye, axes, 0, noise_px=0.0), DESIGN, "side")
-    camera = Intrinsics(3400.0, 480.0, 360.0)
+    camera = Intrinsics(2550.0, 360.0, 270.0)
     pose = Pose(axes, np.array(eye))
     middle = len(numbering.index) // 2
     x, y, *_ = rays(camera, pose, numbering.centre_px[middle])
