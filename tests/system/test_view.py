@@ -72,7 +72,7 @@ def show_eia(tab: Tab, folder: Path, codes: np.ndarray, **settings: object) -> N
     """Open the live display of an EIA, on a small screen that is soon drawn."""
     eia = save(folder / "eia.png", codes)
     definitions = NAMES | {f"inim.{name}": str(value) for name, value in settings.items()}
-    tab.size(240, 300)
+    tab.size(180, 300)
     tab.open(view_eia(eia, "nominal", definitions, folder / "page.html"))
     assert tab.evaluate("inimDisplay.ready") is True
 
@@ -120,7 +120,7 @@ def shared_tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
 
 @pytest.fixture
 def tab(shared_tab: Tab) -> Tab:
-    shared_tab.size(520, 500)  # every pixel of its canvases is drawn in software
+    shared_tab.size(360, 420)  # every pixel of its canvases is drawn in software
     shared_tab.send("Emulation.setEmulatedMedia", media="", features=[])
     shared_tab.complaints.clear()
     return shared_tab
@@ -245,7 +245,6 @@ def test_thick_lenses_live_are_those_that_are_scored(tab, page, traced):
 
 
 def test_every_control_works_without_an_error(tab, page):
-    tab.size(700, 500)
     show(tab, page)
     start = eye(tab)
     assert start == (0, 0, 180)
@@ -283,6 +282,7 @@ def test_every_control_works_without_an_error(tab, page):
     choose = "(s => { s.value = 2; s.dispatchEvent(new Event('change')); })"
     tab.evaluate(f"{choose}(document.querySelector('#virtual-display select'))")
     tab.until("inimDisplay.state().panels[0] === 2")
+    tab.size(700, 500)
     tab.click("input[name=together]")
     rest(tab)
     widths = "[...document.querySelectorAll('canvas')].map((c) => c.clientWidth)"
@@ -481,7 +481,7 @@ def test_viewing_zone_moves_with_the_array(tab, tmp_path):
 @pytest.fixture
 def counted(shared_tab: Tab, page: Path) -> Iterator[Tab]:
     """A page whose work is counted from the start, in `work`."""
-    shared_tab.size(400, 400)
+    shared_tab.size(360, 400)
     shared_tab.complaints.clear()
     script = shared_tab.send("Page.addScriptToEvaluateOnNewDocument", source=COUNT_WORK)
     show(shared_tab, page)

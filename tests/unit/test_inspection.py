@@ -7,15 +7,11 @@ import numpy as np
 import pytest
 from msgspec.structs import asdict
 
-from inim.display import DISPLAYS
+from inim.display import DISPLAYS, Display
 from inim.display.viewpoint import default_distance_mm
 from inim.errors import DisplayError, UsageError
-from inim.inspection.findings import (
-    Inspection,
-    inspect_display,
-    misalignments,
-    usable_model,
-)
+from inim.inspection import findings, geometry
+from inim.inspection.findings import Inspection, misalignments, usable_model
 from inim.inspection.geometry import (
     aperture_blur_mm,
     array_samples,
@@ -35,6 +31,13 @@ PHONE = DISPLAYS["phone"]
 VIRTUAL = NOMINAL.replace(gap_mm=2.7)
 FOCUSED = NOMINAL.replace(gap_mm=3.0, depth_min_mm=4, depth_max_mm=24)
 BAD_LENS = {"focal_length_mm": 1.0, "gap_mm": 1.2}
+
+
+def inspect_display(display: Display, distance_mm: float, **words: str) -> Inspection:
+    """Findings, with a crosstalk map of 3 x 3 eyes: `test_pinhole_crosstalk...` makes a whole one."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(geometry, "_EYES_ACROSS", 3)
+        return findings.inspect_display(display, distance_mm, **words)
 
 
 @pytest.fixture(scope="module")

@@ -146,11 +146,11 @@ def folder(tmp_path: Path) -> Path:
     """All the pictures of a report on `template` and `wang2024`."""
     folder = tmp_path / "report"
     for name in ("truth/eia", "eia/template", "eia/wang2024", "rgbd_color"):
-        save(folder / f"{name}.png", noise(1, 272))
+        save(folder / f"{name}.png", noise(1, 136))
     save(folder / "rgbd_depth.png", noise(2)[..., 0])
     for seed, place in enumerate(("truth", "views/reference", "views/template", "views/wang2024")):
         for view in VIEWS:
-            save(folder / place / f"{view}.png", noise(seed))
+            save(folder / place / f"{view}.png", noise(seed, 32))
     return folder
 
 
@@ -235,7 +235,7 @@ def png(size):
         (None, ["template", *COMPARED]),
         (b"not a picture", ["template", *COMPARED]),
         (b"\x89PNG\r\n\x1a\n cut", ["template", *COMPARED]),
-        (png(32), COMPARED),  # of another size than the reference's
+        (png(48), COMPARED),  # of another size than the reference's
     ],
 )
 def test_missing_pictures_have_a_box(folder, content, missing):
