@@ -7,6 +7,7 @@ input ends in one line, the documented exit code, and nothing written.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,21 @@ from PIL import Image
 
 from inim.cli import main
 from inim.errors import EXIT_PASSED
+from inim.inspection import geometry
 from tests.schemas import read_document, read_text
 from tests.system.conftest import assert_refused, definitions, write_scene
 from tests.unit.test_cli import loaded_by
 
 SMALL = definitions({"inim.lens_columns": "6", "inim.lens_rows": "6"})
 FOCUSED = definitions({"inim.gap_mm": "3", "inim.depth_min_mm": "4", "inim.depth_max_mm": "24"})
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_map() -> Iterator[None]:
+    """A crosstalk map of 7 x 7 eyes; it would take most of each test's time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(geometry, "_EYES_ACROSS", 7)
+        yield
 
 
 def inspect(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:

@@ -34,7 +34,7 @@ BAD_LENS = {"focal_length_mm": 1.0, "gap_mm": 1.2}
 
 
 def inspect_display(display: Display, distance_mm: float, **words: str) -> Inspection:
-    """Findings, with a crosstalk map of 3 x 3 eyes: `test_pinhole_crosstalk...` makes a whole one."""
+    """Findings with a crosstalk map of 3 x 3 eyes, which would take most of the time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(geometry, "_EYES_ACROSS", 3)
         return findings.inspect_display(display, distance_mm, **words)
