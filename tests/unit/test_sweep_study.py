@@ -34,6 +34,13 @@ lens_columns = 8
 lens_rows = 6
 """
 
+# Of one scene and one display.
+ONE = (
+    STUDY.partition("[[display]]")[0]
+    .replace('"one.xml", "sub/two.xml"', '"one.xml"')
+    .replace('"nominal", "tiny", "scene"', '"nominal"')
+)
+
 
 @pytest.fixture
 def write_study(tmp_path):
@@ -206,20 +213,20 @@ def test_a_study_without_a_runnable_unit_is_refused_with_the_first_reason(write_
 
 
 def test_a_key_depends_on_deciding_inputs_only(write_study, tmp_path):
-    def first(text: str = STUDY):
+    def first(text: str = ONE):
         return units_of(write_study(text))[0].hash
 
     before = first()
-    assert first(STUDY.replace("[study]", '[study]\ntitle = "other"')) == before
-    assert first(STUDY.replace('["template", "gu2020"]', '["li2012"]')) == before
+    assert first(ONE.replace("[study]", '[study]\ntitle = "other"')) == before
+    assert first(ONE.replace('["template", "gu2020"]', '["li2012"]')) == before
     (tmp_path / "one.xml").rename(tmp_path / "renamed.xml")
-    assert first(STUDY.replace("one.xml", "renamed.xml")) == before
+    assert first(ONE.replace("one.xml", "renamed.xml")) == before
     (tmp_path / "renamed.xml").rename(tmp_path / "one.xml")
     changed = [
-        first(STUDY.replace("view_spp = 2", "view_spp = 4")),
-        first(STUDY.replace("0 0 300", "0 0 301")),
-        first(STUDY.replace('["thin", "thick"]', '"thick"')),
-        first(STUDY.replace("[study]", "[study]\ntime = true")),
+        first(ONE.replace("view_spp = 2", "view_spp = 4")),
+        first(ONE.replace("0 0 300", "0 0 301")),
+        first(ONE.replace('["thin", "thick"]', '"thick"')),
+        first(ONE.replace("[study]", "[study]\ntime = true")),
     ]
     (tmp_path / "one.xml").write_text(scene_text(sphere((0, 0, 0), 1.5)))
     changed.append(first())
@@ -238,9 +245,9 @@ def test_a_key_follows_versions_and_code(write_study, monkeypatch):
 
 
 def test_a_criterion_belongs_to_its_algorithm(write_study):
-    text = STUDY.replace("view_spp = 2", 'min_ssim_to_reference = "template:0.5"')
+    text = ONE.replace("view_spp = 2", 'min_ssim_to_reference = "template:0.5"')
     unit = units_of(write_study(text))[0]
-    assert unit.hash == units_of(write_study(STUDY.replace("view_spp = 2", "")))[0].hash
+    assert unit.hash == units_of(write_study(ONE.replace("view_spp = 2", "")))[0].hash
     assert algorithm_inputs(unit.plan, "template") == {"min_ssim_to_reference": 0.5}
     assert algorithm_inputs(unit.plan, "gu2020") == {"min_ssim_to_reference": None}
     # A run of the other algorithm alone must not be refused for it.
