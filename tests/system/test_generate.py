@@ -20,13 +20,13 @@ from inim.files.image import read_rgbd
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.report.virtual_display import still_view
 from tests.conftest import small_display
-from tests.system.conftest import assert_refused
+from tests.system.conftest import assert_refused, definitions
 from tests.unit.test_cli import loaded_by
 
 FOCAL, ROWS, COLUMNS = 150.0, 90, 120
 CAMERA = ("--intrinsics", f"{FOCAL},{FOCAL},59.5,44.5")
 SIZES = {"lens_columns": 40, "lens_rows": 30, "pixel_pitch_mm": 0.03125}
-DISPLAY = [word for k, v in SIZES.items() for word in ("-D", f"inim.{k}={v}")]
+DISPLAY = definitions({f"inim.{name}": str(size) for name, size in SIZES.items()})
 #: Rows, columns, distance in mm, colour: red is near and top left, green far and below right.
 SQUARES = (
     (slice(20, 40), slice(25, 45), 1000, (255, 0, 0)),
@@ -45,9 +45,9 @@ def camera(tmp_path):
     return tmp_path
 
 
-def words(folder: Path, *more: str, color: str = "color.png", depth: str = "depth.png"):
+def words(folder: Path, *more: str, color="color.png", depth="depth.png", display=DISPLAY):
     files = [str(folder / color), "--depth", str(folder / depth)]
-    return ["generate", *files, *DISPLAY, "-o", str(folder / "eia.png"), *more]
+    return ["generate", *files, *display, "-o", str(folder / "eia.png"), *more]
 
 
 def the_display() -> Display:
@@ -150,7 +150,9 @@ def test_it_runs_without_the_renderer(camera):
     ],
 )
 def test_output_names_the_fill_of_the_eia(camera, capsys, more, fill):
-    assert main(words(camera, *CAMERA, "--depth-unit", "mm", *more)) == EXIT_PASSED
+    few = definitions({"inim.lens_columns": "12", "inim.lens_rows": "9"})
+    more = (*CAMERA, "--depth-unit", "mm", *more)
+    assert main(words(camera, *more, display=few)) == EXIT_PASSED
     assert f"of the EIA, fill: {fill}\n" in capsys.readouterr().out
 
 
