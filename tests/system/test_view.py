@@ -23,7 +23,7 @@ from tests.chromium import NO_WEBGL, WEBGL, Tab, browser
 from tests.conftest import small_display
 from tests.frame_rate import COUNT_WORK, drag_about
 from tests.schemas import report_document
-from tests.system.conftest import Ended, assert_one_line, run_here
+from tests.system.conftest import Ended, assert_one_line, definitions, run_here
 from tests.unit.test_cli import loaded_by
 from tests.unit.test_report_html import render_html, report
 
@@ -75,11 +75,6 @@ def show_eia(tab: Tab, folder: Path, codes: np.ndarray, **settings: object) -> N
     tab.size(180, 300)
     tab.open(view_eia(eia, "nominal", definitions, folder / "page.html"))
     assert tab.evaluate("inimDisplay.ready") is True
-
-
-def display_words(**settings: object) -> list[str]:
-    options = NAMES | {f"inim.{key}": str(value) for key, value in settings.items()}
-    return [word for key, value in options.items() for word in ("-D", f"{key}={value}")]
 
 
 def report_data(display: Display = DISPLAY) -> dict[str, Any]:
@@ -193,7 +188,7 @@ def rarely(**changes: object) -> Any:
 @pytest.mark.parametrize(
     "changes",
     [
-        {},
+        rarely(),
         {"panel_columns": 377, "panel_rows": 301, "pixel_pitch_mm": 0.0636},
         {"lattice": "hexagonal"},
         rarely(aperture="round", fill_factor=0.8),
@@ -633,7 +628,7 @@ def test_view_takes_the_display_from_a_settings_file(tmp_path):
 def test_view_loads_no_renderer(tmp_path):
     eia = save(tmp_path / "eia.png", tilted_plane(DISPLAY))
     page = tmp_path / "page.html"
-    loaded = loaded_by("view", str(eia), *display_words(), "-o", str(page))
+    loaded = loaded_by("view", str(eia), *definitions(NAMES), "-o", str(page))
     assert loaded.isdisjoint({"mitsuba", "drjit", "numba"})
     assert page.is_file()
 
@@ -645,9 +640,9 @@ def test_view_loads_no_renderer(tmp_path):
         (["eia.png", "--display", "palace"], ["palace", "nominal or phone"]),
         (["eia.png", "-D", "inim.pitsh_mm=1"], ["pitsh_mm", "did you mean inim.pitch_mm"]),
         (["eia.png", "-D", "color=1"], ["color"]),
-        (["eia.png", *display_words(), "-o", "."], ["is a folder", "-o"]),
+        (["eia.png", *definitions(NAMES), "-o", "."], ["is a folder", "-o"]),
         (["text.txt"], ["text.txt", ".png"]),
-        (["broken.png", *display_words()], ["broken.png", "not a readable PNG"]),
+        (["broken.png", *definitions(NAMES)], ["broken.png", "not a readable PNG"]),
         (["."], ["report.json", "no such file"]),
         ([".", "--display", "phone"], ["its own display"]),
     ],
