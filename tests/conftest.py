@@ -1,6 +1,8 @@
 """Fixtures shared by all tiers."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -74,6 +76,16 @@ def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[st
         "to_world": mi.ScalarTransform4f().scale([*display.half_extent_mm, 1]),
         "emitter": {"type": "inim_display", "eia": picture, "lens_model": lens_model, **parameters},
     }
+
+
+def run_python(code: str, *words: str | Path, folder: Path | None = None) -> str:
+    """Output of code in a fresh interpreter, which succeeds."""
+    ended = subprocess.run(
+        [sys.executable, "-c", code, *words], cwd=folder, capture_output=True, text=True,
+        timeout=180, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout.strip()
 
 
 def no_cuda() -> str:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 
 import pytest
+
+from tests.conftest import run_python
 
 PROGRAM = """
 import json, random, sys
@@ -40,11 +40,7 @@ NOT_MADE = "no such lens model"
 def run(before: str, more: str = "") -> dict:
     code = PROGRAM.format(before=before, more=more, wrong_model=NOT_MADE)
     code = code.replace("import inim\n", "import inim, inim.errors\n", 1)
-    ended = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=180, check=False
-    )
-    assert ended.returncode == 0, ended.stderr
-    return json.loads(ended.stdout.splitlines()[-1])
+    return json.loads(run_python(code).splitlines()[-1])
 
 
 @pytest.fixture(scope="module")

@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from types import ModuleType
 
 import pytest
 
 import inim
-
-
-def fresh(code: str) -> str:
-    ended = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False
-    )
-    assert ended.returncode == 0, ended.stderr
-    return ended.stdout.strip()
+from tests.conftest import run_python
 
 
 def test_importing_the_package_loads_no_large_module_and_sets_no_variant():
-    loaded = fresh(
+    loaded = run_python(
         "import sys, inim; dir(inim); print([m for m in "
         "('numpy', 'mitsuba', 'drjit', 'numba', 'skimage', 'trimesh') if m in sys.modules])"
     )
@@ -48,7 +39,7 @@ print(inim.reconstruct(eia, display, inim.Viewpoint("eye", 0, 0, 200), spp=4).sh
     ],
 )
 def test_a_view_can_be_the_first_thing_asked_for(before):
-    assert fresh(before + VIEW) == "(12, 16, 3)"
+    assert run_python(before + VIEW) == "(12, 16, 3)"
 
 
 def test_static_list_of_names_is_that_of_the_loaded_ones():
@@ -64,4 +55,4 @@ def test_functions_stay_functions_after_the_import_of_any_module():
         "import inim.views.export"
         "\nprint([callable(getattr(inim, n)) for n in ('sweep', 'inspect', 'calibrate', 'export')])"
     )
-    assert fresh(code) == "[True, True, True, True]"
+    assert run_python(code) == "[True, True, True, True]"

@@ -9,8 +9,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -35,7 +33,7 @@ from inim.pipeline.stages.method import MethodSetup, parse_eias, parse_methods
 from inim.pipeline.stages.scene import Scene
 from inim.pipeline.stages.stage import Run as StageRun
 from inim.process.observer import Observer
-from tests.conftest import small_display, square
+from tests.conftest import run_python, small_display, square
 from tests.schemas import read_document
 from tests.system.conftest import (
     TINY,
@@ -225,10 +223,7 @@ def test_plans_decode_no_picture_because_they_are_outside_the_worker(tiny_scene)
     for name in ("a.png", "b.exr"):
         (folder / name).write_bytes(b"never opened")
         eias.append(f"{name[0]}={folder / name}")
-    ended = subprocess.run(
-        [sys.executable, "-c", DECODERS, tiny_scene, *eias], capture_output=True, text=True
-    )
-    assert (ended.returncode, ended.stdout.split()) == (0, []), ended.stderr
+    assert run_python(DECODERS, tiny_scene, *eias) == ""
 
 
 def write_bad_files(folder: Path, shape: tuple[int, int]) -> None:

@@ -1,7 +1,5 @@
 """Properties of an algorithm are in its own file and are read without loading it."""
 
-import subprocess
-import sys
 from importlib.metadata import EntryPoint
 from types import SimpleNamespace
 
@@ -11,6 +9,7 @@ from inim import plugins
 from inim.errors import UsageError
 from inim.generators import algorithm, algorithm_names, is_own, properties, registry
 from inim.image.rgbd import RGBD, LayeredRGBD
+from tests.conftest import run_python
 
 OWN = ["template", "cameras", "gu2020", "layered", "li2012", "wang2024"]
 
@@ -51,10 +50,7 @@ def test_properties_of_our_own_load_no_compiler_and_no_renderer():
         "for n in filter(is_own, algorithm_names()): properties(n); check_algorithm(n)\n"
         "print([m for m in ('numba', 'mitsuba', 'scipy', 'skimage') if m in sys.modules])"
     )
-    process = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=True
-    )
-    assert process.stdout.strip() == "[]"
+    assert run_python(code) == "[]"
 
 
 def test_what_our_own_state():

@@ -1,7 +1,5 @@
 """Studies: what is multiplied, what is refused and in which words, and what units are known by."""
 
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +12,7 @@ from inim.settings import Settings
 from inim.sweeps.study import AS_SCENE, _check_keys, read_study, study_of, tomllib
 from inim.sweeps.table import columns, failed_rows
 from inim.sweeps.unit import algorithm_inputs, expand, key_of, unit_hash
-from tests.conftest import scene_text, sphere
+from tests.conftest import run_python, scene_text, sphere
 
 STUDY = """
 [study]
@@ -367,11 +365,7 @@ def test_the_largest_studies_are_refused_within_seconds_and_half_a_gigabyte(tmp_
         "        print(str(error).count(chr(10)), len(str(error)) - len(str(path)))\n"
     )
     paths = sorted(map(str, tmp_path.iterdir()))
-    root = Path(__file__).parents[2]
-    ended = subprocess.run(
-        [sys.executable, "-c", code, *paths], cwd=root, capture_output=True, text=True
-    )
-    assert ended.returncode == 0, ended.stderr[-500:]
-    sizes = [tuple(map(int, line.split())) for line in ended.stdout.splitlines()]
+    printed = run_python(code, *paths, folder=Path(__file__).parents[2])
+    sizes = [tuple(map(int, line.split())) for line in printed.splitlines()]
     assert len(sizes) == len(LARGEST)
     assert all(breaks == 0 and length < 300 for breaks, length in sizes)
