@@ -43,7 +43,7 @@ def recording(accesses: set[str], function: Any) -> Any:
 def path(renderer: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> set[str]:
     """Modules passed through on the way to a view and to its SSIM, worker and all."""
     from inim.render.reconstruct import DisplayScene
-    from tests.system.conftest import worker_here
+    from tests.system.conftest import without_page, worker_here
 
     visited: set[str] = set()
     # All in one thread and one process: the stack is the whole way.
@@ -53,7 +53,7 @@ def path(renderer: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> s
     scene = tmp_path / "tiny.xml"
     scene.write_text(scene_text(sphere((0, 0, 1), 1.2)), encoding="utf-8")
     small = {"lens_columns": 8, "lens_rows": 6, "capture_spp": 2, "eia_spp": 2, "view_spp": 2}
-    with worker_here():
+    with worker_here(), without_page():
         inim.validate(
             scene,
             tmp_path / "out",

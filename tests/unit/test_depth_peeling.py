@@ -7,6 +7,7 @@ import pytest
 
 from inim.generators import NO_LENS, find_sources
 from tests.conftest import scene_text, small_display, sphere, square
+from tests.system.conftest import without_page
 
 pytestmark = pytest.mark.usefixtures("renderer")
 
@@ -319,7 +320,8 @@ def validated(folder, algorithms):
     out = folder / "_".join(algorithms.split(","))
     out.mkdir()
     definitions = {f"inim.{key}": str(value) for key, value in settings.items()}
-    return run(make_plan(Request(scene, out, definitions=definitions)), out), out
+    with without_page():
+        return run(make_plan(Request(scene, out, definitions=definitions)), out), out
 
 
 def test_layers_are_captured_on_request_and_change_no_other_result(tmp_path):

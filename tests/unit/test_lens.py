@@ -186,9 +186,6 @@ def test_the_corner_of_a_cell_decides_the_radius_that_fills_it():
                     check_lens_model("thick", display)
 
 
-# -- apertures, and the sheet between them -----------------------------------------------------
-
-
 # -- the panel as a furnace --------------------------------------------------------------------
 
 

@@ -18,6 +18,7 @@ from inim.lens import (
     white_exposure,
 )
 from tests.conftest import small_display
+from tests.system.conftest import install_metadata
 
 OWN = ["pinhole", "thin", "thick", "full"]
 DISPLAY = small_display(4, 4)
@@ -53,12 +54,7 @@ def plant(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         count += 1
         module = f"planted_lens_{tmp_path.name}_{count}".replace("-", "_")
         (tmp_path / f"{module}.py").write_text(source, encoding="utf-8")
-        info = tmp_path / f"{module}-1.0.dist-info"
-        info.mkdir()
-        (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
-        (info / "entry_points.txt").write_text(
-            f"[inim.lens_models]\ntheirs = {module}:{value}\n", encoding="utf-8"
-        )
+        install_metadata(tmp_path, module, f"[inim.lens_models]\ntheirs = {module}:{value}\n")
         lens_model.cache_clear()
 
     monkeypatch.syspath_prepend(tmp_path)

@@ -17,6 +17,7 @@ from inim.stress.job import StressRequest
 from inim.stress.pictures import algorithm_output, noise, random_picture, small_display, solids_of
 from inim.stress.relations import RELATIONS, run_relations
 from tests import oracle as rational
+from tests.system.conftest import install_metadata
 
 CASES = {(case.family, case.name): case for case in cases()}
 ONE = CASES["ties", "real mode, +0 ulp"]
@@ -58,10 +59,7 @@ class Colours:
         return self.right.generate(rgbd, out)
 """
     )
-    info = tmp_path / "planted-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: planted\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[inim.generators]\nplanted = planted_eia:prepare\n")
+    install_metadata(tmp_path, "planted", "[inim.generators]\nplanted = planted_eia:prepare\n")
     monkeypatch.syspath_prepend(tmp_path)
     return "planted"
 

@@ -158,9 +158,6 @@ def test_the_lens_oracle_has_the_limit_of_total_reflection():
     assert weight[0] > 0 and weight[1] == 0
 
 
-# -- what would run for ever, or take all memory --------------------------------------------------
-
-
 # -- checks that can fail -------------------------------------------------------------------------
 
 MEANS = {(v.algorithm, np.dtype(v.dtype).name) for v in generators.VARIANTS if v.samples > 1}
