@@ -150,9 +150,9 @@ def test_it_runs_without_the_renderer(camera):
     ],
 )
 def test_output_names_the_fill_of_the_eia(camera, capsys, more, fill):
-    few = definitions({"inim.lens_columns": "12", "inim.lens_rows": "9"})
+    fewer_lenses = definitions({"inim.lens_columns": "12", "inim.lens_rows": "9"})
     more = (*CAMERA, "--depth-unit", "mm", *more)
-    assert main(words(camera, *more, display=few)) == EXIT_PASSED
+    assert main(words(camera, *more, display=fewer_lenses)) == EXIT_PASSED
     assert f"of the EIA, fill: {fill}\n" in capsys.readouterr().out
 
 

@@ -4,6 +4,7 @@ import base64
 import hashlib
 import io
 import re
+from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 from PIL import Image
 from skimage.metrics import structural_similarity
 
+from inim.cache import ResultCache, Store
 from inim.display import DISPLAYS
 from inim.documents.parts import EyePosition
 from inim.files.image import read_rgbd, write_rgbd
@@ -139,6 +141,15 @@ def save(path: Path, pixels: np.ndarray) -> None:
 
 def noise(seed: int, size: int = 64) -> np.ndarray:
     return np.random.default_rng(seed).integers(0, 256, (size, size, 3), dtype=np.uint8)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def kept_images(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Equal images are packed and compared once for all pages of this module."""
+    cache = ResultCache(Store(tmp_path_factory.mktemp("cache"), 2**30))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report_html, "ResultCache", lambda: cache)
+        yield
 
 
 @pytest.fixture
