@@ -72,7 +72,7 @@ def show_eia(tab: Tab, folder: Path, codes: np.ndarray, **settings: object) -> N
     """Open the live display of an EIA, on a small screen that is soon drawn."""
     eia = save(folder / "eia.png", codes)
     definitions = NAMES | {f"inim.{name}": str(value) for name, value in settings.items()}
-    tab.size(180, 300)
+    tab.size(150, 300)
     tab.open(view_eia(eia, "nominal", definitions, folder / "page.html"))
     assert tab.evaluate("inimDisplay.ready") is True
 
@@ -115,7 +115,7 @@ def shared_tab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Tab]:
 
 @pytest.fixture
 def tab(shared_tab: Tab) -> Tab:
-    shared_tab.size(360, 420)  # every pixel of its canvases is drawn in software
+    shared_tab.size(280, 420)  # every pixel of its canvases is drawn in software
     shared_tab.send("Emulation.setEmulatedMedia", media="", features=[])
     shared_tab.complaints.clear()
     return shared_tab
@@ -157,7 +157,7 @@ def traced(renderer: object) -> Any:
     return view_from
 
 
-@pytest.mark.parametrize("by", [(0, 0), (70, -40), pytest.param((-90, 55), marks=pytest.mark.slow)])
+@pytest.mark.parametrize("by", [(0, 0), (50, -30), pytest.param((-50, 35), marks=pytest.mark.slow)])
 def test_dragging_the_eye_agrees_with_the_ray_tracer(tab, page, traced, by):
     show(tab, page)
     tab.click("input[value=pinhole]")
@@ -476,7 +476,7 @@ def test_viewing_zone_moves_with_the_array(tab, tmp_path):
 @pytest.fixture
 def counted(shared_tab: Tab, page: Path) -> Iterator[Tab]:
     """A page whose work is counted from the start, in `work`."""
-    shared_tab.size(360, 400)
+    shared_tab.size(280, 400)
     shared_tab.complaints.clear()
     script = shared_tab.send("Page.addScriptToEvaluateOnNewDocument", source=COUNT_WORK)
     show(shared_tab, page)
