@@ -72,8 +72,7 @@ def gdepth(jpeg: bytes, depth: bytes, extended=0, **message) -> bytes:
     first = RDF.format(f"<rdf:Description {GDEPTH} {note} {words}/>").encode()
     pieces = [
         segment(
-            0xE1,
-            EXTENDED + guid.encode() + struct.pack(">II", len(whole), n) + whole[n : n + 100],
+            0xE1, EXTENDED + guid.encode() + struct.pack(">II", len(whole), n) + whole[n : n + 100]
         )
         for n in range(0, len(whole), 100)
     ]

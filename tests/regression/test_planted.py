@@ -195,10 +195,7 @@ def one_noisy_lens(eia: np.ndarray) -> np.ndarray:
         (pseudoscopic, {EIA, PIXELS, score("left"), score("right")}),
         # Against the noise of 16 samples it hides on a smooth relic; the reference input has none.
         (lambda run: edited(run, half_a_pixel), {PIXELS}),
-        (
-            lambda run: edited(run, gamma_twice),
-            {EIA, PIXELS, score("centre", "PSNR to reference")},
-        ),
+        (lambda run: edited(run, gamma_twice), {EIA, PIXELS, score("centre", "PSNR to reference")}),
         (lambda run: edited(run, one_noisy_lens), {EIA, PIXELS}),
     ],
     ids=["pseudoscopic depth", "half-pixel shift", "gamma twice", "one noisy lens"],

@@ -62,8 +62,7 @@ def test_without_mitsuba_before_the_variant_used_stays(inim_first):
         "import mitsuba as mi; mi.set_log_level(mi.LogLevel.Info)"
         "; mi.set_variant('llvm_ad_spectral')",
         pytest.param(
-            "import mitsuba as mi; mi.set_variant('llvm_ad_mono_polarized')",
-            marks=pytest.mark.slow,
+            "import mitsuba as mi; mi.set_variant('llvm_ad_mono_polarized')", marks=pytest.mark.slow
         ),
         "import mitsuba as mi, drjit as dr; mi.set_variant('scalar_rgb'); dr.set_thread_count(1)",
         pytest.param(

@@ -28,11 +28,7 @@ with multiprocessing.get_context("fork").Pool(1) as pool:
 
 def test_forked_jobs_end():
     ended = subprocess.run(
-        python_code(FORK),
-        env=child_environment(),
-        capture_output=True,
-        text=True,
-        timeout=300,
+        python_code(FORK), env=child_environment(), capture_output=True, text=True, timeout=300
     )
     assert ended.returncode == 0, ended.stderr
     assert ended.stdout.splitlines() == ["(68, 68, 3)"] * 3

@@ -28,12 +28,7 @@ from inim.files.image import read_exr
 from inim.image.color import srgb_from_linear
 from tests.conftest import scene_text, sphere
 from tests.schemas import read_document
-from tests.system.conftest import (
-    Ended,
-    files_in,
-    nothing_left,
-    write_scene,
-)
+from tests.system.conftest import Ended, files_in, nothing_left, write_scene
 
 Run = Callable[..., Ended]
 ALGORITHMS = ["template", "wang2024"]  # not in the default's order

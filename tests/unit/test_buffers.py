@@ -174,10 +174,7 @@ def test_colours_of_sources_are_looked_up_one_by_one(band):
         (lambda a, b: metrics.psnr_db(a, b), 0.2),
         (lambda a, b: to_srgb(a), 0.4),  # the codes alone are a quarter
         (lambda a, b: tile_statistics(NoisyImage.from_halves(a, b), (40, 40)), 0.6),
-        (
-            lambda a, b: tile_statistics(NoisyImage.from_image(a, b), (40, 40), generated=True),
-            0.6,
-        ),
+        (lambda a, b: tile_statistics(NoisyImage.from_image(a, b), (40, 40), generated=True), 0.6),
     ],
     ids=["ssim", "psnr", "codes", "tiles", "generated tiles"],
 )

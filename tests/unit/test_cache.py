@@ -182,13 +182,7 @@ def test_the_store_s_place(monkeypatch, tmp_path):
 
 def test_digests_differ_for_different_values():
     a = np.arange(6, dtype=np.float32)
-    different = [
-        a,
-        a.reshape(2, 3),
-        a.astype(np.float64),
-        a + np.float32(1e-6),
-        None,
-    ]
+    different = [a, a.reshape(2, 3), a.astype(np.float64), a + np.float32(1e-6), None]
     assert len({array_digest(x) for x in different}) == len(different)
     assert array_digest(a, None) != array_digest(None, a)
     assert array_digest(np.asfortranarray(a.reshape(2, 3))) == array_digest(a.reshape(2, 3))

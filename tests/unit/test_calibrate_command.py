@@ -149,8 +149,7 @@ def bench(monkeypatch, tmp_path):
     camera = Intrinsics(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
     height, width = CAMERA.shape
     document = completed(
-        "calibration",
-        {"camera": {"width_px": width, "height_px": height, **camera._asdict()}},
+        "calibration", {"camera": {"width_px": width, "height_px": height, **camera._asdict()}}
     )
     (tmp_path / "mine-calibration").mkdir()
     (tmp_path / "mine-calibration" / "calibration.json").write_text(json.dumps(document))

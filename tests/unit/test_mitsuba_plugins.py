@@ -68,11 +68,7 @@ def rectangle(world, half=HALF):
 def panel(world, **changes) -> dict:
     import mitsuba as mi
 
-    emitter = {
-        "type": "inim_display",
-        **warnings_of(),
-        "eia": mi.TensorXf(picture()),
-    }
+    emitter = {"type": "inim_display", **warnings_of(), "eia": mi.TensorXf(picture())}
     emitter = {k: v for k, v in (emitter | changes).items() if v is not None}
     return {"type": "rectangle", "to_world": rectangle(world), "emitter": emitter}
 

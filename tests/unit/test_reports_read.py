@@ -44,14 +44,7 @@ def refusal(folder: Path, content: Any) -> str:
     return message
 
 
-CHECK = {
-    "name": "SSIM",
-    "value": 0.9,
-    "relation": ">=",
-    "limit": 0.5,
-    "passed": True,
-    "detail": "",
-}
+CHECK = {"name": "SSIM", "value": 0.9, "relation": ">=", "limit": 0.5, "passed": True, "detail": ""}
 
 
 def changed(**changes: Any) -> dict[str, Any]:

@@ -14,11 +14,7 @@ from jsonschema import Draft202012Validator
 from inim.display import DISPLAYS
 from inim.documents import NAMES, schema
 from inim.documents.parts import DerivedDisplay
-from tests.schemas import (
-    assert_schema,
-    example,
-    read_document,
-)
+from tests.schemas import assert_schema, example, read_document
 
 ROOT = Path(__file__).parents[2]
 # Of the gallery only its reports are documents; the rest is what its page is made of. Studies of

@@ -355,10 +355,7 @@ LENS_BROKEN = {
     "mirror left and right": lambda x, y, d: (x + 1e-9, y),
     "transpose": lambda x, y, d: (x * (1 + 1e-9), y),
     "shift by one pitch": lambda x, y, d: (x * (1 + 1e-9), y),
-    "array and rays shifted by half and whole pixels": lambda x, y, d: (
-        x - 2 * d.shift_x_mm,
-        y,
-    ),
+    "array and rays shifted by half and whole pixels": lambda x, y, d: (x - 2 * d.shift_x_mm, y),
     "all lengths x 2^10": lambda x, y, d: (x + 1e-12, y),
     "all lengths x 1000": lambda x, y, d: (x + 1e-9, y),
     "one ray or many": lambda x, y, d: (x + 1e-12 * np.size(x), y),

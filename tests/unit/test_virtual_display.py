@@ -101,12 +101,7 @@ def test_a_note_says_that_subpixels_are_not_drawn(tmp_path, subpixels):
 
 @pytest.mark.parametrize(
     ("scored_with", "fill_factor", "first"),
-    [
-        ("pinhole", 1, "pinhole"),
-        ("thin", 1, "thin"),
-        ("thick", 1, "thick"),
-        ("thick", 0.8, "thin"),
-    ],
+    [("pinhole", 1, "pinhole"), ("thin", 1, "thin"), ("thick", 1, "thick"), ("thick", 0.8, "thin")],
 )
 def test_it_starts_with_the_lens_model_nearest_to_the_report_s(
     tmp_path, scored_with, fill_factor, first
