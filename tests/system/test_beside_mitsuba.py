@@ -35,6 +35,8 @@ except inim.errors.InimError:
 print(json.dumps({{"before": was, "after": after, "failed": failed, "view": view.tolist()}}))
 """
 NOT_MADE = "no such lens model"
+# It names the LLVM for children that load Mitsuba before inim could.
+pytestmark = pytest.mark.usefixtures("renderer")
 
 
 def run(before: str, more: str = "") -> dict:
