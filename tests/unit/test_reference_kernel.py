@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from inim.backend.kernels import thread_count
+from inim.backend import kernels
 from inim.image.rgbd import RGBD
 from inim.timing import threads
 from tests.conftest import small_display
@@ -71,10 +71,10 @@ def test_it_gathers_the_picture_s_own_words(renderer):
 def test_threads_hold_for_both_and_are_given_back(renderer):
     import drjit as dr
 
-    before = thread_count(), dr.thread_count()
+    before = kernels._thread_count, dr.thread_count()
     with threads(1) as count:
-        assert (count, thread_count(), dr.thread_count()) == (1, 1, 1)
-    assert (thread_count(), dr.thread_count()) == before
+        assert (count, kernels._thread_count, dr.thread_count()) == (1, 1, 1)
+    assert (kernels._thread_count, dr.thread_count()) == before
 
 
 def test_an_rgba_picture_is_one_word_to_a_pixel():
