@@ -12,7 +12,7 @@ import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from inim.calibration import decode, photographs
+from inim.calibration import decode, patterns
 from inim.calibration import run as calibration_run
 from inim.calibration.model import Intrinsics, Pose
 from inim.calibration.photo import simulate
@@ -162,7 +162,7 @@ def bench(monkeypatch, tmp_path):
     light, _ = simulate(linear_from_srgb(codes / 255), HIDDEN, camera, pose, CAMERA.shape)
     Image.fromarray(srgb_to_uint8(srgb_from_linear(light))).save(tmp_path / "photo.png")
     position = SimpleNamespace(name="again", shape=CAMERA.shape)
-    monkeypatch.setattr(photographs, "read_position", lambda folder, display: position)
+    monkeypatch.setattr(patterns, "read_position", lambda folder, display: position)
     monkeypatch.setattr(decode, "decode", lambda position: photograph_from("left"))
     monkeypatch.chdir(tmp_path)
     return position

@@ -23,6 +23,8 @@ OWN_KIND = {
     ROOT / "reports/stress/stress.json",
     ROOT / "reports/scoreboard/scoreboard.json",
     *ROOT.glob("reports/one_picture/*.json"),
+    ROOT / "reports/coverage/coverage.json",
+    ROOT / "reports/optimal/optimal.json",
     ROOT / "reports/paper_sizes/paper_sizes.json",
     ROOT / "reports/calibration/calibration.json",
     ROOT / "reports/calibration/shown.json",
