@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
@@ -298,20 +299,28 @@ def eye_path(
     return eyes
 
 
-def zone_eyes(display: Display, count: int, distance_mm: float | None = None) -> list[Viewpoint]:
-    """Eyes at even steps across the viewing zone, from left to right, at the middle's height.
+def zone_eyes(
+    display: Display, count: int, distance_mm: float | None = None, *, rows: int = 1
+) -> list[Viewpoint]:
+    """Eyes at even steps across the viewing zone, from left to right in each row, upwards.
 
     Each stands in the middle of its share of the zone.
 
+    * `count`: eyes of a row.
     * `distance_mm`: `default_distance_mm` otherwise.
 
     Raises `ViewpointError`: too close for a viewing zone.
     """
     distance = default_distance_mm(display) if distance_mm is None else distance_mm
     check_viewpoint(Viewpoint("middle", 0.0, 0.0, distance), display)
-    limit = display.flip_limit_mm(distance)[0]
-    shares = (2 * np.arange(count) + 1) / count - 1
-    eyes = [Viewpoint(f"view-{k}", float(x), 0.0, distance) for k, x in enumerate(shares * limit)]
+    across, up = (
+        ((2 * np.arange(steps) + 1) / steps - 1) * limit
+        for steps, limit in zip((count, rows), display.flip_limit_mm(distance), strict=True)
+    )
+    eyes = [
+        Viewpoint(f"view-{k}", float(x), float(y), distance)
+        for k, (y, x) in enumerate(product(up, across))
+    ]
     for eye in eyes:
         check_viewpoint(eye, display)
     return eyes

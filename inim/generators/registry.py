@@ -239,6 +239,11 @@ def foreign_errors(text: str) -> AbstractContextManager[None]:
     return attribute_errors(_ENTRY_POINTS, "algorithm", text)
 
 
+def is_optimal(name: str) -> bool:
+    """True if a method, by its name with options, is the optimal EIA."""
+    return name.partition(":")[0] == OPTIMAL
+
+
 def algorithm_names() -> list[str]:
     """All algorithms there are: the project's own, then those that other packages announce."""
     others = announced_names(_ENTRY_POINTS)

@@ -221,7 +221,7 @@ def _plan_memory(
     """Bytes of all images and number of rays in flight; raises if the images are too large."""
     from inim.process.machine import memory_limit_bytes
 
-    optimal = _OPTIMAL_BYTES if any(isinstance(m, OptimalMethod) for m in methods) else 0
+    optimised = sum(views + m.zone**2 for m in methods if isinstance(m, OptimalMethod))
     layers = _LAYERS_BYTES if any(m.input is not RGBD for m in methods) else 0
     images = {
         "use a display with fewer pixels": (display.eia_shape, _EIA_BYTES),
@@ -231,7 +231,9 @@ def _plan_memory(
         ),
         "lower inim.view_pixels_per_lens": (
             _view_shape(display, settings.view_pixels_per_lens),
-            _VIEW_BYTES + views * ((3 + len(methods)) * _STORED_VIEW_BYTES + optimal),
+            _VIEW_BYTES
+            + views * (3 + len(methods)) * _STORED_VIEW_BYTES
+            + optimised * _OPTIMAL_BYTES,
         ),
     }
     needs = {fix: shape[0] * shape[1] * size for fix, (shape, size) in images.items()}

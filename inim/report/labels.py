@@ -15,7 +15,7 @@ from typing import Any, Literal, TypeGuard
 from inim.documents.parts import Check
 from inim.documents.picture import PictureDocument
 from inim.documents.report import ReportDocument
-from inim.generators.registry import OPTIMAL
+from inim.generators.registry import is_optimal
 from inim.metrics import HEADLINE, Metric, all_metrics, find, preferred_algorithm, psnr
 
 ScoreKind = Literal["scene", "reference", "relic", "relic to reference", "eia"]
@@ -85,10 +85,11 @@ def shares_of_possible(data: ReportDocument) -> dict[str, float]:
     The least possible error of the views, that of `optimal`, divided by the algorithm's: root mean
     squares, from the mean PSNR of whole views to the ground truth. Empty without `optimal`.
     """
-    if OPTIMAL not in data.algorithms:
-        return {}
     psnr_db = {name: data.mean(name, psnr.metric.key) for name in data.algorithms}
-    best = psnr_db.pop(OPTIMAL)
+    optima = [psnr_db.pop(name) for name in data.algorithms if is_optimal(name)]
+    if not optima:
+        return {}
+    best = optima[0]
     shares = {
         name: 10 ** ((value - best) / 20)
         for name, value in psnr_db.items()
@@ -268,4 +269,4 @@ def suggested_criteria(report: ReportDocument) -> str:
     if full_command(report):
         return ""
     limits = report.passing_limits().items()
-    return ", ".join(f"{name}:{limit:.2f}" for name, limit in limits if name != OPTIMAL)
+    return ", ".join(f"{name}:{limit:.2f}" for name, limit in limits if not is_optimal(name))

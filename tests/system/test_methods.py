@@ -289,7 +289,8 @@ def test_grey_of_16_bits_keeps_them(tmp_path):
         ("pickup:spp=x", (), "spp must be a whole number in 2.."),
         ("pickup:spp=4:spp=8", (), "option 'spp' is given twice"),
         ("pickup:samples=4", (), "'pickup' has no option 'samples'; its options are spp"),
-        ("optimal:spp=4", (), "'optimal' has no option 'spp'; it has none"),
+        ("optimal:zone=33", (), "zone must be a whole number in 0..32"),
+        ("optimal:spp=4", (), "'optimal' has no option 'spp'; its options are zone"),
     ],
 )
 def test_bad_method_is_named_with_the_fix(algorithms, eias, says):

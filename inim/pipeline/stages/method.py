@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from inim.display.viewpoint import Viewpoint, is_file_safe
+from inim.display.viewpoint import Viewpoint, is_file_safe, zone_eyes
 from inim.errors import InimError, UsageError, suggest_words
 from inim.files.eia_file import check_eia_name, read_eia
 from inim.generators import (
@@ -60,6 +60,8 @@ _RESERVED_NAMES = ("reference", _NONE)
 _LABEL = re.compile(r"[\w+-][\w.+:=-]{0,99}")
 # More samples per pixel are a typing error.
 _MAX_SAMPLES = 2**20
+# Rows and columns of further eyes of the optimal EIA; each view takes about half a second.
+_MAX_ZONE = 32
 
 #: A method ready to compute an EIA of the scene from its capture and its ground-truth EIA.
 PreparedMethod = Callable[[Capture, NoisyImage], GeneratedEIA]
@@ -195,14 +197,26 @@ class PickupMethod(Method):
         return generate
 
 
+@dataclass(frozen=True)
 class OptimalMethod(Method):
-    """EIA whose views come closest to the scene: the bound of all algorithms."""
+    """EIA whose views come closest to the scene: the bound of all algorithms.
+
+    With `zone`, views from so many rows and columns of further eyes, over the viewing zone at the
+    distance of the first viewpoint, count as much as those of the run.
+    """
+
+    zone: int = 0
 
     verb = "optimise"
 
     def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:
         """See `Method`."""
-        views = ScoredViews(setup.optics, setup.viewpoints, setup.view_spp)
+        first = setup.viewpoints[0]
+        further = [
+            replace(first, name=eye.name, x_mm=eye.x_mm, y_mm=eye.y_mm)
+            for eye in zone_eyes(setup.optics.display, self.zone, first.z_mm, rows=self.zone)
+        ]
+        views = ScoredViews(setup.optics, (*setup.viewpoints, *further), setup.view_spp)
         views.check()
 
         def optimise(_: Capture, truth_eia: NoisyImage) -> GeneratedEIA:
@@ -239,11 +253,10 @@ def _parse_algorithm(text: str) -> Method:
     name, options = parse_algorithm(text)
     label = ":".join([name, *(f"{key}={value}" for key, value in options.items())])
     if name == PICKUP:
-        return PickupMethod(label, _pickup_samples(label, options))
+        why = ", as it is split into two passes"
+        return PickupMethod(label, _whole_number(label, options, "spp", 2, _MAX_SAMPLES, why))
     if name == OPTIMAL:
-        for key in options:
-            raise UsageError(f"algorithm {OPTIMAL!r} has no option {key!r}; it has none")
-        return OptimalMethod(label)
+        return OptimalMethod(label, _whole_number(label, options, "zone", 0, _MAX_ZONE))
     if name not in (names := algorithm_names()):
         raise UsageError(f"algorithm {name!r}: {suggest_words(name, [*names, *SCENE_ALGORITHMS])}")
     check_algorithm(text)
@@ -255,16 +268,20 @@ def _parse_algorithm(text: str) -> Method:
     return GeneratorMethod(label)
 
 
-def _pickup_samples(label: str, options: dict[str, str]) -> int:
-    for key in options.keys() - {"spp"}:
-        raise UsageError(f"algorithm {PICKUP!r} has no option {key!r}; its options are spp")
+def _whole_number(
+    label: str, options: dict[str, str], option: str, low: int, high: int, why: str = ""
+) -> int:
+    """Value of an algorithm's only option, or 0 without it."""
+    for key in options.keys() - {option}:
+        raise UsageError(
+            f"algorithm {label.partition(':')[0]!r} has no option {key!r}; its options are {option}"
+        )
     if not options:
         return 0
-    text = options["spp"]
-    if not (text.isascii() and text.isdigit() and 2 <= int(text[:9]) <= _MAX_SAMPLES):
+    text = options[option]
+    if not (text.isascii() and text.isdigit() and low <= int(text[:9]) <= high):
         raise UsageError(
-            f"algorithm {label!r}: spp must be a whole number in 2..{_MAX_SAMPLES}; it is split "
-            "into two passes"
+            f"algorithm {label!r}: {option} must be a whole number in {low}..{high}{why}"
         )
     return int(text)
 
@@ -299,7 +316,7 @@ def algorithm_table() -> str:
     rows = [
         (usage, (method.__doc__ or "").partition("\n")[0])
         for usage, method in (
-            (OPTIMAL, OptimalMethod),
+            (f"{OPTIMAL}:zone=0", OptimalMethod),
             (f"{PICKUP}:spp=EIA_SPP", PickupMethod),
         )
     ]
