@@ -15,9 +15,9 @@ ground-truth EIA.
 Limits. It bounds the mean over the viewpoints of the PSNR of whole views, not SSIM, FLIP, the score
 of a single view, of the relic, or of other viewpoints. With few viewpoints, hardly any panel pixel
 serves two of them, and views in between are sacrificed; further views over the viewing zone
-(``zone``) give a lower and stricter bound. It is a local optimum, rounded to 8 bits. Its ground-truth views have another seed than those
-that score it, so it does not follow their noise. The noise of these views lowers its score
-slightly; the noise correction of the scores estimates by how much.
+(``zone``) give a lower and stricter bound. It is a local optimum, rounded to 8 bits. Its ground-
+truth views have another seed than those that score it, so it does not follow their noise. The noise
+of these views lowers its score slightly; the noise correction of the scores estimates by how much.
 """
 
 from __future__ import annotations
