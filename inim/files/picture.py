@@ -16,7 +16,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -68,6 +68,19 @@ def is_exr(path: Path) -> bool:
         return file.read(_HEAD_BYTES).startswith(_EXR_MAGIC)
 
 
+class _BoundedReads:
+    """A file whose reads allocate its size at most: a damaged chunk may claim to have gigabytes."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file, self._size = file, os.fstat(file.fileno()).st_size
+
+    def read(self, count: int = -1) -> bytes:
+        return self._file.read(min(count, self._size))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+
 @contextmanager
 def open_picture(
     path: Path,
@@ -88,10 +101,11 @@ def open_picture(
     from PIL import Image
 
     with open_file(path) if data is None else io.BytesIO(data) as file, silence_output():
+        stream = _BoundedReads(file) if data is None else file
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # sizes are checked below
-                with Image.open(file, formats=formats) as picture:
+                with Image.open(stream, formats=formats) as picture:
                     samples = picture.width * picture.height * len(picture.getbands())
                     size = None if data is None else len(data)
                     check_unfolding(path, sample_bytes * samples, size)
@@ -102,6 +116,7 @@ def open_picture(
             if unknown and isinstance(error, Image.UnidentifiedImageError):
                 raise FileError(f"{path}: {unknown}") from error
             cause = getattr(error, "strerror", None) or str(error).partition("\n")[0]
+            cause = cause or type(error).__name__
             raise FileError(f"{path}: not a readable picture ({cause}); save it again") from error
 
 

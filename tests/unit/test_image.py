@@ -1,6 +1,7 @@
 """Pictures in and out, whole or not at all; scores against known values."""
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -8,10 +9,12 @@ import pytest
 from inim import metrics
 from inim.errors import FileError, UsageError
 from inim.files import image
+from inim.files.eia_file import read_eia
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
 from inim.regression.scores import view_scores
+from tests.conftest import small_display
 
 RANDOM = np.random.default_rng(3)
 
@@ -57,6 +60,19 @@ def test_png_is_srgb_and_upright(tmp_path):
     assert codes.dtype == np.uint8 and codes.shape == (2, 3, 3)
     assert tuple(codes[0, 2]) == (255, 128, 0), "linear 0.214 is middle grey"
     assert codes.sum() == 383
+
+
+def test_chunk_that_claims_gigabytes_allocates_none(tmp_path):
+    path = tmp_path / "eia.png"
+    image.write_png(path, np.zeros((8, 8, 3), np.float32))
+    content = path.read_bytes()
+    length = content.index(b"IDAT") - 4
+    path.write_bytes(content[:length] + (2**31 - 1).to_bytes(4, "big") + content[length + 4 :])
+    tracemalloc.start()
+    read_eia(path, small_display(8, 8, pixels=1))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 2**20
 
 
 def test_srgb_is_the_standard_s_at_known_points():
