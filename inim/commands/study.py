@@ -137,7 +137,7 @@ def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _tolerate(args: argparse.Namespace) -> int:
     from inim.report.tolerate import PAGE, sentences
-    from inim.tolerate.run import ToleranceRequest, plan_tolerance, run_tolerance
+    from inim.tolerate import ToleranceRequest, plan_tolerance, run_tolerance
 
     place = _place(args, args.scene, "tolerate")
     request = ToleranceRequest(
@@ -173,7 +173,7 @@ def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _bench(args: argparse.Namespace) -> int:
-    from inim.bench.job import BenchRequest, run_bench
+    from inim.bench import BenchRequest, run_bench
     from inim.timing import Rounds
     from inim.worker.output import default_out
 
@@ -201,7 +201,7 @@ def _add_stress_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _stress(args: argparse.Namespace) -> int:
-    from inim.stress.job import StressRequest, run_stress
+    from inim.stress import StressRequest, run_stress
     from inim.worker.output import default_out
 
     if args.scene is None and args.definitions:

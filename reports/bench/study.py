@@ -19,7 +19,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from inim import reconstruct
-from inim.bench.job import load_average, record
+from inim.bench import load_average, record
 from inim.display import Display, Viewpoint
 from inim.errors import InimError
 from inim.image.rgbd import RGBD

@@ -5,8 +5,7 @@ import os
 import pytest
 
 from inim import timing
-from inim.bench import evaluate
-from inim.bench.job import load_average, warn_of_load, warn_of_others
+from inim.bench import evaluate, load_average, warn_of_load, warn_of_others
 from inim.process.observer import Observer
 
 

@@ -12,7 +12,7 @@ from inim.scene.file import choose_display
 from inim.sweeps.run import SweepPlace
 from inim.sweeps.study import read_study
 from inim.sweeps.unit import expand
-from inim.tolerate.run import ToleranceRequest, plan_tolerance
+from inim.tolerate import ToleranceRequest, plan_tolerance
 from tests.conftest import scene_text, sphere
 
 MINE = """<scene version="3.0.0">

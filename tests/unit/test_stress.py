@@ -12,8 +12,8 @@ import pytest
 from inim.errors import UsageError
 from inim.generators import algorithm_items
 from inim.generators.oracle import exact_hits
+from inim.stress import StressRequest
 from inim.stress.checks import cases, check_first_hits, measure_jitter, quantise_depth
-from inim.stress.job import StressRequest
 from inim.stress.pictures import algorithm_output, noise, random_picture, small_display, solids_of
 from inim.stress.relations import RELATIONS, run_relations
 from tests import oracle as rational

@@ -15,7 +15,7 @@ from inim.documents.document import decode, encode
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 from inim.process.observer import Observer
 from inim.report.stress import write_stress
-from inim.stress.job import record, spheres
+from inim.stress import record, spheres
 from reports.stress.study.document import StudyDocument
 from reports.stress.study.tables import parts_of, summary_lines
 
