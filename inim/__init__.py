@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from inim.report import Report as Report
     from inim.report.score_table import compare_algorithms as compare_algorithms
     from inim.scene.new_scene import new_scene as new_scene
-    from inim.sweeps.run import sweep as sweep
+    from inim.sweeps import sweep as sweep
     from inim.views.export import export as export
 
 _HOME = {
@@ -50,7 +50,7 @@ _HOME = {
     "register_plugins": "inim.render.variant",
     "save_image": "inim.files.image",
     "score": "inim.metrics",
-    "sweep": "inim.sweeps.run",
+    "sweep": "inim.sweeps",
     "to_srgb": "inim.image.color",
     "validate": "inim.pipeline.launch",
 }

@@ -12,7 +12,7 @@ from inim.commands.options import Command, add_shared, finish, print_warning, re
 from inim.errors import EXIT_PASSED, UsageError
 
 if TYPE_CHECKING:
-    from inim.sweeps.run import SweepPlace
+    from inim.sweeps import SweepPlace
 
 _KEPT = "results are kept; run it again to continue"
 
@@ -54,7 +54,7 @@ def _add_place(parser: argparse.ArgumentParser) -> None:
 
 
 def _place(args: argparse.Namespace, source: Path, kind: str) -> SweepPlace:
-    from inim.sweeps.run import SweepPlace
+    from inim.sweeps import SweepPlace
     from inim.worker.output import default_out
 
     args.out = args.out or default_out(source, kind)
@@ -65,7 +65,7 @@ def _place(args: argparse.Namespace, source: Path, kind: str) -> SweepPlace:
 
 def _sweep(args: argparse.Namespace) -> int:
     from inim.report.sweep import PAGE
-    from inim.sweeps.run import plan_study, run_sweep
+    from inim.sweeps import plan_study, run_sweep
     from inim.sweeps.study import read_study
 
     place = _place(args, args.study, "sweep")

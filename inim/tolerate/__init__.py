@@ -22,7 +22,7 @@ from inim.pipeline.request import Request
 from inim.report.sweep import mean
 from inim.report.tolerate import write_tolerance
 from inim.settings import PREFIX
-from inim.sweeps.run import SweepPlace, SweepPlan, compute_results, plan_study
+from inim.sweeps import SweepPlace, SweepPlan, compute_results, plan_study
 from inim.sweeps.study import AS_SCENE, NamedDisplay, Study
 from inim.tolerate.findings import aligned_score, parameter_tolerances
 from inim.tolerate.study import ToleranceStudy, read_standard_errors, read_tolerance_study

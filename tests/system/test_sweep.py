@@ -15,7 +15,7 @@ import pytest
 
 import inim
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
-from inim.sweeps.run import SweepPlace, run_sweep
+from inim.sweeps import SweepPlace, run_sweep
 from inim.sweeps.table import TABLE, columns
 from tests.conftest import scene_text
 from tests.schemas import read_document

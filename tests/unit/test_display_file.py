@@ -9,7 +9,7 @@ from inim.errors import FileError, InimError, SceneError, UsageError
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.scene.file import choose_display
-from inim.sweeps.run import SweepPlace
+from inim.sweeps import SweepPlace
 from inim.sweeps.study import read_study
 from inim.sweeps.unit import expand
 from inim.tolerate import ToleranceRequest, plan_tolerance
