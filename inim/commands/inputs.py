@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from inim.commands.options import Command, add_shared, print_warning
 from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
-from inim.files.regular_file import check_file
+from inim.files import check_file
 
 if TYPE_CHECKING:
     import argparse

@@ -10,8 +10,8 @@ from msgspec.structs import replace
 
 from inim.documents.document import Document, decode, encode
 from inim.errors import FileError
+from inim.files import read_file
 from inim.files.image import write_atomically
-from inim.files.regular_file import read_file
 
 # The project's own reports have about 100 kB and two thousand values.
 _LARGEST_BYTES = 2**24

@@ -16,7 +16,7 @@ import numpy as np
 
 from inim.cache import ResultCache
 from inim.errors import FileError, UsageError
-from inim.files.regular_file import check_file
+from inim.files import check_file
 from inim.image.color import to_srgb
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.process.atomic_file import atomic_file, file_errors

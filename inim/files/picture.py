@@ -21,8 +21,8 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from inim.errors import FileError
+from inim.files import open_file, read_file
 from inim.files.image import check_unfolding, read_exr, silence_output
-from inim.files.regular_file import open_file, read_file
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
 _HEAD_BYTES = 16

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from inim.errors import FileError
-from inim.files.regular_file import read_file
+from inim.files import read_file
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import trimesh
 from PIL import Image
 
 from inim.errors import FileError
-from inim.files.regular_file import read_file
+from inim.files import read_file
 from inim.files.triangle_mesh import Mesh, first_line, usable_normals
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.errors import FileError
+from inim.files import check_file
 from inim.files.image import read_exr, read_exr_channels, write_exr_parts
 from inim.files.picture import is_exr, open_picture, read_pfm
-from inim.files.regular_file import check_file
 
 _COLOR_FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM")
 _NO_COLOR = "not a colour picture that inim reads; save it as PNG, JPEG or EXR"

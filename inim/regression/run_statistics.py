@@ -21,8 +21,8 @@ from inim.documents import read_document, write_document
 from inim.documents.compare import BaselineDocument, PictureSize
 from inim.documents.parts import Circumstances, Conditions
 from inim.errors import BaselineError, FileError
+from inim.files import read_file
 from inim.files.image import write_atomically
-from inim.files.regular_file import read_file
 from inim.regression.fingerprints import Fingerprint
 from inim.regression.scores import ScoreEstimate
 from inim.regression.tiles import TileStatistics

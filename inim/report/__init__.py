@@ -14,7 +14,7 @@ from inim.documents.files import read_document, write_forms
 from inim.documents.picture import PictureDocument
 from inim.documents.report import ReportDocument
 from inim.errors import FileError, UsageError, suggest_words
-from inim.files.regular_file import read_file
+from inim.files import read_file
 
 if TYPE_CHECKING:
     from inim.report.score_table import ScoreTable

@@ -17,7 +17,7 @@ from xml.parsers import expat
 
 from inim.display import Display
 from inim.errors import FileError, SceneError, UsageError
-from inim.files.regular_file import open_file, read_file
+from inim.files import open_file, read_file
 from inim.files.splat_ply import SPLAT_SHAPES
 from inim.scene.parameters import Content, SceneFolder, SceneParameters, content_of
 from inim.settings import DISPLAY_KEYS, PREFIX, Settings, value_text

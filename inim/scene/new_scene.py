@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from inim.errors import FileError, UsageError
-from inim.files.regular_file import read_file
+from inim.files import read_file
 from inim.process.atomic_file import file_errors
 from inim.process.interrupts import delayed_interrupts
 

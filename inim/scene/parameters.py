@@ -20,7 +20,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from inim.errors import FileError, SceneError
-from inim.files.regular_file import open_file
+from inim.files import open_file
 
 #: A file's SHA-256, size, and times [ns] of the last changes of its content, and of its name or
 #: rights: what was changed and changed back has other times.

@@ -29,7 +29,7 @@ from inim.display import DISPLAYS, Display
 from inim.display.pixels import exact_length
 from inim.display.viewpoint import Viewpoint, is_file_safe, viewpoint_items
 from inim.errors import FileError, InimError, UsageError, suggest_words
-from inim.files.regular_file import check_file, read_file
+from inim.files import check_file, read_file
 from inim.lens import lens_models
 from inim.pipeline.stages.method import parse_methods
 from inim.scene.file import display_of

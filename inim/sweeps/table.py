@@ -14,8 +14,8 @@ from msgspec import to_builtins
 from inim.documents.algorithms import SweepTable, UnitDocument, UnitView
 from inim.documents.report import ReportDocument
 from inim.errors import UsageError
+from inim.files import check_file
 from inim.files.image import write_atomically
-from inim.files.regular_file import check_file
 from inim.metrics import Metric, all_metrics
 from inim.report.labels import ScoreKind, check_finding, score_keys
 from inim.report.sweep import CRITERION, DEPTH, DEPTH_SHARE, VARIED_COLUMNS

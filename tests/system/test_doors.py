@@ -21,8 +21,8 @@ from PIL import Image
 
 from inim.documents import write_document
 from inim.errors import EXIT_BASELINE, EXIT_USAGE, FileError
+from inim.files import open_file
 from inim.files.image import silence_output
-from inim.files.regular_file import open_file
 from tests.conftest import scene_text
 from tests.schemas import completed, report_document
 from tests.system.conftest import assert_one_line, run_here, write_scene

@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.errors import FileError, UsageError
+from inim.files import read_file
 from inim.files.image import check_unfolding, silence_output
 from inim.files.picture import DIAGONAL_35MM, open_picture, read_exif
-from inim.files.regular_file import read_file
 from inim.from_camera.depth_photo.codes import (
     REMEDY,
     Coding,
