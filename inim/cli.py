@@ -18,7 +18,7 @@ from importlib import import_module
 from textwrap import fill
 from typing import Any, NoReturn
 
-from inim.commands.options import EXIT_CODES, Command, print_warning
+from inim.commands import EXIT_CODES, Command, print_warning
 from inim.errors import EXIT_PASSED, EXIT_USAGE, InimError, suggest_words, unexpected_error
 from inim.process.interrupts import raise_again
 from inim.process.python_process import configuration_hidden

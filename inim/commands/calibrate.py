@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import (
+from inim.commands import (
     Command,
     add_shared,
     choices_of,

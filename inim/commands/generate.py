@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import (
+from inim.commands import (
     Command,
     add_picture,
     add_shared,

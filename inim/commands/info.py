@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inim.commands.options import Command, add_shared
+from inim.commands import Command, add_shared
 from inim.errors import EXIT_PASSED, BackendError
 
 if TYPE_CHECKING:

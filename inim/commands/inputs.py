@@ -19,7 +19,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inim.commands.options import Command, add_shared, print_warning
+from inim.commands import Command, add_shared, print_warning
 from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
 from inim.files import check_file
 

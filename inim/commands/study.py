@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import Command, add_shared, finish, print_warning, request_of
+from inim.commands import Command, add_shared, finish, print_warning, request_of
 from inim.errors import EXIT_PASSED, UsageError
 
 if TYPE_CHECKING:

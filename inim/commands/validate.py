@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from inim.commands.options import (
+from inim.commands import (
     Command,
     add_picture,
     add_shared,

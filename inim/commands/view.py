@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands.options import Command, add_shared, check_report_arguments, choices_of
+from inim.commands import Command, add_shared, check_report_arguments, choices_of
 from inim.errors import EXIT_PASSED, FileError
 from inim.version import __version__
 

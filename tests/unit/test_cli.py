@@ -30,10 +30,7 @@ def loaded_by(*words: str) -> set[str]:
 
 
 def test_the_table_has_every_command_of_every_module():
-    modules = {m.name for m in pkgutil.iter_modules(inim.commands.__path__)} - {
-        "completion",
-        "options",
-    }
+    modules = {m.name for m in pkgutil.iter_modules(inim.commands.__path__)}
     commands = {
         name: module
         for module in modules
@@ -58,7 +55,7 @@ def test_help_loads_no_large_module(words):
 
 def test_only_the_named_command_is_imported():
     loaded = {m for m in loaded_by("info", "--help") if m.startswith("inim.commands.")}
-    assert loaded == {"inim.commands.info", "inim.commands.options"}
+    assert loaded == {"inim.commands.info"}
 
 
 @pytest.mark.parametrize(
