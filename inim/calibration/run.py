@@ -14,7 +14,7 @@ from inim.calibration.model import Intrinsics
 from inim.calibration.output import calibration_document, display_file, residual_maps
 from inim.calibration.patterns import read_positions
 from inim.display import Display
-from inim.documents.files import write_text
+from inim.documents.document import write_text
 from inim.errors import UsageError
 from inim.report.calibration import FILES, write_calibration
 from inim.scene.file import choose_display, parse_definitions

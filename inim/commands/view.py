@@ -150,7 +150,7 @@ def _page(title: str, facts: str, content: str) -> str:
 
 
 def _write_page(path: Path, page: str) -> Path:
-    from inim.documents.files import write_text
+    from inim.documents.document import write_text
 
     if path.is_dir():
         raise FileError(f"{path}: is a folder; name a file with -o")

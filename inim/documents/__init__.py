@@ -4,7 +4,14 @@ A declaration is a `Document` of typed fields, each with its description. Its JS
 reader with all checks, and the table in the documentation follow from it.
 """
 
-from inim.documents.document import NAMES, Document, Part, doc, schema
-from inim.documents.files import read_document, write_document
+from inim.documents.document import (
+    NAMES,
+    Document,
+    Part,
+    doc,
+    read_document,
+    schema,
+    write_document,
+)
 
 __all__ = ["NAMES", "Document", "Part", "doc", "read_document", "schema", "write_document"]

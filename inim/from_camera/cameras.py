@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display import Display
-from inim.documents.files import read_document
+from inim.documents.document import read_document
 from inim.documents.picture import CamerasDocument, PlacedPicture
 from inim.errors import FileError, UsageError
 from inim.from_camera.fit import FITS, DepthMap, check_pinhole, depth_range, map_depth, unprojection

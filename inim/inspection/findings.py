@@ -14,7 +14,7 @@ from inim.display import DISPLAYS, Display
 from inim.display.misalignment import misaligned
 from inim.display.pixels import least_gap_mm
 from inim.display.viewpoint import default_distance_mm
-from inim.documents.files import write_document
+from inim.documents.document import write_document
 from inim.documents.inspect import InspectDocument, TracedModel
 from inim.errors import DisplayError, UsageError, suggest_words
 from inim.inspection.accuracy_limits import lenses_beside_panel

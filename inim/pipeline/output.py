@@ -17,7 +17,7 @@ import numpy as np
 from inim import metrics
 from inim.cache import ResultCache
 from inim.display import Display
-from inim.documents.files import folder_files
+from inim.documents.document import folder_files
 from inim.documents.parts import BackendRecord, Checks, DisplayRecord, EyePosition, origin
 from inim.documents.report import (
     CapturedPicture,

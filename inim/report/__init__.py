@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 from inim.cache import ResultCache
 from inim.display import Display
-from inim.documents.files import read_document, write_forms
+from inim.documents.document import read_document, write_forms
 from inim.documents.picture import PictureDocument
 from inim.documents.report import ReportDocument
 from inim.errors import FileError, UsageError, suggest_words

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from inim.documents.display import CalibrationDocument, PhotoDocument
-from inim.documents.files import write_listed
+from inim.documents.document import write_listed
 from inim.files.image import write_png
 from inim.report.images import DIFFERENCE_GAIN, ENCODINGS, ReportImages, difference
 from inim.report.labels import number, per_cent

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from inim.documents.files import write_listed
+from inim.documents.document import write_listed
 from inim.report.page import (
     Section,
     bullets,

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from inim.documents.algorithms import SweepTable
-from inim.documents.files import write_text
+from inim.documents.document import write_text
 from inim.metrics import HEADLINE, HEADLINE_TO_SCENE, HEADLINE_WORDS, MAIN, all_metrics
 from inim.report import plots
 from inim.report.labels import MISSING, is_number, mm, number

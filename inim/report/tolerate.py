@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from inim.documents.display import ParameterTolerance, Together, ToleranceDocument
-from inim.documents.files import write_forms
+from inim.documents.document import write_forms
 from inim.metrics import HEADLINE_WORDS
 from inim.report.labels import MISSING, NBSP, number, per_cent
 from inim.report.page import (

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.documents.files import write_listed
+from inim.documents.document import write_listed
 from inim.documents.picture import PictureAlgorithm, PictureDocument
 from inim.metrics import MAIN, RELIC_MARGIN_PX, all_metrics
 from inim.report.images import Encoding, ReportImages, is_wide

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from inim.documents.compare import CompareDocument
-from inim.documents.files import write_listed
+from inim.documents.document import write_listed
 from inim.documents.parts import Drift, Regression
 from inim.documents.report import ReportDocument
 from inim.metrics import all_metrics
