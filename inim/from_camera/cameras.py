@@ -15,7 +15,7 @@ from inim.errors import FileError, UsageError
 from inim.from_camera.fit import FITS, DepthMap, check_pinhole, depth_range, map_depth, unprojection
 from inim.from_camera.picture import CameraPicture, ColorDepth
 from inim.from_camera.tiles import linear_light
-from inim.image.cameras import MAX_SLOPE, MOST_CAMERAS, Camera, CameraRGBD, CameraRGBDs
+from inim.image.rgbd import MAX_SLOPE, MOST_CAMERAS, Camera, CameraRGBD, CameraRGBDs
 
 # A rotation written with four digits is orthonormal to this precision.
 _ORTHONORMAL = 1e-3

@@ -55,8 +55,7 @@ from inim.generators.registry import (
     parse_algorithm,
     properties,
 )
-from inim.image.cameras import CameraRGBDs
-from inim.image.rgbd import RGBD
+from inim.image.rgbd import RGBD, CameraRGBDs
 from inim.scene.file import display_of
 
 __all__ = [

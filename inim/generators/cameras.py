@@ -11,7 +11,7 @@ import numpy as np
 from inim.display import Display
 from inim.generators.base import PictureShape, SourceGenerator
 from inim.generators.registry import algorithm
-from inim.image.cameras import CameraRGBDs
+from inim.image.rgbd import CameraRGBDs
 
 
 @algorithm(exact=True, reads=CameraRGBDs, colour="smooth", fill="auto", color="#08519c", marker="X")
@@ -31,7 +31,7 @@ def prepare(
     display, shape, pixel_mm, mask :
         See `inim.generators.prepare`.
     views : str
-        Cameras in front of a scene; see `inim.image.cameras.camera_directions`. Pictures that are
+        Cameras in front of a scene; see `inim.image.rgbd.camera_directions`. Pictures that are
         given have their own.
     samples : {1, 2, 4}
         As for `template`.

@@ -31,8 +31,7 @@ from typing import Any, TypeVar, cast
 
 from inim.errors import UsageError, suggest_words
 from inim.generators.base import Generator
-from inim.image.cameras import CameraRGBDs, camera_directions
-from inim.image.rgbd import RGBD
+from inim.image.rgbd import RGBD, CameraRGBDs, camera_directions
 from inim.plugins import announced_names, attribute_errors, load
 from inim.settings import value_text
 
@@ -90,7 +89,7 @@ class AlgorithmProperties:
     reads : type
         Type of the pictures that it reads: `RGBD`; `LayeredRGBD`, for the surfaces behind the front
         as well (`inim.image.rgbd`); or `CameraRGBDs`, for the pictures of several cameras
-        (`inim.image.cameras`), which are merged for it.
+        (`inim.image.rgbd`), which are merged for it.
     views : str
         Arrangement of these cameras in front of a scene.
     colour, fill : str

@@ -29,8 +29,8 @@ from inim.files.image import write_atomically
 from inim.files.light_field import sub_aperture_views
 from inim.generators import HOLE, algorithm_names, template
 from inim.generators.registry import properties
-from inim.image.cameras import CameraRGBDs
 from inim.image.color import linear_from_srgb
+from inim.image.rgbd import CameraRGBDs
 from inim.metrics import find, score_maps
 from reports.scoreboard.field import LightField, Place, Views, codes, read
 from reports.scoreboard.page import NEAREST, page

@@ -12,8 +12,7 @@ from inim.errors import FileError, UsageError
 from inim.from_camera.cameras import read_cameras
 from inim.from_camera.picture import CameraPicture
 from inim.generators import generate, merge_cameras
-from inim.image.cameras import Camera, CameraRGBD, CameraRGBDs, camera_directions
-from inim.image.rgbd import RGBD, LayeredRGBD
+from inim.image.rgbd import RGBD, Camera, CameraRGBD, CameraRGBDs, LayeredRGBD, camera_directions
 from tests.conftest import small_display
 
 DISPLAY = small_display()

@@ -20,8 +20,7 @@ from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
 from inim.errors import FileError
 from inim.generators.raycast.columns import THICKNESS_PX, surface_backs
-from inim.image.cameras import MAX_SLOPE, CameraRGBDs
-from inim.image.rgbd import RGBD
+from inim.image.rgbd import MAX_SLOPE, RGBD, CameraRGBDs
 from inim.image.sides import Sides, with_sides
 
 #: Most solids of a column; further ones are left out.

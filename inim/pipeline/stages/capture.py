@@ -11,9 +11,16 @@ import numpy as np
 from inim.documents.parts import Check, check
 from inim.errors import SceneError
 from inim.generators.registry import Input
-from inim.image.cameras import Camera, CameraRGBD, CameraRGBDs, camera_directions
 from inim.image.noisy_image import replace_nonfinite
-from inim.image.rgbd import RGBD, Layer, LayeredRGBD
+from inim.image.rgbd import (
+    RGBD,
+    Camera,
+    CameraRGBD,
+    CameraRGBDs,
+    Layer,
+    LayeredRGBD,
+    camera_directions,
+)
 from inim.pipeline.stages.scene import EMPTY_RAYS, Scene, samples_traced, seed_of
 from inim.pipeline.stages.stage import GENERATING, RENDERING, Run, stage
 
