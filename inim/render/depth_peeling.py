@@ -26,10 +26,10 @@ from inim.display import Display
 from inim.image.sides import Sides
 from inim.process.observer import Observer
 from inim.render import splats
-from inim.render.camera import FilmCamera
 from inim.render.culling import layers_in_view
 from inim.render.rays import SeparableRays, capture_rays
 from inim.render.scene import FittedScene
+from inim.render.trace import FilmCamera
 
 #: What lies behind more than this is cut off, and counted.
 MOST_LAYERS = 8

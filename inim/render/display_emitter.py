@@ -25,7 +25,6 @@ from inim.errors import SceneError
 from inim.files.eia_file import read_eia
 from inim.lens import LensArray, Ops, channel_indices, lens_array, lens_traits, through_array
 from inim.lens import lens_model as find_lens_model
-from inim.render.camera import FilmCamera
 from inim.render.sensors import (
     read_display,
     read_number,
@@ -33,7 +32,7 @@ from inim.render.sensors import (
     unsupported_class,
     world_from_display,
 )
-from inim.render.trace import Light
+from inim.render.trace import FilmCamera, Light
 
 PLUGIN = "inim_display"
 _OWN = ("filename", "bitmap", "eia", "lens_model", "brightness")

@@ -24,10 +24,9 @@ from inim.lens import (
 from inim.lens import lens_model as find_lens_model
 from inim.process.observer import Observer
 from inim.render import variant
-from inim.render.camera import FilmCamera
 from inim.render.display_emitter import LensedPanel
 from inim.render.rays import eye_rays
-from inim.render.trace import Light, mean_light
+from inim.render.trace import FilmCamera, Light, mean_light
 from inim.scene.file import display_of
 
 # Into the glass, out of it, and the panel is seen.

@@ -25,9 +25,9 @@ from inim.files.triangle_mesh import Mesh, read_bytes
 from inim.process.machine import memory_limit_bytes
 from inim.process.observer import Observer
 from inim.render import splats
-from inim.render.camera import FilmCamera
 from inim.render.culling import BoundsGrid, world_points
 from inim.render.rays import NonSeparableRays, SeparableRays
+from inim.render.trace import FilmCamera
 from inim.scene.file import SceneFile
 
 # Keep the relic this share of the range clear of both ends: a depth equal to z_min in float64

@@ -20,8 +20,8 @@ from inim.display import DISPLAYS, Display
 from inim.display.misalignment import misaligned
 from inim.display.viewpoint import Viewpoint, default_distance_mm
 from inim.errors import DisplayError, SceneError, ViewpointError
-from inim.render.camera import FilmCamera
 from inim.render.rays import NonSeparableRays, SeparableRays, frustum_rays, pickup_rays
+from inim.render.trace import FilmCamera
 from inim.settings import DISPLAY_KEYS, Settings
 
 _EYE = ("x_mm", "y_mm", "z_mm", "pupil_mm", "focus_mm")

@@ -16,10 +16,9 @@ from inim.display import Display
 from inim.display.viewpoint import Viewpoint
 from inim.errors import UsageError
 from inim.lens import lens_model as find_lens_model
-from inim.render.camera import FilmCamera
 from inim.render.display_emitter import LensedPanel
 from inim.render.rays import eye_rays
-from inim.render.trace import rays_per_pass, trace_samples
+from inim.render.trace import FilmCamera, rays_per_pass, trace_samples
 
 # Samples whose entries are merged at once: 20 bytes each.
 _SAMPLES_AT_ONCE = 2**22

@@ -67,10 +67,9 @@ def traced(eia, display, finer=4, spp=SPP):
     by hundredths of a panel pixel, would be seen; their error falls with the square of their size.
     """
     from inim.lens.full import facets_per_lens, sheet_mesh
-    from inim.render.camera import FilmCamera
     from inim.render.rays import eye_rays
     from inim.render.reconstruct import LensMesh
-    from inim.render.trace import mean_light
+    from inim.render.trace import FilmCamera, mean_light
 
     mesh = LensMesh(eia, display, sheet_mesh(display, finer * facets_per_lens(display)))
     rays = eye_rays(display, EYE, PER_LENS, mesh.start_mm)

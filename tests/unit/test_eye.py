@@ -61,8 +61,7 @@ def edge_profile(eye, z, spp=128):
     """The edge's picture along a row, mean of all rows, and the film pixel on the array."""
     import mitsuba as mi
 
-    from inim.render.camera import FilmCamera
-    from inim.render.trace import mean_light, scene_light
+    from inim.render.trace import FilmCamera, mean_light, scene_light
 
     display, per_lens = small_display(12, 10), 8
     camera = FilmCamera(family(display, eye, per_lens, start_mm=z + 1), np.eye(4))
@@ -153,8 +152,7 @@ def test_a_view_needs_no_scene(model, pupil):
     """The formula alone and the emitter in a scene, met by traced rays, give one picture."""
     import mitsuba as mi
 
-    from inim.render.camera import FilmCamera
-    from inim.render.trace import mean_light, scene_light
+    from inim.render.trace import FilmCamera, mean_light, scene_light
     from tests.conftest import display_shape
 
     display = small_display()

@@ -281,9 +281,8 @@ def test_the_pickup_is_the_true_eia_of_its_surroundings(open_fitted):
     """Squares in front of the array and behind it, by the bench's own camera and by the plugin."""
     import mitsuba as mi
 
-    from inim.render.camera import FilmCamera
     from inim.render.rays import pickup_rays
-    from inim.render.trace import mean_light, scene_light
+    from inim.render.trace import FilmCamera, mean_light, scene_light
 
     sky = {"type": "constant", "radiance": 1.0}
     near = {

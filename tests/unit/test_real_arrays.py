@@ -357,8 +357,8 @@ def test_pickup_rays_start_all_over_the_light_and_pass_the_lens_centre(name, ren
     import mitsuba as mi
 
     from inim.display.pixels import SUBPIXELS as PATTERNS
-    from inim.render.camera import FilmCamera
     from inim.render.rays import pickup_rays
+    from inim.render.trace import FilmCamera
 
     display = real_display(name, pixel_fill=0.8)
     rows, columns = display.eia_shape

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.usefixtures("renderer")
 
 
 def rays_at_centres(family, world_from_display=None):
-    from inim.render.camera import FilmCamera
+    from inim.render.trace import FilmCamera
 
     camera = FilmCamera(family, np.eye(4) if world_from_display is None else world_from_display)
     ray = camera.centre_rays()
