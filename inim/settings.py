@@ -1,21 +1,24 @@
 """The `inim.*` settings of a scene file, in one table: name, type, default, meaning.
 
 They travel as ``<default name="inim.KEY" value="..."/>`` elements, which Mitsuba accepts and
-ignores, and are overridden by ``-D inim.KEY=VALUE``. Text in, a checked `Settings` out.
+ignores, and are overridden by ``-D inim.KEY=VALUE``. Text in, a checked `Settings` out. A display
+file is XML with only those of a display.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from numbers import Real
 from os import PathLike
+from pathlib import Path
 from typing import Any
 
 from inim.display import DISPLAYS, Display
 from inim.errors import DisplayError, SceneError, UsageError, suggest_words
+from inim.process.atomic_file import write_atomically
 
 PREFIX = "inim."
 #: Text of an optional number that is not set, whatever the scene states.
@@ -294,3 +297,27 @@ def setting_table() -> str:
         default_text = "" if default in (None, "") else f"`{default}`"
         rows.append(f"| `{PREFIX}{f.name}` | {default_text} | {f.metadata['meaning']} |")
     return "\n".join(rows)
+
+
+def display_xml(
+    values: Mapping[str, str], comments: Mapping[str, str] | None = None, about: Sequence[str] = ()
+) -> str:
+    """Display file with the texts of settings, and a comment after some of them.
+
+    `about` are lines of XML before the settings.
+    """
+    lines = ['<scene version="3.0.0">', *about]
+    for key, text in values.items():
+        comment = f" <!-- {comments[key]} -->" if comments and key in comments else ""
+        lines.append(f'    <default name="{PREFIX}{key}" value="{text}"/>{comment}')
+    return "\n".join([*lines, "</scene>"]) + "\n"
+
+
+def save_display(display: Display, path: Path) -> None:
+    """Write a display file: the nearest preset, and the parameters that differ from it."""
+    if path.suffix.lower() != ".xml":
+        raise UsageError(f"{path}: a display file is an .xml; name it {path.stem}.xml")
+    settings = Settings().with_display(display)
+    values = {key: getattr(settings, key) for key in ("display", *DISPLAY_KEYS)}
+    xml = display_xml({k: value_text(k, v) for k, v in values.items() if v is not None})
+    write_atomically(path, lambda temporary: temporary.write_text(xml, encoding="utf-8"))

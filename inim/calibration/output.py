@@ -29,8 +29,7 @@ from inim.documents.display import (
     ParameterEstimate,
 )
 from inim.documents.parts import DisplayRecord, origin
-from inim.scene.display_file import display_xml
-from inim.settings import DISPLAY_KEYS
+from inim.settings import DISPLAY_KEYS, display_xml
 from inim.version import __version__
 
 _VERSIONS = ("numpy", "scipy")

@@ -191,8 +191,8 @@ def relative_distance(inverse: np.ndarray, ratio: float) -> np.ndarray:
 def _write_depth(path: Path, depth: np.ndarray, meaning: str) -> None:
     import numpy as np
 
-    from inim.files.image import write_atomically
     from inim.from_camera.picture_files import write_depth
+    from inim.process.atomic_file import write_atomically
 
     if path.suffix.lower() == ".exr":
         write_depth(path, depth, meaning)

@@ -627,7 +627,7 @@ class Display:
         FileError
             The file cannot be written.
         """
-        _call("inim.scene.display_file", "save_display", self, Path(path))
+        _call("inim.settings", "save_display", self, Path(path))
 
     def _repr_svg_(self) -> str:
         """Plan view, for notebooks."""

@@ -25,7 +25,7 @@ from msgspec.structs import replace
 from inim.display import Display
 from inim.errors import FileError
 from inim.files import read_file
-from inim.files.image import write_atomically
+from inim.process.atomic_file import write_atomically
 from inim.settings import Settings
 
 if TYPE_CHECKING:

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from inim.display import Display
 from inim.errors import FileError
 from inim.files import check_file
-from inim.files.image import read_exr_channels, write_atomically, write_exr_parts
+from inim.files.image import read_exr_channels, write_exr_parts
 from inim.files.picture import open_picture
 from inim.image.color import linear_from_srgb, to_srgb
 from inim.image.noisy_image import row_bands
+from inim.process.atomic_file import write_atomically
 
 # Pillow's names for grey of 16 bits.
 _GREY_16 = ("I;16", "I;16B", "I")

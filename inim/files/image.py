@@ -19,7 +19,7 @@ from inim.errors import FileError, UsageError
 from inim.files import check_file
 from inim.image.color import to_srgb
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
-from inim.process.atomic_file import atomic_file, file_errors
+from inim.process.atomic_file import write_atomically
 from inim.version import __version__
 
 # Limit against decompression bombs; 8K panels have 33 million pixels.
@@ -30,16 +30,6 @@ _MOST_UNFOLDED_BYTES = 2**28
 _MOST_UNFOLDING = 100
 # A cache without a folder stores no results.
 _NO_CACHE = ResultCache()
-
-
-def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """Let `write` fill a temporary file next to `path`, then rename it into place.
-
-    Raises `FileError`: the folder cannot be written or the disk is full; `path` is then unchanged.
-    """
-    remedy = "free some space or choose another folder with -o"
-    with file_errors(path, remedy), atomic_file(path) as temporary:
-        write(temporary)
 
 
 def write_png(path: Path, linear: np.ndarray, cache: ResultCache = _NO_CACHE) -> None:

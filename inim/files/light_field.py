@@ -29,9 +29,9 @@ from inim.display import Display
 from inim.display.pixels import PixelAxis
 from inim.errors import FileError, UsageError
 from inim.files import read_file
-from inim.files.image import write_atomically
 from inim.files.picture import open_picture, read_pfm, write_pfm
 from inim.image.rgbd import RGBD
+from inim.process.atomic_file import write_atomically
 
 _VIEW = re.compile(r"input_Cam(\d{3,4})\.png")
 _PARAMETERS = "parameters.cfg"

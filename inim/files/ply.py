@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from inim.errors import FileError
-from inim.files.image import write_atomically
 from inim.files.triangle_mesh import Mesh, parse_numbers, usable_normals
 from inim.image.color import linear_from_srgb
+from inim.process.atomic_file import write_atomically
 
 _LINE_BYTES = 2**16
 _HEADER_BYTES = 16 * _LINE_BYTES

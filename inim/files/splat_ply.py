@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from inim.errors import FileError
-from inim.files.image import write_atomically
 from inim.files.ply import PlyHeader, columns_of, is_ply, ply_header, write_header
+from inim.process.atomic_file import write_atomically
 
 #: Mitsuba's shapes that read such a file.
 SPLAT_SHAPES = frozenset({"ellipsoids", "ellipsoidsmesh"})

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -34,3 +34,13 @@ def file_errors(path: Path, remedy: str = "choose another folder with -o") -> It
     except OSError as error:
         cause = error.strerror or error
         raise FileError(f"{path}: cannot be written ({cause}); {remedy}") from error
+
+
+def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` fill a temporary file next to `path`, then rename it into place.
+
+    Raises `FileError`: the folder cannot be written or the disk is full; `path` is then unchanged.
+    """
+    remedy = "free some space or choose another folder with -o"
+    with file_errors(path, remedy), atomic_file(path) as temporary:
+        write(temporary)

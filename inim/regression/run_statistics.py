@@ -22,7 +22,7 @@ from inim.documents.compare import BaselineDocument, PictureSize
 from inim.documents.parts import Circumstances, Conditions
 from inim.errors import BaselineError, FileError
 from inim.files import read_file
-from inim.files.image import write_atomically
+from inim.process.atomic_file import write_atomically
 from inim.regression.fingerprints import Fingerprint
 from inim.regression.scores import ScoreEstimate
 from inim.regression.tiles import TileStatistics

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from inim.errors import FileError, UsageError, suggest_words
-from inim.files.image import read_exr, write_atomically, write_exr_parts
+from inim.files.image import read_exr, write_exr_parts
 from inim.image.color import srgb_from_linear
 from inim.metrics import HEADLINE, HEADLINE_WORDS, MAIN, ssim_map
+from inim.process.atomic_file import write_atomically
 from inim.report import TRUTH, plots
 from inim.report.labels import is_number, number
 from inim.report.score_table import REFERENCE, ScoreTable

@@ -15,8 +15,8 @@ from threading import RLock
 from typing import Any
 
 from inim.errors import UsageError
-from inim.files.image import write_atomically
 from inim.generators import properties
+from inim.process.atomic_file import write_atomically
 
 _PNG_DPI = 160
 INK = "#1e2022"

@@ -15,8 +15,8 @@ from inim.documents.algorithms import SweepTable, UnitDocument, UnitView
 from inim.documents.report import ReportDocument
 from inim.errors import UsageError
 from inim.files import check_file
-from inim.files.image import write_atomically
 from inim.metrics import Metric, all_metrics
+from inim.process.atomic_file import write_atomically
 from inim.report.labels import ScoreKind, check_finding, score_keys
 from inim.report.sweep import CRITERION, DEPTH, DEPTH_SHARE, VARIED_COLUMNS
 from inim.settings import DISPLAY_KEYS, PREFIX, Settings

@@ -31,14 +31,13 @@ from inim.documents import read_document
 from inim.documents.algorithms import UnitDocument
 from inim.documents.document import encode
 from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, WorkerError
-from inim.files.image import write_atomically
 from inim.generators import SCENE_ALGORITHMS, is_own, parse_algorithm
 from inim.metrics import foreign_identities
 from inim.pipeline.baseline import FOLDER as STATISTICS
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.plugins import identity
-from inim.process.atomic_file import file_errors
+from inim.process.atomic_file import file_errors, write_atomically
 from inim.process.interrupts import delayed_interrupts
 from inim.process.observer import Observer
 from inim.regression.run_statistics import CANDIDATE, read_statistics

@@ -275,7 +275,7 @@ def _light_field(
 def _write_views(folder: Path, views: np.ndarray) -> None:
     from PIL import Image
 
-    from inim.files.image import write_atomically
+    from inim.process.atomic_file import write_atomically
 
     for row, line in enumerate(views):
         for column, view in enumerate(line):

@@ -24,8 +24,8 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from inim.files.image import write_atomically
 from inim.image.color import srgb_from_linear, srgb_to_uint8
+from inim.process.atomic_file import write_atomically
 from inim.process.threads import threads
 from reports.calibration.cases import Case, Sensor, draw_case
 from reports.calibration.landing import SAMPLES, Camera, Landing, Pose, Sheet

@@ -28,7 +28,7 @@ from inim.calibration.lattice import find_lenses
 from inim.calibration.patterns import read_positions, write_patterns
 from inim.display import Display
 from inim.errors import InimError
-from inim.files.image import write_atomically
+from inim.process.atomic_file import write_atomically
 from reports.calibration.cases import Case, draw_case
 from reports.calibration.photographs import photograph_case
 

@@ -21,7 +21,7 @@ from typing import Any
 import inim
 from inim.display import Display
 from inim.display.misalignment import MISALIGNMENTS
-from inim.files.image import write_atomically
+from inim.process.atomic_file import write_atomically
 from reports.calibration.cases import Case, draw_case
 
 #: Required score of the EIA for the calibrated display, as a share of the score for the truth.

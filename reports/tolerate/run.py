@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 from inim.documents import read_document
 from inim.documents.display import ToleranceDocument
-from inim.files.image import write_atomically
+from inim.process.atomic_file import write_atomically
 from inim.report.tolerate import sentences
 from reports.calibration.cases import draw_case
 from reports.calibration.photographs import calibrate_case, run_inim

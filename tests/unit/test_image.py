@@ -13,6 +13,7 @@ from inim.files.eia_file import read_eia
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
+from inim.process.atomic_file import write_atomically
 from inim.regression.scores import view_scores
 from tests.conftest import small_display
 
@@ -98,7 +99,7 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
         raise OSError(28, "No space left on device")
 
     with pytest.raises(FileError, match=r"a\.png.*No space left"):
-        image.write_atomically(tmp_path / "a.png", fail)
+        write_atomically(tmp_path / "a.png", fail)
     assert [p.name for p in tmp_path.iterdir()] == ["a.png"]
     assert (tmp_path / "a.png").read_text() == "old"
 

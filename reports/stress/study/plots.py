@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from inim.files.image import write_atomically
 from inim.inspection.accuracy_limits import LANDING_PIXELS
+from inim.process.atomic_file import write_atomically
 from inim.report.plots import LINES, across, style
 from reports.stress.study.document import StudyDocument
 
