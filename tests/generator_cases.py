@@ -7,7 +7,7 @@ surfaces, holes, layers, and pixels that do not divide the pitch.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -24,6 +24,10 @@ REAL = {"depth_min_mm": 10.0, "depth_max_mm": 31.0}
 VIRTUAL = {"focal_length_mm": 3.6, "depth_min_mm": -31.0, "depth_max_mm": -9.0}
 BOTH_SIDES = {"depth_min_mm": -9.0, "depth_max_mm": 11.0}
 PHONE = {"pixel_pitch_mm": 0.0636}
+OFF_IN_EVERY_WAY: dict[str, Any] = {
+    "lattice": "hexagonal", "rotation_deg": 7.0, "shift_x_mm": 0.31, "shift_y_mm": -0.22,
+    "tilt_x_deg": -2.0, "tilt_y_deg": 1.5, "elemental_pitch_mm": 1.01,
+}  # fmt: skip
 _BINARY = {"gap_mm": 2.0, "focal_length_mm": 1.5, "depth_min_mm": -6.0, "depth_max_mm": 8.0}
 
 #: Displays whose rows and columns are independent.
@@ -53,19 +57,7 @@ NON_SEPARABLE = {
     "hexagonal": small_display(4, 3, 7, lattice="hexagonal", **REAL),
     "turned": small_display(4, 3, 7, rotation_deg=4.0, **REAL),
     "tilted": small_display(4, 3, 7, tilt_x_deg=8.0, tilt_y_deg=-6.0, **REAL),
-    "off in every way": small_display(
-        4,
-        3,
-        7,
-        lattice="hexagonal",
-        rotation_deg=7.0,
-        shift_x_mm=0.31,
-        shift_y_mm=-0.22,
-        tilt_x_deg=-2.0,
-        tilt_y_deg=1.5,
-        elemental_pitch_mm=1.01,
-        **REAL,
-    ),
+    "off in every way": small_display(4, 3, 7, **OFF_IN_EVERY_WAY, **REAL),
 }
 #: Displays whose colour channels have different subpixel positions.
 SUBPIXELS = {
@@ -204,6 +196,22 @@ PICTURES: dict[str, tuple[Callable[[Display, float], RGBD], float]] = {
 
 def _linear(rgbd: RGBD) -> RGBD:
     return picture_of_depth(rgbd.depth_mm, rgbd.pixel_mm, rgbd.covered)
+
+
+def random_codes(rgbd: RGBD, *, opaque: bool = False) -> RGBD:
+    """The same surfaces with random 8-bit sRGB codes and opacities."""
+    generator = np.random.default_rng(5)
+
+    def codes() -> np.ndarray:
+        color = generator.integers(0, 256, (*rgbd.shape, 4)).astype(np.uint8)
+        color[..., 3] |= 255 * opaque
+        return color
+
+    if not isinstance(rgbd, LayeredRGBD):
+        return RGBD(codes(), rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
+    return replace(
+        rgbd, color=codes(), deeper=tuple(replace(layer, color=codes()) for layer in rgbd.deeper)
+    )
 
 
 @cache

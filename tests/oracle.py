@@ -9,8 +9,7 @@ with it: they do not follow a ray step by step.
   `inim.generators.oracle`, which scores users' algorithms; it is written separately and by another
   method, including `exact_length` and the rays.
 * `float_sources` applies the float64 oracle of the accuracy study, `reports.stress.study.oracles`,
-  to whole panels, for large displays and lengths without ties. `doubtful` finds the pixels that a
-  shift of a ten-millionth of a cell changes.
+  to whole panels, for large displays and lengths without ties.
 
 Lengths: a panel pitch of ``1 / 17`` or ``0.0636`` means that number, not the binary fraction next
 to it. `exact_length` finds the simplest fraction that rounds to the float. Depths are measurements:
@@ -235,29 +234,10 @@ def _first_cell(
 # -- float64 ------------------------------------------------------------------------------------
 
 
-def float_sources(
-    rgbd: RGBD,
-    display: Display,
-    push: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    columns: str = "surface",
-) -> np.ndarray:
-    """Source map in float64, with the picture shifted by `push` (rows, columns, mm of depth)."""
+def float_sources(rgbd: RGBD, display: Display, columns: str = "surface") -> np.ndarray:
+    """Source map in float64."""
     pixels = lensed_pixels(display)
     sources = np.full(display.eia_shape, NO_LENS, np.int32)
     rays = rays_over(display, rgbd, pixels)
-    shift = (push[1], push[0], push[2])
-    sources[tuple(pixels.T)] = first_hits(rays, rgbd, display, shift, columns)
+    sources[tuple(pixels.T)] = first_hits(rays, rgbd, display, (0.0, 0.0, 0.0), columns)
     return sources
-
-
-def doubtful(
-    rgbd: RGBD, display: Display, push: float = 1e-7, columns: str = "surface"
-) -> np.ndarray:
-    """Pixels whose source changes if the picture is shifted by `push` cells or mm."""
-    answers = [
-        float_sources(rgbd, display, (a * push, b * push, c * push), columns)
-        for a in (-1, 1)
-        for b in (-1.0, 1.1)
-        for c in (-1, 1)
-    ]
-    return np.any([answer != answers[0] for answer in answers[1:]], axis=0)

@@ -8,12 +8,12 @@ import pytest
 
 from inim.display import DISPLAYS, Viewpoint
 from inim.generators import find_sources
-from inim.image.rgbd import RGBD
 from inim.inspection import accuracy_limits as limits
 from inim.inspection.accuracy_limits import accuracy_warnings
 from inim.lens import lens_model, lens_models
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
+from inim.stress.pictures import noise
 from reports.stress.study.oracles import exact_first_hits
 from reports.stress.study.rays import chosen_pixels, rays_over
 from tests.conftest import small_display
@@ -111,7 +111,7 @@ def test_lengths_of_many_digits_warn():
     assert accuracy_warnings(short, pixel_mm=0.5) == []
     (warning,) = accuracy_warnings(long, pixel_mm=0.3)
     assert "digits" in warning
-    rgbd = _noise(short)
+    rgbd = noise(short, short.capture_shape(2), 0.5)
     assert np.array_equal(find_sources(rgbd, short), exact_sources(rgbd, short))
 
 
@@ -133,17 +133,10 @@ def test_the_suggested_fix_for_corners_works():
     lost = []
     for degrees in (0.0, limits.LEAST_TURN_DEG):
         display = small_display(3, 3, pixels=5, tilt_x_deg=2.0, rotation_deg=degrees)
-        rgbd = _noise(display)
+        rgbd = noise(display, display.capture_shape(2), 0.5)
         rays = rays_over(display, rgbd, chosen_pixels(display, 225))
         sources = find_sources(rgbd, display)[rays.pixels[:, 0], rays.pixels[:, 1]]
         truth = exact_first_hits(rays, rgbd, display, np.arange(len(sources)))
         lost.append(np.count_nonzero(sources != truth) / len(sources))
     assert 0.05 < lost[0] < limits.CHANGED_BY_TIES
     assert lost[1] < 0.01
-
-
-def _noise(display):
-    rng = np.random.default_rng(0)
-    shape = display.capture_shape(2)
-    depth = rng.uniform(*display.depth_range_mm, shape).astype(np.float32)
-    return RGBD(rng.random((*shape, 3)).astype(np.float32), depth, np.ones(shape, bool), 0.5)

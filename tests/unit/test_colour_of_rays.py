@@ -19,7 +19,7 @@ from tests.colour_oracle import (
     linear_from_code,
     ray_values,
 )
-from tests.generator_cases import DISPLAYS, NON_SEPARABLE, SUBPIXELS, picture
+from tests.generator_cases import DISPLAYS, NON_SEPARABLE, SUBPIXELS, picture, random_codes
 
 _QUARTER = Fraction(1, 4)
 _STARTS = {
@@ -63,20 +63,6 @@ def with_every_colour(cases: list[tuple[str, str]]) -> list[Any]:
         for row, words in enumerate(cases)
         for column, colour in enumerate(COLOURS)
     ]
-
-
-def with_codes(rgbd: RGBD) -> RGBD:
-    """The picture with random 8-bit colours and opacities."""
-    generator = np.random.default_rng(5)
-
-    def codes() -> np.ndarray:
-        return generator.integers(0, 256, (*rgbd.shape, 4)).astype(np.uint8)
-
-    front = (codes(), rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
-    if not isinstance(rgbd, LayeredRGBD):
-        return RGBD(*front)
-    deeper = (Layer(codes(), d.front_mm, d.back_mm, d.covered) for d in rgbd.deeper)
-    return LayeredRGBD(*front, back_mm=rgbd.back_mm, deeper=tuple(deeper))
 
 
 def expected_colours(
@@ -127,7 +113,7 @@ def test_colours_agree_with_the_float64_oracle(algorithm, display, colour):
     names = ("layers, odd size",) if "layered" in algorithm else ("hills",)
     for name in names:
         plain = picture(display, name)
-        for rgbd in (plain, with_codes(plain)):
+        for rgbd in (plain, random_codes(plain)):
             method = f"{algorithm}:colour={colour}:fill=none"
             size = {"shape": rgbd.shape, "pixel_mm": rgbd.pixel_mm}
             generator = prepare(device, method, **size)

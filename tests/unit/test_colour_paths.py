@@ -3,34 +3,16 @@
 `test_colour_of_rays` compares them with an oracle.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from inim.generators import generate, prepare
 from inim.generators.raycast.colour import ColouredRays
 from inim.generators.raycast.ray_by_ray import RayByRay
-from inim.image.rgbd import RGBD, LayeredRGBD
-from tests.generator_cases import DISPLAYS, picture
+from inim.image.rgbd import RGBD
+from tests.generator_cases import DISPLAYS, picture, random_codes
 
 COLOURS = ["linear", "averaged", "smooth"]
-
-
-def random_codes(rgbd: RGBD, *, opaque: bool) -> RGBD:
-    """The same surfaces in random sRGB codes."""
-    random = np.random.default_rng(2)
-
-    def codes() -> np.ndarray:
-        color = random.integers(0, 256, (*rgbd.shape, 4)).astype(np.uint8)
-        if opaque:
-            color[..., 3] = 255
-        return color
-
-    if not isinstance(rgbd, LayeredRGBD):
-        return RGBD(codes(), rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
-    deeper = tuple(replace(layer, color=codes()) for layer in rgbd.deeper)
-    return LayeredRGBD(codes(), rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm, rgbd.back_mm, deeper)
 
 
 @pytest.mark.parametrize("colour", ["nearest", *COLOURS])

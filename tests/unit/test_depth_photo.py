@@ -316,6 +316,7 @@ DAMAGES = {
         edited(dynamic(JPEG, DEPTH_PNG), b"<Item:Length>", b"<Item:Length>99999999"),
         "truncated: .* bytes of depth",
     ),
+    "segmentation": (dynamic(JPEG, DEPTH_PNG, ItemSemantic="Segmentation"), "no depth inside"),
     "no end": (JPEG[:-2], "no end marker, as it is truncated"),
     "segment": (JPEG[:2] + b"\xff\xe1\xff\xff", "ends beyond the file"),
     "segments": (with_segments(JPEG, segment(0xE5, b"") * 10_001), "more than 10000 segments"),
@@ -349,22 +350,20 @@ def test_each_damage_has_its_line(tmp_path, name):
 
 
 def test_a_damaged_heic_has_its_line(tmp_path):
+    """Cut off, without its depth, with damaged EXIF, or of a size that it does not hold."""
     pytest.importorskip("pillow_heif")
     data = heic(COLOR, SMALL, apple_xml())
-    for cut in (20, 100, 700, len(data) - 400):
-        with pytest.raises(FileError, match=r"photo\.heic: not a readable HEIC"):
-            read_photo(tmp_path, data[:cut], "photo.heic")
-    with pytest.raises(FileError, match="no depth inside"):
-        read_photo(tmp_path, data.replace(b"auxl", b"xuxl"), "photo.heic")
-
-
-def test_damaged_exif_of_a_heic_has_its_line(tmp_path):
-    pytest.importorskip("pillow_heif")
-    data = heic(COLOR, SMALL, apple_xml())
-    tiff = b"MM\0*\0\0\0\x08"
-    assert data.count(tiff) == 1
-    with pytest.raises(FileError, match=r"not a readable HEIC \(not a TIFF"):
-        read_photo(tmp_path, data.replace(tiff, b"MM\0?\0\0\0\x08"), "photo.heic")
+    tiff, size = b"MM\0*\0\0\0\x08", struct.pack(">II", 128, 96)
+    assert data.count(tiff) == data.count(size) == 1
+    unreadable = r"photo\.heic: not a readable HEIC"
+    for damaged, says in (
+        *((data[:cut], unreadable) for cut in (20, 100, 700, len(data) - 400)),
+        (data.replace(b"auxl", b"xuxl"), "no depth inside"),
+        (data.replace(tiff, b"MM\0?\0\0\0\x08"), r"not a readable HEIC \(not a TIFF"),
+        (data.replace(size, struct.pack(">II", 30_000, 30_000)), f"unfolds from|{unreadable}"),
+    ):
+        with pytest.raises(FileError, match=says):
+            read_photo(tmp_path, damaged, "photo.heic")
 
 
 def test_begins_of_metadata_without_an_end_cost_no_time(tmp_path):
@@ -385,23 +384,8 @@ def test_colours_of_other_primaries_warn(tmp_path):
     assert read_photo(tmp_path, data, "photo.heic").values.warnings == ()
 
 
-def test_a_heic_that_declares_more_than_it_holds_is_refused(tmp_path):
-    pytest.importorskip("pillow_heif")
-    data = heic(COLOR, SMALL, apple_xml())
-    size = struct.pack(">II", 128, 96)
-    assert data.count(size) == 1
-    with pytest.raises(FileError, match=r"unfolds from|not a readable HEIC"):
-        read_photo(tmp_path, data.replace(size, struct.pack(">II", 30_000, 30_000)), "photo.heic")
-
-
 def test_without_pillow_heif_the_message_names_the_package(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pillow_heif", None)
     (tmp_path / "photo.heic").write_bytes(b"\0\0\0\x1cftypheic" + bytes(16))
     with pytest.raises(UsageError, match=r"pip install 'inim\[photos\]'"):
         read_depth_photo(tmp_path / "photo.heic")
-
-
-def test_a_segmentation_is_no_depth(tmp_path):
-    data = dynamic(JPEG, DEPTH_PNG, ItemSemantic="Segmentation")
-    with pytest.raises(FileError, match="no depth inside"):
-        read_photo(tmp_path, data)

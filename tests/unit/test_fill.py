@@ -7,6 +7,7 @@ picture is repeated beyond its edge; visible ground stays ground. Plain loops re
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -272,14 +273,7 @@ def test_inputs_that_cannot_be_filled_are_refused(monkeypatch) -> None:
         prepare(display, "template:fill=mirror", **size)
     with pytest.raises(UsageError, match="form no rows and columns; use fill=none"):
         prepare(display.replace(lattice="hexagonal"), "gu2020:fill=all", **size)
-    colours = Algorithm("mine", lambda display, shape, pixel_mm: _Colours(), own=False)
+    colours = Algorithm("mine", lambda *_: SimpleNamespace(generate=len), own=False)
     monkeypatch.setattr(inim.generators, "find_algorithm", lambda name: colours)
     with pytest.raises(UsageError, match="'mine' does not report its sources"):
         prepare(display, "mine:fill=all", **size)
-
-
-class _Colours:
-    """A generator that says nothing of its sources."""
-
-    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
-        raise NotImplementedError

@@ -3,33 +3,24 @@
 import numpy as np
 import pytest
 
-from inim.display import DISPLAYS, Display
+from inim.display import DISPLAYS
 from inim.errors import DisplayError
 from inim.lens import check_lens_model, trace_to_panel
 from inim.lens.thick import on_axis_transmittance
+from tests.conftest import display_shape, small_display
 
 NOMINAL = DISPLAYS["nominal"]
 SIDES = ("viewer", "panel")
 
 
-def single_lens(aperture_over_f, curved_side, gap_over_f=1.0):
+def single_lens(aperture_over_f, curved_side):
     """One lens, f = 100 mm, n = 1.5, just thick and wide enough for a height."""
-    pitch = 2.2 * aperture_over_f * 100
-    radius = 50.0
-    corner = pitch / np.sqrt(2)
-    return Display(
-        pitch_mm=pitch,
-        focal_length_mm=100.0,
-        gap_mm=100.0 * gap_over_f,
-        pixel_pitch_mm=0.1,
-        lens_columns=1,
-        lens_rows=1,
-        depth_min_mm=1,
-        depth_max_mm=2,
-        refractive_index=1.5,
-        lens_thickness_mm=1.0001 * (radius - np.sqrt(radius**2 - corner**2)),
-        curved_side=curved_side,
-    )
+    pitch, radius = 2.2 * aperture_over_f * 100, 50.0
+    return small_display(
+        1, 1, pitch_mm=pitch, focal_length_mm=100.0, gap_mm=100.0, pixel_pitch_mm=0.1,
+        depth_min_mm=1, depth_max_mm=2, refractive_index=1.5, curved_side=curved_side,
+        lens_thickness_mm=1.0001 * (radius - np.sqrt(radius**2 - pitch**2 / 2)),
+    )  # fmt: skip
 
 
 def crossing_mm(curved_side, height_over_f):
@@ -55,17 +46,10 @@ def test_spherical_aberration_tends_to_the_third_order_form(side, third_order):
 
 def test_no_ray_beyond_the_total_reflection_edge():
     """Flat side first, collimated: no light beyond h = R / n (R = 1.5 mm, n = 1.5: 1 mm)."""
-    display = Display(
-        pitch_mm=2.1,
-        focal_length_mm=3.0,
-        gap_mm=3.3,
-        pixel_pitch_mm=0.1,
-        lens_columns=1,
-        lens_rows=1,
-        refractive_index=1.5,
-        lens_thickness_mm=1.5,
+    display = small_display(
+        1, 1, pitch_mm=2.1, pixel_pitch_mm=0.1, refractive_index=1.5, lens_thickness_mm=1.5,
         curved_side="panel",
-    )
+    )  # fmt: skip
     height = np.array([0.5, 0.9, 0.999999, 1.000001, 1.04])
     _, _, weight = trace_to_panel(display, "thick", height, 0.0, 0.0, 0.0)
     assert (weight[:3] > 0).all()
@@ -342,7 +326,6 @@ def test_the_renderer_s_emitter_agrees_with_numpy(renderer, name, side):
     import mitsuba as mi
 
     from inim.lens import channel_indices
-    from tests.conftest import display_shape, small_display
 
     display = small_display(8, 8, pixels=8, curved_side=side, **KINDS[name])
     random = np.random.default_rng(10)
@@ -353,7 +336,9 @@ def test_the_renderer_s_emitter_agrees_with_numpy(renderer, name, side):
     slope = random.uniform(-0.5, 0.5, (2, count)).astype(np.float32)
     towards = mi.Vector3f(mi.Float(slope[0]), mi.Float(slope[1]), mi.Float(-1.0))
     away = mi.Point3f(mi.Float(at[0]), mi.Float(at[1]), mi.Float(0.0)) - towards
-    si = scene.ray_intersect(mi.Ray3f(away, mi.Vector3f(towards / mi.Float(_length(slope)))))
+    si = scene.ray_intersect(
+        mi.Ray3f(away, mi.Vector3f(towards / mi.Float(np.sqrt(1 + (slope**2).sum(axis=0)))))
+    )
     radiance = np.array(si.emitter(scene).eval(si)).T
     points = np.array(si.p, np.float64)
     direction = np.array(si.to_world(si.wi), np.float64)
@@ -376,7 +361,3 @@ def test_the_renderer_s_emitter_agrees_with_numpy(renderer, name, side):
     assert (np.abs(radiance[::-1] - expected) > 0.01).any(axis=1).mean() > 0.5, (
         "noise tells rays apart"
     )
-
-
-def _length(slope):
-    return np.sqrt(1 + slope[0] ** 2 + slope[1] ** 2)

@@ -113,14 +113,6 @@ def test_written_ply_reads_back_bit_for_bit(tmp_path):
     assert mesh.vertices.dtype == np.float32
 
 
-def test_failed_write_leaves_the_old_file(tmp_path):
-    path = placed(tmp_path, "a.ply", "old")
-    with pytest.raises(ValueError, match="dimension"):
-        write_ply(path, Mesh(POINTS, FACES, POINTS[:2]))
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_quads_are_read(tmp_path):
     body = POINTS.tobytes() + struct.pack("<B4i", 4, 0, 1, 2, 3)
     path = placed(tmp_path, "a.ply", ply_header(4, 1) + body)

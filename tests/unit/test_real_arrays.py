@@ -21,21 +21,14 @@ from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD
 from inim.lens import trace_to_panel
 from tests.conftest import scene_text, small_display
+from tests.generator_cases import OFF_IN_EVERY_WAY
 
 NON_SEPARABLE = {
     "hexagonal": {"lattice": "hexagonal"},
     "turned left": {"rotation_deg": 4.0},
     "turned right": {"rotation_deg": -4.0},
     "tilted": {"tilt_x_deg": 8.0, "tilt_y_deg": -6.0},
-    "hexagonal, off in every way": {
-        "lattice": "hexagonal",
-        "rotation_deg": 7.0,
-        "shift_x_mm": 0.31,
-        "shift_y_mm": -0.22,
-        "tilt_x_deg": -2.0,
-        "tilt_y_deg": 1.5,
-        "elemental_pitch_mm": 1.01,
-    },
+    "hexagonal, off in every way": OFF_IN_EVERY_WAY,
 }
 SEPARABLE = {
     "moved": {"shift_x_mm": 0.37, "shift_y_mm": -0.21},
@@ -200,9 +193,6 @@ def test_the_capture_covers_every_ray_and_little_more(name):
         assert pixels / 8 - need < 0.2 * need + 1.5
 
 
-# -- generation ---------------------------------------------------------------------------------
-
-
 # -- views --------------------------------------------------------------------------------------
 
 EYE = Viewpoint("eye", 9.0, -7.0, 150.0)
@@ -318,10 +308,6 @@ def tiled_slope() -> str:
     return scene_text(*tiles)
 
 
-def psnr(a, b) -> float:
-    return float(-10 * np.log10(np.mean((a - b) ** 2)))
-
-
 DEPTHS = {"depth_min_mm": 24.0, "depth_max_mm": 44.0}
 
 
@@ -331,7 +317,7 @@ def score_inside_tiles(truth, eia, display: Display) -> float:
     even = (np.ptp(windows, axis=(3, 4)).max(axis=-1) < 0.02) & display.lensed[1:-1, 1:-1]
     even &= eia[1:-1, 1:-1].max(axis=-1) > 0
     assert even.mean() > 0.05
-    return psnr(eia[1:-1, 1:-1][even], truth[1:-1, 1:-1][even])
+    return float(-10 * np.log10(np.mean((eia - truth)[1:-1, 1:-1][even] ** 2)))
 
 
 @pytest.mark.parametrize("name", WRONG)
