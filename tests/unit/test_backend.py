@@ -92,9 +92,10 @@ def test_newest_version_comes_first_and_a_nameless_one_last(tmp_path):
     assert [path.name for path in in_order] == order
 
 
-def test_files_of_similar_names_are_no_candidates(tmp_path):
+def test_missing_folders_and_files_of_similar_names_are_no_candidates(tmp_path):
     names = ["libLLVMX86CodeGen.a", "libLLVM-C.so", "libLLVMgold.so", "libLLVM-19.txt"]
-    assert backend.find_libllvm([libraries(tmp_path / "lib", *names)]) == []
+    folders = [tmp_path / "none", Path("/dev/null"), libraries(tmp_path / "lib", *names)]
+    assert backend.find_libllvm(folders) == []
 
 
 def test_aliases_of_one_file_are_one_candidate(tmp_path):
@@ -102,10 +103,6 @@ def test_aliases_of_one_file_are_one_candidate(tmp_path):
     (folder / "libLLVM-19.so").symlink_to("libLLVM.so.19.1")
     (folder / "libLLVM-18.so").symlink_to("nowhere")
     assert backend.find_libllvm([folder, folder]) == [(folder / "libLLVM.so.19.1").resolve()]
-
-
-def test_missing_folders_are_passed_over(tmp_path):
-    assert backend.find_libllvm([tmp_path / "none", Path("/dev/null")]) == []
 
 
 def test_search_variable_replaces_the_usual_folders(monkeypatch, tmp_path):
@@ -441,28 +438,31 @@ def test_activate_refuses_to_be_late(monkeypatch, tmp_path, loaded, says):
 # --- Facts about the machine --------------------------------------------------------------
 
 
-def limit(tmp_path: Path, membership: str, files: dict[str, str]) -> list[int]:
+@pytest.mark.parametrize(
+    ("membership", "files", "limits"),
+    [
+        (
+            "0::/a/b\n",
+            {"a/b/memory.max": "max\n", "a/memory.max": "5000\n", "memory.max": "7000\n"},
+            [5000, 7000],
+        ),
+        (
+            "4:cpu,cpuacct:/a\n3:memory:/a\n",
+            {"memory/a/memory.limit_in_bytes": "5000\n", "cpu/a/memory.limit_in_bytes": "1\n"},
+            [5000],
+        ),
+        ("0::/\n", {"memory.max": "5000\n"}, [5000]),
+        ("0::/not/here\n", {"memory.max": "5000\n"}, [5000]),
+    ],
+    ids=["enclosing groups", "older groups", "a container's root", "no such group"],
+)
+def test_every_control_group_limits_the_memory(tmp_path, membership, files, limits):
     (tmp_path / "membership").write_text(membership)
     for name, text in files.items():
         libraries((tmp_path / name).parent)
         (tmp_path / name).write_text(text)
     paths = machine._limit_files(tmp_path / "membership", tmp_path)
-    return [number for number in map(machine._number_in, paths) if number]
-
-
-def test_every_enclosing_group_limits_the_memory(tmp_path):
-    files = {"a/b/memory.max": "max\n", "a/memory.max": "5000\n", "memory.max": "7000\n"}
-    assert limit(tmp_path, "0::/a/b\n", files) == [5000, 7000]
-
-
-def test_older_control_groups_limit_the_memory_too(tmp_path):
-    files = {"memory/a/memory.limit_in_bytes": "5000\n", "cpu/a/memory.limit_in_bytes": "1\n"}
-    assert limit(tmp_path, "4:cpu,cpuacct:/a\n3:memory:/a\n", files) == [5000]
-
-
-def test_group_of_a_container_may_be_the_root(tmp_path):
-    assert limit(tmp_path, "0::/\n", {"memory.max": "5000\n"}) == [5000]
-    assert limit(tmp_path, "0::/not/here\n", {}) == [5000]
+    assert [number for number in map(machine._number_in, paths) if number] == limits
 
 
 def test_memory_limit_is_never_above_what_the_machine_has(monkeypatch, tmp_path):

@@ -5,7 +5,13 @@ import re
 import numpy as np
 import pytest
 
+from inim.errors import OutOfMemoryError
+from inim.files.image import read_exr, read_rgbd
 from inim.generators import NO_LENS, find_sources
+from inim.image.rgbd import RGBD, LayeredRGBD
+from inim.pipeline.plan import make_plan
+from inim.pipeline.request import Request
+from inim.process import machine
 from tests.conftest import scene_text, small_display, sphere, square
 from tests.system.conftest import without_page
 
@@ -71,12 +77,16 @@ def close(layers, expected, mask):
     assert np.abs(layers - expected)[mask].max() < 1e-4 * RANGE_MM
 
 
-def test_two_spheres_in_a_row_are_two_layers(open_fitted):
-    text = scene_text(sphere((0, 0, 0), 5.0), sphere((0.7, -0.4, -14), 3.0))
-    fitted, layers = peeled(open_fitted, text)
-    assert len(layers.front_mm) == 2 and layers.cut_share == 0
+OUTER = ((0, 0, 0), 5.0)
+BEHIND, INSIDE = ((0.7, -0.4, -14), 3.0), ((0.5, 0, 1), 2.0)
+
+
+@pytest.mark.parametrize(("other", "solids"), [(BEHIND, [OUTER, BEHIND]), (INSIDE, [OUTER])])
+def test_spheres_in_a_row_are_two_layers_and_one_inside_another_is_none(open_fitted, other, solids):
+    fitted, layers = peeled(open_fitted, scene_text(sphere(*OUTER), sphere(*other)))
+    assert len(layers.front_mm) == len(solids) and layers.cut_share == 0
     x, y, depth = places(fitted, layers)
-    for layer, (centre, radius) in enumerate((((0, 0, 0), 5.0), ((0.7, -0.4, -14), 3.0))):
+    for layer, (centre, radius) in enumerate(solids):
         front, back = chord(x, y, centre, radius)
         assert (layers.covered[layer] == np.isfinite(front)).mean() > 0.999
         clear = layers.covered[layer] & (front - back > radius / 2)  # the rim is ill-conditioned
@@ -147,8 +157,6 @@ def test_a_sheet_is_as_thick_as_its_slope_and_shows_no_gaps(open_fitted, more):
 
 
 def sources(layers, back_mm):
-    from inim.image.rgbd import LayeredRGBD
-
     front = np.where(layers.covered, layers.front_mm, 0)[0]
     color = np.zeros((*front.shape, 3))
     rgbd = LayeredRGBD(color, front, layers.covered[0], layers.pixel_mm, back_mm[0])
@@ -156,8 +164,6 @@ def sources(layers, back_mm):
 
 
 def test_columns_that_reach_the_back_are_the_template_s(open_fitted):
-    from inim.image.rgbd import RGBD
-
     _, layers = peeled(open_fitted, scene_text(sphere((0, 0, 0), 5.0)))
     front = np.where(layers.covered, layers.front_mm, 0)[0]
     plain = RGBD(np.zeros((*front.shape, 3)), front, layers.covered[0], layers.pixel_mm)
@@ -167,17 +173,6 @@ def test_columns_that_reach_the_back_are_the_template_s(open_fitted):
     assert (solid != expected).any(), "rays pass behind the sphere"
     shows = (solid != expected) & (expected != NO_LENS)
     assert (solid == expected)[~shows & (solid >= 0)].all()
-
-
-def test_a_shape_inside_another_is_no_layer(open_fitted):
-    text = scene_text(sphere((0, 0, 0), 5.0), sphere((0.5, 0, 1), 2.0))
-    fitted, layers = peeled(open_fitted, text)
-    assert len(layers.front_mm) == 1
-    x, y, depth = places(fitted, layers)
-    front, back = chord(x, y, (0, 0, 0), 5.0)
-    clear = layers.covered[0] & (front - back > 2.5)
-    close(layers.front_mm[0], depth(front), clear)
-    close(layers.back_mm[0], depth(back), clear)
 
 
 def test_shapes_through_each_other_are_one_solid(open_fitted):
@@ -307,8 +302,6 @@ def test_equal_seeds_give_equal_layers(open_fitted):
 def validated(folder, algorithms):
     """A small validation of a red ball before a green wall, and what it made."""
     from inim.pipeline.job import run
-    from inim.pipeline.plan import make_plan
-    from inim.pipeline.request import Request
 
     scene = folder / "scene.xml"
     scene.write_text(around(sphere((0, 0, 6), 3.0, RED), square((0, 0, 0), 5.5, GREEN)))
@@ -325,9 +318,6 @@ def validated(folder, algorithms):
 
 
 def test_layers_are_captured_on_request_and_change_no_other_result(tmp_path):
-    from inim.files.image import read_exr, read_rgbd
-    from inim.image.rgbd import LayeredRGBD
-
     outcome, with_layers = validated(tmp_path, "layered,template")
     alone, without = validated(tmp_path, "template")
     eias = [read_exr(out / "eia" / "template.exr") for out in (with_layers, without)]
@@ -351,11 +341,6 @@ def test_layers_are_captured_on_request_and_change_no_other_result(tmp_path):
 
 def test_memory_is_planned_for_layers_where_one_wants_them(tmp_path, monkeypatch):
     """A limit between what the two runs need refuses the one with layers, and says how to pass."""
-    from inim.errors import OutOfMemoryError
-    from inim.pipeline.plan import make_plan
-    from inim.pipeline.request import Request
-    from inim.process import machine
-
     scene = tmp_path / "scene.xml"
     scene.write_text(around(sphere((0, 0, 0), 3.0)))
     monkeypatch.setattr(machine, "memory_limit_bytes", lambda: 4 * 2**30)

@@ -263,17 +263,11 @@ def test_faces_reflect_as_fresnel_at_normal_incidence_and_little_more():
 
 def test_ray_that_slips_past_the_border_belongs_to_the_lens_it_meets():
     """The bulge is 0.087 mm deep at the border: a slope of 0.3 carries a ray 0.026 mm on."""
-    landed = land(
-        NOMINAL,
-        "thick",
-        np.array([0.99, 0.99, 0.9]),
-        np.full(3, 0.5),
-        np.array([0.3, -0.3, 0.3]),
-        np.zeros(3),
-    )
+    rays = np.array([[0.99, 0.99, 0.9], [0.5] * 3, [0.3, -0.3, 0.3], [0.0] * 3])
+    landed = land(NOMINAL, "thick", *rays)
     assert landed.lens_x_mm.tolist() == [1.5, 0.5, 0.5]
     assert landed.lens_y_mm.tolist() == [0.5, 0.5, 0.5]
-    thin = land(NOMINAL, "thin", np.array([0.99]), np.array([0.5]), np.array([0.3]), np.zeros(1))
+    thin = land(NOMINAL, "thin", *rays)
     assert thin.lens_x_mm[0] == 0.5
 
 

@@ -1,10 +1,13 @@
 """Sides: which solids show them, what they are cut into, and their colours."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from inim.generators import find_sources, generate
-from inim.image.rgbd import LayeredRGBD
+from inim.image.rgbd import Layer, LayeredRGBD
+from inim.image.sides import PIECES, Sides
 from tests.conftest import small_display, sphere
 from tests.unit.test_depth_peeling import PER_PITCH, PIXEL_MM, around, cube
 
@@ -77,8 +80,6 @@ def gaps(front, back, row, column, low, high):
 
 @pytest.mark.parametrize("seed", range(3))
 def test_open_sides_are_cut_into_pieces_that_fill_them(seed):
-    from inim.image.sides import PIECES, Sides
-
     front, back = random_solids(seed)
     sides = Sides.of(front, back, (LOW, HIGH), DISPLAY.steepest_slopes, PIXEL_MM)
     tall = (HIGH - LOW) / PIECES
@@ -152,7 +153,7 @@ def test_sides_move_no_ray(open_fitted, samples):
         np.where(there[0], layers.back_mm[0], 0),
         tuple(_layer(color, layers, k) for k in range(1, len(there))),
     )  # fmt: skip
-    deeper = tuple(_recoloured(layer, color) for layer in rgbd.deeper)
+    deeper = tuple(replace(layer, color=color) for layer in rgbd.deeper)
     cut = LayeredRGBD(color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm, rgbd.back_mm, deeper)
     options = {"samples": samples, "colour": "nearest"}
     eias = [generate(layered, DISPLAY, "layered", **options) for layered in (solids, cut)]
@@ -162,17 +163,9 @@ def test_sides_move_no_ray(open_fitted, samples):
 
 
 def _layer(color, layers, number):
-    from inim.image.rgbd import Layer
-
     own = layers.covered[number]
     front, back = (np.where(own, v[number], 0) for v in (layers.front_mm, layers.back_mm))
     return Layer(color, front, back, own)
-
-
-def _recoloured(layer, color):
-    from dataclasses import replace
-
-    return replace(layer, color=color)
 
 
 @pytest.mark.usefixtures("renderer")
