@@ -6,12 +6,20 @@ of it, with noise; pixels on a seam see two lenses and are often not decoded. Th
 distortion is undone by iteration, not by the project's own code.
 """
 
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from PIL import Image
+from scipy.ndimage import gaussian_filter
 
+from inim.calibration.model import Intrinsics
 from inim.display import Display
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.lens import trace_to_panel
+from tests.schemas import completed
 
 
 class Photograph(NamedTuple):
@@ -115,3 +123,31 @@ def _stepped(place: np.ndarray, cover: float) -> np.ndarray:
         return whole * (whole - 1) / 2 + whole * (p - whole)
 
     return (integral(place + cover / 2) - integral(place - cover / 2)) / cover + 0.5
+
+
+def save_light(path: Path, light: np.ndarray) -> np.ndarray:
+    """Save linear light as a PNG; what the PNG's codes say of it."""
+    codes = srgb_to_uint8(srgb_from_linear(light))
+    Image.fromarray(codes).save(path)
+    return linear_from_srgb(codes / np.float32(255))
+
+
+def write_calibrated(
+    folder: Path, display: Display, camera: Intrinsics, shape: tuple[int, int],
+    positions: Sequence[Mapping[str, Any]] = (),
+) -> np.ndarray:  # fmt: skip
+    """`mine.xml`, its calibration by a camera of this shape, and `eia.png` of random blots.
+
+    Returns the linear light of the EIA.
+    """
+    parameters = {k: v for k, v in display.parameters().items() if v is not None and k != "name"}
+    lines = [f'<default name="inim.{k}" value="{v}"/>' for k, v in parameters.items()]
+    (folder / "mine.xml").write_text(f'<scene version="3.0.0">{"".join(lines)}</scene>')
+    document = {"camera": {"width_px": shape[1], "height_px": shape[0], **camera._asdict()}}
+    document |= {"positions": [*positions]} if positions else {}
+    calibration = folder / "mine-calibration" / "calibration.json"
+    calibration.parent.mkdir()
+    calibration.write_text(json.dumps(completed("calibration", document)))
+    noise = np.random.default_rng(4).random((*display.eia_shape, 3))
+    blots = gaussian_filter(noise, (6, 6, 0)) - 0.5
+    return save_light(folder / "eia.png", 0.4 + 0.2 * blots / blots.std())

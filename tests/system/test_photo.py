@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,10 +12,9 @@ from scipy.ndimage import gaussian_filter, shift
 
 from inim.calibration.model import Intrinsics, Pose
 from inim.calibration.photo import simulate
-from inim.documents import schema
-from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from tests.calibration_photographs import save_light, write_calibrated
 from tests.conftest import small_display
-from tests.schemas import example, read_document
+from tests.schemas import read_document
 from tests.system.conftest import Ended, assert_one_line, run_here
 
 DISPLAY = small_display(24, 18, 17, rotation_deg=0.7, gap_mm=3.2)
@@ -31,27 +28,14 @@ MOVED, BLUR, GAMMA = (0.5, -0.25), 0.9, 1.2
 def bench(tmp_path_factory):
     """A folder with a display file, its calibration, an EIA and a photograph of it."""
     folder = tmp_path_factory.mktemp("photo")
-    keys = ("rotation_deg", "gap_mm", "lens_columns", "lens_rows", "pixel_pitch_mm")
-    lines = [f'<default name="inim.{k}" value="{getattr(DISPLAY, k)!r}"/>' for k in keys]
-    (folder / "mine.xml").write_text(f'<scene version="3.0.0">{"".join(lines)}</scene>')
-    document: dict[str, Any] = example(schema("calibration"), "calibration")
-    document["camera"] |= {"width_px": SHAPE[1], "height_px": SHAPE[0], **CAMERA._asdict()}
-    place = document["positions"][0]
-    places = {"eye_mm": POSE.eye_mm.tolist(), "turn": POSE.turn.tolist()}
-    document["positions"] = [place | places | {"name": name} for name in ("front", "side")]
-    calibration = folder / "mine-calibration" / "calibration.json"
-    calibration.parent.mkdir()
-    calibration.write_text(json.dumps(document))
-    read_document(calibration)
-    random = np.random.default_rng(4)
-    eia = gaussian_filter(random.random((*DISPLAY.eia_shape, 3)), (6, 6, 0)) - 0.5
-    codes = srgb_to_uint8(srgb_from_linear(0.4 + 0.2 * eia / eia.std()))
-    Image.fromarray(codes).save(folder / "eia.png")
-    linear = linear_from_srgb(codes / np.float32(255))
+    place = {"eye_mm": POSE.eye_mm.tolist(), "turn": POSE.turn.tolist()}
+    positions = [place | {"name": name} for name in ("front", "side")]
+    linear = write_calibrated(folder, DISPLAY, CAMERA, SHAPE, positions)
+    read_document(folder / "mine-calibration" / "calibration.json")
     light, _ = simulate(linear, DISPLAY, CAMERA, POSE, SHAPE)
     soft = gaussian_filter(shift(light, (MOVED[1], MOVED[0], 0), order=3), (BLUR, BLUR, 0))
-    photo = 0.01 + 0.9 * np.maximum(soft, 0) ** GAMMA + random.normal(0, 0.002, light.shape)
-    Image.fromarray(srgb_to_uint8(srgb_from_linear(photo))).save(folder / "photo.png")
+    noise = np.random.default_rng(5).normal(0, 0.002, light.shape)
+    save_light(folder / "photo.png", 0.01 + 0.9 * np.maximum(soft, 0) ** GAMMA + noise)
     return folder
 
 

@@ -4,23 +4,19 @@ Expected: a display file that others take, a report that keeps its schema; code 
 where the photographs do not determine everything; one line for each mistake.
 """
 
-import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from PIL import Image
-from scipy.ndimage import gaussian_filter
 
 from inim.calibration import decode, patterns
 from inim.calibration import run as calibration_run
 from inim.calibration.model import Intrinsics, Pose
 from inim.calibration.photo import simulate
 from inim.cli import main
-from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.scene.file import choose_display
-from tests.calibration_photographs import look_at
-from tests.schemas import completed, read_document
+from tests.calibration_photographs import look_at, save_light, write_calibrated
+from tests.schemas import read_document
 from tests.unit.test_calibrate_fit import (
     CAMERA,
     DESIGN,
@@ -143,24 +139,12 @@ def test_the_word_patterns_writes_them(tmp_path, capsys):
 @pytest.fixture
 def bench(monkeypatch, tmp_path):
     """A display file, its calibration, an EIA, and a photograph of it from the left."""
-    parameters = {k: v for k, v in HIDDEN.parameters().items() if v is not None and k != "name"}
-    lines = [f'<default name="inim.{k}" value="{v}"/>' for k, v in parameters.items()]
-    (tmp_path / "mine.xml").write_text(f'<scene version="3.0.0">{"".join(lines)}</scene>')
     camera = Intrinsics(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
-    height, width = CAMERA.shape
-    document = completed(
-        "calibration", {"camera": {"width_px": width, "height_px": height, **camera._asdict()}}
-    )
-    (tmp_path / "mine-calibration").mkdir()
-    (tmp_path / "mine-calibration" / "calibration.json").write_text(json.dumps(document))
-    random = np.random.default_rng(4)
-    noise = gaussian_filter(random.random((*DESIGN.eia_shape, 3)), (4, 4, 0)) - 0.5
-    codes = srgb_to_uint8(srgb_from_linear(0.4 + 0.2 * noise / noise.std()))
-    Image.fromarray(codes).save(tmp_path / "eia.png")
+    eia = write_calibrated(tmp_path, HIDDEN, camera, CAMERA.shape)
     eye, target, roll = EYES["left"]
     pose = Pose(look_at(eye, target, roll), np.array(eye))
-    light, _ = simulate(linear_from_srgb(codes / 255), HIDDEN, camera, pose, CAMERA.shape)
-    Image.fromarray(srgb_to_uint8(srgb_from_linear(light))).save(tmp_path / "photo.png")
+    light, _ = simulate(eia, HIDDEN, camera, pose, CAMERA.shape)
+    save_light(tmp_path / "photo.png", light)
     position = SimpleNamespace(name="again", shape=CAMERA.shape)
     monkeypatch.setattr(patterns, "read_position", lambda folder, display: position)
     monkeypatch.setattr(decode, "decode", lambda position: photograph_from("left"))
