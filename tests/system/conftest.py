@@ -25,6 +25,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from inim import timing
 from inim.cli import main
 from inim.files.image import read_exr_channels
 from inim.report import sections
@@ -38,13 +39,9 @@ ALONE = {"algorithms": "template", "viewpoints": "centre"}
 SMALLEST = ALONE | {"pixel_pitch_mm": "0.125", "view_pixels_per_lens": "2"}
 SMALLEST |= {"capture_pixels_per_pitch": "4", "lens_model": "pinhole"}
 TINY = {
-    "inim.lens_columns": "8",
-    "inim.lens_rows": "6",
-    "inim.capture_spp": "2",
-    "inim.eia_spp": "2",
-    "inim.view_spp": "2",
-    "inim.reconstruction_spp": "4",
-}
+    "inim.lens_columns": "8", "inim.lens_rows": "6", "inim.capture_spp": "2", "inim.eia_spp": "2",
+    "inim.view_spp": "2", "inim.reconstruction_spp": "4",
+}  # fmt: skip
 SHAPES = (
     sphere((0, 0, 1), 1.2),
     square((-1, 1, 0), 1.5, "0.9,0.1,0.1"),
@@ -70,6 +67,24 @@ class Ended:
     code: int
     stdout: str
     stderr: str
+
+
+def run_child(words: Sequence[str | Path], timeout: float = 300, **options: Any) -> Ended:
+    """Run a command in a process of its own, without input; `options` are those of `subprocess`."""
+    ended = subprocess.run(
+        words, stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", errors="replace",
+        timeout=timeout, check=False, **options,
+    )  # fmt: skip
+    return Ended(ended.returncode, ended.stdout, ended.stderr)
+
+
+@contextmanager
+def without_pauses() -> Iterator[None]:
+    """Take times without the pauses that make them comparable."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("_SETTLE_S", "_LEAD_IN_S"):
+            patch.setattr(timing, name, 0.0)
+        yield
 
 
 def assert_one_line(text: str, words: Sequence[str]) -> None:
@@ -246,17 +261,8 @@ def run_process():
         **settings: str,
     ) -> Ended:
         changed = {**os.environ, **(variables or {})}
-        ended = subprocess.run(
-            [*prefix, *command(*words, **settings)],
-            cwd=folder,
-            env={key: value for key, value in changed.items() if value is not None},
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            encoding="utf-8",
-            errors="replace",
-            timeout=120,
-        )
-        return Ended(ended.returncode, ended.stdout, ended.stderr)
+        env = {key: value for key, value in changed.items() if value is not None}
+        return run_child([*prefix, *command(*words, **settings)], 120, cwd=folder, env=env)
 
     return run
 

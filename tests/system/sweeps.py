@@ -14,7 +14,7 @@ from typing import Any
 from inim.sweeps.table import TABLE, read_table
 from tests.conftest import sphere, square
 from tests.schemas import assert_rows, read_document
-from tests.system.conftest import Ended, run_here, write_scene
+from tests.system.conftest import Ended, run_child, run_here, write_scene
 
 #: What a run takes differs from run to run; everything else may not.
 TIMES = ("seconds", "yardsticks", "unit_seconds", "render_seconds", "created")
@@ -53,11 +53,7 @@ def command(*words: object) -> list[str]:
 
 def sweep(*words: object, folder: Path) -> Ended:
     """Run it to its end in a folder."""
-    process = subprocess.run(
-        command(*words), cwd=folder, stdin=subprocess.DEVNULL, capture_output=True,
-        encoding="utf-8", timeout=WITHIN_S, env=_own_tmp(folder),
-    )  # fmt: skip
-    return Ended(process.returncode, process.stdout, process.stderr)
+    return run_child(command(*words), WITHIN_S, cwd=folder, env=_own_tmp(folder))
 
 
 def sweep_here(*words: object, folder: Path) -> Ended:

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import _ctypes
 import os
-import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -18,6 +16,7 @@ import pytest
 from inim.backend import LLVM_VARIABLE, SEARCH_VARIABLE, choose_backend, environment
 from inim.backend.trial import probe
 from inim.errors import EXIT_BACKEND, BackendError
+from tests.system.conftest import Ended, run_child
 
 CHOOSE = """
 import sys
@@ -39,31 +38,17 @@ def _fresh(monkeypatch, tmp_path):
     monkeypatch.delenv(SEARCH_VARIABLE, raising=False)
 
 
-def run(*arguments: str, **variables: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, *arguments],
-        env={**os.environ, **variables},
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+def run(*arguments: str, **variables: str) -> Ended:
+    return run_child([sys.executable, *arguments], env={**os.environ, **variables})
 
 
-def no_library(path: Path) -> None:
-    path.write_bytes(b"not a library")
-
-
-def other_library(path: Path) -> None:
-    shutil.copy(_ctypes.__file__, path)
-
-
-@pytest.mark.parametrize("make", [no_library, other_library])
-def test_file_that_is_no_llvm_is_refused_with_exit_code_3(tmp_path, make):
-    assert callable(make)
-    make(tmp_path / "libLLVM.so.19.1")
+@pytest.mark.parametrize(
+    "content", [b"not a library", Path(_ctypes.__file__).read_bytes()], ids=["text", "other"]
+)
+def test_file_that_is_no_llvm_is_refused_with_exit_code_3(tmp_path, content):
+    (tmp_path / "libLLVM.so.19.1").write_bytes(content)
     ended = run("-c", CHOOSE, INIM_LLVM_SEARCH=str(tmp_path))
-    assert ended.returncode == EXIT_BACKEND
+    assert ended.code == EXIT_BACKEND
     assert ended.stderr.count("\n") == 1
     assert f"{tmp_path / 'libLLVM.so.19.1'} (jit" in ended.stderr
     assert "install one: " in ended.stderr

@@ -22,13 +22,15 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from msgspec import structs
+from PIL import Image
 
-from inim import timing as turns
 from inim.cli import main
-from inim.errors import EXIT_BASELINE, EXIT_CHECK_FAILED, EXIT_PASSED
+from inim.errors import EXIT_BASELINE, EXIT_CHECK_FAILED, EXIT_PASSED, BaselineError
 from inim.pipeline import launch
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
+from inim.regression.comparison import check_times
+from inim.regression.run_statistics import read_statistics
 from tests.conftest import sphere
 from tests.schemas import read_document
 from tests.system.conftest import (
@@ -38,6 +40,7 @@ from tests.system.conftest import (
     files_in,
     install_metadata,
     nothing_left,
+    without_pauses,
     worker_here,
     write_scene,
 )
@@ -45,15 +48,9 @@ from tests.system.conftest import (
 Run = Callable[..., Ended]
 PROJECT = Path(__file__).parents[2]
 SETTINGS = {
-    "lens_columns": "16",
-    "lens_rows": "12",
-    "capture_spp": "8",
-    "eia_spp": "8",
-    "view_spp": "16",
-    "reconstruction_spp": "8",
-    "algorithms": "planted",
-    "viewpoints": "left,right",
-}
+    "lens_columns": "16", "lens_rows": "12", "capture_spp": "8", "eia_spp": "8", "view_spp": "16",
+    "reconstruction_spp": "8", "algorithms": "planted", "viewpoints": "left,right",
+}  # fmt: skip
 # The template's picture, or one in which something went wrong, by an environment variable.
 PLANTED = '''
 import os
@@ -123,13 +120,8 @@ def bench(tmp_path_factory, run_inim):
 
 @pytest.fixture(scope="module")
 def timed(bench):
-    """A run with times in `timed`, compared with itself in `timed-again`.
-
-    Without the pauses that make times comparable: here they need only be taken.
-    """
-    with pytest.MonkeyPatch.context() as patch:
-        for name in ("_SETTLE_S", "_LEAD_IN_S"):
-            patch.setattr(turns, name, 0.0)
+    """A run with times in `timed`, compared with itself in `timed-again`."""
+    with without_pauses():
         assert bench.run("-o", "timed", "--time").code == EXIT_PASSED
     run = str(bench.folder / "timed")
     main(["compare", run, run, "-o", str(bench.folder / "timed-again"), "--quiet"])
@@ -177,8 +169,6 @@ def test_noisy_lens_fails_its_own_rows_only(noisy):
 
 
 def test_failure_leaves_candidate_baseline_and_difference(noisy):
-    from PIL import Image
-
     folder = noisy.folder / "noisy" / "regression"
     pages = {}
     for kind in ("baseline", "candidate", "difference"):
@@ -281,10 +271,6 @@ def test_an_invalid_baseline_ends_with_4(bench, tmp_path, change, words):
 
 
 def test_times_of_another_machine_end_with_4(timed):
-    from inim.errors import BaselineError
-    from inim.regression.comparison import check_times
-    from inim.regression.run_statistics import read_statistics
-
     base = read_statistics(timed.folder / "timed" / "regression", "candidate")
     check_times(base, base.circumstances, "here")
     for name, value in (("threads", 99), ("processor", "abacus")):

@@ -13,8 +13,8 @@ import pytest
 from inim.errors import EXIT_PASSED
 from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, differences, samples_of
 from tests.schemas import read_document
-from tests.system.conftest import TINY, definitions, files_in, write_scene
-from tests.system.test_bench_layers import run_study
+from tests.system.conftest import TINY, definitions, write_scene
+from tests.system.test_bench_layers import assert_study, run_study
 
 SMALL = TINY | {"inim.lens_model": "thin", "inim.viewpoints": "centre,left"}
 CASES = [
@@ -29,7 +29,7 @@ def finished(tmp_path_factory):
     scene = write_scene(folder)
     words = [scene.name, "-o", "out", "--runs", "1", "--warmups", "1", *definitions(SMALL)]
     ended = run_study("commands", *words, folder=folder, timeout=400)
-    assert ended.returncode == EXIT_PASSED, ended.stderr
+    assert ended.code == EXIT_PASSED, ended.stderr
     return folder, read_document(folder / "out" / "bench.json")
 
 
@@ -84,26 +84,16 @@ def test_generation_is_limited_to_observed_pixels(finished):
         forms[c["form"]].append(c)
     for whole, *parts in forms.values():
         assert [c["name"] for c in parts] == ["pinhole", "thin", "thick"]
-        check_parts(whole, parts)
-
-
-def check_parts(whole, parts):
-    for c in parts:
-        assert 0 < c["observed_share"] < 1
-        assert c["share"] == pytest.approx(c["median_ms"] / whole["median_ms"])
-        assert c["same"]
+        for c in parts:
+            assert 0 < c["observed_share"] < 1
+            assert c["share"] == pytest.approx(c["median_ms"] / whole["median_ms"])
+            assert c["same"]
 
 
 @pytest.mark.slow
 def test_page_plot_and_command(finished):
-    folder, data = finished
-    assert files_in(folder / "out") == {
-        "bench.html", "bench.json", "bench.md", "commands.png", "commands.svg",
-    }  # fmt: skip
-    assert "reports.bench.commands.run tiny.xml" in data["command"]
-    page = (folder / "out" / "bench.html").read_text("utf-8")
-    assert "Whole commands on" in page
-    assert "yes, all except times" in page
+    words = ("Whole commands on", "yes, all except times")
+    assert_study(*finished, "commands", "commands.run tiny.xml", *words)
 
 
 REPORT = {

@@ -3,29 +3,36 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from tests.conftest import sphere
 from tests.schemas import read_document
-from tests.system.conftest import TINY, definitions, files_in, write_scene
+from tests.system.conftest import TINY, Ended, definitions, files_in, run_child, write_scene
 from tests.unit.test_depth_peeling import cube
 
 ROOT = Path(__file__).parents[2]
 
 
-def run_study(name: str, *words: object, folder: Path, timeout: float = 120):
+def run_study(name: str, *words: object, folder: Path, timeout: float = 120) -> Ended:
     """Run a study of ``reports/bench`` to its end in a folder."""
     paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
-    return subprocess.run(
-        [sys.executable, "-m", f"reports.bench.{name}.run", *map(str, words)],
-        cwd=folder, env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
-        stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", timeout=timeout,
-    )  # fmt: skip
+    variables = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    study = [sys.executable, "-m", f"reports.bench.{name}.run", *map(str, words)]
+    return run_child(study, timeout, cwd=folder, env=variables)
+
+
+def assert_study(folder: Path, data: dict[str, Any], plot: str, command: str, *words: str) -> None:
+    """Assert that a study has its files and its command, and that its page has these words."""
+    plots = {f"{plot}.png", f"{plot}.svg"}
+    assert files_in(folder / "out") == {"bench.html", "bench.json", "bench.md"} | plots
+    assert f"reports.bench.{command}" in data["command"]
+    page = (folder / "out" / "bench.html").read_text("utf-8")
+    assert all(word in page for word in words)
 
 
 NAMES = ["template", "layered:samples=1", "template:samples=4", "layered:samples=4"]
@@ -41,7 +48,7 @@ def finished(tmp_path_factory):
     ]  # fmt: skip
     words = [*scenes, "-o", "out", "--runs", "2", *definitions(TINY)]
     ended = run_study("layered", *words, folder=folder)
-    assert ended.returncode == EXIT_PASSED, ended.stderr
+    assert ended.code == EXIT_PASSED, ended.stderr
     return folder, read_document(folder / "out" / "bench.json")
 
 
@@ -73,20 +80,14 @@ def test_shares_of_the_captured_layers(finished):
 
 @pytest.mark.slow
 def test_page_plot_and_command(finished):
-    folder, data = finished
-    assert files_in(folder / "out") == {
-        "bench.html", "bench.json", "bench.md", "layers.png", "layers.svg",
-    }  # fmt: skip
-    assert "reports.bench.layered.run a.xml b.xml" in data["command"]
-    page = (folder / "out" / "bench.html").read_text("utf-8")
-    assert "One layer and all layers, with equal samples" in page
-    assert "Captured surfaces" in page
+    words = ("One layer and all layers, with equal samples", "Captured surfaces")
+    assert_study(*finished, "layers", "layered.run a.xml b.xml", *words)
 
 
 @pytest.mark.slow
 def test_a_missing_scene_costs_one_line(tmp_path):
     ended = run_study("layered", "missing.xml", folder=tmp_path)
-    assert ended.returncode == EXIT_USAGE
+    assert ended.code == EXIT_USAGE
     assert ended.stderr.count("\n") == 1
     assert "missing.xml" in ended.stderr
     assert not list(tmp_path.iterdir())

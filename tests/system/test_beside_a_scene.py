@@ -17,7 +17,15 @@ import inim
 from inim.errors import EXIT_PASSED, EXIT_USAGE, SceneError
 from inim.process.python_process import child_environment, python_code, python_module
 from inim.render import variant
-from tests.system.conftest import ALONE, TINY, assert_one_line, definitions, write_scene
+from tests.system.conftest import (
+    ALONE,
+    TINY,
+    Ended,
+    assert_one_line,
+    definitions,
+    run_child,
+    write_scene,
+)
 
 ONE_VIEW = TINY | {f"inim.{key}": value for key, value in ALONE.items()}
 #: Of the standard library, of what is installed, what Python itself looks for, and the package.
@@ -43,9 +51,12 @@ def configured(folder: Path) -> Path:
     return folder
 
 
-def without_cache_variable() -> dict[str, str]:
-    """Variables for a child in which a configuration file could name numba's cache folder."""
-    return {k: v for k, v in child_environment().items() if k != "NUMBA_CACHE_DIR"}
+def run_configured(words: list[str], folder: Path) -> Ended:
+    """Run a child whose numba cache folder a configuration file could name."""
+    variables = {k: v for k, v in child_environment().items() if k != "NUMBA_CACHE_DIR"}
+    ended = run_child(words, 600, cwd=folder, env=variables)
+    assert not (folder / "kernels").exists()
+    return ended
 
 
 @pytest.mark.parametrize("start", ["script", "module"])
@@ -58,21 +69,13 @@ def test_modules_in_the_current_folder_are_not_executed(trapped, start):
     else:  # Python itself has found the package by then; the worker is that of the script
         words = [sys.executable, "-m", "inim.validate", "-o", "tiny.xml"]
         (trapped / "inim.py").unlink()
-    ended = subprocess.run(
-        [*words, "tiny.xml", *definitions(ONE_VIEW)],
-        cwd=trapped,
-        env=without_cache_variable(),
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
+    ended = run_configured([*words, "tiny.xml", *definitions(ONE_VIEW)], trapped)
     assert not (trapped / "executed").exists(), (trapped / "executed").read_text()
-    assert not (trapped / "kernels").exists()
     if start == "script":
-        assert ended.returncode == EXIT_PASSED, ended.stderr
+        assert ended.code == EXIT_PASSED, ended.stderr
         assert (trapped / "out" / "report.json").exists()
     else:  # the plan, with the scene's file in the place of the folder
-        assert ended.returncode == EXIT_USAGE
+        assert ended.code == EXIT_USAGE
         assert_one_line(ended.stderr, ["tiny.xml"])
 
 
@@ -88,16 +91,8 @@ eia = inim.generate(rgbd, display, "gu2020")
 
 def test_python_functions_ignore_the_current_folder_s_configuration(tmp_path):
     script = PICTURE + "import sys\nassert 'matplotlib' not in sys.modules\nprint(eia.shape)"
-    ended = subprocess.run(
-        python_code(script),
-        cwd=configured(tmp_path),
-        env=without_cache_variable(),
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert ended.returncode == EXIT_PASSED, ended.stderr
-    assert not (tmp_path / "kernels").exists()
+    ended = run_configured(python_code(script), configured(tmp_path))
+    assert ended.code == EXIT_PASSED, ended.stderr
 
 
 def test_a_program_s_own_kernels_obey_its_configuration(tmp_path):
@@ -118,15 +113,8 @@ def test_a_program_s_own_kernels_obey_its_configuration(tmp_path):
 def test_pictures_are_drawn_without_the_current_folder_s_configuration(tmp_path):
     small = definitions({"inim.lens_columns": "6", "inim.lens_rows": "6"})
     words = python_module("inim", "inspect", "nominal", "-o", "out", *small)
-    ended = subprocess.run(
-        words,
-        cwd=configured(tmp_path),
-        env=without_cache_variable(),
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert ended.returncode == EXIT_PASSED, ended.stderr
+    ended = run_configured(words, configured(tmp_path))
+    assert ended.code == EXIT_PASSED, ended.stderr
     assert list((tmp_path / "out").rglob("*.png"))
 
 

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from inim import timing as turns
 from inim.errors import EXIT_PASSED, EXIT_USAGE
 from inim.sweeps.table import TABLE, read_table
 from tests.schemas import read_document
@@ -22,6 +21,7 @@ from tests.system.conftest import (
     definitions,
     install_metadata,
     run_here,
+    without_pauses,
     write_scene,
 )
 
@@ -119,9 +119,7 @@ def test_sweep_has_columns_of_its_metric(tmp_path, installed):
 def test_bench_has_errors_by_its_metric(tmp_path, installed):
     words = ("-o", "out", "--algorithms", "example", "--runs", "3", "--threads", "1")
     scene = write_scene(tmp_path).name
-    with pytest.MonkeyPatch.context() as patch:
-        for name in ("_SETTLE_S", "_LEAD_IN_S"):  # pauses that make times comparable
-            patch.setattr(turns, name, 0.0)
+    with without_pauses():
         options = definitions(TINY | LENS)
         run("bench", scene, *words, *options, folder=tmp_path, variables=installed)
     data = read_document(tmp_path / "out" / "bench.json")

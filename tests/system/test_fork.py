@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import subprocess
-
 from inim.process.python_process import child_environment, python_code
+from tests.system.conftest import run_child
 
 FORK = """
 import multiprocessing
@@ -27,8 +26,6 @@ with multiprocessing.get_context("fork").Pool(1) as pool:
 
 
 def test_forked_jobs_end():
-    ended = subprocess.run(
-        python_code(FORK), env=child_environment(), capture_output=True, text=True, timeout=300
-    )
-    assert ended.returncode == 0, ended.stderr
+    ended = run_child(python_code(FORK), env=child_environment())
+    assert ended.code == 0, ended.stderr
     assert ended.stdout.splitlines() == ["(68, 68, 3)"] * 3

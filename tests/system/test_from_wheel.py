@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 
 import pytest
 
 from tests.from_wheel import ROOT
+from tests.system.conftest import run_child
 
 
 @pytest.mark.slow
 def test_a_stranger_s_programs_run():
-    ended = subprocess.run(
-        [sys.executable, "-m", "tests.from_wheel", "--borrow-packages"],
-        cwd=ROOT, capture_output=True, text=True, timeout=900, check=False,
-    )  # fmt: skip
-    assert ended.returncode == 0, ended.stdout + ended.stderr
+    words = [sys.executable, "-m", "tests.from_wheel", "--borrow-packages"]
+    ended = run_child(words, 900, cwd=ROOT)
+    assert ended.code == 0, ended.stdout + ended.stderr

@@ -12,12 +12,18 @@ import numpy as np
 import pytest
 
 from inim import metrics
-from inim import timing as turns
 from inim.files.picture import open_picture
 from inim.metrics import Viewing, cvvdp
 from inim.sweeps.table import columns
 from tests.schemas import read_document
-from tests.system.conftest import TINY, assert_one_line, definitions, run_here, write_scene
+from tests.system.conftest import (
+    TINY,
+    assert_one_line,
+    definitions,
+    run_here,
+    without_pauses,
+    write_scene,
+)
 
 SEEN: list[Viewing] = []
 
@@ -124,9 +130,7 @@ def test_baseline_sweep_s_table_and_bench_have_it(validated, tmp_path):
 
     scene = write_scene(tmp_path).name
     words = ("-o", "timed", "--algorithms", "template", "--runs", "3", "--threads", "1")
-    with pytest.MonkeyPatch.context() as patch:
-        for name in ("_SETTLE_S", "_LEAD_IN_S"):  # pauses that make times comparable
-            patch.setattr(turns, name, 0.0)
+    with without_pauses():
         run("bench", scene, *words, *definitions(TINY), folder=tmp_path)
     (row,) = read_document(tmp_path / "timed" / "bench.json")["scene"]["algorithms"]
     assert row["scores"]["view_cvvdp_to_reference_jod"] < 10

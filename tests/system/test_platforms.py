@@ -5,7 +5,6 @@ Played here by taking away the modules and names that Windows lacks, in a proces
 
 from __future__ import annotations
 
-import subprocess
 import sys
 
 import numpy as np
@@ -15,7 +14,7 @@ from inim.display import DISPLAYS
 from inim.errors import EXIT_BACKEND
 from inim.files.image import read_exr, write_png, write_rgbd
 from inim.image.rgbd import RGBD
-from tests.system.conftest import Ended, assert_one_line, write_scene
+from tests.system.conftest import Ended, assert_one_line, run_child, write_scene
 
 WITHOUT_POSIX = """
 import os, signal, sys
@@ -51,15 +50,7 @@ def inim(tmp_path):
     write_png(tmp_path / "color.png", color)
 
     def run(*words: str, code: str = RUN) -> Ended:
-        ended = subprocess.run(
-            [sys.executable, "-c", WITHOUT_POSIX + code, *words],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            timeout=300,
-            check=False,
-        )
-        return Ended(ended.returncode, ended.stdout, ended.stderr)
+        return run_child([sys.executable, "-c", WITHOUT_POSIX + code, *words], cwd=tmp_path)
 
     return run
 

@@ -6,8 +6,9 @@ code of a plugin gives new images; the callback receives every stage, and shares
 
 from __future__ import annotations
 
-import subprocess
 import sys
+
+from tests.system.conftest import run_child
 
 PLUGIN = """
 import mitsuba as mi
@@ -41,11 +42,8 @@ def test_worker_imports_the_plugin_and_reports_its_progress(tmp_path):
     code = f"import sys; import numpy; sys.path.insert(0, {str(tmp_path)!r}){RUN}"
     (tmp_path / "paint.txt").write_text(PLUGIN)
     (tmp_path / "own_paint.py").write_text(PLUGIN.format(value=1))
-    ended = subprocess.run(
-        [sys.executable, "-P", "-c", code], capture_output=True, text=True, cwd=tmp_path,
-        timeout=300, check=False,
-    )  # fmt: skip
-    assert ended.returncode == 0, ended.stderr
+    ended = run_child([sys.executable, "-P", "-c", code], cwd=tmp_path)
+    assert ended.code == 0, ended.stderr
     progress, first, again, second = ended.stdout.strip().splitlines()
     assert progress == again == "True 0.0 (1.0, 'finished') True"
     assert float(first) > 5 * float(second) > 0

@@ -28,6 +28,7 @@ from tests.system.conftest import (
     assert_whole,
     command,
     files_in,
+    run_child,
     write_scene,
 )
 from tests.unit.test_interrupts import LINE, hear
@@ -67,10 +68,8 @@ def test_interrupt_while_modules_load_is_one_line(tmp_path, module):
     scene = write_scene(tmp_path)
     words = [sys.executable, "-c", AT_IMPORT, module, *command(scene, "-o", "out")[2:]]
     words[4] = "validate"
-    ended = subprocess.run(
-        words, cwd=tmp_path, capture_output=True, text=True, timeout=60, preexec_fn=hear
-    )
-    assert (ended.returncode, ended.stderr) == (130, LINE)
+    ended = run_child(words, 60, cwd=tmp_path, preexec_fn=hear)
+    assert (ended.code, ended.stderr) == (130, LINE)
     assert list(tmp_path.iterdir()) == [scene]
 
 
@@ -78,10 +77,8 @@ def test_interrupt_while_modules_load_is_one_line(tmp_path, module):
 def test_signal_after_the_outcome_was_printed_is_an_ordinary_end(number):
     code = "import atexit, os, signal, sys\nfrom inim.program import run\nimport inim.cli\n"
     code += f"atexit.register(os.kill, os.getpid(), {int(number)})\nrun('info', 'algorithms')"
-    ended = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, preexec_fn=hear
-    )
-    assert (ended.returncode, ended.stderr) == (EXIT_PASSED, "")
+    ended = run_child([sys.executable, "-c", code], 60, preexec_fn=hear)
+    assert (ended.code, ended.stderr) == (EXIT_PASSED, "")
     assert "template" in ended.stdout
 
 

@@ -6,7 +6,6 @@ Expected: every check holds, every file is there, mistakes cost one line and no 
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from tests.system.conftest import (
     files_in,
     install_metadata,
     nothing_left,
+    run_child,
     sphere,
     write_scene,
 )
@@ -34,10 +34,7 @@ FILES = {"stress.html", "stress.json", "stress.md"}
 
 
 def run(module: str, *words: object, folder: Path):
-    return subprocess.run(
-        [sys.executable, "-m", module, *map(str, words)],
-        cwd=folder, stdin=subprocess.DEVNULL, capture_output=True, encoding="utf-8", timeout=600,
-    )  # fmt: skip
+    return run_child([sys.executable, "-m", module, *map(str, words)], timeout=600, cwd=folder)
 
 
 def run_stress(*words: object, folder: Path):
@@ -48,7 +45,7 @@ def run_stress(*words: object, folder: Path):
 def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("stress 鼎")
     ended = run_stress("--quick", "-o", "out", folder=folder)
-    assert ended.returncode == EXIT_PASSED, ended.stderr + ended.stdout
+    assert ended.code == EXIT_PASSED, ended.stderr + ended.stdout
     return ended, folder, read_document(folder / "out" / "stress.json")
 
 
@@ -86,7 +83,7 @@ def test_each_check_has_a_line_and_the_page_its_place(finished):
 @pytest.mark.slow
 def test_the_study_runs_from_the_repository_and_all_it_claims_holds(tmp_path):
     ended = run("reports.stress.study", "--quick", "-o", tmp_path / "out", folder=ROOT)
-    assert ended.returncode == EXIT_PASSED, ended.stderr + ended.stdout
+    assert ended.code == EXIT_PASSED, ended.stderr + ended.stdout
     path = tmp_path / "out" / "stress.json"
     documents.read_document(path, "", StudyDocument)
     data = json.loads(path.read_text("utf-8"))
@@ -132,7 +129,7 @@ class Fickle:
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{ROOT}")
     words = ("--quick", "--algorithms", "planted,template", "-o", tmp_path / "out")
     ended = run_stress(*words, folder=tmp_path)
-    assert ended.returncode == EXIT_CHECK_FAILED, ended.stderr
+    assert ended.code == EXIT_CHECK_FAILED, ended.stderr
     lines = ended.stdout.splitlines()
     assert lines[0].startswith("ok") and "planted: nothing crashes" in lines[0]
     assert lines[1].startswith("FAILED") and "planted: relations" in lines[1]
@@ -145,7 +142,7 @@ def test_a_scene_s_own_depth_is_jittered(tmp_path):
     # On fewer lenses none of the few hundred pixels of the relic lies so near to a cell's exit.
     settings = TINY | {"inim.lens_columns": "24", "inim.lens_rows": "18"}
     ended = run_stress(scene, "--quick", "-o", "out", *definitions(settings), folder=tmp_path)
-    assert ended.returncode == EXIT_PASSED, ended.stderr + ended.stdout
+    assert ended.code == EXIT_PASSED, ended.stderr + ended.stdout
     data = read_document(tmp_path / "out" / "stress.json")
     assert (data["title"], data["picture"]["name"]) == ("Stress: tiny", str(scene))
     display = Settings.parse(settings, "tiny").make_display("tiny")
@@ -161,7 +158,7 @@ def test_a_scene_that_shows_nothing_is_one_line(tmp_path):
     # Each smaller than the camera's pixels, and beside their centres.
     scene = write_scene(tmp_path, sphere((-1, -1, 0), 1e-4), sphere((1, 1, 1), 1e-4))
     ended = run_stress(scene, "--quick", "-o", "out", *definitions(TINY), folder=tmp_path)
-    assert ended.returncode == EXIT_USAGE
+    assert ended.code == EXIT_USAGE
     assert_one_line(ended.stderr, ["tiny.xml", "picture is empty"])
 
 
@@ -175,6 +172,6 @@ def test_a_scene_that_shows_nothing_is_one_line(tmp_path):
 )
 def test_mistakes_cost_one_line_and_no_folder(tmp_path, words, says):
     ended = run_stress(*words, folder=tmp_path)
-    assert ended.returncode == EXIT_USAGE
+    assert ended.code == EXIT_USAGE
     assert_one_line(ended.stderr, says)
     assert not list(tmp_path.iterdir())

@@ -26,6 +26,7 @@ from inim.backend import kernels
 from inim.errors import EXIT_BACKEND, EXIT_PASSED, FileError
 from inim.process.observer import Observer
 from inim.worker.output import publish, staging_folder
+from inim.worker.serve import Job, _run_with_retry
 from tests.system.conftest import (
     ALONE,
     SMALLEST,
@@ -36,6 +37,7 @@ from tests.system.conftest import (
     command,
     files_in,
     nothing_left,
+    run_child,
     small_disk,
     write_scene,
 )
@@ -111,8 +113,6 @@ def test_broken_kernel_cache_costs_a_compilation_and_no_more(tmp_path, monkeypat
     import numba
     from numba.core import caching
 
-    from inim.worker.serve import Job, _run_with_retry
-
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
     path = tmp_path / "twice.py"
     path.write_text("import numba\n@numba.njit(cache=True)\ndef twice(x):\n    return 2 * x\n")
@@ -134,8 +134,6 @@ def test_broken_kernel_cache_costs_a_compilation_and_no_more(tmp_path, monkeypat
 
 
 def test_fault_of_the_job_is_not_tried_again():
-    from inim.worker.serve import Job, _run_with_retry
-
     tries = []
 
     def work(request: object, staging: Path, observer: Observer) -> bool:
@@ -185,13 +183,11 @@ def test_read_only_package_and_no_home_is_enough(tmp_path):
     seconds = []
     for _ in range(2):
         started = time.perf_counter()
-        ended = subprocess.run(
-            ["setpriv", f"--bounding-set={rights}", f"--inh-caps={rights}",
-             *command(scene, "-o", tmp_path / "out", **SMALLEST)],
-            env=variables, cwd=tmp_path, capture_output=True, text=True, timeout=300,
-        )  # fmt: skip
+        words = ["setpriv", f"--bounding-set={rights}", f"--inh-caps={rights}"]
+        words += command(scene, "-o", tmp_path / "out", **SMALLEST)
+        ended = run_child(words, env=variables, cwd=tmp_path)
         seconds.append(time.perf_counter() - started)
-        assert (ended.returncode, ended.stderr) == (EXIT_PASSED, "")
+        assert (ended.code, ended.stderr) == (EXIT_PASSED, "")
     assert seconds[1] < seconds[0]
     assert list((tmp_path / "tmp").glob("inim-*/**/*.nbi"))
     assert not list(package.rglob("*.nbi"))
@@ -256,11 +252,8 @@ def test_memory_limit_of_the_shell_counts(tmp_path):
     def limited() -> None:
         resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 
-    ended = subprocess.run(
-        command(scene, "-o", "out"), cwd=tmp_path, capture_output=True, text=True,
-        preexec_fn=limited,
-    )  # fmt: skip
-    assert ended.returncode == EXIT_BACKEND
+    ended = run_child(command(scene, "-o", "out"), cwd=tmp_path, preexec_fn=limited)
+    assert ended.code == EXIT_BACKEND
     assert_one_line(ended.stderr, ["available 2.0 GiB", "capture_pixels_per_pitch"])
     assert list(tmp_path.iterdir()) == [scene]
 
@@ -338,9 +331,6 @@ def test_staging_folder_of_a_dead_run_is_cleared_away_and_of_a_living_one_is_not
     assert list(tmp_path.iterdir()) == [others]
 
 
-on_linux = pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="finds it in /proc")
-
-
 # --- Many in one process ------------------------------------------------------------------------
 
 MANY_RUNS = """
@@ -362,17 +352,14 @@ for k in range(count):
 """
 
 
-@on_linux
+@pytest.mark.skipif(not Path("/proc/self/statm").is_file(), reason="finds it in /proc")
 @pytest.mark.slow
 def test_fifty_validations_in_one_process_take_no_more_memory_than_ten(tmp_path):
     write_scene(tmp_path)
     settings = [f"{key}={value}" for key, value in TINY.items()]
     settings += [f"inim.{key}={value}" for key, value in ALONE.items()]
-    ended = subprocess.run(
-        [sys.executable, "-c", MANY_RUNS, str(tmp_path), "50", *settings],
-        capture_output=True, text=True, timeout=900,
-    )  # fmt: skip
-    assert ended.returncode == 0, ended.stderr
+    ended = run_child([sys.executable, "-c", MANY_RUNS, str(tmp_path), "50", *settings], 900)
+    assert ended.code == 0, ended.stderr
     resident = [int(line) for line in ended.stdout.split()]
     warm, last = max(resident[8:12]), max(resident[-4:])
     print(f"{warm / 2**20:.0f} MiB after ten runs, {last / 2**20:.0f} MiB after fifty")

@@ -85,15 +85,8 @@ def test_a_heat_map_gets_its_viewing_conditions_and_scale(announce):
     def lost(reference: np.ndarray, test: np.ndarray, viewing: Viewing) -> np.ndarray:
         return viewing.pixels_per_degree * np.abs(reference - test).mean(axis=-1)
 
-    metric = Metric(
-        "seen",
-        lost,
-        needs_viewing=True,
-        tolerance=1,
-        range=(0, 99),
-        heat_map=lost,
-        heat_map_max=3.0,
-    )
+    maps = {"heat_map": lost, "heat_map_max": 3.0}
+    metric = Metric("seen", lost, needs_viewing=True, tolerance=1, range=(0, 99), **maps)
     a, b, _ = pictures(3)
     expected = 10 * np.abs(srgb_from_linear(a) - srgb_from_linear(b)).mean(axis=-1)
     np.testing.assert_allclose(metrics.heat_map(metric, a, b, SEEN), expected, rtol=1e-5)
