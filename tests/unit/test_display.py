@@ -16,6 +16,7 @@ from inim.display import DISPLAYS, Display
 from inim.display.parameters import DisplayParameters
 from inim.display.pixels import pixel_rays
 from inim.errors import DisplayError
+from inim.inspection.accuracy_limits import accuracy_warnings
 from inim.lens import LensModelName, lens_models
 from tests import oracle
 
@@ -192,24 +193,19 @@ def test_phone_addresses_every_pixel_by_position_without_drift():
 def test_lens_of_every_pixel_is_that_of_its_exact_position(
     pixel_um, pitch_um, lenses, panel, elemental_um
 ):
-    display = Display(
-        pitch_mm=pitch_um / 1000,
-        focal_length_mm=3.0,
-        gap_mm=3.3,
-        pixel_pitch_mm=pixel_um / 1000,
-        lens_columns=lenses,
-        lens_rows=1,
-        panel_columns=panel,
+    device = display(
+        pitch_mm=pitch_um / 1000, pixel_pitch_mm=pixel_um / 1000,
+        lens_columns=lenses, lens_rows=1, panel_columns=panel,
         elemental_pitch_mm=None if elemental_um is None else elemental_um / 1000,
-    )
+    )  # fmt: skip
     ratio = Fraction(elemental_um or pitch_um, pixel_um)
     pixels = panel or math.ceil(lenses * ratio)
-    assert display.eia_shape[1] == pixels
+    assert device.eia_shape[1] == pixels
     expected = [oracle.lens_of_pixel(i, pixels, lenses, ratio) for i in range(pixels)]
-    assert display.columns.lens.tolist() == expected
+    assert device.columns.lens.tolist() == expected
     whole = ratio.denominator == 1 and pixels == lenses * ratio
     rows = math.ceil(ratio)
-    assert display.has_integer_ratio == (whole and display.eia_shape[0] == rows == ratio)
+    assert device.has_integer_ratio == (whole and device.eia_shape[0] == rows == ratio)
 
 
 @pytest.mark.parametrize(
@@ -306,40 +302,17 @@ def test_derived_values_are_those_of_the_properties_and_fit_json():
 
 # Every parameter of the lenses alone, and others that a ray through a lens's centre depends on.
 LENSES: dict[str, Any] = {
-    "refractive_index": 1.7,
-    "lens_thickness_mm": 1.4,
-    "curved_side": "panel",
-    "conic": -0.5,
-    "asphere_a4": 1e-3,
-    "asphere_a6": 1e-4,
-    "abbe_number": 57.0,
-    "aperture": "round",
-    "fill_factor": 0.8,
-    "between_lenses": "clear",
-    "name": "theirs",
-}
+    "refractive_index": 1.7, "lens_thickness_mm": 1.4, "curved_side": "panel", "conic": -0.5,
+    "asphere_a4": 1e-3, "asphere_a6": 1e-4, "abbe_number": 57.0, "aperture": "round",
+    "fill_factor": 0.8, "between_lenses": "clear", "name": "theirs",
+}  # fmt: skip
 RAYS: dict[str, Any] = {
-    "pitch_mm": 1.1,
-    "focal_length_mm": 3.1,
-    "gap_mm": 3.4,
-    "pixel_pitch_mm": 0.05,
-    "lens_columns": 60,
-    "lens_rows": 61,
-    "panel_columns": 1000,
-    "panel_rows": 1001,
-    "depth_min_mm": 20.0,
-    "depth_max_mm": 40.0,
-    "elemental_pitch_mm": 1.01,
-    "pitch_y_mm": 1.2,
-    "lattice": "hexagonal",
-    "shift_x_mm": 0.1,
-    "shift_y_mm": 0.2,
-    "rotation_deg": 1.0,
-    "tilt_x_deg": 0.5,
-    "tilt_y_deg": 0.4,
-    "subpixels": "rgb-stripe",
-    "pixel_fill": 0.9,
-}
+    "pitch_mm": 1.1, "focal_length_mm": 3.1, "gap_mm": 3.4, "pixel_pitch_mm": 0.05,
+    "lens_columns": 60, "lens_rows": 61, "panel_columns": 1000, "panel_rows": 1001,
+    "depth_min_mm": 20.0, "depth_max_mm": 40.0, "elemental_pitch_mm": 1.01, "pitch_y_mm": 1.2,
+    "lattice": "hexagonal", "shift_x_mm": 0.1, "shift_y_mm": 0.2, "rotation_deg": 1.0,
+    "tilt_x_deg": 0.5, "tilt_y_deg": 0.4, "subpixels": "rgb-stripe", "pixel_fill": 0.9,
+}  # fmt: skip
 
 
 def test_displays_that_differ_in_their_lenses_are_one_through_pinholes():
@@ -369,8 +342,6 @@ def test_rays_through_pinholes_are_those_of_the_display():
 
 
 def test_a_picture_s_pixel_is_the_float_of_the_quotient_that_was_meant():
-    from inim.inspection.accuracy_limits import accuracy_warnings
-
     wide = display(pitch_mm=1.7)
     assert wide.pitch_mm / 5 != 0.34
     assert wide.capture_pixel_mm(5) == 0.34

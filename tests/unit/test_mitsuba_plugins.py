@@ -4,10 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from inim.display import DISPLAYS, Viewpoint
-from inim.errors import BackendError, FileError, SceneError
+from inim.errors import BackendError, FileError, SceneError, UsageError
+from inim.files.image import write_exr
 from inim.image.color import to_srgb
+from inim.lens import LensModel
 from tests.conftest import no_cuda, small_display, square
 
 ROOT = Path(__file__).parents[2]
@@ -18,9 +21,16 @@ DISPLAY = small_display(12, 10, pixels=8)
 HALF = (6.0, 5.0)
 
 
-def warnings_of(display=DISPLAY) -> dict:
-    """A display's parameters."""
+def parameters_of(display=DISPLAY) -> dict:
     return {k: v for k, v in display.parameters().items() if v is not None and k != "name"}
+
+
+def film(width: int, height: int, **more) -> dict:
+    return {"type": "hdrfilm", "width": width, "height": height, "rfilter": {"type": "box"}, **more}
+
+
+def diffuse(*rgb: float) -> dict:
+    return {"type": "diffuse", "reflectance": {"type": "rgb", "value": [*rgb]}}
 
 
 def picture(seed: int = 1, display=DISPLAY) -> np.ndarray:
@@ -68,14 +78,14 @@ def rectangle(world, half=HALF):
 def panel(world, **changes) -> dict:
     import mitsuba as mi
 
-    emitter = {"type": "inim_display", **warnings_of(), "eia": mi.TensorXf(picture())}
+    emitter = {"type": "inim_display", **parameters_of(), "eia": mi.TensorXf(picture())}
     emitter = {k: v for k, v in (emitter | changes).items() if v is not None}
     return {"type": "rectangle", "to_world": rectangle(world), "emitter": emitter}
 
 
 def eye(world, **changes) -> dict:
     place = {"x_mm": 3.0, "y_mm": -2.0, "z_mm": 200.0}
-    return {"type": "inim_eye", "to_world": rectangle(world), **warnings_of(), **place, **changes}
+    return {"type": "inim_eye", "to_world": rectangle(world), **parameters_of(), **place, **changes}
 
 
 def loaded(*, integrator: str = "path", **parts):
@@ -96,11 +106,9 @@ def before(world) -> np.ndarray:
 
 @pytest.mark.parametrize("pupil", [0.0, 4.0])
 def test_the_eye_sensor_agrees_with_reconstruct(pupil):
-    import mitsuba as mi
-
     from inim.render.reconstruct import reconstruct
 
-    world = mi.ScalarTransform4f()
+    world = turned("as it is")
     scene = loaded(panel=panel(world), eye=eye(world, pupil_mm=pupil))
     image, again = (rendered(scene, spp=256, seed=seed) for seed in (0, 1))
     viewpoint = Viewpoint("eye", 3, -2, 200, pupil_mm=pupil)
@@ -128,29 +136,17 @@ def test_display_and_eye_may_be_anywhere_in_any_unit(name):
 
 def test_arrays_may_be_rotated_and_shifted_on_their_panel():
     """The rectangle holds the array as it lies; the product's formula sees the same."""
-    import mitsuba as mi
-
     from inim.render.reconstruct import DisplayScene
 
     display = DISPLAY.replace(rotation_deg=20, shift_x_mm=0.5, tilt_y_deg=1.0)
     half = display.half_extent_mm
     assert half[0] > HALF[0]
     world = turned("all")
-    emitter = {
-        "type": "inim_display",
-        **warnings_of(),
-        "misalign": "rotation_deg=20, shift_x_mm=0.5",
-    }
-    emitter |= {"tilt_y_deg": 1.0, "eia": mi.TensorXf(picture())}
-    shape = {"type": "rectangle", "to_world": rectangle(world, half), "emitter": emitter}
-    sensor = {**eye(world), **warnings_of(display), "to_world": rectangle(world, half)}
+    shape = panel(world, misalign="rotation_deg=20, shift_x_mm=0.5", tilt_y_deg=1.0)
+    shape["to_world"] = rectangle(world, half)
+    sensor = {**eye(world), **parameters_of(display), "to_world": rectangle(world, half)}
     width, height = 64, round(64 * half[1] / half[0])
-    sensor["film"] = {
-        "type": "hdrfilm",
-        "width": width,
-        "height": height,
-        "rfilter": {"type": "box"},
-    }
+    sensor["film"] = film(width, height)
     image = rendered(loaded(panel=shape, eye=sensor), spp=128)
     viewpoint = Viewpoint("eye", 3, -2, 200)
     view = DisplayScene(picture(), display, "thick").view(
@@ -172,7 +168,7 @@ def test_arrays_may_be_rotated_and_shifted_on_their_panel():
 
 
 def pickup(world, **changes) -> dict:
-    return {"type": "inim_pickup", **warnings_of(), "to_world": rectangle(world), **changes}
+    return {"type": "inim_pickup", **parameters_of(), "to_world": rectangle(world), **changes}
 
 
 @pytest.mark.parametrize(
@@ -212,10 +208,6 @@ def test_mistakes_are_reported_in_one_line(plugin, changes, says):
 
 
 def test_a_lens_model_that_fails_is_refused_when_the_scene_is_loaded(monkeypatch):
-    import mitsuba as mi
-
-    from inim.errors import UsageError
-    from inim.lens import LensModel
     from inim.render import display_emitter
 
     def trace(*_):
@@ -224,7 +216,7 @@ def test_a_lens_model_that_fails_is_refused_when_the_scene_is_loaded(monkeypatch
     broken = LensModel("broken", summary="", trace=trace)
     monkeypatch.setattr(display_emitter, "find_lens_model", lambda name: broken)
     with pytest.raises(RuntimeError, match="'broken' traced a ray to nowhere"):
-        loaded(panel=panel(mi.ScalarTransform4f(), lens_model="broken"))
+        loaded(panel=panel(turned("as it is"), lens_model="broken"))
 
 
 @pytest.mark.parametrize(
@@ -238,7 +230,7 @@ def test_a_lens_model_that_fails_is_refused_when_the_scene_is_loaded(monkeypatch
 def test_a_rectangle_that_is_no_display_is_refused_at_first_use(scale, says):
     import mitsuba as mi
 
-    world = mi.ScalarTransform4f()
+    world = turned("as it is")
     expected = before(world)
     wrong = loaded(
         panel=panel(world) | {"to_world": mi.ScalarTransform4f().scale(scale)}, eye=eye(world)
@@ -253,9 +245,7 @@ def test_a_rectangle_that_is_no_display_is_refused_at_first_use(scale, says):
 
 
 def test_a_display_needs_a_rectangle():
-    import mitsuba as mi
-
-    world = mi.ScalarTransform4f()
+    world = turned("as it is")
     shape = panel(world) | {"type": "disk"}
     with pytest.raises(RuntimeError) as raised:
         rendered(loaded(panel=shape, eye=eye(world)), spp=1)
@@ -265,14 +255,11 @@ def test_a_display_needs_a_rectangle():
 
 
 def test_a_crop_of_the_view_is_that_part_of_it():
-    import mitsuba as mi
-
-    world = mi.ScalarTransform4f()
-    film = {"type": "hdrfilm", "width": 48, "height": 40, "rfilter": {"type": "box"}}
+    world = turned("as it is")
     crop = {"crop_offset_x": 8, "crop_offset_y": 4, "crop_width": 24, "crop_height": 12}
     shape = panel(world)
-    whole = rendered(loaded(panel=shape, eye=eye(world, film=film)), spp=256)
-    part = rendered(loaded(panel=shape, eye=eye(world, film=film | crop)), spp=256)
+    whole = rendered(loaded(panel=shape, eye=eye(world, film=film(48, 40))), spp=256)
+    part = rendered(loaded(panel=shape, eye=eye(world, film=film(48, 40, **crop))), spp=256)
     assert np.abs(part - whole[4:16, 8:32]).mean() < 0.01
     assert np.abs(part - whole[:12, :24]).mean() > 0.1
 
@@ -285,14 +272,8 @@ def test_the_pickup_is_the_true_eia_of_its_surroundings(open_fitted):
     from inim.render.trace import FilmCamera, mean_light, scene_light
 
     sky = {"type": "constant", "radiance": 1.0}
-    near = {
-        "type": "rectangle",
-        "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.8, 0.1, 0.1]}},
-    }
-    far = {
-        "type": "rectangle",
-        "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": [0.1, 0.7, 0.2]}},
-    }
+    near = {"type": "rectangle", "bsdf": diffuse(0.8, 0.1, 0.1)}
+    far = {"type": "rectangle", "bsdf": diffuse(0.1, 0.7, 0.2)}
 
     def scene(world):
         places = {"near": (near, [1, 0.5, 20], 2), "far": (far, [-1, 1, -10], 4)}
@@ -344,9 +325,7 @@ NUMBERS = """<float name="pixel_pitch_mm" value="0.125"/><float name="gap_mm" va
 @pytest.mark.parametrize("form", ["png", "exr"])
 def test_a_file_next_to_the_scene_is_shown(tmp_path, form):
     import mitsuba as mi
-    from PIL import Image
 
-    from inim.files.image import write_exr
     from inim.render.reconstruct import reconstruct
 
     if form == "png":
@@ -366,7 +345,7 @@ def test_a_file_next_to_the_scene_is_shown(tmp_path, form):
 def test_bitmap_and_tensor_are_one():
     import mitsuba as mi
 
-    world = mi.ScalarTransform4f()
+    world = turned("as it is")
     codes = to_srgb(picture())
     by_bitmap = loaded(panel=panel(world), eye=eye(world))
     for bitmap, limit in ((mi.Bitmap(picture()), 0.0), (mi.Bitmap(codes), 5e-3)):
@@ -410,29 +389,27 @@ def test_the_displayed_eia_can_be_changed():
     assert not rendered(scene, 4).any(), "with a warning"
 
 
+def camera(fov: float, origin, target) -> dict:
+    """A stock camera of nine pixels."""
+    import mitsuba as mi
+
+    look = mi.ScalarTransform4f().look_at(origin, target, [0, 1, 0])
+    return {"type": "perspective", "fov": fov, "to_world": look, "film": film(3, 3)}
+
+
 def lit_wall(integrator: dict):
     """A wall on the display's axis, lit by it alone, as a stock camera sees it."""
     import mitsuba as mi
 
-    look = mi.ScalarTransform4f().look_at
-    film = {"type": "hdrfilm", "width": 3, "height": 3, "rfilter": {"type": "box"}}
+    place = mi.ScalarTransform4f().look_at([0, 0, 30], [0, 0, 0], [0, 1, 0])
+    place = place @ mi.ScalarTransform4f().scale(10)
     return mi.load_dict(
         {
             "type": "scene",
             "integrator": integrator,
-            "panel": panel(mi.ScalarTransform4f()),
-            "wall": {
-                "type": "rectangle",
-                "to_world": look([0, 0, 30], [0, 0, 0], [0, 1, 0])
-                @ mi.ScalarTransform4f().scale(10),
-                "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.6}},
-            },
-            "camera": {
-                "type": "perspective",
-                "fov": 20.0,
-                "to_world": look([14, 0, 3], [0, 0, 30], [0, 1, 0]),
-                "film": film,
-            },
+            "panel": panel(turned("as it is")),
+            "wall": {"type": "rectangle", "to_world": place, "bsdf": diffuse(0.6, 0.6, 0.6)},
+            "camera": camera(20.0, [14, 0, 3], [0, 0, 30]),
         }
     )
 
@@ -457,17 +434,13 @@ def test_light_can_be_traced_from_it():
     """`ptracer` starts its paths at the display: the same wall, and the same display itself."""
     import mitsuba as mi
 
-    look = mi.ScalarTransform4f().look_at([2, 1, 25], [0, 0, 0], [0, 1, 0])
-    film = {"type": "hdrfilm", "width": 3, "height": 3, "rfilter": {"type": "box"}}
-    stock = {"type": "perspective", "fov": 15.0, "to_world": look, "film": film}
-
     def means(kind: str, sensor, spp: int) -> np.ndarray:
         scene = lit_wall({"type": kind, "max_depth": 2})
         return np.stack([rendered(scene, spp, seed=s, sensor=sensor) for s in range(8)]).mean(
             (1, 2)
         )
 
-    for sensor in (0, mi.load_dict(stock)):
+    for sensor in (0, mi.load_dict(camera(15.0, [2, 1, 25], [0, 0, 0]))):
         a, b = means("path", sensor, 2**12), means("ptracer", sensor, 2**15)
         error = np.hypot(a.std(axis=0, ddof=1), b.std(axis=0, ddof=1)) / np.sqrt(8)
         assert (np.abs(a.mean(axis=0) - b.mean(axis=0)) < 5 * error).all(), (a, b)
@@ -478,9 +451,8 @@ def gradient_scene(integrator: str):
     import mitsuba as mi
 
     world = turned("all")
-    film = {"type": "hdrfilm", "width": 12, "height": 10, "rfilter": {"type": "box"}}
-    film["pixel_format"] = "rgb"
-    scene = loaded(integrator=integrator, panel=panel(world), eye=eye(world, film=film))
+    sensor = eye(world, film=film(12, 10, pixel_format="rgb"))
+    scene = loaded(integrator=integrator, panel=panel(world), eye=sensor)
     return scene, mi.traverse(scene), "panel.emitter.eia"
 
 
@@ -525,19 +497,13 @@ def test_presets_are_the_displays_of_that_name():
     import mitsuba as mi
 
     for name, display in DISPLAYS.items():
+        black = np.zeros((*display.eia_shape, 3), np.float32)
         shape = {
             "type": "rectangle",
-            "to_world": mi.ScalarTransform4f().scale(
-                [display.width_mm / 2, display.height_mm / 2, 1]
-            ),
-            "emitter": {
-                "type": "inim_display",
-                "preset": name,
-                "eia": mi.TensorXf(np.zeros((*display.eia_shape, 3), np.float32)),
-            },
+            "to_world": rectangle(turned("as it is"), display.half_extent_mm),
+            "emitter": {"type": "inim_display", "preset": name, "eia": mi.TensorXf(black)},
         }
-        scene = loaded(panel=shape)
-        assert scene.emitters()[0].display == display
+        assert loaded(panel=shape).emitters()[0].display == display
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_spectral", "llvm_ad_mono"])
@@ -560,7 +526,6 @@ def test_other_variants_are_refused_and_plugins_come_back(variant):
 def test_the_museum_s_room_shows_its_display_right_way_up(tmp_path):
     """A panel red at the top left: the phone is portrait, upright, and lights the table."""
     import mitsuba as mi
-    from PIL import Image
 
     eia = np.full((2400, 1080, 3), 60, np.uint8)
     eia[:1200, :540] = (250, 20, 20)

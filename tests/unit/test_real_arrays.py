@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from inim.display import Display, Viewpoint
+from inim.display.pixels import SUBPIXELS as PATTERNS
 from inim.display.pixels import pixel_rays
 from inim.errors import DisplayError
 from inim.generators import generate
@@ -342,7 +343,6 @@ def test_pickup_rays_start_all_over_the_light_and_pass_the_lens_centre(name, ren
     import drjit as dr
     import mitsuba as mi
 
-    from inim.display.pixels import SUBPIXELS as PATTERNS
     from inim.render.rays import pickup_rays
     from inim.render.trace import FilmCamera
 
