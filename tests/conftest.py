@@ -55,14 +55,18 @@ def sphere(centre: tuple[float, float, float], radius: float, rgb: str = "0.8") 
 def small_display(columns: int = 12, rows: int = 10, pixels: int = 8, **changes: object) -> Display:
     """A display small enough to render in a blink: 1 mm lenses of a whole number of pixels."""
     values: dict[str, object] = {
-        "pitch_mm": 1.0,
-        "focal_length_mm": 3.0,
-        "gap_mm": 3.3,
-        "pixel_pitch_mm": 1.0 / pixels,
-        "lens_columns": columns,
-        "lens_rows": rows,
-    }
+        "pitch_mm": 1.0, "focal_length_mm": 3.0, "gap_mm": 3.3, "pixel_pitch_mm": 1.0 / pixels,
+        "lens_columns": columns, "lens_rows": rows,
+    }  # fmt: skip
     return Display(**(values | changes))  # type: ignore[arg-type]
+
+
+def box_surface() -> tuple[np.ndarray, np.ndarray]:
+    """Corners and triangles of a cube from 0 to 1, outwards, corners shared."""
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)
+    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
+    return corners, np.array(faces, np.uint32)
 
 
 def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[str, Any]:

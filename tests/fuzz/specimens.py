@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenEXR
+from PIL import Image
 
 from inim.display import Display
 from inim.files.image import write_exr, write_rgbd
@@ -24,7 +26,7 @@ from inim.files.triangle_mesh import Mesh
 from inim.image.rgbd import RGBD
 from inim.stress.pictures import solids_of
 from tests import depth_photographs as photographs
-from tests.conftest import scene_text, small_display, sphere, square
+from tests.conftest import box_surface, scene_text, small_display, sphere, square
 
 _ROOT = str(Path(__file__).parents[2])
 
@@ -56,8 +58,6 @@ def _layers(folder: Path) -> tuple[bytes, ...]:
 
 def _exr(folder: Path) -> tuple[bytes, ...]:
     """One part, of each compression: plain, then in scan lines and tiles, half and float."""
-    import OpenEXR
-
     rows, columns = DISPLAY.eia_shape
     write_exr(folder / "b.exr", _picture(rows, columns))
     files = [(folder / "b.exr").read_bytes()]
@@ -85,8 +85,6 @@ def _saved(image: Any, kind: str, **options: Any) -> bytes:
 
 
 def _png(_: Path) -> tuple[bytes, ...]:
-    from PIL import Image
-
     rows, columns = DISPLAY.eia_shape
     pixels = (_picture(rows, columns) * 255).astype(np.uint8)
     rgb = Image.fromarray(pixels)
@@ -102,8 +100,6 @@ def _png(_: Path) -> tuple[bytes, ...]:
 
 
 def _pictures(folder: Path) -> tuple[bytes, ...]:
-    from PIL import Image
-
     rgb = Image.fromarray((_picture(16, 20) * 255).astype(np.uint8))
     others = [_saved(rgb, "JPEG"), _saved(rgb, "JPEG", progressive=True)]
     floats = b"PF\n20 16\n-1.0\n" + _picture(16, 20).tobytes()
@@ -114,14 +110,8 @@ def _pictures(folder: Path) -> tuple[bytes, ...]:
     return (*_png(folder)[:2], *_exr(folder)[:4], *others, floats, head + lines, flat)
 
 
-def _box() -> tuple[np.ndarray, np.ndarray]:
-    corner = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    return corner, np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))], np.uint32)
-
-
 def _ply_text(_: Path) -> tuple[bytes, ...]:
-    points, faces = _box()
+    points, faces = box_surface()
     head = "ply\nformat ascii 1.0\ncomment made for tests\nelement vertex 8\n"
     head += "property float x\nproperty float y\nproperty float z\n"
     colors = head + "property uchar red\nproperty uchar green\nproperty uchar blue\n"
@@ -140,7 +130,7 @@ def _ply_text(_: Path) -> tuple[bytes, ...]:
 
 
 def _ply_binary(folder: Path) -> tuple[bytes, ...]:
-    points, faces = _box()
+    points, faces = box_surface()
     rest = {"normals": points - 0.5, "uv": points[:, :2], "color": points}
     write_ply(folder / "a.ply", Mesh(points, faces))
     write_ply(folder / "b.ply", Mesh(points, faces, **rest))
@@ -152,7 +142,7 @@ def _ply_binary(folder: Path) -> tuple[bytes, ...]:
 
 
 def _obj(folder: Path) -> tuple[bytes, ...]:
-    points, faces = _box()
+    points, faces = box_surface()
     (folder / "a.mtl").write_text("newmtl one\nKd 0.5 0.2 0.1\nmap_Kd a.png\n")
     (folder / "a.png").write_bytes(_png(folder)[0])
     vertices = "".join("v {:g} {:g} {:g}\n".format(*p) for p in points)
@@ -165,9 +155,8 @@ def _obj(folder: Path) -> tuple[bytes, ...]:
 
 def _textured_box():
     import trimesh
-    from PIL import Image
 
-    points, faces = _box()
+    points, faces = box_surface()
     skin = Image.fromarray((_picture(8, 8) * 255).astype(np.uint8))
     visual = trimesh.visual.TextureVisuals(uv=points[:, :2], image=skin)
     box = trimesh.Trimesh(points, faces, visual=visual, process=False)
@@ -201,7 +190,7 @@ def _gltf(folder: Path) -> tuple[bytes, ...]:
 def _stl(kind: str) -> tuple[bytes, ...]:
     import trimesh
 
-    data = trimesh.Trimesh(*_box(), process=False).export(file_type=kind)
+    data = trimesh.Trimesh(*box_surface(), process=False).export(file_type=kind)
     if isinstance(data, str):
         return (data.encode(),)
     return data, b"solid" + data[5:]  # a title that text begins with
@@ -237,8 +226,6 @@ def _xml(folder: Path) -> tuple[bytes, ...]:
 
 def _depth(folder: Path, kind: str) -> tuple[bytes, ...]:
     """Depth pictures of 12 x 16 in what a kind of file can hold."""
-    from PIL import Image
-
     values = np.linspace(1, 60_000, 12 * 16).reshape(12, 16)
     grey = Image.fromarray(values.astype(np.uint16))
     if kind == "npy":
@@ -251,8 +238,6 @@ def _depth(folder: Path, kind: str) -> tuple[bytes, ...]:
     if kind == "pfm":
         return (b"Pf\n16 12\n-1.0\n" + values.astype("<f4").tobytes(),)
     if kind == "exr":
-        import OpenEXR
-
         header = {"compression": OpenEXR.ZIPS_COMPRESSION, "type": OpenEXR.scanlineimage}
         OpenEXR.File(header, {"Z": values.astype(np.float32)}).write(str(folder / "z.exr"))
         return ((folder / "z.exr").read_bytes(),)
@@ -264,13 +249,9 @@ def _depth(folder: Path, kind: str) -> tuple[bytes, ...]:
 
 
 TINY = {
-    "lens_columns": 8,
-    "lens_rows": 6,
-    "capture_spp": 2,
-    "eia_spp": 2,
-    "view_spp": 2,
-    "reconstruction_spp": 4,
-}
+    "lens_columns": 8, "lens_rows": 6,
+    "capture_spp": 2, "eia_spp": 2, "view_spp": 2, "reconstruction_spp": 4,
+}  # fmt: skip
 STUDY = """
 [study]
 title = "A study"

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from inim.commands.inputs import COMMANDS
 from inim.errors import FileError, UsageError
@@ -19,6 +20,7 @@ from inim.files.triangle_mesh import Mesh, add_vertex_normals
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.scene.new_scene import new_scene
 from inim.scene.relic_scene import STONE, scene_xml
+from tests.conftest import box_surface
 
 
 @pytest.fixture
@@ -30,10 +32,8 @@ def mi(renderer):
 
 def box(size: tuple[float, float, float], **rest: Any) -> Mesh:
     """A box from 0 to `size`, corners shared, no normals."""
-    corner = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float32)
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
-    return Mesh(corner * np.float32(size), np.array(faces, np.uint32), **rest)
+    corners, faces = box_surface()
+    return Mesh(corners * np.float32(size), faces, **rest)
 
 
 def sphere(rows: int = 24, columns: int = 48) -> Mesh:
@@ -136,8 +136,6 @@ def test_existing_files_stay_unless_forced(tmp_path):
 
 
 def test_forcing_removes_the_parts_that_only_the_earlier_scene_had(tmp_path):
-    from PIL import Image
-
     skins = [f"newmtl {name}\nmap_Kd {name}.png\n" for name in ("one", "two")]
     target = tmp_path / "given"
     target.mkdir()
@@ -318,8 +316,6 @@ def test_robust_intersections_and_defaults_are_in_the_scene(tmp_path):
 
 def quadrants(folder: Path) -> Path:
     """An OBJ square whose picture is red and green above, blue and white below."""
-    from PIL import Image
-
     pixels = np.zeros((64, 64, 3), np.uint8)
     pixels[:32, :32, 0] = pixels[:32, 32:, 1] = pixels[32:, :32, 2] = 255
     pixels[32:, 32:] = 255

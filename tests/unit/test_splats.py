@@ -6,13 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from inim.display import Viewpoint
 from inim.errors import FileError, SceneError, UsageError
 from inim.files.ply import write_ply
 from inim.files.splat_ply import check_splats, is_splats, read_splats, write_splats
 from inim.files.triangle_mesh import Mesh
 from inim.image.color import linear_from_srgb, srgb_from_linear
+from inim.process.observer import Observer
 from inim.scene.relic_scene import SIZE_MM, Frame, place_splats, rotate_splats
-from tests.conftest import small_display, square
+from tests.conftest import box_surface, small_display, square
 from tests.splat_relics import joined, on_triangles, random_splats, splat_scene, splats_at
 
 DISPLAY = small_display()
@@ -291,7 +293,6 @@ def test_ellipsoids_that_are_met_twice_are_noticed(open_fitted, tmp_path):
 
 
 def test_black_splats_do_not_change_the_eia(open_fitted, tmp_path):
-    from inim.process.observer import Observer
     from inim.render.ground_truth import pickup
 
     relic = random_splats(60, 1)
@@ -329,15 +330,13 @@ def test_splats_and_surfaces_do_not_mix(open_fitted, tmp_path):
 
 def gem():
     """A turned box, convex, each corner with a colour of its own."""
-    corner = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
-    quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
-    faces = np.array([t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))])
+    corner, faces = box_surface()
+    corner = 2 * corner.astype(float) - 1
     return corner @ rotation(4).T * 5, faces, 0.45 + 0.35 * corner
 
 
 def compared(open_fitted, tmp_path, per_edge):
     """Differences between a mesh and its splats: EIA, view, depth, coverage; size of the splats."""
-    from inim.display import Viewpoint
     from inim.render.ground_truth import capture, pickup, true_view
 
     vertices, faces, colors = gem()
