@@ -28,15 +28,8 @@ _BLOCK = re.compile(
 _VARIABLE = re.compile(r'^([A-Z]+)="([^"]*)"$', re.M)
 _RUN = ("sh", "python")
 _NOT_COPIED = (
-    "__pycache__",
-    "build",
-    "out",
-    ".venv",
-    ".git",
-    ".*_cache",
-    ".hypothesis",
-    "*.nb[ic]",
-)
+    "__pycache__", "build", "out", ".venv", ".git", ".*_cache", ".hypothesis", "*.nb[ic]",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

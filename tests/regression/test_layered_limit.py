@@ -24,6 +24,7 @@ import pytest
 from inim import metrics
 from inim.display import DISPLAYS
 from inim.generators import generate
+from inim.scene.file import read_scene_file
 from inim.settings import Settings
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -40,7 +41,6 @@ def scores(path):
     from inim.render.depth_peeling import peel
     from inim.render.ground_truth import capture_layers, pickup
     from inim.render.scene import open_scene
-    from inim.scene.file import read_scene_file
 
     fitted = open_scene(read_scene_file(path), NOMINAL, 0.85)
     truth = pickup(fitted, NOMINAL, spp=Settings().eia_spp, seed=1)
@@ -99,7 +99,6 @@ def test_a_dark_base_is_visible_from_below(tmp_path):
     from inim.render.depth_peeling import peel
     from inim.render.ground_truth import capture_layers, pickup
     from inim.render.scene import open_scene
-    from inim.scene.file import read_scene_file
 
     fitted = open_scene(read_scene_file(bust(tmp_path)), NOMINAL, 0.85)
     truth = pickup(fitted, NOMINAL, spp=Settings().eia_spp, seed=1)

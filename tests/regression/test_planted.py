@@ -43,15 +43,9 @@ from inim.regression.run_statistics import RunStatistics
 
 SCENE = Path(__file__).parents[2] / "scenes" / "jade.xml"
 SMALL = {
-    "lens_columns": 24,
-    "lens_rows": 24,
-    "capture_spp": 16,
-    "eia_spp": 20,
-    "view_spp": 80,
-    "reconstruction_spp": 20,
-    "algorithms": "template",
-    "viewpoints": "left,centre,right",
-}
+    "lens_columns": 24, "lens_rows": 24, "capture_spp": 16, "eia_spp": 20, "view_spp": 80,
+    "reconstruction_spp": 20, "algorithms": "template", "viewpoints": "left,centre,right",
+}  # fmt: skip
 
 
 @dataclass

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from inim import timing as turns
 from inim.bench.evaluate import choose_algorithms
 from inim.errors import EXIT_PASSED
 from tests.schemas import read_document
@@ -25,14 +24,12 @@ from tests.system.conftest import (
     install_metadata,
     nothing_left,
     run_here,
+    without_pauses,
     write_scene,
 )
 
-ALGORITHMS = [
-    "template", "wang2024:matching=ray", "gu2020", "example", "own_place",
-]  # fmt: skip
+ALGORITHMS = ["template", "wang2024:matching=ray", "gu2020", "example", "own_place"]
 FILES = {"bench.json", "bench.md", "bench.html", "pareto.svg", "pareto.png"}
-
 
 #: Other packages' algorithms: one that returns a picture of its own, one that cannot be timed.
 OTHERS = """
@@ -60,10 +57,8 @@ linear_only = bench_others:linear_only
 
 def run_bench(*words: object, folder: Path, site: Path | None = None) -> Ended:
     """`inim bench` in this process, without the pauses that make times comparable."""
-    with pytest.MonkeyPatch.context() as patch:
-        for name in ("_SETTLE_S", "_LEAD_IN_S"):
-            patch.setattr(turns, name, 0.0)
-        variables = {"PYTHONPATH": str(site or "")}
+    variables = {"PYTHONPATH": str(site or "")}
+    with without_pauses():
         return run_here("bench", *map(str, words), folder=folder, variables=variables)
 
 

@@ -18,15 +18,18 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
+import OpenEXR
 import pytest
 from PIL import Image
 
 from inim.errors import EXIT_PASSED, FileError, InimError, SceneError, UsageError
 from inim.files.eia_file import read_eia
-from inim.files.image import read_exr, write_exr
+from inim.files.image import read_exr, read_rgbd, write_exr, write_rgbd
 from inim.files.mesh import read_mesh
 from inim.files.picture import read_texture
+from inim.files.triangle_mesh import add_vertex_normals
 from inim.image.color import linear_from_srgb
+from inim.image.rgbd import RGBD
 from inim.scene.file import SceneFile, read_scene_file
 from inim.scene.parameters import SceneParameters
 from tests.conftest import scene_text, small_display, sphere, square
@@ -340,8 +343,6 @@ def test_exr_of_absurd_size_is_refused(tmp_path, size):
 
 def test_exr_bomb_is_refused(tmp_path):
     """Zeros to a thousandth: 768 MB of pixels in less than a megabyte."""
-    import OpenEXR
-
     path = tmp_path / "a.exr"
     zeros = np.zeros((8192, 8192), np.float16)
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -478,9 +479,6 @@ def test_an_integrator_that_wraps_another_is_unwrapped(tmp_path, open_fitted, wr
 
 
 def test_infinite_pixel_size_names_the_file(tmp_path):
-    from inim.files.image import read_rgbd, write_rgbd
-    from inim.image.rgbd import RGBD
-
     path = tmp_path / "a.exr"
     ones = np.ones((4, 4), np.float32)
     write_rgbd(path, RGBD(np.ones((4, 4, 3)), ones, ones > 0, 0.5), {"inim:pixel_mm": "inf"})
@@ -489,8 +487,6 @@ def test_infinite_pixel_size_names_the_file(tmp_path):
 
 
 def test_a_surface_without_area_is_left_out(tmp_path):
-    from inim.files.triangle_mesh import add_vertex_normals
-
     path = tmp_path / "a.obj"
     points = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\n"
     path.write_text(points + "o one\nf 1 2 3\no two\nusemtl b\nf 1 2 4\n")

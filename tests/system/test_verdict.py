@@ -5,6 +5,8 @@ Expected: a failed check and exit code 1, or an error that says what happened; n
 
 from __future__ import annotations
 
+import io
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,6 +25,8 @@ from inim.pipeline.stages import generation as generating
 from inim.pipeline.stages.scoring import missing_viewpoints
 from inim.process.observer import Observer
 from inim.report import Report
+from inim.worker.serve import Job, answer
+from inim.worker.supervisor import outcome_of
 from tests.conftest import scene_text, square
 from tests.system.conftest import TINY, write_scene
 
@@ -174,12 +178,6 @@ def test_integrator_that_raises_is_an_error_and_no_pass(run, monkeypatch):
     ],
 )
 def test_any_exception_of_a_worker_becomes_one_line_and_a_code(error, code, says):
-    import io
-    import json
-
-    from inim.worker.serve import Job, answer
-    from inim.worker.supervisor import outcome_of
-
     def work(request: object, staging: Path, observer: Observer) -> bool:
         raise error
 

@@ -45,16 +45,9 @@ DESIGN = DISPLAYS["phone"].replace(
 )
 ROWS, COLUMNS = DESIGN.eia_shape
 HIDDEN = DESIGN.replace(
-    pitch_mm=1.0073,
-    rotation_deg=0.9,
-    shift_x_mm=0.31,
-    shift_y_mm=-0.22,
-    gap_mm=3.05,
-    tilt_x_deg=0.4,
-    tilt_y_deg=-0.3,
-    panel_rows=ROWS,
-    panel_columns=COLUMNS,
-)
+    pitch_mm=1.0073, gap_mm=3.05, panel_rows=ROWS, panel_columns=COLUMNS,
+    rotation_deg=0.9, shift_x_mm=0.31, shift_y_mm=-0.22, tilt_x_deg=0.4, tilt_y_deg=-0.3,
+)  # fmt: skip
 CAMERA = Lens((360, 480), 1900.0, (246.0, 175.0), k1=0.4, k2=-1.0)
 TRUE_CAMERA = Intrinsics(CAMERA.focal, *CAMERA.centre, CAMERA.k1, CAMERA.k2)
 # Eyes, what they look at, and the camera's roll.

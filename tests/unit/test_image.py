@@ -4,7 +4,10 @@ import math
 import tracemalloc
 
 import numpy as np
+import OpenEXR
 import pytest
+from PIL import Image
+from skimage.metrics import structural_similarity
 
 from inim import metrics
 from inim.errors import FileError, UsageError
@@ -40,8 +43,6 @@ def test_exr_and_rgbd_come_back_bit_for_bit(tmp_path):
 
 
 def test_the_rgbd_file_has_a_colour_part_and_a_depth_part(tmp_path):
-    import OpenEXR
-
     covered = np.array([[True, False]])
     rgbd = RGBD(np.ones((1, 2, 3)), np.array([[5.0, 7.0]]), covered, 1.0)
     image.write_rgbd(tmp_path / "a.exr", rgbd)
@@ -52,8 +53,6 @@ def test_the_rgbd_file_has_a_colour_part_and_a_depth_part(tmp_path):
 
 
 def test_png_is_srgb_and_upright(tmp_path):
-    from PIL import Image
-
     linear = np.zeros((2, 3, 3), np.float32)
     linear[0, 2] = (1.0, 0.21404114, 0.0)
     image.write_png(tmp_path / "a.png", linear)
@@ -106,8 +105,6 @@ def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path):
 
 @pytest.mark.parametrize("shape", [(11, 11), (40, 57), (256, 200)])
 def test_ssim_is_scikit_image_s_own_number(shape):
-    from skimage.metrics import structural_similarity
-
     rng = np.random.default_rng(3)
     a, b = (rng.random((*shape, 3)).astype(np.float32) for _ in range(2))
     b[3:-2, : shape[1] // 2] = a[3:-2, : shape[1] // 2]

@@ -346,12 +346,8 @@ def test_document_reads_back_and_the_page_shows_it(evaluated, tmp_path):
 def calibration_of(**errors):
     """A calibration's text, with standard errors by parameter."""
     estimate = {
-        "value": 0.0,
-        "low": 0.0,
-        "high": 0.0,
-        "largest_standard_error": 1.0,
-        "nominal": 0.0,
-    }
+        "value": 0.0, "low": 0.0, "high": 0.0, "largest_standard_error": 1.0, "nominal": 0.0,
+    }  # fmt: skip
     parameters = {
         name: estimate | {"standard_error": error, "is_determined": name != "pitch_mm"}
         for name, error in errors.items()
