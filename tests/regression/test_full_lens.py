@@ -14,6 +14,7 @@ import pytest
 from scipy import stats
 
 from inim.display import Viewpoint
+from inim.lens.full import facets_per_lens, sheet_mesh
 from inim.settings import Settings
 from tests.conftest import small_display
 
@@ -66,7 +67,6 @@ def traced(eia, display, finer=4, spp=SPP):
     Sobol' points leave so little noise that a validation's own facets, which depart from the curve
     by hundredths of a panel pixel, would be seen; their error falls with the square of their size.
     """
-    from inim.lens.full import facets_per_lens, sheet_mesh
     from inim.render.rays import eye_rays
     from inim.render.reconstruct import LensMesh
     from inim.render.trace import FilmCamera, mean_light
@@ -100,18 +100,11 @@ def test_a_view_through_full_lenses_is_that_of_a_validation_s_mesh():
 
 
 @BULGES
-def test_thick_and_full_agree(bulge):
-    display = display_of(curved_side=bulge)
-    eia = picture_for(display)
-    smallest, threshold = least_p(traced(eia, display), calculated(eia, display))
-    assert smallest > threshold
-
-
-@pytest.mark.slow
-@BULGES
-@pytest.mark.parametrize("kind", PECULIAR)
-def test_thick_and_full_agree_on_peculiar_arrays(bulge, kind):
-    display = display_of(curved_side=bulge, **PECULIAR[kind])
+@pytest.mark.parametrize(
+    "kind", ["plain", *(pytest.param(kind, marks=pytest.mark.slow) for kind in PECULIAR)]
+)
+def test_thick_and_full_agree(bulge, kind):
+    display = display_of(curved_side=bulge, **PECULIAR.get(kind, {}))
     eia = picture_for(display)
     smallest, threshold = least_p(traced(eia, display), calculated(eia, display))
     assert smallest > threshold

@@ -168,12 +168,8 @@ def test_dragging_the_eye_agrees_with_the_ray_tracer(tab, page, traced, by):
     drawn_light = linear_from_srgb(canvas(tab, 0, expected.shape[:2]).astype(np.float32) / 255)
     assert ssim(expected, drawn_light) >= LEAST_SSIM
     # A picture that is mirrored, moved by a lens or seen from elsewhere would not pass.
-    for wrong in (
-        drawn_light[:, ::-1],
-        drawn_light[::-1],
-        np.roll(drawn_light, 4, axis=1),
-        np.roll(drawn_light, 4, 0),
-    ):
+    mirrored = drawn_light[:, ::-1], drawn_light[::-1]
+    for wrong in (*mirrored, *(np.roll(drawn_light, 4, axis) for axis in (0, 1))):
         assert ssim(expected, wrong) < 0.9
     elsewhere = (place[0] + (12 if place[0] <= 0 else -12), place[1], place[2])
     assert ssim(traced(elsewhere), drawn_light) < 0.97
@@ -256,13 +252,9 @@ def test_every_control_works_without_an_error(tab, page):
     tab.key("Home")
     assert eye(tab) == start
     for name, axis, sign in (
-        ("ArrowRight", 0, 1),
-        ("ArrowLeft", 0, -1),
-        ("ArrowUp", 1, 1),
-        ("ArrowDown", 1, -1),
-        ("+", 2, -1),
-        ("-", 2, 1),
-    ):
+        ("ArrowRight", 0, 1), ("ArrowLeft", 0, -1), ("ArrowUp", 1, 1), ("ArrowDown", 1, -1),
+        ("+", 2, -1), ("-", 2, 1),
+    ):  # fmt: skip
         before = eye(tab)
         tab.key(name)
         after = eye(tab)

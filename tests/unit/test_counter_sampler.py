@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 
 pytestmark = pytest.mark.usefixtures("renderer")
 
@@ -40,8 +41,6 @@ def test_samples_of_a_pixel_are_a_net(bits, pixels):
 
 def test_every_sample_alone_is_uniform_and_shares_nothing_with_others():
     """Chi-squared of values, and of pairs across pixels, dimensions and seeds."""
-    from scipy import stats
-
     count, cells = 2**17, 16
     # The third sample of every pixel, by two seeds: what is not one pixel's is independent.
     own, other = (pairs(seed, range(count), [3], 3).reshape(count, 6) for seed in (20, 21))

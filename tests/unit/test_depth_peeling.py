@@ -121,17 +121,12 @@ def test_a_wall_with_a_hole_has_the_background_as_front(open_fitted):
     close(layers.front_mm[1], depth(-7), frame)
 
 
-def tilted_sheet(slope):
-    """A square whose world z is ``slope * x``, and a small box at either end of the range."""
-    angle = -np.degrees(np.arctan(slope))
-    return f"""<shape type="rectangle"><transform name="to_world"><scale value="5"/>
-        <rotate y="1" angle="{angle}"/></transform></shape>"""
-
-
 @pytest.mark.parametrize("more", ["", FLIPPED], ids=["front", "back"])
 def test_a_sheet_is_as_thick_as_its_slope_and_shows_no_gaps(open_fitted, more):
-    text = scene_text(tilted_sheet(0.8).replace("</shape>", f"{more}</shape>"))
-    fitted, layers = peeled(open_fitted, text)
+    """A square whose world z is 0.8 x."""
+    sheet = f"""<shape type="rectangle">{more}<transform name="to_world"><scale value="5"/>
+        <rotate y="1" angle="{-np.degrees(np.arctan(0.8))}"/></transform></shape>"""
+    fitted, layers = peeled(open_fitted, scene_text(sheet))
     assert len(layers.front_mm) == 1
     x, y, depth = places(fitted, layers)
     own = layers.covered[0]

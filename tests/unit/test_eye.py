@@ -13,7 +13,7 @@ import pytest
 from inim.display import DISPLAYS
 from inim.display.viewpoint import Viewpoint, check_viewpoint, focus_distance_mm, parse_viewpoints
 from inim.errors import ViewpointError
-from tests.conftest import small_display
+from tests.conftest import display_shape, small_display
 
 NOMINAL = DISPLAYS["nominal"]
 DISTANCE = 200.0
@@ -153,7 +153,6 @@ def test_a_view_needs_no_scene(model, pupil):
     import mitsuba as mi
 
     from inim.render.trace import FilmCamera, mean_light, scene_light
-    from tests.conftest import display_shape
 
     display = small_display()
     eia = random_eia(display)

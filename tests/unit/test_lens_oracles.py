@@ -79,16 +79,9 @@ def optiland_landing(display, x, y, sx, sy):
     before = 0.0 if bulge_first else t / n
     x, y, sx, sy = (np.asarray(value, np.float64) for value in (x, y, sx, sy))
     length = np.sqrt(1 + sx**2 + sy**2)
-    rays = RealRays(
-        x - CENTRE[0] - before * sx,
-        y - CENTRE[1] - before * sy,
-        np.zeros_like(x),
-        sx / length,
-        sy / length,
-        1 / length,
-        np.ones_like(x),
-        np.full_like(x, 0.5876),
-    )
+    start = x - CENTRE[0] - before * sx, y - CENTRE[1] - before * sy, np.zeros_like(x)
+    along = sx / length, sy / length, 1 / length
+    rays = RealRays(*start, *along, np.ones_like(x), np.full_like(x, 0.5876))
     lens.surfaces.trace(rays)
     return np.asarray(rays.x) + CENTRE[0], np.asarray(rays.y) + CENTRE[1]
 
@@ -327,24 +320,17 @@ RELIEFS = {
     "conic": {"conic": -0.8},
     "asphere": {"conic": -0.6, "asphere_a4": 0.03, "asphere_a6": -0.02},
     "hexagonal aspheres, deep": {
-        "lattice": "hexagonal",
-        "focal_length_mm": 1.8,
-        "gap_mm": 2.0,
-        "conic": -0.6,
-        "asphere_a4": 0.03,
-        "asphere_a6": -0.02,
+        "lattice": "hexagonal", "focal_length_mm": 1.8, "gap_mm": 2.0,
+        "conic": -0.6, "asphere_a4": 0.03, "asphere_a6": -0.02,
     },
     # Walls between holes, 0.04 mm at their thinnest, are not stepped over.
     "round, dark between": {"aperture": "round", "fill_factor": 0.96},
     "round, clear between": {"aperture": "round", "fill_factor": 0.9, "between_lenses": "clear"},
     "square holes, clear between": {"fill_factor": 0.8, "between_lenses": "clear"},
     "round on hexagons, clear between": {
-        "lattice": "hexagonal",
-        "aperture": "round",
-        "fill_factor": 0.95,
-        "between_lenses": "clear",
+        "lattice": "hexagonal", "aperture": "round", "fill_factor": 0.95, "between_lenses": "clear",
     },
-}
+}  # fmt: skip
 
 
 def oblique_rays(count, seed, steepest_deg=40.0):

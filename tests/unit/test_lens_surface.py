@@ -132,11 +132,8 @@ def test_light_takes_the_same_path_back(name):
     inner, share = refract(OPS, d, surface_normal(OPS, face, px, py, pz), 1 / 1.4917)
     ok = hits & (share > 0)
     # Looked at from behind, z is turned round: the face bends the other way.
-    turned = Face(
-        -face.curvature,
-        face.conic,
-        None if face.asphere is None else tuple(-a for a in face.asphere),
-    )
+    asphere = None if face.asphere is None else tuple(-a for a in face.asphere)
+    turned = Face(-face.curvature, face.conic, asphere)
     back = (-inner[0], -inner[1], inner[2])
     sx, sy = advance(px, py, back, pz)  # on to the vertex plane, for the face to be met anew
     qx, qy, qz, again = points(turned, sx, sy, back)
