@@ -87,8 +87,8 @@ def sub_aperture_views(
     down, across = view_grid(display) if grid is None else grid
     x = (0.5 - (np.arange(across) + 0.5) / across) * display.elemental_image_pitch_mm
     y = ((np.arange(down) + 0.5) / down - 0.5) * display.elemental_row_pitch_mm
-    rows = _nearest_pixels(display.rows, _lattice(display, 1), y)
-    columns = _nearest_pixels(display.columns, _lattice(display, 0), x)
+    rows = _nearest_pixels(display.rows, _lattice(display, 1), y, display.name)
+    columns = _nearest_pixels(display.columns, _lattice(display, 0), x, display.name)
     views: np.ndarray = eia[rows[:, None, :, None], columns[None, :, None, :]]
     return views
 
@@ -343,13 +343,20 @@ def _view_pixels(
     return view, np.clip(pixel, 0, pixels - 1).astype(int), outside
 
 
-def _nearest_pixels(axis: PixelAxis, lattice: np.ndarray, offset: np.ndarray) -> np.ndarray:
-    """Index of the lens's pixel nearest to each offset from its centre, (offsets, lenses)."""
+def _nearest_pixels(
+    axis: PixelAxis, lattice: np.ndarray, offset: np.ndarray, display: str
+) -> np.ndarray:
+    """Index of the lens's pixel nearest to each offset from its centre, (offsets, lenses).
+
+    `display` is the name for the error message.
+    """
     indices = np.empty((len(offset), len(lattice)), np.int64)
     for lens, middle in enumerate(lattice):
         pixels = np.flatnonzero(axis.lens == lens)
         if not pixels.size:
-            raise UsageError(f"lens {lens} has no pixel of the panel; enlarge the panel")
+            raise UsageError(
+                f"display {display}: lens {lens} has no pixel of the panel; enlarge the panel"
+            )
         distance = np.abs(axis.position_mm[pixels][None, :] - middle - offset[:, None])
         indices[:, lens] = pixels[distance.argmin(axis=1)]
     return indices

@@ -211,3 +211,9 @@ def test_a_display_without_rows_of_lenses_has_no_views():
         view_grid(display)
     with pytest.raises(UsageError, match="has 96 x 80"):
         sub_aperture_views(noise((80, 80, 3)), small_display())
+
+
+def test_lens_outside_the_panel_is_named_with_its_display():
+    display = small_display().replace(shift_x_mm=3.0, name="shifted", panel_columns=96)
+    with pytest.raises(UsageError, match="display shifted: lens 9 has no pixel of the panel"):
+        sub_aperture_views(noise((*display.eia_shape, 3)), display)
