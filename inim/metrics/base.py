@@ -68,6 +68,9 @@ class Metric:
     score_from_mean : callable, optional
         Returns the score and its derivative for a map's mean, if the score is not the mean; the
         derivative is 0 if there is none.
+    remaining_bias : float
+        Largest usual bias that the noise correction leaves, as a share of the correction of the
+        map's mean. Intervals extend by it.
     whole_image_score : callable, optional
         Returns the score of images too large for a map, from reference and test in linear RGB.
     reach : int, optional
@@ -105,6 +108,7 @@ class Metric:
     has_relic_score: bool = False
     border: int = 0
     score_from_mean: Callable[[float], tuple[float, float]] | None = None
+    remaining_bias: float = 0.7
     whole_image_score: Callable[[np.ndarray, np.ndarray], float] | None = None
     reach: int | None = None
     equal_value: float = 0.0

@@ -42,9 +42,9 @@ from inim.regression.verdict import (
 
 #: One minus the confidence of the interval of a single score.
 INTERVAL_LEVEL = 0.05
-#: Largest usual bias that remains after the correction, as a share of the correction: 0.45 and 0.6
-#: on the jade disc, with default settings and as a preview.
-REMAINING_BIAS = 0.7
+# Largest ratio of a map's mean to its noise-corrected mean, if the score is not the mean: scores
+# of images that differ by noise only would be infinite.
+_MOST_CORRECTED = 50.0
 # Variance ratios outside this range do not come from sample counts and have their own verdict.
 _SCALES = (0.5, 2.0)
 # Side of a block in view pixels.
@@ -74,6 +74,8 @@ class ScoreEstimate:
     #: Standard error of `value`; infinite if unknown, as in a baseline.
     value_error: float = math.inf
     value_freedom: float = 1.0  #: Degrees of freedom of `value_error`.
+    #: Largest usual bias that `value` keeps, with the sign of `bias`.
+    remaining_bias: float = 0.0
 
     @property
     def value(self) -> float:
@@ -136,7 +138,8 @@ def view_scores(
                 [step_maps[key] for step_maps in steps],
                 metric.score_mask(maps[key].shape, area),
             )
-            scores[name] = _score_from_mean(metric, mean)
+            remaining = metric.remaining_bias * mean.bias
+            scores[name] = _score_from_mean(metric, replace(mean, remaining_bias=remaining))
     return scores
 
 
@@ -223,22 +226,22 @@ def _estimate_whole(plain: float, samples: np.ndarray) -> ScoreEstimate:
 
 
 def _score_from_mean(metric: Metric, mean: ScoreEstimate) -> ScoreEstimate:
-    """Convert a map's mean to the metric's score; to first order if the noise exceeds the mean."""
+    """Convert a map's mean to the metric's score, with errors and biases."""
     if metric.score_from_mean is None:
         return mean
     plain, slope = metric.score_from_mean(mean.plain)
     if not slope:
         return ScoreEstimate(plain, 0.0, 1.0, 0.0, 0.0)
-    bias, value_slope = slope * mean.bias, slope
-    if mean.value > mean.plain / 2:
-        value, value_slope = metric.score_from_mean(mean.value)
-        bias = plain - value
+    least = mean.plain / _MOST_CORRECTED
+    value, value_slope = metric.score_from_mean(max(mean.value, least))
+    farthest, _ = metric.score_from_mean(max(mean.value - mean.remaining_bias, least))
     return replace(
         mean,
         plain=plain,
         error=abs(slope) * mean.error,
-        bias=bias,
+        bias=plain - value,
         value_error=abs(value_slope) * mean.value_error,
+        remaining_bias=value - farthest,
     )
 
 
@@ -247,7 +250,7 @@ def score_interval(score: ScoreEstimate, level: float = INTERVAL_LEVEL) -> tuple
 
     It is longer on the side towards which the bias was corrected.
     """
-    half, rest = scatter(score, level), REMAINING_BIAS * score.bias
+    half, rest = scatter(score, level), score.remaining_bias
     return score.value - half - max(rest, 0.0), score.value + half - min(rest, 0.0)
 
 
@@ -259,7 +262,7 @@ def scatter(score: ScoreEstimate, level: float = INTERVAL_LEVEL) -> float:
 def is_above(score: ScoreEstimate, other: ScoreEstimate, tests: int = 1) -> bool:
     """True if a score is significantly above another, in one of several tests."""
     errors = other.value_error, other.value_freedom, score.value_error, score.value_freedom
-    rest = REMAINING_BIAS * (max(score.bias, 0.0) - min(other.bias, 0.0))
+    rest = max(score.remaining_bias, 0.0) - min(other.remaining_bias, 0.0)
     return score.value - other.value > _half_width(sidak(INTERVAL_LEVEL, tests), *errors) + rest
 
 

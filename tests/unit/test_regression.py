@@ -28,7 +28,6 @@ from inim.regression.fingerprints import (
     sampled_pixels,
 )
 from inim.regression.scores import (
-    REMAINING_BIAS,
     ScoreEstimate,
     compare_scores,
     is_above,
@@ -403,9 +402,9 @@ def test_identical_pictures_stay_identical_and_nothing_else():
 @pytest.mark.parametrize("bias", [-0.02, 0.0, 0.02])
 def test_interval_is_student_s_and_extends_towards_the_correction_of_the_bias(bias):
     """A bias of -0.02 was added back, and up to 0.7 of it again may be missing."""
-    score = ScoreEstimate(0.9, 9.0, 1, bias, 0.01, 7)
+    score = ScoreEstimate(0.9, 9.0, 1, bias, 0.01, 7, remaining_bias=0.7 * bias)
     low, high = stats.t.interval(0.95, 7, score.value, 0.01)
-    rest = REMAINING_BIAS * abs(bias)
+    rest = 0.7 * abs(bias)
     expected = (low, high + rest) if bias < 0 else (low - rest, high)
     assert score_interval(score) == pytest.approx(expected)
 
