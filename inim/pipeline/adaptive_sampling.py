@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 
 #: Share of all samples that the first round uses.
 FIRST_SHARE = 1 / 16
-_COUNTS = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp")
+#: Settings that are sample counts.
+SAMPLE_COUNTS = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp")
 # 1 / p for forecasts: measured values are 1.1 to 1.6; a round that is too short costs the most.
 _USUAL_BEND = 2.0
 
@@ -111,7 +112,7 @@ def stage_names(plan: Plan) -> list[str]:
 
 def scale_samples(settings: Settings, share: float) -> Settings:
     """Return settings with a share of the samples, each count even for the two halves."""
-    counts = {name: getattr(settings, name) for name in _COUNTS}
+    counts = {name: getattr(settings, name) for name in SAMPLE_COUNTS}
     reduced_counts = {n: min(c, 2 * max(1, math.ceil(share * c / 2))) for n, c in counts.items()}
     return replace(settings, **reduced_counts)
 

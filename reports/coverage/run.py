@@ -20,6 +20,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from inim.pipeline.adaptive_sampling import SAMPLE_COUNTS
 from inim.pipeline.job import setup
 from inim.pipeline.output import Images
 from inim.pipeline.plan import make_plan
@@ -34,11 +35,10 @@ RUNS = Path("out", "coverage")
 ALGORITHMS = ("template", "template:samples=1:colour=nearest", "layered")
 VIEWPOINTS = ("centre",)
 FACTOR = 64
-_COUNTS = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp")
-_PREVIEW = {name: int(PREVIEW[f"{PREFIX}{name}"]) for name in _COUNTS}
+_PREVIEW = {name: int(PREVIEW[f"{PREFIX}{name}"]) for name in SAMPLE_COUNTS}
 _SAMPLES: dict[str, dict[str, int]] = {
     "preview": _PREVIEW,
-    "default": {name: getattr(Settings(), name) for name in _COUNTS},
+    "default": {name: getattr(Settings(), name) for name in SAMPLE_COUNTS},
     "truth": {name: FACTOR * count for name, count in _PREVIEW.items()},
 }
 _TRUTH_SEED = 1_000_003

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
@@ -29,8 +30,9 @@ IN_BETWEEN = "a=12 11, b=-10 12, c=-12 -10, d=11 -12"
 
 
 def mean_psnr(views: Mapping[str, Mapping[str, float | None]]) -> float:
-    """Mean PSNR of whole views to the ground truth, dB."""
-    return fmean(view["psnr_db"] or 0.0 for view in views.values())
+    """Mean PSNR of whole views to the ground truth, dB; None in a report is infinite."""
+    values = (view["psnr_db"] for view in views.values())
+    return fmean(math.inf if value is None else value for value in values)
 
 
 def score_scene(scene: Path, lens_model: LensModelName, work: Path, lazy: bool) -> dict[str, Any]:

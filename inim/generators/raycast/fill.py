@@ -102,7 +102,7 @@ class Filled(SourceGenerator):
         """
         sources = ray.generator.sources(rgbd)
         holes = np.flatnonzero(sources == HOLE)
-        if (sources < 0).all():  # every view is empty; searches to all sides would take minutes
+        if sources.max() < 0:  # every view is empty; searches to all sides would take minutes
             holes = holes[:0]
         colour = np.ones((len(holes), 4), np.float32)
         filled = np.zeros(len(holes), np.bool_)

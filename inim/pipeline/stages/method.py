@@ -211,10 +211,10 @@ class OptimalMethod(Method):
 
     def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:
         """See `Method`."""
-        first = setup.viewpoints[0]
+        first, display = setup.viewpoints[0], setup.camera.scene.display
         further = [
             replace(first, name=eye.name, x_mm=eye.x_mm, y_mm=eye.y_mm)
-            for eye in zone_eyes(setup.optics.display, self.zone, first.z_mm, rows=self.zone)
+            for eye in zone_eyes(display, self.zone, first.z_mm, rows=self.zone)
         ]
         views = ScoredViews(setup.optics, (*setup.viewpoints, *further), setup.view_spp)
         views.check()
