@@ -141,8 +141,15 @@ def activate(backend: Backend) -> None:
     if "drjit" in sys.modules:
         check_loaded(backend.name)
         return
-    load(required_libraries(backend.libllvm))
-    os.environ.update(environment(backend))
+    # Beside CUDA, too: the reference kernel of timings runs on the CPU.
+    libllvm = backend.libllvm or _usable_libllvm()
+    load(required_libraries(libllvm))
+    if libllvm:
+        os.environ[LLVM_VARIABLE] = str(libllvm)
+
+
+def _usable_libllvm() -> Path | None:
+    return next((library for library, verdict in llvm_verdicts() if verdict.usable), None)
 
 
 def check_loaded(name: str) -> None:

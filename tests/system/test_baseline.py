@@ -256,8 +256,8 @@ def _change_condition(path: Path, name: str, value: str) -> None:
         (lambda f: _set(f / "baseline.json", pictures={}), ["no image"]),
         (lambda f: _set(f / "baseline.json", scores={}), ["no score"]),
         (
-            lambda f: _change_condition(f / "baseline.json", "variant", "cuda_ad_rgb"),
-            ["variant", "cuda_ad_rgb"],
+            lambda f: _change_condition(f / "baseline.json", "variant", "metal_ad_rgb"),
+            ["variant", "metal_ad_rgb"],
         ),
     ],
 )

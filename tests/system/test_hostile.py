@@ -452,7 +452,9 @@ def test_textures_in_every_format_show_the_same(tmp_path, open_fitted, name, mod
         view = mi.render(fitted.scene, integrator=fitted.integrator, spp=4, seed=1)
         pictures.append(np.asarray(view))
     assert pictures[0].max() > 0.1
-    np.testing.assert_allclose(pictures[1], pictures[0], atol=1e-4)
+    # A graphics card's texture units interpolate with weights of eight bits.
+    tolerance = 1 / 256 if mi.variant().startswith("cuda") else 1e-4
+    np.testing.assert_allclose(pictures[1], pictures[0], atol=tolerance)
 
 
 @pytest.mark.parametrize("wrapper", ["aov", "moment"])
