@@ -10,7 +10,6 @@ into an existing EIA. Generators of other packages are timed in the same way.
 
 from __future__ import annotations
 
-import gc
 import os
 import statistics
 import time
@@ -27,6 +26,7 @@ from inim.generators import Generator, foreign_errors, is_own, parse_algorithm, 
 from inim.generators.base import check_array
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD, LayeredRGBD
+from inim.process.garbage import no_garbage_collection
 from inim.process.machine import busy_seconds
 
 #: Name of the reference kernel among the timings.
@@ -230,9 +230,8 @@ def time_calls(
         calls[name]()
         return clock() - start
 
-    was_enabled = gc.isenabled()
-    gc.disable()  # a garbage collection would slow down an arbitrary call
-    try:
+    # A garbage collection would slow down an arbitrary call.
+    with no_garbage_collection():
         cold = {name: time_once(name) for name in calls}
         warm = {name: time_once(name) for name in calls}
         slow = {name for name in calls if warm[name] > _SLOW_S}
@@ -244,9 +243,6 @@ def time_calls(
             for name in calls:
                 if len(times[name]) < _max_runs(warm[name], rounds.runs):
                     times[name].append(time_once(name, lead_in=warm[name] < _LEAD_IN_BELOW_S))
-    finally:
-        if was_enabled:
-            gc.enable()
     return {name: Timing(cold[name], tuple(times[name]), name in slow) for name in calls}
 
 

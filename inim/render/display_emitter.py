@@ -11,7 +11,9 @@ its spawned rays would move by most of a display pixel.
 
 from __future__ import annotations
 
+import gc
 import math
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +42,9 @@ _PICTURES = ("filename", "bitmap", "eia")
 
 
 _OPS = Ops(dr.sqrt, dr.floor, dr.select, dr.abs)
+# Displays of all scenes. Python may collect those of abandoned scenes at any time. While a kernel
+# is recorded, this makes Dr.Jit 1.5 define a function twice, and abort. They are collected before.
+_displays: weakref.WeakSet[Any] = weakref.WeakSet()
 
 
 class LensedPanel:
@@ -174,8 +179,11 @@ def register() -> None:
             eia = mi.TensorXf(_read_picture(values, display))
             panel = LensedPanel(display, lens_model, eia.array)
             panel.radiance_along(*(mi.Float(0.0),) * 4)  # another package's model may fail
+            if _displays:
+                gc.collect()
             # From here on kernels are recorded of it, whatever scene is rendered: nothing may fail.
             super().__init__(props)
+            _displays.add(self)
             self.refused = False
             self.display, self.eia, self.panel = display, eia, panel
             self.brightness = dr.opaque(mi.Float, brightness)

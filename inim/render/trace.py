@@ -21,6 +21,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from inim.process.garbage import no_garbage_collection
 from inim.process.observer import Observer
 from inim.render import splats
 from inim.render.counter_sampler import PLUGIN
@@ -249,8 +250,11 @@ def trace_samples(light: Light, pixels: np.ndarray, first: int, samples: int, se
     sampler = mi.load_dict({"type": PLUGIN})
     seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
     sampler.start(seed, index, lane - entry * count + dr.opaque(mi.UInt32, first))
-    color = light(index, sampler)
-    dr.eval(color)
+    # An object of another scene, freed between two calls of a kernel, would make Dr.Jit define the
+    # called function twice, and abort.
+    with no_garbage_collection():
+        color = light(index, sampler)
+        dr.eval(color)
     return color
 
 

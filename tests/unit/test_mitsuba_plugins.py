@@ -560,6 +560,34 @@ def test_cuda_shows_the_same():
         mi.set_variant(active)
 
 
+def test_an_abandoned_display_goes_before_the_next_is_rendered():
+    """Dr.Jit aborts if an emitter is freed between two of a kernel's calls."""
+    import gc
+
+    gc.collect()
+    gc.disable()
+    try:
+        abandoned = [lit_wall({"type": "path"})]
+        abandoned.append(abandoned)  # only the collector finds it
+        del abandoned
+        scene = lit_wall({"type": "path"})
+        kinds = [type(item).__name__ for item in gc.get_objects()]
+        assert kinds.count("DisplayEmitter") == 1
+        assert rendered(scene, 1).any()
+    finally:
+        gc.enable()
+
+
+def test_nothing_is_collected_while_a_kernel_is_recorded(renderer):
+    import gc
+
+    from inim.render.trace import trace_samples
+
+    states = [gc.isenabled()]
+    trace_samples(lambda index, _: states.append(gc.isenabled()) or index, np.arange(4), 0, 1, 0)
+    assert [*states, gc.isenabled()] == [True, False, True]
+
+
 def test_scenes_leave_no_objects_behind():
     """Kernels are recorded of all emitters there are: they must go with their scenes."""
     import gc
