@@ -105,7 +105,7 @@ def _print_algorithms(observer: Observer, algorithms: Sequence[BenchAlgorithm]) 
         )
 
 
-_VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
+_VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy")
 # Times are doubtful if other processes used more than this share of the cores before the start.
 _BUSY = 0.25
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 _NO_STORE = "no cache: INIM_CACHE is off, or there is no home folder; set INIM_CACHE to a folder"
-_DISTRIBUTIONS = ("inim", "mitsuba", "drjit", "numpy", "OpenEXR", "trimesh", "flip-evaluator")
+_DISTRIBUTIONS = ("inim", "mitsuba", "drjit", "numpy", "OpenEXR", "trimesh")
 
 
 def _algorithms(_: argparse.Namespace) -> int:

@@ -368,7 +368,8 @@ class Circumstances(Part):
     mitsuba: str  #: Version of Mitsuba.
     numba: str  #: Version of numba.
     numpy: str  #: Version of NumPy.
-    scikit_image: str = field(name="scikit-image")  #: Version of scikit-image.
+    #: Version of scikit-image, which computed SSIM in earlier versions.
+    scikit_image: str | None = field(name="scikit-image", default=None)
     cvvdp: str | None = None  #: Version of ColorVideoVDP, if installed.
     torch: str | None = None  #: Version of PyTorch, if ColorVideoVDP is installed.
     #: Version of the LLVM library; null: the CUDA backend.

@@ -6,9 +6,9 @@ import numpy as np
 
 from inim.metrics.base import Metric, maps_of
 
-#: Side of the window in pixels, cut off at 3.5 sigma by scikit-image; smallest side of an image.
+#: Side of the window in pixels, which ends at 3.5 sigma; smallest side of an image.
 SSIM_WINDOW = 11
-# Arguments of skimage.metrics.structural_similarity, as Wang et al. 2004 define the score.
+# The score as Wang et al. 2004 define it, in the arguments of scikit-image's structural_similarity.
 _SETTINGS = {
     "data_range": 1.0,
     "channel_axis": -1,
@@ -16,15 +16,34 @@ _SETTINGS = {
     "sigma": 1.5,
     "use_sample_covariance": False,
 }
+# Constants of the paper, which keep both fractions finite, for values in 0..1.
+_C1, _C2 = 0.01**2, 0.03**2
 
 
 def _similarity(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
-    from skimage.metrics import structural_similarity
-
-    _, local = structural_similarity(reference, test, full=True, **_SETTINGS)
-    # Same as `mean(axis=-1)` over three colours, ten times as fast.
-    mean: np.ndarray = (local[..., 0] + local[..., 1] + local[..., 2]) / 3
+    red, green, blue = map(
+        _channel_similarity, np.moveaxis(reference, -1, 0), np.moveaxis(test, -1, 0)
+    )
+    mean: np.ndarray = (red + green + blue) / np.float32(3)
     return mean
+
+
+def _channel_similarity(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Similarity of two (rows, columns) images: equations 6 and 13 of the paper."""
+    from inim.metrics.filters import separable_filter
+
+    steps = np.arange(-(SSIM_WINDOW // 2), SSIM_WINDOW // 2 + 1)
+    window = np.exp(-((steps / 1.5) ** 2) / 2)
+    window /= window.sum()
+    x, y = (np.pad(image, SSIM_WINDOW // 2, mode="symmetric") for image in (first, second))
+    mean_x, mean_y, square_x, square_y, product = (
+        separable_filter(values, window, window) for values in (x, y, x * x, y * y, x * y)
+    )
+    means = mean_x * mean_y
+    square_means = mean_x * mean_x + mean_y * mean_y
+    similarity: np.ndarray = (2 * means + _C1) * (2 * (product - means) + _C2)
+    similarity /= (square_means + _C1) * (square_x + square_y - square_means + _C2)
+    return similarity
 
 
 metric = Metric(

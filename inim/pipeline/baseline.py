@@ -249,7 +249,7 @@ def _copy_pictures(before: Report, after: Report, name: str, staging: Path) -> b
     return True
 
 
-_VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
+_VERSIONS = ("drjit", "mitsuba", "numba", "numpy")
 _SAMPLING = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp", "seed")
 
 

@@ -148,7 +148,7 @@ def write_rgbd_pngs(
     write_png(folder / "rgbd_depth.png", np.repeat(grey[..., None], 3, axis=-1), cache)
 
 
-_VERSIONS = ("drjit", "flip-evaluator", "mitsuba", "numba", "numpy", "OpenEXR", "scikit-image")
+_VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "OpenEXR")
 
 
 def make_report(

@@ -40,7 +40,7 @@ from inim.worker.supervisor import run_in_worker
 
 _MARKER = "stress.json"
 _FILES = (_MARKER, "stress.html", "stress.md")
-_VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
+_VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy")
 # Default algorithms, in addition to those of other packages.
 _DEFAULT = ("template", "layered", "gu2020", "wang2024", "wang2024:matching=ray", "li2012")
 # Lenses along each side of the display for jitter, by the quick mode.

@@ -49,7 +49,7 @@ from inim.version import __version__
 from inim.worker.output import publish, staging_folder
 from inim.worker.supervisor import OnStart, run_in_worker
 
-_VERSIONS = ("drjit", "flip-evaluator", "mitsuba", "numba", "numpy", "scikit-image")
+_VERSIONS = ("drjit", "mitsuba", "numba", "numpy")
 # Settings that do not affect a score, or are in the key under another name.
 _NOT_DECIDING = ("title", "algorithms", "viewpoints", "min_ssim_to_reference")
 # Code that does not affect scores.

@@ -67,7 +67,7 @@ EXACT = "template"
 # Rays along each side of a view pixel.
 _RAYS = 4
 _FILES = ("report.json", "report.html", "summary.md", "eia/", "views/")
-_VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
+_VERSIONS = ("drjit", "mitsuba", "numba", "numpy")
 _NOT_SCORED = (
     "Views to the scene and to the reference: there is a picture, but no scene.",
     "The EIA to the ground truth, and its noise floor: hidden surfaces are unknown.",

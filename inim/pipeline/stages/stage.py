@@ -65,7 +65,7 @@ GENERATING = Code(
 )
 SCORING = Code(
     ("metrics", "image", "regression"),
-    ("flip-evaluator", "numpy", "scikit-image", "scipy"),
+    ("numba", "numpy", "scipy"),
     metrics.foreign_identities,
 )
 

@@ -19,7 +19,7 @@ from inim.stress import record, spheres
 from reports.stress.study.document import StudyDocument
 from reports.stress.study.tables import parts_of, summary_lines
 
-_VERSIONS = ("drjit", "hypothesis", "matplotlib", "mitsuba", "numba", "numpy", "scikit-image")
+_VERSIONS = ("drjit", "hypothesis", "matplotlib", "mitsuba", "numba", "numpy")
 _JITTERED = ("template", "gu2020", "wang2024:matching=ray", "li2012")
 # Rays per lens-model case and stride of the cases, in a quick run and in a full run.
 _LENS_SIZE = {True: (60, 8), False: (100, 1)}
