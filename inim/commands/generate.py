@@ -306,8 +306,8 @@ def _generate_eia(
     from inim.pipeline.stages.generation import GeneratorHandle
 
     generator = GeneratorHandle(_algorithm(args), display, rgbd.shape, rgbd.pixel_mm)
-    eia, _, empty = generator.run(rgbd)
-    return eia, empty
+    run = generator.run(rgbd)
+    return run.eia, run.holes
 
 
 def _write_outputs(

@@ -126,14 +126,18 @@ class _Wang2024(SourceGenerator):
         if not z_min <= single <= z_max:
             single = (z_min + z_max) / 2
         depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), np.inf)
+        # Covered columns of each row, first and last; none for a row without relic.
+        first = np.where(rgbd.covered.any(axis=1), rgbd.covered.argmax(axis=1), self.shape[1])
+        last = self.shape[1] - 1 - rgbd.covered[:, ::-1].argmax(axis=1)
         return run_kernel(
             _match_all,
             self.display.eia_shape[0],
             self.display.eia_shape,
             HOLE,
             self.selected.ravel(),
-            depth.ravel(),
-            *self.shape,
+            depth,
+            first,
+            last,
             *columns.in_cells,
             *rows.in_cells,
             z_min,
@@ -145,20 +149,24 @@ class _Wang2024(SourceGenerator):
 
 
 def _match_all(
-    begin, end, selected, depth, rows, columns, u0, du, v0, dv, z_min, z_max, single, stride, up,
+    begin, end, selected, depth, first, last, u0, du, v0, dv, z_min, z_max, single, stride, up,
     along_ray, consecutive, sources,
 ):  # fmt: skip
     """Match all selected panel pixels; u and v are columns and rows in picture pixels."""
+    steepest = max(np.abs(du).max(), np.abs(dv).max())
+    _, longest = _steps(steepest, steepest, z_min, z_max, stride, up)
+    cells = np.empty(longest, np.int64)
     for i in range(begin, end):
         for j in range(len(u0)):
             if not selected[i * len(u0) + j]:
                 continue
             step, z_len = _steps(du[j], dv[i], z_min, z_max, stride, up)
             start = single if z_len == 1 else z_min
+            for entry in range(z_len):
+                cells[entry] = _cell(u0[j], du[j], start, step, entry, consecutive)
             sources[i * len(u0) + j] = _match(
-                depth, rows, columns, u0[j], du[j], v0[i], dv[i], start, step, z_len,
-                along_ray, consecutive,
-            )  # fmt: skip
+                depth, first, last, cells[:z_len], v0[i], dv[i], start, step, along_ray, consecutive
+            )
 
 
 def _steps(du, dv, z_min, z_max, stride, up):
@@ -171,22 +179,25 @@ def _steps(du, dv, z_min, z_max, stride, up):
     return step, (math.ceil(steps) if up else math.floor(steps + 0.5)) + 1
 
 
-def _match(
-    depth, rows, columns, u0, du, v0, dv, start, step, z_len, along_ray, consecutive
-):  # fmt: skip
-    """Eq. 7 to 10: the entry of the z_len x z_len matrix nearest to its template depth."""
+def _match(depth, first, last, cells, v0, dv, start, step, along_ray, consecutive):
+    """Eq. 7 to 10: the entry of the z_len x z_len matrix nearest to its template depth.
+
+    `cells` are the columns of the entries. Rows and columns without relic never match.
+    """
+    rows, columns = depth.shape
+    z_len = len(cells)
+    left, right = min(cells[0], cells[-1]), max(cells[0], cells[-1])
     best, source = step, HOLE
     for i in range(z_len):
-        z = start + i * step
         v = _cell(v0, dv, start, step, i, consecutive)
-        if v < 0 or v >= rows:
+        if v < 0 or v >= rows or first[v] > right or last[v] < left:
             continue
-        first, end = (i, i + 1) if along_ray else (0, z_len)
-        for j in range(first, end):
-            u = _cell(u0, du, start, step, j, consecutive)
+        z = start + i * step
+        begin, end = (i, i + 1) if along_ray else (0, z_len)
+        for u in cells[begin:end]:
             if u < 0 or u >= columns:
                 continue
-            mismatch = abs(depth[v * columns + u] - z)
+            mismatch = abs(depth[v, u] - z)
             if mismatch < best:
                 best, source = mismatch, v * columns + u
     return source

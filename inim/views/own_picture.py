@@ -282,8 +282,8 @@ def _generate_eia(
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """Generate and write a finite EIA; returns it with its fields of `PictureAlgorithm`."""
     display, algorithm = generator.display, generator.algorithm
-    eia, _, empty = generator.run(rgbd)
-    seconds = generator.rerun(rgbd)[1]  # prepared and compiled
+    eia, _, empty, _ = generator.run(rgbd)
+    seconds = generator.rerun(rgbd).seconds  # prepared and compiled
     wrong_share = None
     if exact and isinstance(generator.generator, SourceGenerator):
         hits = exact[generator.properties.columns if generator.properties.exact else "surface"]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import redirect_stderr
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from inim.generators import (
     prepare,
     properties,
 )
-from inim.generators.base import check_array
+from inim.generators.base import Sources, check_array
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.capture import Capture, DepthCamera
@@ -53,6 +53,15 @@ class GeneratedEIA:
     seconds: float | None
     hole_fraction: float | None
     reference_output: ReferenceOutput | None = None
+
+
+class GeneratorRun(NamedTuple):
+    """Result of a generator."""
+
+    eia: np.ndarray  #: (rows, columns, 3) float32, linear RGB; values may be not finite.
+    seconds: float  #: Run time.
+    holes: np.ndarray | None  #: (rows, columns) bool, within the mask; None: not reported.
+    sources: Sources | None = None  #: Sources of own generators that only copy colours.
 
 
 class GeneratorHandle:
@@ -95,18 +104,16 @@ class GeneratorHandle:
                 mask=self.mask,
             )
 
-    def run(self, rgbd: RGBD) -> tuple[np.ndarray, float, np.ndarray | None]:
+    def run(self, rgbd: RGBD) -> GeneratorRun:
         """Run the generator (`run_generator`) and return an EIA that no later run overwrites."""
-        eia, seconds, holes = run_generator(
-            self.algorithm, self.generator, rgbd, self.display, self.mask
-        )
+        run = run_generator(self.algorithm, self.generator, rgbd, self.display, self.mask)
         # Another package's generator may return the same array each time.
-        return eia if self.properties.own else eia.copy(), seconds, holes
+        return run if self.properties.own else run._replace(eia=run.eia.copy())
 
-    def rerun(self, rgbd: RGBD) -> tuple[np.ndarray, float]:
-        """Another EIA and its run time, without the generator's messages."""
+    def rerun(self, rgbd: RGBD) -> GeneratorRun:
+        """Run again, without the generator's messages."""
         with redirect_stderr(io.StringIO()):
-            return self.run(rgbd)[:2]
+            return self.run(rgbd)
 
     def reference_input(self) -> RGBD:
         """Reference input of this generator's size."""
@@ -122,15 +129,19 @@ class GeneratorHandle:
 def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
     """Generate the EIA of a capture, and its noise from the half images."""
     rgbd, halves = capture.inputs[generator.properties.input]
-    eia, _, empty = generator.run(rgbd)
-    holes = hole_fraction(empty, generator.display, generator.mask)
-    del empty
-    noise, _ = generator.rerun(halves[0])
-    second, seconds = generator.rerun(halves[1])  # by now everything is prepared and compiled
+    eia, _, holes, sources = generator.run(rgbd)
+    share = hole_fraction(holes, generator.display, generator.mask)
+    del holes
+    if sources is not None and np.array_equal(halves[0].depth_mm, rgbd.depth_mm):
+        noise = colour_of(sources, halves[0])
+        del sources
+    else:
+        noise = generator.rerun(halves[0]).eia
+    last_run = generator.rerun(halves[1])  # by now everything is prepared and compiled
     # In place: each of these takes 0.4 GB for an 8K panel.
-    noise -= second
+    noise -= last_run.eia
     noise /= 2
-    return GeneratedEIA(NoisyImage.from_image(eia, noise), seconds, holes)
+    return GeneratedEIA(NoisyImage.from_image(eia, noise), last_run.seconds, share)
 
 
 @stage(
@@ -139,7 +150,7 @@ def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
 def _fingerprint(generator: GeneratorHandle) -> Fingerprint:
     """Fingerprint of a generator's output for the reference input."""
     rgbd, exact = generator.reference_input(), generator.properties.portable
-    return fingerprint(rgbd, generator.rerun(rgbd)[0], generator.display, exact=exact)
+    return fingerprint(rgbd, generator.rerun(rgbd).eia, generator.display, exact=exact)
 
 
 def prepare_generator(
@@ -167,7 +178,7 @@ def prepare_generator(
         if mask is not None:  # the fingerprint of a partial EIA is not comparable
             return output
         reference = ReferenceOutput(
-            compute_fingerprint, lambda: generator.rerun(generator.reference_input())[0]
+            compute_fingerprint, lambda: generator.rerun(generator.reference_input()).eia
         )
         return replace(output, reference_output=reference)
 
@@ -190,13 +201,11 @@ def hole_fraction(
 
 def run_generator(
     name: str, generator: Generator, rgbd: RGBD, display: Display, mask: np.ndarray | None = None
-) -> tuple[np.ndarray, float, np.ndarray | None]:
+) -> GeneratorRun:
     """Generate the EIA of a linear float32 picture; `mask` is that of the prepared generator.
 
-    Returns the EIA, (rows, columns, 3) float32 linear RGB, possibly with values that are not
-    finite; the run time in seconds; and the holes within the mask, (rows, columns) bool, or None if
-    the generator does not report them. Raises `UsageError` if another package's generator fails, or
-    if its result does not fit the display.
+    Raises `UsageError` if another package's generator fails, or if its result does not fit the
+    display.
     """
     start = time.perf_counter()
     with foreign_errors(name):
@@ -205,14 +214,17 @@ def run_generator(
         if source is not None and mask is None and source.shows_sources(rgbd):
             sources = _sources(source, rgbd, display)
             eia = colour_of(sources, rgbd)
-            return eia, time.perf_counter() - start, sources < 0
+            seconds = time.perf_counter() - start
+            return GeneratorRun(
+                eia, seconds, sources < 0, sources if properties(name).own else None
+            )
         eia = generator.generate(rgbd)
         seconds = time.perf_counter() - start
         check_array(eia, (*display.eia_shape, 3), "float32")
         if source is None:
-            return eia, seconds, None
+            return GeneratorRun(eia, seconds, None)
         empty = _sources(source, rgbd, display) < 0
-        return eia, seconds, empty if mask is None else empty & mask
+        return GeneratorRun(eia, seconds, empty if mask is None else empty & mask)
 
 
 def _sources(generator: SourceGenerator, rgbd: RGBD, display: Display) -> np.ndarray:
