@@ -78,7 +78,7 @@ def encode_image(
     """Encode an image as the bytes of a file.
 
     * `pixels`, (H, W, 3) uint8
-    * `form`, {"PNG", "JPEG"}
+    * `form`, {"PNG", "JPEG", "WEBP"}
     * `cache`: stores encoded images, as reading is faster than compressing.
     * `**options`: options of Pillow's writer.
     """

@@ -43,9 +43,9 @@ LIVE = Widget(
     "<canvas ",
 )
 _STILL_PX = 420
-# Tried in turn until the two panels that matter most fit. An EIA cannot be scaled down: its
-# pixels are directions.
-_FORMS = (("PNG", 0), ("JPEG", 95), ("JPEG", 85))
+# Qualities, None without loss, tried in turn until the two panels that matter most fit. An EIA
+# cannot be scaled down: its pixels are directions.
+_QUALITIES = (None, 95, 85)
 _NEEDED = "The live display needs scripts and WebGL 2. These pre-rendered views replace it."
 _HELP = (
     "Drag across an image to move the eye. Click an image, or select it with the Tab key, for more "
@@ -337,14 +337,14 @@ def embed_panels(
       loss if they have to be.
     * `most_bytes`: for all data URIs together.
     """
-    for form, quality in _FORMS:
-        embedded = [_embed(images, panel, form, quality) for panel in panels[:2]]
+    for quality in _QUALITIES:
+        embedded = [_embed(images, panel, quality) for panel in panels[:2]]
         room = most_bytes - sum(len(panel.source) for panel in embedded)
         if room < 0:
             continue
         left_out = []
         for panel in panels[2:]:
-            embedded_panel = _embed(images, panel, form, quality)
+            embedded_panel = _embed(images, panel, quality)
             if len(embedded_panel.source) <= room:
                 embedded.append(embedded_panel)
                 room -= len(embedded_panel.source)
@@ -354,9 +354,10 @@ def embed_panels(
     return [], [panel.name for panel in panels]
 
 
-def _embed(images: ReportImages, panel: Panel, form: str, quality: int) -> _Embedded:
-    source = images.source(panel.codes, form, quality, compress_level=9)
-    return _Embedded(panel.name, source, form == "PNG")
+def _embed(images: ReportImages, panel: Panel, quality: int | None) -> _Embedded:
+    is_exact = quality is None
+    source = images.source(panel.codes, quality, "WEBP" if is_exact else "JPEG")
+    return _Embedded(panel.name, source, is_exact)
 
 
 def still_view(
