@@ -18,6 +18,8 @@ _SETTINGS = {
 }
 # Constants of the paper, which keep both fractions finite, for values in 0..1.
 _C1, _C2 = 0.01**2, 0.03**2
+# Subtracted before squaring: a variance in float32 loses least where the values are near zero.
+_SHIFT = np.float32(0.25)
 
 
 def _similarity(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
@@ -35,14 +37,15 @@ def _channel_similarity(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     steps = np.arange(-(SSIM_WINDOW // 2), SSIM_WINDOW // 2 + 1)
     window = np.exp(-((steps / 1.5) ** 2) / 2)
     window /= window.sum()
-    x, y = (np.pad(image, SSIM_WINDOW // 2, mode="symmetric") for image in (first, second))
+    x, y = (np.pad(image - _SHIFT, SSIM_WINDOW // 2, mode="symmetric") for image in (first, second))
     mean_x, mean_y, square_x, square_y, product = (
         separable_filter(values, window, window) for values in (x, y, x * x, y * y, x * y)
     )
-    means = mean_x * mean_y
-    square_means = mean_x * mean_x + mean_y * mean_y
-    similarity: np.ndarray = (2 * means + _C1) * (2 * (product - means) + _C2)
-    similarity /= (square_means + _C1) * (square_x + square_y - square_means + _C2)
+    covariance = product - mean_x * mean_y
+    variances = (square_x - mean_x * mean_x) + (square_y - mean_y * mean_y)
+    mean_x, mean_y = mean_x + _SHIFT, mean_y + _SHIFT
+    similarity: np.ndarray = (2 * mean_x * mean_y + _C1) * (2 * covariance + _C2)
+    similarity /= (mean_x * mean_x + mean_y * mean_y + _C1) * (variances + _C2)
     return similarity
 
 

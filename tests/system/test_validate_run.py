@@ -157,7 +157,7 @@ def test_ssim_computed_again_from_the_report_s_pictures_is_the_plain_one(finishe
             ("template", finished.data["algorithms"]["template"]),
         ):
             pair = (
-                srgb_from_linear(read_exr(finished.out / f"{name}.exr"))
+                srgb_from_linear(read_exr(finished.out / f"{name}.exr")).astype(np.float64)
                 for name in (f"truth/{view}", f"views/{place}/{view}")
             )
             mean, local = structural_similarity(*pair, full=True, **arguments)

@@ -111,8 +111,8 @@ def test_eia_in_another_range_fails_its_limit(run, monkeypatch, factor):
     real = generating.run_generator
 
     def scaled(*words: Any) -> Any:
-        eia, *rest = real(*words)
-        return (np.float32(factor) * eia, *rest)
+        result = real(*words)
+        return result._replace(eia=np.float32(factor) * result.eia, sources=None)
 
     monkeypatch.setattr(generating, "run_generator", scaled)
     assert any("SSIM on the relic" in name for name in failed(run()))

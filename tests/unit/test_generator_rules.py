@@ -486,6 +486,6 @@ def test_a_masked_run_reports_the_holes_of_its_pixels():
     whole = find_sources(rgbd, display)
     mask = np.arange(whole.size).reshape(whole.shape) % 3 == 0
     generator = prepare(display, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
-    eia, _, empty = run_generator("template", generator, rgbd, display, mask)
-    assert np.array_equal(empty, mask & (whole < 0))
-    assert np.array_equal(eia, generator.generate(rgbd))
+    result = run_generator("template", generator, rgbd, display, mask)
+    assert np.array_equal(result.holes, mask & (whole < 0))
+    assert np.array_equal(result.eia, generator.generate(rgbd))

@@ -271,9 +271,11 @@ def test_difference_is_the_absolute_srgb_difference_times_four_as_captioned(fold
     save(folder / "views/reference/centre.png", reference)
     save(folder / "views/template/centre.png", test)
     page = Page(render_html(report(ALGORITHMS), folder))
-    shown = page.picture("Difference of template and reference from centre").astype(int)
-    assert shown[:12, :12].mean(axis=(0, 1)) == pytest.approx([40, 12, 255], abs=4), "with loss"
-    assert shown[24:].max() <= 2
+    difference = page.picture("Difference of template and reference from centre").astype(int)
+    assert difference[:12, :12].mean(axis=(0, 1)) == pytest.approx([40, 12, 255], abs=4), (
+        "with loss"
+    )
+    assert difference[24:].max() <= 2
     assert "amplified × 4" in page.text
 
 

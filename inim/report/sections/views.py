@@ -140,8 +140,8 @@ def _viewpoint(data: ReportDocument, images: ReportImages, eye: EyePosition) -> 
     heading = element("h3", text(view), element("small", text(f"eye at ({place}) mm")))
 
     def shown(name: str, pixels: np.ndarray | None) -> str:
-        shown: dict[str, Any] = {"data_shows": name, "data_viewpoint": view}
-        return images.embed(pixels, f"{name} from {view}", is_measured=True, **shown)
+        attributes: dict[str, Any] = {"data_shows": name, "data_viewpoint": view}
+        return images.embed(pixels, f"{name} from {view}", is_measured=True, **attributes)
 
     def compared(name: str, pixels: np.ndarray | None, to: str, reference: Any) -> list[str]:
         """A view, its difference to a reference, and maps of the two: SSIM's, and heat maps."""

@@ -1,6 +1,6 @@
 """Time and scores of a validation on the graphics card and on the processor.
 
-    python -m reports.bench.backends.run scenes/amphora.xml -o reports/bench/cuda
+    python -m reports.bench.cuda.run scenes/amphora.xml -o reports/bench/cuda
 
 It needs an NVIDIA graphics card. Every run is a separate process with an empty result cache. Each
 round runs both backends in turn. The first round is not counted: it compiles the kernels. The panel
@@ -140,14 +140,14 @@ def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
 def main() -> int:
     """Run the study and return the exit code."""
     variables = dict(os.environ)  # copied before the backend adds its variables
-    parser = new_parser(__doc__, "bench-backends")
+    parser = new_parser(__doc__, "bench-cuda")
     parser.add_argument("scene", type=Path, metavar="SCENE", help="Mitsuba scene (.xml)")
     args = parser.parse_args()
 
     def measure(rounds: Rounds, listener: Any, folder: Path) -> dict[str, Any]:
         return {"backends": bench_backends(args.scene, rounds, listener, folder, variables)}
 
-    return run_study(args, "reports.bench.backends.run", "Bench: backends", measure, parts_of)
+    return run_study(args, "reports.bench.cuda.run", "Bench: backends", measure, parts_of)
 
 
 if __name__ == "__main__":
