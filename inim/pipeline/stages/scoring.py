@@ -20,13 +20,16 @@ from inim.pipeline.stages.capture import nonfinite_checks
 from inim.pipeline.stages.generation import GeneratedEIA, ReferenceOutput
 from inim.pipeline.stages.ground_truth import BLACK, CLIPPED_SHARE, GroundTruth, out_of_range_share
 from inim.pipeline.stages.stage import SCORING, Run, stage
+from inim.process.machine import memory_limit_bytes
 from inim.process.threads import Submit, threads
 from inim.regression.fingerprints import Fingerprint
 from inim.regression.scores import ScoreEstimate, score_interval, view_scores
 from inim.regression.tiles import TileStatistics, eia_tile, tile_statistics, view_tile
 
-# Scoring takes about 100 bytes per pixel: 0.4 GB for all images scored at once.
-_PIXELS_AT_ONCE = 2**22
+# Scoring takes about 100 bytes per pixel. All images scored at once take 0.4 GB, or an eighth of
+# the memory if that is more.
+_BYTES_PER_PIXEL = 100
+_LEAST_BYTES = 2**22 * _BYTES_PER_PIXEL
 # Scores by their name in report.json.
 Scores = dict[str, ScoreEstimate]
 
@@ -243,7 +246,8 @@ def _run_in_threads(
 def _scoring_threads(truth: GroundTruth, run: Run) -> Iterator[Submit]:
     """Threads for scoring a run's images, limited by memory."""
     largest = max(math.prod(image.shape) for image in (truth.eia, *truth.views.values()))
-    with run.observer.timed("score"), threads(_PIXELS_AT_ONCE // largest) as submit:
+    allowed = max(_LEAST_BYTES, memory_limit_bytes() // 8)
+    with run.observer.timed("score"), threads(allowed // (_BYTES_PER_PIXEL * largest)) as submit:
         yield submit
 
 
