@@ -25,10 +25,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from inim.display import Viewpoint
 from inim.errors import UsageError
@@ -39,8 +38,11 @@ from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import Scene, seed_of
 from inim.pipeline.stages.stage import RENDERING, stage
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
 #: Matrices of a view from panel pixels to view pixels: one for all colours, or one for each.
-ViewMatrices = Sequence[csr_array]
+ViewMatrices = Sequence["csr_array"]
 
 # The variance of rounding to 8 bits. It is added to squared errors: a view without an error would
 # otherwise outweigh all others.
