@@ -215,10 +215,11 @@ def relic_region(relic: np.ndarray) -> np.ndarray:
 
     The margin of `RELIC_MARGIN_PX` includes all pixels whose SSIM window contains the relic.
     """
-    from scipy.ndimage import maximum_filter
-
-    side = 2 * RELIC_MARGIN_PX + 1
-    region: np.ndarray = maximum_filter(relic, side, mode="constant", cval=False)
+    region = relic
+    for _ in range(2):  # along rows, then along columns
+        padded = np.pad(region, ((0, 0), (RELIC_MARGIN_PX, RELIC_MARGIN_PX)))
+        windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * RELIC_MARGIN_PX + 1, axis=1)
+        region = np.any(windows, axis=-1).T
     return region
 
 

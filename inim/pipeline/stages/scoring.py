@@ -18,7 +18,13 @@ from inim.image.noisy_image import NoisyImage
 from inim.metrics import HEADLINE, HEADLINE_WORDS, Viewing
 from inim.pipeline.stages.capture import nonfinite_checks
 from inim.pipeline.stages.generation import GeneratedEIA, ReferenceOutput
-from inim.pipeline.stages.ground_truth import BLACK, CLIPPED_SHARE, GroundTruth, out_of_range_share
+from inim.pipeline.stages.ground_truth import (
+    BLACK,
+    CLIPPED_SHARE,
+    GroundTruth,
+    any_colour,
+    out_of_range_share,
+)
 from inim.pipeline.stages.stage import SCORING, Run, stage
 from inim.process.machine import memory_limit_bytes
 from inim.process.threads import Submit, threads
@@ -262,8 +268,8 @@ def missing_viewpoints(name: str, expected: Sequence[str], views: Collection[str
 
 def _unlit_fraction(eia: np.ndarray, truth: GroundTruth) -> float:
     """Share of the pixels with light in the ground-truth EIA that are black in another EIA."""
-    lit = truth.eia.image.max(axis=-1) > BLACK
-    unlit = lit & (eia.max(axis=-1) <= BLACK)
+    lit = any_colour(truth.eia.image > BLACK)
+    unlit = lit & ~any_colour(eia > BLACK)
     return int(np.count_nonzero(unlit)) / max(1, int(np.count_nonzero(lit)))
 
 
