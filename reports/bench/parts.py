@@ -17,3 +17,20 @@ def items(data: Any, key: str) -> Sequence[Any]:
     """List under `key`; empty if it is missing or not a list."""
     values = data.get(key) if isinstance(data, Mapping) else None
     return values if isinstance(values, (list, tuple)) else ()
+
+
+#: Parts of a validation, with the beginnings of the stages in report.json that they sum up.
+RUN_PARTS = {
+    "rendering": ("capture ", "ground-truth "),
+    "reconstruction": ("reconstruct ",),
+    "generating": ("generate ",),
+    "scoring": ("score",),
+}
+
+
+def run_parts(timings: Mapping[str, float]) -> dict[str, float]:
+    """Seconds of the parts of a validation, from `timings` of its report.json."""
+    return {
+        part: sum(seconds for name, seconds in timings.items() if name.startswith(stages))
+        for part, stages in RUN_PARTS.items()
+    }

@@ -9,7 +9,7 @@ from inim.report.bench import milliseconds, times
 from inim.report.labels import MISSING, is_number, number, per_cent
 from inim.report.plots import LINES, SOFT, colour_of, new_figure, plain_ticks, style
 from inim.report.study import PagePart, Table
-from reports.bench.parts import items, part
+from reports.bench.parts import RUN_PARTS, items, part
 
 _MIB = 2**20
 _SAME = {
@@ -54,7 +54,19 @@ def _tables(study: Mapping[str, Any]) -> list[Table]:
         for case in items(study, "cases")
     ]
     caption = f"Whole commands on {study['title']}, medians"
-    return [Table(caption, heads, rows), _generation(part(study, "generation"))]
+    return [Table(caption, heads, rows), _parts(study), _generation(part(study, "generation"))]
+
+
+def _parts(study: Mapping[str, Any]) -> Table:
+    """Seconds of the parts of the last run of each command."""
+    rows = []
+    for case in items(study, "cases"):
+        if case.get("parts"):
+            rest = case["times_s"][-1] - sum(case["parts"].values())
+            seconds = [*case["parts"].values(), rest]
+            rows.append([case["name"], *(number(value, 2) for value in seconds)])
+    heads = ["command", *RUN_PARTS, "start, files and report"]
+    return Table("Seconds of the parts of a run", heads, rows)
 
 
 def _samples(case: Mapping[str, Any]) -> str:
@@ -102,7 +114,8 @@ def _remarks(study: Mapping[str, Any]) -> list[str]:
         f"Whole commands: medians of {study['rounds']} rounds. Each round runs all cases in turn. "
         "Times are from the start to the end of a process. The study uses its own result caches, "
         "which are empty at the start of a round. An uncounted round before compiles the kernels "
-        "that numba and Dr.Jit store on disk. No time includes this compilation.",
+        "that numba and Dr.Jit store on disk. Only the time of the first run includes this "
+        "compilation.",
         f"Validated: {study['algorithms'].replace(',', ', ')}, through {study['lens_model']} "
         f"lenses, from {', '.join(items(study, 'viewpoints'))}. Nine viewpoints: template only. "
         "Peak memory is that of a command's largest process.",

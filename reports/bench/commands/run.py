@@ -29,6 +29,7 @@ from inim.timing import Rounds, Timing
 from reports.bench.commands.masked import bench_masked
 from reports.bench.commands.report import parts_of
 from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, differences, samples_of
+from reports.bench.parts import run_parts
 from reports.bench.process import run_measured
 from reports.bench.study import add_scene_arguments, new_parser, plan_of, run_study
 
@@ -40,6 +41,8 @@ _MAX_ROUNDS = 3
 # Radiance of a light in a scene file, with one or three values.
 _RADIANCE = re.compile(r'(name="(?:radiance|irradiance|intensity)"\s+value=")([^"]+)(")')
 _DIMMING = 0.9
+# Variables that name the folders of compiled kernels, of numba and of Dr.Jit.
+_KERNEL_FOLDERS = ("NUMBA_CACHE_DIR", "DRJIT_CACHE_DIR")
 _HELP, _COLD, _WHOLE = "--help", "cold", "nine viewpoints"
 
 
@@ -61,6 +64,8 @@ class Case:
         Name of the case with which time and scores are compared.
     same : str, optional
         Values of the report that must be equal to those of `compared_with`; None: no value.
+    is_compiled : bool
+        False for a run that finds no compiled kernel.
     """
 
     name: str
@@ -69,6 +74,7 @@ class Case:
     cache: str = ""
     compared_with: str = _COLD
     same: str | None = None
+    is_compiled: bool = True
 
     @property
     def is_validation(self) -> bool:
@@ -98,7 +104,8 @@ def bench_commands(
     -------
     dict
         Under the names of bench.json. Times are in seconds. `beside`: name of the compared case.
-        `share`: median divided by that of the compared case. `traced`, `whole`: traced samples and
+        `share`: median divided by that of the compared case. `parts`: seconds of the parts of the
+        last run. `traced`, `whole`: traced samples and
         samples of a run that skips nothing. `unlike`: paths of values that differ from those of the
         compared case although they should be equal.
     """
@@ -182,6 +189,8 @@ def _cases(plan: Plan, folder: Path) -> tuple[list[Case], list[str]]:
             same=VIEWS,
         ),
         Case("--no-skip", "–", validation(*usual, "--no-skip"), same=EVERYTHING),
+        Case("first run", "nothing, no kernels", validation(*usual), "first", is_compiled=False),
+        Case("--preview", "nothing", validation(*usual, "--preview"), "preview"),
     ]
     note = "no case with a changed light: the scene file contains no radiance of a light"
     return cases, [] if dimmed else [note]
@@ -240,7 +249,8 @@ def _run(case: Case, out: Path, caches: Path, variables: Mapping[str, str]) -> d
         shutil.rmtree(out, ignore_errors=True)
         words += ["-o", str(out)]
     cache = str(caches / case.cache) if case.cache else "off"
-    run = run_measured(words, {**variables, FOLDER_VARIABLE: cache})
+    kernels = {} if case.is_compiled else dict.fromkeys(_KERNEL_FOLDERS, str(caches / "kernels"))
+    run = run_measured(words, {**variables, FOLDER_VARIABLE: cache, **kernels})
     # A check may fail on a small display; the run is complete nevertheless.
     if run["code"] not in (EXIT_PASSED, EXIT_CHECK_FAILED):
         raise WorkerError(f"{case.name!r}: exit code {run['code']}: {run['message']}")
@@ -275,9 +285,11 @@ def _row(
         "whole": None,
         "same": case.same,
         "unlike": None,
+        "parts": {},
     }
     if case.is_validation:
         report, other = reports[case.name], reports[case.compared_with]
+        row["parts"] = run_parts(report["timings"])
         row["traced"], row["whole"] = samples_of(report["skipped"], other["skipped"])
         if case.same is not None:
             row["unlike"] = differences(report, other, case.same)

@@ -23,7 +23,7 @@ from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
 from inim.report.labels import number
 from inim.report.study import PagePart, Table
 from inim.timing import Rounds
-from reports.bench.parts import items
+from reports.bench.parts import RUN_PARTS, items, run_parts
 from reports.bench.process import run_measured
 from reports.bench.study import new_parser, run_study
 
@@ -32,14 +32,6 @@ _LARGE = "7680 x 4320"
 _PANELS = {
     "nominal": (),
     _LARGE: ("-D", "inim.panel_columns=7680", "-D", "inim.panel_rows=4320"),
-}
-#: Parts of a run, and the stages of report.json that they sum up. Stages run side by side: their
-#: sum can exceed the run's time.
-_PARTS = {
-    "rendering": ("capture RGB-D", "ground-truth EIA", "ground-truth views"),
-    "reconstruction": ("reconstruct views",),
-    "generating": ("generate template", "generate wang2024"),
-    "scoring": ("score",),
 }
 
 
@@ -75,7 +67,7 @@ def bench_backends(
                 for path in (out, folder / "cache"):
                     shutil.rmtree(path, ignore_errors=True)
                 if index >= uncounted:
-                    runs[name].append({**run, "timings": reports[name]["timings"]})
+                    runs[name].append({**run, "parts": run_parts(reports[name]["timings"])})
         first, second = (dict(_intervals(reports[name])) for name in BACKENDS)
         overlapping = sum(
             first[key][0] <= second[key][1] and second[key][0] <= first[key][1] for key in first
@@ -88,10 +80,7 @@ def bench_backends(
                 "runs": count,
                 "seconds": median(run["seconds"] for run in runs[name]),
                 "parts": {
-                    part: median(
-                        sum(run["timings"][stage] for stage in stages) for run in runs[name]
-                    )
-                    for part, stages in _PARTS.items()
+                    part: median(run["parts"][part] for run in runs[name]) for part in RUN_PARTS
                 },
                 "scores": len(first),
                 "overlapping": overlapping,
@@ -116,7 +105,7 @@ def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
         "Validations with default settings and an empty result cache. Parts of a run that work "
         "side by side are counted in full, so they can sum to more than the run."
     )
-    heads = ["panel", "backend", "device", "runs", "seconds", *_PARTS, "intervals that overlap"]
+    heads = ["panel", "backend", "device", "runs", "seconds", *RUN_PARTS, "intervals that overlap"]
     rows = [
         [
             str(row["panel"]),
@@ -124,7 +113,7 @@ def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
             str(row["device"]),
             str(row["runs"]),
             number(row["seconds"], 1),
-            *(number(row["parts"][part], 2) for part in _PARTS),
+            *(number(row["parts"][part], 2) for part in RUN_PARTS),
             f"{row['overlapping']} of {row['scores']}",
         ]
         for row in items(data, "backends")
