@@ -142,7 +142,8 @@ def test_all_numbers_are_finite(finished, part):
     assert {k: v for k, v in numbers.items() if v is None or not math.isfinite(v)} == {}
 
 
-def test_ssim_computed_again_from_the_report_s_pictures_is_the_plain_one(finished):
+def test_scores_computed_again_from_the_report_s_pictures_are_the_plain_ones(finished):
+    from flip_evaluator import evaluate
     from skimage.metrics import structural_similarity
 
     arguments = finished.data["scoring"]["metrics"]["ssim"]["arguments"]
@@ -160,8 +161,12 @@ def test_ssim_computed_again_from_the_report_s_pictures_is_the_plain_one(finishe
                 srgb_from_linear(read_exr(finished.out / f"{name}.exr")).astype(np.float64)
                 for name in (f"truth/{view}", f"views/{place}/{view}")
             )
-            mean, local = structural_similarity(*pair, full=True, **arguments)
+            first, second = pair
+            mean, local = structural_similarity(first, second, full=True, **arguments)
             sure = scores["precision"][view]
+            codes = (values.astype(np.float32) for values in (first, second))
+            error = evaluate(*codes, "LDR", True, False, False, {"ppd": 67.0})[0]
+            assert sure["flip"]["plain"] == pytest.approx(error.mean(dtype=np.float64), abs=1e-6)
             assert sure["ssim"]["plain"] == pytest.approx(mean, abs=1e-6)
             assert sure["ssim_on_relic"]["plain"] == pytest.approx(local[region].mean(), abs=1e-6)
 
