@@ -180,7 +180,8 @@ def _axis(paths: Sequence[Path], lights: _Lights, pixels: int, axis_name: str) -
             f"{paths[0].parent}: {share:.0%} of the pixels see {axis_name} beyond the panel's "
             f"{pixels}; give the display whose patterns were shown"
         )
-    noise = np.sqrt(uniform_filter((first + half - quarter - last) ** 2, _NOISE_WINDOW)) / 2
+    square = uniform_filter((first + half - quarter - last) ** 2, _NOISE_WINDOW)
+    noise = np.sqrt(np.maximum(square, 0)) / 2  # sums without noise round to less than 0
     error = noise / (np.sqrt(2) * np.maximum(amplitude, np.float32(1e-6))) * (PERIOD / (2 * np.pi))
     return _Axis(coordinate, error.astype(np.float32), decoded & ~beyond)
 

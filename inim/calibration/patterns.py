@@ -221,7 +221,7 @@ def _visible(folder: Path) -> list[Path]:
 def _natural_sort_key(path: Path) -> list[tuple[int, str]]:
     """A key by which names sort, numbers in them as numbers."""
     parts = _NUMBER.split(path.name.lower())
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
 def _size(shape: tuple[int, int]) -> str:

@@ -38,6 +38,8 @@ _LEAST_BLUR_PX, _MOST_BLUR_PX = 0.2, 6.0
 # Pixels at the border of what is simulated that do not count: what is beyond it moves in.
 _BORDER_PX = 8
 _FEWEST_PIXELS = 1000
+# The least share of the photograph's variance that the simulation must explain at the end.
+_LEAST_EXPLAINED = 0.3
 # Of a block: the least share of pixels seen, and of the usual contrast in its flattest direction.
 _SEEN_SHARE, _FLAT_SHARE = 0.5, 0.05
 
@@ -117,8 +119,8 @@ def compare(
     * `is_display`, (H, W) bool: pixels that see the display, from `simulate`.
     * `name`: name of the photograph in error messages.
 
-    Raises `FileError`: the display covers too little of the photograph, or has no texture to
-    compare.
+    Raises `FileError`: the display covers too little of the photograph, has no texture to compare,
+    or does not resemble the simulation.
     """
     counts = binary_erosion(is_display, iterations=_BORDER_PX)
     if np.count_nonzero(counts) < _FEWEST_PIXELS:
@@ -150,6 +152,13 @@ def compare(
     final = np.stack([_response(tones[c], blurred[..., c]) for c in range(3)], axis=-1)
     # The last word on the movement has blur and tone right.
     last = final.mean(axis=-1)
+    explained = 1 - np.mean((last - grey)[counts] ** 2) / np.var(grey[counts])
+    if not explained >= _LEAST_EXPLAINED:
+        raise FileError(
+            f"{name}: does not resemble the simulation, which explains {max(0.0, explained):.0%} "
+            "of its light and shade; check --eia and the position, and that the photograph is "
+            "neither mirrored nor inverted"
+        )
     flow = _flow(grey, last, counts)
     is_measured = np.isfinite(flow).all(axis=-1)
     by_blocks = flow[is_measured] - np.median(flow[is_measured], axis=0)

@@ -14,7 +14,7 @@ from inim.commands import (
     finish,
     print_warning,
 )
-from inim.errors import UsageError, suggest_words
+from inim.errors import FileError, UsageError, suggest_words
 
 if TYPE_CHECKING:
     from inim.calibration.fit import Calibration
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 
 _PATTERNS = "patterns"
+# Coefficients of lens distortion that no camera has.
+_MOST_DISTORTION = 10.0
 _EPILOG = """first
   inim calibrate patterns --display phone -o DIR
   writes the patterns and a page that shows them full screen. Photograph all patterns from at least
@@ -129,6 +131,8 @@ def _add_photo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _photo(args: argparse.Namespace) -> int:
+    import numpy as np
+
     from inim.calibration.model import Intrinsics
     from inim.calibration.patterns import read_colors
     from inim.calibration.photo import compare, photo_document, simulate
@@ -150,6 +154,10 @@ def _photo(args: argparse.Namespace) -> int:
     else:
         pose, position = _pose(args.patterns, display, camera, shape), args.patterns.resolve().name
     eia, _ = read_eia(args.eia, display)
+    if not np.isfinite(eia).all() or eia.min() < 0:
+        raise FileError(
+            f"{args.eia}: has values that are negative or not finite; generate it again"
+        )
     light, is_display = simulate(eia, display, camera, pose, shape)
     difference = compare(photograph, light, is_display, str(args.photo))
     document = photo_document(
@@ -179,9 +187,37 @@ def _calibration(display: Path) -> CalibrationDocument:
     from inim.documents.display import CalibrationDocument
 
     path = display.with_name(f"{display.stem}-calibration") / "calibration.json"
-    return read_document(
+    calibration = read_document(
         path, "keep the report of inim calibrate next to the display file", CalibrationDocument
     )
+    _check_camera(path, calibration)
+    return calibration
+
+
+def _check_camera(path: Path, calibration: CalibrationDocument) -> None:
+    """Raise `FileError` for a camera or a position that cannot exist."""
+    import numpy as np
+
+    camera = calibration.camera
+    wrong = [
+        f"{field} = {value:g}"
+        for field, value, is_valid in (
+            ("width_px", camera.width_px, camera.width_px > 0),
+            ("height_px", camera.height_px, camera.height_px > 0),
+            ("focal_px", camera.focal_px, camera.focal_px > 0),
+            ("k1", camera.k1, abs(camera.k1) < _MOST_DISTORTION),
+            ("k2", camera.k2, abs(camera.k2) < _MOST_DISTORTION),
+        )
+        if not is_valid
+    ]
+    for position in calibration.positions:
+        turn = np.array(position.turn)
+        if not position.eye_mm[2] > 0:
+            wrong.append(f"{position.name}: eye_mm is not in front of the display")
+        if not (np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) and np.linalg.det(turn) > 0):
+            wrong.append(f"{position.name}: turn is not a rotation")
+    if wrong:
+        raise FileError(f"{path}: {wrong[0]}; calibrate the display again")
 
 
 def _check_shape(name: Path, shape: tuple[int, ...], expected: tuple[int, int]) -> None:

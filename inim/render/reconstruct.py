@@ -216,7 +216,9 @@ def reconstruct(
 
     Returns
     -------
-    (lens_rows * pixels_per_lens, lens_columns * pixels_per_lens, 3) float32, linear RGB.
+    (lens_rows * pixels_per_lens, lens_columns * pixels_per_lens, 3) float32, linear RGB: the light
+    that leaves the lenses. Views of reports are exposed for the panel's white: multiply by
+    `inim.lens.white_exposure(display, lens_model)`.
 
     Raises
     ------

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from scipy.ndimage import gaussian_filter, shift
 
 from inim.calibration.model import Intrinsics, Pose
 from inim.calibration.photo import simulate
+from inim.files.image import write_exr
 from tests.calibration_photographs import save_light, write_calibrated
 from tests.conftest import small_display
 from tests.schemas import read_document
@@ -83,9 +86,65 @@ def test_missing_inputs_are_named(bench, more, display, words):
     assert_one_line(ended.stderr, words)
 
 
+def test_names_with_superscript_digits_are_names(bench):
+    (bench / "p²").mkdir()
+    for name in ("²1.png", "①.png"):
+        (bench / "p²" / name).write_bytes(b"no picture")
+    ended = photo(bench, "--patterns", "p²")
+    assert ended.code == 2
+    assert_one_line(ended.stderr, ["p²"])
+
+
 def test_a_photograph_of_another_size_is_refused(bench):
     Image.new("RGB", (200, 100)).save(bench / "small.png")
     words = ["photo", "small.png", "--eia", "eia.png", "--display", "mine.xml"]
     ended = run_here(*words, "--position", "side", folder=bench)
     assert ended.code == 2
     assert_one_line(ended.stderr, ["small.png", "200 x 100", "400 x 300"])
+
+
+@pytest.mark.parametrize("change", ["inverted", "mirrored", "noise"])
+def test_a_photograph_of_something_else_is_refused(bench, change):
+    codes = np.asarray(Image.open(bench / "photo.png"))
+    other = {
+        "inverted": 255 - codes,
+        "mirrored": codes[:, ::-1],
+        "noise": np.random.default_rng(1).integers(0, 256, codes.shape, np.uint8),
+    }[change]
+    Image.fromarray(other).save(bench / "other.png")
+    words = ["photo", "other.png", "--eia", "eia.png", "--display", "mine.xml"]
+    ended = run_here(*words, "--position", "front", "-o", "refused", folder=bench)
+    assert ended.code == 2
+    assert_one_line(ended.stderr, ["other.png", "does not resemble", "mirrored nor inverted"])
+    assert not (bench / "refused").exists()
+
+
+def test_eia_that_no_panel_shows_is_refused(bench):
+    for name, value in (("nan", np.nan), ("inf", np.inf), ("negative", -0.1)):
+        eia = np.full((*DISPLAY.eia_shape, 3), 0.5, np.float32)
+        eia[3, 4] = value
+        write_exr(bench / f"{name}.exr", eia)
+        words = ["photo", "photo.png", "--eia", f"{name}.exr", "--display", "mine.xml"]
+        ended = run_here(*words, "--position", "front", folder=bench)
+        assert ended.code == 2, name
+        assert_one_line(ended.stderr, [f"{name}.exr", "not finite"])
+
+
+@pytest.mark.parametrize(
+    ("part", "name", "value", "words"),
+    [
+        ("camera", "focal_px", 0, ["focal_px = 0"]),
+        ("camera", "k1", 1e300, ["k1 = 1e+300"]),
+        ("positions", "turn", [[1, 0, 0], [0, 1, 0], [0, 0.5, 1]], ["side", "not a rotation"]),
+        ("positions", "eye_mm", [0, 0, 0], ["side", "in front of the display"]),
+    ],
+)
+def test_impossible_calibration_is_refused(bench, tmp_path, part, name, value, words):
+    folder = shutil.copytree(bench, tmp_path / "copy")
+    path = folder / "mine-calibration" / "calibration.json"
+    data = json.loads(path.read_text())
+    (data["positions"][1] if part == "positions" else data[part])[name] = value
+    path.write_text(json.dumps(data))
+    ended = photo(folder, "--position", "front")
+    assert ended.code == 2
+    assert_one_line(ended.stderr, ["calibration.json", *words])
