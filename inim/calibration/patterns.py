@@ -28,7 +28,7 @@ import numpy as np
 from inim.display import Display
 from inim.documents.display import PatternsDocument
 from inim.documents.document import encode
-from inim.errors import FileError
+from inim.errors import FileError, UsageError
 from inim.files.image import encode_image
 from inim.files.picture import DIAGONAL_35MM, open_picture, read_exif
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
@@ -41,6 +41,8 @@ PAGE = "patterns.html"
 PERIOD, CELL = 16, 8
 _MARKER = "patterns.json"
 _WHITE = 255
+# Of pictures in today's browsers.
+_LONGEST_SIDE_PX = 32767
 _SHIFTS_DEG = (0, 90, 180, 270)
 
 
@@ -87,9 +89,15 @@ def write_patterns(display: Display, folder: Path) -> Path:
 
     Returns path of the page.
 
-    Raises `FileError`: the folder cannot be written, or another file is in the way.
+    Raises `FileError`: the folder cannot be written, or another file is in the way; `UsageError`:
+    browsers show no picture of the panel's size.
     """
     rows, columns = display.eia_shape
+    if max(rows, columns) > _LONGEST_SIDE_PX:
+        raise UsageError(
+            f"display {display.name}: has a panel of {columns} x {rows} pixels, but browsers show "
+            f"at most {_LONGEST_SIDE_PX} along a side; correct its lens_columns and lens_rows"
+        )
     pictures = {}
     for name, codes in patterns((rows, columns)):
         grey = np.broadcast_to(codes, (rows, columns))

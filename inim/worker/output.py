@@ -82,7 +82,8 @@ def output_files(out: Path, names: Sequence[str]) -> Iterator[Path]:
     Parameters and errors are those of `staging_folder`.
     """
     with staging_folder(out, names) as staging:
-        yield staging
+        with file_errors(out, "free some space or choose another folder with -o"):
+            yield staging
         publish(staging, out, names[0])
 
 

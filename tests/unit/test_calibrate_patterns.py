@@ -1,6 +1,8 @@
 """The pictures for calibration: what they code, and that files say the same."""
 
+import errno
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from PIL import Image
 
 from inim.calibration.patterns import CELL, PAGE, PERIOD, bit_count, patterns, write_patterns
 from inim.display import DISPLAYS
-from inim.errors import FileError
+from inim.errors import FileError, UsageError
 from inim.image.color import linear_from_srgb
 from tests.conftest import small_display
 from tests.schemas import read_document
@@ -97,6 +99,19 @@ def test_pictures_of_another_origin_are_kept_and_named(tmp_path):
     with pytest.raises(FileError, match=r"00-white\.png.*in the way"):
         write_patterns(small_display(5, 4, 17), tmp_path)
     assert (tmp_path / "00-white.png").read_bytes() == b"mine"
+
+
+def test_panel_and_disk_that_are_too_small_or_large_are_named(tmp_path, monkeypatch):
+    with pytest.raises(UsageError, match="panel of 70000 x 80 pixels.* at most 32767"):
+        write_patterns(small_display(10, 10, 8).replace(lens_columns=8750), tmp_path / "wide")
+
+    def is_full(path: Path, _data: bytes) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", is_full)
+    with pytest.raises(FileError, match="cannot be written .No space left on device"):
+        write_patterns(small_display(3, 2, 5), tmp_path / "full")
+    assert not list(tmp_path.iterdir())
 
 
 def test_the_page_needs_no_network_and_takes_a_displays_name_as_text(tmp_path):
