@@ -102,14 +102,14 @@ def test_pictures_of_another_origin_are_kept_and_named(tmp_path):
 
 
 def test_panel_and_disk_that_are_too_small_or_large_are_named(tmp_path, monkeypatch):
-    with pytest.raises(UsageError, match="panel of 70000 x 80 pixels.* at most 32767"):
+    with pytest.raises(UsageError, match=r"panel of 70000 x 80 pixels.* at most 32767"):
         write_patterns(small_display(10, 10, 8).replace(lens_columns=8750), tmp_path / "wide")
 
     def is_full(path: Path, _data: bytes) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", is_full)
-    with pytest.raises(FileError, match="cannot be written .No space left on device"):
+    with pytest.raises(FileError, match=r"cannot be written .No space left on device"):
         write_patterns(small_display(3, 2, 5), tmp_path / "full")
     assert not list(tmp_path.iterdir())
 
