@@ -153,6 +153,8 @@ class Store:
     def load(self, address: str) -> Record | None:
         """The record at an address; None if it is missing or damaged."""
         path = self.folder / (address + _RECORD)
+        if not path.is_file():  # nor a pipe, which would never end
+            return None
         try:
             with zipfile.ZipFile(path) as archive:
                 arrays = {
@@ -190,8 +192,9 @@ class Store:
 
     def last_parts(self, topic: str) -> dict[str, str] | None:
         """Inputs of the last result requested under a topic."""
+        path = self.folder / (topic + _REASONS)
         try:
-            parts = json.loads((self.folder / (topic + _REASONS)).read_text("utf-8"))
+            parts = json.loads(path.read_text("utf-8")) if path.is_file() else None
         except (OSError, ValueError):
             return None
         return {str(k): str(v) for k, v in parts.items()} if isinstance(parts, dict) else None
@@ -295,13 +298,15 @@ class ResultCache:
             return make(), ""
         digests = _digests(parts())
         address, topic = cache_address(product, digests), value_digest([self._topic, product])
-        record = self._store.load(address)
+        record, why = self._store.load(address), None
+        try:
+            result = None if record is None else _unpack(record, kinds)
+        except (AttributeError, KeyError, TypeError, ValueError):
+            record = None  # a whole file, but not of this result
         if record is None:
             result = make()
             self._store.keep(address, _pack(result))
             why = _change(self._store.last_parts(topic), digests) if explain else ""
-        else:
-            result, why = _unpack(record, kinds), None
         if explain:
             self._store.remember_parts(topic, digests)
         return result, why

@@ -12,6 +12,7 @@ import pytest
 
 from inim.cache import (
     Record,
+    ResultCache,
     Store,
     array_digest,
     cache_address,
@@ -63,6 +64,31 @@ def test_a_damaged_record_is_made_again_never_read(store):
         path.write_bytes(good[:length])
         assert store.load("x") is None
         assert not path.exists()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+def test_a_pipe_in_place_of_a_record_is_replaced(store):
+    store.folder.mkdir()
+    for name in ("x.npz", "x.json"):
+        os.mkfifo(store.folder / name)
+    assert store.load("x") is None
+    assert store.last_parts("x") is None
+    store.remember_parts("x", {"seed": "1"})
+    assert store.keep("x", Record({}, 1))
+    assert store.load("x").facts == 1
+    assert store.last_parts("x") == {"seed": "1"}
+
+
+@pytest.mark.parametrize(
+    "facts", [{"array": "a9"}, {"Kind": {}}, {"list": 3}, {"dict": {"a": {"array": "no"}}}, {}]
+)
+def test_a_record_of_something_else_is_made_again(store, facts):
+    cache = ResultCache(store)
+    result, _ = cache.find_or_make("score", lambda: {"seed": 1}, lambda: 0.5)
+    (path,) = store.folder.glob("*.npz")
+    store.keep(path.stem, Record({"a0": picture(1)}, facts))
+    assert cache.find_or_make("score", lambda: {"seed": 1}, lambda: 0.5)[0] == result
+    assert store.load(path.stem).facts == result
 
 
 def test_a_record_under_another_name_is_not_loaded(store):
