@@ -159,7 +159,10 @@ def _place_splats(
             f"{source}: splat files contain no up axis; give --up (x, y, z, -x, -y, -z), usually "
             f"-y; nearly all splats are in {frame} (x0,x1,y0,y1,z0,z1)"
         )
-    visible, half = place_splats(splats, _turn(up, front or _USUAL_FRONT[up]), frame)
+    try:
+        visible, half = place_splats(splats, _turn(up, front or _USUAL_FRONT[up]), frame)
+    except UsageError as error:
+        raise UsageError(f"{source}: {error}") from None
     counts = f"{len(visible)} of {len(splats)} splats"
     cautions = []
     if len(visible) < len(splats):

@@ -302,9 +302,11 @@ def place_splats(splats: Splats, turn: np.ndarray, frame: Frame) -> tuple[Splats
     small = _reach(visible).max(axis=1) <= _FARTHEST * (frame.high - frame.low).max()
     inside = frame.holds(visible.centre) & small
     if not inside.any():
+        faint = len(splats) - len(visible)
         raise UsageError(
-            f"--crop {frame}: contains no splats much smaller than the box; nearly all splats are "
-            f"in {Frame.around(splats)}"
+            f"no splat can be shown: {faint} of {len(splats)} are fainter than a hundredth, and "
+            f"the others lie outside the box {frame}, or are half as wide; nearly all splats are "
+            f"in {Frame.around(splats)}; to use another box, give --crop"
         )
     relic = rotate_splats(visible[inside], turn)
     reach = _reach(relic)
