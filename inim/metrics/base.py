@@ -108,7 +108,7 @@ class Metric:
     has_relic_score: bool = False
     border: int = 0
     score_from_mean: Callable[[float], tuple[float, float]] | None = None
-    remaining_bias: float = 0.7
+    remaining_bias: float = 0.6
     whole_image_score: Callable[[np.ndarray, np.ndarray], float] | None = None
     reach: int | None = None
     equal_value: float = 0.0

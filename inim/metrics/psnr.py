@@ -52,7 +52,7 @@ metric = Metric(
     has_relic_score=True,
     score_from_mean=_decibels,
     # Exact but for the sRGB curve, which compresses rare bright samples.
-    remaining_bias=0.6,
+    remaining_bias=0.5,
     whole_image_score=psnr_db,
     reach=0,
     dtype=np.float64,
