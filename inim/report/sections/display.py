@@ -31,9 +31,10 @@ def display(data: ReportDocument | PictureDocument, images: ReportImages) -> str
     own = {f.name: getattr(parameters, f.name) for f in fields(parameters)}
     defaults = {f.name: f.default for f in fields(parameters)}
     stated = {name: value for name, value in own.items() if value != defaults[name]}
+    parts = schema("report")["$defs"]
     tables = [
-        _quantities("Design; other parameters have their defaults", "Display", stated),
-        _quantities("Derived", "DerivedDisplay", msgspec.structs.asdict(derived)),
+        _quantities("Design; other parameters have their defaults", parts["Display"], stated),
+        _quantities("Derived", parts["DerivedDisplay"], msgspec.structs.asdict(derived)),
     ]
     misalign = "" if isinstance(data, PictureDocument) else data.misalign
     words = _display_words(data)
@@ -109,12 +110,11 @@ def _caution(title: str, words: str) -> str:
     return element("p", element("b", title), " ", text(words), class_="caution")
 
 
-def _quantities(caption: str, part: str, values: Mapping[str, Any]) -> str:
-    """Table of values with their descriptions in the schema of `report.json`."""
-    described = schema("report")["$defs"][part]["properties"]
+def _quantities(caption: str, part: Mapping[str, Any], values: Mapping[str, Any]) -> str:
+    """Table of values with their descriptions in a part of the schema of `report.json`."""
     rows = []
     for name, value in values.items():
-        meaning = described[name]["description"].replace("null:", "none:")
+        meaning = part["properties"][name]["description"].replace("null:", "none:")
         rows.append([name, "none" if value is None else short(value), meaning])
     return text_table(caption, ["Quantity", "Value", "Meaning"], rows, "quantities")
 
