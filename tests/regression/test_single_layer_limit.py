@@ -18,7 +18,7 @@ from inim.generators import find_sources, generate
 from tests.conftest import scene_text, sphere
 
 NOMINAL = DISPLAYS["nominal"]
-SOLID = "template:columns=solid"
+SOLID = "template:columns=solid:colour=nearest"
 # Four times the linear resolution of the default capture.
 PER_PITCH = 20
 
