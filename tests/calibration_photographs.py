@@ -132,6 +132,10 @@ def save_light(path: Path, light: np.ndarray) -> np.ndarray:
     return linear_from_srgb(codes / np.float32(255))
 
 
+#: A position of a camera, as in a calibration.
+STRAIGHT_ON = {"name": "text", "eye_mm": [0, 0, 400], "turn": np.diag([1, -1, -1]).tolist()}
+
+
 def write_calibrated(
     folder: Path, display: Display, camera: Intrinsics, shape: tuple[int, int],
     positions: Sequence[Mapping[str, Any]] = (),
@@ -144,7 +148,7 @@ def write_calibrated(
     lines = [f'<default name="inim.{k}" value="{v}"/>' for k, v in parameters.items()]
     (folder / "mine.xml").write_text(f'<scene version="3.0.0">{"".join(lines)}</scene>')
     document = {"camera": {"width_px": shape[1], "height_px": shape[0], **camera._asdict()}}
-    document |= {"positions": [*positions]} if positions else {}
+    document |= {"positions": [*(positions or [STRAIGHT_ON])]}
     calibration = folder / "mine-calibration" / "calibration.json"
     calibration.parent.mkdir()
     calibration.write_text(json.dumps(completed("calibration", document)))

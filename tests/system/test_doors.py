@@ -23,6 +23,7 @@ from inim.documents import write_document
 from inim.errors import EXIT_BASELINE, EXIT_USAGE, FileError
 from inim.files import open_file
 from inim.files.image import silence_output
+from tests.calibration_photographs import STRAIGHT_ON
 from tests.conftest import scene_text
 from tests.schemas import completed, report_document
 from tests.system.conftest import assert_one_line, run_here, write_scene
@@ -98,7 +99,7 @@ def display_file(folder: Path) -> None:
 
 def calibration(folder: Path) -> None:
     display_file(folder)
-    document = completed("calibration", {})
+    document = completed("calibration", {"positions": [STRAIGHT_ON]})
     (folder / "mine-calibration/calibration.json").write_text(json.dumps(document))
 
 
