@@ -19,7 +19,8 @@ from tests.system.test_bench_layers import assert_study, run_study
 SMALL = TINY | {"inim.lens_model": "thin", "inim.viewpoints": "centre,left"}
 CASES = [
     "--help", "cold", "unchanged", "one algorithm changed", "one viewpoint added",
-    "one light changed", "nine viewpoints", "nine viewpoints, --lazy", "--no-skip",
+    "one light changed", "nine viewpoints", "nine viewpoints, --lazy", "--no-skip", "first run",
+    "--preview",
 ]  # fmt: skip
 
 

@@ -61,7 +61,8 @@ def bench_layers(plans: Sequence[Plan], rounds: Rounds, listener: Any) -> list[d
 
 
 def _bench_scene(plan: Plan, rounds: Rounds, listener: Any) -> dict[str, Any]:
-    scene = to_builtins(bench_scene(plan, METHODS, rounds, Renderer("llvm", listener)))
+    measured, _ = bench_scene(plan, METHODS, rounds, Renderer("llvm", listener))
+    scene = to_builtins(measured)
     floor = scene["noise_floor"]["eia_psnr_db"]
     flat = [a | a["scores"] for a in scene["algorithms"]]
     methods = [{key: a[key] for key in _METHOD_FIELDS} for a in flat]
