@@ -21,7 +21,7 @@ from msgspec.structs import replace
 from inim import reconstruct
 from inim.bench import load_average, record
 from inim.display import Display, Viewpoint
-from inim.errors import InimError
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, InimError, WorkerError
 from inim.image.rgbd import RGBD
 from inim.lens import LensModelName, white_exposure
 from inim.pipeline.plan import Plan, make_plan
@@ -34,6 +34,7 @@ from inim.scene.two_spheres import two_spheres
 from inim.timing import Rounds
 from inim.worker.output import publish, staging_folder
 from inim.worker.serve import ConsoleObserver
+from reports.bench.process import run_measured
 
 #: Measures, with an empty folder for temporary files, and returns `study` of bench.json.
 Measure = Callable[[Rounds, Observer, Path], Mapping[str, Any]]
@@ -68,6 +69,29 @@ def plan_of(args: argparse.Namespace, scene: Path) -> Plan:
         scene, args.out, definitions=definitions, display=args.display, algorithms=("template",)
     )
     return make_plan(request)
+
+
+def run_validation(words: Sequence[str], variables: Mapping[str, str], name: str) -> dict[str, Any]:
+    """Run a Python module that validates a scene; return the results of `run_measured`.
+
+    Parameters
+    ----------
+    words : sequence of str
+        The command line after ``python -m``.
+    variables : mapping of str to str
+        Environment variables.
+    name : str
+        Name of the run in error messages.
+
+    Raises
+    ------
+    WorkerError
+        The run is incomplete. A check may fail, on a small display.
+    """
+    run = run_measured([sys.executable, "-m", *words], variables)
+    if run["code"] not in (EXIT_PASSED, EXIT_CHECK_FAILED):
+        raise WorkerError(f"{name}: exit code {run['code']}: {run['message']}")
+    return run
 
 
 def run_study(

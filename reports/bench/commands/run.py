@@ -21,7 +21,6 @@ from typing import Any
 
 from inim.cache import FOLDER_VARIABLE
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
 from inim.files.image import read_rgbd
 from inim.pipeline.plan import Plan
 from inim.pipeline.request import definition_words, option_words
@@ -30,8 +29,7 @@ from reports.bench.commands.masked import bench_masked
 from reports.bench.commands.report import parts_of
 from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, differences, samples_of
 from reports.bench.parts import run_parts
-from reports.bench.process import run_measured
-from reports.bench.study import add_scene_arguments, new_parser, plan_of, run_study
+from reports.bench.study import add_scene_arguments, new_parser, plan_of, run_study, run_validation
 
 #: Validated algorithms, and those of the case with one changed algorithm.
 ALGORITHMS = "template,wang2024"
@@ -105,9 +103,9 @@ def bench_commands(
     dict
         Under the names of bench.json. Times are in seconds. `beside`: name of the compared case.
         `share`: median divided by that of the compared case. `parts`: seconds of the parts of the
-        last run. `traced`, `whole`: traced samples and
-        samples of a run that skips nothing. `unlike`: paths of values that differ from those of the
-        compared case although they should be equal.
+        last run. `traced`, `whole`: traced samples and samples of a run that skips nothing.
+        `unlike`: paths of values that differ from those of the compared case although they should
+        be equal.
     """
     count = min(rounds.runs, _MAX_ROUNDS)
     cases, notes = _cases(plan, folder)
@@ -244,17 +242,13 @@ def _viewpoints(plan: Plan, text: str) -> tuple[Viewpoint, ...]:
 
 def _run(case: Case, out: Path, caches: Path, variables: Mapping[str, str]) -> dict[str, Any]:
     """Run a case; return its seconds and its peak memory."""
-    words = [sys.executable, "-m", *case.words]
+    words = [*case.words]
     if case.is_validation:
         shutil.rmtree(out, ignore_errors=True)
         words += ["-o", str(out)]
     cache = str(caches / case.cache) if case.cache else "off"
     kernels = {} if case.is_compiled else dict.fromkeys(_KERNEL_FOLDERS, str(caches / "kernels"))
-    run = run_measured(words, {**variables, FOLDER_VARIABLE: cache, **kernels})
-    # A check may fail on a small display; the run is complete nevertheless.
-    if run["code"] not in (EXIT_PASSED, EXIT_CHECK_FAILED):
-        raise WorkerError(f"{case.name!r}: exit code {run['code']}: {run['message']}")
-    return run
+    return run_validation(words, {**variables, FOLDER_VARIABLE: cache, **kernels}, repr(case.name))
 
 
 def _report(folder: Path, case: Case) -> dict[str, Any]:

@@ -19,13 +19,11 @@ from statistics import median
 from typing import Any
 
 from inim.cache import FOLDER_VARIABLE
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
 from inim.report.labels import number
 from inim.report.study import PagePart, Table
 from inim.timing import Rounds
 from reports.bench.parts import RUN_PARTS, items, run_parts
-from reports.bench.process import run_measured
-from reports.bench.study import new_parser, run_study
+from reports.bench.study import new_parser, run_study, run_validation
 
 BACKENDS = ("cuda", "llvm")
 _LARGE = "7680 x 4320"
@@ -60,9 +58,7 @@ def bench_backends(
                 out = folder / "report"
                 command = ["inim.validate", str(scene), "--backend", name, "-o", str(out), *words]
                 cache = {FOLDER_VARIABLE: str(folder / "cache")}
-                run = run_measured([sys.executable, "-m", *command], {**variables, **cache})
-                if run["code"] not in (EXIT_PASSED, EXIT_CHECK_FAILED):
-                    raise WorkerError(f"{panel}, {name}: {run['message']}")
+                run = run_validation(command, {**variables, **cache}, f"{panel}, {name}")
                 reports[name] = json.loads((out / "report.json").read_text("utf-8"))
                 for path in (out, folder / "cache"):
                     shutil.rmtree(path, ignore_errors=True)

@@ -18,13 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from inim.cache import FOLDER_VARIABLE
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
 from inim.report.labels import number
 from inim.report.plots import draw_front, draw_point, new_figure, plain_ticks, style
 from inim.report.study import PagePart, Table
 from reports.bench.parts import items, part
-from reports.bench.process import run_measured
-from reports.bench.study import new_parser, run_study
+from reports.bench.study import new_parser, run_study, run_validation
 
 ALGORITHM = "template"
 # Samples per pixel of the ground-truth EIA and of the ground-truth view.
@@ -77,13 +75,11 @@ def bench_samples(
         listener.stage(f"{scene.stem}: {settings['eia_spp']}, {settings['view_spp']}, seed {seed}")
         out = folder / "report"
         shutil.rmtree(out, ignore_errors=True)
-        command = [sys.executable, "-m", "inim.validate", str(scene), "-o", str(out), *options]
+        command = ["inim.validate", str(scene), "-o", str(out), *options]
         command += ["--algorithms", ALGORITHM, "--viewpoints", "centre", "--quiet"]
         for name, value in {**settings, "seed": seed}.items():
             command += ["-D", f"inim.{name}={value}"]
-        run = run_measured(command, {**variables, FOLDER_VARIABLE: "off"})
-        if run["code"] not in (EXIT_PASSED, EXIT_CHECK_FAILED):
-            raise WorkerError(f"{scene}: exit code {run['code']}: {run['message']}")
+        run = run_validation(command, {**variables, FOLDER_VARIABLE: "off"}, str(scene))
         report = json.loads((out / "report.json").read_text("utf-8"))
         times = {key: run[key] for key in ("seconds", "processor_seconds")}
         return {**times, "scores": _scores(report)}
