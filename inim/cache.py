@@ -20,7 +20,7 @@ import io
 import json
 import os
 import zipfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -33,6 +33,7 @@ from inim.process.atomic_file import atomic_file
 from inim.process.machine import user_cache_folder
 
 _PACKAGE = Path(__file__).resolve().parent
+_SOURCES = (".py", ".html", ".css", ".js", ".glsl")
 
 
 def cache_address(product: str, parts: Mapping[str, str]) -> str:
@@ -62,17 +63,23 @@ def array_digest(*arrays: np.ndarray | None) -> str:
 def code_digest(*places: str) -> str:
     """Digest of the source of modules and packages of this program, which changes with every edit.
 
-    `places` are paths below the package, such as ``"render"`` or ``"metrics/base.py"``.
+    `places` are paths below the package, such as ``"render"`` or ``"metrics/base.py"``; ``""`` is
+    the whole package.
     """
     digest = hashlib.sha256()
     for place in places:
         path = _PACKAGE / place
-        files = [path] if path.is_file() else sorted(path.rglob("*.py"))
+        files = [path] if path.is_file() else sorted(_source_files(path))
         if not files:
             raise FileNotFoundError(place)
         for file in files:
             digest.update(str(file.relative_to(_PACKAGE)).encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()[:40]
+
+
+def _source_files(folder: Path) -> Iterator[Path]:
+    """Modules, and the pages, styles, scripts and shaders next to them."""
+    return (path for path in folder.rglob("*.*") if path.suffix in _SOURCES)
 
 
 def _plain(value: Any) -> Any:

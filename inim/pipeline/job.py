@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from inim.cache import ResultCache, open_store
 from inim.documents.report import ReportDocument
@@ -13,6 +15,7 @@ from inim.pipeline.plan import Plan, check_baseline
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
 from inim.pipeline.validate import validate
+from inim.process.atomic_file import file_errors
 from inim.process.observer import Observer
 from inim.report import Report
 from inim.report.labels import suggested_criteria
@@ -21,18 +24,48 @@ from inim.worker.output import publish
 
 
 def run_job(plan: Plan, staging: Path, observer: Observer) -> bool:
-    """Entry point in the worker: validate and publish the report; True if every check passed."""
-    report = run(plan, staging, observer)
+    """Entry point in the worker: validate and publish the report; True if every check passed.
+
+    An unchanged run publishes its last report again, from the cache.
+    """
+    cache = _open_cache(plan)
+
+    def make_files() -> dict[str, np.ndarray]:
+        run(plan, staging, observer, cache)
+        paths = (path for path in staging.rglob("*") if path.is_file())
+        return {str(p.relative_to(staging)): np.fromfile(p, np.uint8) for p in paths}
+
+    if plan.is_reproducible:
+        files, reason = cache.find_or_make(
+            "report", lambda: plan.cache_key(_renderer(plan, observer)), make_files, explain=False
+        )
+        if reason is None:
+            _reuse(files, staging, observer)
+    else:
+        run(plan, staging, observer, cache)
     publish(staging, plan.request.out)
-    return report.passed
+    return Report.load(plan.request.out).passed
 
 
-def run(plan: Plan, staging: Path, observer: Observer | None = None) -> Report:
+def _reuse(files: Mapping[str, np.ndarray], staging: Path, observer: Observer) -> None:
+    """Write the files of an earlier report into a folder and print its scores."""
+    for name, content in files.items():
+        path = staging / name
+        with file_errors(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            content.tofile(path)
+    data = Report.load(staging).data
+    _print_scores(observer, data)
+    observer.line(f"nothing has changed since the report of {data.created}; --no-skip repeats it")
+
+
+def run(
+    plan: Plan, staging: Path, observer: Observer | None = None, cache: ResultCache | None = None
+) -> Report:
     """Carry out a plan in this process and write its report into `staging`, an empty folder."""
     observer = observer or Observer()
-    store = None if plan.request.no_skip else open_store()
     with observer.timed("start"):
-        run, renderer, images = setup(plan, staging, observer, store)
+        run, renderer, images = setup(plan, staging, observer, cache or _open_cache(plan))
         check_baseline(plan, renderer.backend.variant)
     report = validate(plan, renderer, images, run)
     _print_scores(observer, report.data)
@@ -41,17 +74,26 @@ def run(plan: Plan, staging: Path, observer: Observer | None = None) -> Report:
     return report
 
 
-def setup(
-    plan: Plan, folder: Path, observer: Observer, store: Any = None
-) -> tuple[Run, Renderer, Images]:
-    """Create the run, the renderer and the images of a plan."""
+def _open_cache(plan: Plan) -> ResultCache:
+    store = None if plan.request.no_skip else open_store()
+    return ResultCache(store, str(plan.request.scene.resolve()))
+
+
+def _renderer(plan: Plan, observer: Observer) -> Renderer:
     request = plan.request
-    cache = ResultCache(store, str(request.scene.resolve()))
-    renderer = Renderer(
+    return Renderer(
         request.backend, observer, plan.rays_in_flight, not request.no_skip, plan.plugins
     )
+
+
+def setup(
+    plan: Plan, folder: Path, observer: Observer, cache: ResultCache | None = None
+) -> tuple[Run, Renderer, Images]:
+    """Create the run, the renderer and the images of a plan; by default without a cache."""
+    cache = cache or ResultCache()
     attributes = {"inim:scene_sha256": plan.file.sha256, "inim:seed": str(plan.settings.seed)}
-    return Run(cache, observer), renderer, Images(folder, attributes, observer, cache)
+    images = Images(folder, attributes, observer, cache)
+    return Run(cache, observer), _renderer(plan, observer), images
 
 
 def _print_scores(observer: Observer, data: ReportDocument) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from inim.display import Display
 from inim.display.misalignment import misaligned, misalignment_text, parse_misalignment
@@ -20,6 +21,7 @@ from inim.pipeline.stages.capture import DepthCamera
 from inim.pipeline.stages.method import Method, OptimalMethod, parse_methods
 from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import Renderer, Scene
+from inim.pipeline.stages.stage import PROGRAM
 from inim.plugins import PluginModule
 from inim.regression.comparison import check_comparable
 from inim.regression.run_statistics import BASELINE, RunStatistics, read_statistics
@@ -88,6 +90,29 @@ class Plan:
     def command(self) -> list[str]:
         """Arguments of `python -m inim.validate` that repeat the run."""
         return self.request.command(self.settings, self.file.settings)
+
+    @property
+    def is_reproducible(self) -> bool:
+        """True if `cache_key` determines the report, except its times.
+
+        Times are measured again, and changes of finished EIAs, of other packages' algorithms and
+        of baselines are not detected.
+        """
+        is_own = all(method.is_reproducible for method in self.methods)
+        return is_own and self.baseline is None and not self.request.time
+
+    def cache_key(self, renderer: Renderer) -> dict[str, Any]:
+        """Return all values that affect the report."""
+        return {
+            "command": self.command,
+            "scene": self.file.sha256,
+            "settings": self.settings,
+            "displays": [self.display.parameters(), self.misaligned_display.parameters()],
+            **self.optics.cache_key(),
+            **renderer.cache_key(),
+            **{f"plugin {plugin.name}": plugin.sha256 for plugin in self.plugins},
+            **PROGRAM.key(),
+        }
 
     def camera(self, renderer: Renderer) -> DepthCamera:
         """Depth camera in front of the scene, which the renderer opens on first use."""

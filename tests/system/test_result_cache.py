@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from inim.files.image import read_exr
 from tests.schemas import read_document
@@ -86,15 +87,42 @@ def reason(report: dict[str, Any], step: str) -> str:
     return f"{row['performed']}; {row['why']}"
 
 
-def test_a_rerun_renders_nothing_and_has_the_same_results(bench):
+def test_a_rerun_into_another_folder_renders_nothing_and_has_the_same_results(bench):
     cold = bench.report()
-    pictures = {p: p.read_bytes() for p in bench.out.rglob("*.png")}
+    pictures = {p.name: p.read_bytes() for p in bench.out.rglob("*.png")}
     assert len(rendered(cold)) == 4
+    bench.out = bench.folder / "other"
     warm = bench.report()
     assert rendered(warm) == set()
     assert lasting(warm) == lasting(cold)
-    assert {p: p.read_bytes() for p in bench.out.rglob("*.png")} == pictures
+    assert {p.name: p.read_bytes() for p in bench.out.rglob("*.png")} == pictures
     assert warm["timings"]["mitsuba_render"] == 0
+
+
+def test_an_unchanged_command_has_its_last_report(bench):
+    def files() -> dict[Path, bytes]:
+        return {p: p.read_bytes() for p in bench.out.rglob("*") if p.is_file()}
+
+    bench.report()
+    report = files()
+    bench.report()
+    assert files() == report
+    # A comment is part of the scene's digest in the report.
+    bench.scene.write_text(f"{bench.scene.read_text('utf-8')}<!-- a remark -->", "utf-8")
+    bench.report()
+    changed = files()
+    assert changed.keys() == report.keys()
+    assert changed[bench.out / "report.json"] != report[bench.out / "report.json"]
+
+
+def test_a_finished_eia_is_read_again(bench):
+    bench.report()
+    eia = shutil.copy(bench.out / "eia" / "template.png", bench.folder / "mine.png")
+    words = ("--eia", f"mine={eia}")
+    before = bench.report(*words)
+    Image.fromarray(255 - np.asarray(Image.open(eia).convert("RGB"))).save(eia)
+    after = bench.report(*words)
+    assert after["algorithms"]["mine"]["views"] != before["algorithms"]["mine"]["views"]
 
 
 def test_everything_done_scores_the_same(cached_bench):

@@ -101,6 +101,11 @@ class Method(ABC):
         """Its input from the scene."""
         return RGBD
 
+    @property
+    def is_reproducible(self) -> bool:
+        """True if its name, the scene and this program determine its EIA."""
+        return True
+
     def check(self) -> None:  # noqa: B027 (most methods have none)
         """Raise an `InimError` for mistakes that can be detected without native code.
 
@@ -148,6 +153,11 @@ class GeneratorMethod(Method):
         """See `Method`."""
         return properties(self.name).input
 
+    @property
+    def is_reproducible(self) -> bool:
+        """See `Method`: changes of other packages' code are not detected."""
+        return properties(self.name).own
+
     def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:
         """See `Method`."""
         generate_from = prepare_generator(self.name, setup.camera, setup.mask, run=run)
@@ -160,6 +170,7 @@ class FileMethod(Method):
 
     path: Path
     verb = "read"
+    is_reproducible = False
 
     def check(self) -> None:
         """See `Method`."""

@@ -68,6 +68,12 @@ SCORING = Code(
     ("numba", "numpy", "scipy"),
     metrics.foreign_identities,
 )
+#: Everything, for a whole report.
+PROGRAM = Code(
+    ("",),
+    (*GENERATING.packages, "matplotlib", "msgspec", "pillow", "scipy"),
+    metrics.foreign_identities,
+)
 
 
 class SkippedSteps:

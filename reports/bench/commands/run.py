@@ -64,6 +64,8 @@ class Case:
         Values of the report that must be equal to those of `compared_with`; None: no value.
     is_compiled : bool
         False for a run that finds no compiled kernel.
+    folder : str
+        Name of the report's folder; default: the case's name.
     """
 
     name: str
@@ -73,6 +75,12 @@ class Case:
     compared_with: str = _COLD
     same: str | None = None
     is_compiled: bool = True
+    folder: str = ""
+
+    @property
+    def out(self) -> str:
+        """Name of the folder of its report."""
+        return self.folder or self.name
 
     @property
     def is_validation(self) -> bool:
@@ -113,7 +121,7 @@ def bench_commands(
     for number in range(1 + count):
         for case in cases:
             listener.stage(f"round {number} of {count}: {case.name}")
-            run = _run(case, folder / "reports" / case.name, folder / f"{number}", variables)
+            run = _run(case, folder / "reports" / case.out, folder / f"{number}", variables)
             if number:
                 runs[case.name].append(run)
         shutil.rmtree(folder / f"{number}", ignore_errors=True)
@@ -156,7 +164,8 @@ def _cases(plan: Plan, folder: Path) -> tuple[list[Case], list[str]]:
     cases = [
         Case(_HELP, "–", ("inim", "--help")),
         Case(_COLD, "nothing", validation(*usual), cache),
-        Case("unchanged", "all", validation(*usual), cache, same=EVERYTHING),
+        Case("unchanged", "all", validation(*usual), cache, same=EVERYTHING, folder=_COLD),
+        Case("another folder", "all", validation(*usual), cache, same=EVERYTHING),
         Case(
             "one algorithm changed",
             "all except its EIA and views",
@@ -252,7 +261,7 @@ def _run(case: Case, out: Path, caches: Path, variables: Mapping[str, str]) -> d
 
 
 def _report(folder: Path, case: Case) -> dict[str, Any]:
-    text = (folder / "reports" / case.name / "report.json").read_text("utf-8")
+    text = (folder / "reports" / case.out / "report.json").read_text("utf-8")
     report: dict[str, Any] = json.loads(text)
     return report
 
@@ -283,8 +292,11 @@ def _row(
     }
     if case.is_validation:
         report, other = reports[case.name], reports[case.compared_with]
-        row["parts"] = run_parts(report["timings"])
         row["traced"], row["whole"] = samples_of(report["skipped"], other["skipped"])
+        if case.folder:
+            row["traced"] = 0  # the compared case's report, from the cache
+        else:
+            row["parts"] = run_parts(report["timings"])
         if case.same is not None:
             row["unlike"] = differences(report, other, case.same)
     return row
