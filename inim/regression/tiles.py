@@ -156,9 +156,9 @@ class _Sums(NamedTuple):
         a, b = first.astype(np.float64), second.astype(np.float64)
         difference = a - b
         count = _sums(np.ones(a.shape[:2]), tile)
-        sums_of_powers = (
-            _Sets(difference, tile, count.shape).sums_of_powers if generated else _pixel_powers(tile)
-        )
+        sums_of_powers = _pixel_powers(tile)
+        if generated:
+            sums_of_powers = _Sets(difference, tile, count.shape).sums_of_powers
         squares, fourths = sums_of_powers(difference / 2)
         noise = np.square(difference)
         # var(a b) = 2 x^2 s^2 + s^4 with s^2 from (a - b)^2 / 2 and s^4 from (a - b)^4 / 12,
