@@ -36,6 +36,7 @@ def announced(monkeypatch):
         return [p for p in points if name in (None, p.name)]
 
     monkeypatch.setattr(plugins, "metadata", SimpleNamespace(entry_points=entry_points))
+    monkeypatch.syspath_prepend("another search path")
 
 
 def test_an_algorithm_of_our_own_is_found_by_its_file():
