@@ -60,17 +60,27 @@ def _reuse(files: Mapping[str, np.ndarray], staging: Path, observer: Observer) -
 
 
 def run(
-    plan: Plan, staging: Path, observer: Observer | None = None, cache: ResultCache | None = None
+    plan: Plan,
+    staging: Path,
+    observer: Observer | None = None,
+    cache: ResultCache | None = None,
+    *,
+    data_only: bool = False,
 ) -> Report:
-    """Carry out a plan in this process and write its report into `staging`, an empty folder."""
+    """Carry out a plan in this process and write its report into `staging`, an empty folder.
+
+    With `data_only`, write neither pictures nor pages, only the statistics.
+    """
     observer = observer or Observer()
     with observer.timed("start"):
         run, renderer, images = setup(plan, staging, observer, cache or _open_cache(plan))
         check_baseline(plan, renderer.backend.variant)
+    images.is_off = data_only
     report = validate(plan, renderer, images, run)
     _print_scores(observer, report.data)
-    observer.stage("write report")
-    report.write(run.cache)
+    if not data_only:
+        observer.stage("write report")
+        report.write(run.cache)
     return report
 
 

@@ -54,7 +54,8 @@ _INPUT_FILES = {RGBD: "rgbd.exr", LayeredRGBD: "layers.exr"}
 class Images:
     """Writes images in a separate thread: compressing them takes as long as scoring them.
 
-    `attributes` go into every EXR file; the cache holds compressed PNG files.
+    `attributes` go into every EXR file; the cache holds compressed PNG files. With `is_off`,
+    nothing is written.
     """
 
     def __init__(
@@ -69,6 +70,7 @@ class Images:
         self._attributes = attributes
         self._thread = ThreadPoolExecutor(1, "images")
         self._waiting: list[tuple[Future[None], int]] = []
+        self.is_off = False
 
     def save(self, name: str, linear: np.ndarray) -> None:
         """Write an image, (rows, columns, 3) linear RGB, as PNG and EXR; do not modify it later.
@@ -120,6 +122,8 @@ class Images:
 
     def _submit(self, write: Callable[[], None], size: int) -> None:
         """Submit a function that writes a file and occupies `size` bytes until then."""
+        if self.is_off:
+            return
         with self._observer.timed(_TIMER):
             while self._waiting and (
                 self._waiting[0][0].done()

@@ -20,7 +20,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -359,9 +359,10 @@ def _validate(task: SweepTask, plan: Plan, staging: Path, observer: Observer) ->
     from inim.render import variant
 
     variant.use(task.request.backend)
+    carry_out = partial(run, plan, staging, observer, data_only=not task.keep_report)
     if task.threads is None:
-        return run(plan, staging, observer)
+        return carry_out()
     from inim.render.reference_kernel import drjit_threads
 
     with drjit_threads(max(_FEWEST_RENDER_THREADS, task.threads)):
-        return run(plan, staging, observer)
+        return carry_out()
