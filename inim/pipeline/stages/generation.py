@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import redirect_stderr
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -31,12 +32,12 @@ from inim.regression.fingerprints import Fingerprint, fingerprint, reference_inp
 
 @dataclass(frozen=True)
 class ReferenceOutput:
-    """Output of a generator for the reference input, computed on demand.
+    """Output of a generator for the reference input.
 
-    `eia` returns (rows, columns, 3) float32; the fingerprint is cached.
+    `eia` returns (rows, columns, 3) float32, computed on demand.
     """
 
-    fingerprint: Callable[[], Fingerprint]
+    fingerprint: Fingerprint
     eia: Callable[[], np.ndarray]
 
 
@@ -150,7 +151,9 @@ def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
 def _fingerprint(generator: GeneratorHandle) -> Fingerprint:
     """Fingerprint of a generator's output for the reference input."""
     rgbd, exact = generator.reference_input(), generator.properties.portable
-    return fingerprint(rgbd, generator.rerun(rgbd).eia, generator.display, exact=exact)
+    # Messages are silenced for the whole process, so not in a thread; our own have none.
+    generate = generator.run if generator.properties.own else generator.rerun
+    return fingerprint(rgbd, generate(rgbd).eia, generator.display, exact=exact)
 
 
 def prepare_generator(
@@ -167,22 +170,28 @@ def prepare_generator(
     if not (is_own and generate.is_cached(generator, camera, run=run)):
         _ = generator.generator
 
-    def compute_fingerprint() -> Fingerprint:
-        return _fingerprint(generator, run=run) if is_own else _fingerprint.function(generator)
+    # A generator's first call compiles its kernels: while the scene is rendered. Not in a thread for
+    # another package's generator, which may not be thread-safe.
+    started = _AHEAD.submit(_fingerprint, generator, run=run) if is_own and mask is None else None
 
     def generate_from(capture: Capture) -> GeneratedEIA:
+        reference = None
+        if mask is None:  # the fingerprint of a partial EIA is not comparable
+            fingerprint = started.result() if started else _fingerprint.function(generator)
+            reference = ReferenceOutput(
+                fingerprint, lambda: generator.rerun(generator.reference_input()).eia
+            )
         if is_own:
             output = generate(generator, capture, run=run)
         else:
             output = generate.function(generator, capture)
-        if mask is not None:  # the fingerprint of a partial EIA is not comparable
-            return output
-        reference = ReferenceOutput(
-            compute_fingerprint, lambda: generator.rerun(generator.reference_input()).eia
-        )
         return replace(output, reference_output=reference)
 
     return generate_from
+
+
+# One thread: kernels use all cores.
+_AHEAD = ThreadPoolExecutor(1, "ahead")
 
 
 def hole_fraction(

@@ -113,9 +113,8 @@ def score_method(
             viewpoint: submit(_score_against_truth, truth, viewpoint, view, run)
             for viewpoint, view in views.items()
         }
-        # Not in a thread: another package's generator may not be thread-safe.
         reference = output.reference_output
-        fingerprints = {} if reference is None else {name: reference.fingerprint()}
+        fingerprints = {} if reference is None else {name: reference.fingerprint}
         scores_by_view = {viewpoint: future.result() for viewpoint, future in futures.items()}
         view_values, precision = reported_scores(scores_by_view)
         result = AlgorithmResult(

@@ -48,7 +48,7 @@ def bench_workers(
         words = ["inim", "sweep", str(study), "--workers", str(count), "-o", str(out), "--quiet"]
         run = run_validation(words, {**variables, **cache}, f"{count} workers")
         table = read_table(out / "sweep.parquet").to_pylist()
-        units = {row["unit"]: row for row in table}
+        units = {row["unit"]: row for row in table if row["status"] == "ok"}
         inside = sum(row["unit_seconds"] for row in units.values())
         for path in (out, folder / "cache"):
             shutil.rmtree(path, ignore_errors=True)
