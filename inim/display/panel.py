@@ -115,4 +115,4 @@ def panel_words(display: Display) -> list[str]:
     parts = [f"{name} {100 * share:.4g} %" for name, share in shares.items() if share]
     if display.white_point_k is not None:
         parts.append(f"white point {display.white_point_k:g} K")
-    return [f"Views include the panel's {', '.join(parts)}."] if parts else []
+    return [f"Views include the panel's light: {', '.join(parts)}."] if parts else []
