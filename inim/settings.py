@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from inim.display import DISPLAYS, Display
-from inim.display.layers import layers_text
+from inim.display.layers import layers_text, parse_layers
 from inim.errors import DisplayError, SceneError, UsageError, suggest_words
 from inim.process.atomic_file import write_atomically
 
@@ -40,10 +40,10 @@ DISPLAY_KEYS = tuple(f.name for f in fields(Display) if f.name != "name")
 def value_text(name: str, value: object) -> str:
     """Text of a setting's or an option's value, read back as the same value.
 
-    Raises `UsageError` for anything but text, numbers, paths and layers.
+    Raises `UsageError` for anything but text, numbers, paths, and pairs of layers.
     """
-    if isinstance(value, tuple):
-        return layers_text(value)
+    if isinstance(value, list | tuple) and "layers" in name:
+        return layers_text(parse_layers(value))
     if isinstance(value, bool) or not isinstance(value, str | Real | PathLike):
         raise UsageError(f"{name}: {value!r} is a {type(value).__name__}; give text or a number")
     if not isinstance(value, Real):

@@ -5,9 +5,9 @@ import pytest
 
 from inim.display import DISPLAYS
 from inim.display.layers import air_equivalent_mm, excess_mm, layers_text, parse_layers
-from inim.errors import DisplayError
+from inim.errors import DisplayError, UsageError
 from inim.lens import check_lens_model, trace_to_panel, white_exposure
-from inim.scene.file import choose_display
+from inim.scene.file import choose_display, parse_definitions
 from inim.settings import plain_parameters
 
 NOMINAL = DISPLAYS["nominal"]
@@ -39,8 +39,9 @@ def test_display_files_and_definitions_have_layers(tmp_path):
     assert '<default name="inim.layers" value="0.5 1.52, 0.1 1.41"/>' in text
     display, _ = choose_display(tmp_path / "glass.xml")
     assert display.layers == GLASS.layers
-    for words, layers in (("0.7 1.5", ((0.7, 1.5),)), ("none", ())):
-        display, _ = choose_display(tmp_path / "glass.xml", {"inim.layers": words})
+    for words, layers in (("0.7 1.5", ((0.7, 1.5),)), ("none", ()), ([[1, 1.5]], ((1.0, 1.5),))):
+        definitions = parse_definitions({"inim.layers": words})
+        display, _ = choose_display(tmp_path / "glass.xml", definitions)
         assert display.layers == layers
 
 
@@ -61,6 +62,11 @@ def test_impossible_layers_are_refused_in_a_line(layers, message):
     with pytest.raises(DisplayError, match=message) as error:
         NOMINAL.replace(layers=layers)
     assert "\n" not in str(error.value)
+
+
+def test_pairs_are_a_value_of_layers_only():
+    with pytest.raises(UsageError, match=r"inim\.viewpoints.*is a tuple; give text or a number"):
+        parse_definitions({"inim.viewpoints": ("centre", "left")})
 
 
 def test_layers_must_fit_behind_the_thick_lens():
