@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from inim.display import DISPLAYS, Display
+from inim.display.layers import layers_text, parse_layers
 from inim.errors import DisplayError, SceneError, UsageError, suggest_words
 from inim.process.atomic_file import write_atomically
 
@@ -39,14 +40,29 @@ DISPLAY_KEYS = tuple(f.name for f in fields(Display) if f.name != "name")
 def value_text(name: str, value: object) -> str:
     """Text of a setting's or an option's value, read back as the same value.
 
-    Raises `UsageError` for anything but text, numbers and paths.
+    Raises `UsageError` for anything but text, numbers, paths, and pairs of layers.
     """
+    if isinstance(value, list | tuple) and "layers" in name:
+        return layers_text(parse_layers(value))
     if isinstance(value, bool) or not isinstance(value, str | Real | PathLike):
         raise UsageError(f"{name}: {value!r} is a {type(value).__name__}; give text or a number")
     if not isinstance(value, Real):
         return str(value)
     number = float(value)
     return str(int(number)) if number.is_integer() and abs(number) < _EXACT else repr(number)
+
+
+def plain_parameters(display: Display) -> dict[str, Any]:
+    """A display's parameters as text and numbers, without its name and those that are not set.
+
+    The plugins of Mitsuba scenes and a study's `[[display]]` take them so.
+    """
+    values = {key: getattr(display, key) for key in DISPLAY_KEYS}
+    return {
+        key: layers_text(value) if isinstance(value, tuple) else value
+        for key, value in values.items()
+        if value is not None
+    }
 
 
 def _setting(
@@ -66,7 +82,9 @@ class Settings:
     display: str = _setting("nominal", f"preset to start from: {', '.join(DISPLAYS)}")
     pitch_mm: float | None = _setting(None, "lens pitch P")
     focal_length_mm: float | None = _setting(None, "lens focal length f")
-    gap_mm: float | None = _setting(None, "gap g between lens array and panel")
+    gap_mm: float | None = _setting(
+        None, "gap g between lens array and panel, air-equivalent: a layer counts as t / n"
+    )
     pixel_pitch_mm: float | None = _setting(None, "panel pixel P_D")
     lens_columns: int | None = _setting(None, "lenses across")
     lens_rows: int | None = _setting(None, "lenses down")
@@ -95,6 +113,11 @@ class Settings:
     aperture: str | None = _setting(None, "shape of a lens's aperture: square or round (square)")
     fill_factor: float | None = _setting(None, "width of a lens's aperture, in pitches (1)")
     between_lenses: str | None = _setting(None, "sheet between the apertures: dark or clear (dark)")
+    layers: str | None = _setting(
+        None,
+        "layers in the gap, from the lenses on, thickness in mm and index: '0.5 1.52, 0.1 1.47' "
+        "(none)",
+    )
     shift_x_mm: float | None = _setting(None, "shift of the array to the right (0)")
     shift_y_mm: float | None = _setting(None, "shift of the array upwards (0)")
     rotation_deg: float | None = _setting(
@@ -105,6 +128,16 @@ class Settings:
     subpixels: str | None = _setting(None, "sub-pixel layout: none, rgb-stripe or pentile (none)")
     pixel_fill: float | None = _setting(
         None, "width of the light-emitting area of a (sub-)pixel, in its pitches (1)"
+    )
+    black_level: float | None = _setting(None, "luminance of the panel's black over white (0)")
+    ambient_reflection: float | None = _setting(
+        None, "room light that the display reflects, as a share of white (0)"
+    )
+    veiling_glare: float | None = _setting(
+        None, "share of a view's light that spreads evenly over it (0)"
+    )
+    white_point_k: float | None = _setting(
+        None, "colour temperature of the panel's white, kelvin (D65)"
     )
     misalign: str = _setting(
         "", "misalignment that the algorithms do not correct: 'rotation_deg=0.5, gap_mm=0.1'"

@@ -19,6 +19,7 @@ from inim.calibration.model import Intrinsics
 from inim.display import Display
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.lens import trace_to_panel
+from inim.settings import plain_parameters
 from tests.schemas import completed
 
 
@@ -144,8 +145,8 @@ def write_calibrated(
 
     Returns the linear light of the EIA.
     """
-    parameters = {k: v for k, v in display.parameters().items() if v is not None and k != "name"}
-    lines = [f'<default name="inim.{k}" value="{v}"/>' for k, v in parameters.items()]
+    parameters = plain_parameters(display).items()
+    lines = [f'<default name="inim.{k}" value="{v}"/>' for k, v in parameters]
     (folder / "mine.xml").write_text(f'<scene version="3.0.0">{"".join(lines)}</scene>')
     document = {"camera": {"width_px": shape[1], "height_px": shape[0], **camera._asdict()}}
     document |= {"positions": [*(positions or [STRAIGHT_ON])]}

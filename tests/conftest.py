@@ -12,6 +12,7 @@ import pytest
 from inim.backend import choose_backend
 from inim.display import Display
 from inim.errors import BackendError
+from inim.settings import plain_parameters
 
 LIT = """
 <integrator type="path"><integer name="max_depth" value="2"/></integrator>
@@ -73,7 +74,7 @@ def display_shape(eia: np.ndarray, display: Display, lens_model: str) -> dict[st
     """The scene dictionary of a display showing an EIA, in a world that is the display frame."""
     import mitsuba as mi
 
-    parameters = {k: v for k, v in display.parameters().items() if v is not None and k != "name"}
+    parameters = plain_parameters(display)
     picture = mi.TensorXf(np.ascontiguousarray(eia, np.float32))
     return {
         "type": "rectangle",

@@ -78,7 +78,8 @@ def flat(part: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 # Complete examples of dataclasses: separate examples of their fields may be inconsistent.
-DATACLASSES = {"Display": DISPLAYS["nominal"].parameters(), "Settings": asdict(Settings())}
+DATACLASSES = {"Display": asdict(DISPLAYS["nominal"]), "Settings": asdict(Settings())}
+DATACLASSES = json.loads(json.dumps(DATACLASSES))
 
 
 def types_of(part: dict[str, Any]) -> list[str]:

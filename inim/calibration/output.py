@@ -29,7 +29,7 @@ from inim.documents.display import (
     ParameterEstimate,
 )
 from inim.documents.parts import DisplayRecord, origin
-from inim.settings import DISPLAY_KEYS, display_xml
+from inim.settings import DISPLAY_KEYS, display_xml, value_text
 from inim.version import __version__
 
 _VERSIONS = ("numpy", "scipy")
@@ -55,7 +55,7 @@ def display_file(calibration: Calibration, preset: str) -> str:
         if values[key] == defaults[key] and estimate is None:
             continue
         value = values[key]
-        text = f"{value:.{_DIGITS}g}" if isinstance(value, float) else str(value)
+        text = f"{value:.{_DIGITS}g}" if isinstance(value, float) else value_text(key, value)
         if estimate is not None and estimate.is_known:
             text = f"{value:.{_decimals(estimate.error)}f}"
         texts[key] = text

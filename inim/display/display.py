@@ -20,7 +20,16 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
-from inim.display.parameters import Aperture, BetweenLenses, CurvedSide, Lattice, Subpixels
+from inim.display.layers import parse_layers
+from inim.display.panel import check_panel
+from inim.display.parameters import (
+    Aperture,
+    BetweenLenses,
+    CurvedSide,
+    Lattice,
+    Layers,
+    Subpixels,
+)
 from inim.display.pixels import (
     SUBPIXELS,
     PixelAxis,
@@ -58,7 +67,7 @@ _WORDS = {
 _LONGEST_MM = 1e38
 # Far above what a sheet glued by hand misses, and far below where a tilted panel meets its array.
 _STEEPEST_TILT_DEG = 10.0
-# What a lens does to rays that do not go through its centre.
+# What does not change the ray through a lens's centre: the rest of the lens, and the panel's light.
 _LENS_ONLY = (
     "refractive_index",
     "lens_thickness_mm",
@@ -70,6 +79,11 @@ _LENS_ONLY = (
     "aperture",
     "fill_factor",
     "between_lenses",
+    "layers",
+    "black_level",
+    "ambient_reflection",
+    "veiling_glare",
+    "white_point_k",
 )
 
 
@@ -77,6 +91,8 @@ def _check_parameter(name: str, kind: str, value: Any) -> Any:
     """Value of a parameter as a plain number or word; NumPy's numbers are accepted."""
     if value is None and "None" in kind:
         return None
+    if kind == "Layers":
+        return parse_layers(value)
     if kind.startswith("int"):
         if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
             raise DisplayError(f"{name} = {value!r}: must be a whole number of at least 1")
@@ -110,7 +126,8 @@ class Display:
         Lens pitch P: distance between adjacent lenses in a row.
     focal_length_mm, gap_mm : float
         Focal length f and gap g between lens array and panel. g > f gives real images in front of
-        the array, g < f virtual images behind it; g = f (focused) needs a depth range.
+        the array, g < f virtual images behind it; g = f (focused) needs a depth range. g is
+        air-equivalent: a layer of thickness t and index n counts as t / n (see `layers`).
     pixel_pitch_mm : float
         Panel pixel P_D. P / P_D need not be an integer.
     lens_columns, lens_rows : int
@@ -139,6 +156,10 @@ class Display:
         Width of a lens's aperture in pitches, 0..1.
     between_lenses : {"dark", "clear"}
         Area outside the apertures: paint, or the sheet's bare flat surface.
+    layers : sequence of (thickness_mm, refractive_index), or str
+        Layers between lenses and panel, from the lenses on, such as cover glass; as text,
+        ``"0.5 1.52, 0.1 1.47"``. They are parts of the gap; the rest is air, next to the lenses.
+        The ``thick`` model refracts at each of them, ``thin`` and ``pinhole`` use g alone.
     shift_x_mm, shift_y_mm, rotation_deg : float
         Shift of the array over the panel, right and up, followed by a rotation about its own
         centre, counter-clockwise as the viewer sees it. Panel, eye and picture keep their
@@ -151,6 +172,15 @@ class Display:
         like a chessboard).
     pixel_fill : float
         Width and height of the emitting area, in pixels or sub-pixels, 0..1; the rest is black.
+    black_level : float
+        Luminance of the panel's black as a share of its white, 0..1: 0.001 for a contrast of
+        1000:1.
+    ambient_reflection : float
+        Room light that the display reflects to the viewer, as a share of the panel's white.
+    veiling_glare : float
+        Share of a view's light that spreads evenly over the view, 0..1.
+    white_point_k : float, optional
+        Colour temperature of the panel's white on the daylight locus, kelvin; default: D65.
     name : str
         Name of the display in reports.
 
@@ -183,6 +213,7 @@ class Display:
     aperture: Aperture = "square"
     fill_factor: float = 1.0
     between_lenses: BetweenLenses = "dark"
+    layers: Layers = ()
     shift_x_mm: float = 0.0
     shift_y_mm: float = 0.0
     rotation_deg: float = 0.0
@@ -190,6 +221,10 @@ class Display:
     tilt_y_deg: float = 0.0
     subpixels: Subpixels = "none"
     pixel_fill: float = 1.0
+    black_level: float = 0.0
+    ambient_reflection: float = 0.0
+    veiling_glare: float = 0.0
+    white_point_k: float | None = None
     name: str = "custom"
 
     def __post_init__(self) -> None:
@@ -210,6 +245,7 @@ class Display:
                 raise DisplayError(
                     f"{name} = {getattr(self, name)}: at most {_STEEPEST_TILT_DEG:g} degrees"
                 )
+        check_panel(self)
         if self.abbe_number is not None and self.abbe_number <= 0:
             raise DisplayError(f"abbe_number = {self.abbe_number}: must be above 0")
         for name in ("pitch_mm", "elemental_image_pitch_mm"):
@@ -643,10 +679,10 @@ class Display:
         )
 
     def through_pinholes(self) -> Display:
-        """Copy with pinholes as lenses, without a name; the lenses' parameters have their defaults.
+        """Copy with pinholes and an ideal panel, without a name.
 
-        The ground truth is traced through lens centres, so displays that differ only in their
-        lenses share it.
+        The parameters of lenses, layers and the panel's light have their defaults. The ground truth
+        is traced through lens centres, so displays that differ only in these share it.
         """
         defaults: dict[str, Any] = {
             field.name: field.default for field in fields(self) if field.name in _LENS_ONLY

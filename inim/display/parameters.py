@@ -7,6 +7,8 @@ Lattice = Literal["square", "hexagonal"]
 Aperture = Literal["square", "round"]
 BetweenLenses = Literal["dark", "clear"]
 Subpixels = Literal["none", "rgb-stripe", "pentile"]
+#: Layers between lenses and panel, from the lenses on: thickness in mm, refractive index.
+Layers = tuple[tuple[float, float], ...]
 
 
 class DisplayParameters(TypedDict, total=False):
@@ -35,6 +37,7 @@ class DisplayParameters(TypedDict, total=False):
     aperture: Aperture
     fill_factor: float
     between_lenses: BetweenLenses
+    layers: Layers
     shift_x_mm: float
     shift_y_mm: float
     rotation_deg: float
@@ -42,4 +45,8 @@ class DisplayParameters(TypedDict, total=False):
     tilt_y_deg: float
     subpixels: Subpixels
     pixel_fill: float
+    black_level: float
+    ambient_reflection: float
+    veiling_glare: float
+    white_point_k: float | None
     name: str

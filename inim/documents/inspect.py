@@ -41,6 +41,11 @@ class DepthFigures(DepthRange):
     depth_range_is_stated: bool  #: True if the settings give the range; otherwise the formula does.
     voxel_at_depth_min_mm: float  #: Width of a pixel's beam at the far end, mm.
     voxel_at_depth_max_mm: float  #: Width of a pixel's beam at the near end, mm.
+    #: Geometrical length of the gap less its air-equivalent length, mm.
+    layers_excess_mm: float
+    #: Central depth plane if the gap were a measured length, with the display's layers in it or, if
+    #: it has none, 0.5 mm of cover glass, z in mm; null: none.
+    central_depth_if_measured_mm: float | None
 
 
 class PixelChoice(Part):
@@ -142,6 +147,9 @@ class InspectDocument(Document, tag="inim.inspect/2"):
     pixels_per_lens: list[PixelChoice]
     viewing: ViewingLimits
     voxel: VoxelWidths
+    #: Diffraction by a lens's aperture: wavelength x gap / (aperture x panel pixel). No lens model
+    #: includes it.
+    diffraction_px: float
     spots: list[SpotFigures]  #: Images of a point through one lens, by field angle and colour.
     #: Destinations of the rays from an eye to the lens array, by the name of the eye position.
     light: dict[str, LightRecord]

@@ -23,6 +23,7 @@ from inim.inspection.geometry import (
     array_samples,
     crosstalk_map,
     depth_figures,
+    diffraction_px,
     has_whole_pixels,
     light_shares,
     pixel_choice,
@@ -42,6 +43,8 @@ from inim.version import __version__
 #: Tried first where none is chosen.
 DEFAULT_LENS_MODEL = Settings.lens_model
 _MOST_CROSSTALK = 0.01
+# Above this, diffraction is no longer small against a pixel.
+_MOST_DIFFRACTION_PX = 0.1
 # Fields in which a mounted array may differ from its design, and the words for a positive and a
 # negative number.
 _DIRECTIONS = {
@@ -192,6 +195,7 @@ def inspect_display(
         pixels_per_lens=[pixel_choice(design, times) for times in PIXEL_STEPS],
         viewing=zone,
         voxel=voxel_widths(design),
+        diffraction_px=diffraction_px(design),
         spots=[spot.figures() for spot in all_spots],
         light={
             eye.name: light_shares(design, real, model, eye.position_mm, samples)
@@ -209,6 +213,7 @@ def cautions(data: InspectDocument) -> list[str]:
     return [
         *lenses_beside_panel(data.display),
         *_depth_findings(data.display),
+        *_layer_findings(data),
         *_viewing_findings(data),
         *_lens_findings(data),
         *_crosstalk_findings(data),
@@ -244,6 +249,19 @@ def _depth_findings(display: Display) -> Iterator[str]:
             f"Depth range cut: the formula's {display.depth_span_mm:.4g} mm about the central "
             f"depth plane cross the lens array, so it is cut to {low:.4g} to {high:.4g} mm. "
             "More pixels per lens would make the formula valid."
+        )
+
+
+def _layer_findings(data: InspectDocument) -> Iterator[str]:
+    display, excess = data.display, data.depth.layers_excess_mm
+    depth, (low, high) = data.depth.central_depth_if_measured_mm, display.depth_range_mm
+    if excess and (depth is None or not low <= depth <= high):
+        position = "nowhere" if depth is None else f"at {depth:.4g} mm"
+        yield (
+            f"Layers: gap_mm is air-equivalent. If the {display.gap_mm:.4g} mm are a measured "
+            f"length with the layers in it, set gap_mm to {display.gap_mm - excess:.4g}: the "
+            f"central depth plane is then {position} instead of at "
+            f"{display.central_depth_mm:.4g} mm, outside the depth range."
         )
 
 
@@ -288,6 +306,12 @@ def _lens_findings(data: InspectDocument) -> Iterator[str]:
             f"{2 * radius:.3g} µm across (twice the RMS radius, at "
             f"{angle:.3g}°) on pixels of {pixel_um:.3g} µm; "
             "neighbouring directions blend."
+        )
+    if data.diffraction_px > _MOST_DIFFRACTION_PX:
+        yield (
+            f"Diffraction: {data.diffraction_px:.2g} pixels, more than {_MOST_DIFFRACTION_PX:g}. "
+            "No lens model includes it, so views are less sharp than computed; larger lenses or "
+            "pixels reduce it."
         )
 
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display import Display
+from inim.display.layers import excess_mm
 from inim.display.viewpoint import DEFAULT_VIEWPOINTS, named_viewpoint
 from inim.documents.inspect import (
     CrosstalkGrid,
@@ -25,10 +26,13 @@ from inim.documents.inspect import (
 from inim.documents.parts import DepthRange, EyePosition
 from inim.errors import DisplayError
 from inim.inspection.spots import array_to_display, cell_of, finite_or_none, land, lens_at
+from inim.lens.array import CHANNEL_WAVELENGTHS_NM
 from inim.report.diagram import zone_outline_mm
 
 #: Pixels per lens to compare: half as many, these, twice as many.
 PIXEL_STEPS = (0.5, 1.0, 2.0)
+#: Usual glass of a phone, for displays whose layers are not given.
+COVER_GLASS = ((0.5, 1.52),)
 # Panels are driven with 8 bits of red, green and blue.
 _BYTES_PER_PIXEL = 3
 _CURVE_POINTS = 241
@@ -77,7 +81,29 @@ def depth_figures(display: Display) -> DepthFigures:
         depth_range_is_stated=display.depth_min_mm is not None,
         voxel_at_depth_min_mm=float(voxel_mm(display, low)),
         voxel_at_depth_max_mm=float(voxel_mm(display, high)),
+        layers_excess_mm=excess_mm(display.layers),
+        central_depth_if_measured_mm=depth_if_measured_mm(display),
     )
+
+
+def depth_if_measured_mm(display: Display) -> float | None:
+    """Central depth plane if `gap_mm` were a measured length instead of air-equivalent; None: none.
+
+    With the display's layers in it, or with `COVER_GLASS` if it has none.
+    """
+    f, gap = display.focal_length_mm, display.gap_mm - excess_mm(display.layers or COVER_GLASS)
+    return None if gap <= 0 or gap == f else f * gap / (gap - f)
+
+
+def diffraction_px(display: Display) -> float:
+    """Wavelength x gap / (aperture x panel pixel), for green.
+
+    That is how far the first zero of a square aperture's diffraction pattern is from its centre on
+    the panel (Goodman, Introduction to Fourier Optics), in panel pixels.
+    """
+    wavelength_mm = 1e-6 * CHANNEL_WAVELENGTHS_NM[1]
+    aperture_mm = display.fill_factor * display.pitch_mm
+    return wavelength_mm * display.gap_mm / (aperture_mm * display.pixel_pitch_mm)
 
 
 def pixel_choice(display: Display, times: float) -> PixelChoice:

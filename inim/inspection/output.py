@@ -5,8 +5,10 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable
 
+from inim.display.panel import panel_words
 from inim.documents.inspect import InspectDocument, PixelChoice
 from inim.inspection.geometry import (
+    COVER_GLASS,
     PIXEL_STEPS,
     aperture_blur_mm,
     mode,
@@ -71,8 +73,10 @@ def _display(data: InspectDocument) -> list[str]:
             f"{d.aperture} apertures",
         ),
         _line("", f"{lens}, aperture {_n(d.fill_factor * d.pitch_mm)} mm"),
+        *_layers(data),
         _line("panel", f"{columns} x {rows} pixels of {_n(1e3 * d.pixel_pitch_mm)} µm"),
         _line("pixels per lens", f"{_n(d.pixels_per_lens)} pixels along one axis"),
+        *(_line("panel light", sentence) for sentence in panel_words(d)),
         _line("lens model used below", data.lens_model.name),
     ]
     off = data.misalignment
@@ -85,6 +89,18 @@ def _display(data: InspectDocument) -> list[str]:
     return lines
 
 
+def _layers(data: InspectDocument) -> list[str]:
+    d = data.display
+    if not d.layers:
+        return []
+    parts = ", ".join(f"{_n(thickness)} mm of n = {_n(n)}" for thickness, n in d.layers)
+    measured = f"{_n(d.gap_mm + data.depth.layers_excess_mm)} mm geometrically"
+    return [
+        _line("layers from the lenses on", parts),
+        _line("", f"gap g = {_n(d.gap_mm)} mm is air-equivalent, {measured}"),
+    ]
+
+
 def _depth_lines(data: InspectDocument) -> list[str]:
     d = data.display
     low, high = d.depth_range_mm
@@ -95,6 +111,10 @@ def _depth_lines(data: InspectDocument) -> list[str]:
             _line("central depth plane D", f"{_n(d.central_depth_mm)} mm"),
             _line("scene pixel P_I at D", f"{_n(d.scene_pixel_mm)} mm"),
         ]
+    wrong = data.depth.central_depth_if_measured_mm
+    glass = "these layers" if d.layers else f"{_n(COVER_GLASS[0][0])} mm of cover glass"
+    value = "none" if wrong is None else f"{_n(wrong)} mm"
+    lines.append(_line("D if g is a measured length", f"{value}, with {glass} in it"))
     stated = d.depth_min_mm is not None
     origin = (
         "from the settings"
@@ -177,6 +197,9 @@ def _spots(data: InspectDocument) -> list[str]:
     focused = mode(data.display) == "focused"
     of = "a far point" if focused else "a point at D"
     lines = [f"Spot of {of} through one lens ({data.lens_model.name})"]
+    lines.append(
+        _line("diffraction, λ g / (P p)", f"{data.diffraction_px:.3f} pixels, in no lens model")
+    )
     for spot in data.spots:
         colour = "" if spot.colour == "all" else f", {spot.colour}"
         lost = f", {100 * spot.lost_share:.3g} % of its rays lost" if spot.lost_share else ""

@@ -235,7 +235,7 @@ def trace_to_panel(
     x, y, sx, sy = np.broadcast_arrays(
         *(np.asarray(value, dtype) for value in (x_mm, y_mm, slope_x, slope_y))
     )
-    array = LensArray(*(dtype(value) for value in lens_array(display)))
+    array = lens_array(display).convert(dtype)
     n = dtype(display.refractive_index if index is None else index)
     with np.errstate(invalid="ignore"):  # lanes of total reflection carry weight 0
         panel_x, panel_y, weight = through_array(

@@ -9,11 +9,13 @@ compilation.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from inim.display import Display
+from inim.display.layers import air_equivalent_mm
 
 
 class Ops(NamedTuple):
@@ -28,8 +30,15 @@ class Ops(NamedTuple):
 NUMPY_OPS = Ops(np.sqrt, np.floor, np.where, np.abs)
 
 
+# Air that is thinner, shorter than two wavelengths, is contact: no lens sheet is measured better.
+_CONTACT_MM = 1e-3
+
+
 class LensTraits(NamedTuple):
-    """Kind of lenses of a display: Python values, fixed when a kernel is compiled."""
+    """Kind of lenses of a display: Python values, fixed when a kernel is compiled.
+
+    `touching`: the layers behind the lenses begin without air.
+    """
 
     hexagonal: bool
     round_aperture: bool
@@ -40,6 +49,7 @@ class LensTraits(NamedTuple):
     asphere: bool
     turned: bool
     tilted: bool
+    touching: bool = False
 
 
 class LensArray(NamedTuple):
@@ -65,6 +75,8 @@ class LensArray(NamedTuple):
         Shift and rotation of the array over the panel.
     tilt_x, tilt_y :
         Growth of the gap per millimetre.
+    layers : tuple of (thickness, index)
+        Layers in the gap, from the lenses on.
     """
 
     pitch_x: Any
@@ -86,6 +98,13 @@ class LensArray(NamedTuple):
     sine: Any
     tilt_x: Any
     tilt_y: Any
+    layers: tuple[tuple[Any, Any], ...] = ()
+
+    def convert(self, number: Callable[[float], Any]) -> LensArray:
+        """Copy with all numbers converted, such as to Dr.Jit scalars."""
+        values = {key: number(value) for key, value in self._asdict().items() if key != "layers"}
+        layers = tuple((number(thickness), number(index)) for thickness, index in self.layers)
+        return LensArray(**values, layers=layers)
 
 
 def lens_traits(display: Display) -> LensTraits:
@@ -100,7 +119,18 @@ def lens_traits(display: Display) -> LensTraits:
         asphere=display.asphere_a4 != 0 or display.asphere_a6 != 0,
         turned=bool(display.rotation_deg or display.shift_x_mm or display.shift_y_mm),
         tilted=bool(display.tilt_x_deg or display.tilt_y_deg),
+        touching=bool(display.layers) and abs(air_mm(display)) < _CONTACT_MM,
     )
+
+
+def air_mm(display: Display) -> float:
+    """Air between a thick lens and the layers; negative if they do not fit into the gap.
+
+    It begins at the flat face, or at the vertex of a face that bulges towards the panel.
+    """
+    thickness = display.lens_thickness_mm or display.pitch_mm
+    inside = thickness / display.refractive_index if display.curved_side == "viewer" else 0.0
+    return display.gap_mm - inside - air_equivalent_mm(display.layers)
 
 
 def lens_array(display: Display) -> LensArray:
@@ -127,6 +157,7 @@ def lens_array(display: Display) -> LensArray:
         sine=math.sin(angle),
         tilt_x=display.tilt_slopes[0],
         tilt_y=display.tilt_slopes[1],
+        layers=display.layers,
     )
 
 

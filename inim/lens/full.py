@@ -47,6 +47,7 @@ def check(display: Display) -> None:
         ("fill_factor", 1),
         ("subpixels", "none"),
         ("pixel_fill", 1),
+        ("layers", ()),
     ):
         value = getattr(display, name)
         if value != plain:

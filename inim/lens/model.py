@@ -236,6 +236,11 @@ def refract(ops: Ops, d: Any, against: Any, ratio: Any) -> tuple[tuple[Any, Any,
     return (x, y, z), ops.where(passes, 1.0 - 0.5 * (r_s * r_s + r_p * r_p), 0.0)
 
 
+def fresnel_on_axis(before: float, behind: float) -> float:
+    """Fresnel's transmittance of a face between two indices at normal incidence."""
+    return 4 * before * behind / (before + behind) ** 2
+
+
 def advance(x: Any, y: Any, d: Any, depth: Any) -> tuple[Any, Any]:
     """Follow a ray for a depth; behind where it is (negative) as well."""
     return x + d[0] / d[2] * depth, y + d[1] / d[2] * depth

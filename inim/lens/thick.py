@@ -4,7 +4,9 @@ Position: the front principal plane is the plane z = 0, and the panel is at the 
 the rear principal plane. With the bulge towards the viewer the vertex is at z = 0 and the rear
 principal plane t - t/n behind it; with the bulge towards the panel the flat face is at z = t/n and
 the vertex is the rear principal plane (Hecht, Optics, thick lenses: h = f (n - 1) t / (R n)). The
-planes use the design index, so that they do not depend on a ray's colour.
+planes use the design index, so that they do not depend on a ray's colour. Layers in the gap are
+plane-parallel, with the rest of the gap as air before them; a tilt of the panel widens what is
+next to the lenses.
 
 The bulges of lenses that fill their cells make one relief, and a ray meets its first bulge. None
 leaves a bulge and strikes the next: at a slope b it would have to leave at more than 90 - b degrees
@@ -19,11 +21,13 @@ inside glass cancels between them. docs/theory/lens-models.md has omissions and 
 from __future__ import annotations
 
 import math
+from itertools import pairwise, starmap
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from inim.display import Display
+from inim.display.layers import air_equivalent_mm, layers_text
 from inim.errors import DisplayError
 from inim.lens.array import (
     NUMPY_OPS,
@@ -31,6 +35,7 @@ from inim.lens.array import (
     LensTraits,
     Ops,
     PanelRay,
+    air_mm,
     in_aperture,
     lens_array,
     lens_centre,
@@ -41,6 +46,7 @@ from inim.lens.model import (
     Face,
     LensModel,
     advance,
+    fresnel_on_axis,
     intersect,
     refract,
     sag,
@@ -49,6 +55,7 @@ from inim.lens.model import (
 )
 
 _AGAINST_THE_LIGHT = (0.0, 0.0, -1.0)  # a flat face's normal
+_AIR = 1.0  # its refractive index
 # Below this a ray runs along the array and never reaches the panel.
 _ALONG_THE_ARRAY = 1e-6
 # From the foot of the relief to a ray's bulge: the cell there and one more. A third is crossed only
@@ -89,12 +96,20 @@ def check(display: Display) -> None:
             f"gap_mm = {display.gap_mm:g}: the lens's flat face lies {behind:.4g} mm behind its "
             "principal plane, inside the panel; use a thinner lens or a larger gap"
         )
+    if display.layers and not traits.touching and air_mm(display) < 0:
+        raise DisplayError(
+            f"layers = {layers_text(display.layers)!r}: count as "
+            f"{air_equivalent_mm(display.layers):.4g} mm of air, and gap_mm = {display.gap_mm:g} "
+            f"leaves {display.gap_mm - behind:.4g} mm behind the lens; use a larger gap"
+        )
 
 
 def on_axis_transmittance(display: Display) -> float:
-    """Share of light through both faces at normal incidence, (4 n / (n + 1)^2)^2."""
-    n = display.refractive_index
-    return (4 * n / (n + 1) ** 2) ** 2
+    """Share of light through both faces, (4 n / (n + 1)^2)^2, and the layers, on the axis."""
+    n, layers = display.refractive_index, [index for _, index in display.layers]
+    touching = lens_traits(display).touching and display.curved_side == "viewer"
+    faces = fresnel_on_axis(1.0, n) ** (1 if touching else 2)
+    return faces * math.prod(starmap(fresnel_on_axis, pairwise([n if touching else 1.0, *layers])))
 
 
 def relief_mm(display: Display) -> tuple[float, float]:
@@ -137,10 +152,10 @@ def _trace_bulge_first(
         ops, arriving, surface_normal(ops, face, lens.x, lens.y, lens.z), 1.0 / index
     )
     u, v = advance(lens.x, lens.y, d, array.thickness - lens.z)
-    d, back = refract(ops, d, _AGAINST_THE_LIGHT, index)
-    u, v = advance(u, v, d, array.gap - array.thickness / array.design_index)
+    behind = array.gap - array.thickness / array.design_index
+    u, v, d, back = _through_gap(array, traits, ops, u, v, d, index, behind)
     ray = _ray_at_panel(ops, lens, u, v, d, lens.is_hit, front * back)
-    past, clear = _through_plate(array, ops, x, y, arriving, index)
+    past, clear = _through_plate(array, traits, ops, x, y, arriving, index)
     return pass_straight(array, traits, ops, ray, within, on_array, past, clear)
 
 
@@ -149,7 +164,7 @@ def _trace_flat_first(
 ) -> PanelRay:
     """Flat face at z = t/n, vertex of the curved face at z = t/n - t."""
     face = curved_face(array, traits)
-    past, clear = _through_plate(array, ops, x, y, arriving, index)
+    past, clear = _through_plate(array, traits, ops, x, y, arriving, index)
     x, y = advance(x, y, arriving, -array.thickness / array.design_index)
     inner, front = refract(ops, arriving, _AGAINST_THE_LIGHT, 1.0 / index)
     x, y = advance(x, y, inner, array.thickness)  # on the vertex plane, beyond the face
@@ -166,8 +181,8 @@ def _trace_flat_first(
         leaves &= within & in_aperture(array, traits, u, v)
         # A ray of the sheet that ends up in an aperture but on no lens has met a wall.
         within |= in_aperture(array, traits, x - centre_x, y - centre_y)
-    u, v = advance(u, v, d, array.gap)
-    ray = _ray_at_panel(ops, lens, u, v, d, leaves, front * back)
+    u, v, d, layered = _through_gap(array, traits, ops, u, v, d, _AIR, array.gap)
+    ray = _ray_at_panel(ops, lens, u, v, d, leaves, front * back * layered)
     return pass_straight(array, traits, ops, ray, within, on_array, past, clear)
 
 
@@ -238,17 +253,57 @@ def _intersect_relief(
     return lens
 
 
+def _through_gap(
+    array: LensArray,
+    traits: LensTraits,
+    ops: Ops,
+    x: Any,
+    y: Any,
+    d: Any,
+    medium: Any,
+    air_equivalent: Any,
+) -> tuple[Any, Any, Any, Any]:
+    """Ray from the back of a lens to the panel, through air and layers.
+
+    * `medium`: refractive index around the ray, the lens's before its flat face.
+    * `air_equivalent`: length of the way along the axis, mm.
+
+    Returns the panel point, the direction next to the lens, and the transmittance.
+    """
+    for thickness, index in array.layers:
+        air_equivalent = air_equivalent - thickness / index
+    air = [] if traits.touching else [(air_equivalent, _AIR)]
+    first, transmittance = None, 1.0
+    for thickness, index in (*air, *array.layers):
+        if index is not medium:
+            d, passing = refract(ops, d, _AGAINST_THE_LIGHT, medium / index)
+            transmittance = transmittance * passing
+        x, y = advance(x, y, d, thickness)
+        first, medium = first or d, index
+    return x, y, first, transmittance
+
+
 def _through_plate(
-    array: LensArray, ops: Ops, x: Any, y: Any, d: Any, index: Any
+    array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, d: Any, index: Any
 ) -> tuple[tuple[Any, Any, Any, Any], Any]:
     """Ray outside the lenses, through a plate of the sheet's thickness, and its transmittance.
 
-    As if it went straight on from the plane z = 0.
+    As if it went straight on from the plane z = 0, also through the layers.
     """
     inner, one_face = refract(ops, d, _AGAINST_THE_LIGHT, 1.0 / index)
     x, y = advance(x, y, d, -array.thickness / array.design_index)
     x, y = advance(x, y, inner, array.thickness)
-    return (x, y, d[0] / d[2], d[1] / d[2]), one_face * one_face
+    transmittance = one_face * one_face
+    if array.layers:
+        no_air = traits._replace(touching=True)
+        if traits.touching and traits.bulges_to_viewer:
+            x, y, _, layered = _through_gap(array, no_air, ops, x, y, inner, index, 0.0)
+            transmittance = one_face * layered
+        else:
+            x, y, _, layered = _through_gap(array, no_air, ops, x, y, d, _AIR, 0.0)
+            transmittance = transmittance * layered
+        x, y = advance(x, y, d, -sum(thickness / n for thickness, n in array.layers))
+    return (x, y, d[0] / d[2], d[1] / d[2]), transmittance
 
 
 def _ray_at_panel(

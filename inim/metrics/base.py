@@ -27,6 +27,8 @@ class Viewing:
 
     pixels_per_degree: float  #: At the centre of the image.
     luminance_cd_m2: float  #: Luminance of white.
+    #: White over black of the panel that shows the images; infinite if they contain its black.
+    contrast: float = 1000
 
     @classmethod
     def of(cls, pixel_mm: float, eye_mm: Sequence[float], luminance_cd_m2: float) -> Viewing:

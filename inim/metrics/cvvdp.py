@@ -22,8 +22,8 @@ from inim.metrics.base import Metric, Viewing
 #: Distributions whose versions affect the scores.
 PACKAGES = ("cvvdp", "torch")
 _MODULE = "pycvvdp"
-# A dark room and an ordinary panel. Reflections and glow would hide more differences.
-_CONTRAST, _AMBIENT_LUX = 1000, 0
+# A dark room: reflected light is part of the images, if the display has any.
+_AMBIENT_LUX = 0
 # Maximum of heat maps: the errors of a lens array are far above the visibility threshold.
 _HEAT_MAP_JOD = 6.0
 # Above this, no band of the model's pyramid has visible frequencies; a display never needs pixels
@@ -52,7 +52,7 @@ def _model(viewing: Viewing, heat_map: str | None = None) -> Any:
         models[key] = pycvvdp.cvvdp(
             display_photometry=pycvvdp.vvdp_display_photo_eotf(
                 viewing.luminance_cd_m2,
-                contrast=_CONTRAST,
+                contrast=viewing.contrast,
                 source_colorspace="sRGB",
                 E_ambient=_AMBIENT_LUX,
             ),
@@ -119,7 +119,11 @@ metric = Metric(
     range=(-np.inf, 10.0),
     tolerance=0.05,  # about 3 of 100 people change their preference
     reference="Mantiuk, Hanji, Ashraf, Asano and Chapiro, ACM Trans. Graph. 43 (4), 2024",
-    settings={"contrast": _CONTRAST, "ambient_lux": _AMBIENT_LUX, "source_colorspace": "sRGB"},
+    settings={
+        "contrast": Viewing.contrast,
+        "ambient_lux": _AMBIENT_LUX,
+        "source_colorspace": "sRGB",
+    },
     needs_viewing=True,
     is_slow=True,
     heat_map=_jod_loss,

@@ -22,10 +22,11 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
+from inim.display.panel import emits_as_driven, emitted_light, white_of
 from inim.display.pixels import SUBPIXELS, emission_profile
 from inim.errors import SceneError
 from inim.files.eia_file import read_eia
-from inim.lens import LensArray, Ops, channel_indices, lens_array, lens_traits, through_array
+from inim.lens import Ops, channel_indices, lens_array, lens_traits, through_array
 from inim.lens import lens_model as find_lens_model
 from inim.render.sensors import (
     read_display,
@@ -72,10 +73,13 @@ class LensedPanel:
         self.rows, self.columns = map(value, display.eia_shape)
         self.pixel_mm = value(display.pixel_pitch_mm)
         self.fill = value(display.pixel_fill)
+        self.emission = None
+        if not emits_as_driven(display):
+            self.emission = value(display.black_level), [*map(value, white_of(display))]
         self.subpixels = SUBPIXELS[display.subpixels] if patterned else None
         self.trace = model.function
         self.indices = [value(index) for index in (indices if colored else indices[:1])]
-        self.array = LensArray(*map(value, lens_array(display)))
+        self.array = lens_array(display).convert(value)
         self.traits = lens_traits(display)
         self.picture = picture
 
@@ -94,10 +98,16 @@ class LensedPanel:
         if len(find_pixels) == 1:
             place, weight, lit = find_pixels[0]
             color = dr.gather(mi.Color3f, self.picture, place, lit)
+            if self.emission:
+                black, white = self.emission
+                color = emitted_light(color, black, mi.Color3f(*white))
             return mi.Spectrum(color * weight) & lit
         color = mi.Color3f(0.0)
         for channel, (place, weight, masks) in enumerate(find_pixels):
             value = dr.gather(mi.Float, self.picture, 3 * place + channel, masks)
+            if self.emission:
+                black, white = self.emission
+                value = emitted_light(value, black, white[channel])
             color[channel] = dr.select(masks, value * weight, 0.0)
         return mi.Spectrum(color)
 

@@ -11,6 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
+from inim.display.panel import emitted_picture
 from inim.display.viewpoint import Viewpoint, check_viewpoint, viewpoint_of
 from inim.errors import UsageError
 from inim.lens import (
@@ -218,7 +219,8 @@ def reconstruct(
     -------
     (lens_rows * pixels_per_lens, lens_columns * pixels_per_lens, 3) float32, linear RGB: the light
     that leaves the lenses. Views of reports are exposed for the panel's white: multiply by
-    `inim.lens.white_exposure(display, lens_model)`.
+    `inim.lens.white_exposure(display, lens_model)`; and they include reflected room light and
+    veiling glare: apply `inim.display.panel.seen_light`.
 
     Raises
     ------
@@ -314,7 +316,8 @@ class DisplayScene:
         self.display = display
         self._lit_array: LensMesh | LensedPanel
         if model.mesh is not None:
-            self._lit_array = LensMesh(eia, display, model.mesh(display))
+            light = emitted_picture(eia, display)
+            self._lit_array = LensMesh(light, display, model.mesh(display))
         else:
             picture = mi.Float(np.asarray(eia, np.float32).ravel())
             self._lit_array = LensedPanel(display, lens_model, picture)

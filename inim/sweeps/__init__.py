@@ -19,6 +19,7 @@ from inim.pipeline.plan import LEAST_BYTES
 from inim.process.atomic_file import file_errors
 from inim.process.machine import cpu_count
 from inim.report.sweep import PAGE, write_page
+from inim.settings import plain_parameters
 from inim.sweeps.study import Study, read_study, study_of
 from inim.sweeps.table import TABLE, check_pyarrow, failed_rows, finished_rows, write_table
 from inim.sweeps.unit import (
@@ -175,7 +176,9 @@ def sweep(
                 **options,
             },
             "settings": {key: _as_values(value) for key, value in (settings or {}).items()},
-            "display": [_display_table(d) for d in displays if isinstance(d, Display)],
+            "display": [
+                {"name": d.name} | plain_parameters(d) for d in displays if isinstance(d, Display)
+            ],
         },
         "inim.sweep",
     )
@@ -186,10 +189,6 @@ def sweep(
 
 def _display_name(display: Display | str) -> str:
     return display.name if isinstance(display, Display) else display
-
-
-def _display_table(display: Display) -> dict[str, Any]:
-    return {key: value for key, value in display.parameters().items() if value is not None}
 
 
 def _as_values(value: Any) -> Any:

@@ -19,7 +19,7 @@ from inim.metrics import Metric, all_metrics
 from inim.process.atomic_file import write_atomically
 from inim.report.labels import ScoreKind, check_finding, score_keys
 from inim.report.sweep import CRITERION, DEPTH, DEPTH_SHARE, VARIED_COLUMNS
-from inim.settings import DISPLAY_KEYS, PREFIX, Settings
+from inim.settings import DISPLAY_KEYS, PREFIX, Settings, plain_parameters
 
 if TYPE_CHECKING:
     from inim.sweeps.unit import Unit
@@ -158,9 +158,10 @@ def _identity(unit: Unit, algorithm: str) -> dict[str, Any]:
     row["unit"] = unit.hash or None
     if unit.plan is None:
         return row | _study_settings(unit)
-    values = asdict(unit.plan.settings) | unit.plan.display.parameters()
+    display = unit.plan.display
+    values = asdict(unit.plan.settings) | display.parameters() | plain_parameters(display)
     row["scene_sha256"] = unit.plan.file.sha256
-    row["pixels_per_lens"] = unit.plan.display.pixels_per_lens
+    row["pixels_per_lens"] = display.pixels_per_lens
     return row | {key: values[key] for key in VARIED_COLUMNS}
 
 

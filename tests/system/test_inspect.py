@@ -69,6 +69,7 @@ def test_json_is_valid_and_complete_with_units(capsys):
     unitless = (
         *("columns", "rows", "pixels_per_lens", "views_across", "views_down", "share"),
         *("refractive_index", "conic", "fill", "fill_factor", "asphere_a4", "asphere_a6"),
+        *("black_level", "ambient_reflection", "veiling_glare"),
     )
     units = ("_mm", "_deg", "_um", "_px", "_mb")
     for place, key, value in numbers(data):

@@ -195,6 +195,11 @@ def rarely(**changes: object) -> Any:
         rarely(abbe_number=30.0),
         {"curved_side": "panel"},
         rarely(elemental_pitch_mm=1.01, gap_mm=2.8),
+        {"layers": "0.5 1.52, 0.1 1.41", "tilt_x_deg": 2.0},
+        rarely(layers="0.5 1.52, 0.1 1.41", curved_side="panel"),
+        {"layers": f"0.4 1.41, {(3.3 - 1 / 1.4917 - 0.4 / 1.41) * 1.52} 1.52"},
+        {"black_level": 0.02, "ambient_reflection": 0.03, "white_point_k": 9300.0},
+        {"veiling_glare": 0.1, "black_level": 0.01},
     ],
     ids=lambda changes: " ".join(changes) or "plain",
 )
@@ -500,7 +505,7 @@ def test_frame_is_one_triangle_a_screen_and_one_texture_read_a_sample(counted):
     shader = json.loads(
         counted.evaluate("document.getElementById('virtual-display-data').textContent")
     )["shader"]
-    body = shader[shader.index("void main()") :]
+    body = shader[shader.index("vec3 view_light(") : shader.index("#ifdef VERTEX")]
     assert shader.count("texelFetch(") == 1
     assert body.count("panel_light(") == 4  # one for each colour, or one for all
 

@@ -304,7 +304,8 @@ def test_derived_values_are_those_of_the_properties_and_fit_json():
 LENSES: dict[str, Any] = {
     "refractive_index": 1.7, "lens_thickness_mm": 1.4, "curved_side": "panel", "conic": -0.5,
     "asphere_a4": 1e-3, "asphere_a6": 1e-4, "abbe_number": 57.0, "aperture": "round",
-    "fill_factor": 0.8, "between_lenses": "clear", "name": "theirs",
+    "fill_factor": 0.8, "between_lenses": "clear", "layers": ((0.5, 1.52),), "black_level": 0.001,
+    "ambient_reflection": 0.01, "veiling_glare": 0.01, "white_point_k": 9300.0, "name": "theirs",
 }  # fmt: skip
 RAYS: dict[str, Any] = {
     "pitch_mm": 1.1, "focal_length_mm": 3.1, "gap_mm": 3.4, "pixel_pitch_mm": 0.05,

@@ -301,6 +301,13 @@ def test_a_sound_display_has_no_warning():
     assert inspection.document.warnings == []
 
 
+def test_layers_that_move_the_central_depth_plane_within_its_range_are_no_warning():
+    inspection = inspected(pixels=17, layers="0.1 1.5")
+    assert inspection.document.depth.central_depth_if_measured_mm == pytest.approx(36.75)
+    assert inspection.document.depth.layers_excess_mm == pytest.approx(0.1 - 0.1 / 1.5)
+    assert not says(inspection, "Layers")
+
+
 @pytest.mark.parametrize(
     ("findings", "words"),
     [
@@ -315,6 +322,9 @@ def test_a_sound_display_has_no_warning():
         (lambda: inspected(pixel_pitch_mm=0.0636), "15.72 x 15.72 pixels per lens"),
         (lambda: inspected(**BAD_LENS), "cannot be manufactured"),
         (lambda: inspect_display(small_display(12, 6), 20.0), "Crosstalk on the axis"),
+        (lambda: inspected(pixels=17, layers="0.5 1.5168"), "at 72.42 mm instead of at 33 mm"),
+        (lambda: inspected(pixels=17, layers="2 1.5"), "at -21.55 mm instead of at 33 mm"),
+        (lambda: inspected(pitch_mm=0.2, pixel_pitch_mm=0.02), "Diffraction: 0.45 pixels"),
     ],
 )
 def test_defects_of_a_display_are_warnings(findings, words):

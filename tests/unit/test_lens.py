@@ -312,6 +312,7 @@ KINDS = {
     "asphere": {"conic": -0.6, "asphere_a4": 0.03, "asphere_a6": -0.02},
     "round, clear between": {"aperture": "round", "fill_factor": 0.8, "between_lenses": "clear"},
     "colours": {"abbe_number": 57.4},
+    "layers": {"layers": "0.5 1.52, 0.1 1.41"},
 }
 
 

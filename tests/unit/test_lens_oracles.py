@@ -28,6 +28,13 @@ PRESCRIPTIONS = {
     "conic and even asphere, flat first": NOMINAL.replace(
         conic=-2.0, asphere_a4=-0.03, asphere_a6=0.01, curved_side="panel"
     ),
+    "sphere, bulge first; cover glass and glue": NOMINAL.replace(layers="0.5 1.52, 0.1 1.41"),
+    "sphere, flat first; cover glass and glue": NOMINAL.replace(
+        curved_side="panel", layers="0.5 1.52, 0.1 1.41"
+    ),
+    "sphere, bulge first; glued to glass": NOMINAL.replace(
+        layers=((0.4, 1.41), ((3.3 - 1 / 1.4917 - 0.4 / 1.41) * 1.52, 1.52))
+    ),
 }
 FIELDS = {"axis": (0.0, 0.0), "8 degrees": (math.tan(math.radians(8)) * 0.8, -0.6 * 0.14)}
 RAYS_PER_FIELD = 500
@@ -69,8 +76,12 @@ def optiland_landing(display, x, y, sx, sy):
     lens = optic.Optic()
     lens.surfaces.add(index=0, thickness=np.inf)
     lens.surfaces.add(index=1, thickness=t, material=IdealMaterial(n=n), is_stop=True, **faces[0])
-    lens.surfaces.add(index=2, thickness=g - t / n if bulge_first else g, **faces[1])
-    lens.surfaces.add(index=3)
+    air = g - (t / n if bulge_first else 0) - sum(a / m for a, m in display.layers)
+    media = [(air, 1.0)] * (air > 1e-9) + list(display.layers)
+    for index, (thickness, m) in enumerate(media, start=2):
+        face = faces[1] if index == 2 else {}
+        lens.surfaces.add(index=index, thickness=thickness, material=IdealMaterial(n=m), **face)
+    lens.surfaces.add(index=2 + len(media))
     lens.set_aperture("EPD", 1.0)
     lens.fields.set_type("angle")
     lens.fields.add(y=0)
@@ -215,25 +226,30 @@ def felt(display, x, y, sx, sy):
     d = np.stack([sx, sy, np.ones_like(sx)], -1)
     d = d / np.linalg.norm(d, axis=-1, keepdims=True)
     through = felt_bulge_first if display.curved_side == "viewer" else felt_flat_first
-    p, d, left_mm, weight = through(display, p, d)
-    p = p + d / d[..., 2:] * left_mm[..., None]
+    p, d, medium, weight = through(display, p, d)
+    behind = display.pitch_mm / display.refractive_index if medium != 1 else p[..., 2]
+    air = display.gap_mm - behind - sum(t / n for t, n in display.layers)
+    media = [(air, 1.0)] * bool(np.any(air > 1e-9)) + list(display.layers)
+    for thickness, index in media:
+        before, d = d, d if index == medium else bent(d, FLAT, medium / index)
+        weight = weight * fresnel(display, before[..., 2], d[..., 2]) ** (index != medium)
+        p = p + d / d[..., 2:] * np.broadcast_to(thickness, weight.shape)[..., None]
+        medium = index
     return p[..., 0], p[..., 1], np.nan_to_num(weight, nan=0.0)
 
 
 def felt_bulge_first(display, p, d):
-    """Trace from the vertices' plane through bulge and flat face; distance left to the panel."""
+    """Trace from the vertices' plane to the flat face; the medium there is glass."""
     n, t = display.refractive_index, display.pitch_mm
     path = first_change(p, d, lambda q: q[..., 2] > depth_at(display, q), DEEPEST_MM / d[..., 2])
     p = p + path[..., None] * d
     d, curved = cross_relief(display, p, d, +1, 1 / n)
     p = p + d / d[..., 2:] * (t - p[..., 2:])
-    after = bent(d, FLAT, n)
-    weight = curved * fresnel(display, d[..., 2], after[..., 2])
-    return p, after, np.full(weight.shape, display.gap_mm - t / n), weight
+    return p, d, n, curved
 
 
 def felt_flat_first(display, p, d):
-    """Through the flat face, out of the bulge, and in air to the plane of the vertices."""
+    """Through the flat face and out of the bulge into the air."""
 
     def in_glass(q):
         return q[..., 2] < -depth_at(display, q)
@@ -254,7 +270,7 @@ def felt_flat_first(display, p, d):
     left = -p[..., 2] / d[..., 2]
     struck = first_change(p + 1e-7 * d, d, in_glass, left) < left - 2e-7
     weight = np.where(leaves & ~(struck & (left > 1e-6)), flat * curved, 0.0)
-    return p, d, display.gap_mm - p[..., 2], weight
+    return p, d, 1.0, weight
 
 
 def depth_at(display, p):
@@ -329,6 +345,15 @@ RELIEFS = {
     "square holes, clear between": {"fill_factor": 0.8, "between_lenses": "clear"},
     "round on hexagons, clear between": {
         "lattice": "hexagonal", "aperture": "round", "fill_factor": 0.95, "between_lenses": "clear",
+    },
+    "cover glass and glue": {"layers": "0.5 1.52, 0.1 1.41"},
+    "glued to glass": {"layers": ((0.4, 1.41), ((3.3 - 1 / 1.4917 - 0.4 / 1.41) * 1.52, 1.52))},
+    "glass, clear between": {
+        "layers": "0.7 1.52", "aperture": "round", "fill_factor": 0.9, "between_lenses": "clear",
+    },
+    "glued to glass, clear between": {
+        "layers": (((3.3 - 1 / 1.4917) * 1.52, 1.52),), "aperture": "round", "fill_factor": 0.9,
+        "between_lenses": "clear",
     },
 }  # fmt: skip
 

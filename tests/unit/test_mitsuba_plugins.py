@@ -11,6 +11,7 @@ from inim.errors import BackendError, FileError, SceneError, UsageError
 from inim.files.image import write_exr
 from inim.image.color import to_srgb
 from inim.lens import LensModel
+from inim.settings import plain_parameters
 from tests.conftest import no_cuda, small_display, square
 
 ROOT = Path(__file__).parents[2]
@@ -22,7 +23,7 @@ HALF = (6.0, 5.0)
 
 
 def parameters_of(display=DISPLAY) -> dict:
-    return {k: v for k, v in display.parameters().items() if v is not None and k != "name"}
+    return plain_parameters(display)
 
 
 def film(width: int, height: int, **more) -> dict:

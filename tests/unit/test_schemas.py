@@ -25,6 +25,7 @@ OWN_KIND = {
     *ROOT.glob("reports/one_picture/*.json"),
     ROOT / "reports/coverage/coverage.json",
     ROOT / "reports/optimal/optimal.json",
+    ROOT / "reports/panel/panel.json",
     ROOT / "reports/paper_sizes/paper_sizes.json",
     ROOT / "reports/calibration/calibration.json",
     ROOT / "reports/calibration/shown.json",

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from inim.cache import array_digest
 from inim.display import Display, Viewpoint
+from inim.display.panel import has_own_black, seen_light
 from inim.image.noisy_image import NoisyImage
 from inim.lens import foreign_identity, white_exposure
 from inim.metrics import Viewing
@@ -44,7 +46,9 @@ class Optics:
         """Viewing conditions of a view; its pixels are on the lens array."""
         per_lens = self.view_pixels_per_lens
         across = per_lens if isinstance(per_lens, int) else per_lens[1]
-        return Viewing.of(self.display.pitch_mm / across, eye.position_mm, luminance_cd_m2)
+        viewing = Viewing.of(self.display.pitch_mm / across, eye.position_mm, luminance_cd_m2)
+        # The views contain the black.
+        return replace(viewing, contrast=math.inf) if has_own_black(self.display) else viewing
 
     @property
     def half_spp(self) -> int:
@@ -96,7 +100,8 @@ class DisplayedEIA:
             seed=optics.half_seeds[half],
             observer=self.renderer.observer,
         )
-        return np.float32(white_exposure(optics.display, optics.lens_model)) * view
+        exposure = np.float32(white_exposure(optics.display, optics.lens_model))
+        return seen_light(exposure * view, optics.display)
 
 
 @stage(
@@ -108,10 +113,10 @@ class DisplayedEIA:
     derived=("name",),
 )
 def reconstruct(name: str, eia: DisplayedEIA, viewpoint: Viewpoint) -> NoisyImage:
-    """Reconstruct a view of an EIA, exposed so that the panel's white appears white.
+    """Reconstruct a view of an EIA as a viewer sees it, exposed for the panel's white.
 
     The view is the mean of two half images. Equal EIAs with equal seeds have equal views. A view is
-    linear in its EIA, so the EIA's noise changes it by the view of the EIA plus its noise, minus
+    affine in its EIA, so the EIA's noise changes it by the view of the EIA plus its noise, minus
     the first half image, both with the same random numbers.
     """
     first, second = eia.view(viewpoint, 0), eia.view(viewpoint, 1)

@@ -8,6 +8,9 @@ from typing import Any
 
 import msgspec
 
+from inim.display import Display
+from inim.display.layers import layers_text
+from inim.display.panel import panel_words
 from inim.documents.document import schema
 from inim.documents.parts import DerivedDisplay
 from inim.documents.picture import PictureDocument
@@ -30,7 +33,11 @@ def display(data: ReportDocument | PictureDocument, images: ReportImages) -> str
     parameters = data.display.parameters
     own = {f.name: getattr(parameters, f.name) for f in fields(parameters)}
     defaults = {f.name: f.default for f in fields(parameters)}
-    stated = {name: value for name, value in own.items() if value != defaults[name]}
+    stated = {
+        name: layers_text(value) if isinstance(value, tuple) else value
+        for name, value in own.items()
+        if value != defaults[name]
+    }
     parts = schema("report")["$defs"]
     tables = [
         _quantities("Design; other parameters have their defaults", parts["Display"], stated),
@@ -75,7 +82,18 @@ def _display_words(data: ReportDocument | PictureDocument) -> str:
         f"{_focus_words(derived)} Each lens covers viewing angles within "
         f"±{short(derived.viewing_half_angle_deg)}°. {_distance_words(derived)}"
     )
-    return lead(words + _relic_depth_words(data))
+    return lead(words + _relic_depth_words(data) + _panel_words(parameters))
+
+
+def _panel_words(display: Display) -> str:
+    """Light of a panel that is not ideal, and the views that have it; empty for an ideal one."""
+    words = panel_words(display)
+    if not words:
+        return ""
+    return (
+        f" {words[0]} The reference views include it, too; the views of the scene do not. So "
+        "scores to the scene contain the panel's loss, and scores to the reference do not."
+    )
 
 
 def _relic_depth_words(data: ReportDocument | PictureDocument) -> str:

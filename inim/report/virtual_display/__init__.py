@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
+from inim.display.panel import emitted_picture, panel_words, seen_light, white_of
 from inim.documents.parts import EyePosition
 from inim.errors import DisplayError
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
@@ -263,7 +264,7 @@ def _display_words(display: Display) -> list[str]:
         words.append("Panel pixels are drawn evenly lit, without sub-pixels and gaps.")
     if display.tilt_x_deg or display.tilt_y_deg:
         words.append("The viewing zone is that of a panel without tilt.")
-    return words
+    return words + panel_words(display)
 
 
 def _optics(display: Display) -> dict[str, Any]:
@@ -285,6 +286,9 @@ def _optics(display: Display) -> dict[str, Any]:
         "TURNED": traits.turned,
         "TILTED": traits.tilted,
         "BULGES_TO_VIEWER": traits.bulges_to_viewer,
+        f"LAYERS {len(array.layers)}": bool(array.layers),
+        "TOUCHING": traits.touching,
+        "GLARE": display.veiling_glare > 0,
     }
     thick_lens = {}
     if _THICK in live_lens_models(display):
@@ -306,6 +310,11 @@ def _optics(display: Display) -> dict[str, Any]:
         "shift_mm": [array.shift_x, array.shift_y],
         "turn": [array.cosine, array.sine],
         "tilt": [array.tilt_x, array.tilt_y],
+        "layers": array.layers,
+        "white": white_of(display),
+        "black_level": display.black_level,
+        "ambient_reflection": display.ambient_reflection,
+        "veiling_glare": display.veiling_glare,
         "pixel_mm": display.pixel_pitch_mm,
         "panel": [columns, rows],
         "front_mm": max(display.depth_range_mm[1], 0.0),
@@ -380,16 +389,17 @@ def still_view(
     none.
     """
     rows, columns = (n * pixels_per_lens for n in (display.lens_rows, display.lens_columns))
-    light = linear_from_srgb(np.arange(256) / 255)
+    drive = linear_from_srgb(np.arange(256) / 255)
+    light = emitted_picture(np.stack([drive] * 3, -1), display)
     total = np.zeros((rows, columns, 3), np.float32)
     for j in range(grid):
         for i in range(grid):
             x = _places(columns, (i + (j + 0.5) / grid) / grid, display.width_mm)[None, :]
             y = _places(rows, (j + (i + 0.5) / grid) / grid, display.height_mm)[::-1, None]
             codes, weight = _codes(eia, display, lens_model, x, y, eye_mm)
-            total += light[codes] * weight
+            total += light[codes, np.arange(3)] * weight
     total *= white_exposure(display, lens_model)
-    return srgb_to_uint8(srgb_from_linear(total / grid**2))
+    return srgb_to_uint8(srgb_from_linear(seen_light(total / grid**2, display)))
 
 
 def _places(count: int, within: float, size_mm: float) -> np.ndarray:

@@ -3,8 +3,9 @@
 // millimetres:
 // origin at the centre of the lens array, +x right, +y up, +z towards the viewer.
 // The script defines, above this, what a display has: THIN or THICK lenses, COLORED, HEXAGONAL, APERTURE,
-// ROUND_APERTURE, CLEAR_BETWEEN, TURNED, TILTED,
-// BULGES_TO_VIEWER. What it does not have is not compiled.
+// ROUND_APERTURE, CLEAR_BETWEEN, TURNED, TILTED, BULGES_TO_VIEWER, GLARE, LAYERS (their number), and
+// TOUCHING if no air is before the layers. What it does not have is not compiled. VERTEX is the vertex
+// shader, which covers the canvas with one triangle.
 precision highp float;
 precision highp int;
 precision highp sampler2D;
@@ -30,7 +31,13 @@ uniform vec2 tilt;         // growth of the gap per millimetre
 uniform float pixel;       // panel pixel
 uniform ivec2 panel_size;  // columns, rows
 uniform sampler2D panel;   // sRGB, which the card makes linear; row 0 on top
-out vec4 shown;
+uniform vec3 white;        // of the panel
+uniform float black;       // share of the white
+uniform float ambient;     // reflected room light
+uniform float glare;       // share of light that spreads over the view
+#ifdef LAYERS
+uniform vec2 layers[LAYERS];  // thickness and index, from the lenses on
+#endif
 
 vec3 srgb_from_linear(vec3 light) {
   vec3 curve = 1.055 * pow(max(light, 0.0031308), vec3(1.0 / 2.4)) - 0.055;
@@ -110,6 +117,31 @@ vec3 on_bulge(vec2 point, vec3 d, out vec2 lens, inout float share) {
   return spot;
 }
 
+// From the back of a lens, in a medium, through air and layers to the panel; `run` is the slope next to
+// the lens.
+void through_gap(
+    float medium, float air, inout vec2 at, inout vec3 d, inout float share, out vec2 run) {
+#ifdef LAYERS
+  for (int i = 0; i < LAYERS; ++i) air -= layers[i].x / layers[i].y;
+#endif
+#ifndef TOUCHING
+  if (medium != 1.0) d = refracted(d, AGAINST_THE_LIGHT, medium, share);
+  run = d.xy / d.z;
+  at += run * air;
+  medium = 1.0;
+#endif
+#ifdef LAYERS
+  for (int i = 0; i < LAYERS; ++i) {
+    d = refracted(d, AGAINST_THE_LIGHT, medium / layers[i].y, share);
+#ifdef TOUCHING
+    if (i == 0) run = d.xy / d.z;
+#endif
+    at += d.xy / d.z * layers[i].x;
+    medium = layers[i].y;
+  }
+#endif
+}
+
 // Plano-convex lens: the ray at the panel, and the share of light that gets there.
 float through_thick(vec2 point, vec2 slope, float n, out vec2 landed, out vec2 run) {
   float share = exposure;
@@ -119,18 +151,17 @@ float through_thick(vec2 point, vec2 slope, float n, out vec2 landed, out vec2 r
   vec3 spot = on_bulge(point, d, lens, share);
   d = refracted(d, vec3(curvature * spot.xy, curvature * spot.z - 1.0), 1.0 / n, share);
   vec2 at = spot.xy + d.xy / d.z * (thickness - spot.z);
-  d = refracted(d, AGAINST_THE_LIGHT, n, share);
-  run = d.xy / d.z;
-  landed = lens + at + run * (gap - thickness / design_index);
+  through_gap(n, gap - thickness / design_index, at, d, share, run);
 #else
   vec2 vertex = point - d.xy / d.z * thickness / design_index;
   d = refracted(d, AGAINST_THE_LIGHT, 1.0 / n, share);
   vertex += d.xy / d.z * thickness;
   vec3 spot = on_bulge(vertex, d, lens, share);
   d = refracted(d, vec3(curvature * spot.xy, curvature * spot.z - 1.0), n, share);
-  run = d.xy / d.z;
-  landed = lens + spot.xy + run * (gap - spot.z);
+  vec2 at = spot.xy - d.xy / d.z * spot.z;
+  through_gap(1.0, gap, at, d, share, run);
 #endif
+  landed = lens + at;
   return d.z > 1e-6 ? share : 0.0;
 }
 #endif
@@ -179,7 +210,8 @@ vec3 panel_light(vec2 point, vec2 slope, float glass) {
   vec2 on_panel = step(vec2(0.0), spot) * step(spot, vec2(panel_size) - 1.0);
   // A fetch beside the panel is undefined, so it is aimed inside and not counted.
   vec2 place = clamp(spot, vec2(0.0), vec2(panel_size) - 1.0);
-  return lit * on_panel.x * on_panel.y * texelFetch(panel, ivec2(place), 0).rgb;
+  vec3 drive = texelFetch(panel, ivec2(place), 0).rgb;
+  return lit * on_panel.x * on_panel.y * white * (black + (1.0 - black) * drive);
 }
 
 #ifdef THICK
@@ -187,6 +219,39 @@ vec3 panel_light(vec2 point, vec2 slope, float glass) {
 #else
 #define GLASS power
 #endif
+
+// Light of the view at a place of the canvas, 0 to 1 across and up.
+vec3 view_light(vec2 place) {
+  vec2 point = (place - 0.5) * size;
+  vec2 slope = (point - eye.xy) / eye.z;
+#ifdef COLORED
+  return vec3(
+    panel_light(point, slope, GLASS.r).r,
+    panel_light(point, slope, GLASS.g).g,
+    panel_light(point, slope, GLASS.b).b);
+#else
+  return panel_light(point, slope, GLASS.g);
+#endif
+}
+
+#ifdef VERTEX
+flat out vec3 mean_light;
+
+void main() {
+  vec2 corner = vec2(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0);
+  gl_Position = vec4(corner, 0.0, 1.0);
+  mean_light = vec3(0.0);
+#ifdef GLARE
+  // The mean of the view, from some rays: glare is a small share of it.
+  const int RAYS = 64;
+  for (int j = 0; j < RAYS; ++j)
+    for (int i = 0; i < RAYS; ++i)
+      mean_light += view_light((vec2(float(i), float(j)) + 0.5) / float(RAYS)) / float(RAYS * RAYS);
+#endif
+}
+#else
+flat in vec3 mean_light;
+out vec4 shown;
 
 void main() {
   vec3 sum = vec3(0.0);
@@ -196,16 +261,10 @@ void main() {
       // One sample in each cell of a grid, sheared so that no two share a column or a row.
       vec2 cell = vec2(float(i), float(j));
       vec2 within = (cell + (cell.yx + 0.5) / n) / n;
-      vec2 point = ((floor(gl_FragCoord.xy) + within) / canvas - 0.5) * size;
-      vec2 slope = (point - eye.xy) / eye.z;
-#ifdef COLORED
-      sum.r += panel_light(point, slope, GLASS.r).r;
-      sum.g += panel_light(point, slope, GLASS.g).g;
-      sum.b += panel_light(point, slope, GLASS.b).b;
-#else
-      sum += panel_light(point, slope, GLASS.g);
-#endif
+      sum += view_light((floor(gl_FragCoord.xy) + within) / canvas);
     }
   }
-  shown = vec4(srgb_from_linear(sum / (n * n)), 1.0);
+  vec3 light = (1.0 - glare) * sum / (n * n) + glare * mean_light + ambient;
+  shown = vec4(srgb_from_linear(light), 1.0);
 }
+#endif

@@ -82,12 +82,6 @@
 
   /* ---- drawing ----------------------------------------------------------------------------- */
 
-  const VERTICES = `#version 300 es
-    void main() {
-      vec2 corner = vec2(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0);
-      gl_Position = vec4(corner, 0.0, 1.0);
-    }`;
-
   class CannotDraw extends Error {}
 
   function compiled(gl, kind, source) {
@@ -135,8 +129,10 @@
       const traits = [...optics.traits, ...model]
         .filter((trait) => trait !== "COLORED" || model.length > 0);
       const head = ["#version 300 es", ...traits.map((trait) => `#define ${trait}`), ""];
-      gl.attachShader(program, compiled(gl, gl.VERTEX_SHADER, VERTICES));
-      gl.attachShader(program, compiled(gl, gl.FRAGMENT_SHADER, head.join("\n") + data.shader));
+      const [vertices, pixels] = [["#define VERTEX", ""], []]
+        .map((stage) => [...head, ...stage].join("\n") + data.shader);
+      gl.attachShader(program, compiled(gl, gl.VERTEX_SHADER, vertices));
+      gl.attachShader(program, compiled(gl, gl.FRAGMENT_SHADER, pixels));
       gl.linkProgram(program);
       if (!gl.getProgramParameter(program, gl.LINK_STATUS) && !gl.isContextLost())
         throw new CannotDraw("This graphics card does not take the display's shader.");
@@ -154,12 +150,17 @@
         gl.uniform1f(at("thickness"), optics.thick.thickness_mm);
         gl.uniform1f(at("design_index"), optics.thick.design_index);
         gl.uniform1f(at("exposure"), optics.thick.exposure);
+        if (optics.layers.length) gl.uniform2fv(at("layers"), optics.layers.flat());
       }
       gl.uniform1f(at("half_aperture"), optics.half_aperture_mm);
       gl.uniform2fv(at("shift"), optics.shift_mm);
       gl.uniform2fv(at("turn"), optics.turn);
       gl.uniform2fv(at("tilt"), optics.tilt);
       gl.uniform1f(at("pixel"), optics.pixel_mm);
+      gl.uniform3fv(at("white"), optics.white);
+      gl.uniform1f(at("black"), optics.black_level);
+      gl.uniform1f(at("ambient"), optics.ambient_reflection);
+      gl.uniform1f(at("glare"), optics.veiling_glare);
       gl.uniform2iv(at("panel_size"), optics.panel);
       return {program, eye: at("eye"), canvas: at("canvas"), grid: at("grid")};
     }
