@@ -193,9 +193,12 @@ class Shot:
         -------
         (rows, columns, 3) uint8, sRGB
         """
+        return self.develop(self.light(codes, movement), seed)
+
+    def develop(self, light: np.ndarray, seed: int) -> np.ndarray:
+        """Photograph of light that `light` returns; see `photograph`."""
         sensor, random = self._sensor, np.random.default_rng(seed)
-        light = self.light(codes, movement)
-        light *= self._gain * np.asarray(sensor.tint, np.float32)[:, None, None]
+        light = light * (self._gain * np.asarray(sensor.tint, np.float32)[:, None, None])
         exposed = _mosaic(light) if sensor.has_mosaic else light
         noise = np.sqrt(exposed / np.float32(sensor.full_well) + np.float32(sensor.read_noise**2))
         exposed = exposed + noise * random.standard_normal(exposed.shape, np.float32)
@@ -318,10 +321,15 @@ def photograph_case(case: Case, patterns: Path, out: Path) -> None:
         Folder with the PNG files that the panel shows, in the order of their names.
     out : Path
     """
-    pictures = [_read_picture(path) for path in sorted(patterns.glob("*.png"))]
+    pictures = read_pictures(patterns)
     sheet = Sheet(case.display, case.assembly)
     for number in range(1, len(case.poses) + 1):
         _photograph_position(case, sheet, number, pictures, out / f"position-{number}")
+
+
+def read_pictures(patterns: Path) -> list[np.ndarray]:
+    """Codes of all PNG files of a folder, in the order of their names."""
+    return [_read_picture(path) for path in sorted(patterns.glob("*.png"))]
 
 
 def _read_picture(path: Path) -> np.ndarray:
@@ -353,14 +361,27 @@ def calibrate_case(case: Case, folder: Path) -> Path:
     return display_file
 
 
+def take_position(case: Case, sheet: Sheet, number: int) -> Shot:
+    """The camera of a case at a position, counted from 1."""
+    camera = case.cameras[number - 1]
+    rays = sheet.trace(camera, case.poses[number - 1], _seed(case, number))
+    return Shot(rays, camera, case.sensor, case.display.eia_shape)
+
+
+def _seed(case: Case, number: int) -> int:
+    return 1000 * case.number + number
+
+
 def _photograph_position(
     case: Case, sheet: Sheet, number: int, pictures: list[np.ndarray], folder: Path
 ) -> None:
-    camera, seed = case.cameras[number - 1], 1000 * case.number + number
-    rays = sheet.trace(camera, case.poses[number - 1], seed)
-    shot = Shot(rays, camera, case.sensor, case.display.eia_shape)
-    motion, random = case.motions[number - 1], np.random.default_rng([seed])
-    movements = draw_movements(motion, camera.focal_length_px, len(pictures), random)
+    shot, seed = take_position(case, sheet, number), _seed(case, number)
+    movements = draw_movements(
+        case.motions[number - 1],
+        case.cameras[number - 1].focal_length_px,
+        len(pictures),
+        np.random.default_rng([seed]),
+    )
 
     def take(index: int) -> None:
         pixels = shot.photograph(pictures[index], 1000 * seed + index, movements[index])

@@ -21,6 +21,7 @@ from reports.calibration.landing import (
     undistort,
 )
 from reports.calibration.photographs import STILL, Movement, Shot, demosaic, draw_movements
+from reports.calibration.video import shares, video_movements
 from tests.conftest import small_display
 
 DISPLAY = small_display(13, 11, 17, rotation_deg=1.3, shift_x_mm=0.2, shift_y_mm=-0.3)
@@ -222,6 +223,19 @@ def test_shake_has_its_rms_and_drift_ends_at_its_length():
     first, *_, last = draw_movements(Motion(drift_px=3.0), 3400.0, 7, random)
     assert np.array_equal(first.turn, np.eye(3))
     assert np.hypot(*(3400 * last.turn[:2, 2])) == pytest.approx(3.0, rel=1e-6)
+
+
+def test_a_frame_shares_its_exposure_among_the_pictures_that_it_shows():
+    assert shares(0.2, 1.0, 0.5, 3) == pytest.approx({-1: 1.0})
+    assert shares(1.1, 1.0, 0.5, 3) == pytest.approx({0: 1.0})
+    # The exposure of 1/60 s starts 1/240 s before the change.
+    assert shares(1.5 - 1 / 240, 1.0, 0.5, 3) == pytest.approx({0: 0.25, 1: 0.75})
+    assert shares(9.0, 1.0, 0.5, 3) == pytest.approx({2: 1.0})
+    random = np.random.default_rng(1)
+    movements = video_movements(Motion(shake_px=0.5), 3400.0, 20_000, random)
+    places = np.array([3400 * m.turn[:2, 2] for m in movements])
+    assert np.sqrt(np.mean(places**2, axis=0)) == pytest.approx([0.5, 0.5], rel=0.05)
+    assert np.abs(np.diff(places, axis=0)).max() < 0.5
 
 
 def test_demosaicing_reproduces_colours_that_vary_linearly():
