@@ -67,10 +67,9 @@ def _photograph_eia(case: Case, eia: Path, out: Path) -> None:
     """Photograph an EIA on the misaligned display from the first position."""
     with Image.open(eia) as image:
         codes = np.asarray(image.convert("RGB"))
-    landing = Sheet(case.display, None).trace(case.camera, case.poses[0], seed=_CASE)
-    shot = Shot(landing, case.camera, case.sensor, case.display.eia_shape)
-    by_channel = [shot.photograph(codes[..., c], seed=c)[..., c] for c in range(3)]
-    Image.fromarray(np.stack(by_channel, axis=-1)).save(out, quality=90)
+    rays = Sheet(case.display).trace(case.camera, case.poses[0], seed=_CASE)
+    shot = Shot(rays, case.camera, case.sensor, case.display.eia_shape)
+    Image.fromarray(shot.photograph(codes, seed=_CASE)).save(out, quality=90)
 
 
 def main() -> None:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from reports.calibration.run import TARGETS, table
+from reports.calibration.run import TARGETS, disturbed_table, table
 
 
 def case(number: int, *, certain: bool = True, **off: float) -> dict[str, Any]:
@@ -62,3 +62,30 @@ def test_a_failed_case_is_listed_and_is_not_within_the_target():
     assert "Case 1 failed: position-2: unsharp" in text
     (pitch,) = (line for line in text.splitlines() if line.startswith("| `pitch_mm`"))
     assert "| 50.0% |" in pitch
+
+
+def disturbed(number: int, *names: str, **off: float) -> dict[str, Any]:
+    """A disturbed case; see `case`."""
+    return case(number, **off) | {"disturbances": dict.fromkeys(names, 1.0), "photographs": 14}
+
+
+def test_disturbed_cases_have_their_coverage_by_parameter_and_by_disturbance():
+    refused = disturbed(2, "shake") | {"found": {}, "refused": "position-2: unsharp"}
+    results = [disturbed(0), disturbed(1, "shake", "bow", gap_mm=5.0), refused]
+    lines = disturbed_table(results, "python").splitlines()
+    # Wilson's interval of 13 of 14.
+    assert "| all | 14 | 13 | 92.9% (68.5% to 98.7%) | | | | |" in lines
+    (gap,) = (line for line in lines if line.startswith("| `gap_mm`"))
+    assert gap.startswith("| `gap_mm` | 2 | 1 | 50.0% (")
+    for row in ("| shake | 2 | 1 | 0 |", "| bow | 1 | 0 | 0 |", "| none | 1 | 0 | 1 |"):
+        assert row in lines
+    assert [row.split("|")[1].strip() for row in rows("\n".join(lines))] == ["1", "0"]
+    assert "**+50 (+5.0)**" in rows("\n".join(lines))[0]
+    assert lines[-1] == "* Case 2 (nominal; shake) refused: position-2: unsharp"
+
+
+def test_undetermined_parameters_of_disturbed_cases_do_not_count():
+    result = disturbed(0, gap_mm=9.0)
+    result["found"]["gap_mm"]["known"] = False
+    text = disturbed_table([result], "python")
+    assert "| all | 6 | 6 |" in text and "| none | 1 | 0 | 1 |" in text
