@@ -170,8 +170,8 @@ def prepare_generator(
     if not (is_own and generate.is_cached(generator, camera, run=run)):
         _ = generator.generator
 
-    # A generator's first call compiles its kernels: while the scene is rendered. Not in a thread for
-    # another package's generator, which may not be thread-safe.
+    # A generator's first call compiles its kernels, while the scene is rendered. Another package's
+    # generator may not be thread-safe.
     started = _AHEAD.submit(_fingerprint, generator, run=run) if is_own and mask is None else None
 
     def generate_from(capture: Capture) -> GeneratedEIA:
