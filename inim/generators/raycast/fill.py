@@ -108,10 +108,8 @@ class Filled(SourceGenerator):
         filled = np.zeros(len(holes), np.bool_)
         columns, rows = cell_rays(rgbd.shape, self.pixel_mm, self.display, ray.pixel_offset)
         display = self.display
-        down = _lattice(display.rows, display.lens_rows, display.elemental_row_pitch_mm, display)
-        across = _lattice(
-            display.columns, display.lens_columns, display.elemental_image_pitch_mm, display
-        )
+        down = _views(display.rows, display.elemental_row_pitch_mm, display)
+        across = _views(display.columns, display.elemental_image_pitch_mm, display)
         share_rows(
             _fill, len(holes), holes, sources, down, across, _kept(rows), _kept(columns), *visible,
             STEEPEST * self.pixel_mm, display.row_pitch_mm / display.pitch_mm,
@@ -227,15 +225,15 @@ def _kept(rays: CellRays) -> tuple[np.ndarray, np.ndarray, float]:
     return rays.start, rays.slope, rays.scale
 
 
-def _lattice(
-    axis: PixelAxis, lenses: int, pitch_mm: float, display: Display
+def _views(
+    axis: PixelAxis, pitch_mm: float, display: Display
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Lens of each panel pixel; first pixel of each lens and the one after its last; their pitch.
 
     The pitch is in panel pixels: where it is no whole number, the pixel at the same place under
     another lens is the nearest one.
     """
-    first, end = axis.elemental_images(lenses)
+    first, end = axis.elemental_images()
     return axis.lens, first, end, pitch_mm / display.pixel_pitch_mm
 
 

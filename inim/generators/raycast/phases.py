@@ -30,7 +30,7 @@ _NO_DEPTH = np.float32(-np.inf)
 
 
 @dataclass(frozen=True)
-class Layout:
+class PhaseLayout:
     """Addresses of picture cells in phases, of one display and picture size.
 
     * `shape`: (slots down, per_pitch, per_pitch, slots across).
@@ -45,7 +45,9 @@ class Layout:
     strips: int
 
     @classmethod
-    def of(cls, per_pitch: int, rows: np.ndarray, columns: np.ndarray, display: Display) -> Layout:
+    def of(
+        cls, per_pitch: int, rows: np.ndarray, columns: np.ndarray, display: Display
+    ) -> PhaseLayout:
         """Lay out the phases.
 
         * `rows`, `columns`: all cells that rays of the lens (0, 0) visit.
@@ -145,7 +147,7 @@ class Phases:
       layers within reach.
     """
 
-    def __init__(self, layout: Layout, shape: PictureShape, *, end: bool) -> None:
+    def __init__(self, layout: PhaseLayout, shape: PictureShape, *, end: bool) -> None:
         self.layout = layout
         size, bounds = math.prod(layout.shape), (layout.shape[0], layout.strips)
         self.depth = np.full(size, np.nan, np.float32)
