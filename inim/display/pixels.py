@@ -240,7 +240,9 @@ class PixelRays:
 
 
 def row_blocks(display: Display) -> Iterator[slice]:
-    """The panel's rows in blocks of bounded size, top to bottom."""
+    """The panel's rows, top to bottom, in blocks of bounded size if each pixel has its own ray."""
+    if display.is_separable:
+        return iter([slice(0, display.eia_shape[0])])
     return row_bands(*display.eia_shape, _PIXELS_AT_ONCE)
 
 

@@ -93,11 +93,10 @@ class _Gu2020(SourceGenerator):
         sources, selected = np.full(self.display.eia_shape, HOLE, np.int32), self.selected
         for rows in row_blocks(self.display):
             if selected[rows].any():
-                rays = picture.block(rows)
-                lines = (*rays.in_cells, selected[rows])
+                rays = picture.block(rows, in_cells=True)[:4]
                 sources[rows] = run_kernel(
-                    _search, len(rays.u0), rays.u0.shape, HOLE, *lines, depth.ravel(), *self.shape,
-                    self._depths,
+                    _search, len(rays[0]), rays[0].shape, HOLE, *rays, selected[rows],
+                    depth.ravel(), *self.shape, self._depths,
                 )  # fmt: skip
         return sources
 
@@ -122,10 +121,11 @@ def _search(begin, end, u0, du, v0, dv, selected, depth, rows, columns, depths, 
     """Search the rays of panel pixels; u and v are columns and rows of the picture."""
     width = u0.shape[1]
     for i in range(begin, end):
+        u, u_slope, v, v_slope, is_selected = u0[i], du[i], v0[i], dv[i], selected[i]
         for j in range(width):
-            if selected[i, j]:
+            if is_selected[j]:
                 sources[i * width + j] = _first_crossing(
-                    depth, rows, columns, u0[i, j], du[i, j], v0[i, j], dv[i, j], depths
+                    depth, rows, columns, u[j], u_slope[j], v[j], v_slope[j], depths
                 )
 
 

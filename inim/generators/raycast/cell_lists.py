@@ -177,6 +177,7 @@ def _direction_tables(
 ) -> Tables:
     per_pitch, pixels = cells_per_pitch(display, pixel_mm), round(display.pixels_per_lens)
     assert per_pitch is not None
+    lenses = display.columns.lenses
     lists = [build_lists(display, shape, pixel_mm, offset) for offset in offsets]
     row, column, exit_mm, entry_mm = (
         np.concatenate([getattr(of_ray, name) for of_ray in lists])
@@ -192,7 +193,7 @@ def _direction_tables(
             display.rows.lens, panel_rows % pixels, _widest(reach), first,
             rounded_up(exit_mm), -rounded_up(-entry_mm),
             np.full(len(offsets) * pixels, 2**32 - 1, np.uint32), pixels, 0,
-            np.arange(display.lens_columns) * pixels, np.full(display.lens_columns, pixels),
+            np.arange(lenses) * pixels, np.full(lenses, pixels),
             pixels, pixels, False,
         ),
         Directions(layout.row_offset(row) + layout.column_offset(column)),
@@ -242,8 +243,8 @@ def _pass_tables(
         np.concatenate([ray.column[ray.columns.used & (owner >= 0)[:, None]] for ray in rays]),
         display,
     )
-    lens_pixels = np.bincount(owner[owner >= 0], minlength=display.lens_columns)
-    lens_first = np.array([np.argmax(owner == n) for n in range(display.lens_columns)])
+    lens_pixels = np.bincount(owner[owner >= 0], minlength=display.columns.lenses)
+    lens_first = np.array([np.argmax(owner == n) for n in range(display.columns.lenses)])
     pixels = int(lens_pixels.max())
     parts = [_ray_passes(ray, owner, lens_first, pixels, layout) for ray in rays]
     row_first = [np.concatenate([[0], np.cumsum(ray.rows.count)]) for ray in rays]

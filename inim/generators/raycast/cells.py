@@ -85,12 +85,6 @@ class RayBlock(NamedTuple):
     u_scale: float
     v_scale: float
 
-    @property
-    def in_cells(self) -> tuple[np.ndarray, ...]:
-        """The first four in cells, rounded as floats are."""
-        u0, du, v0, dv, u_scale, v_scale = self
-        return u0 / u_scale, du / u_scale, v0 / v_scale, dv / v_scale
-
 
 class PictureRays:
     """Rays of a display's pixels, from one point of each, over pictures of one size.
@@ -113,16 +107,21 @@ class PictureRays:
         """Rays of the columns and the rows of a separable display."""
         return cell_rays(*self._size, self.display, self._offset)
 
-    def block(self, rows: slice) -> RayBlock:
+    def block(self, rows: slice, *, in_cells: bool = False) -> RayBlock:
         """Rays of some panel rows.
 
-        Exact where the display is separable (see `CellRays`); otherwise rounded as floats are, in
-        cells.
+        Exact where the display is separable (see `CellRays`), unless `in_cells`; otherwise rounded
+        as floats are, in cells.
         """
+        scales = 1.0, 1.0
         if self.display.is_separable:
             across, down = self.axes
-            lines = (across.start, across.slope, down.start[rows, None], down.slope[rows, None])
-            scales = across.scale, down.scale
+            of_columns, of_rows = (across.start, across.slope), (down.start, down.slope)
+            if in_cells:
+                of_columns, of_rows = across.in_cells, down.in_cells
+            else:
+                scales = across.scale, down.scale
+            lines = (*of_columns, *(values[rows, None] for values in of_rows))
         else:
             (height, width), pixel_mm = self._size
             down_px, right_px = map(float, self._offset)
@@ -133,7 +132,6 @@ class PictureRays:
                 height / 2 - rays.y0 / pixel_mm,
                 -rays.slope_y / pixel_mm,
             )
-            scales = 1.0, 1.0
         shape = (rows.stop - rows.start, self.display.eia_shape[1])
         u0, du, v0, dv = (np.broadcast_to(line, shape) for line in lines)
         return RayBlock(u0, du, v0, dv, *scales)

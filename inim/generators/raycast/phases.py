@@ -55,13 +55,14 @@ class PhaseLayout:
         first = [int(cells.min()) // per_pitch for cells in (rows, columns)]
         last = [int(cells.max()) // per_pitch for cells in (rows, columns)]
         window = (last[0] - first[0] + 1, last[1] - first[1] + 1)
-        down = display.lens_rows + window[0] - 1
-        across = max(display.lens_columns, LANES) + window[1] - 1
+        lens_rows, lens_columns = display.layout.grid
+        down = lens_rows + window[0] - 1
+        across = max(lens_columns, LANES) + window[1] - 1
         return cls(
             (down, per_pitch, per_pitch, across),
             (first[0] * per_pitch, first[1] * per_pitch),
             window,
-            -(-display.lens_columns // LANES),
+            -(-lens_columns // LANES),
         )
 
     @property
@@ -245,8 +246,8 @@ def fits_tables(display: Display, shape: PictureShape, pixel_mm: float, layers: 
         2 + axis.most_cells(display.depth_range_mm) // per_pitch
         for axis in cell_rays(shape, pixel_mm, display)
     )
-    across = max(display.lens_columns, LANES) + columns
-    cells = (display.lens_rows + rows) * across * per_pitch * per_pitch * layers
+    lens_rows, lens_columns = display.layout.grid
+    cells = (lens_rows + rows) * (max(lens_columns, LANES) + columns) * per_pitch**2 * layers
     panel = display.eia_shape[0] * display.eia_shape[1]
     return cells <= max(_MOST_SLOTS, 4 * (panel + shape[0] * shape[1]))
 
