@@ -47,6 +47,11 @@ vec3 lens_centre(vec2 point) {{
     def view_cell_mm(self) -> tuple[float, float]:
         return self.display.width_mm / self.grid[1], self.display.row_pitch_mm
 
+    @property
+    def outermost_mm(self) -> tuple[float, float]:
+        across, up = super().outermost_mm
+        return across + _S * (self.grid[0] - 1) / 2 * self.display.pitch_mm, up
+
     @staticmethod
     def cell_height(pitch: float, row_pitch: float) -> float:
         return row_pitch + _S * (1 - _S) * pitch**2 / row_pitch

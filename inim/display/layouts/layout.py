@@ -7,6 +7,7 @@ moved to the array's centre and rotated with it; rows count from the top, length
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -178,34 +179,35 @@ class Layout(ABC):
 
     # -- viewing zone --------------------------------------------------------------------------
 
+    @property
+    def outermost_mm(self) -> tuple[float, float]:
+        """Distances of the outermost lens centres from the array's centre, across and up."""
+        rows, columns = self.grid
+        return (columns - 1) / 2 * self.display.pitch_mm, (rows - 1) / 2 * self.display.row_pitch_mm
+
     def flip_limit_mm(self, distance_mm: float) -> tuple[float, float]:
         """See `Display.flip_limit_mm`."""
-        limits = []
-        gap = self.display.gap_mm
-        for lenses, p, q in self._lens_rows():
+        limits, gap = [], self.display.gap_mm
+        for outermost, p, q in self._pitches():
             walk = abs(1 + gap / distance_mm - q / p)
-            outermost = (lenses - 1) / 2 * p
             limits.append((q / 2 - outermost * walk) * distance_mm / gap)
         return limits[0], limits[1]
 
     def nearest_viewing_distance_mm(self) -> float:
         """Distance at which an eye on the axis just sees no flipped view; inf if there is none."""
         nearest = self.display.gap_mm
-        for lenses, p, q in self._lens_rows():
-            outermost = (lenses - 1) / 2 * p
-            if outermost == 0:
-                continue
-            slack = q / 2 / outermost - (1 - q / p)
-            nearest = max(nearest, self.display.gap_mm / slack if slack > 0 else np.inf)
+        for outermost, p, q in self._pitches():
+            if outermost:
+                slack = q / 2 / outermost - (1 - q / p)
+                nearest = max(nearest, self.display.gap_mm / slack if slack > 0 else np.inf)
         return nearest
 
-    def _lens_rows(self) -> tuple[tuple[int, float, float], tuple[int, float, float]]:
-        """Lenses, their distance and that of their elemental images, across and down."""
-        display, (rows, columns) = self.display, self.grid
-        return (
-            (columns, display.pitch_mm, display.elemental_image_pitch_mm),
-            (rows, display.row_pitch_mm, display.elemental_row_pitch_mm),
-        )
+    def _pitches(self) -> Iterator[tuple[float, float, float]]:
+        """Outermost lens, distance of lenses and of their elemental images, across and down."""
+        display = self.display
+        lenses = display.pitch_mm, display.row_pitch_mm
+        cells = display.elemental_image_pitch_mm, display.elemental_row_pitch_mm
+        return zip(self.outermost_mm, lenses, cells, strict=True)
 
     # -- optics --------------------------------------------------------------------------------
 

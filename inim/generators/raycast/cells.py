@@ -21,8 +21,7 @@ _EXACT = 2**53
 _MOST_CELLS = 1_000_000
 
 
-@dataclass(frozen=True)
-class CellRays:
+class CellRays(NamedTuple):
     """Rays of one panel axis over the cells of a picture.
 
     The ray of panel pixel `i` crosses the border before cell `j` at the depth

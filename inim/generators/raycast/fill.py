@@ -33,7 +33,7 @@ from inim.generators.base import (
     SourceGenerator,
     Sources,
 )
-from inim.generators.raycast.cells import CellRays, cell_rays
+from inim.generators.raycast.cells import cell_rays
 from inim.generators.raycast.columns import STEEPEST
 from inim.generators.raycast.light import light_of_codes
 from inim.image.color import srgb_from_linear, srgb_to_uint8
@@ -111,7 +111,7 @@ class Filled(SourceGenerator):
         down = _views(display.rows, display.elemental_row_pitch_mm, display)
         across = _views(display.columns, display.elemental_image_pitch_mm, display)
         share_rows(
-            _fill, len(holes), holes, sources, down, across, _kept(rows), _kept(columns), *visible,
+            _fill, len(holes), holes, sources, down, across, rows, columns, *visible,
             STEEPEST * self.pixel_mm, display.row_pitch_mm / display.pitch_mm,
             display.depth_range_mm[0], bool((visible.front > -np.inf).all()), colour, filled,
         )  # fmt: skip
@@ -219,10 +219,6 @@ def _add_light(pixels: np.ndarray, at: np.ndarray, light: np.ndarray) -> None:
     pixels[at, :3] = srgb_to_uint8(srgb_from_linear(light_sum))
     alpha = pixels[at, 3] + np.rint(light[:, 3] * np.float32(255))
     pixels[at, 3] = np.minimum(alpha, 255).astype(np.uint8)
-
-
-def _kept(rays: CellRays) -> tuple[np.ndarray, np.ndarray, float]:
-    return rays.start, rays.slope, rays.scale
 
 
 def _views(

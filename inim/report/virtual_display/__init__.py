@@ -298,6 +298,7 @@ def _optics(display: Display) -> dict[str, Any]:
         "size_mm": [display.width_mm, display.height_mm],
         "pitch_mm": [array.pitch_x, array.pitch_y],
         "lenses": list(display.layout.grid[::-1]),
+        "outermost_mm": list(display.layout.outermost_mm),
         "gap_mm": array.gap,
         "elemental_pitch_mm": [display.elemental_image_pitch_mm, display.elemental_row_pitch_mm],
         "power_per_mm": [(n - 1) / array.radius for n in indices],
