@@ -112,15 +112,12 @@ class PictureRays:
         Exact where the display is separable (see `CellRays`), unless `in_cells`; otherwise rounded
         as floats are, in cells.
         """
-        scales = 1.0, 1.0
         if self.display.is_separable:
             across, down = self.axes
-            of_columns, of_rows = (across.start, across.slope), (down.start, down.slope)
             if in_cells:
-                of_columns, of_rows = across.in_cells, down.in_cells
-            else:
-                scales = across.scale, down.scale
-            lines = (*of_columns, *(values[rows, None] for values in of_rows))
+                across, down = (CellRays(*axis.in_cells, 1.0) for axis in (across, down))
+            lines = (across.start, across.slope, down.start[rows, None], down.slope[rows, None])
+            scales = across.scale, down.scale
         else:
             (height, width), pixel_mm = self._size
             down_px, right_px = map(float, self._offset)
@@ -131,6 +128,7 @@ class PictureRays:
                 height / 2 - rays.y0 / pixel_mm,
                 -rays.slope_y / pixel_mm,
             )
+            scales = 1.0, 1.0
         shape = (rows.stop - rows.start, self.display.eia_shape[1])
         u0, du, v0, dv = (np.broadcast_to(line, shape) for line in lines)
         return RayBlock(u0, du, v0, dv, *scales)
