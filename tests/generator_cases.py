@@ -19,6 +19,7 @@ from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.scene.two_spheres import two_spheres
 from inim.stress.pictures import picture_of_depth, solids_of, tied_picture
 from tests.conftest import small_display
+from tests.skewed_layout import Skewed
 
 REAL = {"depth_min_mm": 10.0, "depth_max_mm": 31.0}
 VIRTUAL = {"focal_length_mm": 3.6, "depth_min_mm": -31.0, "depth_max_mm": -9.0}
@@ -55,6 +56,7 @@ SEPARABLE = {
 }
 NON_SEPARABLE = {
     "hexagonal": small_display(4, 3, 7, lattice="hexagonal", **REAL),
+    "skewed rows": small_display(4, 3, 7, lattice=Skewed.name, shift_x_mm=0.1, **REAL),
     "turned": small_display(4, 3, 7, rotation_deg=4.0, **REAL),
     "tilted": small_display(4, 3, 7, tilt_x_deg=8.0, tilt_y_deg=-6.0, **REAL),
     "off in every way": small_display(4, 3, 7, **OFF_IN_EVERY_WAY, **REAL),

@@ -37,6 +37,7 @@ from inim.calibration.start import (
     pose_guess,
 )
 from inim.display import Display
+from inim.display.layouts import Square
 from inim.errors import DisplayError, FileError, UsageError
 
 #: A parameter with a larger standard error is not given; lengths as shares of the nominal pitch,
@@ -181,8 +182,8 @@ class Calibration:
 
 
 def check_display(display: Display) -> None:
-    """Raise `UsageError` unless its lenses are a square lattice that fills the sheet."""
-    for name, required in (("lattice", "square"), ("aperture", "square"), ("fill_factor", 1.0)):
+    """Raise `UsageError` unless its lenses are in rows and columns and fill the sheet."""
+    for name, required in (("lattice", Square.name), ("aperture", "square"), ("fill_factor", 1.0)):
         value = getattr(display, name)
         if value != required:
             raise UsageError(
@@ -378,7 +379,7 @@ def renumber_lenses(
     off = (shift - [nominal.shift_x_mm, nominal.shift_y_mm]) @ turn
     by = np.where(edges_seen, 0, np.rint(off / step)).astype(int)
     index = np.concatenate([position.index for position in counted])
-    there = np.array([display.lens_columns, display.lens_rows])
+    there = np.array(display.layout.grid[::-1])
     by = np.clip(by, -index.min(axis=0), there - 1 - index.max(axis=0))
     shift = shift - turn @ (by * step)
     moved = display.replace(shift_x_mm=float(shift[0]), shift_y_mm=float(shift[1]))

@@ -89,7 +89,7 @@ def residual_maps(calibration: Calibration) -> list[tuple[str, np.ndarray, np.nd
     """
     display = calibration.guess.display
     observations = Observations.of(calibration.lenses, display).without_blur(calibration.guess)
-    shape = (display.lens_rows, display.lens_columns)
+    shape = display.layout.grid
     return [
         (name, _mean_map(lens, -1e3 * rays_mm, shape), _mean_map(outlined, -outlines_px, shape))
         for name, lens, outlined, (rays_mm, outlines_px) in zip(
@@ -261,8 +261,7 @@ def _information(
 ) -> np.ndarray | None:
     """Information of a new position about `SHARED`; None if it sees too few lenses."""
     column, row = np.meshgrid(
-        np.unique(np.linspace(0, display.lens_columns - 1, _LENSES).astype(int)),
-        np.unique(np.linspace(0, display.lens_rows - 1, _LENSES).astype(int)),
+        *(np.unique(np.linspace(0, n - 1, _LENSES).astype(int)) for n in display.layout.grid[::-1])
     )
     index = np.stack([column.ravel(), row.ravel()], axis=-1)
     centre = centres(display, camera, pose, index)

@@ -184,7 +184,7 @@ def number_lenses(
     index = [position.index + by for position, by in zip(lenses.values(), offsets, strict=True)]
     low = np.min([position_index.min(axis=0) for position_index in index], axis=0)
     high = np.max([position_index.max(axis=0) for position_index in index], axis=0)
-    there = np.array([display.lens_columns, display.lens_rows])
+    there = np.array(display.layout.grid[::-1])
     for visible_count, most, axis_name in zip(
         high - low + 1, there, ("columns", "rows"), strict=True
     ):

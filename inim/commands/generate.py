@@ -331,10 +331,8 @@ def _write_outputs(
 
 
 def _display_line(display: Display) -> str:
-    return (
-        f"display    {display.name}: {display.lens_columns} x {display.lens_rows} lenses of "
-        f"{display.pitch_mm:g} mm"
-    )
+    lenses = display.layout.lens_counts()
+    return f"display    {display.name}: {lenses} lenses of {display.pitch_mm:g} mm"
 
 
 def _report(

@@ -128,10 +128,8 @@ def view_eia(
 
 
 def _words(display: Display) -> str:
-    return (
-        f"{display.name}: {display.lens_columns} × {display.lens_rows} lenses of "
-        f"{display.pitch_mm:g} mm"
-    )
+    lenses = display.layout.lens_counts("×")
+    return f"{display.name}: {lenses} lenses of {display.pitch_mm:g} mm"
 
 
 def _page(title: str, facts: str, content: str) -> str:

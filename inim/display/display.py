@@ -10,6 +10,7 @@ paper" from here on, by equation number.
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import cached_property
@@ -21,6 +22,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 
 from inim.display.layers import parse_layers
+from inim.display.layouts import LAYOUTS, Layout
 from inim.display.panel import check_panel
 from inim.display.parameters import (
     Aperture,
@@ -56,9 +58,9 @@ _LENGTHS = (
     "elemental_pitch_mm",
     "lens_thickness_mm",
 )
-_WORDS = {
+_WORDS: dict[str, Collection[str]] = {
     "curved_side": get_args(CurvedSide),
-    "lattice": get_args(Lattice),
+    "lattice": LAYOUTS,
     "aperture": get_args(Aperture),
     "between_lenses": get_args(BetweenLenses),
     "subpixels": get_args(Subpixels),
@@ -274,23 +276,27 @@ class Display:
 
     # -- sizes ---------------------------------------------------------------------------------
 
+    @cached_property
+    def layout(self) -> Layout:
+        """Arrangement of the lenses, and the rays of the pixels; all that depends on `lattice`."""
+        return LAYOUTS[self.lattice](self)
+
     @property
     def width_mm(self) -> float:
         """Width of the lens array: N P, plus half a pitch if rows are staggered."""
-        staggered = 0.5 if self.lattice == "hexagonal" and self.lens_rows > 1 else 0.0
-        return (self.lens_columns + staggered) * self.pitch_mm
+        return float(self.layout.size[0]) * self.pitch_mm
 
     @property
     def height_mm(self) -> float:
         """Height of the lens array: number of rows times row pitch."""
-        return self.lens_rows * self.row_pitch_mm
+        return float(self.layout.size[1]) * self.row_pitch_mm
 
     @property
     def row_pitch_mm(self) -> float:
         """Distance between adjacent lens rows."""
         if self.pitch_y_mm is not None:
             return self.pitch_y_mm
-        return self.pitch_mm * (math.sqrt(3) / 2 if self.lattice == "hexagonal" else 1.0)
+        return self.layout.usual_row_pitch_mm(self.pitch_mm)
 
     @property
     def elemental_row_pitch_mm(self) -> float:
@@ -302,9 +308,7 @@ class Display:
     @property
     def is_separable(self) -> bool:
         """True if a panel pixel's lens and ray depend on its row and its column separately."""
-        return self.lattice == "square" and not (
-            self.rotation_deg or self.tilt_x_deg or self.tilt_y_deg
-        )
+        return not self.not_separable_by
 
     @property
     def elemental_image_pitch_mm(self) -> float:
@@ -320,7 +324,7 @@ class Display:
     def has_integer_ratio(self) -> bool:
         """True if all elemental images are squares of the same whole number of pixels."""
         whole = round(self.pixels_per_lens)
-        covered = (self.lens_rows * whole, self.lens_columns * whole)
+        covered = tuple(lenses * whole for lenses in self.layout.grid)
         return (
             self.is_separable
             and not (self.shift_x_mm or self.shift_y_mm)
@@ -334,14 +338,9 @@ class Display:
 
         By default those that cover the array where it is designed to be, not moved nor turned.
         """
-        down, across = self._exact_pixels_per_lens
-        rows, columns = math.ceil(self.lens_rows * down), math.ceil(self._lenses_across * across)
+        (down, across), (wide, high) = self._exact_pixels_per_lens, self.layout.size
+        rows, columns = math.ceil(high * down), math.ceil(wide * across)
         return self.panel_rows or rows, self.panel_columns or columns
-
-    @property
-    def _lenses_across(self) -> Fraction:
-        """Pitches from the array's left end to its right one; staggered rows add a half."""
-        return Fraction(round(2 * self.width_mm / self.pitch_mm), 2)
 
     @property
     def _exact_pixels_per_lens(self) -> tuple[Fraction, Fraction]:
@@ -432,19 +431,7 @@ class Display:
         for elemental pitch P that is ``|e - x0| <= V P / 2g``. Negative: too close even on axis.
         Offsets count from the array's own centre and along its own axes.
         """
-        limits = []
-        for lenses, p, q in self._axes():
-            walk = abs(1 + self.gap_mm / distance_mm - q / p)
-            outermost = (lenses - 1) / 2 * p
-            limits.append((q / 2 - outermost * walk) * distance_mm / self.gap_mm)
-        return limits[0], limits[1]
-
-    def _axes(self) -> tuple[tuple[int, float, float], tuple[int, float, float]]:
-        """Lenses, their distance and that of their elemental images, across and down."""
-        return (
-            (self.lens_columns, self.pitch_mm, self.elemental_image_pitch_mm),
-            (self.lens_rows, self.row_pitch_mm, self.elemental_row_pitch_mm),
-        )
+        return self.layout.flip_limit_mm(distance_mm)
 
     @property
     def nearest_viewing_distance_mm(self) -> float:
@@ -455,19 +442,13 @@ class Display:
         DisplayError
             When the elemental-image pitch is so far off that no distance works.
         """
-        nearest = self.gap_mm
-        for lenses, p, q in self._axes():
-            outermost = (lenses - 1) / 2 * p
-            if outermost == 0:
-                continue
-            slack = q / 2 / outermost - (1 - q / p)
-            if slack <= 0:
-                raise DisplayError(
-                    f"elemental_pitch_mm = {self.elemental_image_pitch_mm:g} against pitch_mm = "
-                    f"{self.pitch_mm:g}: every viewing distance shows flipped views; bring the two "
-                    "closer"
-                )
-            nearest = max(nearest, self.gap_mm / slack)
+        nearest = self.layout.nearest_viewing_distance_mm()
+        if math.isinf(nearest):
+            raise DisplayError(
+                f"elemental_pitch_mm = {self.elemental_image_pitch_mm:g} against pitch_mm = "
+                f"{self.pitch_mm:g}: every viewing distance shows flipped views; bring the two "
+                "closer"
+            )
         return nearest
 
     # -- pixels and rays -----------------------------------------------------------------------
@@ -494,7 +475,7 @@ class Display:
     @property
     def not_separable_by(self) -> str:
         """The settings that couple rows and columns, for messages; empty where `is_separable`."""
-        reasons = ["lattice = 'hexagonal'"] if self.lattice == "hexagonal" else []
+        reasons = [] if self.layout.has_rows_and_columns else [f"lattice = {self.lattice!r}"]
         for name in ("rotation_deg", "tilt_x_deg", "tilt_y_deg"):
             if getattr(self, name):
                 reasons.append(f"{name} = {getattr(self, name):g}")
@@ -539,10 +520,8 @@ class Display:
             for margin in margins
         ]
         down = exact_length(self.row_pitch_mm) / exact_length(self.pitch_mm)
-        return (
-            math.ceil(self.lens_rows * down * count) + 2 * pads[1],
-            math.ceil(self._lenses_across * count) + 2 * pads[0],
-        )
+        wide, high = self.layout.size
+        return math.ceil(high * down * count) + 2 * pads[1], math.ceil(wide * count) + 2 * pads[0]
 
     @property
     def lenses_on_panel(self) -> tuple[int, int]:
@@ -555,9 +534,9 @@ class Display:
     @property
     def panel_excess_mm(self) -> tuple[float, float]:
         """Excess width and height of the elemental images over the panel; 0 if they fit."""
-        rows, columns = self.eia_shape
-        wide = self.lens_columns * self.elemental_image_pitch_mm - columns * self.pixel_pitch_mm
-        high = self.lens_rows * self.elemental_row_pitch_mm - rows * self.pixel_pitch_mm
+        (rows, columns), (down, across) = self.eia_shape, self.layout.grid
+        wide = across * self.elemental_image_pitch_mm - columns * self.pixel_pitch_mm
+        high = down * self.elemental_row_pitch_mm - rows * self.pixel_pitch_mm
         return max(wide, 0.0), max(high, 0.0)
 
     def capture_pixel_mm(self, pixels_per_pitch: float) -> float:
@@ -571,10 +550,7 @@ class Display:
     @property
     def steepest_slopes(self) -> tuple[float, float]:
         """Largest slopes of pixel rays in x and y: millimetres sideways per millimetre of depth."""
-        cell_x, cell_y = self.elemental_image_pitch_mm, self.elemental_row_pitch_mm
-        if self.lattice == "hexagonal":
-            # Where three cells of the lattice meet; those of rows far apart are that tall.
-            cell_y = min((cell_x**2 / 4 + cell_y**2) / cell_y, 2 * cell_y)
+        cell_x, cell_y = self.layout.cell_size_mm
         # Elemental images closer together than lenses: the outer ones are off their lenses' axes.
         closer = max(1 - self.elemental_image_pitch_mm / self.pitch_mm, 0.0)
         cell_x, cell_y = cell_x + closer * self.width_mm, cell_y + closer * self.height_mm

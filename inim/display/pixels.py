@@ -1,8 +1,9 @@
 """Pixels of a panel: emitting areas, lenses, and rays.
 
 `PixelAxis` is one axis of the panel, exactly, for displays that are separable. `pixel_rays` takes
-pixels one by one, in float64 from their positions: where the lattice is hexagonal, or the array is
-turned or tilted against its panel, a pixel's lens does not follow from its row and column apart.
+pixels one by one, in float64 from their positions: where the layout has no rows and columns, or the
+array is turned or tilted against its panel, a pixel's lens does not follow from its row and column
+apart. Where the lenses are, `inim.display.layouts` tells.
 """
 
 from __future__ import annotations
@@ -99,9 +100,8 @@ def exact_length(value: float) -> Fraction:
 class PixelAxis:
     """One axis of the panel: position, lens and ray of each pixel.
 
-    Rays of a square lattice that is neither turned nor tilted are separable, so such a display is
-    two of these; `pixel_rays` is for the others. Pixel `i` sends its chief ray along
-    ``X(z) = centre_mm[i] + slope[i] z`` (Eq. 1).
+    A separable display is two of these; `pixel_rays` is for the others. Pixel `i` sends its chief
+    ray along ``X(z) = centre_mm[i] + slope[i] z`` (Eq. 1).
 
     Attributes
     ----------
@@ -118,6 +118,8 @@ class PixelAxis:
     step : int
         From one pixel to the next, in the same units; negative for rows.
     unit_mm : Fraction
+    lenses : int
+        Number of lenses along the axis.
     """
 
     position_mm: np.ndarray
@@ -128,6 +130,7 @@ class PixelAxis:
     offset: tuple[int, ...]
     step: int
     unit_mm: Fraction
+    lenses: int
 
     def moved_offset(self, pixels: Fraction) -> tuple[int, ...]:
         """Offsets of points moved inside their pixels, in ``unit_mm / pixels.denominator``.
@@ -137,14 +140,14 @@ class PixelAxis:
         fold, by = pixels.denominator, pixels.numerator * self.step
         return tuple(fold * offset - by for offset in self.offset)
 
-    def elemental_images(self, lenses: int) -> tuple[np.ndarray, np.ndarray]:
+    def elemental_images(self) -> tuple[np.ndarray, np.ndarray]:
         """First pixel of each lens, and the one after its last; equal where it has none."""
         # Lenses ascend along the panel; those beside it are -1.
         covered = np.flatnonzero(self.lens >= 0)
         start = covered[0] if len(covered) else 0
         order = self.lens[covered]
-        first = np.searchsorted(order, np.arange(lenses), side="left") + start
-        end = np.searchsorted(order, np.arange(lenses), side="right") + start
+        first = np.searchsorted(order, np.arange(self.lenses), side="left") + start
+        end = np.searchsorted(order, np.arange(self.lenses), side="right") + start
         return first.astype(np.int64), end.astype(np.int64)
 
 
@@ -158,35 +161,22 @@ def pixel_axis(display: Display, sign: int) -> PixelAxis:
 
     Raises `DisplayError`: the display is not separable, or no pixel is under a lens.
     """
-    if not display.is_separable:
-        raise DisplayError(
-            f"display {display.name}: with {display.not_separable_by} a pixel's lens depends on "
-            "its row and column together; use a generator that traces every pixel's ray, such as "
-            "'template' or 'gu2020'"
-        )
-    if sign > 0:
-        pixels, lenses = display.eia_shape[1], display.lens_columns
-        pitch, shift_name = exact_length(display.pitch_mm), "shift_x_mm"
-    else:
-        pixels, lenses = display.eia_shape[0], display.lens_rows
-        pitch, shift_name = exact_length(display.row_pitch_mm), "shift_y_mm"
-    across = exact_length(display.elemental_image_pitch_mm)
-    elemental = pitch * across / exact_length(display.pitch_mm)
-    shift_mm = getattr(display, shift_name)
+    axis, gap = display.layout.axis(sign), exact_length(display.gap_mm)
     # In halves, as centres lie at half-integers: position = (2 i - n + 1) pixel / 2.
-    pixel, gap = exact_length(display.pixel_pitch_mm), exact_length(display.gap_mm)
-    lengths = (pixel / 2, pitch / 2, elemental, exact_length(shift_mm))
+    lengths = (axis.pixel / 2, axis.pitch / 2, axis.cell, axis.shift)
     unit = _common_measure(lengths)
-    half_pixel, half_pitch, cell, pixel_offset = (int(length / unit) for length in lengths)
+    half_pixel, half_pitch, cell, shift = (int(length / unit) for length in lengths)
+    pixels, lenses = axis.pixels, axis.lenses
     place = [(2 * i - pixels + 1) * half_pixel for i in range(pixels)]
-    # Beside the array the lattice is carried on, so that every pixel has a ray.
-    lattice = [_cell_of(x - sign * pixel_offset, cell, lenses) for x in place]
-    centre = tuple(sign * (2 * n - lenses + 1) * half_pitch + pixel_offset for n in lattice)
+    # Beside the array the layout is carried on, so that every pixel has a ray.
+    cells = [_cell_of(x - shift, cell, lenses) for x in place]
+    centre = tuple(sign * ((2 * n - lenses + 1) * half_pitch + shift) for n in cells)
     offset = tuple(c - sign * x for c, x in zip(centre, place, strict=True))
-    lens = np.array([n if 0 <= n < lenses else -1 for n in lattice], np.int64)
+    lens = np.array([n if 0 <= n < lenses else -1 for n in cells], np.int64)
     if (lens < 0).all():
+        name = "shift_x_mm" if sign > 0 else "shift_y_mm"
         raise DisplayError(
-            f"{shift_name} = {shift_mm:g}: the array is completely outside its panel"
+            f"{name} = {getattr(display, name):g}: the array is completely outside its panel"
         )
     return PixelAxis(
         position_mm=np.array([_to_float(sign * x, unit) for x in place]),
@@ -197,6 +187,7 @@ def pixel_axis(display: Display, sign: int) -> PixelAxis:
         offset=offset,
         step=2 * sign * half_pixel,
         unit_mm=unit,
+        lenses=lenses,
     )
 
 
@@ -236,10 +227,10 @@ class PixelRays:
     of Wang et al. 2024 with the pixel's own gap.
     """
 
-    #: int64: ``row * lens_columns + column``, rows from the top; -1 outside the array, where the
-    #: lattice is carried on, so that every pixel has a ray.
+    #: int64: ``row * columns + column`` of lenses, rows from the top; -1 outside the array, where
+    #: the layout is carried on, so that every pixel has a ray.
     lens: np.ndarray
-    #: float64: the lens's centre, mm.
+    #: float64: where the ray crosses the array's plane, the lens's centre, mm.
     x0: np.ndarray
     y0: np.ndarray
     #: float64: lateral travel per millimetre towards the viewer, ``(x0 - x) / gap_mm``.
@@ -249,7 +240,9 @@ class PixelRays:
 
 
 def row_blocks(display: Display) -> Iterator[slice]:
-    """The panel's rows in blocks of bounded size, top to bottom."""
+    """The panel's rows, top to bottom, in blocks of bounded size if each pixel has its own ray."""
+    if display.is_separable:
+        return iter([slice(0, display.eia_shape[0])])
     return row_bands(*display.eia_shape, _PIXELS_AT_ONCE)
 
 
@@ -258,8 +251,8 @@ def pixel_rays(
 ) -> PixelRays:
     """Rays of a block of panel rows.
 
-    A pixel belongs to the lens whose elemental-image cell contains its centre: cells of the lens
-    lattice at the elemental images' pitch, shifted and rotated with the array.
+    A pixel belongs to the lens whose elemental-image cell contains its centre: cells of the layout
+    at the elemental images' pitch, shifted and rotated with the array.
 
     Parameters
     ----------
@@ -281,17 +274,13 @@ def pixel_rays(
     angle = math.radians(display.rotation_deg)
     c, s = math.cos(angle), math.sin(angle)
     from_x, from_y = x - display.shift_x_mm, y - display.shift_y_mm
-    row, column, stagger = _find_cell(display, c * from_x + s * from_y, c * from_y - s * from_x)
-    # Lens centres have the lens pitch, whatever the pitch of the cells under them.
-    across = (column + 0.5 - display.lens_columns / 2 + stagger) * display.pitch_mm
-    up = (display.lens_rows / 2 - row - 0.5) * display.row_pitch_mm
-    x0 = c * across - s * up + display.shift_x_mm
-    y0 = c * up + s * across + display.shift_y_mm
-    inside = (row >= 0) & (row < display.lens_rows)
-    inside = inside & (column >= 0) & (column < display.lens_columns)
-    lens = np.where(inside, row * display.lens_columns + column, -1).astype(np.int64)
-    down, right = pixel_offset
-    x, y = x + right * pitch, y - down * pitch
+    right, up = pixel_offset[1] * pitch, -pixel_offset[0] * pitch
+    lens, across, along = display.layout.find_rays(
+        c * from_x + s * from_y, c * from_y - s * from_x, (c * right + s * up, c * up - s * right)
+    )
+    x0 = c * across - s * along + display.shift_x_mm
+    y0 = c * along + s * across + display.shift_y_mm
+    x, y = x + right, y + up
     tilt_x, tilt_y = display.tilt_slopes
     gap = display.gap_mm + tilt_x * x + tilt_y * y
     return PixelRays(lens, x0, y0, (x0 - x) / gap, (y0 - y) / gap, gap)
@@ -311,36 +300,3 @@ def least_gap_mm(display: Display) -> float:
             f"{display.gap_mm:g}); tilt it less"
         )
     return gap
-
-
-def _find_cell(
-    display: Display, x: np.ndarray, y: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Row from the top and column of the cell that holds points of the array's frame.
-
-    And how far its row is staggered, in pitches. Whole numbers as floats; beyond the array they
-    count on.
-    """
-    across = x / display.elemental_image_pitch_mm + display.lens_columns / 2
-    down = display.lens_rows / 2 - y / display.elemental_row_pitch_mm
-    if display.lattice != "hexagonal":
-        return np.floor(down), np.floor(across), np.zeros(())
-    # A point's nearest centre lies in the row of centres above it or in the one below.
-    upper = np.floor(down - 0.5)
-    rows = upper, upper + 1
-    staggers = [_stagger(display, row) for row in rows]
-    columns = [np.floor(across - stagger) for stagger in staggers]
-    squares = [
-        ((across - column - 0.5 - stagger) * display.elemental_image_pitch_mm) ** 2
-        + ((down - row - 0.5) * display.elemental_row_pitch_mm) ** 2
-        for row, column, stagger in zip(rows, columns, staggers, strict=True)
-    ]
-    above = squares[0] < squares[1]
-    row, column, stagger = (np.where(above, *pair) for pair in (rows, columns, staggers))
-    return row, column, stagger
-
-
-def _stagger(display: Display, row: np.ndarray) -> np.ndarray:
-    """Offset of a row of a centred hexagonal lattice to the right, in pitches."""
-    pixel_offset: np.ndarray = np.mod(row, 2) / 2 - 0.25
-    return pixel_offset if display.lens_rows > 1 else np.zeros_like(pixel_offset)

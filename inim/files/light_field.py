@@ -70,11 +70,11 @@ def sub_aperture_views(
     """Extract the views of an EIA.
 
     * `eia`, (rows, columns, ...) array: shape: `eia_shape` of the display.
-    * `display`: square lattice without rotation or tilt.
+    * `display`: separable.
     * `grid`, (rows, columns): number of views, evenly spaced over a lens's field; by default
       `view_grid`.
 
-    Returns (view rows, view columns, lens_rows, lens_columns, ...) array, of the EIA's type.
+    Returns (view rows, view columns, lens rows, lens columns, ...) array, of the EIA's type.
 
     Raises `UsageError`: wrong shape, or a display without rows and columns of lenses.
     """
@@ -101,7 +101,7 @@ def eia_from_views(
     Inverts `sub_aperture_views` for whole numbers of pixels per lens.
 
     * `views`, (view rows, view columns, H, W, ...) array: any number and size.
-    * `display`: square lattice without rotation or tilt.
+    * `display`: separable.
     * `shift`: disparity to add, in view pixels; positive values move the scene towards the viewer.
     * `pixel_mm`: size of a view's pixel on the array; by default the views are stretched over the
       array.
@@ -175,7 +175,7 @@ def centre_disparity(rgbd: RGBD, display: Display, across: int) -> NDArray[np.fl
 
     * `across`: columns of views.
 
-    Returns (lens_rows, lens_columns) float32: shift in pixels to the next view, positive in front
+    Returns (lens rows, lens columns) float32: shift in pixels to the next view, positive in front
     of the array; NaN without surface.
     """
     rows, columns = rgbd.shape
@@ -186,7 +186,7 @@ def centre_disparity(rgbd: RGBD, display: Display, across: int) -> NDArray[np.fl
         np.clip(np.floor(row), 0, rows - 1).astype(int),
         np.clip(np.floor(column), 0, columns - 1).astype(int),
     )
-    step = disparity_step_mm(display, across, display.width_mm / display.lens_columns)
+    step = disparity_step_mm(display, across, display.width_mm / display.columns.lenses)
     disparity = np.where(rgbd.covered[pixels], rgbd.depth_mm[pixels] / step, np.nan)
     return disparity.astype(np.float32)
 
@@ -316,10 +316,11 @@ def _check_rows(display: Display) -> None:
 
 def _lattice(display: Display, axis: int) -> np.ndarray:
     """Centres of the elemental images, columns (0) left to right or rows (1) top to bottom."""
-    count, cell, shift, sign = (
-        (display.lens_columns, display.elemental_image_pitch_mm, display.shift_x_mm, 1),
-        (display.lens_rows, display.elemental_row_pitch_mm, display.shift_y_mm, -1),
+    panel, cell, shift, sign = (
+        (display.columns, display.elemental_image_pitch_mm, display.shift_x_mm, 1),
+        (display.rows, display.elemental_row_pitch_mm, display.shift_y_mm, -1),
     )[axis]
+    count = panel.lenses
     return sign * (np.arange(count) - (count - 1) / 2) * cell + shift
 
 

@@ -28,7 +28,7 @@ from inim.generators.base import (
     Sources,
     run_kernel,
 )
-from inim.generators.raycast.cells import cell_rays, non_separable_cell_rays
+from inim.generators.raycast.cells import PictureRays
 from inim.generators.registry import algorithm, positive_mm
 from inim.image.rgbd import RGBD
 
@@ -89,42 +89,15 @@ class _Gu2020(SourceGenerator):
     def find(self, rgbd: RGBD) -> Sources:
         # An uncovered cell is a column without height: it never reaches a ray.
         depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), -np.inf)
-        if not self.display.is_separable:
-            return self._find_in_blocks(depth)
-        columns, rows = cell_rays(self.shape, self.pixel_mm, self.display, self.pixel_offset)
-        return run_kernel(
-            _search_all,
-            self.display.eia_shape[0],
-            self.display.eia_shape,
-            HOLE,
-            self.selected.ravel(),
-            depth.ravel(),
-            *self.shape,
-            *columns.in_cells,
-            *rows.in_cells,
-            self._depths,
-        )
-
-    def _find_in_blocks(self, depth: np.ndarray) -> Sources:
-        """Find sources on displays without separable axes, in blocks of panel rows."""
-        sources = np.full(self.display.eia_shape, HOLE, np.int32)
+        picture = PictureRays(self.display, self.shape, self.pixel_mm, self.pixel_offset)
+        sources, selected = np.full(self.display.eia_shape, HOLE, np.int32), self.selected
         for rows in row_blocks(self.display):
-            if not self.selected[rows].any():
-                continue
-            cells = non_separable_cell_rays(
-                self.shape, self.pixel_mm, self.display, rows, self.pixel_offset
-            )
-            sources[rows] = run_kernel(
-                _search_each,
-                sources[rows].size,
-                sources[rows].shape,
-                HOLE,
-                self.selected[rows].ravel(),
-                depth.ravel(),
-                *self.shape,
-                *(coordinate.ravel() for coordinate in cells),
-                self._depths,
-            )
+            if selected[rows].any():
+                rays = picture.block(rows, in_cells=True)[:4]
+                sources[rows] = run_kernel(
+                    _search, len(rays[0]), rays[0].shape, HOLE, *rays, selected[rows],
+                    depth.ravel(), *self.shape, self._depths,
+                )  # fmt: skip
         return sources
 
 
@@ -144,21 +117,16 @@ def _sampled_depths(display: Display, step_mm: float) -> np.ndarray:
     return np.array([*((top - k * down) / parts for k in range(steps)), float(low)])
 
 
-def _search_all(begin, end, selected, depth, rows, columns, u0, du, v0, dv, depths, sources):
-    """Search the ray of every selected panel pixel; u and v are columns and rows of the picture."""
+def _search(begin, end, u0, du, v0, dv, selected, depth, rows, columns, depths, sources):
+    """Search the rays of panel pixels; u and v are columns and rows of the picture."""
+    width = u0.shape[1]
     for i in range(begin, end):
-        for j in range(len(u0)):
-            if selected[i * len(u0) + j]:
-                sources[i * len(u0) + j] = _first_crossing(
-                    depth, rows, columns, u0[j], du[j], v0[i], dv[i], depths
+        u, u_slope, v, v_slope, is_selected = u0[i], du[i], v0[i], dv[i], selected[i]
+        for j in range(width):
+            if is_selected[j]:
+                sources[i * width + j] = _first_crossing(
+                    depth, rows, columns, u[j], u_slope[j], v[j], v_slope[j], depths
                 )
-
-
-def _search_each(begin, end, selected, depth, rows, columns, u0, du, v0, dv, depths, sources):
-    """Search rays that are one per pixel in both coordinates."""
-    for i in range(begin, end):
-        if selected[i]:
-            sources[i] = _first_crossing(depth, rows, columns, u0[i], du[i], v0[i], dv[i], depths)
 
 
 def _first_crossing(depth, rows, columns, u0, du, v0, dv, depths):

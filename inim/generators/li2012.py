@@ -93,18 +93,11 @@ def forward_axes(
 ) -> tuple[ForwardAxis, ForwardAxis]:
     """Columns and rows of the mapping of a picture with the lowest and highest depth given."""
     rows, columns = shape
-    across = _lens_centres(display.lens_columns, display.pitch_mm, display.shift_x_mm)
-    down = _lens_centres(display.lens_rows, display.row_pitch_mm, -display.shift_y_mm)
+    across, down = (display.layout.axis(sign).centres() for sign in (+1, -1))
     return (
         _axis(display, display.columns, across, columns, pixel_mm, depths_mm),
         _axis(display, display.rows, down, rows, pixel_mm, depths_mm),
     )
-
-
-def _lens_centres(lenses: int, pitch_mm: float, shift_mm: float) -> list[Fraction]:
-    """Centres of the lenses of one axis, in its order."""
-    pitch, shift = exact_length(pitch_mm), exact_length(shift_mm)
-    return [Fraction(2 * n - lenses + 1, 2) * pitch + shift for n in range(lenses)]
 
 
 def _axis(
@@ -120,7 +113,7 @@ def _axis(
     lens_z, lens_g, pixel_g, unit = _whole(
         centres, [x0 * gap for x0 in centres], [x * gap for x in places], [pixel]
     )
-    first, end = panel.elemental_images(len(centres))
+    first, end = panel.elemental_images()
     middle = len(panel.lens) / 2
     edges_mm = np.stack([first - middle, end - middle]) * display.pixel_pitch_mm
     x0 = np.array(centres, np.float64)

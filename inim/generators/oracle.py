@@ -18,11 +18,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise, product
-from typing import NamedTuple
 
 import numpy as np
 
 from inim.display import Display
+from inim.display.layouts import LensAxis
 from inim.display.pixels import exact_length
 from inim.generators.base import CENTRE, HOLE, PixelOffset, Sources
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
@@ -118,47 +118,22 @@ def _surface_backs(rgbd: RGBD) -> np.ndarray:
 # -- rays ---------------------------------------------------------------------------------------
 
 
-class _PanelAxis(NamedTuple):
-    """Pixels and lenses of one panel axis, to the right or downwards, in millimetres."""
-
-    pixels: int
-    lenses: int
-    shift: Fraction
-    pitch: Fraction
-    elemental: Fraction
-    pixel: Fraction
-
-    def owners(self) -> tuple[int, ...]:
-        """Lens over each pixel: the elemental image that holds its centre, -1 outside."""
-        owners = []
-        for i in range(self.pixels):
-            from_axis = (Fraction(2 * i + 1 - self.pixels, 2) * self.pixel - self.shift) / (
-                self.elemental
-            )
-            place = from_axis + Fraction(self.lenses, 2)
-            lens = math.floor(place)
-            if lens == place and from_axis >= 0:
-                lens -= 1
-            owners.append(lens if 0 <= lens < self.lenses else -1)
-        return tuple(owners)
-
-
-def _panel_axes(display: Display) -> tuple[_PanelAxis, _PanelAxis]:
-    """The axis down the panel and the one across, of a separable display."""
-    (high, wide), pixel = display.eia_shape, exact_length(display.pixel_pitch_mm)
-    pitch, row_pitch = exact_length(display.pitch_mm), exact_length(display.row_pitch_mm)
-    elemental = exact_length(display.elemental_image_pitch_mm)
-    shift_x, shift_y = exact_length(display.shift_x_mm), exact_length(display.shift_y_mm)
-    by_row = elemental * row_pitch / pitch
-    return (
-        _PanelAxis(high, display.lens_rows, -shift_y, row_pitch, by_row, pixel),
-        _PanelAxis(wide, display.lens_columns, shift_x, pitch, elemental, pixel),
-    )
+def _owners(axis: LensAxis) -> tuple[int, ...]:
+    """Lens over each pixel: the elemental image that holds its centre, -1 outside."""
+    owners = []
+    for i in range(axis.pixels):
+        from_axis = (Fraction(2 * i + 1 - axis.pixels, 2) * axis.pixel - axis.shift) / axis.cell
+        place = from_axis + Fraction(axis.lenses, 2)
+        lens = math.floor(place)
+        if lens == place and from_axis >= 0:
+            lens -= 1
+        owners.append(lens if 0 <= lens < axis.lenses else -1)
+    return tuple(owners)
 
 
 def lensed_pixels(display: Display) -> np.ndarray:
     """Row and column of every panel pixel under a lens, (n, 2); of a separable display."""
-    down, across = (np.array(axis.owners()) >= 0 for axis in _panel_axes(display))
+    down, across = (np.array(_owners(display.layout.axis(sign))) >= 0 for sign in (-1, +1))
     return np.argwhere(down[:, None] & across[None, :])
 
 
@@ -170,19 +145,18 @@ def axis_rays(
     A ray with an offset in its pixel keeps that pixel's lens.
     """
     gap, cell = exact_length(display.gap_mm), exact_length(rgbd.pixel_mm)
-    down, across = _panel_axes(display)
     return (
-        _rays(down, gap, rgbd.shape[0], cell, pixel_offset[0]),
-        _rays(across, gap, rgbd.shape[1], cell, pixel_offset[1]),
+        _rays(display.layout.axis(-1), gap, rgbd.shape[0], cell, pixel_offset[0]),
+        _rays(display.layout.axis(+1), gap, rgbd.shape[1], cell, pixel_offset[1]),
     )
 
 
 def _rays(
-    panel: _PanelAxis, gap: Fraction, cells: int, cell: Fraction, pixel_offset: Fraction
+    panel: LensAxis, gap: Fraction, cells: int, cell: Fraction, pixel_offset: Fraction
 ) -> AxisRays:
     """Rays of one axis by Eq. 1, X(z) = x0 + (x0 - x) z / g, in cells, right or down."""
     start, slope = [], []
-    owners = panel.owners()
+    owners = _owners(panel)
     for i, owner in enumerate(owners):
         x = (Fraction(2 * i + 1 - panel.pixels, 2) + pixel_offset) * panel.pixel
         x0 = Fraction(2 * owner + 1 - panel.lenses, 2) * panel.pitch + panel.shift

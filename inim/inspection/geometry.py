@@ -56,12 +56,12 @@ def has_whole_pixels(display: Display) -> bool:
 
 def size_of(display: Display) -> Size:
     """Sizes of a display's array and panel."""
-    rows, columns = display.eia_shape
+    (rows, columns), (lens_rows, lens_columns) = display.eia_shape, display.layout.grid
     return Size(
         width_mm=display.width_mm,
         height_mm=display.height_mm,
-        lens_columns=display.lens_columns,
-        lens_rows=display.lens_rows,
+        lens_columns=lens_columns,
+        lens_rows=lens_rows,
         panel_columns=columns,
         panel_rows=rows,
         panel_width_mm=columns * display.pixel_pitch_mm,
@@ -216,8 +216,7 @@ def array_samples(display: Display) -> Samples:
     4 points, moved from cell to cell so that together they fill a cell evenly.
     """
     pitch, row = display.pitch_mm, display.row_pitch_mm
-    columns, across = _spread(display.lens_columns)
-    rows, down = _spread(display.lens_rows)
+    (rows, down), (columns, across) = map(_spread, display.layout.grid)
     left, low = columns * pitch - display.width_mm / 2, rows * row - display.height_mm / 2
     corner_x, corner_y = (grid.reshape(-1, 1) for grid in np.meshgrid(left, low))
     steps = np.arange(_POINTS_ACROSS)

@@ -69,7 +69,7 @@ def _display(data: InspectDocument) -> list[str]:
         _line("array", f"{_n(d.width_mm)} x {_n(d.height_mm)} mm"),
         _line(
             "lenses",
-            f"{d.lens_columns} x {d.lens_rows}, pitch {_n(d.pitch_mm)} mm, {d.lattice} lattice, "
+            f"{d.layout.lens_counts()}, pitch {_n(d.pitch_mm)} mm, {d.lattice} lattice, "
             f"{d.aperture} apertures",
         ),
         _line("", f"{lens}, aperture {_n(d.fill_factor * d.pitch_mm)} mm"),
@@ -170,7 +170,7 @@ def _choices(data: InspectDocument) -> list[str]:
     return [
         "Pixels per lens: benefit and cost",
         *table,
-        f"  The picture has {d.lens_columns} x {d.lens_rows} points in each view, one per lens, "
+        f"  The picture has {d.layout.lens_counts()} points in each view, one per lens, "
         "independent of the pixels per lens.",
     ]
 

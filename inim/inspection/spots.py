@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display import Display
+from inim.display.layouts import Square
 from inim.documents.inspect import SpotFigures
 from inim.lens import channel_indices, lens_array, lens_model, lens_traits, trace_to_panel
 from inim.lens.array import NUMPY_OPS, in_aperture, lens_centre, to_array, to_panel
@@ -20,11 +21,6 @@ from inim.lens.array import NUMPY_OPS, in_aperture, lens_centre, to_array, to_pa
 _ROOM = 3
 # Two traces of one ray through one lens differ by rounding; through two lenses, by optics.
 _SAME_PLACE_MM = 1e-6
-# Neighbours' places from a lens, in pitches and rows.
-_NEIGHBOURS = {
-    "square": ((1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)),
-    "hexagonal": ((1, 0), (-1, 0), (0.5, 1), (-0.5, 1), (0.5, -1), (-0.5, -1)),
-}
 
 
 class Landings(NamedTuple):
@@ -64,7 +60,7 @@ def land(
     ax, ay, _, _ = to_array(array, traits, *rays)
     own_x, own_y, _ = lens_centre(array, traits, NUMPY_OPS, ax, ay)
     found_x, found_y = np.full(x.shape, np.nan), np.full(x.shape, np.nan)
-    for right, up in ((0, 0), *_NEIGHBOURS[display.lattice]):
+    for right, up in ((0, 0), *traits.layout.neighbours):
         open_ = (weight > 0) & np.isnan(found_x)
         if not open_.any():
             break
@@ -92,7 +88,7 @@ def _through_one_lens(
     x, y, sx, sy = to_array(array, traits, *rays)
     room = _ROOM * max(array.pitch_x, array.pitch_y)
     single = array._replace(pitch_x=room, pitch_y=room, half_columns=0.5, half_rows=0.5)
-    kind = traits._replace(hexagonal=False, round_aperture=False, full_aperture=True)
+    kind = traits._replace(layout=Square, round_aperture=False, full_aperture=True)
     trace = lens_model(model).function
     n = display.refractive_index if index is None else index
     with np.errstate(invalid="ignore", divide="ignore"):  # rays that miss this lens
@@ -116,7 +112,7 @@ def cell_of(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Lens whose elemental image contains a panel point, with a flag whether there is one.
 
-    The elemental images form the lattice of the lenses at their own pitch Q: the array frame scaled
+    The elemental images form the layout of the lenses at their own pitch Q: the array frame scaled
     by Q / P.
 
     * `display`: design of the panel's EIA.
@@ -255,7 +251,7 @@ def _aperture_points(display: Display) -> tuple[np.ndarray, np.ndarray, np.ndarr
     # On the axis or, if that lies between lenses, up and to the right of it.
     offset = np.array([pitch / 4]), np.array([row / 4])
     lens_x, lens_y, _ = lens_centre(array, traits, NUMPY_OPS, *offset)
-    height = row if not traits.hexagonal else row + pitch**2 / (4 * row)
+    height = traits.layout.cell_height(pitch, row)
     ticks = ((np.arange(_RAYS_ACROSS) + 0.5) / _RAYS_ACROSS - 0.5) * display.fill_factor
     right, up = (grid.ravel() for grid in np.meshgrid(ticks * pitch, ticks * height))
     x, y = array_to_display(display, lens_x + right, lens_y + up)

@@ -1,7 +1,7 @@
 """Lens array as numbers, rays through it, and the arithmetic of lens models.
 
 Lens models work in the *array frame*: the display frame, moved to the array's centre and rotated
-with it. Kinds of lens and lattice are Python values (`LensTraits`): features that a display lacks
+with it. Kinds of lens and layout are Python values (`LensTraits`): features that a display lacks
 are not compiled. Lengths may be Dr.Jit scalars (`LensArray`): changing one needs no new
 compilation.
 """
@@ -12,22 +12,26 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from inim.display import Display
 from inim.display.layers import air_equivalent_mm
+from inim.display.layouts import NUMPY_OPS, Layout, Ops
 
-
-class Ops(NamedTuple):
-    """Functions for lens models, available in NumPy and in Dr.Jit."""
-
-    sqrt: Any
-    floor: Any
-    where: Any
-    absolute: Any
-
-
-NUMPY_OPS = Ops(np.sqrt, np.floor, np.where, np.abs)
+__all__ = [
+    "CHANNEL_WAVELENGTHS_NM",
+    "NUMPY_OPS",
+    "LensArray",
+    "LensTraits",
+    "Ops",
+    "PanelRay",
+    "channel_indices",
+    "in_aperture",
+    "lens_array",
+    "lens_centre",
+    "lens_traits",
+    "pass_straight",
+    "to_array",
+    "to_panel",
+]
 
 
 # Air that is thinner, shorter than two wavelengths, is contact: no lens sheet is measured better.
@@ -40,7 +44,7 @@ class LensTraits(NamedTuple):
     `touching`: the layers behind the lenses begin without air.
     """
 
-    hexagonal: bool
+    layout: type[Layout]
     round_aperture: bool
     full_aperture: bool
     clear_between: bool
@@ -110,7 +114,7 @@ class LensArray(NamedTuple):
 def lens_traits(display: Display) -> LensTraits:
     """The kind of a display's lenses."""
     return LensTraits(
-        hexagonal=display.lattice == "hexagonal",
+        layout=type(display.layout),
         round_aperture=display.aperture == "round",
         full_aperture=display.aperture == "square" and display.fill_factor == 1,
         clear_between=display.between_lenses == "clear",
@@ -136,12 +140,12 @@ def air_mm(display: Display) -> float:
 def lens_array(display: Display) -> LensArray:
     """The numbers of a display's lens array; radius R = f (n - 1) of a plano-convex lens."""
     thickness = display.lens_thickness_mm
-    angle = math.radians(display.rotation_deg)
+    angle, (rows, columns) = math.radians(display.rotation_deg), display.layout.grid
     return LensArray(
         pitch_x=display.pitch_mm,
         pitch_y=display.row_pitch_mm,
-        half_columns=display.lens_columns / 2,
-        half_rows=display.lens_rows / 2,
+        half_columns=columns / 2,
+        half_rows=rows / 2,
         gap=display.gap_mm,
         focal_length=display.focal_length_mm,
         radius=display.focal_length_mm * (display.refractive_index - 1),
@@ -166,42 +170,9 @@ def lens_centre(
 ) -> tuple[Any, Any, Any]:
     """Centre of the lens whose cell holds (x, y), and whether the array reaches that far.
 
-    Array frame. A square lattice's cells are rectangles, a hexagonal one's the points nearest a
-    centre.
+    Array frame; see `inim.display.layouts`.
     """
-    if not traits.hexagonal:
-        column = ops.floor(x / array.pitch_x + array.half_columns)
-        row = ops.floor(y / array.pitch_y + array.half_rows)
-        inside = (column >= 0) & (column < 2 * array.half_columns)
-        inside &= (row >= 0) & (row < 2 * array.half_rows)
-        centre_x = (column + 0.5 - array.half_columns) * array.pitch_x
-        return centre_x, (row + 0.5 - array.half_rows) * array.pitch_y, inside
-    # A point's nearest centre lies in the row of centres above it or in the one below.
-    lower = ops.floor(y / array.pitch_y + array.half_rows - 0.5)
-    below = _nearest_in_row(array, ops, x, y, lower)
-    above = _nearest_in_row(array, ops, x, y, lower + 1)
-    nearer = above[3] < below[3]
-    centre_x, centre_y, inside, _ = (
-        ops.where(nearer, a, b) for a, b in zip(above, below, strict=True)
-    )
-    return centre_x, centre_y, inside
-
-
-def _nearest_in_row(
-    array: LensArray, ops: Ops, x: Any, y: Any, row: Any
-) -> tuple[Any, Any, Any, Any]:
-    """Nearest centre in a row counted from the bottom, whether it exists, and its distance^2."""
-    # Rows count from the top where they are staggered: the second one is moved to the right.
-    from_top = 2 * array.half_rows - 1 - row
-    odd = from_top - 2 * ops.floor(from_top / 2)
-    # About the axis: all rows lie a quarter of a pitch to one side or the other.
-    row_offset = ops.where(array.half_rows > 0.5, odd / 2 - 0.25, 0.0)
-    column = ops.floor(x / array.pitch_x + array.half_columns - row_offset)
-    centre_x = (column + 0.5 - array.half_columns + row_offset) * array.pitch_x
-    centre_y = (row + 0.5 - array.half_rows) * array.pitch_y
-    inside = (column >= 0) & (column < 2 * array.half_columns)
-    inside &= (row >= 0) & (row < 2 * array.half_rows)
-    return centre_x, centre_y, inside, (x - centre_x) ** 2 + (y - centre_y) ** 2
+    return traits.layout.lens_centre(array, ops, x, y)
 
 
 def in_aperture(array: LensArray, traits: LensTraits, dx: Any, dy: Any) -> Any:

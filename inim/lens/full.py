@@ -22,6 +22,7 @@ from itertools import pairwise
 import numpy as np
 
 from inim.display import Display
+from inim.display.layouts import Square
 from inim.errors import DisplayError
 from inim.lens import thick
 from inim.lens.array import NUMPY_OPS, LensArray, channel_indices, lens_array
@@ -42,7 +43,7 @@ def check(display: Display) -> None:
     """Raise `DisplayError` where the display's lenses cannot be made as such a sheet."""
     thick.check(display)
     for name, plain in (
-        ("lattice", "square"),
+        ("lattice", Square.name),
         ("aperture", "square"),
         ("fill_factor", 1),
         ("subpixels", "none"),
@@ -58,7 +59,7 @@ def check(display: Display) -> None:
     facets = facets_per_lens(display)
     error, pixel = facet_error_mm(display, facets), display.pixel_pitch_mm
     if error > _WORST_ERROR_PIXELS * pixel:
-        lenses = display.lens_columns * display.lens_rows
+        lenses = math.prod(display.layout.grid)
         raise DisplayError(
             f"full lens model: {lenses} lenses within {_MOST_TRIANGLES:,} triangles have facets "
             f"{error / pixel:.2g} panel pixels off the surface; use fewer lenses, or lens_model "
@@ -75,8 +76,7 @@ def facets_per_lens(display: Display) -> int:
     tolerance_mm = _WANTED_ERROR_PIXELS * display.pixel_pitch_mm
     # The error falls with the square of a facet's width.
     facets = math.ceil(trial * math.sqrt(facet_error_mm(display, trial) / tolerance_mm))
-    lenses = display.lens_columns * display.lens_rows
-    most = math.isqrt(_MOST_TRIANGLES // (2 * lenses))
+    most = math.isqrt(_MOST_TRIANGLES // (2 * math.prod(display.layout.grid)))
     return max(2, min(facets + facets % 2, most - most % 2))
 
 
@@ -104,7 +104,7 @@ def _sag(array: LensArray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def sheet_mesh(display: Display, facets: int | None = None) -> SheetMesh:
     """The sheet of a display's lenses.
 
-    * `display`: of a square lattice; turned and shifted arrays are turned and shifted.
+    * `display`: of the square layout; turned and shifted arrays are turned and shifted.
     * `facets`: along a lens's side; `facets_per_lens` otherwise.
 
     Raises `DisplayError`: lenses that cannot be made so.
@@ -112,7 +112,7 @@ def sheet_mesh(display: Display, facets: int | None = None) -> SheetMesh:
     check(display)
     array = lens_array(display)
     facets = facets_per_lens(display) if facets is None else facets
-    counts = (display.lens_columns, display.lens_rows)
+    counts = display.layout.grid[::-1]
     margin = array.thickness / math.sqrt(min(channel_indices(display)) ** 2 - 1)
     parts = [
         _lens_faces(array, counts, facets),

@@ -209,17 +209,11 @@ def curved_face(array: LensArray, traits: LensTraits) -> Face:
 
 def _reach_squared(array: LensArray, traits: LensTraits, ops: Ops) -> Any:
     """Square of how far a bulge reaches from its axis: to its aperture's corner, or its cell's."""
-    p, q = array.pitch_x, array.pitch_y
-    cell = (p * p + q * q) / 4.0
-    if traits.hexagonal:
-        # Circumradius of two neighbours and the lens between them in the next row; where rows are
-        # very close, the point of a row that is as far from both.
-        corner = (p * p / 4.0 + q * q) / ops.where(2.0 * q > p, 2.0 * q, p)
-        cell = corner * corner
+    cell = traits.layout.reach_squared(array, ops)
     if traits.full_aperture:
         return cell
-    half = array.half_aperture
-    edge = half * half * (1.0 if traits.round_aperture else 1.0 + (q / p) * (q / p))
+    half, aspect = array.half_aperture, array.pitch_y / array.pitch_x
+    edge = half * half * (1.0 if traits.round_aperture else 1.0 + aspect * aspect)
     return ops.where(edge < cell, edge, cell)
 
 

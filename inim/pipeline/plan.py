@@ -237,7 +237,8 @@ def _check_sizes(display: Display, settings: Settings, source: str) -> None:
 
 
 def _view_shape(display: Display, pixels_per_lens: int) -> tuple[int, int]:
-    return display.lens_rows * pixels_per_lens, display.lens_columns * pixels_per_lens
+    rows, columns = display.layout.grid
+    return rows * pixels_per_lens, columns * pixels_per_lens
 
 
 def _plan_memory(

@@ -222,14 +222,10 @@ def eye_rays(
     * `pixels_per_lens`, int, or (down, across): a pair need not be whole: the array has whole
       pixels all the same.
     """
-    # Staggered rows make the array half a pitch wider than its lenses.
-    cell_x = display.pitch_mm
-    if display.lattice == "hexagonal":
-        cell_x = display.width_mm / display.lens_columns
+    (rows, columns), (cell_x, cell_y) = display.layout.grid, display.layout.view_cell_mm
     down, across = pixels_per_lens if isinstance(pixels_per_lens, tuple) else (pixels_per_lens,) * 2
-    shape = round(display.lens_rows * down), round(display.lens_columns * across)
-    pixel_mm = cell_x / across, display.row_pitch_mm / down
-    return frustum_rays(shape, pixel_mm, display, viewpoint, start_mm)
+    shape = round(rows * down), round(columns * across)
+    return frustum_rays(shape, (cell_x / across, cell_y / down), display, viewpoint, start_mm)
 
 
 def frustum_rays(

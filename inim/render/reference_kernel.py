@@ -63,10 +63,10 @@ class ReferenceKernel:
     def __init__(self, color: np.ndarray, display: Display, pixel_mm: float) -> None:
         variant.use("llvm")  # the generators run on the CPU, so must what they are measured by
         self.shape = display.eia_shape
-        rows, columns = display.eia_shape
+        (rows, columns), (lens_rows, lens_columns) = display.eia_shape, display.layout.grid
         self._width = color.shape[1]
-        self._row = _axis_address(display, rows, display.lens_rows, color.shape[0], pixel_mm)
-        self._column = _axis_address(display, columns, display.lens_columns, self._width, pixel_mm)
+        self._row = _axis_address(display, rows, lens_rows, color.shape[0], pixel_mm)
+        self._column = _axis_address(display, columns, lens_columns, self._width, pixel_mm)
         words = np.ascontiguousarray(color).view(np.uint32)
         self._picture = mi.UInt32(words.ravel())
         dr.eval(self._picture)

@@ -70,11 +70,11 @@ def two_spheres_eia(display: Display) -> np.ndarray:
 def two_spheres_view(display: Display, eye: Viewpoint, pixels_per_lens: int) -> np.ndarray:
     """Render the ground-truth view from an eye, (rows, columns, 3) float32 linear RGB."""
     fine = pixels_per_lens * _SUBPIXELS
-    x = _places(display.lens_columns * fine, display.pitch_mm / fine, +1)
-    y = _places(display.lens_rows * fine, display.pitch_mm / fine, -1)
+    rows, columns = (n * pixels_per_lens for n in display.layout.grid)
+    x = _places(columns * _SUBPIXELS, display.pitch_mm / fine, +1)
+    y = _places(rows * _SUBPIXELS, display.pitch_mm / fine, -1)
     slopes = (eye.x_mm - x) / eye.z_mm, (eye.y_mm - y) / eye.z_mm
     hits = _first_hits(display, x, slopes[0], y, slopes[1]).color
-    rows, columns = display.lens_rows * pixels_per_lens, display.lens_columns * pixels_per_lens
     blocks = hits.reshape(rows, _SUBPIXELS, columns, _SUBPIXELS, 3)
     mean: np.ndarray = blocks.mean(axis=(1, 3)).astype(np.float32)
     return mean

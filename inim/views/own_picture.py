@@ -334,7 +334,7 @@ def warp_to_viewpoint(
     a point. Returns the view, (rows, columns, 3) float32 linear RGB, black where all rays miss; and
     the share of each pixel's rays that hit the picture, (rows, columns) float32.
     """
-    rows, columns = (n * pixels_per_lens for n in (display.lens_rows, display.lens_columns))
+    rows, columns = (n * pixels_per_lens for n in display.layout.grid)
     x = _ray_positions(columns, display.width_mm)
     y = -_ray_positions(rows, display.height_mm)
     slope_x, slope_y = (eye.x_mm - x) / eye.z_mm, (eye.y_mm - y) / eye.z_mm

@@ -78,9 +78,8 @@ def run_job(request: QuiltRequest, staging: Path, observer: Observer) -> bool:
     observer.stage("start")
     eyes, (rows, columns) = request.eyes, request.window
     observer.begin([*[*request.sources] * len(eyes), "write"])
-    optics = request.optics(
-        (rows / request.design.lens_rows, columns / request.design.lens_columns)
-    )
+    down, across = request.design.layout.grid
+    optics = request.optics((rows / down, columns / across))
     top, left = (request.height - rows) // 2, (request.width - columns) // 2
     tiles = np.zeros((len(eyes), request.height, request.width, 3), np.uint8)
     for _, source_views in views(request, optics, eyes, observer):

@@ -23,6 +23,7 @@ from tests.chromium import NO_WEBGL, WEBGL, Tab, browser
 from tests.conftest import small_display
 from tests.frame_rate import COUNT_WORK, drag_about
 from tests.schemas import report_document
+from tests.skewed_layout import Skewed
 from tests.system.conftest import Ended, assert_one_line, definitions, run_here
 from tests.unit.test_cli import loaded_by
 from tests.unit.test_report_html import render_html, report
@@ -187,6 +188,7 @@ def rarely(**changes: object) -> Any:
         rarely(),
         {"panel_columns": 377, "panel_rows": 301, "pixel_pitch_mm": 0.0636},
         {"lattice": "hexagonal"},
+        {"lattice": Skewed.name},
         rarely(aperture="round", fill_factor=0.8),
         {"aperture": "round", "fill_factor": 0.8, "between_lenses": "clear"},
         rarely(fill_factor=0.7, pitch_y_mm=1.2),

@@ -26,6 +26,7 @@ from tests.generator_cases import OFF_IN_EVERY_WAY
 
 NON_SEPARABLE = {
     "hexagonal": {"lattice": "hexagonal"},
+    "skewed rows": {"lattice": "skewed"},
     "turned left": {"rotation_deg": 4.0},
     "turned right": {"rotation_deg": -4.0},
     "tilted": {"tilt_x_deg": 8.0, "tilt_y_deg": -6.0},
@@ -62,16 +63,18 @@ def pattern(x, y):
 STEEPEST = 0.4 * math.hypot(0.7, 0.25)
 
 
-def centres(display: Display, pitch: float, beyond: int = 2):
+def centres(display: Display, pitch: float, beyond: int = 4):
     """Centres of the cells of a pitch as complex numbers, and whether each has a lens."""
     ratio, turn = pitch / display.pitch_mm, cmath.rect(1, math.radians(display.rotation_deg))
     positions, real = [], []
     for m in range(-beyond, display.lens_rows + beyond):
         for n in range(-beyond, display.lens_columns + beyond):
-            pixel_offset = 0.0
-            if display.lattice == "hexagonal":
-                pixel_offset = 0.25 if m % 2 else -0.25
-            x = (n - (display.lens_columns - 1) / 2 + pixel_offset) * display.pitch_mm * ratio
+            stagger = {
+                "square": 0.0,
+                "hexagonal": 0.25 if m % 2 else -0.25,
+                "skewed": 0.3 * ((display.lens_rows - 1) / 2 - m),
+            }[display.lattice]
+            x = (n - (display.lens_columns - 1) / 2 + stagger) * display.pitch_mm * ratio
             y = ((display.lens_rows - 1) / 2 - m) * display.row_pitch_mm * ratio
             positions.append(complex(x, y) * turn + complex(display.shift_x_mm, display.shift_y_mm))
             real.append(0 <= m < display.lens_rows and 0 <= n < display.lens_columns)
@@ -230,6 +233,7 @@ def error_of_view(eia, display: Display, depth_mm: float, lens_model: str) -> fl
 
 WRONG = {
     "hexagonal": {"shift_x_mm": 0.5},  # the other rows staggered
+    "skewed rows": {"shift_x_mm": 0.3},
     "turned left": {"rotation_deg": -4.0},
     "turned right": {"rotation_deg": 4.0},
     "tilted": {"tilt_x_deg": -8.0, "tilt_y_deg": 6.0},

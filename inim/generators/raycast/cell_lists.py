@@ -25,7 +25,7 @@ from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
 from inim.generators.base import CENTRE, PictureShape, PixelOffset
 from inim.generators.raycast.cells import AxisRuns, CellRays, axis_runs, cell_rays, rounded_up
-from inim.generators.raycast.phases import Layout, cells_per_pitch
+from inim.generators.raycast.phases import PhaseLayout, cells_per_pitch
 from inim.generators.raycast.simd import LANES
 
 #: Rays of a pixel of neighbouring lenses lean to the left or to the right.
@@ -40,7 +40,7 @@ class CellLists(NamedTuple):
     begins at ``first[(ray * list_rows + list_row) * passes + p]``.
 
     * `lens`, `list_row`, (panel rows,) int64: lens row, -1 where none; and row of lists.
-    * `reach`, (list rows, 2) int64: see `Layout.row_reach`; of all rays.
+    * `reach`, (list rows, 2) int64: see `PhaseLayout.row_reach`; of all rays.
     * `first`, (n,) int64: where the list of each pass begins.
     * `exit_mm`, (cells,) float32: depth at which a lens leaves a cell, rounded up; the least of all
       lenses.
@@ -86,9 +86,9 @@ class Passes(NamedTuple):
 
     * `cell`, (n, 3) uint32: index in the row arrays and in the column arrays, and lenses that visit
       it, a bit each.
-    * `row_offset`, (rows,) int64: see `Layout.row_offset`.
+    * `row_offset`, (rows,) int64: see `PhaseLayout.row_offset`.
     * `row_exit_mm`, `row_entry_mm`: (rows,) float32.
-    * `offset`, (columns,) int64: see `Layout.column_offset`.
+    * `offset`, (columns,) int64: see `PhaseLayout.column_offset`.
     * `exit_mm`, `entry_mm`, (columns, LANES) float32: per lens; anything where a lens does not
       visit a cell.
     """
@@ -102,7 +102,7 @@ class Passes(NamedTuple):
     entry_mm: np.ndarray
 
 
-Tables = tuple[Layout, CellLists, Directions | Passes]
+Tables = tuple[PhaseLayout, CellLists, Directions | Passes]
 
 
 @dataclass(frozen=True)
@@ -177,12 +177,13 @@ def _direction_tables(
 ) -> Tables:
     per_pitch, pixels = cells_per_pitch(display, pixel_mm), round(display.pixels_per_lens)
     assert per_pitch is not None
+    lenses = display.columns.lenses
     lists = [build_lists(display, shape, pixel_mm, offset) for offset in offsets]
     row, column, exit_mm, entry_mm = (
         np.concatenate([getattr(of_ray, name) for of_ray in lists])
         for name in ("row", "column", "exit_mm", "entry_mm")
     )
-    layout = Layout.of(per_pitch, row, column, display)
+    layout = PhaseLayout.of(per_pitch, row, column, display)
     first = _joined_first([of_ray.first for of_ray in lists])
     reach = layout.row_reach(row, first[:-1:pixels]).reshape(len(offsets), pixels, 2)
     panel_rows = np.arange(display.eia_shape[0])
@@ -192,7 +193,7 @@ def _direction_tables(
             display.rows.lens, panel_rows % pixels, _widest(reach), first,
             rounded_up(exit_mm), -rounded_up(-entry_mm),
             np.full(len(offsets) * pixels, 2**32 - 1, np.uint32), pixels, 0,
-            np.arange(display.lens_columns) * pixels, np.full(display.lens_columns, pixels),
+            np.arange(lenses) * pixels, np.full(lenses, pixels),
             pixels, pixels, False,
         ),
         Directions(layout.row_offset(row) + layout.column_offset(column)),
@@ -236,14 +237,14 @@ def _pass_tables(
             for runs, lens in ((rows, row_lens), (columns, owner))
         )
         rays.append(_RayRuns(row, column, rows, columns))
-    layout = Layout.of(
+    layout = PhaseLayout.of(
         per_pitch,
         np.concatenate([ray.row[ray.rows.used & (row_lens >= 0)[:, None]] for ray in rays]),
         np.concatenate([ray.column[ray.columns.used & (owner >= 0)[:, None]] for ray in rays]),
         display,
     )
-    lens_pixels = np.bincount(owner[owner >= 0], minlength=display.lens_columns)
-    lens_first = np.array([np.argmax(owner == n) for n in range(display.lens_columns)])
+    lens_pixels = np.bincount(owner[owner >= 0], minlength=display.columns.lenses)
+    lens_first = np.array([np.argmax(owner == n) for n in range(display.columns.lenses)])
     pixels = int(lens_pixels.max())
     parts = [_ray_passes(ray, owner, lens_first, pixels, layout) for ray in rays]
     row_first = [np.concatenate([[0], np.cumsum(ray.rows.count)]) for ray in rays]
@@ -293,7 +294,7 @@ def _pass_tables(
 
 
 def _ray_passes(
-    ray: _RayRuns, owner: np.ndarray, lens_first: np.ndarray, pixels: int, layout: Layout
+    ray: _RayRuns, owner: np.ndarray, lens_first: np.ndarray, pixels: int, layout: PhaseLayout
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Column cells of the passes of one ray.
 
@@ -301,7 +302,7 @@ def _ray_passes(
     * `lens_first`, (lenses,) int64: first panel column of each lens.
 
     Returned values:
-    * `offset`, (passes, cells) int64: see `Layout.column_offset`.
+    * `offset`, (passes, cells) int64: see `PhaseLayout.column_offset`.
     * `members`, (passes,) uint32: see `CellLists`.
     * `exits`, `entries`, (passes, cells, LANES) float64: inf and -inf where a lens does not visit a
       cell.

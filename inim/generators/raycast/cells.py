@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +21,7 @@ _EXACT = 2**53
 _MOST_CELLS = 1_000_000
 
 
-@dataclass(frozen=True)
-class CellRays:
+class CellRays(NamedTuple):
     """Rays of one panel axis over the cells of a picture.
 
     The ray of panel pixel `i` crosses the border before cell `j` at the depth
@@ -67,28 +68,70 @@ def cell_rays(
     )
 
 
-def non_separable_cell_rays(
-    shape: tuple[int, int],
-    pixel_mm: float,
-    display: Display,
-    block: slice,
-    pixel_offset: PixelOffset = CENTRE,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Rays of some panel rows over a picture, where no two of them share a coordinate.
+class RayBlock(NamedTuple):
+    """Rays of some panel rows over a picture.
 
-    Returned values:
-    * `u0`, `du`, `v0`, `dv`, (block rows, panel columns) float64: column ``u0 + du z`` and row
-      ``v0 + dv z`` at depth z in millimetres: rounded as floats are.
+    Ray (i, j) is at depth z, in millimetres, in column ``(u0 + du z) / u_scale`` and in row
+    ``(v0 + dv z) / v_scale``.
+
+    * `u0`, `du`, `v0`, `dv`: (rows, panel columns) float64.
     """
-    down, right = pixel_offset
-    rays = pixel_rays(display, block, (float(down), float(right)))
-    rows, columns = shape
-    return (
-        rays.x0 / pixel_mm + columns / 2,
-        rays.slope_x / pixel_mm,
-        rows / 2 - rays.y0 / pixel_mm,
-        -rays.slope_y / pixel_mm,
-    )
+
+    u0: np.ndarray
+    du: np.ndarray
+    v0: np.ndarray
+    dv: np.ndarray
+    u_scale: float
+    v_scale: float
+
+
+class PictureRays:
+    """Rays of a display's pixels, from one point of each, over pictures of one size.
+
+    * `pixel_offset`, (down, right) of Fraction: see `cell_rays`.
+    """
+
+    def __init__(
+        self,
+        display: Display,
+        shape: tuple[int, int],
+        pixel_mm: float,
+        pixel_offset: PixelOffset = CENTRE,
+    ) -> None:
+        self.display = display
+        self._size, self._offset = (shape, pixel_mm), pixel_offset
+
+    @cached_property
+    def axes(self) -> tuple[CellRays, CellRays]:
+        """Rays of the columns and the rows of a separable display."""
+        return cell_rays(*self._size, self.display, self._offset)
+
+    def block(self, rows: slice, *, in_cells: bool = False) -> RayBlock:
+        """Rays of some panel rows.
+
+        Exact where the display is separable (see `CellRays`), unless `in_cells`; otherwise rounded
+        as floats are, in cells.
+        """
+        if self.display.is_separable:
+            across, down = self.axes
+            if in_cells:
+                across, down = (CellRays(*axis.in_cells, 1.0) for axis in (across, down))
+            lines = (across.start, across.slope, down.start[rows, None], down.slope[rows, None])
+            scales = across.scale, down.scale
+        else:
+            (height, width), pixel_mm = self._size
+            down_px, right_px = map(float, self._offset)
+            rays = pixel_rays(self.display, rows, (down_px, right_px))
+            lines = (
+                rays.x0 / pixel_mm + width / 2,
+                rays.slope_x / pixel_mm,
+                height / 2 - rays.y0 / pixel_mm,
+                -rays.slope_y / pixel_mm,
+            )
+            scales = 1.0, 1.0
+        shape = (rows.stop - rows.start, self.display.eia_shape[1])
+        u0, du, v0, dv = (np.broadcast_to(line, shape) for line in lines)
+        return RayBlock(u0, du, v0, dv, *scales)
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from inim.generators.base import (
     SourceGenerator,
     Sources,
 )
-from inim.generators.raycast.cells import CellRays, cell_rays
+from inim.generators.raycast.cells import cell_rays
 from inim.generators.raycast.columns import STEEPEST
 from inim.generators.raycast.light import light_of_codes
 from inim.image.color import srgb_from_linear, srgb_to_uint8
@@ -108,12 +108,10 @@ class Filled(SourceGenerator):
         filled = np.zeros(len(holes), np.bool_)
         columns, rows = cell_rays(rgbd.shape, self.pixel_mm, self.display, ray.pixel_offset)
         display = self.display
-        down = _lattice(display.rows, display.lens_rows, display.elemental_row_pitch_mm, display)
-        across = _lattice(
-            display.columns, display.lens_columns, display.elemental_image_pitch_mm, display
-        )
+        down = _views(display.rows, display.elemental_row_pitch_mm, display)
+        across = _views(display.columns, display.elemental_image_pitch_mm, display)
         share_rows(
-            _fill, len(holes), holes, sources, down, across, _kept(rows), _kept(columns), *visible,
+            _fill, len(holes), holes, sources, down, across, rows, columns, *visible,
             STEEPEST * self.pixel_mm, display.row_pitch_mm / display.pitch_mm,
             display.depth_range_mm[0], bool((visible.front > -np.inf).all()), colour, filled,
         )  # fmt: skip
@@ -223,19 +221,15 @@ def _add_light(pixels: np.ndarray, at: np.ndarray, light: np.ndarray) -> None:
     pixels[at, 3] = np.minimum(alpha, 255).astype(np.uint8)
 
 
-def _kept(rays: CellRays) -> tuple[np.ndarray, np.ndarray, float]:
-    return rays.start, rays.slope, rays.scale
-
-
-def _lattice(
-    axis: PixelAxis, lenses: int, pitch_mm: float, display: Display
+def _views(
+    axis: PixelAxis, pitch_mm: float, display: Display
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
     """Lens of each panel pixel; first pixel of each lens and the one after its last; their pitch.
 
     The pitch is in panel pixels: where it is no whole number, the pixel at the same place under
     another lens is the nearest one.
     """
-    first, end = axis.elemental_images(lenses)
+    first, end = axis.elemental_images()
     return axis.lens, first, end, pitch_mm / display.pixel_pitch_mm
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
 from inim.generators.base import Ray
-from inim.generators.raycast.cells import cell_rays, non_separable_cell_rays
+from inim.generators.raycast.cells import PictureRays
 from inim.generators.raycast.columns import STEEPEST
 from inim.generators.raycast.light import WHITE, code_table, neighbour_layer
 from inim.generators.raycast.simd import (
@@ -95,13 +95,14 @@ class _Lines:
     """Rays of all panel pixels over a picture; see `of`."""
 
     def __init__(self, rgbd: RGBD, display: Display, rays: Sequence[Ray]) -> None:
-        self._size, self._display = (rgbd.shape, rgbd.pixel_mm), display
-        self._offsets = [ray.pixel_offset for ray in rays]
-        if display.is_separable:
-            axes = [cell_rays(*self._size, display, offset) for offset in self._offsets]
+        self._rays = [
+            PictureRays(display, rgbd.shape, rgbd.pixel_mm, ray.pixel_offset) for ray in rays
+        ]
+        self._is_separable = display.is_separable
+        if self._is_separable:
             self._u, self._v = (
-                np.stack([_parts(*rays.in_cells) for rays in of_axis])
-                for of_axis in zip(*axes, strict=True)
+                np.stack([_parts(*axis.in_cells) for axis in of_axis])
+                for of_axis in zip(*(rays.axes for rays in self._rays), strict=True)
             )
 
     def of(self, rows: slice) -> tuple[np.ndarray, np.ndarray]:
@@ -112,14 +113,10 @@ class _Lines:
           and slope. The columns are padded.
         * `v`, (rays, rows, 3, columns) float32: only `LANES` columns if all have the same row.
         """
-        if self._display.is_separable:
+        if self._is_separable:
             v = self._v[:, :, rows].transpose(0, 2, 1)[..., None]
             return _padded(self._u[:, None]), np.repeat(v, LANES, axis=3)
-        lines = []
-        for offset in self._offsets:
-            block = non_separable_cell_rays(*self._size, self._display, rows, offset)
-            lines.append(np.broadcast_arrays(*block))
-        u0, du, v0, dv = np.array(lines).transpose(1, 0, 2, 3)
+        u0, du, v0, dv = np.array([rays.block(rows)[:4] for rays in self._rays]).swapaxes(0, 1)
         return _padded(_parts(u0, du, axis=2)), _padded(_parts(v0, dv, axis=2))
 
 

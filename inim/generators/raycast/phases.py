@@ -30,7 +30,7 @@ _NO_DEPTH = np.float32(-np.inf)
 
 
 @dataclass(frozen=True)
-class Layout:
+class PhaseLayout:
     """Addresses of picture cells in phases, of one display and picture size.
 
     * `shape`: (slots down, per_pitch, per_pitch, slots across).
@@ -45,7 +45,9 @@ class Layout:
     strips: int
 
     @classmethod
-    def of(cls, per_pitch: int, rows: np.ndarray, columns: np.ndarray, display: Display) -> Layout:
+    def of(
+        cls, per_pitch: int, rows: np.ndarray, columns: np.ndarray, display: Display
+    ) -> PhaseLayout:
         """Lay out the phases.
 
         * `rows`, `columns`: all cells that rays of the lens (0, 0) visit.
@@ -53,13 +55,14 @@ class Layout:
         first = [int(cells.min()) // per_pitch for cells in (rows, columns)]
         last = [int(cells.max()) // per_pitch for cells in (rows, columns)]
         window = (last[0] - first[0] + 1, last[1] - first[1] + 1)
-        down = display.lens_rows + window[0] - 1
-        across = max(display.lens_columns, LANES) + window[1] - 1
+        lens_rows, lens_columns = display.layout.grid
+        down = lens_rows + window[0] - 1
+        across = max(lens_columns, LANES) + window[1] - 1
         return cls(
             (down, per_pitch, per_pitch, across),
             (first[0] * per_pitch, first[1] * per_pitch),
             window,
-            -(-display.lens_columns // LANES),
+            -(-lens_columns // LANES),
         )
 
     @property
@@ -145,7 +148,7 @@ class Phases:
       layers within reach.
     """
 
-    def __init__(self, layout: Layout, shape: PictureShape, *, end: bool) -> None:
+    def __init__(self, layout: PhaseLayout, shape: PictureShape, *, end: bool) -> None:
         self.layout = layout
         size, bounds = math.prod(layout.shape), (layout.shape[0], layout.strips)
         self.depth = np.full(size, np.nan, np.float32)
@@ -243,8 +246,8 @@ def fits_tables(display: Display, shape: PictureShape, pixel_mm: float, layers: 
         2 + axis.most_cells(display.depth_range_mm) // per_pitch
         for axis in cell_rays(shape, pixel_mm, display)
     )
-    across = max(display.lens_columns, LANES) + columns
-    cells = (display.lens_rows + rows) * across * per_pitch * per_pitch * layers
+    lens_rows, lens_columns = display.layout.grid
+    cells = (lens_rows + rows) * (max(lens_columns, LANES) + columns) * per_pitch**2 * layers
     panel = display.eia_shape[0] * display.eia_shape[1]
     return cells <= max(_MOST_SLOTS, 4 * (panel + shape[0] * shape[1]))
 

@@ -23,7 +23,7 @@ from inim.generators.base import (
     SourceGenerator,
     Sources,
 )
-from inim.generators.raycast.cells import CellRays, cell_rays, non_separable_cell_rays
+from inim.generators.raycast.cells import PictureRays
 from inim.generators.raycast.columns import columns_of
 from inim.image.rgbd import RGBD
 
@@ -161,7 +161,7 @@ class RayByRay(FirstHits):
                 if part.start < part.stop and selected[part].any():
                     share_rows(
                         _first_hits, part.stop - part.start, selected[part], *surfaces, above,
-                        *self._rays(part), z_min, z_max,
+                        self._rays.block(part), z_min, z_max,
                         out[part.start - rows.start : part.stop - rows.start],
                     )  # fmt: skip
             self.mark(rows, out)
@@ -169,22 +169,8 @@ class RayByRay(FirstHits):
         return find_rows
 
     @cached_property
-    def _axes(self) -> tuple[CellRays, CellRays]:
-        return cell_rays(self.shape, self.pixel_mm, self.display, self.pixel_offset)
-
-    def _rays(self, rows: slice) -> tuple[tuple[np.ndarray, ...], float, float]:
-        """Rays of panel rows: start and slope on both axes (rows, columns), and both scales."""
-        shape = (rows.stop - rows.start, self.display.eia_shape[1])
-        if self.display.is_separable:
-            across, down = self._axes
-            lines = (across.start, across.slope, down.start[rows, None], down.slope[rows, None])
-            scales = across.scale, down.scale
-        else:
-            lines = non_separable_cell_rays(
-                self.shape, self.pixel_mm, self.display, rows, self.pixel_offset
-            )
-            scales = 1.0, 1.0
-        return tuple(np.broadcast_to(line, shape) for line in lines), *scales
+    def _rays(self) -> PictureRays:
+        return PictureRays(self.display, self.shape, self.pixel_mm, self.pixel_offset)
 
 
 def _covered_above(covered: np.ndarray) -> np.ndarray:
@@ -196,10 +182,10 @@ def _covered_above(covered: np.ndarray) -> np.ndarray:
 
 @compiled
 def _first_hits(  # type: ignore[no-untyped-def]
-    begin, end, selected, fronts, backs, continue_behind, above, rays, u1, v1, z_min, z_max, sources
+    begin, end, selected, fronts, backs, continue_behind, above, rays, z_min, z_max, sources
 ):
     """`first_hit` of the selected pixels of some rows."""
-    u0, du, v0, dv = rays
+    u0, du, v0, dv, u1, v1 = rays
     bottom, right = fronts.shape[1:]
     for i in range(begin, end):
         for j in range(sources.shape[1]):

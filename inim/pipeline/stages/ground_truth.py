@@ -87,7 +87,7 @@ def _view_samples(
     **_: Any,
 ) -> tuple[str, str, str]:
     down, across = np.broadcast_to(view_pixels_per_lens, 2)
-    rows, columns = scene.display.lens_rows, scene.display.lens_columns
+    rows, columns = scene.display.layout.grid
     pixels = round(rows * down) * round(columns * across)
     return samples_traced(samples, 2 * max(1, view_spp // 2) * pixels, EMPTY_RAYS)
 

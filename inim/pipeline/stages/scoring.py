@@ -320,5 +320,5 @@ def _eia_tiles(
 ) -> dict[str, TileStatistics]:
     """Tile statistics of an EIA; empty if the run renders only a part of it."""
     display = truth.display
-    tile = eia_tile(display.eia_shape, (display.lens_rows, display.lens_columns))
+    tile = eia_tile(display.eia_shape, display.layout.grid)
     return {name: _tiles(eia, tile, generated, run=run)} if truth.is_whole else {}

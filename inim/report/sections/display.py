@@ -73,7 +73,7 @@ def _plan_view(data: ReportDocument | PictureDocument, images: ReportImages) -> 
 def _display_words(data: ReportDocument | PictureDocument) -> str:
     """Meaning of the figures, in sentences."""
     parameters, derived = data.display.parameters, data.display.derived
-    lenses = f"{parameters.lens_columns} × {parameters.lens_rows}"
+    lenses = parameters.layout.lens_counts("×")
     size = f"{short(derived.width_mm)} × {mm(derived.height_mm)}"
     pixels = f"{derived.eia_columns} × {derived.eia_rows}"
     words = (

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
+from inim.display.layouts import Layout
 from inim.display.panel import emitted_picture, panel_words, seen_light, white_of
 from inim.documents.parts import EyePosition
 from inim.errors import DisplayError
@@ -38,6 +39,8 @@ LIVE_LENS_MODELS = models_drawn_live()
 _THICK = thick.MODEL.name
 
 _FOLDER = "virtual_display"
+# The shader has the layout's code in place of this line.
+_LAYOUT_LINE = "// lens_centre of the layout\n"
 LIVE = Widget(
     package_text(_FOLDER, "virtual_display.css"),
     package_text(_FOLDER, "virtual_display.js"),
@@ -113,7 +116,7 @@ def live_display(
         _live_html(display, [panel.name for panel in embedded], start, eyes, lens_model)
         + _stand_in(stills, images)
         + note
-        + _data_element(data)
+        + _data_element(data, display.layout)
     )
 
 
@@ -279,7 +282,6 @@ def _optics(display: Display) -> dict[str, Any]:
     indices = channel_indices(display)
     kinds = {
         "COLORED": len(set(indices)) > 1,
-        "HEXAGONAL": traits.hexagonal,
         "APERTURE": not traits.full_aperture,
         "ROUND_APERTURE": traits.round_aperture,
         "CLEAR_BETWEEN": traits.clear_between,
@@ -299,7 +301,8 @@ def _optics(display: Display) -> dict[str, Any]:
     return {
         "size_mm": [display.width_mm, display.height_mm],
         "pitch_mm": [array.pitch_x, array.pitch_y],
-        "lenses": [display.lens_columns, display.lens_rows],
+        "lenses": list(display.layout.grid[::-1]),
+        "outermost_mm": list(display.layout.outermost_mm),
         "gap_mm": array.gap,
         "elemental_pitch_mm": [display.elemental_image_pitch_mm, display.elemental_row_pitch_mm],
         "power_per_mm": [(n - 1) / array.radius for n in indices],
@@ -321,9 +324,10 @@ def _optics(display: Display) -> dict[str, Any]:
     }
 
 
-def _data_element(data: Mapping[str, Any]) -> str:
+def _data_element(data: Mapping[str, Any], layout: Layout) -> str:
     """Block with `data` and the shader, which the script reads and the browser does not execute."""
-    whole = {**data, "shader": package_text(_FOLDER, "virtual_display.glsl")}
+    shader = package_text(_FOLDER, "virtual_display.glsl").replace(_LAYOUT_LINE, layout.shader)
+    whole = {**data, "shader": shader}
     coded = json.dumps(whole, allow_nan=False).replace("<", "\\u003c").replace("&", "\\u0026")
     return f'<script type="application/json" id="virtual-display-data">{coded}</script>'
 
@@ -388,7 +392,7 @@ def still_view(
     Returns (rows, columns, 3) uint8, sRGB: panel pixels are evenly lit: sub-pixels are drawn as
     none.
     """
-    rows, columns = (n * pixels_per_lens for n in (display.lens_rows, display.lens_columns))
+    rows, columns = (n * pixels_per_lens for n in display.layout.grid)
     drive = linear_from_srgb(np.arange(256) / 255)
     light = emitted_picture(np.stack([drive] * 3, -1), display)
     total = np.zeros((rows, columns, 3), np.float32)

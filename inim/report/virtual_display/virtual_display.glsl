@@ -2,10 +2,10 @@
 // `inim_display` emitter, for the lens models `pinhole`, `thin` and `thick` (spherical, as `inim.lens.thick`). Display frame,
 // millimetres:
 // origin at the centre of the lens array, +x right, +y up, +z towards the viewer.
-// The script defines, above this, what a display has: THIN or THICK lenses, COLORED, HEXAGONAL, APERTURE,
+// The script defines, above this, what a display has: THIN or THICK lenses, COLORED, APERTURE,
 // ROUND_APERTURE, CLEAR_BETWEEN, TURNED, TILTED, BULGES_TO_VIEWER, GLARE, LAYERS (their number), and
-// TOUCHING if no air is before the layers. What it does not have is not compiled. VERTEX is the vertex
-// shader, which covers the canvas with one triangle.
+// TOUCHING if no air is before the layers. What it does not have is not compiled. The code of its layout
+// is inserted below. VERTEX is the vertex shader, which covers the canvas with one triangle.
 precision highp float;
 precision highp int;
 precision highp sampler2D;
@@ -45,30 +45,7 @@ vec3 srgb_from_linear(vec3 light) {
 }
 
 // Centre of the lens whose cell holds a point, and whether the array reaches that far (1 or 0).
-#ifdef HEXAGONAL
-// The nearest one in a row counted from the bottom; and its distance^2.
-vec4 in_row(vec2 point, float row) {
-  float from_top = lenses.y - 1.0 - row;
-  float odd = from_top - 2.0 * floor(from_top / 2.0);
-  float aside = lenses.y > 1.0 ? odd / 2.0 - 0.25 : 0.0;
-  float column = floor(point.x / pitch.x + lenses.x / 2.0 - aside);
-  vec2 centre = (vec2(column + aside, row) + 0.5 - lenses / 2.0) * pitch;
-  bool inside = column >= 0.0 && column < lenses.x && row >= 0.0 && row < lenses.y;
-  return vec4(centre, inside ? 1.0 : 0.0, dot(point - centre, point - centre));
-}
-
-vec3 lens_centre(vec2 point) {
-  float lower = floor(point.y / pitch.y + lenses.y / 2.0 - 0.5);
-  vec4 below = in_row(point, lower), above = in_row(point, lower + 1.0);
-  return above.w < below.w ? above.xyz : below.xyz;
-}
-#else
-vec3 lens_centre(vec2 point) {
-  vec2 cell = floor(point / pitch + lenses / 2.0);
-  vec2 inside = step(vec2(0.0), cell) * step(cell, lenses - 1.0);
-  return vec3((cell + 0.5 - lenses / 2.0) * pitch, inside.x * inside.y);
-}
-#endif
+// lens_centre of the layout
 
 bool in_aperture(vec2 off) {
 #ifdef ROUND_APERTURE

@@ -59,8 +59,7 @@
     return [0, 1].map((axis) => {
       const pitch = optics.pitch_mm[axis], elemental = optics.elemental_pitch_mm[axis];
       const walk = Math.abs(1 + optics.gap_mm / z - elemental / pitch);
-      const outermost = ((optics.lenses[axis] - 1) / 2) * pitch;
-      return ((elemental / 2 - outermost * walk) * z) / optics.gap_mm;
+      return ((elemental / 2 - optics.outermost_mm[axis] * walk) * z) / optics.gap_mm;
     });
   }
 

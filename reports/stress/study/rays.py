@@ -8,6 +8,7 @@ then rotated and shifted. The generators divide by the pitch in float64 instead.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import lru_cache
@@ -26,6 +27,11 @@ _ROUNDINGS = 4
 _NONSEPARABLE_ROUNDINGS = 8
 _EPS = float(np.finfo(np.float64).eps)
 _REAL = np.longdouble
+#: Offset of rows to the right, in pitches, from their indices from the top and their number.
+STAGGERS: dict[str, Callable[[np.ndarray, int], np.ndarray]] = {
+    "square": lambda rows, _: np.zeros(len(rows)),
+    "hexagonal": lambda rows, count: np.where(rows % 2 == 0, -0.25, 0.25) * (count > 1),
+}
 # Additional rows and columns around the array. A pixel nearest to one of these has no lens.
 _MARGIN = 2
 
@@ -212,9 +218,7 @@ def _centres(display: Display, pitch_mm: float) -> tuple[np.ndarray, np.ndarray,
     """Centres of cells with a pitch, mm to the right and up, and True for those with a lens."""
     columns = np.arange(-_MARGIN, display.lens_columns + _MARGIN)
     rows = np.arange(-_MARGIN, display.lens_rows + _MARGIN)
-    stagger = np.zeros(len(rows))
-    if display.lattice == "hexagonal" and display.lens_rows > 1:
-        stagger = np.where(rows % 2 == 0, -0.25, 0.25)
+    stagger = STAGGERS[display.lattice](rows, display.lens_rows)
     n, m = np.meshgrid(columns, rows)
     ratio = _REAL(pitch_mm) / _REAL(display.pitch_mm)
     x = (n - _REAL(display.lens_columns - 1) / 2 + stagger[:, None]) * _REAL(pitch_mm)

@@ -20,8 +20,8 @@ from inim.generators.li2012 import _position, forward_axes
 from inim.generators.oracle import AxisRays, axis_rays
 from inim.generators.raycast.cells import (
     CellRays,
+    PictureRays,
     cell_rays,
-    non_separable_cell_rays,
     rounded_up,
 )
 from inim.generators.raycast.ray_by_ray import leaves
@@ -99,7 +99,7 @@ def _nonseparable_coordinates(display: Display, rgbd: RGBD, dtype: type) -> _Pai
     rays = rays_over(display, rgbd, pixels)
     r, c = pixels.T
     whole_panel = slice(0, display.eia_shape[0])
-    cells = non_separable_cell_rays(rgbd.shape, rgbd.pixel_mm, display, whole_panel)
+    cells = PictureRays(display, rgbd.shape, rgbd.pixel_mm).block(whole_panel)[:4]
     with np.errstate(over="ignore"):
         u0, du, v0, dv = (values[r, c].astype(dtype) for values in cells)
     for i in np.flatnonzero(~rays.doubtful)[: _RAYS * 2]:

@@ -1,0 +1,223 @@
+"""Interface of a layout: the arrangement of a display's lenses, and the rays of its pixels.
+
+All other code asks a display's layout for them. Points are in the *array frame*: the display frame,
+moved to the array's centre and rotated with it; rows count from the top, lengths are millimetres.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from inim.display.pixels import exact_length
+from inim.errors import DisplayError
+
+if TYPE_CHECKING:
+    from inim.display.display import Display
+
+
+class Ops(NamedTuple):
+    """Functions for lens models, available in NumPy and in Dr.Jit."""
+
+    sqrt: Any
+    floor: Any
+    where: Any
+    absolute: Any
+
+
+NUMPY_OPS = Ops(np.sqrt, np.floor, np.where, np.abs)
+
+
+@dataclass(frozen=True)
+class LensAxis:
+    """Lenses and panel pixels of a separable display along one axis, to the right or downwards.
+
+    * `lenses`, `pixels`: their numbers.
+    * `pitch`, `cell`: distance of lenses, and of their elemental images.
+    * `pixel`: panel pixel.
+    * `shift`: shift of the array over the panel.
+    """
+
+    lenses: int
+    pixels: int
+    pitch: Fraction
+    cell: Fraction
+    pixel: Fraction
+    shift: Fraction
+
+    def centres(self) -> list[Fraction]:
+        """Centres of the lenses."""
+        return [
+            Fraction(2 * n - self.lenses + 1, 2) * self.pitch + self.shift
+            for n in range(self.lenses)
+        ]
+
+
+@dataclass(frozen=True)
+class Layout(ABC):
+    """Arrangement of a display's lenses.
+
+    The optics of a lens model are class methods, compiled with the model: `array` has the numbers
+    of the display (`inim.lens.LensArray`) as floats or Dr.Jit scalars, and `ops` the functions.
+    """
+
+    display: Display
+
+    #: Value of the display's parameter `lattice`.
+    name: ClassVar[str]
+    #: A pixel's lens and ray depend on its row and its column separately, under an array that is
+    #: neither turned nor tilted.
+    has_rows_and_columns: ClassVar[bool] = False
+    #: Centres of the neighbours of a lens, in pitches to the right and row pitches up.
+    neighbours: ClassVar[tuple[tuple[float, float], ...]]
+    #: GLSL of the live display: ``vec3 lens_centre(vec2 point)``, as `lens_centre`.
+    shader: ClassVar[str]
+
+    # -- sizes ---------------------------------------------------------------------------------
+
+    @staticmethod
+    def usual_row_pitch_mm(pitch_mm: float) -> float:
+        """Distance of adjacent rows, unless the display gives it."""
+        return pitch_mm
+
+    @property
+    def grid(self) -> tuple[int, int]:
+        """Rows and columns of lenses."""
+        return self.display.lens_rows, self.display.lens_columns
+
+    def lens_counts(self, times: str = "x") -> str:
+        """Numbers of lenses across and down as text."""
+        rows, columns = self.grid
+        return f"{columns} {times} {rows}"
+
+    @property
+    def size(self) -> tuple[Fraction, Fraction]:
+        """Width of the array in pitches, and its height in row pitches."""
+        rows, columns = self.grid
+        return Fraction(columns), Fraction(rows)
+
+    @property
+    def view_cell_mm(self) -> tuple[float, float]:
+        """Width and height of the array per column and row of `grid`: a view is `grid` of them."""
+        return self.display.pitch_mm, self.display.row_pitch_mm
+
+    # -- rays ----------------------------------------------------------------------------------
+
+    @abstractmethod
+    def find_rays(
+        self, x: np.ndarray, y: np.ndarray, offset: tuple[float, float]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Lenses of panel pixels, and points of the array's plane that their chief rays cross.
+
+        * `x`, `y`: centres of the pixels. The cells of the elemental images have their own pitch.
+        * `offset`: from these to the points of the pixels from which the rays start. Under lenses
+          it changes nothing: a pixel's whole area shines through one lens.
+
+        Returns `lens`, int64: ``row * columns + column``, -1 outside the array, where the layout is
+        continued, so that every pixel has a ray; `x0`, `y0`, float64.
+        """
+
+    def _in_cells(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Panel points in cells of elemental images, from the array's left and upper edge."""
+        rows, columns = self.grid
+        across = x / self.display.elemental_image_pitch_mm + columns / 2
+        return across, rows / 2 - y / self.display.elemental_row_pitch_mm
+
+    def _through_centres(
+        self, row: np.ndarray, column: np.ndarray, stagger: np.ndarray | float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rays through the centres of lenses; `stagger` of their rows to the right, in pitches.
+
+        Lens centres have the lens pitch, whatever the pitch of the cells under them.
+        """
+        rows, columns = self.grid
+        x0 = (column + 0.5 - columns / 2 + stagger) * self.display.pitch_mm
+        y0 = (rows / 2 - row - 0.5) * self.display.row_pitch_mm
+        inside = (row >= 0) & (row < rows) & (column >= 0) & (column < columns)
+        return np.where(inside, row * columns + column, -1).astype(np.int64), x0, y0
+
+    def axis(self, sign: int) -> LensAxis:
+        """Lenses and pixels from left to right (`sign` +1) or downwards (-1).
+
+        Raises `DisplayError`: the display is not separable.
+        """
+        display = self.display
+        if not display.is_separable:
+            raise DisplayError(
+                f"display {display.name}: with {display.not_separable_by} a pixel's lens depends "
+                "on its row and column together; use a generator that traces every pixel's ray, "
+                "such as 'template' or 'gu2020'"
+            )
+        side = sign > 0
+        pitch = exact_length(display.pitch_mm if side else display.row_pitch_mm)
+        of_lenses = exact_length(display.elemental_image_pitch_mm) / exact_length(display.pitch_mm)
+        return LensAxis(
+            lenses=self.grid[side],
+            pixels=display.eia_shape[side],
+            pitch=pitch,
+            cell=pitch * of_lenses,
+            pixel=exact_length(display.pixel_pitch_mm),
+            shift=sign * exact_length(display.shift_x_mm if side else display.shift_y_mm),
+        )
+
+    @property
+    def cell_size_mm(self) -> tuple[float, float]:
+        """Width and height of a rectangle about a lens's centre that holds its elemental image."""
+        display = self.display
+        width, height = display.elemental_image_pitch_mm, display.elemental_row_pitch_mm
+        return width, self.cell_height(width, height)
+
+    @staticmethod
+    def cell_height(pitch: float, row_pitch: float) -> float:  # noqa: ARG004
+        """Height of a cell of lenses of such pitches."""
+        return row_pitch
+
+    # -- viewing zone --------------------------------------------------------------------------
+
+    @property
+    def outermost_mm(self) -> tuple[float, float]:
+        """Distances of the outermost lens centres from the array's centre, across and up."""
+        rows, columns = self.grid
+        return (columns - 1) / 2 * self.display.pitch_mm, (rows - 1) / 2 * self.display.row_pitch_mm
+
+    def flip_limit_mm(self, distance_mm: float) -> tuple[float, float]:
+        """See `Display.flip_limit_mm`."""
+        limits, gap = [], self.display.gap_mm
+        for outermost, p, q in self._pitches():
+            walk = abs(1 + gap / distance_mm - q / p)
+            limits.append((q / 2 - outermost * walk) * distance_mm / gap)
+        return limits[0], limits[1]
+
+    def nearest_viewing_distance_mm(self) -> float:
+        """Distance at which an eye on the axis just sees no flipped view; inf if there is none."""
+        nearest = self.display.gap_mm
+        for outermost, p, q in self._pitches():
+            if outermost:
+                slack = q / 2 / outermost - (1 - q / p)
+                nearest = max(nearest, self.display.gap_mm / slack if slack > 0 else np.inf)
+        return nearest
+
+    def _pitches(self) -> Iterator[tuple[float, float, float]]:
+        """Outermost lens, distance of lenses and of their elemental images, across and down."""
+        display = self.display
+        lenses = display.pitch_mm, display.row_pitch_mm
+        cells = display.elemental_image_pitch_mm, display.elemental_row_pitch_mm
+        return zip(self.outermost_mm, lenses, cells, strict=True)
+
+    # -- optics --------------------------------------------------------------------------------
+
+    @classmethod
+    @abstractmethod
+    def lens_centre(cls, array: Any, ops: Ops, x: Any, y: Any) -> tuple[Any, Any, Any]:
+        """Centre of the lens whose cell holds (x, y), and whether the array reaches that far."""
+
+    @classmethod
+    def reach_squared(cls, array: Any, ops: Ops) -> Any:  # noqa: ARG003
+        """Square of the distance from a lens's centre to the farthest corner of its cell."""
+        p, q = array.pitch_x, array.pitch_y
+        return (p * p + q * q) / 4.0

@@ -1,0 +1,74 @@
+"""Every layout keeps the promises of its interface: cells, neighbours and extent are those of rays.
+
+`tests/unit/test_real_arrays.py` compares the rays themselves with lists of all lens centres.
+"""
+
+from typing import get_args
+
+import numpy as np
+import pytest
+
+from inim.display.layouts import LAYOUTS, NUMPY_OPS
+from inim.display.parameters import Lattice
+from inim.errors import DisplayError
+from inim.lens import lens_array, lens_centre, lens_traits
+from tests.conftest import small_display
+from tests.skewed_layout import Skewed
+
+DISPLAYS = {name: small_display(9, 7, 16, lattice=name) for name in LAYOUTS}
+
+
+def points_and_centres(name):
+    """Points of the array and around it, and the lens centre of each, (n,) complex; if any."""
+    display = DISPLAYS[name]
+    x, y = np.meshgrid(*(np.linspace(-0.7, 0.7, 1501) * size for size in (
+        display.width_mm, display.height_mm
+    )))  # fmt: skip
+    array, traits = lens_array(display), lens_traits(display)
+    centre_x, centre_y, inside = lens_centre(array, traits, NUMPY_OPS, x, y)
+    return x + 1j * y, centre_x + 1j * centre_y, inside
+
+
+def test_each_layout_has_its_name_in_the_display_s_parameter():
+    assert set(LAYOUTS) == {*get_args(Lattice), Skewed.name}
+    with pytest.raises(DisplayError, match="lattice = 'round': use 'square' or 'hexagonal'"):
+        small_display(lattice="round")
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_the_array_has_as_many_lenses_as_stated_within_its_size(name):
+    display = DISPLAYS[name]
+    points, centres, inside = points_and_centres(name)
+    rows, columns = display.layout.grid
+    assert len(np.unique(np.round(centres[inside], 9))) == rows * columns == 63
+    # A point of the array is in its bounding box, except in the tips of pointed cells.
+    tips = max(display.layout.cell_height(1.0, display.row_pitch_mm) - display.row_pitch_mm, 0)
+    assert np.abs(points.real[inside]).max() <= display.width_mm / 2 + 1e-9
+    assert np.abs(points.imag[inside]).max() <= (display.height_mm + tips) / 2 + 1e-9
+    assert np.abs(points.real[inside]).max() > display.width_mm / 2 - 0.02
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_a_cell_is_as_high_and_reaches_as_far_as_stated(name):
+    display, (points, centres, inside) = DISPLAYS[name], points_and_centres(name)
+    layout, step = display.layout, 0.02
+    offset = (points - centres)[inside]
+    height = layout.cell_height(display.pitch_mm, display.row_pitch_mm)
+    assert height / 2 - step < np.abs(offset.imag).max() <= height / 2 + 1e-9
+    reach = layout.reach_squared(lens_array(display), NUMPY_OPS) ** 0.5
+    assert reach - step < np.abs(offset).max() <= reach + 1e-9
+    assert layout.cell_size_mm == (display.pitch_mm, height)
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_cells_next_to_a_cell_are_its_neighbours(name):
+    display, (_, centres, inside) = DISPLAYS[name], points_and_centres(name)
+    steps = set()
+    for axis in (0, 1):
+        pair = [np.roll(centres, shift, axis) for shift in (0, 1)]
+        on_array = inside & np.roll(inside, 1, axis)
+        steps |= set(np.round((pair[1] - pair[0])[on_array], 6).tolist())
+    listed = [complex(right, up * display.row_pitch_mm) for right, up in display.layout.neighbours]
+    assert len(set(listed)) == len(listed)
+    for step in steps - {0j}:
+        assert min(abs(step - neighbour) for neighbour in listed) < 1e-5, step
