@@ -15,21 +15,14 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
+from inim.calibration.decode import Decoded
 from inim.calibration.model import Intrinsics
+from inim.calibration.patterns import MARK, has_mark, periods_px
 from inim.display import Display
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.lens import trace_to_panel
 from inim.settings import plain_parameters
 from tests.schemas import completed
-
-
-class Photograph(NamedTuple):
-    """The maps of `inim.calibration.decode.Decoded`."""
-
-    column: np.ndarray
-    row: np.ndarray
-    error_px: np.ndarray
-    lit: np.ndarray
 
 
 class Lens(NamedTuple):
@@ -60,7 +53,7 @@ def look_at(eye: Any, target: Any = (0, 0, 0), roll_deg: float = 0.0) -> np.ndar
 
 def photograph(
     display: Display, lens: Lens, eye: Any, axes: np.ndarray, seed: int, noise_px: float = 0.05
-) -> Photograph:
+) -> Decoded:
     """Decoded photograph of a display at any pose, taken from an eye with a camera."""
     random = np.random.default_rng(seed)
     height, width = lens.shape
@@ -69,6 +62,8 @@ def photograph(
     column, row, weight = _seen(display, lens, eye, axes, u, v)
     dark = ~(weight > 0) | (column < 0) | (column > columns) | (row < 0) | (row > rows)
     total = np.zeros((3, height, width))
+    period = periods_px(display)[:, None, None]
+    waves = np.zeros((2, height, width), complex)
     for x, across in _NORMAL:
         for y, down in _NORMAL:
             there = _seen(display, lens, eye, axes, u + x * lens.blur_px, v + y * lens.blur_px)
@@ -76,6 +71,7 @@ def photograph(
             same = (np.abs(there[0] - column) + np.abs(there[1] - row) < 4) & (there[2] > 0)
             share = across * down * same
             total += share * np.where(same, [there[0], there[1], np.ones_like(u)], 0)
+            waves += across * down * np.exp(2j * np.pi * np.array(there[:2]) / period)
     blurred = total[:2] / np.where(dark, 1, total[2])
     seam = np.zeros(lens.shape, bool)
     for axis in (0, 1):
@@ -91,10 +87,17 @@ def photograph(
         )
         for picture in blurred
     ]
-    error = np.where(dark, np.nan, noise_px)
-    return Photograph(
-        *(picture.astype(np.float32) for picture in (*maps, error, np.where(dark, 0.0, weight)))
-    )
+    # Panel points count from its centre, modulo the period.
+    maps = [
+        np.mod(picture - size / 2, own) for picture, size, own in zip(
+            maps, (columns, rows), periods_px(display), strict=True
+        )
+    ]  # fmt: skip
+    cell = (np.stack([column - columns / 2, row - rows / 2])) / period
+    in_middle = (np.abs(cell - np.rint(cell)) < MARK).all(axis=0)
+    marked = in_middle & has_mark(*np.rint(cell), periods_px(display)) & ~dark
+    shift = np.exp(-2j * np.pi * np.array([columns, rows])[:, None, None] / 2 / period)
+    return Decoded(*(m.astype(np.float32) for m in maps), marked, waves * shift, 0.0, ())
 
 
 def _seen(
@@ -149,7 +152,8 @@ def write_calibrated(
     lines = [f'<default name="inim.{k}" value="{v}"/>' for k, v in parameters]
     (folder / "mine.xml").write_text(f'<scene version="3.0.0">{"".join(lines)}</scene>')
     document = {"camera": {"width_px": shape[1], "height_px": shape[0], **camera._asdict()}}
-    document |= {"positions": [*(positions or [STRAIGHT_ON])]}
+    unchanged = {"zoom": 0.0, "skew": 0.0, "stretch": 0.0}
+    document |= {"positions": [{**unchanged, **p} for p in positions or [STRAIGHT_ON]]}
     calibration = folder / "mine-calibration" / "calibration.json"
     calibration.parent.mkdir()
     calibration.write_text(json.dumps(completed("calibration", document)))

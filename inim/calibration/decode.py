@@ -1,247 +1,273 @@
-"""Decoding: the panel pixel that each camera pixel sees, from photographs of the patterns.
+"""Decoding: the panel point that each camera pixel sees, from photographs of the patterns.
 
-A bit of the Gray code is 1 if a photograph is brighter than that of the inverse pattern. It is
-certain if the two differ by a large part of the difference between white and black. Neighbouring
-cells differ in one bit, so one bit may be uncertain. Two bits are uncertain where a camera pixel
-sees two lenses; it is then not decoded.
+From three steps of a cosine, I_k = A + B cos(p - 2 pi k / 3), mean, amplitude and phase follow:
+A = sum(I_k) / 3, and B e^(i p) = 2/3 sum(I_k e^(2 pi i k / 3)). Constant light cancels. A wrong
+gamma adds C cos 2(p - 2 pi k / 3): the amplitude then varies as C cos 3p, and the phase is off by
+-C / B sin 3p. The first gives C, which corrects the second.
 
-The cosine's phase, from its four steps I0 to I3, is atan2(I1 - I3, I0 - I2). Constant light and
-the second harmonic, which a wrong gamma causes, cancel. Its period is the one nearest to the
-centre of the cell.
+A camera that shakes moves the photographs. A is the same for columns and rows in aligned
+photographs. Where it is not, the photographs' gradients give their displacement.
 
-Decoding cannot detect that the browser scaled the patterns, because patterns of any scale decode.
-The scale affects only the step between lenses, which must be the lens pitch in panel pixels.
-`lattice` checks it when it indexes the lenses.
+The phase gives the panel point modulo a period; `lattice` numbers the periods.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import affine_transform, gaussian_filter
 
-from inim.calibration.patterns import CELL, PERIOD, Position, bit_count, read_photograph
+from inim.calibration.patterns import Position, read_photograph
 from inim.errors import FileError
 
-# A lens is lit where it has this share of the light that bright ones have.
-_LIT_SHARE = 0.1
+_TURNS = np.exp(2j * np.pi / 3 * np.arange(3)).astype(np.complex64)
 _BRIGHT_QUANTILE = 0.95
-# Bright lenses below this are lost in noise and rounding; 1 is the brightest code.
-_DARKEST = 0.03
+# Amplitude of lenses, as a share of that of bright ones; of those, the least for all.
+_LIT_SHARE, _DARKEST = 0.1, 0.015
 _FEWEST_LIT = 0.005
 # Codes from 254 on: JPEG moves them by one.
 _SATURATED_LIGHT = 0.99
 _MOST_SATURATED = 0.02
-# Light of a picture and its inverse against that of white and black, relative to their difference,
-# on average. Bits that have nothing in common are 0.5 off, exposures that differ by a third 0.17;
-# phases in a wrong order 0.45, and a camera's tone curve bends the cosine by some 0.1.
-_MOST_UNLIKE = 0.15
-_MOST_BENT = 0.3
-# A bit's contrast: where it is sure, and the least that half of the finest bits must have.
-_SURE = 0.5
-_LEAST_CONTRAST = 0.6
-# Of the cosine's amplitude, where its phase means something.
-_LEAST_MODULATION = 0.3
-# Phases lie within their cell, give or take what one unsure bit moves; at random, 5 in 8 would.
-_NEAR_CELL = 5.0
-_LEAST_AGREEMENT = 0.8
-_MOST_FROM_CELL = 6.0
-# A lens's view departs from a smooth map of the panel by half a lens; bits in a wrong order, by
-# much of the panel. Panel pixels, and share of what is seen of the panel.
-_ROUGHEST_PX, _ROUGHEST_SHARE = 2.0 * PERIOD, 0.01
-_MOST_FITTED = 20_000
-# Of what is known, beyond the panel.
-_MOST_BEYOND = 0.01
-# Camera pixels along a side of the square that noise is estimated in.
-_NOISE_WINDOW = 9
+# Amplitude over mean. Two lenses with phases 129 degrees apart have less than this share of the
+# usual ratio together if each gives more than a fifth of the light.
+_SINGLE_LENS_SHARE = 0.7
+_LEAST_CONTRAST = 0.4
+# The fourth harmonic of a power of a cosine is 0.1 of the second, near the power 1. It adds to the
+# ripple of the amplitude and takes from that of the phase: (1 - 0.1) / (1 + 0.1).
+_SECOND_HARMONIC, _RIPPLE_STEPS = 0.82, 3
+# Marks are darker than the mean of the cosine, and rare.
+_MOST_MARKED = 0.3
+# Mean of the columns' photographs less that of the rows', relative to it.
+_MOST_UNLIKE = 0.06
+# Displacements are found from coarse to fine: blur in pixels. Usual displacements and exposures
+# keep undetermined ones at zero.
+_SCALES_PX = (4.0, 2.0, 1.0, 0.7)
+_ALIGNED_PIXELS = 60_000
+_USUAL_MOTION_PX, _USUAL_GAIN = 1.0, 0.1
+# Pixels of a lens have a common error. An alignment must lessen the difference to this share.
+_CORRELATED_PIXELS, _LEAST_GAIN = 50, 0.95
+# Difference of the means in aligned photographs, as a share of them.
+_LEAST_UNLIKE = 0.01
+# Interpolation blurs: smaller displacements are not corrected.
+_LEAST_MOTION_PX = 0.03
 
 
 class Decoded(NamedTuple):
-    """Panel coordinates that the pixels of a camera see, (H, W) float32 each."""
+    """Panel coordinates that the pixels of a camera see, (H, W) each."""
 
-    #: Panel coordinates in pixels. 0 is the panel's left or top edge, and a pixel's centre is at n
-    #: + 0.5. NaN, for both, if not decoded. They are means over a camera pixel's blur: within an
-    #: aberrated lens they change less than along rays through its centre, by half the variance of
-    #: the blur times the mapping's second derivative.
+    #: Panel pixels from the panel's centre to the right and down, modulo the cosine's period; NaN,
+    #: for both, where not decoded. They are means over a camera pixel's blur.
     column: np.ndarray
     row: np.ndarray
-    #: Their estimated standard error, panel pixels: noise, and 1 / sqrt(12) of a pixel. Neighbours
-    #: that see one panel pixel share this quantisation error.
-    error_px: np.ndarray
-    lit: np.ndarray  #: White minus black, linear; 1 is the camera's brightest code.
-
-
-class _Lights(NamedTuple):
-    """White and black of a position, and where lenses shine."""
-
-    white: np.ndarray
-    black: np.ndarray
-    contrast: np.ndarray
-    shining: np.ndarray
-
-
-class _Axis(NamedTuple):
-    """Coordinates along one axis, their error, and a mask of decoded pixels."""
-
-    coordinate: np.ndarray
-    error: np.ndarray
-    decoded: np.ndarray
+    is_marked: np.ndarray  #: True where a mark of the white pattern is seen.
+    #: (2, H, W) complex: cosines of columns and rows, with amplitudes relative to the usual one.
+    waves: np.ndarray
+    motion_px: float  #: Corrected displacement of the photographs, root mean square.
+    warnings: tuple[str, ...]
 
 
 def decode(position: Position) -> Decoded:
     """Decode the photographs of one camera position.
 
-    * `position`: its photographs are read one after another.
-
-    Raises `FileError`: a photograph that cannot be read; too dark, saturated, unsharp; not in the
-    order of the patterns; or of another display's patterns. The line names the photographs.
+    Raises `FileError`: a photograph that cannot be read; photographs too dark, saturated or
+    unsharp, or not in the order of the patterns. The line names the photographs.
     """
-    rows, columns = position.panel
-    paths = list(position.photographs)
-    lights = _lights(*paths[:2])
-    split = 2 + 2 * bit_count(columns) + 4
-    across = _axis(paths[2:split], lights, columns, "columns")
-    down = _axis(paths[split:], lights, rows, "rows")
-    decoded = across.decoded & down.decoded
-    nowhere = np.float32(np.nan)
-    quantised = np.float32(1 / 12)
-    error = np.sqrt(quantised + np.maximum(across.error, down.error) ** 2)
-    return Decoded(
-        np.where(decoded, across.coordinate, nowhere),
-        np.where(decoded, down.coordinate, nowhere),
-        np.where(decoded, error, nowhere),
-        lights.white - lights.black,
+    paths = position.photographs
+    name = str(next(path for path in paths if path is not None).parent)
+    warnings = []
+    white, *lights = _read(position)
+    absent = [k for k, light in enumerate(lights) if light is None]
+    phases = np.stack([np.zeros(position.shape, np.float32) if x is None else x for x in lights])
+    for k in absent:
+        _derive(phases, k)
+    lit = _lit(phases, name)
+    motion_px = 0.0
+    if white is None or absent:
+        warnings.append(f"{name}: a photograph is missing; the others replace it")
+    if not absent:
+        motion_px, unlike = _align(phases, lit)
+        if unlike > _MOST_UNLIKE:
+            worst = _replace_worst(phases, lit)
+            warnings.append(
+                f"{paths[1 + worst]}: does not fit the other photographs of this position and is "
+                "not used; keep camera, exposure and display fixed"
+            )
+    mean, waves = _waves(phases)
+    # By the other axis's mean: one's own has a third harmonic with a wrong gamma.
+    contrast = np.abs(waves) / mean[::-1]
+    usual = np.median(contrast[:, lit], axis=1)[:, None, None]
+    if usual.min() < _LEAST_CONTRAST:
+        raise FileError(
+            f"{name}: blurred, or lit by the room: the waves have {usual.min():.0%} of their "
+            "contrast; focus on the lens sheet, hold the camera still, darken the room"
+        )
+    relative = contrast / usual
+    is_single = ((relative > _SINGLE_LENS_SHARE) & (relative < 1 / _SINGLE_LENS_SHARE)).all(axis=0)
+    is_single &= lit
+    column, row = (
+        np.float32(period) * _cycles(wave, ratio, is_single)
+        for period, wave, ratio in zip(position.periods_px, waves, contrast, strict=True)
     )
+    is_marked = np.zeros(lit.shape, bool)
+    if white is not None:
+        is_marked = (white < mean.mean(axis=0)) & lit
+        if is_marked.sum() > _MOST_MARKED * lit.sum():
+            raise FileError(
+                f"{paths[0]}: is darker than the waves; photograph the patterns in their order, "
+                "white first, with fixed exposure"
+            )
+    _check_saturation(name, [light for light in (white, *lights) if light is not None], lit)
+    waves /= (mean * usual).astype(np.float32)
+    return Decoded(column, row, is_marked, waves, motion_px, tuple(warnings))
 
 
-def _lights(white_path: Path, black_path: Path) -> _Lights:
-    white, black = read_photograph(white_path), read_photograph(black_path)
-    lit = white - black
-    bright = float(np.quantile(lit, _BRIGHT_QUANTILE))
-    darker = float(np.quantile(-lit, _BRIGHT_QUANTILE))
-    if darker > max(bright, _DARKEST):
+def _read(position: Position) -> list[np.ndarray | None]:
+    """The photographs; None for one that is missing or damaged."""
+    lights: list[np.ndarray | None] = []
+    failure = FileError(f"{position.name}: two photographs are missing; take them again")
+    for path in position.photographs:
+        light = None
+        try:
+            light = None if path is None else read_photograph(path)
+        except FileError as error:
+            failure = error
+        if light is not None and light.shape != position.shape:
+            raise FileError(
+                f"{path}: has {light.shape[1]} x {light.shape[0]} pixels, but the others have "
+                f"{position.shape[1]} x {position.shape[0]}; photograph all patterns of a position "
+                "with one camera"
+            )
+        lights.append(light)
+    if sum(light is None for light in lights) > 1:
+        raise failure
+    return lights
+
+
+def _derive(phases: np.ndarray, k: int) -> None:
+    """Replace a phase: all three of an axis add up to those of the other axis."""
+    own, other = (phases[:3], phases[3:]) if k < 3 else (phases[3:], phases[:3])
+    phases[k] = other.sum(axis=0) - own.sum(axis=0) + phases[k]
+
+
+def _waves(phases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means and complex amplitudes of columns and rows, (2, ...) each."""
+    steps = phases.reshape(2, 3, *phases.shape[1:])
+    mean = np.maximum(steps.mean(axis=1), np.float32(1e-6))
+    return mean, np.einsum("k,ak...->a...", _TURNS * np.float32(2 / 3), steps)
+
+
+def _lit(phases: np.ndarray, name: str) -> np.ndarray:
+    """Mask of pixels that see the panel."""
+    amplitude = np.abs(_waves(phases)[1]).max(axis=0)
+    bright = float(np.quantile(amplitude, _BRIGHT_QUANTILE))
+    lit: np.ndarray = amplitude > _LIT_SHARE * max(bright, _DARKEST)
+    if bright < _DARKEST or lit.mean() < _FEWEST_LIT:
         raise FileError(
-            f"{white_path}: is darker than {black_path.name}; photograph the patterns in their "
-            "order, white first"
+            f"{name}: the waves are hardly visible ({2 * bright:.1%} of the brightest code); "
+            "expose longer, darken the room, and let the display fill the picture"
         )
-    shining = lit > _LIT_SHARE * max(bright, _DARKEST)
-    if bright < _DARKEST or shining.mean() < _FEWEST_LIT:
-        raise FileError(
-            f"{white_path}: hardly brighter than {black_path.name} ({bright:.1%} of the brightest "
-            "code); expose longer, darken the room, and let the display fill the picture"
-        )
-    saturated = float((white[shining] > _SATURATED_LIGHT).mean())
+    return lit
+
+
+def _check_saturation(name: str, lights: list[np.ndarray], lit: np.ndarray) -> None:
+    saturated = max(float((light[lit] > _SATURATED_LIGHT).mean()) for light in lights)
     if saturated > _MOST_SATURATED:
         raise FileError(
-            f"{white_path}: saturated in {saturated:.0%} of the lit area; use a shorter exposure "
-            "for all photographs of this position"
-        )
-    return _Lights(white, black, np.maximum(lit, np.float32(1e-6)), shining)
-
-
-def _axis(paths: Sequence[Path], lights: _Lights, pixels: int, axis_name: str) -> _Axis:
-    """Decode the pictures of one axis: pairs of bits, then four phases."""
-    shining = lights.shining
-    cell, second_least = _cells(paths[:-4], lights)
-    first, quarter, half, last = map(read_photograph, paths[-4:])
-    for pair, names in (
-        ((first, half), (paths[-4], paths[-2])),
-        ((quarter, last), (paths[-3], paths[-1])),
-    ):
-        _check_complement(pair, names, lights, _MOST_BENT)
-    cosine, sine = (first - half) / 2, (quarter - last) / 2
-    amplitude = np.hypot(cosine, sine)
-    within = np.arctan2(sine, cosine) * np.float32(PERIOD / (2 * np.pi))
-    middle = (cell.astype(np.float32) + np.float32(0.5)) * CELL
-    coordinate = within + PERIOD * np.rint((middle - within) / PERIOD)
-    modulated = amplitude > _LEAST_MODULATION / 2 * lights.contrast
-    decoded = shining & (second_least > _SURE) & modulated
-    _check_sharp(second_least, shining, paths)
-    if not decoded.any():
-        raise FileError(
-            f"{paths[-4]}: no lens shows the cosine of the {axis_name}; take sharp photographs of "
-            "the patterns"
-        )
-    agreement = float((np.abs(coordinate - middle)[decoded] < _NEAR_CELL).mean())
-    if agreement < _LEAST_AGREEMENT:
-        raise FileError(
-            f"{paths[0].parent}: bits and phases of the {axis_name} ({paths[0].name} to "
-            f"{paths[-1].name}) agree in {agreement:.0%} of the pixels; photograph all patterns "
-            "once, in order"
-        )
-    decoded &= np.abs(coordinate - middle) < _MOST_FROM_CELL
-    _check_order(coordinate, decoded, paths, axis_name)
-    beyond = (coordinate < -CELL) | (coordinate > pixels + CELL)
-    if (share := float(beyond[decoded].mean())) > _MOST_BEYOND:
-        raise FileError(
-            f"{paths[0].parent}: {share:.0%} of the pixels see {axis_name} beyond the panel's "
-            f"{pixels}; give the display whose patterns were shown"
-        )
-    square = uniform_filter((first + half - quarter - last) ** 2, _NOISE_WINDOW)
-    noise = np.sqrt(np.maximum(square, 0)) / 2  # sums without noise round to less than 0
-    error = noise / (np.sqrt(2) * np.maximum(amplitude, np.float32(1e-6))) * (PERIOD / (2 * np.pi))
-    return _Axis(coordinate, error.astype(np.float32), decoded & ~beyond)
-
-
-def _cells(paths: Sequence[Path], lights: _Lights) -> tuple[np.ndarray, np.ndarray]:
-    """Cell of each pixel, and the second least contrast of its bits."""
-    shape = lights.white.shape
-    cell, bit = np.zeros(shape, np.int32), np.zeros(shape, bool)
-    least, second = np.ones(shape, np.float32), np.ones(shape, np.float32)
-    for names in zip(paths[::2], paths[1::2], strict=True):
-        pair = read_photograph(names[0]), read_photograph(names[1])
-        _check_complement(pair, names, lights, _MOST_UNLIKE)
-        difference = pair[0] - pair[1]
-        bit = bit ^ (difference > 0)  # from Gray to binary, coarsest first
-        cell = 2 * cell + bit
-        contrast = np.abs(difference) / lights.contrast
-        second = np.minimum(second, np.maximum(least, contrast))
-        least = np.minimum(least, contrast)
-    return cell, second
-
-
-def _check_complement(
-    pair: tuple[np.ndarray, np.ndarray], names: Sequence[Path], lights: _Lights, most: float
-) -> None:
-    """Raise where two pictures do not add up to white and black."""
-    extra = pair[0] + pair[1] - lights.white - lights.black
-    unlike = float(np.mean((np.abs(extra) / lights.contrast)[lights.shining]))
-    if unlike > most:
-        raise FileError(
-            f"{names[0]} and {names[1].name}: are not a pattern and its inverse, their sum differs "
-            f"from white and black by {unlike:.0%}; photograph all patterns once, in order, with "
-            "camera and exposure fixed"
+            f"{name}: saturated in {saturated:.0%} of the lit area; use a shorter exposure for all "
+            "photographs of this position"
         )
 
 
-def _check_order(
-    coordinate: np.ndarray, decoded: np.ndarray, paths: Sequence[Path], axis_name: str
-) -> None:
-    """Raise unless panel coordinates are a smooth map of camera pixels, except at lens borders."""
-    places = np.flatnonzero(decoded)
-    places = places[:: 1 + len(places) // _MOST_FITTED]
-    y, x = (axis / max(decoded.shape) for axis in np.unravel_index(places, decoded.shape))
-    panel_coordinates = coordinate.ravel()[places]
-    smooth = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    rough = np.abs(
-        panel_coordinates - smooth @ np.linalg.lstsq(smooth, panel_coordinates, rcond=None)[0]
+def _cycles(wave: np.ndarray, contrast: np.ndarray, is_single: np.ndarray) -> np.ndarray:
+    """Phase in periods, with the second harmonic of a wrong gamma removed; NaN elsewhere."""
+    phase = np.where(is_single, np.angle(wave), np.float32(np.nan))
+    ripple = np.cos(3 * phase[is_single])
+    ratio = contrast[is_single] / contrast[is_single].mean() - 1
+    share = _SECOND_HARMONIC * float(ripple @ ratio / np.maximum(ripple @ ripple, 1))
+    true = phase
+    for _ in range(_RIPPLE_STEPS):
+        true = phase + np.float32(share) * np.sin(3 * true)
+    cycles: np.ndarray = true / np.float32(2 * np.pi)
+    return cycles
+
+
+def _align(phases: np.ndarray, lit: np.ndarray) -> tuple[float, float]:
+    """Align the photographs, and equalise their exposures, in place.
+
+    The difference of the two means is linear in each photograph's displacement, an affine map, and
+    in its exposure. What does not change the difference does not change the result either: a
+    displacement that is common to an axis is one of the camera.
+
+    Returns displacement, root mean square in pixels, and the remaining difference of the means as a
+    share of them.
+    """
+    places = np.flatnonzero(lit)
+    places = places[:: 1 + len(places) // _ALIGNED_PIXELS]
+    height, width = lit.shape
+    row, column = np.divmod(places, width)
+    # Shift and first order of the position: 1, x, y from the middle, in half widths.
+    terms = np.stack(
+        [np.ones(len(places)), 2 * column / width - 1, (2 * row - height) / width]
+    ).astype(np.float32)
+    usual = np.repeat([_USUAL_GAIN, _USUAL_MOTION_PX], [1, 6])
+    total, original = np.zeros((6, 7)), phases.copy()
+    sign = np.repeat(np.array([1 / 3, -1 / 3], np.float32), 3)
+    for scale in _SCALES_PX:
+        columns, difference = [], np.zeros(len(places))
+        for k, light in enumerate(phases):
+            smooth = gaussian_filter(light, scale)
+            down, across = (g.ravel()[places] for g in np.gradient(smooth))
+            here = smooth.ravel()[places]
+            difference += sign[k] * here
+            columns += [here, *(-across * terms), *(-down * terms)]
+            columns[-7:] = [sign[k] * part for part in columns[-7:]]
+        matrix = np.stack(columns)
+        level = _LEAST_UNLIKE * float(matrix[::7].mean(axis=1) @ sign)
+        noise = np.sqrt(_CORRELATED_PIXELS * (np.mean(difference**2) + level**2))
+        prior = np.diag(np.tile(usual, 6) ** -2.0)
+        # What is common to all is the camera's; a common gain scales the difference, too.
+        for own in np.arange(42).reshape(6, 7).T:
+            prior[np.ix_(own, own)] += len(places) * prior[own, own].sum()
+        total += np.linalg.solve(
+            matrix @ matrix.T / noise**2 + prior,
+            matrix @ difference / noise**2 - prior @ total.ravel(),
+        ).reshape(6, 7)
+        for k in range(6):
+            phases[k] = _moved(original[k], total[k])
+    before, after = (
+        np.abs(np.diff(_waves(x.reshape(6, -1)[:, places])[0], axis=0)).mean()
+        for x in (original, phases)
     )
-    span = float(np.ptp(np.quantile(panel_coordinates, (0.05, 0.95))))
-    if np.quantile(rough, 0.9) > _ROUGHEST_PX + _ROUGHEST_SHARE * span:
-        raise FileError(
-            f"{paths[0].parent}: the {axis_name} behind the lenses are in no order across the "
-            f"photograph ({paths[0].name} to {paths[-1].name}); photograph the patterns in order"
-        )
+    unlike = after / phases.reshape(6, -1)[:, places].mean()
+    if after > _LEAST_GAIN * before or unlike > _MOST_UNLIKE:  # nothing moved, or more than moved
+        phases[:] = original
+        return 0.0, float(unlike)
+    motion = total[:, 1:].reshape(6, 2, 3) @ terms[:, ::50]
+    return float(np.sqrt((motion**2).mean())), float(unlike)
 
 
-def _check_sharp(second_least: np.ndarray, shining: np.ndarray, paths: Sequence[Path]) -> None:
-    contrast = float(np.median(second_least[shining]))
-    if contrast < _LEAST_CONTRAST:
-        raise FileError(
-            f"{paths[0].parent}: blurred, half of the lit area shows less than {contrast:.0%} of "
-            f"the bits' contrast (from {paths[0].name} on); focus on the lens sheet, hold the "
-            "camera still, move closer"
-        )
+def _moved(light: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """Photograph without a gain and a displacement: of columns and of rows, each 1, x, y."""
+    height, width = light.shape
+    across, down = change[1:4], change[4:7]
+    matrix = np.eye(2) + 2 / width * np.array([[down[2], down[1]], [across[2], across[1]]])
+    middle = np.array([height / 2, width / 2])
+    offset = middle + np.array([down[0], across[0]]) - matrix @ middle
+    if np.abs(change[1:]).max() > _LEAST_MOTION_PX:
+        light = affine_transform(light, matrix, offset, order=3, mode="nearest")
+    return light / np.float32(1 + change[0])
+
+
+def _replace_worst(phases: np.ndarray, lit: np.ndarray) -> int:
+    """Replace the photograph without which the waves have the most uniform contrast."""
+
+    def spread(k: int) -> float:
+        changed = phases[:, lit]
+        _derive(changed, k)
+        mean, waves = _waves(changed)
+        return float(np.ptp(np.quantile(np.abs(waves) / mean, (0.1, 0.9), axis=1), axis=0).sum())
+
+    worst = min(range(6), key=spread)
+    _derive(phases, worst)
+    return worst

@@ -13,15 +13,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from inim.calibration.lattice import Lenses
+from inim.calibration.lattice import PER_LENS, Lenses
+from inim.calibration.misfit import (
+    ROBUST,
+    inverse_sizes,
+    low_order_misfit,
+    uncertainty,
+)
 from inim.calibration.model import (
+    CHANGES,
     PARAMETERS,
+    POSE,
     SHARED,
+    Deviations,
     Guess,
     Intrinsics,
     Observations,
@@ -66,31 +75,57 @@ _PRIORS = {
     "focal_length_mm": 0.3,
     "k1": 0.3,
     "k2": 1.0,
+    "p1": 0.002,
+    "p2": 0.002,
+    "refractive_index": 0.03,
+    "thickness": 0.15,
+    "glass_mm": 0.7,
+    "bow_x_mm": 0.03,
+    "bow_y_mm": 0.03,
+    "bow_xy_mm": 0.03,
+    "zoom": 0.02,
+    "skew": 0.00002,
+    "stretch": 0.00002,
 }
 # Of the focal length, without and with a word from the photographs, and of the principal point: in
 # focal lengths, in widths of the photograph.
 _FOCAL_PRIOR, _STATED_FOCAL_PRIOR, _CENTRE_PRIOR = 2.0, 0.2, 0.1
 # Lenses taken of a position: their number hardly matters for the errors, and the time follows it.
-_MOST_LENSES = 500
+_MOST_LENSES = 2000
 # Of a position, whose place they tell.
 _LEAST_WHOLE = 16
-# Residuals beyond so many of their usual size count less and less (Geman: soft l1).
-_ROBUST = 2.0
 # To begin with: panel pixels and pixels of the photograph.
 _USUAL = (0.3, 0.2)
 # Typical residuals above these are no lens array of this kind: panel pixels, and shares of a lens.
 _WORST_PANEL_PX = 0.5
 _WORST_OUTLINE = 0.08
-# How far off the model is, in the units of `Seen.imperfections`: standard deviations, 1 µm in 1 mm
-# and 2 µm, of photographs through a refracting sheet whose parameters are known, by cameras of
-# different blur (`reports/calibration`).
-_IMPERFECT = (0.001, 0.02)
 _ROUNDS = 3
+# A deviation with a larger pull is not of the usual size: its prior becomes wider, once; all those
+# of photographs together.
+_STRAINED, _WIDER, _ATTEMPTS = 2.5, 100.0, 2
+# The model fails above these: pulls after that, smooth residuals in panel pixels and in pixels of
+# the photograph (root mean square of a component), and changes without a position.
+_MOST_PULL, _MOST_SMOOTH, _MOST_CHANGE = 5.0, (0.03, 0.05), 5.0
+# Skew of a camera on a tripod, and per displacement between photographs as a share of the height.
+_SKEW_PER_MOTION = 0.1
+_CAUSES = {
+    "refractive_index": "another refractive_index, lens_thickness_mm or glass over the panel than "
+    "the display file has",
+    "bow_": "a bowed sheet",
+    "zoom": "zoom or focus that changed for this position",
+    "skew": "skewed photographs, by a rolling shutter or image stabilisation",
+    "p": "a camera with other distortion than the model",
+}
+_CAUSES |= {
+    "thickness": _CAUSES["refractive_index"],
+    "glass": _CAUSES["refractive_index"],
+    "stretch": _CAUSES["skew"],
+}
 # Where a search ends: a step lessens the sum of squares by less than this share of it.
 _STILL, _MOST_STEPS = 1e-7, 50
 _DAMPING, _MOST_DAMPING = 1e-3, 1e9
-# Residuals of nothing but rounding are still divided by their size.
-_LEAST_SIZE = 1e-9
+# Residuals without noise: panel pixels and pixels of the photograph.
+_LEAST_SIZE = (0.1, 0.1)
 _LIE = ("shift_x_mm", "shift_y_mm", "rotation_deg", "tilt_x_deg", "tilt_y_deg")
 
 
@@ -125,8 +160,9 @@ class Calibration:
         Best values of all parameters, including those that are not determined.
     estimates : dict of str to Estimate
         Parameters of the display, followed by fitted camera intrinsics.
-    pose_errors : tuple of (6,) array
-        Standard errors of each position: rotation in radians about the camera's axes, eye in mm.
+    pose_errors : tuple of (9,) array
+        Standard errors of each position: rotation in radians about the camera's axes, eye in mm,
+        `inim.calibration.model.CHANGES`.
     correlation : array
         Correlation of `estimates`, in their order.
     covariance : array
@@ -143,6 +179,10 @@ class Calibration:
         The observations in the fit.
     sizes : (positions, 2) array
         Typical size of the residuals: panel mm for rays, pixels for outlines.
+    misfit : (positions, 2, 2, polynomials) array
+        Low-order components of the residuals; see `inim.calibration.misfit.low_order_misfit`.
+    pulls, left_out : arrays
+        Tests of the model; see `inim.calibration.misfit.Uncertainty`.
     """
 
     nominal: Display
@@ -156,6 +196,9 @@ class Calibration:
     lenses: tuple[Lenses, ...]
     observations: Observations
     sizes: np.ndarray
+    misfit: np.ndarray
+    pulls: np.ndarray
+    left_out: np.ndarray
 
     @property
     def display(self) -> Display:
@@ -174,6 +217,46 @@ class Calibration:
             panel_columns=columns,
             **determined,
         )
+
+    @property
+    def failures(self) -> list[str]:
+        """Sentences on effects that the model does not explain; with any, no value holds."""
+        sentences, shared = [], len(SHARED)
+        names = [*SHARED, *("" for _ in range(len(self.pulls) - shared))]
+        for n in np.flatnonzero(np.abs(self.pulls) > _MOST_PULL):
+            position, change = divmod(n - shared, POSE)
+            name = names[n] or CHANGES[change - (POSE - len(CHANGES))]
+            place = "all positions" if n < shared else self.names[position]
+            causes = [cause for begin, cause in _CAUSES.items() if name.startswith(begin)]
+            if causes:
+                sentences.append(
+                    f"{place}: {name} deviates by {abs(self.pulls[n]):.0f} standard deviations; "
+                    f"likely cause: {causes[0]}"
+                )
+        for name, smooth, change, lenses in zip(
+            self.names, self.smooth, np.abs(self.left_out).max(axis=1), self.lenses, strict=True
+        ):
+            cause = "a bowed or uneven sheet, or another display than the given one"
+            if lenses.motion_px > 1:
+                cause = f"a camera that moved by {lenses.motion_px:.1f} pixels"
+            panel_px = smooth[0] / self.nominal.pixel_pitch_mm
+            if panel_px > _MOST_SMOOTH[0] or smooth[1] > _MOST_SMOOTH[1]:
+                sentences.append(
+                    f"{name}: the residuals have a pattern across the sheet, {panel_px:.2g} panel "
+                    f"pixels and {smooth[1]:.2g} photograph pixels; likely cause: {cause}"
+                )
+            elif change > _MOST_CHANGE:
+                sentences.append(
+                    f"{name}: without this position, the result changes by {change:.0f} standard "
+                    "errors; likely cause: zoom or display changed between the positions"
+                )
+        return sentences
+
+    @property
+    def smooth(self) -> np.ndarray:
+        """Root mean square of the low-order components, panel mm and pixels, (positions, 2)."""
+        smooth: np.ndarray = np.sqrt((self.misfit**2).mean(axis=(2, 3)))
+        return smooth
 
     @property
     def undetermined(self) -> list[str]:
@@ -221,26 +304,40 @@ def fit_display(
         )
     steady = nominal.with_fixed_panel()
     guess, counted, edges = _begin(lenses, steady, camera, focal_px)
-    free = np.ones(guess.steps.size, bool)
-    if camera is not None:
-        free[len(PARAMETERS) : len(SHARED)] = False
+    free = _free(guess, display=True, camera=camera is None, changes=True)
     prior = _prior(steady, guess, focal_px is not None, counted[0].shape)
+    changes = prior.deviation[len(SHARED) :].reshape(-1, POSE)
+    for own, position in zip(changes, counted, strict=True):
+        motion = _SKEW_PER_MOTION * position.motion_px / position.shape[0]
+        own[-2:] = np.hypot(own[-2:], motion)
     names = tuple(lenses)
-    guess, counted, observations, sizes = _fit(names, steady, guess, counted, edges, free, prior)
-    covariance = _covariance(observations, guess, free, prior, sizes)
+    for attempt in range(_ATTEMPTS):
+        guess, counted, observations, sizes = _fit(
+            names, steady, guess, counted, edges, free, prior
+        )
+        misfit = low_order_misfit(observations, guess, sizes)
+        off = _values(guess) - prior.mean
+        covariance, pulls, left_out = uncertainty(
+            observations, guess, free, off, prior.deviation, sizes, misfit
+        )
+        strained = np.abs(pulls) > _STRAINED
+        strained[: len(PARAMETERS)] = False
+        strained[len(SHARED) :] = strained[len(SHARED) :].any()
+        if strained.any() and attempt + 1 < _ATTEMPTS:
+            prior.deviation[strained] *= _WIDER
     errors = np.sqrt(np.diag(covariance))
-    fitted = SHARED if camera is None else PARAMETERS
+    fitted = (*PARAMETERS, *Intrinsics._fields) if camera is None else PARAMETERS
     count = len(fitted)
     limits = {name: _in_parameter_unit(share, name, nominal) for name, share in LIMITS.items()}
     estimates = {
         name: Estimate(float(value), float(error), limits.get(name, math.inf))
-        for name, value, error in zip(fitted, _shared_values(guess), errors, strict=False)
+        for name, value, error in zip(fitted, _values(guess), errors, strict=False)
     }
     return Calibration(
         nominal,
         guess,
         estimates,
-        pose_errors=tuple(errors[len(SHARED) :].reshape(-1, 6)),
+        pose_errors=tuple(errors[len(SHARED) :].reshape(-1, POSE)),
         correlation=covariance[:count, :count] / np.outer(errors[:count], errors[:count]),
         covariance=covariance,
         edges_seen=edges,
@@ -248,6 +345,9 @@ def fit_display(
         lenses=counted,
         observations=observations,
         sizes=sizes,
+        misfit=misfit,
+        pulls=pulls,
+        left_out=left_out,
     )
 
 
@@ -262,7 +362,7 @@ def fit_pose(lenses: Lenses, display: Display, camera: Intrinsics, name: str) ->
     steady = display.with_fixed_panel()
     guess, counted, _ = _begin({name: lenses}, steady, camera, None)
     guess = guess._replace(display=steady)
-    free = np.arange(guess.steps.size) >= len(SHARED)
+    free = _free(guess, display=False, camera=False, changes=False)
     prior = _prior(steady, guess, True, lenses.shape)
     # Counted as the known shift has it, whether edges are seen or not.
     fitted, *_ = _fit((name,), steady, guess, counted, (True, True), free, prior)
@@ -286,7 +386,7 @@ def _fit(
     for _ in range(_ROUNDS):
         observations = _select_observations(counted, display, guess)
         guess = _solve(observations, guess, free, prior, sizes)
-        sizes = _sizes(observations.residuals(guess))
+        sizes = _sizes(observations.residuals(guess), display)
         # The first guess may have been a lens off.
         guess, counted = renumber_lenses(guess, counted, edges_seen, display)
     observations = _select_observations(counted, display, guess)
@@ -330,7 +430,7 @@ def _begin(
     observations = Observations.of(
         [_thin_out(position) for position in positions], flat, outlines_only=True
     )
-    free = np.arange(guess.steps.size) >= (len(PARAMETERS) if camera is None else len(SHARED))
+    free = _free(guess, display=False, camera=camera is None, changes=False)
     prior = _prior(flat, guess, focal_px is not None, positions[0].shape)
     guess = _solve(observations, guess, free, prior, np.tile(_USUAL, (len(positions), 1)))
     own = [Pose(p.turn, p.eye_mm - corner) for p in guess.poses]
@@ -392,19 +492,33 @@ def _thin_out(lenses: Lenses) -> Lenses:
     """Choose at most `_MOST_LENSES` lenses at random: every n-th would beat with the pixels."""
     order = np.random.default_rng(0).permutation(len(lenses.index))
     chosen = np.sort(order[:_MOST_LENSES])
-    parts = {f.name: getattr(lenses, f.name) for f in fields(lenses) if f.name != "shape"}
-    return replace(lenses, **{name: part[chosen] for name, part in parts.items()})
+    parts = {name: getattr(lenses, name)[chosen] for name in PER_LENS}
+    return replace(lenses, **parts)
 
 
 class _Prior(NamedTuple):
-    """Means and standard deviations of `SHARED`."""
+    """Means and standard deviations of all parameters; infinite for turns and eyes."""
 
     mean: np.ndarray
     deviation: np.ndarray
 
 
-def _shared_values(guess: Guess) -> np.ndarray:
-    return np.array([*(getattr(guess.display, name) for name in PARAMETERS), *guess.camera])
+def _free(guess: Guess, *, display: bool, camera: bool, changes: bool) -> np.ndarray:
+    """Mask of the fitted parameters; turns and eyes always are."""
+    parts = [
+        np.full(len(PARAMETERS), display),
+        np.full(len(Intrinsics._fields), camera),
+        np.full(len(Deviations._fields), display),
+        np.tile([True] * (POSE - len(CHANGES)) + [changes] * len(CHANGES), len(guess.poses)),
+    ]
+    return np.concatenate(parts)
+
+
+def _values(guess: Guess) -> np.ndarray:
+    """Values of all parameters; 0 for turns and eyes."""
+    own = [getattr(guess.display, name) for name in PARAMETERS]
+    changes = [[0.0] * (POSE - len(CHANGES)) + [*pose[2:]] for pose in guess.poses]
+    return np.concatenate([own, guess.camera, guess.deviations, np.ravel(changes)])
 
 
 def _prior(display: Display, guess: Guess, focal_is_stated: bool, shape: tuple[int, int]) -> _Prior:
@@ -417,12 +531,14 @@ def _prior(display: Display, guess: Guess, focal_is_stated: bool, shape: tuple[i
         "focal_px": focal * (_STATED_FOCAL_PRIOR if focal_is_stated else _FOCAL_PRIOR),
         "centre_x_px": _CENTRE_PRIOR * width,
         "centre_y_px": _CENTRE_PRIOR * width,
-        "k1": _PRIORS["k1"],
-        "k2": _PRIORS["k2"],
     }
-    mean = _shared_values(guess._replace(display=display))
-    mean[len(PARAMETERS) :] = focal, width / 2, height / 2, 0.0, 0.0
-    return _Prior(mean, np.array([standard_deviations[name] for name in SHARED]))
+    standard_deviations = _PRIORS | standard_deviations
+    camera = Intrinsics(focal, width / 2, height / 2)
+    poses = tuple(Pose(pose.turn, pose.eye_mm) for pose in guess.poses)
+    mean = _values(Guess(display, camera, poses))
+    own = [math.inf] * (POSE - len(CHANGES)) + [standard_deviations[name] for name in CHANGES]
+    shared = [standard_deviations[name] for name in SHARED]
+    return _Prior(mean, np.array(shared + own * len(poses)))
 
 
 def _in_parameter_unit(share: float, name: str, display: Display) -> float:
@@ -430,12 +546,6 @@ def _in_parameter_unit(share: float, name: str, display: Display) -> float:
     if name.startswith("shift"):
         return share * display.pitch_mm
     return share * float(getattr(display, name)) if name.endswith("_mm") else share
-
-
-def _inverse_sizes(observations: Observations, sizes: np.ndarray) -> np.ndarray:
-    """One over the usual size, for each of `Observations.flat`."""
-    counts = 2 * np.array(observations.counts)
-    return np.repeat(1 / sizes.ravel(), counts.ravel())
 
 
 def _solve(
@@ -447,9 +557,8 @@ def _solve(
     unknown, and `scipy.optimize.least_squares` decomposes all of them in every step, which took
     about half of the time.
     """
-    steps, weights = start.steps[free], _inverse_sizes(observations, sizes)
-    of_shared = free[: len(SHARED)]
-    shared_steps = (start.steps[: len(SHARED)] / prior.deviation)[of_shared]
+    steps, weights = start.steps[free], inverse_sizes(observations, sizes)
+    prior_steps = steps / prior.deviation[free]
 
     def moved(z: np.ndarray) -> tuple[np.ndarray, Guess]:
         by = np.zeros(free.size)
@@ -459,8 +568,8 @@ def _solve(
     def residuals(guess: Guess) -> tuple[np.ndarray, np.ndarray, float]:
         with np.errstate(all="ignore"):  # a step too far is not taken
             own = observations.flat(guess) * weights
-        off = ((_shared_values(guess) - prior.mean) / prior.deviation)[of_shared]
-        robust = 2 * _ROBUST**2 * float((np.sqrt(1 + (own / _ROBUST) ** 2) - 1).sum())
+        off = ((_values(guess) - prior.mean) / prior.deviation)[free]
+        robust = 2 * ROBUST**2 * float((np.sqrt(1 + (own / ROBUST) ** 2) - 1).sum())
         return own, off, robust + float(off @ off)
 
     at, damping = np.zeros(steps.size), _DAMPING
@@ -470,11 +579,10 @@ def _solve(
         slopes = observations.slopes(start, by, free)
         slopes *= weights
         slopes *= steps[:, None]
-        weighted = slopes / np.sqrt(1 + (own / _ROBUST) ** 2)
+        weighted = slopes / np.sqrt(1 + (own / ROBUST) ** 2)
         curvature, gradient = weighted @ slopes.T, weighted @ own
-        diagonal = np.arange(off.size)
-        curvature[diagonal, diagonal] += shared_steps**2
-        gradient[: off.size] += shared_steps * off
+        curvature += np.diag(prior_steps**2)
+        gradient += prior_steps * off
         gained = 0.0
         while damping < _MOST_DAMPING:
             damped = curvature + damping * np.diag(np.diag(curvature))
@@ -495,11 +603,15 @@ def _solve(
     return moved(at)[1]
 
 
-def _sizes(residuals: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Usual size of each position's residuals, as a normal distribution's standard deviation."""
+def _sizes(residuals: list[tuple[np.ndarray, np.ndarray]], display: Display) -> np.ndarray:
+    """Usual size of each position's residuals, as a normal distribution's standard deviation.
+
+    Those of a noiseless photograph would give its rays, with small systematic errors, all weight.
+    """
+    least = _LEAST_SIZE[0] * display.pixel_pitch_mm, _LEAST_SIZE[1]
     return np.array(
         [
-            [max(1.4826 * float(np.median(np.abs(part))), _LEAST_SIZE) for part in pair]
+            np.hypot([1.4826 * float(np.median(np.abs(part))) for part in pair], least)
             for pair in residuals
         ]
     )
@@ -521,47 +633,3 @@ def _check(
                 "same sheet, sharp, with fixed zoom and focus; give the photographed display with "
                 "--display, or omit this position"
             )
-
-
-def _covariance(
-    observations: Observations, guess: Guess, free: np.ndarray, prior: _Prior, sizes: np.ndarray
-) -> np.ndarray:
-    """Covariance of all parameters of `Guess.with_changes`; 0 for fixed parameters."""
-    steps = guess.steps[free]
-    weights = _inverse_sizes(observations, sizes)
-    residual = observations.flat(guess) * weights
-    slopes = observations.slopes(guess, np.zeros(free.size), free) * weights * steps[:, None]
-    # psi of the soft l1 loss, and its slope.
-    stretch = 1 + (residual / _ROBUST) ** 2
-    scores = slopes * (residual / np.sqrt(stretch))
-    own = np.zeros(steps.size)
-    own[: int(free[: len(SHARED)].sum())] = (guess.steps[: len(SHARED)] / prior.deviation)[
-        free[: len(SHARED)]
-    ] ** 2
-    curvature = (slopes * stretch**-1.5) @ slopes.T + np.diag(own)
-    imperfect = observations.imperfections(guess) * np.array(_IMPERFECT)[:, None]
-    unknown = slopes @ (imperfect * weights * stretch**-1.5).T
-    spread = np.diag(own) + unknown @ unknown.T
-    for line in _lines(observations):
-        order = np.argsort(line, kind="stable")
-        begins = np.flatnonzero(np.diff(line[order], prepend=-1))
-        sums = np.add.reduceat(scores[:, order], begins, axis=1)
-        spread += sums @ sums.T * (begins.size / max(begins.size - steps.size, 1))
-    inverse = np.linalg.inv(curvature)
-    covariance = np.zeros((free.size, free.size))
-    covariance[np.ix_(free, free)] = inverse @ spread @ inverse * np.outer(steps, steps)
-    return covariance
-
-
-def _lines(observations: Observations) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the lens column and the lens row of each entry of `Observations.flat`."""
-    position, index = [], []
-    for n, (rays, outlines) in enumerate(
-        zip(observations.lens, observations.outlined, strict=True)
-    ):
-        lens_of_residual = np.repeat(np.concatenate([rays, outlines]), 2, axis=0)
-        index.append(lens_of_residual)
-        position.append(np.full(len(lens_of_residual), n))
-    column, row = np.concatenate(index).T
-    first = np.concatenate(position) * (1 + max(int(column.max()), int(row.max())))
-    return first + column, first + row

@@ -14,9 +14,14 @@ Seams between lens surfaces are below z = 0, by the sag of the curved face there
 they are t - sag deep in the glass. By Snell's law a depth d seen at a slope s appears as d /
 sqrt(n^2 (1 + s^2) - s^2), which is d / n on the axis.
 
-The camera is a pinhole with radial distortion, OpenCV's model. Its frame has x to the right, y down
-and z away from the camera. Pixel centres are at half-integers: OpenCV's principal point is half a
-pixel less.
+The camera is a pinhole with radial and tangential distortion, OpenCV's model. Its frame has x to
+the right, y down and z away from the camera. Pixel centres are at half-integers: OpenCV's principal
+point is half a pixel less. Refocusing changes the focal length from position to position, and a
+rolling shutter skews and stretches a photograph.
+
+A real sheet deviates from the design in its refractive index and thickness, in the glass over the
+panel, and in a bow, which is a smooth map of the gap (Hwang and Chang, Optics Express 25, 19817,
+2017, fit such maps). `Deviations` has these. They are fitted, too, with priors.
 """
 
 from __future__ import annotations
@@ -43,18 +48,38 @@ from inim.lens.array import (
 from inim.lens.model import sag
 from inim.lens.thick import curved_face
 
-# Newton's method on a radius; distortions of photographs are small.
-_NEWTON_STEPS = 4
+# Fixed-point steps of a distortion's inverse; distortions of photographs are small.
+_UNDISTORT_STEPS = 8
 
 
 class Intrinsics(NamedTuple):
-    """Intrinsics, in pixels; radial distortion ``1 + k1 r^2 + k2 r^4`` of the radius r = tan."""
+    """Intrinsics, in pixels, and OpenCV's distortion of the tangents: radial ``1 + k1 r^2 + k2
+    r^4``, tangential p1 and p2.
+    """
 
     focal_px: float
     centre_x_px: float
     centre_y_px: float
     k1: float = 0.0
     k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+
+
+class Deviations(NamedTuple):
+    """Deviations of a sheet from its design that are not reported."""
+
+    refractive_index: float = 0.0  #: Added to the index, with unchanged focal length.
+    thickness: float = 0.0  #: Added to the thickness, as a share.
+    glass_mm: float = 0.0  #: Glass over the panel, within the unchanged gap in air.
+    #: Gap at the array's left and right edge, upper and lower edge, and corners, less that in the
+    #: middle.
+    bow_x_mm: float = 0.0
+    bow_y_mm: float = 0.0
+    bow_xy_mm: float = 0.0
+
+
+_NONE = Deviations()
 
 
 class Pose(NamedTuple):
@@ -62,6 +87,15 @@ class Pose(NamedTuple):
 
     turn: np.ndarray
     eye_mm: np.ndarray
+    zoom: float = 0.0  #: Focal length, relative to the camera's, minus 1.
+    skew: float = 0.0  #: Pixels to the right per pixel down.
+    stretch: float = 0.0  #: Pixels down per pixel down, minus 1.
+
+    @property
+    def image_map(self) -> np.ndarray:
+        """Linear map of the photograph about the principal point, (2, 2)."""
+        scale = 1 + self.zoom
+        return np.array([[scale, self.skew], [0.0, scale + self.stretch]])
 
 
 def rotation(vector: Any) -> np.ndarray:
@@ -69,30 +103,35 @@ def rotation(vector: Any) -> np.ndarray:
     return np.asarray(Rotation.from_rotvec(vector).as_matrix())
 
 
+def _distort(camera: Intrinsics, tangents: np.ndarray) -> np.ndarray:
+    x, y = np.moveaxis(tangents, -1, 0)
+    square = x * x + y * y
+    radial = 1 + square * (camera.k1 + camera.k2 * square)
+    p1, p2 = camera.p1, camera.p2
+    return np.stack(
+        [
+            x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x),
+            y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y,
+        ],
+        axis=-1,
+    )
+
+
 def directions(camera: Intrinsics, pixels: np.ndarray) -> np.ndarray:
     """Tangents x / z and y / z of the rays of pixels, (..., 2)."""
     distorted = (pixels - [camera.centre_x_px, camera.centre_y_px]) / camera.focal_px
-    distorted_radius = np.sqrt((distorted**2).sum(axis=-1))
-    radius = distorted_radius
-    for _ in range(_NEWTON_STEPS):
-        square = radius * radius
-        value = radius * (1 + square * (camera.k1 + camera.k2 * square))
-        slope = 1 + square * (3 * camera.k1 + 5 * camera.k2 * square)
-        radius = radius - (value - distorted_radius) / slope
-    scale = np.divide(
-        radius, distorted_radius, out=np.ones_like(distorted_radius), where=distorted_radius > 0
-    )
-    tangents: np.ndarray = distorted * scale[..., None]
+    tangents: np.ndarray = distorted
+    for _ in range(_UNDISTORT_STEPS):
+        tangents = tangents + distorted - _distort(camera, tangents)
     return tangents
 
 
 def project(camera: Intrinsics, pose: Pose, points_mm: np.ndarray) -> np.ndarray:
     """Pixels of points of the display frame, (..., 3) to (..., 2)."""
     camera_mm = (points_mm - pose.eye_mm) @ pose.turn.T
-    tangents = camera_mm[..., :2] / camera_mm[..., 2:]
-    square = (tangents**2).sum(axis=-1, keepdims=True)
-    distorted = tangents * (1 + square * (camera.k1 + camera.k2 * square))
-    pixels: np.ndarray = distorted * camera.focal_px + [camera.centre_x_px, camera.centre_y_px]
+    distorted = _distort(camera, camera_mm[..., :2] / camera_mm[..., 2:])
+    from_centre = camera.focal_px * distorted @ pose.image_map.T
+    pixels: np.ndarray = from_centre + np.array([camera.centre_x_px, camera.centre_y_px])
     return pixels
 
 
@@ -101,7 +140,8 @@ def rays(camera: Intrinsics, pose: Pose, pixels: np.ndarray) -> np.ndarray:
 
     Slopes are sideways travel per millimetre away from the viewer.
     """
-    tangents = directions(camera, pixels)
+    centre = np.array([camera.centre_x_px, camera.centre_y_px])
+    tangents = directions(camera, centre + (pixels - centre) @ np.linalg.inv(pose.image_map).T)
     along = tangents @ pose.turn[:2] + pose.turn[2]  # display frame
     slope_x, slope_y = along[..., 0] / -along[..., 2], along[..., 1] / -along[..., 2]
     x, y, z = pose.eye_mm
@@ -120,8 +160,10 @@ PARAMETERS = (
     "focal_length_mm",
 )
 #: All that is the same for all positions.
-SHARED = (*PARAMETERS, *Intrinsics._fields)
-_POSE = 6
+SHARED = (*PARAMETERS, *Intrinsics._fields, *Deviations._fields)
+#: What each position has: a turn and an eye, and its changes of the photograph.
+CHANGES = Pose._fields[2:]
+POSE = 6 + len(CHANGES)
 #: Sizes of a change that shows, for the steps of differences and of the search; a pose's are its
 #: turn in radians and its eye in millimetres.
 STEPS = dict(zip(PARAMETERS, (0.01, 0.2, 0.1, 0.1, 0.1, 0.2, 0.2, 0.1), strict=True)) | {
@@ -130,15 +172,23 @@ STEPS = dict(zip(PARAMETERS, (0.01, 0.2, 0.1, 0.1, 0.1, 0.2, 0.2, 0.1), strict=T
     "centre_y_px": 20.0,
     "k1": 0.1,
     "k2": 0.5,
+    "p1": 0.01,
+    "p2": 0.01,
+    "refractive_index": 0.1,
+    "thickness": 0.2,
+    "glass_mm": 1.0,
+    "bow_x_mm": 0.1,
+    "bow_y_mm": 0.1,
+    "bow_xy_mm": 0.1,
 }
-_POSE_STEPS = (0.01, 0.01, 0.01, 10.0, 10.0, 10.0)
+_POSE_STEPS = (0.01, 0.01, 0.01, 10.0, 10.0, 10.0, 0.01, 0.01, 0.01)
 # Differences are taken over this share of a step.
 _DIFFERENCE = 1e-4
-#: Standard deviation of what a camera's pixel covers, along an axis: its own box, 1 / sqrt(12), and
-#: a Gaussian of optics and demosaicing, of which 0.4 to 0.8 pixels are usual.
-BLUR_PX = 0.65
-# A mean over a blur is, to the third order, that of these places about its centre.
-_AROUND = BLUR_PX * np.sqrt(2) * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+# A mean over a blur is, to the third order, that of these places about its centre: for a variance
+# of 1 pixel^2 along each axis.
+_AROUND = np.sqrt(2) * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+# Index of glass over a panel.
+_GLASS_INDEX = 1.52
 # What is seen of a lens ends so far from its seams, where pixels see two: without its corners.
 _SEAM_PX = 0.4
 # Of the integral along a side of a cell.
@@ -152,6 +202,7 @@ class Guess(NamedTuple):
     display: Display
     camera: Intrinsics
     poses: tuple[Pose, ...]
+    deviations: Deviations = _NONE
 
     def with_changes(self, by: np.ndarray) -> Guess:
         """Guess with changes to `SHARED`, followed by the rotation and eye of each pose."""
@@ -163,20 +214,35 @@ class Guess(NamedTuple):
         if "pitch_mm" in changed and self.display.pitch_y_mm is not None:
             ratio = changed["pitch_mm"] / self.display.pitch_mm
             changed["pitch_y_mm"] = self.display.pitch_y_mm * ratio
-        of_camera = by[len(PARAMETERS) : len(SHARED)]
-        of_poses = by[len(SHARED) :].reshape(-1, _POSE)
+        of_camera, of_sheet = np.split(by[len(PARAMETERS) : len(SHARED)], [len(Intrinsics._fields)])
         return Guess(
             self.display.replace(**changed) if changed else self.display,
-            Intrinsics(*(float(a + b) for a, b in zip(self.camera, of_camera, strict=True))),
+            Intrinsics(*np.add(self.camera, of_camera).tolist()),
             tuple(
-                Pose(rotation(pose_change[:3]) @ pose.turn, pose.eye_mm + pose_change[3:])
-                for pose, pose_change in zip(self.poses, of_poses, strict=True)
+                Pose(
+                    rotation(change[:3]) @ pose.turn,
+                    pose.eye_mm + change[3:6],
+                    *np.add(pose[2:], change[6:]).tolist(),
+                )
+                for pose, change in zip(
+                    self.poses, by[len(SHARED) :].reshape(-1, POSE), strict=True
+                )
             ),
+            Deviations(*np.add(self.deviations, of_sheet).tolist()),
+        )
+
+    @property
+    def sheet(self) -> Display:
+        """Display with the deviations that `Display` has."""
+        array = lens_array(self.display)
+        return self.display.replace(
+            refractive_index=self.display.refractive_index + self.deviations.refractive_index,
+            lens_thickness_mm=array.thickness * (1 + self.deviations.thickness),
         )
 
     @property
     def steps(self) -> np.ndarray:
-        """`STEPS` in the order of `moved`."""
+        """`STEPS` in the order of `with_changes`."""
         return np.array([*STEPS.values(), *_POSE_STEPS * len(self.poses)])
 
 
@@ -200,9 +266,19 @@ def _lens_centres(array: LensArray, index: np.ndarray) -> np.ndarray:
     return np.stack([x, y], axis=-1)
 
 
-def panel_points(display: Display, index: np.ndarray, arriving: np.ndarray) -> np.ndarray:
+def _bow(array: LensArray, deviations: Deviations, centre: np.ndarray) -> Any:
+    """Height of lenses above the plane through the array's middle, mm; array frame."""
+    x = centre[..., 0] / (array.half_columns * array.pitch_x)
+    y = centre[..., 1] / (array.half_rows * array.pitch_y)
+    return deviations.bow_x_mm * x * x + deviations.bow_y_mm * y * y + deviations.bow_xy_mm * x * y
+
+
+def panel_points(
+    display: Display, index: np.ndarray, arriving: np.ndarray, deviations: Deviations = _NONE
+) -> np.ndarray:
     """Panel points reached by rays through given lenses.
 
+    * `display`: for deviations, `Guess.sheet`.
     * `index`, (n, 2) int: the lenses, column and row.
     * `arriving`, (4, n): see `inim.calibration.model.rays`.
 
@@ -210,23 +286,36 @@ def panel_points(display: Display, index: np.ndarray, arriving: np.ndarray) -> n
     """
     array, traits = lens_array(display), lens_traits(display)
     x, y, sx, sy = to_array(array, traits, *arriving)
-    centre_x, centre_y = _lens_centres(array, index).T
+    centre = _lens_centres(array, index)
+    centre_x, centre_y = centre.T
+    height = _bow(array, deviations, centre)
+    x, y = x - height * sx, y - height * sy
     # One lens about its own axis, in a cell so wide that none of its rays is a neighbour's.
     alone = array._replace(
-        pitch_x=2 * array.pitch_x, pitch_y=2 * array.pitch_y, half_columns=0.5, half_rows=0.5
-    )
+        pitch_x=2 * array.pitch_x, pitch_y=2 * array.pitch_y, half_columns=0.5, half_rows=0.5,
+        gap=array.gap + height,
+    )  # fmt: skip
     trace = lens_model(_MODEL).function
     with np.errstate(invalid="ignore"):
         ray = trace(
             alone, traits, NUMPY_OPS, x - centre_x, y - centre_y, sx, sy, display.refractive_index
         )
-    ray = ray._replace(x=ray.x + centre_x, y=ray.y + centre_y)
+        # In glass, rays go farther aside than in the air of the same optical thickness.
+        square = ray.sx**2 + ray.sy**2
+        farther = 1 / np.sqrt(_GLASS_INDEX**2 * (1 + square) - square) - 1 / _GLASS_INDEX
+    farther *= deviations.glass_mm
+    ray = ray._replace(x=ray.x + centre_x + farther * ray.sx, y=ray.y + centre_y + farther * ray.sy)
     panel_x, panel_y, _ = to_panel(array, traits, ray)
     return np.stack([panel_x, panel_y], axis=-1)
 
 
 def centres(
-    display: Display, camera: Intrinsics, pose: Pose, index: np.ndarray, deeper_mm: float = 0.0
+    display: Display,
+    camera: Intrinsics,
+    pose: Pose,
+    index: np.ndarray,
+    deviations: Deviations = _NONE,
+    deeper_mm: float = 0.0,
 ) -> np.ndarray:
     """Centres of gravity of lens outlines in a photograph, (n, 2) pixels, including deeper seams.
 
@@ -243,6 +332,7 @@ def centres(
         slope = ((at - pose.eye_mm[:2]) ** 2).sum(axis=-1) / pose.eye_mm[2] ** 2
         steeper = np.sqrt(array.design_index**2 * (1 + slope) - slope)
         height = array.thickness / array.design_index - (array.thickness + depth) / steeper
+    height = height + _bow(array, deviations, _lens_centres(array, index))
     return project(camera, pose, np.column_stack([at, height - deeper_mm]))
 
 
@@ -275,6 +365,8 @@ class Observations:
     panel: tuple[np.ndarray, ...]
     outlined: tuple[np.ndarray, ...]  #: (lenses, 2) int each: lenses whose outline is seen.
     centre: tuple[np.ndarray, ...]  #: (lenses, 2) float each: the pixels around which it is.
+    blur_px2: tuple[float, ...]  #: Variance of the blur.
+    square_px2: tuple[float, ...]  #: Variance of the squares that the rays are means of.
 
     @classmethod
     def of(
@@ -292,26 +384,37 @@ class Observations:
                     panel_mm(display, position.panel_px[inside]),
                     position.index[position.is_whole],
                     position.centre_px[position.is_whole],
+                    position.blur_px2,
+                    position.square_px2,
                 )
             )
         return cls(*zip(*observed, strict=True))
 
-    def without_blur(self, guess: Guess) -> Observations:
-        """Observations corrected to those of a camera without blur.
+    def blurs(self, guess: Guess) -> list[np.ndarray]:
+        """Displacement of panel points by a blur with a variance of 1 pixel^2, (rays, 2) mm each.
 
-        How far blur moves them hardly depends on the guess.
+        It hardly depends on the guess.
         """
-        display, camera, poses = guess
-        panel = []
-        for lens, pixel, panel_mm, pose in zip(
-            self.lens, self.pixel, self.panel, poses, strict=True
-        ):
+        sheet, displacements = guess.sheet, []
+        for lens, pixel, pose in zip(self.lens, self.pixel, guess.poses, strict=True):
             places = np.concatenate([pixel, *(pixel + off for off in _AROUND)])
             all_lenses = np.tile(lens, (1 + len(_AROUND), 1))
-            landed = panel_points(display, all_lenses, rays(camera, pose, places))
+            landed = panel_points(
+                sheet, all_lenses, rays(guess.camera, pose, places), guess.deviations
+            )
             through_centre, *others = np.split(landed, 1 + len(_AROUND))
-            panel.append(panel_mm + through_centre - np.mean(others, axis=0))
-        return replace(self, panel=tuple(panel))
+            displacements.append(np.mean(others, axis=0) - through_centre)
+        return displacements
+
+    def without_blur(self, guess: Guess) -> Observations:
+        """Observations corrected to those of a camera without blur."""
+        panel = tuple(
+            panel_mm - (blur_px2 + square_px2) * displacement
+            for panel_mm, blur_px2, square_px2, displacement in zip(
+                self.panel, self.blur_px2, self.square_px2, self.blurs(guess), strict=True
+            )
+        )
+        return replace(self, panel=panel)
 
     @property
     def counts(self) -> list[tuple[int, int]]:
@@ -320,14 +423,16 @@ class Observations:
 
     def residuals(self, guess: Guess) -> list[tuple[np.ndarray, np.ndarray]]:
         """Residuals by position: of rays, (n, 2) mm on the panel; of outlines, (m, 2) pixels."""
-        display, camera, poses = guess
+        sheet, camera, poses, deviations = guess.sheet, *guess[1:]
         arriving = [
             rays(camera, p, px).reshape(4, -1) for p, px in zip(poses, self.pixel, strict=True)
         ]
-        landed = panel_points(display, np.concatenate(self.lens), np.concatenate(arriving, axis=1))
+        landed = panel_points(
+            sheet, np.concatenate(self.lens), np.concatenate(arriving, axis=1), deviations
+        )
         ends = np.cumsum([len(lens) for lens in self.lens])[:-1]
         return [
-            (ray_mm - panel_mm, centres(display, camera, pose, outlined) - centre)
+            (ray_mm - panel_mm, centres(sheet, camera, pose, outlined, deviations) - centre)
             for ray_mm, panel_mm, pose, outlined, centre in zip(
                 np.split(landed, ends), self.panel, poses, self.outlined, self.centre, strict=True
             )
@@ -339,29 +444,33 @@ class Observations:
         return np.concatenate(parts)
 
     def imperfections(self, guess: Guess) -> np.ndarray:
-        """Change of `flat` caused by typical deviations of sheets from the model, (2, all).
+        """Change of `flat` by typical deviations that are not fitted, (2 + positions, all).
 
         If a lens magnified by one panel millimetre in a millimetre more; if seams were a tenth of a
-        millimetre deeper.
+        millimetre deeper; if the variance of a position's blur were one square pixel smaller.
         """
-        display, camera, poses = guess
-        array, parts = lens_array(display), []
-        for lens, pixel, pose, outlined in zip(
-            self.lens, self.pixel, poses, self.outlined, strict=True
+        sheet, camera, poses, deviations = guess.sheet, *guess[1:]
+        array, parts = lens_array(sheet), []
+        blurs = self.blurs(guess)
+        for n, (lens, pixel, pose, outlined) in enumerate(
+            zip(self.lens, self.pixel, poses, self.outlined, strict=True)
         ):
             x, y, *_ = rays(camera, pose, pixel)
             within = (np.column_stack([x, y]) - _vertices(array, lens)).ravel()
-            flat, deep = (centres(display, camera, pose, outlined, by) for by in (0.0, 0.1))
+            flat, deep = (
+                centres(sheet, camera, pose, outlined, deviations, by) for by in (0.0, 0.1)
+            )
+            own = np.eye(len(poses))[n][:, None]
             parts += [
-                np.stack([within, 0 * within]),
-                np.stack([0 * flat, deep - flat]).reshape(2, -1),
+                np.concatenate([[within, 0 * within], own * blurs[n].ravel()]),
+                np.concatenate([[0 * flat.ravel(), (deep - flat).ravel()], own * 0 * flat.ravel()]),
             ]
         return np.concatenate(parts, axis=1)
 
     def slopes(self, guess: Guess, by: np.ndarray, free: np.ndarray) -> np.ndarray:
         """Derivatives of `flat` by the changes of `Guess.with_changes` that are free, a row each.
 
-        Poses do not share residuals: one difference serves all of them.
+        Positions do not share residuals: one difference serves all of them.
         """
         steps = guess.steps * _DIFFERENCE
         at = self.flat(guess.with_changes(by))
@@ -371,8 +480,8 @@ class Observations:
             more = by.copy()
             more[n] += steps[n]
             slopes[n] = (self.flat(guess.with_changes(more)) - at) / steps[n]
-        for n in range(_POSE):
-            of_poses = np.arange(len(SHARED) + n, steps.size, _POSE)
+        for n in range(POSE):
+            of_poses = np.arange(len(SHARED) + n, steps.size, POSE)
             more = by.copy()
             more[of_poses] += steps[of_poses]
             change = (self.flat(guess.with_changes(more)) - at) / steps[of_poses[0]]

@@ -8,10 +8,12 @@ from dataclasses import fields
 
 import numpy as np
 
-from inim.calibration.fit import Calibration
+from inim.calibration.fit import INTERVAL, Calibration
 from inim.calibration.model import (
     PARAMETERS,
+    POSE,
     SHARED,
+    Deviations,
     Guess,
     Intrinsics,
     Observations,
@@ -27,6 +29,7 @@ from inim.documents.display import (
     Correlation,
     NextPosition,
     ParameterEstimate,
+    SheetDeviation,
 )
 from inim.documents.parts import DisplayRecord, origin
 from inim.settings import DISPLAY_KEYS, display_xml, value_text
@@ -34,6 +37,8 @@ from inim.version import __version__
 
 _VERSIONS = ("numpy", "scipy")
 _MOST_ADVICE = 3
+# Motion of the camera and changes of its focal length that cause a warning.
+_LEAST_MOTION_PX, _LEAST_ZOOM = 0.5, 0.005
 _DIGITS = 9
 
 
@@ -125,7 +130,9 @@ def calibration_document(calibration: Calibration, title: str, command: str) -> 
         correlation=Correlation(
             names=list(calibration.estimates), matrix=calibration.correlation.tolist()
         ),
+        sheet=_sheet(calibration),
         positions=[_position(calibration, n) for n in range(len(calibration.names))],
+        failures=calibration.failures,
         next=advice[:_MOST_ADVICE],
         warnings=_warnings(calibration, advice),
         files=[],
@@ -167,7 +174,7 @@ def _position(calibration: Calibration, n: int) -> CameraPosition:
     return CameraPosition(
         name=calibration.names[n],
         eye_mm=tuple(pose.eye_mm.tolist()),
-        eye_standard_error_mm=tuple(errors[3:].tolist()),
+        eye_standard_error_mm=tuple(errors[3:6].tolist()),
         turn=(right, down, away),
         turn_standard_error_deg=tuple(np.degrees(errors[:3]).tolist()),
         off_straight_deg=math.degrees(math.atan2(math.hypot(x, y), z)),
@@ -175,11 +182,46 @@ def _position(calibration: Calibration, n: int) -> CameraPosition:
         whole_lenses=int(lenses.is_whole.sum()),
         panel_residual_um=1e3 * float(calibration.sizes[n, 0]),
         outline_residual_px=float(calibration.sizes[n, 1]),
+        smooth_residual_um=1e3 * float(calibration.smooth[n, 0]),
+        smooth_outline_px=float(calibration.smooth[n, 1]),
+        change_without=float(np.abs(calibration.left_out[n]).max()) or None,
+        zoom=pose.zoom,
+        skew=pose.skew,
+        stretch=pose.stretch,
+        motion_px=lenses.motion_px,
+        blur_px=math.copysign(math.sqrt(abs(lenses.blur_px2)), lenses.blur_px2),
     )
 
 
+def _sheet(calibration: Calibration) -> dict[str, SheetDeviation]:
+    first = SHARED.index(Deviations._fields[0])
+    return {
+        name: SheetDeviation(
+            value=value,
+            standard_error=math.sqrt(calibration.covariance[n, n]),
+            pull=float(calibration.pulls[n]),
+        )
+        for n, (name, value) in enumerate(calibration.guess.deviations._asdict().items(), first)
+    }
+
+
 def _warnings(calibration: Calibration, advice: Sequence[NextPosition]) -> list[str]:
-    warnings = []
+    warnings = list(calibration.failures)
+    for name, lenses, pose, errors in zip(
+        *(calibration.names, calibration.lenses),
+        *(calibration.guess.poses, calibration.pose_errors),
+        strict=True,
+    ):
+        if lenses.motion_px > _LEAST_MOTION_PX:
+            warnings.append(
+                f"{name}: the camera moved by {lenses.motion_px:.1f} pixels between the "
+                "photographs; this is corrected, but a firm support gives better results"
+            )
+        if abs(pose.zoom) > max(_LEAST_ZOOM, INTERVAL * errors[6]):
+            warnings.append(
+                f"{name}: the focal length differs by {pose.zoom:+.1%}; this is fitted, but a "
+                "fixed zoom and focus give better results"
+            )
     if calibration.undetermined:
         place = f"{advice[0].description}, too" if advice else "elsewhere"
         warnings.append(
@@ -217,7 +259,7 @@ def next_positions(calibration: Calibration) -> list[NextPosition]:
     Each is one of some directions and distances; the best leaves the least product of standard
     errors. Residuals there are taken to be those of the positions there are.
     """
-    display, camera, poses = calibration.guess
+    display, camera, poses, _ = calibration.guess
     distances = sorted(float(pose.eye_mm[2]) for pose in poses)
     steps = calibration.guess.steps[: len(SHARED)]
     free = np.diag(calibration.covariance)[: len(SHARED)] > 0
@@ -275,9 +317,11 @@ def _information(
     lens_of_ray = np.repeat(index, len(places), axis=0)
     pixel = (centre[:, None] + places).reshape(-1, 2)
     zeros = np.zeros_like(pixel)
-    observations = Observations((lens_of_ray,), (pixel,), (zeros,), (index,), (centre,))
+    observations = Observations(
+        (lens_of_ray,), (pixel,), (zeros,), (index,), (centre,), (0.0,), (0.0,)
+    )
     guess = Guess(display, camera, (pose,))
-    fitted = np.append(free, np.ones(6, bool))
+    fitted = np.append(free, np.ones(POSE, bool))
     slopes = (
         observations.slopes(guess, np.zeros(fitted.size), fitted) * guess.steps[fitted][:, None]
     )
@@ -288,6 +332,6 @@ def _information(
     )
     slopes = slopes / sizes
     whole = slopes @ slopes.T
-    a, b, d = whole[:-6, :-6], whole[:-6, -6:], whole[-6:, -6:]
+    a, b, d = whole[:-POSE, :-POSE], whole[:-POSE, -POSE:], whole[-POSE:, -POSE:]
     information: np.ndarray = a - b @ np.linalg.solve(d, b.T)
     return information

@@ -1,12 +1,13 @@
 """Patterns that a display shows for calibration, the page that shows them, and photographs of them.
 
-White and black come first. Then follow, for the columns and after that for the rows, Gray codes of
-the cell floor(pixel / 8), coarsest bit first, each with its inverse, and a cosine with a period of
-16 panel pixels at 0, 90, 180 and 270 degrees. Codes are sRGB, so that linear light is the cosine.
-For a panel with another gamma, four steps cancel the second harmonic. The Gray code selects the
-period, and the cosine gives the position in it. A cell is half a period, so an error at a cell's
-edge does not change the period (Salvi et al., Pattern Recognition 43, 2666, 2010, on such codes in
-general).
+White comes first. Then follow, for the columns and after that for the rows, a cosine of linear
+light at 0, 120 and 240 degrees. Its phase gives the panel point modulo a period. Adjacent lenses
+see points a pitch apart, which is 129 degrees of the period: steps of -1, 0 and 1 lens are nearly
+as far apart as they can be. At exactly three pitches, the error of a wrong gamma, which has three
+periods in one of the cosine, would be the same in all lenses.
+
+Dark marks in the white pattern number the periods. They are in the middle of some periods, in an
+arrangement that does not repeat. The rest of the panel is white.
 
 Photographs stay as the sensor has them: EXIF's rotation, which a phone that looks down may change
 from one picture to the next, is not applied, so that all positions share one camera.
@@ -37,48 +38,63 @@ from inim.worker.output import output_files
 
 #: File name of the page that shows the pictures.
 PAGE = "patterns.html"
-#: Panel pixels of a period of the cosine, and of a cell of the Gray code.
-PERIOD, CELL = 16, 8
+#: Half the width of a mark, in periods: at least one lens looks into each mark.
+MARK = 0.27
 _MARKER = "patterns.json"
-_WHITE = 255
+_PERIOD_PITCHES = 2.8
+_SHIFTS_DEG = (0, 120, 240)
+_COUNT = 1 + 2 * len(_SHIFTS_DEG)
+# Share of the periods with a mark. The steps of their sequence are irrational.
+_MARKED_SHARE = 0.15
+_MARK_STEPS = (0.7548776662, 0.5698402910, 0.6180339887)
 # Of pictures in today's browsers.
 _LONGEST_SIDE_PX = 32767
-_SHIFTS_DEG = (0, 90, 180, 270)
 
 
 class Pattern(NamedTuple):
-    """Pattern that varies along one axis of the panel, or is constant."""
+    """Pattern on the panel."""
 
     name: str  #: Name of its file without the ending; names sort in display order.
     #: (rows or 1, columns or 1) uint8: sRGB grey; an axis of length 1 is constant.
     codes: np.ndarray
 
 
-def bit_count(pixels: int) -> int:
-    """Bits of the Gray code for all cells of an axis."""
-    return max(1, ((pixels - 1) // CELL).bit_length())
+def periods_px(display: Display) -> np.ndarray:
+    """Periods of the cosines of columns and rows, panel pixels."""
+    pitches = np.array([display.pitch_mm, display.row_pitch_mm])
+    return np.rint(_PERIOD_PITCHES * pitches / display.pixel_pitch_mm)
 
 
-def patterns(panel: tuple[int, int]) -> list[Pattern]:
-    """All pictures of a panel, in the order of display.
+def has_mark(column: np.ndarray, row: np.ndarray, periods_px: np.ndarray) -> np.ndarray:
+    """True for periods with a mark, given by column and row from the panel's centre.
 
-    * `panel`, (rows, columns): a display's `eia_shape`.
+    * `periods_px`: each pair has its own arrangement.
     """
-    rows, columns = panel
-    sequence = [("white", np.full((1, 1), _WHITE)), ("black", np.zeros((1, 1)))]
-    for axis, pixel in (("column", np.arange(columns)), ("row", np.arange(rows)[:, None])):
-        cell = pixel // CELL
-        code = np.atleast_2d(cell ^ (cell >> 1))
-        for bit in reversed(range(bit_count(pixel.size))):
-            lit = _WHITE * ((code >> bit) & 1)
-            sequence += [(f"{axis}-bit-{bit}", lit), (f"{axis}-bit-{bit}-inverse", _WHITE - lit)]
-        centre = np.atleast_2d(2 * np.pi * (pixel + 0.5) / PERIOD)
+    a, b, c = _MARK_STEPS
+    begin = c * (periods_px**2).sum()
+    marked: np.ndarray = (begin + a * column**2 + b * row**2 + c * column * row) % 1 < _MARKED_SHARE
+    return marked
+
+
+def patterns(display: Display) -> list[Pattern]:
+    """All patterns for a display, in the order of display."""
+    rows, columns = display.eia_shape
+    periods = periods_px(display)
+    # In periods from the panel's centre.
+    x, y = (
+        (np.arange(size) + 0.5 - size / 2) / period
+        for size, period in zip((columns, rows), periods, strict=True)
+    )
+    x, y = x[None], y[:, None]
+    in_mark = (np.abs(x - np.rint(x)) < MARK) & (np.abs(y - np.rint(y)) < MARK)
+    sequence = [("white", np.where(in_mark & has_mark(np.rint(x), np.rint(y), periods), 0.0, 1.0))]
+    for axis, position in (("column", x), ("row", y)):
         for shift in _SHIFTS_DEG:
-            light = 0.5 + 0.5 * np.cos(centre - np.radians(shift))
-            sequence.append((f"{axis}-phase-{shift:03d}", srgb_to_uint8(srgb_from_linear(light))))
+            light = 0.5 + 0.5 * np.cos(2 * np.pi * position - np.radians(shift))
+            sequence.append((f"{axis}-phase-{shift:03d}", light))
     return [
-        Pattern(f"{number:02d}-{name}", codes.astype(np.uint8))
-        for number, (name, codes) in enumerate(sequence)
+        Pattern(f"{number}-{name}", srgb_to_uint8(srgb_from_linear(light)))
+        for number, (name, light) in enumerate(sequence, 1)
     ]
 
 
@@ -99,7 +115,7 @@ def write_patterns(display: Display, folder: Path) -> Path:
             f"at most {_LONGEST_SIDE_PX} along a side; correct its lens_columns and lens_rows"
         )
     pictures = {}
-    for name, codes in patterns((rows, columns)):
+    for name, codes in patterns(display):
         grey = np.broadcast_to(codes, (rows, columns))
         pictures[f"{name}.png"] = encode_image(grey, "PNG", optimize=True)
     about = PatternsDocument(
@@ -158,13 +174,13 @@ class Position:
     """Photographs from one camera position."""
 
     name: str  #: Name of its folder.
-    #: One photograph for each of `inim.calibration.patterns.patterns`, in that order.
-    photographs: tuple[Path, ...]
+    #: One photograph for each of `patterns`, in that order; None: missing.
+    photographs: tuple[Path | None, ...]
     shape: tuple[int, int]  #: (rows, columns): size of every photograph.
-    panel: tuple[int, int]  #: (rows, columns): size of the panel that showed the patterns.
     #: Focal length from EXIF, computed from the one for 35 mm film (CIPA DCG-001: equal diagonal),
     #: which cameras round to whole millimetres; None without EXIF.
     focal_length_px: float | None
+    periods_px: np.ndarray  #: Periods of the cosines of columns and rows, panel pixels.
 
 
 def read_positions(folder: Path, display: Display) -> list[Position]:
@@ -175,8 +191,8 @@ def read_positions(folder: Path, display: Display) -> list[Position]:
     * `display`: whose patterns were shown.
 
     Raises `FileError`: no such folder, or none in it; a file that is no picture; a number of
-    pictures that is not that of the patterns; pictures of different sizes, within a position or
-    between them.
+    pictures that is not that of the patterns; pictures of different sizes. One missing picture is
+    recognised by the gap in the names' numbers.
     """
     if not folder.is_dir():
         raise FileError(f"{folder}: no such folder; give a folder with one subfolder per position")
@@ -190,7 +206,7 @@ def read_positions(folder: Path, display: Display) -> list[Position]:
     for other in positions[1:]:
         if other.shape != positions[0].shape:
             raise FileError(
-                f"{other.photographs[0]}: has {_size(other.shape)} pixels, but those of "
+                f"{folder / other.name}: has {_size(other.shape)} pixels, but those of "
                 f"{positions[0].name} have {_size(positions[0].shape)}; photograph all positions "
                 "with one camera in the same orientation"
             )
@@ -199,24 +215,26 @@ def read_positions(folder: Path, display: Display) -> list[Position]:
 
 def read_position(folder: Path, display: Display) -> Position:
     """One camera position, its folder's photographs; see `read_positions`."""
-    paths = tuple(sorted(_visible(folder), key=_natural_sort_key))
-    for path in paths:
+    files = sorted(_visible(folder), key=_natural_sort_key)
+    for path in files:
         if path.suffix.lower() not in _ENDINGS:
             raise FileError(f"{path}: {_NOT_ONE}")
-    pattern_count = len(patterns(display.eia_shape))
-    if len(paths) != pattern_count:
+    paths: list[Path | None] = [*files]
+    if len(paths) == _COUNT - 1:
+        numbers = [int("".join(_NUMBER.findall(path.stem)[-1:]) or 0) for path in files]
+        gaps = np.flatnonzero(np.diff(numbers) == 2)
+        if len(gaps) == 1 and (np.diff(numbers) > 0).all():
+            paths.insert(int(gaps[0]) + 1, None)
+    if len(paths) != _COUNT:
         raise FileError(
-            f"{folder}: {len(paths)} pictures, but display {display.name} has {pattern_count} "
-            "patterns; photograph each once, or give the display whose patterns were shown"
+            f"{folder}: {len(paths)} pictures, but there are {_COUNT} patterns; photograph each "
+            "once. An empty file stands for one missing photograph, such as IMG_0003.jpg between "
+            "IMG_0002.jpg and IMG_0004.jpg"
         )
-    shape, focal_length = _header(paths[0])
-    for path in paths[1:]:
-        if (other := _header(path)[0]) != shape:
-            raise FileError(
-                f"{path}: has {_size(other)} pixels, but {paths[0].name} has {_size(shape)}; "
-                "photograph all patterns of a position with one camera"
-            )
-    return Position(folder.name, paths, shape, display.eia_shape, focal_length)
+    for path in files:
+        if path.stat().st_size:
+            return Position(folder.name, tuple(paths), *_header(path), periods_px(display))
+    raise FileError(f"{folder}: all pictures are empty; copy the photographs again")
 
 
 def _visible(folder: Path) -> list[Path]:
@@ -256,15 +274,14 @@ def read_colors(path: Path) -> np.ndarray:
 def read_photograph(path: Path) -> np.ndarray:
     """Linear light of a photograph, (rows, columns) float32; 1 is its brightest code.
 
-    A colour photograph is converted to the luma of its codes. For a panel's greys of any tint, a
-    power of the light remains a power of the luma.
+    Of a colour photograph, the green channel: it sees the panel's green sub-pixels, whose places
+    are known. The luma's place in a pixel depends on the colours of panel and camera.
 
     Raises `FileError`: the file is missing, damaged or of another kind.
     """
     with open_picture(path, _FORMATS, 1, _NOT_ONE) as picture:
         if picture.mode.startswith("I"):
             return linear_from_srgb(np.asarray(picture, np.float32) / _LARGEST_OF_16_BITS)
-        picture.draft("L", picture.size)  # a JPEG's luma alone is decoded
-        codes = np.asarray(picture.convert("L"))
+        codes = np.asarray(picture.convert("RGB").getchannel("G"))
     light: np.ndarray = linear_from_srgb(_CODES)[codes]
     return light

@@ -36,7 +36,8 @@ def calibrate(
 ) -> Calibration:
     """Measure a display's parameters from photographs of patterns on it.
 
-    Also writes a display file, and a report next to it, into the folder `OUT-calibration`.
+    Also writes a display file, and a report next to it, into the folder `OUT-calibration`. There is
+    no display file if the result has `failures`.
 
     Parameters
     ----------
@@ -76,13 +77,14 @@ def calibrate(
         raise UsageError(f"-o {file}: a display file is an .xml; name it {file.stem}.xml")
     camera = _camera(intrinsics)
     check_display(design)
-    lenses, focal_px = _lenses(photos, design)
+    lenses, focal_px = _lenses(photos, design, warn)
     calibration = fit_display(lenses, design, camera=camera, focal_px=focal_px)
     title = f"Calibration: {photos.resolve().name}"
     document = calibration_document(calibration, title, command)
     with output_files(folder, FILES) as staging:
         write_calibration(document, residual_maps(calibration), staging)
-    write_text(file, display_file(calibration, settings.display))
+    if not calibration.failures:
+        write_text(file, display_file(calibration, settings.display))
     for warning in document.warnings:
         warn(warning)
     return calibration
@@ -115,7 +117,9 @@ def _camera(intrinsics: str | Sequence[float] | None) -> Intrinsics | None:
     return Intrinsics((fx + fy) / 2, cx + 0.5, cy + 0.5, k1, k2)
 
 
-def _lenses(photos: Path, display: Display) -> tuple[dict[str, Lenses], float | None]:
+def _lenses(
+    photos: Path, display: Display, warn: Callable[[str], object]
+) -> tuple[dict[str, Lenses], float | None]:
     """Lenses in the photographs of each position, and the focal length in their metadata."""
     positions = read_positions(photos, display)
     stated = {position.focal_length_px for position in positions}
@@ -124,8 +128,10 @@ def _lenses(photos: Path, display: Display) -> tuple[dict[str, Lenses], float | 
             f"{photos}: the camera's focal length differs between positions; photograph all with "
             "one lens and without zoom"
         )
-    lenses = {
-        position.name: find_lenses(decode(position), display, position.name)
-        for position in positions
-    }
+    lenses = {}
+    for position in positions:
+        decoded = decode(position)
+        for warning in decoded.warnings:
+            warn(warning)
+        lenses[position.name] = find_lenses(decoded, display, position.name)
     return lenses, stated.pop() if len(stated) == 1 else None

@@ -156,6 +156,34 @@ def find_placement(display: Display, lenses: Lenses, pose: Pose, name: str) -> A
     return ArrayPlacement(math.degrees(angle), size, at_origin + turn @ [x, y] * display.gap_mm / z)
 
 
+def _number_periods(
+    display: Display,
+    lenses: Lenses,
+    placement: ArrayPlacement,
+    turn: np.ndarray,
+    step: np.ndarray,
+    name: str,
+) -> ArrayPlacement:
+    """Placement with the periods nearest to the design, if no marks number them.
+
+    Raises `FileError`: the array's edges are not seen either.
+    """
+    if not lenses.period_px.any():
+        return placement
+    there = np.array([display.lens_columns, display.lens_rows])
+    low, high = lenses.index.min(axis=0), lenses.index.max(axis=0)
+    if (high - low + 1 < there).any():
+        raise FileError(
+            f"{name}: no marks of the white pattern are recognised, and not all edges of the sheet "
+            "are visible; photograph the patterns in order, white first, or the whole sheet"
+        )
+    designed = np.array([display.shift_x_mm, display.shift_y_mm])
+    first = designed - turn @ (step * (low + (there - 1) / 2))
+    period = lenses.period_px * display.pixel_pitch_mm
+    origin = placement.origin_mm
+    return placement._replace(origin_mm=origin + period * np.rint((first - origin) / period))
+
+
 class LensNumbering(NamedTuple):
     """Common numbering of lenses for all positions, from the array's top left."""
 
@@ -176,6 +204,10 @@ def number_lenses(
     angle = math.radians(placements[0].rotation_deg)
     turn = rotation([0.0, 0.0, angle])[:2, :2]
     step = np.array([display.pitch_mm, -display.row_pitch_mm]) * placements[0].size
+    placements = [
+        _number_periods(display, position, placement, turn, step, name)
+        for (name, position), placement in zip(lenses.items(), placements, strict=True)
+    ]
     origin = placements[0].origin_mm
     offsets = [
         np.rint((placement.origin_mm - origin) @ turn / step).astype(int)

@@ -28,8 +28,8 @@ _PATTERNS = "patterns"
 _MOST_DISTORTION = 10.0
 _EPILOG = """first
   inim calibrate patterns --display phone -o DIR
-  writes the patterns and a page that shows them full screen. Photograph all patterns from at least
-  four positions: straight on from two distances, from one side, and from above or below.
+  writes seven patterns and a page that shows them full screen. Photograph all seven from at least
+  two positions, 15 to 25 degrees off the display's axis: from one side, and from above or below.
 
 then
   inim calibrate PHOTOS --display phone -o mydisplay.xml
@@ -44,7 +44,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Measure a display's pitch, rotation, shift, gap, tilt and focal length from photographs "
         "of patterns on it. Write a display file for --display, and a report. Exit code 1: the "
-        "photographs do not determine all parameters."
+        "photographs do not determine all parameters, or contradict the model; in the second case "
+        "no display file is written."
     )
     parser.add_argument(
         "photos",
@@ -91,7 +92,11 @@ def _calibrate(args: argparse.Namespace) -> int:
     print("\n".join(_parameter_lines(calibration)))
     file, folder = output_paths(args.photos, args.out)
     page = folder / "calibration.html"
-    return finish(not calibration.undetermined, f"calibrated: {file}, {page}")
+    failures = calibration.failures
+    result = f"calibrated: {file}, {page}"
+    if failures:
+        result = f"not calibrated, no {file} is written: {page}"
+    return finish(not (failures or calibration.undetermined), result)
 
 
 def _parameter_lines(calibration: Calibration) -> list[str]:
@@ -106,6 +111,12 @@ def _parameter_lines(calibration: Calibration) -> list[str]:
             else "not determined"
         )
         lines.append(f"{name:18}{value}")
+    for name, smooth, changes in zip(
+        calibration.names, calibration.smooth, abs(calibration.left_out).max(axis=1), strict=True
+    ):
+        line = f"fit of {name}: smooth residuals {1e3 * smooth[0]:.2f} µm, {smooth[1]:.3f} px"
+        left_out = f"; without it {changes:.1f} standard errors" if changes else ""
+        lines.append(line + left_out)
     return lines
 
 
@@ -212,6 +223,8 @@ def _check_camera(path: Path, calibration: CalibrationDocument) -> None:
     ]
     for position in calibration.positions:
         turn = np.array(position.turn)
+        if not position.zoom > -1:
+            wrong.append(f"{position.name}: zoom = {position.zoom:g}")
         if not position.eye_mm[2] > 0:
             wrong.append(f"{position.name}: eye_mm is not in front of the display")
         if not (np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) and np.linalg.det(turn) > 0):
@@ -243,7 +256,9 @@ def _calibrated_pose(positions: list[CameraPosition], name: str | None) -> tuple
     name = next(iter(places)) if name is None else name
     if name not in places:
         raise UsageError(f"--position {name}: {suggest_words(name, places)}")
-    return Pose(np.array(places[name].turn), np.array(places[name].eye_mm)), name
+    position = places[name]
+    changes = (position.zoom, position.skew, position.stretch)
+    return Pose(np.array(position.turn), np.array(position.eye_mm), *changes), name
 
 
 def _pose(folder: Path, display: Display, camera: Intrinsics, shape: tuple[int, int]) -> Pose:

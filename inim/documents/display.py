@@ -43,7 +43,9 @@ class CameraEstimate(Part):
     centre_y_px: float  #: Principal point, downwards, pixels.
     k1: float  #: Radial distortion of the second order, OpenCV's k1.
     k2: float  #: Radial distortion of the fourth order, OpenCV's k2.
-    #: Standard errors of `focal_px` to `k2`, by name; null of given ones.
+    p1: float  #: Tangential distortion, OpenCV's p1.
+    p2: float  #: Tangential distortion, OpenCV's p2.
+    #: Standard errors of `focal_px` to `p2`, by name; null of given ones.
     standard_errors: dict[str, float | None]
 
 
@@ -74,6 +76,27 @@ class CameraPosition(Part):
     #: Typical distance between a lens's centre in the photographs and that of the fit, along an
     #: axis, pixels.
     outline_residual_px: float
+    #: Patterns across the sheet in the residuals: root mean square of a low-order polynomial
+    #: component, on the panel, µm.
+    smooth_residual_um: float
+    smooth_outline_px: float  #: The same of the lenses' centres, pixels of the photographs.
+    #: Largest change of a parameter without this position, in its standard errors; null for fewer
+    #: than three positions.
+    change_without: float | None
+    zoom: float  #: Focal length relative to the camera's, minus 1.
+    skew: float  #: Skew of the photographs, pixels to the right per pixel down.
+    stretch: float  #: Stretch of the photographs downwards, minus 1.
+    motion_px: float  #: Corrected displacement between the photographs, root mean square, pixels.
+    blur_px: float  #: Sigma of the camera's blur, pixels; negative after sharpening.
+
+
+class SheetDeviation(Part):
+    """Deviation of the sheet from the design that is fitted, but not used."""
+
+    value: float  #: Best value.
+    standard_error: float  #: Standard error of the value.
+    #: Deviation in standard deviations that are expected; beyond ±5 the model fails.
+    pull: float
 
 
 class NextPosition(Part):
@@ -85,7 +108,7 @@ class NextPosition(Part):
     standard_errors: dict[str, float]
 
 
-class CalibrationDocument(TitledDocument, tag="inim.calibration/2"):
+class CalibrationDocument(TitledDocument, tag="inim.calibration/3"):
     """Calibration of a display.
 
     `calibration.json` in the folder of `inim calibrate`: a display's parameters, determined from
@@ -101,7 +124,11 @@ class CalibrationDocument(TitledDocument, tag="inim.calibration/2"):
     shift_is_certain: CertainShift
     camera: CameraEstimate
     correlation: Correlation
+    #: `refractive_index` (added), `thickness` (share), `glass_mm` (glass within the gap),
+    #: `bow_x_mm`, `bow_y_mm` and `bow_xy_mm` (gap at edges and corners less that in the middle).
+    sheet: dict[str, SheetDeviation]
     positions: list[CameraPosition]  #: The camera's positions.
+    failures: list[str]  #: Effects that the model does not explain; if any, no value holds.
     next: list[NextPosition]  #: Positions to photograph from next, the best one first.
     warnings: list[str]  #: Sentences on parameters that are not determined, and other warnings.
     files: Files

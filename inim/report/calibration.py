@@ -44,6 +44,14 @@ _NAMES = {
     "centre_y_px": ("Principal point, down, px", "centre y, px", 1),
     "k1": ("Distortion k1", "k1", 4),
     "k2": ("Distortion k2", "k2", 4),
+    "p1": ("Distortion p1", "p1", 5),
+    "p2": ("Distortion p2", "p2", 5),
+    "refractive_index": ("Refractive index, added", "n", 4),
+    "thickness": ("Lens thickness, share added", "t", 4),
+    "glass_mm": ("Glass over the panel, mm", "glass, mm", 3),
+    "bow_x_mm": ("Bow at the left and right edge, mm", "bow x, mm", 4),
+    "bow_y_mm": ("Bow at the upper and lower edge, mm", "bow y, mm", 4),
+    "bow_xy_mm": ("Bow at the corners, mm", "bow xy, mm", 4),
 }
 _LEAD = (
     "The interval contains the true value in 95 of 100 calibrations. A parameter is not determined "
@@ -56,6 +64,10 @@ _MAPS = (
     "stripes are normal, because the pixels of panel and camera beat with the lenses. A slope or "
     "a bow over the whole sheet is an effect that the model does not include, such as a bent "
     "sheet."
+)
+_SHEET = (
+    "Deviations from the design that the fit takes into account. They widen the intervals and are "
+    "not part of the display file. The pull is the deviation in expected standard deviations."
 )
 _NEXT = "Standard errors after one more position; the most useful position is first."
 # Colours end at this quantile: a few outliers must not hide the rest.
@@ -127,6 +139,7 @@ def _page(data: CalibrationDocument, folder: Path) -> str:
             Section("next", "What to photograph next", _next(data)),
             Section("residuals", "Residuals", _residuals(folder)),
             Section("positions", "Camera and its positions", _positions(data)),
+            Section("sheet", "Deviations of the sheet", _sheet(data)),
             Section("correlation", "Correlations", _correlation(data)),
             how_to_reproduce(data),
         ],
@@ -188,12 +201,19 @@ def _positions(data: CalibrationDocument) -> str:
             str(position.lenses),
             number(position.panel_residual_um, 1),
             number(position.outline_residual_px, 2),
+            number(position.smooth_residual_um, 2),
+            number(position.smooth_outline_px, 3),
+            number(position.change_without, 1),
+            number(position.motion_px, 2),
+            number(position.blur_px, 2),
+            f"{number(100 * position.zoom, 2)} %",
         ]
         for position in data.positions
     ]
     heads = [
         "Position", "right, mm", "up, mm", "away, mm", "off straight, °", "lenses",
-        "residual, panel µm", "residual, outline px",
+        "residual, panel µm", "residual, outline px", "smooth, µm", "smooth, px",
+        "change without, standard errors", "motion, px", "blur, px", "zoom",
     ]  # fmt: skip
     intrinsics = [
         [
@@ -206,6 +226,20 @@ def _positions(data: CalibrationDocument) -> str:
     return text_table("Positions of the camera", heads, rows, "numbers") + text_table(
         "The camera", ["Intrinsic", "Value", "Standard error"], intrinsics, "numbers"
     )
+
+
+def _sheet(data: CalibrationDocument) -> str:
+    rows = [
+        [
+            _NAMES[name][0],
+            number(deviation.value, _NAMES[name][2]),
+            f"± {number(deviation.standard_error, _NAMES[name][2])}",
+            number(deviation.pull, 1),
+        ]
+        for name, deviation in data.sheet.items()
+    ]
+    heads = ["Deviation", "Value", "Standard error", "Pull"]
+    return lead(_SHEET) + text_table("Deviations from the design", heads, rows, "numbers")
 
 
 def _correlation(data: CalibrationDocument) -> str:

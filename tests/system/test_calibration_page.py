@@ -16,7 +16,12 @@ from tests.conftest import small_display
 
 DISPLAY = small_display(30, 24, 17)
 ROWS, COLUMNS = DISPLAY.eia_shape
-NAMES = [pattern.name for pattern in patterns((ROWS, COLUMNS))]
+NAMES = [pattern.name for pattern in patterns(DISPLAY)]
+
+
+def title(number: int, position: int = 1) -> str:
+    """Title of the window while it shows a picture."""
+    return f"Position {position}: {number + 1} of 7, {NAMES[number]}"
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +54,7 @@ def begin(tab: Tab, page: Path) -> None:
     # Full screen would leave the emulated window.
     tab.evaluate("document.documentElement.requestFullscreen = undefined")
     tab.click("#start")
-    tab.until(f"document.title === {NAMES[0]!r}")
+    tab.until(f"document.title === {title(0)!r}")
 
 
 def warning(tab: Tab) -> str:
@@ -96,9 +101,9 @@ def in_the_middle(screenshot: np.ndarray, expected: np.ndarray) -> bool:
 def check_all_pictures(tab: Tab, page: Path, tmp_path: Path) -> None:
     begin(tab, page)
     assert warning(tab) == ""
-    for name in NAMES:
-        tab.until(f"document.title === {name!r}")
-        if "bit-0" in name or "phase-090" in name:
+    for number, name in enumerate(NAMES):
+        tab.until(f"document.title === {title(number)!r}")
+        if "white" in name or "phase-120" in name:
             screenshot = shot(tab, tmp_path / "shot.png")
             with Image.open(page.with_name(f"{name}.png")) as picture:
                 expected = np.asarray(picture)
@@ -113,22 +118,22 @@ def test_taps_and_keys_go_on_and_back(tab, page):
     window(tab, (COLUMNS, ROWS))
     begin(tab, page)
 
-    def title() -> str:
+    def window_title() -> str:
         return str(tab.evaluate("document.title"))
 
     tab.click("#panel")
-    assert title() == NAMES[1]
+    assert window_title() == title(1)
     tab.key("ArrowRight")
-    assert title() == NAMES[2]
+    assert window_title() == title(2)
     tab.key("ArrowLeft")
     tab.key("ArrowLeft")
     tab.key("ArrowLeft")
-    assert title() == NAMES[0]
+    assert window_title() == title(0)
     tab.key("Escape")
-    assert "Patterns for" in title()
+    assert "Patterns for" in window_title()
     assert not tab.evaluate("document.getElementById('end').checkVisibility()")
     tab.click("#start")
-    tab.until(f"document.title === {NAMES[0]!r}")
+    tab.until(f"document.title === {title(0)!r}")
 
 
 def test_the_timer_shows_all_pictures_in_order(tab, page):
@@ -142,8 +147,12 @@ def test_the_timer_shows_all_pictures_in_order(tab, page):
     )
     tab.click("#start")
     tab.until("document.getElementById('end').checkVisibility()")
-    names = [name for name in tab.evaluate("seen") if name in NAMES]
-    assert list(dict.fromkeys(names)) == NAMES
+    titles = [words for words in tab.evaluate("seen") if words.startswith("Position")]
+    assert list(dict.fromkeys(titles)) == [title(number) for number in range(7)]
+    words = tab.evaluate("document.getElementById('count').textContent")
+    assert words == "Position 1 is complete: 7 pictures."
+    tab.click("#start")
+    tab.until(f"document.title === {title(0, position=2)!r}")
 
 
 def test_a_page_magnified_by_fingers_warns(tab, page):

@@ -71,7 +71,7 @@ def test_a_display_file_and_a_report_are_written(photos, tmp_path, capsys):
     assert [position["name"] for position in document["positions"]] == [*EYES]
     assert document["parameters"]["gap_mm"]["is_determined"]
     correlation = np.array(document["correlation"]["matrix"])
-    assert correlation.shape == (13, 13)
+    assert correlation.shape == (15, 15)
     np.testing.assert_allclose(np.diag(correlation), 1)
     page = (folder / "calibration.html").read_text("utf-8")
     assert "<photos>" not in page and "&lt;photos&gt;" in page

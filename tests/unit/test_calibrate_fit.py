@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from inim.calibration.decode import Decoded
 from inim.calibration.fit import Calibration, fit_display, fit_pose
 from inim.calibration.lattice import Lenses, find_lenses
 from inim.calibration.model import (
@@ -38,7 +39,7 @@ from inim.documents.document import decode, encode
 from inim.errors import FileError, UsageError
 from inim.lens import trace_to_panel
 from inim.scene.file import choose_display
-from tests.calibration_photographs import Lens, Photograph, look_at, photograph
+from tests.calibration_photographs import Lens, look_at, photograph
 
 DESIGN = DISPLAYS["phone"].replace(
     lens_columns=28, lens_rows=20, panel_columns=470, panel_rows=344, name="small"
@@ -60,17 +61,21 @@ EYES = {
 
 
 @cache
-def photograph_from(name: str, seed: int = 0) -> Photograph:
+def photograph_from(name: str, seed: int = 0) -> Decoded:
     eye, target, roll = EYES[name]
     return photograph(HIDDEN, CAMERA, eye, look_at(eye, target, roll), seed + len(name))
 
 
-def covered(name: str, hides: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Photograph:
+def covered(name: str, hides: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Decoded:
     """A photograph of which a part, by row and column, shows nothing."""
-    photo = Photograph(*(part.copy() for part in photograph_from(name)))
-    for part in photo[:3]:
+    photo = copied(photograph_from(name))
+    for part in (photo.column, photo.row):
         part[hides(*np.mgrid[:360, :480])] = np.nan
     return photo
+
+
+def copied(photo: Decoded) -> Decoded:
+    return photo._replace(column=photo.column.copy(), row=photo.row.copy())
 
 
 @cache
@@ -79,7 +84,7 @@ def fitted(*names: str) -> Calibration:
 
 
 @cache
-def straight_photograph() -> Photograph:
+def straight_photograph() -> Decoded:
     """Photograph from a viewer's distance, square to the display."""
     eye, long = (1.0, -1.0, 350.0), CAMERA._replace(focal=5400.0)
     return photograph(HIDDEN, long, eye, look_at(eye, (1.0, -1.0, 0)), 5)
@@ -178,7 +183,7 @@ def test_a_thumb_over_half_the_sheet_hides_its_lenses_and_no_others():
 
 
 def test_a_lens_decoded_a_period_off_is_left_out():
-    photo = Photograph(*(part.copy() for part in photograph_from("near")))
+    photo = copied(photograph_from("near"))
     before = lenses("near")
     wrong = 200
     at = before.centre_px[wrong]
@@ -193,13 +198,14 @@ def test_a_lens_decoded_a_period_off_is_left_out():
 
 def test_noise_is_no_lattice():
     random = np.random.default_rng(0)
-    maps = [random.uniform(0, n, (200, 300)).astype(np.float32) for n in (COLUMNS, ROWS, 1, 1)]
+    maps = [random.uniform(0, 48, (200, 300)).astype(np.float32) for _ in range(2)]
+    noise = Decoded(*maps, maps[0] < 0, np.ones((2, 200, 300), complex), 0.0, ())
     with pytest.raises(FileError, match=r"^dark: no lattice of lenses"):
-        find_lenses(Photograph(*maps), DESIGN, "dark")
+        find_lenses(noise, DESIGN, "dark")
 
 
 def test_darkness_and_a_single_row_of_lenses_are_no_lattice():
-    dark = Photograph(*(np.full_like(part, np.nan) for part in photograph_from("near")))
+    dark = covered("near", lambda v, _: v >= 0)
     row = covered("near", lambda v, _: (v >= 188) | (v < 174))
     for photo in (dark, row):
         with pytest.raises(FileError, match=r"^dark: no lattice of lenses"):
@@ -277,7 +283,7 @@ def test_neither_blur_nor_hidden_seams_look_like_an_imperfect_sheet():
     def looks(numberings: Observations) -> np.ndarray:
         off = numberings.flat(guess)
         off = np.where(np.abs(off) < 0.5, off, 0)  # lenses at the edge of the sheet
-        return np.array([of @ off / (of @ of) for of in numberings.imperfections(guess)])
+        return np.array([of @ off / (of @ of) for of in numberings.imperfections(guess)[:2]])
 
     magnified, deeper = looks(numberings.without_blur(guess))
     assert abs(magnified) < 0.0006
@@ -325,8 +331,9 @@ def test_camera_poses_are_recovered():
     for (eye, target, roll), pose, errors in zip(
         EYES.values(), result.guess.poses, result.pose_errors, strict=True
     ):
-        assert (np.abs(pose.eye_mm - eye) < 4 * errors[3:]).all()
-        assert errors[3:].max() < 3
+        assert (np.abs(pose.eye_mm - eye) < 4 * errors[3:6]).all()
+        assert errors[3:5].max() < 0.5
+        assert errors[5] < 0.03 * eye[2], "as the focal length of a position, which may change"
         np.testing.assert_allclose(pose.turn, look_at(eye, target, roll), atol=0.02)
 
 
@@ -365,11 +372,12 @@ def test_half_the_sheet_under_a_thumb_still_works():
 
 @pytest.mark.slow
 def test_without_its_edges_the_shift_nearest_to_the_design_is_given():
-    def edges(v, u):
-        return (u < 150) | (u > 330) | (v < 100) | (v > 260)
+    def edges(name: str) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+        across, down = (110, 72) if name == "far" else (175, 112)
+        return lambda v, u: (np.abs(u - 240) > across) | (np.abs(v - 180) > down)
 
     design = DESIGN.replace(shift_x_mm=2.0, panel_rows=ROWS, panel_columns=COLUMNS)
-    cut = {name: find_lenses(covered(name, edges), DESIGN, name) for name in EYES}
+    cut = {name: find_lenses(covered(name, edges(name)), DESIGN, name) for name in EYES}
     result = fit_display(cut, design)
     assert result.edges_seen == (False, False)
     shift = result.guess.display.shift_x_mm
@@ -384,13 +392,8 @@ def test_without_its_edges_the_shift_nearest_to_the_design_is_given():
 
 def test_photographs_of_another_display_are_refused():
     other = DESIGN.replace(pitch_mm=1.08, panel_rows=ROWS, panel_columns=COLUMNS)
-    numberings = {
-        name: find_lenses(photograph_from(name), other, name) for name in ("near", "left")
-    }
-    with pytest.raises(
-        FileError, match=r"^near: the lenses are 15\.\d+ panel pixels apart.*--display"
-    ):
-        fit_display(numberings, other)
+    with pytest.raises(FileError, match=r"^near: the marks .* are not those of display small;"):
+        find_lenses(photograph_from("near"), other, "near")
 
 
 @pytest.mark.parametrize(
@@ -415,7 +418,8 @@ def test_more_lenses_than_there_are_is_another_display():
 
 
 def test_mirrored_photographs_are_refused():
-    mirrored = Photograph(*(part[:, ::-1].copy() for part in photograph_from("near")))
+    photo = photograph_from("near")
+    mirrored = Decoded(*(part[..., ::-1] for part in photo[:4]), 0.0, ())
     with pytest.raises(FileError, match=r"^near: the photographs are mirrored"):
         fit_display({"near": find_lenses(mirrored, DESIGN, "near")}, DESIGN)
 
