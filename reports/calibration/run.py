@@ -74,7 +74,9 @@ def measure(case: Case) -> dict[str, Any]:
             calibration = calibrate(
                 photographs, case.design, out=Path(folder, "display.xml"), warn=warnings.append
             )
-            estimates, certain = _estimates(calibration), calibration.edges_seen
+            refused = "; ".join(calibration.failures)
+            if not refused:
+                estimates, certain = _estimates(calibration), calibration.edges_seen
         except InimError as error:
             refused = str(error).replace(folder, "...")
         count = sum(1 for _ in photographs.rglob("*.jpg"))
