@@ -81,7 +81,7 @@ class Finished:
         camera, display = self.evaluation.capture.camera, self.evaluation.plan.display
         rgbd = reference_input(display, camera.shape, camera.pixel_mm)
         eia = generate(rgbd)
-        return ReferenceOutput(lambda: fingerprint(rgbd, eia, display, exact=True), lambda: eia)
+        return ReferenceOutput(fingerprint(rgbd, eia, display, exact=True), lambda: eia)
 
 
 def run_of(folder: Path, **settings: Any) -> Finished:
