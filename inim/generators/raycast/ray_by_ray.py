@@ -13,12 +13,10 @@ import numpy as np
 
 from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
-from inim.display.pixels import row_blocks
+from inim.display.pixels import CENTRE, PixelOffset, row_blocks
 from inim.generators.base import (
-    CENTRE,
     HOLE,
     PictureShape,
-    PixelOffset,
     Search,
     SourceGenerator,
     Sources,
