@@ -1,15 +1,15 @@
-"""Looking Glass displays: the vendor's calibration file, `visual.json`, and the display it describes.
+"""Looking Glass displays, and their calibration files, `visual.json`.
 
-The file states the view of each sub-pixel (LKG-Toolkit, ``Calibration.cs``). With x, y from 0 to 1
-at a pixel's centre, y from the bottom, and c = 0, 1, 2 for red, green and blue::
+A file states the view of each sub-pixel (LKG-Toolkit, ``Calibration.cs``). With x, y from 0 to
+1 at a pixel's centre, y from the bottom, and c = 0, 1, 2 for red, green and blue::
 
     pitch' = pitch W / DPI cos(atan(1 / slope))      tilt = H / (W slope), negative with flipImageX
     view = 1 - fract((x + c / (3 W) + y tilt) pitch' - center)
 
-or, with `subpixelCells`, ``x + dx_c / W + (y + dy_c / H) tilt``. In terms of a display, 25.4 / pitch
-is the pitch Q of the elemental images, atan(1 / slope) the rotation, and ``phase - center`` counts
-elemental images from their left edges. Red is at the pixel's centre in the formula, and a third of a
-pixel to the left in a display.
+or, with `subpixelCells`, ``x + dx_c / W + (y + dy_c / H) tilt``. In terms of a display, 25.4 /
+pitch is the pitch Q of the elemental images, atan(1 / slope) the rotation, and ``phase - center``
+counts elemental images from their left edges. Red is at the pixel's centre in the formula, and a
+third of a pixel to the left in a display.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from inim.display.parameters import Cells
 from inim.errors import DisplayError, FileError
 
 _MM_PER_INCH = 25.4
-#: Values of `Display.cell_pattern` for CellPatternMode 0 to 4, as in the vendor's Unity plugin. Other
-#: sources of the vendor have "rows-of-4" for mode 2 and "columns" for mode 4.
+#: Values of `Display.cell_pattern` for CellPatternMode 0 to 4, as in the vendor's Unity plugin.
+#: Another source of the vendor has "rows-of-4" for mode 2 and "columns" for mode 4.
 CELL_MODES = ("single", "checkerboard", "columns", "staggered", "rows")
 # Names in `subpixelCells`, in the order of `Display.subpixel_cells`.
 _OFFSETS = tuple(f"{colour}Offset{axis}" for colour in "RGB" for axis in "XY")
-# Vertical field of view of the vendor's cameras: it places the viewer, whom the file does not state.
+# Vertical field of view of the vendor's cameras. It places the viewer, whom no file states.
 _CAMERA_DEG = 14.0
 # Spread of the light of one direction at the ends of the depth range, in lens pitches.
 _SPREAD = 2.0
@@ -164,8 +164,8 @@ class Calibration:
 def parse_calibration(text: bytes, source: str) -> Calibration:
     """Calibration from the bytes of a file, named `source` in messages.
 
-    Numbers may be wrapped, ``{"value": 1}``. `serial`, versions and unknown names are ignored, as is
-    `invView`: the vendor's current programs do not read it.
+    Numbers may be wrapped, ``{"value": 1}``. `serial`, versions and unknown names are ignored, as
+    is `invView`: the vendor's current programs do not read it.
 
     Raises `FileError`: not such a file, or a number that is missing or describes no panel.
     """

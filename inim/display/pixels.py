@@ -310,8 +310,8 @@ def ray_starts(
 ) -> tuple[Any, Any, tuple[Any, Any], tuple[Any, Any]]:
     """Points of pixels from which rays start.
 
-    Returns `x`, `y`: display frame; `centres`: of their pixels, array frame; `offset`: from these to
-    the points, array frame. They broadcast to (rows, columns).
+    Returns `x`, `y`: display frame; `centres`: of their pixels, array frame; `offset`: from these
+    to the points, array frame. They broadcast to (rows, columns).
     """
     panel_rows, panel_columns = display.eia_shape
     pitch, (c, s) = display.pixel_pitch_mm, _turn(display)

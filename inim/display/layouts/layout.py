@@ -152,7 +152,8 @@ class Layout(ABC):
 
         * `x`, `y`: centres of the pixels. The cells of the elemental images have their own pitch.
         * `offset`: from these to the points of the pixels from which the rays start, one for all
-          or an array for each coordinate. Under lenses it changes nothing: a pixel's whole area shines through one lens.
+          or an array for each coordinate. Under lenses it changes nothing: a pixel's whole area
+          shines through one lens.
 
         Returns `lens`, int64: ``row * columns + column``, -1 outside the array, where the layout is
         continued, so that every pixel has a ray; `x0`, `y0`, float64.

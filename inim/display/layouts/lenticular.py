@@ -43,9 +43,7 @@ vec3 lens_centre(vec2 point) {
                 "pitch_y_mm"
             )
         if display.tilt_x_deg or display.tilt_y_deg:
-            raise DisplayError(
-                "lattice = 'lenticular': the panel cannot be tilted; omit tilt_*_deg"
-            )
+            raise DisplayError("lattice = 'lenticular': a tilted panel is not supported")
         if abs(display.rotation_deg) > _STEEPEST_SLANT_DEG:
             raise DisplayError(
                 f"rotation_deg = {display.rotation_deg:g}: cylinders are slanted by at most "
