@@ -73,11 +73,11 @@ SUBPIXELS: dict[str, tuple[SubPixel, SubPixel, SubPixel]] = {
         SubPixel(_QUARTER, _HALF),
         SubPixel(-_QUARTER, _HALF, turn=1),
     ),
-    # Calibration files have no areas: a quarter of the pixel is assumed.
+    # Calibration files have no areas: a sixth of the pixel is assumed.
     "cells": (
-        SubPixel(Fraction(0), _HALF, height=_HALF, channel=0),
-        SubPixel(Fraction(0), _HALF, height=_HALF, channel=1),
-        SubPixel(Fraction(0), _HALF, height=_HALF, channel=2),
+        SubPixel(Fraction(0), _THIRD, height=_HALF, channel=0),
+        SubPixel(Fraction(0), _THIRD, height=_HALF, channel=1),
+        SubPixel(Fraction(0), _THIRD, height=_HALF, channel=2),
     ),
 }
 

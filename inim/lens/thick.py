@@ -67,6 +67,11 @@ _HEIGHTS = 512
 
 def check(display: Display) -> None:
     """Raise `DisplayError` where a lens cannot fill its aperture, be this thin, or this thick."""
+    if display.layout.covers_panel:
+        raise DisplayError(
+            f"lattice = {display.lattice!r}: thick lenses are spheres, not cylinders; use thin or "
+            "pinhole: -D inim.lens_model=thin"
+        )
     array, traits = lens_array(display), lens_traits(display)
     face = curved_face(array, traits._replace(bulges_to_viewer=True))  # its sag counts as height
     reach = math.sqrt(_reach_squared(array, traits, NUMPY_OPS))
