@@ -257,7 +257,7 @@ class Settings:
         }
         if not parameters:
             return preset
-        covered = preset.layout.covers_panel and "lattice" not in parameters
+        covered = preset.layout.of_cylinders and "lattice" not in parameters
         if not (covered or {"panel_columns", "panel_rows"} & parameters.keys()) and (
             parameters.keys() & {"pitch_mm", "pixel_pitch_mm", "lens_columns", "lens_rows"}
         ):

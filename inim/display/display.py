@@ -509,7 +509,7 @@ class Display:
         if self.is_separable:
             under: np.ndarray = (self.rows.lens >= 0)[:, None] & (self.columns.lens >= 0)[None, :]
             return under
-        if self.layout.covers_panel:
+        if self.layout.of_cylinders:
             return np.ones(self.eia_shape, bool)
         under = np.concatenate([pixel_rays(self, rows).lens >= 0 for rows in row_blocks(self)])
         if not under.any():

@@ -14,7 +14,6 @@ from PIL import Image
 from inim.cli import main
 from inim.display import DISPLAYS, Viewpoint
 from inim.display.cells import CELL_PATTERNS
-from inim.display.layouts import NUMPY_OPS
 from inim.display.looking_glass import CELL_MODES, TYPICAL, Calibration, parse_calibration
 from inim.display.pixels import SUBPIXELS, PixelOffset, pixel_rays, ray_starts
 from inim.display.viewpoint import check_viewpoint, parse_viewpoints, zone_eyes
@@ -22,7 +21,7 @@ from inim.errors import DisplayError, FileError, UsageError, ViewpointError
 from inim.files.image import write_rgbd
 from inim.generators import find_sources
 from inim.image.rgbd import RGBD
-from inim.lens import check_lens_model, lens_array, lens_traits, trace_to_panel
+from inim.lens import check_lens_model, trace_to_panel
 from inim.render.rays import pickup_rays
 from inim.scene.file import choose_display, display_of
 from inim.settings import Settings
@@ -353,14 +352,82 @@ def test_rows_so_far_apart_that_lenses_are_cylinders_are_refused():
         small_display(pitch_y_mm=1000.0)
 
 
-def test_lens_models_that_have_no_cylinders_are_refused():
-    display = display_from(STRIPES)
-    with pytest.raises(DisplayError, match="not cylinders; use thin or pinhole"):
-        check_lens_model("thick", display)
-    with pytest.raises(DisplayError):
-        check_lens_model("full", display)
-    array, traits = lens_array(display), lens_traits(display)
-    assert traits.layout.reach_squared(array, NUMPY_OPS) == (display.pitch_mm / 2) ** 2
+def test_the_mesh_of_lenses_has_no_cylinders():
+    with pytest.raises(DisplayError, match="lattice = 'lenticular'"):
+        check_lens_model("full", display_from(STRIPES))
+
+
+def refracted(d, normal, ratio):
+    """Direction behind a face by Snell's law, from angles, and Fresnel's transmittance."""
+    cos_in = -d @ normal
+    sin_out = ratio * math.sqrt(1 - cos_in**2)
+    angle_in, angle_out = math.acos(cos_in), math.asin(sin_out)
+    across = d + cos_in * normal
+    across = across / np.linalg.norm(across) if np.linalg.norm(across) > 0 else across
+    if angle_in == 0:
+        return d, 4 * ratio / (1 + ratio) ** 2
+    s = math.sin(angle_in - angle_out) ** 2 / math.sin(angle_in + angle_out) ** 2
+    p = math.tan(angle_in - angle_out) ** 2 / math.tan(angle_in + angle_out) ** 2
+    return sin_out * across - math.cos(angle_out) * normal, 1 - (s + p) / 2
+
+
+def traced_cylinder(display, x, y, sx, sy):
+    """Panel point and transmittance of a ray through the plane z = 0 at (x, y), array frame.
+
+    The curved side faces the viewer, with its vertex line at z = 0; z counts towards the panel.
+    """
+    n, pitch = display.refractive_index, display.pitch_mm
+    radius, thickness = display.focal_length_mm * (n - 1), display.pitch_mm
+    axis = round(x / pitch) * pitch
+    d = np.array([sx, sy, 1.0]) / math.sqrt(sx**2 + sy**2 + 1)
+    # (x - axis + t dx)^2 + (t dz - R)^2 = R^2, the nearer solution.
+    roots = np.roots([
+        d[0] ** 2 + d[2] ** 2, 2 * ((x - axis) * d[0] - radius * d[2]), (x - axis) ** 2
+    ])  # fmt: skip
+    point = np.array([x - axis, y, 0.0]) + min(roots, key=abs) * d
+    normal = np.array([point[0], 0.0, point[2] - radius]) / radius
+    d, front = refracted(d, normal, 1 / n)
+    point = point + (thickness - point[2]) / d[2] * d
+    d, back = refracted(d, np.array([0.0, 0.0, -1.0]), n)
+    point = point + (display.gap_mm - thickness / n) / d[2] * d
+    return axis + point[0], point[1], front * back
+
+
+def test_a_thick_cylinder_agrees_with_an_own_exact_trace():
+    display = display_from(STRIPES).replace(rotation_deg=0.0, shift_x_mm=0.0)
+    random = np.random.default_rng(5)
+    # Not so near a cell's border that the relief of the next cylinder is met first.
+    within = random.uniform(-0.3, 0.3, 300)
+    x = (random.integers(-9, 9, 300) + within) * display.pitch_mm
+    y, sx, sy = random.uniform(-3, 3, 300), *random.uniform(-0.3, 0.3, (2, 300))
+    panel_x, panel_y, weight = trace_to_panel(display, "thick", x, y, sx, sy)
+    for k in range(300):
+        expected = traced_cylinder(display, x[k], y[k], sx[k], sy[k])
+        assert panel_x[k] == pytest.approx(expected[0], abs=1e-9)
+        assert panel_y[k] == pytest.approx(expected[1], abs=1e-9)
+        assert weight[k] == pytest.approx(expected[2], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"conic": -0.5}, {"asphere_a4": 0.02}, {"curved_side": "panel"}, {"fill_factor": 0.9}],
+)
+def test_a_thick_cylinder_is_the_round_lens_for_rays_in_the_plane_across_its_axis(changes):
+    slow = {"focal_length_mm": 2.0, "gap_mm": 2.0}  # so that the round lens has its corners, too
+    straight = {"rotation_deg": 0.0, "shift_x_mm": 0.0}
+    cylinder = display_from(STRIPES).replace(**straight, **slow, **changes)
+    lens = cylinder.replace(lattice="square", lens_columns=41, lens_rows=41, pitch_y_mm=None)
+    x, sx = np.linspace(-2, 2, 401), np.linspace(-0.2, 0.2, 401)
+    traces = [trace_to_panel(d, "thick", x, 0.0, sx, 0.0) for d in (cylinder, lens)]
+    assert np.allclose(traces[0][2], traces[1][2], atol=1e-12)
+    lit = traces[0][2] > 0
+    assert lit.mean() > 0.5
+    assert np.allclose(traces[0][0][lit], traces[1][0][lit], atol=1e-12)
+    # A cylinder is the same at all heights.
+    moved = trace_to_panel(cylinder, "thick", x, 7.3, sx, 0.1)
+    again = trace_to_panel(cylinder, "thick", x, -1.1, sx, 0.1)
+    assert np.allclose(moved[0], again[0], atol=1e-12)
+    assert np.allclose(moved[1] - 7.3, again[1] + 1.1, atol=1e-12)
 
 
 def numbered_quilt(columns, rows, height=9, width=16):

@@ -77,8 +77,9 @@ class Layout(ABC):
     #: A pixel's lens and ray depend on its row and its column separately, under an array that is
     #: neither turned nor tilted.
     has_rows_and_columns: ClassVar[bool] = False
-    #: Lenses do not end with the array: every panel pixel has one.
-    covers_panel: ClassVar[bool] = False
+    #: Lenses are cylinders, whose axes run up the array. They do not end with it: every panel pixel
+    #: has one.
+    of_cylinders: ClassVar[bool] = False
     #: Centres of the neighbours of a lens, in pitches to the right and row pitches up.
     neighbours: ClassVar[tuple[tuple[float, float], ...]]
     #: GLSL of the live display: ``vec3 lens_centre(vec2 point)``, as `lens_centre`.

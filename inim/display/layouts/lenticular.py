@@ -24,7 +24,7 @@ class Lenticular(Layout):
     """Slanted cylinders."""
 
     name = "lenticular"
-    covers_panel = True
+    of_cylinders = True
     neighbours = ((1, 0), (-1, 0))
     shader = """
 vec3 lens_centre(vec2 point) {
