@@ -23,6 +23,7 @@ from inim.generators import find_sources
 from inim.image.rgbd import RGBD
 from inim.lens import check_lens_model, trace_to_panel
 from inim.render.rays import pickup_rays
+from inim.render.reconstruct import reconstruct
 from inim.scene.file import choose_display, display_of
 from inim.settings import Settings
 from inim.views.native import subpixel_views
@@ -194,24 +195,40 @@ def test_a_thin_cylinder_has_power_across_its_axis_only():
     assert np.allclose(y, 1.0 + height + 0.2 * display.gap_mm)
 
 
-def test_points_of_a_bundle_have_the_rays_of_their_own_pixels_points():
-    display = display_from(STRIPES)
-    bundle = pickup_rays(display, 5.0, SUBPIXELS["rgb-stripe"][2])
-    pixel = display.pixel_pitch_mm
-    moved = Fraction(1, 100), Fraction(-3, 100)  # right and down, so that no point changes its lens
-    dx, dy = float(moved[0]) * pixel, -float(moved[1]) * pixel
-    rays = pixel_rays(display, slice(0, 108), PixelOffset(moved[1], Fraction(1, 3) + moved[0]))
-    same = rays.lens == pixel_rays(
-        display, slice(0, 108), PixelOffset(Fraction(0), Fraction(1, 3))
-    ).lens  # fmt: skip
-    for at, offset, along, start, x0, slope in (
-        (bundle.x0_mm, bundle.offset_x_mm, bundle.along_x, dx, rays.x0, rays.slope_x),
-        (bundle.y0_mm, bundle.offset_y_mm, bundle.along_y, dy, rays.y0, rays.slope_y),
-    ):
-        crossing = along * dy
-        assert np.allclose((at + crossing)[same], x0[same], atol=1e-5)
-        away = (start - offset - crossing) / bundle.gap_mm
-        assert np.allclose(-away[same], slope[same], atol=1e-5)
+@pytest.mark.parametrize("document", [STRIPES, THIRD], ids=["stripes", "cells"])
+def test_pickup_rays_start_all_over_a_subpixel_and_meet_the_same_eye(document, renderer):
+    import drjit as dr
+    import mitsuba as mi
+
+    from inim.render.trace import FilmCamera
+
+    display = display_from(document)
+    lane, rows = dr.arange(mi.UInt32, 108 * 192), slice(0, 108)
+    pixel = mi.Point2u(lane % 192, lane // 192)
+    for subpixel in SUBPIXELS[display.subpixels]:
+        camera = FilmCamera(pickup_rays(display, 5.0, subpixel), np.eye(4))
+        centre = pixel_rays(
+            display, rows, PixelOffset(Fraction(0), subpixel.right, subpixel.channel)
+        )
+        for right, down in ((Fraction(0), Fraction(0)), (Fraction(1, 10), Fraction(-1, 5))):
+            ray = camera.rays(pixel, mi.Point2f(0.5 + float(right), 0.5 + float(down)))
+            origin, run = (np.stack([np.asarray(c, float) for c in v]) for v in (ray.o, ray.d))
+            offset = PixelOffset(
+                down * subpixel.height,
+                subpixel.right + right * subpixel.width,
+                subpixel.channel,
+            )
+            expected = pixel_rays(display, rows, offset)
+            same = expected.lens == centre.lens
+            assert same.mean() > 0.9
+            for z in (0.0, -display.gap_mm, display.layout.design_distance_mm):
+                way = (z - origin[2]) / run[2]
+                for k, (start, slope) in enumerate(
+                    ((expected.x0, expected.slope_x), (expected.y0, expected.slope_y))
+                ):
+                    landing = (origin[k] + way * run[k]).reshape(same.shape)
+                    off = np.abs(landing - (start + slope * z))[same].max()
+                    assert off < (3e-5 if abs(z) < 1 else 3e-3)  # float32 over the way
 
 
 @pytest.mark.parametrize(
@@ -477,3 +494,23 @@ def test_an_rgbd_picture_becomes_a_native_picture_in_one_command(tmp_path, capsy
     for algorithm in ("li2012", "wang2024"):
         assert main([*command, "-a", algorithm]) == 2
         assert "use template or gu2020" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("model", ["pinhole", "thin", "thick"])
+@pytest.mark.parametrize("document", [STRIPES, THIRD], ids=["stripes", "cells"])
+def test_an_eye_sees_the_subpixels_of_its_view(document, model, renderer):
+    """A panel shows views as brightness; an eye in the middle of the zone sees 1/2 everywhere."""
+    display = display_from(document)
+    coded = subpixel_views(display, slice(0, 108)).astype(np.float32)
+    distance = display.layout.design_distance_mm
+    zone = display.flip_limit_mm(distance)[0]
+    c = math.cos(math.radians(display.rotation_deg))
+    # Off the axis, thick lenses of so wide a cone spread light to the next views.
+    for share in (0.0, 0.5) if model != "thick" else (0.0,):
+        eye = Viewpoint("eye", display.shift_x_mm + share * zone / c, 0.0, distance)
+        view, light = (
+            reconstruct(eia, display, eye, model, spp=64) for eia in (coded, np.ones_like(coded))
+        )
+        inside = np.s_[8:-8, 8:-8]
+        mean = view[inside].mean(axis=(0, 1)) / light[inside].mean(axis=(0, 1))
+        assert np.abs(mean - (0.5 + share / 2)).max() < 0.02
