@@ -19,7 +19,7 @@ from typing import Any
 from inim.display import DISPLAYS, Display
 from inim.display.cells import cells_text, parse_cells
 from inim.display.layers import layers_text, parse_layers
-from inim.display.looking_glass import Calibration
+from inim.display.looking_glass import LookingGlass
 from inim.errors import DisplayError, SceneError, UsageError, suggest_words
 from inim.process.atomic_file import write_atomically
 
@@ -375,7 +375,7 @@ def display_texts(display: Display) -> dict[str, str]:
 def save_display(display: Display, path: Path) -> None:
     """Write a display file, or the calibration file of a Looking Glass (.json)."""
     if path.suffix.lower() == ".json":
-        text = Calibration.of(display).text()
+        text = LookingGlass.of(display).text()
     elif path.suffix.lower() == ".xml":
         texts = display_texts(display)
         text = display_xml({key.removeprefix(PREFIX): value for key, value in texts.items()})

@@ -552,6 +552,8 @@ class Display:
     @property
     def panel_excess_mm(self) -> tuple[float, float]:
         """Excess width and height of the elemental images over the panel; 0 if they fit."""
+        if self.layout.of_cylinders:
+            return 0.0, 0.0
         (rows, columns), (down, across) = self.eia_shape, self.layout.grid
         wide = across * self.elemental_image_pitch_mm - columns * self.pixel_pitch_mm
         high = down * self.elemental_row_pitch_mm - rows * self.pixel_pitch_mm

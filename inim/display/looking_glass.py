@@ -47,7 +47,7 @@ _RANGES = {
 
 
 @dataclass(frozen=True)
-class Calibration:
+class LookingGlass:
     """Values of a calibration file, under the vendor's names.
 
     * `pitch`: elemental images per inch, across the axes; `slope`: rise over run of the axes.
@@ -114,7 +114,7 @@ class Calibration:
         return (math.cos(angle) * right + math.sin(angle) * up) * self.pitch / self.dpi
 
     @classmethod
-    def of(cls, display: Display) -> Calibration:
+    def of(cls, display: Display) -> LookingGlass:
         """Calibration of a display.
 
         Raises `DisplayError`: not a slanted lenticular with colours side by side.
@@ -161,7 +161,7 @@ class Calibration:
         return json.dumps(document | {"subpixelCells": cells}, indent=1) + "\n"
 
 
-def parse_calibration(text: bytes, source: str) -> Calibration:
+def parse_calibration(text: bytes, source: str) -> LookingGlass:
     """Calibration from the bytes of a file, named `source` in messages.
 
     Numbers may be wrapped, ``{"value": 1}``. `serial`, versions and unknown names are ignored, as
@@ -204,7 +204,7 @@ def parse_calibration(text: bytes, source: str) -> Calibration:
     width, height = number("screenW"), number("screenH")
     if not (width.is_integer() and height.is_integer()):
         raise FileError(f"{source}: screenW and screenH must be whole numbers of pixels")
-    return Calibration(
+    return LookingGlass(
         pitch=number("pitch"),
         slope=slope,
         center=number("center"),
@@ -221,11 +221,11 @@ def parse_calibration(text: bytes, source: str) -> Calibration:
 _GEN3 = ((-0.31, 0.25, 0.28, 0.25, 0.0, -0.25), (-0.31, -0.25, 0.28, -0.25, 0.0, 0.25))
 #: Typical values by model. Each unit differs from them; its phase is arbitrary.
 TYPICAL = {
-    "looking-glass-8.9-typical": Calibration(47.6, -5.48, 0.0, 40, 338, 2560, 1600),
-    "looking-glass-15.6-typical": Calibration(50.1, -7.52, 0.0, 40, 283, 3840, 2160),
-    "looking-glass-portrait-typical": Calibration(52.6, -7.15, 0.0, 40, 324, 1536, 2048),
-    "looking-glass-go-typical": Calibration(80.7, -6.66, 0.0, 54, 491, 1440, 2560),
-    "looking-glass-16-typical": Calibration(
+    "looking-glass-8.9-typical": LookingGlass(47.6, -5.48, 0.0, 40, 338, 2560, 1600),
+    "looking-glass-15.6-typical": LookingGlass(50.1, -7.52, 0.0, 40, 283, 3840, 2160),
+    "looking-glass-portrait-typical": LookingGlass(52.6, -7.15, 0.0, 40, 324, 1536, 2048),
+    "looking-glass-go-typical": LookingGlass(80.7, -6.66, 0.0, 54, 491, 1440, 2560),
+    "looking-glass-16-typical": LookingGlass(
         44.75, -6.88, 0.0, 50, 283, 3840, 2160, cells=_GEN3, pattern="columns"
     ),
 }

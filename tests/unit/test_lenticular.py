@@ -14,7 +14,7 @@ from PIL import Image
 from inim.cli import main
 from inim.display import DISPLAYS, Viewpoint
 from inim.display.cells import CELL_PATTERNS
-from inim.display.looking_glass import CELL_MODES, TYPICAL, Calibration, parse_calibration
+from inim.display.looking_glass import CELL_MODES, TYPICAL, LookingGlass, parse_calibration
 from inim.display.pixels import SUBPIXELS, PixelOffset, pixel_rays, ray_starts
 from inim.display.viewpoint import check_viewpoint, parse_viewpoints, zone_eyes
 from inim.errors import DisplayError, FileError, UsageError, ViewpointError
@@ -127,7 +127,7 @@ def test_no_subpixel_of_the_whole_panel_has_another_view(name):
 
 
 def test_views_agree_with_rational_numbers_except_for_ties():
-    """With slope -24/7, cos(atan(1/slope)) is 24/25, and every phase is rational."""
+    """Every phase is rational: with slope -24/7, cos(atan(1/slope)) is 24/25."""
     document = visual(40, -24 / 7, 0.25, 40.0, 254, 200, 120)
     display = display_from(document)
     views, count = subpixel_views(display, slice(0, 120)), 45
@@ -276,7 +276,7 @@ def test_a_display_is_written_as_a_file_with_the_same_views(document, tmp_path):
         views = [subpixel_views(d, slice(0, 108)) for d in (display, again)]
         assert (tiles(views[0], 1000) == tiles(views[1], 1000)).all()
         assert again.gap_mm == pytest.approx(display.gap_mm, rel=1e-12)
-    values = Calibration.of(display)
+    values = LookingGlass.of(display)
     assert values.center == pytest.approx(document["center"]["value"], abs=1e-9)
     with pytest.raises(DisplayError, match="for slanted lenticulars"):
         DISPLAYS["nominal"].save(tmp_path / "nominal.json")
