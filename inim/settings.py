@@ -17,7 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from inim.display import DISPLAYS, Display
+from inim.display.cells import cells_text, parse_cells
 from inim.display.layers import layers_text, parse_layers
+from inim.display.looking_glass import LookingGlass
 from inim.errors import DisplayError, SceneError, UsageError, suggest_words
 from inim.process.atomic_file import write_atomically
 
@@ -44,6 +46,8 @@ def value_text(name: str, value: object) -> str:
     """
     if isinstance(value, list | tuple) and "layers" in name:
         return layers_text(parse_layers(value))
+    if isinstance(value, list | tuple) and "subpixel_cells" in name:
+        return cells_text(parse_cells(value))
     if isinstance(value, bool) or not isinstance(value, str | Real | PathLike):
         raise UsageError(f"{name}: {value!r} is a {type(value).__name__}; give text or a number")
     if not isinstance(value, Real):
@@ -59,7 +63,7 @@ def plain_parameters(display: Display) -> dict[str, Any]:
     """
     values = {key: getattr(display, key) for key in DISPLAY_KEYS}
     return {
-        key: layers_text(value) if isinstance(value, tuple) else value
+        key: value_text(key, value) if isinstance(value, tuple) else value
         for key, value in values.items()
         if value is not None
     }
@@ -109,7 +113,9 @@ class Settings:
     pitch_y_mm: float | None = _setting(
         None, "pitch of the lens rows (P, or that of the hexagonal lattice)"
     )
-    lattice: str | None = _setting(None, "lens lattice: square or hexagonal (square)")
+    lattice: str | None = _setting(
+        None, "lens lattice: square, hexagonal, or lenticular for slanted cylinders (square)"
+    )
     aperture: str | None = _setting(None, "shape of a lens's aperture: square or round (square)")
     fill_factor: float | None = _setting(None, "width of a lens's aperture, in pitches (1)")
     between_lenses: str | None = _setting(None, "sheet between the apertures: dark or clear (dark)")
@@ -125,7 +131,19 @@ class Settings:
     )
     tilt_x_deg: float | None = _setting(None, "tilt of the panel: the gap grows to the right (0)")
     tilt_y_deg: float | None = _setting(None, "tilt of the panel: the gap grows upwards (0)")
-    subpixels: str | None = _setting(None, "sub-pixel layout: none, rgb-stripe or pentile (none)")
+    subpixels: str | None = _setting(
+        None, "sub-pixel layout: none, rgb-stripe, pentile or cells (none)"
+    )
+    subpixel_cells: str | None = _setting(
+        None,
+        "centres of red, green and blue for `cells`, right and up in pixels, of each kind of "
+        "pixel: '-0.3 0.25 0.3 0.25 0 -0.25, ...' (none)",
+    )
+    cell_pattern: str | None = _setting(
+        None,
+        "kinds of pixels for `cells`: single, checkerboard, columns, rows, rows-of-4 or staggered "
+        "(single)",
+    )
     pixel_fill: float | None = _setting(
         None, "width of the light-emitting area of a (sub-)pixel, in its pitches (1)"
     )
@@ -239,7 +257,8 @@ class Settings:
         }
         if not parameters:
             return preset
-        if not {"panel_columns", "panel_rows"} & parameters.keys() and (
+        covered = preset.layout.of_cylinders and "lattice" not in parameters
+        if not (covered or {"panel_columns", "panel_rows"} & parameters.keys()) and (
             parameters.keys() & {"pitch_mm", "pixel_pitch_mm", "lens_columns", "lens_rows"}
         ):
             # The preset's panel belongs to the preset's array; a changed array gets its own.
@@ -252,7 +271,7 @@ class Settings:
                 for axis, lenses in zip(("rows", "columns"), display.lenses_on_panel, strict=True)
                 if parameters.get(f"panel_{axis}") and f"lens_{axis}" not in parameters
             }
-            return display.replace(**counted) if counted else display
+            return display.replace(**counted) if counted and not covered else display
         except DisplayError as error:
             raise DisplayError(f"{source}: {error}") from None
 
@@ -346,11 +365,20 @@ def display_xml(
     return "\n".join([*lines, "</scene>"]) + "\n"
 
 
-def save_display(display: Display, path: Path) -> None:
-    """Write a display file: the nearest preset, and the parameters that differ from it."""
-    if path.suffix.lower() != ".xml":
-        raise UsageError(f"{path}: a display file is an .xml; name it {path.stem}.xml")
+def display_texts(display: Display) -> dict[str, str]:
+    """Settings of a display by full key: the nearest preset, and the parameters that differ."""
     settings = Settings().with_display(display)
     values = {key: getattr(settings, key) for key in ("display", *DISPLAY_KEYS)}
-    xml = display_xml({k: value_text(k, v) for k, v in values.items() if v is not None})
-    write_atomically(path, lambda temporary: temporary.write_text(xml, encoding="utf-8"))
+    return {f"{PREFIX}{k}": value_text(k, v) for k, v in values.items() if v is not None}
+
+
+def save_display(display: Display, path: Path) -> None:
+    """Write a display file, or the calibration file of a Looking Glass (.json)."""
+    if path.suffix.lower() == ".json":
+        text = LookingGlass.of(display).text()
+    elif path.suffix.lower() == ".xml":
+        texts = display_texts(display)
+        text = display_xml({key.removeprefix(PREFIX): value for key, value in texts.items()})
+    else:
+        raise UsageError(f"{path}: a display file is an .xml; name it {path.stem}.xml")
+    write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))

@@ -60,7 +60,9 @@ _SHARED = {
         help="set an inim.* setting or a scene parameter; may be repeated",
     ),
     "display": _option(
-        "--display", help="preset (nominal or phone) or an .xml file with inim.* settings"
+        "--display",
+        help="preset (nominal, phone, ...), an .xml file with inim.* settings, or the visual.json "
+        "of a Looking Glass",
     ),
     "algorithms": _option(
         "-a",

@@ -53,7 +53,8 @@ perspective
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Generate an elemental image array (EIA) from a colour picture with depth, a photograph "
-        "that contains depth, pictures of several cameras, or a light field."
+        "that contains depth, an RGB-D picture of inim, pictures of several cameras, or a light "
+        "field."
     )
     parser.epilog = f"{_EPILOG}\n{parser.epilog}"
     add = parser.add_argument
@@ -62,8 +63,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="INPUT",
         help="a colour picture with --depth; a photograph that contains depth (HEIC, or JPEG from "
-        "Android or Apple), or a folder of these; a .json that lists the pictures of several "
-        "cameras; or the folder of an HCI 4D light field",
+        "Android or Apple), or a folder of these; an RGB-D picture of inim (.exr); a .json that "
+        "lists the pictures of several cameras; or the folder of an HCI 4D light field",
     )
     add_picture(parser)
     out = "EIA to write, .png or .exr (default: eia.png); a folder if INPUT is a folder"
@@ -99,8 +100,6 @@ def _run(args: argparse.Namespace) -> int:
     classify_input(args)
     if args.scene is not None:
         raise UsageError(f"{args.input}: is a scene; use inim validate, which generates its EIAs")
-    if args.fitted is not None:
-        raise UsageError(f"{args.input}: no depth; add --depth FILE")
     if args.photo is not None and args.photo.is_dir():
         return _generate_folder(args)
     args.out = args.out or Path("eia.png")
@@ -171,6 +170,8 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     picture = picture_of(args)
     _check(args, picture)
     display, settings = display_and_settings(args)
+    if args.fitted is not None:
+        return _generate_from_rgbd(args, display)
     if args.light_field is not None:
         return _generate_from_light_field(args, display, settings), ()
     if args.cameras_file is not None:
@@ -223,6 +224,34 @@ def _generate_from_light_field(
     return [*report, _write_outputs(args, rgbd, eia, empty, display)]
 
 
+def _generate_from_rgbd(
+    args: argparse.Namespace, display: Display
+) -> tuple[list[str], tuple[str, ...]]:
+    """Generate and write the EIA of an RGB-D picture in millimetres of the display frame."""
+    from inim.files.image import read_rgbd
+    from inim.generators import check_algorithm
+    from inim.generators.base import outside_depth_range
+
+    check_algorithm(_algorithm(args))
+    started, rgbd = time.perf_counter(), read_rgbd(args.fitted)
+    eia, empty = _generate_eia(args, rgbd, display)
+    rows, columns = rgbd.shape
+    report = [
+        _display_line(display),
+        f"picture    {columns} x {rows} pixels of {rgbd.pixel_mm:.4g} mm, "
+        f"{len(rgbd.layers)} layers",
+        _write_outputs(args, rgbd, eia, empty, display),
+        f"seconds    {time.perf_counter() - started:.1f}",
+    ]
+    outside, (low, high) = outside_depth_range(rgbd, display), display.depth_range_mm
+    if not outside:
+        return report, ()
+    return report, (
+        f"{args.fitted}: {outside:.0%} of it is outside the depth range, {low:.4g} to {high:.4g} "
+        "mm",
+    )
+
+
 def _generate_from_cameras(
     args: argparse.Namespace, picture: CameraPicture, display: Display, settings: Settings
 ) -> tuple[list[str], tuple[str, ...]]:
@@ -261,9 +290,9 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
                 )
     elif args.all_views:
         raise UsageError(f"--all-views: {args.input} is not a light field; leave it out")
-    elif args.cameras_file is None:
+    elif args.cameras_file is None and args.fitted is None:
         picture.check_files()
-    if args.cameras_file is None:
+    if args.cameras_file is None and args.fitted is None:
         picture.check_choices()
     if args.fill is not None and one_of("--fill", args.fill, FILLS) != "none" and args.all_views:
         raise UsageError("--fill: with --all-views no algorithm leaves holes; leave it out")

@@ -237,7 +237,7 @@ def _film(args: argparse.Namespace) -> int:
 
 _EXPORT_OPTIONS = (
     *("pdf", "views", "hci", "quilt", "grid", "tiles", "view_size", "aspect", "view_spp"),
-    *("scene", "allow_folders", "quiet", "debug"),
+    *("native", "scene", "allow_folders", "quiet", "debug"),
 )
 
 
@@ -246,7 +246,8 @@ def _add_export_arguments(parser: argparse.ArgumentParser) -> None:
 
     parser.description = (
         "Write an EIA as a PDF to print, its sub-aperture views (one pixel per lens) as images or "
-        "as an HCI light field, or a quilt of views rendered through the lens array."
+        "as an HCI light field, or a quilt of views rendered through the lens array; or the native "
+        "picture of a Looking Glass from a quilt."
     )
     add = parser.add_argument
     algorithms = "report: algorithm, or truth for the ground-truth EIA (the best algorithm)"
@@ -274,6 +275,13 @@ def _add_export_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="write a quilt, .png; _qsCOLSxROWSaASPECT is added to its name",
+    )
+    add(
+        "--native",
+        type=Path,
+        metavar="FILE",
+        help="write the native picture of a lenticular display, .png; the source is a quilt of any "
+        "program (.png, .jpg)",
     )
     add("--tiles", metavar="COLSxROWS", help=f"tiles of the quilt ({TILES})")
     add("--view-size", metavar="WxH", help="size of a tile in pixels (8x6: 420x560)")

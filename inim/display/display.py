@@ -21,22 +21,23 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
+from inim.display.cells import CELL_PATTERNS, check_cells, parse_cells
 from inim.display.layers import parse_layers
 from inim.display.layouts import LAYOUTS, Layout
 from inim.display.panel import check_panel
 from inim.display.parameters import (
     Aperture,
     BetweenLenses,
+    CellPattern,
+    Cells,
     CurvedSide,
     Lattice,
     Layers,
     Subpixels,
 )
 from inim.display.pixels import (
-    SUBPIXELS,
     PixelAxis,
     exact_length,
-    least_gap_mm,
     pixel_axis,
     pixel_rays,
     row_blocks,
@@ -64,6 +65,7 @@ _WORDS: dict[str, Collection[str]] = {
     "aperture": get_args(Aperture),
     "between_lenses": get_args(BetweenLenses),
     "subpixels": get_args(Subpixels),
+    "cell_pattern": CELL_PATTERNS,
 }
 # Pictures hold depths as float32, which end at 3.4e38; products of two lengths are floats still.
 _LONGEST_MM = 1e38
@@ -95,6 +97,8 @@ def _check_parameter(name: str, kind: str, value: Any) -> Any:
         return None
     if kind == "Layers":
         return parse_layers(value)
+    if kind == "Cells":
+        return parse_cells(value)
     if kind.startswith("int"):
         if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
             raise DisplayError(f"{name} = {value!r}: must be a whole number of at least 1")
@@ -151,8 +155,9 @@ class Display:
         V of the lens's material; without it, all colours have the same refractive index.
     pitch_y_mm : float, optional
         Distance between adjacent lens rows: P by default, ``P sqrt(3) / 2`` on a hexagonal lattice.
-    lattice : {"square", "hexagonal"}
+    lattice : {"square", "hexagonal", "lenticular"}
         Hexagonal: every other row, the second from the top first, is half a pitch to the right.
+        Lenticular: cylinders, slanted by `rotation_deg`; see `inim.display.layouts.lenticular`.
     aperture : {"square", "round"}
     fill_factor : float
         Width of a lens's aperture in pitches, 0..1.
@@ -168,10 +173,15 @@ class Display:
         positions.
     tilt_x_deg, tilt_y_deg : float
         Tilt of the panel against the array: the gap grows to the right, and upwards.
-    subpixels : {"none", "rgb-stripe", "pentile"}
+    subpixels : {"none", "rgb-stripe", "pentile", "cells"}
         Areas of a pixel's colours: the whole pixel for all; red, green and blue thirds from left to
         right; or green right halves, and left halves alternately red and blue (red at the top left,
-        like a chessboard).
+        like a chessboard); or as `subpixel_cells` states.
+    subpixel_cells : sequence of six floats, or str
+        Centres of red, green and blue, right and up of the pixel's in pixels, of each kind of
+        pixel; as text, ``"-0.3 0.25 0.3 0.25 0 -0.25, ..."``.
+    cell_pattern : str
+        Kinds of pixels by column and row: see `inim.display.cells.CELL_PATTERNS`.
     pixel_fill : float
         Width and height of the emitting area, in pixels or sub-pixels, 0..1; the rest is black.
     black_level : float
@@ -222,6 +232,8 @@ class Display:
     tilt_x_deg: float = 0.0
     tilt_y_deg: float = 0.0
     subpixels: Subpixels = "none"
+    subpixel_cells: Cells = ()
+    cell_pattern: CellPattern = "single"
     pixel_fill: float = 1.0
     black_level: float = 0.0
     ambient_reflection: float = 0.0
@@ -256,6 +268,8 @@ class Display:
                     f"pixel_pitch_mm = {self.pixel_pitch_mm} exceeds {name} = "
                     f"{getattr(self, name)}: a lens must cover at least one pixel"
                 )
+        check_cells(self)
+        self.layout.check()
         self._check_depth_range()
 
     def _check_depth_range(self) -> None:
@@ -476,6 +490,8 @@ class Display:
     def not_separable_by(self) -> str:
         """The settings that couple rows and columns, for messages; empty where `is_separable`."""
         reasons = [] if self.layout.has_rows_and_columns else [f"lattice = {self.lattice!r}"]
+        if self.subpixels == "cells":
+            reasons.append("subpixels = 'cells'")
         for name in ("rotation_deg", "tilt_x_deg", "tilt_y_deg"):
             if getattr(self, name):
                 reasons.append(f"{name} = {getattr(self, name):g}")
@@ -493,6 +509,8 @@ class Display:
         if self.is_separable:
             under: np.ndarray = (self.rows.lens >= 0)[:, None] & (self.columns.lens >= 0)[None, :]
             return under
+        if self.layout.of_cylinders:
+            return np.ones(self.eia_shape, bool)
         under = np.concatenate([pixel_rays(self, rows).lens >= 0 for rows in row_blocks(self)])
         if not under.any():
             raise DisplayError(
@@ -534,6 +552,8 @@ class Display:
     @property
     def panel_excess_mm(self) -> tuple[float, float]:
         """Excess width and height of the elemental images over the panel; 0 if they fit."""
+        if self.layout.of_cylinders:
+            return 0.0, 0.0
         (rows, columns), (down, across) = self.eia_shape, self.layout.grid
         wide = across * self.elemental_image_pitch_mm - columns * self.pixel_pitch_mm
         high = down * self.elemental_row_pitch_mm - rows * self.pixel_pitch_mm
@@ -550,36 +570,17 @@ class Display:
     @property
     def steepest_slopes(self) -> tuple[float, float]:
         """Largest slopes of pixel rays in x and y: millimetres sideways per millimetre of depth."""
-        cell_x, cell_y = self.layout.cell_size_mm
-        # Elemental images closer together than lenses: the outer ones are off their lenses' axes.
-        closer = max(1 - self.elemental_image_pitch_mm / self.pitch_mm, 0.0)
-        cell_x, cell_y = cell_x + closer * self.width_mm, cell_y + closer * self.height_mm
-        c, s = self._rotation_factors
-        pixel_offset = max(abs(float(colour.right)) for colour in SUBPIXELS[self.subpixels])
-        across = c * cell_x + s * cell_y + 2 * pixel_offset * self.pixel_pitch_mm
-        gap = least_gap_mm(self)
-        return across / (2 * gap), (c * cell_y + s * cell_x) / (2 * gap)
+        return self.layout.steepest_slopes
 
     @property
     def half_extent_mm(self) -> tuple[float, float]:
         """Half the width and height, about the panel's centre, that contain the array."""
-        c, s = self._rotation_factors
-        half_x, half_y = self.width_mm / 2, self.height_mm / 2
-        return (
-            c * half_x + s * half_y + abs(self.shift_x_mm),
-            c * half_y + s * half_x + abs(self.shift_y_mm),
-        )
+        return self.layout.half_extent_mm
 
     @property
     def tilt_slopes(self) -> tuple[float, float]:
         """Growth of the gap per millimetre to the right and up."""
         return math.tan(math.radians(self.tilt_x_deg)), math.tan(math.radians(self.tilt_y_deg))
-
-    @property
-    def _rotation_factors(self) -> tuple[float, float]:
-        """Sizes of the cosine and the sine of the array's rotation."""
-        angle = math.radians(self.rotation_deg)
-        return abs(math.cos(angle)), abs(math.sin(angle))
 
     # -- plain data ----------------------------------------------------------------------------
 
@@ -630,12 +631,13 @@ class Display:
     def save(self, path: Path | str) -> None:
         """Write a display file (.xml) that every command and function accepts as a display.
 
-        The file has no name: reports name the display after the nearest preset.
+        The file has no name: reports name the display after the nearest preset. A slanted
+        lenticular can also be written as the calibration file of a Looking Glass (.json).
 
         Raises
         ------
         UsageError
-            The name does not end in .xml.
+            The name does not end in .xml or .json.
         FileError
             The file cannot be written.
         """
@@ -664,28 +666,3 @@ class Display:
             field.name: field.default for field in fields(self) if field.name in _LENS_ONLY
         }
         return self.replace(name="", **defaults)
-
-
-DISPLAYS = {
-    "nominal": Display(
-        pitch_mm=1.0,
-        focal_length_mm=3.0,
-        gap_mm=3.3,
-        pixel_pitch_mm=1.0 / 17.0,
-        lens_columns=64,
-        lens_rows=64,
-        name="nominal",
-    ),
-    # The paper's hardware: a 2400 x 1080 phone panel under 1 mm lenses, 15.7 pixels per lens.
-    "phone": Display(
-        pitch_mm=1.0,
-        focal_length_mm=3.0,
-        gap_mm=3.3,
-        pixel_pitch_mm=0.0636,
-        lens_columns=152,
-        lens_rows=68,
-        panel_columns=2400,
-        panel_rows=1080,
-        name="phone",
-    ),
-}

@@ -3,10 +3,13 @@
 from typing import Literal, TypedDict
 
 CurvedSide = Literal["viewer", "panel"]
-Lattice = Literal["square", "hexagonal"]
+Lattice = Literal["square", "hexagonal", "lenticular"]
 Aperture = Literal["square", "round"]
 BetweenLenses = Literal["dark", "clear"]
-Subpixels = Literal["none", "rgb-stripe", "pentile"]
+Subpixels = Literal["none", "rgb-stripe", "pentile", "cells"]
+CellPattern = Literal["single", "checkerboard", "columns", "rows", "rows-of-4", "staggered"]
+#: Red's, green's and blue's centre, right and up of the pixel's in pixels, of each kind of pixel.
+Cells = tuple[tuple[float, ...], ...]
 #: Layers between lenses and panel, from the lenses on: thickness in mm, refractive index.
 Layers = tuple[tuple[float, float], ...]
 
@@ -44,6 +47,8 @@ class DisplayParameters(TypedDict, total=False):
     tilt_x_deg: float
     tilt_y_deg: float
     subpixels: Subpixels
+    subpixel_cells: Cells
+    cell_pattern: CellPattern
     pixel_fill: float
     black_level: float
     ambient_reflection: float

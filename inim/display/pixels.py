@@ -12,10 +12,11 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from inim.display.cells import cell_centres, farthest_cell
 from inim.errors import DisplayError
 from inim.image.noisy_image import row_bands
 
@@ -28,15 +29,33 @@ class SubPixel:
     """Emitting area of one colour in a pixel."""
 
     right: Fraction  #: Its centre, to the right of the pixel's, in pixels.
-    width: Fraction  #: In pixels; its height is the pixel's.
+    width: Fraction  #: In pixels.
     #: {0, 1}, optional: only pixels whose row and column, counted from the top left, add up to an
     #: even (0) or odd (1) number have it; all have if None.
     turn: int | None = None
+    height: Fraction = Fraction(1)  #: In pixels.
+    #: Colour of `Display.subpixel_cells`, whose centre differs between pixels.
+    channel: int | None = None
 
     @property
     def share(self) -> Fraction:
         """Its part of the panel's area."""
-        return self.width if self.turn is None else self.width / 2
+        area = self.width * self.height
+        return area if self.turn is None else area / 2
+
+
+class PixelOffset(NamedTuple):
+    """Point of every pixel from which a ray starts, from its centre, in pixels.
+
+    * `channel`: colour of `Display.subpixel_cells` from whose centre it counts instead.
+    """
+
+    down: Fraction
+    right: Fraction
+    channel: int | None = None
+
+
+CENTRE = PixelOffset(Fraction(0), Fraction(0))
 
 
 _THIRD, _QUARTER, _HALF = Fraction(1, 3), Fraction(1, 4), Fraction(1, 2)
@@ -54,7 +73,19 @@ SUBPIXELS: dict[str, tuple[SubPixel, SubPixel, SubPixel]] = {
         SubPixel(_QUARTER, _HALF),
         SubPixel(-_QUARTER, _HALF, turn=1),
     ),
+    # Calibration files have no areas: a sixth of the pixel is assumed.
+    "cells": (
+        SubPixel(Fraction(0), _THIRD, height=_HALF, channel=0),
+        SubPixel(Fraction(0), _THIRD, height=_HALF, channel=1),
+        SubPixel(Fraction(0), _THIRD, height=_HALF, channel=2),
+    ),
 }
+
+
+def farthest_subpixel(display: Display) -> float:
+    """Largest distance of a colour's centre from its pixel's, across, in pixels."""
+    centres = [abs(float(colour.right)) for colour in SUBPIXELS[display.subpixels]]
+    return max(*centres, farthest_cell(display))
 
 
 def emission_profile(
@@ -72,9 +103,8 @@ def emission_profile(
     all colours is white.
     """
     pixel_offset, half = right - float(subpixel.right), float(subpixel.width) / 2 * fill
-    shines = (
-        (pixel_offset < half) & (pixel_offset >= -half) & (down < fill / 2) & (down >= -fill / 2)
-    )
+    high = float(subpixel.height) / 2 * fill
+    shines = (pixel_offset < half) & (pixel_offset >= -half) & (down < high) & (down >= -high)
     if subpixel.turn is not None:
         shines &= turn == subpixel.turn
     return select(shines, 1.0 / (float(subpixel.share) * fill * fill), 0.0)
@@ -246,9 +276,7 @@ def row_blocks(display: Display) -> Iterator[slice]:
     return row_bands(*display.eia_shape, _PIXELS_AT_ONCE)
 
 
-def pixel_rays(
-    display: Display, rows: slice, pixel_offset: tuple[float, float] = (0.0, 0.0)
-) -> PixelRays:
+def pixel_rays(display: Display, rows: slice, pixel_offset: PixelOffset = CENTRE) -> PixelRays:
     """Rays of a block of panel rows.
 
     A pixel belongs to the lens whose elemental-image cell contains its centre: cells of the layout
@@ -259,7 +287,7 @@ def pixel_rays(
     display : Display
     rows : slice
         Slice with start and stop, from `row_blocks`.
-    pixel_offset : (down, right) of float
+    pixel_offset : PixelOffset
 
     Raises
     ------
@@ -267,23 +295,42 @@ def pixel_rays(
         The tilted panel meets the array.
     """
     least_gap_mm(display)
-    panel_rows, panel_columns = display.eia_shape
-    pitch = display.pixel_pitch_mm
-    x = ((np.arange(panel_columns) - (panel_columns - 1) / 2) * pitch)[None, :]
-    y = (((panel_rows - 1) / 2 - np.arange(rows.start, rows.stop)) * pitch)[:, None]
-    angle = math.radians(display.rotation_deg)
-    c, s = math.cos(angle), math.sin(angle)
-    from_x, from_y = x - display.shift_x_mm, y - display.shift_y_mm
-    right, up = pixel_offset[1] * pitch, -pixel_offset[0] * pitch
-    lens, across, along = display.layout.find_rays(
-        c * from_x + s * from_y, c * from_y - s * from_x, (c * right + s * up, c * up - s * right)
-    )
+    x, y, centres, offset = ray_starts(display, rows, pixel_offset)
+    lens, across, along = display.layout.find_rays(*centres, offset)
+    c, s = _turn(display)
     x0 = c * across - s * along + display.shift_x_mm
     y0 = c * along + s * across + display.shift_y_mm
-    x, y = x + right, y + up
     tilt_x, tilt_y = display.tilt_slopes
     gap = display.gap_mm + tilt_x * x + tilt_y * y
     return PixelRays(lens, x0, y0, (x0 - x) / gap, (y0 - y) / gap, gap)
+
+
+def ray_starts(
+    display: Display, rows: slice, pixel_offset: PixelOffset
+) -> tuple[Any, Any, tuple[Any, Any], tuple[Any, Any]]:
+    """Points of pixels from which rays start.
+
+    Returns `x`, `y`: display frame; `centres`: of their pixels, array frame; `offset`: from these
+    to the points, array frame. They broadcast to (rows, columns).
+    """
+    panel_rows, panel_columns = display.eia_shape
+    pitch, (c, s) = display.pixel_pitch_mm, _turn(display)
+    x = ((np.arange(panel_columns) - (panel_columns - 1) / 2) * pitch)[None, :]
+    y = (((panel_rows - 1) / 2 - np.arange(rows.start, rows.stop)) * pitch)[:, None]
+    from_x, from_y = x - display.shift_x_mm, y - display.shift_y_mm
+    right: Any = float(pixel_offset.right) * pitch
+    up: Any = -float(pixel_offset.down) * pitch
+    if pixel_offset.channel is not None:
+        cell_right, cell_up = cell_centres(display, rows, pixel_offset.channel)
+        right, up = right + cell_right * pitch, up + cell_up * pitch
+    centres = c * from_x + s * from_y, c * from_y - s * from_x
+    return x + right, y + up, centres, (c * right + s * up, c * up - s * right)
+
+
+def _turn(display: Display) -> tuple[float, float]:
+    """Cosine and sine of the array's rotation."""
+    angle = math.radians(display.rotation_deg)
+    return math.cos(angle), math.sin(angle)
 
 
 def least_gap_mm(display: Display) -> float:

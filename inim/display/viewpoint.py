@@ -99,7 +99,8 @@ def check_viewpoint(viewpoint: Viewpoint, display: Display, *, allow_flips: bool
     half_pupil = viewpoint.pupil_mm / 2
     edge = f" with a pupil of {viewpoint.pupil_mm:g} mm" if half_pupil else ""
     limit_x, limit_y = display.flip_limit_mm(distance)
-    for axis, offset, limit in (("x", x, limit_x), ("y", y, limit_y)):
+    across, along = display.layout.eye_offset(x, y)
+    for axis, offset, limit in (("x", across, limit_x), ("y", along, limit_y)):
         if abs(offset) + half_pupil > limit:
             way_out = (
                 f"keep |{axis}| <= {limit - half_pupil:.4g} mm at this distance"
@@ -138,7 +139,12 @@ def focus_distance_mm(viewpoint: Viewpoint, display: Display) -> float:
 
 
 def default_distance_mm(display: Display) -> float:
-    """Default eye distance: twice the nearest distance without flips, outside the picture."""
+    """Default eye distance: that of the design, if the rays of pixels are made for one; otherwise
+    twice the nearest distance without flips, outside the picture.
+    """
+    design = display.layout.design_distance_mm
+    if design is not None and math.isfinite(design):
+        return design
     in_front = 2 * max(display.depth_range_mm[1], 0.0)
     return max(_DISTANCE_IN_NEAREST * display.nearest_viewing_distance_mm, in_front)
 
@@ -151,13 +157,22 @@ def named_viewpoint(name: str, display: Display, distance_mm: float) -> Viewpoin
             "'name=x y' or 'name=x y z' (mm)"
         )
     across, up = DEFAULT_VIEWPOINTS[name]
-    limit_x, limit_y = display.flip_limit_mm(distance_mm)
-    return Viewpoint(
-        name,
-        across * _SIDE_STEP * max(limit_x, 0.0),
-        up * _SIDE_STEP * max(limit_y, 0.0),
-        distance_mm,
+    half_x, half_y = zone_half_mm(display, distance_mm)
+    return Viewpoint(name, across * _SIDE_STEP * half_x, up * _SIDE_STEP * half_y, distance_mm)
+
+
+def zone_half_mm(display: Display, distance_mm: float) -> tuple[float, float]:
+    """Half the width and height of the viewing zone at a distance; 0 where it has none.
+
+    Where flips do not limit it, it is as high as the display.
+    """
+    limits = display.flip_limit_mm(distance_mm)
+    sizes = display.width_mm, display.height_mm
+    half_x, half_y = (
+        max(limit, 0.0) if math.isfinite(limit) else size / 2
+        for limit, size in zip(limits, sizes, strict=True)
     )
+    return half_x, half_y
 
 
 def viewpoint_items(viewpoints: object) -> tuple[str | Viewpoint, ...]:
@@ -286,7 +301,7 @@ def eye_path(
     """
     distance = default_distance_mm(display)
     if text.strip() == "circle":
-        across, along = (_SIDE_STEP * max(v, 0.0) for v in display.flip_limit_mm(distance))
+        across, along = (_SIDE_STEP * half for half in zone_half_mm(display, distance))
         turns = np.arange(count) / count * 2 * math.pi
         places = np.stack(
             [across * np.sin(turns), along * np.cos(turns), np.full(count, distance)], axis=1
@@ -315,7 +330,7 @@ def zone_eyes(
     check_viewpoint(Viewpoint("middle", 0.0, 0.0, distance), display)
     across, up = (
         ((2 * np.arange(steps) + 1) / steps - 1) * limit
-        for steps, limit in zip((count, rows), display.flip_limit_mm(distance), strict=True)
+        for steps, limit in zip((count, rows), zone_half_mm(display, distance), strict=True)
     )
     eyes = [
         Viewpoint(f"view-{k}", float(x), float(y), distance)

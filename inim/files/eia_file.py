@@ -125,23 +125,27 @@ def write_eia(
 
     Raises `FileError`: the file cannot be written.
     """
-    from PIL import Image
-
     if empty is not None:
         empty = empty & ~eia.any(axis=-1)
-    per_inch = _MM_PER_INCH / pixel_mm
     if path.suffix.lower() == ".exr":
         channels: dict[str, np.ndarray] = {"RGB": eia}
         if empty is not None:
             channels["A"] = np.where(empty, np.float32(0), np.float32(1))
-        header = {"inim:pixel_mm": repr(float(pixel_mm)), "xDensity": per_inch}
+        header = {"inim:pixel_mm": repr(float(pixel_mm)), "xDensity": _MM_PER_INCH / pixel_mm}
         write_exr_parts(path, [(channels, "color")], header)
         return
     codes = to_srgb(eia)
     if empty is not None:
         alpha = np.where(empty, 0, 255).astype(np.uint8)
         codes = np.concatenate([codes, alpha[..., None]], axis=-1)
-    picture = Image.fromarray(codes)
+    write_codes(path, codes, pixel_mm)
+
+
+def write_codes(path: Path, codes: NDArray[np.uint8], pixel_mm: float) -> None:
+    """Write sRGB codes of panel pixels, (rows, columns, 3 or 4) uint8, as PNG with their size."""
+    from PIL import Image
+
+    picture, per_inch = Image.fromarray(codes), _MM_PER_INCH / pixel_mm
     options = {"compress_level": 1, "dpi": (per_inch, per_inch)}
     write_atomically(path, lambda p: picture.save(p, "PNG", **options))
 

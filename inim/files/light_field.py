@@ -245,6 +245,15 @@ def quilt_path(path: Path, columns: int, rows: int, aspect: float) -> Path:
     return path.with_name(f"{stem}_qs{columns}x{rows}a{aspect:.6g}{path.suffix}")
 
 
+def quilt_layout(path: Path) -> tuple[int, int, float] | None:
+    """Columns, rows and aspect ratio of views in the name of a quilt; None if it has none."""
+    match = _QUILT_NAME.search(path.stem)
+    if match is None:
+        return None
+    columns, rows, aspect = int(match[1]), int(match[2]), float(match[3])
+    return (columns, rows, aspect) if columns and rows and aspect else None
+
+
 def write_quilt(path: Path, views: NDArray[np.uint8], columns: int, rows: int) -> None:
     """Write views as a quilt: a grid of tiles in one picture.
 

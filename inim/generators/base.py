@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from fractions import Fraction
 from functools import cache
 from types import FunctionType
 from typing import Any, NamedTuple, Protocol, overload, runtime_checkable
@@ -22,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.display import Display
+from inim.display.pixels import CENTRE, PixelOffset
 from inim.errors import UsageError
 from inim.image.noisy_image import row_bands
 from inim.image.rgbd import RGBD
@@ -78,9 +78,6 @@ def hole_fraction(sources: Sources) -> float:
 Search = Callable[[slice, Sources], None]
 #: Rows, columns of a picture.
 PictureShape = tuple[int, int]
-#: Down and right from a pixel's centre, in pixels.
-PixelOffset = tuple[Fraction, Fraction]
-CENTRE: PixelOffset = (Fraction(0), Fraction(0))
 
 
 @runtime_checkable

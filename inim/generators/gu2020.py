@@ -18,12 +18,11 @@ import math
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import exact_length, row_blocks
+from inim.display.pixels import PixelOffset, exact_length, row_blocks
 from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
     PictureShape,
-    PixelOffset,
     SourceGenerator,
     Sources,
     run_kernel,

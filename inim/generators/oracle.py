@@ -23,8 +23,8 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.layouts import LensAxis
-from inim.display.pixels import exact_length
-from inim.generators.base import CENTRE, HOLE, PixelOffset, Sources
+from inim.display.pixels import CENTRE, PixelOffset, exact_length
+from inim.generators.base import HOLE, Sources
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 
 # Panel pixels that are followed in fractions, a millisecond or two each; a share of one in a

@@ -177,6 +177,8 @@ def lens_centre(
 
 def in_aperture(array: LensArray, traits: LensTraits, dx: Any, dy: Any) -> Any:
     """True if a point, given relative to the lens's centre, is in the lens's aperture."""
+    if traits.layout.of_cylinders:
+        return (dx <= array.half_aperture) & (dx >= -array.half_aperture)
     if traits.round_aperture:
         return dx * dx + dy * dy <= array.half_aperture * array.half_aperture
     half_y = array.half_aperture * (array.pitch_y / array.pitch_x)

@@ -131,11 +131,12 @@ _ON_FACE = 3e-6
 
 
 class Face(NamedTuple):
-    """Face of revolution; absent terms are None and are not computed."""
+    """Face of revolution, or cylinder; absent terms are None and are not computed."""
 
     curvature: Any  #: c = 1 / R, mm^-1; 0 for a plane.
     conic: Any = None  #: k: 0 or None for a sphere, -1 for a paraboloid.
     asphere: tuple[Any, Any] | None = None  #: (a4, a6), optional: mm^-3 and mm^-5.
+    cylinder: bool = False  #: r is abs(x): no curvature along y.
 
 
 def _under_root(face: Face, r_squared: Any) -> Any:
@@ -174,9 +175,13 @@ def intersect(ops: Ops, face: Face, x: Any, y: Any, d: Any) -> tuple[Any, Any]:
     a conic's two intersections it is the one next to the vertex.
     """
     c = face.curvature
+    bent = c * c if face.conic is None else c * c * (1.0 + face.conic * (d[2] * d[2]))
+    if face.cylinder:  # only the ray's projection on x and z counts, which is no unit vector
+        y = 0.0 * y
+        bent = bent - c * c * (d[1] * d[1])
+        d = (d[0], 0.0 * d[1], d[2])
     r_squared = x * x + y * y
     ahead = d[2] - c * (x * d[0] + y * d[1])
-    bent = c * c if face.conic is None else c * c * (1.0 + face.conic * (d[2] * d[2]))
     under = ahead * ahead - bent * r_squared
     is_hit = (under > 0) & (ahead > 0)
     path = c * r_squared / ops.where(is_hit, ahead + ops.sqrt(ops.where(is_hit, under, 0.0)), 1.0)
@@ -203,6 +208,8 @@ def _meet_asphere(ops: Ops, face: Face, x: Any, y: Any, d: Any, path: Any) -> tu
 
 def surface_normal(ops: Ops, face: Face, x: Any, y: Any, z: Any) -> tuple[Any, Any, Any]:
     """Unit normal at a point of the face, against the light."""
+    if face.cylinder:
+        y = 0.0 * y
     if face.asphere is None:
         c = face.curvature
         if face.conic is None:

@@ -204,6 +204,7 @@ def curved_face(array: LensArray, traits: LensTraits) -> Face:
         side / array.radius,
         array.conic if traits.conic else None,
         (side * array.a4, side * array.a6) if traits.asphere else None,
+        traits.layout.of_cylinders,
     )
 
 
@@ -213,7 +214,8 @@ def _reach_squared(array: LensArray, traits: LensTraits, ops: Ops) -> Any:
     if traits.full_aperture:
         return cell
     half, aspect = array.half_aperture, array.pitch_y / array.pitch_x
-    edge = half * half * (1.0 if traits.round_aperture else 1.0 + aspect * aspect)
+    has_corners = not (traits.round_aperture or traits.layout.of_cylinders)
+    edge = half * half * (1.0 + aspect * aspect if has_corners else 1.0)
     return ops.where(edge < cell, edge, cell)
 
 

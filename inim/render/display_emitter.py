@@ -22,6 +22,7 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
+from inim.display.cells import CELL_PATTERNS
 from inim.display.panel import emits_as_driven, emitted_light, white_of
 from inim.display.pixels import SUBPIXELS, emission_profile
 from inim.errors import SceneError
@@ -77,6 +78,11 @@ class LensedPanel:
         if not emits_as_driven(display):
             self.emission = value(display.black_level), [*map(value, white_of(display))]
         self.subpixels = SUBPIXELS[display.subpixels] if patterned else None
+        self.cells = None
+        if display.subpixels == "cells":
+            numbers = np.array(display.subpixel_cells, np.float32)
+            self.cells = mi.Float(numbers.ravel()), len(numbers)
+            self.cell_pattern = CELL_PATTERNS[display.cell_pattern]
         self.trace = model.function
         self.indices = [value(index) for index in (indices if colored else indices[:1])]
         self.array = lens_array(display).convert(value)
@@ -136,10 +142,19 @@ class LensedPanel:
         place = mi.UInt32(dr.select(lit, row * self.columns + column, 0.0))
         if self.subpixels is not None:
             turn = mi.UInt32(dr.select(lit, row + column, 0.0)) & 1
+            right, down = across - column - 0.5, along - row - 0.5
+            if self.cells is not None:
+                numbers, kinds = self.cells
+                from_bottom = dr.select(lit, self.rows - 1.0 - row, 0.0)
+                kind = self.cell_pattern(
+                    mi.UInt32(dr.select(lit, column, 0.0)), mi.UInt32(from_bottom)
+                )
+                first = kind % kinds * 6 + 2 * channel
+                right -= dr.gather(mi.Float, numbers, first, lit)
+                down += dr.gather(mi.Float, numbers, first + 1, lit)
             weight = weight * emission_profile(
-                self.subpixels[channel], self.fill, dr.select,
-                across - column - 0.5, along - row - 0.5, turn,
-            )  # fmt: skip
+                self.subpixels[channel], self.fill, dr.select, right, down, turn
+            )
         return place, weight, lit
 
 

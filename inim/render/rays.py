@@ -14,11 +14,19 @@ array is not separable: each pixel has an individual lens, position and gap.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import SUBPIXELS, PixelAxis, SubPixel, pixel_rays, row_blocks
+from inim.display.pixels import (
+    SUBPIXELS,
+    PixelAxis,
+    PixelOffset,
+    SubPixel,
+    pixel_rays,
+    row_blocks,
+)
 from inim.display.viewpoint import Viewpoint, focus_distance_mm
 
 #: All of a pixel shines.
@@ -100,6 +108,7 @@ class NonSeparableRays:
     * `gap_mm`: gap at the centre of the bundle.
     * `step_x_mm`, `step_y_mm`: size of the bundle's base on the panel, in film order.
     * `tilt_x`, `tilt_y`: growth of the gap per millimetre.
+    * `along_x`, `along_y`: see `inim.display.layouts.Layout.crossing_steps`.
     """
 
     start_mm: float
@@ -112,6 +121,8 @@ class NonSeparableRays:
     step_y_mm: float
     tilt_x: float
     tilt_y: float
+    along_x: float = 0.0
+    along_y: float = 0.0
 
     has_pupil = False
 
@@ -124,17 +135,20 @@ class NonSeparableRays:
         """Reach of ray bundles; see `SeparableRays.reach`."""
         tilt = (abs(self.tilt_x * self.step_x_mm) + abs(self.tilt_y * self.step_y_mm)) / 2
         reach = []
-        for centre, offset, step in (
-            (self.x0_mm, self.offset_x_mm, self.step_x_mm),
-            (self.y0_mm, self.offset_y_mm, self.step_y_mm),
+        for centre, offset, step, along in (
+            (self.x0_mm, self.offset_x_mm, self.step_x_mm, self.along_x),
+            (self.y0_mm, self.offset_y_mm, self.step_y_mm, self.along_y),
         ):
+            # Where the crossing moves with the start, by at most this.
+            moves = abs(along * self.step_y_mm) / 2
             slopes = [
-                (side * step / 2 - offset) / (self.gap_mm + far * tilt)
+                (side * (abs(step) / 2 + moves) - offset) / (self.gap_mm + far * tilt)
                 for side in (-1, 1)
                 for far in (-1, 1)
             ]
             places = [
-                centre + slope * (depth - self.start_mm)
+                centre + side * moves + slope * (depth - self.start_mm)
+                for side in (-1, 1)
                 for slope in (np.minimum.reduce(slopes), np.maximum.reduce(slopes))
                 for depth in depths
             ]
@@ -172,9 +186,10 @@ def pickup_rays(
     * `subpixel`: emitting area of the colour, independent of its `turn`.
     """
     right = float(subpixel.right)
-    width, height = float(subpixel.width) * display.pixel_fill, display.pixel_fill
+    width, height = (float(side) * display.pixel_fill for side in (subpixel.width, subpixel.height))
     if not display.is_separable:
-        return _non_separable_pickup_rays(display, start_mm, right, width, height)
+        offset = PixelOffset(Fraction(0), subpixel.right, subpixel.channel)
+        return _non_separable_pickup_rays(display, start_mm, offset, width, height)
 
     def axis(pixels: PixelAxis, sign: int, offset: float, share: float) -> FilmAxis:
         # A step across the pixel moves the panel end of the ray; the lens centre stays.
@@ -190,14 +205,14 @@ def pickup_rays(
 
 
 def _non_separable_pickup_rays(
-    display: Display, start_mm: float, right: float, width: float, height: float
+    display: Display, start_mm: float, centre: PixelOffset, width: float, height: float
 ) -> NonSeparableRays:
-    """Bundles from the emitting areas of pixels: centres `right` of the pixels', and sizes.
+    """Bundles from the emitting areas of pixels: their centres and sizes.
 
     Areas are in pixels.
     """
     pixel = display.pixel_pitch_mm
-    blocks = [pixel_rays(display, rows, (0.0, right)) for rows in row_blocks(display)]
+    blocks = [pixel_rays(display, rows, centre) for rows in row_blocks(display)]
     x0, y0, offset_x, offset_y, gap = (
         np.concatenate(table).astype(np.float32)
         for table in zip(
@@ -206,7 +221,10 @@ def _non_separable_pickup_rays(
         )
     )
     steps = width * pixel, -height * pixel
-    return NonSeparableRays(start_mm, x0, y0, offset_x, offset_y, gap, *steps, *display.tilt_slopes)
+    return NonSeparableRays(
+        start_mm, x0, y0, offset_x, offset_y, gap, *steps, *display.tilt_slopes,
+        *display.layout.crossing_steps,
+    )  # fmt: skip
 
 
 def eye_rays(

@@ -67,6 +67,9 @@ class FilmCamera:
             self._gaps = _table(rays.gap_mm)
             self._steps = [_value(rays.step_x_mm), _value(rays.step_y_mm)]
             self._tilts = [_value(rays.tilt_x), _value(rays.tilt_y)]
+            self._along = None
+            if rays.along_x or rays.along_y:
+                self._along = [_value(rays.along_x), _value(rays.along_y)]
         else:
             axes = (rays.x, rays.y)
             self._places = [_table(axis.place_mm) for axis in axes]
@@ -123,8 +126,12 @@ class FilmCamera:
         start, run = [], []
         for axis in (0, 1):
             offset = dr.gather(mi.Float, self._offsets[axis], index, active)
-            slope = (moved[axis] - offset) / gap  # away from the viewer, to the panel
             centre = dr.gather(mi.Float, self._centres[axis], index, active)
+            start_offset = moved[axis] - offset
+            if self._along is not None:
+                crossing = self._along[axis] * moved[1]
+                centre, start_offset = centre + crossing, start_offset - crossing
+            slope = start_offset / gap  # away from the viewer, to the panel
             start.append(dr.fma(-slope, self._start, centre))
             run.append(slope)
         return start, run

@@ -16,11 +16,12 @@ from pathlib import Path
 from xml.parsers import expat
 
 from inim.display import Display
-from inim.errors import FileError, SceneError, UsageError
+from inim.display.looking_glass import parse_calibration
+from inim.errors import DisplayError, FileError, SceneError, UsageError
 from inim.files import open_file, read_file
 from inim.files.splat_ply import SPLAT_SHAPES
 from inim.scene.parameters import Content, SceneFolder, SceneParameters, content_of
-from inim.settings import DISPLAY_KEYS, PREFIX, Settings, value_text
+from inim.settings import DISPLAY_KEYS, PREFIX, Settings, display_texts, value_text
 
 # Generous for scenes written by people or exporters, small against what harms: Mitsuba overflows
 # its stack near 20,000 levels, and include fan-out grows as a power.
@@ -30,6 +31,7 @@ _MOST_INCLUDES = 64
 # Each shape, material and light costs Mitsuba up to a millisecond and a kernel some branches.
 _MOST_PLUGINS = 10_000
 _LARGEST_BYTES = 64 * 2**20
+_LARGEST_CALIBRATION = 2**20
 _MESH_TYPES = frozenset({"ply", "obj", "serialized"}) | SPLAT_SHAPES
 _VOLUME_TYPES = frozenset({"gridvolume", "sdfgrid"})
 # Of images; whatever the name ends with, the renderer goes by the content.
@@ -162,7 +164,8 @@ def choose_display(
 ) -> tuple[Display, Settings]:
     """Design display and settings of a run.
 
-    * `display`: a display; the name of a preset; or the path of an XML file with `inim.*` settings.
+    * `display`: a display; the name of a preset; or the path of an XML file with `inim.*` settings,
+      or of the calibration file of a Looking Glass, `visual.json`.
       A preset replaces the scene's preset. A display or a file replaces all display settings of a
       scene; a file also replaces misalignment and luminance. None: the scene's display, or the
       default one.
@@ -184,18 +187,15 @@ def choose_display(
             f"display: {display!r} is a {type(display).__name__}; give a Display, the name of a "
             "preset, or the path of a file with inim.* settings"
         )
-    if isinstance(display, PathLike) or (display or "").lower().endswith(".xml"):
+    if isinstance(display, PathLike) or (display or "").lower().endswith((".xml", ".json")):
         path = Path(str(display))
         if scene is None:
-            source, texts = str(path), read_scene_settings(path, definitions)
+            source, texts = str(path), _display_file(path, definitions, definitions)
         else:
             texts = _with_file(path, definitions, texts)
     else:
-        other = [key for key in definitions if not key.startswith(PREFIX)]
-        if scene is None and other:
-            raise SceneError(
-                f"-D {other[0]}: a display has inim.* settings only; see `inim info settings`"
-            )
+        if scene is None:
+            _check_only_settings(definitions)
         if display is not None:
             if f"{PREFIX}display" in definitions:
                 raise UsageError(
@@ -227,11 +227,39 @@ def _with_parameters_of(
     return settings.make_display(source), settings
 
 
+def _display_file(
+    path: Path, definitions: Mapping[str, str], texts: Mapping[str, str]
+) -> dict[str, str]:
+    """Settings of a display file, with those of the definitions.
+
+    * `texts`: settings; a calibration file is read for their viewing distance.
+    """
+    if path.suffix.lower() != ".json":
+        return read_scene_settings(path, definitions)
+    _check_only_settings(definitions)
+    key = f"{PREFIX}viewing_distance_mm"
+    distance = Settings.parse({k: v for k, v in texts.items() if k == key}, str(path))
+    calibration = parse_calibration(read_file(path, _LARGEST_CALIBRATION), str(path))
+    try:
+        display = calibration.display(distance.viewing_distance_mm)
+    except DisplayError as error:
+        raise DisplayError(f"{path}: {error}") from None
+    return display_texts(display) | dict(definitions)
+
+
+def _check_only_settings(definitions: Mapping[str, str]) -> None:
+    other = [key for key in definitions if not key.startswith(PREFIX)]
+    if other:
+        raise SceneError(
+            f"-D {other[0]}: a display has inim.* settings only; see `inim info settings`"
+        )
+
+
 def _with_file(
     path: Path, definitions: Mapping[str, str], texts: Mapping[str, str]
 ) -> dict[str, str]:
     """A scene's settings on the display of a file; the definitions override both."""
-    stated = read_scene_settings(path)
+    stated = _display_file(path, {}, texts)
     Settings.parse(stated, str(path)).make_display(str(path))  # report mistakes as the file's
     own = {k: v for k, v in texts.items() if k not in _OF_DISPLAY}
     overrides = {k: v for k, v in definitions.items() if k in _OF_DISPLAY}

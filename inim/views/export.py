@@ -69,6 +69,7 @@ def export(
     view_size: Pair | None = None,
     aspect: float | None = None,
     view_spp: int | None = None,
+    native: Path | str | None = None,
     scene: Path | str | None = None,
     allow_folders: Sequence[Path | str] = (),
     quiet: bool = True,
@@ -77,19 +78,22 @@ def export(
 ) -> list[Path]:
     """Write an EIA as a PDF to print, as sub-aperture views, as a light field, or as a quilt.
 
-    At least one of `pdf`, `views`, `hci` and `quilt` is required. Pairs, across and down, are
+    At least one of `pdf`, `views`, `hci` and `quilt` is required; or `native`, for which the source
+    is a quilt. Pairs, across and down, are
     ``(8, 6)`` or ``"8x6"``.
 
     Parameters
     ----------
     source : path
-        Folder of a report, or an EIA (.png, .exr).
+        Folder of a report, or an EIA (.png, .exr); a quilt (.png, .jpg) for `native`.
     pdf : path, optional
         PDF that prints at true size.
     views, hci : path, optional
         Folders for sub-aperture views (``view_ROW_COLUMN.png``) and for an HCI light field.
     quilt : path, optional
         PNG of views rendered through the lens array; ``_qsCOLSxROWSaASPECT`` is added to its name.
+    native : path, optional
+        Native picture of a slanted lenticular display, .png, woven from a quilt of any program.
     algorithm : str, optional
         Algorithm of the report, or ``"truth"``; default: the best.
     display, definitions : optional
@@ -121,10 +125,24 @@ def export(
     InimError
         Contradictory or impossible choices, unreadable files, or no usable backend.
     """
+    if native is not None:
+        others: dict[str, object] = {
+            "--pdf": pdf,
+            "--views": views,
+            "--hci": hci,
+            "--quilt": quilt,
+            "--grid": grid,
+        }
+        others |= {"--algorithms": algorithm, "--view-size": view_size, "--scene": scene}
+        for option, other in others.items():
+            if other is not None:
+                raise UsageError(f"{option}: --native is for a quilt; leave one of them out")
+        return [_write_native(Path(source), Path(native), display, definitions, tiles, aspect)]
     outputs = [None if path is None else Path(path) for path in (pdf, views, hci)]
     if not (any(outputs) or quilt):
         raise UsageError(
-            "nothing to write: give --pdf FILE, --views DIR, --hci DIR or --quilt FILE"
+            "nothing to write: give --pdf FILE, --views DIR, --hci DIR, --quilt FILE or --native "
+            "FILE"
         )
     for option, path in zip(("--views", "--hci"), outputs[1:], strict=True):
         if path is not None and path.exists() and not path.is_dir():
@@ -158,6 +176,26 @@ def export(
     if say is not None:
         say(f"exported {chosen.description}")
     return files
+
+
+def _write_native(
+    source: Path,
+    out: Path,
+    display: Display | str | Path | None,
+    definitions: Mapping[str, Any] | None,
+    tiles: Pair | None,
+    aspect: float | None,
+) -> Path:
+    """Write the native picture of a quilt."""
+    from inim.scene.file import choose_display, parse_definitions
+    from inim.views.native import weave_file
+
+    design, _ = choose_display(display, parse_definitions(definitions or {}), "inim export")
+    pair = None if tiles is None else _pair("--tiles", tiles, 1000)
+    if aspect is not None and not 0.01 <= aspect <= 100:
+        raise UsageError(f"--aspect {aspect:g}: must be width over height, such as 0.75")
+    weave_file(source, out, design, pair, aspect)
+    return out
 
 
 def _pair(option: str, pair: Pair, most: int) -> tuple[int, int]:

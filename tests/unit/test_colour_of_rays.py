@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from inim.display.pixels import SUBPIXELS as PATTERNS
-from inim.display.pixels import exact_length
+from inim.display.pixels import PixelOffset, exact_length
 from inim.generators import HOLE, SourceGenerator, generate, prepare
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from reports.stress.study.rays import chosen_pixels, rays_over
@@ -92,7 +92,7 @@ def expected_colours(
         light = Picture(values[..., channels], depth, rgbd.pixel_mm)
         light = averaged_picture(light, colour, (per_mm, per_mm * float(place.width)))
         for down, right in _STARTS[samples]:
-            offset = down * fill, place.right + right * place.width * fill
+            offset = PixelOffset(down * fill, place.right + right * place.width * fill)
             starts += [(channel, *offset) for channel in channels]
             axes = rays_over(display, rgbd, pixels, offset)
             rays = np.stack([axes.v0, axes.dv, axes.u0, axes.du], axis=1)

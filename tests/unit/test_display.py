@@ -313,6 +313,7 @@ RAYS: dict[str, Any] = {
     "depth_min_mm": 20.0, "depth_max_mm": 40.0, "elemental_pitch_mm": 1.01, "pitch_y_mm": 1.2,
     "lattice": "hexagonal", "shift_x_mm": 0.1, "shift_y_mm": 0.2, "rotation_deg": 1.0,
     "tilt_x_deg": 0.5, "tilt_y_deg": 0.4, "subpixels": "rgb-stripe", "pixel_fill": 0.9,
+    "subpixel_cells": ((-0.3, 0.2, 0.3, 0.2, 0.0, -0.2),), "cell_pattern": "rows",
 }  # fmt: skip
 
 
@@ -325,6 +326,8 @@ def test_displays_that_differ_in_their_lenses_are_one_through_pinholes():
 @pytest.mark.parametrize("name", RAYS)
 def test_through_pinholes_keeps_the_rays_through_lens_centres(name):
     parameters = {"depth_min_mm": 10.0, "depth_max_mm": 50.0} | {name: RAYS[name]}
+    if name == "subpixel_cells":
+        parameters["subpixels"] = "cells"
     pinholes = display(**LENSES, **parameters).through_pinholes()
     assert pinholes.parameters() == NOMINAL.parameters() | parameters | {"name": ""}
 

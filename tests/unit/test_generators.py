@@ -16,7 +16,7 @@ import pytest
 
 from inim.backend.kernels import limited_threads
 from inim.display.pixels import SUBPIXELS as PATTERNS
-from inim.display.pixels import exact_length
+from inim.display.pixels import PixelOffset, exact_length
 from inim.generators import (
     HOLE,
     MASKED,
@@ -185,7 +185,7 @@ def test_a_pixel_shows_the_mean_of_the_rays_from_its_lit_area(algorithm, display
         for channel, place in enumerate(PATTERNS[device.subpixels]):
             mean, sure = np.zeros(len(pixels)), np.ones(len(pixels), bool)
             for down, right in _QUARTERS[samples]:
-                pixel_offset = (down * fill, place.right + right * place.width * fill)
+                pixel_offset = PixelOffset(down * fill, place.right + right * place.width * fill)
                 rays = rays_over(device, rgbd, pixels, pixel_offset)
                 expected = answer(algorithm, rays, rgbd, device, np.float64)
                 sources, _ = with_rational_ties(

@@ -6,6 +6,7 @@ moved to the array's centre and rotated with it; rows count from the top, length
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from inim.display.pixels import exact_length
+from inim.display.pixels import exact_length, farthest_subpixel, least_gap_mm
 from inim.errors import DisplayError
 
 if TYPE_CHECKING:
@@ -30,6 +31,9 @@ class Ops(NamedTuple):
     absolute: Any
 
 
+# Rows of lenses that are farther apart are cylinders in disguise, whose rays along their axes would
+# pass through the middle of the array.
+_FARTHEST_ROWS = 10.0
 NUMPY_OPS = Ops(np.sqrt, np.floor, np.where, np.abs)
 
 
@@ -73,10 +77,22 @@ class Layout(ABC):
     #: A pixel's lens and ray depend on its row and its column separately, under an array that is
     #: neither turned nor tilted.
     has_rows_and_columns: ClassVar[bool] = False
+    #: Lenses are cylinders, whose axes run up the array. They do not end with it: every panel pixel
+    #: has one.
+    of_cylinders: ClassVar[bool] = False
     #: Centres of the neighbours of a lens, in pitches to the right and row pitches up.
     neighbours: ClassVar[tuple[tuple[float, float], ...]]
     #: GLSL of the live display: ``vec3 lens_centre(vec2 point)``, as `lens_centre`.
     shader: ClassVar[str]
+
+    def check(self) -> None:
+        """Raise `DisplayError` for parameters of the display that the layout cannot have."""
+        display = self.display
+        if display.row_pitch_mm > _FARTHEST_ROWS * display.pitch_mm:
+            raise DisplayError(
+                f"pitch_y_mm = {display.row_pitch_mm:g}: rows of lenses over {_FARTHEST_ROWS:g} "
+                f"pitches apart are cylinders; use lattice = 'lenticular'"
+            )
 
     # -- sizes ---------------------------------------------------------------------------------
 
@@ -106,17 +122,39 @@ class Layout(ABC):
         """Width and height of the array per column and row of `grid`: a view is `grid` of them."""
         return self.display.pitch_mm, self.display.row_pitch_mm
 
+    @property
+    def half_extent_mm(self) -> tuple[float, float]:
+        """See `Display.half_extent_mm`."""
+        display, (c, s) = self.display, self._rotation_factors
+        half_x, half_y = display.width_mm / 2, display.height_mm / 2
+        return (
+            c * half_x + s * half_y + abs(display.shift_x_mm),
+            c * half_y + s * half_x + abs(display.shift_y_mm),
+        )
+
+    @property
+    def _rotation_factors(self) -> tuple[float, float]:
+        """Sizes of the cosine and the sine of the array's rotation."""
+        angle = math.radians(self.display.rotation_deg)
+        return abs(math.cos(angle)), abs(math.sin(angle))
+
     # -- rays ----------------------------------------------------------------------------------
+
+    @property
+    def design_distance_mm(self) -> float | None:
+        """Viewing distance that the rays of pixels are made for; None: they suit all."""
+        return None
 
     @abstractmethod
     def find_rays(
-        self, x: np.ndarray, y: np.ndarray, offset: tuple[float, float]
+        self, x: np.ndarray, y: np.ndarray, offset: tuple[Any, Any]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Lenses of panel pixels, and points of the array's plane that their chief rays cross.
 
         * `x`, `y`: centres of the pixels. The cells of the elemental images have their own pitch.
-        * `offset`: from these to the points of the pixels from which the rays start. Under lenses
-          it changes nothing: a pixel's whole area shines through one lens.
+        * `offset`: from these to the points of the pixels from which the rays start, one for all
+          or an array for each coordinate. Under lenses it changes nothing: a pixel's whole area
+          shines through one lens.
 
         Returns `lens`, int64: ``row * columns + column``, -1 outside the array, where the layout is
         continued, so that every pixel has a ray; `x0`, `y0`, float64.
@@ -177,6 +215,25 @@ class Layout(ABC):
         """Height of a cell of lenses of such pitches."""
         return row_pitch
 
+    @property
+    def crossing_steps(self) -> tuple[float, float]:
+        """Movement across and up of a ray's crossing of the array, display frame, as its start
+        moves up in the pixel, mm per mm; 0 where rays cross in lens centres.
+        """
+        return 0.0, 0.0
+
+    @property
+    def steepest_slopes(self) -> tuple[float, float]:
+        """See `Display.steepest_slopes`."""
+        display, (cell_x, cell_y) = self.display, self.cell_size_mm
+        # Elemental images closer together than lenses: the outer ones are off their lenses' axes.
+        closer = max(1 - display.elemental_image_pitch_mm / display.pitch_mm, 0.0)
+        cell_x, cell_y = cell_x + closer * display.width_mm, cell_y + closer * display.height_mm
+        c, s = self._rotation_factors
+        across = c * cell_x + s * cell_y + 2 * farthest_subpixel(display) * display.pixel_pitch_mm
+        gap = least_gap_mm(display)
+        return across / (2 * gap), (c * cell_y + s * cell_x) / (2 * gap)
+
     # -- viewing zone --------------------------------------------------------------------------
 
     @property
@@ -192,6 +249,10 @@ class Layout(ABC):
             walk = abs(1 + gap / distance_mm - q / p)
             limits.append((q / 2 - outermost * walk) * distance_mm / gap)
         return limits[0], limits[1]
+
+    def eye_offset(self, x: float, y: float) -> tuple[float, float]:
+        """Offsets of an eye to compare with `flip_limit_mm`."""
+        return x, y
 
     def nearest_viewing_distance_mm(self) -> float:
         """Distance at which an eye on the axis just sees no flipped view; inf if there is none."""

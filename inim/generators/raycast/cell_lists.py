@@ -23,7 +23,8 @@ import numpy as np
 
 from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
-from inim.generators.base import CENTRE, PictureShape, PixelOffset
+from inim.display.pixels import CENTRE, PixelOffset
+from inim.generators.base import PictureShape
 from inim.generators.raycast.cells import AxisRuns, CellRays, axis_runs, cell_rays, rounded_up
 from inim.generators.raycast.phases import PhaseLayout, cells_per_pitch
 from inim.generators.raycast.simd import LANES

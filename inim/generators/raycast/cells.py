@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import PixelAxis, exact_length, pixel_rays
+from inim.display.pixels import CENTRE, PixelAxis, PixelOffset, exact_length, pixel_rays
 from inim.errors import UsageError
-from inim.generators.base import CENTRE, PixelOffset
 
 # Whole numbers up to here are floats, and the quotient of two is rounded once.
 _EXACT = 2**53
@@ -61,7 +60,7 @@ def cell_rays(
       from the centre.
     """
     rows, columns = shape
-    down, right = pixel_offset
+    down, right, _ = pixel_offset
     return (
         _axis(display.columns, pixel_mm, columns, display, +1, right),
         _axis(display.rows, pixel_mm, rows, display, -1, down),
@@ -120,8 +119,7 @@ class PictureRays:
             scales = across.scale, down.scale
         else:
             (height, width), pixel_mm = self._size
-            down_px, right_px = map(float, self._offset)
-            rays = pixel_rays(self.display, rows, (down_px, right_px))
+            rays = pixel_rays(self.display, rows, self._offset)
             lines = (
                 rays.x0 / pixel_mm + width / 2,
                 rays.slope_x / pixel_mm,

@@ -17,6 +17,7 @@ whole pixels and omit colours that they cannot show. In RGBA, alpha is the mean 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from functools import cache
 from typing import NamedTuple
@@ -25,12 +26,10 @@ import numpy as np
 
 from inim.backend.kernels import share_rows
 from inim.display import Display
-from inim.display.pixels import SUBPIXELS, SubPixel, exact_length, row_blocks
+from inim.display.pixels import CENTRE, SUBPIXELS, PixelOffset, SubPixel, exact_length, row_blocks
 from inim.generators.base import (
-    CENTRE,
     JoinedRays,
     PictureShape,
-    PixelOffset,
     Ray,
     SourceGenerator,
     Sources,
@@ -199,14 +198,18 @@ def _footprint(
     display: Display, pixel_mm: float, channels: tuple[int, ...], samples: int
 ) -> tuple[float, float]:
     """Height and width of a ray's footprint, in picture pixels per millimetre of depth."""
-    width = 1.0 if len(channels) == 3 else float(SUBPIXELS[display.subpixels][channels[0]].width)
+    width = height = 1.0
+    if len(channels) < 3:
+        subpixel = SUBPIXELS[display.subpixels][channels[0]]
+        width, height = float(subpixel.width), float(subpixel.height)
     side = display.pixel_pitch_mm * display.pixel_fill / samples**0.5 / display.gap_mm / pixel_mm
-    return side, width * side
+    return height * side, width * side
 
 
 _A = Fraction(1, 4)
-_PLACES: dict[int, tuple[PixelOffset, ...]] = {
-    1: (CENTRE,),
+# Down and right from the centre of an area, in its height and width.
+_PLACES: dict[int, tuple[tuple[Fraction, Fraction], ...]] = {
+    1: ((Fraction(0), Fraction(0)),),
     2: ((-_A, -_A), (_A, _A)),
     4: ((-_A, -_A), (-_A, _A), (_A, -_A), (_A, _A)),
 }
@@ -224,11 +227,18 @@ def averaged(
     """
     channels: dict[SubPixel, list[int]] = {}
     for channel, subpixel in enumerate(SUBPIXELS[display.subpixels]):
-        place = SubPixel(subpixel.right, subpixel.width)  # wherever it shines
+        place = replace(subpixel, turn=None)  # wherever it shines
         channels.setdefault(place, []).append(channel)
     fill = exact_length(display.pixel_fill)
     offsets = [
-        ((down * fill, subpixel.right + right * subpixel.width * fill), tuple(of_ray))
+        (
+            PixelOffset(
+                down * subpixel.height * fill,
+                subpixel.right + right * subpixel.width * fill,
+                subpixel.channel,
+            ),
+            tuple(of_ray),
+        )
         for subpixel, of_ray in channels.items()
         for down, right in _PLACES[samples]
     ]

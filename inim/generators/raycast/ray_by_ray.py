@@ -13,12 +13,10 @@ import numpy as np
 
 from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
-from inim.display.pixels import row_blocks
+from inim.display.pixels import CENTRE, PixelOffset, row_blocks
 from inim.generators.base import (
-    CENTRE,
     HOLE,
     PictureShape,
-    PixelOffset,
     Search,
     SourceGenerator,
     Sources,
@@ -141,8 +139,10 @@ class RayByRay(FirstHits):
     side.
 
     A ray starts at the nearest surface of the picture, because no cell that it leaves above can be
-    hit. No such bound exists below the farthest surface, because a ray under all surfaces hits the
-    next column without a back. A ray inside an empty rectangle of the picture has no hit.
+    hit. It passes over square tiles whose surfaces are all behind it, and visits cells from the
+    last one before the first other tile on. No such bound exists below the farthest surface,
+    because a ray under all surfaces hits the next column without a back. A ray inside an empty
+    rectangle of the picture has no hit.
     """
 
     def search(self, rgbd: RGBD) -> Search:
@@ -153,6 +153,7 @@ class RayByRay(FirstHits):
         # Just above the nearest surface: a cell left exactly at its depth counts.
         z_max = min(z_max, float(np.nextafter(np.float64(surfaces[0][0].max()), np.inf)))
         above, selected = _covered_above(surfaces[0][0] > -np.inf), self.selected
+        tops = _tile_tops(surfaces[0][0])
 
         def find_rows(rows: slice, out: Sources) -> None:
             out[...] = HOLE
@@ -160,7 +161,7 @@ class RayByRay(FirstHits):
                 part = slice(max(block.start, rows.start), min(block.stop, rows.stop))
                 if part.start < part.stop and selected[part].any():
                     share_rows(
-                        _first_hits, part.stop - part.start, selected[part], *surfaces, above,
+                        _first_hits, part.stop - part.start, selected[part], *surfaces, above, tops,
                         self._rays.block(part), z_min, z_max,
                         out[part.start - rows.start : part.stop - rows.start],
                     )  # fmt: skip
@@ -173,6 +174,49 @@ class RayByRay(FirstHits):
         return PictureRays(self.display, self.shape, self.pixel_mm, self.pixel_offset)
 
 
+# Cells along a side of a tile.
+_TILE = 8
+
+
+def _tile_tops(front: np.ndarray) -> np.ndarray:
+    """Nearest depth in each tile of a picture, from its upper left corner on."""
+    rows, columns = (-(-n // _TILE) for n in front.shape)
+    margins = [(0, n * _TILE - m) for n, m in zip((rows, columns), front.shape, strict=True)]
+    padded = np.pad(front, margins, constant_values=-np.inf)
+    tops: np.ndarray = padded.reshape(rows, _TILE, columns, _TILE).max(axis=(1, 3))
+    return tops
+
+
+@compiled
+def _start_depth(tops, u0, du, u1, v0, dv, v1, z_min, z_max):  # type: ignore[no-untyped-def]
+    """Depth above which a ray passes over the picture, in the cell it passes over last or before;
+    -inf if it passes over all of it.
+    """
+    rows, columns = tops.shape
+    step_u, step_v = -1 if du > 0 else 1, -1 if dv > 0 else 1
+    # Last cell of a tile on the way, which the ray leaves where it leaves the tile.
+    last_u, last_v = 0 if du > 0 else _TILE - 1, 0 if dv > 0 else _TILE - 1
+    u, v = entry_cell(u0, du, u1, z_max) // _TILE, entry_cell(v0, dv, v1, z_max) // _TILE
+    z_u, z_v = leaves(u * _TILE + last_u, u0, du, u1), leaves(v * _TILE + last_v, v0, dv, v1)
+    z_entry = z_max
+    while True:
+        z_exit = max(z_u, z_v, z_min)
+        if 0 <= u < columns and 0 <= v < rows and tops[v, u] >= z_exit:
+            break
+        if z_exit <= z_min:
+            return -np.inf
+        z_entry = z_exit
+        if z_u >= z_exit:
+            u += step_u
+            z_u = leaves(u * _TILE + last_u, u0, du, u1)
+        if z_v >= z_exit:
+            v += step_v
+            z_v = leaves(v * _TILE + last_v, v0, dv, v1)
+    cells_per_mm = max(abs(du) / u1, abs(dv) / v1)
+    # A border is crossed on the way: the cell before the tile is visited, too.
+    return min(z_max, z_entry + 1.5 / cells_per_mm) if cells_per_mm > 0 else z_max
+
+
 def _covered_above(covered: np.ndarray) -> np.ndarray:
     """Number of covered cells above and to the left of each corner, (H + 1, W + 1) int32."""
     count = np.zeros((covered.shape[0] + 1, covered.shape[1] + 1), np.int32)
@@ -182,7 +226,7 @@ def _covered_above(covered: np.ndarray) -> np.ndarray:
 
 @compiled
 def _first_hits(  # type: ignore[no-untyped-def]
-    begin, end, selected, fronts, backs, continue_behind, above, rays, z_min, z_max, sources
+    begin, end, selected, fronts, backs, continue_behind, above, tops, rays, z_min, z_max, sources
 ):
     """`first_hit` of the selected pixels of some rows."""
     u0, du, v0, dv, u1, v1 = rays
@@ -196,9 +240,11 @@ def _first_hits(  # type: ignore[no-untyped-def]
             top, bottom_end = _cells_between(*down, z_min, z_max, bottom)
             upper = above[top, right_end] - above[top, left]
             if above[bottom_end, right_end] - above[bottom_end, left] > upper:
-                sources[i, j] = first_hit(
-                    fronts, backs, continue_behind, *across, *down, z_min, z_max
-                )
+                z_start = _start_depth(tops, *across, *down, z_min, z_max)
+                if z_start > z_min:
+                    sources[i, j] = first_hit(
+                        fronts, backs, continue_behind, *across, *down, z_min, z_start
+                    )
 
 
 @compiled

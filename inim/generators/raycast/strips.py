@@ -22,13 +22,12 @@ import numpy as np
 
 from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
+from inim.display.pixels import CENTRE, PixelOffset
 from inim.errors import UsageError
 from inim.generators.base import (
-    CENTRE,
     HOLE,
     JoinedRays,
     PictureShape,
-    PixelOffset,
     Search,
     SourceGenerator,
     Sources,

@@ -9,7 +9,6 @@ from typing import Any
 import msgspec
 
 from inim.display import Display
-from inim.display.layers import layers_text
 from inim.display.panel import panel_words
 from inim.documents.document import schema
 from inim.documents.parts import DerivedDisplay
@@ -22,6 +21,7 @@ from inim.report.images import ReportImages
 from inim.report.labels import mm, per_cent, short
 from inim.report.page import element, figure, folded, lead, plot, svg_source, text, text_table, void
 from inim.report.sections import ReportSection
+from inim.settings import value_text
 
 # The renderer works in single precision, and so does the depth picture.
 _SLACK = 1e-5
@@ -34,7 +34,7 @@ def display(data: ReportDocument | PictureDocument, images: ReportImages) -> str
     own = {f.name: getattr(parameters, f.name) for f in fields(parameters)}
     defaults = {f.name: f.default for f in fields(parameters)}
     stated = {
-        name: layers_text(value) if isinstance(value, tuple) else value
+        name: value_text(name, value) if isinstance(value, tuple) else value
         for name, value in own.items()
         if value != defaults[name]
     }

@@ -126,7 +126,8 @@ def live_lens_models(display: Display) -> list[str]:
     Thick ones where they are spherical, fill their cells and can be ground.
     """
     traits = lens_traits(display)
-    if traits.conic or traits.asphere or not traits.full_aperture:
+    is_spherical = not (traits.conic or traits.asphere or traits.layout.of_cylinders)
+    if not (is_spherical and traits.full_aperture):
         return LIVE_LENS_MODELS
     try:
         check_lens_model(_THICK, display)

@@ -13,10 +13,9 @@ import numpy as np
 
 from inim import metrics
 from inim.display import Display
-from inim.display.pixels import exact_length
+from inim.display.pixels import PixelOffset, exact_length
 from inim.errors import InimError
 from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
-from inim.generators.base import PixelOffset
 from inim.generators.raycast.cell_lists import shares_directions
 from inim.generators.raycast.phases import cells_per_pitch
 from inim.generators.template import ray_by_ray
@@ -77,7 +76,7 @@ VARIANTS = [
 ]
 _QUARTER = Fraction(1, 4)
 _LEFT_AND_UP = (-_QUARTER, -_QUARTER)
-_RAY_OFFSETS: dict[int, tuple[PixelOffset, ...]] = {
+_RAY_OFFSETS: dict[int, tuple[tuple[Fraction, Fraction], ...]] = {
     2: (_LEFT_AND_UP, (_QUARTER, _QUARTER)),
     4: (_LEFT_AND_UP, (-_QUARTER, _QUARTER), (_QUARTER, -_QUARTER), (_QUARTER, _QUARTER)),
 }
@@ -264,7 +263,7 @@ def _compare_means(
     palette = rgbd.palette.reshape(-1, 3).astype(float)
     fill = exact_length(display.pixel_fill)
     for down, right in _RAY_OFFSETS[variant.samples]:
-        rays = rays_over(display, rgbd, pixels, (down * fill, right * fill))
+        rays = rays_over(display, rgbd, pixels, PixelOffset(down * fill, right * fill))
         oracle = answer(variant.oracle, rays, rgbd, display, np.float64)
         # The EIA has no sources to compare with: fractions decide all uncertain rays.
         sources, ray_count = with_rational_ties(

@@ -16,7 +16,7 @@ from functools import lru_cache
 import numpy as np
 
 from inim.display import Display
-from inim.generators.base import CENTRE, PixelOffset
+from inim.display.pixels import CENTRE, PixelOffset
 from inim.generators.oracle import AxisRays, Line, axis_rays, lensed_pixels
 from inim.image.rgbd import RGBD
 
@@ -206,7 +206,7 @@ def _positions(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Positions of panel pixels, mm to the right and up."""
     rows, columns = display.eia_shape
-    down, right = (_REAL(part.numerator) / part.denominator for part in pixel_offset)
+    down, right = (_REAL(part.numerator) / part.denominator for part in pixel_offset[:2])
     pitch = _REAL(display.pixel_pitch_mm)
     x = (pixels[:, 1] - _REAL(columns - 1) / 2 + right) * pitch
     y = (_REAL(rows - 1) / 2 - pixels[:, 0] - down) * pitch

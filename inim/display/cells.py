@@ -1,0 +1,87 @@
+"""Sub-pixels whose places differ between pixels: `Display.subpixel_cells`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from inim.display.parameters import Cells
+from inim.errors import DisplayError
+
+if TYPE_CHECKING:
+    from inim.display.display import Display
+
+#: Kind of a pixel, by its column from the left and its row from the bottom of the panel.
+CELL_PATTERNS: dict[str, Callable[[Any, Any], Any]] = {
+    "single": lambda column, row: 0 * (column + row),
+    "checkerboard": lambda column, row: (column + row) % 2,
+    "columns": lambda column, row: column % 2 + 0 * row,
+    "rows": lambda column, row: row % 2 + 0 * column,
+    "rows-of-4": lambda column, row: row % 4 + 0 * column,
+    "staggered": lambda column, row: (row + 2 * (column % 2)) % 4,
+}
+#: Text of no cells.
+NO_CELLS = "none"
+# Of red, green and blue, right and up.
+_NUMBERS = 6
+# More is no place in a pixel, or next to it.
+_FARTHEST = 1.0
+
+
+def parse_cells(cells: str | Sequence[Sequence[float]]) -> Cells:
+    """Kinds of pixels, six numbers each.
+
+    * `cells`: rows of numbers, or text with a comma between kinds; ``"none"`` or empty: no kinds.
+
+    Raises `DisplayError`: not six numbers, or centres outside a pixel and its neighbours.
+    """
+    rows: Any = cells
+    if isinstance(cells, str):
+        text = "" if cells.strip() == NO_CELLS else cells
+        rows = [part.split() for part in text.split(",") if part.strip()]
+    try:
+        numbers = tuple(tuple(float(number) for number in row) for row in rows)
+    except (TypeError, ValueError):
+        numbers = ((),)
+    for row in numbers:
+        if len(row) != _NUMBERS or not all(abs(number) <= _FARTHEST for number in row):
+            raise DisplayError(
+                f"subpixel_cells = {cells!r}: write six numbers of at most {_FARTHEST:g} for each "
+                "kind of pixel: red, green and blue, each right and up of its centre"
+            )
+    return numbers
+
+
+def cells_text(cells: Cells) -> str:
+    """Text of kinds of pixels, as `parse_cells` reads it."""
+    return ", ".join(" ".join(map(repr, row)) for row in cells) or NO_CELLS
+
+
+def check_cells(display: Display) -> None:
+    """Raise `DisplayError` unless a display has kinds of pixels exactly where it uses them."""
+    if (display.subpixels == "cells") != bool(display.subpixel_cells):
+        raise DisplayError(
+            f"subpixels = {display.subpixels!r}, subpixel_cells = "
+            f"{cells_text(display.subpixel_cells)!r}: 'cells' needs subpixel_cells, and no other "
+            "subpixels have them"
+        )
+
+
+def cell_centres(display: Display, rows: slice, channel: int) -> tuple[np.ndarray, np.ndarray]:
+    """Centres of a colour's sub-pixels, right and up of the pixels' centres, in pixels.
+
+    (rows, columns) float64 each, of a block of panel rows.
+    """
+    panel_rows, panel_columns = display.eia_shape
+    from_bottom = panel_rows - 1 - np.arange(rows.start, rows.stop)[:, None]
+    kinds = CELL_PATTERNS[display.cell_pattern](np.arange(panel_columns)[None, :], from_bottom)
+    table = np.array(display.subpixel_cells)
+    kinds = kinds % len(table)
+    return table[kinds, 2 * channel], table[kinds, 2 * channel + 1]
+
+
+def farthest_cell(display: Display) -> float:
+    """Largest distance of a sub-pixel's centre from its pixel's, across, in pixels."""
+    return max((abs(number) for row in display.subpixel_cells for number in row[::2]), default=0.0)
