@@ -38,8 +38,8 @@ _LEAST_CONTRAST = 0.4
 _SECOND_HARMONIC, _RIPPLE_STEPS = 0.82, 3
 # Marks are darker than the mean of the cosine, and rare.
 _MOST_MARKED = 0.3
-# Mean of the columns' photographs less that of the rows', relative to it.
-_MOST_UNLIKE = 0.06
+# Mean of the columns' photographs less that of the rows', relative to it, without noise.
+_MOST_UNLIKE, _UNLIKE_BLUR_PX = 0.04, 2.0
 # Displacements are found from coarse to fine: blur in pixels. Usual displacements and exposures
 # keep undetermined ones at zero.
 _SCALES_PX = (4.0, 2.0, 1.0, 0.7)
@@ -236,10 +236,11 @@ def _align(phases: np.ndarray, lit: np.ndarray) -> tuple[float, float]:
         for k in range(6):
             phases[k] = _moved(original[k], total[k])
     before, after = (
-        np.abs(np.diff(_waves(x.reshape(6, -1)[:, places])[0], axis=0)).mean()
+        np.abs(gaussian_filter(np.diff(_waves(x)[0], axis=0)[0], _UNLIKE_BLUR_PX).ravel()[places])
         for x in (original, phases)
     )
-    unlike = after / phases.reshape(6, -1)[:, places].mean()
+    level = phases.reshape(6, -1)[:, places].mean()
+    before, after, unlike = before.mean(), after.mean(), after.mean() / level
     if after > _LEAST_GAIN * before or unlike > _MOST_UNLIKE:  # nothing moved, or more than moved
         phases[:] = original
         return 0.0, float(unlike)

@@ -84,8 +84,8 @@ _PRIORS = {
     "bow_y_mm": 0.03,
     "bow_xy_mm": 0.03,
     "zoom": 0.02,
-    "skew": 0.00002,
-    "stretch": 0.00002,
+    "skew": 0.0006,
+    "stretch": 0.0006,
 }
 # Of the focal length, without and with a word from the photographs, and of the principal point: in
 # focal lengths, in widths of the photograph.
@@ -100,14 +100,9 @@ _USUAL = (0.3, 0.2)
 _WORST_PANEL_PX = 0.5
 _WORST_OUTLINE = 0.08
 _ROUNDS = 3
-# A deviation with a larger pull is not of the usual size: its prior becomes wider, once; all those
-# of photographs together.
-_STRAINED, _WIDER, _ATTEMPTS = 2.5, 100.0, 2
-# The model fails above these: pulls after that, smooth residuals in panel pixels and in pixels of
+# The model fails above these: pulls, smooth residuals in panel pixels and in pixels of
 # the photograph (root mean square of a component), and changes without a position.
 _MOST_PULL, _MOST_SMOOTH, _MOST_CHANGE = 5.0, (0.03, 0.05), 5.0
-# Skew of a camera on a tripod, and per displacement between photographs as a share of the height.
-_SKEW_PER_MOTION = 0.1
 _CAUSES = {
     "refractive_index": "another refractive_index, lens_thickness_mm or glass over the panel than "
     "the display file has",
@@ -304,27 +299,16 @@ def fit_display(
         )
     steady = nominal.with_fixed_panel()
     guess, counted, edges = _begin(lenses, steady, camera, focal_px)
-    free = _free(guess, display=True, camera=camera is None, changes=True)
+    free = _free(guess, display=True, camera=camera is None, changes=len(lenses) > 1)
     prior = _prior(steady, guess, focal_px is not None, counted[0].shape)
-    changes = prior.deviation[len(SHARED) :].reshape(-1, POSE)
-    for own, position in zip(changes, counted, strict=True):
-        motion = _SKEW_PER_MOTION * position.motion_px / position.shape[0]
-        own[-2:] = np.hypot(own[-2:], motion)
     names = tuple(lenses)
-    for attempt in range(_ATTEMPTS):
-        guess, counted, observations, sizes = _fit(
-            names, steady, guess, counted, edges, free, prior
-        )
-        misfit = low_order_misfit(observations, guess, sizes)
-        off = _values(guess) - prior.mean
-        covariance, pulls, left_out = uncertainty(
-            observations, guess, free, off, prior.deviation, sizes, misfit
-        )
-        strained = np.abs(pulls) > _STRAINED
-        strained[: len(PARAMETERS)] = False
-        strained[len(SHARED) :] = strained[len(SHARED) :].any()
-        if strained.any() and attempt + 1 < _ATTEMPTS:
-            prior.deviation[strained] *= _WIDER
+    guess, counted, observations, sizes = _fit(steady, guess, counted, edges, free, prior)
+    misfit = low_order_misfit(observations, guess, sizes)
+    off = _values(guess) - prior.mean
+    covariance, pulls, left_out = uncertainty(
+        observations, guess, free, off, prior.deviation, sizes, misfit
+    )
+    _check(names, steady, guess, sizes, counted)
     errors = np.sqrt(np.diag(covariance))
     fitted = (*PARAMETERS, *Intrinsics._fields) if camera is None else PARAMETERS
     count = len(fitted)
@@ -365,12 +349,12 @@ def fit_pose(lenses: Lenses, display: Display, camera: Intrinsics, name: str) ->
     free = _free(guess, display=False, camera=False, changes=False)
     prior = _prior(steady, guess, True, lenses.shape)
     # Counted as the known shift has it, whether edges are seen or not.
-    fitted, *_ = _fit((name,), steady, guess, counted, (True, True), free, prior)
+    fitted, counted, _, sizes = _fit(steady, guess, counted, (True, True), free, prior)
+    _check((name,), steady, fitted, sizes, counted)
     return fitted.poses[0]
 
 
 def _fit(
-    names: tuple[str, ...],
     display: Display,
     guess: Guess,
     counted: tuple[Lenses, ...],
@@ -378,10 +362,7 @@ def _fit(
     free: np.ndarray,
     prior: _Prior,
 ) -> tuple[Guess, tuple[Lenses, ...], Observations, np.ndarray]:
-    """Best guess, renumbered lenses, the observations in the fit, and the sizes of residuals.
-
-    Raises `FileError`: no such display explains the photographs.
-    """
+    """Best guess, renumbered lenses, the observations in the fit, and the sizes of residuals."""
     sizes = np.tile([_USUAL[0] * display.pixel_pitch_mm, _USUAL[1]], (len(counted), 1))
     for _ in range(_ROUNDS):
         observations = _select_observations(counted, display, guess)
@@ -390,9 +371,6 @@ def _fit(
         # The first guess may have been a lens off.
         guess, counted = renumber_lenses(guess, counted, edges_seen, display)
     observations = _select_observations(counted, display, guess)
-    _check(names, display, sizes, counted)
-    # One position alone begins with a distance of its own choice.
-    check_pitch(display, guess.display.pitch_mm / display.pitch_mm, ", ".join(names))
     return guess, counted, observations, sizes
 
 
@@ -618,7 +596,11 @@ def _sizes(residuals: list[tuple[np.ndarray, np.ndarray]], display: Display) -> 
 
 
 def _check(
-    names: tuple[str, ...], display: Display, sizes: np.ndarray, lenses: tuple[Lenses, ...]
+    names: tuple[str, ...],
+    display: Display,
+    guess: Guess,
+    sizes: np.ndarray,
+    lenses: tuple[Lenses, ...],
 ) -> None:
     """Raise `FileError` where no display of this kind explains the photographs."""
     for name, (of_rays, of_outlines), position in zip(names, sizes, lenses, strict=True):
@@ -633,3 +615,5 @@ def _check(
                 "same sheet, sharp, with fixed zoom and focus; give the photographed display with "
                 "--display, or omit this position"
             )
+    # One position alone begins with a distance of its own choice.
+    check_pitch(display, guess.display.pitch_mm / display.pitch_mm, ", ".join(names))

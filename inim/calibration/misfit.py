@@ -18,17 +18,17 @@ from inim.calibration.model import POSE, Guess, Observations
 
 #: Residuals beyond so many of their usual size count less and less (Geman: soft l1).
 ROBUST = 2.0
-# How far off the model is, in the units of `Observations.imperfections`: standard deviations, 1 µm
-# in 1 mm and 2 µm, of photographs through a refracting sheet whose parameters are known, by cameras
-# of different blur (`reports/calibration`).
-_IMPERFECT = (0.001, 0.02)
+# How far off the model is, in the units of `Observations.imperfections`: standard deviations, 2 µm
+# in 1 mm, 2 µm, and 2 µm in 1 mm, of simulated photographs by cameras of different blur
+# (`reports/calibration`).
+_IMPERFECT = (0.002, 0.02, 0.002)
 # Standard deviation of a blur's variance, square pixels: for a usual camera, and as a share of the
 # difference from it. Sharpened or unsharp photographs have responses of other shapes.
 _BLUR_ERROR_PX2, _USUAL_BLUR_PX2, _UNUSUAL_SHARE = 0.08, 0.4, 0.4
 # Polynomials over the array up to this degree.
 _DEGREE = 3
 # Least root mean square of a polynomial component: mm on the panel, pixels of the photograph.
-_LEAST_MISFIT = (0.0002, 0.005)
+_LEAST_MISFIT = (0.0004, 0.015)
 # Without one of them, the others must still determine the parameters.
 _LEAST_POSITIONS = 3
 # Residuals count up to this multiple of their usual size.

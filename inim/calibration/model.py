@@ -444,10 +444,12 @@ class Observations:
         return np.concatenate(parts)
 
     def imperfections(self, guess: Guess) -> np.ndarray:
-        """Change of `flat` by typical deviations that are not fitted, (2 + positions, all).
+        """Change of `flat` by typical deviations that are not fitted, (3 + positions, all).
 
         If a lens magnified by one panel millimetre in a millimetre more; if seams were a tenth of a
-        millimetre deeper; if the variance of a position's blur were one square pixel smaller.
+        millimetre deeper; if rays ended farther from the lens's centre, by a millimetre in a
+        millimetre at a distance of half a pitch and in proportion to its cube; if the variance of a
+        position's blur were one square pixel smaller.
         """
         sheet, camera, poses, deviations = guess.sheet, *guess[1:]
         array, parts = lens_array(sheet), []
@@ -456,14 +458,16 @@ class Observations:
             zip(self.lens, self.pixel, poses, self.outlined, strict=True)
         ):
             x, y, *_ = rays(camera, pose, pixel)
-            within = (np.column_stack([x, y]) - _vertices(array, lens)).ravel()
+            from_centre = np.column_stack([x, y]) - _vertices(array, lens)
+            square = (from_centre**2).sum(axis=-1, keepdims=True) / (array.pitch_x / 2) ** 2
+            within, cubic = from_centre.ravel(), (from_centre * square).ravel()
             flat, deep = (
                 centres(sheet, camera, pose, outlined, deviations, by) for by in (0.0, 0.1)
             )
-            own = np.eye(len(poses))[n][:, None]
+            own, zeros = np.eye(len(poses))[n][:, None], np.zeros(flat.size)
             parts += [
-                np.concatenate([[within, 0 * within], own * blurs[n].ravel()]),
-                np.concatenate([[0 * flat.ravel(), (deep - flat).ravel()], own * 0 * flat.ravel()]),
+                np.concatenate([[within, 0 * within, cubic], own * blurs[n].ravel()]),
+                np.concatenate([[zeros, (deep - flat).ravel(), zeros], own * zeros]),
             ]
         return np.concatenate(parts, axis=1)
 
