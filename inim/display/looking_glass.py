@@ -85,7 +85,8 @@ class LookingGlass:
         gap = 2 * wide / (1 + math.sqrt(1 + 4 * wide / distance))
         lens = pitch * distance / (distance + gap)
         phase = self._phase(angle) - self.center - 0.5
-        depth = _SPREAD * lens * 3 * gap / pixel
+        # In eighths, exact in float32: depths of pictures at the ends do not round beyond them.
+        depth = max(1, math.floor(8 * _SPREAD * lens * 3 * gap / pixel)) / 8
         return Display(
             pitch_mm=lens,
             elemental_pitch_mm=pitch,

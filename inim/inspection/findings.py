@@ -177,8 +177,14 @@ def inspect_display(
       manufactured.
     * `source`: source of the display.
 
-    Raises `InimError`: an impossible lens model, or a tilted panel that meets the array.
+    Raises `InimError`: an impossible lens model, a tilted panel that meets the array, or cylinders,
+    whose elemental images and views have no rows.
     """
+    if design.layout.of_cylinders:
+        raise UsageError(
+            f"display {design.name}: lattice = {design.lattice!r} cannot be inspected yet; "
+            "validate a scene on it with inim validate"
+        )
     real = design if misaligned is None else misaligned
     least_gap_mm(real)
     model, reason = usable_model(lens_model, real)

@@ -369,6 +369,11 @@ def test_rows_so_far_apart_that_lenses_are_cylinders_are_refused():
         small_display(pitch_y_mm=1000.0)
 
 
+def test_inspection_refuses_cylinders_in_one_line(capsys):
+    assert main(["inspect", "looking-glass-go-typical"]) == 2
+    assert "cannot be inspected yet" in capsys.readouterr().err
+
+
 def test_the_mesh_of_lenses_has_no_cylinders():
     with pytest.raises(DisplayError, match="lattice = 'lenticular'"):
         check_lens_model("full", display_from(STRIPES))
