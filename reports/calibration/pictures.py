@@ -23,8 +23,8 @@ from reports.calibration.photographs import Shot, calibrate_case, run_inim
 from reports.gallery.pictures import save_small
 
 _CASE = 1
-# White, Gray-code stripes, phase pattern.
-_PATTERNS = ("00-white", "14-column-bit-2", "20-column-phase-000")
+# White, and a wave of columns and of rows.
+_PATTERNS = ("1-white", "2-column-phase-000", "5-row-phase-000")
 # Width of each picture in pixels.
 _WIDTH = 480
 # Share of the photographs' width, about their middle, that the lower row magnifies.
