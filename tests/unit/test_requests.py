@@ -137,7 +137,7 @@ def test_the_recorded_command_repeats_the_run(scene, plans, settings, values):
     assert again.definitions == plan.definitions
 
 
-@pytest.mark.parametrize("name", list(DISPLAYS))
+@pytest.mark.parametrize("name", [n for n, d in DISPLAYS.items() if not d.layout.of_cylinders])
 @pytest.mark.parametrize(
     "changes",
     [
@@ -154,6 +154,14 @@ def test_a_display_reaches_the_plan_against_any_scene_setting(scene, plans, name
     assert planned(plans, scene, display=display).display.replace(name="") == display.replace(
         name=""
     )
+
+
+@pytest.mark.parametrize("name", [n for n, d in DISPLAYS.items() if d.layout.of_cylinders])
+def test_a_lenticular_reaches_the_plan_against_any_scene_setting(scene, plans, name):
+    display = DISPLAYS[name].replace(rotation_deg=-9.5, depth_min_mm=-5.0)
+    with_settings(scene, depth_min_mm=3, depth_max_mm=40, pitch_mm=2)
+    plan = planned(plans, scene, display=display, lens_model="thin")
+    assert plan.display.replace(name="") == display.replace(name="")
 
 
 def test_a_plan_is_sent_to_the_worker(scene, plans):
