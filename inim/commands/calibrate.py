@@ -67,9 +67,11 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _write_patterns(args: argparse.Namespace) -> int:
+    from inim.calibration.fit import check_display
     from inim.calibration.patterns import write_patterns
 
     display, _ = display_and_settings(args)
+    check_display(display)
     if args.intrinsics is not None:
         raise UsageError("--intrinsics: patterns have no camera; leave it out")
     page = write_patterns(display, args.out or Path(_PATTERNS))

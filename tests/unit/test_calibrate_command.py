@@ -133,6 +133,14 @@ def test_the_word_patterns_writes_them(tmp_path, capsys):
     assert (out / "patterns.html").is_file() and str(out) in capsys.readouterr().out
 
 
+def test_patterns_of_a_display_that_cannot_be_calibrated_are_refused(tmp_path, capsys):
+    out = tmp_path / "folder"
+    lenticular = "looking-glass-portrait-typical"
+    assert main(["calibrate", "patterns", "--display", lenticular, "-o", str(out)]) == 2
+    assert "lattice = 'lenticular' cannot be calibrated" in capsys.readouterr().err
+    assert not out.exists()
+
+
 # -- a photograph from elsewhere ------------------------------------------------------------------
 
 
