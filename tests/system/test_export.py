@@ -288,7 +288,7 @@ def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
 @pytest.mark.parametrize(
     ("more", "says"),
     [
-        ((), "give --pdf FILE, --views DIR, --hci DIR or --quilt FILE"),
+        ((), "give --pdf FILE, --views DIR, --hci DIR, --quilt FILE or --native FILE"),
         (("--pdf", "sheet.png"), "not a PDF file name; use .pdf"),
         (("--views", "v", "--grid", "8"), "--grid 8: write ACROSSxDOWN"),
         (("--views", "eia.png"), "is a file; name a folder"),
