@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from inim.display import DISPLAYS, Display
-from inim.display.cells import cells_text, parse_cells
-from inim.display.layers import layers_text, parse_layers
+from inim.display.display import TABLES
 from inim.display.looking_glass import LookingGlass
+from inim.display.parameters import rows_text
 from inim.errors import DisplayError, SceneError, UsageError, suggest_words
 from inim.process.atomic_file import write_atomically
 
@@ -39,17 +39,20 @@ _MOST_SAMPLES = 2**20
 DISPLAY_KEYS = tuple(f.name for f in fields(Display) if f.name != "name")
 
 
-def value_text(name: str, value: object) -> str:
+def value_text(name: str, value: object, *, label: str = "") -> str:
     """Text of a setting's or an option's value, read back as the same value.
 
-    Raises `UsageError` for anything but text, numbers, paths, and pairs of layers.
+    * `label`: the value's place, for error messages; default: `name`.
+
+    Raises `UsageError` for anything but text, numbers, paths, and the rows of a `TABLES` entry.
     """
-    if isinstance(value, list | tuple) and "layers" in name:
-        return layers_text(parse_layers(value))
-    if isinstance(value, list | tuple) and "subpixel_cells" in name:
-        return cells_text(parse_cells(value))
+    table = TABLES.get(name.removeprefix(PREFIX))
+    if isinstance(value, list | tuple) and table is not None:
+        return rows_text(table(value))
     if isinstance(value, bool) or not isinstance(value, str | Real | PathLike):
-        raise UsageError(f"{name}: {value!r} is a {type(value).__name__}; give text or a number")
+        raise UsageError(
+            f"{label or name}: {value!r} is a {type(value).__name__}; give text or a number"
+        )
     if not isinstance(value, Real):
         return str(value)
     number = float(value)

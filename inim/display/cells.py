@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from inim.display.parameters import Cells
+from inim.display.parameters import Cells, parse_rows, rows_text
 from inim.errors import DisplayError
 
 if TYPE_CHECKING:
@@ -22,8 +23,6 @@ CELL_PATTERNS: dict[str, Callable[[Any, Any], Any]] = {
     "rows-of-4": lambda column, row: row % 4 + 0 * column,
     "staggered": lambda column, row: (row + 2 * (column % 2)) % 4,
 }
-#: Text of no cells.
-NO_CELLS = "none"
 # Of red, green and blue, right and up.
 _NUMBERS = 6
 # More is no place in a pixel, or next to it.
@@ -37,26 +36,17 @@ def parse_cells(cells: str | Sequence[Sequence[float]]) -> Cells:
 
     Raises `DisplayError`: not six numbers, or centres outside a pixel and its neighbours.
     """
-    rows: Any = cells
-    if isinstance(cells, str):
-        text = "" if cells.strip() == NO_CELLS else cells
-        rows = [part.split() for part in text.split(",") if part.strip()]
     try:
-        numbers = tuple(tuple(float(number) for number in row) for row in rows)
-    except (TypeError, ValueError):
-        numbers = ((),)
-    for row in numbers:
-        if len(row) != _NUMBERS or not all(abs(number) <= _FARTHEST for number in row):
-            raise DisplayError(
-                f"subpixel_cells = {cells!r}: write six numbers of at most {_FARTHEST:g} for each "
-                "kind of pixel: red, green and blue, each right and up of its centre"
-            )
+        numbers: Cells = parse_rows(cells, columns=_NUMBERS)
+    except ValueError:
+        numbers = ((math.nan,),)
+    # Not a number is not within the bounds either.
+    if not all(abs(number) <= _FARTHEST for row in numbers for number in row):
+        raise DisplayError(
+            f"subpixel_cells = {cells!r}: write six numbers of at most {_FARTHEST:g} for each "
+            "kind of pixel: red, green and blue, each right and up of its centre"
+        )
     return numbers
-
-
-def cells_text(cells: Cells) -> str:
-    """Text of kinds of pixels, as `parse_cells` reads it."""
-    return ", ".join(" ".join(map(repr, row)) for row in cells) or NO_CELLS
 
 
 def check_cells(display: Display) -> None:
@@ -64,7 +54,7 @@ def check_cells(display: Display) -> None:
     if (display.subpixels == "cells") != bool(display.subpixel_cells):
         raise DisplayError(
             f"subpixels = {display.subpixels!r}, subpixel_cells = "
-            f"{cells_text(display.subpixel_cells)!r}: 'cells' needs subpixel_cells, and no other "
+            f"{rows_text(display.subpixel_cells)!r}: 'cells' needs subpixel_cells, and no other "
             "subpixels have them"
         )
 

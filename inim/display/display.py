@@ -10,7 +10,7 @@ paper" from here on, by equation number.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import cached_property
@@ -67,6 +67,11 @@ _WORDS: dict[str, Collection[str]] = {
     "subpixels": get_args(Subpixels),
     "cell_pattern": CELL_PATTERNS,
 }
+#: Parameters that are rows of numbers, with the functions that read and check them.
+TABLES: dict[str, Callable[[Any], tuple[Any, ...]]] = {
+    "layers": parse_layers,
+    "subpixel_cells": parse_cells,
+}
 # Pictures hold depths as float32, which end at 3.4e38; products of two lengths are floats still.
 _LONGEST_MM = 1e38
 # Far above what a sheet glued by hand misses, and far below where a tilted panel meets its array.
@@ -95,10 +100,8 @@ def _check_parameter(name: str, kind: str, value: Any) -> Any:
     """Value of a parameter as a plain number or word; NumPy's numbers are accepted."""
     if value is None and "None" in kind:
         return None
-    if kind == "Layers":
-        return parse_layers(value)
-    if kind == "Cells":
-        return parse_cells(value)
+    if name in TABLES:
+        return TABLES[name](value)
     if kind.startswith("int"):
         if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
             raise DisplayError(f"{name} = {value!r}: must be a whole number of at least 1")

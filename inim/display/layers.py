@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
-from inim.display.parameters import Layers
+from inim.display.parameters import Layers, parse_rows
 from inim.errors import DisplayError
 
-#: Text of no layers.
-NO_LAYERS = "none"
 # Each layer costs the renderer and the virtual display a refraction per ray.
 _MOST_LAYERS = 8
 # Above diamond.
@@ -25,13 +22,9 @@ def parse_layers(layers: str | Sequence[Sequence[float]]) -> Layers:
 
     Raises `DisplayError`: no such pairs, or layers that cannot exist.
     """
-    pairs: Any = layers
-    if isinstance(layers, str):
-        text = "" if layers.strip() == NO_LAYERS else layers
-        pairs = [part.split() for part in text.split(",") if part.strip()]
     try:
-        numbers = tuple((float(thickness), float(index)) for thickness, index in pairs)
-    except (TypeError, ValueError):
+        numbers: Layers = parse_rows(layers, columns=2)
+    except ValueError:
         raise DisplayError(f"layers = {layers!r}: {_WRITE}") from None
     if len(numbers) > _MOST_LAYERS:
         raise DisplayError(f"layers: {len(numbers)} layers; at most {_MOST_LAYERS} are allowed")
@@ -43,11 +36,6 @@ def parse_layers(layers: str | Sequence[Sequence[float]]) -> Layers:
                 f"layers: refractive index {index:g}: must be from 1 to {_LARGEST_INDEX:g}"
             )
     return numbers
-
-
-def layers_text(layers: Layers) -> str:
-    """Text of layers, as `parse_layers` reads it."""
-    return ", ".join(f"{thickness!r} {index!r}" for thickness, index in layers) or NO_LAYERS
 
 
 def air_equivalent_mm(layers: Layers) -> float:

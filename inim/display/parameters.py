@@ -1,6 +1,7 @@
 """Types of a display's parameters."""
 
-from typing import Literal, TypedDict
+from collections.abc import Sequence
+from typing import Any, Literal, TypedDict
 
 CurvedSide = Literal["viewer", "panel"]
 Lattice = Literal["square", "hexagonal", "lenticular"]
@@ -12,6 +13,35 @@ CellPattern = Literal["single", "checkerboard", "columns", "rows", "rows-of-4", 
 Cells = tuple[tuple[float, ...], ...]
 #: Layers between lenses and panel, from the lenses on: thickness in mm, refractive index.
 Layers = tuple[tuple[float, float], ...]
+
+
+# Text of no rows.
+_NO_ROWS = "none"
+
+
+def parse_rows(value: str | Sequence[Sequence[float]], *, columns: int) -> tuple[Any, ...]:
+    """Rows of numbers, as tuples of floats.
+
+    * `value`: rows, or text with a comma between rows; ``"none"`` or empty: no rows.
+
+    Raises `ValueError`: no numbers, or not `columns` of them in each row.
+    """
+    rows: Any = value
+    if isinstance(value, str):
+        text = "" if value.strip() == _NO_ROWS else value
+        rows = [part.split() for part in text.split(",") if part.strip()]
+    try:
+        numbers = tuple(tuple(float(number) for number in row) for row in rows)
+    except TypeError as error:
+        raise ValueError(*error.args) from None
+    if any(len(row) != columns for row in numbers):
+        raise ValueError(f"not {columns} numbers")
+    return numbers
+
+
+def rows_text(rows: Sequence[Sequence[float]]) -> str:
+    """Text of rows of numbers, as `parse_rows` reads it."""
+    return ", ".join(" ".join(map(repr, row)) for row in rows) or _NO_ROWS
 
 
 class DisplayParameters(TypedDict, total=False):

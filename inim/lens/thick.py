@@ -27,7 +27,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inim.display import Display
-from inim.display.layers import air_equivalent_mm, layers_text
+from inim.display.layers import air_equivalent_mm
+from inim.display.parameters import rows_text
 from inim.errors import DisplayError
 from inim.lens.array import (
     NUMPY_OPS,
@@ -98,7 +99,7 @@ def check(display: Display) -> None:
         )
     if display.layers and not traits.touching and air_mm(display) < 0:
         raise DisplayError(
-            f"layers = {layers_text(display.layers)!r}: count as "
+            f"layers = {rows_text(display.layers)!r}: count as "
             f"{air_equivalent_mm(display.layers):.4g} mm of air, and gap_mm = {display.gap_mm:g} "
             f"leaves {display.gap_mm - behind:.4g} mm behind the lens; use a larger gap"
         )

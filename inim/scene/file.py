@@ -91,7 +91,10 @@ def parse_definitions(definitions: object) -> dict[str, str]:
     Raises `UsageError`: an item without an equals sign, a key given twice, or another type.
     """
     if isinstance(definitions, Mapping):
-        return {str(k): value_text(f"definitions[{k!r}]", v) for k, v in definitions.items()}
+        return {
+            str(k): value_text(str(k), v, label=f"definitions[{k!r}]")
+            for k, v in definitions.items()
+        }
     if not isinstance(definitions, list | tuple) or not all(
         isinstance(i, str) for i in definitions
     ):

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS
-from inim.display.layers import air_equivalent_mm, excess_mm, layers_text, parse_layers
+from inim.display.layers import air_equivalent_mm, excess_mm, parse_layers
+from inim.display.parameters import rows_text
 from inim.errors import DisplayError, UsageError
 from inim.lens import check_lens_model, trace_to_panel, white_exposure
 from inim.scene.file import choose_display, parse_definitions
@@ -23,8 +24,8 @@ def test_pairs_and_text_are_the_same_layers():
         == GLASS.layers
         == parse_layers([[0.5, 1.52], (0.1, 1.41)])
     )
-    assert parse_layers(layers_text(GLASS.layers)) == GLASS.layers
-    assert parse_layers("none") == parse_layers("") == () == parse_layers(layers_text(()))
+    assert parse_layers(rows_text(GLASS.layers)) == GLASS.layers
+    assert parse_layers("none") == parse_layers("") == () == parse_layers(rows_text(()))
     assert plain_parameters(GLASS)["layers"] == "0.5 1.52, 0.1 1.41"
 
 
