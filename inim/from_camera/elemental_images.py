@@ -41,7 +41,7 @@ _MEASURED = (
 
 
 @dataclass(frozen=True)
-class Capture:
+class CapturedEIA:
     """EIA from a picture of elemental images."""
 
     eia: NDArray[np.float32]  #: (rows, columns, 3): linear RGB; 1 is white.
@@ -62,7 +62,7 @@ def pickup(
     orthoscopic: bool = False,
     raw: bool = False,
     out: Path | str | None = None,
-) -> Capture:
+) -> CapturedEIA:
     """Convert a picture of elemental images to an EIA and a display.
 
     Lattice, counts, rotation, shift and pixel pitch of the display are measured: one lens pitch is
@@ -129,7 +129,7 @@ def pickup(
     eia = light if orthoscopic else _rotate_elemental_images(light, real)
     eia = np.maximum(eia, 0).astype(np.float32)
     files = () if out is None else _write(Path(out), eia, real, (path, white, dark))
-    return Capture(eia, real, lattice, lattice_picture, files)
+    return CapturedEIA(eia, real, lattice, lattice_picture, files)
 
 
 def _read_light(path: Path, raw: bool) -> np.ndarray:
@@ -219,9 +219,11 @@ def _write(
     if out.suffix.lower() != ".xml":
         raise UsageError(f"-o {out}: a display file is an .xml; name it {out.stem}.xml")
     files = tuple(out.with_suffix(suffix) for suffix in (".png", ".exr", ".xml"))
-    for given in inputs:
-        if given is not None and any(os.path.realpath(given) == os.path.realpath(f) for f in files):
-            raise UsageError(f"-o {out}: would replace {given}; give it another name")
+    for source in inputs:
+        if source is not None and any(
+            os.path.realpath(source) == os.path.realpath(f) for f in files
+        ):
+            raise UsageError(f"-o {out}: would replace {source}; give it another name")
     for path in files[:2]:
         write_eia(path, eia, None, display.pixel_pitch_mm)
     save_display(display, out)

@@ -43,8 +43,11 @@ _NEAR_SEAM = 0.12
 # Systematic displacement of centres in pitches, in one direction on either side of the array: gains
 # are not exactly linear, and outlines of the object touch seams.
 _DISPLACED, _DISPLACED_WITH_SCENE = 2e-5, 0.03
+# The same in pixels: they sample edges that are sharper than they are. This does not average out if
+# the pitch is nearly a whole number of pixels.
+_SAMPLING_PX = 0.01
 # Rounds end when no centre moves by more than this.
-_MOST_ROUNDS, _CONVERGED_PX = 15, 1e-4
+_MOST_ROUNDS, _CONVERGED_PX = 25, 1e-4
 # Contrast of an elemental image, in median ones; dark ones have less and are not used.
 _LEAST_CONTRAST = 0.3
 # Share of the elemental images that must be usable, and scatter of their centres in pitches.
@@ -124,11 +127,11 @@ def find_lattice(light: np.ndarray, name: str, about_px: float | None = None) ->
     signals = _seams(signal) if about_px is not None else (signal / np.quantile(signal, 0.99),) * 2
     first, second = _frequencies(signals, name, about_px)
     kind, guess = _start(signals, first, second, name)
-    fit = _Fit(signals, kind, guess)
+    fit = _LatticeFit(signals, kind, guess)
     # Corners and middles of sides are centres of symmetry, too, but not the brightest.
     shift = fit.brightest_shift()
     if shift.any():
-        fit = _Fit(signals, kind, fit.values + np.array([*shift, 0, 0, 0]))
+        fit = _LatticeFit(signals, kind, fit.values + np.array([*shift, 0, 0, 0]))
     lattice = fit.lattice(name)
     pitch = lattice.pitch_px.value
     if about_px is not None and abs(pitch / about_px - 1) > _NEAR_PITCH:
@@ -308,7 +311,7 @@ def _positions(kind: str, rows: int, columns: int) -> np.ndarray:
     return position
 
 
-class _Fit:
+class _LatticeFit:
     """Lattice fitted to centres of symmetry near start values."""
 
     def __init__(self, signals: _Signals, kind: str, start: np.ndarray) -> None:
@@ -325,11 +328,10 @@ class _Fit:
         self._number()
         self._free = np.eye(5)
         self._iterate()
-        # Its error: the row pitch against that of a regular lattice.
-        unequal = np.array([0, 0, -_row_ratio(kind), 1, 0])
-        if abs(unequal @ self.values) <= self._quantile * math.sqrt(
-            unequal @ self._covariance @ unequal
-        ):
+        # Lens arrays are regular unless the measurement clearly contradicts.
+        excess = np.array([0, 0, -_row_ratio(kind), 1, 0])
+        error = self._quantile * math.sqrt(excess @ self._covariance @ excess)
+        if abs(excess @ self.values) <= 2 * error:
             self._free = np.delete(self._free, 3, axis=1)
             self._free[3, 2] = _row_ratio(kind)
             self.values[3] = self.values[2] * _row_ratio(kind)
@@ -465,8 +467,9 @@ class _Fit:
         half = self._quantile * np.sqrt(np.diag(self._covariance))
         displaced = _DISPLACED if len(self._splines) == 1 else _DISPLACED_WITH_SCENE
         across, down = self.columns / 2, self.rows / 2
-        bound = displaced * self.values[2] / np.array([1, 1, across, down, 1])
-        bound[4] = math.degrees(displaced / min(across, down))
+        size = displaced * self.values[2] + _SAMPLING_PX
+        turn = math.radians(1) * min(across, down) * self.values[2]
+        bound = size / np.array([1, 1, across, down, turn])
         half = np.hypot(half, bound)
         residual = np.full((self.rows, self.columns, 2), np.nan)
         residual[self._row[self._used], self._column[self._used]] = self._residual[self._used]

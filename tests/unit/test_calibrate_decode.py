@@ -1,5 +1,6 @@
 """Photographs in, panel pixels out; and a line for each way to photograph the patterns wrong."""
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -114,6 +115,13 @@ def test_noise_makes_the_error_larger(good, tmp_path):
     more = [np.nanmedian(position.error_px[inner] ** 2) - 1 / 12 for position in (noisy, quiet)]
     assert more[0] > 50 * more[1] > 0, "noise is 12 times as large"
     assert np.nanmin(quiet.error_px) >= np.float32(1 / np.sqrt(12))
+
+
+def test_photographs_without_noise_are_decoded_without_warnings(tmp_path):
+    photograph_all(tmp_path / "a", noise=0, ending="png")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isfinite(decoded(tmp_path).error_px[interior()]).mean() > 0.9
 
 
 @pytest.mark.parametrize("gamma", [1.8, 2.6])
