@@ -301,6 +301,66 @@ def plenoptic(folder: Path) -> dict[str, Any]:
     }
 
 
+def page(results: dict[str, Any]) -> str:
+    """Markdown page of the numbers, with agreements and disagreements."""
+    raw = results["plenoptic"]
+    pitch, half = raw["lattice"]["pitch_px"]
+    correlations = ", ".join(f"{v:.4f}" for v in raw["correlation_with_sub_aperture"].values())
+    sheet = raw["from_data_sheet_um"]
+    lines = [
+        "# Photographs of elemental images",
+        "",
+        "Created by `reports/reality/run.py`; its docstring describes how to get the data.",
+        "",
+        "## A plenoptic camera's raw picture",
+        "",
+        f"* Pitch {pitch:.4f} ± {half:.4f} px. Published: 48.2 and 48.2273, on two axes.",
+        f"* {raw['pitch_um']:.2f} um on the sensor; {sheet:.2f} um by lens pitch and distances of "
+        f"the data sheet. The distances are {100 * (sheet / raw['pitch_um'] - 1):.1f} % off.",
+        "* Correlation of views through `thin` lenses, from -0.25, 0 and 0.25 pitches, with "
+        f"sub-aperture pictures: {correlations}. Left and right view: "
+        f"{raw['correlation_left_right']:.4f}.",
+        "",
+        "## Photographs through a lens array",
+        "",
+        "Pitch in pixels, with 95 % interval; distance of the object from its shift between "
+        "elemental images, with the range in which the authors reconstruct; fourth capture, "
+        "predicted from the other three with the object's shift and without it.",
+        "",
+        "| object | pitch | authors' | scatter, px | distance, mm | quartiles | authors' "
+        "| PSNR, dB | without | SSIM | without |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for name in OBJECTS:
+        if name not in results:
+            continue
+        result = results[name]
+        lattice, distance = result["lattices"]["11"], result["depth"]
+        moved, still = (result["prediction"][key] for key in ("moved", "not moved"))
+        pitches = [lattice["pitch_px"][0] for lattice in result["lattices"].values()]
+        low, high = distance["depth_quartiles_mm"]
+        lines.append(
+            f"| {name} | {lattice['pitch_px'][0]:.3f} ± {lattice['pitch_px'][1]:.3f} (4 captures: "
+            f"{min(pitches):.3f} to {max(pitches):.3f}) | {result['authors_px']} "
+            f"| {lattice['residual_rms_px']:.2f} | {distance['depth_mm']:.1f} "
+            f"| {low:.1f} to {high:.1f} | {' to '.join(map(str, result['authors_depth_mm']))} "
+            f"| {moved['psnr_db']:.2f} | {still['psnr_db']:.2f} "
+            f"| {moved['ssim']:.3f} | {still['ssim']:.3f} |"
+        )
+    lines += [
+        "",
+        "Light of the same object points 0.4 pitches left and right of a lens's centre, relative "
+        f"to the centre (`thick`: {results['thick_vignetting_0.4_pitch']:.3f}): "
+        + "; ".join(
+            f"{name} {v['left_0.4_pitch']:.3f} and {v['right_0.4_pitch']:.3f}"
+            for name, v in ((n, results[n]["vignetting"]) for n in OBJECTS if n in results)
+        )
+        + ".",
+        "",
+    ]
+    return "\n".join(lines)
+
+
 def main() -> None:
     """Run the comparison and write its numbers."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -317,6 +377,7 @@ def main() -> None:
     for name in args.objects.split(","):
         results[name] = lens_array(args.lens_array, name)
         path.write_text(json.dumps(results, indent=1) + "\n")
+        (args.out / "reality.md").write_text(page(results))
         print(name, json.dumps({k: v for k, v in results[name].items() if k != "lattices"}))
 
 
