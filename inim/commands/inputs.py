@@ -291,6 +291,11 @@ def _pickup(args: argparse.Namespace) -> int:
         **options,
     )
     lattice = capture.lattice
+    if args.white is None:
+        print_warning(
+            f"{args.picture}: outlines of the object displace seams; intervals are approximate, "
+            "a white picture with --white is better"
+        )
     row_pitch = ", as in a regular lattice" if lattice.is_regular else ""
     print(f"lattice    {lattice.kind}, {lattice.columns} x {lattice.rows} elemental images")
     print(f"pitch      {lattice.pitch_px} px")

@@ -42,7 +42,7 @@ _WINDOW, _WINDOW_WITH_SEAMS = 0.5, 0.65
 _NEAR_SEAM = 0.12
 # Systematic displacement of centres in pitches, in one direction on either side of the array: gains
 # are not exactly linear, and outlines of the object touch seams.
-_DISPLACED, _DISPLACED_WITH_SCENE = 2e-5, 0.03
+_DISPLACED, _DISPLACED_WITH_SCENE = 2e-5, 0.06
 # The same in pixels: they sample edges that are sharper than they are. This does not average out if
 # the pitch is nearly a whole number of pixels.
 _SAMPLING_PX = 0.01
@@ -50,8 +50,11 @@ _SAMPLING_PX = 0.01
 _MOST_ROUNDS, _CONVERGED_PX = 25, 1e-4
 # Contrast of an elemental image, in median ones; dark ones have less and are not used.
 _LEAST_CONTRAST = 0.3
-# Share of the elemental images that must be usable, and scatter of their centres in pitches.
-_LEAST_USED, _MOST_SCATTER = 0.1, 0.1
+# Share of the elemental images that must be usable, and scatter of their centres in pitches: in a
+# white picture, and in a scene.
+_LEAST_USED, _MOST_SCATTER = (0.75, 0.1), (0.02, 0.05)
+# Harmonics can be stronger than the base frequencies. Their cells are smaller, and fail the checks.
+_MOST_PAIRS = 4
 _TUKEY = 4.685
 # Errors of neighbouring centres are correlated: intervals follow from sums over blocks.
 _BLOCKS = 6
@@ -125,7 +128,19 @@ def find_lattice(light: np.ndarray, name: str, about_px: float | None = None) ->
     if min(signal.shape) < _LEAST_COUNT * _LEAST_PITCH_PX or not np.ptp(signal) > 0:
         raise _no_lattice(name, "the picture is too small or uniform")
     signals = _seams(signal) if about_px is not None else (signal / np.quantile(signal, 0.99),) * 2
-    first, second = _frequencies(signals, name, about_px)
+    errors = []
+    for first, second in _frequencies(signals, name, about_px):
+        try:
+            return _fit_lattice(signals, first, second, name, about_px)
+        except FileError as error:
+            errors.append(error)
+    raise errors[0]
+
+
+def _fit_lattice(
+    signals: _Signals, first: np.ndarray, second: np.ndarray, name: str, about_px: float | None
+) -> Lattice:
+    """Checked lattice with about these base frequencies."""
     kind, guess = _start(signals, first, second, name)
     fit = _LatticeFit(signals, kind, guess)
     # Corners and middles of sides are centres of symmetry, too, but not the brightest.
@@ -133,9 +148,9 @@ def find_lattice(light: np.ndarray, name: str, about_px: float | None = None) ->
     if shift.any():
         fit = _LatticeFit(signals, kind, fit.values + np.array([*shift, 0, 0, 0]))
     lattice = fit.lattice(name)
-    pitch = lattice.pitch_px.value
-    if about_px is not None and abs(pitch / about_px - 1) > _NEAR_PITCH:
-        raise _no_lattice(name, f"the seams lead to a pitch of {pitch:.4g} pixels")
+    pitches = lattice.pitch_px.value, lattice.row_pitch_px.value / _row_ratio(kind)
+    if about_px is not None and any(abs(p / about_px - 1) > _NEAR_PITCH for p in pitches):
+        raise _no_lattice(name, f"the seams lead to a pitch of {pitches[0]:.4g} pixels")
     return lattice
 
 
@@ -157,8 +172,8 @@ def _seams(light: np.ndarray) -> _Signals:
 
 def _frequencies(
     signals: _Signals, name: str, about_px: float | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Two base frequencies of the lattice, x and y in cycles per pixel."""
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Pairs of base frequencies of different cells, x and y in 1/pixel, likeliest first."""
     height, width = signals[0].shape
     right, down = (np.abs(np.fft.fftshift(np.fft.fft2(_windowed(s)))) for s in signals)
     fy, fx = (np.fft.fftshift(np.fft.fftfreq(size)) for size in (height, width))
@@ -184,8 +199,13 @@ def _frequencies(
     pairs = sorted(_pairs(spectrum, bases, about_px), key=lambda pair: -pair[0])
     if not pairs or pairs[0][0] < _LEAST_SUM:
         raise _no_lattice(name, "its spectrum has no two series of harmonics")
-    _, first, second = pairs[0]
-    return first, second
+    chosen: list[tuple[np.ndarray, np.ndarray]] = []
+    for total, *pair in pairs:
+        sizes = [abs(_cross(*pair) / _cross(*other)) for other in chosen]
+        is_new = all(abs(math.log(size)) > 0.1 for size in sizes)
+        if total > _LEAST_SUM and is_new and len(chosen) < _MOST_PAIRS:
+            chosen.append((pair[0], pair[1]))
+    return chosen
 
 
 def _windowed(signal: np.ndarray) -> np.ndarray:
@@ -483,7 +503,8 @@ class _LatticeFit:
             residual_px=residual,
         )
         pitch, share = lattice.pitch_px.value, float(self._used.mean())
-        if share < _LEAST_USED or lattice.rms_px > _MOST_SCATTER * pitch:
+        case = len(self._splines) - 1
+        if share < _LEAST_USED[case] or not lattice.rms_px < _MOST_SCATTER[case] * pitch:
             raise _no_lattice(
                 name,
                 f"{share:.0%} of the elemental images at a pitch of {pitch:.4g} pixels are usable, "
