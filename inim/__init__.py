@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from inim.display.viewpoint import Viewpoint as Viewpoint
     from inim.files.image import read_rgbd as read_rgbd
     from inim.files.image import save_image as save_image
+    from inim.from_camera.elemental_images import pickup as pickup
     from inim.generators import generate as generate
     from inim.image.color import to_srgb as to_srgb
     from inim.image.rgbd import RGBD as RGBD
@@ -45,6 +46,7 @@ _HOME = {
     "generate": "inim.generators",
     "inspect": "inim.inspection.findings",
     "new_scene": "inim.scene.new_scene",
+    "pickup": "inim.from_camera.elemental_images",
     "read_rgbd": "inim.files.image",
     "reconstruct": "inim.render.reconstruct",
     "register_plugins": "inim.render.variant",
@@ -69,6 +71,7 @@ __all__ = [
     "generate",
     "inspect",
     "new_scene",
+    "pickup",
     "read_rgbd",
     "reconstruct",
     "register_plugins",

@@ -35,6 +35,7 @@ GROUPS = {
     "your own pictures and displays": {
         "generate": "generate",
         "depth": "inputs",
+        "pickup": "inputs",
         "export": "view",
         "film": "view",
         "inspect": "info",

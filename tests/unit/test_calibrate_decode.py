@@ -1,5 +1,6 @@
 """Photographs in, panel pixels out; and a line for each way to photograph the patterns wrong."""
 
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -128,6 +129,13 @@ def test_a_pixel_of_two_lenses_is_undecoded_rather_than_wrong(tmp_path):
     decoded_pixels = np.isfinite(position.column)
     assert 0.2 < decoded_pixels.mean() < 0.9
     assert np.abs(errors(position)[:, decoded_pixels]).max() < 5, "much less than to the next lens"
+
+
+def test_photographs_without_noise_are_decoded_without_warnings(tmp_path):
+    photograph_all(tmp_path / "a", noise=0, ending="png")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isfinite(decoded(tmp_path).error_px[interior()]).mean() > 0.9
 
 
 @pytest.mark.parametrize("gamma", [1.8, 2.6])

@@ -103,3 +103,22 @@ def test_wrong_pictures_of_generate_are_one_line(rgbd, says):
 def test_depth_in_metres_is_warned_of():
     with pytest.warns(UserWarning, match=r"100% of it lie outside .* depth_mm is 0.033 to 0.033"):
         inim.generate(picture(depth_mm=0.033, display=small_display()), small_display())
+
+
+def test_a_viewpoint_takes_numpy_numbers(renderer):
+    numbers = Viewpoint("mine", np.float32(10), np.int64(-5), np.float64(600))
+    options = {"pixels_per_lens": 1, "spp": 2}
+    view = inim.reconstruct(EIA, NOMINAL, numbers, **options)
+    assert np.array_equal(view, inim.reconstruct(EIA, NOMINAL, "mine=10 -5 600", **options))
+
+
+def test_the_exposure_of_a_view_makes_white_white(renderer):
+    """A view is the light that leaves the lenses; `white_exposure` is the documented 1 / T."""
+    from inim.lens import white_exposure
+
+    display = NOMINAL.replace(lens_columns=5, lens_rows=5)
+    white = np.ones((*display.eia_shape, 3), np.float32)
+    view = inim.reconstruct(white, display, "centre=0 0 600", pixels_per_lens=1, spp=256)
+    transmittance = (4 * 1.4917 / 2.4917**2) ** 2
+    assert white_exposure(display, "thick") == pytest.approx(1 / transmittance, rel=1e-6)
+    assert view[2, 2] * white_exposure(display, "thick") == pytest.approx([1, 1, 1], abs=0.01)
