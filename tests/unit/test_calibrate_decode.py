@@ -135,7 +135,7 @@ def test_photographs_without_noise_are_decoded_without_warnings(tmp_path):
     photograph_all(tmp_path / "a", noise=0, ending="png")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert np.isfinite(decoded(tmp_path).error_px[interior()]).mean() > 0.9
+        assert np.isfinite(decoded(tmp_path).column[interior()]).mean() > 0.9
 
 
 @pytest.mark.parametrize("gamma", [1.8, 2.6])
