@@ -230,7 +230,7 @@ def _generate_from_rgbd(
     """Generate and write the EIA of an RGB-D picture in millimetres of the display frame."""
     from inim.files.image import read_rgbd
     from inim.generators import check_algorithm
-    from inim.generators.base import outside_depth_range
+    from inim.generators.base import outside_depth_range, outside_depth_text
 
     check_algorithm(_algorithm(args))
     started, rgbd = time.perf_counter(), read_rgbd(args.fitted)
@@ -243,13 +243,9 @@ def _generate_from_rgbd(
         _write_outputs(args, rgbd, eia, empty, display),
         f"seconds    {time.perf_counter() - started:.1f}",
     ]
-    outside, (low, high) = outside_depth_range(rgbd, display), display.depth_range_mm
-    if not outside:
+    if not outside_depth_range(rgbd, display):
         return report, ()
-    return report, (
-        f"{args.fitted}: {outside:.0%} of it is outside the depth range, {low:.4g} to {high:.4g} "
-        "mm",
-    )
+    return report, (f"{args.fitted}: {outside_depth_text(rgbd, display)}",)
 
 
 def _generate_from_cameras(

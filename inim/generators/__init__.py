@@ -30,6 +30,7 @@ from inim.generators.base import (
     hole_fraction,
     masked,
     outside_depth_range,
+    outside_depth_text,
 )
 from inim.generators.registry import (
     COLOUR,
@@ -229,16 +230,8 @@ def _check_picture(rgbd: RGBD, display: Display) -> None:
             f"rgbd: {bad} pixels have colours that are not finite; mend them, such as with "
             "numpy.nan_to_num"
         )
-    outside = outside_depth_range(rgbd, display)
-    if outside > MOST_OUTSIDE:
-        low, high = display.depth_range_mm
-        depth = rgbd.depth_mm[rgbd.covered]
-        warnings.warn(
-            f"rgbd: {outside:.0%} of it lie outside the display's depth range, {low:.4g} to "
-            f"{high:.4g} mm: depth_mm is {depth.min():.4g} to {depth.max():.4g}, in millimetres "
-            "towards the viewer; convert other units, or fit the picture with `inim generate`",
-            stacklevel=3,
-        )
+    if outside_depth_range(rgbd, display) > MOST_OUTSIDE:
+        warnings.warn(f"rgbd: {outside_depth_text(rgbd, display)}", stacklevel=3)
 
 
 def find_sources(

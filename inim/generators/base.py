@@ -345,6 +345,17 @@ def outside_depth_range(rgbd: RGBD, display: Display) -> float:
     return float(((depth < low) | (depth > high)).mean()) if depth.size else 0.0
 
 
+def outside_depth_text(rgbd: RGBD, display: Display) -> str:
+    """Message that a picture exceeds a display's depth range, with the remedy."""
+    low, high = display.depth_range_mm
+    depth = rgbd.depth_mm[rgbd.covered]
+    return (
+        f"{outside_depth_range(rgbd, display):.0%} of it is outside the display's depth range, "
+        f"{low:.4g} to {high:.4g} mm: its depths are {depth.min():.4g} to {depth.max():.4g}, in "
+        "millimetres towards the viewer; fit it to this display with `inim generate --save-rgbd`"
+    )
+
+
 def check_array(array: Any, shape: tuple[int, ...], kind: str) -> None:
     """Raise `ValueError` unless a generator's result is an array of this shape and type."""
     if not isinstance(array, np.ndarray) or array.shape != shape or array.dtype != kind:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -29,34 +28,37 @@ def run_job(plan: Plan, staging: Path, observer: Observer) -> bool:
     An unchanged run publishes its last report again, from the cache.
     """
     cache = _open_cache(plan)
+    if plan.is_reproducible:
+        report = _run_or_reuse(plan, staging, observer, cache)
+    else:
+        report = run(plan, staging, observer, cache)
+    publish(staging, plan.request.out)
+    return report.passed
+
+
+def _run_or_reuse(plan: Plan, staging: Path, observer: Observer, cache: ResultCache) -> Report:
+    """Carry out a plan, or write the files of its last report and print the scores."""
 
     def make_files() -> dict[str, np.ndarray]:
         run(plan, staging, observer, cache)
         paths = (path for path in staging.rglob("*") if path.is_file())
         return {str(p.relative_to(staging)): np.fromfile(p, np.uint8) for p in paths}
 
-    if plan.is_reproducible:
-        files, reason = cache.find_or_make(
-            "report", lambda: plan.cache_key(_renderer(plan, observer)), make_files, explain=False
-        )
-        if reason is None:
-            _reuse(files, staging, observer)
-    else:
-        run(plan, staging, observer, cache)
-    publish(staging, plan.request.out)
-    return Report.load(plan.request.out).passed
-
-
-def _reuse(files: Mapping[str, np.ndarray], staging: Path, observer: Observer) -> None:
-    """Write the files of an earlier report into a folder and print its scores."""
+    files, reason = cache.find_or_make(
+        "report", lambda: plan.cache_key(_renderer(plan, observer)), make_files, explain=False
+    )
+    if reason is not None:
+        return Report.load(staging)
     for name, content in files.items():
         path = staging / name
         with file_errors(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             content.tofile(path)
-    data = Report.load(staging).data
-    _print_scores(observer, data)
-    observer.line(f"nothing has changed since the report of {data.created}; --no-skip repeats it")
+    report = Report.load(staging)
+    _print_scores(observer, report.data)
+    created = report.data.created
+    observer.line(f"nothing has changed since the report of {created}; --no-skip repeats it")
+    return report
 
 
 def run(
@@ -73,9 +75,10 @@ def run(
     """
     observer = observer or Observer()
     with observer.timed("start"):
-        run, renderer, images = setup(plan, staging, observer, cache or _open_cache(plan))
+        run, renderer, images = setup(
+            plan, staging, observer, cache or _open_cache(plan), data_only=data_only
+        )
         check_baseline(plan, renderer.backend.variant)
-    images.is_off = data_only
     report = validate(plan, renderer, images, run)
     _print_scores(observer, report.data)
     if not data_only:
@@ -97,12 +100,20 @@ def _renderer(plan: Plan, observer: Observer) -> Renderer:
 
 
 def setup(
-    plan: Plan, folder: Path, observer: Observer, cache: ResultCache | None = None
+    plan: Plan,
+    folder: Path,
+    observer: Observer,
+    cache: ResultCache | None = None,
+    *,
+    data_only: bool = False,
 ) -> tuple[Run, Renderer, Images]:
-    """Create the run, the renderer and the images of a plan; by default without a cache."""
+    """Create the run, the renderer and the images of a plan; by default without a cache.
+
+    With `data_only`, the images are not written.
+    """
     cache = cache or ResultCache()
     attributes = {"inim:scene_sha256": plan.file.sha256, "inim:seed": str(plan.settings.seed)}
-    images = Images(folder, attributes, observer, cache)
+    images = Images(folder, attributes, observer, cache, data_only=data_only)
     return Run(cache, observer), _renderer(plan, observer), images
 
 

@@ -54,7 +54,7 @@ _INPUT_FILES = {RGBD: "rgbd.exr", LayeredRGBD: "layers.exr"}
 class Images:
     """Writes images in a separate thread: compressing them takes as long as scoring them.
 
-    `attributes` go into every EXR file; the cache holds compressed PNG files. With `is_off`,
+    `attributes` go into every EXR file; the cache holds compressed PNG files. With `data_only`,
     nothing is written.
     """
 
@@ -64,13 +64,14 @@ class Images:
         attributes: Mapping[str, str],
         observer: Observer,
         cache: ResultCache | None = None,
+        *,
+        data_only: bool = False,
     ) -> None:
-        self.folder, self.cache = folder, cache or ResultCache()
+        self.folder, self.cache, self._data_only = folder, cache or ResultCache(), data_only
         self._observer = observer
         self._attributes = attributes
         self._thread = ThreadPoolExecutor(1, "images")
         self._waiting: list[tuple[Future[None], int]] = []
-        self.is_off = False
 
     def save(self, name: str, linear: np.ndarray) -> None:
         """Write an image, (rows, columns, 3) linear RGB, as PNG and EXR; do not modify it later.
@@ -122,7 +123,7 @@ class Images:
 
     def _submit(self, write: Callable[[], None], size: int) -> None:
         """Submit a function that writes a file and occupies `size` bytes until then."""
-        if self.is_off:
+        if self._data_only:
             return
         with self._observer.timed(_TIMER):
             while self._waiting and (

@@ -103,19 +103,21 @@ class LensedPanel:
         find_pixels = self.find_pixels(x, y, sx, sy, lit)
         if len(find_pixels) == 1:
             place, weight, lit = find_pixels[0]
-            color = dr.gather(mi.Color3f, self.picture, place, lit)
-            if self.emission:
-                black, white = self.emission
-                color = emitted_light(color, black, mi.Color3f(*white))
+            color = self._emitted(dr.gather(mi.Color3f, self.picture, place, lit), slice(3))
             return mi.Spectrum(color * weight) & lit
         color = mi.Color3f(0.0)
         for channel, (place, weight, masks) in enumerate(find_pixels):
             value = dr.gather(mi.Float, self.picture, 3 * place + channel, masks)
-            if self.emission:
-                black, white = self.emission
-                value = emitted_light(value, black, white[channel])
+            value = self._emitted(value, slice(channel, channel + 1))
             color[channel] = dr.select(masks, value * weight, 0.0)
         return mi.Spectrum(color)
+
+    def _emitted(self, light: Any, channels: slice) -> Any:
+        """Light that the panel emits when driven with `light`, of all channels or of one."""
+        if self.emission is None:
+            return light
+        black, white = self.emission
+        return emitted_light(light, black, type(light)(*white[channels]))
 
     def find_pixels(
         self, x: Any, y: Any, sx: Any, sy: Any, lit: Any = True

@@ -35,7 +35,7 @@ from inim.generators import (
     foreign_errors,
     generate,
 )
-from inim.generators.base import HOLE, MOST_OUTSIDE, outside_depth_range
+from inim.generators.base import HOLE, MOST_OUTSIDE, outside_depth_range, outside_depth_text
 from inim.generators.oracle import ExactHits, exact_hits, why_no_oracle
 from inim.generators.raycast.columns import SURFACE, columns_of
 from inim.generators.raycast.ray_by_ray import first_hit
@@ -170,15 +170,10 @@ def _fitted_warnings(rgbd: RGBD, display: Display, name: str) -> tuple[str, ...]
 
 
 def _check_picture(rgbd: RGBD, display: Display, name: str) -> None:
-    low, high = display.depth_range_mm
     if not rgbd.covered.any():
         raise FileError(f"{name}: is empty; give a picture with covered pixels")
-    outside_share = outside_depth_range(rgbd, display)
-    if outside_share > MOST_OUTSIDE:
-        raise FileError(
-            f"{name}: {outside_share:.0%} of it is outside the display's depth range, {low:.4g} to "
-            f"{high:.4g} mm; fit it to this display with `inim generate --save-rgbd`"
-        )
+    if outside_depth_range(rgbd, display) > MOST_OUTSIDE:
+        raise FileError(f"{name}: {outside_depth_text(rgbd, display)}")
     if not np.isfinite(rgbd.palette).all():
         raise FileError(f"{name}: has colours that are not finite; replace them")
 

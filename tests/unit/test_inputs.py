@@ -101,7 +101,7 @@ def test_wrong_pictures_of_generate_are_one_line(rgbd, says):
 
 
 def test_depth_in_metres_is_warned_of():
-    with pytest.warns(UserWarning, match=r"100% of it lie outside .* depth_mm is 0.033 to 0.033"):
+    with pytest.warns(UserWarning, match=r"100% of it is outside .* depths are 0.033 to 0.033"):
         inim.generate(picture(depth_mm=0.033, display=small_display()), small_display())
 
 
