@@ -298,7 +298,10 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
         if path is None:
             continue
         if path.suffix.lower() not in allowed:
-            raise UsageError(f"{option} {path}: name a {' or '.join(allowed)} file")
+            raise UsageError(
+                f"{option} {path}: name a {' or '.join(allowed)} file; only a folder of "
+                "photographs gives a folder"
+            )
         if path.is_dir():
             raise FileError(f"{path}: is a folder; name a file with {option}")
         place = os.path.realpath(path)

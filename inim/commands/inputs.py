@@ -1,6 +1,7 @@
 """Preparation of inputs: `inim depth` for photographs, `inim pickup`, `inim new-scene` for relics.
 
-`inim depth` estimates the depth of a single photograph by a learned model, through `transformers`.
+`inim depth` estimates the depth of a single photograph, from the outline of its subject (see
+`inim.from_camera.outline_depth`) or by a learned model, through `transformers`.
 
 There are two kinds of models. Some return metres (ZoeDepth, Depth Pro, GLPN, the metric Depth
 Anything); their numbers are kept. Most return inverse depth, larger for nearer objects, up to an
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
+_METHODS = ("relief", "layers", "model")
 _DEFAULT_MODEL = "depth-anything/Depth-Anything-V2-Small-hf"
 _KINDS = ("auto", "inverse", "metres")
 _INSTALL = "pip install 'inim[depth]'"
@@ -35,16 +37,25 @@ _INSTALL = "pip install 'inim[depth]'"
 _METRIC_TYPES = frozenset({"zoedepth", "depth_pro", "glpn", "prompt_depth_anything"})
 _INVERSE_TYPES = frozenset({"dpt"})
 _DEFAULT_RATIO = 4.0
+_HALF_WHITE = 127
+_WHITE_OF_16_BITS = 65535
 
 
 def _add_depth_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Estimate the depth of a photograph with a depth-estimation model, for `inim generate`. "
-        f"Needs the extra: {_INSTALL}"
+        "Estimate the depth of a photograph, for `inim generate`: from the outline of its subject, "
+        f"or with a depth-estimation model, which needs the extra: {_INSTALL}"
     )
     add = parser.add_argument
     add("photo", type=Path, help="PNG, JPEG, ... or EXR")
-    add("-o", "--out", type=Path, required=True, help="depth, .exr or .npy")
+    add("-o", "--out", type=Path, required=True, help="depth, .exr, .npy, or .png to paint over")
+    add(
+        "--method",
+        default=_METHODS[0],
+        help="relief: the subject bulges within its outline; layers: a flat subject before the "
+        "background; model: a learned model (default: relief)",
+    )
+    add("--mask", type=Path, metavar="FILE", help="picture that is white where the subject is")
     add(
         "--model",
         default=_DEFAULT_MODEL,
@@ -61,37 +72,75 @@ def _add_depth_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _depth(args: argparse.Namespace) -> int:
+    _check_depth(args)
+    if args.method == "model":
+        depth, kind, options = _depth_of_model(args)
+    else:
+        depth, kind, options = _depth_of_outline(args)
+    next_command = ["inim", "generate", str(args.photo), "--depth", str(args.out), *options]
+    print(f"method     {args.method}: {kind}")
+    print(f"written    {args.out}, {depth.shape[1]} x {depth.shape[0]}")
+    print(f"next       {shlex.join([*next_command, '--orthographic'])}")
+    return EXIT_PASSED
+
+
+def _depth_of_outline(args: argparse.Namespace) -> tuple[np.ndarray, str, list[str]]:
+    """Write the depth by the outline; return it, its description and the options for it."""
+    from inim.from_camera import outline_depth
+    from inim.from_camera.picture_files import read_srgb
+
+    color = read_srgb(args.photo)
+    if args.mask is None:
+        subject = outline_depth.find_subject(color, str(args.photo))
+    else:
+        subject = read_srgb(args.mask).max(axis=-1) > _HALF_WHITE
+        if subject.shape != color.shape[:2] or not subject.any():
+            raise FileError(
+                f"{args.mask}: has {subject.shape[1]} x {subject.shape[0]} pixels, "
+                f"{subject.mean():.0%} of them white; give a mask of the photograph's "
+                f"{color.shape[1]} x {color.shape[0]} pixels that is white where the subject is"
+            )
+    nearness: np.ndarray = getattr(outline_depth, args.method)(subject)
+    _write_depth(args.out, nearness, "nearness from 0 to 1")
+    kind = f"the subject covers {subject.mean():.0%}; white and 1 are nearest"
+    return nearness, kind, ["--depth-unit", "none", "--near-is-large"]
+
+
+def _depth_of_model(args: argparse.Namespace) -> tuple[np.ndarray, str, list[str]]:
+    """Write the depth of a model; return it, its description and the options for it."""
     import numpy as np
 
-    _check_depth(args)
     estimator = _estimator(args.model)
     metric = returns_distance(estimator.model.config, args.model, args.model_output)
     predicted = _predict_depth(estimator, args.photo, args.model)
     if metric:
-        depth, unit = predicted, "--depth-unit m"
+        depth, unit = predicted, ["--depth-unit", "m"]
         depth = np.where(depth > 0, depth, np.float32(np.nan))
     else:
-        depth, unit = (
-            relative_distance(predicted, args.depth_ratio),
-            "--depth-unit none --far-is-large",
-        )
+        depth = relative_distance(predicted, args.depth_ratio)
+        unit = ["--depth-unit", "none", "--far-is-large"]
     _write_depth(args.out, depth, "distance in metres" if metric else "relative distance")
     low, high = float(np.nanmin(depth)), float(np.nanmax(depth))
     kind = "metres" if metric else "inverse depth, converted to relative distance"
-    print(f"model      {args.model}: {kind}")
-    print(f"depth      {low:.4g} (near) .. {high:.4g} (far), {depth.shape[1]} x {depth.shape[0]}")
-    print(f"written    {args.out}; use it with --depth {args.out} {unit}")
-    return EXIT_PASSED
+    return depth, f"{args.model}, {kind}, {low:.4g} (near) .. {high:.4g} (far)", unit
 
 
 def _check_depth(args: argparse.Namespace) -> None:
-    if args.out.suffix.lower() not in (".exr", ".npy"):
-        raise UsageError(f"-o {args.out}: depth is written as .exr or .npy")
+    from inim.generators.registry import one_of
+
+    method = one_of("--method", args.method, _METHODS)
+    suffixes = (".exr", ".npy") if method == "model" else (".exr", ".npy", ".png")
+    if args.out.suffix.lower() not in suffixes:
+        raise UsageError(f"-o {args.out}: depth is written as {' or '.join(suffixes)}")
+    if method == "model" and args.mask is not None:
+        raise UsageError("--mask: a model needs no outline; leave it out")
     if args.out.is_dir():
         raise FileError(f"{args.out}: is a folder; name a file with -o")
     check_file(args.photo)
     if os.path.realpath(args.out) == os.path.realpath(args.photo):
         raise UsageError(f"-o {args.out}: is the photograph; give it another name")
+    if method != "model" and args.model != _DEFAULT_MODEL:
+        raise UsageError("--model: is for --method model; add that")
     if args.model_output not in _KINDS:
         raise UsageError(
             f"--model-output {args.model_output}: use {', '.join(_KINDS[:-1])} or {_KINDS[-1]}"
@@ -152,13 +201,11 @@ def _predict_depth(estimator: Any, photo: Path, model: str) -> np.ndarray:
     import numpy as np
     from PIL import Image
 
-    from inim.from_camera.picture_files import read_color
-    from inim.image.color import srgb_from_linear, srgb_to_uint8
+    from inim.from_camera.picture_files import read_srgb
 
-    color = read_color(photo)
-    codes = color if color.dtype == np.uint8 else srgb_to_uint8(srgb_from_linear(color))
+    color = read_srgb(photo)
     try:
-        output = estimator(Image.fromarray(codes))["predicted_depth"]
+        output = estimator(Image.fromarray(color))["predicted_depth"]
         depth = np.squeeze(np.asarray(output.detach().cpu().float().numpy(), np.float32))
     except MemoryError as error:
         raise OutOfMemoryError(f"{photo}: not enough memory; scale the picture down") from error
@@ -196,6 +243,11 @@ def _write_depth(path: Path, depth: np.ndarray, meaning: str) -> None:
 
     if path.suffix.lower() == ".exr":
         write_depth(path, depth, meaning)
+    elif path.suffix.lower() == ".png":
+        from PIL import Image
+
+        codes = np.rint(depth * np.float32(_WHITE_OF_16_BITS)).astype(np.uint16)
+        write_atomically(path, lambda p: Image.fromarray(codes).save(p, "PNG"))
     else:
         write_atomically(path, lambda p: np.save(p, depth))
 

@@ -224,7 +224,7 @@ def _add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
     accept = actions.add_parser("accept", help="make a report the baseline of its scene")
     accept.add_argument("out", type=Path, metavar="OUT", help="folder of a report")
     accept.add_argument(
-        "--reason", required=True, help="reason in one line, stored in the baseline"
+        "--reason", default="", help="reason in one line, stored in the baseline; required"
     )
     accept.add_argument(
         "--to",

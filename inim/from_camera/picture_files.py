@@ -63,6 +63,16 @@ def read_color(path: Path) -> NDArray[np.uint8] | NDArray[np.float32]:
     return _decoded_color(path)
 
 
+def read_srgb(path: Path) -> NDArray[np.uint8]:
+    """Colour picture as `read_color` reads it, (H, W, 3) uint8 sRGB; that of an EXR is clipped."""
+    from inim.image.color import srgb_from_linear, srgb_to_uint8
+
+    color = read_color(path)
+    if color.dtype != np.uint8:
+        color = srgb_to_uint8(srgb_from_linear(color))
+    return color.astype(np.uint8, copy=False)
+
+
 def _decoded_color(path: Path) -> NDArray[np.uint8]:
     from PIL import Image, ImageOps
 

@@ -158,8 +158,6 @@ def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
     failed a check without a baseline; `BaselineError` or `FileError` if the report or its
     statistics are missing or damaged.
     """
-    if not reason.strip():
-        raise UsageError("--reason is empty; give the reason for the new baseline in one line")
     report, candidate = read_run(out)
     if report.data.preview is not None:
         raise UsageError(
@@ -173,6 +171,8 @@ def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
             "these first"
         )
     _check_complete(candidate, out)
+    if not reason.strip():
+        raise UsageError("--reason is missing; give the reason for the new baseline in one line")
     if folder is None:
         regression = report.data.regression
         folder = Path(regression.baseline) if regression else default_baseline(report.data.title)

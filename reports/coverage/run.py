@@ -15,14 +15,13 @@ import argparse
 import json
 import tempfile
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from inim.pipeline.adaptive_sampling import SAMPLE_COUNTS
 from inim.pipeline.job import setup
-from inim.pipeline.output import Images
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import PREVIEW, Request
 from inim.pipeline.validate import evaluate
@@ -47,13 +46,6 @@ _TARGET = (0.90, 0.99)
 Intervals = dict[str, tuple[float, float, float]]
 
 
-class _Unsaved(Images):
-    """Images of an evaluation, none of which is written."""
-
-    def _submit(self, write: Callable[[], None], size: int) -> None:
-        pass
-
-
 def evaluate_scene(scene: Path, samples: Mapping[str, Any], seed: int) -> Intervals:
     """Value and interval of every score of a scene, by ``algorithm/viewpoint score``.
 
@@ -63,8 +55,8 @@ def evaluate_scene(scene: Path, samples: Mapping[str, Any], seed: int) -> Interv
     plan = make_plan(request)
     plan = replace(plan, settings=replace(plan.settings, **samples, seed=seed))
     with tempfile.TemporaryDirectory() as folder:
-        run, renderer, _ = setup(plan, Path(folder), Observer())
-        evaluation = evaluate(plan, renderer, _Unsaved(Path(folder), {}, run.observer), run)
+        run, renderer, images = setup(plan, Path(folder), Observer(), data_only=True)
+        evaluation = evaluate(plan, renderer, images, run)
     views = {f"reference/{name}": scores for name, scores in evaluation.reference_scores.items()}
     for result in evaluation.results.values():
         views |= result.statistics.scores

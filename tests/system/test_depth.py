@@ -1,4 +1,4 @@
-"""`inim depth`: what a model says becomes distances that `inim generate` takes.
+"""`inim depth`: an outline or a model gives depth that `inim generate` takes.
 
 Expected: inverse depth is turned round, metres are kept, and without torch, transformers or the
 model there is one line with the way out. The model is a tiny one with random weights where torch
@@ -19,6 +19,8 @@ from inim.commands.inputs import relative_distance, returns_distance
 from inim.errors import EXIT_PASSED, UsageError
 from inim.from_camera.picture_files import read_depth
 from tests.system.conftest import assert_refused
+
+MODEL = ("depth", "--method", "model")
 
 
 @pytest.fixture
@@ -71,7 +73,7 @@ def test_inverse_depth_is_turned_round(monkeypatch, photo, capsys):
     inverse = np.linspace(3, 11, 42 * 56).reshape(1, 42, 56)
     inputs = stand_in(monkeypatch, inverse, model_type="dpt")
     out = photo.with_name("d.exr")
-    assert main(["depth", str(photo), "-o", str(out), "--depth-ratio", "5"]) == EXIT_PASSED
+    assert main([*MODEL, str(photo), "-o", str(out), "--depth-ratio", "5"]) == EXIT_PASSED
     assert inputs == [("depth-anything/Depth-Anything-V2-Small-hf", (56, 42))]
     depth = read_depth(out).values
     assert depth.shape == (42, 56)
@@ -84,12 +86,11 @@ def test_metres_are_kept_and_make_an_eia(monkeypatch, photo, capsys):
     metres = np.linspace(4, 1, 42)[:, None].repeat(56, 1)
     stand_in(monkeypatch, metres, model_type="depth_anything", depth_estimation_type="metric")
     out, eia = photo.with_name("d.npy"), photo.with_name("eia.png")
-    assert main(["depth", str(photo), "-o", str(out)]) == EXIT_PASSED
+    assert main([*MODEL, str(photo), "-o", str(out)]) == EXIT_PASSED
     np.testing.assert_allclose(read_depth(out).values, metres, rtol=1e-6)
-    use = capsys.readouterr().out.split("use it with ")[1].split()
+    use = capsys.readouterr().out.split("next       inim ")[1].split()
     size = [w for k in ("columns", "rows") for w in ("-D", f"inim.lens_{k}=8")]
-    more = [str(photo), "--orthographic", *size, "-o", str(eia)]
-    assert main(["generate", *more, *use]) == EXIT_PASSED
+    assert main([*use, *size, "-o", str(eia)]) == EXIT_PASSED
     output = capsys.readouterr()
     assert "1000 (near) .. 4000 (far) mm" in output.out
     assert output.err == ""
@@ -120,14 +121,14 @@ def test_a_model_s_output_follows_from_its_kind_or_an_option():
     ],
 )
 def test_a_mistake_is_one_line(photo, more, says):
-    assert_refused("depth", photo.name, *more, folder=photo.parent, says=[says])
+    assert_refused(*MODEL, photo.name, *more, folder=photo.parent, says=[says])
 
 
 def test_a_folder_named_as_the_default_model_does_not_replace_it(photo, monkeypatch):
     (photo.parent / "depth-anything/Depth-Anything-V2-Small-hf").mkdir(parents=True)
     stand_in(monkeypatch, np.ones((4, 4)), model_type="dpt")
     says = ["give --model ./depth-anything"]
-    assert_refused("depth", photo.name, "-o", "d.exr", folder=photo.parent, says=says)
+    assert_refused(*MODEL, photo.name, "-o", "d.exr", folder=photo.parent, says=says)
 
 
 @pytest.mark.parametrize("missing", ["torch", "transformers"])
@@ -135,7 +136,7 @@ def test_without_the_extra_the_install_command_is_printed(photo, monkeypatch, mi
     stand_in(monkeypatch, np.ones((4, 4)))
     monkeypatch.setitem(sys.modules, missing, None)
     says = [f"{missing} is missing", "pip install 'inim[depth]'"]
-    assert_refused("depth", photo.name, "-o", "d.exr", folder=photo.parent, says=says)
+    assert_refused(*MODEL, photo.name, "-o", "d.exr", folder=photo.parent, says=says)
 
 
 @pytest.mark.parametrize(
@@ -149,7 +150,7 @@ def test_without_the_extra_the_install_command_is_printed(photo, monkeypatch, mi
 def test_a_model_that_cannot_be_used_is_named(photo, monkeypatch, message, says):
     stand_in(monkeypatch, message, model_type="dpt")
     words = (photo.name, "-o", "d.exr", "--model", "mine")
-    assert_refused("depth", *words, folder=photo.parent, says=[says])
+    assert_refused(*MODEL, *words, folder=photo.parent, says=[says])
 
 
 def test_a_tiny_model_from_a_folder(photo, tmp_path, capsys):
@@ -169,9 +170,72 @@ def test_a_tiny_model_from_a_folder(photo, tmp_path, capsys):
     size = {"height": 28, "width": 28}
     transformers.DPTImageProcessor(size=size, keep_aspect_ratio=False).save_pretrained(folder)
     out = tmp_path / "d.exr"
-    assert main(["depth", str(photo), "-o", str(out), "--model", str(folder)]) == EXIT_PASSED
+    assert main([*MODEL, str(photo), "-o", str(out), "--model", str(folder)]) == EXIT_PASSED
     depth = read_depth(out).values
     assert depth.shape == (42, 56)
     assert depth.min() == pytest.approx(1)
     assert depth.max() == pytest.approx(4)
     assert "inverse depth" in capsys.readouterr().out
+
+
+@pytest.fixture
+def jar(tmp_path):
+    """Photograph of a striped disc of 60 pixels' radius before a background that brightens."""
+    y, x = np.mgrid[:200, :240]
+    color = 90 + 60 * (x[..., None] / 240) ** 2 + np.array([0, 4, 9])
+    color = color + np.random.default_rng(1).normal(0, 1.5, color.shape)
+    disc = (x - 130) ** 2 + (y - 90) ** 2 < 60**2
+    color[disc & (y // 8 % 2 == 0)] = (170, 60, 30)
+    color[disc & (y // 8 % 2 == 1)] = (20, 20, 25)
+    path = tmp_path / "jar.png"
+    Image.fromarray(color.astype(np.uint8)).save(path)
+    return path, disc
+
+
+@pytest.mark.parametrize("ending", ["exr", "npy", "png"])
+def test_a_disc_becomes_a_hemisphere(jar, capsys, ending):
+    path, disc = jar
+    out = path.with_name(f"d.{ending}")
+    assert main(["depth", str(path), "-o", str(out)]) == EXIT_PASSED
+    values = read_depth(out).values.astype(float)
+    nearness = values / (65535 if ending == "png" else 1)
+    assert (disc == (nearness > 0)).mean() > 0.995
+    y, x = np.mgrid[:200, :240]
+    height = np.sqrt(np.maximum(1 - ((x - 130) ** 2 + (y - 90) ** 2) / 60**2, 0))
+    inside = height > 0.4
+    np.testing.assert_allclose(nearness[inside], 0.25 + 0.75 * height[inside], atol=0.03)
+    use = capsys.readouterr().out.split("next       inim ")[1].split()
+    eia = path.with_name("eia.png")
+    size = [w for k in ("columns", "rows") for w in ("-D", f"inim.lens_{k}=8")]
+    assert main([*use, *size, "-o", str(eia)]) == EXIT_PASSED
+    assert eia.exists() and capsys.readouterr().err == ""
+
+
+def test_a_bar_cut_by_the_edge_becomes_a_half_cylinder(photo):
+    mask = np.zeros((42, 56), np.uint8)
+    mask[:, 18:38] = 255
+    Image.fromarray(mask).save(photo.with_name("mask.png"))
+    words = ["-o", str(photo.with_name("d.npy")), "--mask", str(photo.with_name("mask.png"))]
+    assert main(["depth", str(photo), *words]) == EXIT_PASSED
+    nearness = np.load(photo.with_name("d.npy"))
+    across = (np.arange(18, 38) - 27.5) / 10.5
+    profile = np.sqrt(1 - across**2)
+    expected = 0.25 + 0.75 * profile / profile.max()
+    np.testing.assert_allclose(nearness[:, 18:38], expected[None].repeat(42, 0), atol=1e-5)
+    assert not nearness[:, :18].any()
+    assert main(["depth", str(photo), *words, "--method", "layers"]) == EXIT_PASSED
+    np.testing.assert_array_equal(np.load(photo.with_name("d.npy")), mask / 255)
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        ((), "--mask FILE"),
+        (("--mask", "small.png"), "4 x 3 pixels"),
+        (("--method", "shading"), "--method"),
+        (("--model", "mine"), "--method model"),
+    ],
+)
+def test_without_an_outline_the_way_out_is_one_line(photo, more, says):
+    Image.new("L", (4, 3), 255).save(photo.with_name("small.png"))
+    assert_refused("depth", photo.name, "-o", "d.exr", *more, folder=photo.parent, says=[says])

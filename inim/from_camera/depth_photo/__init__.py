@@ -13,6 +13,7 @@ depth_representation_info (ITU-T H.265), which has no unit.
 from __future__ import annotations
 
 import math
+import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -71,10 +72,18 @@ def read_depth_photo(path: Path) -> DepthPhoto:
     if is_heif(data):
         return _decode_photo(path, *read_heif(path, data), is_upright=True)
     if not data.startswith(MAGIC):
-        raise FileError(f"{path}: neither HEIC nor JPEG; for other pictures add --depth FILE")
+        raise FileError(
+            f"{path}: neither HEIC nor JPEG; other pictures have no depth inside: add --depth "
+            f"FILE, or estimate it: {_estimate(path)}"
+        )
     depth = read_jpeg_depth(path, data)
     with open_picture(path, ("JPEG",), 1, data=data) as picture:
         return _decode_photo(path, picture, read_exif(picture), depth, is_upright=False)
+
+
+def _estimate(path: Path) -> str:
+    """Command that estimates the depth of a picture."""
+    return shlex.join(["inim", "depth", str(path), "-o", f"{path.stem}-depth.exr"])
 
 
 def _decode_photo(
@@ -88,7 +97,7 @@ def _decode_photo(
     if depth is None:
         raise FileError(
             f"{path}: no depth inside (HEIC, dynamic depth, GDepth or Apple's disparity); use the "
-            "original file of a portrait photograph, or estimate depth with `inim depth`"
+            f"original file of a portrait photograph, or estimate depth: {_estimate(path)}"
         )
     orientation, focal_35mm = exif
     color = np.asarray(convert_to_srgb(picture, path).convert("RGB"))
