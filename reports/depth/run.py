@@ -39,6 +39,8 @@ VIEWPOINT = "left"
 DEPTHS = {
     "true": "the depth of the scene",
     "relief": "`inim depth`, outline found in the picture",
+    "relief/2": "half as deep",
+    "relief/4": "a quarter as deep",
     "layers": "`inim depth --method layers`, at the middle of the true depth",
 }
 
@@ -57,6 +59,8 @@ def pictures(rgbd: RGBD, name: str) -> dict[str, RGBD]:
     return {
         "true": rgbd,
         "relief": with_depth(low + (high - low) * nearness, subject),
+        "relief/2": with_depth((low + high) / 2 + (high - low) * (nearness - 0.625) / 2, subject),
+        "relief/4": with_depth((low + high) / 2 + (high - low) * (nearness - 0.625) / 4, subject),
         "layers": with_depth((low + high) / 2, subject),
     }
 
