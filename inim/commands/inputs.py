@@ -100,10 +100,14 @@ def _depth_of_outline(args: argparse.Namespace) -> tuple[np.ndarray, str, list[s
                 f"{subject.mean():.0%} of them white; give a mask of the photograph's "
                 f"{color.shape[1]} x {color.shape[0]} pixels that is white where the subject is"
             )
-    nearness: np.ndarray = getattr(outline_depth, args.method)(subject)
+    method = next(m for m in outline_depth.METHODS if m.name == args.method)
+    nearness = method.nearness(subject)
     _write_depth(args.out, nearness, "nearness from 0 to 1")
     kind = f"the subject covers {subject.mean():.0%}; white and 1 are nearest"
-    return nearness, kind, ["--depth-unit", "none", "--near-is-large"]
+    # A PNG file holds codes.
+    white = _WHITE_OF_16_BITS if args.out.suffix.lower() == ".png" else 1
+    ends = [f"--near={method.near * white:g}", f"--far={method.far * white:g}"]
+    return nearness, kind, ["--depth-unit", "none", "--near-is-large", *ends]
 
 
 def _depth_of_model(args: argparse.Namespace) -> tuple[np.ndarray, str, list[str]]:

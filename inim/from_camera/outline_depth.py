@@ -12,6 +12,9 @@ Two depths follow from it at once, without a learned model:
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -118,6 +121,26 @@ def relief(subject: NDArray[np.bool_]) -> NDArray[np.float32]:
 def layers(subject: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Nearness of a flat subject before a flat background: 1 and 0, (H, W) float32."""
     return subject.astype(np.float32)
+
+
+class OutlineMethod(NamedTuple):
+    """Depth from an outline, and the nearness at the ends of a display's depth range.
+
+    A relief is as deep as half the range: of six relics, the views are then closest to the true
+    ones (see `reports/depth`). A layer is in the middle.
+    """
+
+    name: str
+    nearness: Callable[[NDArray[np.bool_]], NDArray[np.float32]]
+    near: float
+    far: float
+
+
+#: Methods, the default first.
+METHODS = (
+    OutlineMethod("relief", relief, 1.625, -0.375),
+    OutlineMethod("layers", layers, 2.0, 0.0),
+)
 
 
 def _difference_to_background(color: np.ndarray) -> tuple[np.ndarray, float, float]:

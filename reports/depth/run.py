@@ -39,30 +39,22 @@ VIEWPOINT = "left"
 DEPTHS = {
     "true": "the depth of the scene",
     "relief": "`inim depth`, outline found in the picture",
-    "relief/2": "half as deep",
-    "relief/4": "a quarter as deep",
-    "layers": "`inim depth --method layers`, at the middle of the true depth",
+    "layers": "`inim depth --method layers`",
 }
 
 
 def pictures(rgbd: RGBD, name: str) -> dict[str, RGBD]:
-    """Pictures with true and estimated depths, by name; the relief spans the true range."""
-    covered = rgbd.covered
-    low, high = (float(f(rgbd.depth_mm[covered])) for f in (np.min, np.max))
-    codes = srgb_to_uint8(srgb_from_linear(np.where(covered[..., None], rgbd.color, 0)))
+    """Pictures with true and estimated depths; a display's depth range is the true range."""
+    low, high = (float(f(rgbd.depth_mm[rgbd.covered])) for f in (np.min, np.max))
+    codes = srgb_to_uint8(srgb_from_linear(np.where(rgbd.covered[..., None], rgbd.color, 0)))
     subject = outline_depth.find_subject(codes, name)
-    nearness = outline_depth.relief(subject)
-
-    def with_depth(depth_mm: Any, seen: np.ndarray) -> RGBD:
-        return replace(rgbd, depth_mm=np.full(seen.shape, depth_mm, np.float32), covered=seen)
-
-    return {
-        "true": rgbd,
-        "relief": with_depth(low + (high - low) * nearness, subject),
-        "relief/2": with_depth((low + high) / 2 + (high - low) * (nearness - 0.625) / 2, subject),
-        "relief/4": with_depth((low + high) / 2 + (high - low) * (nearness - 0.625) / 4, subject),
-        "layers": with_depth((low + high) / 2, subject),
-    }
+    result = {"true": rgbd}
+    for method in outline_depth.METHODS:
+        nearness = method.nearness(subject)
+        share = (nearness - method.far) / (method.near - method.far)
+        depth = (low + (high - low) * share).astype(np.float32)
+        result[method.name] = replace(rgbd, depth_mm=depth, covered=subject)
+    return result
 
 
 def score(scene: Path) -> tuple[dict[str, Any], list[np.ndarray]]:
