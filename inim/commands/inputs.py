@@ -264,7 +264,8 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         "mesh",
         type=Path,
         metavar="MESH",
-        help="mesh (PLY, OBJ, OFF, STL, GLB or glTF) or Gaussian splats (PLY)",
+        help="mesh (PLY, OBJ, OFF, STL, GLB or glTF) or Gaussian splats (PLY), or a folder with "
+        "one of these",
     )
     add("-o", "--out", type=Path, metavar="XML", help="scene to write (default: MESH-scene.xml)")
     add(

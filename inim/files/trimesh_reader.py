@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import logging
 import mimetypes
 import os
@@ -18,6 +17,7 @@ from PIL import Image
 
 from inim.errors import FileError
 from inim.files import read_file
+from inim.files.gltf import prepare_gltf
 from inim.files.triangle_mesh import Mesh, first_line, usable_normals
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 
@@ -74,7 +74,7 @@ def read_with_trimesh(
     """
     try:
         if kind in ("glb", "gltf"):
-            _check_gltf(data)
+            data = prepare_gltf(path, data)
         companions = _Companions(path)
         # No processing: merging vertices drops texture seams, and NaN must be seen, not mended.
         scene = trimesh.load_scene(
@@ -101,16 +101,6 @@ def read_with_trimesh(
     except Exception as error:
         cause = first_line(error)
         raise FileError(f"{path}: not a readable {kind} mesh ({cause}); export it again") from error
-
-
-def _check_gltf(data: bytes) -> None:
-    """Reject accessors without data, which trimesh would fill with zeros of the declared size."""
-    text = data
-    if data.startswith(b"glTF"):
-        text = data[20 : 20 + int.from_bytes(data[12:16], "little")]
-    zeros = sum(a["count"] for a in json.loads(text).get("accessors", []) if "bufferView" not in a)
-    if zeros > len(data):
-        raise ValueError(f"declares {zeros} items without data")
 
 
 def _surfaces(path: Path, parts: list[Any]) -> list[Any]:

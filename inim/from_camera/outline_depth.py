@@ -104,8 +104,8 @@ def relief(subject: NDArray[np.bool_]) -> NDArray[np.float32]:
         edge[axis] = slice(-1, None) if shift == 1 else slice(0, 1)
         beside[tuple(edge)] = -2
         neighbours += beside != -2
-        both = small & (beside >= 0)
-        entries.append((number[both], beside[both]))
+        inside = small & (beside >= 0)
+        entries.append((number[inside], beside[inside]))
     rows, columns = (np.concatenate(part) for part in zip(*entries, strict=True))
     count = int(small.sum())
     # A subject that fills the picture has no outline: the tiny term makes it flat.

@@ -61,7 +61,8 @@ def new_scene(
     Parameters
     ----------
     source : path
-        PLY, OBJ, OFF, STL, GLB or glTF, or a PLY of 3D Gaussian splats.
+        PLY, OBJ, OFF, STL, GLB or glTF, or a PLY of 3D Gaussian splats; or a folder with one
+        such file, such as that of a photogrammetry program.
     out : path, optional
         The scene's XML; default: `<source>-scene.xml` in the current folder.
     unit : {"mm", "cm", "m", "in"}, optional
@@ -99,7 +100,7 @@ def new_scene(
     from inim.files.triangle_mesh import read_bytes
     from inim.scene.relic_scene import Frame, scene_xml, splat_scene_xml
 
-    source, note = Path(source), ""
+    source, note = _mesh_in(Path(source)), ""
     out = Path(f"{source.stem}-scene.xml") if out is None else Path(out)
     _check_choices(out, unit, up, front, display)
     data, title = read_bytes(source), title or source.stem
@@ -127,6 +128,19 @@ def new_scene(
     if note and say is not None:
         say(note)
     return out
+
+
+def _mesh_in(source: Path) -> Path:
+    """The only mesh of a folder; any other path unchanged."""
+    from inim.files.mesh import MESH_SUFFIXES
+
+    if not source.is_dir():
+        return source
+    meshes = sorted(path for path in source.iterdir() if path.suffix.lower() in MESH_SUFFIXES)
+    if len(meshes) != 1:
+        names = ", ".join(path.name for path in meshes[:5]) or ", ".join(MESH_SUFFIXES)
+        raise FileError(f"{source}: has {len(meshes)} meshes ({names}); name the file")
+    return meshes[0]
 
 
 def _place_mesh(

@@ -79,12 +79,12 @@ def score(scene: Path) -> tuple[dict[str, Any], list[np.ndarray]]:
     row: dict[str, Any] = {"scene": scene.stem}
     views = []
     for name, picture in pictures(rgbd, scene.stem).items():
-        both = picture.covered & rgbd.covered
-        error = (picture.depth_mm - rgbd.depth_mm)[both]
+        common = picture.covered & rgbd.covered
+        error = (picture.depth_mm - rgbd.depth_mm)[common]
         views.append(view(inim.generate(picture, plan.display)))
         row[name] = {
             "ssim": ssim(reference, views[-1], region),
-            "outline_iou": both.sum() / (picture.covered | rgbd.covered).sum(),
+            "outline_iou": common.sum() / (picture.covered | rgbd.covered).sum(),
             "depth_rms_mm": float(np.sqrt((error**2).mean())),
         }
     return row, views
