@@ -76,6 +76,9 @@ def register() -> None:
             self._stream = dr.select(mi.Mask(active), self._stream + 0x9E3779B9, self._stream)
             return _scramble(self._sample, key), key
 
+        def schedule_state(self) -> None:
+            dr.schedule(self._stream)
+
         def next_1d(self, active: Any = True) -> Any:
             index, key = self._next(active)
             return _to_unit_interval(_scramble(dr.brev(index), _hash(key ^ 0x55555555)))

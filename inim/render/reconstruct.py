@@ -77,10 +77,12 @@ class LensMesh:
 
         def light(index: Any, sampler: Any) -> Any:
             ray = mi.RayDifferential3f(camera.rays(*camera.sample(index, sampler)))
-            by_glass = {
-                glass: self._integrator.sample(scene, sampler, ray)[0]
-                for glass, scene in self._scenes.items()
-            }
+            by_glass = {}
+            for glass, scene in self._scenes.items():
+                by_glass[glass] = self._integrator.sample(scene, sampler, ray)[0]
+                # On CUDA a kernel traces rays in one scene only: in others they hit nothing.
+                sampler.schedule_state()
+                dr.eval(by_glass[glass])
             channels = (by_glass[glass][channel] for channel, glass in enumerate(self._indices))
             return mi.Color3f(*channels)
 

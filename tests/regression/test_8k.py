@@ -3,7 +3,8 @@
 Expected behaviour: 480 x 270 lenses of 16 x 16 pixels, 7680 x 4320 in all, are captured, traced,
 generated, looked at, scored and written by a process that stays under 4 GiB. The system's own
 account of the processes that ended says how much it was. Quality is not what this is about: few
-samples are enough, for pictures take what they take whatever the samples.
+samples are enough, for pictures take what they take whatever the samples. The backend is LLVM: on
+one machine, CUDA, with its driver, took 0.8 GiB more of the processor's memory.
 """
 
 from __future__ import annotations
@@ -30,7 +31,8 @@ MOST_GIB = 4.0
 def test_an_8k_panel_is_validated_under_4_gib(tmp_path, capsys):
     out = tmp_path / "out"
     words = [sys.executable, "-m", "inim.validate", str(SCENE), "-o", str(out), "--quiet"]
-    words += ["--algorithms", "template", "--viewpoints", "centre", *definitions(TINY | LENSES)]
+    words += ["--backend", "llvm", "--algorithms", "template", "--viewpoints", "centre"]
+    words += definitions(TINY | LENSES)
     # Nothing is found again: that would take no memory.
     ended = run_measured(words, {**os.environ, "INIM_CACHE": "off"})
     peak_gib = ended["peak_bytes"] / 2**30

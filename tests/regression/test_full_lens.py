@@ -99,6 +99,25 @@ def test_a_view_through_full_lenses_is_that_of_a_validation_s_mesh():
     assert np.array_equal(by_lens(view), traced(eia, display, finer=1, spp=16)[3])
 
 
+def test_each_glass_is_traced_by_a_kernel_of_its_own():
+    """A card's kernel traces rays in one scene: in a second one they would hit nothing."""
+    import drjit as dr
+
+    from inim.render.rays import eye_rays
+    from inim.render.reconstruct import LensMesh
+    from inim.render.trace import FilmCamera, trace_samples
+
+    display = display_of(**PECULIAR["colours"])
+    mesh = LensMesh(picture_for(display), display, sheet_mesh(display, 2))
+    rays = eye_rays(display, EYE, PER_LENS, mesh.start_mm)
+    light = mesh.light(FilmCamera(rays, np.eye(4)))
+    with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
+        dr.kernel_history_clear()
+        trace_samples(light, np.arange(50), 0, samples=15, seed=0)
+        kernels = dr.kernel_history([dr.KernelType.JIT])
+    assert [kernel["size"] for kernel in kernels].count(50 * 15) == 3
+
+
 @BULGES
 @pytest.mark.parametrize(
     "kind", ["plain", *(pytest.param(kind, marks=pytest.mark.slow) for kind in PECULIAR)]
