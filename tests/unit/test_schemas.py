@@ -19,17 +19,12 @@ from tests.schemas import assert_schema, example, read_document
 ROOT = Path(__file__).parents[2]
 # Of the gallery only its reports are documents; the rest is what its page is made of. Studies of
 # the project's own have tables of their own.
+OWN_STUDIES = (
+    *("calibration", "choose", "coverage", "depth", "looking_glass", "one_picture", "optimal"),
+    *("panel", "paper_sizes", "reality", "scoreboard", "stress"),
+)
 OWN_KIND = {
-    ROOT / "reports/stress/stress.json",
-    ROOT / "reports/scoreboard/scoreboard.json",
-    *ROOT.glob("reports/one_picture/*.json"),
-    ROOT / "reports/coverage/coverage.json",
-    ROOT / "reports/optimal/optimal.json",
-    ROOT / "reports/panel/panel.json",
-    ROOT / "reports/paper_sizes/paper_sizes.json",
-    ROOT / "reports/calibration/calibration.json",
-    ROOT / "reports/calibration/disturbed.json",
-    ROOT / "reports/calibration/shown.json",
+    *(path for name in OWN_STUDIES for path in ROOT.glob(f"reports/{name}/*.json")),
     *ROOT.glob("reports/gallery/**/entry.json"),
     ROOT / "reports/gallery/gallery.json",
     *ROOT.glob("reports/**/.*-files.json"),  # lists of the files of an output folder
