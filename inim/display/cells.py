@@ -76,7 +76,17 @@ def cell_centres(display: Display, rows: slice, channel: int) -> tuple[np.ndarra
     """
     panel_rows, panel_columns = display.eia_shape
     from_bottom = panel_rows - 1 - np.arange(rows.start, rows.stop)[:, None]
-    kinds = CELL_PATTERNS[display.cell_pattern](np.arange(panel_columns)[None, :], from_bottom)
+    return cell_offsets(display, np.arange(panel_columns)[None, :], from_bottom, channel)
+
+
+def cell_offsets(
+    display: Display, column: np.ndarray, from_bottom: np.ndarray, channel: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Centres of a colour's sub-pixels as `cell_centres`, of some pixels.
+
+    * `column`, `from_bottom`, arrays of int: columns from the left, and rows from the bottom.
+    """
+    kinds = CELL_PATTERNS[display.cell_pattern](column, from_bottom)
     table = np.array(display.subpixel_cells)
     kinds = kinds % len(table)
     return table[kinds, 2 * channel], table[kinds, 2 * channel + 1]

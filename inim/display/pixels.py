@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from inim.display.cells import cell_centres, farthest_cell
+from inim.display.cells import cell_centres, cell_offsets, farthest_cell
 from inim.errors import DisplayError
 from inim.image.noisy_image import row_bands
 
@@ -108,6 +108,39 @@ def emission_profile(
     if subpixel.turn is not None:
         shines &= turn == subpixel.turn
     return select(shines, 1.0 / (float(subpixel.share) * fill * fill), 0.0)
+
+
+def subpixels_at(
+    display: Display, x_mm: np.ndarray, y_mm: np.ndarray
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Light of red, green and blue at panel points, and the places of their sub-pixels.
+
+    * `x_mm`, `y_mm`, (n,) float64: display frame.
+
+    Returns for each colour `shines`, (n,) float64, see `emission_profile`, 0 beside the panel; and
+    `across`, (n,) float64: centre of the sub-pixel across the array, array frame, mm.
+    """
+    (rows, columns), pitch, (c, s) = display.eia_shape, display.pixel_pitch_mm, _turn(display)
+    # Positions in pixels, from the panel's upper left corner.
+    across, along = x_mm / pitch + columns / 2, rows / 2 - y_mm / pitch
+    on_panel = (across >= 0) & (across < columns) & (along >= 0) & (along < rows)
+    column, row = (
+        np.where(on_panel, np.floor(place), 0).astype(np.int64) for place in (across, along)
+    )
+    colours = []
+    for channel, subpixel in enumerate(SUBPIXELS[display.subpixels]):
+        right, up = np.zeros((2, len(column)))
+        if subpixel.channel is not None:
+            right, up = cell_offsets(display, column, rows - 1 - row, channel)
+        shines = emission_profile(
+            subpixel, display.pixel_fill, np.where, across - column - 0.5 - right,
+            along - row - 0.5 + up, (row + column) % 2,
+        )  # fmt: skip
+        x = (column + 0.5 - columns / 2 + right + float(subpixel.right)) * pitch
+        y = (rows / 2 - row - 0.5 + up) * pitch
+        place = c * (x - display.shift_x_mm) + s * (y - display.shift_y_mm)
+        colours.append((np.where(on_panel, shines, 0.0), place))
+    return colours
 
 
 # Beyond this a float says more than a person states: 7 digits after the point, or 1/999983.

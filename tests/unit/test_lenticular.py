@@ -21,6 +21,7 @@ from inim.errors import DisplayError, FileError, UsageError, ViewpointError
 from inim.files.image import write_rgbd
 from inim.generators import find_sources
 from inim.image.rgbd import RGBD
+from inim.inspection.geometry import view_shares
 from inim.lens import check_lens_model, trace_to_panel
 from inim.render.rays import pickup_rays
 from inim.render.reconstruct import reconstruct
@@ -352,7 +353,6 @@ def test_a_damaged_file_is_refused_in_one_line(change, message, tmp_path, capsys
     [
         ({"lens_rows": 2}, "cylinders have no rows"),
         ({"pitch_y_mm": 5.0}, "cylinders have no rows"),
-        ({"tilt_x_deg": 1.0}, "a tilted panel is not supported"),
         ({"panel_rows": None}, "set panel_columns and panel_rows"),
         ({"rotation_deg": 60.0}, "slanted by at most 45"),
         ({"subpixel_cells": _CELLS}, "'cells' needs subpixel_cells"),
@@ -369,9 +369,42 @@ def test_rows_so_far_apart_that_lenses_are_cylinders_are_refused():
         small_display(pitch_y_mm=1000.0)
 
 
-def test_inspection_refuses_cylinders_in_one_line(capsys):
-    assert main(["inspect", "looking-glass-go-typical"]) == 2
-    assert "cannot be inspected yet" in capsys.readouterr().err
+@pytest.mark.parametrize("name", [*PUBLISHED, "third"])
+def test_a_file_written_by_inspect_is_read_back_to_the_last_bit(name, tmp_path, capsys):
+    document = {**PUBLISHED, "third": THIRD}[name]
+    path, again = tmp_path / "visual.json", tmp_path / "again.json"
+    path.write_text(json.dumps(document))
+    assert main(["inspect", str(path), "--save", str(again)]) == 0
+    assert "any up and down" in capsys.readouterr().out
+    assert display_of(again) == display_of(path)
+
+
+def test_pinholes_show_light_of_the_view_next_to_the_eye_s_and_thick_lenses_of_more():
+    display = display_from(STRIPES)
+    eye, views = (40.0, 5.0, 150.0), display.layout.directions[0]
+    assert views == pytest.approx(3 * display.elemental_pitch_mm / display.pixel_pitch_mm)
+    shares = {
+        model: view_shares(display, display, model, eye, views) for model in ("pinhole", "thick")
+    }
+    assert all(sum(values) == pytest.approx(1) for values in shares.values())
+    assert shares["pinhole"][2:] == [0, 0]
+    assert shares["pinhole"][0] > 0.7
+    assert shares["thick"][0] < shares["pinhole"][0] - 0.1
+    assert sum(shares["thick"][2:]) > 0.01
+
+
+def test_rays_of_a_tilted_panel_meet_the_same_eye_and_land_on_their_pixels():
+    display = display_from(THIRD).replace(tilt_x_deg=0.2, tilt_y_deg=-0.1, shift_y_mm=0.3)
+    offset = PixelOffset(Fraction(0), Fraction(0), 1)
+    rays = pixel_rays(display, slice(0, 108), offset)
+    assert np.ptp(rays.gap_mm) > 0.05
+    distance = display.layout.design_distance_mm
+    assert np.abs(rays.y0 + rays.slope_y * distance).max() < 1e-9
+    x, y, _, _ = ray_starts(display, slice(0, 108), offset)
+    assert np.abs(rays.x0 - rays.slope_x * rays.gap_mm - x).max() < 1e-12
+    landed = trace_to_panel(display, "pinhole", rays.x0, rays.y0, -rays.slope_x, -rays.slope_y)
+    assert np.abs(landed[0] - x).max() < 1e-9
+    assert np.abs(landed[1] - y).max() < 1e-9
 
 
 def test_the_mesh_of_lenses_has_no_cylinders():

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from inim.display.pixels import exact_length, farthest_subpixel, least_gap_mm
+from inim.display.pixels import SUBPIXELS, exact_length, farthest_subpixel, least_gap_mm
 from inim.errors import DisplayError
 
 if TYPE_CHECKING:
@@ -110,6 +110,16 @@ class Layout(ABC):
         """Numbers of lenses across and down as text."""
         rows, columns = self.grid
         return f"{columns} {times} {rows}"
+
+    @property
+    def directions(self) -> tuple[float, float]:
+        """Directions of light from a lens, across and down: emitting areas of one colour or another
+        under it.
+        """
+        display = self.display
+        across, down = display.elemental_image_pitch_mm, display.elemental_row_pitch_mm
+        area = display.pixel_pitch_mm * float(SUBPIXELS[display.subpixels][0].width)
+        return across / area, down / display.pixel_pitch_mm
 
     @property
     def size(self) -> tuple[Fraction, Fraction]:
