@@ -174,7 +174,8 @@ class Settings:
     )
     viewpoints: str = _setting(
         "centre,left,right,up,down",
-        "viewpoints to score: names, or 'name=x y [z]' in mm, separated by commas",
+        "viewpoints to score: names, or 'name=x y [z]' in mm, separated by commas (lenticulars: "
+        "centre, left, right)",
     )
     viewing_distance_mm: float | None = _setting(
         None, "eye distance (twice the nearest usable distance)", low=1e-9
@@ -186,9 +187,11 @@ class Settings:
     luminance_cd_m2: float = _setting(
         500.0, "luminance of the panel's white, for perceptual metrics", low=1e-3
     )
-    view_pixels_per_lens: int = _setting(4, "pixels per lens of the views", low=1)
+    view_pixels_per_lens: int = _setting(4, "pixels per lens of the views (lenticulars: 1)", low=1)
     capture_pixels_per_pitch: int | float = _setting(
-        5, "RGB-D pixels per lens pitch; P / P_I is the resolution of the paper", low=1
+        5,
+        "RGB-D pixels per lens pitch (lenticulars: 3); P / P_I is the resolution of the paper",
+        low=1,
     )
     capture_spp: int = _setting(64, "samples per RGB-D pixel", low=1, high=_MOST_SAMPLES)
     eia_spp: int = _setting(
@@ -202,7 +205,8 @@ class Settings:
     )
     score_error: float = _setting(
         0.0,
-        "stop sampling when every SSIM has this precision, such as 0.01; 0: use all samples",
+        "stop sampling when every SSIM has this precision, such as 0.01 (lenticulars: 0.01); 0: "
+        "use all samples",
         low=0,
         high=1,
     )
@@ -296,6 +300,15 @@ class Settings:
             if settings.make_display("").replace(name=display.name) == display:
                 return settings
         raise AssertionError("all parameters of a display state it")
+
+    def with_defaults_of(self, display: Display, given: Container[str]) -> Settings:
+        """A copy with the defaults of the display's layout (`Layout.default_settings`).
+
+        * `given`: full keys of settings that keep their values.
+        """
+        defaults = display.layout.default_settings.items()
+        values: dict[str, Any] = {k: v for k, v in defaults if f"{PREFIX}{k}" not in given}
+        return replace(self, **values)
 
     def ssim_limits(self, algorithms: tuple[str, ...], source: str) -> dict[str, float]:
         """Smallest SSIM to the reference that passes, by algorithm; without those that have no

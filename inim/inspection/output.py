@@ -128,7 +128,8 @@ def _depth_lines(data: InspectDocument) -> list[str]:
     )
     if kind != "focused" and not stated:
         lines.append(_line("depth span by the formula", f"{_n(d.depth_span_mm)} mm"))
-    lines.append(_line("sharp to", f"{_n(data.depth.blur_onset_mm)} mm from the array"))
+    if kind == "focused":
+        lines.append(_line("sharp to", f"{_n(data.depth.blur_onset_mm)} mm from the array"))
     return lines + _voxels(data)
 
 

@@ -203,7 +203,8 @@ def choose_display(
                 )
             texts[f"{PREFIX}display"] = display
     settings = Settings.parse(texts, source)
-    return settings.make_display(source), settings
+    chosen = settings.make_display(source)
+    return chosen, settings.with_defaults_of(chosen, texts)
 
 
 def display_of(display: Display | str | Path) -> Display:
@@ -224,7 +225,7 @@ def _with_parameters_of(
     others = {key: text for key, text in texts.items() if key not in parameters}
     overridden = [parameters[key] for key in texts if key in parameters]
     settings = Settings.parse(others, source).with_display(display, overridden)
-    return settings.make_display(source), settings
+    return settings.make_display(source), settings.with_defaults_of(display, texts)
 
 
 def _display_file(

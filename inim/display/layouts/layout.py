@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
@@ -82,6 +82,8 @@ class Layout(ABC):
     of_cylinders: ClassVar[bool] = False
     #: Centres of the neighbours of a lens, in pitches to the right and row pitches up.
     neighbours: ClassVar[tuple[tuple[float, float], ...]]
+    #: Settings of `inim.settings.Settings` whose defaults differ for the layout.
+    default_settings: ClassVar[Mapping[str, Any]] = {}
     #: GLSL of the live display: ``vec3 lens_centre(vec2 point)``, as `lens_centre`.
     shader: ClassVar[str]
 

@@ -10,8 +10,9 @@ images are designed, V = g P / (Q - P).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from fractions import Fraction
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -26,6 +27,14 @@ class Lenticular(Layout):
     name = "lenticular"
     of_cylinders = True
     neighbours = ((1, 0), (-1, 0))
+    # Views differ from side to side only. At one point, a cylinder shows one colour: a pixel of a
+    # view is as wide as a cylinder and mixes them. Panels have many pixels, so samples are counted.
+    default_settings: ClassVar[Mapping[str, Any]] = {
+        "viewpoints": "centre,left,right",
+        "view_pixels_per_lens": 1,
+        "capture_pixels_per_pitch": 3,
+        "score_error": 0.01,
+    }
     shader = """
 vec3 lens_centre(vec2 point) {
   return vec3(floor(point.x / pitch.x + 0.5) * pitch.x, point.y, 1.0);
