@@ -166,7 +166,9 @@ class Settings:
     lens_model: str = _setting(
         "thick", "lens model of the reconstruction: pinhole, thin, thick or full"
     )
-    algorithms: str = _setting("wang2024,template", "algorithms to score, separated by commas")
+    algorithms: str = _setting(
+        "wang2024,template", "algorithms to score, separated by commas (lenticulars: template)"
+    )
     cameras: str = _setting(
         "",
         "arrangements of cameras for further RGB-D inputs: `5` (centre and corners of the viewing "

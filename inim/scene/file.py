@@ -167,7 +167,8 @@ def choose_display(
     * `display`: a display; the name of a preset; or the path of an XML file with `inim.*` settings,
       or of the calibration file of a Looking Glass, `visual.json`.
       A preset replaces the scene's preset. A display or a file replaces all display settings of a
-      scene; a file also replaces misalignment and luminance. None: the scene's display, or the
+      scene, and those with other defaults for its layout; a file also replaces misalignment and
+      luminance. None: the scene's display, or the
       default one.
     * `definitions`: single settings to override, as after -D. With a `Display`, they cannot be its
       parameters.
@@ -204,7 +205,8 @@ def choose_display(
             texts[f"{PREFIX}display"] = display
     settings = Settings.parse(texts, source)
     chosen = settings.make_display(source)
-    return chosen, settings.with_defaults_of(chosen, texts)
+    given = texts if scene is None or display is None else definitions
+    return chosen, settings.with_defaults_of(chosen, given)
 
 
 def display_of(display: Display | str | Path) -> Display:
@@ -225,7 +227,7 @@ def _with_parameters_of(
     others = {key: text for key, text in texts.items() if key not in parameters}
     overridden = [parameters[key] for key in texts if key in parameters]
     settings = Settings.parse(others, source).with_display(display, overridden)
-    return settings.make_display(source), settings.with_defaults_of(display, texts)
+    return settings.make_display(source), settings.with_defaults_of(display, definitions)
 
 
 def _display_file(

@@ -407,9 +407,10 @@ def test_rays_of_a_tilted_panel_meet_the_same_eye_and_land_on_their_pixels():
     assert np.abs(landed[1] - y).max() < 1e-9
 
 
-def test_the_mesh_of_lenses_has_no_cylinders():
-    with pytest.raises(DisplayError, match="lattice = 'lenticular'"):
-        check_lens_model("full", display_from(STRIPES))
+def test_the_mesh_of_lenses_has_cylinders_and_no_cells_of_subpixels():
+    check_lens_model("full", display_from(STRIPES))
+    with pytest.raises(DisplayError, match="subpixels = 'cells' is not modelled"):
+        check_lens_model("full", display_from(THIRD))
 
 
 def refracted(d, normal, ratio):
