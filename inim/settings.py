@@ -195,9 +195,14 @@ class Settings:
         "RGB-D pixels per lens pitch (lenticulars: 3); P / P_I is the resolution of the paper",
         low=1,
     )
-    capture_spp: int = _setting(64, "samples per RGB-D pixel", low=1, high=_MOST_SAMPLES)
+    capture_spp: int = _setting(
+        64, "samples per RGB-D pixel (lenticulars: 16)", low=1, high=_MOST_SAMPLES
+    )
     eia_spp: int = _setting(
-        32, "samples per ground-truth EIA pixel, both passes", low=2, high=_MOST_SAMPLES
+        32,
+        "samples per ground-truth EIA pixel, both passes (lenticulars: 8)",
+        low=2,
+        high=_MOST_SAMPLES,
     )
     view_spp: int = _setting(
         64, "samples per ground-truth view pixel, both passes", low=2, high=_MOST_SAMPLES
@@ -207,8 +212,7 @@ class Settings:
     )
     score_error: float = _setting(
         0.0,
-        "stop sampling when every SSIM has this precision, such as 0.01 (lenticulars: 0.01); 0: "
-        "use all samples",
+        "stop sampling when every SSIM has this precision, such as 0.01; 0: use all samples",
         low=0,
         high=1,
     )

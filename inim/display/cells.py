@@ -22,6 +22,8 @@ CELL_PATTERNS: dict[str, Callable[[Any, Any], Any]] = {
     "rows-of-4": lambda column, row: row % 4 + 0 * column,
     "staggered": lambda column, row: (row + 2 * (column % 2)) % 4,
 }
+# Of all patterns, across and up.
+_PERIOD = 4
 #: Text of no cells.
 NO_CELLS = "none"
 # Of red, green and blue, right and up.
@@ -90,6 +92,13 @@ def cell_offsets(
     table = np.array(display.subpixel_cells)
     kinds = kinds % len(table)
     return table[kinds, 2 * channel], table[kinds, 2 * channel + 1]
+
+
+def kinds_of_pixels(display: Display) -> list[int]:
+    """Kinds of 4 x 4 pixels, which repeat over the panel: by column, in rows upwards."""
+    column, from_bottom = np.arange(_PERIOD), np.arange(_PERIOD)[:, None]
+    kinds = CELL_PATTERNS[display.cell_pattern](column, from_bottom)
+    return [int(kind) for kind in (kinds % max(1, len(display.subpixel_cells))).ravel()]
 
 
 def farthest_cell(display: Display) -> float:

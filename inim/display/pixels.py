@@ -110,16 +110,19 @@ def emission_profile(
     return select(shines, 1.0 / (float(subpixel.share) * fill * fill), 0.0)
 
 
-def subpixels_at(
-    display: Display, x_mm: np.ndarray, y_mm: np.ndarray
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Light of red, green and blue at panel points, and the places of their sub-pixels.
+class PanelPoints(NamedTuple):
+    """Pixels and sub-pixels under panel points, arrays of the points' shape."""
 
-    * `x_mm`, `y_mm`, (n,) float64: display frame.
+    row: np.ndarray  #: int64; 0 beside the panel.
+    column: np.ndarray  #: int64; 0 beside the panel.
+    #: Of red, green and blue, float64: see `emission_profile`; 0 beside the panel.
+    shines: list[np.ndarray]
+    #: Of each, float64: centre of the sub-pixel across the array, array frame, mm.
+    across_mm: list[np.ndarray]
 
-    Returns for each colour `shines`, (n,) float64, see `emission_profile`, 0 beside the panel; and
-    `across`, (n,) float64: centre of the sub-pixel across the array, array frame, mm.
-    """
+
+def panel_points(display: Display, x_mm: np.ndarray, y_mm: np.ndarray) -> PanelPoints:
+    """Pixels and sub-pixels under points of the panel, display frame."""
     (rows, columns), pitch, (c, s) = display.eia_shape, display.pixel_pitch_mm, _turn(display)
     # Positions in pixels, from the panel's upper left corner.
     across, along = x_mm / pitch + columns / 2, rows / 2 - y_mm / pitch
@@ -127,9 +130,9 @@ def subpixels_at(
     column, row = (
         np.where(on_panel, np.floor(place), 0).astype(np.int64) for place in (across, along)
     )
-    colours = []
+    light, places = [], []
     for channel, subpixel in enumerate(SUBPIXELS[display.subpixels]):
-        right, up = np.zeros((2, len(column)))
+        right, up = np.zeros((2, *column.shape))
         if subpixel.channel is not None:
             right, up = cell_offsets(display, column, rows - 1 - row, channel)
         shines = emission_profile(
@@ -138,9 +141,9 @@ def subpixels_at(
         )  # fmt: skip
         x = (column + 0.5 - columns / 2 + right + float(subpixel.right)) * pitch
         y = (rows / 2 - row - 0.5 + up) * pitch
-        place = c * (x - display.shift_x_mm) + s * (y - display.shift_y_mm)
-        colours.append((np.where(on_panel, shines, 0.0), place))
-    return colours
+        light.append(np.where(on_panel, shines, 0.0))
+        places.append(c * (x - display.shift_x_mm) + s * (y - display.shift_y_mm))
+    return PanelPoints(row, column, light, places)
 
 
 # Beyond this a float says more than a person states: 7 digits after the point, or 1/999983.

@@ -14,7 +14,7 @@ import numpy as np
 from inim.display import Display
 from inim.display.layers import excess_mm
 from inim.display.layouts import Lenticular
-from inim.display.pixels import subpixels_at
+from inim.display.pixels import panel_points
 from inim.display.viewpoint import DEFAULT_VIEWPOINTS, named_viewpoint, zone_half_mm
 from inim.documents.inspect import (
     CrosstalkGrid,
@@ -345,7 +345,8 @@ def view_shares(
     lens_x = np.where(lit, landed.lens_x_mm, 0.0)
     own = layout.place_in_cell(lens_x + (lens_x - eye_across) * misaligned.gap_mm / distance)[1]
     shares = np.zeros(_NEIGHBOURS + 2)
-    for shines, across in subpixels_at(design, landed.x_mm, landed.y_mm):
+    points = panel_points(design, landed.x_mm, landed.y_mm)
+    for shines, across in zip(points.shines, points.across_mm, strict=True):
         away = layout.place_in_cell(across)[1] - own
         steps = np.rint(np.abs(away - np.rint(away)) * views).astype(np.int64)
         light = np.where(lit, landed.weight * area * shines, 0.0)

@@ -28,14 +28,15 @@ class Lenticular(Layout):
     of_cylinders = True
     neighbours = ((1, 0), (-1, 0))
     # Views differ from side to side only. At one point, a cylinder shows one colour: a pixel of a
-    # view is as wide as a cylinder and mixes them. Panels have many pixels: wang2024 would take
-    # minutes, and sampling ends when scores are precise.
+    # view is as wide as a cylinder and mixes them. Panels have millions of pixels, of which such a
+    # pixel shows many: few samples of each are enough, and wang2024 would take minutes.
     default_settings: ClassVar[Mapping[str, Any]] = {
         "algorithms": "template",
         "viewpoints": "centre,left,right",
         "view_pixels_per_lens": 1,
         "capture_pixels_per_pitch": 3,
-        "score_error": 0.01,
+        "capture_spp": 16,
+        "eia_spp": 8,
     }
     shader = """
 vec3 lens_centre(vec2 point) {
