@@ -6,6 +6,7 @@ The formula is computed here on its own, in float64 and in rational numbers.
 import json
 import math
 from fractions import Fraction
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,10 +26,12 @@ from inim.inspection.geometry import view_shares
 from inim.lens import check_lens_model, trace_to_panel
 from inim.render.rays import pickup_rays
 from inim.render.reconstruct import reconstruct
-from inim.scene.file import choose_display, display_of
+from inim.scene.file import choose_display, display_of, read_scene_file
 from inim.settings import Settings
 from inim.views.native import subpixel_views
 from tests.conftest import small_display
+
+ROOT = Path(__file__).parents[2]
 
 _CELLS = ((-0.3100000023841858, 0.25, 0.2800000011920929, 0.25, 0.0, -0.25),
           (-0.3100000023841858, -0.25, 0.2800000011920929, -0.25, 0.0, 0.25))  # fmt: skip
@@ -233,9 +236,14 @@ def test_pickup_rays_start_all_over_a_subpixel_and_meet_the_same_eye(document, r
 
 
 @pytest.mark.parametrize(
-    "algorithm", ["template:samples=1", "layered:samples=1", "gu2020:step_mm=1"]
-)
-def test_a_flat_picture_is_hit_where_rays_reach_its_depth(algorithm):
+    ("algorithm", "apart"),
+    # wang2024 takes the nearest of its depths: a ray moves half a picture pixel to it at most.
+    [
+        ("template:samples=1", 0), ("layered:samples=1", 0), ("gu2020:step_mm=1", 0),
+        ("wang2024:matching=ray", 1),
+    ],
+)  # fmt: skip
+def test_a_flat_picture_is_hit_where_rays_reach_its_depth(algorithm, apart):
     display = display_from(STRIPES).replace(subpixels="none")
     shape, pixel = display.capture_shape(4), display.capture_pixel_mm(4)
     # Just in front of a step of gu2020, in float32.
@@ -246,9 +254,10 @@ def test_a_flat_picture_is_hit_where_rays_reach_its_depth(algorithm):
     u = (rays.x0 + rays.slope_x * depth) / pixel + shape[1] / 2
     v = shape[0] / 2 - (rays.y0 + rays.slope_y * depth) / pixel
     clear = np.minimum(np.abs(u - np.round(u)), np.abs(v - np.round(v))) > 1e-4
-    expected = np.floor(v).astype(int) * shape[1] + np.floor(u).astype(int)
     assert clear.mean() > 0.99
-    assert (sources[clear] == expected[clear]).all()
+    row, column = np.divmod(sources, shape[1])
+    for cell, place in ((row, v), (column, u)):
+        assert np.abs(cell - np.floor(place))[clear].max() <= apart
 
 
 def test_the_viewing_zone_has_no_limit_along_the_axes():
@@ -281,6 +290,19 @@ def test_a_display_is_written_as_a_file_with_the_same_views(document, tmp_path):
     assert values.center == pytest.approx(document["center"]["value"], abs=1e-9)
     with pytest.raises(DisplayError, match="for slanted lenticulars"):
         DISPLAYS["nominal"].save(tmp_path / "nominal.json")
+
+
+def test_a_lenticular_has_defaults_of_its_own_that_a_scene_does_not_override(tmp_path):
+    path, file = tmp_path / "visual.json", read_scene_file(ROOT / "scenes" / "amphora.xml")
+    path.write_text(json.dumps(STRIPES))
+    _, settings = choose_display(path, scene=file)
+    assert (settings.algorithms, settings.viewpoints) == ("template", "centre,left,right")
+    assert settings.view_pixels_per_lens == 1
+    changes = {"inim.algorithms": "gu2020", "inim.view_pixels_per_lens": "4"}
+    _, settings = choose_display(path, changes, scene=read_scene_file(file.path, changes))
+    assert (settings.algorithms, settings.view_pixels_per_lens) == ("gu2020", 4)
+    _, settings = choose_display(None, scene=file)
+    assert settings.algorithms == "wang2024,template"
 
 
 def test_settings_override_a_file_and_disputed_patterns_can_be_chosen(tmp_path):
@@ -530,9 +552,23 @@ def test_an_rgbd_picture_becomes_a_native_picture_in_one_command(tmp_path, capsy
     assert main(command) == 0
     with Image.open(out) as picture:
         assert np.ptp(np.asarray(picture)[10:-10, 10:-10, :3]) <= 1  # one grey, from all subpixels
-    for algorithm in ("li2012", "wang2024"):
-        assert main([*command, "-a", algorithm]) == 2
-        assert "use template or gu2020" in capsys.readouterr().err
+    assert main([*command, "-a", "li2012"]) == 2
+    assert "use template or gu2020" in capsys.readouterr().err
+
+
+def test_a_scene_becomes_a_native_picture_in_one_command(tmp_path, capsys, renderer):
+    path, out, again = (tmp_path / name for name in ("visual.json", "native.png", "again.png"))
+    path.write_text(json.dumps(STRIPES))
+    rgbd, ends = tmp_path / "p.exr", ["--display", str(path), "-a", "template:samples=1"]
+    scene = str(ROOT / "scenes" / "two_spheres.xml")
+    options = ["-D", "inim.capture_spp=2", "--save-rgbd", str(rgbd), "-o", str(out)]
+    assert main(["generate", scene, *ends, *options]) == 0
+    assert "native.png" in capsys.readouterr().out
+    assert main(["generate", str(rgbd), *ends, "-o", str(again)]) == 0
+    assert out.read_bytes() == again.read_bytes()
+    with Image.open(out) as picture:
+        assert picture.size == (192, 108)
+        assert np.asarray(picture)[..., :3].max() > 100
 
 
 @pytest.mark.parametrize("model", ["pinhole", "thin", "thick"])
