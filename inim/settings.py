@@ -307,13 +307,13 @@ class Settings:
                 return settings
         raise AssertionError("all parameters of a display state it")
 
-    def with_defaults_of(self, display: Display, given: Container[str]) -> Settings:
+    def with_defaults_of(self, display: Display, explicit: Container[str]) -> Settings:
         """A copy with the defaults of the display's layout (`Layout.default_settings`).
 
-        * `given`: full keys of settings that keep their values.
+        * `explicit`: full keys of settings that keep their values.
         """
         defaults = display.layout.default_settings.items()
-        values: dict[str, Any] = {k: v for k, v in defaults if f"{PREFIX}{k}" not in given}
+        values: dict[str, Any] = {k: v for k, v in defaults if f"{PREFIX}{k}" not in explicit}
         return replace(self, **values)
 
     def ssim_limits(self, algorithms: tuple[str, ...], source: str) -> dict[str, float]:

@@ -237,9 +237,9 @@ def _generate_from_rgbd(args: argparse.Namespace) -> tuple[list[str], tuple[str,
     if args.scene is not None:
         from inim.views.scene_capture import capture_scene
 
-        chosen, read = choices_of(args), properties(_algorithm(args)).input
+        chosen, input_type = choices_of(args), properties(_algorithm(args)).input
         rgbd, display = capture_scene(
-            args.scene, chosen.get("display"), chosen["definitions"], read, debug=args.debug
+            args.scene, chosen.get("display"), chosen["definitions"], input_type, debug=args.debug
         )
     else:
         display, _ = display_and_settings(args)

@@ -205,8 +205,8 @@ def choose_display(
             texts[f"{PREFIX}display"] = display
     settings = Settings.parse(texts, source)
     chosen = settings.make_display(source)
-    given = texts if scene is None or display is None else definitions
-    return chosen, settings.with_defaults_of(chosen, given)
+    explicit = texts if scene is None or display is None else definitions
+    return chosen, settings.with_defaults_of(chosen, explicit)
 
 
 def display_of(display: Display | str | Path) -> Display:

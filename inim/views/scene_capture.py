@@ -40,14 +40,14 @@ def capture_scene(
     path: Path,
     display: Display | str | Path | None,
     definitions: Mapping[str, str],
-    read: Input,
+    input_type: Input,
     *,
     debug: bool = False,
 ) -> tuple[RGBD, Display]:
     """Capture a scene with the settings in its file; also return the display as designed.
 
     * `display`, `definitions`: see `inim.scene.file.choose_display`.
-    * `read`: input of the generator: `RGBD`, or `LayeredRGBD` for all layers.
+    * `input_type`: input of the generator: `RGBD`, or `LayeredRGBD` for all layers.
 
     Raises `InimError`: an unreadable scene, impossible settings, or no usable backend.
     """
@@ -55,7 +55,7 @@ def capture_scene(
     design, settings = choose_display(display, definitions, str(path), file)
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "rgbd.exr"
-        request = CaptureRequest(out, file, design, settings, read)
+        request = CaptureRequest(out, file, design, settings, input_type)
         run_in_worker(
             f"{__name__}:run_job", request.checked, hidden_folder(out), about=str(path), debug=debug
         )

@@ -116,7 +116,7 @@ class Scores(NamedTuple):
     """Mean scores of the views of a native picture against the scene."""
 
     psnr_db: float
-    ssim_relic: float
+    ssim_on_relic: float
 
 
 def mean_scores(views: Mapping[str, Mapping[str, float | None]]) -> Scores:
@@ -124,7 +124,7 @@ def mean_scores(views: Mapping[str, Mapping[str, float | None]]) -> Scores:
     return Scores(
         *(
             fmean(float(view[key] or 0) for view in views.values())
-            for key in ("psnr_db", "ssim_relic")
+            for key in ("psnr_db", "ssim_on_relic")
         )
     )
 
@@ -161,7 +161,10 @@ def score_scene(scene: Path, preset: str, work: Path) -> dict[str, Any]:
         files[label] = folder / f"{label}.exr"
         write_eia(files[label], picture, None, display.pixel_pitch_mm)
     scored = work / f"{scene.stem}-{preset}-scored"
-    report = inim.validate(scene, scored, algorithms="none", eias=files, **common)
+    if (scored / "report.json").is_file():
+        report = Report.load(scored)
+    else:
+        report = inim.validate(scene, scored, algorithms="none", eias=files, **common)
     scores = {n: mean_scores(r.views)._asdict() for n, r in report.data.algorithms.items()}
     scores["reference"] = mean_scores(report.data.reference.views)._asdict()
     whole = Report.load(folder).data.algorithms["template:samples=1"].views
@@ -243,7 +246,9 @@ def write_page(data: Mapping[str, Any]) -> str:
         ]
         for row in rows:
             scores = row["scores"]
-            cells = [f"{scores[n]['psnr_db']:.2f} ({scores[n]['ssim_relic']:.3f})" for n in names]
+            cells = [
+                f"{scores[n]['psnr_db']:.2f} ({scores[n]['ssim_on_relic']:.3f})" for n in names
+            ]
             gain = scores[DIRECT]["psnr_db"] - scores["quilt-45"]["psnr_db"]
             lines.append(f"| {row['relic']} | {' | '.join(cells)} | {gain:+.2f} dB |")
         seconds = [row["cpu_seconds"] for row in rows]

@@ -20,7 +20,7 @@ from inim.display.pixels import SUBPIXELS, PixelOffset, pixel_rays, ray_starts
 from inim.display.viewpoint import check_viewpoint, parse_viewpoints, zone_eyes
 from inim.errors import DisplayError, FileError, UsageError, ViewpointError
 from inim.files.image import write_rgbd
-from inim.generators import find_sources
+from inim.generators import find_sources, generate
 from inim.image.rgbd import RGBD
 from inim.inspection.geometry import view_shares
 from inim.lens import check_lens_model, trace_to_panel
@@ -258,6 +258,23 @@ def test_a_flat_picture_is_hit_where_rays_reach_its_depth(algorithm, apart):
     row, column = np.divmod(sources, shape[1])
     for cell, place in ((row, v), (column, u)):
         assert np.abs(cell - np.floor(place))[clear].max() <= apart
+
+
+def test_colours_of_far_points_are_averaged_across_the_axes_only():
+    display = display_from(STRIPES)
+    shape, pixel = display.capture_shape(4), display.capture_pixel_mm(4)
+    depth = np.full(shape, display.depth_range_mm[1])
+    contrast = {}
+    for name, lines in (("along", np.arange(shape[0])[:, None]), ("across", np.arange(shape[1]))):
+        light = np.broadcast_to((lines // 4 % 2).astype(np.float32), shape)
+        flat = RGBD(np.stack([light] * 3, -1), depth, np.ones(shape, bool), pixel)
+        nearest, averaged = (
+            np.std(generate(flat, display, f"template:samples=1:colour={colour}")[20:-20, 20:-20])
+            for colour in ("nearest", "averaged")
+        )
+        contrast[name] = averaged / nearest
+    assert contrast["along"] > 0.98
+    assert contrast["across"] < 0.7
 
 
 def test_the_viewing_zone_has_no_limit_along_the_axes():
