@@ -169,7 +169,9 @@ class Settings:
     lens_model: str = _setting(
         "thick", "lens model of the reconstruction: pinhole, thin, thick or full"
     )
-    algorithms: str = _setting("wang2024,template", "algorithms to score, separated by commas")
+    algorithms: str = _setting(
+        "wang2024,template", "algorithms to score, separated by commas (lenticulars: template)"
+    )
     cameras: str = _setting(
         "",
         "arrangements of cameras for further RGB-D inputs: `5` (centre and corners of the viewing "
@@ -177,7 +179,8 @@ class Settings:
     )
     viewpoints: str = _setting(
         "centre,left,right,up,down",
-        "viewpoints to score: names, or 'name=x y [z]' in mm, separated by commas",
+        "viewpoints to score: names, or 'name=x y [z]' in mm, separated by commas (lenticulars: "
+        "centre, left, right)",
     )
     viewing_distance_mm: float | None = _setting(
         None, "eye distance (twice the nearest usable distance)", low=1e-9
@@ -189,13 +192,20 @@ class Settings:
     luminance_cd_m2: float = _setting(
         500.0, "luminance of the panel's white, for perceptual metrics", low=1e-3
     )
-    view_pixels_per_lens: int = _setting(4, "pixels per lens of the views", low=1)
+    view_pixels_per_lens: int = _setting(4, "pixels per lens of the views (lenticulars: 1)", low=1)
     capture_pixels_per_pitch: int | float = _setting(
-        5, "RGB-D pixels per lens pitch; P / P_I is the resolution of the paper", low=1
+        5,
+        "RGB-D pixels per lens pitch (lenticulars: 3); P / P_I is the resolution of the paper",
+        low=1,
     )
-    capture_spp: int = _setting(64, "samples per RGB-D pixel", low=1, high=_MOST_SAMPLES)
+    capture_spp: int = _setting(
+        64, "samples per RGB-D pixel (lenticulars: 16)", low=1, high=_MOST_SAMPLES
+    )
     eia_spp: int = _setting(
-        32, "samples per ground-truth EIA pixel, both passes", low=2, high=_MOST_SAMPLES
+        32,
+        "samples per ground-truth EIA pixel, both passes (lenticulars: 8)",
+        low=2,
+        high=_MOST_SAMPLES,
     )
     view_spp: int = _setting(
         64, "samples per ground-truth view pixel, both passes", low=2, high=_MOST_SAMPLES
@@ -299,6 +309,15 @@ class Settings:
             if settings.make_display("").replace(name=display.name) == display:
                 return settings
         raise AssertionError("all parameters of a display state it")
+
+    def with_defaults_of(self, display: Display, explicit: Container[str]) -> Settings:
+        """A copy with the defaults of the display's layout (`Layout.default_settings`).
+
+        * `explicit`: full keys of settings that keep their values.
+        """
+        defaults = display.layout.default_settings.items()
+        values: dict[str, Any] = {k: v for k, v in defaults if f"{PREFIX}{k}" not in explicit}
+        return replace(self, **values)
 
     def ssim_limits(self, algorithms: tuple[str, ...], source: str) -> dict[str, float]:
         """Smallest SSIM to the reference that passes, by algorithm; without those that have no

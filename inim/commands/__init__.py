@@ -93,8 +93,8 @@ _SHARED = {
     "preview": _option(
         "--preview",
         action="store_true",
-        help="quick first look: template only, from the centre, few samples; other options "
-        "override these values",
+        help="quick first look: template only, from the centre, few samples, and on lenticulars "
+        "only panel pixels that the view needs; other options override these values",
     ),
     "quiet": _option("--quiet", action="store_true", help="print errors only"),
     "debug": _option("--debug", action="store_true", help="show tracebacks of internal errors"),

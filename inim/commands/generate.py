@@ -12,6 +12,7 @@ from inim.commands import (
     Command,
     add_picture,
     add_shared,
+    choices_of,
     classify_input,
     display_and_settings,
     finish,
@@ -53,8 +54,8 @@ perspective
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Generate an elemental image array (EIA) from a colour picture with depth, a photograph "
-        "that contains depth, an RGB-D picture of inim, pictures of several cameras, or a light "
-        "field."
+        "that contains depth, an RGB-D picture of inim, pictures of several cameras, a light "
+        "field, or a scene."
     )
     parser.epilog = f"{_EPILOG}\n{parser.epilog}"
     add = parser.add_argument
@@ -64,7 +65,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="INPUT",
         help="a colour picture with --depth; a photograph that contains depth (HEIC, or JPEG from "
         "Android or Apple), or a folder of these; an RGB-D picture of inim (.exr); a .json that "
-        "lists the pictures of several cameras; or the folder of an HCI 4D light field",
+        "lists the pictures of several cameras; the folder of an HCI 4D light field; or a scene "
+        "(.xml), rendered with -D inim.capture_spp=N samples per pixel",
     )
     add_picture(parser)
     out = "EIA to write, .png or .exr (default: eia.png); a folder if INPUT is a folder"
@@ -98,8 +100,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _run(args: argparse.Namespace) -> int:
     classify_input(args)
-    if args.scene is not None:
-        raise UsageError(f"{args.input}: is a scene; use inim validate, which generates its EIAs")
     if args.photo is not None and args.photo.is_dir():
         return _generate_folder(args)
     args.out = args.out or Path("eia.png")
@@ -169,9 +169,9 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     started = time.perf_counter()
     picture = picture_of(args)
     _check(args, picture)
+    if args.scene is not None or args.fitted is not None:
+        return _generate_from_rgbd(args)
     display, settings = display_and_settings(args)
-    if args.fitted is not None:
-        return _generate_from_rgbd(args, display)
     if args.light_field is not None:
         return _generate_from_light_field(args, display, settings), ()
     if args.cameras_file is not None:
@@ -224,16 +224,26 @@ def _generate_from_light_field(
     return [*report, _write_outputs(args, rgbd, eia, empty, display)]
 
 
-def _generate_from_rgbd(
-    args: argparse.Namespace, display: Display
-) -> tuple[list[str], tuple[str, ...]]:
-    """Generate and write the EIA of an RGB-D picture in millimetres of the display frame."""
+def _generate_from_rgbd(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
+    """Generate and write the EIA of a scene, or of an RGB-D picture in millimetres of the display
+    frame.
+    """
     from inim.files.image import read_rgbd
-    from inim.generators import check_algorithm
+    from inim.generators import check_algorithm, properties
     from inim.generators.base import outside_depth_range, outside_depth_text
 
     check_algorithm(_algorithm(args))
-    started, rgbd = time.perf_counter(), read_rgbd(args.fitted)
+    started = time.perf_counter()
+    if args.scene is not None:
+        from inim.views.scene_capture import capture_scene
+
+        chosen, input_type = choices_of(args), properties(_algorithm(args)).input
+        rgbd, display = capture_scene(
+            args.scene, chosen.get("display"), chosen["definitions"], input_type, debug=args.debug
+        )
+    else:
+        display, _ = display_and_settings(args)
+        rgbd = read_rgbd(args.fitted)
     eia, empty = _generate_eia(args, rgbd, display)
     rows, columns = rgbd.shape
     report = [
@@ -245,7 +255,7 @@ def _generate_from_rgbd(
     ]
     if not outside_depth_range(rgbd, display):
         return report, ()
-    return report, (f"{args.fitted}: {outside_depth_text(rgbd, display)}",)
+    return report, (f"{args.input}: {outside_depth_text(rgbd, display)}",)
 
 
 def _generate_from_cameras(
@@ -286,9 +296,9 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
                 )
     elif args.all_views:
         raise UsageError(f"--all-views: {args.input} is not a light field; leave it out")
-    elif args.cameras_file is None and args.fitted is None:
+    elif args.color is not None or args.photo is not None:
         picture.check_files()
-    if args.cameras_file is None and args.fitted is None:
+    if args.cameras_file is None and args.fitted is None and args.scene is None:
         picture.check_choices()
     if args.fill is not None and one_of("--fill", args.fill, FILLS) != "none" and args.all_views:
         raise UsageError("--fill: with --all-views no algorithm leaves holes; leave it out")

@@ -142,7 +142,9 @@ def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:
         "Compute the properties of a display without rendering: depth, viewing zone, voxel size, "
         "spot size, crosstalk, and the effect of more or fewer pixels per lens."
     )
-    parser.add_argument("display", metavar="SCENE|PRESET", help="scene (.xml), nominal or phone")
+    parser.add_argument(
+        "display", metavar="FILE|PRESET", help="scene or display (.xml), visual.json, or preset"
+    )
     lens_model = "lens model: pinhole, thin or thick (default: thick, if it can be manufactured)"
     out = "folder for inspect.json, .svg and .png"
     add_shared(parser, "definitions", "debug", lens_model=lens_model, out=out)
@@ -153,6 +155,12 @@ def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:
         help="viewing distance (default: the scene's, or twice the nearest usable distance)",
     )
     parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+    parser.add_argument(
+        "--save",
+        type=Path,
+        metavar="FILE",
+        help="also write the display: .xml, or .json, the visual.json of a Looking Glass",
+    )
 
 
 def _inspect(args: argparse.Namespace) -> int:
@@ -167,6 +175,8 @@ def _inspect(args: argparse.Namespace) -> int:
         distance_mm=args.distance,
         out=args.out,
     )
+    if args.save is not None:
+        inspection.document.display.save(args.save)
     print(encode(inspection.document) if args.json else inspection)
     if args.out is not None and not args.json:
         print("\nwritten: " + ", ".join(str(args.out / name) for name in inspection.files))

@@ -23,6 +23,8 @@ CELL_PATTERNS: dict[str, Callable[[Any, Any], Any]] = {
     "rows-of-4": lambda column, row: row % 4 + 0 * column,
     "staggered": lambda column, row: (row + 2 * (column % 2)) % 4,
 }
+# Of all patterns, across and up.
+_PERIOD = 4
 # Of red, green and blue, right and up.
 _NUMBERS = 6
 # More is no place in a pixel, or next to it.
@@ -66,10 +68,27 @@ def cell_centres(display: Display, rows: slice, channel: int) -> tuple[np.ndarra
     """
     panel_rows, panel_columns = display.eia_shape
     from_bottom = panel_rows - 1 - np.arange(rows.start, rows.stop)[:, None]
-    kinds = CELL_PATTERNS[display.cell_pattern](np.arange(panel_columns)[None, :], from_bottom)
+    return cell_offsets(display, np.arange(panel_columns)[None, :], from_bottom, channel)
+
+
+def cell_offsets(
+    display: Display, column: np.ndarray, from_bottom: np.ndarray, channel: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Centres of a colour's sub-pixels as `cell_centres`, of some pixels.
+
+    * `column`, `from_bottom`, arrays of int: columns from the left, and rows from the bottom.
+    """
+    kinds = CELL_PATTERNS[display.cell_pattern](column, from_bottom)
     table = np.array(display.subpixel_cells)
     kinds = kinds % len(table)
     return table[kinds, 2 * channel], table[kinds, 2 * channel + 1]
+
+
+def kinds_of_pixels(display: Display) -> list[int]:
+    """Kinds of 4 x 4 pixels, which repeat over the panel: by column, in rows upwards."""
+    column, from_bottom = np.arange(_PERIOD), np.arange(_PERIOD)[:, None]
+    kinds = CELL_PATTERNS[display.cell_pattern](column, from_bottom)
+    return [int(kind) for kind in (kinds % max(1, len(display.subpixel_cells))).ravel()]
 
 
 def farthest_cell(display: Display) -> float:

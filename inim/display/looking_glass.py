@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from inim.display.display import Display
@@ -44,6 +44,19 @@ _RANGES = {
     "center": (-1e6, 1e6),
     "slope": (-1e6, 1e6),
 }
+# Numbers and the parameters that they determine, each after those it depends on.
+_PARAMETERS = {
+    "dpi": "pixel_pitch_mm",
+    "pitch": "elemental_pitch_mm",
+    "slope": "rotation_deg",
+    "view_cone": "gap_mm",
+    "center": "shift_x_mm",
+}
+# Where a number is sought that gives a parameter exactly: digits, and units of its last place.
+_SHORT_NUMBERS = (4, 6, 9, 12, 15)
+_MOST_STEPS = 64
+# Of centers: they are added to phases, whose last place is no finer.
+_FINEST_STEP = 2.0**-48
 
 
 @dataclass(frozen=True)
@@ -77,7 +90,8 @@ class LookingGlass:
         many as sub-pixels, spreads over two lens pitches.
         """
         pixel, pitch = _MM_PER_INCH / self.dpi, _MM_PER_INCH / self.pitch
-        angle = math.atan(1 / self.slope) * (-1 if self.flip_x else 1)
+        rotation_deg = math.degrees(math.atan(1 / self.slope)) * (-1 if self.flip_x else 1)
+        angle = math.radians(rotation_deg)
         height = self.screen_h * pixel
         distance = viewing_distance_mm or height / 2 / math.tan(math.radians(_CAMERA_DEG / 2))
         # g = P / (2 cos s tan(cone / 2)), with P = Q V / (V + g).
@@ -100,7 +114,7 @@ class LookingGlass:
             depth_min_mm=-depth,
             depth_max_mm=depth,
             lattice="lenticular",
-            rotation_deg=math.degrees(angle),
+            rotation_deg=rotation_deg,
             shift_x_mm=(round(phase) - phase) * pitch / math.cos(angle),
             subpixels="cells" if self.cells else "rgb-stripe",
             subpixel_cells=self.cells,
@@ -145,8 +159,26 @@ class LookingGlass:
             pattern=display.cell_pattern,
         )
         moved = (c * display.shift_x_mm + s * display.shift_y_mm) / pitch
-        center = (values._phase(angle) + moved - 0.5) % 1.0
-        return cls(**{**vars(values), "center": center})
+        values = replace(values, center=(values._phase(angle) + moved - 0.5) % 1.0)
+        for name, parameter in _PARAMETERS.items():
+            values = values._restored(name, parameter, display)
+        return values
+
+    def _restored(self, name: str, parameter: str, display: Display) -> LookingGlass:
+        """Copy with a number that gives a parameter of the display to the last bit.
+
+        Of such numbers near the present one the shortest, or else the nearest is chosen. A display
+        from no file may have none; it keeps the present number.
+        """
+        number, goal = getattr(self, name), getattr(display, parameter)
+        grain = _FINEST_STEP if name == "center" else math.ulp(number)
+        steps = sorted(range(-_MOST_STEPS, _MOST_STEPS + 1), key=abs)
+        texts = [float(f"{number:.{digits}g}") for digits in _SHORT_NUMBERS]
+        for candidate in (*texts, *(number + step * grain for step in steps)):
+            values = replace(self, **{name: candidate})
+            if getattr(values.display(), parameter) == goal:
+                return values
+        return self
 
     def text(self) -> str:
         """Text of the file."""

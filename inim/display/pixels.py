@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from inim.display.cells import cell_centres, farthest_cell
+from inim.display.cells import cell_centres, cell_offsets, farthest_cell
 from inim.errors import DisplayError
 from inim.image.noisy_image import row_bands
 
@@ -108,6 +108,42 @@ def emission_profile(
     if subpixel.turn is not None:
         shines &= turn == subpixel.turn
     return select(shines, 1.0 / (float(subpixel.share) * fill * fill), 0.0)
+
+
+class PanelPoints(NamedTuple):
+    """Pixels and sub-pixels under panel points, arrays of the points' shape."""
+
+    row: np.ndarray  #: int64; 0 beside the panel.
+    column: np.ndarray  #: int64; 0 beside the panel.
+    #: Of red, green and blue, float64: see `emission_profile`; 0 beside the panel.
+    shines: list[np.ndarray]
+    #: Of each, float64: centre of the sub-pixel across the array, array frame, mm.
+    across_mm: list[np.ndarray]
+
+
+def panel_points(display: Display, x_mm: np.ndarray, y_mm: np.ndarray) -> PanelPoints:
+    """Pixels and sub-pixels under points of the panel, display frame."""
+    (rows, columns), pitch, (c, s) = display.eia_shape, display.pixel_pitch_mm, _turn(display)
+    # Positions in pixels, from the panel's upper left corner.
+    across, along = x_mm / pitch + columns / 2, rows / 2 - y_mm / pitch
+    on_panel = (across >= 0) & (across < columns) & (along >= 0) & (along < rows)
+    column, row = (
+        np.where(on_panel, np.floor(place), 0).astype(np.int64) for place in (across, along)
+    )
+    light, places = [], []
+    for channel, subpixel in enumerate(SUBPIXELS[display.subpixels]):
+        right, up = np.zeros((2, *column.shape))
+        if subpixel.channel is not None:
+            right, up = cell_offsets(display, column, rows - 1 - row, channel)
+        shines = emission_profile(
+            subpixel, display.pixel_fill, np.where, across - column - 0.5 - right,
+            along - row - 0.5 + up, (row + column) % 2,
+        )  # fmt: skip
+        x = (column + 0.5 - columns / 2 + right + float(subpixel.right)) * pitch
+        y = (rows / 2 - row - 0.5 + up) * pitch
+        light.append(np.where(on_panel, shines, 0.0))
+        places.append(c * (x - display.shift_x_mm) + s * (y - display.shift_y_mm))
+    return PanelPoints(row, column, light, places)
 
 
 # Beyond this a float says more than a person states: 7 digits after the point, or 1/999983.

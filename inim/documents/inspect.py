@@ -41,6 +41,8 @@ class DepthFigures(DepthRange):
     depth_range_is_stated: bool  #: True if the settings give the range; otherwise the formula does.
     voxel_at_depth_min_mm: float  #: Width of a pixel's beam at the far end, mm.
     voxel_at_depth_max_mm: float  #: Width of a pixel's beam at the near end, mm.
+    #: Distance from the array beyond which the light of one direction is wider than a lens, mm.
+    blur_onset_mm: float
     #: Geometrical length of the gap less its air-equivalent length, mm.
     layers_excess_mm: float
     #: Central depth plane if the gap were a measured length, with the display's layers in it or, if
@@ -73,7 +75,8 @@ class ViewingLimits(Part):
     #: Largest sideways offset of an eye at that distance at which no lens shows a flipped view, mm;
     #: negative: none.
     flip_limit_x_mm: float
-    flip_limit_y_mm: float  #: Largest offset up or down at that distance, mm; negative: none.
+    #: Largest offset up or down at that distance, mm; negative: none; null: no limit.
+    flip_limit_y_mm: float | None
     flip_limit_x_deg: float  #: The limit to the side, degrees.
     flip_limit_y_deg: float  #: The limit up or down, degrees.
     zone_is_empty: bool  #: True if even an eye on the axis sees flipped views.
@@ -130,7 +133,7 @@ class CrosstalkGrid(Part):
     share: list[list[float | None]]  #: A row for each of `eye_y_mm`.
 
 
-class InspectDocument(Document, tag="inim.inspect/2"):
+class InspectDocument(Document, tag="inim.inspect/3"):
     """Inspection of a display.
 
     `inspect.json` of `inim inspect DISPLAY -o OUT`, and the output of `--json`: the properties of a
@@ -154,5 +157,9 @@ class InspectDocument(Document, tag="inim.inspect/2"):
     #: Destinations of the rays from an eye to the lens array, by the name of the eye position.
     light: dict[str, LightRecord]
     crosstalk: CrosstalkGrid
+    #: Of a lenticular: shares of the light from the eye's own view, its neighbours, their
+    #: neighbours, and farther views, 0 to 1, by the name of the eye position; `pixels_per_lens` has
+    #: the number of views. Empty lists for other displays.
+    views: dict[str, list[float]]
     misalignment: list[str]  #: Sentences on the misalignment of the array.
     warnings: list[str]  #: Warnings and hints, one text each.

@@ -19,16 +19,16 @@ import math
 import numpy as np
 
 from inim.display import Display
+from inim.display.pixels import PixelOffset, row_blocks
 from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
     PictureShape,
     SourceGenerator,
     Sources,
-    require_separable,
     run_kernel,
 )
-from inim.generators.raycast.cells import cell_rays
+from inim.generators.raycast.cells import PictureRays, most_cells
 from inim.generators.registry import algorithm, one_of
 from inim.image.rgbd import RGBD
 
@@ -73,12 +73,10 @@ def prepare(
     Raises
     ------
     UsageError
-        An invalid option, a display that is not separable or has no P_I, or templates of
-        implausible length.
+        An invalid option, a display that has no P_I, or templates of implausible length.
     """
     along_ray = one_of("matching", matching, _MATCHINGS) == "ray"
     up = one_of("rounding", rounding, _ROUNDINGS) == "up"
-    require_separable(display, "wang2024")
     stride = 1.0
     if one_of("step_pixel", step_pixel, _STEP_PIXELS) == "scene":
         stride = display.scene_pixel_mm / pixel_mm
@@ -89,13 +87,20 @@ def prepare(
             )
     consecutive = one_of("cells", cells, _CELLS) == "consecutive"
     _check_length(display, shape, pixel_mm * stride, along_ray)
-    return _Wang2024(display, shape, pixel_mm, (along_ray, consecutive), (stride, up), mask)
+    search, steps = (along_ray, consecutive), (stride, up)
+
+    from inim.generators.raycast.colour import averaged
+
+    return averaged(
+        display,
+        1,
+        lambda offset: _Wang2024(display, shape, pixel_mm, search, steps, mask, offset),
+    )
 
 
 def _check_length(display: Display, shape: PictureShape, step_mm: float, along_ray: bool) -> None:
     """Refuse templates that would take for ever."""
-    rays = cell_rays(shape, step_mm, display)
-    longest = max(axis.most_cells(display.depth_range_mm) for axis in rays)
+    longest = most_cells(display, shape, step_mm)
     most = _MOST_ENTRIES if along_ray else math.isqrt(_MOST_ENTRIES)
     if longest > most:
         raise UsageError(
@@ -114,13 +119,13 @@ class _Wang2024(SourceGenerator):
         search: tuple[bool, bool],
         steps: tuple[float, bool],
         mask: np.ndarray | None,
+        pixel_offset: PixelOffset,
     ) -> None:
-        super().__init__(display, shape, pixel_mm, mask)
+        super().__init__(display, shape, pixel_mm, mask, pixel_offset)
         self._search = search
         self._steps = steps
 
     def find(self, rgbd: RGBD) -> Sources:
-        columns, rows = cell_rays(self.shape, self.pixel_mm, self.display)
         z_min, z_max = self.display.depth_range_mm
         single = self.display.central_depth_mm
         if not z_min <= single <= z_max:
@@ -129,44 +134,40 @@ class _Wang2024(SourceGenerator):
         # Covered columns of each row, first and last; none for a row without relic.
         first = np.where(rgbd.covered.any(axis=1), rgbd.covered.argmax(axis=1), self.shape[1])
         last = self.shape[1] - 1 - rgbd.covered[:, ::-1].argmax(axis=1)
-        return run_kernel(
-            _match_all,
-            self.display.eia_shape[0],
-            self.display.eia_shape,
-            HOLE,
-            self.selected.ravel(),
-            depth,
-            first,
-            last,
-            *columns.in_cells,
-            *rows.in_cells,
-            z_min,
-            z_max,
-            single,
-            *self._steps,
-            *self._search,
-        )
+        picture = PictureRays(self.display, self.shape, self.pixel_mm, self.pixel_offset)
+        sources, selected = np.full(self.display.eia_shape, HOLE, np.int32), self.selected
+        for block in row_blocks(self.display):
+            if selected[block].any():
+                rays = picture.block(block, in_cells=True)[:4]
+                sources[block] = run_kernel(
+                    _match_all, len(rays[0]), rays[0].shape, HOLE, *rays, selected[block],
+                    depth, first, last, z_min, z_max, single, *self._steps, *self._search,
+                )  # fmt: skip
+        return sources
 
 
 def _match_all(
-    begin, end, selected, depth, first, last, u0, du, v0, dv, z_min, z_max, single, stride, up,
+    begin, end, u0, du, v0, dv, selected, depth, first, last, z_min, z_max, single, stride, up,
     along_ray, consecutive, sources,
 ):  # fmt: skip
     """Match all selected panel pixels; u and v are columns and rows in picture pixels."""
     steepest = max(np.abs(du).max(), np.abs(dv).max())
     _, longest = _steps(steepest, steepest, z_min, z_max, stride, up)
     cells = np.empty(longest, np.int64)
+    width = u0.shape[1]
     for i in range(begin, end):
-        for j in range(len(u0)):
-            if not selected[i * len(u0) + j]:
+        u, u_slope, v, v_slope, is_selected = u0[i], du[i], v0[i], dv[i], selected[i]
+        for j in range(width):
+            if not is_selected[j]:
                 continue
-            step, z_len = _steps(du[j], dv[i], z_min, z_max, stride, up)
+            step, z_len = _steps(u_slope[j], v_slope[j], z_min, z_max, stride, up)
             start = single if z_len == 1 else z_min
             for entry in range(z_len):
-                cells[entry] = _cell(u0[j], du[j], start, step, entry, consecutive)
-            sources[i * len(u0) + j] = _match(
-                depth, first, last, cells[:z_len], v0[i], dv[i], start, step, along_ray, consecutive
-            )
+                cells[entry] = _cell(u[j], u_slope[j], start, step, entry, consecutive)
+            sources[i * width + j] = _match(
+                depth, first, last, cells[:z_len], v[j], v_slope[j], start, step, along_ray,
+                consecutive,
+            )  # fmt: skip
 
 
 def _steps(du, dv, z_min, z_max, stride, up):

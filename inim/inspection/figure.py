@@ -136,6 +136,8 @@ def _draw_crosstalk(axis: Any, data: InspectDocument) -> None:
     bar.outline.set_visible(False)
     if not zone.zone_is_empty:
         limit_x, limit_y = zone.flip_limit_x_mm, zone.flip_limit_y_mm
+        if limit_y is None:
+            limit_y = max(crosstalk.eye_y_mm)
         axis.add_patch(
             Rectangle((-limit_x, -limit_y), 2 * limit_x, 2 * limit_y, fill=False, edgecolor="white")
         )

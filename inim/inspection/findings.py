@@ -28,6 +28,7 @@ from inim.inspection.geometry import (
     light_shares,
     pixel_choice,
     size_of,
+    view_shares,
     viewing_limits,
     voxel_widths,
 )
@@ -127,10 +128,11 @@ def _named_display(display: Display | str | Path) -> Display | str | Path:
     """A display, the name of a preset, or the path of a file."""
     if isinstance(display, Display) or display in DISPLAYS:
         return display
-    if isinstance(display, PathLike) or display.lower().endswith(".xml") or Path(display).exists():
+    is_file = isinstance(display, PathLike) or display.lower().endswith((".xml", ".json"))
+    if is_file or Path(display).exists():
         return Path(display)
     raise UsageError(
-        f"{display}: neither a scene file nor a preset; give a .xml file, or "
+        f"{display}: neither a file nor a preset; give a .xml or visual.json file, or "
         f"{suggest_words(display, DISPLAYS)}; and change single values with -D inim.KEY=VALUE"
     )
 
@@ -177,14 +179,8 @@ def inspect_display(
       manufactured.
     * `source`: source of the display.
 
-    Raises `InimError`: an impossible lens model, a tilted panel that meets the array, or cylinders,
-    whose elemental images and views have no rows.
+    Raises `InimError`: an impossible lens model, or a tilted panel that meets the array.
     """
-    if design.layout.of_cylinders:
-        raise UsageError(
-            f"display {design.name}: lattice = {design.lattice!r} cannot be inspected yet; "
-            "validate a scene on it with inim validate"
-        )
     real = design if misaligned is None else misaligned
     least_gap_mm(real)
     model, reason = usable_model(lens_model, real)
@@ -208,6 +204,12 @@ def inspect_display(
             for eye in zone.viewpoints
         },
         crosstalk=crosstalk_map(design, real, model, distance_mm),
+        views={
+            eye.name: view_shares(
+                design, real, model, eye.position_mm, design.layout.directions[0], samples
+            )
+            for eye in zone.viewpoints
+        },
         misalignment=misalignments(design, real),
         warnings=[],
     )
@@ -333,7 +335,7 @@ def _crosstalk_findings(data: InspectDocument) -> Iterator[str]:
 
 
 def _pixel_findings(display: Display) -> Iterator[str]:
-    if not has_whole_pixels(display):
+    if not (has_whole_pixels(display) or display.layout.of_cylinders):
         down = display.elemental_row_pitch_mm / display.pixel_pitch_mm
         yield (
             f"For information: {display.pixels_per_lens:.4g} x {down:.4g} pixels per lens, not a "

@@ -13,7 +13,9 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.layers import excess_mm
-from inim.display.viewpoint import DEFAULT_VIEWPOINTS, named_viewpoint
+from inim.display.layouts import Lenticular
+from inim.display.pixels import panel_points
+from inim.display.viewpoint import DEFAULT_VIEWPOINTS, named_viewpoint, zone_half_mm
 from inim.documents.inspect import (
     CrosstalkGrid,
     DepthFigures,
@@ -26,7 +28,7 @@ from inim.documents.inspect import (
 from inim.documents.parts import DepthRange, EyePosition
 from inim.errors import DisplayError
 from inim.inspection.spots import array_to_display, cell_of, finite_or_none, land, lens_at
-from inim.lens.array import CHANNEL_WAVELENGTHS_NM
+from inim.lens.array import CHANNEL_WAVELENGTHS_NM, lens_array
 from inim.report.diagram import zone_outline_mm
 
 #: Pixels per lens to compare: half as many, these, twice as many.
@@ -81,9 +83,19 @@ def depth_figures(display: Display) -> DepthFigures:
         depth_range_is_stated=display.depth_min_mm is not None,
         voxel_at_depth_min_mm=float(voxel_mm(display, low)),
         voxel_at_depth_max_mm=float(voxel_mm(display, high)),
+        blur_onset_mm=blur_onset_mm(display),
         layers_excess_mm=excess_mm(display.layers),
         central_depth_if_measured_mm=depth_if_measured_mm(display),
     )
+
+
+def blur_onset_mm(display: Display) -> float:
+    """Distance from the array beyond which pictures lose sharpness: P g / p.
+
+    There, the light of one direction, from an emitting area p wide, is as wide as a lens.
+    """
+    width_mm = display.elemental_image_pitch_mm / display.layout.directions[0]
+    return display.pitch_mm * display.gap_mm / width_mm
 
 
 def depth_if_measured_mm(display: Display) -> float | None:
@@ -115,12 +127,13 @@ def pixel_choice(display: Display, times: float) -> PixelChoice:
     """
     pixel_mm = display.pixel_pitch_mm / times
     rows, columns = (math.ceil(n * times) for n in display.eia_shape)
+    across, down = display.layout.directions
     span = display.depth_span_mm
     return PixelChoice(
         pixels_per_lens=display.pixels_per_lens * times,
         pixel_pitch_mm=pixel_mm,
-        views_across=display.elemental_image_pitch_mm / pixel_mm,
-        views_down=display.elemental_row_pitch_mm / pixel_mm,
+        views_across=across * times,
+        views_down=1.0 if display.layout.of_cylinders else down * times,
         angular_step_deg=math.degrees(math.atan(pixel_mm / display.gap_mm)),
         depth_span_mm=finite_or_none(span / times),
         panel_columns=columns,
@@ -142,7 +155,7 @@ def viewing_limits(display: Display, distance_mm: float) -> ViewingLimits:
         nearest_distance_mm=nearest,
         distance_mm=distance_mm,
         flip_limit_x_mm=limit_x,
-        flip_limit_y_mm=limit_y,
+        flip_limit_y_mm=finite_or_none(limit_y),
         flip_limit_x_deg=math.degrees(math.atan2(limit_x, distance_mm)),
         flip_limit_y_deg=math.degrees(math.atan2(limit_y, distance_mm)),
         zone_is_empty=min(limit_x, limit_y) < 0,
@@ -215,7 +228,10 @@ def array_samples(display: Display) -> Samples:
     The cells are spread evenly, the outermost among them: those flip first. Each has a grid of 4 x
     4 points, moved from cell to cell so that together they fill a cell evenly.
     """
+    is_lenticular = display.layout.of_cylinders
     pitch, row = display.pitch_mm, display.row_pitch_mm
+    if is_lenticular:
+        pitch, row = display.layout.view_cell_mm
     (rows, down), (columns, across) = map(_spread, display.layout.grid)
     left, low = columns * pitch - display.width_mm / 2, rows * row - display.height_mm / 2
     corner_x, corner_y = (grid.reshape(-1, 1) for grid in np.meshgrid(left, low))
@@ -225,7 +241,9 @@ def array_samples(display: Display) -> Samples:
     x = corner_x + (right + (0.5 + cell * _R2[0]) % 1) / _POINTS_ACROSS * pitch
     y = corner_y + (up + (0.5 + cell * _R2[1]) % 1) / _POINTS_ACROSS * row
     area = np.repeat(np.outer(down, across), right.size)
-    x, y = array_to_display(display, x.ravel(), y.ravel())
+    x, y = x.ravel(), y.ravel()
+    if not is_lenticular:  # cylinders cover their panel, however they are turned
+        x, y = array_to_display(display, x, y)
     inside = lens_at(display, x, y).exists
     return Samples(x[inside], y[inside], area[inside] / area[inside].sum())
 
@@ -296,6 +314,50 @@ def light_shares(
     )
 
 
+def view_shares(
+    design: Display,
+    misaligned: Display,
+    model: str,
+    eye_mm: tuple[float, float, float],
+    views: float,
+    samples: Samples | None = None,
+) -> list[float]:
+    """Shares of the light at an eye by its view, on a lenticular display; empty on others.
+
+    The views divide an elemental image into equal parts, and a sub-pixel belongs to the one at its
+    centre. Light differs from the eye's own view by at most half a view, by up to 1.5, 2.5, and so
+    on; the last number has the rest.
+
+    * `views`: their number, rarely whole for `Layout.directions`.
+    * the rest: see `light_shares`.
+    """
+    layout = design.layout
+    if not isinstance(layout, Lenticular):
+        return []
+    x, y, area = array_samples(misaligned) if samples is None else samples
+    eye_x, eye_y, distance = eye_mm
+    landed = land(misaligned, model, x, y, (x - eye_x) / distance, (y - eye_y) / distance)
+    lit = (landed.weight > 0) & ~np.isnan(landed.lens_x_mm)
+    # The eye's own place under each lens, along the ray through the lens's centre.
+    array = lens_array(misaligned)
+    from_x, from_y = eye_x - array.shift_x, eye_y - array.shift_y
+    eye_across = array.cosine * from_x + array.sine * from_y
+    lens_x = np.where(lit, landed.lens_x_mm, 0.0)
+    own = layout.place_in_cell(lens_x + (lens_x - eye_across) * misaligned.gap_mm / distance)[1]
+    shares = np.zeros(_NEIGHBOURS + 2)
+    points = panel_points(design, landed.x_mm, landed.y_mm)
+    for shines, across in zip(points.shines, points.across_mm, strict=True):
+        away = layout.place_in_cell(across)[1] - own
+        steps = np.rint(np.abs(away - np.rint(away)) * views).astype(np.int64)
+        light = np.where(lit, landed.weight * area * shines, 0.0)
+        np.add.at(shares, np.minimum(steps, _NEIGHBOURS + 1), light)
+    return [float(share) for share in shares / max(shares.sum(), np.finfo(float).tiny)]
+
+
+# Neighbouring views on each side that are counted one by one.
+_NEIGHBOURS = 2
+
+
 def crosstalk_map(
     design: Display, misaligned: Display, model: str, distance_mm: float
 ) -> CrosstalkGrid:
@@ -304,7 +366,7 @@ def crosstalk_map(
     Where the viewing zone is empty, the limit of a single lens, V Q / 2g, takes its place.
     """
     alone = distance_mm * design.elemental_image_pitch_mm / (2 * design.gap_mm)
-    reach = [limit if limit > 0 else alone for limit in design.flip_limit_mm(distance_mm)]
+    reach = [half if half > 0 else alone for half in zone_half_mm(design, distance_mm)]
     eye_x, eye_y = (np.linspace(-_MAP_REACH, _MAP_REACH, _EYES_ACROSS) * v for v in reach)
     samples = array_samples(misaligned)
     share = [

@@ -35,6 +35,8 @@ _SHARES = (
     ("astray", "lost or misdirected, total"),
     ("crosstalk", "crosstalk in arriving light"),
 )
+# Of the light that arrives on a lenticular.
+_VIEWS = ("of the eye's own view", "of neighbouring views", "of their neighbours", "of other views")
 
 
 def as_text(data: InspectDocument) -> str:
@@ -126,6 +128,8 @@ def _depth_lines(data: InspectDocument) -> list[str]:
     )
     if kind != "focused" and not stated:
         lines.append(_line("depth span by the formula", f"{_n(d.depth_span_mm)} mm"))
+    if kind == "focused":
+        lines.append(_line("sharp to", f"{_n(data.depth.blur_onset_mm)} mm from the array"))
     return lines + _voxels(data)
 
 
@@ -186,11 +190,11 @@ def _viewing_lines(data: InspectDocument) -> list[str]:
     ]
     if zone.zone_is_empty:
         return [*lines, _line("sideways eye movement", "none: every eye sees flipped views")]
-    limits = (
-        f"±{_n(zone.flip_limit_x_mm)} mm (±{_n(zone.flip_limit_x_deg)}°) across, "
-        f"±{_n(zone.flip_limit_y_mm)} mm (±{_n(zone.flip_limit_y_deg)}°) up and down"
-    )
-    return [*lines, _line("sideways eye movement", limits)]
+    across = f"±{_n(zone.flip_limit_x_mm)} mm (±{_n(zone.flip_limit_x_deg)}°) across"
+    up = "any up and down"
+    if zone.flip_limit_y_mm is not None:
+        up = f"±{_n(zone.flip_limit_y_mm)} mm (±{_n(zone.flip_limit_y_deg)}°) up and down"
+    return [*lines, _line("sideways eye movement", f"{across}, {up}")]
 
 
 def _spots(data: InspectDocument) -> list[str]:
@@ -227,6 +231,9 @@ def _light_lines(data: InspectDocument) -> list[str]:
     for name, label in _SHARES:
         values = [getattr(data.light[v.name], f"{name}_share") for v in zone.viewpoints]
         texts = ("-" if value is None else f"{100 * value + 0.0:.2f}" for value in values)
+        lines.append(_line(f"{label}, %", "".join(f"{cell:>9}" for cell in texts)))
+    for n, label in enumerate(_VIEWS[: len(next(iter(data.views.values()), ()))]):
+        texts = (f"{100 * data.views[v.name][n]:.1f}" for v in zone.viewpoints)
         lines.append(_line(f"{label}, %", "".join(f"{cell:>9}" for cell in texts)))
     return lines
 

@@ -15,7 +15,15 @@ from inim.display import Display
 from inim.display.layouts import Square
 from inim.documents.inspect import SpotFigures
 from inim.lens import channel_indices, lens_array, lens_model, lens_traits, trace_to_panel
-from inim.lens.array import NUMPY_OPS, in_aperture, lens_centre, to_array, to_panel
+from inim.lens.array import (
+    NUMPY_OPS,
+    LensArray,
+    LensTraits,
+    in_aperture,
+    lens_centre,
+    to_array,
+    to_panel,
+)
 
 # A lens alone has a cell so many pitches wide: no ray near it leaves that.
 _ROOM = 3
@@ -58,7 +66,7 @@ def land(
     x, y, weight = trace_to_panel(display, model, *rays, index=index)
     array, traits = lens_array(display), lens_traits(display)
     ax, ay, _, _ = to_array(array, traits, *rays)
-    own_x, own_y, _ = lens_centre(array, traits, NUMPY_OPS, ax, ay)
+    own_x, own_y, _ = _lens_centre(array, traits, ax, ay)
     found_x, found_y = np.full(x.shape, np.nan), np.full(x.shape, np.nan)
     for right, up in ((0, 0), *traits.layout.neighbours):
         open_ = (weight > 0) & np.isnan(found_x)
@@ -87,8 +95,11 @@ def _through_one_lens(
     array, traits = lens_array(display), lens_traits(display)
     x, y, sx, sy = to_array(array, traits, *rays)
     room = _ROOM * max(array.pitch_x, array.pitch_y)
-    single = array._replace(pitch_x=room, pitch_y=room, half_columns=0.5, half_rows=0.5)
-    kind = traits._replace(layout=Square, round_aperture=False, full_aperture=True)
+    single = array._replace(
+        pitch_x=room, pitch_y=room, half_columns=0.5, half_rows=0.5, half_aperture=room
+    )
+    layout = traits.layout if traits.layout.of_cylinders else Square
+    kind = traits._replace(layout=layout, round_aperture=False, full_aperture=False)
     trace = lens_model(model).function
     n = display.refractive_index if index is None else index
     with np.errstate(invalid="ignore", divide="ignore"):  # rays that miss this lens
@@ -127,7 +138,7 @@ def cell_of(
     lit &= np.abs(y_mm) <= rows * display.pixel_pitch_mm / 2
     x, y = _in_array_frame(display, x_mm, y_mm)
     scale = display.pitch_mm / display.elemental_image_pitch_mm
-    lens_x, lens_y, inside = lens_centre(array, traits, NUMPY_OPS, x * scale, y * scale)
+    lens_x, lens_y, inside = _lens_centre(array, traits, x * scale, y * scale)
     return lens_x, lens_y, lit & inside
 
 
@@ -145,9 +156,17 @@ def lens_at(display: Display, x_mm: np.ndarray, y_mm: np.ndarray) -> Lens:
     """The lenses over points of the array plane, display frame, (n,) each."""
     array, traits = lens_array(display), lens_traits(display)
     x, y = _in_array_frame(display, x_mm, y_mm)
-    centre_x, centre_y, exists = lens_centre(array, traits, NUMPY_OPS, x, y)
+    centre_x, centre_y, exists = _lens_centre(array, traits, x, y)
     within = in_aperture(array, traits, x - centre_x, y - centre_y)
     return Lens(centre_x, centre_y, exists, within)
+
+
+def _lens_centre(
+    array: LensArray, traits: LensTraits, x: np.ndarray, y: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centres of lenses as `inim.lens.array.lens_centre`; of a cylinder, the middle of its axis."""
+    centre_x, centre_y, exists = lens_centre(array, traits, NUMPY_OPS, x, y)
+    return centre_x, centre_y * (not traits.layout.of_cylinders), exists
 
 
 def _in_array_frame(
@@ -250,8 +269,9 @@ def _aperture_points(display: Display) -> tuple[np.ndarray, np.ndarray, np.ndarr
     pitch, row = display.pitch_mm, display.row_pitch_mm
     # On the axis or, if that lies between lenses, up and to the right of it.
     offset = np.array([pitch / 4]), np.array([row / 4])
-    lens_x, lens_y, _ = lens_centre(array, traits, NUMPY_OPS, *offset)
-    height = traits.layout.cell_height(pitch, row)
+    lens_x, lens_y, _ = _lens_centre(array, traits, *offset)
+    # Cylinders form lines of light: the rays are those of one plane across the axis.
+    height = 0.0 if traits.layout.of_cylinders else traits.layout.cell_height(pitch, row)
     ticks = ((np.arange(_RAYS_ACROSS) + 0.5) / _RAYS_ACROSS - 0.5) * display.fill_factor
     right, up = (grid.ravel() for grid in np.meshgrid(ticks * pitch, ticks * height))
     x, y = array_to_display(display, lens_x + right, lens_y + up)

@@ -4,8 +4,10 @@ An independent check of `thick`, with the same lenses; `inim.render.reconstruct`
 
 The position of the sheet is that of `inim.lens.thick`. Its curved face is one patch of flat facets
 for each lens, with the exact surface's normals at their corners; neighbours meet in an edge, so
-corners there are doubled. The flat face extends beyond the lenses by the largest sideways travel of
-a ray inside the glass, so that no ray leaves through the sheet's ends, as in the analytic models.
+corners there are doubled. Cylinders have one patch each, a little longer than the panel; they cover
+it, and have flat facets along their axes. The flat face extends beyond the lenses by the largest
+sideways travel of a ray inside the glass, so that no ray leaves through the sheet's ends, as in the
+analytic models.
 On the curved side this margin is the black *mount*; the ends are black, too.
 
     bulge to the viewer          ____   ____
@@ -22,7 +24,7 @@ from itertools import pairwise
 import numpy as np
 
 from inim.display import Display
-from inim.display.layouts import Square
+from inim.display.layouts import Lenticular, Square
 from inim.errors import DisplayError
 from inim.lens import thick
 from inim.lens.array import NUMPY_OPS, LensArray, channel_indices, lens_array
@@ -43,23 +45,23 @@ def check(display: Display) -> None:
     """Raise `DisplayError` where the display's lenses cannot be made as such a sheet."""
     thick.check(display)
     for name, plain in (
-        ("lattice", Square.name),
-        ("aperture", "square"),
-        ("fill_factor", 1),
-        ("subpixels", "none"),
-        ("pixel_fill", 1),
-        ("layers", ()),
+        ("lattice", (Square.name, Lenticular.name)),
+        ("aperture", ("square",)),
+        ("fill_factor", (1,)),
+        ("subpixels", ("none", "rgb-stripe")),
+        ("pixel_fill", (1,)),
+        ("layers", ((),)),
     ):
         value = getattr(display, name)
-        if value != plain:
+        if value not in plain:
             raise DisplayError(
-                f"full lens model: {name} = {value!r} is not modelled, only {plain!r}; use "
-                "lens_model 'thick'"
+                f"full lens model: {name} = {value!r} is not modelled, only "
+                f"{' or '.join(map(repr, plain))}; use lens_model 'thick'"
             )
     facets = facets_per_lens(display)
     error, pixel = facet_error_mm(display, facets), display.pixel_pitch_mm
     if error > _WORST_ERROR_PIXELS * pixel:
-        lenses = math.prod(display.layout.grid)
+        lenses = math.prod(_Sheet.of(display).counts)
         raise DisplayError(
             f"full lens model: {lenses} lenses within {_MOST_TRIANGLES:,} triangles have facets "
             f"{error / pixel:.2g} panel pixels off the surface; use fewer lenses, or lens_model "
@@ -76,48 +78,90 @@ def facets_per_lens(display: Display) -> int:
     tolerance_mm = _WANTED_ERROR_PIXELS * display.pixel_pitch_mm
     # The error falls with the square of a facet's width.
     facets = math.ceil(trial * math.sqrt(facet_error_mm(display, trial) / tolerance_mm))
-    most = math.isqrt(_MOST_TRIANGLES // (2 * math.prod(display.layout.grid)))
+    sheet = _Sheet.of(display)
+    patch = _MOST_TRIANGLES // (2 * math.prod(sheet.counts))
+    most = patch // _FACETS_ALONG if sheet.cylinders else math.isqrt(patch)
     return max(2, min(facets + facets % 2, most - most % 2))
 
 
 def facet_error_mm(display: Display, facets: int) -> float:
     """Largest distance along z between the curved face and its facets, at the facets' middles."""
-    array = lens_array(display)
-    x, y = (_nodes(1, facets, pitch) for pitch in (array.pitch_x, array.pitch_y))
-    at_corners = _sag(array, x, y[:, None])
-    middle = _sag(array, (x[1:] + x[:-1]) / 2, (y[1:, None] + y[:-1, None]) / 2)
+    sheet = _Sheet.of(display, facets)
+    x, y = (_nodes(1, n, pitch) for n, pitch in zip(sheet.facets, sheet.pitches, strict=True))
+    at_corners = sheet.sag(x, y[:, None])
+    middle = sheet.sag((x[1:] + x[:-1]) / 2, (y[1:, None] + y[:-1, None]) / 2)
     rising = (at_corners[:-1, :-1] + at_corners[1:, 1:]) / 2
     falling = (at_corners[:-1, 1:] + at_corners[1:, :-1]) / 2
     return float(np.max(np.abs([rising - middle, falling - middle])))
 
 
-def _face(array: LensArray) -> Face:
-    return Face(1 / array.radius, array.conic, (array.a4, array.a6))
+# Of a cylinder along its axis; an even number: a mirrored lens is the same mesh.
+_FACETS_ALONG = 2
+# Cylinders beyond those over the panel, on each side, and their overlength at each end.
+_MARGIN_LENSES = 2
 
 
-def _sag(array: LensArray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Depth of the curved face below its vertex plane, at a place from the lens's centre."""
-    depth: np.ndarray = sag(NUMPY_OPS, _face(array), x * x + y * y)
-    return depth
+@dataclass(frozen=True)
+class _Sheet:
+    """Lenses of a sheet, across and along: their numbers, pitches, and facets of each."""
+
+    array: LensArray
+    cylinders: bool
+    counts: tuple[int, int]
+    pitches: tuple[float, float]
+    facets: tuple[int, int]
+
+    @classmethod
+    def of(cls, display: Display, facets: int = 2) -> _Sheet:
+        """Sheet of a display, with `facets` along a lens's side, of cylinders across."""
+        array, layout = lens_array(display), display.layout
+        if not layout.of_cylinders:
+            pitches = array.pitch_x, array.pitch_y
+            return cls(array, False, layout.grid[::-1], pitches, (facets, facets))
+        pitch, (half_x, half_y) = array.pitch_x, layout.half_extent_mm
+        across = 2 * (math.ceil(layout.outermost_mm[0] / pitch) + _MARGIN_LENSES) + 1
+        shift = abs(array.shift_x) + abs(array.shift_y)
+        length = 2 * (abs(array.sine) * half_x + array.cosine * half_y + shift)
+        return cls(
+            array, True, (across, 1), (pitch, length + 2 * _MARGIN_LENSES * pitch),
+            (facets, _FACETS_ALONG),
+        )  # fmt: skip
+
+    @property
+    def face(self) -> Face:
+        """The curved face."""
+        array = self.array
+        return Face(1 / array.radius, array.conic, (array.a4, array.a6))
+
+    def radius_squared(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Squares of the distances of places from the lens's axis; its centre is the origin."""
+        squares: np.ndarray = x * x if self.cylinders else x * x + y * y
+        return squares
+
+    def sag(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Depth of the curved face below its vertex plane, at places from the lens's centre."""
+        squares = self.radius_squared(x, y)
+        depth: np.ndarray = sag(NUMPY_OPS, self.face, squares)
+        return np.broadcast_to(depth, np.broadcast_shapes(x.shape, y.shape))
 
 
 def sheet_mesh(display: Display, facets: int | None = None) -> SheetMesh:
     """The sheet of a display's lenses.
 
-    * `display`: of the square layout; turned and shifted arrays are turned and shifted.
-    * `facets`: along a lens's side; `facets_per_lens` otherwise.
+    * `display`: of square lenses or cylinders; turned and shifted arrays are turned and shifted.
+    * `facets`: along a lens's side, of cylinders across; `facets_per_lens` otherwise.
 
     Raises `DisplayError`: lenses that cannot be made so.
     """
     check(display)
-    array = lens_array(display)
     facets = facets_per_lens(display) if facets is None else facets
-    counts = display.layout.grid[::-1]
+    sheet = _Sheet.of(display, facets)
+    array = sheet.array
     margin = array.thickness / math.sqrt(min(channel_indices(display)) ** 2 - 1)
     parts = [
-        _lens_faces(array, counts, facets),
-        _flat_face(array, counts, margin),
-        _mount(array, counts, facets, margin),
+        _lens_faces(sheet),
+        _flat_face(sheet, margin),
+        _mount(sheet, margin),
     ]
     starts = np.cumsum([0] + [len(part.vertices) for part in parts])
     vertices = np.concatenate([part.vertices for part in parts])
@@ -161,26 +205,29 @@ def _nodes(lenses: int, facets: int, pitch: float) -> np.ndarray:
     return (2 * np.arange(lenses * facets + 1) - lenses * facets) * (pitch / (2 * facets))
 
 
-def _lens_faces(array: LensArray, counts: tuple[int, int], facets: int) -> _SheetPart:
-    """The curved faces of all lenses, (facets + 1)^2 vertices each."""
-    local_x, local_y = (_nodes(1, facets, pitch) for pitch in (array.pitch_x, array.pitch_y))
+def _lens_faces(sheet: _Sheet) -> _SheetPart:
+    """The curved faces of all lenses."""
+    counts, (wide, high) = sheet.counts, sheet.facets
+    local_x, local_y = (
+        _nodes(1, n, pitch) for n, pitch in zip(sheet.facets, sheet.pitches, strict=True)
+    )
     down = local_y[:, None]
-    steep = steepness(NUMPY_OPS, _face(array), local_x**2 + down**2)
-    steep = np.stack(np.broadcast_arrays(local_x * steep, down * steep, 1.0), -1)
+    steep = steepness(NUMPY_OPS, sheet.face, sheet.radius_squared(local_x, down))
+    rising = down * steep * (not sheet.cylinders)
+    steep = np.stack(np.broadcast_arrays(local_x * steep, rising, 1.0), -1)
     normals = (steep / np.linalg.norm(steep, axis=-1, keepdims=True)).reshape(-1, 3)
-    step = np.arange(facets + 1)
     x, y = (
-        _nodes(count, facets, pitch)[np.arange(count)[:, None] * facets + step]
-        for count, pitch in zip(counts, (array.pitch_x, array.pitch_y), strict=True)
+        _nodes(count, n, pitch)[np.arange(count)[:, None] * n + np.arange(n + 1)]
+        for count, n, pitch in zip(counts, sheet.facets, sheet.pitches, strict=True)
     )
     lenses = counts[0] * counts[1]
-    shape = (counts[1], counts[0], facets + 1, facets + 1)
+    shape = (counts[1], counts[0], high + 1, wide + 1)
     places = np.broadcast_arrays(
-        x[None, :, None, :], y[:, None, :, None], -_sag(array, local_x, down)
+        x[None, :, None, :], y[:, None, :, None], -sheet.sag(local_x, down)
     )
     vertices = np.stack([np.broadcast_to(place, shape) for place in places], -1).reshape(-1, 3)
-    patch = _grid_faces(facets + 1, facets + 1, local_x, local_y)
-    starts = np.arange(lenses)[:, None, None] * (facets + 1) ** 2
+    patch = _grid_faces(wide + 1, high + 1, local_x, local_y)
+    starts = np.arange(lenses)[:, None, None] * (wide + 1) * (high + 1)
     return _SheetPart(vertices, np.tile(normals, (lenses, 1)), (patch + starts).reshape(-1, 3))
 
 
@@ -203,13 +250,13 @@ def _triangle(*corners: np.ndarray) -> np.ndarray:
     return np.stack(corners, -1)
 
 
-def _flat_face(array: LensArray, counts: tuple[int, int], margin: float) -> _SheetPart:
+def _flat_face(sheet: _Sheet, margin: float) -> _SheetPart:
     """One quadrangle for each lens and for each piece of the margin, facing down."""
     x, y = (
         _with_margin(_nodes(count, 1, pitch), margin)
-        for count, pitch in zip(counts, (array.pitch_x, array.pitch_y), strict=True)
+        for count, pitch in zip(sheet.counts, sheet.pitches, strict=True)
     )
-    places = np.broadcast_arrays(x, y[:, None], -array.thickness)
+    places = np.broadcast_arrays(x, y[:, None], -sheet.array.thickness)
     vertices = np.stack(places, -1).reshape(-1, 3)
     faces = _grid_faces(len(x), len(y), x, y)[:, ::-1]
     return _SheetPart(vertices, np.broadcast_to((0.0, 0.0, -1.0), vertices.shape), faces)
@@ -219,17 +266,17 @@ def _with_margin(nodes: np.ndarray, margin: float) -> np.ndarray:
     return np.concatenate([[nodes[0] - margin], nodes, [nodes[-1] + margin]])
 
 
-def _mount(array: LensArray, counts: tuple[int, int], facets: int, margin: float) -> _SheetPart:
+def _mount(sheet: _Sheet, margin: float) -> _SheetPart:
     """Black mount from the outermost lenses to the margin's edge, and the ends.
 
     Faces have corners, and normals, of their own.
     """
-    low = -_sag(array, array.pitch_x / 2, array.pitch_y / 2)
+    low = -sheet.sag(*(np.asarray(pitch / 2) for pitch in sheet.pitches))
     triangles: list[np.ndarray] = []
     outline: list[np.ndarray] = []
     outwards = np.array([(1.0, 0, 0), (0, 1.0, 0), (-1.0, 0, 0), (0, -1.0, 0)]) * margin
     for side, out in enumerate(outwards):
-        border = _outline(array, counts, facets, side)
+        border, facets = _outline(sheet, side), sheet.facets[1 - side % 2]
         edge = border[::facets] + out
         edge[:, 2] = low
         for lens in range(len(edge) - 1):
@@ -240,7 +287,7 @@ def _mount(array: LensArray, counts: tuple[int, int], facets: int, margin: float
         triangles.append(np.stack([corner, corner + out, corner + out + onward]))
         triangles.append(np.stack([corner, corner + out + onward, corner + onward]))
         outline += [*edge, corner + out + onward]
-    below = [np.array([x, y, -array.thickness]) for x, y, _ in outline]
+    below = [np.array([x, y, -sheet.array.thickness]) for x, y, _ in outline]
     for i in range(len(outline)):
         a, b, a_below, b_below = outline[i - 1], outline[i], below[i - 1], below[i]
         triangles += [np.stack([a, a_below, b_below]), np.stack([a, b_below, b])]
@@ -251,19 +298,20 @@ def _mount(array: LensArray, counts: tuple[int, int], facets: int, margin: float
     return _SheetPart(corners.reshape(-1, 3), np.repeat(normals, 3, axis=0), faces)
 
 
-def _outline(array: LensArray, counts: tuple[int, int], facets: int, side: int) -> np.ndarray:
+def _outline(sheet: _Sheet, side: int) -> np.ndarray:
     """Corners of the facets along a side of the array: right, top, left, bottom.
 
     (n, 3), in the order that has the array on the left.
     """
     along, across = (1, 0) if side % 2 == 0 else (0, 1)
-    pitches = (array.pitch_x, array.pitch_y)
-    half = counts[across] * pitches[across] / 2
-    run = _nodes(counts[along], facets, pitches[along])
+    pitches, facets = sheet.pitches, sheet.facets[along]
+    half = sheet.counts[across] * pitches[across] / 2
+    run = _nodes(sheet.counts[along], facets, pitches[along])
     local = np.resize(_nodes(1, facets, pitches[along])[:-1], len(run))
+    edge = np.full(len(run), pitches[across] / 2)
     border = np.empty((len(run), 3))
     border[:, along] = run
-    border[:, 2] = -_sag(array, local, np.asarray(pitches[across] / 2))
+    border[:, 2] = -sheet.sag(*((local, edge) if along == 0 else (edge, local)))
     border[:, across] = half if side < 2 else -half
     return border if side in (0, 3) else border[::-1]
 

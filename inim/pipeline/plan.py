@@ -92,6 +92,15 @@ class Plan:
         return self.request.command(self.settings, self.file.settings)
 
     @property
+    def is_lazy(self) -> bool:
+        """True if only panel pixels that some view depends on are computed.
+
+        A preview of a lenticular is: its view depends on few of many pixels.
+        """
+        request = self.request
+        return request.lazy or (request.preview and self.display.layout.of_cylinders)
+
+    @property
     def is_reproducible(self) -> bool:
         """True if `cache_key` determines the report, except its times.
 
@@ -216,7 +225,7 @@ def conditions_of(plan: Plan, variant: str | None = None) -> Conditions:
         view_pixels_per_lens=s.view_pixels_per_lens,
         capture_pixels_per_pitch=s.capture_pixels_per_pitch,
         algorithms=sorted(method.name for method in plan.methods),
-        panel_pixels="observed ones only" if request.lazy else None,
+        panel_pixels="observed ones only" if plan.is_lazy else None,
         luminance_cd_m2=s.luminance_cd_m2 if is_perceptual else None,
         variant=variant,
     )

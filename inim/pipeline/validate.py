@@ -54,7 +54,7 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
     s, eyes, optics = plan.settings, plan.viewpoints, plan.optics
     camera = plan.camera(renderer)
     scene = camera.scene
-    mask = find_observed_pixels(eyes, optics, renderer, run=run) if plan.request.lazy else None
+    mask = find_observed_pixels(eyes, optics, renderer, run=run) if plan.is_lazy else None
     setup = MethodSetup(camera, optics, eyes, s.eia_spp, s.view_spp, mask)
     prepared_methods = prepare_methods(plan.methods, setup, run=run)
 

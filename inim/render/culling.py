@@ -68,11 +68,23 @@ class BoundsGrid:
         # Depth below the start plane, of the borders of the slabs from the farthest on.
         ends = self.start_mm - (self.low_mm[2] + slabs * self.cell_mm[2])
         is_visible = np.zeros(rays.shape, bool)
-        mark = _mark_rows if isinstance(rays, SeparableRays) else _mark_pixels
+        if isinstance(rays, NonSeparableRays):
+            bundles = (
+                (rays.x0_mm, rays.offset_x_mm, rays.step_x_mm, rays.along_x * rays.step_y_mm,
+                 self.low_mm[0], self.cell_mm[0]),
+                (rays.y0_mm, rays.offset_y_mm, rays.step_y_mm, rays.along_y * rays.step_y_mm,
+                 self.low_mm[1], self.cell_mm[1]),
+            )  # fmt: skip
+            tilt = abs(rays.tilt_x * rays.step_x_mm) + abs(rays.tilt_y * rays.step_y_mm)
+            share_rows(
+                _mark_bundles, len(is_visible), self.counts, ends - rays.start_mm, *bundles,
+                rays.gap_mm, tilt / 2, is_visible,
+            )  # fmt: skip
+            return is_visible
         for k, counts in enumerate(self.counts):
             across, up = rays.reach(ends[k : k + 2])
             cells = *self._cells(across, 0), *self._cells(up, 1)
-            share_rows(mark, len(is_visible), counts, *cells, is_visible)
+            share_rows(_mark_rows, len(is_visible), counts, *cells, is_visible)
         return is_visible
 
     def _cells(self, interval: Interval, axis: int) -> tuple[np.ndarray, np.ndarray]:
@@ -143,13 +155,61 @@ def _mark_rows(begin, end, counts, left, right, low, high, is_visible):  # type:
 
 
 @compiled
-def _mark_pixels(begin, end, counts, left, right, low, high, is_visible):  # type: ignore[no-untyped-def]
-    """Mark pixels as `_mark_rows`, with individual rectangles."""
+def _mark_bundles(begin, end, counts, travel, across, up, gap, tilt, is_visible):  # type: ignore[no-untyped-def]
+    """Mark pixels whose bundle meets an occupied cell in some slab.
+
+    * `travel`: depths of the slabs' borders below the array.
+    * `across`, `up`: centres of the bundles on the array, vectors to them from the panel, widths of
+      their bases, movements of the centres over a base, and the grid's corner and cell.
+    * `gap`, `tilt`: gap at the middle of a bundle, and its change to the edges.
+    """
+    most_u, most_v = counts.shape[2] - 1, counts.shape[1] - 1
     for i in range(begin, end):
         for j in range(is_visible.shape[1]):
-            below, above = counts[low[i, j]], counts[high[i, j]]
-            a, b = left[i, j], right[i, j]
-            is_visible[i, j] |= above[b] - above[a] - below[b] + below[a] > 0
+            u, v = _bundle(across, gap[i, j], tilt, i, j), _bundle(up, gap[i, j], tilt, i, j)
+            left, right, low, high = _cells_at(u, v, travel[0])
+            for k in range(1, len(travel)):
+                next_left, next_right, next_low, next_high = _cells_at(u, v, travel[k])
+                a, b = _cell_range(min(left, next_left), max(right, next_right), most_u)
+                c, d = _cell_range(min(low, next_low), max(high, next_high), most_v)
+                slab = counts[k - 1]
+                if a < b and c < d and slab[d, b] - slab[d, a] - slab[c, b] + slab[c, a] > 0:
+                    is_visible[i, j] = True
+                    break
+                left, right, low, high = next_left, next_right, next_low, next_high
+
+
+@compiled(inline="always")
+def _bundle(axis, gap, tilt, i, j):  # type: ignore[no-untyped-def]
+    """Ends of a bundle's centre on the array and of its slopes, in cells of one axis."""
+    centre, offset, step, along, corner, cell = axis
+    place = (np.float64(centre[i, j]) - corner) / cell
+    moves, reach = abs(along) / 2, abs(step) / 2 + abs(along) / 2
+    first, last = (-reach - offset[i, j]) / cell, (reach - offset[i, j]) / cell
+    return (
+        place - moves / cell,
+        place + moves / cell,
+        min(first / (gap - tilt), first / (gap + tilt)),
+        max(last / (gap - tilt), last / (gap + tilt)),
+    )
+
+
+@compiled(inline="always")
+def _cells_at(u, v, travel):  # type: ignore[no-untyped-def]
+    """Interval of a bundle at a depth below the array, across and up, in cells."""
+    return (
+        u[0] + min(u[2] * travel, u[3] * travel),
+        u[1] + max(u[2] * travel, u[3] * travel),
+        v[0] + min(v[2] * travel, v[3] * travel),
+        v[1] + max(v[2] * travel, v[3] * travel),
+    )
+
+
+@compiled(inline="always")
+def _cell_range(low, high, most):  # type: ignore[no-untyped-def]
+    """First cell of an interval and one past its last, within the grid."""
+    first = min(max(np.floor(low - _STRAY), 0.0), most)
+    return int(first), int(min(max(np.floor(high + _STRAY) + 1.0, 0.0), most))
 
 
 # Along a cell.

@@ -131,30 +131,6 @@ class NonSeparableRays:
         """Rows and columns of the film."""
         return self.x0_mm.shape[0], self.x0_mm.shape[1]
 
-    def reach(self, depths: np.ndarray) -> list[Interval]:
-        """Reach of ray bundles; see `SeparableRays.reach`."""
-        tilt = (abs(self.tilt_x * self.step_x_mm) + abs(self.tilt_y * self.step_y_mm)) / 2
-        reach = []
-        for centre, offset, step, along in (
-            (self.x0_mm, self.offset_x_mm, self.step_x_mm, self.along_x),
-            (self.y0_mm, self.offset_y_mm, self.step_y_mm, self.along_y),
-        ):
-            # Where the crossing moves with the start, by at most this.
-            moves = abs(along * self.step_y_mm) / 2
-            slopes = [
-                (side * (abs(step) / 2 + moves) - offset) / (self.gap_mm + far * tilt)
-                for side in (-1, 1)
-                for far in (-1, 1)
-            ]
-            places = [
-                centre + side * moves + slope * (depth - self.start_mm)
-                for side in (-1, 1)
-                for slope in (np.minimum.reduce(slopes), np.maximum.reduce(slopes))
-                for depth in depths
-            ]
-            reach.append((np.minimum.reduce(places), np.maximum.reduce(places)))
-        return reach
-
 
 def capture_rays(
     display: Display,

@@ -134,6 +134,8 @@ def _emitting_panel(eia: np.ndarray, display: Display, sheet: SheetMesh) -> dict
         ],
         [0, 0, 0, 1],
     ]
+    if display.subpixels == "rgb-stripe":  # `full` accepts no other areas of a colour
+        eia = (eia[:, :, None, :] * (3 * np.eye(3, dtype=np.float32))).reshape(rows, -1, 3)
     # The renderer's texture has its first row at the rectangle's bottom.
     picture = mi.Bitmap(np.ascontiguousarray(eia[::-1], np.float32))
     return {

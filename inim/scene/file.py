@@ -170,7 +170,8 @@ def choose_display(
     * `display`: a display; the name of a preset; or the path of an XML file with `inim.*` settings,
       or of the calibration file of a Looking Glass, `visual.json`.
       A preset replaces the scene's preset. A display or a file replaces all display settings of a
-      scene; a file also replaces misalignment and luminance. None: the scene's display, or the
+      scene, and those with other defaults for its layout; a file also replaces misalignment and
+      luminance. None: the scene's display, or the
       default one.
     * `definitions`: single settings to override, as after -D. With a `Display`, they cannot be its
       parameters.
@@ -206,7 +207,9 @@ def choose_display(
                 )
             texts[f"{PREFIX}display"] = display
     settings = Settings.parse(texts, source)
-    return settings.make_display(source), settings
+    chosen = settings.make_display(source)
+    explicit = texts if scene is None or display is None else definitions
+    return chosen, settings.with_defaults_of(chosen, explicit)
 
 
 def display_of(display: Display | str | Path) -> Display:
@@ -227,7 +230,7 @@ def _with_parameters_of(
     others = {key: text for key, text in texts.items() if key not in parameters}
     overridden = [parameters[key] for key in texts if key in parameters]
     settings = Settings.parse(others, source).with_display(display, overridden)
-    return settings.make_display(source), settings
+    return settings.make_display(source), settings.with_defaults_of(display, definitions)
 
 
 def _display_file(

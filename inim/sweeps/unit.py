@@ -155,7 +155,7 @@ def key_of(plan: Plan) -> dict[str, Any]:
         "versions": {"inim": __version__, **_versions()},
         "code": _own_code(),
     }
-    if plan.request.lazy:
+    if plan.is_lazy:
         key["lazy"] = True
     others = foreign_identities()
     if others:

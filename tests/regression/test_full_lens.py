@@ -33,11 +33,16 @@ PECULIAR = {
         "rotation_deg": 4.0, "shift_x_mm": 0.21, "tilt_x_deg": 3.0, "tilt_y_deg": -2.0,
     },
     "colours": {"abbe_number": 20.0},
+    "cylinders": {
+        "lattice": "lenticular", "lens_rows": 1, "panel_columns": 72, "panel_rows": 56,
+        "rotation_deg": -8.0, "shift_x_mm": 0.21, "subpixels": "rgb-stripe", "tilt_x_deg": 1.0,
+    },
 }  # fmt: skip
 
 
 def display_of(**changes):
-    return small_display(LENSES[1], LENSES[0], pixels=8, **changes)
+    columns, rows = LENSES[1], changes.pop("lens_rows", LENSES[0])
+    return small_display(columns, rows, pixels=8, **changes)
 
 
 def picture_for(display):

@@ -38,6 +38,12 @@ LEAST_SSIM = 0.99
 MOST_CHANGED = 0.002
 
 
+_CYLINDERS = {
+    "lattice": "lenticular", "lens_rows": 1, "panel_columns": 408, "panel_rows": 340,
+    "rotation_deg": -8.0,
+}  # fmt: skip
+
+
 def tilted_plane(display: Display, seed: int = 0) -> np.ndarray:
     """The EIA of a patterned plane through the depth range, like no mirror image of itself.
 
@@ -202,6 +208,15 @@ def rarely(**changes: object) -> Any:
         {"layers": f"0.4 1.41, {(3.3 - 1 / 1.4917 - 0.4 / 1.41) * 1.52} 1.52"},
         {"black_level": 0.02, "ambient_reflection": 0.03, "white_point_k": 9300.0},
         {"veiling_glare": 0.1, "black_level": 0.01},
+        {"subpixels": "pentile", "pixel_fill": 0.8},
+        {"subpixels": "rgb-stripe", **_CYLINDERS},
+        {
+            "subpixels": "cells",
+            "cell_pattern": "staggered",
+            "curved_side": "panel",
+            "subpixel_cells": "-0.3 0.25 0.3 0.25 0 -0.25, -0.3 -0.25 0.3 -0.25 0 0.25",
+            **_CYLINDERS,
+        },
     ],
     ids=lambda changes: " ".join(changes) or "plain",
 )
@@ -211,7 +226,7 @@ def test_every_kind_of_array_is_drawn_as_the_lens_models_trace_it(tab, tmp_path,
     show_eia(tab, tmp_path, codes, **changes)
     assert_flip_limits(tab, display)
     tab.evaluate("inimDisplay.setEye(23, -14, 190)")
-    shape = display.lens_rows * 4, display.lens_columns * 4
+    shape = tuple(4 * n for n in display.layout.grid)
     models = live_lens_models(display)
     assert ("thick" in models) == ("fill_factor" not in changes and "aperture" not in changes)
     for lens_model in models:

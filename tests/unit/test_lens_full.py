@@ -146,7 +146,7 @@ def test_the_nominal_array_fits_and_a_huge_one_is_refused():
         {"lattice": "hexagonal"},
         {"aperture": "round"},
         {"fill_factor": 0.9},
-        {"subpixels": "rgb-stripe"},
+        {"subpixels": "pentile"},
         {"pixel_fill": 0.5},
     ],
 )

@@ -76,11 +76,7 @@ def test_more_draws_add_to_those_there_are_and_another_seed_draws_others():
     assert other.draw_together() != STUDY.draw_together()
 
 
-@pytest.mark.parametrize(
-    "name",
-    # A panel under cylinders cannot be tilted yet.
-    sorted(name for name, display in DISPLAYS.items() if not display.layout.of_cylinders),
-)
+@pytest.mark.parametrize("name", sorted(DISPLAYS))
 def test_errors_by_the_geometry_are_of_all_that_can_be_off(name):
     spreads = default_spreads(DISPLAYS[name])
     assert spreads.keys() == MISALIGNMENTS.keys()

@@ -92,13 +92,6 @@ def test_viewpoint_called_centre_is_where_the_eye_starts(tmp_path):
     assert block(render_html(data, tmp_path))["viewpoints"][0]["name"] == "centre"
 
 
-@pytest.mark.parametrize("subpixels", ["none", "rgb-stripe"])
-def test_a_note_says_that_subpixels_are_not_drawn(tmp_path, subpixels):
-    display = DISPLAY.replace(subpixels=subpixels)
-    text = Page(render_html(shown_report(tmp_path, display=display), tmp_path)).text
-    assert ("without sub-pixels and gaps" in text) == (subpixels != "none")
-
-
 @pytest.mark.parametrize(
     ("scored_with", "fill_factor", "first"),
     [("pinhole", 1, "pinhole"), ("thin", 1, "thin"), ("thick", 1, "thick"), ("thick", 0.8, "thin")],

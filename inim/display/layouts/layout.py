@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from inim.display.pixels import exact_length, farthest_subpixel, least_gap_mm
+from inim.display.pixels import SUBPIXELS, exact_length, farthest_subpixel, least_gap_mm
 from inim.errors import DisplayError
 
 if TYPE_CHECKING:
@@ -82,6 +82,8 @@ class Layout(ABC):
     of_cylinders: ClassVar[bool] = False
     #: Centres of the neighbours of a lens, in pitches to the right and row pitches up.
     neighbours: ClassVar[tuple[tuple[float, float], ...]]
+    #: Settings of `inim.settings.Settings` whose defaults differ for the layout.
+    default_settings: ClassVar[Mapping[str, Any]] = {}
     #: GLSL of the live display: ``vec3 lens_centre(vec2 point)``, as `lens_centre`.
     shader: ClassVar[str]
 
@@ -110,6 +112,16 @@ class Layout(ABC):
         """Numbers of lenses across and down as text."""
         rows, columns = self.grid
         return f"{columns} {times} {rows}"
+
+    @property
+    def directions(self) -> tuple[float, float]:
+        """Directions of light from a lens, across and down: emitting areas of one colour or another
+        under it.
+        """
+        display = self.display
+        across, down = display.elemental_image_pitch_mm, display.elemental_row_pitch_mm
+        area = display.pixel_pitch_mm * float(SUBPIXELS[display.subpixels][0].width)
+        return across / area, down / display.pixel_pitch_mm
 
     @property
     def size(self) -> tuple[Fraction, Fraction]:

@@ -10,13 +10,14 @@ images are designed, V = g P / (Q - P).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from fractions import Fraction
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from inim.display.layouts.layout import Layout, Ops
-from inim.display.pixels import exact_length
+from inim.display.pixels import exact_length, least_gap_mm
 from inim.errors import DisplayError
 
 
@@ -26,6 +27,17 @@ class Lenticular(Layout):
     name = "lenticular"
     of_cylinders = True
     neighbours = ((1, 0), (-1, 0))
+    # Views differ from side to side only. At one point, a cylinder shows one colour: a pixel of a
+    # view is as wide as a cylinder and mixes them. Panels have millions of pixels, of which such a
+    # pixel shows many: few samples of each are enough, and wang2024 would take minutes.
+    default_settings: ClassVar[Mapping[str, Any]] = {
+        "algorithms": "template",
+        "viewpoints": "centre,left,right",
+        "view_pixels_per_lens": 1,
+        "capture_pixels_per_pitch": 3,
+        "capture_spp": 16,
+        "eia_spp": 8,
+    }
     shader = """
 vec3 lens_centre(vec2 point) {
   return vec3(floor(point.x / pitch.x + 0.5) * pitch.x, point.y, 1.0);
@@ -42,8 +54,6 @@ vec3 lens_centre(vec2 point) {
                 "lattice = 'lenticular': cylinders have no rows; set lens_rows = 1, and no "
                 "pitch_y_mm"
             )
-        if display.tilt_x_deg or display.tilt_y_deg:
-            raise DisplayError("lattice = 'lenticular': a tilted panel is not supported")
         if abs(display.rotation_deg) > _STEEPEST_SLANT_DEG:
             raise DisplayError(
                 f"rotation_deg = {display.rotation_deg:g}: cylinders are slanted by at most "
@@ -62,6 +72,11 @@ vec3 lens_centre(vec2 point) {
     def lens_counts(self, times: str = "x") -> str:
         """Numbers of lenses across and down as text."""
         return f"{self.display.lens_columns} {times} 1"
+
+    @property
+    def directions(self) -> tuple[float, float]:
+        """See `Layout.directions`; there is one along the axes."""
+        return super().directions[0], 1.0
 
     @property
     def size(self) -> tuple[Fraction, Fraction]:
@@ -105,13 +120,16 @@ vec3 lens_centre(vec2 point) {
         self, x: np.ndarray, y: np.ndarray, offset: tuple[Any, Any]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """See `Layout.find_rays`; the point of the array's plane is on the cylinder's axis."""
-        display, gap = self.display, self.display.gap_mm
-        c, s = self._turn
+        display, (c, s) = self.display, self._turn
         x, y = x + offset[0], y + offset[1]
         lens, _ = self.place_in_cell(x)
         x0 = lens * display.pitch_mm
         # Heights in the display's frame, from the eye's: a ray sinks to it over V + g.
         height = s * x + c * y + display.shift_y_mm
+        gap: Any = display.gap_mm
+        if display.tilt_x_deg or display.tilt_y_deg:
+            tilt_x, tilt_y = display.tilt_slopes
+            gap = gap + tilt_x * (c * x - s * y + display.shift_x_mm) + tilt_y * height
         rise = -height * (gap / (self.design_distance_mm + gap))
         y0 = y + (rise - s * (x0 - x)) / c
         first = math.ceil(self.outermost_mm[0] / display.elemental_image_pitch_mm) + 1
@@ -136,7 +154,7 @@ vec3 lens_centre(vec2 point) {
         closer = max(1 - display.elemental_image_pitch_mm / display.pitch_mm, 0.0)
         across = display.elemental_image_pitch_mm / 2 + closer * self.outermost_mm[0]
         up = display.height_mm / 2 / (self.design_distance_mm + display.gap_mm)
-        return (across / display.gap_mm + abs(s) * up) / c, up
+        return (across / least_gap_mm(display) + abs(s) * up) / c, up
 
     # -- viewing zone --------------------------------------------------------------------------
 

@@ -186,14 +186,18 @@ def rounded_up(values: np.ndarray) -> np.ndarray:
     return np.where(near.astype(np.float64) < values, above, near)
 
 
-def check_ray_length(name: str, display: Display, shape: tuple[int, int], pixel_mm: float) -> None:
-    """Raise `UsageError` for rays that the generator `name` would walk for ever."""
+def most_cells(display: Display, shape: tuple[int, int], pixel_mm: float) -> float:
+    """Largest number of a picture's columns or rows that a ray crosses within the depth range."""
     depths = display.depth_range_mm
     if display.is_separable:
         rays = cell_rays(shape, pixel_mm, display)
-        longest = float(max(axis.most_cells(depths) for axis in rays))
-    else:
-        longest = max(display.steepest_slopes) * (depths[1] - depths[0]) / pixel_mm
+        return float(max(axis.most_cells(depths) for axis in rays))
+    return max(display.steepest_slopes) * (depths[1] - depths[0]) / pixel_mm
+
+
+def check_ray_length(name: str, display: Display, shape: tuple[int, int], pixel_mm: float) -> None:
+    """Raise `UsageError` for rays that the generator `name` would walk for ever."""
+    longest = most_cells(display, shape, pixel_mm)
     if longest > _MOST_CELLS:
         raise UsageError(
             f"{name}: a ray crosses {longest:.3g} picture pixels within the depth range; at most "

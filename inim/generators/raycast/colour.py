@@ -203,7 +203,8 @@ def _footprint(
         subpixel = SUBPIXELS[display.subpixels][channels[0]]
         width, height = float(subpixel.width), float(subpixel.height)
     side = display.pixel_pitch_mm * display.pixel_fill / samples**0.5 / display.gap_mm / pixel_mm
-    return height * side, width * side
+    # Cylinders send all light of a pixel to the same eye's height: it does not widen along them.
+    return 0.0 if display.layout.of_cylinders else height * side, width * side
 
 
 _A = Fraction(1, 4)

@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
+from inim.display.cells import kinds_of_pixels
 from inim.display.layouts import Layout
 from inim.display.panel import emitted_picture, panel_words, seen_light, white_of
+from inim.display.pixels import SUBPIXELS, panel_points
 from inim.documents.parts import EyePosition
 from inim.errors import DisplayError
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
@@ -27,7 +29,7 @@ from inim.lens import (
     lens_traits,
     models_drawn_live,
     thick,
-    trace_to_pixels,
+    trace_to_panel,
     white_exposure,
 )
 from inim.report.images import ReportImages, is_wide
@@ -126,7 +128,7 @@ def live_lens_models(display: Display) -> list[str]:
     Thick ones where they are spherical, fill their cells and can be ground.
     """
     traits = lens_traits(display)
-    is_spherical = not (traits.conic or traits.asphere or traits.layout.of_cylinders)
+    is_spherical = not (traits.conic or traits.asphere)
     if not (is_spherical and traits.full_aperture):
         return LIVE_LENS_MODELS
     try:
@@ -264,8 +266,6 @@ def _embedding_words(embedded: Sequence[_Embedded], left_out: Sequence[str]) -> 
 
 def _display_words(display: Display) -> list[str]:
     words = ["The eye is a point, without a pupil."]
-    if display.subpixels != "none" or display.pixel_fill < 1:
-        words.append("Panel pixels are drawn evenly lit, without sub-pixels and gaps.")
     if display.tilt_x_deg or display.tilt_y_deg:
         words.append("The viewing zone is that of a panel without tilt.")
     return words + panel_words(display)
@@ -292,6 +292,9 @@ def _optics(display: Display) -> dict[str, Any]:
         f"LAYERS {len(array.layers)}": bool(array.layers),
         "TOUCHING": traits.touching,
         "GLARE": display.veiling_glare > 0,
+        "CYLINDERS": traits.layout.of_cylinders,
+        "AREAS": display.subpixels != "none" or display.pixel_fill < 1,
+        f"CELLS {len(display.subpixel_cells)}": bool(display.subpixel_cells),
     }
     thick_lens = {}
     if _THICK in live_lens_models(display):
@@ -320,9 +323,25 @@ def _optics(display: Display) -> dict[str, Any]:
         "ambient_reflection": display.ambient_reflection,
         "veiling_glare": display.veiling_glare,
         "pixel_mm": display.pixel_pitch_mm,
+        **_emitting_areas(display),
         "panel": [columns, rows],
         "front_mm": max(display.depth_range_mm[1], 0.0),
     }
+
+
+def _emitting_areas(display: Display) -> dict[str, Any]:
+    """Areas of red, green and blue in a pixel, in pixels; see the shader's uniforms."""
+    fill, colours = display.pixel_fill, SUBPIXELS[display.subpixels]
+    return {
+        "areas": [
+            [float(c.right), float(c.width) / 2 * fill, float(c.height) / 2 * fill,
+             -1 if c.turn is None else c.turn]
+            for c in colours
+        ],
+        "brightness": [1 / (float(c.share) * fill * fill) for c in colours],
+        "cells": display.subpixel_cells,
+        "kinds": kinds_of_pixels(display),
+    }  # fmt: skip
 
 
 def _data_element(data: Mapping[str, Any], layout: Layout) -> str:
@@ -390,8 +409,7 @@ def still_view(
     * `pixels_per_lens`: of the view, which shows exactly the lens array.
     * `grid`: samples along one side of a view pixel, at the shader's places.
 
-    Returns (rows, columns, 3) uint8, sRGB: panel pixels are evenly lit: sub-pixels are drawn as
-    none.
+    Returns (rows, columns, 3) uint8, sRGB.
     """
     rows, columns = (n * pixels_per_lens for n in display.layout.grid)
     drive = linear_from_srgb(np.arange(256) / 255)
@@ -428,8 +446,8 @@ def _codes(
     codes = np.zeros((y.shape[0], x.shape[1], 3), np.uint8)
     weights = np.zeros(codes.shape, np.float32)
     for channel, index in enumerate(channel_indices(display)):
-        row, column, weights[..., channel] = trace_to_pixels(
-            display, lens_model, x, y, *slopes, index=index
-        )
-        codes[..., channel] = eia[row, column, channel]
+        *landed, weight = trace_to_panel(display, lens_model, x, y, *slopes, index=index)
+        points = panel_points(display, *(np.where(weight > 0, place, np.inf) for place in landed))
+        codes[..., channel] = eia[points.row, points.column, channel]
+        weights[..., channel] = np.where(weight > 0, weight, 0) * points.shines[channel]
     return codes, weights

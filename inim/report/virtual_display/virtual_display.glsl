@@ -4,7 +4,8 @@
 // origin at the centre of the lens array, +x right, +y up, +z towards the viewer.
 // The script defines, above this, what a display has: THIN or THICK lenses, COLORED, APERTURE,
 // ROUND_APERTURE, CLEAR_BETWEEN, TURNED, TILTED, BULGES_TO_VIEWER, GLARE, LAYERS (their number), and
-// TOUCHING if no air is before the layers. What it does not have is not compiled. The code of its layout
+// TOUCHING if no air is before the layers, CYLINDERS for lenses, AREAS if colours do not shine all over
+// a pixel, CELLS (their number) if they shine elsewhere in some pixels. What it does not have is not compiled. The code of its layout
 // is inserted below. VERTEX is the vertex shader, which covers the canvas with one triangle.
 precision highp float;
 precision highp int;
@@ -30,6 +31,14 @@ uniform vec2 turn;         // cosine and sine of its rotation
 uniform vec2 tilt;         // growth of the gap per millimetre
 uniform float pixel;       // panel pixel
 uniform ivec2 panel_size;  // columns, rows
+#ifdef AREAS
+uniform vec4 areas[3];     // of colours: place to the right, half width, half height, chessboard (0, 1, or -1)
+uniform vec3 brightness;   // in these areas
+#endif
+#ifdef CELLS
+uniform vec2 cells[3 * CELLS];  // places of colours in kinds of pixels, right and up
+uniform int kinds[16];     // of 4 x 4 pixels, from the lower left
+#endif
 uniform sampler2D panel;   // sRGB, which the card makes linear; row 0 on top
 uniform vec3 white;        // of the panel
 uniform float black;       // share of the white
@@ -73,6 +82,15 @@ vec3 refracted(vec3 d, vec3 against, float ratio, inout float share) {
   return ratio * d + bend * against;
 }
 
+// The part of a vector in whose direction the faces are curved.
+vec2 curved(vec2 vector) {
+#ifdef CYLINDERS
+  return vec2(vector.x, 0.0);
+#else
+  return vector;
+#endif
+}
+
 // Where a ray meets the relief of all bulges, from the lens's vertex: the cell at its foot, or the
 // next one on the way. `lens` is that lens's centre.
 vec3 on_bulge(vec2 point, vec3 d, out vec2 lens, inout float share) {
@@ -81,11 +99,11 @@ vec3 on_bulge(vec2 point, vec3 d, out vec2 lens, inout float share) {
   bool met = false;
   for (int i = 0; i < 2; ++i) {
     cell = lens_centre(at);
-    vec2 off = point - cell.xy;
-    float ahead = d.z - curvature * dot(off, d.xy);
-    float under = ahead * ahead - curvature * curvature * dot(off, off);
+    vec2 off = point - cell.xy, bent = curved(off), run = curved(d.xy);
+    float ahead = d.z - curvature * dot(bent, run);
+    float under = ahead * ahead - curvature * curvature * dot(bent, bent) * (dot(run, run) + d.z * d.z);
     met = under > 0.0 && ahead > 0.0;
-    float path = curvature * dot(off, off) / (met ? ahead + sqrt(under) : 1.0);
+    float path = curvature * dot(bent, bent) / (met ? ahead + sqrt(under) : 1.0);
     spot = vec3(off, 0.0) + path * d;
     at = cell.xy + spot.xy;
   }
@@ -126,7 +144,7 @@ float through_thick(vec2 point, vec2 slope, float n, out vec2 landed, out vec2 r
   vec2 lens;
 #ifdef BULGES_TO_VIEWER
   vec3 spot = on_bulge(point, d, lens, share);
-  d = refracted(d, vec3(curvature * spot.xy, curvature * spot.z - 1.0), 1.0 / n, share);
+  d = refracted(d, vec3(curvature * curved(spot.xy), curvature * spot.z - 1.0), 1.0 / n, share);
   vec2 at = spot.xy + d.xy / d.z * (thickness - spot.z);
   through_gap(n, gap - thickness / design_index, at, d, share, run);
 #else
@@ -134,12 +152,33 @@ float through_thick(vec2 point, vec2 slope, float n, out vec2 landed, out vec2 r
   d = refracted(d, AGAINST_THE_LIGHT, 1.0 / n, share);
   vertex += d.xy / d.z * thickness;
   vec3 spot = on_bulge(vertex, d, lens, share);
-  d = refracted(d, vec3(curvature * spot.xy, curvature * spot.z - 1.0), n, share);
+  d = refracted(d, vec3(curvature * curved(spot.xy), curvature * spot.z - 1.0), n, share);
   vec2 at = spot.xy - d.xy / d.z * spot.z;
   through_gap(1.0, gap, at, d, share, run);
 #endif
   landed = lens + at;
   return d.z > 1e-6 ? share : 0.0;
+}
+#endif
+
+#ifdef AREAS
+// Light of each colour at a place in a pixel, to the right and down from its centre.
+vec3 emitted(vec2 within, vec2 spot) {
+  vec3 light = vec3(0.0);
+#ifdef CELLS
+  ivec2 place = ivec2(spot.x, float(panel_size.y) - 1.0 - spot.y) & 3;
+  int kind = kinds[4 * place.y + place.x];
+#endif
+  for (int c = 0; c < 3; ++c) {
+    vec2 from = within - vec2(areas[c].x, 0.0);
+#ifdef CELLS
+    from -= vec2(1.0, -1.0) * cells[3 * kind + c];
+#endif
+    bool shows = from.x < areas[c].y && from.x >= -areas[c].y && from.y < areas[c].z && from.y >= -areas[c].z;
+    if (areas[c].w >= 0.0) shows = shows && mod(spot.x + spot.y, 2.0) == areas[c].w;
+    if (shows) light[c] = brightness[c];
+  }
+  return light;
 }
 #endif
 
@@ -183,12 +222,17 @@ vec3 panel_light(vec2 point, vec2 slope, float glass) {
 #ifdef TILTED
   landed += run * dot(tilt, landed) / (1.0 - dot(tilt, run));
 #endif
-  vec2 spot = floor(vec2(landed.x, -landed.y) / pixel + 0.5 * vec2(panel_size));
+  vec2 in_pixels = vec2(landed.x, -landed.y) / pixel + 0.5 * vec2(panel_size);
+  vec2 spot = floor(in_pixels);
   vec2 on_panel = step(vec2(0.0), spot) * step(spot, vec2(panel_size) - 1.0);
   // A fetch beside the panel is undefined, so it is aimed inside and not counted.
   vec2 place = clamp(spot, vec2(0.0), vec2(panel_size) - 1.0);
   vec3 drive = texelFetch(panel, ivec2(place), 0).rgb;
-  return lit * on_panel.x * on_panel.y * white * (black + (1.0 - black) * drive);
+  vec3 shines = vec3(1.0);
+#ifdef AREAS
+  shines = emitted(in_pixels - spot - 0.5, spot);
+#endif
+  return lit * on_panel.x * on_panel.y * shines * white * (black + (1.0 - black) * drive);
 }
 
 #ifdef THICK

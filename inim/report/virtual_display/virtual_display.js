@@ -57,6 +57,7 @@
   // As `Display.flip_limit_mm`: across and along the array.
   function flipLimit(z) {
     return [0, 1].map((axis) => {
+      if (axis && optics.traits.includes("CYLINDERS")) return Infinity;
       const pitch = optics.pitch_mm[axis], elemental = optics.elemental_pitch_mm[axis];
       const walk = Math.abs(1 + optics.gap_mm / z - elemental / pitch);
       return ((elemental / 2 - optics.outermost_mm[axis] * walk) * z) / optics.gap_mm;
@@ -161,6 +162,10 @@
       gl.uniform1f(at("ambient"), optics.ambient_reflection);
       gl.uniform1f(at("glare"), optics.veiling_glare);
       gl.uniform2iv(at("panel_size"), optics.panel);
+      gl.uniform4fv(at("areas"), optics.areas.flat());
+      gl.uniform3fv(at("brightness"), optics.brightness);
+      if (optics.cells.length) gl.uniform2fv(at("cells"), optics.cells.flat());
+      gl.uniform1iv(at("kinds"), optics.kinds);
       return {program, eye: at("eye"), canvas: at("canvas"), grid: at("grid")};
     }
 
