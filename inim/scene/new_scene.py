@@ -132,7 +132,7 @@ def new_scene(
 
 def _mesh_in(source: Path) -> Path:
     """The only mesh of a folder; any other path unchanged."""
-    from inim.files.mesh import MESH_SUFFIXES
+    from inim.files.triangle_mesh import MESH_SUFFIXES
 
     if not source.is_dir():
         return source
