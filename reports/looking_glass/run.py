@@ -49,7 +49,7 @@ VIEWS = (45, 100)
 EYES = {"centre": 0.0, "a": -0.75, "b": -0.4, "c": 0.4, "d": 0.75}
 #: Readings of CellPatternMode 2 by two sources of the vendor.
 READINGS: tuple[CellPattern, ...] = ("columns", "rows-of-4")
-DIRECT = "rays-per-sub-pixel"
+DIRECT, NEAREST = "rays-per-sub-pixel", "rays-nearest-colour"
 
 
 class QuiltRays(RayByRay):
@@ -148,6 +148,7 @@ def score_scene(scene: Path, preset: str, work: Path) -> dict[str, Any]:
     started = time.process_time()
     pictures[DIRECT] = inim.generate(rgbd, display, "template:samples=1")
     seconds[DIRECT] = time.process_time() - started
+    pictures[NEAREST] = inim.generate(rgbd, display, "template:samples=1:colour=nearest")
     for views in VIEWS:
         pictures[f"quilt-{views}"] = quilt_picture(rgbd, display, views, None)
     name = f"quilt-{columns * rows}-tiles"
@@ -233,6 +234,7 @@ def write_page(data: Mapping[str, Any]) -> str:
         "mean PSNR of whole views in dB, and SSIM on the relic in brackets. A quilt's tiles are",
         "infinitely fine, or as fine as published ones (`-tiles`). `reference` is traced from the",
         "scene, with several samples of each sub-pixel; the others follow from one RGB-D picture.",
+        "Quilts and `rays-nearest-colour` show its nearest pixel; `rays-per-sub-pixel` averages.",
         "",
     ]
     for preset in (PORTRAIT, SIXTEEN):
