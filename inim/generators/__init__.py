@@ -22,13 +22,14 @@ from inim.generators.base import (
     MOST_OUTSIDE,
     NO_LENS,
     Generator,
+    Masked,
+    MaskedSources,
     PictureShape,
     SourceGenerator,
     Sources,
     check_mask,
     colour_of,
     hole_fraction,
-    masked,
     outside_depth_range,
     outside_depth_text,
 )
@@ -183,8 +184,12 @@ class _Preparation:
             generator = Filled(
                 self._with_sources(generator, FILL), fill, self._with_sources(with_holes, FILL)
             )
+        if self.mask is None:
+            return generator
         # The source of a fill may be outside the mask.
-        return generator if self.mask is None else masked(generator, self.mask)
+        if isinstance(generator, SourceGenerator):
+            return MaskedSources(generator, self.mask)
+        return Masked(generator, self.mask)
 
     def _coloured(self, **arguments: Any) -> Generator:
         """Generator without a fill."""

@@ -5,7 +5,7 @@ Most generators report, for each panel pixel, the picture pixel that it shows: a
 
 With a mask, for example of the pixels that a few viewpoints observe, only those panel pixels are
 generated. Some generators take it (`SourceGenerator.mask`) and skip the other pixels. The others
-run in full, and `masked` sets the remaining pixels to black. Both give the same bits, because each
+run in full, and `Masked` sets the remaining pixels to black. Both give the same bits, because each
 pixel depends only on its own ray and the picture.
 """
 
@@ -15,7 +15,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from functools import cache
 from types import FunctionType
-from typing import Any, NamedTuple, Protocol, overload, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,24 +114,6 @@ class Ray(NamedTuple):
     generator: SourceGenerator
 
 
-class JoinedRays(Protocol):
-    """Several rays of every pixel, traced together faster than by their generators."""
-
-    def search(self, rgbd: RGBD) -> Search:
-        """Function that finds the sources of all rays of some panel rows.
-
-        It returns (rays, rows, columns); see `SourceGenerator.search` for the rest.
-        """
-        ...
-
-    def show_light(self, rgbd: RGBD, words: np.ndarray, out: np.ndarray) -> None:
-        """Write the codes of the mean light of the rays, (rows, columns, 4) uint8.
-
-        `words`, (layers x H x W,) uint64, are the light of each source; see `raycast.light`.
-        """
-        ...
-
-
 class SourceGenerator(ABC):
     """Generator that reports the source of each panel pixel.
 
@@ -189,9 +171,9 @@ class SourceGenerator(ABC):
 
         return find_rows
 
-    def joined(self, rays: Sequence[SourceGenerator]) -> JoinedRays | None:  # noqa: ARG002
-        """Rays of this and other generators, if they can be traced together."""
-        return None
+    def search_all(self, rays: Sequence[SourceGenerator], rgbd: RGBD) -> list[Search]:
+        """Results of `search` of this and other generators, for the same picture."""
+        return [ray.search(rgbd) for ray in rays]
 
     def sources(self, rgbd: RGBD) -> Sources:
         """``row * W + column`` of each panel pixel's source, `HOLE`, `NO_LENS` or `MASKED`."""
@@ -299,43 +281,9 @@ class MaskedSources(SourceGenerator):
         """See `SourceGenerator.find`."""
         return self._whole.find(rgbd)
 
-    def search(self, rgbd: RGBD) -> Search:
-        """See `SourceGenerator.search`."""
-        find_whole = self._whole.search(rgbd)
-
-        def find_rows(rows: slice, out: Sources) -> None:
-            find_whole(rows, out)
-            self.mark(rows, out)
-
-        return find_rows
-
-    def rays(self) -> list[Ray]:
-        """See `SourceGenerator.rays`."""
-        return [
-            ray._replace(generator=masked(ray.generator, self._shown.mask))
-            for ray in self._whole.rays()
-        ]
-
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""
-        if rgbd.color.dtype != np.uint8 and self._whole.shows_sources(rgbd):
-            return super().generate(rgbd, out)  # without a whole panel of colours between
         return self._shown.generate(rgbd, out)
-
-
-@overload
-def masked(whole: SourceGenerator, mask: np.ndarray) -> SourceGenerator: ...
-
-
-@overload
-def masked(whole: Generator, mask: np.ndarray) -> Generator: ...
-
-
-def masked(whole: Generator, mask: np.ndarray) -> Generator:
-    """A generator run in full, under a mask."""
-    if isinstance(whole, SourceGenerator):
-        return MaskedSources(whole, mask)
-    return Masked(whole, mask)
 
 
 def outside_depth_range(rgbd: RGBD, display: Display) -> float:

@@ -68,7 +68,9 @@ def prepare(
     return averaged(
         display,
         1,
-        lambda pixel_offset: _Gu2020(display, shape, pixel_mm, depths, pixel_offset, mask),
+        lambda offsets: [
+            _Gu2020(display, shape, pixel_mm, depths, offset, mask) for offset in offsets
+        ],
     )
 
 

@@ -66,4 +66,4 @@ def ray_by_ray(display: Display, shape: PictureShape, pixel_mm: float) -> Source
     from inim.generators.raycast.columns import SURFACE
     from inim.generators.raycast.ray_by_ray import RayByRay
 
-    return RayByRay(display, shape, pixel_mm, SURFACE)
+    return RayByRay(display, shape, pixel_mm, SURFACE).rays()[0]

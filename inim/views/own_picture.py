@@ -38,7 +38,7 @@ from inim.generators import (
 from inim.generators.base import HOLE, MOST_OUTSIDE, outside_depth_range, outside_depth_text
 from inim.generators.oracle import ExactHits, exact_hits, why_no_oracle
 from inim.generators.raycast.columns import SURFACE, columns_of
-from inim.generators.raycast.ray_by_ray import first_hit
+from inim.generators.raycast.ray_by_ray import TracedSurfaces, first_hit
 from inim.generators.registry import properties
 from inim.image.noisy_image import NoisyImage, replace_nonfinite
 from inim.image.rgbd import RGBD
@@ -333,8 +333,7 @@ def warp_to_viewpoint(
     x = _ray_positions(columns, display.width_mm)
     y = -_ray_positions(rows, display.height_mm)
     slope_x, slope_y = (eye.x_mm - x) / eye.z_mm, (eye.y_mm - y) / eye.z_mm
-    surface = columns_of(rgbd, SURFACE)
-    surface_arrays = (surface.fronts(), surface.backs(), surface.continue_behind)
+    surfaces = TracedSurfaces.of(columns_of(rgbd, SURFACE))
     view = np.zeros((rows, columns, 3), np.float32)
     share = np.zeros((rows, columns), np.float32)
     # In cells from the picture's left and upper border; rows count downwards.
@@ -342,9 +341,8 @@ def warp_to_viewpoint(
     vertical = (rgbd.shape[0] / 2 - y / rgbd.pixel_mm, -slope_y / rgbd.pixel_mm)
     z_range = display.depth_range_mm
     share_rows(
-        _trace_view, len(view), *surface_arrays, rgbd.color, *horizontal, *vertical, *z_range, view,
-        share,
-    )  # fmt: skip
+        _trace_view, len(view), surfaces, rgbd.color, *horizontal, *vertical, *z_range, view, share
+    )
     return view, share
 
 
@@ -357,19 +355,16 @@ def _ray_positions(pixels: int, size_mm: float) -> np.ndarray:
 
 @compiled
 def _trace_view(  # type: ignore[no-untyped-def]
-    begin, end, fronts, backs, continue_behind, color, u0, du, v0, dv, z_min, z_max, view, share
+    begin, end, surfaces, color, u0, du, v0, dv, z_min, z_max, view, share
 ):
     """Mean colour over the rays of each pixel, and the share of its rays that hit."""
-    columns = fronts.shape[2]
+    columns = surfaces.fronts.shape[2]
     weight = np.float32(1 / (_RAYS * _RAYS))
     for row in range(begin, end):
         for column in range(view.shape[1]):
             for i in range(row * _RAYS, (row + 1) * _RAYS):
                 for j in range(column * _RAYS, (column + 1) * _RAYS):
-                    hit = first_hit(
-                        fronts, backs, continue_behind,
-                        u0[j], du[j], 1.0, v0[i], dv[i], 1.0, z_min, z_max,
-                    )  # fmt: skip
+                    hit = first_hit(surfaces, u0[j], du[j], 1.0, v0[i], dv[i], 1.0, z_min, z_max)
                     if hit != HOLE:
                         share[row, column] += weight
                         for c in range(3):

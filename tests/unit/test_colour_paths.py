@@ -27,9 +27,11 @@ def test_colours_of_tables_are_those_of_single_rays(display, colour):
                 device, f"template:colour={colour}:fill=none", shape=rgbd.shape,
                 pixel_mm=rgbd.pixel_mm,
             )  # fmt: skip
+            rays = generator.rays()
+            tracer = RayByRay(*size, "surface", [ray.pixel_offset for ray in rays])
             alone = [
-                ray._replace(generator=RayByRay(*size, "surface", ray.pixel_offset))
-                for ray in generator.rays()
+                ray._replace(generator=single)
+                for ray, single in zip(rays, tracer.rays(), strict=True)
             ]
             single = ColouredRays(alone, generator.rays, *size, colour=colour, reads=RGBD)
             assert np.array_equal(generator.generate(rgbd), single.generate(rgbd))

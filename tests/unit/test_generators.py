@@ -133,10 +133,10 @@ def test_strips_single_rays_and_free_rays_find_the_same(display, columns):
     for name in ("layers", "random", "layers, odd size", "hills"):
         rgbd = picture(display, name)
         size = (device, rgbd.shape, rgbd.pixel_mm, columns)
-        alone = RayByRay(*size).sources(rgbd)
+        alone = RayByRay(*size).rays()[0].sources(rgbd)
         whole = exact_length(device.pitch_mm) / exact_length(rgbd.pixel_mm)
         if whole.denominator == 1 and device.row_pitch_mm == device.pitch_mm:
-            lists = Strips(*size)
+            lists = Strips(*size).rays()[0]
             for before in (rgbd, RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)):
                 lists.sources(before)
                 assert np.array_equal(lists.sources(rgbd), alone)
@@ -144,7 +144,7 @@ def test_strips_single_rays_and_free_rays_find_the_same(display, columns):
         if name == "layers, odd size" and display in ("odd pixels", "virtual", "phone", "moved"):
             turned = device.replace(rotation_deg=1e-9)
             assert not turned.is_separable
-            free = RayByRay(turned, *size[1:]).sources(rgbd)
+            free = RayByRay(turned, *size[1:]).rays()[0].sources(rgbd)
             assert (free != alone)[device.lensed].mean() < 0.02
 
 

@@ -14,8 +14,6 @@ down: they compare with a float32 depth as the exact ones do.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -23,7 +21,7 @@ import numpy as np
 
 from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
-from inim.display.pixels import CENTRE, PixelOffset
+from inim.display.pixels import PixelOffset
 from inim.generators.base import PictureShape
 from inim.generators.raycast.cells import AxisRuns, CellRays, axis_runs, cell_rays, rounded_up
 from inim.generators.raycast.phases import PhaseLayout, cells_per_pitch
@@ -34,21 +32,21 @@ SIDES = 2
 
 
 class CellLists(NamedTuple):
-    """Lists of the cells of rays, of one display and picture size.
+    """Lists of the cells of one ray of every pixel, of one display and picture size.
 
     A *pass* is a ray of the pixels u of those lenses of a strip that visit cells in the same order.
     It has the number ``p = strip * strip_passes + u * sides + side``. On a row of lists, its list
-    begins at ``first[(ray * list_rows + list_row) * passes + p]``.
+    begins at ``first[list_row * len(members) + p]``.
 
     * `lens`, `list_row`, (panel rows,) int64: lens row, -1 where none; and row of lists.
-    * `reach`, (list rows, 2) int64: see `PhaseLayout.row_reach`; of all rays.
+    * `reach`, (list rows, 2) int64: see `PhaseLayout.row_reach`.
     * `first`, (n,) int64: where the list of each pass begins.
     * `exit_mm`, (cells,) float32: depth at which a lens leaves a cell, rounded up; the least of all
       lenses.
     * `entry_mm`, (cells,) float32: depth at which it enters the cell, rounded down; a bound of all
       lenses.
-    * `members`, (rays x passes,) uint32: lenses of a strip that take part in a pass, a bit each.
-    * `passes`, `strip_passes`: passes of a ray; and of a strip, 0 if all strips share them.
+    * `members`, (passes,) uint32: lenses of a strip that take part in a pass, a bit each.
+    * `strip_passes`: passes of a strip; 0 if all strips share them.
     * `lens_first`, `lens_pixels`, (lens columns,) int64: first panel column of each lens, and how
       many it has.
     * `most_pixels`, `least_pixels`: largest and smallest of these numbers.
@@ -62,7 +60,6 @@ class CellLists(NamedTuple):
     exit_mm: np.ndarray
     entry_mm: np.ndarray
     members: np.ndarray
-    passes: int
     strip_passes: int
     lens_first: np.ndarray
     lens_pixels: np.ndarray
@@ -75,9 +72,11 @@ class Directions(NamedTuple):
     """Cells of directions that all lenses share; their depths are those of `CellLists`.
 
     * `offset`, (cells,) int64: flat distance from slot (0, 0).
+    * `source`, (cells,) int64: number of the cell in the picture, as if under the lens (0, 0).
     """
 
     offset: np.ndarray
+    source: np.ndarray
 
 
 class Passes(NamedTuple):
@@ -87,41 +86,27 @@ class Passes(NamedTuple):
 
     * `cell`, (n, 3) uint32: index in the row arrays and in the column arrays, and lenses that visit
       it, a bit each.
-    * `row_offset`, (rows,) int64: see `PhaseLayout.row_offset`.
+    * `row_offset`, `row_source`, (rows,) int64: of `PhaseLayout.row_offset`, and of the numbers of
+      cells in the picture; add those of a column.
     * `row_exit_mm`, `row_entry_mm`: (rows,) float32.
-    * `offset`, (columns,) int64: see `PhaseLayout.column_offset`.
+    * `offset`, `source`, (columns,) int64.
     * `exit_mm`, `entry_mm`, (columns, LANES) float32: per lens; anything where a lens does not
       visit a cell.
     """
 
     cell: np.ndarray
     row_offset: np.ndarray
+    row_source: np.ndarray
     row_exit_mm: np.ndarray
     row_entry_mm: np.ndarray
     offset: np.ndarray
+    source: np.ndarray
     exit_mm: np.ndarray
     entry_mm: np.ndarray
 
 
-Tables = tuple[PhaseLayout, CellLists, Directions | Passes]
-
-
-@dataclass(frozen=True)
-class DirectionLists:
-    """Templates of one display and picture size; direction (v, u) has the index ``v * pixels + u``.
-
-    * `first`, (pixels^2 + 1,) int64: start of each direction's entries.
-    * `row`, `column`, (n,) int64: cells of the lens with index (0, 0); nearest first. Lens (m, n)
-      adds ``per_pitch * (m, n)``.
-    * `exit_mm`, `entry_mm`, (n,) float64: depths at which the ray leaves and enters them; inf for
-      the first cells.
-    """
-
-    first: np.ndarray
-    row: np.ndarray
-    column: np.ndarray
-    exit_mm: np.ndarray
-    entry_mm: np.ndarray
+#: Memory layout of pictures; lists and cells of each ray.
+Tables = tuple[PhaseLayout, list[tuple[CellLists, Directions | Passes]]]
 
 
 def shares_directions(display: Display) -> bool:
@@ -135,33 +120,18 @@ def shares_directions(display: Display) -> bool:
     )
 
 
-def build_lists(
-    display: Display, shape: PictureShape, pixel_mm: float, pixel_offset: PixelOffset = CENTRE
-) -> DirectionLists:
-    """Templates by exact traversal, in float64, from the rays of the first lens."""
-    assert shares_directions(display)
-    pixels, depths = round(display.pixels_per_lens), display.depth_range_mm
-    columns, rows = (
-        axis_runs(CellRays(rays.start[:pixels], rays.slope[:pixels], rays.scale), depths)
-        for rays in cell_rays(shape, pixel_mm, display, pixel_offset)
-    )
-    parts: list[tuple[np.ndarray, ...]] = []
-    for row_cell, row_exit in zip(rows.cell, rows.exit_mm, strict=True):
-        # All borders, nearest first, and once where a row's and a column's meet in a corner.
-        exits = np.concatenate(
-            [columns.exit_mm, np.broadcast_to(row_exit, (pixels, len(row_exit)))], axis=1
-        )
-        exits = -np.sort(-exits, axis=1)
-        entries = np.roll(exits, 1, axis=1)
-        entries[:, 0] = np.inf
-        ends = exits < entries
-        # The cell that a ray leaves is as far on as borders are above.
-        column = np.count_nonzero(columns.exit_mm[:, None] > exits[..., None], axis=2)
-        row = np.count_nonzero(row_exit > exits[..., None], axis=2)
-        cells = row_cell[row], np.take_along_axis(columns.cell, column, axis=1), exits, entries
-        parts.append((np.count_nonzero(ends, axis=1), *(values[ends] for values in cells)))
-    count, *values = (np.concatenate(of_row) for of_row in zip(*parts, strict=True))
-    return DirectionLists(np.concatenate([[0], np.cumsum(count)]), *values)
+class _RayRuns(NamedTuple):
+    """Runs of one ray of the listed panel rows and columns; cells as if under the lens (0, 0).
+
+    * `row_lens`, `column_lens`: lens of each, -1 where none.
+    """
+
+    row: np.ndarray
+    column: np.ndarray
+    rows: AxisRuns
+    columns: AxisRuns
+    row_lens: np.ndarray
+    column_lens: np.ndarray
 
 
 @lru_cache(maxsize=8)
@@ -169,148 +139,89 @@ def cell_tables(
     display: Display, shape: PictureShape, pixel_mm: float, offsets: tuple[PixelOffset, ...]
 ) -> Tables:
     """Tables of rays of a display over pictures of one size."""
-    build = _direction_tables if shares_directions(display) else _pass_tables
-    return build(display, shape, pixel_mm, offsets)
-
-
-def _direction_tables(
-    display: Display, shape: PictureShape, pixel_mm: float, offsets: tuple[PixelOffset, ...]
-) -> Tables:
-    per_pitch, pixels = cells_per_pitch(display, pixel_mm), round(display.pixels_per_lens)
-    assert per_pitch is not None
-    lenses = display.columns.lenses
-    lists = [build_lists(display, shape, pixel_mm, offset) for offset in offsets]
-    row, column, exit_mm, entry_mm = (
-        np.concatenate([getattr(of_ray, name) for of_ray in lists])
-        for name in ("row", "column", "exit_mm", "entry_mm")
-    )
-    layout = PhaseLayout.of(per_pitch, row, column, display)
-    first = _joined_first([of_ray.first for of_ray in lists])
-    reach = layout.row_reach(row, first[:-1:pixels]).reshape(len(offsets), pixels, 2)
-    panel_rows = np.arange(display.eia_shape[0])
-    return (
-        layout,
-        CellLists(
-            display.rows.lens, panel_rows % pixels, _widest(reach), first,
-            rounded_up(exit_mm), -rounded_up(-entry_mm),
-            np.full(len(offsets) * pixels, 2**32 - 1, np.uint32), pixels, 0,
-            np.arange(lenses) * pixels, np.full(lenses, pixels),
-            pixels, pixels, False,
-        ),
-        Directions(layout.row_offset(row) + layout.column_offset(column)),
-    )  # fmt: skip
-
-
-def _joined_first(firsts: Sequence[np.ndarray]) -> np.ndarray:
-    """Beginnings of lists that follow one another, from those of each ray."""
-    counts = np.concatenate([np.diff(first) for first in firsts])
-    return np.concatenate([[0], np.cumsum(counts)])
-
-
-def _widest(reach: np.ndarray) -> np.ndarray:
-    """Reach of all rays, (list rows, 2), from that of each, (rays, list rows, 2)."""
-    return np.stack([reach[..., 0].min(axis=0), reach[..., 1].max(axis=0)], axis=1)
-
-
-class _RayRuns(NamedTuple):
-    """Runs of one ray of every pixel; cells as if under the lens 0."""
-
-    row: np.ndarray
-    column: np.ndarray
-    rows: AxisRuns
-    columns: AxisRuns
-
-
-def _pass_tables(
-    display: Display, shape: PictureShape, pixel_mm: float, offsets: tuple[PixelOffset, ...]
-) -> Tables:
-    per_pitch = cells_per_pitch(display, pixel_mm)
-    assert per_pitch is not None
-    row_lens, owner = display.rows.lens, display.columns.lens
-    rays = []
-    for offset in offsets:
-        columns, rows = (
-            axis_runs(axis, display.depth_range_mm)
-            for axis in cell_rays(shape, pixel_mm, display, offset)
-        )
-        row, column = (
-            runs.cell - per_pitch * lens[:, None]
-            for runs, lens in ((rows, row_lens), (columns, owner))
-        )
-        rays.append(_RayRuns(row, column, rows, columns))
+    rays = [_find_runs(display, shape, pixel_mm, offset) for offset in offsets]
     layout = PhaseLayout.of(
-        per_pitch,
-        np.concatenate([ray.row[ray.rows.used & (row_lens >= 0)[:, None]] for ray in rays]),
-        np.concatenate([ray.column[ray.columns.used & (owner >= 0)[:, None]] for ray in rays]),
+        cells_per_pitch(display, pixel_mm),
+        np.concatenate([r.row[r.rows.used & (r.row_lens >= 0)[:, None]] for r in rays]),
+        np.concatenate([r.column[r.columns.used & (r.column_lens >= 0)[:, None]] for r in rays]),
         display,
     )
-    lens_pixels = np.bincount(owner[owner >= 0], minlength=display.columns.lenses)
-    lens_first = np.array([np.argmax(owner == n) for n in range(display.columns.lenses)])
-    pixels = int(lens_pixels.max())
-    parts = [_ray_passes(ray, owner, lens_first, pixels, layout) for ray in rays]
-    row_first = [np.concatenate([[0], np.cumsum(ray.rows.count)]) for ray in rays]
-    reach = [
-        layout.row_reach(ray.row[ray.rows.used], first[:-1])
-        for ray, first in zip(rays, row_first, strict=True)
-    ]
-    listed = [
-        _find_pass_cells(row_lens, ray.rows, exits, entries)
-        for ray, (*_, exits, entries) in zip(rays, parts, strict=True)
-    ]
-    rows_before, columns_before = 0, 0
-    for ray, (_, cell), (column_offset, *_) in zip(rays, listed, parts, strict=True):
-        cell[:, :2] += np.array([rows_before, columns_before], np.uint32)
-        rows_before += ray.rows.count.sum()
-        columns_before += column_offset.size
-    used = [ray.rows.used for ray in rays]
-    row, row_exit, row_entry = (
-        np.concatenate([values[visited] for values, visited in zip(of_rays, used, strict=True)])
-        for of_rays in (
-            [ray.row for ray in rays],
-            [ray.rows.exit_mm for ray in rays],
-            [ray.rows.entry_mm for ray in rays],
+    return layout, [_list_cells(ray, display, shape[1], layout) for ray in rays]
+
+
+def _find_runs(
+    display: Display, shape: PictureShape, pixel_mm: float, offset: PixelOffset
+) -> _RayRuns:
+    """Runs of the ray through one point of every pixel, or of the first lens if it serves all."""
+    listed = slice(round(display.pixels_per_lens) if shares_directions(display) else None)
+    columns, rows = (
+        axis_runs(
+            CellRays(rays.start[listed], rays.slope[listed], rays.scale), display.depth_range_mm
         )
+        for rays in cell_rays(shape, pixel_mm, display, offset)
     )
-    column_offset, members, exits, entries = (
-        np.concatenate([values.reshape(-1, *values.shape[2:]) for values in of_rays])
-        for of_rays in zip(*parts, strict=True)
+    row_lens, column_lens = (axis.lens[listed] for axis in (display.rows, display.columns))
+    row, column = (
+        runs.cell - cells_per_pitch(display, pixel_mm) * lens[:, None]
+        for runs, lens in ((rows, row_lens), (columns, column_lens))
     )
-    exit_mm, row_exit, row_entry = rounded_up(exits), rounded_up(row_exit), -rounded_up(-row_entry)
-    cell = np.concatenate([cell for _, cell in listed])
-    nearest_exit = np.maximum(row_exit[cell[:, 0]], exit_mm.min(axis=1)[cell[:, 1]])
-    return (
-        layout,
-        CellLists(
-            row_lens, np.arange(len(row_lens)), _widest(np.stack(reach)),
-            _joined_first([first for first, _ in listed]), nearest_exit,
-            row_entry[cell[:, 0]], members,
-            len(members) // len(offsets), SIDES * pixels, lens_first, lens_pixels, pixels,
-            int(lens_pixels.min()), bool((owner < 0).any()),
-        ),
-        Passes(
-            cell, layout.row_offset(row), row_exit, row_entry, column_offset, exit_mm,
-            -rounded_up(-entries),
-        ),
+    return _RayRuns(row, column, rows, columns, row_lens, column_lens)
+
+
+def _list_cells(
+    ray: _RayRuns, display: Display, width: int, layout: PhaseLayout
+) -> tuple[CellLists, Directions | Passes]:
+    """Lists and cells of one ray over a picture of some width."""
+    are_shared = shares_directions(display)
+    lens_first, lens_end = display.columns.elemental_images()
+    lens_pixels, sides = lens_end - lens_first, 1 if are_shared else SIDES
+    pixels = int(lens_pixels.max())
+    column, members, exits, entries = _column_passes(
+        ray, lens_first[: 1 if are_shared else None], pixels, sides
+    )
+    first, cell = _find_cells(ray.row_lens, ray.rows, exits, entries)
+    row, row_exit, row_entry = (
+        values[ray.rows.used] for values in (ray.row, ray.rows.exit_mm, ray.rows.entry_mm)
+    )
+    row_exit, row_entry = rounded_up(row_exit), -rounded_up(-row_entry)
+    exits, entries = rounded_up(exits), -rounded_up(-entries)
+    exits, entries, column = exits.reshape(-1, LANES), entries.reshape(-1, LANES), column.ravel()
+    row_offset, row_source = layout.row_offset(row), width * row
+    offset, i, q = layout.column_offset(column), cell[:, 0], cell[:, 1]
+    entry_mm, cells = row_entry[i], None
+    if are_shared:
+        entry_mm = np.minimum(entry_mm, entries.max(axis=1)[q])
+        cells = Directions(row_offset[i] + offset[q], row_source[i] + column[q])
+    lists = CellLists(
+        display.rows.lens, np.arange(len(display.rows.lens)) % len(ray.row_lens),
+        layout.row_reach(row, np.concatenate([[0], np.cumsum(ray.rows.count[:-1])])), first,
+        np.maximum(row_exit[i], exits.min(axis=1)[q]), entry_mm, members,
+        0 if are_shared else sides * pixels, lens_first, lens_pixels, pixels,
+        int(lens_pixels.min()), bool((display.columns.lens < 0).any()),
     )  # fmt: skip
+    return lists, cells or Passes(
+        cell, row_offset, row_source, row_exit, row_entry, offset, column, exits, entries
+    )
 
 
-def _ray_passes(
-    ray: _RayRuns, owner: np.ndarray, lens_first: np.ndarray, pixels: int, layout: PhaseLayout
+def _column_passes(
+    ray: _RayRuns, lens_first: np.ndarray, pixels: int, sides: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Column cells of the passes of one ray.
 
-    * `owner`, (panel columns,) int64: lens of each; -1 where none.
-    * `lens_first`, (lenses,) int64: first panel column of each lens.
+    * `lens_first`, (listed lenses,) int64: first panel column of each lens.
+    * `sides`: of a pixel; 1 if all of its rays lean to the same side.
 
     Returned values:
-    * `offset`, (passes, cells) int64: see `PhaseLayout.column_offset`.
+    * `column`, (passes, cells) int64: nearest first, as if under lens column 0.
     * `members`, (passes,) uint32: see `CellLists`.
     * `exits`, `entries`, (passes, cells, LANES) float64: inf and -inf where a lens does not visit a
       cell.
     """
-    lenses, runs = len(lens_first), ray.columns
+    lenses, runs, owner = len(lens_first), ray.columns, ray.column_lens
     last = np.take_along_axis(runs.cell, runs.count[:, None] - 1, axis=1)[:, 0]
-    within = 2 * (np.arange(len(owner)) - lens_first[owner]) + (last >= runs.cell[:, 0])
+    is_right = last >= runs.cell[:, 0]
+    within = sides * (np.arange(len(owner)) - lens_first[owner]) + (sides - 1) * is_right
     strips = -(-lenses // LANES)
     # Panel columns of each strip, with the number and the lane of their pass.
     column, number, lane = [], [], []
@@ -318,14 +229,15 @@ def _ray_passes(
         start = max(min(strip * LANES, lenses - LANES), 0)
         own = np.flatnonzero((owner >= start) & (owner < start + LANES))
         column.append(own)
-        number.append(2 * pixels * strip + within[own])
+        number.append(sides * pixels * strip + within[own])
         lane.append(owner[own] - start)
-    of_column = np.concatenate(column)
+    of_column, of_pass = np.concatenate(column), np.concatenate(number)
     cells, used = ray.column[of_column], runs.used[of_column]
-    number_of_run = np.repeat(np.concatenate(number), used.sum(axis=1))
+    number_of_run = np.repeat(of_pass, used.sum(axis=1))
     lane_of_run = np.repeat(np.concatenate(lane), used.sum(axis=1))
     # The nearest cell of any lens: the leftmost of rays that go right.
-    step = np.tile([-1, 1], strips * pixels)
+    step = np.ones(sides * pixels * strips, np.int64)
+    step[of_pass] = np.where(is_right[of_column], 1, -1)
     along = step[number_of_run] * cells[used]
     nearest = np.full(len(step), np.iinfo(np.int64).max)
     np.minimum.at(nearest, number_of_run, along)
@@ -337,11 +249,11 @@ def _ray_passes(
     place = number_of_run, rank, lane_of_run
     exits[place], entries[place] = runs.exit_mm[of_column][used], runs.entry_mm[of_column][used]
     members = np.isfinite(exits).any(axis=1) @ (1 << np.arange(LANES))
-    offset = layout.column_offset(step[:, None] * (nearest[:, None] + np.arange(most)))
-    return offset, members.astype(np.uint32), exits, entries
+    columns = step[:, None] * (nearest[:, None] + np.arange(most))
+    return columns, members.astype(np.uint32), exits, entries
 
 
-def _find_pass_cells(
+def _find_cells(
     lens: np.ndarray, rows: AxisRuns, exits: np.ndarray, entries: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the cells that some lens of a pass visits, on every panel row: first and cells."""
@@ -353,15 +265,15 @@ def _find_pass_cells(
         exits.min(axis=2), np.ascontiguousarray(latest),
     )  # fmt: skip
     count = np.zeros(len(lens) * len(exits), np.int64)
-    share_rows(_find_cells, len(lens), *depths, count, np.empty((0, 3), np.uint32), False)
+    share_rows(_write_cells, len(lens), *depths, count, np.empty((0, 3), np.uint32), False)
     first = np.concatenate([[0], np.cumsum(count)])
     cell = np.empty((first[-1], 3), np.uint32)
-    share_rows(_find_cells, len(lens), *depths, first, cell, True)
+    share_rows(_write_cells, len(lens), *depths, first, cell, True)
     return first, cell
 
 
 @compiled
-def _find_cells(  # type: ignore[no-untyped-def]
+def _write_cells(  # type: ignore[no-untyped-def]
     start, stop, row_first, lens, row_exit, row_entry, exits, entries, least_exit, latest, first,
     cell, write,
 ):  # fmt: skip

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -28,21 +28,21 @@ from inim.backend.kernels import share_rows
 from inim.display import Display
 from inim.display.pixels import CENTRE, SUBPIXELS, PixelOffset, SubPixel, exact_length, row_blocks
 from inim.generators.base import (
-    JoinedRays,
     PictureShape,
     Ray,
     SourceGenerator,
     Sources,
 )
+from inim.generators.raycast.columns import visible_depth
 from inim.generators.raycast.interpolation import Interpolation
 from inim.generators.raycast.light import (
+    Diffusion,
     code_table,
+    copy_codes,
     decode_light,
-    diffused,
     mean_codes,
     mean_light,
     pack_light,
-    sharpened,
 )
 from inim.image.noisy_image import row_bands
 from inim.image.rgbd import RGBD, LayeredRGBD
@@ -58,68 +58,44 @@ _SOURCES_AT_ONCE = 2**22
 _Writer = Callable[[slice, np.ndarray, np.ndarray], None]
 
 
-class RayGroup(NamedTuple):
-    """Rays of every pixel that show the same colour channels.
-
-    * `rays`: one, two or four.
-    """
-
-    channels: tuple[int, ...]
-    rays: list[Ray]
-    joined: JoinedRays | None
-
-
-def group_rays(rays: Sequence[Ray]) -> list[RayGroup]:
-    """Rays by their channels."""
-    groups: dict[tuple[int, ...], list[Ray]] = {}
-    for ray in rays:
-        groups.setdefault(ray.channels, []).append(ray)
-    return [
-        RayGroup(channels, group, group[0].generator.joined([ray.generator for ray in group]))
-        for channels, group in groups.items()
-    ]
-
-
 def show_colours(
-    rgbd: RGBD, display: Display, colour: str, groups: Sequence[RayGroup], out: np.ndarray
+    rgbd: RGBD, display: Display, colour: str, rays: Sequence[Ray], out: np.ndarray
 ) -> None:
     """Write the mean colours of the rays of every pixel.
 
     * `colour`: {"nearest", "linear", "averaged", "smooth"}.
+    * `rays`: one, two or four of each colour channel.
     * `out`, (rows, columns, 3) float32 or (rows, columns, 4) uint8: alpha is the mean of the
       channels.
     """
     picture = _Picture(rgbd, display, colour)
+    groups: dict[tuple[int, ...], list[Ray]] = {}
+    for ray in rays:
+        groups.setdefault(ray.channels, []).append(ray)
     if len(groups) == 1:
-        _show_group(picture, groups[0], out)
+        _show_group(picture, rays, out)
         return
     alpha = np.ones(out.shape[:2], np.uint16)
-    for group in groups:
+    for channels, group in groups.items():
         part = np.empty_like(out)
         _show_group(picture, group, part)
-        out[..., group.channels] = part[..., group.channels]
+        out[..., channels] = part[..., channels]
         if out.dtype == np.uint8:
-            alpha += part[..., 3] * np.uint16(len(group.channels))
+            alpha += part[..., 3] * np.uint16(len(channels))
     if out.dtype == np.uint8:
         out[..., 3] = alpha // 3
 
 
-def _show_group(picture: _Picture, group: RayGroup, out: np.ndarray) -> None:
+def _show_group(picture: _Picture, rays: Sequence[Ray], out: np.ndarray) -> None:
     """Write the mean colours of the rays of some channels to all channels."""
-    rgbd, display, joined = picture.rgbd, picture.display, group.joined
-    if joined is not None and picture.adds_codes:
-        joined.show_light(rgbd, picture.words(group), out)
-        return
-    searches = [ray.generator.search(rgbd) for ray in ([] if joined else group.rays)]
-    search_all = joined.search(rgbd) if joined else None
-    write = picture.writer(group)
-    bands = list(_bands(display, out.shape[:2], len(group.rays)))
-    sources = np.empty((len(group.rays), _length(bands[0]), out.shape[1]), np.int32)
+    generators = [ray.generator for ray in rays]
+    searches = generators[0].search_all(generators, picture.rgbd)
+    write = picture.writer(rays)
+    bands = list(_bands(picture.display, out.shape[:2], len(rays)))
+    sources = np.empty((len(rays), _length(bands[0]), out.shape[1]), np.int32)
     for rows in bands:
         band = sources[:, : _length(rows)]
-        if search_all:
-            search_all(rows, band)
-        for search, of_ray in zip(searches, band, strict=False):
+        for search, of_ray in zip(searches, band, strict=True):
             search(rows, of_ray)
         write(rows, band, out[rows])
 
@@ -141,56 +117,53 @@ class _Picture:
     def __init__(self, rgbd: RGBD, display: Display, colour: str) -> None:
         self.rgbd, self.display, self._colour = rgbd, display, colour
         self._coded = rgbd.color.dtype == np.uint8
-        self.adds_codes = self._coded and colour in (NEAREST, AVERAGED)
-        palette = rgbd.palette.reshape(-1, rgbd.color.shape[2])
-        if colour == NEAREST and not self._coded:
-            self._light = palette
-            return
-        self._light = decode_light(palette)
+        self._palette = rgbd.palette.reshape(-1, rgbd.color.shape[2])
         if colour == NEAREST:
             return
+        self._light = decode_light(self._palette)
         self._opacity = self._light[:, 3].copy()
         self._light[:, 3] = 1
-        no_depth = np.float32(-np.inf)
-        self._front = np.stack(
-            [np.where(layer.covered, layer.front_mm, no_depth) for layer in rgbd.layers]
-        )
+        self._front = np.stack([visible_depth(layer) for layer in rgbd.layers])
         if colour in (LINEAR, SMOOTH):
             self._interpolation = Interpolation(rgbd, display, self._front)
 
-    def writer(self, group: RayGroup) -> _Writer:
+    def writer(self, rays: Sequence[Ray]) -> _Writer:
         """Function that writes the mean colours of rays."""
-        if self.adds_codes:
-            words = np.concatenate([np.zeros(1, np.uint64), self.words(group)])
-            return lambda _, sources, out: share_rows(
-                mean_codes, len(out), sources, words, code_table(), out.view(np.uint32)[..., 0]
-            )
-        light = self._light_of(group)
         if self._colour in (LINEAR, SMOOTH):
             covered = self._front.reshape(-1) > -np.inf
             opaque = not self._coded or (self._opacity[covered] == 1).all()
             return self._interpolation.writer(
-                light, None if opaque else self._opacity, self._colour == SMOOTH, group.rays
-            )
-        return lambda _, sources, out: share_rows(mean_light, len(out), sources, light, out)
+                self._light_of(rays), None if opaque else self._opacity, self._colour == SMOOTH,
+                rays,
+            )  # fmt: skip
+        if not self._coded:
+            light = self._palette if self._colour == NEAREST else self._light_of(rays)
+            return lambda _, sources, out: share_rows(mean_light, len(out), sources, light, out)
+        kernel, words, *tables = self._code_kernel(rays)
+        words = np.concatenate([np.zeros(1, words.dtype), words])  # that of a hole first
+        return lambda _, sources, out: share_rows(
+            kernel, len(out), sources, words, *tables, out.view(np.uint32)[..., 0]
+        )
 
-    def words(self, group: RayGroup) -> np.ndarray:
-        """Light of each source for the mean of rays, (n,) uint64; see `raycast.light`."""
-        light = self._light_of(group)
+    def _code_kernel(self, rays: Sequence[Ray]) -> tuple[Any, ...]:
+        """Kernel that writes the codes of rays; a word of each source, and further tables."""
+        if self._colour == NEAREST and len(rays) == 1:
+            return copy_codes, np.ascontiguousarray(self._palette).view(np.uint32)[:, 0]
+        light = decode_light(self._palette) if self._colour == NEAREST else self._light_of(rays)
         if self._colour == AVERAGED:
             light[:, 3] = self._opacity
-        return pack_light(light, len(group.rays))
+        return mean_codes, pack_light(light, len(rays)), code_table()
 
-    def _light_of(self, group: RayGroup) -> np.ndarray:
+    def _light_of(self, rays: Sequence[Ray]) -> np.ndarray:
         """Light of each source, averaged over the footprint of rays, or its square roots."""
         light = self._light
         if self._colour in _VARIANCE:
             pixel_mm, present = self.rgbd.pixel_mm, _VARIANCE[self._colour]
-            footprint = _footprint(self.display, pixel_mm, group.channels, len(group.rays))
-            light = diffused(self._front, light, footprint, pixel_mm, present)
+            footprint = _footprint(self.display, pixel_mm, rays[0].channels, len(rays))
+            diffusion = Diffusion(self._front, footprint, pixel_mm, present)
+            light = diffusion.average(light)
             if self._colour == SMOOTH:
-                np.sqrt(light, out=light)
-                light = sharpened(self._front, light, footprint, pixel_mm, present)
+                light = diffusion.sharpen(np.sqrt(light, out=light))
         return light
 
 
@@ -217,37 +190,33 @@ _PLACES: dict[int, tuple[tuple[Fraction, Fraction], ...]] = {
 
 
 def averaged(
-    display: Display, samples: int, make: Callable[[PixelOffset], SourceGenerator]
+    display: Display,
+    samples: int,
+    make: Callable[[Sequence[PixelOffset]], Sequence[SourceGenerator]],
 ) -> SourceGenerator:
     """Generator with one or several rays per panel pixel or sub-pixel.
 
     * `samples`, {1, 2, 4}: rays through the centre; through two points on the diagonal; through the
       centres of the quarters of the emitting area (`Display.pixel_fill`). Colours are averaged in
       linear light, and a hole counts as black.
-    * `make`: creates the generator of the rays through one point of every pixel.
+    * `make`: creates the generators of the rays through some points of every pixel.
     """
     channels: dict[SubPixel, list[int]] = {}
     for channel, subpixel in enumerate(SUBPIXELS[display.subpixels]):
         place = replace(subpixel, turn=None)  # wherever it shines
         channels.setdefault(place, []).append(channel)
     fill = exact_length(display.pixel_fill)
-    offsets = [
-        (
-            PixelOffset(
-                down * subpixel.height * fill,
-                subpixel.right + right * subpixel.width * fill,
-                subpixel.channel,
-            ),
-            tuple(of_ray),
-        )
-        for subpixel, of_ray in channels.items()
-        for down, right in _PLACES[samples]
-    ]
-    rays = [Ray(offset, of_ray, make(offset)) for offset, of_ray in offsets]
-    if len(rays) == 1:
-        return rays[0].generator
-    first = rays[0].generator
-    return ColouredRays(rays, cache(lambda: make(CENTRE)), display, first.shape, first.pixel_mm)
+    offsets, channels_of_rays = [], []
+    for subpixel, of_rays in channels.items():
+        for down, right in _PLACES[samples]:
+            down, right = down * subpixel.height * fill, right * subpixel.width * fill
+            offsets.append(PixelOffset(down, subpixel.right + right, subpixel.channel))
+            channels_of_rays.append(tuple(of_rays))
+    generators = make(offsets)
+    rays = [Ray(*ray) for ray in zip(offsets, channels_of_rays, generators, strict=True)]
+    first = generators[0]
+    centre = cache(lambda: first if offsets == [CENTRE] else make([CENTRE])[0])
+    return ColouredRays(rays, centre, display, first.shape, first.pixel_mm)
 
 
 class ColouredRays(SourceGenerator):
@@ -272,7 +241,7 @@ class ColouredRays(SourceGenerator):
     ) -> None:
         super().__init__(display, shape, pixel_mm)
         self._rays, self._centre, self._colour = list(rays), centre, colour
-        self._reads, self._groups = reads, group_rays(rays)
+        self._reads = reads
 
     def find(self, rgbd: RGBD) -> Sources:
         """See `SourceGenerator.find`."""
@@ -282,11 +251,16 @@ class ColouredRays(SourceGenerator):
         """See `SourceGenerator.rays`."""
         return self._rays
 
+    def shows_sources(self, rgbd: RGBD) -> bool:  # noqa: ARG002
+        """See `SourceGenerator.shows_sources`."""
+        offsets = [ray.pixel_offset for ray in self._rays]
+        return self._colour == NEAREST and offsets == [CENTRE]
+
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`; a hole counts as black."""
         self.check(rgbd)
         out = self.place(rgbd, out)
         if isinstance(rgbd, LayeredRGBD) and self._reads is RGBD:
             rgbd = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
-        show_colours(rgbd, self.display, self._colour, self._groups, out)
+        show_colours(rgbd, self.display, self._colour, self._rays, out)
         return out

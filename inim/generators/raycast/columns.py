@@ -47,16 +47,10 @@ class Columns:
     end: bool
     continue_behind: bool
 
-    def fronts(self) -> np.ndarray:
-        """Fronts of all layers, (layers, H, W) float32; -inf where there is none."""
-        no_depth = np.float32(-np.inf)
-        return np.stack(
-            [np.where(layer.covered, layer.front_mm, no_depth) for layer in self.layers]
-        )
 
-    def backs(self) -> np.ndarray:
-        """Backs of all layers, (layers, H, W) float32."""
-        return np.stack([layer.back_mm for layer in self.layers])
+def visible_depth(layer: Layer) -> np.ndarray:
+    """Front of a layer, (H, W) float32; -inf where there is none."""
+    return np.where(layer.covered, layer.front_mm, np.float32(-np.inf))
 
 
 def columns_of(rgbd: RGBD, rule: str) -> Columns:

@@ -34,7 +34,7 @@ from inim.generators.base import (
     Sources,
 )
 from inim.generators.raycast.cells import cell_rays
-from inim.generators.raycast.columns import STEEPEST
+from inim.generators.raycast.columns import STEEPEST, visible_depth
 from inim.generators.raycast.light import light_of_codes
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
@@ -201,8 +201,7 @@ class _VisibleSurfaces(NamedTuple):
     @classmethod
     def of(cls, rgbd: RGBD, *, unknown: bool) -> _VisibleSurfaces:
         uncovered = np.finfo(np.float32).min if unknown else np.float32(-np.inf)
-        layers = rgbd.layers
-        depth = [np.where(layer.covered, layer.front_mm, np.float32(-np.inf)) for layer in layers]
+        depth = [visible_depth(layer) for layer in rgbd.layers]
         color = rgbd.palette.reshape(-1, rgbd.color.shape[2])[:, :3]
         if color.dtype == np.uint8:
             color = light_of_codes()[color]

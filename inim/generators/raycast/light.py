@@ -18,6 +18,7 @@ them. docs/theory/templates.md, "Colour of a ray", has the formulas.
 from __future__ import annotations
 
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -86,6 +87,21 @@ def pack_light(light: np.ndarray, rays: int) -> np.ndarray:
 
 
 @compiled
+def copy_codes(begin, end, sources, codes, out):
+    """Codes of the sources of some rows.
+
+    * `sources`: (1, rows, columns) int32.
+    * `codes`, (n + 1,) uint32: RGBA of a hole and of each source.
+    * `out`: (rows, columns) uint32.
+    """
+    for i in range(begin, end):
+        line, row = sources[0, i], out[i]
+        for index in range(len(line)):
+            j = np.uintp(index)
+            row[j] = codes[np.uintp(np.uint32(max(line[j], np.int32(-1)) + np.int32(1)))]
+
+
+@compiled
 def mean_codes(begin, end, sources, words, table, out):
     """Codes of the mean light of the rays of some rows.
 
@@ -131,63 +147,45 @@ def mean_light(begin, end, sources, palette, out):
                 out[i, j, c] = light
 
 
-def diffused(
-    front: np.ndarray,
-    light: np.ndarray,
-    footprint: tuple[float, float],
-    pixel_mm: float,
-    present: float,
-) -> np.ndarray:
-    """Light of pixels averaged over the surfaces around them; see the module.
+class Diffusion(NamedTuple):
+    """Average over the footprints of rays, along the surfaces of a picture; see the module.
+
+    Light is (layers x H x W, 4) float32: linear RGB, and 1.
 
     * `front`, (layers, H, W) float32: depth in mm; -inf where there is no surface.
-    * `light`, (layers x H x W, 4) float32: linear RGB, and 1.
     * `footprint`, (down, across): height and width of a ray's footprint, in picture pixels per
       millimetre of depth.
+    * `pixel_mm`: width of the picture's pixels.
     * `present`: variance that is there without an average.
-
-    Returns (layers x H x W, 4) float32.
     """
-    farthest = float(np.abs(front, where=front > -np.inf, out=np.zeros_like(front)).max())
-    for stride in _strides((max(footprint) * farthest) ** 2 / 12 - present):
-        light = _diffused(
-            front, light, footprint, pixel_mm, present, (0, stride * stride / 4), stride
-        )
-    return light
 
+    front: np.ndarray
+    footprint: tuple[float, float]
+    pixel_mm: float
+    present: float
 
-def sharpened(
-    front: np.ndarray,
-    roots: np.ndarray,
-    footprint: tuple[float, float],
-    pixel_mm: float,
-    present: float,
-) -> np.ndarray:
-    """Square roots of light, sharpened where a footprint has less variance than is present.
+    def average(self, light: np.ndarray) -> np.ndarray:
+        """Average the light of pixels."""
+        is_surface = self.front > -np.inf
+        farthest = float(np.abs(self.front[is_surface]).max(initial=0))
+        for stride in _strides((max(self.footprint) * farthest) ** 2 / 12 - self.present):
+            light = self._pass(light, (0, stride * stride / 4), stride)
+        return light
 
-    Parameters and result are those of `diffused`.
-    """
-    return _diffused(front, roots, footprint, pixel_mm, present, (-present, 0))
+    def sharpen(self, roots: np.ndarray) -> np.ndarray:
+        """Sharpen square roots of light where a footprint has less variance than is present."""
+        return self._pass(roots, (-self.present, 0))
 
-
-def _diffused(
-    front: np.ndarray,
-    light: np.ndarray,
-    footprint: tuple[float, float],
-    pixel_mm: float,
-    present: float,
-    limits: tuple[float, float],
-    stride: int = 1,
-) -> np.ndarray:
-    """One pass of the diffusion, whose variance is within limits."""
-    result = np.empty_like(light)
-    share_rows(
-        _diffuse, front.shape[0] * front.shape[1], front, light.reshape(-1),
-        np.array(footprint, np.float32) / np.float32(12**0.5),
-        np.float32(present), *map(np.float32, limits), stride, np.float32(STEEPEST * pixel_mm),
-        result.reshape(-1),
-    )  # fmt: skip
-    return result
+    def _pass(self, light: np.ndarray, limits: tuple[float, float], stride: int = 1) -> np.ndarray:
+        """One pass of the diffusion, whose variance is within limits."""
+        result, front = np.empty_like(light), self.front
+        share_rows(
+            _diffuse, front.shape[0] * front.shape[1], front, light.reshape(-1),
+            np.array(self.footprint, np.float32) / np.float32(12**0.5), np.float32(self.present),
+            *map(np.float32, limits), stride, np.float32(STEEPEST * self.pixel_mm),
+            result.reshape(-1),
+        )  # fmt: skip
+        return result
 
 
 def _strides(variance: float) -> list[int]:

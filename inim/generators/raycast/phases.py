@@ -3,15 +3,12 @@
 If the picture has a whole number of pixels per lens pitch, the rays of neighbouring lenses meet the
 same cells, shifted by whole lenses. The picture is copied into *phases*: cells at the same place of
 every lens pitch are adjacent, so the values that a ray of each of a row of lenses reads are
-contiguous: a vector of depths, and one of colours.
-
-The deeper layers of a layered depth image are sparse: only their cells are stored.
+contiguous: a vector of depths.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,12 +18,11 @@ from inim.display import Display
 from inim.display.pixels import exact_length
 from inim.generators.base import PictureShape
 from inim.generators.raycast.cells import cell_rays
-from inim.generators.raycast.columns import Columns
+from inim.generators.raycast.columns import Columns, visible_depth
 from inim.generators.raycast.simd import LANES, choose, less, load, same, store
 
-# Slots for depths and payloads, 8 bytes each, below which nobody asks how many are needed.
+# Slots for depths and backs, 8 bytes each, below which nobody asks how many are needed.
 _MOST_SLOTS = 2**25
-_NO_DEPTH = np.float32(-np.inf)
 
 
 @dataclass(frozen=True)
@@ -85,19 +81,6 @@ class PhaseLayout:
         offset: np.ndarray = phase * across + slot
         return offset
 
-    def slots(self, shape: PictureShape) -> np.ndarray:
-        """Flat slot of each cell of a picture, (cells,) int32; -1 outside the reach of rays."""
-        down, k, _, across = self.shape
-        rows, columns = (np.arange(count) for count in shape)
-        reached = [
-            (cells >= first) & (cells < first + count * k)
-            for cells, first, count in zip(
-                (rows, columns), self.origin, (down, across), strict=True
-            )
-        ]
-        slots = self.row_offset(rows)[:, None] + self.column_offset(columns)
-        return np.where(np.logical_and.outer(*reached), slots, -1).astype(np.int32).reshape(-1)
-
     def row_reach(self, rows: np.ndarray, first: np.ndarray) -> np.ndarray:
         """First and last row of slots, from a lens's own, of runs of picture rows of lens row 0.
 
@@ -111,10 +94,8 @@ class PhaseLayout:
 
     def spread(self, values: np.ndarray, phases: np.ndarray) -> None:
         """Copy values of a picture (H, W) into phases (slots,); slots beyond it stay."""
-        # As whole numbers: the kernel is compiled once for each size.
-        words = f"u{values.itemsize}"
-        values, phases = np.ascontiguousarray(values).view(words), phases.view(words)
-        share_rows(_spread, self.shape[0], values, *self.origin, phases.reshape(self.shape))
+        values, phases = np.ascontiguousarray(values), phases.reshape(self.shape)
+        share_rows(_spread, self.shape[0], values, *self.origin, phases)
 
 
 @compiled
@@ -125,89 +106,48 @@ def _spread(begin, end, values, row0, column0, phases):  # type: ignore[no-untyp
         for p in range(k):
             row = row0 + i * k + p
             if 0 <= row < rows:
+                line = values[row]
                 for q in range(k):
                     before, behind = -column0 - q, columns - column0 - q
-                    for j in range(max(0, -(-before // k)), min(across, -(-behind // k))):
-                        phases[i, p, q, j] = values[row, column0 + j * k + q]
+                    first, end = max(0, -(-before // k)), min(across, -(-behind // k))
+                    phase, column = phases[i, p, q], np.uintp(column0 + first * k + q)
+                    for j in range(first, end):
+                        phase[np.uintp(j)] = line[column]
+                        column += np.uintp(k)
 
 
 class Phases:
     """A picture by phases, in buffers that are filled again for every picture.
 
     Its attributes:
-    * `depth`, (slots,) float32: depths by phase, -inf at uncovered cells, NaN around the picture.
-    * `back`, (slots,) float32: backs of columns, inf at uncovered cells; empty if no column has a
-      back.
+    * `depth`, (layers, slots) float32: depths by phase, -inf at uncovered cells, NaN around the
+      picture.
+    * `back`, (layers, slots) float32: backs of columns; (layers, 0) if no column has a back.
     * `nearest`, (slots down, strips) float32: greatest depth, in a row of slots, within reach of a
       strip of lenses.
-    * `farthest`, (slots down, strips) float32: least depth of a back within the same reach; inf
-      without covered cells.
-    * `deeper_depth`, `deeper_back`, (layers, slots) float32: all layers except the first; depths of
-      -inf, and any back, where no layer exists.
-    * `deeper_nearest`, (rows of slots of a phase, strips) float32: greatest depth of the deeper
-      layers within reach.
+    * `farthest`, (slots down, strips) float32: least back in the first layer within the same reach;
+      inf without covered cells.
     """
 
-    def __init__(self, layout: PhaseLayout, shape: PictureShape, *, end: bool) -> None:
-        self.layout = layout
-        size, bounds = math.prod(layout.shape), (layout.shape[0], layout.strips)
-        self.depth = np.full(size, np.nan, np.float32)
-        self.back = np.full(size if end else 0, np.inf, np.float32)
+    def __init__(self, layout: PhaseLayout) -> None:
+        self.layout, bounds = layout, (layout.shape[0], layout.strips)
+        self.depth = self.back = np.empty((0, 0), np.float32)
         self.nearest, self.farthest = np.empty(bounds, np.float32), np.empty(bounds, np.float32)
-        self._shape, self._slots = shape, np.empty(0, np.int32)
-        self._occupied: list[tuple[np.ndarray, np.ndarray]] = []
-        self._set_layers(0)
-
-    def _set_layers(self, layers: int) -> None:
-        size, across = len(self.depth), self.layout.shape[3]
-        self.deeper_depth = np.full((layers, size), -np.inf, np.float32)
-        self.deeper_back = np.zeros((layers, size), np.float32)
-        self.deeper_nearest = np.full((size // across, self.layout.strips), -np.inf, np.float32)
-        no_cells = np.empty(0, np.int32)
-        self._occupied = [(no_cells, no_cells)] * layers
-        if layers and not self._slots.size:
-            self._slots = self.layout.slots(self._shape)
 
     def fill(self, columns: Columns) -> None:
         """Take in the columns of a picture."""
-        layout, first, deeper = self.layout, columns.layers[0], columns.layers[1:]
-        layout.spread(np.where(first.covered, first.front_mm, _NO_DEPTH), self.depth)
-        if self.back.size:
-            layout.spread(first.back_mm, self.back)
+        layout, layers, size = self.layout, len(columns.layers), math.prod(self.layout.shape)
+        if layers != len(self.depth):
+            self.depth = np.full((layers, size), np.nan, np.float32)
+            self.back = np.full((layers, size if columns.end else 0), np.inf, np.float32)
+        for layer, depth, back in zip(columns.layers, self.depth, self.back, strict=True):
+            layout.spread(visible_depth(layer), depth)
+            if columns.end:
+                layout.spread(layer.back_mm, back)
         share_rows(
-            _find_bounds, layout.shape[0], self.depth, self.back, *layout.shape[1:],
+            _find_bounds, layout.shape[0], self.depth[0], self.back[0], *layout.shape[1:],
             layout.window[1], self.nearest, self.farthest,
         )  # fmt: skip
-        if len(deeper) != len(self.deeper_depth):
-            self._set_layers(len(deeper))
-        for number, layer in enumerate(deeper):
-            self.deeper_depth[number][self._occupied[number][1]] = -np.inf
-            cells = np.flatnonzero(layer.covered)
-            cells = cells[self._slots[cells] >= 0]
-            slots = self._slots[cells]
-            self.deeper_depth[number][slots] = layer.front_mm.reshape(-1)[cells]
-            self.deeper_back[number][slots] = layer.back_mm.reshape(-1)[cells]
-            self._occupied[number] = cells, slots
-        if deeper:
-            self._bound_deeper()
-
-    def _bound_deeper(self) -> None:
-        """Find the greatest depths of the second layer, which begins before those behind it."""
-        self.deeper_nearest[:] = -np.inf
-        _, slots = self._occupied[0]
-        rows, across = np.divmod(slots, self.layout.shape[3])
-        depth, reach = self.deeper_depth[0][slots], LANES + self.layout.window[1] - 1
-        for strip in range(self.layout.strips):
-            start = min(strip * LANES, self.layout.shape[3] - reach)
-            within = (start <= across) & (across < start + reach)
-            np.maximum.at(self.deeper_nearest[:, strip], rows[within], depth[within])
-
-    def deeper_payloads(self, payloads: Sequence[np.ndarray], dtype: np.dtype) -> np.ndarray:
-        """Phases of payloads (H, W) of the deeper layers, (layers, slots)."""
-        deeper = np.zeros(self.deeper_depth.shape, dtype)
-        for of_layer, payload, (cells, slots) in zip(deeper, payloads, self._occupied, strict=True):
-            of_layer[slots] = payload.reshape(-1)[cells]
-        return deeper
 
 
 @compiled
@@ -252,8 +192,8 @@ def fits_tables(display: Display, shape: PictureShape, pixel_mm: float, layers: 
     return cells <= max(_MOST_SLOTS, 4 * (panel + shape[0] * shape[1]))
 
 
-def cells_per_pitch(display: Display, pixel_mm: float) -> int | None:
-    """Picture pixels per lens pitch if whole and equal on both axes, otherwise None."""
+def cells_per_pitch(display: Display, pixel_mm: float) -> int:
+    """Picture pixels per lens pitch if whole and equal on both axes, otherwise 0."""
     ratio = exact_length(display.pitch_mm) / exact_length(pixel_mm)
     square = exact_length(display.row_pitch_mm) == exact_length(display.pitch_mm)
-    return int(ratio) if ratio.denominator == 1 and square and display.is_separable else None
+    return int(ratio) if ratio.denominator == 1 and square and display.is_separable else 0

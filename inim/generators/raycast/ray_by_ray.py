@@ -8,22 +8,44 @@ for each border: no error accumulates, and corners are exact.
 from __future__ import annotations
 
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from inim.backend.kernels import compiled, share_rows
-from inim.display import Display
-from inim.display.pixels import CENTRE, PixelOffset, row_blocks
-from inim.generators.base import (
-    HOLE,
-    PictureShape,
-    Search,
-    SourceGenerator,
-    Sources,
-)
+from inim.display.pixels import row_blocks
+from inim.generators.base import HOLE, Sources
 from inim.generators.raycast.cells import PictureRays
-from inim.generators.raycast.columns import columns_of
+from inim.generators.raycast.columns import Columns, columns_of, visible_depth
+from inim.generators.raycast.tracer import RaySearch, Tracer
 from inim.image.rgbd import RGBD
+
+# Cells along a side of a tile; a power of two, so that borders of tiles are exact, too.
+_TILE = 8
+
+
+class TracedSurfaces(NamedTuple):
+    """Columns of a picture for `first_hit`.
+
+    * `fronts`, `backs`, `continue_behind`: as of `Columns`.
+    * `tops`, float32: nearest depth in each square tile, from the upper left corner on.
+    """
+
+    fronts: np.ndarray
+    backs: np.ndarray
+    tops: np.ndarray
+    continue_behind: bool
+
+    @classmethod
+    def of(cls, columns: Columns) -> TracedSurfaces:
+        """Surfaces of columns."""
+        fronts = np.stack([visible_depth(layer) for layer in columns.layers])
+        backs = np.stack([layer.back_mm for layer in columns.layers])
+        rows, width = (-(-n // _TILE) for n in fronts.shape[1:])
+        margins = [(0, n * _TILE - m) for n, m in zip((rows, width), fronts.shape[1:], strict=True)]
+        padded = np.pad(fronts[0], margins, constant_values=-np.inf)
+        tops = padded.reshape(rows, _TILE, width, _TILE).max(axis=(1, 3))
+        return cls(fronts, backs, tops, columns.continue_behind)
 
 
 @compiled
@@ -35,37 +57,54 @@ def leaves(cell, start, slope, scale):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def entry_cell(start, slope, scale, z_max):  # type: ignore[no-untyped-def]
-    """The cell a ray is in just below z_max; on a border, the one it is about to enter."""
-    cell = int(np.floor((start + slope * z_max) / scale))
+def _enter(z, start, slope, scale):  # type: ignore[no-untyped-def]
+    """The cell a ray is in just below a depth, and where it leaves it; on a border, the one it is
+    about to enter.
+    """
+    cell = int(np.floor((start + slope * z) / scale))
     if slope == 0.0:
-        return cell
-    step = -1 if slope > 0 else 1
+        return cell, -np.inf
     # The product is rounded, the borders' depths decide: at most one cell either way.
-    while leaves(cell, start, slope, scale) >= z_max:
+    step = -1 if slope > 0 else 1
+    z_entry, z_exit = leaves(cell - step, start, slope, scale), leaves(cell, start, slope, scale)
+    while z_exit >= z:
         cell += step
-    while leaves(cell - step, start, slope, scale) < z_max:
+        z_entry, z_exit = z_exit, leaves(cell, start, slope, scale)
+    while z_entry < z:
         cell -= step
-    return cell
+        z_entry, z_exit = leaves(cell - step, start, slope, scale), z_entry
+    return cell, z_exit
 
 
 @compiled
-def first_hit(fronts, backs, continue_behind, u0, du, u1, v0, dv, v1, z_min, z_max):  # type: ignore[no-untyped-def]
+def first_hit(surfaces, u0, du, u1, v0, dv, v1, z_min, z_max):  # type: ignore[no-untyped-def]
     """Walk one ray from z_max down to z_min: the source of its first hit, or `HOLE`.
 
-    `u` are columns and `v` rows, each as start, slope and scale of `CellRays`; the rest is as of
-    `Columns`.
+    * `surfaces`: see `TracedSurfaces`.
+    * `u0`, `du`, `u1`; `v0`, `dv`, `v1`: start, slope and scale of columns and rows, as of
+      `CellRays`.
     """
+    fronts, backs, tops, continue_behind = surfaces
     _, rows, columns = fronts.shape
     # z falls along the walk, so a ray with du < 0 moves to larger columns.
     step_u = -1 if du > 0 else 1
     step_v = -1 if dv > 0 else 1
-    u, v = entry_cell(u0, du, u1, z_max), entry_cell(v0, dv, v1, z_max)
-    z_u, z_v = leaves(u, u0, du, u1), leaves(v, v0, dv, v1)
+    cells_per_mm = max(abs(du) / u1, abs(dv) / v1)
+    # The walk visits tiles until one is as high as the ray, then cells.
+    in_tiles, u1, v1 = True, _TILE * u1, _TILE * v1
+    (u, z_u), (v, z_v) = _enter(z_max, u0, du, u1), _enter(z_max, v0, dv, v1)
     z_entry, passed_over, behind = np.inf, HOLE, False
     while True:
         z_exit = max(z_u, z_v, z_min)
-        if 0 <= u < columns and 0 <= v < rows:
+        if in_tiles:
+            if 0 <= u < tops.shape[1] and 0 <= v < tops.shape[0] and tops[v, u] >= z_exit:
+                # A border is crossed on the way: the cell before the tile is visited, too.
+                if cells_per_mm > 0:
+                    z_max = min(z_max, z_entry + 1.5 / cells_per_mm)
+                in_tiles, u1, v1, z_entry = False, u1 / _TILE, v1 / _TILE, np.inf
+                (u, z_u), (v, z_v) = _enter(z_max, u0, du, u1), _enter(z_max, v0, dv, v1)
+                continue
+        elif 0 <= u < columns and 0 <= v < rows:
             hit = _is_hit(fronts, backs, v, u, z_entry, z_exit)
             if hit >= 0:
                 return (hit * rows + v) * columns + u
@@ -104,33 +143,7 @@ def _is_hit(fronts, backs, row, column, z_entry, z_exit):  # type: ignore[no-unt
     return _BEHIND
 
 
-class FirstHits(SourceGenerator):
-    """First hits in the columns of pictures.
-
-    * `display`, `shape`, `pixel_mm`, `pixel_offset`, `mask`: as for `SourceGenerator`.
-    * `rule`: see `raycast.columns`.
-    """
-
-    def __init__(
-        self,
-        display: Display,
-        shape: PictureShape,
-        pixel_mm: float,
-        rule: str,
-        pixel_offset: PixelOffset = CENTRE,
-        mask: np.ndarray | None = None,
-    ) -> None:
-        super().__init__(display, shape, pixel_mm, mask, pixel_offset)
-        self._rule = rule
-
-    def find(self, rgbd: RGBD) -> Sources:
-        """See `SourceGenerator.find`."""
-        sources = np.empty(self.display.eia_shape, np.int32)
-        self.search(rgbd)(slice(0, len(sources)), sources)
-        return sources
-
-
-class RayByRay(FirstHits):
+class RayByRay(Tracer):
     """Separate traversal of every ray, in blocks of panel rows to limit memory.
 
     On separable displays, hits are exact. On hexagonal, rotated or tilted arrays, rays do not share
@@ -139,82 +152,37 @@ class RayByRay(FirstHits):
     side.
 
     A ray starts at the nearest surface of the picture, because no cell that it leaves above can be
-    hit. It passes over square tiles whose surfaces are all behind it, and visits cells from the
-    last one before the first other tile on. No such bound exists below the farthest surface,
-    because a ray under all surfaces hits the next column without a back. A ray inside an empty
-    rectangle of the picture has no hit.
+    hit. It first walks over pictures of tiles, as high as the nearest surface in each: the walk
+    over cells starts just above the first tile that it hits. No such bound exists below the
+    farthest surface, because a ray under all surfaces hits the next column without a back.
     """
 
-    def search(self, rgbd: RGBD) -> Search:
-        """See `SourceGenerator.search`."""
-        columns = columns_of(rgbd, self._rule)
-        surfaces = (columns.fronts(), columns.backs(), columns.continue_behind)
+    @cached_property
+    def _rays(self) -> list[PictureRays]:
+        size = self.display, self.shape, self.pixel_mm
+        return [PictureRays(*size, offset) for offset in self.offsets]
+
+    def take(self, rgbd: RGBD) -> RaySearch:
+        """See `Tracer.take`."""
+        surfaces, selected = TracedSurfaces.of(columns_of(rgbd, self.rule)), self.rays()[0].selected
+        front = surfaces.fronts[0]
         z_min, z_max = self.display.depth_range_mm
         # Just above the nearest surface: a cell left exactly at its depth counts.
-        z_max = min(z_max, float(np.nextafter(np.float64(surfaces[0][0].max()), np.inf)))
-        above, selected = _covered_above(surfaces[0][0] > -np.inf), self.selected
-        tops = _tile_tops(surfaces[0][0])
+        z_max = min(z_max, float(np.nextafter(np.float64(front.max()), np.inf)))
+        above = _covered_above(front > -np.inf)
 
-        def find_rows(rows: slice, out: Sources) -> None:
+        def find_rows(ray: int, rows: slice, out: Sources) -> None:
             out[...] = HOLE
             for block in row_blocks(self.display) if z_max > z_min else ():
                 part = slice(max(block.start, rows.start), min(block.stop, rows.stop))
                 if part.start < part.stop and selected[part].any():
                     share_rows(
-                        _first_hits, part.stop - part.start, selected[part], *surfaces, above, tops,
-                        self._rays.block(part), z_min, z_max,
+                        _first_hits, part.stop - part.start, selected[part], surfaces, above,
+                        self._rays[ray].block(part), z_min, z_max,
                         out[part.start - rows.start : part.stop - rows.start],
                     )  # fmt: skip
-            self.mark(rows, out)
 
         return find_rows
-
-    @cached_property
-    def _rays(self) -> PictureRays:
-        return PictureRays(self.display, self.shape, self.pixel_mm, self.pixel_offset)
-
-
-# Cells along a side of a tile.
-_TILE = 8
-
-
-def _tile_tops(front: np.ndarray) -> np.ndarray:
-    """Nearest depth in each tile of a picture, from its upper left corner on."""
-    rows, columns = (-(-n // _TILE) for n in front.shape)
-    margins = [(0, n * _TILE - m) for n, m in zip((rows, columns), front.shape, strict=True)]
-    padded = np.pad(front, margins, constant_values=-np.inf)
-    tops: np.ndarray = padded.reshape(rows, _TILE, columns, _TILE).max(axis=(1, 3))
-    return tops
-
-
-@compiled
-def _start_depth(tops, u0, du, u1, v0, dv, v1, z_min, z_max):  # type: ignore[no-untyped-def]
-    """Depth above which a ray passes over the picture, in the cell it passes over last or before;
-    -inf if it passes over all of it.
-    """
-    rows, columns = tops.shape
-    step_u, step_v = -1 if du > 0 else 1, -1 if dv > 0 else 1
-    # Last cell of a tile on the way, which the ray leaves where it leaves the tile.
-    last_u, last_v = 0 if du > 0 else _TILE - 1, 0 if dv > 0 else _TILE - 1
-    u, v = entry_cell(u0, du, u1, z_max) // _TILE, entry_cell(v0, dv, v1, z_max) // _TILE
-    z_u, z_v = leaves(u * _TILE + last_u, u0, du, u1), leaves(v * _TILE + last_v, v0, dv, v1)
-    z_entry = z_max
-    while True:
-        z_exit = max(z_u, z_v, z_min)
-        if 0 <= u < columns and 0 <= v < rows and tops[v, u] >= z_exit:
-            break
-        if z_exit <= z_min:
-            return -np.inf
-        z_entry = z_exit
-        if z_u >= z_exit:
-            u += step_u
-            z_u = leaves(u * _TILE + last_u, u0, du, u1)
-        if z_v >= z_exit:
-            v += step_v
-            z_v = leaves(v * _TILE + last_v, v0, dv, v1)
-    cells_per_mm = max(abs(du) / u1, abs(dv) / v1)
-    # A border is crossed on the way: the cell before the tile is visited, too.
-    return min(z_max, z_entry + 1.5 / cells_per_mm) if cells_per_mm > 0 else z_max
 
 
 def _covered_above(covered: np.ndarray) -> np.ndarray:
@@ -226,11 +194,11 @@ def _covered_above(covered: np.ndarray) -> np.ndarray:
 
 @compiled
 def _first_hits(  # type: ignore[no-untyped-def]
-    begin, end, selected, fronts, backs, continue_behind, above, tops, rays, z_min, z_max, sources
+    begin, end, selected, surfaces, above, rays, z_min, z_max, sources
 ):
     """`first_hit` of the selected pixels of some rows."""
     u0, du, v0, dv, u1, v1 = rays
-    bottom, right = fronts.shape[1:]
+    bottom, right = surfaces.fronts.shape[1:]
     for i in range(begin, end):
         for j in range(sources.shape[1]):
             if not selected[i, j]:
@@ -240,11 +208,7 @@ def _first_hits(  # type: ignore[no-untyped-def]
             top, bottom_end = _cells_between(*down, z_min, z_max, bottom)
             upper = above[top, right_end] - above[top, left]
             if above[bottom_end, right_end] - above[bottom_end, left] > upper:
-                z_start = _start_depth(tops, *across, *down, z_min, z_max)
-                if z_start > z_min:
-                    sources[i, j] = first_hit(
-                        fronts, backs, continue_behind, *across, *down, z_min, z_start
-                    )
+                sources[i, j] = first_hit(surfaces, *across, *down, z_min, z_max)
 
 
 @compiled

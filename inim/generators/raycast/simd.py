@@ -30,13 +30,12 @@ _INDEX = ir.IntType(64)
 _ELEMENTS = {
     "float32": ir.FloatType(),
     "uint32": ir.IntType(32),
-    "uint64": ir.IntType(64),
     "flag": ir.IntType(1),
 }
 
 
 class Lanes(types.Type):  # type: ignore[misc]
-    """One number (float32, uint32, uint64) or flag for each lane."""
+    """One number (float32, uint32) or flag for each lane."""
 
     def __init__(self, element: str, count: int) -> None:
         self.element, self.count = element, count
