@@ -94,7 +94,9 @@ def prepare(
     return averaged(
         display,
         1,
-        lambda offset: _Wang2024(display, shape, pixel_mm, search, steps, mask, offset),
+        lambda offsets: [
+            _Wang2024(display, shape, pixel_mm, search, steps, mask, offset) for offset in offsets
+        ],
     )
 
 

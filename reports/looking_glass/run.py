@@ -63,14 +63,14 @@ class QuiltRays(RayByRay):
     channel = 0
 
     @property
-    def _rays(self) -> PictureRays:
+    def _rays(self) -> list[PictureRays]:
         outer = self
 
         class Rays(PictureRays):
             def block(self, rows: slice, *, in_cells: bool = False) -> RayBlock:  # noqa: ARG002
                 return outer.block(rows)
 
-        return Rays(self.display, self.shape, self.pixel_mm, self.pixel_offset)
+        return [Rays(self.display, self.shape, self.pixel_mm, self.offsets[0])]
 
     def block(self, rows: slice) -> RayBlock:
         """Rays of some panel rows over the picture; see `RayBlock`."""
@@ -104,9 +104,9 @@ def quilt_picture(
     picture = np.zeros((*display.eia_shape, 3), np.float32)
     for channel, area in enumerate(SUBPIXELS[display.subpixels]):
         offset = PixelOffset(Fraction(0), area.right, area.channel)
-        rays = QuiltRays(display, rgbd.shape, rgbd.pixel_mm, "surface", offset)
+        rays = QuiltRays(display, rgbd.shape, rgbd.pixel_mm, "surface", (offset,))
         rays.views, rays.tile, rays.channel = views, tile, channel
-        sources = rays.sources(rgbd)
+        sources = rays.rays()[0].sources(rgbd)
         colours = rgbd.color[..., channel].reshape(-1)
         picture[..., channel] = np.where(sources >= 0, colours[np.maximum(sources, 0)], 0)
     return picture
