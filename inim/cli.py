@@ -37,6 +37,7 @@ GROUPS = {
         "depth": "inputs",
         "export": "view",
         "film": "view",
+        "choose": "choose",
         "inspect": "info",
         "calibrate": "calibrate",
         "photo": "calibrate",

@@ -52,6 +52,7 @@ def test_text_of_a_preset_fits_a_terminal_and_names_the_figures(capsys, preset):
         "real: pictures stand in front",
         "RMS radius",
         "crosstalk",
+        "two eyes fit",
         "MB/frame",
     ):
         assert words in text
@@ -60,7 +61,7 @@ def test_text_of_a_preset_fits_a_terminal_and_names_the_figures(capsys, preset):
 
 def test_json_is_valid_and_complete_with_units(capsys):
     data = read_text(inspect(capsys, "nominal", "--json"))
-    assert data["schema"] == "inim.inspect/2"
+    assert data["schema"] == "inim.inspect/3"
     assert len(data["pixels_per_lens"]) == 3
     assert set(data["light"]) == {"centre", "left", "right", "up", "down"}
     share = np.array(data["crosstalk"]["share"])
@@ -69,7 +70,7 @@ def test_json_is_valid_and_complete_with_units(capsys):
     unitless = (
         *("columns", "rows", "pixels_per_lens", "views_across", "views_down", "share"),
         *("refractive_index", "conic", "fill", "fill_factor", "asphere_a4", "asphere_a6"),
-        *("black_level", "ambient_reflection", "veiling_glare"),
+        *("black_level", "ambient_reflection", "veiling_glare", "details_across", "brightness"),
     )
     units = ("_mm", "_deg", "_um", "_px", "_mb")
     for place, key, value in numbers(data):
@@ -98,7 +99,7 @@ def test_folder_gets_the_json_and_a_figure_with_something_on_it(inspection_folde
     files = ["inspect.json", "inspect.png", "inspect.svg"]
     assert sorted(p.name for p in inspection_folder.iterdir()) == files
     data = read_document(inspection_folder / "inspect.json")
-    assert (data["schema"], data["source"]) == ("inim.inspect/2", "nominal")
+    assert (data["schema"], data["source"]) == ("inim.inspect/3", "nominal")
     pixels = np.asarray(Image.open(inspection_folder / "inspect.png").convert("RGB"))
     assert pixels.shape[0] > 800 and pixels.shape[1] > 1200
     assert len(np.unique(pixels @ np.array([1 << 16, 1 << 8, 1]))) > 200

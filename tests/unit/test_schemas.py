@@ -26,6 +26,7 @@ OWN_KIND = {
     ROOT / "reports/coverage/coverage.json",
     ROOT / "reports/optimal/optimal.json",
     ROOT / "reports/panel/panel.json",
+    ROOT / "reports/choose/choose.json",
     ROOT / "reports/paper_sizes/paper_sizes.json",
     ROOT / "reports/calibration/calibration.json",
     ROOT / "reports/calibration/disturbed.json",
