@@ -37,11 +37,15 @@ def choose(
 ) -> tuple[ChooseDocument, tuple[Candidate, ...]]:
     """Design a display with each sheet; the candidates on the Pareto front, best first.
 
+    Sheets with a source follow, even if their displays are beaten: these exist.
+
     * `scene`: Mitsuba scene or mesh of a relic, to validate the first `validated` candidates with.
 
     Raises `DisplayError`: no sheet gives a display that meets the need.
     """
-    candidates = front(search(need, sheets))
+    designs = search(need, sheets)
+    candidates = front(designs)
+    candidates += [c for c in designs if c.sheet.source and c not in candidates]
     if not candidates:
         raise DisplayError(
             f"no lens sheet gives two eyes at {need.distance_mm:g} mm a picture {need.depth_mm:g} "

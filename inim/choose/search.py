@@ -21,7 +21,13 @@ from inim.errors import DisplayError, UsageError
 from inim.inspection.findings import usable_model
 from inim.inspection.geometry import COVER_GLASS
 from inim.inspection.spots import spots
-from inim.inspection.suitability import EYES_APART_MM, detail_mm, spot_pixels, suitability
+from inim.inspection.suitability import (
+    EYES_APART_MM,
+    detail_mm,
+    spot_pixels,
+    suitability,
+    zone_border_mm,
+)
 from inim.lens import lens_model as find_lens_model
 
 _PANEL = re.compile(r"(\d{2,5})\s*[x×]\s*(\d{2,5})\s*,\s*(\d+(?:\.\d+)?)\s*(in|cm|um|µm)")
@@ -33,8 +39,6 @@ _CENTRES = np.linspace(-1, 1, 41)
 _SLANT_DEG = math.degrees(math.atan(1 / 6))
 _LENGTH_DIGITS = 4
 _DEPTH_DECIMALS = 2
-# A candidate is on the front if no other is better by these figures; a sign tells which way.
-_FIGURES = {"detail_mm": -1, "sharp_depth_mm": 1, "zone_width_mm": 1}
 
 
 @dataclass(frozen=True)
@@ -92,11 +96,13 @@ def search(need: Need, sheets: Sequence[LensSheet]) -> list[Candidate]:
 
 
 def front(candidates: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates that no other one beats in detail, sharp depth and viewing zone at once."""
+    """The candidates that no other one beats in detail, sharp depth, viewing zone and tolerance of
+    the gap at once. Panel and array alone determine the other tolerances.
+    """
 
     def figures(candidate: Candidate) -> np.ndarray:
-        values = candidate.suitability
-        return np.array([sign * getattr(values, name) for name, sign in _FIGURES.items()])
+        s = candidate.suitability
+        return np.array([-s.detail_mm, s.sharp_depth_mm, s.zone_width_mm, s.accuracy["gap_mm"]])
 
     table = [figures(c) for c in candidates]
     return [
@@ -116,11 +122,14 @@ def _best(need: Need, sheet: LensSheet) -> Candidate | None:
         except DisplayError:
             continue
         half_x, half_y = display.flip_limit_mm(need.distance_mm)
-        if half_x < EYES_APART_MM / 2 + need.move_mm or half_y < 0:
+        if half_x < EYES_APART_MM / 2 + need.move_mm:
             continue
         if blurred is None:  # a lens's spot hardly depends on the gap
             model = find_lens_model(usable_model(None, display)[0]).name
             blurred = spot_pixels(spots(display, model, display.central_depth_mm), model)
+        border = zone_border_mm(display, need.distance_mm, blurred)
+        if half_x - border < EYES_APART_MM / 2 + need.move_mm or half_y < border:
+            continue
         low, detail = _best_range(display, need.depth_mm, blurred)
         high = round(low + need.depth_mm, _DEPTH_DECIMALS)
         designs.append((detail, display.replace(depth_min_mm=low, depth_max_mm=high)))

@@ -17,7 +17,19 @@ if TYPE_CHECKING:
 # Rows of the table; JSON has all.
 _MOST_ROWS = 10
 _COLUMNS = 100
-_HEADS = ("", "lenses", "gap", "depth range", "detail", "sharp", "zone", "head", "light", "score")
+_HEADS = (
+    "",
+    "lenses",
+    "gap",
+    "",
+    "depth range",
+    "detail",
+    "sharp",
+    "zone",
+    "head",
+    "light",
+    "score",
+)
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -92,7 +104,11 @@ def _run(args: argparse.Namespace) -> int:
 
 def _as_text(data: ChooseDocument) -> str:
     """Table of the candidates, and the recommendation."""
-    table = [_HEADS, *(_row(record) for record in data.candidates[:_MOST_ROWS])]
+    records = data.candidates[:_MOST_ROWS]
+    records += [record for record in data.candidates[_MOST_ROWS:] if record.source]
+    table = [_HEADS, *map(_row, records)]
+    if data.scene is None:
+        table = [cells[:-1] for cells in table]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
     rows = [
         "  ".join(f"{cell:<{w}}" if n < 1 else f"{cell:>{w}}" for n, (cell, w) in enumerate(row))
@@ -109,8 +125,8 @@ def _as_text(data: ChooseDocument) -> str:
             "",
             "Lengths in mm. detail: finest detail at the worst depth; sharp: depths with sharp "
             "details;",
-            "head: movement to either side; light: brightness, % of the panel's; score: SSIM on "
-            "the relic.",
+            "head: movement to either side; light: brightness, % of the panel's"
+            + ("." if data.scene is None else "; score: SSIM on the relic."),
             "",
             *textwrap.wrap(
                 f"Recommended: {best.sheet}. Reason: {data.reason}. Buy a sheet with a pitch of "
@@ -132,6 +148,7 @@ def _row(record: CandidateRecord) -> tuple[str, ...]:
         record.sheet,
         f"{figures.lens_columns} x {figures.lens_rows}",
         f"{display.gap_mm:.4g}",
+        f"±{figures.accuracy['gap_mm']:.2f}",
         f"{low:.1f} .. {high:.1f}",
         f"{figures.detail_mm:.2f}",
         f"{figures.sharp_depth_mm:.0f}",

@@ -142,7 +142,9 @@ def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:
         "Compute the properties of a display without rendering: depth, viewing zone, voxel size, "
         "spot size, crosstalk, and the effect of more or fewer pixels per lens."
     )
-    parser.add_argument("display", metavar="SCENE|PRESET", help="scene (.xml), nominal or phone")
+    parser.add_argument(
+        "display", metavar="SCENE|PRESET", help="scene (.xml), nominal, fine or phone"
+    )
     lens_model = "lens model: pinhole, thin or thick (default: thick, if it can be manufactured)"
     out = "folder for inspect.json, .svg and .png"
     add_shared(parser, "definitions", "debug", lens_model=lens_model, out=out)

@@ -23,8 +23,8 @@ class CandidateRecord(Part):
 class ChooseDocument(Document, tag="inim.choose/1"):
     """Choice of a lens sheet for a panel.
 
-    `inim choose --panel PANEL --json`: displays that no other one beats in detail, depth and
-    viewing zone at once; the first one is recommended.
+    `inim choose --panel PANEL --json`: displays that no other one beats in detail, sharp
+    depth, viewing zone and tolerance of the gap at once; the first one is recommended.
     """
 
     inim_version: InimVersion

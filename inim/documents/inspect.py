@@ -144,9 +144,11 @@ class Suitability(Part):
     sharp_depth_mm: float
     zone_width_mm: float  #: Width of the viewing zone at the viewing distance, mm; 0: none.
     zone_height_mm: float | None  #: Its height, mm; null: unlimited, without vertical parallax.
-    two_eyes_fit: bool  #: True if two eyes 63 mm apart fit into the viewing zone.
-    #: Largest movement of the head from the middle to either side with both eyes in the viewing
-    #: zone, mm; null: two eyes do not fit.
+    #: True if two eyes 63 mm apart fit into the viewing zone without its border, in which lenses
+    #: show part of a neighbour's picture.
+    two_eyes_fit: bool
+    #: Largest movement of the head from the middle to either side with both eyes there, mm; null:
+    #: two eyes do not fit.
     head_movement_mm: float | None
     #: Luminance of a white picture on the axis, as a share of the panel's own.
     brightness: float

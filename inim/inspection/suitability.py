@@ -43,8 +43,9 @@ def suitability(
     # Details grow linearly from the sharpest depth and from the array: an end is the worst.
     detail = float(np.max(detail_mm(display, np.array([low, high]), pixels)))
     half_x, half_y = display.flip_limit_mm(distance_mm)
-    head = half_x - EYES_APART_MM / 2
-    fits = head >= 0 and half_y >= 0
+    border = zone_border_mm(display, distance_mm, pixels)
+    head = half_x - border - EYES_APART_MM / 2
+    fits = head >= 0 and half_y >= border
     light = traced[1]
     rows, columns = display.layout.grid
     return Suitability(
@@ -61,6 +62,19 @@ def suitability(
         brightness=light.own_share + light.neighbour_share + light.past_lenses_share,
         accuracy={k: KNOWN_TO_PIXELS * v for k, v in one_pixel_errors(display).items()},
     )
+
+
+def zone_border_mm(display: Display, distance_mm: float, blurred_pixels: float) -> float:
+    """Width of the border of the viewing zone, in which lenses show part of a neighbour's picture.
+
+    An eye sees a patch of the panel through a lens of aperture A, A g abs(1 / D - 1 / V) wide, and
+    a pixel's width with the lens's spot about it. At the flip limit, half of it is the neighbour's.
+    """
+    plane, gap = display.central_depth_mm, display.gap_mm
+    aperture = display.fill_factor * display.pitch_mm
+    patch = aperture * gap * abs((0.0 if math.isinf(plane) else 1 / plane) - 1 / distance_mm)
+    pixel = display.pixel_pitch_mm * math.hypot(_pixel_share(display), blurred_pixels)
+    return (patch + pixel) / 2 * distance_mm / gap
 
 
 def spot_pixels(of_points: Sequence[Spot], model: str) -> float:
@@ -81,9 +95,13 @@ def detail_mm(display: Display, depth_mm: np.ndarray, blurred_pixels: float = 0.
 
     A slanted lenticular has a direction for each sub-pixel: pixels are a third as wide.
     """
-    pixel = 1 / 3 if display.layout.of_cylinders and display.subpixels != "none" else 1.0
-    footprint = pixel_footprint_mm(display, depth_mm) * math.hypot(pixel, blurred_pixels)
+    width = math.hypot(_pixel_share(display), blurred_pixels)
+    footprint = pixel_footprint_mm(display, depth_mm) * width
     return np.asarray(footprint + aperture_blur_mm(display, depth_mm))
+
+
+def _pixel_share(display: Display) -> float:
+    return 1 / 3 if display.layout.of_cylinders and display.subpixels != "none" else 1.0
 
 
 def _sharp_depth_mm(display: Display, blurred_pixels: float) -> float:

@@ -62,8 +62,14 @@ def _entry(candidate: Candidate, need: Need, scenes: Sequence[Path]) -> dict[str
         "lenses": [figures.lens_columns, figures.lens_rows],
         "detail_mm": figures.detail_mm,
         "zone_width_mm": figures.zone_width_mm,
-        "scores": {scene.stem: score(candidate, need, scene) for scene in scenes},
+        "scores": {scene.stem: _score(candidate, need, scene) for scene in scenes},
     }
+
+
+def _score(candidate: Candidate, need: Need, scene: Path) -> float:
+    value = score(candidate, need, scene)
+    print(f"{candidate.sheet.name}, {scene.stem}: {value:.3f}", flush=True)
+    return value
 
 
 def as_markdown(comparisons: Sequence[dict[str, Any]], command: str) -> str:

@@ -1,12 +1,16 @@
 """Choice of a lens sheet: figures of a display, the search, the tables, and the command."""
 
+import dataclasses
+
 import numpy as np
 import pytest
+from msgspec import structs
 
 from inim.choose.search import Candidate, Need, front, parse_panel, search
 from inim.choose.sheets import TABLE, LensSheet, any_sheets, read_sheets
 from inim.cli import main
 from inim.display import DISPLAYS, Display
+from inim.display.viewpoint import default_distance_mm
 from inim.errors import EXIT_PASSED, EXIT_USAGE, FileError, UsageError
 from inim.inspection.suitability import detail_mm, suitability
 from inim.scene.file import choose_display
@@ -33,10 +37,24 @@ focal_length_mm = 4.5
 
 
 def test_zone_of_the_nominal_display_leaves_no_room_for_the_head():
-    figures = suitability(NOMINAL, 415.8, "thick")
+    """63 mm wide, and in its border of V p / 2g the neighbour's picture begins."""
+    figures = suitability(NOMINAL, 415.8, "pinhole")
     assert figures.zone_width_mm == pytest.approx(63.0)
-    assert figures.two_eyes_fit and figures.head_movement_mm == pytest.approx(0.0, abs=1e-6)
-    assert not suitability(NOMINAL, 400.0, "thick").two_eyes_fit
+    assert not figures.two_eyes_fit and figures.head_movement_mm is None
+    patch = 3.3 * (1 / 33 - 1 / 600)
+    border = (patch + 1 / 17) / 2 * 600 / 3.3
+    half = 600 / 6.6 - 31.5
+    head = suitability(NOMINAL, 600.0, "pinhole").head_movement_mm
+    assert head == pytest.approx(half - border - 31.5, rel=1e-6)
+
+
+def test_first_display_has_finer_details_and_room_for_the_head():
+    fine, distance = DISPLAYS["fine"], default_distance_mm(DISPLAYS["fine"])
+    assert distance == pytest.approx(542.7, abs=0.1)  # where its elemental images aim
+    figures = suitability(fine, distance, "thick")
+    assert figures.head_movement_mm > 25
+    nominal = suitability(NOMINAL, default_distance_mm(NOMINAL), "thick")
+    assert figures.details_across > 2 * nominal.details_across
 
 
 def test_detail_without_a_spot_is_footprint_and_blur_at_the_far_end():
@@ -114,12 +132,15 @@ def test_a_deeper_picture_has_coarser_details():
 def test_front_has_exactly_the_candidates_that_none_beats(candidates):
     def beats(a: Candidate, b: Candidate) -> bool:
         a_figures, b_figures = (
-            (-c.suitability.detail_mm, c.suitability.sharp_depth_mm, c.suitability.zone_width_mm)
-            for c in (a, b)
+            (-f.detail_mm, f.sharp_depth_mm, f.zone_width_mm, f.accuracy["gap_mm"])
+            for f in (a.suitability, b.suitability)
         )
         pairs = list(zip(a_figures, b_figures, strict=True))
         return all(x >= y for x, y in pairs) and any(x > y for x, y in pairs)
 
+    first = candidates[0]
+    coarser = structs.replace(first.suitability, detail_mm=9.0)
+    candidates = [*candidates, dataclasses.replace(first, suitability=coarser)]
     unbeaten = front(candidates)
     assert 0 < len(unbeaten) < len(candidates)
     for candidate in candidates:

@@ -61,7 +61,7 @@ def test_addresses_of_two_servers_differ_and_are_on_this_machine_only():
 
 
 def test_address_of_another_machine_is_refused():
-    with pytest.raises(UsageError, match="--serve 192.0.2.7: this machine has no such address"):
+    with pytest.raises(UsageError, match=r"--serve 192\.0\.2\.7: this machine has no such address"):
         PageServer("", "192.0.2.7")
 
 
