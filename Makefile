@@ -25,7 +25,7 @@ PARALLEL := -n 3 --dist worksteal
 .PHONY: demo test test-all test-perception checks fast docs test-docs clean
 
 demo: $(VENV)/.installed
-	@$(BIN)/python -m inim.validate scenes/amphora.xml -o out/amphora
+	@$(BIN)/python -m inim.validate scenes/amphora.xml --display fine -o out/amphora
 
 # Without a cache, mypy occupies one core for 13 to 30 seconds, so the tests start at the same time.
 test: $(VENV)/.installed-test

@@ -17,11 +17,11 @@ from typing import Any
 from PIL import Image
 
 from inim.cli import COMMANDS
-from inim.commands.view import view_eia
 from inim.documents import NAMES, schema
 from inim.pipeline.stages.method import algorithm_table
 from inim.settings import setting_table
 from inim.sweeps.table import columns_as_markdown
+from inim.views.page import view_eia
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the project's own folders
 from reports.gallery.page import gallery_page

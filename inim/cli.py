@@ -38,6 +38,7 @@ GROUPS = {
         "pickup": "inputs",
         "export": "view",
         "film": "view",
+        "choose": "choose",
         "inspect": "info",
         "calibrate": "calibrate",
         "photo": "calibrate",

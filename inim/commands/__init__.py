@@ -96,6 +96,15 @@ _SHARED = {
         help="quick first look: template only, from the centre, few samples, and on lenticulars "
         "only panel pixels that the view needs; other options override these values",
     ),
+    "open": _option("--open", action="store_true", help="open the virtual display in the browser"),
+    "serve": _option(
+        "--serve",
+        nargs="?",
+        const="127.0.0.1",
+        metavar="ADDRESS",
+        help="serve the EIA as a full-screen page, and nothing else, until interrupted: on this "
+        "machine only, or to phones of its network (lan, or an address)",
+    ),
     "quiet": _option("--quiet", action="store_true", help="print errors only"),
     "debug": _option("--debug", action="store_true", help="show tracebacks of internal errors"),
 }
@@ -224,7 +233,8 @@ def add_picture(parser: _Options) -> None:
     )
     add(
         "--fit",
-        help="contain: show the whole picture; cover: fill the array; auto: frame the subject",
+        help="cover: fill the array; contain: show the whole picture; auto: fill it with the "
+        "subject (default: cover, or auto for a photograph that contains depth)",
     )
     add(
         "--frame-at",
@@ -248,6 +258,18 @@ def picture_of(args: argparse.Namespace) -> CameraPicture:
     from inim.from_camera.picture import CameraPicture
 
     return CameraPicture(**{f.name: getattr(args, f.name) for f in fields(CameraPicture)})
+
+
+def show_result(page: Path, args: argparse.Namespace, eia: Path) -> None:
+    """Open the page of a virtual display, and serve its EIA, if the arguments ask for it."""
+    if args.open:
+        import webbrowser
+
+        webbrowser.open(page.resolve().as_uri())
+    if args.serve:
+        from inim.views.phone import phone_page, serve
+
+        serve(phone_page(eia), args.serve, print_outcome)
 
 
 def classify_input(args: argparse.Namespace) -> None:

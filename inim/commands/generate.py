@@ -18,6 +18,7 @@ from inim.commands import (
     finish,
     picture_of,
     print_warning,
+    show_result,
 )
 from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
 
@@ -89,6 +90,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="holes to fill: none, hidden (behind a nearer surface), all, or auto (default: the "
         "algorithm's own)",
     )
+    add_shared(parser, "open", "serve")
     add("--pdf", type=Path, help="also write a PDF that prints at true size")
     add(
         "--save-rgbd",
@@ -104,6 +106,12 @@ def _run(args: argparse.Namespace) -> int:
         return _generate_folder(args)
     args.out = args.out or Path("eia.png")
     _run_one(args)
+    page = args.out
+    if args.open:
+        from inim.views.page import view_eia
+
+        page = view_eia(args.out, args.display, choices_of(args)["definitions"])
+    show_result(page, args, args.out)
     return EXIT_PASSED
 
 
@@ -113,8 +121,8 @@ def _generate_folder(args: argparse.Namespace) -> int:
     from inim.from_camera.depth_photo import SUFFIXES
     from inim.worker.output import default_out
 
-    for option in ("pdf", "save_rgbd"):
-        if getattr(args, option) is not None:
+    for option in ("pdf", "save_rgbd", "open", "serve"):
+        if getattr(args, option):
             name = option.replace("_", "-")
             raise UsageError(f"--{name}: needs a single picture; leave it out with a folder")
     folder, out = args.photo, args.out or default_out(args.photo, "eia")
@@ -179,6 +187,7 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     picture.camera()
     check_algorithm(_algorithm(args))
     photograph = picture.read()
+    display = picture.orient(photograph, display)
     fitted, depth_map = picture.fit_to(photograph, display, settings.capture_pixels_per_pitch)
     eia, empty = _generate_eia(args, fitted.rgbd, display)
     report = _report(picture, photograph, fitted, depth_map, display, empty, _fill_words(args))

@@ -290,7 +290,7 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help="splats: keep only this box, x0,x1,y0,y1,z0,z1 (default: a box of nearly all)",
     )
     add("--title", help="name of the scene in reports (default: the mesh file's name)")
-    add("--display", help="display preset to write into the scene: nominal or phone")
+    add("--display", help="display preset to write into the scene: nominal, fine or phone")
     add("--force", action="store_true", help="replace existing files")
 
 

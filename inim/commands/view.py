@@ -1,27 +1,21 @@
-"""Commands `inim view` (the virtual display as an HTML file), `film` and `export`.
-
-A view needs no rendering: a report's panels and views are in its folder, and the replacement views
-of a single EIA come from the lens models in NumPy.
-"""
+"""Commands `inim view` (the virtual display as an HTML file), `film` and `export`."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands import Command, add_shared, check_report_arguments, choices_of
-from inim.errors import EXIT_PASSED, FileError
-from inim.version import __version__
+from inim.commands import (
+    Command,
+    add_shared,
+    check_report_arguments,
+    choices_of,
+    show_result,
+)
+from inim.errors import EXIT_PASSED, FileError, UsageError
 
 if TYPE_CHECKING:
     import argparse
-
-    from inim.display import Display
-
-#: Largest size of a page.
-_MOST_BYTES = 60_000_000
-_PAGE = "virtual-display.html"
 
 
 def _add_view_arguments(parser: argparse.ArgumentParser) -> None:
@@ -29,131 +23,23 @@ def _add_view_arguments(parser: argparse.ArgumentParser) -> None:
         "Write the virtual display of a report, or of any elemental image array, as one "
         "self-contained HTML file."
     )
-    out = f"HTML file to write (OUT/{_PAGE}, EIA-view.html)"
-    add_shared(parser, "source", "display", "definitions", out=out)
-    parser.add_argument("--open", action="store_true", help="open the page in the browser")
+    out = "HTML file to write (OUT/virtual-display.html, EIA-view.html)"
+    add_shared(parser, "source", "display", "definitions", "open", "serve", out=out)
 
 
 def _view(args: argparse.Namespace) -> int:
+    from inim.views.page import view_eia, view_report
+
     if args.source.is_dir():
         check_report_arguments(args)
+        if args.serve:
+            raise UsageError(f"--serve: {args.source} is a report; give an EIA, such as eia/*.png")
         path = view_report(args.source, args.out)
     else:
         path = view_eia(args.source, **choices_of(args), out=args.out)
-    print(path)
-    if args.open:
-        import webbrowser
-
-        webbrowser.open(path.resolve().as_uri())
+    print(path, flush=True)
+    show_result(path, args, args.source)
     return EXIT_PASSED
-
-
-def view_report(folder: Path, out: Path | None = None) -> Path:
-    """Write the virtual display of a report, with all its panels; return the path of the page.
-
-    Raises `FileError` if the report is missing or has no panels.
-    """
-    from inim.report import Report
-    from inim.report.images import ENCODINGS, ReportImages
-    from inim.report.sections.virtual_display import report_display
-    from inim.report.virtual_display import LIVE
-
-    report = Report.load(folder)
-    pictures = ReportImages(report.folder, ENCODINGS[0])
-    content = report_display(report.data, pictures, most_bytes=_MOST_BYTES)
-    if not LIVE.is_in(content):
-        raise FileError(
-            f"{folder}: the report's panels cannot be shown (missing, of another size than its "
-            "display, or too large); run inim validate again"
-        )
-    page = _page(report.data.title or folder.name, f"Display {report.display.name}", content)
-    return _write_page(folder / _PAGE if out is None else out, page)
-
-
-def view_eia(
-    eia: Path,
-    display: Display | str | Path | None = None,
-    definitions: Mapping[str, str] | None = None,
-    out: Path | None = None,
-    most_bytes: int = _MOST_BYTES,
-) -> Path:
-    """Write the virtual display of an EIA, and return the path of the page.
-
-    The EIA is a PNG (sRGB) or EXR (linear) of the panel's size. Display and definitions are those
-    of `inim.scene.file.choose_display`. The default of `out` is `EIA-view.html` in the EIA's
-    folder. `most_bytes` limits the size of the EIA in the page: a large one is compressed.
-    """
-    from inim.display.misalignment import misaligned
-    from inim.display.viewpoint import parse_viewpoints
-    from inim.documents.parts import EyePosition
-    from inim.files.eia_file import read_eia
-    from inim.image.color import to_srgb
-    from inim.report.images import ENCODINGS, ReportImages
-    from inim.report.virtual_display import (
-        LIVE,
-        Panel,
-        Still,
-        live_display,
-        shown_lens_model,
-        still_view,
-    )
-    from inim.scene.file import choose_display
-
-    design, settings = choose_display(display, definitions, "inim view")
-    viewpoints = parse_viewpoints(settings.viewpoints, design, settings.viewing_distance_mm)
-    eyes = [EyePosition(name=v.name, position_mm=v.position_mm) for v in viewpoints]
-    real = misaligned(design, settings.misalign)
-    codes = to_srgb(read_eia(eia, real)[0])
-    model = shown_lens_model(real, settings.lens_model)
-    stills = [
-        Still(eye.name, f"{model} lenses", still_view(codes, real, eye.position_mm, model))
-        for eye in eyes
-    ]
-    content = live_display(
-        real,
-        [Panel(eia.stem, codes)],
-        eyes,
-        stills,
-        ReportImages(eia.parent, ENCODINGS[0]),
-        most_bytes=most_bytes,
-        lens_model=settings.lens_model,
-    )
-    if not LIVE.is_in(content):
-        raise FileError(
-            f"{eia}: {real.eia_shape[1]} x {real.eia_shape[0]} pixels are too many for one page of "
-            f"{most_bytes / 1e6:g} MB"
-        )
-    page = _page(eia.name, f"Display {_words(real)}", content)
-    return _write_page(eia.with_name(f"{eia.stem}-view.html") if out is None else out, page)
-
-
-def _words(display: Display) -> str:
-    lenses = display.layout.lens_counts("×")
-    return f"{display.name}: {lenses} lenses of {display.pitch_mm:g} mm"
-
-
-def _page(title: str, facts: str, content: str) -> str:
-    """Self-contained HTML page."""
-    from inim.report.page import Section, render_page, text
-    from inim.report.virtual_display import ANCHOR, LIVE, TITLE
-
-    return render_page(
-        title,
-        [text(facts)],
-        [Section(ANCHOR, TITLE, content)],
-        window_title=f"{title} – inim virtual display",
-        footer=f"inim {__version__}",
-        widgets=[LIVE],
-    )
-
-
-def _write_page(path: Path, page: str) -> Path:
-    from inim.documents.document import write_text
-
-    if path.is_dir():
-        raise FileError(f"{path}: is a folder; name a file with -o")
-    write_text(path, page)
-    return path
 
 
 _FILM = "film.webp"

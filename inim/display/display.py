@@ -651,6 +651,28 @@ class Display:
         svg: bytes = _call("inim.report.diagram", "plan_view", self, ())
         return svg.decode()
 
+    def turned(self) -> Display:
+        """The display on its side: a landscape panel becomes an upright one, and vice versa.
+
+        Raises
+        ------
+        DisplayError
+            It does not look the same on its side: cylinders, staggered rows, sub-pixels, or an
+            array that is not aligned.
+        """
+        aligned = not (self.shift_x_mm or self.shift_y_mm) and self.is_separable
+        if not aligned or self.subpixels != "none" or self.row_pitch_mm != self.pitch_mm:
+            raise DisplayError(
+                f"display {self.name}: differs on its side; turn the picture instead"
+            )
+        return self.replace(
+            lens_columns=self.lens_rows,
+            lens_rows=self.lens_columns,
+            panel_columns=self.panel_rows,
+            panel_rows=self.panel_columns,
+            name=f"{self.name}, turned",
+        )
+
     def with_fixed_panel(self) -> Display:
         """A copy that states its panel and depth range: no change of a length moves them."""
         rows, columns = self.eia_shape

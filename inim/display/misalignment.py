@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -18,6 +19,27 @@ MISALIGNMENTS = {
     "gap_mm": "the gap is larger",
     "pitch_mm": "the lens pitch is larger",
 }
+
+
+def one_pixel_errors(display: Display) -> dict[str, float]:
+    """Misalignments that each shift the observed panel point by a pixel, by key.
+
+    The point is at the edge of the array; the eye is on its axis, twice as far as the nearest
+    usable position. A ray there moves P / 4g sideways for each millimetre of gap.
+    """
+    pixel = display.pixel_pitch_mm
+    half_width, half_height = display.width_mm / 2, display.height_mm / 2
+    farthest = max(half_width, half_height)
+    gap = pixel * 4 * display.gap_mm / display.pitch_mm
+    return {
+        "pitch_mm": pixel * display.pitch_mm / farthest,
+        "gap_mm": gap,
+        "rotation_deg": math.degrees(pixel / farthest),
+        "shift_x_mm": pixel,
+        "shift_y_mm": pixel,
+        "tilt_x_deg": math.degrees(math.atan(gap / half_width)),
+        "tilt_y_deg": math.degrees(math.atan(gap / half_height)),
+    }
 
 
 def parse_misalignment(misalignment: str | Mapping[str, float]) -> dict[str, float]:

@@ -27,5 +27,19 @@ DISPLAYS = {
         panel_rows=1080,
         name="phone",
     ),
+    # For a first look, from a search with `inim choose`: a panel like nominal's, finer lenses, and
+    # elemental images that aim at 543 mm, where the head may move by 28 mm to either side.
+    "fine": Display(
+        pitch_mm=0.7164,
+        elemental_pitch_mm=0.72,
+        focal_length_mm=2.5,
+        gap_mm=2.727,
+        pixel_pitch_mm=0.06,
+        lens_columns=90,
+        lens_rows=90,
+        depth_min_mm=0.0,
+        depth_max_mm=30.0,
+        name="fine",
+    ),
     **{name: values.display(name=name) for name, values in TYPICAL.items()},
 }

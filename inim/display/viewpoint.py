@@ -25,6 +25,8 @@ DEFAULT_VIEWPOINTS = {
 # left for moving, and step aside by three quarters of what is left: well inside the zone.
 _DISTANCE_IN_NEAREST = 2.0
 _SIDE_STEP = 0.75
+# Elemental images that aim farther are wider by accident: the sheet's pitch is not the nominal one.
+_FARTHEST_AIM_IN_NEAREST = 20.0
 _NAME = re.compile(r"[\w.+-]{1,64}")
 
 
@@ -139,14 +141,19 @@ def focus_distance_mm(viewpoint: Viewpoint, display: Display) -> float:
 
 
 def default_distance_mm(display: Display) -> float:
-    """Default eye distance: that of the design, if the rays of pixels are made for one; otherwise
-    twice the nearest distance without flips, outside the picture.
+    """Default eye distance: that of the design, if the rays of pixels are made for one, or that
+    at which wider elemental images aim; otherwise twice the nearest distance without flips, outside
+    the picture.
     """
     design = display.layout.design_distance_mm
     if design is not None and math.isfinite(design):
         return design
     in_front = 2 * max(display.depth_range_mm[1], 0.0)
-    return max(_DISTANCE_IN_NEAREST * display.nearest_viewing_distance_mm, in_front)
+    nearest, pitch = display.nearest_viewing_distance_mm, display.pitch_mm
+    wider = display.elemental_image_pitch_mm - pitch
+    if wider * _FARTHEST_AIM_IN_NEAREST * nearest >= display.gap_mm * pitch:
+        return max(display.gap_mm * pitch / wider, in_front)
+    return max(_DISTANCE_IN_NEAREST * nearest, in_front)
 
 
 def named_viewpoint(name: str, display: Display, distance_mm: float) -> Viewpoint:

@@ -252,6 +252,7 @@ _DRAFT = "https://json-schema.org/draft/2020-12/schema"
 _CLASSES = {
     "report": "report:ReportDocument",
     "picture": "picture:PictureDocument",
+    "choose": "choose:ChooseDocument",
     "compare": "compare:CompareDocument",
     "cameras": "picture:CamerasDocument",
     "baseline": "compare:BaselineDocument",

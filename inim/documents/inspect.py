@@ -133,6 +133,33 @@ class CrosstalkGrid(Part):
     share: list[list[float | None]]  #: A row for each of `eye_y_mm`.
 
 
+class Suitability(Part):
+    """Figures to choose a display by, for a viewer at the viewing distance."""
+
+    lens_columns: int  #: Lenses across.
+    lens_rows: int  #: Lenses down.
+    #: Width of the finest detail at the worst depth of the depth range, mm: voxel of a panel pixel
+    #: that the lens blurs by twice the RMS radius of its spot.
+    detail_mm: float
+    details_across: float  #: Such details over the width of the array.
+    depth_mm: float  #: Length of the depth range, mm.
+    #: Length of the depths at which details are at most twice as wide as at the sharpest depth, mm.
+    sharp_depth_mm: float
+    zone_width_mm: float  #: Width of the viewing zone at the viewing distance, mm; 0: none.
+    zone_height_mm: float | None  #: Its height, mm; null: unlimited, without vertical parallax.
+    #: True if two eyes 63 mm apart fit into the viewing zone without its border, in which lenses
+    #: show part of a neighbour's picture.
+    two_eyes_fit: bool
+    #: Largest movement of the head from the middle to either side with both eyes there, mm; null:
+    #: two eyes do not fit.
+    head_movement_mm: float | None
+    #: Luminance of a white picture on the axis, as a share of the panel's own.
+    brightness: float
+    #: Accuracy to which the alignment must be known, by parameter of `inim.misalign`: the error
+    #: that shifts the observed panel point by a tenth of a pixel.
+    accuracy: dict[str, float]
+
+
 class InspectDocument(Document, tag="inim.inspect/3"):
     """Inspection of a display.
 
@@ -149,6 +176,7 @@ class InspectDocument(Document, tag="inim.inspect/3"):
     #: Benefits and costs of half as many pixels per lens, of these, and of twice as many.
     pixels_per_lens: list[PixelChoice]
     viewing: ViewingLimits
+    suitability: Suitability
     voxel: VoxelWidths
     #: Diffraction by a lens's aperture: wavelength x gap / (aperture x panel pixel). No lens model
     #: includes it.

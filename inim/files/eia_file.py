@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.display import Display
-from inim.errors import FileError
+from inim.errors import DisplayError, FileError
 from inim.files import check_file
 from inim.files.image import read_exr_channels, write_exr_parts
 from inim.files.picture import open_picture
@@ -57,6 +57,40 @@ def read_eia(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | Non
             _check_size(path, picture.size, display)
             eia, alpha = _linear(picture)
     return eia, None if alpha is None else alpha > 0
+
+
+def eia_codes(path: Path) -> NDArray[np.uint8]:
+    """The codes of an EIA of any size, (rows, columns, 3), as a panel shows them over black.
+
+    Raises `FileError`: missing, damaged or wrong format.
+    """
+    check_eia_name(path)
+    if path.suffix.lower() == ".exr":
+        channels = read_exr_channels(path)
+        if not set("RGB") <= channels.keys():
+            raise FileError(f"{path}: has no colours; it has {', '.join(channels) or 'none'}")
+        return to_srgb(np.stack([channels[name] for name in "RGB"], axis=-1))
+    with open_picture(path, ("PNG",), 4, "not a readable PNG; save it again") as picture:
+        return to_srgb(_linear(picture)[0])
+
+
+def turned_for(path: Path, display: Display) -> Display:
+    """The display, on its side if the EIA in a file is: `inim generate` turns it for a picture.
+
+    Raises `FileError`: missing, damaged or wrong format.
+    """
+    check_eia_name(path)
+    if path.suffix.lower() == ".exr":
+        size = next(iter(read_exr_channels(path).values())).shape[::-1]
+    else:
+        with open_picture(path, ("PNG",), 4, "not a readable PNG; save it again") as picture:
+            size = picture.size
+    if size != display.eia_shape or size[0] == size[1]:
+        return display
+    try:
+        return display.turned()
+    except DisplayError:
+        return display
 
 
 def _check_size(path: Path, size: tuple[int, int], display: Display) -> None:

@@ -4,7 +4,7 @@ The nearness of the pixels is split into two classes (Otsu, IEEE Trans. SMC 9, 1
 weight in the middle of the picture. The nearer class is the subject if the two classes are distinct
 (two classes explain 3 / 4 of a uniform distribution). The depth range covers the subject and half
 as much behind it; farther depths are clipped to its far end. The picture is cropped to the
-display's shape around the subject, or kept whole if the crop would cut the subject.
+display's shape around the subject, or around its middle if it has none.
 """
 
 from __future__ import annotations
@@ -29,13 +29,15 @@ _BEHIND = 0.5
 _MIN_EXTENT = 0.1
 # Stray pixels at each side that the subject's bounding box ignores.
 _BOX_STRAY = 0.02
+# A subject of which this share remains is whole.
+_WHOLE = 0.98
 # Relative tolerance for equally good thresholds, which differ by rounding.
 _TIE = 1e-9
 
 
 @dataclass(frozen=True)
 class Framing:
-    """Crop, depth range and fit of a picture."""
+    """Crop and depth range of a picture."""
 
     #: Part of the picture.
     rows: slice
@@ -44,7 +46,6 @@ class Framing:
     near: float
     far: float
     subject_depth: float  #: Median depth of the subject.
-    fit: str  #: {"contain", "cover"}
     reason: str
 
 
@@ -76,7 +77,7 @@ def choose_framing(values: DepthValues, aspect: float) -> Framing:
 
     rows, columns = values.depth.shape
     high_px, wide_px = min(rows, round(columns / aspect)), min(columns, round(rows * aspect))
-    window, fit = (slice(0, rows), slice(0, columns)), "contain"
+    ends = [np.array([0, size]) for size in (rows, columns)]
     reason = f"no subject before a background (two depths explain {explained:.0%}); range: all"
     if has_subject:
         unit = " mm" if values.has_unit else ""
@@ -89,17 +90,14 @@ def choose_framing(values: DepthValues, aspect: float) -> Framing:
             np.quantile(places, (_BOX_STRAY, 1 - _BOX_STRAY), method="nearest") * step
             for places in np.nonzero(subject)
         ]
-        if np.ptp(ends[0]) <= high_px and np.ptp(ends[1]) <= wide_px:
-            window, fit = (
-                (_centre_window(ends[0], high_px, rows), _centre_window(ends[1], wide_px, columns)),
-                "cover",
-            )
-    if fit == "cover":
-        reason += f"; cover: {wide_px} x {high_px} of {columns} x {rows} pixels around it"
-    else:
-        reason += "; contain: the whole picture" + ", as cover would cut the subject" * has_subject
+    window = _centre_window(ends[0], high_px, rows), _centre_window(ends[1], wide_px, columns)
+    reason += f"; cover: {wide_px} x {high_px} of {columns} x {rows} pixels"
+    shares = [size / (np.ptp(e) + 1) for e, size in zip(ends, (high_px, wide_px), strict=True)]
+    if has_subject and min(shares) < _WHOLE:
+        lost = f"{1 - min(shares):.0%} of the subject"
+        reason += f", which cut {lost}; --fit contain shows the whole picture"
     middle = depth(float(np.median(nearness[subject])))
-    return Framing(*window, depth(front), depth(far), middle, fit=fit, reason=reason)
+    return Framing(*window, depth(front), depth(far), middle, reason)
 
 
 def _weights(shape: tuple[int, ...]) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.display import Display
-from inim.errors import FileError, UsageError
+from inim.errors import DisplayError, FileError, UsageError
 from inim.from_camera.depth_values import (
     FILL_RULES,
     DepthConvention,
@@ -192,8 +192,8 @@ class CameraPicture:
 
     @property
     def fit_rule(self) -> str:
-        """Rule for the fit: by default `auto` for a photograph with depth, else `contain`."""
-        return self.fit or ("contain" if self.photo is None else "auto")
+        """Rule for the fit: by default `auto` for a photograph with depth, else `cover`."""
+        return self.fit or ("cover" if self.photo is None else "auto")
 
     @property
     def path(self) -> Path | None:
@@ -319,6 +319,19 @@ class CameraPicture:
         coarseness = max(1.0, columns / size[1])
         return ColorDepth(color, values, coarseness, (size[1], size[0]), missing, warnings, camera)
 
+    def orient(self, picture: ColorDepth, display: Display) -> Display:
+        """The display, turned on its side if it is wide and the picture is high, or vice versa.
+
+        Displays that differ on their side remain as they are.
+        """
+        rows, columns = picture.color.shape[:2]
+        if (rows - columns) * (display.height_mm - display.width_mm) >= 0:
+            return display
+        try:
+            return display.turned()
+        except DisplayError:
+            return display
+
     def fit_to(
         self, picture: ColorDepth, display: Display, pixels_per_pitch: float
     ) -> tuple[PictureFit, DepthMap]:
@@ -330,7 +343,7 @@ class CameraPicture:
         values = picture.values
         if fit == "auto":
             framing = choose_framing(values, display.width_mm / display.height_mm)
-            picture, fit = _crop(picture, framing), framing.fit
+            picture, fit = _crop(picture, framing), "cover"
             near, far = self._choose_range(framing, near_is_large=values.near_is_large)
             frame_at = framing.subject_depth if frame_at is None else frame_at
         ends = depth_range(values, near, far)
@@ -357,7 +370,7 @@ class CameraPicture:
         if self.near is None and self.far is None and framing.near == framing.far:
             raise FileError(
                 f"{self.depth or self.photo}: its depth is {framing.near:.5g} everywhere; "
-                "give --near and --far, or show it flat with --fit contain"
+                "give --near and --far, or show it flat with --fit cover"
             )
         near = framing.near if self.near is None else self.near
         far = framing.far if self.far is None else self.far
@@ -367,14 +380,17 @@ class CameraPicture:
 
     def read_and_fit(
         self, display: Display, pixels_per_pitch: float
-    ) -> tuple[RGBD, tuple[str, ...], tuple[str, ...]]:
-        """Check, read and fit the picture; return its RGB-D on the display, warnings and notes."""
+    ) -> tuple[Display, RGBD, tuple[str, ...], tuple[str, ...]]:
+        """Check, read and fit the picture; return the display as it must be turned, the RGB-D on
+        it, warnings and notes.
+        """
         self.check_files()
         self.check_choices()
         self.camera()
         picture = self.read()
+        display = self.orient(picture, display)
         fit, depth_map = self.fit_to(picture, display, pixels_per_pitch)
-        return fit.rgbd, self.warnings(picture, fit, depth_map), self.notes(picture, fit)
+        return display, fit.rgbd, self.warnings(picture, fit, depth_map), self.notes(picture, fit)
 
     def notes(self, picture: ColorDepth, fit: PictureFit) -> tuple[str, ...]:
         """Lines on a photograph's properties and on the automatic framing."""
@@ -407,7 +423,7 @@ class CameraPicture:
 
     def _empty_warning(self, picture: ColorDepth, fit: PictureFit) -> str:
         remedies = []
-        if self.fit_rule != "cover":
+        if self.fit_rule == "contain":
             remedies.append("--fit cover fills an array of another shape")
         if picture.camera is not None:
             remedies.append("--orthographic instead of --intrinsics keeps the photograph's framing")

@@ -34,6 +34,7 @@ from inim.inspection.geometry import (
 )
 from inim.inspection.output import as_text
 from inim.inspection.spots import Spot, spots
+from inim.inspection.suitability import suitability
 from inim.lens import LensModel, LensModelName, check_lens_model, lens_model_name
 from inim.lens import lens_model as find_lens_model
 from inim.process.atomic_file import file_errors
@@ -187,6 +188,10 @@ def inspect_display(
     zone = viewing_limits(design, distance_mm)
     samples = array_samples(real)
     all_spots = spots(real, model, design.central_depth_mm)
+    light = {
+        eye.name: light_shares(design, real, model, eye.position_mm, samples)
+        for eye in zone.viewpoints
+    }
     document = InspectDocument(
         inim_version=__version__,
         source=source,
@@ -196,13 +201,11 @@ def inspect_display(
         depth=depth_figures(design),
         pixels_per_lens=[pixel_choice(design, times) for times in PIXEL_STEPS],
         viewing=zone,
+        suitability=suitability(design, distance_mm, model, (all_spots, light["centre"])),
         voxel=voxel_widths(design),
         diffraction_px=diffraction_px(design),
         spots=[spot.figures() for spot in all_spots],
-        light={
-            eye.name: light_shares(design, real, model, eye.position_mm, samples)
-            for eye in zone.viewpoints
-        },
+        light=light,
         crosstalk=crosstalk_map(design, real, model, distance_mm),
         views={
             eye.name: view_shares(

@@ -46,6 +46,7 @@ def as_text(data: InspectDocument) -> str:
         _depth_lines(data),
         _choices(data),
         _viewing_lines(data),
+        _suitability_lines(data),
         _spots(data),
         _light_lines(data),
         _warnings(data),
@@ -195,6 +196,29 @@ def _viewing_lines(data: InspectDocument) -> list[str]:
     if zone.flip_limit_y_mm is not None:
         up = f"±{_n(zone.flip_limit_y_mm)} mm (±{_n(zone.flip_limit_y_deg)}°) up and down"
     return [*lines, _line("sideways eye movement", f"{across}, {up}")]
+
+
+def _suitability_lines(data: InspectDocument) -> list[str]:
+    figures = data.suitability
+    head = figures.head_movement_mm
+    height = figures.zone_height_mm
+    eyes = "no" if head is None else f"yes; the head may move by ±{_n(round(head, 3))} mm"
+    tall = "any height" if height is None else f"{_n(height)} mm"
+    accuracy = figures.accuracy
+    return [
+        f"Suitability for a viewer at {_n(data.viewing.distance_mm)} mm",
+        _line("finest detail", f"{_n(figures.detail_mm)} mm at the worst depth of the range"),
+        _line("details across", f"{figures.details_across:.0f}"),
+        _line("depth with sharp details", f"{_n(figures.sharp_depth_mm)} mm"),
+        _line("viewing zone", f"{_n(figures.zone_width_mm)} x {tall}"),
+        _line("two eyes fit", eyes),
+        _line("brightness", f"{100 * figures.brightness:.0f} % of the panel's"),
+        _line(
+            "alignment to be known to",
+            f"{_n(1e3 * accuracy['shift_x_mm'])} µm, {_n(accuracy['rotation_deg'])}°, pitch "
+            f"{_n(1e3 * accuracy['pitch_mm'])} µm, gap {_n(1e3 * accuracy['gap_mm'])} µm",
+        ),
+    ]
 
 
 def _spots(data: InspectDocument) -> list[str]:

@@ -18,7 +18,7 @@ from statistics import NormalDist
 from typing import Any
 
 from inim.display import Display
-from inim.display.misalignment import MISALIGNMENTS
+from inim.display.misalignment import MISALIGNMENTS, one_pixel_errors
 from inim.documents import read_document
 from inim.documents.display import CalibrationDocument
 from inim.errors import FileError
@@ -94,27 +94,10 @@ def round_digits(value: float) -> float:
 
 
 def default_spreads(display: Display) -> dict[str, Spread]:
-    """Errors that each shift the observed panel point by the same fraction of a pixel.
-
-    The point is at the edge of the array; the eye is on its axis, twice as far as the nearest
-    usable position. A ray there moves P / 4g sideways for each millimetre of gap.
-    """
-    pixel = display.pixel_pitch_mm
-    half_width, half_height = display.width_mm / 2, display.height_mm / 2
-    farthest = max(half_width, half_height)
-    gap = pixel * 4 * display.gap_mm / display.pitch_mm
-    one_pixel = {
-        "pitch_mm": pixel * display.pitch_mm / farthest,
-        "gap_mm": gap,
-        "rotation_deg": math.degrees(pixel / farthest),
-        "shift_x_mm": pixel,
-        "shift_y_mm": pixel,
-        "tilt_x_deg": math.degrees(math.atan(gap / half_width)),
-        "tilt_y_deg": math.degrees(math.atan(gap / half_height)),
-    }
+    """Errors that each shift the observed panel point by the same fraction of a pixel."""
     return {
         name: Spread("normal", float(f"{_DEFAULT_SHARE * error:.2g}"))
-        for name, error in one_pixel.items()
+        for name, error in one_pixel_errors(display).items()
     }
 
 

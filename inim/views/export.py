@@ -214,11 +214,13 @@ def _choose_eia(
     definitions: Mapping[str, Any] | None,
 ) -> _ChosenEIA:
     from inim.display.misalignment import misaligned
+    from inim.files.eia_file import turned_for
     from inim.scene.file import choose_display, parse_definitions
 
     if algorithm:
         raise UsageError("--algorithms: needs a report's folder; an EIA has no algorithms")
     design, settings = choose_display(display, parse_definitions(definitions or {}), "inim export")
+    design = turned_for(path, design)
     real, distance = misaligned(design, settings.misalign), settings.viewing_distance_mm
     return _ChosenEIA(path, design, real, settings.lens_model, distance, path.name)
 

@@ -124,14 +124,14 @@ def run_picture(
     algorithms = [m.name for m in parse_methods(algorithm_items(settings.algorithms), {})]
     for name in algorithms:
         check_algorithm(name)
-    viewpoints = parse_viewpoints(settings.viewpoints, display, settings.viewing_distance_mm)
     notes: tuple[str, ...] = ()
     if request.picture is None:
         rgbd = read_rgbd(request.path)
         warnings = _fitted_warnings(rgbd, display, str(request.path))
     else:
         pixels_per_pitch = settings.capture_pixels_per_pitch
-        rgbd, warnings, notes = request.picture.read_and_fit(display, pixels_per_pitch)
+        display, rgbd, warnings, notes = request.picture.read_and_fit(display, pixels_per_pitch)
+    viewpoints = parse_viewpoints(settings.viewpoints, display, settings.viewing_distance_mm)
     _check_picture(rgbd, display, str(request.path))
     for callback, texts in ((on_note, notes), (on_warning, warnings)):
         if callback is not None:

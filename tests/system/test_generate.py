@@ -290,3 +290,25 @@ def test_the_centre_view_with_its_disparity_agrees_with_the_true_views(tmp_path,
 def test_a_light_field_s_mistakes_are_one_line(tmp_path, more, says):
     light_field(tmp_path / "lf", across=4, down=4)
     assert_refused("generate", *more, "-o", "eia.png", folder=tmp_path, says=[says])
+
+
+def test_an_upright_picture_turns_a_wide_display_and_fills_it(camera, capsys, monkeypatch):
+    """One command: the EIA is upright, and `inim view` accepts it with the same display."""
+    rows, columns = np.mgrid[0:120, 0:90]
+    color = np.stack([rows * 2, columns * 2, np.full_like(rows, 99)], -1).astype(np.uint8)
+    depth = (1000 + 500 * (np.hypot(rows - 60, columns - 45) > 25)).astype(np.uint16)
+    Image.fromarray(color).save(camera / "upright.png")
+    Image.fromarray(depth).save(camera / "upright-depth.png")
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    files = {"color": "upright.png", "depth": "upright-depth.png"}
+    wide = definitions({"inim.lens_columns": "40", "inim.lens_rows": "20"})
+    more = ["--depth-unit", "mm", "--orthographic", "--open"]
+    assert main(words(camera, *more, display=wide, **files)) == EXIT_PASSED
+    output = capsys.readouterr()
+    assert "turned" in output.out and "empty      0.0%" in output.out and output.err == ""
+    with Image.open(camera / "eia.png") as eia:
+        assert eia.size == (20 * 17, 40 * 17)
+    assert opened == [(camera / "eia-view.html").as_uri()]
+    assert main(["view", str(camera / "eia.png"), *wide]) == EXIT_PASSED
+    assert main(["export", str(camera / "eia.png"), *wide, "--pdf", str(camera / "a.pdf")]) == 0

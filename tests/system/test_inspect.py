@@ -52,6 +52,7 @@ def test_text_of_a_preset_fits_a_terminal_and_names_the_figures(capsys, preset):
         "real: pictures stand in front",
         "RMS radius",
         "crosstalk",
+        "two eyes fit",
         "MB/frame",
     ):
         assert words in text
@@ -69,7 +70,7 @@ def test_json_is_valid_and_complete_with_units(capsys):
     unitless = (
         *("columns", "rows", "pixels_per_lens", "views_across", "views_down", "share"),
         *("refractive_index", "conic", "fill", "fill_factor", "asphere_a4", "asphere_a6"),
-        *("black_level", "ambient_reflection", "veiling_glare"),
+        *("black_level", "ambient_reflection", "veiling_glare", "details_across", "brightness"),
     )
     units = ("_mm", "_deg", "_um", "_px", "_mb")
     for place, key, value in numbers(data):

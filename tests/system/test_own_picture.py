@@ -158,7 +158,17 @@ def test_the_page_begins_with_picture_depth_view_and_live_display(finished):
 
 def test_a_picture_that_is_mostly_clipped_or_empty_names_the_options(finished, capsys):
     folder = finished[0]
-    words = ["--near", "300", "--far", "301", "--algorithms", "template", *DISPLAY]
+    words = [
+        "--near",
+        "300",
+        "--far",
+        "301",
+        "--fit",
+        "contain",
+        "--algorithms",
+        "template",
+        *DISPLAY,
+    ]
     words += ["-D", "inim.reconstruction_spp=4", "--viewpoints", "centre"]
     assert main(["validate", *photo(folder), *words, "-o", str(folder / "lost")]) == EXIT_PASSED
     errors = capsys.readouterr().err

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.commands.view import view_eia
 from inim.display import Display, Viewpoint
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.lens import white_exposure
 from inim.metrics import ssim
 from inim.report.virtual_display import live_lens_models, still_view
+from inim.views.page import view_eia
 from tests.chromium import NO_WEBGL, WEBGL, Tab, browser
 from tests.conftest import small_display
 from tests.frame_rate import COUNT_WORK, drag_about
@@ -669,3 +669,64 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path, words, message):
     assert (ended.code, ended.stdout) == (2, "")
     assert_one_line(ended.stderr, message)
     assert not list(tmp_path.glob("*.html"))
+
+
+# --- Phones -------------------------------------------------------------------------------------
+
+TILT = """([alpha, beta, gamma]) => {
+  window.dispatchEvent(new DeviceOrientationEvent("deviceorientation", {alpha, beta, gamma}));
+  return inimDisplay.eye();
+}"""
+
+
+@pytest.fixture
+def phone(tab: Tab, tmp_path: Path) -> Tab:
+    """The live display of an EIA."""
+    show_eia(tab, tmp_path, tilted_plane(DISPLAY))
+    return tab
+
+
+def test_a_tilted_device_has_the_viewer_where_the_tilt_leaves_him(phone):
+    """Right edge away from the viewer: the viewer is at the left; top edge nearer: above."""
+    z = phone.evaluate("inimDisplay.eye()")[2]
+    phone.evaluate("document.querySelector('[name=tilt]').click()")
+    for beta in (0, 40, 85):  # lying, in the hand, and upright, where the angles' axes meet
+        phone.evaluate(TILT, [20, beta, 0])
+        assert phone.evaluate(TILT, [20, beta, 0])[:2] == pytest.approx([0, 0], abs=1e-6)
+        x, y, _ = phone.evaluate(TILT, [20, beta, 5])
+        assert x == pytest.approx(-z * np.tan(np.radians(5)), rel=1e-6) and abs(y) < 1e-6
+        x, y, _ = phone.evaluate(TILT, [20, beta + 4, 0])
+        assert y == pytest.approx(z * np.tan(np.radians(4)), rel=1e-6) and abs(x) < 1e-6
+        for _ in range(2):  # a new start takes the next reading for the middle
+            phone.evaluate("document.querySelector('[name=tilt]').click()")
+    phone.evaluate("document.querySelector('[name=tilt]').click()")
+    assert phone.evaluate("document.querySelector('[name=tilt]').ariaPressed") == "false"
+    before = phone.evaluate("inimDisplay.eye()")
+    assert phone.evaluate(TILT, [0, 30, 30]) == before
+
+
+@pytest.mark.parametrize("size", [(390, 844), (844, 390)])
+def test_full_screen_shows_the_whole_display_in_its_proportions(phone, size):
+    phone.size(*size)
+    phone.click("button[name=full]")
+    phone.until("document.fullscreenElement !== null && document.fullscreenElement.clientWidth > 0")
+    box = phone.evaluate("""() => {
+      const {left, top, right, bottom} = document.fullscreenElement
+        .querySelector("canvas").getBoundingClientRect();
+      return [left, top, innerWidth - right, innerHeight - bottom, right - left, bottom - top];
+    }""")
+    assert min(box[:4]) > -1 and min(box[0] + box[2], box[1] + box[3]) < 2
+    assert box[4] / box[5] == pytest.approx(DISPLAY.width_mm / DISPLAY.height_mm, rel=0.01)
+    phone.evaluate("document.exitFullscreen()")
+    phone.until("document.fullscreenElement === null")
+
+
+@pytest.mark.parametrize("width", [390, 1440])
+def test_buttons_and_check_boxes_are_24_pixels_at_least(tab, page, width):
+    tab.size(width, 900)
+    show(tab, page)
+    small = tab.evaluate("""() => [...document.querySelectorAll("button, select, input")]
+      .filter((e) => e.offsetParent && e.type !== "range")
+      .map((e) => [e.outerHTML.slice(0, 80), e.offsetWidth, e.offsetHeight])
+      .filter(([, w, h]) => w < 24 || h < 24)""")
+    assert small == []

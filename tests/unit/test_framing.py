@@ -43,29 +43,29 @@ def test_the_subject_is_the_part_in_front_of_the_background():
 @pytest.mark.parametrize("at", [(0, 0), (120, 160), (240, 320)])
 def test_cover_has_the_display_s_shape_and_the_whole_subject(aspect, at):
     framing = choose_framing(values(box(at=at)), aspect)
-    if framing.fit == "contain":  # in the corner the rim weighs little
-        assert "no subject" in framing.reason
-        assert at != (120, 160)
-        return
     high = framing.rows.stop - framing.rows.start
     wide = framing.columns.stop - framing.columns.start
     assert wide / high == pytest.approx(aspect, rel=0.01)
     assert high == 300 or wide == 400  # as much as there is
+    if "no subject" in framing.reason:  # in the corner the rim weighs little
+        assert at != (120, 160)
+        return
     assert framing.rows.start <= at[0]
     assert at[0] + 60 <= framing.rows.stop
     assert framing.columns.start <= at[1]
     assert at[1] + 80 <= framing.columns.stop
 
 
-def test_a_subject_that_cover_would_cut_keeps_the_picture_whole():
+def test_a_subject_that_cover_cuts_is_in_the_middle_and_the_reason_names_the_loss():
     framing = choose_framing(values(box(at=(20, 150), size=(260, 100))), 4.0)
-    assert framing.fit == "contain"
-    assert (framing.rows, framing.columns) == (slice(0, 300), slice(0, 400))
-    assert "cover would cut the subject" in framing.reason
+    assert framing.columns == slice(0, 400)
+    assert framing.rows.stop - framing.rows.start == 100
+    assert abs(framing.rows.start + 50 - (20 + 130)) <= 5
+    assert "% of the subject; --fit contain shows the whole picture" in framing.reason
 
 
 @pytest.mark.parametrize("kind", ["ramp", "flat", "noise"])
-def test_where_there_is_no_subject_everything_is_shown(kind):
+def test_where_there_is_no_subject_all_depths_are_mapped(kind):
     rng = np.random.default_rng(1)
     nearness = {
         "ramp": np.tile(np.linspace(1, 2, 300)[:, None], (1, 400)),
@@ -76,7 +76,7 @@ def test_where_there_is_no_subject_everything_is_shown(kind):
     depth = (1000 / nearness).astype(np.float32)
     # Half a percent of the weight at either end, which is less than that of the pixels at the rim.
     assert ((depth >= framing.near) & (depth <= framing.far)).mean() > 0.95
-    assert framing.fit == "contain"
+    assert framing.rows == slice(50, 250) and framing.columns == slice(0, 400)
     assert framing.reason.startswith("no subject")
 
 
@@ -86,7 +86,7 @@ def test_disparities_and_distances_are_framed_equally():
         choose_framing(values(depth), 2.0),
         choose_framing(values(1000 / depth, near_is_large=True), 2.0),
     )
-    assert (a.rows, a.columns, a.fit) == (b.rows, b.columns, b.fit)
+    assert (a.rows, a.columns) == (b.rows, b.columns)
     assert 1000 / b.near == pytest.approx(a.near, rel=1e-5)
     assert 1000 / b.far == pytest.approx(a.far, rel=1e-5)
 
@@ -95,7 +95,7 @@ def test_missing_depth_and_a_mirror_change_nothing():
     depth = box()
     depth[:40] = np.nan
     a, b = choose_framing(values(depth), 2.0), choose_framing(values(depth[:, ::-1]), 2.0)
-    assert (a.near, a.far, a.fit, a.rows) == (b.near, b.far, b.fit, b.rows)
+    assert (a.near, a.far, a.rows) == (b.near, b.far, b.rows)
     assert abs(a.columns.start - (400 - b.columns.stop)) <= 1
 
 
@@ -127,6 +127,33 @@ def test_an_end_that_is_stated_alone_has_the_other_beyond_it(near_is_large):
     assert ends(near=behind[0]) == pytest.approx(behind)
 
 
+@pytest.mark.parametrize(("shape", "is_turned"), [((40, 30), True), ((30, 40), False)])
+def test_a_wide_display_is_turned_for_an_upright_picture_only(shape, is_turned):
+    photograph = ColorDepth(
+        np.zeros((*shape, 3), np.uint8), values(np.ones(shape)), 1.0, shape[::-1], 0.0, (), None
+    )
+    phone = DISPLAYS["phone"]
+    display = CameraPicture(photo=Path("p.jpg")).orient(photograph, phone)
+    assert display.eia_shape == (phone.eia_shape[::-1] if is_turned else phone.eia_shape)
+    assert (display.height_mm > display.width_mm) == is_turned
+
+
+@pytest.mark.parametrize(
+    "changes", [{"shift_x_mm": 0.1}, {"rotation_deg": 1.0}, {"lattice": "hexagonal"}]
+)
+def test_a_display_that_differs_on_its_side_is_not_turned(changes):
+    photograph = ColorDepth(
+        np.zeros((40, 30, 3), np.uint8), values(np.ones((40, 30))), 1.0, (30, 40), 0.0, (), None
+    )
+    display = DISPLAYS["phone"].replace(**changes)
+    assert CameraPicture(photo=Path("p.jpg")).orient(photograph, display) == display
+
+
+def test_a_display_turned_twice_is_itself():
+    phone = DISPLAYS["phone"]
+    assert phone.turned().turned().replace(name="phone") == phone
+
+
 def test_a_flat_photograph_warns():
     depth = values(np.full((30, 40), 1000.0))
     photograph = ColorDepth(np.zeros((30, 40, 3), np.uint8), depth, 1.0, (40, 30), 0.0, (), None)
@@ -134,5 +161,5 @@ def test_a_flat_photograph_warns():
     with pytest.raises(FileError, match=r"^p\.jpg: its depth is 1000 everywhere; "):
         picture.fit_to(photograph, DISPLAY, 1)
     # Both ways out.
-    for words in ({"near": 500.0, "far": 2000.0}, {"fit": "contain"}):
+    for words in ({"near": 500.0, "far": 2000.0}, {"fit": "cover"}):
         replace(picture, **words).fit_to(photograph, DISPLAY, 1)

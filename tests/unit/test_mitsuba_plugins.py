@@ -337,7 +337,7 @@ def test_a_file_next_to_the_scene_is_shown(tmp_path, form):
     image = rendered(mi.load_file(str(tmp_path / "s.xml")), spp=128)
     view = reconstruct(picture(), DISPLAY, Viewpoint("e", 0, 0, 200, pupil_mm=3), "thin", spp=128)
     assert np.abs(image - 2 * view).mean() < 0.02, "8 bits of a PNG, and noise"
-    with pytest.raises(RuntimeError, match=r"(?s)s\.xml.*line 6.*has 8 x 8 pixels.*needs 96 x 80"):
+    with pytest.raises(RuntimeError, match=r"(?s)s\.xml \(line 8.*has 8 x 8 pixels.*needs 96 x 80"):
         Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "eia.png")
         (tmp_path / "s.xml").write_text(XML.format(file="eia.png", numbers=NUMBERS))
         mi.load_file(str(tmp_path / "s.xml"))

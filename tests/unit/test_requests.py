@@ -143,7 +143,7 @@ def test_the_recorded_command_repeats_the_run(scene, plans, settings, values):
     [
         {"panel_columns": 500, "panel_rows": 300},
         {"depth_min_mm": 5.0, "depth_max_mm": 9.0},
-        {"pitch_mm": 1.1},
+        {"pitch_mm": 1.1, "elemental_pitch_mm": None},
         {"rotation_deg": 1 / 3, "shift_x_mm": np.float32(0.1)},
         {"lens_columns": 20, "panel_columns": None, "panel_rows": None},
     ],

@@ -188,6 +188,14 @@ def _controls(eyes: Sequence[EyePosition], several: bool, models: Sequence[str],
         for i, eye in enumerate(eyes)
     ]
     radios = [radio("lens-model", model, model, model == first) for model in models]
+    # The script shows those that the device supports.
+    device = [
+        element("button", text(label), type="button", name_=name, hidden="hidden", **more)
+        for name, label, more in (
+            ("full", "full screen", {}),
+            ("tilt", "tilt to look", {"aria_pressed": "false"}),
+        )
+    ]
     parts = [_choices("Viewpoint", buttons), _choices("Lens model", radios)]
     if several:
         box = void("input", type="checkbox", name_="together", checked="checked")
@@ -196,7 +204,7 @@ def _controls(eyes: Sequence[EyePosition], several: bool, models: Sequence[str],
     limits = {"min": 0, "max": 200, "step": 1, "value": _BETWEEN_EYES_MM}
     between = void("input", type="number", name_="between", **limits)
     pair = [element("label", stereo, "two eyes"), element("label", between, "mm apart")]
-    parts.append(_choices("Stereo pair", pair))
+    parts += [_choices("Stereo pair", pair), _choices("Device", device)]
     return element("div", *parts, class_="controls")
 
 
@@ -221,7 +229,7 @@ def _screen(display: Display, names: Sequence[str], side: int, index: int) -> st
         aria_roledescription="virtual display",
         aria_label=names[index],
         aria_describedby="virtual-display-help",
-        style=f"aspect-ratio:{display.width_mm:.6g}/{display.height_mm:.6g}",
+        style=f"--ratio:{display.width_mm:.6g}/{display.height_mm:.6g}",
     )
     return element("figure", head, canvas)
 

@@ -544,7 +544,58 @@
     });
   }
 
+  /* ---- full screen, and a device that is tilted ------------------------------------------------ */
+
+  // Rows of the rotation from the device's frame to the world's (W3C Device Orientation, Z-X'-Y'').
+  function deviceTurn({alpha, beta, gamma}) {
+    const [a, b, g] = [alpha || 0, beta, gamma].map((angle) => (angle * Math.PI) / 180);
+    const [ca, sa, cb, sb, cg, sg] =
+      [a, b, g].flatMap((angle) => [Math.cos(angle), Math.sin(angle)]);
+    return [
+      [ca * cg - sa * sb * sg, -cb * sa, cg * sa * sb + ca * sg],
+      [cg * sa + ca * sb * sg, ca * cb, sa * sg - ca * cg * sb],
+      [-cb * sg, sb, cb * cg],
+    ];
+  }
+
+  // The viewer rests in the world, where the first reading has the middle of the display's eyes.
+  let viewer = null;
+  function tilted(event) {
+    if (event.beta === null || event.gamma === null) return;
+    const turn = deviceTurn(event);
+    viewer = viewer || turn.map((row) => row[2]);
+    const [x, y, z] = [0, 1, 2].map((axis) =>
+      turn.reduce((sum, row, k) => sum + row[axis] * viewer[k], 0));
+    if (z <= 0) return;
+    const angle = (((screen.orientation && screen.orientation.angle) || 0) * Math.PI) / 180;
+    const [right, up] = [x * Math.cos(angle) - y * Math.sin(angle),
+      x * Math.sin(angle) + y * Math.cos(angle)];
+    moveTo((right / z) * eye[2], (up / z) * eye[2], eye[2]);
+  }
+
+  async function toggleTilt(button) {
+    const starts = button.getAttribute("aria-pressed") === "false";
+    if (starts && DeviceOrientationEvent.requestPermission &&
+        await DeviceOrientationEvent.requestPermission() !== "granted") return;
+    button.setAttribute("aria-pressed", String(starts));
+    viewer = null;
+    if (starts) window.addEventListener("deviceorientation", tilted);
+    else window.removeEventListener("deviceorientation", tilted);
+  }
+
+  function connectDevice() {
+    const [full] = all("button[name=full]"), [tilt] = all("button[name=tilt]");
+    full.hidden = !document.fullscreenEnabled;
+    full.addEventListener("click", () => live.querySelector(".screens").requestFullscreen());
+    document.addEventListener("fullscreenchange", moved);
+    // Browsers give angles to pages of this machine and of https, and of use where a finger points.
+    tilt.hidden = !(window.isSecureContext && window.DeviceOrientationEvent &&
+      matchMedia("(pointer: coarse)").matches);
+    tilt.addEventListener("click", () => toggleTilt(tilt));
+  }
+
   function connect() {
+    connectDevice();
     canvases.forEach((canvas) => {
       dragging(canvas);
       scrolling(canvas);
