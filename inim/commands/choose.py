@@ -135,6 +135,7 @@ def _as_text(data: ChooseDocument) -> str:
                 f"must be known to {1e3 * accuracy['shift_x_mm']:.2g} µm and "
                 f"{accuracy['rotation_deg']:.2g}° (inim calibrate).",
                 _COLUMNS,
+                break_on_hyphens=False,
             ),
         ]
     )

@@ -1,6 +1,8 @@
 """Choice of a lens sheet: figures of a display, the search, the tables, and the command."""
 
 import dataclasses
+import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from inim.inspection.suitability import detail_mm, suitability
 from inim.scene.file import choose_display
 from tests.schemas import read_text
 
+ROOT = Path(__file__).parents[2]
 NOMINAL = DISPLAYS["nominal"]
 PHONE_PANEL = (2400, 1080, 0.06466)
 NEED = Need(*PHONE_PANEL, 500.0, 30.0, 20.0)
@@ -151,6 +154,18 @@ def test_lenticular_has_no_height_of_its_zone():
     (candidate,) = search(NEED, [LensSheet("ridges", 0.5, 2.0, "lenticular")])
     assert candidate.suitability.zone_height_mm is None
     assert candidate.display.layout.of_cylinders
+
+
+def test_committed_report_has_a_display_that_beats_each_preset_on_each_relic():
+    comparisons = json.loads((ROOT / "reports/choose/choose.json").read_text("utf-8"))
+    assert [comparison["preset"] for comparison in comparisons] == ["nominal", "phone"]
+    for comparison in comparisons:
+        preset, *others = comparison["displays"]
+        assert len(preset["scores"]) == 3
+        assert any(
+            all(other["scores"][relic] > score + 0.05 for relic, score in preset["scores"].items())
+            for other in others
+        )
 
 
 # --- Tables and panels --------------------------------------------------------------------------
