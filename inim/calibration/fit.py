@@ -87,6 +87,9 @@ _PRIORS = {
     "skew": 0.0006,
     "stretch": 0.0006,
 }
+# Skew and stretch of a camera that stands still: a rolling shutter does not change its pictures.
+# They move between photographs by less than this root mean square.
+_STEADY_SKEW, _STEADY_MOTION_PX = 2e-5, 0.1
 # Of the focal length, without and with a word from the photographs, and of the principal point: in
 # focal lengths, in widths of the photograph.
 _FOCAL_PRIOR, _STATED_FOCAL_PRIOR, _CENTRE_PRIOR = 2.0, 0.2, 0.1
@@ -254,6 +257,22 @@ class Calibration:
         return smooth
 
     @property
+    def excess_by_skew(self) -> float:
+        """Largest ratio of a standard error to the one with known skew and stretch."""
+        changes = [n for n, name in enumerate(CHANGES) if name != "zoom"]
+        first = np.arange(len(SHARED), len(self.covariance), POSE) + POSE - len(CHANGES)
+        skews = (first[:, None] + changes).ravel()
+        skews = skews[np.diag(self.covariance)[skews] > 0]
+        if not skews.size:
+            return 1.0
+        display = np.arange(len(PARAMETERS))
+        shared = self.covariance[np.ix_(display, skews)]
+        known = self.covariance[np.ix_(skews, skews)]
+        variance = np.diag(self.covariance)[display]
+        explained = (shared * np.linalg.solve(known, shared.T).T).sum(axis=1)
+        return float(np.sqrt((variance / (variance - explained)).max()))
+
+    @property
     def undetermined(self) -> list[str]:
         """Parameters of the display that these photographs do not determine."""
         return [k for k, v in self.estimates.items() if k in PARAMETERS and not v.is_known]
@@ -276,6 +295,7 @@ def fit_display(
     *,
     camera: Intrinsics | None = None,
     focal_px: float | None = None,
+    is_steady: bool = False,
 ) -> Calibration:
     """Fit a display, a camera and its poses.
 
@@ -283,13 +303,21 @@ def fit_display(
     * `nominal`: nominal display: the start of the search, and the source of parameters that are not
       fitted.
     * `camera`: calibrated intrinsics; fitted by default, starting from `focal_px` if given.
+    * `is_steady`: True for a camera that nothing moved; its photographs are not skewed.
 
-    Raises `UsageError`: this kind of display cannot be calibrated. `FileError`: the photographs
+    Raises `UsageError`: this kind of display cannot be calibrated; a steady camera that moved.
+    `FileError`: the photographs
     have different sizes, show another display, or do not fit any such display.
     """
     check_display(nominal)
     if not lenses:
         raise UsageError("no photographs of a display; give a folder that contains some")
+    for name, position in lenses.items():
+        if is_steady and position.motion_px > _STEADY_MOTION_PX:
+            raise UsageError(
+                f"--steady: the camera moved by {position.motion_px:.2f} pixels between the "
+                f"photographs of {name}; leave the option out"
+            )
     shapes = {position.shape for position in lenses.values()}
     if len(shapes) > 1:
         first, other = sorted(shapes)[:2]
@@ -300,7 +328,7 @@ def fit_display(
     steady = nominal.with_fixed_panel()
     guess, counted, edges = _begin(lenses, steady, camera, focal_px)
     free = _free(guess, display=True, camera=camera is None, changes=len(lenses) > 1)
-    prior = _prior(steady, guess, focal_px is not None, counted[0].shape)
+    prior = _prior(steady, guess, focal_px is not None, counted[0].shape, is_steady)
     names = tuple(lenses)
     guess, counted, observations, sizes = _fit(steady, guess, counted, edges, free, prior)
     misfit = low_order_misfit(observations, guess, sizes)
@@ -499,7 +527,13 @@ def _values(guess: Guess) -> np.ndarray:
     return np.concatenate([own, guess.camera, guess.deviations, np.ravel(changes)])
 
 
-def _prior(display: Display, guess: Guess, focal_is_stated: bool, shape: tuple[int, int]) -> _Prior:
+def _prior(
+    display: Display,
+    guess: Guess,
+    focal_is_stated: bool,
+    shape: tuple[int, int],
+    is_steady: bool = False,
+) -> _Prior:
     height, width = shape
     focal = guess.camera.focal_px
     standard_deviations = {
@@ -511,6 +545,8 @@ def _prior(display: Display, guess: Guess, focal_is_stated: bool, shape: tuple[i
         "centre_y_px": _CENTRE_PRIOR * width,
     }
     standard_deviations = _PRIORS | standard_deviations
+    if is_steady:
+        standard_deviations |= {"skew": _STEADY_SKEW, "stretch": _STEADY_SKEW}
     camera = Intrinsics(focal, width / 2, height / 2)
     poses = tuple(Pose(pose.turn, pose.eye_mm) for pose in guess.poses)
     mean = _values(Guess(display, camera, poses))

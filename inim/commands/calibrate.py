@@ -60,6 +60,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FX,FY,CX,CY,K1,K2",
         help="camera parameters in pixels, as OpenCV defines them (default: fitted)",
     )
+    parser.add_argument(
+        "--steady",
+        action="store_true",
+        help="the camera stood on a firm support and nobody touched it: narrower intervals",
+    )
 
 
 def _run(args: argparse.Namespace) -> int:
@@ -72,8 +77,12 @@ def _write_patterns(args: argparse.Namespace) -> int:
 
     display, _ = display_and_settings(args)
     check_display(display)
-    if args.intrinsics is not None:
-        raise UsageError("--intrinsics: patterns have no camera; leave it out")
+    for option, is_given in (
+        ("--intrinsics", args.intrinsics is not None),
+        ("--steady", args.steady),
+    ):
+        if is_given:
+            raise UsageError(f"{option}: patterns have no camera; leave it out")
     page = write_patterns(display, args.out or Path(_PATTERNS))
     return finish(True, f"patterns: open {page} on the display")
 
@@ -88,6 +97,7 @@ def _calibrate(args: argparse.Namespace) -> int:
         definitions=choices["definitions"],
         intrinsics=args.intrinsics,
         out=args.out,
+        is_steady=args.steady,
         command=args.command_line,
         warn=print_warning,
     )
