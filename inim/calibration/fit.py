@@ -258,7 +258,7 @@ class Calibration:
 
     @property
     def excess_by_skew(self) -> float:
-        """Largest ratio of a standard error to the one with known skew and stretch."""
+        """Largest ratio of a standard error to the one without skew and stretch."""
         changes = [n for n, name in enumerate(CHANGES) if name != "zoom"]
         first = np.arange(len(SHARED), len(self.covariance), POSE) + POSE - len(CHANGES)
         skews = (first[:, None] + changes).ravel()
@@ -267,9 +267,9 @@ class Calibration:
             return 1.0
         display = np.arange(len(PARAMETERS))
         shared = self.covariance[np.ix_(display, skews)]
-        known = self.covariance[np.ix_(skews, skews)]
+        of_skews = self.covariance[np.ix_(skews, skews)]
         variance = np.diag(self.covariance)[display]
-        explained = (shared * np.linalg.solve(known, shared.T).T).sum(axis=1)
+        explained = (shared * np.linalg.solve(of_skews, shared.T).T).sum(axis=1)
         return float(np.sqrt((variance / (variance - explained)).max()))
 
     @property

@@ -114,12 +114,12 @@ def uncertainty(
     unknown = _unknown_effects(observations, guess, gains * weights, misfit, parts)
     curvatures = np.stack([gains[:, part] @ slopes[:, part].T for part in parts])
 
-    def estimates(chosen: list[int], kept: np.ndarray) -> tuple[np.ndarray, ...]:
+    def estimates(chosen: list[int], fitted: np.ndarray) -> tuple[np.ndarray, ...]:
         """Inverse curvature, covariance, and covariance without effects outside the model."""
-        grid = np.ix_(kept, kept)
+        grid = np.ix_(fitted, fitted)
         inverse = np.linalg.inv((np.diag(own) + curvatures[chosen].sum(axis=0))[grid])
         random = (np.diag(own) + noise[chosen].sum(axis=0))[grid]
-        effects = unknown[chosen].sum(axis=0)[kept]
+        effects = unknown[chosen].sum(axis=0)[fitted]
         return (
             inverse,
             inverse @ (random + effects @ effects.T) @ inverse,
@@ -142,13 +142,13 @@ def uncertainty(
     full = inverse @ gradient
     for n in everything:
         begin = free.size - POSE * (len(parts) - n)
-        kept = np.ones(free.size, bool)
-        kept[begin : begin + POSE] = False
-        kept = kept[free]
-        inverse, without, _ = estimates([m for m in everything if m != n], kept)
-        change = full[kept] - inverse @ (gradient - sums[n])[kept]
+        fitted = np.ones(free.size, bool)
+        fitted[begin : begin + POSE] = False
+        fitted = fitted[free]
+        inverse, without, _ = estimates([m for m in everything if m != n], fitted)
+        change = full[fitted] - inverse @ (gradient - sums[n])[fitted]
         change /= np.sqrt(np.diag(without))
-        left_out[n, np.flatnonzero(free)[kept]] = change
+        left_out[n, np.flatnonzero(free)[fitted]] = change
     return Uncertainty(covariance, pulls, left_out)
 
 

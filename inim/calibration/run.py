@@ -43,7 +43,7 @@ def calibrate(
     Parameters
     ----------
     photos : path
-        Folder with one subfolder of photographs per camera position; see
+        Folder with one subfolder of photographs, or one video, per camera position; see
         `inim.calibration.patterns.write_patterns`.
     display : Display, str or path, optional
         The display as designed: a value, the name of a preset or a display file.

@@ -198,8 +198,8 @@ def table(results: list[dict[str, Any]], repeats: list[dict[str, Any]], command:
 
 def _repeat_lines(results: list[dict[str, Any]], repeats: list[dict[str, Any]]) -> list[str]:
     """Errors of repeated cases with few and with many photographs."""
-    few = {result["case"]: result for result in results}
-    pairs = [result for repeat in repeats for result in (few[repeat["case"]], repeat)]
+    by_case = {result["case"]: result for result in results}
+    pairs = [result for repeat in repeats for result in (by_case[repeat["case"]], repeat)]
     count = repeats[0]["photographs"]
     return [
         f"The same displays with {count} photographs: {_REPEATED_POSITIONS} positions, and "
@@ -324,10 +324,10 @@ def main() -> None:
         data = {kind: stored[kind] for kind in data}
     numbers = range(args.cases)
     repeated = numbers[_REPEATED_FIRST::_REPEATED_PERIOD]
-    many = ["--positions", str(_REPEATED_POSITIONS), "--burst", str(_BURST)]
+    most_photographs = ["--positions", str(_REPEATED_POSITIONS), "--burst", str(_BURST)]
     for kind, chosen, words in (
         ("cases", numbers, ["--positions", str(args.positions)]),
-        ("repeats", repeated, many),
+        ("repeats", repeated, most_photographs),
     ):
         for result in _measure_missing(data[kind], chosen, words):
             data[kind] = sorted([*data[kind], result], key=lambda r: r["case"])

@@ -28,7 +28,6 @@ OWN_KIND = {
     ROOT / "reports/panel/panel.json",
     ROOT / "reports/paper_sizes/paper_sizes.json",
     ROOT / "reports/calibration/calibration.json",
-    ROOT / "reports/calibration/disturbed.json",
     ROOT / "reports/calibration/shown.json",
     *ROOT.glob("reports/gallery/**/entry.json"),
     ROOT / "reports/gallery/gallery.json",
