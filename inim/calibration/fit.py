@@ -100,7 +100,8 @@ _LEAST_WHOLE = 16
 # To begin with: panel pixels and pixels of the photograph.
 _USUAL = (0.3, 0.2)
 # Typical residuals above these are no lens array of this kind: panel pixels, and shares of a lens.
-_WORST_PANEL_PX = 0.5
+# Where a sharp camera sees the black matrix of the panel, little light gives noise of a pixel.
+_WORST_PANEL_PX = 1.2
 _WORST_OUTLINE = 0.08
 _ROUNDS = 3
 # The model fails above these: pulls, smooth residuals in panel pixels and in pixels of

@@ -16,8 +16,8 @@ import numpy as np
 from inim.display import DISPLAYS, Display
 from reports.calibration.landing import Assembly, Camera, Pose, look_at
 
-# The fit's priors were chosen with other seeds of disturbed cases.
-_SEED, _DISTURBED_SEED = 19, 2207
+# The fit's priors and limits were chosen with other seeds of disturbed cases.
+_SEED, _DISTURBED_SEED = 19, 2208
 # Columns, rows and focal length in pixels. The lens sheet fills the sensor from about 20 cm
 # (nominal) and 35 cm (phone).
 _SENSORS = {"nominal": (1600, 1200, 3400.0), "phone": (2400, 1350, 5000.0)}

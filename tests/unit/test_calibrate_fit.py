@@ -311,6 +311,14 @@ def test_photographs_of_another_display_give_no_pose():
         fit_pose(lenses("near"), HIDDEN.replace(rotation_deg=-2.0), TRUE_CAMERA, "near")
 
 
+def test_noise_behind_the_black_matrix_is_not_another_display():
+    position = lenses("near")
+    noise = np.random.default_rng(2).normal(0, 0.8, position.panel_px.shape)
+    noisy = replace(position, panel_px=position.panel_px + noise)
+    pose = fit_pose(noisy, HIDDEN, TRUE_CAMERA, "near")
+    np.testing.assert_allclose(pose.eye_mm, EYES["near"][0], atol=1.0)
+
+
 # -- the fit --------------------------------------------------------------------------------------
 
 
@@ -365,7 +373,7 @@ def test_a_steady_camera_has_narrower_intervals_and_has_not_moved():
     for name, estimate in steady.estimates.items():
         assert abs(estimate.value - truth(name)) < 4 * estimate.error, name
     ratio = max(free.estimates[k].error / steady.estimates[k].error for k in PARAMETERS)
-    assert ratio > 1.1 and free.excess_by_skew == pytest.approx(ratio, rel=0.05)
+    assert ratio > 1.1 and free.excess_by_skew == pytest.approx(ratio, rel=0.1)
     assert steady.excess_by_skew < 1.1
     moved = positions | {"above": replace(positions["above"], motion_px=0.3)}
     with pytest.raises(UsageError, match=r"^--steady: the camera moved by 0\.30 pixels.* of above"):
