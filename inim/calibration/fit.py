@@ -84,8 +84,8 @@ _PRIORS = {
     "bow_y_mm": 0.03,
     "bow_xy_mm": 0.03,
     "zoom": 0.02,
-    "skew": 0.0006,
-    "stretch": 0.0006,
+    "skew": 0.0004,
+    "stretch": 0.0004,
 }
 # Skew and stretch of a camera that stands still: a rolling shutter does not change its pictures.
 # They move between photographs by less than this root mean square.

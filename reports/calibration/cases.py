@@ -17,7 +17,7 @@ from inim.display import DISPLAYS, Display
 from reports.calibration.landing import Assembly, Camera, Pose, look_at
 
 # The fit's priors and limits were chosen with other seeds of disturbed cases.
-_SEED, _DISTURBED_SEED = 19, 2208
+_SEED, _DISTURBED_SEED = 19, 2209
 # Columns, rows and focal length in pixels. The lens sheet fills the sensor from about 20 cm
 # (nominal) and 35 cm (phone).
 _SENSORS = {"nominal": (1600, 1200, 3400.0), "phone": (2400, 1350, 5000.0)}
