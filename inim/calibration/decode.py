@@ -19,6 +19,7 @@ import numpy as np
 from scipy.ndimage import affine_transform, gaussian_filter
 
 from inim.calibration.patterns import Position, read_photograph
+from inim.calibration.video import read_video
 from inim.errors import FileError
 
 _TURNS = np.exp(2j * np.pi / 3 * np.arange(3)).astype(np.complex64)
@@ -74,7 +75,7 @@ def decode(position: Position) -> Decoded:
     unsharp, or not in the order of the patterns. The line names the photographs.
     """
     paths = position.photographs
-    name = str(next(path for path in paths if path is not None).parent)
+    name = str(position.source)
     warnings = []
     white, *lights = _read(position)
     absent = [k for k, light in enumerate(lights) if light is None]
@@ -124,6 +125,8 @@ def decode(position: Position) -> Decoded:
 
 def _read(position: Position) -> list[np.ndarray | None]:
     """The photographs; None for one that is missing or damaged."""
+    if not position.source.is_dir():
+        return read_video(position.source, len(position.photographs))
     lights: list[np.ndarray | None] = []
     failure = FileError(f"{position.name}: two photographs are missing; take them again")
     for path in position.photographs:

@@ -84,9 +84,12 @@ _PRIORS = {
     "bow_y_mm": 0.03,
     "bow_xy_mm": 0.03,
     "zoom": 0.02,
-    "skew": 0.0006,
-    "stretch": 0.0006,
+    "skew": 0.0004,
+    "stretch": 0.0004,
 }
+# Skew and stretch of a camera that stands still: a rolling shutter does not change its pictures.
+# They move between photographs by less than this root mean square.
+_STEADY_SKEW, _STEADY_MOTION_PX = 2e-5, 0.1
 # Of the focal length, without and with a word from the photographs, and of the principal point: in
 # focal lengths, in widths of the photograph.
 _FOCAL_PRIOR, _STATED_FOCAL_PRIOR, _CENTRE_PRIOR = 2.0, 0.2, 0.1
@@ -97,7 +100,8 @@ _LEAST_WHOLE = 16
 # To begin with: panel pixels and pixels of the photograph.
 _USUAL = (0.3, 0.2)
 # Typical residuals above these are no lens array of this kind: panel pixels, and shares of a lens.
-_WORST_PANEL_PX = 0.5
+# Where a sharp camera sees the black matrix of the panel, little light gives noise of a pixel.
+_WORST_PANEL_PX = 1.2
 _WORST_OUTLINE = 0.08
 _ROUNDS = 3
 # The model fails above these: pulls, smooth residuals in panel pixels and in pixels of
@@ -254,6 +258,22 @@ class Calibration:
         return smooth
 
     @property
+    def excess_by_skew(self) -> float:
+        """Largest ratio of a standard error to the one without skew and stretch."""
+        changes = [n for n, name in enumerate(CHANGES) if name != "zoom"]
+        first = np.arange(len(SHARED), len(self.covariance), POSE) + POSE - len(CHANGES)
+        skews = (first[:, None] + changes).ravel()
+        skews = skews[np.diag(self.covariance)[skews] > 0]
+        if not skews.size:
+            return 1.0
+        display = np.arange(len(PARAMETERS))
+        shared = self.covariance[np.ix_(display, skews)]
+        of_skews = self.covariance[np.ix_(skews, skews)]
+        variance = np.diag(self.covariance)[display]
+        explained = (shared * np.linalg.solve(of_skews, shared.T).T).sum(axis=1)
+        return float(np.sqrt((variance / (variance - explained)).max()))
+
+    @property
     def undetermined(self) -> list[str]:
         """Parameters of the display that these photographs do not determine."""
         return [k for k, v in self.estimates.items() if k in PARAMETERS and not v.is_known]
@@ -276,6 +296,7 @@ def fit_display(
     *,
     camera: Intrinsics | None = None,
     focal_px: float | None = None,
+    is_steady: bool = False,
 ) -> Calibration:
     """Fit a display, a camera and its poses.
 
@@ -283,13 +304,21 @@ def fit_display(
     * `nominal`: nominal display: the start of the search, and the source of parameters that are not
       fitted.
     * `camera`: calibrated intrinsics; fitted by default, starting from `focal_px` if given.
+    * `is_steady`: True for a camera that nothing moved; its photographs are not skewed.
 
-    Raises `UsageError`: this kind of display cannot be calibrated. `FileError`: the photographs
+    Raises `UsageError`: this kind of display cannot be calibrated; a steady camera that moved.
+    `FileError`: the photographs
     have different sizes, show another display, or do not fit any such display.
     """
     check_display(nominal)
     if not lenses:
         raise UsageError("no photographs of a display; give a folder that contains some")
+    for name, position in lenses.items():
+        if is_steady and position.motion_px > _STEADY_MOTION_PX:
+            raise UsageError(
+                f"--steady: the camera moved by {position.motion_px:.2f} pixels between the "
+                f"photographs of {name}; leave the option out"
+            )
     shapes = {position.shape for position in lenses.values()}
     if len(shapes) > 1:
         first, other = sorted(shapes)[:2]
@@ -300,7 +329,7 @@ def fit_display(
     steady = nominal.with_fixed_panel()
     guess, counted, edges = _begin(lenses, steady, camera, focal_px)
     free = _free(guess, display=True, camera=camera is None, changes=len(lenses) > 1)
-    prior = _prior(steady, guess, focal_px is not None, counted[0].shape)
+    prior = _prior(steady, guess, focal_px is not None, counted[0].shape, is_steady)
     names = tuple(lenses)
     guess, counted, observations, sizes = _fit(steady, guess, counted, edges, free, prior)
     misfit = low_order_misfit(observations, guess, sizes)
@@ -499,7 +528,13 @@ def _values(guess: Guess) -> np.ndarray:
     return np.concatenate([own, guess.camera, guess.deviations, np.ravel(changes)])
 
 
-def _prior(display: Display, guess: Guess, focal_is_stated: bool, shape: tuple[int, int]) -> _Prior:
+def _prior(
+    display: Display,
+    guess: Guess,
+    focal_is_stated: bool,
+    shape: tuple[int, int],
+    is_steady: bool = False,
+) -> _Prior:
     height, width = shape
     focal = guess.camera.focal_px
     standard_deviations = {
@@ -511,6 +546,8 @@ def _prior(display: Display, guess: Guess, focal_is_stated: bool, shape: tuple[i
         "centre_y_px": _CENTRE_PRIOR * width,
     }
     standard_deviations = _PRIORS | standard_deviations
+    if is_steady:
+        standard_deviations |= {"skew": _STEADY_SKEW, "stretch": _STEADY_SKEW}
     camera = Intrinsics(focal, width / 2, height / 2)
     poses = tuple(Pose(pose.turn, pose.eye_mm) for pose in guess.poses)
     mean = _values(Guess(display, camera, poses))

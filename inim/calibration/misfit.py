@@ -106,76 +106,99 @@ def uncertainty(
     # psi of the soft l1 loss, and its slope.
     stretch = 1 + (residual / ROBUST) ** 2
     scores = slopes * (residual / np.sqrt(stretch))
-    own = (steps / deviation[free]) ** 2
     gains = slopes * stretch**-1.5
-    curvature = gains @ slopes.T + np.diag(own)
-    unusual = np.abs(np.array(observations.blur_px2) - _USUAL_BLUR_PX2)
-    blur = _BLUR_ERROR_PX2 + _UNUSUAL_SHARE * unusual
-    imperfect = observations.imperfections(guess) * np.array([*_IMPERFECT, *blur])[:, None]
-    smooth = _smooth_effects(observations, guess, gains * weights, misfit, steps.size)
-    unknown = np.concatenate([gains @ (imperfect * weights).T, smooth], axis=1)
-    noise = np.zeros_like(curvature)
-    for line in _lines(observations):
-        order = np.argsort(line, kind="stable")
-        begins = np.flatnonzero(np.diff(line[order], prepend=-1))
-        sums = np.add.reduceat(scores[:, order], begins, axis=1)
-        noise += sums @ sums.T * (begins.size / max(begins.size - steps.size, 1))
-    inverse = np.linalg.inv(curvature)
-    own_covariance = inverse @ (np.diag(own) + noise + unknown @ unknown.T) @ inverse
-    random_covariance = inverse @ (np.diag(own) + noise) @ inverse
+    own = (steps / deviation[free]) ** 2
+    ends = np.cumsum([2 * sum(counts) for counts in observations.counts])
+    parts = [slice(begin, end) for begin, end in zip([0, *ends], ends, strict=False)]
+    noise = _noise(observations, [scores[:, part] for part in parts])
+    unknown = _unknown_effects(observations, guess, gains * weights, misfit, parts)
+    curvatures = np.stack([gains[:, part] @ slopes[:, part].T for part in parts])
+
+    def estimates(chosen: list[int], fitted: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Inverse curvature, covariance, and covariance without effects outside the model."""
+        grid = np.ix_(fitted, fitted)
+        inverse = np.linalg.inv((np.diag(own) + curvatures[chosen].sum(axis=0))[grid])
+        random = (np.diag(own) + noise[chosen].sum(axis=0))[grid]
+        effects = unknown[chosen].sum(axis=0)[fitted]
+        return (
+            inverse,
+            inverse @ (random + effects @ effects.T) @ inverse,
+            inverse @ random @ inverse,
+        )
+
+    everything = list(range(len(parts)))
+    inverse, own_covariance, random_covariance = estimates(everything, np.ones(steps.size, bool))
     covariance, pulls = np.zeros((free.size, free.size)), np.zeros(free.size)
     covariance[np.ix_(free, free)] = own_covariance * np.outer(steps, steps)
     # The error of a value is opposite to the part of the true deviation that the prior withholds.
     has_prior = own > 0
     variance = (np.diag(random_covariance) - 2 * np.diag(inverse))[has_prior] + 1 / own[has_prior]
     pulls[np.flatnonzero(free)[has_prior]] = (off[free] / steps)[has_prior] / np.sqrt(variance)
-    left_out = np.zeros((len(observations.lens), free.size))
+    left_out = np.zeros((len(parts), free.size))
     if len(left_out) < _LEAST_POSITIONS:
         return Uncertainty(covariance, pulls, left_out)
-    ends = np.cumsum([2 * sum(counts) for counts in observations.counts])
-    size = POSE * len(ends)
-    for n, end in enumerate(ends):
-        part = np.s_[:, end - 2 * sum(observations.counts[n]) : end]
-        remains = np.ones(steps.size, bool)
-        remains[steps.size - size + POSE * n :][:POSE] = False
-        remaining = np.linalg.inv(
-            (curvature - gains[part] @ slopes[part].T)[np.ix_(remains, remains)]
-        )
-        larger = np.diag(remaining) * (np.diag(own_covariance) / np.diag(inverse))[remains]
-        change = remaining @ scores[part].sum(axis=1)[remains] / np.sqrt(larger)
-        left_out[n, np.flatnonzero(free)[remains]] = change
+    sums = np.stack([scores[:, part].sum(axis=1) for part in parts])
+    gradient = sums.sum(axis=0) + own * off[free] / steps
+    full = inverse @ gradient
+    for n in everything:
+        begin = free.size - POSE * (len(parts) - n)
+        fitted = np.ones(free.size, bool)
+        fitted[begin : begin + POSE] = False
+        fitted = fitted[free]
+        inverse, without, _ = estimates([m for m in everything if m != n], fitted)
+        change = full[fitted] - inverse @ (gradient - sums[n])[fitted]
+        change /= np.sqrt(np.diag(without))
+        left_out[n, np.flatnonzero(free)[fitted]] = change
     return Uncertainty(covariance, pulls, left_out)
 
 
-def _smooth_effects(
-    observations: Observations, guess: Guess, gains: np.ndarray, misfit: np.ndarray, fitted: int
-) -> np.ndarray:
-    """Scores by polynomials of the misfit's size, (parameters, polynomials of all residuals).
+def _noise(observations: Observations, scores: list[np.ndarray]) -> np.ndarray:
+    """Covariance of the sum of each position's scores, (positions, parameters, parameters)."""
+    covariances = []
+    for own, rays, outlines in zip(scores, observations.lens, observations.outlined, strict=True):
+        parameters = len(own)
+        covariance = np.zeros((parameters, parameters))
+        for line in np.repeat(np.concatenate([rays, outlines]), 2, axis=0).T:
+            order = np.argsort(line, kind="stable")
+            begins = np.flatnonzero(np.diff(line[order], prepend=-1))
+            sums = np.add.reduceat(own[:, order], begins, axis=1)
+            left = max(begins.size - parameters / len(scores), 1)
+            covariance += sums @ sums.T * (begins.size / left)
+        covariances.append(covariance)
+    return np.stack(covariances)
 
-    The fit has absorbed a part of the misfit: as many of its components as there are parameters.
+
+def _unknown_effects(
+    observations: Observations,
+    guess: Guess,
+    gains: np.ndarray,
+    misfit: np.ndarray,
+    parts: list[slice],
+) -> np.ndarray:
+    """Scores by effects outside the model, (positions, parameters, effects).
+
+    Each effect acts on all positions. Imperfections come first, then polynomials of the misfit's
+    size. The fit has absorbed a part of the misfit: as many of its components as there are
+    parameters.
     """
+    unusual = np.abs(np.array(observations.blur_px2) - _USUAL_BLUR_PX2)
+    blur = _BLUR_ERROR_PX2 + _UNUSUAL_SHARE * unusual
+    imperfect = observations.imperfections(guess) * np.array([*_IMPERFECT, *blur])[:, None]
     shape = (guess.display.lens_columns, guess.display.lens_rows)
-    left = misfit.size / max(misfit.size - fitted, 1)
+    left = misfit.size / max(misfit.size - len(gains), 1)
     size = np.sqrt((misfit**2).mean(axis=(0, 2, 3)) * left + np.square(_LEAST_MISFIT))
-    effects, begin = [], 0
-    for lenses in zip(observations.lens, observations.outlined, strict=True):
-        for lens, amplitude in zip(lenses, size, strict=True):
+    effects = []
+    for n, part in enumerate(parts):
+        begin, smooth = part.start, []
+        for lens, amplitude in zip(
+            (observations.lens[n], observations.outlined[n]), size, strict=True
+        ):
             end = begin + 2 * len(lens)
             basis = amplitude * _polynomials(lens, shape)
-            effects += [gains[:, begin + axis : end : 2] @ basis.T for axis in (0, 1)]
+            smooth += [gains[:, begin + axis : end : 2] @ basis.T for axis in (0, 1)]
             begin = end
-    return np.concatenate(effects, axis=1)
-
-
-def _lines(observations: Observations) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of the lens column and the lens row of each entry of `Observations.flat`."""
-    position, index = [], []
-    for n, (rays, outlines) in enumerate(
-        zip(observations.lens, observations.outlined, strict=True)
-    ):
-        lens_of_residual = np.repeat(np.concatenate([rays, outlines]), 2, axis=0)
-        index.append(lens_of_residual)
-        position.append(np.full(len(lens_of_residual), n))
-    column, row = np.concatenate(index).T
-    first = np.concatenate(position) * (1 + max(int(column.max()), int(row.max())))
-    return first + column, first + row
+        own = np.concatenate(smooth, axis=1)
+        of_others = np.zeros((len(gains), own.shape[1]))
+        smooth_effects = [own if m == n else of_others for m in range(len(parts))]
+        effects.append(np.concatenate([gains[:, part] @ imperfect[:, part].T, *smooth_effects], 1))
+    return np.stack(effects)

@@ -39,6 +39,8 @@ _VERSIONS = ("numpy", "scipy")
 _MOST_ADVICE = 3
 # Motion of the camera and changes of its focal length that cause a warning.
 _LEAST_MOTION_PX, _LEAST_ZOOM = 0.5, 0.005
+# Standard errors are this many times wider than without skew before a warning appears.
+_WIDE = 2.0
 _DIGITS = 9
 
 
@@ -116,7 +118,9 @@ def _mean_map(index: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> 
     return mean
 
 
-def calibration_document(calibration: Calibration, title: str, command: str) -> CalibrationDocument:
+def calibration_document(
+    calibration: Calibration, title: str, command: str, is_steady: bool = False
+) -> CalibrationDocument:
     """The calibration as a document, without the list of its files."""
     advice = next_positions(calibration)
     return CalibrationDocument(
@@ -134,7 +138,7 @@ def calibration_document(calibration: Calibration, title: str, command: str) -> 
         positions=[_position(calibration, n) for n in range(len(calibration.names))],
         failures=calibration.failures,
         next=advice[:_MOST_ADVICE],
-        warnings=_warnings(calibration, advice),
+        warnings=_warnings(calibration, advice, is_steady),
         files=[],
     )
 
@@ -205,7 +209,9 @@ def _sheet(calibration: Calibration) -> dict[str, SheetDeviation]:
     }
 
 
-def _warnings(calibration: Calibration, advice: Sequence[NextPosition]) -> list[str]:
+def _warnings(
+    calibration: Calibration, advice: Sequence[NextPosition], is_steady: bool
+) -> list[str]:
     warnings = list(calibration.failures)
     for name, lenses, pose, errors in zip(
         *(calibration.names, calibration.lenses),
@@ -222,6 +228,13 @@ def _warnings(calibration: Calibration, advice: Sequence[NextPosition]) -> list[
                 f"{name}: the focal length differs by {pose.zoom:+.1%}; this is fitted, but a "
                 "fixed zoom and focus give better results"
             )
+    excess = calibration.excess_by_skew
+    if excess > _WIDE and not is_steady:
+        warnings.append(
+            f"intervals are up to {excess:.0f} times wider than with a steady camera, because a "
+            "rolling shutter skews the photographs of a moving one; if it stood on a firm support "
+            "and nobody touched it, give --steady"
+        )
     if calibration.undetermined:
         place = f"{advice[0].description}, too" if advice else "elsewhere"
         warnings.append(

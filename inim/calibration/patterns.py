@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from inim.calibration.video import ENDINGS, video_shape
 from inim.display import Display
 from inim.documents.display import PatternsDocument
 from inim.documents.document import encode
@@ -171,10 +172,11 @@ _LARGEST_OF_16_BITS = 65535.0
 
 @dataclass(frozen=True)
 class Position:
-    """Photographs from one camera position."""
+    """Photographs, or a video, from one camera position."""
 
-    name: str  #: Name of its folder.
-    #: One photograph for each of `patterns`, in that order; None: missing.
+    name: str  #: Name of its folder, or of its video without the ending.
+    source: Path  #: The folder or the video.
+    #: One photograph for each of `patterns`, in that order; None: missing. Of a video, the video.
     photographs: tuple[Path | None, ...]
     shape: tuple[int, int]  #: (rows, columns): size of every photograph.
     #: Focal length from EXIF, computed from the one for 35 mm film (CIPA DCG-001: equal diagonal),
@@ -186,6 +188,8 @@ class Position:
 def read_positions(folder: Path, display: Display) -> list[Position]:
     """All camera positions of a folder, by name; within each, names sort in shooting order.
 
+    A position is a folder of photographs, or a video.
+
     Numbers in names count as numbers: ``9.jpg`` comes before ``10.jpg``. Hidden files are left out.
 
     * `display`: whose patterns were shown.
@@ -196,17 +200,22 @@ def read_positions(folder: Path, display: Display) -> list[Position]:
     """
     if not folder.is_dir():
         raise FileError(f"{folder}: no such folder; give a folder with one subfolder per position")
-    folders = sorted((p for p in _visible(folder) if p.is_dir()), key=_natural_sort_key)
-    if not folders:
+    sources = sorted(
+        (p for p in _visible(folder) if p.is_dir() or p.suffix.lower() in ENDINGS),
+        key=_natural_sort_key,
+    )
+    if not sources:
         raise FileError(
-            f"{folder}: contains no folders; put the photographs of each camera position into a "
-            "separate subfolder"
+            f"{folder}: contains no folders and no videos; put the photographs of each camera "
+            "position into a separate subfolder, or a video of each position into this folder"
         )
-    positions = [read_position(position, display) for position in folders]
+    positions = [read_position(source, display) for source in sources]
+    if len({position.name for position in positions}) < len(positions):
+        raise FileError(f"{folder}: contains two positions of one name; rename one of them")
     for other in positions[1:]:
         if other.shape != positions[0].shape:
             raise FileError(
-                f"{folder / other.name}: has {_size(other.shape)} pixels, but those of "
+                f"{other.source}: has {_size(other.shape)} pixels, but those of "
                 f"{positions[0].name} have {_size(positions[0].shape)}; photograph all positions "
                 "with one camera in the same orientation"
             )
@@ -214,7 +223,11 @@ def read_positions(folder: Path, display: Display) -> list[Position]:
 
 
 def read_position(folder: Path, display: Display) -> Position:
-    """One camera position, its folder's photographs; see `read_positions`."""
+    """One camera position, its folder's photographs or its video; see `read_positions`."""
+    periods = periods_px(display)
+    if folder.suffix.lower() in ENDINGS and not folder.is_dir():
+        shape = video_shape(folder)
+        return Position(folder.stem, folder, (folder,) * _COUNT, shape, None, periods)
     files = sorted(_visible(folder), key=_natural_sort_key)
     for path in files:
         if path.suffix.lower() not in _ENDINGS:
@@ -233,7 +246,7 @@ def read_position(folder: Path, display: Display) -> Position:
         )
     for path in files:
         if path.stat().st_size:
-            return Position(folder.name, tuple(paths), *_header(path), periods_px(display))
+            return Position(folder.name, folder, tuple(paths), *_header(path), periods)
     raise FileError(f"{folder}: all pictures are empty; copy the photographs again")
 
 

@@ -31,6 +31,7 @@ def calibrate(
     definitions: Mapping[str, Any] | None = None,
     intrinsics: str | Sequence[float] | None = None,
     out: Path | str | None = None,
+    is_steady: bool = False,
     command: str = "",
     warn: Callable[[str], object] = warnings.warn,
 ) -> Calibration:
@@ -42,7 +43,7 @@ def calibrate(
     Parameters
     ----------
     photos : path
-        Folder with one subfolder of photographs per camera position; see
+        Folder with one subfolder of photographs, or one video, per camera position; see
         `inim.calibration.patterns.write_patterns`.
     display : Display, str or path, optional
         The display as designed: a value, the name of a preset or a display file.
@@ -52,6 +53,10 @@ def calibrate(
         ``FX, FY, CX, CY, K1, K2`` in pixels, as OpenCV defines them; by default fitted.
     out : path, optional
         Display file to write; default: `PHOTOS.xml` in the current folder.
+    is_steady : bool
+        True if the camera stood on a firm support and nobody touched it. Photographs by a moving
+        camera with a rolling shutter are skewed, which few positions do not distinguish from a
+        shift of the sheet.
     command : str
         Command line, for the record.
     warn : callable
@@ -78,9 +83,9 @@ def calibrate(
     camera = _camera(intrinsics)
     check_display(design)
     lenses, focal_px = _lenses(photos, design, warn)
-    calibration = fit_display(lenses, design, camera=camera, focal_px=focal_px)
+    calibration = fit_display(lenses, design, camera=camera, focal_px=focal_px, is_steady=is_steady)
     title = f"Calibration: {photos.resolve().name}"
-    document = calibration_document(calibration, title, command)
+    document = calibration_document(calibration, title, command, is_steady)
     with output_files(folder, FILES) as staging:
         write_calibration(document, residual_maps(calibration), staging)
     if not calibration.failures:

@@ -30,11 +30,12 @@ _EPILOG = """first
   inim calibrate patterns --display phone -o DIR
   writes seven patterns and a page that shows them full screen. Photograph all seven from at least
   two positions, 15 to 25 degrees off the display's axis: from one side, and from above or below.
+  Or film two rounds of them from each position.
 
 then
   inim calibrate PHOTOS --display phone -o mydisplay.xml
-  PHOTOS contains one folder for each camera position. The names of the photographs in it must sort
-  in the order of the patterns.
+  PHOTOS contains one folder of photographs, or one video, for each camera position. The names of
+  the photographs must sort in the order of the patterns.
 
 """
 
@@ -43,15 +44,15 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog = f"{_EPILOG}{parser.epilog}"
     parser.description = (
         "Measure a display's pitch, rotation, shift, gap, tilt and focal length from photographs "
-        "of patterns on it. Write a display file for --display, and a report. Exit code 1: the "
-        "photographs do not determine all parameters, or contradict the model; in the second case "
-        "no display file is written."
+        "or videos of patterns on it. Write a display file for --display, and a report. Exit code "
+        "1: the photographs do not determine all parameters, or contradict the model; in the "
+        "second case no display file is written."
     )
     parser.add_argument(
         "photos",
         metavar="PHOTOS|patterns",
-        help="folder with one subfolder of photographs per camera position; or the word patterns, "
-        "to write the patterns",
+        help="folder with one subfolder of photographs, or one video, per camera position; or the "
+        "word patterns, to write the patterns",
     )
     out = "display file to write (default: PHOTOS.xml); for patterns, a folder"
     add_shared(parser, "display", "definitions", "debug", out=out)
@@ -59,6 +60,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--intrinsics",
         metavar="FX,FY,CX,CY,K1,K2",
         help="camera parameters in pixels, as OpenCV defines them (default: fitted)",
+    )
+    parser.add_argument(
+        "--steady",
+        action="store_true",
+        help="the camera stood on a firm support and nobody touched it: narrower intervals",
     )
 
 
@@ -72,8 +78,12 @@ def _write_patterns(args: argparse.Namespace) -> int:
 
     display, _ = display_and_settings(args)
     check_display(display)
-    if args.intrinsics is not None:
-        raise UsageError("--intrinsics: patterns have no camera; leave it out")
+    for option, is_given in (
+        ("--intrinsics", args.intrinsics is not None),
+        ("--steady", args.steady),
+    ):
+        if is_given:
+            raise UsageError(f"{option}: patterns have no camera; leave it out")
     page = write_patterns(display, args.out or Path(_PATTERNS))
     return finish(True, f"patterns: open {page} on the display")
 
@@ -88,6 +98,7 @@ def _calibrate(args: argparse.Namespace) -> int:
         definitions=choices["definitions"],
         intrinsics=args.intrinsics,
         out=args.out,
+        is_steady=args.steady,
         command=args.command_line,
         warn=print_warning,
     )
@@ -139,7 +150,7 @@ def _add_photo_arguments(parser: argparse.ArgumentParser) -> None:
         "--patterns",
         type=Path,
         metavar="FOLDER",
-        help="photographs of all patterns from another camera position",
+        help="photographs or video of all patterns from another camera position",
     )
 
 

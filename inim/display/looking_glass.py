@@ -22,9 +22,9 @@ from typing import Any
 from inim.display.display import Display
 from inim.display.layouts import Lenticular
 from inim.display.parameters import Cells
+from inim.display.pixels import MM_PER_INCH
 from inim.errors import DisplayError, FileError
 
-_MM_PER_INCH = 25.4
 #: Values of `Display.cell_pattern` for CellPatternMode 0 to 4, as in the vendor's Unity plugin.
 #: Another source of the vendor has "rows-of-4" for mode 2 and "columns" for mode 4.
 CELL_MODES = ("single", "checkerboard", "columns", "staggered", "rows")
@@ -89,7 +89,7 @@ class LookingGlass:
         on the panel. The depth range ends where the light of a direction, of which each lens has as
         many as sub-pixels, spreads over two lens pitches.
         """
-        pixel, pitch = _MM_PER_INCH / self.dpi, _MM_PER_INCH / self.pitch
+        pixel, pitch = MM_PER_INCH / self.dpi, MM_PER_INCH / self.pitch
         rotation_deg = math.degrees(math.atan(1 / self.slope)) * (-1 if self.flip_x else 1)
         angle = math.radians(rotation_deg)
         height = self.screen_h * pixel
@@ -148,11 +148,11 @@ class LookingGlass:
         c, s = math.cos(angle), math.sin(angle)
         rows, columns = display.eia_shape
         values = cls(
-            pitch=_MM_PER_INCH / pitch,
+            pitch=MM_PER_INCH / pitch,
             slope=c / s,
             center=0.0,
             view_cone=2 * math.degrees(math.atan(display.pitch_mm / (2 * display.gap_mm * c))),
-            dpi=_MM_PER_INCH / display.pixel_pitch_mm,
+            dpi=MM_PER_INCH / display.pixel_pitch_mm,
             screen_w=columns,
             screen_h=rows,
             cells=display.subpixel_cells,

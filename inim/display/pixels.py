@@ -23,6 +23,8 @@ from inim.image.noisy_image import row_bands
 if TYPE_CHECKING:
     from inim.display.display import Display
 
+MM_PER_INCH = 25.4
+
 
 @dataclass(frozen=True)
 class SubPixel:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.display import Display
+from inim.display.pixels import MM_PER_INCH
 from inim.errors import DisplayError, FileError
 from inim.files import check_file
 from inim.files.image import read_exr_channels, write_exr_parts
@@ -140,7 +141,6 @@ def _linear_codes(codes: np.ndarray, white: int) -> np.ndarray:
 
 
 EIA_SUFFIXES = (".png", ".exr")
-_MM_PER_INCH = 25.4
 _POINTS_PER_INCH = 72.0
 # Many viewers crop pages with a side of more points (PDF 1.7, annex C).
 _MOST_POINTS = 14_400
@@ -165,7 +165,7 @@ def write_eia(
         channels: dict[str, np.ndarray] = {"RGB": eia}
         if empty is not None:
             channels["A"] = np.where(empty, np.float32(0), np.float32(1))
-        header = {"inim:pixel_mm": repr(float(pixel_mm)), "xDensity": _MM_PER_INCH / pixel_mm}
+        header = {"inim:pixel_mm": repr(float(pixel_mm)), "xDensity": MM_PER_INCH / pixel_mm}
         write_exr_parts(path, [(channels, "color")], header)
         return
     codes = to_srgb(eia)
@@ -179,7 +179,7 @@ def write_codes(path: Path, codes: NDArray[np.uint8], pixel_mm: float) -> None:
     """Write sRGB codes of panel pixels, (rows, columns, 3 or 4) uint8, as PNG with their size."""
     from PIL import Image
 
-    picture, per_inch = Image.fromarray(codes), _MM_PER_INCH / pixel_mm
+    picture, per_inch = Image.fromarray(codes), MM_PER_INCH / pixel_mm
     options = {"compress_level": 1, "dpi": (per_inch, per_inch)}
     write_atomically(path, lambda p: picture.save(p, "PNG", **options))
 
@@ -199,7 +199,7 @@ def write_true_size_pdf(path: Path, eia: NDArray[np.float32], pixel_mm: float) -
     if path.suffix.lower() != ".pdf":
         raise FileError(f"{path}: not a PDF file name; use .pdf")
     rows, columns = eia.shape[:2]
-    width, height = (n * pixel_mm / _MM_PER_INCH * _POINTS_PER_INCH for n in (columns, rows))
+    width, height = (n * pixel_mm / MM_PER_INCH * _POINTS_PER_INCH for n in (columns, rows))
     if max(width, height) > _MOST_POINTS:
         raise FileError(
             f"{path}: a page of {columns * pixel_mm:.0f} x {rows * pixel_mm:.0f} mm is larger than "

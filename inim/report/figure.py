@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from inim.display.pixels import MM_PER_INCH
 from inim.errors import FileError, UsageError, suggest_words
 from inim.files.image import read_exr, write_exr_parts
 from inim.image.color import srgb_from_linear
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 PARTS = ("views", "errors", "scores", "time")
 #: Formats, by the file's name.
 FORMATS = (".pdf", ".svg", ".png", ".eps")
-_MM_PER_INCH = 25.4
 _DPI = 300
 _PLOT_SHARE = 0.42  # height of a plot, of the figure's width
 _CAPTION_SHARE = 0.055
@@ -113,7 +113,7 @@ def draw_figure(report: Report, request: FigureRequest) -> Any:
     request = request.checked(report)
     images = _read_views(report, request.viewpoint, request.algorithms)
     rows, columns = next(iter(images.values())).shape[:2]
-    width = request.width_mm / _MM_PER_INCH
+    width = request.width_mm / MM_PER_INCH
     tile = width / len(images) * rows / columns
     inset = width / len(images) / len(request.insets) if request.insets else 0.0
     heights = {

@@ -32,7 +32,7 @@ from PIL import Image
 from scipy.ndimage import convolve1d, gaussian_filter
 
 from inim.backend.kernels import compiled
-from inim.image.color import srgb_from_linear
+from inim.image.color import linear_from_srgb, srgb_from_linear
 from inim.process.atomic_file import write_atomically
 from inim.process.threads import threads
 from reports.calibration.cases import Case, Motion, Sensor, draw_case, draw_disturbed
@@ -311,7 +311,7 @@ def demosaic(raw: np.ndarray) -> np.ndarray:
     return colours
 
 
-def photograph_case(case: Case, patterns: Path, out: Path) -> None:
+def photograph_case(case: Case, patterns: Path, out: Path, burst: int = 1) -> None:
     """Write the photographs of all positions of a case, such as ``position-1/IMG_0100.jpg``.
 
     Parameters
@@ -320,11 +320,14 @@ def photograph_case(case: Case, patterns: Path, out: Path) -> None:
     patterns : Path
         Folder with the PNG files that the panel shows, in the order of their names.
     out : Path
+    burst : int
+        Photographs of each pattern, without motion between them. The mean of their light is
+        written as PNG with 16 bits.
     """
     pictures = read_pictures(patterns)
     sheet = Sheet(case.display, case.assembly)
     for number in range(1, len(case.poses) + 1):
-        _photograph_position(case, sheet, number, pictures, out / f"position-{number}")
+        _photograph_position(case, sheet, number, pictures, out / f"position-{number}", burst)
 
 
 def read_pictures(patterns: Path) -> list[np.ndarray]:
@@ -373,7 +376,7 @@ def _seed(case: Case, number: int) -> int:
 
 
 def _photograph_position(
-    case: Case, sheet: Sheet, number: int, pictures: list[np.ndarray], folder: Path
+    case: Case, sheet: Sheet, number: int, pictures: list[np.ndarray], folder: Path, burst: int
 ) -> None:
     shot, seed = take_position(case, sheet, number), _seed(case, number)
     movements = draw_movements(
@@ -384,9 +387,13 @@ def _photograph_position(
     )
 
     def take(index: int) -> None:
-        pixels = shot.photograph(pictures[index], 1000 * seed + index, movements[index])
-        data = _jpeg(pixels, case.camera, case.sensor.quality)
-        path = folder / f"IMG_{100 * number + index:04d}.jpg"
+        light = shot.light(pictures[index], movements[index])
+        jpegs = [
+            _jpeg(shot.develop(light, 1000 * seed + 100 * k + index), case.camera, case.sensor)
+            for k in range(burst)
+        ]
+        data = jpegs[0] if burst == 1 else _mean_png(jpegs)
+        path = folder / f"IMG_{100 * number + index:04d}.{'jpg' if burst == 1 else 'png'}"
         write_atomically(path, lambda p: p.write_bytes(data))
 
     with threads(2) as submit:
@@ -394,7 +401,20 @@ def _photograph_position(
             future.result()
 
 
-def _jpeg(pixels: np.ndarray, camera: Camera, quality: int) -> bytes:
+def _mean_png(jpegs: list[bytes]) -> bytes:
+    """Mean light of the green channels as PNG with 16 bits and the EXIF of the photographs."""
+    light = np.zeros(())
+    for jpeg in jpegs:
+        with Image.open(io.BytesIO(jpeg)) as picture:
+            exif = picture.getexif()
+            light = light + linear_from_srgb(np.asarray(picture.getchannel("G")) / 255)
+    codes = np.rint(65535 * srgb_from_linear(light / len(jpegs))).astype(np.uint16)
+    stream = io.BytesIO()
+    Image.fromarray(codes).save(stream, "PNG", exif=exif)
+    return stream.getvalue()
+
+
+def _jpeg(pixels: np.ndarray, camera: Camera, sensor: Sensor) -> bytes:
     exif = Image.Exif()
     exif[_MODEL] = "simulated"
     diagonal = np.hypot(camera.columns, camera.rows)
@@ -402,7 +422,7 @@ def _jpeg(pixels: np.ndarray, camera: Camera, quality: int) -> bytes:
         camera.focal_length_px / diagonal * _DIAGONAL_35MM
     )
     stream = io.BytesIO()
-    Image.fromarray(pixels).save(stream, "JPEG", quality=quality, exif=exif)
+    Image.fromarray(pixels).save(stream, "JPEG", quality=sensor.quality, exif=exif)
     return stream.getvalue()
 
 

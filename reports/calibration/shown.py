@@ -22,7 +22,7 @@ import inim
 from inim.display import Display
 from inim.display.misalignment import MISALIGNMENTS
 from inim.process.atomic_file import write_atomically
-from reports.calibration.cases import Case, draw_case
+from reports.calibration.cases import Case, draw_disturbed
 
 #: Required score of the EIA for the calibrated display, as a share of the score for the truth.
 TARGET = 0.98
@@ -99,7 +99,7 @@ def main() -> None:
     results = json.loads((args.out / "calibration.json").read_text("utf-8"))["cases"]
     rows = []
     for result in [result for result in results if not result["refused"]][: args.cases]:
-        rows.append(score_case(args.scene, draw_case(result["case"]), result["found"]))
+        rows.append(score_case(args.scene, draw_disturbed(result["case"]), result["found"]))
         print(json.dumps(rows[-1]), flush=True)
     command = f"python -m reports.calibration.shown {args.scene} --cases {args.cases} -o {args.out}"
     data = {"inim_version": inim.__version__, "command": command, "cases": rows}

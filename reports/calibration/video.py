@@ -4,9 +4,8 @@
     python -m reports.calibration.video 3 --patterns out/patterns -o out/videos
 
 One H.264 file is written for each position of a disturbed case (`reports.calibration.cases`). The
-panel is black at first. At a random time it starts with the first picture, and the last picture
-stays. A frame whose exposure contains a change shows the mean of both pictures. Needs
-imageio-ffmpeg.
+panel repeats the pictures, and the video starts at a random time. A frame whose exposure contains a
+change shows the mean of both pictures. Needs imageio-ffmpeg.
 """
 
 from __future__ import annotations
@@ -21,34 +20,39 @@ from scipy.ndimage import gaussian_filter1d
 
 from reports.calibration.cases import Case, Motion, draw_disturbed
 from reports.calibration.landing import Sheet
-from reports.calibration.photographs import Movement, draw_movements, read_pictures, take_position
+from reports.calibration.photographs import (
+    STILL,
+    Movement,
+    draw_movements,
+    read_pictures,
+    take_position,
+)
 
-_FRAMES_PER_SECOND = 30
-# Exposure of a frame in seconds: a shutter of half the frame's time.
-_EXPOSURE_S = 0.5 / _FRAMES_PER_SECOND
-# Seconds before the first picture, and after the last one's time.
-_BEFORE_S, _AFTER_S = (0.5, 1.5), 0.5
+# Exposure of a frame: a shutter of half the frame's time.
+_SHUTTER = 0.5
+_ROUNDS = 2
 # Frames over which the hand's shake is smooth.
 _SHAKE_FRAMES = 4.0
 # Of imageio-ffmpeg, 10 is the best.
 _QUALITY = 7
 
 
-def shares(time_s: float, start_s: float, picture_s: float, pictures: int) -> dict[int, float]:
-    """Shares of a frame's exposure by picture, which -1 is before the first.
+def shares(time_s: float, exposure_s: float, picture_s: float, pictures: int) -> dict[int, float]:
+    """Shares of a frame's exposure by picture.
 
     Parameters
     ----------
-    time_s : float
-        Start of the exposure.
-    start_s, picture_s : float
-        Start of the first picture and the time that each is visible.
+    time_s, exposure_s : float
+        Start of the exposure after that of the first picture, and its length: shorter than a
+        picture's time.
+    picture_s : float
+        Time that each picture is visible, before the next one of a loop.
     pictures : int
     """
-    changes = start_s + picture_s * np.arange(pictures)
-    edges = np.clip([time_s, *changes, time_s + _EXPOSURE_S], time_s, time_s + _EXPOSURE_S)
-    lengths = np.diff(edges) / _EXPOSURE_S
-    return {k - 1: float(length) for k, length in enumerate(lengths) if length > 0}
+    number, into_s = divmod(time_s, picture_s)
+    first = min((picture_s - into_s) / exposure_s, 1.0)
+    lengths = {int(number) % pictures: first, int(number + 1) % pictures: 1 - first}
+    return {k: share for k, share in lengths.items() if share > 0}
 
 
 def video_movements(
@@ -74,26 +78,34 @@ def _small_rotation(vector: np.ndarray) -> np.ndarray:
 
 
 def film_position(
-    case: Case, sheet: Sheet, number: int, pictures: Sequence[np.ndarray], picture_s: float
+    case: Case,
+    sheet: Sheet,
+    number: int,
+    pictures: Sequence[np.ndarray],
+    picture_s: float,
+    rate_hz: float,
 ) -> Iterator[np.ndarray]:
-    """Frames of a position, (rows, columns, 3) uint8 sRGB."""
+    """Frames of a position, (rows, columns, 3) uint8 sRGB: two rounds of the pictures."""
     shot = take_position(case, sheet, number)
     random = np.random.default_rng([case.number, number])
-    start_s = random.uniform(*_BEFORE_S)
-    count = int((start_s + picture_s * len(pictures) + _AFTER_S) * _FRAMES_PER_SECOND)
+    round_s = picture_s * len(pictures)
+    start_s = random.uniform(0, round_s)
+    count = int(_ROUNDS * round_s * rate_hz)
     focal_length_px = case.cameras[number - 1].focal_length_px
-    movements = video_movements(case.motions[number - 1], focal_length_px, count, random)
-    black = np.zeros_like(pictures[0])
+    motion = case.motions[number - 1]
+    movements = video_movements(motion, focal_length_px, count, random)
+    still = [shot.light(codes, STILL) for codes in pictures] if motion == Motion() else []
     for frame, movement in enumerate(movements):
-        visible = shares(frame / _FRAMES_PER_SECOND, start_s, picture_s, len(pictures))
+        time_s = start_s + frame / rate_hz
+        visible = shares(time_s, _SHUTTER / rate_hz, picture_s, len(pictures))
         light = sum(
-            np.float32(share) * shot.light(pictures[k] if k >= 0 else black, movement)
+            np.float32(share) * (still[k] if still else shot.light(pictures[k], movement))
             for k, share in visible.items()
         )
         yield shot.develop(np.asarray(light), int(random.integers(1 << 32)))
 
 
-def film_case(case: Case, patterns: Path, out: Path, picture_s: float) -> None:
+def film_case(case: Case, patterns: Path, out: Path, picture_s: float, rate_hz: float) -> None:
     """Write ``position-1.mp4`` and so on."""
     pictures, sheet = read_pictures(patterns), Sheet(case.display, case.assembly)
     encoder = importlib.import_module("imageio_ffmpeg")
@@ -102,12 +114,12 @@ def film_case(case: Case, patterns: Path, out: Path, picture_s: float) -> None:
         writer = encoder.write_frames(
             str(out / f"position-{number}.mp4"),
             (case.camera.columns, case.camera.rows),
-            fps=_FRAMES_PER_SECOND,
+            fps=rate_hz,
             quality=_QUALITY,
             macro_block_size=2,
         )
         writer.send(None)  # starts the encoder
-        for frame in film_position(case, sheet, number, pictures, picture_s):
+        for frame in film_position(case, sheet, number, pictures, picture_s, rate_hz):
             writer.send(frame)
         writer.close()
 
@@ -117,10 +129,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("case", type=int, help="number of the disturbed case")
     parser.add_argument("--patterns", type=Path, required=True, help="folder of the patterns")
-    parser.add_argument("--seconds", type=float, default=0.5, help="per picture (%(default)s)")
+    parser.add_argument("--seconds", type=float, default=1.0, help="per picture (%(default)s)")
+    parser.add_argument("--rate", type=float, default=30.0, help="frames a second (%(default)s)")
     parser.add_argument("-o", "--out", type=Path, required=True, help="folder for the videos")
     args = parser.parse_args()
-    film_case(draw_disturbed(args.case), args.patterns, args.out, args.seconds)
+    film_case(draw_disturbed(args.case), args.patterns, args.out, args.seconds, args.rate)
 
 
 if __name__ == "__main__":

@@ -133,6 +133,14 @@ def test_the_word_patterns_writes_them(tmp_path, capsys):
     assert (out / "patterns.html").is_file() and str(out) in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("words", [["--steady"], ["--intrinsics", "900,900,3,4,0,0"]])
+def test_patterns_take_no_option_of_the_camera(words, tmp_path, capsys):
+    out = tmp_path / "shown"
+    assert main(["calibrate", "patterns", "--display", "phone", *words, "-o", str(out)]) == 2
+    assert f"{words[0]}: patterns have no camera" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_patterns_of_a_display_that_cannot_be_calibrated_are_refused(tmp_path, capsys):
     out = tmp_path / "folder"
     lenticular = "looking-glass-portrait-typical"

@@ -311,6 +311,14 @@ def test_photographs_of_another_display_give_no_pose():
         fit_pose(lenses("near"), HIDDEN.replace(rotation_deg=-2.0), TRUE_CAMERA, "near")
 
 
+def test_noise_behind_the_black_matrix_is_not_another_display():
+    position = lenses("near")
+    noise = np.random.default_rng(2).normal(0, 0.8, position.panel_px.shape)
+    noisy = replace(position, panel_px=position.panel_px + noise)
+    pose = fit_pose(noisy, HIDDEN, TRUE_CAMERA, "near")
+    np.testing.assert_allclose(pose.eye_mm, EYES["near"][0], atol=1.0)
+
+
 # -- the fit --------------------------------------------------------------------------------------
 
 
@@ -356,6 +364,29 @@ def test_known_intrinsics_are_kept_and_help():
     for name, estimate in result.estimates.items():
         assert abs(estimate.value - truth(name)) < 4 * estimate.error, name
         assert estimate.error < 1.3 * own.estimates[name].error
+
+
+def test_a_steady_camera_has_narrower_intervals_and_has_not_moved():
+    positions = {name: lenses(name) for name in ("left", "above")}
+    steady = fit_display(positions, DESIGN, is_steady=True)
+    free = fitted("left", "above")
+    for name, estimate in steady.estimates.items():
+        assert abs(estimate.value - truth(name)) < 4 * estimate.error, name
+    ratio = max(free.estimates[k].error / steady.estimates[k].error for k in PARAMETERS)
+    assert ratio > 1.05 and free.excess_by_skew == pytest.approx(ratio, rel=0.1)
+    assert steady.excess_by_skew < 1.1
+    moved = positions | {"above": replace(positions["above"], motion_px=0.3)}
+    with pytest.raises(UsageError, match=r"^--steady: the camera moved by 0\.30 pixels.* of above"):
+        fit_display(moved, DESIGN, is_steady=True)
+
+
+def test_the_change_without_a_position_is_that_of_a_fit_without_it():
+    whole, without = fitted(*EYES), fitted("far", "left", "above")
+    assert np.abs(whole.left_out).max() < 4, "all positions show the same display"
+    for n, name in enumerate(PARAMETERS):
+        error = without.estimates[name].error
+        change = (without.estimates[name].value - whole.estimates[name].value) / error
+        assert whole.left_out[0, n] == pytest.approx(change, abs=0.5), name
 
 
 @pytest.mark.slow

@@ -226,11 +226,12 @@ def test_shake_has_its_rms_and_drift_ends_at_its_length():
 
 
 def test_a_frame_shares_its_exposure_among_the_pictures_that_it_shows():
-    assert shares(0.2, 1.0, 0.5, 3) == pytest.approx({-1: 1.0})
-    assert shares(1.1, 1.0, 0.5, 3) == pytest.approx({0: 1.0})
-    # The exposure of 1/60 s starts 1/240 s before the change.
-    assert shares(1.5 - 1 / 240, 1.0, 0.5, 3) == pytest.approx({0: 0.25, 1: 0.75})
-    assert shares(9.0, 1.0, 0.5, 3) == pytest.approx({2: 1.0})
+    exposure_s = 1 / 60
+    assert shares(0.1, exposure_s, 0.5, 3) == pytest.approx({0: 1.0})
+    # The exposure starts 1/240 s before the change.
+    assert shares(0.5 - 1 / 240, exposure_s, 0.5, 3) == pytest.approx({0: 0.25, 1: 0.75})
+    assert shares(1.5 - 1 / 240, exposure_s, 0.5, 3) == pytest.approx({2: 0.25, 0: 0.75})
+    assert shares(4.2, exposure_s, 0.5, 3) == pytest.approx({2: 1.0})
     random = np.random.default_rng(1)
     movements = video_movements(Motion(shake_px=0.5), 3400.0, 20_000, random)
     places = np.array([3400 * m.turn[:2, 2] for m in movements])
@@ -265,8 +266,8 @@ def test_a_photograph_of_a_grey_panel_has_its_exposure_and_sharpening_keeps_area
 def test_sixty_disturbed_cases_have_every_disturbance_and_room_for_their_sheets():
     cases = [draw_disturbed(number) for number in range(60)]
     counts = Counter(name for case in cases for name in case.disturbances)
-    assert len(counts) == 13 and min(counts.values()) >= 3
-    assert sum(not case.disturbances for case in cases) == 6
+    assert len(counts) == 14 and min(counts.values()) >= 2
+    assert sum(not {*case.disturbances} - {"steady"} for case in cases) == 6
     for case in cases:
         Sheet(case.display, case.assembly)
     again = draw_disturbed(7, positions=4)
