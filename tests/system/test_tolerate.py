@@ -131,7 +131,7 @@ def test_a_display_that_cannot_be_mounted_is_named_and_the_others_count(tmp_path
         (("--algorithms", "template,gu2020"), ["--algorithms template,gu2020", "single algorithm"]),
         (("--algorithms", "templat"), ["did you mean template"]),
         (("-D", "inim.misalign=gap_mm=1"), ["misalign", "leave it out"]),
-        (("--display", "fone"), ["did you mean phone"]),
+        (("--display", "phnoe"), ["did you mean phone"]),
         (("--calibration", "tiny.xml"), ["tiny.xml", "not a JSON document"]),
         (("--workers", "0"), ["--workers 0"]),
     ],
