@@ -59,6 +59,16 @@ class _KernelFiles(caching.IndexDataCacheFile):  # type: ignore[misc]
         self._data_name_pattern = f"{base}-{digest}.{{number:d}}.nbc"
         super().save(key, data)
 
+    def _load_index(self) -> Any:
+        """Kernels by signature; none if an earlier program's signatures have types that are gone.
+
+        numba reads the signatures before it compares the stamps.
+        """
+        try:
+            return super()._load_index()
+        except (AttributeError, ImportError):
+            return {}
+
 
 @contextmanager
 def _fixed_configuration() -> Iterator[None]:

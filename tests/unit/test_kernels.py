@@ -1,6 +1,10 @@
 """Compiled kernels on disk are those of the code that runs."""
 
+import pathlib
+import pickle
 from importlib import util
+
+import numba
 
 from inim.backend import kernels
 
@@ -53,3 +57,18 @@ def test_kernels_saved_by_two_processes_at_once_are_not_mixed_up(tmp_path, monke
     assert kernel(3) == 6
     for value in (0.5, 3):
         assert load(path)(value) == 2 * value
+
+
+def test_kernels_of_types_that_are_gone_are_compiled_again(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
+    path = tmp_path / "planted.py"
+    path.write_text(SOURCE)
+    assert not loads_from_disk(path)
+    (index,) = tmp_path.rglob("*.nbi")
+    # After the version follows a stamp of a class that no module has.
+    gone = pickle.dumps(pathlib.PurePath).replace(b"PurePath", b"GonePath")
+    with index.open("wb") as file:
+        pickle.dump(numba.__version__, file)
+        file.write(gone)
+    assert not loads_from_disk(path)
+    assert loads_from_disk(path)
