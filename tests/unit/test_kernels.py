@@ -66,9 +66,9 @@ def test_kernels_of_types_that_are_gone_are_compiled_again(tmp_path, monkeypatch
     assert not loads_from_disk(path)
     (index,) = tmp_path.rglob("*.nbi")
     # After the version follows a stamp of a class that no module has.
-    gone = pickle.dumps(pathlib.PurePath).replace(b"PurePath", b"GonePath")
+    stamp = pickle.dumps(pathlib.PurePath).replace(b"PurePath", b"GonePath")
     with index.open("wb") as file:
         pickle.dump(numba.__version__, file)
-        file.write(gone)
+        file.write(stamp)
     assert not loads_from_disk(path)
     assert loads_from_disk(path)
