@@ -94,7 +94,7 @@ def measure(case: Case, burst: int = 1) -> dict[str, Any]:
         "found": estimates,
         "shift_is_certain": {"shift_x_mm": bool(certain[0]), "shift_y_mm": bool(certain[1])},
         "refused": refused,
-        "warnings": warnings,
+        "warnings": [warning.replace(folder, "...") for warning in warnings],
         "photographs": count,
         "disturbances": case.disturbances,
         "seconds": {"photographs": photographed - started, "calibration": ended - photographed},
