@@ -57,14 +57,10 @@ def read_video(path: Path, count: int) -> list[np.ndarray | None]:
     Raises `FileError`: not a video, or not one of the patterns in order; `UsageError`: see
     `video_shape`.
     """
-    places = np.zeros(0, int)
-    samples: list[np.ndarray] = []
-    for frame in _frames(path):
-        if not samples:
-            places = np.sort(np.random.default_rng(0).integers(0, frame.size, _PLACES))
-        samples.append(frame.ravel()[places])
-    if not samples:
-        raise _not_a_video(path)
+    shape = video_shape(path)
+    size = shape[0] * shape[1]
+    places = np.sort(np.random.default_rng(0).integers(0, size, _PLACES))
+    samples = [frame.ravel()[places] for frame in _frames(path)]
     chosen = pattern_frames(np.stack(samples), count)
     missing = sum(frames.size == 0 for frames in chosen)
     if missing > 1:
@@ -73,7 +69,7 @@ def read_video(path: Path, count: int) -> list[np.ndarray | None]:
             "repeated, with fixed exposure and without moving the camera, for twice their time"
         )
     numbers = {int(frame): k for k, frames in enumerate(chosen) for frame in frames}
-    totals = np.zeros((count, *video_shape(path)), np.float32)
+    totals = np.zeros((count, *shape), np.float32)
     for n, frame in enumerate(_frames(path)):
         if n in numbers:
             totals[numbers[n]] += _LIGHT[frame]

@@ -6,7 +6,6 @@ forms of `inim.inspection`, and this module validates the best ones with a relic
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -90,18 +89,15 @@ def score(candidate: Candidate, need: Need, scene: Path) -> float:
         Viewpoint(name, side * half, 0.0, need.distance_mm)
         for name, side in (("left-eye", -1), ("right-eye", 1))
     ]
-    folder = Path(tempfile.mkdtemp(prefix="inim-choose-"))
-    try:
+    with tempfile.TemporaryDirectory(prefix="inim-choose-", ignore_cleanup_errors=True) as folder:
         report = validate(
             scene,
-            folder / "report",
+            Path(folder, "report"),
             display=display,
             preview=True,
             viewpoints=eyes,
             definitions={"inim.view_pixels_per_lens": -int(-display.pitch_mm // VIEW_PIXEL_MM)},
         )
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
     (algorithm,) = report.data.algorithms.values()
     return sum(float(view["ssim_on_relic"] or 0.0) for view in algorithm.views.values()) / len(eyes)
 

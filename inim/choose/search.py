@@ -16,6 +16,7 @@ import numpy as np
 
 from inim.choose.sheets import LensSheet
 from inim.display import DISPLAYS, Display
+from inim.display.pixels import MM_PER_INCH
 from inim.documents.inspect import Suitability
 from inim.errors import DisplayError, UsageError
 from inim.inspection.findings import usable_model
@@ -31,7 +32,7 @@ from inim.inspection.suitability import (
 from inim.lens import lens_model as find_lens_model
 
 _PANEL = re.compile(r"(\d{2,5})\s*[x×]\s*(\d{2,5})\s*,\s*(\d+(?:\.\d+)?)\s*(in|cm|um|µm)")
-_MM_PER_UNIT = {"in": 25.4, "cm": 10.0, "um": 1e-3, "µm": 1e-3}
+_MM_PER_UNIT = {"in": MM_PER_INCH, "cm": 10.0, "um": 1e-3, "µm": 1e-3}
 # Central depth planes to try, in multiples of the depth, and centres of the depth range.
 _PLANES = tuple(np.geomspace(0.4, 8, 8))
 _CENTRES = np.linspace(-1, 1, 41)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-_METHODS = ("relief", "layers", "model")
+_MODEL = "model"
 _DEFAULT_MODEL = "depth-anything/Depth-Anything-V2-Small-hf"
 _KINDS = ("auto", "inverse", "metres")
 _INSTALL = "pip install 'inim[depth]'"
@@ -51,7 +51,7 @@ def _add_depth_arguments(parser: argparse.ArgumentParser) -> None:
     add("-o", "--out", type=Path, required=True, help="depth, .exr, .npy, or .png to paint over")
     add(
         "--method",
-        default=_METHODS[0],
+        default="relief",
         help="relief: the subject bulges within its outline; layers: a flat subject before the "
         "background; model: a learned model (default: relief)",
     )
@@ -73,7 +73,7 @@ def _add_depth_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _depth(args: argparse.Namespace) -> int:
     _check_depth(args)
-    if args.method == "model":
+    if args.method == _MODEL:
         depth, kind, options = _depth_of_model(args)
     else:
         depth, kind, options = _depth_of_outline(args)
@@ -100,7 +100,7 @@ def _depth_of_outline(args: argparse.Namespace) -> tuple[np.ndarray, str, list[s
                 f"{subject.mean():.0%} of them white; give a mask of the photograph's "
                 f"{color.shape[1]} x {color.shape[0]} pixels that is white where the subject is"
             )
-    method = next(m for m in outline_depth.METHODS if m.name == args.method)
+    method = outline_depth.METHODS[args.method]
     nearness = method.nearness(subject)
     _write_depth(args.out, nearness, "nearness from 0 to 1")
     kind = f"the subject covers {subject.mean():.0%}; white and 1 are nearest"
@@ -130,20 +130,21 @@ def _depth_of_model(args: argparse.Namespace) -> tuple[np.ndarray, str, list[str
 
 
 def _check_depth(args: argparse.Namespace) -> None:
+    from inim.from_camera.outline_depth import METHODS
     from inim.generators.registry import one_of
 
-    method = one_of("--method", args.method, _METHODS)
-    suffixes = (".exr", ".npy") if method == "model" else (".exr", ".npy", ".png")
+    is_model = one_of("--method", args.method, (*METHODS, _MODEL)) == _MODEL
+    suffixes = (".exr", ".npy") if is_model else (".exr", ".npy", ".png")
     if args.out.suffix.lower() not in suffixes:
         raise UsageError(f"-o {args.out}: depth is written as {' or '.join(suffixes)}")
-    if method == "model" and args.mask is not None:
+    if is_model and args.mask is not None:
         raise UsageError("--mask: a model needs no outline; leave it out")
     if args.out.is_dir():
         raise FileError(f"{args.out}: is a folder; name a file with -o")
     check_file(args.photo)
     if os.path.realpath(args.out) == os.path.realpath(args.photo):
         raise UsageError(f"-o {args.out}: is the photograph; give it another name")
-    if method != "model" and args.model != _DEFAULT_MODEL:
+    if not is_model and args.model != _DEFAULT_MODEL:
         raise UsageError("--model: is for --method model; add that")
     if args.model_output not in _KINDS:
         raise UsageError(

@@ -651,17 +651,21 @@ class Display:
         svg: bytes = _call("inim.report.diagram", "plan_view", self, ())
         return svg.decode()
 
+    @property
+    def differs_on_its_side(self) -> bool:
+        """True for cylinders, staggered rows, sub-pixels, or an array that is not aligned."""
+        aligned = not (self.shift_x_mm or self.shift_y_mm) and self.is_separable
+        return not aligned or self.subpixels != "none" or self.row_pitch_mm != self.pitch_mm
+
     def turned(self) -> Display:
         """The display on its side: a landscape panel becomes an upright one, and vice versa.
 
         Raises
         ------
         DisplayError
-            It does not look the same on its side: cylinders, staggered rows, sub-pixels, or an
-            array that is not aligned.
+            It `differs_on_its_side`.
         """
-        aligned = not (self.shift_x_mm or self.shift_y_mm) and self.is_separable
-        if not aligned or self.subpixels != "none" or self.row_pitch_mm != self.pitch_mm:
+        if self.differs_on_its_side:
             raise DisplayError(
                 f"display {self.name}: differs on its side; turn the picture instead"
             )

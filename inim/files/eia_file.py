@@ -7,6 +7,7 @@ file: in a PNG, an EXR, or a PDF that prints at true size.
 from __future__ import annotations
 
 import zlib
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from inim.display import Display
 from inim.display.pixels import MM_PER_INCH
-from inim.errors import DisplayError, FileError
+from inim.errors import FileError
 from inim.files import check_file
 from inim.files.image import read_exr_channels, write_exr_parts
 from inim.files.picture import open_picture
@@ -54,7 +55,7 @@ def read_eia(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | Non
     if path.suffix.lower() == ".exr":
         eia, alpha = _read_exr(path, display)
     else:
-        with open_picture(path, ("PNG",), 4, "not a readable PNG; save it again") as picture:
+        with _open_png(path) as picture:
             _check_size(path, picture.size, display)
             eia, alpha = _linear(picture)
     return eia, None if alpha is None else alpha > 0
@@ -71,7 +72,7 @@ def eia_codes(path: Path) -> NDArray[np.uint8]:
         if not set("RGB") <= channels.keys():
             raise FileError(f"{path}: has no colours; it has {', '.join(channels) or 'none'}")
         return to_srgb(np.stack([channels[name] for name in "RGB"], axis=-1))
-    with open_picture(path, ("PNG",), 4, "not a readable PNG; save it again") as picture:
+    with _open_png(path) as picture:
         return to_srgb(_linear(picture)[0])
 
 
@@ -84,14 +85,14 @@ def turned_for(path: Path, display: Display) -> Display:
     if path.suffix.lower() == ".exr":
         size = next(iter(read_exr_channels(path).values())).shape[::-1]
     else:
-        with open_picture(path, ("PNG",), 4, "not a readable PNG; save it again") as picture:
+        with _open_png(path) as picture:
             size = picture.size
-    if size != display.eia_shape or size[0] == size[1]:
-        return display
-    try:
-        return display.turned()
-    except DisplayError:
-        return display
+    is_turned = size == display.eia_shape and size[0] != size[1]
+    return display.turned() if is_turned and not display.differs_on_its_side else display
+
+
+def _open_png(path: Path) -> AbstractContextManager[Any]:
+    return open_picture(path, ("PNG",), 4, "not a readable PNG; save it again")
 
 
 def _check_size(path: Path, size: tuple[int, int], display: Display) -> None:

@@ -42,10 +42,11 @@ def prepare_gltf(path: Path, data: bytes) -> bytes:
     end = _GLB_START + int.from_bytes(data[12:16], "little") if is_binary else len(data)
     header = json.loads(data[_GLB_START:end] if is_binary else data)
     _check_extensions(path, header)
-    _check_accessors(header, len(data))
-    for mesh in header.get("meshes", []):
-        for primitive in mesh["primitives"]:
-            _mark(header, primitive)
+    primitives = [p for mesh in header.get("meshes", []) for p in mesh["primitives"]]
+    _check_accessors(header, primitives, len(data))
+    changes = [_mark(header, primitive) for primitive in primitives]
+    if not any(changes):
+        return data
     text = json.dumps(header).encode()
     if not is_binary:
         return text
@@ -66,14 +67,13 @@ def _check_extensions(path: Path, header: dict[str, Any]) -> None:
             )
 
 
-def _check_accessors(header: dict[str, Any], size: int) -> None:
+def _check_accessors(header: dict[str, Any], primitives: list[dict[str, Any]], size: int) -> None:
     """Reject accessors without data, which trimesh would fill with zeros of the declared size."""
     accessors = header.get("accessors", [])
     compressed = set()
-    for mesh in header.get("meshes", []):
-        for primitive in mesh["primitives"]:
-            if _DRACO in primitive.get("extensions", {}):
-                compressed |= {primitive.get("indices"), *primitive["attributes"].values()}
+    for primitive in primitives:
+        if _DRACO in primitive.get("extensions", {}):
+            compressed |= {primitive.get("indices"), *primitive["attributes"].values()}
     zeros = sum(
         accessor["count"]
         for index, accessor in enumerate(accessors)
@@ -83,20 +83,26 @@ def _check_accessors(header: dict[str, Any], size: int) -> None:
         raise ValueError(f"declares {zeros} items without data")
 
 
-def _mark(header: dict[str, Any], primitive: dict[str, Any]) -> None:
-    """Note how a primitive's attributes are decoded, where that is more than reading numbers."""
+def _mark(header: dict[str, Any], primitive: dict[str, Any]) -> bool:
+    """Note how a primitive's attributes are decoded, where that is more than reading numbers.
+
+    Returns True if something was noted.
+    """
     attributes = primitive["attributes"]
     texture = _base_color_texture(header, primitive)
     transform = texture.get("extensions", {}).get(_TRANSFORM, {})
     coordinates = f"TEXCOORD_{transform.get('texCoord', texture.get('texCoord', 0))}"
-    if coordinates in attributes:
+    is_another_set = coordinates != "TEXCOORD_0" and coordinates in attributes
+    if is_another_set:
         attributes["TEXCOORD_0"] = attributes[coordinates]
     normalized = [
         name for name, index in attributes.items() if header["accessors"][index].get("normalized")
     ]
-    if normalized or transform:
+    is_decoded = bool(normalized or transform)
+    if is_decoded:
         decoding = {"normalized": normalized, "transform": transform}
         primitive.setdefault("extensions", {})[_DECODED] = decoding
+    return is_decoded or is_another_set
 
 
 def _base_color_texture(header: dict[str, Any], primitive: dict[str, Any]) -> dict[str, Any]:

@@ -9,12 +9,13 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+from inim.display.pixels import MM_PER_INCH
 from inim.errors import FileError
 from inim.files.ply import is_ply, read_ply
 from inim.files.triangle_mesh import MESH_SUFFIXES, Mesh, check_mesh, has_area, read_bytes
 
 # Millimetres in one unit of length.
-UNIT_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}
+UNIT_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": MM_PER_INCH}
 
 _FORMATS_OF_SHAPES = ("ply", "obj")
 

@@ -130,17 +130,16 @@ class OutlineMethod(NamedTuple):
     ones (see `reports/depth`). A layer is in the middle.
     """
 
-    name: str
     nearness: Callable[[NDArray[np.bool_]], NDArray[np.float32]]
     near: float
     far: float
 
 
-#: Methods, the default first.
-METHODS = (
-    OutlineMethod("relief", relief, 1.625, -0.375),
-    OutlineMethod("layers", layers, 2.0, 0.0),
-)
+#: Methods by name.
+METHODS = {
+    "relief": OutlineMethod(relief, 1.625, -0.375),
+    "layers": OutlineMethod(layers, 2.0, 0.0),
+}
 
 
 def _difference_to_background(color: np.ndarray) -> tuple[np.ndarray, float, float]:
@@ -166,9 +165,10 @@ def _difference_to_background(color: np.ndarray) -> tuple[np.ndarray, float, flo
 
 def _resize(values: np.ndarray, shape: tuple[int, ...], step: int) -> np.ndarray:
     """Bilinear interpolation at all pixels of a picture of which each `step`-th is given."""
-    from scipy import ndimage
-
-    places = [(np.arange(size) - step // 2) / step for size in shape]
-    grid = np.meshgrid(*places, indexing="ij")
-    resized: np.ndarray = ndimage.map_coordinates(values, grid, order=1, mode="nearest")
-    return resized
+    for axis, size in enumerate(shape):
+        places = ((np.arange(size) - step // 2) / step).clip(0, values.shape[axis] - 1)
+        below = np.minimum(places.astype(int), max(values.shape[axis] - 2, 0))
+        above = np.minimum(below + 1, values.shape[axis] - 1)
+        share = np.expand_dims(places - below, 1 - axis)
+        values = values.take(below, axis) * (1 - share) + values.take(above, axis) * share
+    return values

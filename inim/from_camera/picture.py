@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.display import Display
-from inim.errors import DisplayError, FileError, UsageError
+from inim.errors import FileError, UsageError
 from inim.from_camera.depth_values import (
     FILL_RULES,
     DepthConvention,
@@ -325,12 +325,8 @@ class CameraPicture:
         Displays that differ on their side remain as they are.
         """
         rows, columns = picture.color.shape[:2]
-        if (rows - columns) * (display.height_mm - display.width_mm) >= 0:
-            return display
-        try:
-            return display.turned()
-        except DisplayError:
-            return display
+        is_alike = (rows - columns) * (display.height_mm - display.width_mm) >= 0
+        return display if is_alike or display.differs_on_its_side else display.turned()
 
     def fit_to(
         self, picture: ColorDepth, display: Display, pixels_per_pitch: float

@@ -22,18 +22,9 @@ from PIL import Image
 import inim
 from inim.from_camera import outline_depth
 from inim.image.color import srgb_from_linear, srgb_to_uint8
-from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
-from inim.metrics import relic_region
 from inim.metrics.ssim import ssim
-from inim.pipeline.plan import make_plan
-from inim.pipeline.request import Request
-from inim.pipeline.stages.capture import capture_relic
-from inim.pipeline.stages.ground_truth import render_ground_truth_eia, render_view
-from inim.pipeline.stages.reconstruction import reconstruct_views
-from inim.pipeline.stages.scene import Renderer
-from inim.pipeline.stages.stage import Run
-from inim.process.observer import Observer
+from reports.panel.run import Bench
 
 VIEWPOINT = "left"
 DEPTHS = {
@@ -49,41 +40,26 @@ def pictures(rgbd: RGBD, name: str) -> dict[str, RGBD]:
     codes = srgb_to_uint8(srgb_from_linear(np.where(rgbd.covered[..., None], rgbd.color, 0)))
     subject = outline_depth.find_subject(codes, name)
     result = {"true": rgbd}
-    for method in outline_depth.METHODS:
+    for label, method in outline_depth.METHODS.items():
         nearness = method.nearness(subject)
         share = (nearness - method.far) / (method.near - method.far)
         depth = (low + (high - low) * share).astype(np.float32)
-        result[method.name] = replace(rgbd, depth_mm=depth, covered=subject)
+        result[label] = replace(rgbd, depth_mm=depth, covered=subject)
     return result
 
 
 def score(scene: Path) -> tuple[dict[str, Any], list[np.ndarray]]:
     """SSIM of a scene's side view by the depth of its picture, errors of the depths, and views."""
-    plan = make_plan(Request(scene, Path("out/depth"), viewpoints=(VIEWPOINT,)))
-    run, eye, s = Run(), plan.viewpoints[0], plan.settings
-    renderer = Renderer(plan.request.backend, Observer(), plan.rays_in_flight)
-    camera = plan.camera(renderer)
-    rgbd = capture_relic(camera, plan.inputs, run=run).rgbd
-    sampling = (s.view_pixels_per_lens, s.view_spp, s.seed)
-    region = relic_region(render_view(camera.scene, eye, *sampling, run=run)[1])
-
-    def view(eia: np.ndarray) -> np.ndarray:
-        image = NoisyImage.from_image(eia, np.zeros_like(eia))
-        views = reconstruct_views("view", image, [eye], plan.optics, renderer, run=run)
-        return views[eye.name].image
-
-    truth = render_ground_truth_eia(
-        camera.scene, plan.display, s.eia_spp, s.seed, None, run=run
-    ).image
-    reference = view(truth)
+    bench = Bench(scene, VIEWPOINT)
+    rgbd, display = bench.rgbd, bench.plan.display
     row: dict[str, Any] = {"scene": scene.stem}
     views = []
     for name, picture in pictures(rgbd, scene.stem).items():
         common = picture.covered & rgbd.covered
         error = (picture.depth_mm - rgbd.depth_mm)[common]
-        views.append(view(inim.generate(picture, plan.display)))
+        views.append(bench.view(inim.generate(picture, display), display))
         row[name] = {
-            "ssim": ssim(reference, views[-1], region),
+            "ssim": ssim(bench.ideal, views[-1], bench.relic),
             "outline_iou": common.sum() / (picture.covered | rgbd.covered).sum(),
             "depth_rms_mm": float(np.sqrt((error**2).mean())),
         }

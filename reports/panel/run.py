@@ -13,6 +13,7 @@ import argparse
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -75,13 +76,12 @@ EFFECTS = (
 class Bench:
     """The scene's ground truth and the views of displays, in a run of the pipeline."""
 
-    def __init__(self, scene: Path) -> None:
-        self.plan = make_plan(Request(scene, Path("out/panel"), viewpoints=("centre",)))
+    def __init__(self, scene: Path, viewpoint: str = "centre") -> None:
+        self.plan = make_plan(Request(scene, Path("out/panel"), viewpoints=(viewpoint,)))
         self.run = Run()
         self.renderer = Renderer(self.plan.request.backend, Observer(), self.plan.rays_in_flight)
         self.camera = self.plan.camera(self.renderer)
-        capture = capture_relic(self.camera, self.plan.inputs, run=self.run)
-        self.template = inim.generate(capture.rgbd, self.plan.display, ALGORITHM)
+        self.rgbd = capture_relic(self.camera, self.plan.inputs, run=self.run).rgbd
         self.eia = self.true_eia(self.plan.display)
         s = self.plan.settings
         sampling = (s.view_pixels_per_lens, s.view_spp, s.seed)
@@ -90,6 +90,11 @@ class Bench:
         )
         self.scene_view, self.relic = scene_view.image, relic_region(relic)
         self.ideal = self.view(self.eia, self.plan.display)
+
+    @cached_property
+    def template(self) -> np.ndarray:
+        """EIA of the generator."""
+        return inim.generate(self.rgbd, self.plan.display, ALGORITHM)
 
     def true_eia(self, display: Display) -> np.ndarray:
         """Ground-truth EIA of a display."""
