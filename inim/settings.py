@@ -166,6 +166,11 @@ class Settings:
     fit_share: float = _setting(
         0.85, "share of the array that the relic may fill, 0..1", low=1e-6, high=1
     )
+    turn_deg: float | None = _setting(
+        None,
+        "turn of the relic about its upward axis, counter-clockwise seen from above; its size is "
+        "then the same at all turns (none: not turned)",
+    )
     lens_model: str = _setting(
         "thick", "lens model of the reconstruction: pinhole, thin, thick or full"
     )

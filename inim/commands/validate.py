@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from inim.commands import (
     picture_of,
     print_outcome,
     print_warning,
+    reject_mesh,
     request_of,
 )
 from inim.errors import EXIT_PASSED, FileError, UsageError
@@ -165,15 +165,10 @@ def _validate_scene(args: argparse.Namespace) -> int:
 
 
 def _validate_picture(args: argparse.Namespace) -> int:
-    from inim.files.triangle_mesh import MESH_SUFFIXES
     from inim.views.own_picture import PictureRequest, run_picture
     from inim.worker.output import default_out
 
-    if args.input.suffix.lower() in MESH_SUFFIXES and args.input.is_file():
-        raise UsageError(
-            f"{args.input}: is a mesh; create a scene from it first: inim new-scene "
-            f"{shlex.quote(str(args.input))}"
-        )
+    reject_mesh(args.input)
     for option in ("eias", "baseline", "preview", "time", "lazy", "allow_folders", "plugins"):
         if getattr(args, option):
             option_name = f"--{option.removesuffix('s').replace('_', '-')}"

@@ -10,6 +10,8 @@ from inim.commands import (
     add_shared,
     check_report_arguments,
     choices_of,
+    finish,
+    reject_mesh,
     show_result,
 )
 from inim.errors import EXIT_PASSED, FileError, UsageError
@@ -43,26 +45,28 @@ def _view(args: argparse.Namespace) -> int:
 
 
 _FILM = "film.webp"
+# Path of an eye in front of a turntable.
+_STILL = "0 0, 0 0"
 
 
 def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Film a report's display with an eye that moves along a path: an animated .gif or .webp, "
-        "or an .mp4."
+        "Film a report's display with an eye that moves along a path, or the EIAs of a turntable "
+        "with an eye at rest: an animated .gif or .webp, or an .mp4."
     )
     add = parser.add_argument
-    add("folder", type=Path, metavar="OUT", help="a report's folder")
+    add("folder", type=Path, metavar="OUT", help="folder of a report, or of a turntable")
     add_shared(
         parser,
         "lens_model",
         out=f"film to write: .gif, .webp or .mp4 (OUT/{_FILM})",
-        algorithms="panes: algorithms, or reference (reference and the best algorithm)",
+        algorithms="panes: algorithms, or reference (reference and the best algorithm); turntable: "
+        "algorithms, or truth",
     )
     add(
         "--path",
-        default="circle",
-        help="'circle' inside the viewing zone (default), or eye positions 'x y [z], x y [z], ...' "
-        "in mm, visited in order and back",
+        help="'circle' inside the viewing zone (default of a report), or eye positions "
+        "'x y [z], x y [z], ...' in mm, visited in order and back",
     )
     add("--allow-flips", action="store_true", help="allow the path to leave the viewing zone")
     add(
@@ -71,8 +75,9 @@ def _add_film_arguments(parser: argparse.ArgumentParser) -> None:
         help="add a pane with the report's scene (.xml); with inim[perception], the other panes "
         "are scored against it as films, in JOD",
     )
-    add("--frames", type=int, default=48, metavar="N", help="frames (48)")
-    add("--rate", type=float, default=16.0, metavar="FPS", help="frames per second (16)")
+    add("--frames", type=int, metavar="N", help="frames of a report (48)")
+    rate = "frames per second (16, or the turntable's)"
+    add("--rate", type=float, metavar="FPS", help=rate)
     add("--view-spp", type=int, default=32, metavar="N", help="samples per pixel (32)")
     add_shared(parser, "allow_folders", "quiet", "debug")
 
@@ -82,35 +87,46 @@ def _film(args: argparse.Namespace) -> int:
     from inim.lens import lens_models
     from inim.report import Report
     from inim.views.film import REFERENCE, SCENE, FilmRequest
-    from inim.views.frames import TracedScene, render_in_worker
+    from inim.views.frames import Source, TracedScene, render_in_worker
+    from inim.views.turntable import JSON as TURNTABLE
+    from inim.views.turntable import Turntable
 
-    report = Report.load(args.folder)
-    settings, best = report.data.settings, report.data.best_algorithm
-    model = args.lens_model or report.data.lens_model
+    sources: dict[str, Source] = {}
+    names = args.algorithms.split(",") if args.algorithms else []
+    if (args.folder / TURNTABLE).is_file():
+        turntable = Turntable.load(args.folder)
+        if args.scene is not None or args.frames is not None:
+            raise UsageError("--scene, --frames: are not for a turntable; leave them out")
+        settings, design = turntable.data.settings, turntable.data.display.parameters
+        misalign, model = settings.misalign, settings.lens_model
+        frames, rate, path = len(turntable.data.frames), turntable.data.frames_per_second, _STILL
+        for name in names or turntable.names[:2]:
+            sources[name.strip()] = turntable.eia_paths(name.strip(), "--algorithms")
+    else:
+        report = Report.load(args.folder)
+        settings, design, best = report.data.settings, report.display, report.data.best_algorithm
+        misalign, model = report.data.misalign, report.data.lens_model
+        frames, rate, path = 48 if args.frames is None else args.frames, 16.0, "circle"
+        if args.scene is not None:
+            sources[SCENE] = TracedScene.of(report, args.scene, args.allow_folders)
+        for name in names or [REFERENCE, *([best] if best else [])]:
+            sources[name.strip()] = report.eia_path(name.strip(), "--algorithms", true=REFERENCE)
     if not args.lens_model and model not in lens_models():
         raise FileError(
             f"{args.folder}: its report's lens model {model[:40]!r} is not known here; give "
             "--lens-model"
         )
-    sources: dict[str, Path | TracedScene] = {}
-    if args.scene is not None:
-        sources[SCENE] = TracedScene.of(report, args.scene, args.allow_folders)
-    names = (
-        args.algorithms.split(",") if args.algorithms else [REFERENCE, *([best] if best else [])]
-    )
-    for name in map(str.strip, names):
-        sources[name] = report.eia_path(name, "--algorithms", true=REFERENCE)
     request = FilmRequest(
         out=args.out or args.folder / _FILM,
         sources=sources,
         label=args.folder,
-        design=report.display,
-        misaligned_display=misaligned(report.display, report.data.misalign),
-        lens_model=model,
+        design=design,
+        misaligned_display=misaligned(design, misalign),
+        lens_model=args.lens_model or model,
         spp=args.view_spp,
-        path=args.path,
-        frames=args.frames,
-        frames_per_second=args.rate,
+        path=args.path or path,
+        frames=frames,
+        frames_per_second=rate if args.rate is None else args.rate,
         pixels_per_lens=settings.view_pixels_per_lens,
         luminance_cd_m2=settings.luminance_cd_m2,
         allow_flips=args.allow_flips,
@@ -133,11 +149,24 @@ def _add_export_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Write an EIA as a PDF to print, its sub-aperture views (one pixel per lens) as images or "
         "as an HCI light field, or a quilt of views rendered through the lens array; or the native "
-        "picture of a Looking Glass from a quilt."
+        "picture of a Looking Glass from a quilt; or the EIAs of a relic on a turntable."
     )
     add = parser.add_argument
-    algorithms = "report: algorithm, or truth for the ground-truth EIA (the best algorithm)"
-    add_shared(parser, "source", "display", "definitions", algorithms=algorithms)
+    algorithms = (
+        "report: algorithm, or truth for the ground-truth EIA (the best algorithm); turntable: "
+        "algorithms next to the ground truth (layered,template)"
+    )
+    source = "a report's folder, or an EIA (.png, .exr); turntable: a scene (.xml), .glb or .gltf"
+    add_shared(parser, "display", "definitions", source=source, algorithms=algorithms)
+    add(
+        "--turntable",
+        type=int,
+        metavar="N",
+        help="write the EIAs of a relic at N angles of a whole turn, as PNG files and as videos "
+        "for the panel; when repeated after an interruption, the command continues",
+    )
+    add_shared(parser, out="folder for --turntable (default: SOURCE-turntable)")
+    add("--rate", type=float, metavar="FPS", help="frames of the videos per second (24)")
     add("--pdf", type=Path, metavar="FILE", help="write a PDF that prints at true size")
     add(
         "--views",
@@ -189,6 +218,11 @@ def _add_export_arguments(parser: argparse.ArgumentParser) -> None:
 def _export(args: argparse.Namespace) -> int:
     from inim.views.export import export
 
+    if args.turntable is not None:
+        return _export_turntable(args)
+    for option in ("out", "rate"):
+        if getattr(args, option) is not None:
+            raise UsageError(f"--{option}: is for --turntable; add that")
     notes: list[str] = []
     options = {name: getattr(args, name) for name in _EXPORT_OPTIONS}
     choices = choices_of(args)
@@ -197,6 +231,30 @@ def _export(args: argparse.Namespace) -> int:
     if not args.quiet:
         print("\n".join([*map(str, files), *notes]))
     return EXIT_PASSED
+
+
+def _export_turntable(args: argparse.Namespace) -> int:
+    from inim.views.turntable import export_turntable
+    from inim.worker.output import default_out
+
+    shared = ("allow_folders", "quiet", "debug")
+    for name in _EXPORT_OPTIONS:
+        if name not in shared and getattr(args, name) is not None:
+            raise UsageError(f"--{name.replace('_', '-')}: is not for --turntable; leave it out")
+    reject_mesh(args.source, allowed=(".glb", ".gltf"))  # which define unit and axis
+    out = args.out or default_out(args.source, "turntable")
+    passed = export_turntable(
+        args.source,
+        out,
+        args.turntable,
+        *([] if args.rate is None else [args.rate]),
+        allow_folders=tuple(args.allow_folders),
+        command=args.command_line,
+        quiet=args.quiet,
+        debug=args.debug,
+        **choices_of(args),
+    )
+    return finish(passed, f"{'written' if passed else 'FAILED'}: {out}", quiet=args.quiet)
 
 
 COMMANDS = {

@@ -352,6 +352,8 @@ class Conditions(Part):
     algorithms: list[str]  #: Names of the algorithms, in alphabetical order.
     #: Only with perceptual metrics: luminance of the panel's white.
     luminance_cd_m2: float | None = field(name="luminance of white, cd/m^2", default=None)
+    #: Only of a turned relic: its turn, counter-clockwise seen from above, degrees.
+    turn_deg: float | None = field(name="turn, degrees", default=None)
     #: Only with `--lazy`.
     panel_pixels: Literal["observed ones only"] | None = field(name="panel pixels", default=None)
     variant: str | None = None  #: Variant of the renderer.

@@ -156,7 +156,7 @@ def validate(
     from inim.pipeline.request import Request
     from inim.scene.file import parse_definitions
 
-    path, folder = _scene_and_out(scene, None if out is None else _path("out", out), new_scene)
+    path, folder = scene_and_out(scene, None if out is None else _path("out", out), new_scene)
     if eias is not None and not isinstance(eias, Mapping):
         raise UsageError(f"eias: is a {type(eias).__name__}; give a mapping of names to paths")
     request = Request(
@@ -200,7 +200,7 @@ def _path(name: str, value: object) -> Path:
     return Path(value)
 
 
-def _scene_and_out(
+def scene_and_out(
     scene: object, out: Path | None, options: Mapping[str, Any] | None
 ) -> tuple[Path, Path]:
     """Path of the scene's XML, and the report's folder.

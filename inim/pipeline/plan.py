@@ -126,7 +126,7 @@ class Plan:
     def camera(self, renderer: Renderer) -> DepthCamera:
         """Depth camera in front of the scene, which the renderer opens on first use."""
         s = self.settings
-        scene = Scene(self.file, self.display, s.fit_share, renderer)
+        scene = Scene(self.file, self.display, s.fit_share, renderer, s.turn_deg)
         return DepthCamera(scene, s.capture_pixels_per_pitch, s.capture_spp, s.seed)
 
     @property
@@ -220,6 +220,7 @@ def conditions_of(plan: Plan, variant: str | None = None) -> Conditions:
         derived=DisplayRecord.of(plan.display).derived,
         misalign=s.misalign,
         fit_share=s.fit_share,
+        turn_deg=s.turn_deg,
         lens_model=s.lens_model,
         viewpoints={v.name: (*v.position_mm, v.pupil_mm, v.focus_mm) for v in plan.viewpoints},
         view_pixels_per_lens=s.view_pixels_per_lens,

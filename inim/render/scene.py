@@ -6,6 +6,7 @@ normals are those of Mitsuba's shape `ply`.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -99,9 +100,15 @@ class FittedScene:
 
 
 def open_scene(
-    file: SceneFile, display: Display, fit_share: float, observer: Observer | None = None
+    file: SceneFile,
+    display: Display,
+    fit_share: float,
+    observer: Observer | None = None,
+    turn_deg: float | None = None,
 ) -> FittedScene:
     """Load a scanned scene, check its meshes, fit it.
+
+    With `turn_deg`, turn the relic about its upward axis, and fit the cylinder of all turns.
 
     Raises `FileError`: a mesh is damaged, Mitsuba rejects a file, or a file was saved since its
     scan. Raises `SceneError`: a scene without visible shapes.
@@ -110,18 +117,25 @@ def open_scene(
         decoded = _read_files(file)
         started = time.perf_counter()
         scene = _load_scene(file, decoded)
+        relic = [shape for shape in scene.shapes() if not shape.is_emitter()]
+        if not relic:
+            raise SceneError(f"{file.path}: the scene has no shape except lights; add one")
+        points, axes = np.concatenate([*map(world_points, relic)]), _display_axes(scene)
+        if turn_deg is not None:
+            points, turn = _turntable(points, axes, turn_deg)
+            scene = _load_scene(file, decoded, turn)
         if observer:
             observer.record_rendering(time.perf_counter() - started)
     finally:  # what is wrong with a file that is just being saved is no matter
         file.check_unchanged()
-    relic = [shape for shape in scene.shapes() if not shape.is_emitter()]
-    if not relic:
-        raise SceneError(f"{file.path}: the scene has no shape except lights; add one")
     integrator = scene.integrator() or mi.load_dict(_DEFAULT_INTEGRATOR)
     _check_splats(file, scene, integrator)
+    if turn_deg is not None and splats.shows_splats(integrator):
+        raise SceneError(
+            f"{file.path}: inim.turn_deg: the colours of splats do not turn with them; use a mesh"
+        )
     _check_media(file, scene)
-    points = np.concatenate([world_points(shape) for shape in relic])
-    fit = fit_to_display(points, _display_axes(scene), display, fit_share, str(file.path))
+    fit = fit_to_display(points, axes, display, fit_share, str(file.path))
     low, high = display.depth_range_mm
     return FittedScene(scene, integrator, fit, high + _DEPTH_MARGIN * (high - low), len(relic))
 
@@ -148,7 +162,31 @@ def _read_files(file: SceneFile) -> dict[Path, Any]:
     return decoded
 
 
-def _load_scene(file: SceneFile, decoded: Mapping[Path, Any]) -> Any:
+def _turntable(
+    points: np.ndarray, axes: np.ndarray, turn_deg: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the box around all turns of a relic, (2, 3) world points, and one turn, (4, 4).
+
+    The axis points up through the middle of the relic's bounding box. The turn is
+    counter-clockwise, seen from above. Points and axes are those of `fit_to_display`.
+    """
+    placed = points @ axes.T
+    low, high = placed.min(axis=0), placed.max(axis=0)
+    middle = (low + high) / 2
+    radius = np.hypot(*(placed - middle)[:, [0, 2]].T).max()
+    low[[0, 2]], high[[0, 2]] = middle[[0, 2]] - radius, middle[[0, 2]] + radius
+    angle = math.radians(turn_deg % 360)  # a whole turn is none, bit for bit
+    cosine, sine = math.cos(angle), math.sin(angle)
+    turn = np.eye(4)
+    turn[:3, :3] = axes.T @ [[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]] @ axes
+    turn[:3, 3] = middle @ axes - turn[:3, :3] @ (middle @ axes)
+    return np.stack([low, high]) @ axes, turn
+
+
+def _load_scene(
+    file: SceneFile, decoded: Mapping[Path, Any], turn: np.ndarray | None = None
+) -> Any:
+    """Load a scene; apply a `turn`, (4, 4), to its shapes that are not lights."""
     config = mi.parser.ParserConfig(mi.variant())
     # Merged shapes come in the order of a hash table of pointers, and lights with them: equal seeds
     # would light a scene otherwise from one process to the next.
@@ -161,9 +199,12 @@ def _load_scene(file: SceneFile, decoded: Mapping[Path, Any]) -> Any:
         # Our rays are structured (through vertices, edges and centres): Embree's default mode
         # lets some of them slip between triangles.
         state.root.props["embree_use_robust_intersections"] = True
+        if turn is not None:
+            for node in _children(state, state.root, mi.ObjectType.Shape):
+                _turn_shape(state, node, turn)
         for node in state.nodes:
             _pass_file(file, node.props, decoded)
-        for node in _integrators(state, state.root):
+        for node in _children(state, state.root, mi.ObjectType.Integrator):
             _unwrap_integrator(file, state, node)
             node.props["hide_emitters"] = True
         mi.parser.transform_all(config, state)
@@ -181,17 +222,27 @@ def _load_scene(file: SceneFile, decoded: Mapping[Path, Any]) -> Any:
     return loaded[0] if isinstance(loaded, list) else loaded
 
 
-def _integrators(state: Any, node: Any) -> list[Any]:
-    """Integrators directly below a node."""
+def _children(state: Any, node: Any, kind: mi.ObjectType) -> list[Any]:
+    """Nodes of a kind directly below a node."""
     reference = mi.Properties.Type.ResolvedReference
     names = [name for name in node.props if node.props.type(name) == reference]
     nodes = [state.nodes[node.props[name].index()] for name in names]
-    return [node for node in nodes if node.type == mi.ObjectType.Integrator]
+    return [node for node in nodes if node.type == kind]
+
+
+def _turn_shape(state: Any, node: Any, turn: np.ndarray) -> None:
+    """Turn a shape unless it is a light, or a group, whose instances turn instead."""
+    if _children(state, node, mi.ObjectType.Emitter) or node.props.plugin_name() == "shapegroup":
+        return
+    own = node.props.get("to_world", mi.ScalarAffineTransform4d())
+    node.props["to_world"] = mi.ScalarAffineTransform4d(turn) @ own
 
 
 def _unwrap_integrator(file: SceneFile, state: Any, node: Any) -> None:
     """Replace an integrator that wraps others by the first of them."""
-    while node.props.plugin_name() in _WRAPPERS and (inner := _integrators(state, node)):
+    while node.props.plugin_name() in _WRAPPERS and (
+        inner := _children(state, node, mi.ObjectType.Integrator)
+    ):
         node.props = inner[0].props
     name = node.props.plugin_name()
     if name not in _INTEGRATORS:

@@ -9,9 +9,10 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,8 @@ from inim.views.frames import ViewsRequest, views
 from inim.worker.output import publish_file
 
 _KINDS = (".gif", ".webp", ".mp4")
-_ENCODER = "imageio_ffmpeg"
+#: Package that writes MP4.
+ENCODER = "imageio_ffmpeg"
 _WEBP_QUALITY = 90
 #: Name of the ground-truth EIA's pane in `show`.
 REFERENCE = "reference"
@@ -139,7 +141,7 @@ def _check_kind(path: Path) -> None:
     kind = path.suffix.lower()
     if kind not in _KINDS:
         raise UsageError(f"{path}: unknown film type; use {', '.join(_KINDS[:-1])} or {_KINDS[-1]}")
-    if kind == ".mp4" and importlib.util.find_spec(_ENCODER) is None:
+    if kind == ".mp4" and importlib.util.find_spec(ENCODER) is None:
         raise UsageError(
             f"{path}: .mp4 needs imageio-ffmpeg; pip install imageio-ffmpeg, or use .webp or .gif"
         )
@@ -170,13 +172,41 @@ def _write_animation(path: Path, frames: Sequence[np.ndarray], frames_per_second
     first.save(path, save_all=True, append_images=rest, duration=duration_ms, loop=0, **options)
 
 
-def _write_mp4(path: Path, frames: Sequence[np.ndarray], frames_per_second: float) -> None:
-    encoder = importlib.import_module(_ENCODER)
-    rows, columns = frames[0].shape[:2]
-    writer = encoder.write_frames(
-        str(path), (columns, rows), fps=frames_per_second, quality=8, macro_block_size=2
-    )
-    writer.send(None)  # starts the encoder
+def _write_mp4(
+    path: Path, frames: Iterable[np.ndarray], frames_per_second: float, **options: Any
+) -> None:
+    encoder = importlib.import_module(ENCODER)
+    writer = None
     for frame in frames:
+        if writer is None:
+            rows, columns = frame.shape[:2]
+            options = {"quality": 8, "macro_block_size": 2} | options
+            writer = encoder.write_frames(
+                str(path), (columns, rows), fps=frames_per_second, **options
+            )
+            writer.send(None)  # starts the encoder
         writer.send(np.ascontiguousarray(frame))
-    writer.close()
+    if writer is not None:
+        writer.close()
+
+
+# Adjacent panel pixels belong to different directions, so colours at half resolution (4:2:0), as
+# usual in videos, would mix them: 4:4:4. Rate factor 0 is lossless, so that only the rounding of
+# YCbCr changes a code. Colours are converted to BT.709, which players assume, and marked so.
+_PANEL_VIDEO = {
+    "codec": "libx264",
+    "pix_fmt_out": "yuv444p",
+    "quality": None,
+    "macro_block_size": 1,
+    "output_params": [
+        *("-crf", "0", "-vf", "scale=out_color_matrix=bt709:out_range=tv"),
+        *("-colorspace", "bt709", "-color_primaries", "bt709", "-color_range", "tv"),
+        *("-color_trc", "iec61966-2-1", "-movflags", "+faststart"),
+    ],
+}
+
+
+def write_panel_video(path: Path, frames: Iterable[np.ndarray], frames_per_second: float) -> None:
+    """Write EIAs, (rows, columns, 3) uint8 sRGB, as an MP4 for a panel: H.264 in 4:4:4."""
+    with file_errors(path):
+        _write_mp4(path, frames, frames_per_second, **_PANEL_VIDEO)

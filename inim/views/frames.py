@@ -32,7 +32,8 @@ class TracedScene:
 
     `sha256` is its digest in the report, `definitions` are the settings and scene parameters that
     the report's run overrode, `allow_folders` additional folders for files that the scene
-    references, and `fit_share` is the share of the lens array that the relic fills.
+    references, `fit_share` is the share of the lens array that the relic fills, and `turn_deg` its
+    turn.
     """
 
     path: Path
@@ -40,6 +41,7 @@ class TracedScene:
     definitions: Mapping[str, str]
     allow_folders: tuple[Path, ...]
     fit_share: float
+    turn_deg: float | None
 
     @classmethod
     def of(
@@ -53,6 +55,7 @@ class TracedScene:
             scene.definitions,
             tuple(allow_folders),
             report.data.settings.fit_share,
+            report.data.settings.turn_deg,
         )
 
     def file(self) -> SceneFile:
@@ -66,6 +69,10 @@ class TracedScene:
         return file
 
 
+#: An EIA, an EIA for each view, or a scene.
+Source = Path | tuple[Path, ...] | TracedScene
+
+
 @dataclass(frozen=True, kw_only=True)
 class ViewsRequest:
     """Request to render views into a file.
@@ -76,7 +83,7 @@ class ViewsRequest:
     """
 
     out: Path
-    sources: Mapping[str, Path | TracedScene]
+    sources: Mapping[str, Source]
     label: Path
     design: Display
     misaligned_display: Display
@@ -96,8 +103,9 @@ class ViewsRequest:
         for source in self.sources.values():
             if isinstance(source, TracedScene):
                 source.file()
-            else:
-                read_eia(source, self.misaligned_display)
+            else:  # of many EIAs, the others are checked when they are shown
+                eia = source[0] if isinstance(source, tuple) else source
+                read_eia(eia, self.misaligned_display)
 
     @property
     def file(self) -> Path:
@@ -141,22 +149,24 @@ def views(
 
 def _views_of(
     name: str,
-    source: Path | TracedScene,
+    source: Source,
     design: Display,
     optics: Optics,
     eyes: Sequence[Viewpoint],
     renderer: Renderer,
 ) -> Iterator[np.ndarray]:
     if isinstance(source, TracedScene):
-        scene = Scene(source.file(), design, source.fit_share, renderer)
-    else:
-        eia = read_eia(source, optics.display)[0]
-        eia_on_display = DisplayedEIA(eia, None, optics, renderer)
-    for eye in eyes:
+        scene = Scene(source.file(), design, source.fit_share, renderer, source.turn_deg)
+    displayed_path, eia_on_display = None, None
+    for number, eye in enumerate(eyes):
         renderer.observer.stage(name)
         if isinstance(source, TracedScene):
             sampling = (optics.view_pixels_per_lens, optics.half_spp, 0)
             view = render_view(scene, eye, *sampling, run=Run())[0].image
         else:
+            path = source[number] if isinstance(source, tuple) else source
+            if eia_on_display is None or path != displayed_path:
+                eia, displayed_path = read_eia(path, optics.display)[0], path
+                eia_on_display = DisplayedEIA(eia, None, optics, renderer)
             view = eia_on_display.view(eye, half=0)
         yield to_srgb(view)

@@ -66,7 +66,8 @@ def run_job(request: CaptureRequest, staging: Path, observer: Observer) -> bool:
     """Entry point in the worker: capture the scene and write the picture."""
     observer.begin(["start", "open scene", "capture RGB-D"])
     settings = request.settings
-    scene = Scene(request.file, request.display, settings.fit_share, Renderer("auto", observer))
+    renderer = Renderer("auto", observer)
+    scene = Scene(request.file, request.display, settings.fit_share, renderer, settings.turn_deg)
     camera = DepthCamera(
         scene, settings.capture_pixels_per_pitch, settings.capture_spp, settings.seed
     )

@@ -62,13 +62,15 @@ class Renderer:
 class Scene:
     """A scene in front of a display as designed, opened on first use.
 
-    The relic is fitted into the display's depth range and fills `fit_share` of the lens array.
+    The relic is fitted into the display's depth range and fills `fit_share` of the lens array. It
+    is turned by `turn_deg` (`inim.render.scene.open_scene`).
     """
 
     file: SceneFile
     display: Display
     fit_share: float
     renderer: Renderer
+    turn_deg: float | None = None
 
     def cache_key(self) -> dict[str, Any]:
         """Return all values that affect rendered images; the display has pinholes for lenses."""
@@ -80,6 +82,7 @@ class Scene:
         return {
             "scene": self.file.rendered_sha256,
             "fit_share": self.fit_share,
+            "turn_deg": self.turn_deg,
             **{f"display {name}": value for name, value in parameters.items() if name != "name"},
             **self.renderer.cache_key(),
             **{f"plugin {plugin.name}": plugin.sha256 for plugin in self.renderer.plugins},
@@ -93,7 +96,7 @@ class Scene:
 
         observer = self.renderer.observer
         with observer.timed("open scene"):
-            return open_scene(self.file, self.display, self.fit_share, observer)
+            return open_scene(self.file, self.display, self.fit_share, observer, self.turn_deg)
 
     @property
     def render_options(self) -> dict[str, Any]:
