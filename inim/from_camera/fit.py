@@ -230,7 +230,7 @@ class PictureFit:
     frame_at: float | None
     #: Display millimetres per unit of length in x and y, or per picture pixel if orthographic.
     scale: float
-    framing: str | None = None  #: Description of the automatic framing, if used.
+    framing: dict[str, str] | None = None  #: Notes of the automatic framing, if used.
 
 
 def fit_picture(

@@ -46,7 +46,7 @@ class Framing:
     near: float
     far: float
     subject_depth: float  #: Median depth of the subject.
-    reason: str
+    notes: dict[str, str]  #: Short explanations of `subject`, `range` and `crop`.
 
 
 def choose_framing(values: DepthValues, aspect: float) -> Framing:
@@ -78,26 +78,29 @@ def choose_framing(values: DepthValues, aspect: float) -> Framing:
     rows, columns = values.depth.shape
     high_px, wide_px = min(rows, round(columns / aspect)), min(columns, round(rows * aspect))
     ends = [np.array([0, size]) for size in (rows, columns)]
-    reason = f"no subject before a background (two depths explain {explained:.0%}); range: all"
+    notes = {
+        "subject": f"none before a background: two depths explain {explained:.0%}",
+        "range": "all depths",
+        "crop": f"{wide_px} x {high_px} of {columns} x {rows} pixels",
+    }
     if has_subject:
         unit = " mm" if values.has_unit else ""
-        reason = (
-            f"subject {share:.0%} of the picture, centre-weighted; nearer than "
-            f"{depth(threshold):.4g}{unit} (two depths explain {explained:.0%}); range: the "
-            "subject and half as much behind it"
+        notes["subject"] = (
+            f"{share:.0%} of the picture, centre-weighted, nearer than {depth(threshold):.4g}"
+            f"{unit}: two depths explain {explained:.0%}"
         )
+        notes["range"] = "the subject and half as much behind it"
         ends = [
             np.quantile(places, (_BOX_STRAY, 1 - _BOX_STRAY), method="nearest") * step
             for places in np.nonzero(subject)
         ]
     window = _centre_window(ends[0], high_px, rows), _centre_window(ends[1], wide_px, columns)
-    reason += f"; cover: {wide_px} x {high_px} of {columns} x {rows} pixels"
     shares = [size / (np.ptp(e) + 1) for e, size in zip(ends, (high_px, wide_px), strict=True)]
     if has_subject and min(shares) < _WHOLE:
         lost = f"{1 - min(shares):.0%} of the subject"
-        reason += f", which cut {lost}; --fit contain shows the whole picture"
+        notes["crop"] += f", without {lost}; --fit contain shows all"
     middle = depth(float(np.median(nearness[subject])))
-    return Framing(*window, depth(front), depth(far), middle, reason)
+    return Framing(*window, depth(front), depth(far), middle, notes)
 
 
 def _weights(shape: tuple[int, ...]) -> np.ndarray:

@@ -357,7 +357,7 @@ class CameraPicture:
             coarseness=picture.coarseness,
             drop=self.out_of_range == "drop",
         )
-        return replace(picture_fit, framing=None if framing is None else framing.reason), depth_map
+        return replace(picture_fit, framing=None if framing is None else framing.notes), depth_map
 
     def _choose_range(
         self, framing: Framing, *, near_is_large: bool
@@ -390,7 +390,7 @@ class CameraPicture:
 
     def notes(self, picture: ColorDepth, fit: PictureFit) -> tuple[str, ...]:
         """Lines on a photograph's properties and on the automatic framing."""
-        notes = {"photo": "; ".join(picture.notes), "framed": fit.framing or ""}
+        notes = {"photo": "; ".join(picture.notes), **(fit.framing or {})}
         return tuple(f"{name:<11}{text}" for name, text in notes.items() if text)
 
     def warnings(

@@ -53,7 +53,7 @@ def test_a_photograph_needs_nothing_but_its_name(tmp_path, capsys):
     output = capsys.readouterr()
     assert output.err == ""
     assert "units m: metric" in line(output.out, "photo")
-    assert "subject" in line(output.out, "framed")
+    assert "nearer than" in line(output.out, "subject")
     assert " mm," in line(output.out, "depth")
     display = small_display(columns=24, rows=12, pixels=8)
     eia, _ = read_eia(out, display)
@@ -74,7 +74,7 @@ def test_stated_choices_win(tmp_path, capsys):
     words = (photo, "-o", tmp_path / "eia.png", "--save-rgbd", fitted, "--fit", "contain", *ends)
     assert generate(*words) == EXIT_PASSED
     out = capsys.readouterr().out
-    assert "framed" not in out
+    assert "\nsubject " not in out
     rgbd, display = read_rgbd(fitted), small_display(columns=24, rows=12, pixels=8)
     low, high = display.depth_range_mm
     red = rgbd.covered & (rgbd.color[..., 0] > 0.5)
@@ -116,9 +116,12 @@ def test_an_auto_fit_of_two_files_is_that_of_the_photograph(tmp_path, capsys):
     files = (tmp_path / "color.png", "--depth", tmp_path / "depth.npy")
     stated = ("--depth-unit", "mm", "--orthographic", "--fit", "auto")
     assert generate(*files, *stated, "-o", tmp_path / "eia.png") == EXIT_PASSED
-    of_files = line(capsys.readouterr().out, "framed")
+    of_files = capsys.readouterr().out
     assert generate(tmp_path / "photo.jpg", "-o", tmp_path / "eia.png") == EXIT_PASSED
-    assert line(capsys.readouterr().out, "framed") == of_files
+    of_photo = capsys.readouterr().out
+    for name in ("subject", "range", "crop"):
+        assert line(of_photo, name) == line(of_files, name)
+        assert len(line(of_photo, name)) <= 100
 
 
 def folder_of(tmp_path: Path) -> Path:
@@ -138,7 +141,7 @@ def test_a_broken_file_of_a_folder_is_named_and_the_others_are_generated(tmp_pat
     assert generate(folder, "-o", out) == EXIT_CHECK_FAILED
     output = capsys.readouterr()
     assert sorted(p.name for p in out.iterdir()) == ["a.png", "c.heic.png", "c.jpeg.png"]
-    assert output.out.count("framed") == 3
+    assert output.out.count("\nsubject ") == 3
     assert output.out.splitlines()[-1] == f"3 of 4 photographs converted; EIAs: {out}"
     assert re.fullmatch(rf"inim: failed: {folder / 'b.JPG'}: .*truncated.*\n", output.err)
     # As alone.
@@ -190,15 +193,14 @@ def test_a_photograph_is_validated(tmp_path, capsys, renderer):
         assert main(["validate", *words]) == EXIT_PASSED
     output = capsys.readouterr()
     assert "units m: metric" in line(output.out, "photo")
-    assert "subject" in line(output.out, "framed")
+    assert "nearer than" in line(output.out, "subject")
     data = json.loads((out / "report.json").read_text())
     assert data["warnings"] == []
     kinds = [note.split(":")[0] for note in data["picture"]["notes"]]
-    assert kinds == ["photo", "framed"]
+    assert kinds == ["photo", "subject", "range", "crop"]
     assert "metric" in data["picture"]["notes"][0]
-    assert data["picture"]["notes"][1].removeprefix("framed") in (
-        out / "report.html"
-    ).read_text().replace("&#x27;", "'")
+    page = (out / "report.html").read_text().replace("&#x27;", "'")
+    assert all(note.partition(": ")[2] in page for note in data["picture"]["notes"])
     assert f"inim validate {photo}" in data["command"]
     assert main(["validate", str(tmp_path), "-o", str(out)]) == EXIT_USAGE
     assert f"{tmp_path}: is a folder" in capsys.readouterr().err

@@ -36,7 +36,7 @@ def test_the_subject_is_the_part_in_front_of_the_background():
     extent = max(nearness[0] - nearness[1], 0.1 * (1 / 500 - 1 / 3000))
     assert framing.far == pytest.approx(1 / (nearness[1] - extent / 2), rel=0.01)
     assert 500 < framing.subject_depth < 550
-    assert "subject" in framing.reason
+    assert "nearer than" in framing.notes["subject"]
 
 
 @pytest.mark.parametrize("aspect", [0.5, 1.0, 2.5])
@@ -47,7 +47,7 @@ def test_cover_has_the_display_s_shape_and_the_whole_subject(aspect, at):
     wide = framing.columns.stop - framing.columns.start
     assert wide / high == pytest.approx(aspect, rel=0.01)
     assert high == 300 or wide == 400  # as much as there is
-    if "no subject" in framing.reason:  # in the corner the rim weighs little
+    if "none" in framing.notes["subject"]:  # in the corner the rim weighs little
         assert at != (120, 160)
         return
     assert framing.rows.start <= at[0]
@@ -56,12 +56,12 @@ def test_cover_has_the_display_s_shape_and_the_whole_subject(aspect, at):
     assert at[1] + 80 <= framing.columns.stop
 
 
-def test_a_subject_that_cover_cuts_is_in_the_middle_and_the_reason_names_the_loss():
+def test_a_subject_that_cover_cuts_is_in_the_middle_and_a_note_names_the_loss():
     framing = choose_framing(values(box(at=(20, 150), size=(260, 100))), 4.0)
     assert framing.columns == slice(0, 400)
     assert framing.rows.stop - framing.rows.start == 100
     assert abs(framing.rows.start + 50 - (20 + 130)) <= 5
-    assert "% of the subject; --fit contain shows the whole picture" in framing.reason
+    assert "% of the subject; --fit contain shows all" in framing.notes["crop"]
 
 
 @pytest.mark.parametrize("kind", ["ramp", "flat", "noise"])
@@ -77,7 +77,7 @@ def test_where_there_is_no_subject_all_depths_are_mapped(kind):
     # Half a percent of the weight at either end, which is less than that of the pixels at the rim.
     assert ((depth >= framing.near) & (depth <= framing.far)).mean() > 0.95
     assert framing.rows == slice(50, 250) and framing.columns == slice(0, 400)
-    assert framing.reason.startswith("no subject")
+    assert framing.notes["subject"].startswith("none")
 
 
 def test_disparities_and_distances_are_framed_equally():
