@@ -18,6 +18,8 @@ from inim.files.triangle_mesh import MESH_SUFFIXES, Mesh, check_mesh, has_area, 
 UNIT_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": MM_PER_INCH}
 
 _FORMATS_OF_SHAPES = ("ply", "obj")
+# Formats that MeshLab does not read, but Blender does.
+_OF_BLENDER = (".usdz", ".usd", ".usda", ".usdc", ".abc", ".blend")
 
 
 def _silent(_: str) -> None:
@@ -88,10 +90,10 @@ def mesh_kind(path: Path, data: bytes) -> str:
         return suffix[1:]
     if suffix in MESH_SUFFIXES:
         raise FileError(f"{path}: is named {suffix} but its content is not; export it again")
-    raise FileError(
-        f"{path}: not a mesh that inim reads ({', '.join(MESH_SUFFIXES)}); convert it in Blender "
-        "or MeshLab first"
-    )
+    remedy = "open it in MeshLab, or in Blender, and export it as glTF (.glb)"
+    if suffix in _OF_BLENDER:
+        remedy = "import it in Blender (File, Import), and export it as glTF (.glb)"
+    raise FileError(f"{path}: not a mesh that inim reads ({', '.join(MESH_SUFFIXES)}); {remedy}")
 
 
 def _is_binary_stl(data: bytes) -> bool:

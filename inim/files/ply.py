@@ -130,6 +130,11 @@ def read_ply(path: Path, data: bytes, *, materials: bool = True) -> Mesh | None:
     Raises `FileError`: the file is damaged.
     """
     header = ply_header(path, data)
+    if "tristrips" in {element.name for element in header.elements}:
+        raise FileError(f"{path}: has triangle strips; open it in MeshLab, and export triangles")
+    pictures = [comment for comment in header.comments if comment.startswith("TextureFile")]
+    if materials and len(pictures) > 1:
+        raise FileError(f"{path}: has {len(pictures)} pictures; open it in MeshLab, and export OBJ")
     columns = columns_of(data, header)
     if columns is None:
         _check_length(path, data, header)
@@ -138,7 +143,7 @@ def read_ply(path: Path, data: bytes, *, materials: bool = True) -> Mesh | None:
         return None
     vertex, face = columns["vertex"], columns["face"]
     uv = _stack_columns(vertex, _UV_NAMES)
-    if materials and uv is not None and any(c.startswith("TextureFile") for c in header.comments):
+    if materials and uv is not None and pictures:
         return None
     vertices, faces = _geometry(path, vertex, face)
     normals = usable_normals(_stack_columns(vertex, _NORMAL_NAMES))

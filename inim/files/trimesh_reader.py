@@ -24,6 +24,10 @@ from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 _MOST_TEXTURE_PIXELS = 2**26
 _MOST_INSTANCED_FACES = 50_000_000
 _MOST_COMPANION_BYTES = 2**29
+# Name of the vertex colours of a mesh that also has a material.
+_COLORS = "_inim_color"
+# Vertex colours above it change no 8-bit code.
+_WHITE = 0.995
 # trimesh's colour for "nobody said"; a material of this colour says nothing.
 _GREY = (102, 102, 102)
 
@@ -90,10 +94,17 @@ def read_with_trimesh(
                 "the relic goes without it"
             )
         _check_instances(path, scene)
+        for part in scene.geometry.values():  # copies keep a mesh's attributes, but not a visual's
+            colors = getattr(getattr(part, "visual", None), "vertex_attributes", {}).get("color")
+            if colors is not None:
+                part.vertex_attributes[_COLORS] = colors
         linear = kind in ("glb", "gltf")
         # Copies, where nodes have transforms, lose the file's normals.
         parts = scene.dump() if materials else list(scene.geometry.values())
-        return [_mesh(path, part, linear_colors=linear) for part in _surfaces(path, parts)]
+        surfaces = _surfaces(path, parts)
+        if any(_has_two_colors(part) for part in surfaces):
+            warn(f"{path}: its vertex colours would multiply its texture, and are left out")
+        return [_mesh(path, part, linear_colors=linear) for part in surfaces]
     except FileError:
         raise
     except MemoryError as error:
@@ -109,6 +120,15 @@ def _surfaces(path: Path, parts: list[Any]) -> list[Any]:
         kinds = sorted({type(p).__name__ for p in parts}) or ["nothing"]
         raise FileError(f"{path}: holds no faces ({', '.join(kinds)}); inim needs a triangle mesh")
     return surfaces
+
+
+def _has_two_colors(part: Any) -> bool:
+    """True if a texture is multiplied by vertex colours that are not white."""
+    colors = part.vertex_attributes.get(_COLORS)
+    material = getattr(part.visual, "material", None)
+    if colors is None or getattr(material, "baseColorTexture", None) is None:
+        return False
+    return bool((_color(colors, True) < _WHITE).any())
 
 
 def _check_instances(path: Path, scene: Any) -> None:
@@ -161,9 +181,9 @@ def _appearance(
         uv = None
     if image is not None and uv is not None:
         return None, uv, _apply_tint(_pixels(path, image), tint if linear else np.ones(3))
-    spoken = getattr(visual, "vertex_attributes", {}).get("color")
-    if spoken is not None and len(spoken) == count:
-        return _color(spoken, linear) * tint, uv, None
+    colors = part.vertex_attributes.get(_COLORS)
+    if colors is not None and len(colors) == count:
+        return _color(colors, linear) * tint, uv, None
     if factor is None or tuple(factor[:3]) == _GREY or bool((tint == 1).all()):
         return None, uv, None
     return np.tile(tint, (count, 1)).astype(np.float32), uv, None

@@ -105,3 +105,120 @@ def test_a_folder_s_only_mesh_becomes_a_scene(tmp_path):
     (folder / "other.obj").write_text("")
     with pytest.raises(FileError, match=r"2 meshes \(other.obj, q.gltf\)"):
         new_scene(folder, tmp_path / "second.xml")
+
+
+def colored(folder, texture=None, colors=None):
+    """A triangle with a material, vertex colours, and perhaps a texture, as GLB."""
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorFactor=[255, 255, 255, 255], baseColorTexture=texture
+    )
+    mesh = trimesh.Trimesh(np.eye(3), [[0, 1, 2]], process=False)
+    mesh.visual = trimesh.visual.TextureVisuals(uv=np.eye(3)[:, :2], material=material)
+    mesh.visual.vertex_attributes["color"] = np.array(colors, np.uint8)
+    path = folder / "c.glb"
+    mesh.export(path)
+    assert b"COLOR_0" in path.read_bytes()
+    return path
+
+
+RGB = [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255]]
+
+
+def test_vertex_colours_of_a_mesh_with_a_material(tmp_path):
+    mesh = read(colored(tmp_path, colors=RGB))
+    np.testing.assert_allclose(mesh.color, np.eye(3), atol=1e-6)
+
+
+def test_vertex_colours_on_a_texture_are_left_out_with_a_warning_unless_white(tmp_path):
+    texture = Image.new("RGB", (8, 8), (200, 100, 50))
+    warnings = []
+    (mesh,) = read_mesh(colored(tmp_path, texture, RGB), warnings.append)
+    assert mesh.texture is not None and mesh.color is None
+    assert len(warnings) == 1 and "vertex colours would multiply its texture" in warnings[0]
+    assert read(colored(tmp_path, texture, [[255] * 4] * 3)).texture is not None
+
+
+def test_webp_textures_are_read(tmp_path):
+    Image.new("RGB", (8, 8), (200, 100, 50)).save(tmp_path / "t.webp", lossless=True)
+    source = {"extensions": {"EXT_texture_webp": {"source": 0}}}
+    header = {"images": [{"uri": "t.webp"}], "textures": [source]}
+    mesh = read(
+        quantized(tmp_path, {"texCoord": 1}, extensionsRequired=["EXT_texture_webp"], **header)
+    )
+    assert (mesh.texture == (200, 100, 50)).all()
+
+
+def test_each_material_keeps_its_colour(tmp_path):
+    scene = trimesh.Scene()
+    for number, color in enumerate(([255, 0, 0, 255], [0, 0, 255, 255])):
+        part = trimesh.creation.box()
+        part.visual = trimesh.visual.TextureVisuals(
+            material=trimesh.visual.material.PBRMaterial(name=str(number), baseColorFactor=color)
+        )
+        scene.add_geometry(
+            part, transform=trimesh.transformations.translation_matrix([number, 0, 0])
+        )
+    scene.export(tmp_path / "m.glb")
+    meshes = read_mesh(tmp_path / "m.glb", pytest.fail)
+    assert sorted(mesh.color[0].tolist() for mesh in meshes) == [[0, 0, 1], [1, 0, 0]]
+
+
+def test_obj_with_materials_and_pictures_next_to_it(tmp_path):
+    for name, color in (("red", (255, 0, 0)), ("blue", (0, 0, 255))):
+        Image.new("RGB", (8, 8), color).save(tmp_path / f"{name} scan.png")
+    (tmp_path / "m.mtl").write_text(
+        "newmtl a\nmap_Kd red scan.png\nnewmtl b\nmap_Kd blue scan.png\n"
+    )
+    (tmp_path / "m.obj").write_text(
+        "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 0\nvt 0 1\n"
+        "usemtl a\nf 1/1 2/2 3/3\nusemtl b\nf 1/1 2/2 4/3\n"
+    )
+    meshes = read_mesh(tmp_path / "m.obj", pytest.fail)
+    assert sorted(tuple(mesh.texture[0, 0].tolist()) for mesh in meshes) == [
+        (0, 0, 255),
+        (255, 0, 0),
+    ]
+
+
+def test_ply_with_texture_coordinates_of_its_faces(tmp_path):
+    """MeshLab writes such files, with the picture's name in a comment."""
+    pixels = np.zeros((8, 8, 3), np.uint8)
+    pixels[:4], pixels[4:] = (255, 0, 0), (0, 0, 255)
+    Image.fromarray(pixels).save(tmp_path / "t.png")
+    text = (
+        "ply\nformat ascii 1.0\ncomment TextureFile t.png\nelement vertex 4\nproperty float x\n"
+        "property float y\nproperty float z\nelement face 2\n"
+        "property list uchar int vertex_indices\nproperty list uchar float texcoord\nend_header\n"
+        "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2 6 0 0 1 0 0 1\n3 0 1 3 6 .5 .5 1 0 0 1\n"
+    )
+    (tmp_path / "m.ply").write_text(text)
+    mesh = read(tmp_path / "m.ply")
+    assert (mesh.texture == pixels).all()
+    corners = [mesh.vertices[mesh.faces].tolist(), mesh.uv[mesh.faces].tolist()]
+    assert corners == [
+        [[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 0], [1, 0, 0], [0, 0, 1]]],
+        [[[0, 0], [1, 0], [0, 1]], [[0.5, 0.5], [1, 0], [0, 1]]],
+    ]
+    (tmp_path / "m.ply").write_text(text.replace("t.png", "t.png\ncomment TextureFile u.png"))
+    with pytest.raises(FileError, match="2 pictures; open it in MeshLab"):
+        read_mesh(tmp_path / "m.ply")
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.usdz", b"PK\3\4 usd", "a.usdz: .*import it in Blender"),
+        ("a.3mf", b"PK\3\4 3mf", "a.3mf: .*MeshLab"),
+        (
+            "a.ply",
+            b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+            b"property float z\nelement tristrips 1\nproperty list int int vertex_indices\n"
+            b"end_header\n0 0 0\n1 0\n",
+            "a.ply: has triangle strips; open it in MeshLab",
+        ),
+    ],
+)
+def test_other_formats_name_the_program_to_convert_with(tmp_path, name, content, message):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(FileError, match=message):
+        read_mesh(tmp_path / name)
