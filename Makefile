@@ -1,4 +1,4 @@
-# make demo      set up, validate the example scene and print the path of its report
+# make demo      set up, validate the example scene and print the address of its live display
 # make test      set up and run the fast tests
 # make test-all  also run the slow tests and the comparison with a lens design program
 # make test-perception  run the tests of ColorVideoVDP in a separate environment (about 6 GB)
@@ -25,7 +25,7 @@ PARALLEL := -n 3 --dist worksteal
 .PHONY: demo test test-all test-perception checks fast docs test-docs clean
 
 demo: $(VENV)/.installed
-	@$(BIN)/python -m inim.validate scenes/amphora.xml --display fine -o out/amphora
+	@$(BIN)/inim demo -o out/amphora
 
 # Without a cache, mypy occupies one core for 13 to 30 seconds, so the tests start at the same time.
 test: $(VENV)/.installed-test

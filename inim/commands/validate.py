@@ -197,8 +197,8 @@ _DEMO_DISPLAY = "fine"
 
 def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Validate the bundled amphora scene on the display `fine`, and print the path of its "
-        "report. In a terminal, the report also opens in the browser, if there is one."
+        "Validate the bundled amphora scene on the display `fine`, and print the addresses of its "
+        "report and live display. In a terminal, the latter opens in the browser, if there is one."
     )
     add_shared(parser, "preview", "quiet", "debug", out="folder for the report (amphora-report)")
 
@@ -212,10 +212,15 @@ def _demo(args: argparse.Namespace) -> int:
     if args.scene is None:
         raise FileError(f"{package / 'demo'}: missing; install inim again")
     code = _validate_scene(args)
-    if sys.stdout.isatty() and not args.quiet:
-        import webbrowser
+    if not args.quiet:
+        from inim.report.virtual_display import ANCHOR
 
-        webbrowser.open((args.out / "report.html").resolve().as_uri())
+        page = f"{(args.out / 'report.html').resolve().as_uri()}#{ANCHOR}"
+        print_outcome(f"live display, to open in a browser: {page}")
+        if sys.stdout.isatty():
+            import webbrowser
+
+            webbrowser.open(page)
     return code
 
 

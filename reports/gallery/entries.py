@@ -179,17 +179,17 @@ class _Eye:
     scene: str = "scenes/wine_coin.xml"
     algorithm: str = "layered"
     options: tuple[str, ...] = (
-        *("--algorithms", "layered"),
-        *("-D", "inim.view_pixels_per_lens=6"),
+        *("--display", "fine", "--algorithms", "layered"),
+        *("-D", "inim.view_pixels_per_lens=4"),
         *("-D", "inim.view_spp=64"),
         *("-D", "inim.fit_share=0.78"),
     )
-    distance_mm: float = 1000
-    across_mm: float = 100
-    up_mm: float = 40
+    distance_mm: float = 542.7
+    across_mm: float = 54
+    up_mm: float = 22
     frames: int = 32
     frame_ms: int = 100
-    lens: tuple[int, int] = (28, 33)
+    lens: tuple[int, int] = (39, 46)
     captions: tuple[str, str, str] = (
         "the scene",
         "the panel, magnified",
@@ -216,7 +216,7 @@ class _Eye:
     # The report.
     report_scene: str = "scenes/amphora.xml"
     report_options: tuple[str, ...] = (
-        *("--algorithms", "wang2024,template,layered"),
+        *("--display", "fine", "--algorithms", "wang2024,template"),
         "--no-skip",  # cached times would include compilation
     )
     report_window: Mapping[str, Any] = field(

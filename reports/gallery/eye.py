@@ -51,7 +51,8 @@ def film_eye(run: Path, out: Path) -> None:
     """Film the scene, a part of the panel, and the panel through its lenses."""
     data = json.loads((run / "report.json").read_text("utf-8"))
     first = picture(run / "truth/0.png")
-    panel = magnified(run / "eia" / f"{EYE.algorithm}.png", data["display"]["derived"], EYE.lens)
+    eia, derived = run / "eia" / f"{EYE.algorithm}.png", data["display"]["derived"]
+    panel = magnified(eia, derived, EYE.lens, first.width)
     panel = panel.crop((0, 0, *first.size))
     frames = []
     for k, (x, _) in enumerate(_eye_positions()):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -31,10 +32,16 @@ def save_small(image: Image.Image, path: Path) -> None:
     image.save(path, quality=_QUALITY, method=6)
 
 
-def magnified(eia: Path, display: Mapping[str, float], lens: tuple[int, int]) -> Image.Image:
-    """Magnify some elemental images, from the lens (column, row); each panel pixel is a square."""
+def magnified(
+    eia: Path, display: Mapping[str, float], lens: tuple[int, int], width_px: int = 0
+) -> Image.Image:
+    """Magnify some elemental images, from the lens (column, row); each panel pixel is a square.
+
+    The picture is at least `width_px` wide.
+    """
     pixels = display["pixels_per_lens"]
     left, top = (round(pixels * at) for at in lens)
     side = round(pixels * LENSES_MAGNIFIED)
     crop = picture(eia).crop((left, top, left + side, top + side))
-    return crop.resize((2 * side, 2 * side), Image.Resampling.NEAREST)
+    large = side * max(2, math.ceil(width_px / side))
+    return crop.resize((large, large), Image.Resampling.NEAREST)

@@ -141,12 +141,14 @@ def render_room(run: Path, out: Path) -> None:
 
 
 def make_readme() -> None:
-    """Make the two pictures in README."""
+    """Make the two pictures in README, and the EIA of the site's first page."""
     IMAGES.mkdir(exist_ok=True)
     run = validate(RUNS / "readme", EYE.report_scene, EYE.report_options)
     photograph_report(run, IMAGES / "report.webp")
     run = validate(RUNS / "eye", EYE.scene, [*EYE.options, "--viewpoints", eye_viewpoints()])
     film_eye(run, IMAGES / "eye.webp")
+    with Image.open(run / "eia" / f"{EYE.algorithm}.png") as eia:
+        eia.save(IMAGES / "goblet-eia.webp", quality=90, method=6)
 
 
 def main(names: Sequence[str]) -> None:

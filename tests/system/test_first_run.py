@@ -19,11 +19,13 @@ from pathlib import Path
 
 import pytest
 
+from inim.commands import validate
 from inim.errors import EXIT_PASSED, UsageError
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import PREVIEW, Request
+from inim.report.virtual_display import ANCHOR
 from tests.schemas import read_document
-from tests.system.conftest import TINY, Ended, assert_refused, command, write_scene
+from tests.system.conftest import TINY, Ended, assert_refused, command, run_here, write_scene
 
 Run = Callable[..., Ended]
 # Few enough for every test, over what a preview sets.
@@ -119,3 +121,12 @@ def test_bar_names_its_stages_and_never_runs_backwards(tmp_path):
     assert len({name for name, _, _ in bars}) >= 4
     assert any(re.match(r"\d\d:\d\d left", words) for _, _, words in bars)
     assert "SSIM on the relic" in output, "lines stay readable between the bar's"
+
+
+def test_demo_ends_with_the_address_of_the_live_display(tmp_path, monkeypatch):
+    """The validation itself has tests of its own."""
+    monkeypatch.setattr(validate, "_validate_scene", lambda _: EXIT_PASSED)
+    ended = run_here("demo", "-o", "out", folder=tmp_path)
+    page = (tmp_path / "out/report.html").as_uri()
+    assert ended.stdout == f"live display, to open in a browser: {page}#{ANCHOR}\n"
+    assert run_here("demo", "-o", "out", "--quiet", folder=tmp_path).stdout == ""
