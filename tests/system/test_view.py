@@ -291,7 +291,7 @@ def test_every_control_works_without_an_error(tab, page):
     choose = "(s => { s.value = 2; s.dispatchEvent(new Event('change')); })"
     tab.evaluate(f"{choose}(document.querySelector('#virtual-display select'))")
     tab.until("inimDisplay.state().panels[0] === 2")
-    tab.size(700, 500)
+    tab.size(700, 900)
     tab.click("input[name=together]")
     rest(tab)
     widths = "[...document.querySelectorAll('canvas')].map((c) => c.clientWidth)"

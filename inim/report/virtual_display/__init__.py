@@ -165,6 +165,7 @@ def _live_html(
     several = len(names) > 1
     screens = [_screen(display, names, side, index) for side, index in enumerate(start)]
     body = [
+        element("div", *screens, class_="screens"),
         element(
             "p",
             text(_HELP),
@@ -173,7 +174,6 @@ def _live_html(
             id="virtual-display-help",
         ),
         _controls(eyes, several, live_lens_models(display), shown_lens_model(display, lens_model)),
-        element("div", *screens, class_="screens"),
         _where(),
         element("p", class_="spoken", role="status"),
     ]
