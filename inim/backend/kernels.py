@@ -16,7 +16,7 @@ import os
 import stat
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache, partial
@@ -112,26 +112,41 @@ def share_rows(kernel: Callable[..., None], rows: int, *arguments: Any) -> None:
     A kernel that numba shares among its own threads takes a second longer to compile, and does not
     survive a fork.
     """
-    others = min(_thread_count, rows) - 1
-    if others < 1 or config.DISABLE_JIT:
+    threads = min(_thread_count, rows)
+    if threads < 2 or config.DISABLE_JIT:
         kernel(0, rows, *arguments)
         return
     kernel(0, 0, *arguments)  # compiled in this thread only
-    part = -(-rows // (_PARTS * (others + 1)))
-    begins = iter(range(0, rows, part))
+    part = -(-rows // (_PARTS * threads))
+    begins = range(0, rows, part)
+    share(lambda begin: kernel(begin, min(begin + part, rows), *arguments), begins)
 
-    def take_parts() -> None:
-        for begin in begins:
-            kernel(begin, min(begin + part, rows), *arguments)
 
-    threads = _threads(os.getpid(), others)
-    helping = [threads.submit(take_parts) for _ in range(others)]
+def share(task: Callable[[Any], object], items: Sequence[Any]) -> None:
+    """Call a function for each of some items, on several threads.
+
+    Inside a task, each of them works alone.
+    """
+    others, remaining = min(_thread_count, len(items)) - 1, iter(items)
+
+    def take_items() -> None:
+        for item in remaining:
+            task(item)
+
+    threads = _threads(os.getpid(), others) if others > 0 else None
+    helping = [threads.submit(take_items) for _ in range(others)] if threads else []
     try:
-        take_parts()
+        take_items()
     finally:
         late = [future for future in helping if not future.cancel()]
         for future in late:
             future.result()
+
+
+def parts_of(items: Sequence[Any]) -> list[Sequence[Any]]:
+    """Parts of some items for `share`, if each part has a start of its own."""
+    count = _PARTS * _thread_count
+    return [items[n::count] for n in range(min(count, len(items)))]
 
 
 # Parts of the rows for each thread: the last ones end at about the same time.

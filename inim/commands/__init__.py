@@ -83,6 +83,17 @@ _SHARED = {
         help="pinhole, thin, thick, full (thick lenses as a path-traced mesh, slow), or a model "
         "from another package",
     ),
+    "up": _option(
+        "--up",
+        metavar="AXIS",
+        help="axis of the mesh that points up: x, -x, y, ...; write a negative axis as --up=-z; "
+        "required, except for glTF (y)",
+    ),
+    "front": _option(
+        "--front",
+        metavar="AXIS",
+        help="axis of the mesh that faces the viewer (default: z; if z is up, -y)",
+    ),
     "allow_folders": _option(
         "--allow-folder",
         action="append",
@@ -288,12 +299,14 @@ def show_result(page: Path, args: argparse.Namespace, eia: Path) -> None:
 def classify_input(args: argparse.Namespace) -> None:
     """Set the kind of the positional argument INPUT, by its content and --depth.
 
-    Exactly one of these becomes the path: `scene` (.xml); `fitted`, an RGB-D picture (.exr);
-    `cameras_file`, pictures of several cameras (.json); `light_field`, the folder of an HCI light
-    field; `color`, the colour picture of --depth; or `photo`, a photograph with depth inside (or a
-    folder of them).
+    Exactly one of these becomes the path: `scene` (.xml); `mesh`, or splats; `fitted`, an RGB-D
+    picture (.exr); `cameras_file`, pictures of several cameras (.json); `light_field`, the folder
+    of an HCI light field; `color`, the colour picture of --depth; or `photo`, a photograph with
+    depth inside (or a folder of them).
     """
-    kinds = ("scene", "fitted", "cameras_file", "light_field", "color", "photo")
+    kinds = ("scene", "mesh", "fitted", "cameras_file", "light_field", "color", "photo")
+    from inim.files.triangle_mesh import MESH_SUFFIXES
+
     vars(args).update(dict.fromkeys(kinds))
     suffix = args.input.suffix.lower()
     if args.depth is not None:
@@ -305,6 +318,8 @@ def classify_input(args: argparse.Namespace) -> None:
         kind = "light_field"
     elif suffix == ".xml":
         kind = "scene"
+    elif suffix in MESH_SUFFIXES:
+        kind = "mesh"
     else:
         kind = {".exr": "fitted", ".json": "cameras_file"}.get(suffix, "photo")
     setattr(args, kind, args.input)

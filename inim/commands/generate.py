@@ -56,7 +56,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Generate an elemental image array (EIA) from a colour picture with depth, a photograph "
         "that contains depth, an RGB-D picture of inim, pictures of several cameras, a light "
-        "field, or a scene."
+        "field, a mesh, Gaussian splats, or a scene."
     )
     parser.epilog = f"{_EPILOG}\n{parser.epilog}"
     add = parser.add_argument
@@ -66,9 +66,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="INPUT",
         help="a colour picture with --depth; a photograph that contains depth (HEIC, or JPEG from "
         "Android or Apple), or a folder of these; an RGB-D picture of inim (.exr); a .json that "
-        "lists the pictures of several cameras; the folder of an HCI 4D light field; or a scene "
-        "(.xml), rendered with -D inim.capture_spp=N samples per pixel",
+        "lists the pictures of several cameras; the folder of an HCI 4D light field; a mesh or "
+        "Gaussian splats (see inim new-scene), lit and fitted to the display; or a scene (.xml); "
+        "both are rendered with -D inim.capture_spp=N samples per pixel",
     )
+    add_shared(parser, "up", "front")
     add_picture(parser)
     out = "EIA to write, .png or .exr (default: eia.png); a folder if INPUT is a folder"
     add_shared(parser, "display", "definitions", "debug", out=out)
@@ -177,8 +179,12 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     started = time.perf_counter()
     picture = picture_of(args)
     _check(args, picture)
+    if args.mesh is not None:
+        return _generate_from_mesh(args)
+    if args.up is not None or args.front is not None:
+        raise UsageError(f"--up, --front: {args.input} is not a mesh; leave them out")
     if args.scene is not None or args.fitted is not None:
-        return _generate_from_rgbd(args)
+        return _generate_from_rgbd(args, args.scene)
     display, settings = display_and_settings(args)
     if args.light_field is not None:
         return _generate_from_light_field(args, display, settings), ()
@@ -233,27 +239,42 @@ def _generate_from_light_field(
     return [*report, _write_outputs(args, rgbd, eia, empty, display)]
 
 
-def _generate_from_rgbd(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
+def _generate_from_mesh(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
+    """Generate and write the EIA of a mesh, as that of a new scene."""
+    import tempfile
+
+    from inim.scene.new_scene import ANY_UNIT, new_scene
+
+    with tempfile.TemporaryDirectory() as folder:
+        scene = Path(folder) / f"{args.mesh.stem}.xml"
+        axes = {"up": args.up, "front": args.front}
+        new_scene(args.mesh, scene, unit=ANY_UNIT, **axes, warn=print_warning)
+        return _generate_from_rgbd(args, scene)
+
+
+def _generate_from_rgbd(
+    args: argparse.Namespace, scene: Path | None
+) -> tuple[list[str], tuple[str, ...]]:
     """Generate and write the EIA of a scene, or of an RGB-D picture in millimetres of the display
     frame.
     """
     from inim.files.image import read_rgbd
-    from inim.generators import check_algorithm, properties
+    from inim.generators import check_algorithm
     from inim.generators.base import outside_depth_range, outside_depth_text
 
     check_algorithm(_algorithm(args))
     started = time.perf_counter()
-    if args.scene is not None:
-        from inim.views.scene_capture import capture_scene
+    if scene is not None:
+        from inim.views.scene_capture import generate_from_scene
 
-        chosen, input_type = choices_of(args), properties(_algorithm(args)).input
-        rgbd, display = capture_scene(
-            args.scene, chosen.get("display"), chosen["definitions"], input_type, debug=args.debug
+        chosen = choices_of(args)
+        rgbd, display, (eia, _, empty, _) = generate_from_scene(
+            scene, chosen.get("display"), chosen["definitions"], _algorithm(args), debug=args.debug
         )
     else:
         display, _ = display_and_settings(args)
         rgbd = read_rgbd(args.fitted)
-    eia, empty = _generate_eia(args, rgbd, display)
+        eia, empty = _generate_eia(args, rgbd, display)
     rows, columns = rgbd.shape
     report = [
         _display_line(display),
@@ -307,7 +328,7 @@ def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
         raise UsageError(f"--all-views: {args.input} is not a light field; leave it out")
     elif args.color is not None or args.photo is not None:
         picture.check_files()
-    if args.cameras_file is None and args.fitted is None and args.scene is None:
+    if {args.cameras_file, args.fitted, args.scene, args.mesh} == {None}:
         picture.check_choices()
     if args.fill is not None and one_of("--fill", args.fill, FILLS) != "none" and args.all_views:
         raise UsageError("--fill: with --all-views no algorithm leaves holes; leave it out")
@@ -349,11 +370,12 @@ def _fill_words(args: argparse.Namespace) -> str:
 def _generate_eia(
     args: argparse.Namespace, rgbd: RGBD, display: Display
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Linear RGB EIA of a picture, and its holes if the algorithm reports them."""
+    """Linear RGB EIA of a picture; its holes, if files show them and the algorithm reports them."""
+    from inim.files.eia_file import shows_holes
     from inim.pipeline.stages.generation import GeneratorHandle
 
     generator = GeneratorHandle(_algorithm(args), display, rgbd.shape, rgbd.pixel_mm)
-    run = generator.run(rgbd)
+    run = generator.run(rgbd, holes=shows_holes(display))
     return run.eia, run.holes
 
 
@@ -401,7 +423,7 @@ def _report(
     else:
         angle = 2 * np.degrees(np.arctan(columns / (2 * photograph.camera.fx)))
         projection = f"unprojected ({angle:.3g} degrees wide), frame at {fitted.frame_at:.5g}{unit}"
-    holes = "unknown for this algorithm"
+    holes = "unknown"
     if empty is not None:
         holes = f"{(empty & display.lensed).sum() / max(1, display.lensed.sum()):.1%} of the pixels"
     return [

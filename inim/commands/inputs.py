@@ -258,7 +258,7 @@ def _write_depth(path: Path, depth: np.ndarray, meaning: str) -> None:
 
 
 def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
-    from inim.scene.new_scene import AXES, UNITS
+    from inim.scene.new_scene import UNITS
 
     add = parser.add_argument
     add(
@@ -274,17 +274,7 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         choices=UNITS,
         help="length of one unit of the mesh; required, except for glTF (m) and splats",
     )
-    axes = f"{', '.join(AXES)}; write a negative axis as --up=-z"
-    add(
-        "--up",
-        metavar="AXIS",
-        help=f"axis of the mesh that points up: {axes}; required, except for glTF (y)",
-    )
-    add(
-        "--front",
-        metavar="AXIS",
-        help="axis of the mesh that faces the viewer (default: z; if z is up, -y)",
-    )
+    add_shared(parser, "up", "front")
     add(
         "--crop",
         metavar="BOX",

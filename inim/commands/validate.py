@@ -107,6 +107,10 @@ def _run(args: argparse.Namespace) -> int:
             f"{args.input}: has several cameras; merge them first: inim generate {args.input} "
             "--save-rgbd merged.exr, then inim validate merged.exr -a layered"
         )
+    if args.mesh is not None:
+        raise UsageError(
+            f"{args.input}: is a mesh; create its scene first: inim new-scene {args.input}"
+        )
     return _validate_scene(args) if args.scene else _validate_picture(args)
 
 

@@ -61,14 +61,16 @@ def check_cells(display: Display) -> None:
         )
 
 
-def cell_centres(display: Display, rows: slice, channel: int) -> tuple[np.ndarray, np.ndarray]:
+def cell_centres(
+    display: Display, rows: slice, columns: slice, channel: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Centres of a colour's sub-pixels, right and up of the pixels' centres, in pixels.
 
     (rows, columns) float64 each, of a block of panel rows.
     """
     panel_rows, panel_columns = display.eia_shape
     from_bottom = panel_rows - 1 - np.arange(rows.start, rows.stop)[:, None]
-    return cell_offsets(display, np.arange(panel_columns)[None, :], from_bottom, channel)
+    return cell_offsets(display, np.arange(panel_columns)[None, columns], from_bottom, channel)
 
 
 def cell_offsets(

@@ -32,6 +32,8 @@ CELL_MODES = ("single", "checkerboard", "columns", "staggered", "rows")
 _OFFSETS = tuple(f"{colour}Offset{axis}" for colour in "RGB" for axis in "XY")
 # Vertical field of view of the vendor's cameras. It places the viewer, whom no file states.
 _CAMERA_DEG = 14.0
+# Of PMMA, and of polycarbonate for lenses that cannot be ground from PMMA.
+_INDICES = (1.4917, 1.586)
 # Spread of the light of one direction at the ends of the depth range, in lens pitches.
 _SPREAD = 2.0
 # Ranges of numbers in a file: generous for any panel, and small enough for all arithmetic.
@@ -86,8 +88,9 @@ class LookingGlass:
           14 degrees high.
 
         The gap is the air-equivalent one that gives `view_cone`, seen from the panel. Lenses focus
-        on the panel. The depth range ends where the light of a direction, of which each lens has as
-        many as sub-pixels, spreads over two lens pitches.
+        on the panel. Their index is that of PMMA; where a face of radius g (n - 1) would not reach
+        the edge of its lens, that of polycarbonate. The depth range ends where the light of a
+        direction, of which each lens has as many as sub-pixels, spreads over two lens pitches.
         """
         pixel, pitch = MM_PER_INCH / self.dpi, MM_PER_INCH / self.pitch
         rotation_deg = math.degrees(math.atan(1 / self.slope)) * (-1 if self.flip_x else 1)
@@ -98,6 +101,7 @@ class LookingGlass:
         wide = pitch / (2 * math.cos(angle) * math.tan(math.radians(self.view_cone / 2)))
         gap = 2 * wide / (1 + math.sqrt(1 + 4 * wide / distance))
         lens = pitch * distance / (distance + gap)
+        index = next((n for n in _INDICES if 2 * gap * (n - 1) > lens), _INDICES[-1])
         phase = self._phase(angle) - self.center - 0.5
         # In eighths, exact in float32: depths of pictures at the ends do not round beyond them.
         depth = max(1, math.floor(8 * _SPREAD * lens * 3 * gap / pixel)) / 8
@@ -106,6 +110,7 @@ class LookingGlass:
             elemental_pitch_mm=pitch,
             focal_length_mm=gap,
             gap_mm=gap,
+            refractive_index=index,
             pixel_pitch_mm=pixel,
             lens_columns=max(1, round(self.screen_w * pixel * math.cos(angle) / lens)),
             lens_rows=1,

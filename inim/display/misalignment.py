@@ -25,13 +25,14 @@ def one_pixel_errors(display: Display) -> dict[str, float]:
     """Misalignments that each shift the observed panel point by a pixel, by key.
 
     The point is at the edge of the array; the eye is on its axis, twice as far as the nearest
-    usable position. A ray there moves P / 4g sideways for each millimetre of gap.
+    usable position. A ray there moves P / 4g sideways for each millimetre of gap. Cylinders that
+    are shifted up move sideways by the sine of their slant; an upright one does not move.
     """
     pixel = display.pixel_pitch_mm
     half_width, half_height = display.width_mm / 2, display.height_mm / 2
     farthest = max(half_width, half_height)
     gap = pixel * 4 * display.gap_mm / display.pitch_mm
-    return {
+    errors = {
         "pitch_mm": pixel * display.pitch_mm / farthest,
         "gap_mm": gap,
         "rotation_deg": math.degrees(pixel / farthest),
@@ -40,6 +41,13 @@ def one_pixel_errors(display: Display) -> dict[str, float]:
         "tilt_x_deg": math.degrees(math.atan(gap / half_width)),
         "tilt_y_deg": math.degrees(math.atan(gap / half_height)),
     }
+    if display.layout.of_cylinders:
+        sideways = abs(math.sin(math.radians(display.rotation_deg)))
+        if not sideways:
+            del errors["shift_y_mm"]
+        else:
+            errors["shift_y_mm"] /= sideways
+    return errors
 
 
 def parse_misalignment(misalignment: str | Mapping[str, float]) -> dict[str, float]:

@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -152,6 +153,7 @@ def panel_points(display: Display, x_mm: np.ndarray, y_mm: np.ndarray) -> PanelP
 _LARGEST_DENOMINATOR = 10**6
 
 
+@lru_cache(1024)
 def exact_length(value: float) -> Fraction:
     """The length a person meant: the simplest fraction that rounds to this float.
 
@@ -314,8 +316,13 @@ def row_blocks(display: Display) -> Iterator[slice]:
     return row_bands(*display.eia_shape, _PIXELS_AT_ONCE)
 
 
-def pixel_rays(display: Display, rows: slice, pixel_offset: PixelOffset = CENTRE) -> PixelRays:
-    """Rays of a block of panel rows.
+def pixel_rays(
+    display: Display,
+    rows: slice,
+    pixel_offset: PixelOffset = CENTRE,
+    columns: slice = slice(None),
+) -> PixelRays:
+    """Rays of a block of panel rows, or of some columns of it.
 
     A pixel belongs to the lens whose elemental-image cell contains its centre: cells of the layout
     at the elemental images' pitch, shifted and rotated with the array.
@@ -326,6 +333,7 @@ def pixel_rays(display: Display, rows: slice, pixel_offset: PixelOffset = CENTRE
     rows : slice
         Slice with start and stop, from `row_blocks`.
     pixel_offset : PixelOffset
+    columns : slice
 
     Raises
     ------
@@ -333,7 +341,7 @@ def pixel_rays(display: Display, rows: slice, pixel_offset: PixelOffset = CENTRE
         The tilted panel meets the array.
     """
     least_gap_mm(display)
-    x, y, centres, offset = ray_starts(display, rows, pixel_offset)
+    x, y, centres, offset = ray_starts(display, rows, pixel_offset, columns)
     lens, across, along = display.layout.find_rays(*centres, offset)
     c, s = _turn(display)
     x0 = c * across - s * along + display.shift_x_mm
@@ -344,7 +352,7 @@ def pixel_rays(display: Display, rows: slice, pixel_offset: PixelOffset = CENTRE
 
 
 def ray_starts(
-    display: Display, rows: slice, pixel_offset: PixelOffset
+    display: Display, rows: slice, pixel_offset: PixelOffset, columns: slice = slice(None)
 ) -> tuple[Any, Any, tuple[Any, Any], tuple[Any, Any]]:
     """Points of pixels from which rays start.
 
@@ -353,13 +361,13 @@ def ray_starts(
     """
     panel_rows, panel_columns = display.eia_shape
     pitch, (c, s) = display.pixel_pitch_mm, _turn(display)
-    x = ((np.arange(panel_columns) - (panel_columns - 1) / 2) * pitch)[None, :]
+    x = ((np.arange(panel_columns)[columns] - (panel_columns - 1) / 2) * pitch)[None, :]
     y = (((panel_rows - 1) / 2 - np.arange(rows.start, rows.stop)) * pitch)[:, None]
     from_x, from_y = x - display.shift_x_mm, y - display.shift_y_mm
     right: Any = float(pixel_offset.right) * pitch
     up: Any = -float(pixel_offset.down) * pitch
     if pixel_offset.channel is not None:
-        cell_right, cell_up = cell_centres(display, rows, pixel_offset.channel)
+        cell_right, cell_up = cell_centres(display, rows, columns, pixel_offset.channel)
         right, up = right + cell_right * pitch, up + cell_up * pitch
     centres = c * from_x + s * from_y, c * from_y - s * from_x
     return x + right, y + up, centres, (c * right + s * up, c * up - s * right)

@@ -147,6 +147,13 @@ _POINTS_PER_INCH = 72.0
 _MOST_POINTS = 14_400
 
 
+def shows_holes(display: Display) -> bool:
+    """True if the file of an EIA marks holes; native pictures for panels of cylinders are opaque,
+    because programs that show them would show their own background.
+    """
+    return not display.layout.of_cylinders
+
+
 def write_eia(
     path: Path, eia: NDArray[np.float32], empty: NDArray[np.bool_] | None, pixel_mm: float
 ) -> None:

@@ -109,7 +109,7 @@ def eia_from_views(
     Returns (rows, columns, ...) array, of the views' type: zero outside the array, and where the
     shift exceeds the views.
     """
-    _check_rows(display)
+    _check_rows(display, "leave --all-views out")
     down, across, height, width = views.shape[:4]
     wide = display.width_mm / width if pixel_mm is None else pixel_mm
     high = display.height_mm / height if pixel_mm is None else pixel_mm
@@ -315,11 +315,11 @@ def _read_disparity(folder: Path, views: np.ndarray) -> NDArray[np.float32] | No
     return None
 
 
-def _check_rows(display: Display) -> None:
+def _check_rows(display: Display, remedy: str = "export a --quilt instead") -> None:
     if not display.is_separable:
         raise UsageError(
             f"display {display.name}: has no grid of views, as {display.not_separable_by} leaves "
-            "no rows and columns of lenses; export for a square, aligned array"
+            f"no rows and columns of lenses; {remedy}"
         )
 
 

@@ -21,7 +21,7 @@ def prepare(
     pixel_mm: float,
     *,
     views: int | str = "5",  # noqa: ARG001
-    samples: int | str = 4,
+    samples: int | str = "auto",
     mask: np.ndarray | None = None,
 ) -> SourceGenerator:
     """Exact first hits in the merged pictures of several cameras.
@@ -33,7 +33,7 @@ def prepare(
     views : str
         Cameras in front of a scene; see `inim.image.rgbd.camera_directions`. Pictures that are
         given have their own.
-    samples : {1, 2, 4}
+    samples : {"auto", 1, 2, 4}
         As for `template`.
 
     Raises

@@ -22,7 +22,7 @@ def prepare(
     shape: PictureShape,
     pixel_mm: float,
     *,
-    samples: int | str = 4,
+    samples: int | str = "auto",
     mask: np.ndarray | None = None,
 ) -> SourceGenerator:
     """Exact first hits in all layers of a scene.
@@ -31,7 +31,7 @@ def prepare(
     ----------
     display, shape, pixel_mm, mask :
         See `inim.generators.prepare`.
-    samples : {1, 2, 4}
+    samples : {"auto", 1, 2, 4}
         As for `template`.
 
     Raises

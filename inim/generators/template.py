@@ -26,7 +26,7 @@ def prepare(
     shape: PictureShape,
     pixel_mm: float,
     *,
-    samples: int | str = 4,
+    samples: int | str = "auto",
     columns: str = "surface",
     mask: np.ndarray | None = None,
     leave_holes: bool = False,
@@ -39,10 +39,11 @@ def prepare(
         See `inim.generators.prepare`.
     leave_holes : bool
         Leave hidden regions as holes, for a later fill.
-    samples : {1, 2, 4}
+    samples : {"auto", 1, 2, 4}
         Rays per panel pixel or sub-pixel: through its centre; through two points on its diagonal;
         or through the centres of its quarters, or of those of its emitting area
-        (`Display.pixel_fill`). Colours are averaged in linear light, and a hole counts as black.
+        (`Display.pixel_fill`). "auto": as many as suit the layout (`Layout.samples`). Colours are
+        averaged in linear light, and a hole counts as black.
     columns : {"surface", "solid"}
         Columns as thick as the pixel's surface, or without a back
         (`inim.generators.raycast.columns`).

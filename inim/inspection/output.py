@@ -186,7 +186,7 @@ def _viewing_lines(data: InspectDocument) -> list[str]:
     lines = [
         "Viewing",
         _line("viewing half angle of a lens", f"{_n(zone.half_angle_deg)}°"),
-        _line("nearest distance without flips", nearest),
+        _line("nearest distance, no flips", nearest),
         _line("viewing distance", f"{_n(zone.distance_mm)} mm"),
     ]
     if zone.zone_is_empty:

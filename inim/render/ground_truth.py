@@ -56,21 +56,25 @@ def capture_halves(
     `skip`: see `pickup`; `slopes`: see `capture_rays`.
     """
     rays = capture_rays(display, pixels_per_pitch, fitted.start_mm, slopes)
-    halves = _render_halves(fitted, rays, spp, seed, skip, observer)
-    first = _add_depth(fitted, rays, halves.first, observer)
+    mask = fitted.bounds.visible_pixels(rays) if skip else None
+    halves = _render_halves(fitted, rays, spp, seed, mask, observer)
+    first = _add_depth(fitted, rays, halves.first, observer, mask)
     return first, replace(first, color=halves.second)
 
 
 def _add_depth(
-    fitted: FittedScene, rays: SeparableRays, color: np.ndarray, observer: Observer | None
+    fitted: FittedScene,
+    rays: SeparableRays,
+    color: np.ndarray,
+    observer: Observer | None,
+    mask: np.ndarray | None = None,
 ) -> RGBD:
-    """Colour with the depth and coverage of the depth camera."""
+    """Colour with the depth and coverage of the depth camera; `mask`: pixels to trace."""
     camera = fitted.camera(rays)
-    covered, points = first_surface(fitted.scene, fitted.integrator, camera, observer)
+    covered, points = first_surface(fitted.scene, fitted.integrator, camera, observer, mask)
     forward = fitted.fit.display_from_world
-    with np.errstate(invalid="ignore"):  # rays that meet nothing end at infinity
-        depth = points @ forward[2, :3] + forward[2, 3]
-    depth = np.where(covered, depth, 0.0).astype(np.float32)
+    depth = np.zeros(covered.shape, np.float32)
+    depth[covered] = points @ forward[2, :3] + forward[2, 3]
     return RGBD(color, depth, covered, rays.x.place_step_mm)
 
 
@@ -271,7 +275,8 @@ def pickup(
     pickups = {}
     for place in dict.fromkeys(places):
         rays = pickup_rays(display, fitted.start_mm, place)
-        pickups[place] = _render_halves(fitted, rays, spp, seed, skip, observer, mask)
+        visible = mask & fitted.bounds.visible_pixels(rays) if skip else mask
+        pickups[place] = _render_halves(fitted, rays, spp, seed, visible, observer)
 
     def colours(half: str) -> np.ndarray:
         """Red of the first colour's pickup, green of the second's, blue of the third's."""
@@ -299,9 +304,10 @@ def true_view(
     `skip`: see `pickup`; `pixels_per_lens`: see `eye_rays`.
     """
     rays = eye_rays(display, viewpoint, pixels_per_lens, fitted.start_mm)
-    truth = _render_halves(fitted, rays, spp, seed, skip, observer)
+    mask = fitted.bounds.visible_pixels(rays) if skip else None
+    truth = _render_halves(fitted, rays, spp, seed, mask, observer)
     camera = fitted.camera(rays)
-    return truth, first_surface(fitted.scene, fitted.integrator, camera, observer)[0]
+    return truth, first_surface(fitted.scene, fitted.integrator, camera, observer, mask)[0]
 
 
 def _render_halves(
@@ -309,13 +315,9 @@ def _render_halves(
     rays: SeparableRays | NonSeparableRays,
     spp: int,
     seed: int,
-    skip: bool,
+    mask: np.ndarray | None,
     observer: Observer | None,
-    mask: np.ndarray | None = None,
 ) -> NoisyImage:
-    if skip:
-        visible = fitted.bounds.visible_pixels(rays)
-        mask = visible if mask is None else mask & visible
     camera = fitted.camera(rays)
     light = scene_light(fitted.scene, fitted.integrator, camera)
     first, second = (

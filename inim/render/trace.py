@@ -266,29 +266,41 @@ def trace_samples(light: Light, pixels: np.ndarray, first: int, samples: int, se
 
 
 def first_surface(
-    scene: Any, integrator: Any, camera: FilmCamera, observer: Observer | None = None
+    scene: Any,
+    integrator: Any,
+    camera: FilmCamera,
+    observer: Observer | None = None,
+    mask: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Find the first surface on the ray through each pixel's centre.
 
     Lights do not count; splats count where they have absorbed half of the light.
 
+    * `mask`, (rows, columns) bool: pixels to trace; the others are not covered.
+
     Returned values:
     * `covered`, (rows, columns) bool: pixels with a surface.
-    * `points`, (rows, columns, 3) float64: world points; not finite where not covered.
+    * `points`, (n, 3) float64: their world points, row by row.
     """
     started = time.perf_counter()
-    ray = camera.centre_rays()
+    traced = np.ones(camera.shape, bool) if mask is None else mask
+    ray = camera.centre_rays(mi.UInt32(np.flatnonzero(traced).astype(np.uint32)))
     if splats.shows_splats(integrator):
         distance = splats.absorption(scene, integrator, ray).half
     else:
         hit = first_not_light(scene, ray)
         distance = np.asarray(dr.select(hit.is_valid(), hit.t, dr.inf))
-    origin, direction = (np.stack(vector, axis=-1, dtype=np.float64) for vector in (ray.o, ray.d))
-    with np.errstate(invalid="ignore"):  # infinity times zero
-        points = origin + distance.astype(np.float64)[:, None] * direction
+    is_hit = np.isfinite(distance)
+    origin, direction = (
+        np.stack([np.asarray(axis)[is_hit] for axis in vector], axis=-1, dtype=np.float64)
+        for vector in (ray.o, ray.d)
+    )
+    points = origin + distance[is_hit].astype(np.float64)[:, None] * direction
+    covered = np.zeros(camera.shape, bool)
+    covered[traced] = is_hit
     if observer:
         observer.record_rendering(time.perf_counter() - started)
-    return np.isfinite(distance).reshape(camera.shape), points.reshape(*camera.shape, 3)
+    return covered, points
 
 
 def first_not_light(scene: Any, ray: Any) -> Any:

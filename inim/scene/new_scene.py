@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 # The limit of `inim.scene.file`.
 _MOST_SCENE_BYTES = 2**26
 UNITS = ("mm", "cm", "m", "in")
+#: Unit of a relic whose size does not matter, for formats with and without units.
+ANY_UNIT = "any"
 _PLAUSIBLE_MM = (2.0, 30_000.0)
 AXES = {
     f"{sign}{axis}": tuple((-1 if sign else 1) * (axis == other) for other in "xyz")
@@ -65,8 +67,9 @@ def new_scene(
         such file, such as that of a photogrammetry program.
     out : path, optional
         The scene's XML; default: `<source>-scene.xml` in the current folder.
-    unit : {"mm", "cm", "m", "in"}, optional
+    unit : {"mm", "cm", "m", "in", "any"}, optional
         Length of one unit of the file; may be omitted for glTF (metres), and must be for splats.
+        "any" suits every file: images do not depend on the size of a relic.
     up, front : str, optional
         Axes of the file, x, -x, y, ..., that point up and towards the viewer. `up` may be omitted
         for glTF only (y); `front` is by default z, or -y if z is up.
@@ -107,7 +110,7 @@ def new_scene(
     cautions: list[str] = []
     writers: _Writers
     if is_splats(data):
-        if unit is not None:
+        if unit not in (None, ANY_UNIT):
             raise UsageError(f"{source}: splats have no unit; leave out --unit {unit}")
         frame = None if crop is None else Frame.parse(crop)
         writers, half, cautions, note = _place_splats(source, data, out, up, front, frame)
@@ -118,7 +121,7 @@ def new_scene(
         parts, size = _place_mesh(source, unit, up, front, warn)
         files = _part_files(out, parts)
         writers = {path: partial(_write_part, part) for path, part in files.items()}
-        cautions = _size_warnings(source, float(size.max()))
+        cautions = [] if unit == ANY_UNIT else _size_warnings(source, float(size.max()))
         xml = scene_xml(files, size / 2, title, display)
     _check_targets(source, [out, *writers], force)
     for text in cautions:
@@ -196,7 +199,7 @@ def _check_choices(
 ) -> None:
     from inim.display import DISPLAYS
 
-    if unit is not None and unit not in UNITS:
+    if unit is not None and unit not in (*UNITS, ANY_UNIT):
         raise UsageError(f"--unit {unit}: unknown; one of {', '.join(UNITS)}")
     for option, axis in (("--up", up), ("--front", front)):
         if axis is not None and axis not in AXES:
@@ -214,7 +217,8 @@ def _unit_and_up(
 ) -> tuple[str, str]:
     """Unit and up axis, from the format's standard where it has one."""
     if source.suffix.lower() in (".glb", ".gltf"):
-        return unit or "m", up or "y"
+        unit, up = unit or "m", up or "y"
+    unit = "mm" if unit == ANY_UNIT else unit
     missing = []
     if unit is None:
         missing.append(f"length unit, give --unit ({', '.join(UNITS)})")

@@ -1,17 +1,22 @@
-"""RGB-D picture of a scene, captured in a worker process for a generator."""
+"""EIA of a scene: its RGB-D picture is captured in a worker process."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from inim.display import Display
+from inim.files.eia_file import shows_holes
 from inim.files.image import read_rgbd, write_rgbd
 from inim.generators.registry import Input
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.capture import DepthCamera, capture_nonempty
+from inim.pipeline.stages.generation import GeneratorHandle, GeneratorRun
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import Run
 from inim.process.observer import Observer
@@ -31,35 +36,50 @@ class CaptureRequest:
     settings: Settings
     input: Input
 
-    def checked(self) -> CaptureRequest:
-        """Return the request; reading the scene has checked it."""
-        return self
 
-
-def capture_scene(
+def generate_from_scene(
     path: Path,
     display: Display | str | Path | None,
     definitions: Mapping[str, str],
-    input_type: Input,
+    algorithm: str,
     *,
     debug: bool = False,
-) -> tuple[RGBD, Display]:
-    """Capture a scene with the settings in its file; also return the display as designed.
+) -> tuple[RGBD, Display, GeneratorRun]:
+    """Capture a scene with the settings in its file and generate its EIA.
 
     * `display`, `definitions`: see `inim.scene.file.choose_display`.
-    * `input_type`: input of the generator: `RGBD`, or `LayeredRGBD` for all layers.
+
+    Also returns the picture and the display as designed. The generator's kernels are loaded or
+    compiled while the worker renders.
 
     Raises `InimError`: an unreadable scene, impossible settings, or no usable backend.
     """
     file = read_scene_file(path, definitions)
     design, settings = choose_display(display, definitions, str(path), file)
-    with tempfile.TemporaryDirectory() as folder:
+    per_pitch = settings.capture_pixels_per_pitch
+    shape, pixel_mm = design.capture_shape(per_pitch), design.capture_pixel_mm(per_pitch)
+    generator = GeneratorHandle(algorithm, design, shape, pixel_mm)
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as thread:
         out = Path(folder) / "rgbd.exr"
-        request = CaptureRequest(out, file, design, settings, input_type)
-        run_in_worker(
-            f"{__name__}:run_job", request.checked, hidden_folder(out), about=str(path), debug=debug
-        )
-        return read_rgbd(out), design
+
+        def make_request() -> CaptureRequest:
+            _ = generator.generator  # checks the algorithm's options
+            if generator.properties.own:
+                thread.submit(generator.run, _dot(design, shape, pixel_mm))
+            return CaptureRequest(out, file, design, settings, generator.properties.input)
+
+        job = f"{__name__}:run_job"
+        run_in_worker(job, make_request, hidden_folder(out), about=str(path), debug=debug)
+        rgbd = read_rgbd(out)
+    return rgbd, design, generator.run(rgbd, holes=shows_holes(design))
+
+
+def _dot(display: Display, shape: tuple[int, int], pixel_mm: float) -> RGBD:
+    """Picture with a single covered pixel, in the middle of the display."""
+    color, covered = np.ones((*shape, 3), np.float32), np.zeros(shape, bool)
+    covered[shape[0] // 2, shape[1] // 2] = True
+    depth = np.full(shape, sum(display.depth_range_mm) / 2, np.float32)
+    return RGBD(color, depth, covered, pixel_mm)
 
 
 def run_job(request: CaptureRequest, staging: Path, observer: Observer) -> bool:

@@ -1,6 +1,7 @@
 """Compare rays per sub-pixel with quilts of views on simulated Looking Glass panels.
 
     python -m reports.looking_glass.run scenes/amphora.xml SCENE.xml ... -o reports/looking_glass
+    python -m reports.looking_glass.run scenes/amphora.xml --picture docs/images/looking-glass.webp
 
 Each scene is validated on a Portrait and on a 16-inch panel of the third generation. From the RGB-D
 picture of the validation follow native pictures: with a ray for each sub-pixel (`template`), and
@@ -17,13 +18,14 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from fractions import Fraction
 from pathlib import Path
 from statistics import fmean
 from typing import Any, NamedTuple
 
 import numpy as np
+from PIL import Image
 
 import inim
 from inim.display import DISPLAYS, Display
@@ -34,11 +36,12 @@ from inim.files.eia_file import write_eia
 from inim.files.image import read_rgbd
 from inim.generators.raycast.cells import PictureRays, RayBlock
 from inim.generators.raycast.ray_by_ray import RayByRay
-from inim.image.color import srgb_from_linear
+from inim.image.color import srgb_from_linear, to_srgb
 from inim.image.rgbd import RGBD
 from inim.inspection.geometry import view_shares
 from inim.report import Report
 from inim.views.native import Quilt, subpixel_views, weave
+from inim.views.scene_capture import generate_from_scene
 
 PORTRAIT, SIXTEEN = "looking-glass-portrait-typical", "looking-glass-16-typical"
 #: Tiles across and down, and pixels of each, of quilts for the panel (`inim export --quilt`).
@@ -49,6 +52,8 @@ VIEWS = (45, 100)
 EYES = {"centre": 0.0, "a": -0.75, "b": -0.4, "c": 0.4, "d": 0.75}
 #: Readings of CellPatternMode 2 by two sources of the vendor.
 READINGS: tuple[CellPattern, ...] = ("columns", "rows-of-4")
+# Size of a panel pixel in the picture, in pixels.
+_ENLARGED = 6
 DIRECT, NEAREST = "rays-per-sub-pixel", "rays-nearest-colour"
 
 
@@ -67,10 +72,15 @@ class QuiltRays(RayByRay):
         outer = self
 
         class Rays(PictureRays):
-            def block(self, rows: slice, *, in_cells: bool = False) -> RayBlock:  # noqa: ARG002
+            def block(self, rows: slice, *_: slice, in_cells: bool = False) -> RayBlock:  # noqa: ARG002
                 return outer.block(rows)
 
         return [Rays(self.display, self.shape, self.pixel_mm, self.offsets[0])]
+
+    def _columns_in_reach(self, above: np.ndarray) -> Callable[[slice], slice]:  # noqa: ARG002
+        """All columns: a tile's ray may start far from the pixel that shows it."""
+        columns = slice(0, self.display.eia_shape[1])
+        return lambda _: columns
 
     def block(self, rows: slice) -> RayBlock:
         """Rays of some panel rows over the picture; see `RayBlock`."""
@@ -223,6 +233,22 @@ def disputed_cells(scene: Path, work: Path) -> list[dict[str, Any]]:
     return rows
 
 
+def show_picture(scene: Path, out: Path) -> None:
+    """Write sub-pixels of a scene's native picture, enlarged, and the views of three eyes."""
+    _, display, run = generate_from_scene(scene, PORTRAIT, {}, "template")
+    half = zone_half_mm(display, default_distance_mm(display))[0]
+    eyes = (f"eye={EYES[name] * half:.4f} 0" for name in ("a", "centre", "d"))
+    views = [inim.reconstruct(run.eia, display, eye, pixels_per_lens=1) for eye in eyes]
+    middle = tuple(
+        slice((n - m // _ENLARGED) // 2, (n + m // _ENLARGED) // 2 + 1)
+        for n, m in zip(display.eia_shape, views[0].shape, strict=False)
+    )
+    enlarged = np.kron(run.eia[middle], np.ones((_ENLARGED, _ENLARGED, 1)))
+    rows, columns = views[0].shape[:2]
+    codes = to_srgb(np.hstack([enlarged[:rows, :columns], *views]).astype(np.float32))
+    Image.fromarray(codes).save(out, quality=90)
+
+
 def write_page(data: Mapping[str, Any]) -> str:
     """Markdown page of the results."""
     lines = [
@@ -296,9 +322,13 @@ def main() -> None:
     """Score the scenes and write the page and its data."""
     parser = argparse.ArgumentParser(prog="python -m reports.looking_glass.run")
     parser.add_argument("scenes", nargs="+", type=Path)
-    parser.add_argument("-o", "--out", type=Path, required=True)
+    parser.add_argument("-o", "--out", type=Path, default=Path("reports/looking_glass"))
     parser.add_argument("--work", type=Path, default=Path("out/looking_glass"))
+    parser.add_argument("--picture", type=Path, help="views of the first scene, .webp, and no more")
     args = parser.parse_args()
+    if args.picture is not None:
+        show_picture(args.scenes[0], args.picture)
+        return
     data = {
         "rows": [score_scene(s, preset, args.work) for preset in TILES for s in args.scenes],
         "crosstalk": [row for preset in TILES for row in crosstalk(preset)],

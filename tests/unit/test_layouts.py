@@ -3,14 +3,20 @@
 `tests/unit/test_real_arrays.py` compares the rays themselves with lists of all lens centres.
 """
 
+from fractions import Fraction
 from typing import get_args
 
 import numpy as np
 import pytest
 
+from inim.display import DISPLAYS as PRESETS
 from inim.display.layouts import LAYOUTS, NUMPY_OPS, Lenticular
 from inim.display.parameters import Lattice
+from inim.display.pixels import CENTRE, PixelOffset, pixel_rays, ray_starts
 from inim.errors import DisplayError
+from inim.generators import prepare
+from inim.generators.raycast.ray_by_ray import RayByRay
+from inim.image.rgbd import RGBD
 from inim.lens import lens_array, lens_centre, lens_traits
 from tests.conftest import small_display
 from tests.skewed_layout import Skewed
@@ -76,3 +82,57 @@ def test_cells_next_to_a_cell_are_its_neighbours(name):
     assert len(set(listed)) == len(listed)
     for step in steps - {0j}:
         assert min(abs(step - neighbour) for neighbour in listed) < 1e-5, step
+
+
+#: Displays of every layout, with parameters that move rays away from their pixels' own cells.
+MOVED = {
+    **{f"{name}, turned": d.replace(rotation_deg=7.0, shift_x_mm=0.3, tilt_x_deg=1.5)
+       for name, d in DISPLAYS.items()},
+    **{f"{name}, wide cells": d.replace(elemental_pitch_mm=1.2 * d.pitch_mm, rotation_deg=1.0)
+       for name, d in DISPLAYS.items()},
+    **{f"{name}, narrow cells": d.replace(elemental_pitch_mm=0.8 * d.pitch_mm, rotation_deg=1.0)
+       for name, d in DISPLAYS.items()},
+    **{name: PRESETS[name].replace(panel_columns=240, panel_rows=160, lens_columns=40)
+       for name in ("looking-glass-portrait-typical", "looking-glass-16-typical")},
+    "tilted cylinders": PRESETS["looking-glass-go-typical"].replace(
+        panel_columns=240, panel_rows=160, lens_columns=40, tilt_y_deg=0.5, shift_y_mm=2.0
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MOVED)
+def test_no_ray_moves_farther_from_its_pixel_to_the_array_than_stated(name):
+    display = MOVED[name]
+    rows = slice(0, display.eia_shape[0])
+    centres = pixel_rays(display, rows)
+    movements = []
+    channel = 0 if display.subpixel_cells else None
+    for offset in (CENTRE, PixelOffset(Fraction(-1, 4), Fraction(5, 12), channel)):
+        rays, (x, y, *_) = pixel_rays(display, rows, offset), ray_starts(display, rows, offset)
+        lensed = centres.lens >= 0
+        movements.append([np.abs(rays.x0 - x)[lensed].max(), np.abs(rays.y0 - y)[lensed].max()])
+    most, stated = np.max(movements, axis=0), display.layout.farthest_crossings_mm
+    assert (most <= stated).all(), (most, stated)
+    assert (most + 3 * display.pixel_pitch_mm > 0.5 * np.array(stated)).all(), (most, stated)
+
+
+@pytest.mark.parametrize("name", MOVED)
+def test_rays_that_are_not_traced_would_meet_nothing(name, monkeypatch):
+    display = MOVED[name]
+    shape, pixel = display.capture_shape(3), display.capture_pixel_mm(3)
+    generator = np.random.default_rng(7)
+    z_min, z_max = display.depth_range_mm
+    covered = np.zeros(shape, bool)
+    for row, column in generator.integers(0, shape, (3, 2)):
+        covered[row : row + 4, column : column + 3] = True
+    depth = generator.uniform(z_min, z_max, shape).astype(np.float32)
+    rgbd = RGBD(generator.random((*shape, 3), np.float32), depth, covered, pixel)
+
+    def eia():
+        return prepare(display, "template", shape=shape, pixel_mm=pixel).generate(rgbd)
+
+    traced = eia()
+    whole = slice(0, display.eia_shape[1])
+    monkeypatch.setattr(RayByRay, "_columns_in_reach", lambda *_: lambda _: whole)
+    assert traced.any()
+    assert np.array_equal(eia(), traced)

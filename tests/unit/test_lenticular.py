@@ -20,7 +20,7 @@ from inim.display.pixels import SUBPIXELS, PixelOffset, pixel_rays, ray_starts
 from inim.display.viewpoint import check_viewpoint, parse_viewpoints, zone_eyes
 from inim.errors import DisplayError, FileError, UsageError, ViewpointError
 from inim.files.image import write_rgbd
-from inim.generators import find_sources, generate
+from inim.generators import find_sources, generate, prepare
 from inim.image.rgbd import RGBD
 from inim.inspection.geometry import view_shares
 from inim.lens import check_lens_model, trace_to_panel
@@ -352,6 +352,7 @@ def test_presets_are_typical_units_of_a_model(name):
     assert display.name == name
     assert 5 < display.pixels_per_lens < 8 or "go" in name
     assert Settings(display=name).make_display("") == display
+    check_lens_model("thick", display)
     cone = 2 * math.degrees(math.atan(display.pitch_mm / 2 / display.gap_mm))
     assert cone == pytest.approx(TYPICAL[name].view_cone, abs=1)
 
@@ -586,6 +587,42 @@ def test_a_scene_becomes_a_native_picture_in_one_command(tmp_path, capsys, rende
     with Image.open(out) as picture:
         assert picture.size == (192, 108)
         assert np.asarray(picture)[..., :3].max() > 100
+
+
+def test_a_mesh_becomes_a_native_picture_in_one_command(tmp_path, capsys, renderer):
+    path, out, again = (tmp_path / name for name in ("visual.json", "native.png", "again.png"))
+    path.write_text(json.dumps(STRIPES))
+    mesh, ends = str(ROOT / "scenes" / "meshes" / "coin.ply"), ["--display", str(path)]
+    assert main(["generate", mesh, *ends]) == 2
+    assert "no up axis, give --up" in capsys.readouterr().err
+    assert main(["generate", mesh, *ends, "--up", "y", "-o", str(out)]) == 0
+    assert not capsys.readouterr().err  # the size of the coin does not matter
+    # The scene of `inim new-scene` gives the same picture.
+    scene = tmp_path / "coin.xml"
+    assert main(["new-scene", mesh, "--unit", "mm", "--up", "y", "-o", str(scene)]) == 0
+    assert main(["generate", str(scene), *ends, "-o", str(again)]) == 0
+    assert out.read_bytes() == again.read_bytes()
+    with Image.open(out) as picture:
+        assert picture.mode == "RGB"  # a program that shows it has no background to show
+        assert np.asarray(picture).max() > 100
+    assert main(["generate", str(scene), *ends, "--up", "y"]) == 2
+    assert main(["validate", mesh]) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert "is not a mesh" in errors[0] and "inim new-scene" in errors[1]
+
+
+def test_one_ray_of_a_subpixel_is_the_default_under_cylinders():
+    display, size = display_from(STRIPES), {"shape": (40, 60), "pixel_mm": 0.4}
+    depth = np.random.default_rng(3).uniform(-5, 5, (40, 60)).astype(np.float32)
+    rgbd = RGBD(np.full((40, 60, 3), depth[..., None] / 10 + 0.5), depth, depth > -4, 0.4)
+    single, default, four = (
+        prepare(display, name, **size).generate(rgbd)
+        for name in ("template:samples=1", "template", "template:samples=4")
+    )
+    assert np.array_equal(default, single)
+    assert not np.array_equal(default, four)
+    square = small_display()
+    assert len(prepare(square, "template", **size).rays()) == 4
 
 
 @pytest.mark.parametrize("model", ["pinhole", "thin", "thick"])

@@ -7,6 +7,7 @@ from inim.display.misalignment import (
     MISALIGNMENTS,
     misaligned,
     misalignment_text,
+    one_pixel_errors,
     parse_misalignment,
 )
 from inim.errors import DisplayError, UsageError
@@ -25,6 +26,16 @@ def test_offsets_add_to_the_design_s_own():
     assert off.rotation_deg == 1.5
     assert off.shift_y_mm == pytest.approx(-0.2)
     assert off.gap_mm == pytest.approx(3.5)
+
+
+def test_slanted_cylinders_move_sideways_with_a_shift_up_and_upright_ones_do_not():
+    slanted = DISPLAYS["looking-glass-portrait-typical"]
+    errors = one_pixel_errors(slanted)
+    off = misaligned(slanted, {"shift_y_mm": errors["shift_y_mm"]})
+    moved, still = (d.layout.eye_offset(-d.shift_x_mm, -d.shift_y_mm)[0] for d in (off, slanted))
+    assert abs(moved - still) == pytest.approx(slanted.pixel_pitch_mm)
+    assert "shift_y_mm" not in one_pixel_errors(slanted.replace(rotation_deg=0.0))
+    assert set(one_pixel_errors(NOMINAL)) == set(MISALIGNMENTS)
 
 
 def test_picture_and_panel_stay_as_designed():

@@ -84,6 +84,8 @@ class Layout(ABC):
     neighbours: ClassVar[tuple[tuple[float, float], ...]]
     #: Settings of `inim.settings.Settings` whose defaults differ for the layout.
     default_settings: ClassVar[Mapping[str, Any]] = {}
+    #: Rays per pixel or sub-pixel that generators average by default.
+    samples: ClassVar[int] = 4
     #: GLSL of the live display: ``vec3 lens_centre(vec2 point)``, as `lens_centre`.
     shader: ClassVar[str]
 
@@ -245,6 +247,20 @@ class Layout(ABC):
         across = c * cell_x + s * cell_y + 2 * farthest_subpixel(display) * display.pixel_pitch_mm
         gap = least_gap_mm(display)
         return across / (2 * gap), (c * cell_y + s * cell_x) / (2 * gap)
+
+    @property
+    def farthest_crossings_mm(self) -> tuple[float, float]:
+        """Bounds of the movement of rays across and up, display frame, from their start on a panel
+        pixel under a lens to the array.
+        """
+        walks = [
+            cell / 2 + outermost * abs(q / p - 1)
+            for cell, (outermost, p, q) in zip(self.cell_size_mm, self._pitches(), strict=True)
+        ]
+        c, s = self._rotation_factors
+        # Points of a pixel and its sub-pixels are less than 1.5 pixels from its centre.
+        beside = 1.5 * self.display.pixel_pitch_mm
+        return c * walks[0] + s * walks[1] + beside, c * walks[1] + s * walks[0] + beside
 
     # -- viewing zone --------------------------------------------------------------------------
 

@@ -38,6 +38,9 @@ class Lenticular(Layout):
         "capture_spp": 16,
         "eia_spp": 8,
     }
+    # A cylinder is as wide as a pixel of a view: more rays make views no smoother. Those of a
+    # sub-pixel on the border of two cylinders would mix opposite views.
+    samples = 1
     shader = """
 vec3 lens_centre(vec2 point) {
   return vec3(floor(point.x / pitch.x + 0.5) * pitch.x, point.y, 1.0);
@@ -155,6 +158,19 @@ vec3 lens_centre(vec2 point) {
         across = display.elemental_image_pitch_mm / 2 + closer * self.outermost_mm[0]
         up = display.height_mm / 2 / (self.design_distance_mm + display.gap_mm)
         return (across / least_gap_mm(display) + abs(s) * up) / c, up
+
+    @property
+    def farthest_crossings_mm(self) -> tuple[float, float]:
+        """See `Layout.farthest_crossings_mm`."""
+        display, (c, s) = self.display, self._turn
+        cell, pitch, pixel = (
+            display.elemental_image_pitch_mm, display.pitch_mm, display.pixel_pitch_mm
+        )  # fmt: skip
+        across = cell / 2 + (self.outermost_mm[0] + cell) * abs(pitch / cell - 1) + 1.5 * pixel
+        height = display.height_mm / 2 + abs(display.shift_y_mm) + 1.5 * pixel
+        gap = 2 * display.gap_mm - least_gap_mm(display)
+        rise = height * gap / (self.design_distance_mm + gap)
+        return (across + abs(s) * rise) / c, rise
 
     # -- viewing zone --------------------------------------------------------------------------
 

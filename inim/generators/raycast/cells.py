@@ -105,8 +105,10 @@ class PictureRays:
         """Rays of the columns and the rows of a separable display."""
         return cell_rays(*self._size, self.display, self._offset)
 
-    def block(self, rows: slice, *, in_cells: bool = False) -> RayBlock:
-        """Rays of some panel rows.
+    def block(
+        self, rows: slice, columns: slice = slice(None), *, in_cells: bool = False
+    ) -> RayBlock:
+        """Rays of some panel rows and columns.
 
         Exact where the display is separable (see `CellRays`), unless `in_cells`; otherwise rounded
         as floats are, in cells.
@@ -115,11 +117,14 @@ class PictureRays:
             across, down = self.axes
             if in_cells:
                 across, down = (CellRays(*axis.in_cells, 1.0) for axis in (across, down))
-            lines = (across.start, across.slope, down.start[rows, None], down.slope[rows, None])
+            lines = (
+                across.start[columns], across.slope[columns],
+                down.start[rows, None], down.slope[rows, None],
+            )  # fmt: skip
             scales = across.scale, down.scale
         else:
             (height, width), pixel_mm = self._size
-            rays = pixel_rays(self.display, rows, self._offset)
+            rays = pixel_rays(self.display, rows, self._offset, columns)
             lines = (
                 rays.x0 / pixel_mm + width / 2,
                 rays.slope_x / pixel_mm,
@@ -127,7 +132,8 @@ class PictureRays:
                 -rays.slope_y / pixel_mm,
             )
             scales = 1.0, 1.0
-        shape = (rows.stop - rows.start, self.display.eia_shape[1])
+        width = len(range(*columns.indices(self.display.eia_shape[1])))
+        shape = (rows.stop - rows.start, width)
         u0, du, v0, dv = (np.broadcast_to(line, shape) for line in lines)
         return RayBlock(u0, du, v0, dv, *scales)
 

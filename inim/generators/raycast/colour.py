@@ -16,7 +16,7 @@ whole pixels and omit colours that they cannot show. In RGBA, alpha is the mean 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.backend.kernels import share_rows
+from inim.backend.kernels import parts_of, share, share_rows
 from inim.display import Display
 from inim.display.pixels import CENTRE, SUBPIXELS, PixelOffset, SubPixel, exact_length, row_blocks
 from inim.generators.base import (
@@ -91,20 +91,20 @@ def _show_group(picture: _Picture, rays: Sequence[Ray], out: np.ndarray) -> None
     generators = [ray.generator for ray in rays]
     searches = generators[0].search_all(generators, picture.rgbd)
     write = picture.writer(rays)
-    bands = list(_bands(picture.display, out.shape[:2], len(rays)))
-    sources = np.empty((len(rays), _length(bands[0]), out.shape[1]), np.int32)
-    for rows in bands:
-        band = sources[:, : _length(rows)]
-        for search, of_ray in zip(searches, band, strict=True):
-            search(rows, of_ray)
-        write(rows, band, out[rows])
 
+    def show(bands: Sequence[slice]) -> None:
+        sources = np.empty((len(rays), _length(bands[0]), out.shape[1]), np.int32)
+        for rows in bands:
+            band = sources[:, : _length(rows)]
+            for search, of_ray in zip(searches, band, strict=True):
+                search(rows, of_ray)
+            write(rows, band, out[rows])
 
-def _bands(display: Display, shape: tuple[int, int], rays: int) -> Iterator[slice]:
-    """Rows of a result that are processed at once."""
-    if shape == display.eia_shape and not display.is_separable:
-        return row_blocks(display)
-    return row_bands(shape[0], shape[1] * rays, _SOURCES_AT_ONCE)
+    if out.shape[:2] == picture.display.eia_shape and not picture.display.is_separable:
+        # Most of the time goes to the rays of pixels, outside of kernels.
+        share(show, parts_of(list(row_blocks(picture.display))))
+    else:
+        show(list(row_bands(out.shape[0], out.shape[1] * len(rays), _SOURCES_AT_ONCE)))
 
 
 def _length(rows: slice) -> int:

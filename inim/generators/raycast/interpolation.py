@@ -73,7 +73,7 @@ class Interpolation:
             alphas = _with_hole(np.stack(parts, axis=1))
 
         def write(rows: slice, sources: np.ndarray, out: np.ndarray) -> None:
-            count, arguments = len(out), (sources, *lines.of(rows), *self._surfaces)
+            count, arguments = len(out), (sources, *lines.of(rows, sources), *self._surfaces)
             if out.dtype != np.uint8:
                 share_rows(_write_light, count, *arguments, texels, squared, out)
                 return
@@ -105,8 +105,10 @@ class _Lines:
                 for of_axis in zip(*(rays.axes for rays in self._rays), strict=True)
             )
 
-    def of(self, rows: slice) -> tuple[np.ndarray, np.ndarray]:
+    def of(self, rows: slice, sources: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Columns u and rows v of the rays of some panel rows, in picture pixels.
+
+        * `sources`, (rays, rows, columns) int32: rays between columns without a source are zero.
 
         Returned values:
         * `u`, (rays, rows or 1, 3, columns) float32: whole part and fraction, less 1/2, at depth 0;
@@ -115,20 +117,23 @@ class _Lines:
         """
         if self._is_separable:
             v = self._v[:, :, rows].transpose(0, 2, 1)[..., None]
-            return _padded(self._u[:, None]), np.repeat(v, LANES, axis=3)
-        u0, du, v0, dv = np.array([rays.block(rows)[:4] for rays in self._rays]).swapaxes(0, 1)
-        return _padded(_parts(u0, du, axis=2)), _padded(_parts(v0, dv, axis=2))
+            u = np.pad(self._u[:, None], [(0, 0)] * 3 + [(0, LANES - 1)])
+            return u, np.repeat(v, LANES, axis=3)
+        hit = np.flatnonzero((sources >= 0).any(axis=(0, 1)))
+        columns = slice(hit[0], hit[-1] + 1) if len(hit) else slice(0, 0)
+        rays, length, width = sources.shape
+        lines = np.zeros((2, rays, length, 3, width + LANES - 1), np.float32)
+        for ray, of_ray in enumerate(self._rays):
+            u0, du, v0, dv = of_ray.block(rows, columns)[:4]
+            for line, (start, slope) in zip(lines, ((u0, du), (v0, dv)), strict=True):
+                line[ray, ..., columns] = _parts(start, slope, axis=1)
+        return lines[0], lines[1]
 
 
 def _parts(start: np.ndarray, slope: np.ndarray, axis: int = 0) -> np.ndarray:
     """Rays whose whole part keeps the digits of float32 for the position in a cell."""
     whole = np.floor(start)
     return np.stack([whole, start - whole - 0.5, slope], axis=axis).astype(np.float32)
-
-
-def _padded(lines: np.ndarray) -> np.ndarray:
-    """Lines with elements for all lanes of their last pixel."""
-    return np.pad(lines, [(0, 0)] * 3 + [(0, LANES - 1)])
 
 
 class _Surfaces(NamedTuple):

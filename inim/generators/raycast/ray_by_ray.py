@@ -7,13 +7,14 @@ for each border: no error accumulates, and corners are exact.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from inim.backend.kernels import compiled, share_rows
-from inim.display.pixels import row_blocks
+from inim.display.pixels import least_gap_mm, row_blocks
 from inim.generators.base import HOLE, Sources
 from inim.generators.raycast.cells import PictureRays
 from inim.generators.raycast.columns import Columns, columns_of, visible_depth
@@ -170,19 +171,50 @@ class RayByRay(Tracer):
         # Just above the nearest surface: a cell left exactly at its depth counts.
         z_max = min(z_max, float(np.nextafter(np.float64(front.max()), np.inf)))
         above = _covered_above(front > -np.inf)
+        columns_in_reach = self._columns_in_reach(above)
 
         def find_rows(ray: int, rows: slice, out: Sources) -> None:
             out[...] = HOLE
             for block in row_blocks(self.display) if z_max > z_min else ():
                 part = slice(max(block.start, rows.start), min(block.stop, rows.stop))
-                if part.start < part.stop and selected[part].any():
+                columns = columns_in_reach(part) if part.start < part.stop else slice(0, 0)
+                if columns.start < columns.stop and selected[part].any():
                     share_rows(
-                        _first_hits, part.stop - part.start, selected[part], surfaces, above,
-                        self._rays[ray].block(part), z_min, z_max,
+                        _first_hits, part.stop - part.start, columns.start, selected[part],
+                        surfaces, above, self._rays[ray].block(part, columns), z_min, z_max,
                         out[part.start - rows.start : part.stop - rows.start],
                     )  # fmt: skip
 
         return find_rows
+
+    def _columns_in_reach(self, above: np.ndarray) -> Callable[[slice], slice]:
+        """Function that returns panel columns of some rows: the rays of no others meet a surface.
+
+        * `above`: see `_covered_above`.
+        """
+        display, (height, width) = self.display, self.shape
+        pitch, (panel_rows, panel_columns) = display.pixel_pitch_mm, display.eia_shape
+        farthest = max(map(abs, display.depth_range_mm)) / least_gap_mm(display)
+        across, up = (
+            ((1 + farthest) * crossing + pitch + self.pixel_mm) / self.pixel_mm
+            for crossing in display.layout.farthest_crossings_mm
+        )
+        per_cell = pitch / self.pixel_mm
+
+        def columns_of_rows(rows: slice) -> slice:
+            first, last = (
+                height / 2 + (row - panel_rows / 2) * per_cell for row in (rows.start, rows.stop)
+            )
+            top, bottom = np.clip([first - up, last + up + 1], 0, height).astype(int)
+            is_covered = np.diff(above[bottom]) > np.diff(above[top])
+            covered = np.flatnonzero(is_covered)
+            if not len(covered):
+                return slice(0, 0)
+            ends = np.array([covered[0] - across, covered[-1] + 1 + across]) - width / 2
+            low, high = np.clip(ends / per_cell + panel_columns / 2 + (0, 1), 0, panel_columns)
+            return slice(int(low), int(high))
+
+        return columns_of_rows
 
 
 def _covered_above(covered: np.ndarray) -> np.ndarray:
@@ -194,27 +226,29 @@ def _covered_above(covered: np.ndarray) -> np.ndarray:
 
 @compiled
 def _first_hits(  # type: ignore[no-untyped-def]
-    begin, end, selected, surfaces, above, rays, z_min, z_max, sources
+    begin, end, first, selected, surfaces, above, rays, z_min, z_max, sources
 ):
-    """`first_hit` of the selected pixels of some rows."""
+    """`first_hit` of the selected pixels of some rows, whose rays begin with a column `first`."""
     u0, du, v0, dv, u1, v1 = rays
     bottom, right = surfaces.fronts.shape[1:]
+    per_u1, per_v1 = 1.0 / u1, 1.0 / v1
     for i in range(begin, end):
-        for j in range(sources.shape[1]):
-            if not selected[i, j]:
+        for j in range(u0.shape[1]):
+            if not selected[i, first + j]:
                 continue
-            across, down = (u0[i, j], du[i, j], u1), (v0[i, j], dv[i, j], v1)
-            left, right_end = _cells_between(*across, z_min, z_max, right)
-            top, bottom_end = _cells_between(*down, z_min, z_max, bottom)
+            left, right_end = _cells_between(u0[i, j], du[i, j], per_u1, z_min, z_max, right)
+            top, bottom_end = _cells_between(v0[i, j], dv[i, j], per_v1, z_min, z_max, bottom)
             upper = above[top, right_end] - above[top, left]
             if above[bottom_end, right_end] - above[bottom_end, left] > upper:
-                sources[i, j] = first_hit(surfaces, *across, *down, z_min, z_max)
+                sources[i, first + j] = first_hit(
+                    surfaces, u0[i, j], du[i, j], u1, v0[i, j], dv[i, j], v1, z_min, z_max
+                )
 
 
-@compiled
-def _cells_between(start, slope, scale, z_min, z_max, cells):  # type: ignore[no-untyped-def]
+@compiled(inline="always")
+def _cells_between(start, slope, per_scale, z_min, z_max, cells):  # type: ignore[no-untyped-def]
     """First cell and end of a range of a picture's cells that has all that a ray visits."""
-    a, b = (start + slope * z_min) / scale, (start + slope * z_max) / scale
+    a, b = (start + slope * z_min) * per_scale, (start + slope * z_max) * per_scale
     # One more on either side, because positions are rounded.
     low, high = np.floor(min(a, b)) - 1.0, np.floor(max(a, b)) + 2.0
     return int(min(max(low, 0.0), cells)), int(max(min(high, float(cells)), 0.0))

@@ -278,12 +278,14 @@ def first_hits(
     """Create the generator of first hits in the columns of pictures.
 
     * `display`, `shape`, `pixel_mm`, `mask`: see `inim.generators.prepare`.
-    * `samples`: {1, 2, 4}.
+    * `samples`: {"auto", 1, 2, 4}.
 
     Raises `UsageError`: an invalid number of samples, or rays of implausible length.
     """
+    if samples == "auto":
+        samples = display.layout.samples
     if str(samples) not in ("1", "2", "4"):
-        raise UsageError(f"{name}: samples = {samples!r}; use 1, 2 or 4")
+        raise UsageError(f"{name}: samples = {samples!r}; use auto, 1, 2 or 4")
     check_ray_length(name, display, shape, pixel_mm)
     tables = fits_tables(display, shape, pixel_mm, _LAYERS if rule == LAYERS else 1)
     sparse = mask is not None and np.count_nonzero(mask) <= _MOST_ALONE * mask.size

@@ -105,9 +105,9 @@ class GeneratorHandle:
                 mask=self.mask,
             )
 
-    def run(self, rgbd: RGBD) -> GeneratorRun:
+    def run(self, rgbd: RGBD, *, holes: bool = True) -> GeneratorRun:
         """Run the generator (`run_generator`) and return an EIA that no later run overwrites."""
-        run = run_generator(self.algorithm, self.generator, rgbd, self.display, self.mask)
+        run = run_generator(self.algorithm, self.generator, rgbd, self.display, self.mask, holes)
         # Another package's generator may return the same array each time.
         return run if self.properties.own else run._replace(eia=run.eia.copy())
 
@@ -209,9 +209,16 @@ def hole_fraction(
 
 
 def run_generator(
-    name: str, generator: Generator, rgbd: RGBD, display: Display, mask: np.ndarray | None = None
+    name: str,
+    generator: Generator,
+    rgbd: RGBD,
+    display: Display,
+    mask: np.ndarray | None = None,
+    holes: bool = True,
 ) -> GeneratorRun:
     """Generate the EIA of a linear float32 picture; `mask` is that of the prepared generator.
+
+    Finding the holes may take as long as a ray of every pixel; without `holes`, it is omitted.
 
     Raises `UsageError` if another package's generator fails, or if its result does not fit the
     display.
@@ -230,7 +237,7 @@ def run_generator(
         eia = generator.generate(rgbd)
         seconds = time.perf_counter() - start
         check_array(eia, (*display.eia_shape, 3), "float32")
-        if source is None:
+        if source is None or not holes:
             return GeneratorRun(eia, seconds, None)
         empty = _sources(source, rgbd, display) < 0
         return GeneratorRun(eia, seconds, empty if mask is None else empty & mask)
