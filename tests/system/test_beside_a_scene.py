@@ -59,7 +59,7 @@ def run_configured(words: list[str], folder: Path) -> Ended:
     return ended
 
 
-@pytest.mark.parametrize("start", ["script", "module"])
+@pytest.mark.parametrize("start", [pytest.param("script", marks=pytest.mark.slow), "module"])
 def test_modules_in_the_current_folder_are_not_executed(trapped, start):
     if start == "script":  # as the one that pip installs
         words = [sys.executable, str(trapped / "bin" / "inim"), "validate", "-o", "out"]

@@ -3,7 +3,7 @@
 from inim.cli import main
 from inim.errors import EXIT_PASSED
 from tests.schemas import read_text
-from tests.system.conftest import write_scene
+from tests.system.conftest import SHAPES, worker_here, write_scene
 
 # The second has so few lenses that the relic is a few blocks.
 SHEETS = """
@@ -21,11 +21,16 @@ source = "shop"
 
 
 def test_the_display_with_the_highest_score_is_recommended(tmp_path, capsys):
-    scene, table = write_scene(tmp_path), tmp_path / "shop.toml"
+    settings = "".join(
+        f'<default name="inim.{name}_spp" value="4"/>'
+        for name in ("capture", "eia", "view", "reconstruction")
+    )
+    scene, table = write_scene(tmp_path, settings, *SHAPES), tmp_path / "shop.toml"
     table.write_text(SHEETS)
     words = ["--panel", "320x320, 100 um", "--distance", "500", "--move", "10", "--depth", "10"]
     words += ["--sheets", str(table), "--scene", str(scene), "--json"]
-    assert main(["choose", *words]) == EXIT_PASSED
+    with worker_here():
+        assert main(["choose", *words]) == EXIT_PASSED
     document = read_text(capsys.readouterr().out)
     scores = {record["sheet"]: record["score"] for record in document["candidates"]}
     assert list(scores) == ["fine", "coarse"]

@@ -220,12 +220,18 @@ def at_once():
     signal.signal(signal.SIGALRM, before)
 
 
+#: Kinds for all doors; the others, which `open_file` tells apart, are for one door of each reader.
+EVERYWHERE = ("nothing", "a pipe", "a folder", "huge")
+READERS = (
+    *("a scene", "a scene's mesh", "a finished EIA", "a finished EXR", "a depth array"),
+    *("a photograph with depth inside", "a study", "a report to view", "a baseline's arrays"),
+)
 # A photograph is opened by name before the model is, and read by it.
 CASES = [
     (door, kind)
     for door in DOORS
     for kind in KINDS
-    if door != "a photograph" or kind not in ("unreadable", "huge")
+    if (door in READERS or kind in EVERYWHERE) and (door, kind) != ("a photograph", "huge")
 ]
 
 

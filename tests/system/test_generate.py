@@ -27,6 +27,7 @@ FOCAL, ROWS, COLUMNS = 150.0, 90, 120
 CAMERA = ("--intrinsics", f"{FOCAL},{FOCAL},59.5,44.5")
 SIZES = {"lens_columns": 40, "lens_rows": 30, "pixel_pitch_mm": 0.03125}
 DISPLAY = definitions({f"inim.{name}": str(size) for name, size in SIZES.items()})
+FEWER_LENSES = definitions({"inim.lens_columns": "12", "inim.lens_rows": "9"})
 #: Rows, columns, distance in mm, colour: red is near and top left, green far and below right.
 SQUARES = (
     (slice(20, 40), slice(25, 45), 1000, (255, 0, 0)),
@@ -136,7 +137,7 @@ def test_every_output_is_written_and_the_picture_kept(camera, capsys):
 
 
 def test_it_runs_without_the_renderer(camera):
-    loaded = loaded_by(*words(camera, *CAMERA, "--depth-unit", "mm"))
+    loaded = loaded_by(*words(camera, *CAMERA, "--depth-unit", "mm", display=FEWER_LENSES))
     assert loaded.isdisjoint({"mitsuba", "drjit"})
     assert (camera / "eia.png").is_file()
 
@@ -150,9 +151,8 @@ def test_it_runs_without_the_renderer(camera):
     ],
 )
 def test_output_names_the_fill_of_the_eia(camera, capsys, more, fill):
-    fewer_lenses = definitions({"inim.lens_columns": "12", "inim.lens_rows": "9"})
     more = (*CAMERA, "--depth-unit", "mm", *more)
-    assert main(words(camera, *more, display=fewer_lenses)) == EXIT_PASSED
+    assert main(words(camera, *more, display=FEWER_LENSES)) == EXIT_PASSED
     assert f"of the EIA, fill: {fill}\n" in capsys.readouterr().out
 
 

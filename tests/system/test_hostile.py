@@ -27,12 +27,13 @@ from inim.files.eia_file import read_eia
 from inim.files.image import read_exr, read_rgbd, write_exr, write_rgbd
 from inim.files.mesh import read_mesh
 from inim.files.picture import read_texture
-from inim.files.triangle_mesh import add_vertex_normals
+from inim.files.ply import write_ply
+from inim.files.triangle_mesh import Mesh, add_vertex_normals
 from inim.image.color import linear_from_srgb
 from inim.image.rgbd import RGBD
 from inim.scene.file import SceneFile, read_scene_file
 from inim.scene.parameters import SceneParameters
-from tests.conftest import scene_text, small_display, sphere, square
+from tests.conftest import box_surface, scene_text, small_display, sphere, square
 from tests.schemas import read_document
 from tests.system.conftest import write_scene
 
@@ -525,10 +526,7 @@ def test_a_plugin_without_its_required_parts_is_named(open_fitted, body, says):
 
 def test_names_of_any_letters_are_escaped_in_every_report(tmp_path, run_inim):
     mesh = "a 'b' \u9f0e.ply"
-    quad = "0 0 0\n1 0 0\n0 1 0.5\n3 0 1 2\n"
-    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
-    head += "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
-    (tmp_path / mesh).write_text(head + quad)
+    write_ply(tmp_path / mesh, Mesh(*box_surface()))
     title = "&lt;script&gt;alert(1)&lt;/script&gt; | `x` &quot;\u9f0e&quot;"
     text = scene_text(
         f'<default name="inim.title" value="{title}"/>', SHAPE.format("ply", mesh),

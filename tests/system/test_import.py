@@ -30,7 +30,6 @@ print(inim.reconstruct(eia, display, inim.Viewpoint("eye", 0, 0, 200), spp=4).sh
 @pytest.mark.parametrize(
     "before",
     [
-        "import inim",
         "import inim; inim.reconstruct",
         "import inim; inim.backend = __import__('inim.backend').backend; "
         "inim.backend.activate(inim.backend.choose_backend()); "

@@ -18,7 +18,7 @@ from inim.sweeps.table import columns
 from tests.schemas import read_document
 from tests.system.conftest import (
     TINY,
-    assert_one_line,
+    assert_refused,
     definitions,
     run_here,
     without_pauses,
@@ -148,6 +148,5 @@ def test_film_is_scored_against_the_scene_that_it_names(validated, tmp_path):
 
     other = tmp_path / "other.xml"
     other.write_text(scene.read_text() + "<!-- another one -->\n")
-    ended = run_here(*map(str, (*words, "--scene", other)), folder=tmp_path)
-    assert ended.code == 2
-    assert_one_line(ended.stderr, ["other.xml: differs from the report's scene"])
+    says = ["other.xml: differs from the report's scene"]
+    assert_refused(*words, "--scene", other, folder=tmp_path, says=says)

@@ -67,11 +67,12 @@ def test_commands_without_a_worker_succeed(inim, tmp_path):
 
 def test_an_eia_is_generated_and_exported(inim, tmp_path):
     np.save(tmp_path / "depth.npy", np.tile(np.linspace(300, 400, 64), (64, 1)))
-    words = ("color.png", "--depth", "depth.npy", "--depth-unit", "mm")
+    small = ("-D", "inim.lens_columns=16", "-D", "inim.lens_rows=16")
+    words = ("color.png", "--depth", "depth.npy", "--depth-unit", "mm", *small)
     ended = inim("generate", *words, "--orthographic", "--far-is-large", "-o", "eia.exr")
     assert ended.code == 0, ended.stderr
     assert np.ptp(read_exr(tmp_path / "eia.exr")) > 0.4
-    ended = inim("export", "eia.exr", "--views", "views")
+    ended = inim("export", "eia.exr", "--views", "views", *small)
     assert ended.code == 0, ended.stderr
 
 

@@ -62,6 +62,7 @@ def test_metadata_files_agree():
     assert f"git+{urls['Repository']}" in (PROJECT / "README.md").read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_action_validates_a_scene_of_another_repository(tmp_path):
     """Its steps in bash, as the hosted runner executes them; this Python has inim already."""
     action = read_yaml(PROJECT / "action.yml")

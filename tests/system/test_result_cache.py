@@ -99,29 +99,31 @@ def test_a_rerun_into_another_folder_renders_nothing_and_has_the_same_results(be
     assert warm["timings"]["mitsuba_render"] == 0
 
 
-def test_an_unchanged_command_has_its_last_report(bench):
+def test_an_unchanged_command_has_its_last_report(cached_bench):
     def files() -> dict[Path, bytes]:
-        return {p: p.read_bytes() for p in bench.out.rglob("*") if p.is_file()}
+        return {p: p.read_bytes() for p in cached_bench.out.rglob("*") if p.is_file()}
 
-    bench.report()
+    cached_bench.report()
     report = files()
-    bench.report()
+    cached_bench.report()
     assert files() == report
     # A comment is part of the scene's digest in the report.
-    bench.scene.write_text(f"{bench.scene.read_text('utf-8')}<!-- a remark -->", "utf-8")
-    bench.report()
+    scene = cached_bench.scene
+    scene.write_text(f"{scene.read_text('utf-8')}<!-- a remark -->", "utf-8")
+    cached_bench.report()
     changed = files()
     assert changed.keys() == report.keys()
-    assert changed[bench.out / "report.json"] != report[bench.out / "report.json"]
+    place = cached_bench.out / "report.json"
+    assert changed[place] != report[place]
 
 
-def test_a_finished_eia_is_read_again(bench):
-    bench.report()
-    eia = shutil.copy(bench.out / "eia" / "template.png", bench.folder / "mine.png")
+def test_a_finished_eia_is_read_again(cached_bench):
+    cached_bench.report()
+    eia = shutil.copy(cached_bench.out / "eia" / "template.png", cached_bench.folder / "mine.png")
     words = ("--eia", f"mine={eia}")
-    before = bench.report(*words)
+    before = cached_bench.report(*words)
     Image.fromarray(255 - np.asarray(Image.open(eia).convert("RGB"))).save(eia)
-    after = bench.report(*words)
+    after = cached_bench.report(*words)
     assert after["algorithms"]["mine"]["views"] != before["algorithms"]["mine"]["views"]
 
 

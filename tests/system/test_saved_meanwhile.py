@@ -3,12 +3,7 @@ never serves pictures of other bytes than those asked for."""
 
 from __future__ import annotations
 
-import json
-import os
-import random
 import shutil
-import subprocess
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -20,7 +15,7 @@ from inim.files.ply import write_ply
 from inim.files.triangle_mesh import Mesh
 from inim.render import scene as render_scene
 from tests.conftest import scene_text, square
-from tests.system.conftest import Ended, assert_one_line, command
+from tests.system.conftest import Ended, assert_one_line
 
 pytestmark = pytest.mark.usefixtures("no_page")
 SHAPE = """<shape type="ply"><string name="filename" value="a.ply"/><bsdf type="diffuse">
@@ -117,46 +112,3 @@ def run_here_cached(
 def truth(out: Path) -> np.ndarray:
     """A report's true view."""
     return read_exr(out / "truth" / "centre.exr")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_file_saved_at_any_moment(tmp_path, kind):
-    """Processes as users start them; the file is replaced once, at a random moment."""
-    folder, out = write_all(tmp_path / "scene", kind), tmp_path / "out"
-    words = command(
-        *(folder / "s.xml", "-o", out, "--quiet", "--algorithms", "template"), viewpoints="centre"
-    )
-
-    def start(cache: str) -> subprocess.Popen[str]:
-        environment = os.environ | {"INIM_CACHE": cache}
-        return subprocess.Popen(
-            words, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
-        )
-
-    right = {}
-    for version in (0, 1):
-        write_version(folder, kind, version)
-        assert start("off").wait() == 0
-        right[digest_of(out)] = truth(out)
-    assert len(right) == 2
-    moments, stopped = random.Random(0), 0
-    for version in range(12):
-        write_version(folder, kind, version % 2)
-        shutil.rmtree(out, ignore_errors=True)
-        process = start(str(tmp_path / f"cache{version // 4}"))
-        time.sleep(moments.uniform(0.3, 2.5))
-        write_version(folder, kind, 1 - version % 2)
-        errors = process.communicate(timeout=120)[1]
-        if process.returncode:
-            assert process.returncode == 2
-            assert_one_line(errors, ["was saved while the run read it"])
-            stopped += 1
-        else:
-            assert np.array_equal(truth(out), right[digest_of(out)])
-    print(f"{kind}: {stopped} of 12 runs stopped")
-
-
-def digest_of(out: Path) -> str:
-    """Digest of the scene in its report."""
-    return str(json.loads((out / "report.json").read_text())["scene"]["sha256"])

@@ -12,14 +12,14 @@ from pathlib import Path
 import pytest
 
 from inim import documents
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 from inim.settings import Settings
 from reports.stress.study.document import StudyDocument
 from reports.stress.study.generators import VARIANTS
 from tests.schemas import read_document
 from tests.system.conftest import (
     TINY,
-    assert_one_line,
+    assert_refused,
     definitions,
     files_in,
     install_metadata,
@@ -157,9 +157,8 @@ def test_a_scene_s_own_depth_is_jittered(tmp_path):
 def test_a_scene_that_shows_nothing_is_one_line(tmp_path):
     # Each smaller than the camera's pixels, and beside their centres.
     scene = write_scene(tmp_path, sphere((-1, -1, 0), 1e-4), sphere((1, 1, 1), 1e-4))
-    ended = run_stress(scene, "--quick", "-o", "out", *definitions(TINY), folder=tmp_path)
-    assert ended.code == EXIT_USAGE
-    assert_one_line(ended.stderr, ["tiny.xml", "picture is empty"])
+    words = ("stress", scene, "--quick", "-o", "out", *definitions(TINY))
+    assert_refused(*words, folder=tmp_path, says=["tiny.xml", "picture is empty"])
 
 
 @pytest.mark.parametrize(
@@ -171,7 +170,4 @@ def test_a_scene_that_shows_nothing_is_one_line(tmp_path):
     ],
 )
 def test_mistakes_cost_one_line_and_no_folder(tmp_path, words, says):
-    ended = run_stress(*words, folder=tmp_path)
-    assert ended.code == EXIT_USAGE
-    assert_one_line(ended.stderr, says)
-    assert not list(tmp_path.iterdir())
+    assert_refused("stress", *words, folder=tmp_path, says=says)

@@ -14,12 +14,12 @@ from pathlib import Path
 import pytest
 
 import inim
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 from inim.sweeps import SweepPlace, run_sweep
 from inim.sweeps.table import TABLE, columns
 from tests.conftest import scene_text
 from tests.schemas import read_document
-from tests.system.conftest import assert_one_line, nothing_left, worker_here
+from tests.system.conftest import assert_refused, nothing_left, worker_here
 from tests.system.sweeps import (
     results,
     start,
@@ -220,9 +220,4 @@ def test_an_interrupt_takes_the_workers_along(tmp_path, number):
 )
 def test_mistakes_cost_one_line_and_no_file(tmp_path, words, says):
     write_study(tmp_path, scenes=1)
-    before = sorted(tmp_path.rglob("*"))
-    ended = sweep_here(*words, folder=tmp_path)
-    assert ended.code == EXIT_USAGE
-    assert_one_line(ended.stderr, says)
-    left = [p for p in tmp_path.rglob("*") if p not in before and p.is_file()]
-    assert left == []
+    assert_refused("sweep", *words, folder=tmp_path, says=says)

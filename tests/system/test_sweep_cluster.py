@@ -68,19 +68,6 @@ def parent_of(pid: int) -> int:
     return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
 
 
-def test_four_workers_make_the_table_of_a_pool(scheduler, tmp_path):
-    algorithms = ("template", "template:samples=4", "wang2024:matching=ray", "gu2020", "li2012")
-    study = write_study(tmp_path, scenes=4, displays=3, algorithms=algorithms)
-    pool = sweep(study.name, "-o", "pool", folder=tmp_path)
-    assert pool.code == EXIT_PASSED, pool.stderr
-    ended = sweep(study.name, "-o", "cluster", "--scheduler", scheduler, folder=tmp_path)
-    assert ended.code == EXIT_PASSED, ended.stderr
-    assert len(table(tmp_path / "cluster")) == 4 * 3 * 5
-    assert table(tmp_path / "cluster") == table(tmp_path / "pool")
-    assert results(tmp_path / "cluster").keys() == results(tmp_path / "pool").keys()
-    assert nothing_left(tmp_path)
-
-
 def test_a_killed_worker_has_its_task_given_to_another(scheduler, tmp_path):
     study = write_study(tmp_path, scenes=4)
     out, words = tmp_path / "out", (study.name, "-o", "out", "--scheduler", scheduler)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import random
 import resource
 import shutil
 import subprocess
@@ -225,7 +224,8 @@ def earlier(tmp_path_factory, run_inim):
     return folder / "out"
 
 
-@pytest.mark.parametrize("share", [pytest.param(0.2, marks=pytest.mark.slow), 0.9])
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.2, 0.9])
 def test_disk_that_fills_at_any_time_leaves_the_earlier_report(
     tmp_path, earlier, run_process, share
 ):
@@ -259,32 +259,6 @@ def test_memory_limit_of_the_shell_counts(tmp_path):
 
 
 # --- Two at once --------------------------------------------------------------------------------
-
-
-def assert_two_leave_one_report(folder: Path, apart_s: float = 0.0) -> None:
-    """Two runs with different files, the second some time after the first."""
-    scene, runs = write_scene(folder), []
-    for settings in (SMALLEST, SMALLEST | {"algorithms": "wang2024", "viewpoints": "left"}):
-        runs.append(
-            subprocess.Popen(
-                command(scene, "-o", "out", **settings), cwd=folder,
-                stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-            )
-        )  # fmt: skip
-        time.sleep(apart_s)
-    errors = [run.communicate(timeout=120)[1] for run in runs]
-    assert [run.returncode for run in runs] == [EXIT_PASSED, EXIT_PASSED], errors
-    data = assert_whole(folder / "out")
-    listed = json.loads((folder / "out" / ".report-files.json").read_text())
-    assert files_in(folder / "out") == set(data["files"]) == {*listed}
-    assert sorted(p.name for p in folder.iterdir()) == ["out", scene.name]
-
-
-@pytest.mark.slow
-def test_two_runs_into_one_folder_leave_one_report_whenever_they_begin(tmp_path):
-    rng = random.Random(3)
-    for _ in range(15):
-        assert_two_leave_one_report(tmp_path, rng.uniform(0, 0.5))
 
 
 MOVES = """

@@ -6,7 +6,8 @@ renderer are checked in this process, where one costs milliseconds.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
+from pathlib import Path
 
 import pytest
 
@@ -16,15 +17,15 @@ from inim.pipeline.request import Request
 from tests.conftest import LIT, scene_text, sphere
 from tests.system.conftest import (
     SHAPES,
-    Ended,
+    SMALLEST,
+    TINY,
     assert_one_line,
     assert_refused,
-    nothing_left,
+    definitions,
     small_disk,
     write_scene,
 )
 
-Run = Callable[..., Ended]
 TEXTURED = (
     '<shape type="rectangle"><bsdf type="diffuse"><texture type="bitmap" name="reflectance">'
     '<string name="filename" value="{}"/></texture></bsdf></shape>'
@@ -145,21 +146,20 @@ def test_name_that_is_no_text_is_refused(tmp_path):
 
 # --- What only the renderer finds out -----------------------------------------------------------
 
-PLY = """ply
-format ascii 1.0
-element vertex 3
-property float x
-property float y
-property float z
-element face 1
-property list uchar int vertex_indices
-end_header
-0 0 0
-1 0 0
-0 1 0.5
-3 0 1 7
-"""
+PLY = (
+    "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+    "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    "0 0 0\n1 0 0\n0 1 0.5\n3 0 1 7\n"
+)
 MESH = '<shape type="ply"><string name="filename" value="a.ply"/></shape>'
+
+
+def refused(
+    scene: Path | str, folder: Path, says: list[str], settings: Mapping[str, str] | None = None
+) -> None:
+    """Assert that a validation with the tiny display is refused in one line."""
+    tiny = definitions(TINY | dict(settings or {}))
+    assert_refused("validate", scene, "-o", "out", *tiny, folder=folder, says=says)
 
 
 @pytest.mark.parametrize(
@@ -177,44 +177,35 @@ MESH = '<shape type="ply"><string name="filename" value="a.ply"/></shape>'
         (TEXTURED.format("a.jpg"), {"a.jpg": "\xff\xd8\xff\xe0" + "\0" * 30}, "picture"),
     ],
 )
-def test_damaged_content_is_named(tmp_path, run_inim, shapes, files, says):
+def test_damaged_content_is_named(tmp_path, shapes, files, says):
     scene = write_scene(tmp_path, text=scene_text(shapes))
     for name, content in files.items():
         (tmp_path / name).write_text(content, encoding="latin-1")
-    ended = run_inim(scene.name, "-o", "out", folder=tmp_path)
-    assert ended.code == EXIT_USAGE
-    assert_one_line(ended.stderr, [says, next(iter(files), scene.name)])
-    assert nothing_left(tmp_path)
-    assert not (tmp_path / "out").exists()
+    refused(scene.name, folder=tmp_path, says=[says, next(iter(files), scene.name)])
 
 
 @pytest.mark.parametrize("integrator", ["ptracer", "prb"])
-def test_integrator_that_traces_no_single_rays_is_refused(tmp_path, run_inim, integrator):
+def test_integrator_that_traces_no_single_rays_is_refused(tmp_path, integrator):
     text = scene_text(*SHAPES).replace(LIT[: LIT.index("<sensor")], "")
     text = text.replace("</scene>", f'<integrator type="{integrator}"/></scene>')
-    ended = run_inim(write_scene(tmp_path, text=text), "-o", "out", folder=tmp_path)
-    assert ended.code == EXIT_USAGE
-    assert_one_line(ended.stderr, ["integrator", "use 'path' or 'volpath'"])
+    says = ["integrator", "use 'path' or 'volpath'"]
+    refused(write_scene(tmp_path, text=text), folder=tmp_path, says=says)
 
 
 @pytest.mark.parametrize("bsdf", ["null", "dielectric"])
-def test_participating_media_are_refused(tmp_path, run_inim, bsdf):
+def test_participating_media_are_refused(tmp_path, bsdf):
     """A depth camera would take the boundary of the smoke for the surface of a ball."""
     smoke = (
         f'<shape type="sphere" id="smoke"><bsdf type="{bsdf}"/>'
         '<medium name="interior" type="homogeneous"/></shape>'
     )
-    ended = run_inim(write_scene(tmp_path, *SHAPES, smoke), "-o", "out", folder=tmp_path)
-    assert ended.code == EXIT_USAGE
-    assert_one_line(ended.stderr, ["tiny.xml", "smoke", "participating medium", "remove"])
-    assert not (tmp_path / "out").exists()
+    says = ["tiny.xml", "smoke", "participating medium", "remove"]
+    refused(write_scene(tmp_path, *SHAPES, smoke), folder=tmp_path, says=says)
 
 
-def test_pictures_too_small_to_score_are_refused(tmp_path, run_inim):
-    single_lens = {"lens_columns": "1", "lens_rows": "1"}
-    ended = run_inim(write_scene(tmp_path), "-o", "out", folder=tmp_path, **single_lens)
-    assert ended.code == EXIT_USAGE
-    assert_one_line(ended.stderr, ["pixels"])
+def test_pictures_too_small_to_score_are_refused(tmp_path):
+    single_lens = {"inim.lens_columns": "1", "inim.lens_rows": "1"}
+    refused(write_scene(tmp_path), folder=tmp_path, says=["pixels"], settings=single_lens)
 
 
 # --- Output folders -----------------------------------------------------------------------------
@@ -222,7 +213,7 @@ def test_pictures_too_small_to_score_are_refused(tmp_path, run_inim):
 
 def test_full_disk_is_one_line_and_leaves_nothing(tiny_scene, run_process, tmp_path):
     with small_disk(tmp_path / "disk", "200k") as disk:
-        ended = run_process(tiny_scene, "-o", disk / "out", folder=tmp_path, viewpoints="centre")
+        ended = run_process(tiny_scene, "-o", disk / "out", folder=tmp_path, **SMALLEST)
         assert ended.code == EXIT_USAGE
         assert_one_line(ended.stderr, ["free some space", "-o"])
         assert list(disk.iterdir()) == []

@@ -9,10 +9,7 @@ from __future__ import annotations
 import math
 import os
 import re
-import resource
 import shlex
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -269,21 +266,6 @@ def test_bare_machine_is_enough(tmp_path, run_process):
 
 
 # --- From Python, and without a run -------------------------------------------------------------
-
-
-def test_help_answers_within_a_second():
-    """Counts processor time, which other programs do not change."""
-    seconds = []
-    for _ in range(3):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        process = subprocess.run(
-            [sys.executable, "-m", "inim.validate", "--help"], capture_output=True, text=True
-        )
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        seconds.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
-    assert process.returncode == EXIT_PASSED
-    assert "exit codes:" in process.stdout
-    assert min(seconds) < 1
 
 
 def test_help_names_every_exit_code(capsys):

@@ -3,7 +3,6 @@
 import ctypes
 import json
 import os
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -303,13 +302,6 @@ def test_cause_is_taken_from_the_log_when_the_exception_hides_it():
 
 
 # --- Memory of verdicts -------------------------------------------------------------------
-
-
-def test_warm_choice_starts_no_process(monkeypatch, tmp_path, tried):
-    folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
-    backend.choose_backend("auto", [folder])
-    monkeypatch.setattr(subprocess, "Popen", None)
-    assert backend.choose_backend("auto", [folder]).name == "llvm"
 
 
 def test_another_library_or_processor_is_tried_again(monkeypatch, tmp_path, tried):

@@ -14,7 +14,7 @@ from inim.report.bench import bench_page, milliseconds, times, write_bench
 from inim.report.labels import per_cent
 from reports.bench.paper.claims import claims
 from reports.bench.paper.report import parts_of
-from reports.bench.paper.scaling import growth, power_law
+from reports.bench.paper.scaling import power_law
 from reports.bench.paper.steps import depth_steps
 from tests.unit.test_bench_report import assert_tables_are_whole, bench, method, timing
 
@@ -164,17 +164,6 @@ def test_each_reading_of_eq_5_has_verdicts_of_its_own():
     verdicts = {c["claim"]: c["holds"] for c in claims(paper["experiments"], paper["same_input"])}
     assert verdicts["wang2024 is more than twice as fast as gu2020"] is False
     assert verdicts["wang2024:step_pixel=scene is more than twice as fast as gu2020"] is True
-
-
-def test_without_a_rival_its_claim_is_left_out():
-    paper = paper_bench().study["paper"]
-    assert not [c for c in paper["claims"] if "li2012" in c["claim"].split(",")[0]]
-
-
-def test_growth_is_the_power_of_the_size():
-    points = [{"n": n, "min_ms": 0.5 * n**1.5} for n in (4, 1, 64, 16)]
-    assert growth(points, "n") == pytest.approx(1.5)
-    assert growth(points[:1], "n") is None
 
 
 @pytest.mark.parametrize("factor", [2.0, 3.0, 0.1, 1 / 3, 7e-5])

@@ -4,7 +4,6 @@ import pytest
 
 from inim.bench.evaluate import mark_fronts
 from inim.errors import UsageError
-from inim.report.plots import on_front
 from inim.timing import Rounds, Timing, ratios, time_calls
 from tests.unit.test_bench_report import algorithm
 
@@ -83,11 +82,6 @@ def test_median_minimum_and_spread_of_known_runs():
 def test_ratios_are_median_to_median_and_fastest_to_fastest():
     pair = ratios(Timing(0, (8.0, 6.0, 9.0)), Timing(0, (2.0, 4.0, 3.0)))
     assert pair == {"ratio": 8.0 / 3.0, "ratio_min": 3.0}
-
-
-def test_front_holds_the_undominated_methods():
-    points = [(1.0, 9.0), (2.0, 5.0), (3.0, 5.0), (4.0, 1.0), (5.0, 2.0), (0.1, 99.0)]
-    assert on_front(dict(zip("abcdef", points, strict=True))) == {"a", "b", "d", "f"}
 
 
 def test_a_method_without_sources_can_still_be_on_another_front():

@@ -245,7 +245,7 @@ OPTIONS = CameraPicture(depth_unit="mm", near=450, far=720)
 def test_own_pictures_merge_into_one_ball_and_a_wall(tmp_path):
     """And a camera that is upside down, with its picture turned, sees the same scene."""
     path, document = write_document(tmp_path, POSITIONS[::2])
-    display = DISPLAYS["nominal"].replace(lens_columns=16, lens_rows=12)
+    display = DISPLAYS["nominal"].replace(lens_columns=12, lens_rows=9)
     merged = merge_cameras(read_cameras(path, OPTIONS, display).pictures, display)
     low, high = display.depth_range_mm
     wall = low + (720 - 700) / (720 - 450) * (high - low)

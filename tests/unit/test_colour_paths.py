@@ -6,7 +6,7 @@
 import numpy as np
 import pytest
 
-from inim.generators import generate, prepare
+from inim.generators import prepare
 from inim.generators.raycast.colour import ColouredRays
 from inim.generators.raycast.ray_by_ray import RayByRay
 from inim.image.rgbd import RGBD
@@ -35,14 +35,3 @@ def test_colours_of_tables_are_those_of_single_rays(display, colour):
             ]
             single = ColouredRays(alone, generator.rays, *size, colour=colour, reads=RGBD)
             assert np.array_equal(generator.generate(rgbd), single.generate(rgbd))
-
-
-@pytest.mark.parametrize("colour", COLOURS)
-def test_masks_and_float_colours_agree_with_the_whole(colour):
-    for display in ("odd pixels", "turned"):
-        device, rgbd = DISPLAYS[display], picture(display, "hills")
-        text = f"template:colour={colour}"
-        whole = generate(rgbd, device, text)
-        mask = np.random.default_rng(5).random(device.eia_shape) < 0.04
-        part = generate(rgbd, device, text, mask=mask)
-        assert np.array_equal(part[mask], whole[mask]) and not part[~mask].any()

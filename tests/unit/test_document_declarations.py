@@ -146,10 +146,12 @@ def test_reader_accepts_its_documents_and_refuses_what_the_schema_refuses(name):
     assert decode(encode(decoded), TYPES[name]) == decoded
     refused = 0
     for mutated in mutations(document):
-        if not validator.is_valid(mutated):
+        try:
+            decode(json.dumps(mutated), TYPES[name])
+        except ValueError:
             refused += 1
-            with pytest.raises(ValueError, match=r"."):
-                decode(json.dumps(mutated), TYPES[name])
+        else:
+            validator.validate(mutated)
     assert refused > 100
 
 

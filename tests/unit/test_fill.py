@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import inim
-from inim.backend.kernels import limited_threads
 from inim.display import DISPLAYS, Display
 from inim.errors import UsageError
 from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
@@ -231,21 +230,6 @@ def test_display_ready_pixels_are_the_codes_of_the_same_light(samples: int) -> N
     assert far.max() <= 3 and far.mean() < 0.3
     assert np.array_equal(direct[..., 3] > 0, linear.any(axis=-1))
     assert (direct[..., 3] == 255).mean() > 0.95
-
-
-def test_fill_does_not_depend_on_threads() -> None:
-    display = small_display(9, 8, pixel_pitch_mm=0.0636)
-    rgbd = hills(display)
-    generator = prepare(
-        display,
-        "template:colour=nearest:samples=4:fill=all",
-        shape=rgbd.shape,
-        pixel_mm=rgbd.pixel_mm,
-    )
-    together = generator.generate(rgbd)
-    with limited_threads(1):
-        alone = generator.generate(rgbd)
-    assert np.array_equal(together, alone)
 
 
 def test_picture_of_which_nothing_is_shown_is_not_searched(monkeypatch) -> None:

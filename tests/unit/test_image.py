@@ -158,13 +158,3 @@ def test_pictures_that_are_not_comparable_are_refused(scorer):
     b[3, 3] = np.nan
     with pytest.raises(UsageError, match="1 pixels that are not finite"):
         scorer(a, b)
-
-
-def test_a_masked_score_uses_only_the_mask():
-    a = picture(40, 40)
-    b = a.copy()
-    b[:, 20:] = 0
-    mask = np.zeros((40, 40), bool)
-    mask[:, :12] = True
-    assert metrics.ssim(a, b, mask) == pytest.approx(1.0, abs=1e-5)
-    assert math.isnan(metrics.ssim(a, b, np.zeros((40, 40), bool)))

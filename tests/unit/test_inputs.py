@@ -110,15 +110,3 @@ def test_a_viewpoint_takes_numpy_numbers(renderer):
     options = {"pixels_per_lens": 1, "spp": 2}
     view = inim.reconstruct(EIA, NOMINAL, numbers, **options)
     assert np.array_equal(view, inim.reconstruct(EIA, NOMINAL, "mine=10 -5 600", **options))
-
-
-def test_the_exposure_of_a_view_makes_white_white(renderer):
-    """A view is the light that leaves the lenses; `white_exposure` is the documented 1 / T."""
-    from inim.lens import white_exposure
-
-    display = NOMINAL.replace(lens_columns=5, lens_rows=5)
-    white = np.ones((*display.eia_shape, 3), np.float32)
-    view = inim.reconstruct(white, display, "centre=0 0 600", pixels_per_lens=1, spp=256)
-    transmittance = (4 * 1.4917 / 2.4917**2) ** 2
-    assert white_exposure(display, "thick") == pytest.approx(1 / transmittance, rel=1e-6)
-    assert view[2, 2] * white_exposure(display, "thick") == pytest.approx([1, 1, 1], abs=0.01)

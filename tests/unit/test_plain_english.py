@@ -8,6 +8,7 @@ no two classes share a name. `tests/plain_english.ini` is the only list of rejec
 import ast
 import configparser
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -21,9 +22,15 @@ REPORTS = sorted((ROOT / "reports").rglob("*.py"))
 TESTS = sorted((ROOT / "tests").rglob("*.py"))
 
 
+@cache
+def nodes(source: str) -> list[ast.AST]:
+    """All nodes of a module."""
+    return list(ast.walk(ast.parse(source)))
+
+
 def problems(source: str) -> Iterator[str]:
     """Line and text of each rejected name and docstring opening of a module."""
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes(source):
         name = ""
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
             name = node.id
@@ -67,7 +74,7 @@ def shared_class_names(sources: dict[str, str]) -> dict[str, list[str]]:
     """Files of each class name that several of them define; a leading underscore does not count."""
     files: dict[str, list[str]] = {}
     for file, source in sources.items():
-        for node in ast.walk(ast.parse(source)):
+        for node in nodes(source):
             if isinstance(node, ast.ClassDef):
                 files.setdefault(node.name.lstrip("_"), []).append(file)
     return {name: places for name, places in files.items() if len(places) > 1}

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from inim.backend import kernels
-from inim.image.rgbd import RGBD
 from inim.timing import threads
 from tests.conftest import small_display
 
@@ -75,8 +74,3 @@ def test_threads_hold_for_both_and_are_given_back(renderer):
     with threads(1) as count:
         assert (count, kernels._thread_count, dr.thread_count()) == (1, 1, 1)
     assert (kernels._thread_count, dr.thread_count()) == before
-
-
-def test_an_rgba_picture_is_one_word_to_a_pixel():
-    rgbd = RGBD(np.zeros((3, 5, 4), np.uint8), np.zeros((3, 5)), np.zeros((3, 5), bool), 1.0)
-    assert rgbd.color.view(np.uint32).shape == (3, 5, 1)

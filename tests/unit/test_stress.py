@@ -11,12 +11,10 @@ import pytest
 
 from inim.errors import UsageError
 from inim.generators import algorithm_items
-from inim.generators.oracle import exact_hits
 from inim.stress import StressRequest
 from inim.stress.checks import cases, check_first_hits, measure_jitter, quantise_depth
-from inim.stress.pictures import algorithm_output, noise, random_picture, small_display, solids_of
+from inim.stress.pictures import algorithm_output, noise, random_picture, small_display
 from inim.stress.relations import RELATIONS, run_relations
-from tests import oracle as rational
 from tests.system.conftest import install_metadata
 
 CASES = {(case.family, case.name): case for case in cases()}
@@ -67,24 +65,7 @@ class Colours:
 # -- first hits ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {},
-        {"shift_x_mm": 0.1},
-        {"pitch_y_mm": 0.8, "elemental_pitch_mm": 1.01},
-        {"pixel_pitch_mm": 0.19},
-    ],
-)
-def test_the_oracle_agrees_with_the_tests_own(changes):
-    display = small_display(lens_rows=2, **changes)
-    rgbd = noise(display, display.capture_shape(2), 0.5)
-    hits = exact_hits(rgbd, display)
-    expected = rational.exact_sources(rgbd, display)
-    assert np.array_equal(hits.sources, expected[tuple(hits.pixels.T)])
-
-
-@pytest.mark.parametrize("algorithm", ["template", "layered", "template:samples=4"])
+@pytest.mark.parametrize("algorithm", ["template", "layered"])
 @pytest.mark.parametrize("case", [CASES[k] for k in CASES if "ulp" in k[1]], ids=lambda c: c.name)
 def test_first_hits_by_definition_are_right_at_ties(algorithm, case):
     row = check_first_hits(algorithm, case)
@@ -257,11 +238,3 @@ def test_algorithms_are_chosen_by_name_and_others_come_by_themselves(planted, tm
 def test_mistakes_in_names_are_usage_errors(tmp_path, algorithms, says):
     with pytest.raises(UsageError, match=says):
         StressRequest(tmp_path, algorithms=algorithm_items(algorithms)).plan()
-
-
-def test_solids_are_in_order_and_touch():
-    display = small_display()
-    solid = solids_of(noise(display, (9, 9), 0.5), display)
-    second, third = solid.deeper
-    assert (solid.depth_mm >= solid.back_mm).all() and (solid.back_mm >= second.front_mm).all()
-    assert (second.back_mm >= third.front_mm).all() and np.isneginf(third.back_mm).all()

@@ -25,10 +25,9 @@ from inim.stress.pictures import MOUNTINGS, algorithm_output, noise
 from reports.stress.study import generators, lens_cases, lens_models, lens_relations, relations
 from reports.stress.study.cases import FULL, NONSEPARABLE_FAMILIES, Case, Family, ties
 from reports.stress.study.lens_cases import display_of
-from reports.stress.study.lens_oracle import LensRays, land
 from reports.stress.study.limits import accuracy_limits_of, checks_of, regions_of
 from reports.stress.study.oracles import answer, exact_first_hits, first_hits
-from reports.stress.study.rays import chosen_pixels, rays_over
+from reports.stress.study.rays import rays_over
 from tests import oracle as rational
 from tests.conftest import small_display
 
@@ -136,26 +135,6 @@ def exact_or_uncertain(display, seed, per_pitch):
         expected = answer(algorithm, rays, rgbd, display, np.float64)
         sources = find_sources(rgbd, display, algorithm)[at]
         assert not ((sources != expected.sources) & ~expected.uncertain).any(), algorithm
-
-
-@pytest.mark.parametrize("side", ["viewer", "panel"])
-def test_the_lens_oracle_obeys_the_thin_lens_near_the_axis(side):
-    """h (1 - g / f) + s g from the lens centre, as in closed form."""
-    display = display_of(curved_side=side)
-    tiny = np.array([1e-6])
-    landing = land(display, "thick", LensRays(tiny, 0 * tiny, 2 * tiny, 0 * tiny))
-    expected = 1e-6 * (1 - 3.3 / 3) + 2e-6 * 3.3
-    assert float(landing.x[0]) == pytest.approx(expected, rel=1e-8)
-
-
-def test_the_lens_oracle_has_the_limit_of_total_reflection():
-    """Flat side first, parallel light is reflected beyond h = R / n."""
-    radius = 3.0 * 0.4917
-    display = display_of(curved_side="panel", pitch_mm=1.405 * radius, pixel_pitch_mm=0.08)
-    display = display.replace(lens_thickness_mm=1.5)
-    h = radius / 1.4917 * np.array([0.999, 1.001])
-    weight = land(display, "thick", LensRays(h, 0 * h, 0 * h, 0 * h)).weight
-    assert weight[0] > 0 and weight[1] == 0
 
 
 # -- checks that can fail -------------------------------------------------------------------------
@@ -283,19 +262,6 @@ def test_a_wrong_ray_of_a_mounted_array_is_reported(monkeypatch, name):
     replace_finder(monkeypatch, planted)
     rows = generators.run_case(family, case, 2 * FEW)
     assert all(r["outside"] for r in rows if r["outcome"] == "ran")
-
-
-def test_a_mounted_array_turned_to_straight_has_the_straight_one_s_rays():
-    """Long doubles and fractions tell of the same rays, whichever way lenses are found."""
-    straight = small_display(4, 3, pixels=5, shift_x_mm=0.13)
-    rgbd = picture(straight)
-    pixels = chosen_pixels(straight, 1000)
-    turned = rays_over(straight.replace(rotation_deg=360.0), rgbd, pixels)
-    exact = rays_over(straight, rgbd, pixels)
-    assert not turned.doubtful.any() and len(pixels) == 20 * 15 - 15
-    for name in ("v0", "dv", "u0", "du"):
-        off = np.abs(getattr(turned, name) - getattr(exact, name))
-        assert off.max() < 1e-14 * np.abs(getattr(exact, name)).max()
 
 
 @pytest.mark.slow

@@ -7,8 +7,6 @@ import pytest
 
 from inim.display import DISPLAYS
 from inim.errors import EXIT_USAGE, FileError, InimError
-from inim.report.sweep import VARIED_COLUMNS
-from inim.settings import Settings
 from inim.sweeps.study import AS_SCENE, _check_keys, read_study, study_of, tomllib
 from inim.sweeps.table import columns, failed_rows
 from inim.sweeps.unit import algorithm_inputs, expand, key_of, unit_hash
@@ -267,11 +265,6 @@ def test_rows_of_failed_units_have_all_known_columns(write_study):
     assert row.keys() <= columns().keys()
 
 
-def test_columns_are_settings_and_displays_by_their_own_names():
-    fields = Settings.__dataclass_fields__.keys()
-    assert fields >= set(VARIED_COLUMNS)
-
-
 # --- Studies made to be read for ever -----------------------------------------------------------
 
 MOST = 2**20 - 1000
@@ -347,6 +340,7 @@ LARGEST = {
 }
 
 
+@pytest.mark.slow
 def test_the_largest_studies_are_refused_within_seconds_and_half_a_gigabyte(tmp_path):
     """Runs in a process whose memory and processor time are limited."""
     for name, text in LARGEST.items():
