@@ -185,10 +185,12 @@ def check_report_arguments(args: argparse.Namespace) -> None:
 
 def reject_mesh(path: Path, allowed: tuple[str, ...] = ()) -> None:
     """Reject a mesh without an `allowed` suffix: its scene is created separately."""
+    from inim.files import check_file
     from inim.files.triangle_mesh import MESH_SUFFIXES
 
     suffix = path.suffix.lower()
-    if suffix in MESH_SUFFIXES and suffix not in allowed and path.is_file():
+    if suffix in MESH_SUFFIXES and suffix not in allowed:
+        check_file(path)
         raise UsageError(
             f"{path}: is a mesh; create a scene from it first: inim new-scene "
             f"{shlex.quote(str(path))}"
@@ -304,9 +306,9 @@ def classify_input(args: argparse.Namespace) -> None:
     of an HCI light field; `color`, the colour picture of --depth; or `photo`, a photograph with
     depth inside (or a folder of them).
     """
-    kinds = ("scene", "mesh", "fitted", "cameras_file", "light_field", "color", "photo")
     from inim.files.triangle_mesh import MESH_SUFFIXES
 
+    kinds = ("scene", "mesh", "fitted", "cameras_file", "light_field", "color", "photo")
     vars(args).update(dict.fromkeys(kinds))
     suffix = args.input.suffix.lower()
     if args.depth is not None:

@@ -107,10 +107,7 @@ def _run(args: argparse.Namespace) -> int:
             f"{args.input}: has several cameras; merge them first: inim generate {args.input} "
             "--save-rgbd merged.exr, then inim validate merged.exr -a layered"
         )
-    if args.mesh is not None:
-        raise UsageError(
-            f"{args.input}: is a mesh; create its scene first: inim new-scene {args.input}"
-        )
+    reject_mesh(args.input)
     return _validate_scene(args) if args.scene else _validate_picture(args)
 
 
@@ -172,7 +169,6 @@ def _validate_picture(args: argparse.Namespace) -> int:
     from inim.views.own_picture import PictureRequest, run_picture
     from inim.worker.output import default_out
 
-    reject_mesh(args.input)
     for option in ("eias", "baseline", "preview", "time", "lazy", "allow_folders", "plugins"):
         if getattr(args, option):
             option_name = f"--{option.removesuffix('s').replace('_', '-')}"

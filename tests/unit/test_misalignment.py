@@ -4,6 +4,7 @@ import pytest
 
 from inim.display import DISPLAYS
 from inim.display.misalignment import (
+    MISALIGNMENTS,
     misaligned,
     misalignment_text,
     one_pixel_errors,
