@@ -280,7 +280,8 @@ def cuda_verdict() -> Verdict:
         return Verdict(False, "the driver library libcuda.so.1 was not found")
     # A driver without its device (a container) must not be remembered for one with it.
     devices = sorted(path.name for path in Path("/dev").glob("nvidia*"))
-    visible = [os.environ.get("CUDA_VISIBLE_DEVICES", ""), *devices]
+    # An empty value hides every card; none at all hides none.
+    visible = [repr(os.environ.get("CUDA_VISIBLE_DEVICES")), *devices]
     return stored_trial("cuda_ad_rgb", drivers[0], {}, required_libraries(None), visible)
 
 

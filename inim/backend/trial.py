@@ -59,7 +59,11 @@ try:
         answer(stage="scene", reason="it intersects rays wrongly")
     if variant.startswith("cuda"):
         version = ".".join(map(str, dr.detail.cuda_version()))
-        device = "compute capability %s" % (dr.detail.cuda_compute_capability(),)
+        driver = ctypes.CDLL(os.environ.get("DRJIT_LIBCUDA_PATH", "libcuda.so.1"))
+        card = ctypes.create_string_buffer(256)
+        if driver.cuDeviceGetName(card, len(card), 0):
+            answer(stage="start", reason="the driver does not name its card")
+        device = card.value.decode()
     else:
         version = ".".join(map(str, dr.detail.llvm_version()))
         device = "%d threads" % dr.thread_count()

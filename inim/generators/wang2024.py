@@ -153,12 +153,11 @@ def _match_all(
     along_ray, consecutive, sources,
 ):  # fmt: skip
     """Match all selected panel pixels; u and v are columns and rows in picture pixels."""
-    steepest = max(np.abs(du).max(), np.abs(dv).max())
-    _, longest = _steps(steepest, steepest, z_min, z_max, stride, up)
-    cells = np.empty(longest, np.int64)
     width = u0.shape[1]
     for i in range(begin, end):
         u, u_slope, v, v_slope, is_selected = u0[i], du[i], v0[i], dv[i], selected[i]
+        steepest = max(np.abs(u_slope).max(), np.abs(v_slope).max())
+        cells = np.empty(_steps(steepest, steepest, z_min, z_max, stride, up)[1], np.int64)
         for j in range(width):
             if not is_selected[j]:
                 continue

@@ -90,10 +90,9 @@ def table(out: Path) -> list[dict[str, Any]]:
 
 
 def results(out: Path) -> dict[str, int]:
-    """Every result there is, with the moment it was written [ns]."""
-    return {
-        str(p.relative_to(out)): p.stat().st_mtime_ns for p in sorted(out.glob("units/*/*.json"))
-    }
+    """Every result there is, with the moment it was written [ns]; a hidden file is unfinished."""
+    paths = sorted(out.glob("units/*/[!.]*.json"))
+    return {str(path.relative_to(out)): path.stat().st_mtime_ns for path in paths}
 
 
 def until(holds: Any, event: str) -> Any:

@@ -382,6 +382,7 @@ def test_workflow_s_commands_plan_runs_that_its_baselines_can_be_compared_with(m
             assert main(["validate", "--quiet", *words[3:]]) == EXIT_PASSED
     assert [plan.request.baseline.name for plan in planned] == ["jade", "wine_coin"]
     assert all(plan.baseline is not None for plan in planned)
+    assert all(plan.request.backend == "llvm" for plan in planned), "that of the baselines"
 
 
 @pytest.mark.slow

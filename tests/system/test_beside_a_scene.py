@@ -139,6 +139,24 @@ def test_the_caller_s_own_path_stays(tmp_path, monkeypatch):
     assert printed == "found\n"
 
 
+@pytest.mark.parametrize("before", ["", "rmdir ../current; "], ids=["kept", "deleted"])
+def test_a_module_s_path_is_the_caller_s_without_the_current_folder(tmp_path, before):
+    site, current = tmp_path / "site", tmp_path / "current"
+    site.mkdir()
+    current.mkdir()
+    code = "import atexit, sys\natexit.register(lambda: print(*sys.path, sep='\\n'))\n"
+    (site / "sitecustomize.py").write_text(code)
+    ended = run_child(
+        ["sh", "-c", f'{before}exec "$@"', "sh", sys.executable, "-m", "inim", "info", "settings"],
+        cwd=current,
+        env=child_environment() | {"PYTHONPATH": str(site)},
+    )
+    assert ended.code == EXIT_PASSED, ended.stderr
+    places = ended.stdout.splitlines()
+    assert str(site) in places
+    assert str(current) not in places
+
+
 def test_renderer_plugins_in_the_current_folder_are_refused(tmp_path, monkeypatch):
     (tmp_path / "plugins").mkdir()
     (tmp_path / "plugins" / "inim_rays.so").write_text("")

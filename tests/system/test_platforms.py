@@ -17,7 +17,7 @@ from inim.image.rgbd import RGBD
 from tests.system.conftest import Ended, assert_one_line, run_child, write_scene
 
 WITHOUT_POSIX = """
-import os, signal, sys
+import os, shutil, signal, sys
 for name in ("fcntl", "resource", "pwd", "grp", "termios"):
     sys.modules[name] = None
 for place, names in {
@@ -28,6 +28,8 @@ for place, names in {
     for name in names.split():
         if hasattr(place, name):
             delattr(place, name)
+# Where no call takes a folder's descriptor, `shutil.rmtree` needs no O_NONBLOCK.
+shutil._use_fd_functions = False
 """
 RUN = "from inim.program import run\nrun()"
 #: Run each command, whose words are parted by commas, and end its answer with its exit code.

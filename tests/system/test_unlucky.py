@@ -179,15 +179,16 @@ def test_read_only_package_and_no_home_is_enough(tmp_path):
     }  # fmt: skip
     for name in ("XDG_CACHE_HOME", "XDG_DATA_HOME", "NUMBA_CACHE_DIR"):
         variables.pop(name, None)
-    seconds = []
+    files = []
     for _ in range(2):
-        started = time.perf_counter()
         words = ["setpriv", f"--bounding-set={rights}", f"--inh-caps={rights}"]
         words += command(scene, "-o", tmp_path / "out", **SMALLEST)
         ended = run_child(words, env=variables, cwd=tmp_path)
-        seconds.append(time.perf_counter() - started)
         assert (ended.code, ended.stderr) == (EXIT_PASSED, "")
-    assert seconds[1] < seconds[0]
+        kernels_of = (tmp_path / "tmp").rglob("*.nb[ci]")
+        files.append({path: path.stat().st_mtime_ns for path in kernels_of})
+    assert files[0]
+    assert files[1] == files[0]
     assert list((tmp_path / "tmp").glob("inim-*/**/*.nbi"))
     assert not list(package.rglob("*.nbi"))
 
@@ -308,7 +309,7 @@ def test_staging_folder_of_a_dead_run_is_cleared_away_and_of_a_living_one_is_not
 # --- Many in one process ------------------------------------------------------------------------
 
 MANY_RUNS = """
-import sys
+import ctypes, gc, sys
 from pathlib import Path
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
@@ -321,6 +322,9 @@ for k in range(count):
     staging = folder / f"run-{k}"
     staging.mkdir()
     assert run(plan, staging).passed
+    gc.collect()
+    if hasattr(ctypes.CDLL(None), "malloc_trim"):  # in glibc, which keeps a heap for each thread
+        ctypes.CDLL(None).malloc_trim(0)
     fields = Path("/proc/self/statm").read_text().split()
     print(int(fields[1]) * 4096, flush=True)
 """
@@ -328,13 +332,14 @@ for k in range(count):
 
 @pytest.mark.skipif(not Path("/proc/self/statm").is_file(), reason="finds it in /proc")
 @pytest.mark.slow
-def test_fifty_validations_in_one_process_take_no_more_memory_than_ten(tmp_path):
+def test_fifty_validations_in_one_process_take_no_more_memory_than_twenty(tmp_path):
+    """Memory in use: what the heaps keep for later differs by the number of threads."""
     write_scene(tmp_path)
     settings = [f"{key}={value}" for key, value in TINY.items()]
     settings += [f"inim.{key}={value}" for key, value in ALONE.items()]
     ended = run_child([sys.executable, "-c", MANY_RUNS, str(tmp_path), "50", *settings], 900)
     assert ended.code == 0, ended.stderr
     resident = [int(line) for line in ended.stdout.split()]
-    warm, last = max(resident[8:12]), max(resident[-4:])
-    print(f"{warm / 2**20:.0f} MiB after ten runs, {last / 2**20:.0f} MiB after fifty")
-    assert last < 1.05 * warm
+    warm, last = max(resident[18:22]), max(resident[-4:])
+    print(f"{warm / 2**20:.0f} MiB after twenty runs, {last / 2**20:.0f} MiB after fifty")
+    assert last < 1.02 * warm

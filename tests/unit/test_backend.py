@@ -315,6 +315,18 @@ def test_another_library_or_processor_is_tried_again(monkeypatch, tmp_path, trie
     assert len(tried) == 3
 
 
+def test_cuda_is_tried_again_when_its_cards_are_hidden(monkeypatch, tmp_path, tried):
+    folder = libraries(tmp_path / "lib", "libcuda.so.1", "libLLVM.so.19.1")
+    monkeypatch.setenv("LD_LIBRARY_PATH", str(folder))
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    for _ in range(2):
+        assert backend.choose_backend("auto", [folder]).name == "cuda"
+    monkeypatch.setenv("CUDA_VISIBLE_DEVICES", "")
+    refuse(monkeypatch, llvm=GOOD)
+    assert backend.choose_backend("auto", [folder]).name == "llvm"
+    assert tried == ["cuda_ad_rgb"]
+
+
 def test_a_reinstalled_renderer_is_tried_again(monkeypatch, tmp_path, tried):
     folder = libraries(tmp_path / "lib", "libLLVM.so.19.1")
     monkeypatch.setattr(sys, "path", [str(tmp_path / "site"), *sys.path])

@@ -23,8 +23,11 @@ from inim.generators import (
     hole_fraction,
     prepare,
 )
+from inim.generators.base import compile_kernel
 from inim.generators.raycast.cell_lists import shares_directions
+from inim.generators.raycast.cells import PictureRays
 from inim.generators.registry import properties
+from inim.generators.wang2024 import _match_all
 from inim.image.color import srgb_from_linear
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.generation import run_generator
@@ -322,6 +325,29 @@ def test_along_the_ray_fewer_pixels_come_from_the_wrong_cell_than_from_the_whole
         for matching in ("matrix", "ray")
     }
     assert 0 < share["ray"] < 0.8 * share["matrix"]
+
+
+def test_wang2024_reads_no_rays_beyond_its_share_of_rows():
+    device = display(NOMINAL)
+    rgbd = two_squares(device)
+    rows = slice(20, 22)
+    rays = PictureRays(device, rgbd.shape, rgbd.pixel_mm).block(
+        slice(0, device.eia_shape[0]), in_cells=True
+    )
+    ours = np.zeros(device.eia_shape, bool)
+    ours[rows] = True
+    lines = (np.where(ours, line, np.nan) for line in rays[:4])
+    depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), np.inf)
+    first, last = np.zeros(rgbd.shape[0], int), np.full(rgbd.shape[0], rgbd.shape[1] - 1)
+    sources = np.full(device.eia_shape, HOLE, np.int32)
+    z_min, z_max = device.depth_range_mm
+    compile_kernel(_match_all)(
+        rows.start, rows.stop, *lines, ours, depth, first, last, z_min, z_max,
+        device.central_depth_mm, 1.0, False, False, False, sources.ravel(),
+    )  # fmt: skip
+    expected = find_sources(rgbd, device, "wang2024")
+    assert (expected[rows] >= 0).any()
+    assert np.array_equal(sources[rows], expected[rows])
 
 
 # -- li2012 -------------------------------------------------------------------------------------

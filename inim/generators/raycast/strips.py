@@ -71,8 +71,8 @@ def _strip_loop(*, per_lens: bool, columns_end: bool, layered: bool) -> Any:
     * `columns_end`, `layered`: columns have backs; a picture has several layers.
     """
     sides = SIDES if per_lens else 1
-    find_cell = _pass_cell if per_lens else _direction_cell
 
+    # Only constants from outside: numba never finds a kernel on disk that refers to a function.
     @compiled
     def trace_rows(  # type: ignore[no-untyped-def]
         start_line, stop_line, first_row, picture, lists, cells, continue_behind, out
@@ -113,7 +113,11 @@ def _strip_loop(*, per_lens: bool, columns_end: bool, layered: bool) -> Any:
                     while k < end:
                         if columns_end and not layered and lists.entry_mm[k] < least:
                             break
-                        offset, source, exits, entries, visitors = find_cell(lists, cells, k)
+                        if per_lens:
+                            crossing = _pass_cell(lists, cells, k)
+                        else:
+                            crossing = _direction_cell(lists, cells, k)
+                        offset, source, exits, entries, visitors = crossing
                         cell = np.uintp(base + offset)
                         sources = add(same(np.uint32(base_source + source)), from_first_lane)
                         hit = and_flags(searching, visitors)
@@ -139,7 +143,11 @@ def _strip_loop(*, per_lens: bool, columns_end: bool, layered: bool) -> Any:
                         lost, k = and_flags(behind, searching), end
                         while k > begin and any_lane(lost):
                             k -= np.uintp(1)
-                            offset, source, exits, entries, visitors = find_cell(lists, cells, k)
+                            if per_lens:
+                                crossing = _pass_cell(lists, cells, k)
+                            else:
+                                crossing = _direction_cell(lists, cells, k)
+                            offset, source, exits, entries, visitors = crossing
                             depth = load(front, np.uintp(base + offset))
                             sources = add(same(np.uint32(base_source + source)), from_first_lane)
                             passed = and_flags(and_flags(lost, visitors), less(depth, exits))
