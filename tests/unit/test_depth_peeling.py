@@ -287,6 +287,13 @@ def test_a_hidden_surface_has_its_own_light(open_fitted):
     assert (hidden.color[~hidden.covered] == 0).all()
 
 
+def test_equal_seeds_give_equal_layers(open_fitted):
+    text = around(sphere((0, 0, 6), 3.0, RED), square((0, 0, 0), 5.5, GREEN))
+    first, other, third = (colours(open_fitted, text, 4, seed)[0].palette for seed in (1, 1, 2))
+    assert np.array_equal(first, other)
+    assert not np.array_equal(first, third)
+
+
 def validated(folder, algorithms):
     """A small validation of a red ball before a green wall, and what it made."""
     from inim.pipeline.job import run

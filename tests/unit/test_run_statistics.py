@@ -50,17 +50,23 @@ def with_changes(changes: dict[str, Any]) -> Conditions:
     return conditions
 
 
+SCORE = {"ssim_to_reference": ScoreEstimate(0.9, 0.001, 12.0, -0.01)}
+
+
+def tiles(noise=0.01):
+    halves = 0.3 + noise * np.random.default_rng(1).normal(size=(2, 40, 48, 3))
+    return tile_statistics(NoisyImage.from_halves(*halves), (8, 8))
+
+
 @pytest.fixture
 def statistics():
-    rng = np.random.default_rng(1)
-    halves = 0.3 + 0.01 * rng.normal(size=(2, 40, 48, 3))
     rgbd = reference_input(DISPLAY, (50, 60), 0.2)
-    eia = rng.random((*DISPLAY.eia_shape, 3), np.float32)
+    eia = np.random.default_rng(2).random((*DISPLAY.eia_shape, 3), np.float32)
     return RunStatistics(
         conditions=CONDITIONS,
         circumstances=MADE.circumstances,
-        pictures={"truth/left": tile_statistics(NoisyImage.from_halves(*halves), (8, 8))},
-        scores={"template/left": {"ssim_to_reference": ScoreEstimate(0.9, 0.001, 12.0, -0.01)}},
+        pictures={"truth/left": tiles()},
+        scores={"template/left": SCORE},
         fingerprints={"template": fingerprint(rgbd, eia, DISPLAY, exact=True)},
         times={"template": tuple(0.01 * n for n in range(31))},
         reported={"template": {"eia ssim": 0.7, "eia psnr_db": None}},
@@ -135,6 +141,20 @@ def test_run_compared_with_itself_passes_every_verdict(statistics):
     verdicts = compare(statistics, statistics, "here")
     assert {v.kind for v in verdicts} == {"picture", "noise", "score", "pixels", "time"}
     assert all(v.passed for v in verdicts)
+
+
+@pytest.mark.parametrize(
+    ("change", "row"),
+    [
+        ({"pictures": {"truth/left": tiles(noise=0.02)}}, "ground truth: noise"),
+        ({"pictures": {"truth/right": tiles()}}, "truth/left: tiles"),
+        ({"scores": {"template/right": SCORE}}, "template/left: SSIM to reference"),
+        ({"times": {"template": tuple(0.3 + 0.01 * n for n in range(31))}}, "template: time"),
+    ],
+)
+def test_each_change_fails_in_its_row(statistics, change, row):
+    verdicts = compare(statistics, replace(statistics, **change), "here")
+    assert f"{row} against the baseline" in [v.name for v in verdicts if not v.passed]
 
 
 @pytest.mark.parametrize(
