@@ -16,7 +16,8 @@ def run(*words: str) -> "NoReturn":
         if by_module and not getattr(sys.flags, "safe_path", False):
             # `python -m` looks first in the current folder, unless that was deleted.
             with suppress(OSError):
-                del sys.path[: sys.path[0] == os.getcwd()]  # noqa: PTH109
+                if sys.path[0] == os.getcwd():  # noqa: PTH109
+                    del sys.path[0]
         if sys.version_info < (3, 10):  # noqa: UP036 (in its own folder inim runs uninstalled)
             print(
                 "inim: error: Python 3.10 or newer is needed, not", sys.executable, file=sys.stderr
