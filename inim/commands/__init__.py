@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -180,20 +179,6 @@ def check_report_arguments(args: argparse.Namespace) -> None:
         raise UsageError(
             f"{args.source}: is a report, which has its own display; --display and -D are for an "
             "EIA"
-        )
-
-
-def reject_mesh(path: Path, allowed: tuple[str, ...] = ()) -> None:
-    """Reject a mesh without an `allowed` suffix: its scene is created separately."""
-    from inim.files import check_file
-    from inim.files.triangle_mesh import MESH_SUFFIXES
-
-    suffix = path.suffix.lower()
-    if suffix in MESH_SUFFIXES and suffix not in allowed:
-        check_file(path)
-        raise UsageError(
-            f"{path}: is a mesh; create a scene from it first: inim new-scene "
-            f"{shlex.quote(str(path))}"
         )
 
 

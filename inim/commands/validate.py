@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -17,10 +18,10 @@ from inim.commands import (
     picture_of,
     print_outcome,
     print_warning,
-    reject_mesh,
     request_of,
 )
 from inim.errors import EXIT_PASSED, FileError, UsageError
+from inim.files import check_file
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -107,7 +108,12 @@ def _run(args: argparse.Namespace) -> int:
             f"{args.input}: has several cameras; merge them first: inim generate {args.input} "
             "--save-rgbd merged.exr, then inim validate merged.exr -a layered"
         )
-    reject_mesh(args.input)
+    if args.mesh is not None:
+        check_file(args.mesh)
+        raise UsageError(
+            f"{args.mesh}: is a mesh; create a scene from it first: inim new-scene "
+            f"{shlex.quote(str(args.mesh))}"
+        )
     return _validate_scene(args) if args.scene else _validate_picture(args)
 
 

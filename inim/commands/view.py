@@ -11,7 +11,6 @@ from inim.commands import (
     check_report_arguments,
     choices_of,
     finish,
-    reject_mesh,
     show_result,
 )
 from inim.errors import EXIT_PASSED, FileError, UsageError
@@ -156,7 +155,7 @@ def _add_export_arguments(parser: argparse.ArgumentParser) -> None:
         "report: algorithm, or truth for the ground-truth EIA (the best algorithm); turntable: "
         "algorithms next to the ground truth (layered,template)"
     )
-    source = "a report's folder, or an EIA (.png, .exr); turntable: a scene (.xml), .glb or .gltf"
+    source = "a report's folder, or an EIA (.png, .exr); turntable: a scene (.xml) or a mesh"
     add_shared(parser, "display", "definitions", source=source, algorithms=algorithms)
     add(
         "--turntable",
@@ -165,7 +164,7 @@ def _add_export_arguments(parser: argparse.ArgumentParser) -> None:
         help="write the EIAs of a relic at N angles of a whole turn, as PNG files and as videos "
         "for the panel; when repeated after an interruption, the command continues",
     )
-    add_shared(parser, out="folder for --turntable (default: SOURCE-turntable)")
+    add_shared(parser, "up", "front", out="folder for --turntable (default: SOURCE-turntable)")
     add("--rate", type=float, metavar="FPS", help="frames of the videos per second (24)")
     add("--pdf", type=Path, metavar="FILE", help="write a PDF that prints at true size")
     add(
@@ -220,7 +219,7 @@ def _export(args: argparse.Namespace) -> int:
 
     if args.turntable is not None:
         return _export_turntable(args)
-    for option in ("out", "rate"):
+    for option in ("out", "rate", "up", "front"):
         if getattr(args, option) is not None:
             raise UsageError(f"--{option}: is for --turntable; add that")
     notes: list[str] = []
@@ -234,6 +233,8 @@ def _export(args: argparse.Namespace) -> int:
 
 
 def _export_turntable(args: argparse.Namespace) -> int:
+    from inim.files.triangle_mesh import MESH_SUFFIXES
+    from inim.scene.new_scene import ANY_UNIT
     from inim.views.turntable import export_turntable
     from inim.worker.output import default_out
 
@@ -241,13 +242,17 @@ def _export_turntable(args: argparse.Namespace) -> int:
     for name in _EXPORT_OPTIONS:
         if name not in shared and getattr(args, name) is not None:
             raise UsageError(f"--{name.replace('_', '-')}: is not for --turntable; leave it out")
-    reject_mesh(args.source, allowed=(".glb", ".gltf"))  # which define unit and axis
+    axes = {"up": args.up, "front": args.front}
+    is_mesh = args.source.suffix.lower() in MESH_SUFFIXES
+    if not is_mesh and any(axes.values()):
+        raise UsageError(f"--up, --front: {args.source} is not a mesh; leave them out")
     out = args.out or default_out(args.source, "turntable")
     passed = export_turntable(
         args.source,
         out,
         args.turntable,
         *([] if args.rate is None else [args.rate]),
+        new_scene={"unit": ANY_UNIT, **axes} if is_mesh else None,
         allow_folders=tuple(args.allow_folders),
         command=args.command_line,
         quiet=args.quiet,

@@ -7,6 +7,7 @@ the next angle when it is repeated.
 from __future__ import annotations
 
 import importlib.util
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -89,6 +90,7 @@ def export_turntable(
     frames: int,
     frames_per_second: float = RATE,
     *,
+    new_scene: Mapping[str, Any] | None = None,
     allow_folders: tuple[Path, ...] = (),
     command: str = "",
     quiet: bool = True,
@@ -97,9 +99,10 @@ def export_turntable(
 ) -> bool:
     """Write the EIAs of a relic at the angles of a whole turn; True if every check passed.
 
-    `source` is a scene, or a glTF file, whose scene is written to the folder `OUT-scene`. `choices`
-    are the fields of `inim.pipeline.request.Choices`, by default `ALGORITHMS`, and `command` is the
-    command line for the record. `quiet` and `debug` are those of `run_in_worker`.
+    `source` is a scene, or a mesh, whose scene is written to the folder `OUT-scene` with the
+    options `new_scene`. `choices` are the fields of `inim.pipeline.request.Choices`, by default
+    `ALGORITHMS`, and `command` is the command line for the record. `quiet` and `debug` are those of
+    `run_in_worker`.
 
     Raises an `InimError`: impossible settings, an unreadable scene, or no usable backend.
     """
@@ -109,7 +112,7 @@ def export_turntable(
     ):
         if not 1 <= value <= high:
             raise UsageError(f"{name} {value:g}: must be in 1..{high}")
-    scene, out = scene_and_out(source, out, None)
+    scene, out = scene_and_out(source, out, new_scene)
     choices = {"algorithms": ALGORITHMS, "viewpoints": ("centre",)} | choices
     request = Request(scene, out, allow_folders=allow_folders, **choices)
     return run_in_worker(

@@ -221,13 +221,27 @@ def test_film_shows_every_angle(folder):
         assert film.width > 1.9 * frames[0].shape[1]  # the ground truth next to `layered`
 
 
+def test_format_without_axes_needs_its_upward_one(renderer, tmp_path):
+    """Lying on its back, the vane is 1.5 high instead of 3; its larger radius fills the width."""
+    vane().export(tmp_path / "vane.ply")
+    words = ("vane.ply", "--turntable", "1", *QUICK, "--algorithms", "template")
+    spread = []
+    for axis in ("y", "z"):
+        assert run_here("export", *words, "--up", axis, "-o", axis, folder=tmp_path).code == 0
+        light = codes(tmp_path / axis / "eia/truth/0000.png")[..., :3].sum(axis=(1, 2))
+        middle = np.average(np.arange(len(light)), weights=light)
+        spread.append(np.average((np.arange(len(light)) - middle) ** 2, weights=light) ** 0.5)
+    assert spread[1] < 0.95 * spread[0]  # in an EIA, each point is spread over lenses
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (["vane.glb", "--turntable", "0"], ["--turntable 0", "1..2000"]),
         (["vane.glb", "--turntable", "4", "--rate", "0"], ["--rate 0"]),
         (["vane.glb", "--turntable", "4", "--pdf", "a.pdf"], ["--pdf"]),
-        (["vane.ply", "--turntable", "4"], ["inim new-scene vane.ply"]),
+        (["vane.ply", "--turntable", "4"], ["vane.ply", "give --up"]),
+        (["tiny.xml", "--turntable", "4", "--up", "y"], ["tiny.xml is not a mesh"]),
         (["vane.glb", "-o", "a"], ["--out", "--turntable"]),
     ],
 )
