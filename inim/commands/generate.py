@@ -425,7 +425,8 @@ def _report(
         projection = f"unprojected ({angle:.3g} degrees wide), frame at {fitted.frame_at:.5g}{unit}"
     holes = "unknown"
     if empty is not None:
-        holes = f"{(empty & display.lensed).sum() / max(1, display.lensed.sum()):.1%} of the pixels"
+        share = (empty & display.lensed).sum() / max(1, display.lensed.sum())
+        holes = f"{share:.1%} of the pixels of the EIA"
     return [
         _display_line(display),
         *picture.notes(photograph, fitted),
@@ -439,7 +440,7 @@ def _report(
         f"clipped    {fitted.clipped:.1%} of the samples were out of range, "
         f"{'omitted' if picture.out_of_range == 'drop' else 'moved to its ends'}",
         f"empty      {fitted.empty:.1%} of the array's area",
-        f"holes      {holes} of the EIA, fill: {fill}",
+        f"holes      {holes}, fill: {fill}",
         f"size       {panel[1]} x {panel[0]} pixels of {pixel:.6g} mm: {panel[1] * pixel:.6g} x "
         f"{panel[0] * pixel:.6g} mm",
     ]

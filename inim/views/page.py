@@ -76,9 +76,13 @@ def view_eia(
     eyes = [EyePosition(name=v.name, position_mm=v.position_mm) for v in viewpoints]
     real = misaligned(design, settings.misalign)
     codes = to_srgb(read_eia(eia, real)[0])
-    model = shown_lens_model(real, settings.lens_model)
+    model, size = shown_lens_model(real, settings.lens_model), settings.view_pixels_per_lens
     stills = [
-        Still(eye.name, f"{model} lenses", still_view(codes, real, eye.position_mm, model))
+        Still(
+            eye.name,
+            f"{model} lenses",
+            still_view(codes, real, eye.position_mm, model, pixels_per_lens=size),
+        )
         for eye in eyes
     ]
     content = live_display(

@@ -453,9 +453,12 @@ def _codes(
     slopes = (x - eye_mm[0]) / eye_mm[2], (y - eye_mm[1]) / eye_mm[2]
     codes = np.zeros((y.shape[0], x.shape[1], 3), np.uint8)
     weights = np.zeros(codes.shape, np.float32)
+    traced = None
     for channel, index in enumerate(channel_indices(display)):
-        *landed, weight = trace_to_panel(display, lens_model, x, y, *slopes, index=index)
-        points = panel_points(display, *(np.where(weight > 0, place, np.inf) for place in landed))
+        if index != traced:
+            *landed, weight = trace_to_panel(display, lens_model, x, y, *slopes, index=index)
+            on_panel = (np.where(weight > 0, place, np.inf) for place in landed)
+            points, traced = panel_points(display, *on_panel), index
         codes[..., channel] = eia[points.row, points.column, channel]
         weights[..., channel] = np.where(weight > 0, weight, 0) * points.shines[channel]
     return codes, weights
