@@ -12,6 +12,8 @@ description leaves open:
   kept, then the one nearest to the picture's vertical axis, then to its horizontal one. A mirrored
   picture therefore gives the mirrored map, except for points exactly on an axis.
 * A point at z = 0 is on the array and under every pixel of one lens at once. It is skipped.
+* Cylinders magnify nothing along their axes. There a picture pixel is as high as it is, and colours
+  all panel rows whose rays meet it.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inim.display import Display
+from inim.display.layouts import Lenticular
 from inim.display.pixels import PixelAxis, exact_length
 from inim.generators.base import (
     HOLE,
@@ -51,8 +54,10 @@ def prepare(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGen
     Raises
     ------
     UsageError
-        A display that is not separable.
+        Lenses, or a panel tilted behind cylinders, without rows and columns.
     """
+    if isinstance(display.layout, Lenticular) and not any(display.tilt_slopes):
+        return _UnderCylinders(display, shape, pixel_mm, display.layout)
     require_separable(display, "li2012")
     return _Li2012(display, shape, pixel_mm)
 
@@ -151,6 +156,58 @@ class _Li2012(SourceGenerator):
         placed = depth[depth != 0]
         depths = (float(placed.min()), float(placed.max())) if len(placed) else (0.0, 0.0)
         return depth.ravel(), *forward_axes(self.display, self.shape, self.pixel_mm, depths)
+
+
+class _UnderCylinders(SourceGenerator):
+    """Forward mapping through cylinders, in float64."""
+
+    def __init__(
+        self, display: Display, shape: PictureShape, pixel_mm: float, layout: Lenticular
+    ) -> None:
+        super().__init__(display, shape, pixel_mm)
+        self._layout = layout
+
+    def find(self, rgbd: RGBD) -> Sources:
+        """See `SourceGenerator.find`."""
+        display, layout, pitch = self.display, self._layout, self.display.pixel_pitch_mm
+        (rows, columns), (height, width) = display.eia_shape, self.shape
+        angle, gap = math.radians(display.rotation_deg), display.gap_mm
+        c, s = math.cos(angle), math.sin(angle)
+        row, column = np.nonzero(rgbd.covered & (rgbd.depth_mm != 0))
+        z = rgbd.depth_mm[row, column].astype(np.float64)
+        x = (column + 0.5 - width / 2) * self.pixel_mm
+        # Rays sink to the height of an eye at the design distance V: y = panel y (V - z) / (V + g).
+        per_distance = 1 / layout.design_distance_mm
+        panel, eye = 1 + gap * per_distance, 1 - z * per_distance
+        edges = (height / 2 - np.stack([row, row + 1])) * self.pixel_mm * panel / eye
+        first, end = np.ceil((rows - 1) / 2 - edges / pitch).clip(0, rows).astype(np.int64)
+        # The cylinder in front of the eye, and those whose elemental images a point may reach.
+        reach = np.abs(z) / eye * display.elemental_image_pitch_mm / (2 * gap * display.pitch_mm)
+        steps = math.ceil(reach.max(initial=0)) + 1
+        best = np.full((2, rows * columns), -np.inf)  # depth, and nearness to the pixel's centre
+        sources = np.full(rows * columns, HOLE, np.int32)
+        for down in range((end - first).max(initial=0)):
+            j = first + down
+            y = ((rows - 1) / 2 - j) * pitch
+            sideways = s * (y / panel - display.shift_y_mm)
+            front = np.rint((c * (x / eye - display.shift_x_mm) + sideways) / display.pitch_mm)
+            for lens in (front + step for step in range(-steps, steps + 1)):
+                x0 = display.shift_x_mm + (lens * display.pitch_mm - sideways) / c
+                place = (x0 + (x0 - x) * gap / z) / pitch + columns / 2
+                i = np.floor(place)
+                across = c * ((i + 0.5 - columns / 2) * pitch - display.shift_x_mm)
+                across += s * (y - display.shift_y_mm)
+                lands = (i >= 0) & (i < columns) & (j < end)
+                lands &= layout.place_in_cell(across)[0] == lens
+                at = (j * columns + i)[lands].astype(np.int64)
+                rank = np.stack([z, -np.abs(place - i - 0.5)])[:, lands]
+                source = (row * width + column)[lands]
+                order = np.lexsort((rank[1], rank[0]))  # the best is written last
+                at, rank, source = at[order], rank[:, order], source[order]
+                (before, nearness), (depth, own) = best[:, at], rank
+                wins = (depth > before) | ((depth == before) & (own > nearness))
+                best[:, at[wins]], sources[at[wins]] = rank[:, wins], source[wins]
+        return sources.reshape(rows, columns)
 
 
 def _map_all(begin, end, depth, x, y, nearest, miss, sources):

@@ -5,6 +5,7 @@ The formula is computed here on its own, in float64 and in rational numbers.
 
 import json
 import math
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -570,7 +571,7 @@ def test_an_rgbd_picture_becomes_a_native_picture_in_one_command(tmp_path, capsy
     assert main(command) == 0
     with Image.open(out) as picture:
         assert np.ptp(np.asarray(picture)[10:-10, 10:-10, :3]) <= 1  # one grey, from all subpixels
-    assert main([*command, "-a", "li2012"]) == 2
+    assert main([*command, "-a", "li2012", "-D", "inim.tilt_x_deg=0.1"]) == 2
     assert "use template or gu2020" in capsys.readouterr().err
 
 
@@ -609,6 +610,27 @@ def test_a_mesh_becomes_a_native_picture_in_one_command(tmp_path, capsys, render
     assert main(["validate", mesh]) == 2
     errors = capsys.readouterr().err.splitlines()
     assert "is not a mesh" in errors[0] and "inim new-scene" in errors[1]
+
+
+@pytest.mark.parametrize("document", [STRIPES, THIRD], ids=["stripes", "cells"])
+@pytest.mark.parametrize("depth_mm", [-4.0, 4.0, 8.0])
+def test_forward_mapping_through_cylinders_reaches_the_pixels_whose_rays_meet_a_plane(
+    document, depth_mm
+):
+    display = display_from(document)
+    shape, pixel = display.capture_shape(12), display.capture_pixel_mm(12)
+    depth = np.full(shape, depth_mm, np.float32)
+    rgbd = RGBD(np.zeros((*shape, 3), np.float32), depth, np.ones(shape, bool), pixel)
+    mapped = find_sources(rgbd, display, "li2012")
+    # A point of the picture that reaches a pixel is the nearest to its ray.
+    assert np.array_equal(mapped, find_sources(rgbd, display, "template", columns="solid"))
+    # In front of the plane, the nearer half of the picture hides it.
+    depth[:, : shape[1] // 2] = depth_mm + 1
+    nearer = find_sources(replace(rgbd, depth_mm=depth), display, "li2012")
+    changed = nearer != mapped
+    is_near = nearer % shape[1] < shape[1] // 2
+    assert (is_near | ~changed).mean() > 0.99
+    assert is_near[changed].any()
 
 
 def test_one_ray_of_a_subpixel_is_the_default_under_cylinders():

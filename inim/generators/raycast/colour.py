@@ -76,8 +76,8 @@ def show_colours(
         _show_group(picture, rays, out)
         return
     alpha = np.ones(out.shape[:2], np.uint16)
+    part = np.empty_like(out)
     for channels, group in groups.items():
-        part = np.empty_like(out)
         _show_group(picture, group, part)
         out[..., channels] = part[..., channels]
         if out.dtype == np.uint8:
