@@ -19,21 +19,19 @@ _rendered: dict = {}
 
 def truth_of(open_fitted, text, display, viewpoint, spp=64, seed=1):
     """RGB-D, true EIA, true view of a scene; the same ones are rendered once."""
-    key = (text, display, viewpoint, spp, seed)
-    if key not in _rendered:
-        _rendered[key] = _render(open_fitted, *key)
-    rgbd, eia, view = _rendered[key]
-    return rgbd, eia.copy(), view.copy()
-
-
-def _render(open_fitted, text, display, viewpoint, spp, seed):
     from inim.render.ground_truth import capture, pickup, true_view
 
     fitted = open_fitted(text, display)
-    rgbd = capture(fitted, display, pixels_per_pitch=5, spp=spp, seed=seed)
-    eia = pickup(fitted, display, spp=spp, seed=seed + 1).image
-    view = true_view(fitted, display, viewpoint, pixels_per_lens=4, spp=spp, seed=seed + 2)[0].image
-    return rgbd, eia, view
+    captured = (text, display, spp, seed)
+    if captured not in _rendered:
+        rgbd = capture(fitted, display, pixels_per_pitch=5, spp=spp, seed=seed)
+        _rendered[captured] = rgbd, pickup(fitted, display, spp=spp, seed=seed + 1).image
+    if (view := (*captured, viewpoint)) not in _rendered:
+        _rendered[view] = true_view(
+            fitted, display, viewpoint, pixels_per_lens=4, spp=spp, seed=seed + 2
+        )[0].image
+    rgbd, eia = _rendered[captured]
+    return rgbd, eia.copy(), _rendered[view].copy()
 
 
 def seen_through(eia, display, viewpoint, lens_model="pinhole", seed=0):
