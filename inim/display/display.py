@@ -526,15 +526,17 @@ class Display:
         """Rows and columns of an RGB-D picture that covers the reach of oblique pixel rays.
 
         The size is the nominal array plus, on either side, its overhang after shift and rotation
-        and the sideways travel Q z / 2g of the outermost rays. It is in whole pixels, so that pixel
-        borders are equal in every lens if a pitch is a whole number of pixels.
+        and the sideways travel of the outermost rays, Q z / 2g where elemental images are centred
+        on lenses. It is in whole pixels, so that pixel borders are equal in every lens if a pitch
+        is a whole number of pixels.
         """
         count = exact_length(pixels_per_pitch)
-        reach_mm = max(abs(z) for z in self.depth_range_mm)
+        far, near = self.depth_range_mm
+        slopes = self.layout.outward_slopes(), self.layout.outward_slopes(behind=True)
         sizes, extents = (self.width_mm, self.height_mm), self.half_extent_mm
         margins = [
-            slope * reach_mm + (extent - size / 2)
-            for slope, extent, size in zip(self.steepest_slopes, extents, sizes, strict=True)
+            max(before * max(abs(far), abs(near)), -behind * far) + (extent - size / 2)
+            for before, behind, extent, size in zip(*slopes, extents, sizes, strict=True)
         ]
         pads = [
             math.ceil(max(margin, 0.0) / self.pitch_mm * pixels_per_pitch - 1e-9)

@@ -236,31 +236,42 @@ class Layout(ABC):
         """
         return 0.0, 0.0
 
-    @property
-    def steepest_slopes(self) -> tuple[float, float]:
-        """See `Display.steepest_slopes`."""
+    def outward_slopes(self, *, behind: bool = False) -> tuple[float, float]:
+        """Largest slopes of rays away from the array's centre, in x and y, display frame.
+
+        * `behind`: behind the array, where rays that converge before it diverge.
+        """
         display, (cell_x, cell_y) = self.display, self.cell_size_mm
-        # Elemental images closer together than lenses: the outer ones are off their lenses' axes.
-        closer = max(1 - display.elemental_image_pitch_mm / display.pitch_mm, 0.0)
-        cell_x, cell_y = cell_x + closer * display.width_mm, cell_y + closer * display.height_mm
+        off_axis = self._off_axis(behind=behind)
+        cell_x, cell_y = cell_x + off_axis * display.width_mm, cell_y + off_axis * display.height_mm
         c, s = self._rotation_factors
         across = c * cell_x + s * cell_y + 2 * farthest_subpixel(display) * display.pixel_pitch_mm
         gap = least_gap_mm(display)
         return across / (2 * gap), (c * cell_y + s * cell_x) / (2 * gap)
+
+    def _off_axis(self, *, behind: bool) -> float:
+        """Distance of elemental images from their lenses' axes, towards the array's centre (or, for
+        `behind`, away from it), as a share of the lens's distance from the centre.
+        """
+        apart = self.display.elemental_image_pitch_mm / self.display.pitch_mm - 1
+        return max(apart if behind else -apart, 0.0)
+
+    @property
+    def steepest_slopes(self) -> tuple[float, float]:
+        """See `Display.steepest_slopes`."""
+        before, behind = self.outward_slopes(), self.outward_slopes(behind=True)
+        return max(before[0], behind[0]), max(before[1], behind[1])
 
     @property
     def farthest_crossings_mm(self) -> tuple[float, float]:
         """Bounds of the movement of rays across and up, display frame, from their start on a panel
         pixel under a lens to the array.
         """
-        walks = [
-            cell / 2 + outermost * abs(q / p - 1)
-            for cell, (outermost, p, q) in zip(self.cell_size_mm, self._pitches(), strict=True)
-        ]
-        c, s = self._rotation_factors
+        largest_gap = 2 * self.display.gap_mm - least_gap_mm(self.display)
         # Points of a pixel and its sub-pixels are less than 1.5 pixels from its centre.
         beside = 1.5 * self.display.pixel_pitch_mm
-        return c * walks[0] + s * walks[1] + beside, c * walks[1] + s * walks[0] + beside
+        across, up = (slope * largest_gap + beside for slope in self.steepest_slopes)
+        return across, up
 
     # -- viewing zone --------------------------------------------------------------------------
 

@@ -150,27 +150,14 @@ vec3 lens_centre(vec2 point) {
         up = 1 / (1 + self.display.gap_mm / self.design_distance_mm)
         return -s / c * up, up
 
-    @property
-    def steepest_slopes(self) -> tuple[float, float]:
-        """See `Layout.steepest_slopes`."""
+    def outward_slopes(self, *, behind: bool = False) -> tuple[float, float]:
+        """See `Layout.outward_slopes`."""
         display, (c, s) = self.display, self._turn
-        closer = max(1 - display.elemental_image_pitch_mm / display.pitch_mm, 0.0)
-        across = display.elemental_image_pitch_mm / 2 + closer * self.outermost_mm[0]
-        up = display.height_mm / 2 / (self.design_distance_mm + display.gap_mm)
+        cell, off_axis = display.elemental_image_pitch_mm, self._off_axis(behind=behind)
+        across = cell / 2 + off_axis * self.outermost_mm[0]
+        height = display.height_mm / 2 + abs(display.shift_y_mm)
+        up = height / (self.design_distance_mm + display.gap_mm)
         return (across / least_gap_mm(display) + abs(s) * up) / c, up
-
-    @property
-    def farthest_crossings_mm(self) -> tuple[float, float]:
-        """See `Layout.farthest_crossings_mm`."""
-        display, (c, s) = self.display, self._turn
-        cell, pitch, pixel = (
-            display.elemental_image_pitch_mm, display.pitch_mm, display.pixel_pitch_mm
-        )  # fmt: skip
-        across = cell / 2 + (self.outermost_mm[0] + cell) * abs(pitch / cell - 1) + 1.5 * pixel
-        height = display.height_mm / 2 + abs(display.shift_y_mm) + 1.5 * pixel
-        gap = 2 * display.gap_mm - least_gap_mm(display)
-        rise = height * gap / (self.design_distance_mm + gap)
-        return (across + abs(s) * rise) / c, rise
 
     # -- viewing zone --------------------------------------------------------------------------
 

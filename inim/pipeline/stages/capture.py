@@ -191,7 +191,7 @@ def capture_cameras(camera: DepthCamera, views: str) -> tuple[RGBD, RGBD]:
 
     display = camera.scene.display
     half_pixel = display.pixel_pitch_mm / (2 * display.gap_mm)
-    right, up = (max(slope - half_pixel, 0.0) for slope in display.steepest_slopes)
+    right, up = (max(slope - half_pixel, 0.0) for slope in display.layout.outward_slopes())
     halves: tuple[list[CameraRGBD], list[CameraRGBD]] = [], []
     for number, (x, y) in enumerate(camera_directions(views)):
         slopes = x * right, y * up
