@@ -104,12 +104,8 @@ def find_lenses(decoded: Decoded, display: Display, name: str) -> Lenses:
     centre = regions.centre[lens_regions]
     rows, columns = display.eia_shape
     marked = regions.marked[lens_regions]
-    offset, is_contradicted = _period_numbers(middle, marked, period, (columns, rows))
-    if is_contradicted and marked.sum() >= _LEAST_MARKED:
-        raise FileError(
-            f"{name}: the marks of the white pattern are not those of display {display.name}; give "
-            "the display whose patterns were shown, and photograph them in order"
-        )
+    offset, is_contradicted = period_numbers(middle, marked, period, (columns, rows))
+    check_marks(is_contradicted and marked.sum() >= _LEAST_MARKED, display, name)
     middle = middle + (0 if offset is None else offset * period)
     lens_px = float(np.abs(steps).max(axis=1).min())
     blur_px2, extent = 0.0, _LEAST_EXTENT
@@ -293,7 +289,16 @@ def _neighbours(
     return a[alike], b[alike], jump[alike]
 
 
-def _period_numbers(
+def check_marks(is_wrong: bool, display: Display, name: str) -> None:
+    """Raise `FileError` for photographs whose marks are not those of the display."""
+    if is_wrong:
+        raise FileError(
+            f"{name}: the marks of the white pattern are not those of display {display.name}; give "
+            "the display whose patterns were shown, and photograph them in order"
+        )
+
+
+def period_numbers(
     middle: np.ndarray, marked: np.ndarray, period: np.ndarray, panel: tuple[int, int]
 ) -> tuple[np.ndarray | None, bool]:
     """Periods to add to panel points so that lenses with marks see the panel's marks.

@@ -9,6 +9,7 @@ from typing import Any
 
 from inim.calibration.decode import decode
 from inim.calibration.fit import Calibration, check_display, fit_display
+from inim.calibration.fringes import Fringes, find_fringes
 from inim.calibration.lattice import Lenses, find_lenses
 from inim.calibration.model import Intrinsics
 from inim.calibration.output import calibration_document, display_file, residual_maps
@@ -124,8 +125,8 @@ def _camera(intrinsics: str | Sequence[float] | None) -> Intrinsics | None:
 
 def _lenses(
     photos: Path, display: Display, warn: Callable[[str], object]
-) -> tuple[dict[str, Lenses], float | None]:
-    """Lenses in the photographs of each position, and the focal length in their metadata."""
+) -> tuple[dict[str, Lenses] | dict[str, Fringes], float | None]:
+    """Lenses, or fringes of cylinders, in the photographs of each position, and the focal length in their metadata."""
     positions = read_positions(photos, display)
     stated = {position.focal_length_px for position in positions}
     if len(stated - {None}) > 1:
@@ -133,10 +134,11 @@ def _lenses(
             f"{photos}: the camera's focal length differs between positions; photograph all with "
             "one lens and without zoom"
         )
+    find: Any = find_fringes if display.layout.of_cylinders else find_lenses
     lenses = {}
     for position in positions:
         decoded = decode(position)
         for warning in decoded.warnings:
             warn(warning)
-        lenses[position.name] = find_lenses(decoded, display, position.name)
+        lenses[position.name] = find(decoded, display, position.name)
     return lenses, stated.pop() if len(stated) == 1 else None
