@@ -104,7 +104,9 @@ def decode(position: Position) -> Decoded:
     if white is None or absent:
         warnings.append(f"{name}: a photograph is missing; the others replace it")
     if not absent:
-        motion_px, unlike = _align(phases[:6], lit)
+        # Where they are smooth, a motion of a pixel moves a position's waves as the camera would.
+        is_smooth = position.cylinder_px is not None
+        motion_px, unlike = (0.0, _unlike(phases, lit)) if is_smooth else _align(phases, lit)
         if unlike > _MOST_UNLIKE:
             worst = _replace_worst(phases, lit)
             warnings.append(
@@ -297,6 +299,12 @@ def _align(phases: np.ndarray, lit: np.ndarray) -> tuple[float, float]:
         return 0.0, float(unlike)
     motion = total[:, 1:].reshape(6, 2, 3) @ terms[:, ::50]
     return float(np.sqrt((motion**2).mean())), float(unlike)
+
+
+def _unlike(phases: np.ndarray, lit: np.ndarray) -> float:
+    """Largest difference of the means, as a share of them."""
+    mean = _waves(phases)[0][:, lit]
+    return float(np.abs(mean[1:] - mean[0]).mean(axis=1).max() / mean.mean())
 
 
 def _moved(light: np.ndarray, change: np.ndarray) -> np.ndarray:

@@ -31,6 +31,7 @@ from inim.calibration.model import (
     PARAMETERS,
     POSE,
     SHARED,
+    STEPS,
     Deviations,
     Guess,
     Intrinsics,
@@ -180,8 +181,8 @@ class Calibration:
         Covariance of all fitted parameters, in the order of `Guess.with_changes`; 0 if fixed.
     edges_seen : (bool, bool)
         True if the array's left and right, and top and bottom, edges are visible, or if it has
-        cylinders, all of which are equal: the shift is unambiguous. Otherwise the shift is ambiguous by a pitch, and the value nearest to the
-        nominal display is used.
+        cylinders, all of which are equal: the shift is unambiguous. Otherwise it is ambiguous by a
+        pitch, and the value nearest to the nominal display is used.
     names : tuple of str
         Names of the positions.
     lenses : tuple of Lenses or of Fringes
@@ -204,7 +205,7 @@ class Calibration:
     covariance: np.ndarray
     edges_seen: tuple[bool, bool]
     names: tuple[str, ...]
-    lenses: tuple[Lenses, ...] | tuple[Fringes, ...]
+    lenses: tuple[Lenses | Fringes, ...]
     observations: Residuals
     sizes: np.ndarray
     misfit: np.ndarray
@@ -280,6 +281,39 @@ class Calibration:
         return smooth
 
     @property
+    def view_error(self) -> float | None:
+        """Standard error of the views at the worst corner of the panel, in lenses.
+
+        For the viewer that the design has; None of a display without cylinders.
+        """
+        nominal, fitted = self.nominal, self.guess.display
+        distance = nominal.layout.design_distance_mm
+        if distance is None:
+            return None
+
+        def lens_numbers(display: Display) -> np.ndarray:
+            angle = math.radians(display.rotation_deg)
+            x = np.array([-1.0, -1.0, 1.0, 1.0]) * nominal.width_mm / 2
+            y = np.array([-1.0, 1.0, -1.0, 1.0]) * nominal.height_mm / 2
+            across = math.cos(angle) * x + math.sin(angle) * y
+            shift = math.cos(angle) * display.shift_x_mm
+            numbers: np.ndarray = (
+                across / (1 + display.gap_mm / distance) - shift
+            ) / display.pitch_mm
+            return numbers
+
+        names = [name for name in self.estimates if name in PARAMETERS]
+        steps = [1e-3 * STEPS[name] for name in names]
+        slopes = [
+            (lens_numbers(fitted.replace(**{k: getattr(fitted, k) + step})) - lens_numbers(fitted))
+            / step
+            for k, step in zip(names, steps, strict=True)
+        ]
+        own = [SHARED.index(name) for name in names]
+        variances = np.einsum("ic,ij,jc->c", slopes, self.covariance[np.ix_(own, own)], slopes)
+        return float(np.sqrt(variances.max()))
+
+    @property
     def excess_by_skew(self) -> float:
         """Largest ratio of a standard error to the one without skew and stretch."""
         changes = [n for n, name in enumerate(CHANGES) if name != "zoom"]
@@ -319,7 +353,7 @@ def check_display(display: Display) -> None:
 
 
 def fit_display(
-    lenses: Mapping[str, Lenses] | Mapping[str, Fringes],
+    lenses: Mapping[str, Lenses | Fringes],
     nominal: Display,
     *,
     camera: Intrinsics | None = None,

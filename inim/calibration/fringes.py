@@ -1,17 +1,17 @@
 """Fringes between the views on a panel and its cylinders: observations of lenticular displays.
 
 A photograph of a lenticular display need not resolve its lenses. Smoothed over them, it shows the
-bare panel at the depth of the gap, which gives the camera's pose, and the phase of the view patterns:
-the phase on the panel, through the lenses, less the number of the lens. From an eye at the height
-z over the panel, that phase changes over the panel by the elemental images' pitch for a viewer
-there, P z / (z - g), and by the rotation. Between positions it changes by g / P for each unit of
-the tangent of the eye's direction across the axes. One position thus gives pitch, rotation and
-shift for its own distance; positions from different sides give the gap.
+bare panel at the depth of the gap, which gives the camera's pose, and the phase of the view
+patterns: the phase on the panel, through the lenses, less the number of the lens. From an eye at
+the height z over the panel, that phase changes over the panel by the elemental images' pitch for a
+viewer there, P z / (z - g), and by the rotation. Between positions it changes by g / P for each
+unit of the tangent of the eye's direction across the axes. One position thus gives pitch, rotation
+and shift for its own distance; positions from different sides give the gap.
 
 A ray passes a lens off its axis, and a pixel of the smoothed photograph sees all rays between the
 seams of a lens. Seams are a sag deep in the relief: at a slope s, the rays between them cross the
-vertices' plane around the distance -s sag from the axis. The light of all of them, traced through the
-thick lens, is the sum of waves exp(2 pi i x / P) of their panel points x.
+plane of the vertices around the distance -s sag from the axis. The light of all of them, traced
+through the thick lens, is the sum of waves exp(2 pi i x / P) of their panel points x.
 """
 
 from __future__ import annotations
@@ -50,13 +50,13 @@ if TYPE_CHECKING:
     from inim.calibration.decode import Decoded
 
 # Samples of a photograph, among which phases are unwrapped, and every n-th of which is fitted.
-_SAMPLES, _FITTED_STEP = 16_000, 2
+_SAMPLES, _FITTED_STEP = 16_000, 6
 _LEAST_SAMPLES = 400
 # Gaps tried at the start, in shares of the nominal one, and their usual deviation. Another gap
 # that explains the phases nearly as well is ambiguous.
 _GAPS, _GAP_SPREAD = np.linspace(0.4, 1.8, 281), 0.3
 # Rays through a lens, Gauss and Legendre's places and weights from seam to seam.
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 # Samples of a position that is not photographed yet, across and down, and the least share of them
 # that sees the panel.
 _GRID, _LEAST_SEEN = 24, 1 / 8
@@ -88,7 +88,8 @@ def find_fringes(decoded: Decoded, display: Display, name: str) -> Fringes:
     step = max(1, round(math.sqrt(shape[0] * shape[1] / _SAMPLES)))
     part = np.s_[step // 2 :: step, step // 2 :: step]
     period = periods_px(display)
-    cycles = [decoded.column[part] / period[0], decoded.row[part] / period[1], decoded.view[part]]
+    view = np.zeros(shape) if decoded.view is None else decoded.view
+    cycles = [decoded.column[part] / period[0], decoded.row[part] / period[1], view[part]]
     regions, count = label(np.isfinite(cycles).all(axis=0))
     sizes = np.bincount(regions.ravel(), minlength=2)[1:]
     if not count or sizes.max() < _LEAST_SAMPLES:
@@ -103,7 +104,7 @@ def find_fringes(decoded: Decoded, display: Display, name: str) -> Fringes:
         unwrap_phase(np.ma.array(2 * np.pi * np.nan_to_num(c), mask=~is_seen), rng=0)
         for c in cycles
     ]
-    column_px, row_px, view = (np.asarray(phase)[is_seen] / (2 * np.pi) for phase in phases)
+    column_px, row_px, phase = (np.asarray(p)[is_seen] / (2 * np.pi) for p in phases)
     middle = np.stack([column_px, row_px], axis=-1) * period
     rows, columns = display.eia_shape
     marked = decoded.is_marked[part][is_seen]
@@ -117,7 +118,7 @@ def find_fringes(decoded: Decoded, display: Display, name: str) -> Fringes:
         index[fitted],
         (step * index[fitted] + step // 2 + 0.5).astype(float),
         (middle + offset * period + origin)[fitted],
-        view[fitted],
+        phase[fitted],
         decoded.motion_px,
         shape,
     )
@@ -140,14 +141,23 @@ def see_through(
     height = bow_mm(array, deviations, x, y)
     x, y = x - height * sx, y - height * sy
     # One lens about its own axis; the numbers of others follow from the ray's place.
-    alone = array._replace(pitch_x=2 * pitch, half_aperture=pitch, gap=(array.gap + height)[:, None])
+    alone = array._replace(
+        pitch_x=2 * pitch, half_aperture=pitch, gap=(array.gap + height)[:, None]
+    )
     traits = traits._replace(full_aperture=False, clear_between=False)
     centre = x + sx * sag(NUMPY_OPS, face, pitch * pitch / 4)
     from_axis = (x - centre)[:, None] + pitch / 2 * _NODES
     zeros, sx, sy = np.zeros_like(from_axis), sx[:, None], sy[:, None]
     with np.errstate(invalid="ignore"):
         ray = lens_model("thick").function(
-            alone, traits, NUMPY_OPS, from_axis, zeros, sx + zeros, sy + zeros, sheet.refractive_index
+            alone,
+            traits,
+            NUMPY_OPS,
+            from_axis,
+            zeros,
+            sx + zeros,
+            sy + zeros,
+            sheet.refractive_index,
         )
         farther = deviations.glass_mm * farther_in_glass(ray.sx, ray.sy)
     weight = np.where(ray.weight > 0, ray.weight, 0.0) * _WEIGHTS
@@ -274,7 +284,8 @@ def begin_fringes(
     def pitch_for(gap: np.ndarray | float) -> np.ndarray:
         """Lens pitch that the slopes give with a gap."""
         share = 1 - np.multiply.outer(gap, 1 / height)
-        return (share / np.hypot(*planes[:, 1:].T)).mean(axis=-1)
+        pitches: np.ndarray = (share / np.hypot(*planes[:, 1:].T)).mean(axis=-1)
+        return pitches
 
     gaps = _GAPS * design.gap_mm
     # At the panel's centre, lens g e / (z P) - s / P.

@@ -608,6 +608,4 @@ class Observations(Residuals):
         lens_of_ray = np.repeat(index, len(_OFF_CENTRE), axis=0)
         pixel = (centre[:, None] + lens_px * _OFF_CENTRE).reshape(-1, 2)
         zeros = np.zeros_like(pixel)
-        return Observations(
-            (lens_of_ray,), (pixel,), (zeros,), (index,), (centre,), (0.0,), (0.0,)
-        )
+        return Observations((lens_of_ray,), (pixel,), (zeros,), (index,), (centre,), (0.0,), (0.0,))
