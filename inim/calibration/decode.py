@@ -41,8 +41,9 @@ _LEAST_CONTRAST = 0.4
 # The same of views: cylinders mix neighbouring ones, most of all at the edges of the viewing zone.
 _SIMILAR_VIEWS, _LEAST_VIEWS = 0.3, 0.08
 # Sigma of the smoothing over cylinders, in pitches: the lenses themselves, and the rows of pixels
-# that slanted ones cross, vanish. Least light of the panel in the smoothed area.
-_SMOOTHING, _WHOLLY_LIT = 1.2, 0.99
+# that slanted ones cross, vanish. Amplitude of the panel then, as for lenses, and its least share
+# of what a pixel is smoothed over: three sigmas from its edges.
+_SMOOTHING, _SMOOTH_LIT_SHARE, _WHOLLY_LIT = 1.2, 0.3, 0.999
 # Pixels per cylinder, below which the cylinders beat with the pixels.
 _NARROWEST_PX = 2.5
 # The fourth harmonic of a power of a cosine is 0.1 of the second, near the power 1. It adds to the
@@ -96,9 +97,15 @@ def decode(position: Position) -> Decoded:
         _derive(phases, k)
     lit = _lit(phases, name)
     if position.cylinder_px is not None:
+        if white is None:
+            raise FileError(
+                f"{name}: the photograph of the white pattern is missing, whose marks number the "
+                "lenses; take the photographs again"
+            )
         sigma_px = _SMOOTHING * _cylinder_px(phases, lit, position)
         for light in (*phases, *([] if white is None else [white])):
             gaussian_filter(light, sigma_px, output=light)
+        lit = _lit(phases, name, _SMOOTH_LIT_SHARE)
         lit = gaussian_filter(lit.astype(np.float32), sigma_px) > _WHOLLY_LIT
     motion_px = 0.0
     if white is None or absent:
@@ -187,11 +194,11 @@ def _waves(phases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return mean, np.einsum("k,ak...->a...", _TURNS * np.float32(2 / 3), steps)
 
 
-def _lit(phases: np.ndarray, name: str) -> np.ndarray:
-    """Mask of pixels that see the panel."""
+def _lit(phases: np.ndarray, name: str, share: float = _LIT_SHARE) -> np.ndarray:
+    """Mask of pixels that see the panel, whose amplitude is above a share of bright ones."""
     amplitude = np.abs(_waves(phases)[1]).max(axis=0)
     bright = float(np.quantile(amplitude, _BRIGHT_QUANTILE))
-    lit: np.ndarray = amplitude > _LIT_SHARE * max(bright, _DARKEST)
+    lit: np.ndarray = amplitude > share * max(bright, _DARKEST)
     if bright < _DARKEST or lit.mean() < _FEWEST_LIT:
         raise FileError(
             f"{name}: the waves are hardly visible ({2 * bright:.1%} of the brightest code); "

@@ -52,9 +52,9 @@ if TYPE_CHECKING:
 # Samples of a photograph, among which phases are unwrapped, and every n-th of which is fitted.
 _SAMPLES, _FITTED_STEP = 16_000, 6
 _LEAST_SAMPLES = 400
-# Gaps tried at the start, in shares of the nominal one, and their usual deviation. Another gap
-# that explains the phases nearly as well is ambiguous.
-_GAPS, _GAP_SPREAD = np.linspace(0.4, 1.8, 281), 0.3
+# Gaps tried at the start, in shares of the nominal one, and their usual deviation. The logarithm of
+# the likelihood of the best one must exceed that of others by the last number.
+_GAPS, _GAP_SPREAD, _CLEAR = np.linspace(0.4, 1.8, 281), 0.3, 0.5
 # Rays through a lens, Gauss and Legendre's places and weights from seam to seam.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 # Samples of a position that is not photographed yet, across and down, and the least share of them
@@ -108,7 +108,7 @@ def find_fringes(decoded: Decoded, display: Display, name: str) -> Fringes:
     middle = np.stack([column_px, row_px], axis=-1) * period
     rows, columns = display.eia_shape
     marked = decoded.is_marked[part][is_seen]
-    offset, is_contradicted = period_numbers(middle, marked, period, (columns, rows))
+    offset, is_contradicted = period_numbers(middle, marked, display)
     check_marks(is_contradicted or offset is None, display, name)
     green = float(SUBPIXELS[display.subpixels][1].right)
     origin = np.array([columns / 2 + green, rows / 2])
@@ -293,6 +293,12 @@ def begin_fringes(
     waves = np.exp(2j * np.pi * (planes[:, 0] - moved)).mean(axis=1)
     score = np.log(np.abs(waves) + 1e-3) - ((_GAPS - 1) / _GAP_SPREAD) ** 2 / (2 * len(poses))
     best = int(score.argmax())
+    peaks = 1 + np.flatnonzero((score[1:-1] > score[:-2]) & (score[1:-1] > score[2:]))
+    if len(peaks) > 1 and score[peaks].max() - np.sort(score[peaks])[-2] < _CLEAR:
+        raise FileError(
+            f"{', '.join(fringes)}: several gaps explain the fringes; photograph from a position "
+            "between these, too"
+        )
     gap, pitch = float(gaps[best]), float(pitch_for(gaps[best]))
     phase = -float(np.angle(waves[best])) / (2 * math.pi)
     steps = pitch / math.cos(angle)

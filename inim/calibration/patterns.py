@@ -106,13 +106,23 @@ def _axes(display: Display) -> int:
     return 3 if display.layout.of_cylinders else 2
 
 
-def has_mark(column: np.ndarray, row: np.ndarray, periods_px: np.ndarray) -> np.ndarray:
+def marks_begin(display: Display) -> float:
+    """Start of the arrangement of the marks; displays with other views have other ones."""
+    if not display.layout.of_cylinders:
+        return 0.0
+    corner = np.array(display.width_mm / 2), np.array(display.height_mm / 2)
+    return float(view_phase(display, *corner))
+
+
+def has_mark(
+    column: np.ndarray, row: np.ndarray, periods_px: np.ndarray, begin: float = 0.0
+) -> np.ndarray:
     """True for periods with a mark, given by column and row from the panel's centre.
 
-    * `periods_px`: each pair has its own arrangement.
+    * `periods_px`, `begin`: each pair of periods, and `marks_begin`, has its own arrangement.
     """
     a, b, c = _MARK_STEPS
-    begin = c * (periods_px**2).sum()
+    begin = begin + c * (periods_px**2).sum()
     marked: np.ndarray = (begin + a * column**2 + b * row**2 + c * column * row) % 1 < _MARKED_SHARE
     return marked
 
@@ -128,7 +138,8 @@ def patterns(display: Display) -> list[Pattern]:
     )
     x, y = x[None], y[:, None]
     in_mark = (np.abs(x - np.rint(x)) < MARK) & (np.abs(y - np.rint(y)) < MARK)
-    sequence = [("white", np.where(in_mark & has_mark(np.rint(x), np.rint(y), periods), 0.0, 1.0))]
+    is_dark = in_mark & has_mark(np.rint(x), np.rint(y), periods, marks_begin(display))
+    sequence = [("white", np.where(is_dark, 0.0, 1.0))]
     positions = {"column": x, "row": y}
     if _axes(display) > len(positions):
         positions["view"] = _view_phases(display)

@@ -84,7 +84,10 @@ def calibrate(
     file, folder = output_paths(photos, out, design)
     ending = _ending(design)
     if file.suffix.lower() != ending:
-        raise UsageError(f"-o {file}: a display file is an {ending}; name it {file.stem}{ending}")
+        article = "an" if ending == ".xml" else "a"
+        raise UsageError(
+            f"-o {file}: a display file is {article} {ending}; name it {file.stem}{ending}"
+        )
     camera = _camera(intrinsics)
     check_display(design)
     lenses, focal_px = _lenses(photos, design, warn)

@@ -3,8 +3,8 @@
 The number of a case determines it. The calibration reads only the photographs and the preset of
 the model. Displays vary about the published files of their model: pitch, slope, centre and view
 cone. Lenses differ from the preset's in index, thickness, focal length and glass over the panel,
-which no file states. Cameras have distortion, a mosaic, noise, falloff, sharpening and JPEG; they
-shake between photographs.
+which no file states. Cameras have distortion, a mosaic, noise, falloff, sharpening and JPEG. Half
+of them are held by hand: they shake between photographs, which a rolling shutter skews.
 """
 
 from __future__ import annotations
@@ -37,6 +37,10 @@ _POSITIONS = (
 )
 
 
+# Skew of photographs by hand, pixels per row.
+_SKEW = 4e-4
+
+
 def draw_case(number: int, seed: int = _SEED) -> Case:
     """Draw the case with this number; the models take turns."""
     random = np.random.default_rng([seed, number])
@@ -57,7 +61,10 @@ def draw_case(number: int, seed: int = _SEED) -> Case:
         random.uniform(-0.001, 0.001),
     )
     glass = random.uniform(0.0, 0.2) * (random.random() < 0.5)
-    shake = random.uniform(0.0, 0.5)
+    # On a support, or held by hand, whose motion a rolling shutter shows as a skew.
+    is_steady = bool(random.random() < 0.5)
+    shake, skews = random.uniform(0.0, 0.5), random.normal(0.0, _SKEW, len(_POSITIONS))
+    held = tuple(Motion(shake_px=shake, skew=skew) for skew in skews.tolist())
     breathing = 1 + random.uniform(-0.003, 0.003, len(_POSITIONS))
     return Case(
         number,
@@ -68,7 +75,8 @@ def draw_case(number: int, seed: int = _SEED) -> Case:
         _sensor(random),
         Assembly(glass, random.uniform(1.49, 1.53)),
         zooms=tuple(breathing.tolist()),
-        motions=(Motion(shake_px=shake),) * len(_POSITIONS),
+        motions=(Motion(),) * len(_POSITIONS) if is_steady else held,
+        is_steady=is_steady,
     )
 
 
