@@ -162,12 +162,12 @@ def see_through(
         farther = deviations.glass_mm * farther_in_glass(ray.sx, ray.sy)
     weight = np.where(ray.weight > 0, ray.weight, 0.0) * _WEIGHTS
     weight /= weight.sum(axis=1, keepdims=True)
-    aside, along = (
+    across, along = (
         np.where(weight > 0, place + farther * slope, 0.0)
         for place, slope in ((ray.x, ray.sx), (ray.y, ray.sy))
     )
-    mean = (weight * aside).sum(axis=1)
-    waves = (weight * np.exp(2j * np.pi / pitch * (aside - mean[:, None]))).sum(axis=1)
+    mean = (weight * across).sum(axis=1)
+    waves = (weight * np.exp(2j * np.pi / pitch * (across - mean[:, None]))).sum(axis=1)
     y = y + (weight * along).sum(axis=1)
     places = []
     for at in (mean, mean + pitch / (2 * np.pi) * np.angle(waves)):

@@ -286,7 +286,7 @@ def bow_mm(array: LensArray, deviations: Deviations, x: np.ndarray, y: np.ndarra
 
 
 def farther_in_glass(slope_x: np.ndarray, slope_y: np.ndarray) -> np.ndarray:
-    """How much farther a ray goes aside in glass than in the air of the same optical thickness.
+    """Additional displacement of a ray in glass over air of the same optical thickness.
 
     Per millimetre of glass and unit of the slopes, which are those in air; below 0.
     """

@@ -57,6 +57,13 @@ _SHIFTS_DEG = (0, 120, 240)
 # Share of the periods with a mark. The steps of their sequence are irrational.
 _MARKED_SHARE = 0.15
 _MARK_STEPS = (0.7548776662, 0.5698402910, 0.6180339887)
+# Where to photograph lenses in rows, and cylinders.
+_POSITIONS = (
+    "Two positions or more, 15 to 25° off the display's axis: one from the side, one from above or "
+    "below.",
+    "Three positions: straight on, and 10 to 15° off the display's axis from the left and from the "
+    "right. The whole panel is visible from each.",
+)
 # Of pictures in today's browsers.
 _LONGEST_SIDE_PX = 32767
 
@@ -208,6 +215,7 @@ def _page(display: Display, pictures: dict[str, bytes]) -> str:
         "ROWS": str(rows),
         "COUNT": str(len(pictures)),
         "IMAGES": images,
+        "POSITIONS": _POSITIONS[display.layout.of_cylinders],
     }
     page = resources.files("inim.calibration").joinpath(PAGE).read_text("utf-8")
     for word, value in words.items():
@@ -284,10 +292,10 @@ def read_position(folder: Path, display: Display) -> Position:
     """One camera position, its folder's photographs or its video; see `read_positions`."""
     count = 1 + _axes(display) * len(_SHIFTS_DEG)
     pitch_px = display.pitch_mm / display.pixel_pitch_mm
-    shown = periods_px(display), pitch_px if display.layout.of_cylinders else None
+    scales = periods_px(display), pitch_px if display.layout.of_cylinders else None
     if folder.suffix.lower() in ENDINGS and not folder.is_dir():
         shape = video_shape(folder)
-        return Position(folder.stem, folder, (folder,) * count, shape, None, *shown)
+        return Position(folder.stem, folder, (folder,) * count, shape, None, *scales)
     files = sorted(_visible(folder), key=_natural_sort_key)
     for path in files:
         if path.suffix.lower() not in _ENDINGS:
@@ -306,7 +314,7 @@ def read_position(folder: Path, display: Display) -> Position:
         )
     for path in files:
         if path.stat().st_size:
-            return Position(folder.name, folder, tuple(paths), *_header(path), *shown)
+            return Position(folder.name, folder, tuple(paths), *_header(path), *scales)
     raise FileError(f"{folder}: all pictures are empty; copy the photographs again")
 
 

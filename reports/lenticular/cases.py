@@ -21,10 +21,10 @@ from reports.calibration.landing import Assembly, Camera, Pose, look_at
 
 # The priors and limits of the fit were chosen with other seeds.
 _SEED = 20331
-#: Models, with columns and rows of the camera's sensor: 3 to 5 pixels per lens.
+#: Models, with columns and rows of the camera's sensor: 3 to 4 pixels per lens.
 MODELS = {
-    "looking-glass-portrait-typical": (1500, 2000),
-    "looking-glass-8.9-typical": (2000, 1500),
+    "looking-glass-portrait-typical": (1050, 1400),
+    "looking-glass-8.9-typical": (1480, 1110),
     "looking-glass-15.6-typical": (2400, 1800),
 }
 # Share of the photograph that the panel fills from straight on.
@@ -64,7 +64,7 @@ def draw_case(number: int, seed: int = _SEED) -> Case:
     # On a support, or held by hand, whose motion a rolling shutter shows as a skew.
     is_steady = bool(random.random() < 0.5)
     shake, skews = random.uniform(0.0, 0.5), random.normal(0.0, _SKEW, len(_POSITIONS))
-    held = tuple(Motion(shake_px=shake, skew=skew) for skew in skews.tolist())
+    by_hand = tuple(Motion(shake_px=shake, skew=skew) for skew in skews.tolist())
     breathing = 1 + random.uniform(-0.003, 0.003, len(_POSITIONS))
     return Case(
         number,
@@ -75,7 +75,7 @@ def draw_case(number: int, seed: int = _SEED) -> Case:
         _sensor(random),
         Assembly(glass, random.uniform(1.49, 1.53)),
         zooms=tuple(breathing.tolist()),
-        motions=(Motion(),) * len(_POSITIONS) if is_steady else held,
+        motions=(Motion(),) * len(_POSITIONS) if is_steady else by_hand,
         is_steady=is_steady,
     )
 

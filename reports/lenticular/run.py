@@ -65,17 +65,17 @@ def views(file: dict[str, Any]) -> np.ndarray:
     return fraction
 
 
-def view_errors(written: str, truth: str) -> np.ndarray:
+def view_errors(calibrated: str, truth: str) -> np.ndarray:
     """Differences of the views of two files over the panel, in lenses."""
-    off = views(json.loads(written)) - views(json.loads(truth))
+    off = views(json.loads(calibrated)) - views(json.loads(truth))
     nearest: np.ndarray = off - np.rint(off)
     return nearest
 
 
 def inspect(case: Case, calibration: Calibration, file: Path) -> dict[str, Any]:
     """Errors of the views of a written file, and standard errors with fewer positions."""
-    truth, written = LookingGlass.of(case.display).text(), file.read_text("utf-8")
-    cones = [json.loads(text)["viewCone"]["value"] for text in (written, truth)]
+    truth, calibrated = LookingGlass.of(case.display).text(), file.read_text("utf-8")
+    cones = [json.loads(text)["viewCone"]["value"] for text in (calibrated, truth)]
     lenses, subsets = dict(zip(calibration.names, calibration.lenses, strict=True)), {}
     for words, chosen in _SUBSETS.items():
         names = [calibration.names[k] for k in chosen]
@@ -84,7 +84,7 @@ def inspect(case: Case, calibration: Calibration, file: Path) -> dict[str, Any]:
             name: estimate["standard_error"] for name, estimate in estimates_of(part).items()
         } | {"views": part.view_error}
     return {
-        "view_error": float(np.abs(view_errors(written, truth)).max()),
+        "view_error": float(np.abs(view_errors(calibrated, truth)).max()),
         "view_standard_error": calibration.view_error,
         "view_cone_deg": cones,
         "subsets": subsets,

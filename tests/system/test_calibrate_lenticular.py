@@ -57,10 +57,10 @@ def test_the_written_file_has_the_views_of_the_hidden_display(photographs, capsy
     assert calibrate(photographs, "photos", "-o", str(out)) == 0
     printed = capsys.readouterr().out
     assert "viewCone" in printed and "not determined" not in printed
-    written = parse_calibration(out.read_bytes(), str(out))
-    assert np.abs(view_errors(written.text(), HIDDEN.text())).max() < 0.05, "lenses"
+    calibrated = parse_calibration(out.read_bytes(), str(out))
+    assert np.abs(view_errors(calibrated.text(), HIDDEN.text())).max() < 0.05, "lenses"
     assert np.abs(view_errors(FILE.text(), HIDDEN.text())).max() > 0.4, "the design would not do"
-    assert abs(written.view_cone - HIDDEN.view_cone) < 2
+    assert abs(calibrated.view_cone - HIDDEN.view_cone) < 2
     display, _ = choose_display(str(out))
     assert display.lattice == "lenticular"
     page = (photographs / "visual-calibration" / "calibration.html").read_text("utf-8")

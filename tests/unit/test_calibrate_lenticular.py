@@ -52,13 +52,13 @@ def test_a_view_pattern_shows_the_vendor_s_views_with_fringes():
     assert names[0] == "01-white" and names[7:] == [
         f"{n:02}-view-phase-{shift}" for n, shift in ((8, "000"), (9, "120"), (10, "240"))
     ]
-    shown = patterns(DESIGN)[8].codes
-    assert shown.shape == (800, 1000, 3)
+    codes = patterns(DESIGN)[8].codes
+    assert codes.shape == (800, 1000, 3)
     fringes = (y - 0.5) * 800 / file.dpi * file.pitch / 30
     for c in range(3):
         phase = (x + c / 3000 + y * 800 / (1000 * file.slope)) * pitch - file.center
         light = 0.5 + 0.5 * np.cos(2 * np.pi * (phase + fringes - 1 / 3))
-        off = linear_from_srgb(shown[..., c] / np.float32(255)) - light
+        off = linear_from_srgb(codes[..., c] / np.float32(255)) - light
         assert np.abs(off).max() < 0.005, "one code"
 
 
@@ -179,12 +179,12 @@ def test_a_hidden_display_is_found_within_its_errors():
 
 
 def test_one_position_leaves_the_gap_open_and_sides_determine_it():
-    straight, both = fitted("straight"), fitted("left", "right")
+    straight, two_sides = fitted("straight"), fitted("left", "right")
     assert {*straight.undetermined} == {"pitch_mm", "gap_mm"}
     assert straight.display.gap_mm == DESIGN.gap_mm
     assert abs(straight.display.rotation_deg - HIDDEN.rotation_deg) < 0.01
-    assert both.undetermined == []
-    gain = straight.estimates["gap_mm"].error / both.estimates["gap_mm"].error
+    assert two_sides.undetermined == []
+    gain = straight.estimates["gap_mm"].error / two_sides.estimates["gap_mm"].error
     assert gain > 5
     best = next_positions(straight)[0]
     assert "left" in best.description or "right" in best.description
