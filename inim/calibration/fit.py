@@ -67,8 +67,8 @@ LIMITS = {
     "tilt_y_deg": 0.1,
     "focal_length_mm": 0.05,
 }
-#: The same of cylinders. Their shift is across, and they have no focal length of their own: they
-#: focus on the panel.
+#: The same of cylinders. Their shift is across. Their focal length follows the gap, for they focus
+#: on the panel.
 CYLINDER_LIMITS = {
     "pitch_mm": 0.001,
     "rotation_deg": 0.03,
@@ -228,7 +228,7 @@ class Calibration:
             gap = determined.get("gap_mm", self.nominal.gap_mm)
             pitch = determined.get("pitch_mm", self.nominal.pitch_mm)
             determined["elemental_pitch_mm"] = pitch * (1 + gap / distance)
-            determined["focal_length_mm"] = gap
+            determined["focal_length_mm"] = self.nominal.focal_length_mm * gap / self.nominal.gap_mm
         return self.nominal.replace(
             name=f"{self.nominal.name}, calibrated",
             panel_rows=rows,

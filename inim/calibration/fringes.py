@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,12 +49,15 @@ from inim.lens.thick import curved_face
 if TYPE_CHECKING:
     from inim.calibration.decode import Decoded
 
-# Samples of a photograph, among which phases are unwrapped, and every n-th of which is fitted.
-_SAMPLES, _FITTED_STEP = 16_000, 6
-_LEAST_SAMPLES = 400
+# Samples of a photograph, among which phases are unwrapped. Every third shows marks. Of rows and
+# columns, every eighth is fitted: samples are then about a smoothing apart or more.
+_SAMPLES, _MARK_STEP, _FITTED_STEP = 30_000, 3, 8
+_LEAST_SAMPLES = 750
 # Gaps tried at the start, in shares of the nominal one, and their usual deviation. The logarithm of
 # the likelihood of the best one must exceed that of others by the last number.
 _GAPS, _GAP_SPREAD, _CLEAR = np.linspace(0.4, 1.8, 281), 0.3, 0.5
+# Radius of the lenses, in pitches.
+_LEAST_RADIUS = 0.51
 # Rays through a lens, Gauss and Legendre's places and weights from seam to seam.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 # Samples of a position that is not photographed yet, across and down, and the least share of them
@@ -108,7 +111,7 @@ def find_fringes(decoded: Decoded, display: Display, name: str) -> Fringes:
     middle = np.stack([column_px, row_px], axis=-1) * period
     rows, columns = display.eia_shape
     marked = decoded.is_marked[part][is_seen]
-    offset, is_contradicted = period_numbers(middle, marked, display)
+    offset, is_contradicted = period_numbers(middle[::_MARK_STEP], marked[::_MARK_STEP], display)
     check_marks(is_contradicted or offset is None, display, name)
     green = float(SUBPIXELS[display.subpixels][1].right)
     origin = np.array([columns / 2 + green, rows / 2])
@@ -247,9 +250,15 @@ class FringeObservations(Residuals):
         if inside.mean() < _LEAST_SEEN:
             return None
         index, pixel, zeros = index[inside], pixel[inside], np.zeros(inside.sum())
-        return FringeObservations(
-            self.design, (index,), (pixel,), (np.stack([zeros, zeros], axis=-1),), (zeros,)
+        empty = replace(
+            self,
+            index=(index,),
+            pixel=(pixel,),
+            panel=(np.stack([zeros, zeros], axis=-1),),
+            phase=(zeros,),
         )
+        ((panel, phase),) = empty.residuals(guess)
+        return replace(empty, panel=(panel,), phase=(phase[:, 0],))
 
 
 def begin_fringes(
@@ -287,11 +296,14 @@ def begin_fringes(
         pitches: np.ndarray = (share / np.hypot(*planes[:, 1:].T)).mean(axis=-1)
         return pitches
 
-    gaps = _GAPS * design.gap_mm
+    # Lenses of a shorter focal length would not be as wide as they are.
+    possible = design.focal_length_mm * (design.refractive_index - 1) * _GAPS
+    gaps = _GAPS[possible > _LEAST_RADIUS * design.pitch_mm] * design.gap_mm
     # At the panel's centre, lens g e / (z P) - s / P.
     moved = gaps[:, None] * across / height / pitch_for(gaps)[:, None]
     waves = np.exp(2j * np.pi * (planes[:, 0] - moved)).mean(axis=1)
-    score = np.log(np.abs(waves) + 1e-3) - ((_GAPS - 1) / _GAP_SPREAD) ** 2 / (2 * len(poses))
+    off = (gaps / design.gap_mm - 1) / _GAP_SPREAD
+    score = np.log(np.abs(waves) + 1e-3) - off**2 / (2 * len(poses))
     best = int(score.argmax())
     peaks = 1 + np.flatnonzero((score[1:-1] > score[:-2]) & (score[1:-1] > score[2:]))
     if len(peaks) > 1 and score[peaks].max() - np.sort(score[peaks])[-2] < _CLEAR:
@@ -310,6 +322,7 @@ def begin_fringes(
         shift_x_mm=shift,
         shift_y_mm=0.0,
         gap_mm=gap,
+        focal_length_mm=design.focal_length_mm * gap / design.gap_mm,
     )
     back = np.array([0.0, 0.0, gap])
     return Guess(display, first, tuple(Pose(p.turn, p.eye_mm - back) for p in poses))

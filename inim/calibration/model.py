@@ -226,6 +226,9 @@ class Guess(NamedTuple):
         if "pitch_mm" in changed and self.display.pitch_y_mm is not None:
             ratio = changed["pitch_mm"] / self.display.pitch_mm
             changed["pitch_y_mm"] = self.display.pitch_y_mm * ratio
+        if "gap_mm" in changed and self.display.layout.of_cylinders:  # they focus on the panel
+            ratio = changed["gap_mm"] / self.display.gap_mm
+            changed["focal_length_mm"] = self.display.focal_length_mm * ratio
         of_camera, of_sheet = np.split(by[len(PARAMETERS) : len(SHARED)], [len(Intrinsics._fields)])
         return Guess(
             self.display.replace(**changed) if changed else self.display,

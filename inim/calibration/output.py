@@ -293,7 +293,7 @@ def next_positions(calibration: Calibration) -> list[NextPosition]:
     steps = calibration.guess.steps[: len(SHARED)]
     free = np.diag(calibration.covariance)[: len(SHARED)] > 0
     own = calibration.covariance[: len(SHARED), : len(SHARED)] / np.outer(steps, steps)
-    covariance = np.linalg.inv(own[np.ix_(free, free)])
+    own = own[np.ix_(free, free)]
     half_angle = math.radians(display.viewing_half_angle_deg)
     advised = []
     for distance in sorted(
@@ -306,7 +306,9 @@ def next_positions(calibration: Calibration) -> list[NextPosition]:
             more = _information(display, camera, _pose_facing_display(eye), calibration, free)
             if more is None:
                 continue
-            errors = np.sqrt(np.diag(np.linalg.inv(covariance + more))) * steps[free]
+            # (own^-1 + more)^-1, of a covariance that may be nearly singular.
+            left = np.linalg.solve(np.eye(len(own)) + own @ more, own)
+            errors = np.sqrt(np.diag(left)) * steps[free]
             fitted = [SHARED[n] for n in np.flatnonzero(free)]
             named = {
                 name: float(error)

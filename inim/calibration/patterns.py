@@ -50,7 +50,7 @@ PAGE = "patterns.html"
 #: Half the width of a mark, in periods: at least one lens looks into each mark.
 MARK = 0.27
 _MARKER = "patterns.json"
-_PERIOD_PITCHES, _PERIOD_CYLINDERS = 2.8, 24.0
+_PERIOD_PITCHES, _PERIOD_CYLINDERS = 2.8, 20.0
 # Of the fringes along the axes, in elemental images.
 _FRINGE_PITCHES = 30.0
 _SHIFTS_DEG = (0, 120, 240)

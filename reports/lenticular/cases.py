@@ -20,7 +20,7 @@ from reports.calibration.cases import Case, Motion, Sensor
 from reports.calibration.landing import Assembly, Camera, Pose, look_at
 
 # The priors and limits of the fit were chosen with other seeds.
-_SEED = 20331
+_SEED = 61723
 #: Models, with columns and rows of the camera's sensor: 3 to 4 pixels per lens.
 MODELS = {
     "looking-glass-portrait-typical": (1050, 1400),

@@ -129,19 +129,19 @@ def fringes(name: str, display: Display = HIDDEN) -> Fringes:
     eye, roll = EYES[name]
     pose = Pose(look_at(eye, (0.5, 0.3, 0.0), roll), np.array(eye))
     guess = Guess(display, CAMERA, (pose,))
-    empty = FringeObservations(DESIGN, (), (), (), ()).seen_from(guess, SHAPE)
-    assert empty is not None
-    ((panel, phase),) = empty.residuals(guess)
+    samples = FringeObservations(DESIGN, (), (), (), ()).seen_from(guess, SHAPE)
+    assert samples is not None
+    (panel,), (phase,) = samples.panel, samples.phase
     random, count = np.random.default_rng(len(name)), len(panel)
     panel_px = panel / DESIGN.pixel_pitch_mm * [1, -1] + np.array(DESIGN.eia_shape[::-1]) / 2
-    noisy = phase[:, 0] + random.normal(0, 0.002, count)
+    noisy = phase + random.normal(0, 0.002, count)
     # Continuous over the panel, as those of a photograph, from the middle.
     angle = np.radians(display.rotation_deg)
     turned = np.array([np.cos(angle), np.sin(angle)]) / display.pitch_mm
     near = view_phase(DESIGN, *panel.T) - (1 - display.gap_mm / eye[2]) * panel @ turned
     return Fringes(
-        empty.index[0],
-        empty.pixel[0],
+        samples.index[0],
+        samples.pixel[0],
         panel_px + random.normal(0, 0.1, panel.shape),
         noisy + np.rint(near - near.mean() - (noisy - noisy[len(noisy) // 2])),
         0.0,
