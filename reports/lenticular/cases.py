@@ -25,7 +25,7 @@ _SEED = 61723
 MODELS = {
     "looking-glass-portrait-typical": (1050, 1400),
     "looking-glass-8.9-typical": (1480, 1110),
-    "looking-glass-15.6-typical": (2400, 1800),
+    "looking-glass-15.6-typical": (2120, 1590),
 }
 # Share of the photograph that the panel fills from straight on.
 _FILLED = 0.85

@@ -44,7 +44,8 @@ _NAME = "lenticular"
 # Points of the panel at which views are compared, across and down.
 _POINTS = 33
 _VIEWS = 45
-# Positions of which the intervals are compared.
+# Positions of which the intervals are compared, in the first cases.
+_COMPARED = 3
 _SUBSETS = {"straight on": (0,), "left and right": (1, 2), "all three": (0, 1, 2)}
 
 
@@ -77,7 +78,7 @@ def inspect(case: Case, calibration: Calibration, file: Path) -> dict[str, Any]:
     truth, calibrated = LookingGlass.of(case.display).text(), file.read_text("utf-8")
     cones = [json.loads(text)["viewCone"]["value"] for text in (calibrated, truth)]
     lenses, subsets = dict(zip(calibration.names, calibration.lenses, strict=True)), {}
-    for words, chosen in _SUBSETS.items():
+    for words, chosen in _SUBSETS.items() if case.number < _COMPARED else ():
         names = [calibration.names[k] for k in chosen]
         part = fit_display({k: lenses[k] for k in names}, case.design)
         subsets[words] = {
@@ -130,11 +131,11 @@ def table(results: list[dict[str, Any]], command: str) -> str:
             "| --: | --- | --: | --: | --: | --: | --: | --: | --: |",
             *map(_case_row, worst_first),
             "",
-            "Standard errors, medians of all cases, by positions of the camera:",
+            "Standard errors by positions of the camera, medians of the first cases:",
             "",
             f"| positions | views, ‰ of a lens | {' | '.join(_COLUMNS)} |",
             f"| --- | --: |{' --: |' * len(_COLUMNS)}",
-            *(_subset_row(words, calibrated) for words in _SUBSETS),
+            *(_subset_row(words, [r for r in calibrated if r["subsets"]]) for words in _SUBSETS),
             "",
             *(f"* Case {r['case']} refused: {r['refused']}" for r in results if r["refused"]),
         ]
