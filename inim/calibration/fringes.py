@@ -118,7 +118,7 @@ def find_fringes(decoded: Decoded, display: Display, name: str) -> Fringes:
     index = np.stack([column, row], axis=-1)
     fitted = (index % _FITTED_STEP == 0).all(axis=-1)
     return Fringes(
-        index[fitted],
+        index[fitted] // _FITTED_STEP,
         (step * index[fitted] + step // 2 + 0.5).astype(float),
         (middle + offset * period + origin)[fitted],
         phase[fitted],
@@ -187,6 +187,9 @@ class FringeObservations(Residuals):
         Kind("panel", ("across", "up"), "µm", 1e3, 0.5, 0.05, 0.002, 0.5),
         Kind("views", ("across",), "‰ of a lens", 1e3, 0.05, 0.001, 0.0005, 0.02),
     )
+
+    # Smoothed over lenses, and samples a smoothing apart.
+    is_striped = False
 
     design: Display  #: Display whose views the patterns show.
     index: tuple[np.ndarray, ...]  #: (n, 2) int each: column and row of the samples.

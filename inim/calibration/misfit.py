@@ -3,7 +3,7 @@
 Residuals of neighbouring lenses are not independent. Panel pixels beat with the lenses over whole
 columns and rows: the sandwich estimate sums over both (Huber's sandwich, clustered: Liang and
 Zeger, Biometrika 73, 13, 1986). Both sums are added. This counts uncorrelated residuals twice,
-which is conservative. Effects that the model does not include change smoothly over the sheet. The
+which is conservative. Samples of smoothed photographs are independent. Effects that the model does not include change smoothly over the sheet. The
 residuals' components in the space of low-order polynomials give their size, and each polynomial of
 this size contributes to the covariance.
 """
@@ -152,6 +152,9 @@ def _noise(observations: Residuals, scores: list[np.ndarray]) -> np.ndarray:
     for own, places in zip(scores, observations.places, strict=True):
         parameters = len(own)
         covariance = np.zeros((parameters, parameters))
+        if not observations.is_striped:
+            covariances.append(own @ own.T)
+            continue
         lines = [np.repeat(a, n, axis=0) for a, n in zip(places, components, strict=True)]
         for line in np.concatenate(lines).T:
             order = np.argsort(line, kind="stable")

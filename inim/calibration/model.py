@@ -399,6 +399,8 @@ class Residuals(ABC):
     kinds: ClassVar[tuple[Kind, Kind]]
     #: Rays of the first kind that share their panel pixels.
     rays_at_a_place: ClassVar[int] = 1
+    #: Residuals of a whole column, or row, have a common error: panel pixels beat with lenses.
+    is_striped: ClassVar[bool] = True
 
     @property
     @abstractmethod

@@ -60,7 +60,8 @@ _LEAD = (
 )
 _MAPS = (
     "Differences between the photographs and the fitted display: the panel point that a lens's "
-    "rays reach (mean over the lens), and the position of its outline in the photograph. Fine "
+    "rays reach (mean over the lens), and the position of its outline in the photograph; of a "
+    "lenticular display, the panel point and the view that each sample of a photograph sees. Fine "
     "stripes are normal, because the pixels of panel and camera beat with the lenses. A slope or "
     "a bow over the whole sheet is an effect that the model does not include, such as a bent "
     "sheet."

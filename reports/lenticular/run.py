@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import inim
-from inim.calibration.fit import Calibration, fit_display
+from inim.calibration.fit import INTERVAL, Calibration, fit_display
 from inim.display.looking_glass import LookingGlass
 from inim.process.atomic_file import write_atomically
 from reports.calibration.cases import Case
@@ -108,6 +108,7 @@ def table(results: list[dict[str, Any]], command: str) -> str:
     calibrated = [result for result in results if not result["refused"]]
     errors = {name: errors_of(calibrated, name) for name in _COLUMNS}
     pooled = np.concatenate([e.covered[e.determined] for e in errors.values()])
+    within = sum(r["view_error"] < INTERVAL * r["view_standard_error"] for r in calibrated)
     worst_first = sorted(calibrated, key=lambda result: -float(result["view_error"]))
     return "\n".join(
         [
@@ -124,7 +125,9 @@ def table(results: list[dict[str, Any]], command: str) -> str:
             f"| all | {pooled.size} | {np.count_nonzero(pooled)} | {share_text(pooled)} | | | | |",
             "",
             "Largest error of a view over the panel, by the vendor's formula from the written "
-            "`visual.json` and from the true one; worst first. Brackets: standard errors.",
+            f"`visual.json` and from the true one; worst first. Brackets: standard errors. In "
+            f"{within} of {len(calibrated)} cases the largest error is below {INTERVAL} standard "
+            "errors.",
             "",
             f"| case | display | views, ‰ of a lens | of {_VIEWS} views | pitch µm "
             "| rotation deg | shift µm | gap µm | view cone deg |",
