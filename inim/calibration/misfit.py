@@ -3,9 +3,10 @@
 Residuals of neighbouring lenses are not independent. Panel pixels beat with the lenses over whole
 columns and rows: the sandwich estimate sums over both (Huber's sandwich, clustered: Liang and
 Zeger, Biometrika 73, 13, 1986). Both sums are added. This counts uncorrelated residuals twice,
-which is conservative. Samples of smoothed photographs are independent. Effects that the model does not include change smoothly over the sheet. The
-residuals' components in the space of low-order polynomials give their size, and each polynomial of
-this size contributes to the covariance.
+which is conservative. Samples of photographs that are smoothed over cylinders are independent.
+Effects that the model does not include change smoothly over the sheet. The residuals' components in
+the space of low-order polynomials give their size, and each polynomial of this size contributes to
+the covariance.
 """
 
 from __future__ import annotations
