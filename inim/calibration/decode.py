@@ -9,10 +9,14 @@ A camera that shakes moves the photographs. A is the same for columns and rows i
 photographs. Where it is not, the photographs' gradients give their displacement.
 
 The phase gives the panel point modulo a period; `lattice` numbers the periods.
+
+Through cylinders, a photograph is smoothed over a lens first. Its waves are then those of a bare
+panel at the depth of the gap: the displacements within a lens, to both sides, cancel.
 """
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +38,14 @@ _MOST_SATURATED = 0.02
 # usual ratio together if each gives more than a fifth of the light.
 _SINGLE_LENS_SHARE = 0.7
 _LEAST_CONTRAST = 0.4
+# The same of views: cylinders mix neighbouring ones, most of all at the edges of the viewing zone.
+_SIMILAR_VIEWS, _LEAST_VIEWS = 0.3, 0.08
+# Sigma of the smoothing over cylinders, in pitches: the lenses themselves, and the rows of pixels
+# that slanted ones cross, vanish. Amplitude of the panel then, as for lenses, and its least share
+# of what a pixel is smoothed over: three sigmas from its edges.
+_SMOOTHING, _SMOOTH_LIT_SHARE, _WHOLLY_LIT = 1.2, 0.3, 0.999
+# Pixels per cylinder, below which the cylinders beat with the pixels.
+_NARROWEST_PX = 2.5
 # The fourth harmonic of a power of a cosine is 0.1 of the second, near the power 1. It adds to the
 # ripple of the amplitude and takes from that of the phase: (1 - 0.1) / (1 + 0.1).
 _SECOND_HARMONIC, _RIPPLE_STEPS = 0.82, 3
@@ -66,6 +78,7 @@ class Decoded(NamedTuple):
     waves: np.ndarray
     motion_px: float  #: Corrected displacement of the photographs, root mean square.
     warnings: tuple[str, ...]
+    view: np.ndarray | None = None  #: Phase of the view patterns, periods, modulo 1.
 
 
 def decode(position: Position) -> Decoded:
@@ -83,11 +96,24 @@ def decode(position: Position) -> Decoded:
     for k in absent:
         _derive(phases, k)
     lit = _lit(phases, name)
+    if position.cylinder_px is not None:
+        if white is None:
+            raise FileError(
+                f"{name}: the photograph of the white pattern is missing, whose marks number the "
+                "lenses; take the photographs again"
+            )
+        sigma_px = _SMOOTHING * _cylinder_px(phases, lit, position)
+        for light in (*phases, *([] if white is None else [white])):
+            gaussian_filter(light, sigma_px, output=light)
+        lit = _lit(phases, name, _SMOOTH_LIT_SHARE)
+        lit = gaussian_filter(lit.astype(np.float32), sigma_px) > _WHOLLY_LIT
     motion_px = 0.0
     if white is None or absent:
         warnings.append(f"{name}: a photograph is missing; the others replace it")
     if not absent:
-        motion_px, unlike = _align(phases, lit)
+        # Where they are smooth, a motion of a pixel moves a position's waves as the camera would.
+        is_smooth = position.cylinder_px is not None
+        motion_px, unlike = (0.0, _unlike(phases, lit)) if is_smooth else _align(phases, lit)
         if unlike > _MOST_UNLIKE:
             worst = _replace_worst(phases, lit)
             warnings.append(
@@ -96,19 +122,26 @@ def decode(position: Position) -> Decoded:
             )
     mean, waves = _waves(phases)
     # By the other axis's mean: one's own has a third harmonic with a wrong gamma.
-    contrast = np.abs(waves) / mean[::-1]
+    contrast = np.abs(waves) / np.roll(mean, 1, axis=0)
     usual = np.median(contrast[:, lit], axis=1)[:, None, None]
-    if usual.min() < _LEAST_CONTRAST:
+    if usual[:2].min() < _LEAST_CONTRAST:
         raise FileError(
-            f"{name}: blurred, or lit by the room: the waves have {usual.min():.0%} of their "
+            f"{name}: blurred, or lit by the room: the waves have {usual[:2].min():.0%} of their "
             "contrast; focus on the lens sheet, hold the camera still, darken the room"
         )
+    if usual[2:].min(initial=1.0) < _LEAST_VIEWS:
+        raise FileError(
+            f"{name}: the views have {usual[2:].min():.0%} of their contrast; give the "
+            "photographed display with --display, such as its model with the right sign of the "
+            "slope, and show the patterns pixel for pixel"
+        )
     relative = contrast / usual
-    is_single = ((relative > _SINGLE_LENS_SHARE) & (relative < 1 / _SINGLE_LENS_SHARE)).all(axis=0)
-    is_single &= lit
-    column, row = (
+    similar = np.array([_SINGLE_LENS_SHARE] * 2 + [_SIMILAR_VIEWS] * (len(waves) - 2))
+    similar = similar[:, None, None]
+    is_single = ((relative > similar) & (relative < 1 / similar)).all(axis=0) & lit
+    column, row, *views = (
         np.float32(period) * _cycles(wave, ratio, is_single)
-        for period, wave, ratio in zip(position.periods_px, waves, contrast, strict=True)
+        for period, wave, ratio in zip((*position.periods_px, 1.0), waves, contrast, strict=False)
     )
     is_marked = np.zeros(lit.shape, bool)
     if white is not None:
@@ -120,7 +153,7 @@ def decode(position: Position) -> Decoded:
             )
     _check_saturation(name, [light for light in (white, *lights) if light is not None], lit)
     waves /= (mean * usual).astype(np.float32)
-    return Decoded(column, row, is_marked, waves, motion_px, tuple(warnings))
+    return Decoded(column, row, is_marked, waves, motion_px, tuple(warnings), *views)
 
 
 def _read(position: Position) -> list[np.ndarray | None]:
@@ -148,29 +181,53 @@ def _read(position: Position) -> list[np.ndarray | None]:
 
 
 def _derive(phases: np.ndarray, k: int) -> None:
-    """Replace a phase: all three of an axis add up to those of the other axis."""
-    own, other = (phases[:3], phases[3:]) if k < 3 else (phases[3:], phases[:3])
-    phases[k] = other.sum(axis=0) - own.sum(axis=0) + phases[k]
+    """Replace a phase: all three of an axis add up to those of another axis."""
+    own = 3 * (k // 3)
+    other = 3 if own == 0 else 0
+    phases[k] += phases[other : other + 3].sum(axis=0) - phases[own : own + 3].sum(axis=0)
 
 
 def _waves(phases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means and complex amplitudes of columns and rows, (2, ...) each."""
-    steps = phases.reshape(2, 3, *phases.shape[1:])
+    """Means and complex amplitudes of columns, rows and views, (axes, ...) each."""
+    steps = phases.reshape(-1, 3, *phases.shape[1:])
     mean = np.maximum(steps.mean(axis=1), np.float32(1e-6))
     return mean, np.einsum("k,ak...->a...", _TURNS * np.float32(2 / 3), steps)
 
 
-def _lit(phases: np.ndarray, name: str) -> np.ndarray:
-    """Mask of pixels that see the panel."""
+def _lit(phases: np.ndarray, name: str, share: float = _LIT_SHARE) -> np.ndarray:
+    """Mask of pixels that see the panel, whose amplitude is above a share of bright ones."""
     amplitude = np.abs(_waves(phases)[1]).max(axis=0)
     bright = float(np.quantile(amplitude, _BRIGHT_QUANTILE))
-    lit: np.ndarray = amplitude > _LIT_SHARE * max(bright, _DARKEST)
+    lit: np.ndarray = amplitude > share * max(bright, _DARKEST)
     if bright < _DARKEST or lit.mean() < _FEWEST_LIT:
         raise FileError(
             f"{name}: the waves are hardly visible ({2 * bright:.1%} of the brightest code); "
             "expose longer, darken the room, and let the display fill the picture"
         )
     return lit
+
+
+def _cylinder_px(phases: np.ndarray, lit: np.ndarray, position: Position) -> float:
+    """Pitch of the cylinders in a photograph, from the mean slopes of the waves.
+
+    Raises `FileError`: too few pixels per lens.
+    """
+    scale = 1.0
+    for wave, period in zip(_waves(phases[:6])[1], position.periods_px, strict=True):
+        wave = np.where(lit, wave, 0)
+        steps = [
+            (wave[1:] * wave[:-1].conj()).sum(),
+            (wave[:, 1:] * wave[:, :-1].conj()).sum(),
+        ]
+        cycles_per_px = np.hypot(*np.angle(steps)) / (2 * np.pi)
+        scale *= float(cycles_per_px * period)
+    pitch_px = (position.cylinder_px or 0.0) / max(math.sqrt(scale), 1e-9)
+    if pitch_px < _NARROWEST_PX:
+        raise FileError(
+            f"{position.source}: a lens is {pitch_px:.1f} pixels wide, and {_NARROWEST_PX:g} are "
+            "needed; fill the photograph with the display, or take larger photographs"
+        )
+    return pitch_px
 
 
 def _check_saturation(name: str, lights: list[np.ndarray], lit: np.ndarray) -> None:
@@ -251,6 +308,12 @@ def _align(phases: np.ndarray, lit: np.ndarray) -> tuple[float, float]:
     return float(np.sqrt((motion**2).mean())), float(unlike)
 
 
+def _unlike(phases: np.ndarray, lit: np.ndarray) -> float:
+    """Largest difference of the means, as a share of them."""
+    mean = _waves(phases)[0][:, lit]
+    return float(np.abs(mean[1:] - mean[0]).mean(axis=1).max() / mean.mean())
+
+
 def _moved(light: np.ndarray, change: np.ndarray) -> np.ndarray:
     """Photograph without a gain and a displacement: of columns and of rows, each 1, x, y."""
     height, width = light.shape
@@ -272,6 +335,6 @@ def _replace_worst(phases: np.ndarray, lit: np.ndarray) -> int:
         mean, waves = _waves(changed)
         return float(np.ptp(np.quantile(np.abs(waves) / mean, (0.1, 0.9), axis=1), axis=0).sum())
 
-    worst = min(range(6), key=spread)
+    worst = min(range(len(phases)), key=spread)
     _derive(phases, worst)
     return worst

@@ -12,12 +12,13 @@ conservative.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from inim.calibration.fringes import FringeObservations, Fringes, begin_fringes
 from inim.calibration.lattice import PER_LENS, Lenses
 from inim.calibration.misfit import (
     ROBUST,
@@ -30,11 +31,13 @@ from inim.calibration.model import (
     PARAMETERS,
     POSE,
     SHARED,
+    STEPS,
     Deviations,
     Guess,
     Intrinsics,
     Observations,
     Pose,
+    Residuals,
     first_lens_mm,
     rotation,
 )
@@ -42,12 +45,15 @@ from inim.calibration.start import (
     check_pitch,
     find_placement,
     focal_guess,
+    lattice_map,
     number_lenses,
-    pose_guess,
+    panel_step,
+    pose_of_plane,
 )
 from inim.display import Display
 from inim.display.layouts import Square
 from inim.errors import DisplayError, FileError, UsageError
+from inim.lens import check_lens_model
 
 #: A parameter with a larger standard error is not given; lengths as shares of the nominal pitch,
 #: gap and focal length. An interval that wide would not help to make an EIA.
@@ -60,6 +66,14 @@ LIMITS = {
     "tilt_x_deg": 0.1,
     "tilt_y_deg": 0.1,
     "focal_length_mm": 0.05,
+}
+#: The same of cylinders. Their shift is across. Their focal length follows the gap, for they focus
+#: on the panel.
+CYLINDER_LIMITS = {
+    "pitch_mm": 0.001,
+    "rotation_deg": 0.03,
+    "shift_x_mm": 0.04,
+    "gap_mm": 0.05,
 }
 #: An interval of so many standard errors holds the truth in 95 % of cases.
 INTERVAL = 1.96
@@ -97,16 +111,17 @@ _FOCAL_PRIOR, _STATED_FOCAL_PRIOR, _CENTRE_PRIOR = 2.0, 0.2, 0.1
 _MOST_LENSES = 2000
 # Of a position, whose place they tell.
 _LEAST_WHOLE = 16
-# To begin with: panel pixels and pixels of the photograph.
-_USUAL = (0.3, 0.2)
 # Typical residuals above these are no lens array of this kind: panel pixels, and shares of a lens.
 # Where a sharp camera sees the black matrix of the panel, little light gives noise of a pixel.
 _WORST_PANEL_PX = 1.2
 _WORST_OUTLINE = 0.08
+# The same of cylinders: shares of a lens, for the panel and for the views.
+_WORST_CYLINDERS = (0.4, 0.06)
+# Glass over the panel of cylinders, a share of the gap.
+_GLASS_SHARE = 0.5
 _ROUNDS = 3
-# The model fails above these: pulls, smooth residuals in panel pixels and in pixels of
-# the photograph (root mean square of a component), and changes without a position.
-_MOST_PULL, _MOST_SMOOTH, _MOST_CHANGE = 5.0, (0.03, 0.05), 5.0
+# The model fails above these pulls, and changes without a position.
+_MOST_PULL, _MOST_CHANGE = 5.0, 5.0
 _CAUSES = {
     "refractive_index": "another refractive_index, lens_thickness_mm or glass over the panel than "
     "the display file has",
@@ -123,8 +138,6 @@ _CAUSES |= {
 # Where a search ends: a step lessens the sum of squares by less than this share of it.
 _STILL, _MOST_STEPS = 1e-7, 50
 _DAMPING, _MOST_DAMPING = 1e-3, 1e9
-# Residuals without noise: panel pixels and pixels of the photograph.
-_LEAST_SIZE = (0.1, 0.1)
 _LIE = ("shift_x_mm", "shift_y_mm", "rotation_deg", "tilt_x_deg", "tilt_y_deg")
 
 
@@ -167,18 +180,18 @@ class Calibration:
     covariance : array
         Covariance of all fitted parameters, in the order of `Guess.with_changes`; 0 if fixed.
     edges_seen : (bool, bool)
-        True if the array's left and right, and top and bottom, edges are visible: the shift is
-        unambiguous. Otherwise the shift is ambiguous by a pitch, and the value nearest to the
-        nominal display is used.
+        True if the array's left and right, and top and bottom, edges are visible, or if it has
+        cylinders, all of which are equal: the shift is unambiguous. Otherwise it is ambiguous by a
+        pitch, and the value nearest to the nominal display is used.
     names : tuple of str
         Names of the positions.
-    lenses : tuple of Lenses
-        All detected lenses, counted from the array's top left.
-    observations : Observations
+    lenses : tuple of Lenses or of Fringes
+        All detected lenses, counted from the array's top left, or samples of the fringes.
+    observations : Residuals
         The observations in the fit.
     sizes : (positions, 2) array
-        Typical size of the residuals: panel mm for rays, pixels for outlines.
-    misfit : (positions, 2, 2, polynomials) array
+        Typical size of the residuals of both kinds, such as panel mm and pixels.
+    misfit : (positions, 2, polynomials) array
         Low-order components of the residuals; see `inim.calibration.misfit.low_order_misfit`.
     pulls, left_out : arrays
         Tests of the model; see `inim.calibration.misfit.Uncertainty`.
@@ -192,8 +205,8 @@ class Calibration:
     covariance: np.ndarray
     edges_seen: tuple[bool, bool]
     names: tuple[str, ...]
-    lenses: tuple[Lenses, ...]
-    observations: Observations
+    lenses: tuple[Lenses | Fringes, ...]
+    observations: Residuals
     sizes: np.ndarray
     misfit: np.ndarray
     pulls: np.ndarray
@@ -210,6 +223,12 @@ class Calibration:
         }
         if "pitch_mm" in determined and self.nominal.pitch_y_mm is not None:
             determined["pitch_y_mm"] = self.guess.display.row_pitch_mm
+        distance = self.nominal.layout.design_distance_mm
+        if distance is not None:  # elemental images for the viewer that the design has
+            gap = determined.get("gap_mm", self.nominal.gap_mm)
+            pitch = determined.get("pitch_mm", self.nominal.pitch_mm)
+            determined["elemental_pitch_mm"] = pitch * (1 + gap / distance)
+            determined["focal_length_mm"] = self.nominal.focal_length_mm * gap / self.nominal.gap_mm
         return self.nominal.replace(
             name=f"{self.nominal.name}, calibrated",
             panel_rows=rows,
@@ -239,10 +258,12 @@ class Calibration:
             if lenses.motion_px > 1:
                 cause = f"a camera that moved by {lenses.motion_px:.1f} pixels"
             panel_px = smooth[0] / self.nominal.pixel_pitch_mm
-            if panel_px > _MOST_SMOOTH[0] or smooth[1] > _MOST_SMOOTH[1]:
+            of_rays, second = self.observations.kinds
+            if panel_px > of_rays.most_smooth or smooth[1] > second.most_smooth:
                 sentences.append(
                     f"{name}: the residuals have a pattern across the sheet, {panel_px:.2g} panel "
-                    f"pixels and {smooth[1]:.2g} photograph pixels; likely cause: {cause}"
+                    f"pixels and {second.scale * smooth[1]:.2g} {second.unit}; likely cause: "
+                    f"{cause}"
                 )
             elif change > _MOST_CHANGE:
                 sentences.append(
@@ -253,9 +274,44 @@ class Calibration:
 
     @property
     def smooth(self) -> np.ndarray:
-        """Root mean square of the low-order components, panel mm and pixels, (positions, 2)."""
-        smooth: np.ndarray = np.sqrt((self.misfit**2).mean(axis=(2, 3)))
+        """Root mean square of the low-order components, such as panel mm and pixels,
+        (positions, 2).
+        """
+        smooth: np.ndarray = np.sqrt((self.misfit**2).mean(axis=2))
         return smooth
+
+    @property
+    def view_error(self) -> float | None:
+        """Standard error of the views at the worst corner of the panel, in lenses.
+
+        For the viewer that the design has; None of a display without cylinders.
+        """
+        nominal, fitted = self.nominal, self.guess.display
+        distance = nominal.layout.design_distance_mm
+        if distance is None:
+            return None
+
+        def lens_numbers(display: Display) -> np.ndarray:
+            angle = math.radians(display.rotation_deg)
+            x = np.array([-1.0, -1.0, 1.0, 1.0]) * nominal.width_mm / 2
+            y = np.array([-1.0, 1.0, -1.0, 1.0]) * nominal.height_mm / 2
+            across = math.cos(angle) * x + math.sin(angle) * y
+            shift = math.cos(angle) * display.shift_x_mm
+            numbers: np.ndarray = (
+                across / (1 + display.gap_mm / distance) - shift
+            ) / display.pitch_mm
+            return numbers
+
+        names = [name for name in self.estimates if name in PARAMETERS]
+        steps = [1e-3 * STEPS[name] for name in names]
+        slopes = [
+            (lens_numbers(fitted.replace(**{k: getattr(fitted, k) + step})) - lens_numbers(fitted))
+            / step
+            for k, step in zip(names, steps, strict=True)
+        ]
+        own = [SHARED.index(name) for name in names]
+        variances = np.einsum("ic,ij,jc->c", slopes, self.covariance[np.ix_(own, own)], slopes)
+        return float(np.sqrt(variances.max()))
 
     @property
     def excess_by_skew(self) -> float:
@@ -266,7 +322,7 @@ class Calibration:
         skews = skews[np.diag(self.covariance)[skews] > 0]
         if not skews.size:
             return 1.0
-        display = np.arange(len(PARAMETERS))
+        display = np.array([SHARED.index(k) for k in self.estimates if k in PARAMETERS])
         shared = self.covariance[np.ix_(display, skews)]
         of_skews = self.covariance[np.ix_(skews, skews)]
         variance = np.diag(self.covariance)[display]
@@ -280,7 +336,13 @@ class Calibration:
 
 
 def check_display(display: Display) -> None:
-    """Raise `UsageError` unless its lenses are in rows and columns and fill the sheet."""
+    """Raise `UsageError` unless its lenses fill the sheet, in rows and columns or as cylinders.
+
+    Raises `DisplayError`: cylinders that the thick lens model does not have.
+    """
+    if display.layout.of_cylinders:
+        check_lens_model("thick", display)
+        return
     for name, required in (("lattice", Square.name), ("aperture", "square"), ("fill_factor", 1.0)):
         value = getattr(display, name)
         if value != required:
@@ -291,7 +353,7 @@ def check_display(display: Display) -> None:
 
 
 def fit_display(
-    lenses: Mapping[str, Lenses],
+    lenses: Mapping[str, Lenses | Fringes],
     nominal: Display,
     *,
     camera: Intrinsics | None = None,
@@ -300,7 +362,8 @@ def fit_display(
 ) -> Calibration:
     """Fit a display, a camera and its poses.
 
-    * `lenses`: lenses by position, from `inim.calibration.lattice.find_lenses`.
+    * `lenses`: lenses by position, from `inim.calibration.lattice.find_lenses`; of a lenticular
+      display, from `inim.calibration.fringes.find_fringes`.
     * `nominal`: nominal display: the start of the search, and the source of parameters that are not
       fitted.
     * `camera`: calibrated intrinsics; fitted by default, starting from `focal_px` if given.
@@ -327,8 +390,9 @@ def fit_display(
             "all with one camera in the same orientation"
         )
     steady = nominal.with_fixed_panel()
+    limits = CYLINDER_LIMITS if nominal.layout.of_cylinders else LIMITS
     guess, counted, edges = _begin(lenses, steady, camera, focal_px)
-    free = _free(guess, display=True, camera=camera is None, changes=len(lenses) > 1)
+    free = _free(guess, display=limits, camera=camera is None, changes=len(lenses) > 1)
     prior = _prior(steady, guess, focal_px is not None, counted[0].shape, is_steady)
     names = tuple(lenses)
     guess, counted, observations, sizes = _fit(steady, guess, counted, edges, free, prior)
@@ -339,19 +403,19 @@ def fit_display(
     )
     _check(names, steady, guess, sizes, counted)
     errors = np.sqrt(np.diag(covariance))
-    fitted = (*PARAMETERS, *Intrinsics._fields) if camera is None else PARAMETERS
-    count = len(fitted)
-    limits = {name: _in_parameter_unit(share, name, nominal) for name, share in LIMITS.items()}
+    fitted = [n for n in range(len(PARAMETERS) + len(Intrinsics._fields)) if free[n]]
+    limits = {name: _in_parameter_unit(share, name, nominal) for name, share in limits.items()}
+    values = _values(guess)
     estimates = {
-        name: Estimate(float(value), float(error), limits.get(name, math.inf))
-        for name, value, error in zip(fitted, _values(guess), errors, strict=False)
+        SHARED[n]: Estimate(float(values[n]), float(errors[n]), limits.get(SHARED[n], math.inf))
+        for n in fitted
     }
     return Calibration(
         nominal,
         guess,
         estimates,
         pose_errors=tuple(errors[len(SHARED) :].reshape(-1, POSE)),
-        correlation=covariance[:count, :count] / np.outer(errors[:count], errors[:count]),
+        correlation=covariance[np.ix_(fitted, fitted)] / np.outer(errors[fitted], errors[fitted]),
         covariance=covariance,
         edges_seen=edges,
         names=names,
@@ -375,7 +439,7 @@ def fit_pose(lenses: Lenses, display: Display, camera: Intrinsics, name: str) ->
     steady = display.with_fixed_panel()
     guess, counted, _ = _begin({name: lenses}, steady, camera, None)
     guess = guess._replace(display=steady)
-    free = _free(guess, display=False, camera=False, changes=False)
+    free = _free(guess, display=(), camera=False, changes=False)
     prior = _prior(steady, guess, True, lenses.shape)
     # Counted as the known shift has it, whether edges are seen or not.
     fitted, counted, _, sizes = _fit(steady, guess, counted, (True, True), free, prior)
@@ -386,39 +450,49 @@ def fit_pose(lenses: Lenses, display: Display, camera: Intrinsics, name: str) ->
 def _fit(
     display: Display,
     guess: Guess,
-    counted: tuple[Lenses, ...],
+    counted: tuple[Any, ...],
     edges_seen: tuple[bool, bool],
     free: np.ndarray,
     prior: _Prior,
-) -> tuple[Guess, tuple[Lenses, ...], Observations, np.ndarray]:
+) -> tuple[Guess, tuple[Any, ...], Residuals, np.ndarray]:
     """Best guess, renumbered lenses, the observations in the fit, and the sizes of residuals."""
-    sizes = np.tile([_USUAL[0] * display.pixel_pitch_mm, _USUAL[1]], (len(counted), 1))
+    observations = _select_observations(counted, display, guess)
+    sizes = np.tile(_in_mm([kind.usual for kind in observations.kinds], display), (len(counted), 1))
     for _ in range(_ROUNDS):
         observations = _select_observations(counted, display, guess)
         guess = _solve(observations, guess, free, prior, sizes)
-        sizes = _sizes(observations.residuals(guess), display)
+        sizes = _sizes(observations, guess, display)
         # The first guess may have been a lens off.
-        guess, counted = renumber_lenses(guess, counted, edges_seen, display)
+        if not display.layout.of_cylinders:
+            guess, counted = renumber_lenses(guess, counted, edges_seen, display)
     observations = _select_observations(counted, display, guess)
     return guess, counted, observations, sizes
 
 
-def _select_observations(
-    lenses: tuple[Lenses, ...], display: Display, guess: Guess
-) -> Observations:
+def _in_mm(sizes: list[float], display: Display) -> list[float]:
+    """Sizes of both kinds of residuals, of which the first is given in panel pixels."""
+    return [sizes[0] * display.pixel_pitch_mm, sizes[1]]
+
+
+def _select_observations(lenses: tuple[Any, ...], display: Display, guess: Guess) -> Residuals:
     """Observations in the fit, corrected for blur."""
+    if display.layout.of_cylinders:
+        return FringeObservations.of(lenses, display)
     return Observations.of([_thin_out(position) for position in lenses], display).without_blur(
         guess
     )
 
 
 def _begin(
-    lenses: Mapping[str, Lenses],
+    lenses: Mapping[str, Any],
     display: Display,
     camera: Intrinsics | None,
     focal_px: float | None,
-) -> tuple[Guess, tuple[Lenses, ...], tuple[bool, bool]]:
+) -> tuple[Guess, tuple[Any, ...], tuple[bool, bool]]:
     """Values to begin with, and all lenses counted from the array's top left."""
+    if display.layout.of_cylinders:
+        guess = begin_fringes(lenses, display, camera, focal_px)
+        return guess, tuple(lenses.values()), (True, True)
     for name, position in lenses.items():
         if (whole := int(position.is_whole.sum())) < _LEAST_WHOLE:
             raise FileError(
@@ -429,17 +503,25 @@ def _begin(
     positions = list(lenses.values())
     flat_placement: dict[str, Any] = dict.fromkeys(_LIE, 0.0)
     flat = display.replace(**flat_placement)
-    first = camera or focal_guess(flat, positions, focal_px)
+    maps = [lattice_map(flat, position) for position in positions]
+    steps = [panel_step(flat, position) for position in positions]
+    first = camera or focal_guess(
+        maps,
+        positions[0].shape,
+        focal_px,
+        lambda number, away: steps[number] / (1 + flat.gap_mm / away),
+    )
     # The lattice alone, as if each position's first lens were the array's.
     corner = np.append(first_lens_mm(flat), 0.0)
-    poses = [pose_guess(flat, position, first, name) for name, position in lenses.items()]
+    poses = [pose_of_plane(a, first, name) for a, name in zip(maps, lenses, strict=True)]
     guess = Guess(flat, first, tuple(Pose(p.turn, p.eye_mm + corner) for p in poses))
     observations = Observations.of(
         [_thin_out(position) for position in positions], flat, outlines_only=True
     )
-    free = _free(guess, display=False, camera=camera is None, changes=False)
+    free = _free(guess, display=(), camera=camera is None, changes=False)
     prior = _prior(flat, guess, focal_px is not None, positions[0].shape)
-    guess = _solve(observations, guess, free, prior, np.tile(_USUAL, (len(positions), 1)))
+    usual = [kind.usual for kind in Observations.kinds]
+    guess = _solve(observations, guess, free, prior, np.tile(usual, (len(positions), 1)))
     own = [Pose(p.turn, p.eye_mm - corner) for p in guess.poses]
     lies = [
         find_placement(display, position, pose, name)
@@ -510,12 +592,12 @@ class _Prior(NamedTuple):
     deviation: np.ndarray
 
 
-def _free(guess: Guess, *, display: bool, camera: bool, changes: bool) -> np.ndarray:
-    """Mask of the fitted parameters; turns and eyes always are."""
+def _free(guess: Guess, *, display: Collection[str], camera: bool, changes: bool) -> np.ndarray:
+    """Mask of the fitted parameters, of the display those given; turns and eyes always are."""
     parts = [
-        np.full(len(PARAMETERS), display),
+        np.array([name in display for name in PARAMETERS]),
         np.full(len(Intrinsics._fields), camera),
-        np.full(len(Deviations._fields), display),
+        np.full(len(Deviations._fields), bool(display)),
         np.tile([True] * (POSE - len(CHANGES)) + [changes] * len(CHANGES), len(guess.poses)),
     ]
     return np.concatenate(parts)
@@ -546,6 +628,8 @@ def _prior(
         "centre_y_px": _CENTRE_PRIOR * width,
     }
     standard_deviations = _PRIORS | standard_deviations
+    if display.layout.of_cylinders:
+        standard_deviations["glass_mm"] = _GLASS_SHARE * display.gap_mm
     if is_steady:
         standard_deviations |= {"skew": _STEADY_SKEW, "stretch": _STEADY_SKEW}
     camera = Intrinsics(focal, width / 2, height / 2)
@@ -564,7 +648,7 @@ def _in_parameter_unit(share: float, name: str, display: Display) -> float:
 
 
 def _solve(
-    observations: Observations, start: Guess, free: np.ndarray, prior: _Prior, sizes: np.ndarray
+    observations: Residuals, start: Guess, free: np.ndarray, prior: _Prior, sizes: np.ndarray
 ) -> Guess:
     """The best guess, from one that is near it, by Levenberg's and Marquardt's method.
 
@@ -618,16 +702,16 @@ def _solve(
     return moved(at)[1]
 
 
-def _sizes(residuals: list[tuple[np.ndarray, np.ndarray]], display: Display) -> np.ndarray:
+def _sizes(observations: Residuals, guess: Guess, display: Display) -> np.ndarray:
     """Usual size of each position's residuals, as a normal distribution's standard deviation.
 
     Those of a noiseless photograph would give its rays, with small systematic errors, all weight.
     """
-    least = _LEAST_SIZE[0] * display.pixel_pitch_mm, _LEAST_SIZE[1]
+    least = _in_mm([kind.least for kind in observations.kinds], display)
     return np.array(
         [
             np.hypot([1.4826 * float(np.median(np.abs(part))) for part in pair], least)
-            for pair in residuals
+            for pair in observations.residuals(guess)
         ]
     )
 
@@ -637,9 +721,20 @@ def _check(
     display: Display,
     guess: Guess,
     sizes: np.ndarray,
-    lenses: tuple[Lenses, ...],
+    lenses: tuple[Any, ...],
 ) -> None:
     """Raise `FileError` where no display of this kind explains the photographs."""
+    if display.layout.of_cylinders:
+        for name, (of_rays, of_views) in zip(names, sizes, strict=True):
+            panel = of_rays / display.pitch_mm
+            if panel > _WORST_CYLINDERS[0] or of_views > _WORST_CYLINDERS[1]:
+                raise FileError(
+                    f"{name}: the photographs differ from display {display.name} by {panel:.2g} "
+                    f"lenses on the panel and {of_views:.2g} in the views; check that the patterns "
+                    "are those of this display and fill its panel pixel for pixel, with fixed zoom "
+                    "and focus, or omit this position"
+                )
+        return
     for name, (of_rays, of_outlines), position in zip(names, sizes, lenses, strict=True):
         panel_px = of_rays / display.pixel_pitch_mm
         lens_px = math.sqrt(

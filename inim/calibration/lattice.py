@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from inim.calibration.patterns import MARK, has_mark, periods_px
+from inim.calibration.patterns import MARK, has_mark, marks_begin, periods_px
 from inim.display import Display
 from inim.display.pixels import SUBPIXELS
 from inim.errors import FileError
@@ -104,12 +104,8 @@ def find_lenses(decoded: Decoded, display: Display, name: str) -> Lenses:
     centre = regions.centre[lens_regions]
     rows, columns = display.eia_shape
     marked = regions.marked[lens_regions]
-    offset, is_contradicted = _period_numbers(middle, marked, period, (columns, rows))
-    if is_contradicted and marked.sum() >= _LEAST_MARKED:
-        raise FileError(
-            f"{name}: the marks of the white pattern are not those of display {display.name}; give "
-            "the display whose patterns were shown, and photograph them in order"
-        )
+    offset, is_contradicted = period_numbers(middle, marked, display)
+    check_marks(is_contradicted and marked.sum() >= _LEAST_MARKED, display, name)
     middle = middle + (0 if offset is None else offset * period)
     lens_px = float(np.abs(steps).max(axis=1).min())
     blur_px2, extent = 0.0, _LEAST_EXTENT
@@ -293,21 +289,29 @@ def _neighbours(
     return a[alike], b[alike], jump[alike]
 
 
-def _period_numbers(
-    middle: np.ndarray, marked: np.ndarray, period: np.ndarray, panel: tuple[int, int]
+def check_marks(is_wrong: bool, display: Display, name: str) -> None:
+    """Raise `FileError` for photographs whose marks are not those of the display."""
+    if is_wrong:
+        raise FileError(
+            f"{name}: the marks of the white pattern are not those of display {display.name}; give "
+            "the display whose patterns were shown, and photograph them in order"
+        )
+
+
+def period_numbers(
+    middle: np.ndarray, marked: np.ndarray, display: Display
 ) -> tuple[np.ndarray | None, bool]:
     """Periods to add to panel points so that lenses with marks see the panel's marks.
 
-    * `panel`: its columns and rows.
-
     None without a numbering that is much better than all others; True if none fits.
     """
+    period, (rows, columns) = periods_px(display), display.eia_shape
     cell = np.rint(middle / period)
     inside = (np.abs(middle / period - cell) < _MIDDLE).all(axis=-1)
     cell, marked = cell[inside], marked[inside]
     if not marked.any():
         return None, True
-    last = np.ceil(np.array(panel) / period / 2)
+    last = np.ceil(np.array([columns, rows]) / period / 2)
     x, y = (
         np.arange(-n - low, n + 1 - high)
         for n, low, high in zip(last, cell.min(axis=0), cell.max(axis=0), strict=True)
@@ -315,7 +319,8 @@ def _period_numbers(
     if not (x.size and y.size):
         return None, True
     x, y = (axis.ravel() for axis in np.meshgrid(x, y))
-    expected = has_mark(cell[:, 0] + x[:, None], cell[:, 1] + y[:, None], period)
+    at = cell[:, 0] + x[:, None], cell[:, 1] + y[:, None]
+    expected = has_mark(*at, period, marks_begin(display))
     wrong = (expected != marked).sum(axis=1)
     best, second = np.argsort(wrong, kind="stable")[[0, min(1, len(wrong) - 1)]]
     is_clear = best == second or wrong[second] - wrong[best] >= _LEAST_MARGIN

@@ -3,9 +3,10 @@
 Residuals of neighbouring lenses are not independent. Panel pixels beat with the lenses over whole
 columns and rows: the sandwich estimate sums over both (Huber's sandwich, clustered: Liang and
 Zeger, Biometrika 73, 13, 1986). Both sums are added. This counts uncorrelated residuals twice,
-which is conservative. Effects that the model does not include change smoothly over the sheet. The
-residuals' components in the space of low-order polynomials give their size, and each polynomial of
-this size contributes to the covariance.
+which is conservative. Samples of photographs that are smoothed over cylinders are independent.
+Effects that the model does not include change smoothly over the sheet. The residuals' components in
+the space of low-order polynomials give their size, and each polynomial of this size contributes to
+the covariance.
 """
 
 from __future__ import annotations
@@ -14,31 +15,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.calibration.model import POSE, Guess, Observations
+from inim.calibration.model import POSE, Guess, Residuals
 
 #: Residuals beyond so many of their usual size count less and less (Geman: soft l1).
 ROBUST = 2.0
-# How far off the model is, in the units of `Observations.imperfections`: standard deviations, 2 µm
-# in 1 mm, 2 µm, and 2 µm in 1 mm, of simulated photographs by cameras of different blur
-# (`reports/calibration`).
-_IMPERFECT = (0.002, 0.02, 0.002)
-# Standard deviation of a blur's variance, square pixels: for a usual camera, and as a share of the
-# difference from it. Sharpened or unsharp photographs have responses of other shapes.
-_BLUR_ERROR_PX2, _USUAL_BLUR_PX2, _UNUSUAL_SHARE = 0.08, 0.4, 0.4
 # Polynomials over the array up to this degree.
 _DEGREE = 3
-# Least root mean square of a polynomial component: mm on the panel, pixels of the photograph.
-_LEAST_MISFIT = (0.0004, 0.015)
 # Without one of them, the others must still determine the parameters.
 _LEAST_POSITIONS = 3
 # Residuals count up to this multiple of their usual size.
 _CLIP = 3.0
 
 
-def inverse_sizes(observations: Observations, sizes: np.ndarray) -> np.ndarray:
+def inverse_sizes(observations: Residuals, sizes: np.ndarray) -> np.ndarray:
     """One over the usual size, for each of `Observations.flat`."""
-    counts = 2 * np.array(observations.counts)
-    return np.repeat(1 / sizes.ravel(), counts.ravel())
+    return np.repeat(1 / sizes.ravel(), observations.counts.ravel())
 
 
 def _polynomials(lens: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -49,27 +40,30 @@ def _polynomials(lens: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     return basis
 
 
-def low_order_misfit(observations: Observations, guess: Guess, sizes: np.ndarray) -> np.ndarray:
-    """Low-order components of the residuals, (positions, 2, 2, polynomials).
+def low_order_misfit(observations: Residuals, guess: Guess, sizes: np.ndarray) -> np.ndarray:
+    """Low-order components of the residuals, (positions, 2, polynomials).
 
-    Axes: position; rays in mm on the panel, outlines in pixels; across and down; polynomial. The
-    first polynomial is constant.
+    Axes: position; kind of residuals; polynomial, the first of which is constant. Each is the root
+    mean square over the components of a residual.
     """
-    shape = (guess.display.lens_columns, guess.display.lens_rows)
+    shape = observations.grid(guess)
     return np.array(
         [
             [
-                _polynomials(lens, shape) @ np.clip(part, -_CLIP * size, _CLIP * size) / len(lens)
-                for part, lens, size in zip(pair, lenses, own, strict=True)
+                np.sqrt(
+                    (
+                        (_polynomials(place, shape) @ np.clip(part, -_CLIP * size, _CLIP * size))
+                        ** 2
+                    ).mean(axis=1)
+                )
+                / len(place)
+                for part, place, size in zip(pair, places, own, strict=True)
             ]
-            for pair, lenses, own in zip(
-                observations.residuals(guess),
-                zip(observations.lens, observations.outlined, strict=True),
-                sizes,
-                strict=True,
+            for pair, places, own in zip(
+                observations.residuals(guess), observations.places, sizes, strict=True
             )
         ]
-    ).swapaxes(2, 3)
+    )
 
 
 class Uncertainty(NamedTuple):
@@ -85,7 +79,7 @@ class Uncertainty(NamedTuple):
 
 
 def uncertainty(
-    observations: Observations,
+    observations: Residuals,
     guess: Guess,
     free: np.ndarray,
     off: np.ndarray,
@@ -108,7 +102,7 @@ def uncertainty(
     scores = slopes * (residual / np.sqrt(stretch))
     gains = slopes * stretch**-1.5
     own = (steps / deviation[free]) ** 2
-    ends = np.cumsum([2 * sum(counts) for counts in observations.counts])
+    ends = np.cumsum(observations.counts.sum(axis=1))
     parts = [slice(begin, end) for begin, end in zip([0, *ends], ends, strict=False)]
     noise = _noise(observations, [scores[:, part] for part in parts])
     unknown = _unknown_effects(observations, guess, gains * weights, misfit, parts)
@@ -152,13 +146,18 @@ def uncertainty(
     return Uncertainty(covariance, pulls, left_out)
 
 
-def _noise(observations: Observations, scores: list[np.ndarray]) -> np.ndarray:
+def _noise(observations: Residuals, scores: list[np.ndarray]) -> np.ndarray:
     """Covariance of the sum of each position's scores, (positions, parameters, parameters)."""
     covariances = []
-    for own, rays, outlines in zip(scores, observations.lens, observations.outlined, strict=True):
+    components = [len(kind.axes) for kind in observations.kinds]
+    for own, places in zip(scores, observations.places, strict=True):
         parameters = len(own)
         covariance = np.zeros((parameters, parameters))
-        for line in np.repeat(np.concatenate([rays, outlines]), 2, axis=0).T:
+        if not observations.is_striped:
+            covariances.append(own @ own.T)
+            continue
+        lines = [np.repeat(a, n, axis=0) for a, n in zip(places, components, strict=True)]
+        for line in np.concatenate(lines).T:
             order = np.argsort(line, kind="stable")
             begins = np.flatnonzero(np.diff(line[order], prepend=-1))
             sums = np.add.reduceat(own[:, order], begins, axis=1)
@@ -169,7 +168,7 @@ def _noise(observations: Observations, scores: list[np.ndarray]) -> np.ndarray:
 
 
 def _unknown_effects(
-    observations: Observations,
+    observations: Residuals,
     guess: Guess,
     gains: np.ndarray,
     misfit: np.ndarray,
@@ -181,21 +180,20 @@ def _unknown_effects(
     size. The fit has absorbed a part of the misfit: as many of its components as there are
     parameters.
     """
-    unusual = np.abs(np.array(observations.blur_px2) - _USUAL_BLUR_PX2)
-    blur = _BLUR_ERROR_PX2 + _UNUSUAL_SHARE * unusual
-    imperfect = observations.imperfections(guess) * np.array([*_IMPERFECT, *blur])[:, None]
-    shape = (guess.display.lens_columns, guess.display.lens_rows)
-    left = misfit.size / max(misfit.size - len(gains), 1)
-    size = np.sqrt((misfit**2).mean(axis=(0, 2, 3)) * left + np.square(_LEAST_MISFIT))
+    imperfect = observations.imperfections(guess) * observations.imperfection_sizes[:, None]
+    shape = observations.grid(guess)
+    components = [len(kind.axes) for kind in observations.kinds]
+    size_count = misfit[:, 0].size * sum(components)
+    left = size_count / max(size_count - len(gains), 1)
+    least = np.array([kind.least_misfit for kind in observations.kinds])
+    size = np.sqrt((misfit**2).mean(axis=(0, 2)) * left + np.square(least))
     effects = []
     for n, part in enumerate(parts):
         begin, smooth = part.start, []
-        for lens, amplitude in zip(
-            (observations.lens[n], observations.outlined[n]), size, strict=True
-        ):
-            end = begin + 2 * len(lens)
-            basis = amplitude * _polynomials(lens, shape)
-            smooth += [gains[:, begin + axis : end : 2] @ basis.T for axis in (0, 1)]
+        for place, amplitude, count in zip(observations.places[n], size, components, strict=True):
+            end = begin + count * len(place)
+            basis = amplitude * _polynomials(place, shape)
+            smooth += [gains[:, begin + axis : end : count] @ basis.T for axis in range(count)]
             begin = end
         own = np.concatenate(smooth, axis=1)
         of_others = np.zeros((len(gains), own.shape[1]))

@@ -26,9 +26,10 @@ panel, and in a bow, which is a smooth map of the gap (Hwang and Chang, Optics E
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -194,6 +195,17 @@ _SEAM_PX = 0.4
 # Of the integral along a side of a cell.
 _NODES = 6
 _MODEL = "thick"
+# How far off the model is, in the units of `Observations.imperfections`: standard deviations, 2 µm
+# in 1 mm, 2 µm, and 2 µm in 1 mm, of simulated photographs by cameras of different blur
+# (`reports/calibration`).
+_IMPERFECT = (0.002, 0.02, 0.002)
+# Standard deviation of a blur's variance, square pixels: for a usual camera, and as a share of the
+# difference from it. Sharpened or unsharp photographs have responses of other shapes.
+_BLUR_ERROR_PX2, _USUAL_BLUR_PX2, _UNUSUAL_SHARE = 0.08, 0.4, 0.4
+# Lenses of a position that is not photographed yet, across and down, and its rays from their
+# centres, in pitches. Of the lenses, it must see this share.
+_LENSES, _LEAST_SEEN = 24, 1 / 8
+_OFF_CENTRE = 0.25 * np.array([(x, y) for x in (-1, 1) for y in (-1, 1)])
 
 
 class Guess(NamedTuple):
@@ -214,6 +226,9 @@ class Guess(NamedTuple):
         if "pitch_mm" in changed and self.display.pitch_y_mm is not None:
             ratio = changed["pitch_mm"] / self.display.pitch_mm
             changed["pitch_y_mm"] = self.display.pitch_y_mm * ratio
+        if "gap_mm" in changed and self.display.layout.of_cylinders:  # they focus on the panel
+            ratio = changed["gap_mm"] / self.display.gap_mm
+            changed["focal_length_mm"] = self.display.focal_length_mm * ratio
         of_camera, of_sheet = np.split(by[len(PARAMETERS) : len(SHARED)], [len(Intrinsics._fields)])
         return Guess(
             self.display.replace(**changed) if changed else self.display,
@@ -266,11 +281,21 @@ def _lens_centres(array: LensArray, index: np.ndarray) -> np.ndarray:
     return np.stack([x, y], axis=-1)
 
 
-def _bow(array: LensArray, deviations: Deviations, centre: np.ndarray) -> Any:
-    """Height of lenses above the plane through the array's middle, mm; array frame."""
-    x = centre[..., 0] / (array.half_columns * array.pitch_x)
-    y = centre[..., 1] / (array.half_rows * array.pitch_y)
+def bow_mm(array: LensArray, deviations: Deviations, x: np.ndarray, y: np.ndarray) -> Any:
+    """Height of the sheet above the plane through its middle, mm; array frame."""
+    x = x / (array.half_columns * array.pitch_x)
+    y = y / (array.half_rows * array.pitch_y)
     return deviations.bow_x_mm * x * x + deviations.bow_y_mm * y * y + deviations.bow_xy_mm * x * y
+
+
+def farther_in_glass(slope_x: np.ndarray, slope_y: np.ndarray) -> np.ndarray:
+    """Additional displacement of a ray in glass over air of the same optical thickness.
+
+    Per millimetre of glass and unit of the slopes, which are those in air; below 0.
+    """
+    square = slope_x**2 + slope_y**2
+    share: np.ndarray = 1 / np.sqrt(_GLASS_INDEX**2 * (1 + square) - square) - 1 / _GLASS_INDEX
+    return share
 
 
 def panel_points(
@@ -288,7 +313,7 @@ def panel_points(
     x, y, sx, sy = to_array(array, traits, *arriving)
     centre = _lens_centres(array, index)
     centre_x, centre_y = centre.T
-    height = _bow(array, deviations, centre)
+    height = bow_mm(array, deviations, *centre.T)
     x, y = x - height * sx, y - height * sy
     # One lens about its own axis, in a cell so wide that none of its rays is a neighbour's.
     alone = array._replace(
@@ -300,10 +325,7 @@ def panel_points(
         ray = trace(
             alone, traits, NUMPY_OPS, x - centre_x, y - centre_y, sx, sy, display.refractive_index
         )
-        # In glass, rays go farther aside than in the air of the same optical thickness.
-        square = ray.sx**2 + ray.sy**2
-        farther = 1 / np.sqrt(_GLASS_INDEX**2 * (1 + square) - square) - 1 / _GLASS_INDEX
-    farther *= deviations.glass_mm
+        farther = deviations.glass_mm * farther_in_glass(ray.sx, ray.sy)
     ray = ray._replace(x=ray.x + centre_x + farther * ray.sx, y=ray.y + centre_y + farther * ray.sy)
     panel_x, panel_y, _ = to_panel(array, traits, ray)
     return np.stack([panel_x, panel_y], axis=-1)
@@ -332,7 +354,7 @@ def centres(
         slope = ((at - pose.eye_mm[:2]) ** 2).sum(axis=-1) / pose.eye_mm[2] ** 2
         steeper = np.sqrt(array.design_index**2 * (1 + slope) - slope)
         height = array.thickness / array.design_index - (array.thickness + depth) / steeper
-    height = height + _bow(array, deviations, _lens_centres(array, index))
+    height = height + bow_mm(array, deviations, *_lens_centres(array, index).T)
     return project(camera, pose, np.column_stack([at, height - deeper_mm]))
 
 
@@ -354,9 +376,105 @@ def _seam_depth(array: LensArray, traits: LensTraits, share: float) -> float:
     return float((depth @ weight).mean() / 2)
 
 
+class Kind(NamedTuple):
+    """Kind of residuals."""
+
+    title: str  #: Title of its maps.
+    axes: tuple[str, ...]  #: Names of its components.
+    unit: str  #: Unit in reports.
+    scale: float  #: Residuals times this are in that unit.
+    usual: float  #: Typical size at the start; rays: panel pixels.
+    least: float  #: Typical size without noise; rays: panel pixels.
+    least_misfit: float  #: Least root mean square of a low-order component.
+    #: The model fails above this root mean square of a low-order component; rays: panel pixels.
+    most_smooth: float
+
+
+class Residuals(ABC):
+    """Observations in the photographs, by position, as residuals of two kinds.
+
+    The first kind is that of rays, on the panel, mm.
+    """
+
+    kinds: ClassVar[tuple[Kind, Kind]]
+    #: Rays of the first kind that share their panel pixels.
+    rays_at_a_place: ClassVar[int] = 1
+    #: Residuals of a whole column, or row, have a common error: panel pixels beat with lenses.
+    is_striped: ClassVar[bool] = True
+
+    @property
+    @abstractmethod
+    def places(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Column and row on `grid` of each observation of both kinds, (n, 2) int, by position."""
+
+    @abstractmethod
+    def grid(self, guess: Guess) -> tuple[int, int]:
+        """Columns and rows over which residuals may vary smoothly."""
+
+    @abstractmethod
+    def residuals(self, guess: Guess) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Residuals of both kinds, (n, components), by position."""
+
+    @abstractmethod
+    def imperfections(self, guess: Guess) -> np.ndarray:
+        """Change of `flat` by deviations that are not fitted, one unit each, (deviations, all)."""
+
+    @property
+    @abstractmethod
+    def imperfection_sizes(self) -> np.ndarray:
+        """Standard deviations of `imperfections`, in their units."""
+
+    @abstractmethod
+    def seen_from(self, guess: Guess, shape: tuple[int, int]) -> Residuals | None:
+        """Observations that the only pose of a guess would add; None if it sees too little.
+
+        * `shape`: height and width of its photographs.
+        """
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Numbers of residuals of each position and kind, (positions, 2) int."""
+        components = [len(kind.axes) for kind in self.kinds]
+        return np.array([[len(a), len(b)] for a, b in self.places]) * components
+
+    def flat(self, guess: Guess) -> np.ndarray:
+        """The residuals in one row: position by position, rays first."""
+        parts = [part.ravel() for pair in self.residuals(guess) for part in pair]
+        return np.concatenate(parts)
+
+    def slopes(self, guess: Guess, by: np.ndarray, free: np.ndarray) -> np.ndarray:
+        """Derivatives of `flat` by the changes of `Guess.with_changes` that are free, a row each.
+
+        Positions do not share residuals: one difference serves all of them.
+        """
+        steps = guess.steps * _DIFFERENCE
+        at = self.flat(guess.with_changes(by))
+        ends = np.cumsum([0, *self.counts.sum(axis=1)])
+        slopes = np.zeros((steps.size, at.size))
+        for n in np.flatnonzero(free[: len(SHARED)]).tolist():
+            more = by.copy()
+            more[n] += steps[n]
+            slopes[n] = (self.flat(guess.with_changes(more)) - at) / steps[n]
+        for n in range(POSE):
+            of_poses = np.arange(len(SHARED) + n, steps.size, POSE)
+            more = by.copy()
+            more[of_poses] += steps[of_poses]
+            change = (self.flat(guess.with_changes(more)) - at) / steps[of_poses[0]]
+            for row, begin, end in zip(of_poses, ends, ends[1:], strict=False):
+                slopes[row, begin:end] = change[begin:end]
+        chosen: np.ndarray = slopes[free]
+        return chosen
+
+
 @dataclass(frozen=True)
-class Observations:
-    """Observations in the photographs, by position."""
+class Observations(Residuals):
+    """Observations of lenses that are seen one by one."""
+
+    kinds = (
+        Kind("panel", ("across", "up"), "µm", 1e3, 0.3, 0.1, 0.0004, 0.03),
+        Kind("outline", ("across", "down"), "px", 1.0, 0.2, 0.1, 0.015, 0.05),
+    )
+    rays_at_a_place = len(_OFF_CENTRE)
 
     #: (rays, 2) int each: the lens that a ray goes through, column and row of the array.
     lens: tuple[np.ndarray, ...]
@@ -417,9 +535,13 @@ class Observations:
         return replace(self, panel=panel)
 
     @property
-    def counts(self) -> list[tuple[int, int]]:
-        """Rays and outlines of each position."""
-        return [(len(a), len(b)) for a, b in zip(self.lens, self.outlined, strict=True)]
+    def places(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """See `Residuals.places`: lenses of rays, and outlined lenses."""
+        return list(zip(self.lens, self.outlined, strict=True))
+
+    def grid(self, guess: Guess) -> tuple[int, int]:
+        """See `Residuals.grid`: the lenses."""
+        return guess.display.lens_columns, guess.display.lens_rows
 
     def residuals(self, guess: Guess) -> list[tuple[np.ndarray, np.ndarray]]:
         """Residuals by position: of rays, (n, 2) mm on the panel; of outlines, (m, 2) pixels."""
@@ -437,11 +559,6 @@ class Observations:
                 np.split(landed, ends), self.panel, poses, self.outlined, self.centre, strict=True
             )
         ]
-
-    def flat(self, guess: Guess) -> np.ndarray:
-        """The residuals in one row: position by position, rays before outlines."""
-        parts = [part.ravel() for pair in self.residuals(guess) for part in pair]
-        return np.concatenate(parts)
 
     def imperfections(self, guess: Guess) -> np.ndarray:
         """Change of `flat` by typical deviations that are not fitted, (3 + positions, all).
@@ -471,25 +588,29 @@ class Observations:
             ]
         return np.concatenate(parts, axis=1)
 
-    def slopes(self, guess: Guess, by: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """Derivatives of `flat` by the changes of `Guess.with_changes` that are free, a row each.
+    @property
+    def imperfection_sizes(self) -> np.ndarray:
+        """See `Residuals.imperfection_sizes`."""
+        unusual = np.abs(np.array(self.blur_px2) - _USUAL_BLUR_PX2)
+        return np.array([*_IMPERFECT, *(_BLUR_ERROR_PX2 + _UNUSUAL_SHARE * unusual)])
 
-        Positions do not share residuals: one difference serves all of them.
-        """
-        steps = guess.steps * _DIFFERENCE
-        at = self.flat(guess.with_changes(by))
-        ends = np.cumsum([0] + [2 * (rays + outlines) for rays, outlines in self.counts])
-        slopes = np.zeros((steps.size, at.size))
-        for n in np.flatnonzero(free[: len(SHARED)]).tolist():
-            more = by.copy()
-            more[n] += steps[n]
-            slopes[n] = (self.flat(guess.with_changes(more)) - at) / steps[n]
-        for n in range(POSE):
-            of_poses = np.arange(len(SHARED) + n, steps.size, POSE)
-            more = by.copy()
-            more[of_poses] += steps[of_poses]
-            change = (self.flat(guess.with_changes(more)) - at) / steps[of_poses[0]]
-            for row, begin, end in zip(of_poses, ends, ends[1:], strict=False):
-                slopes[row, begin:end] = change[begin:end]
-        chosen: np.ndarray = slopes[free]
-        return chosen
+    def seen_from(self, guess: Guess, shape: tuple[int, int]) -> Observations | None:
+        """See `Residuals.seen_from`."""
+        display, camera, (pose,), _ = guess
+        column, row = np.meshgrid(
+            *(
+                np.unique(np.linspace(0, n - 1, _LENSES).astype(int))
+                for n in display.layout.grid[::-1]
+            )
+        )
+        index = np.stack([column.ravel(), row.ravel()], axis=-1)
+        centre = centres(display, camera, pose, index)
+        inside = ((centre > 0) & (centre < shape[::-1])).all(axis=-1)
+        if inside.mean() < _LEAST_SEEN:
+            return None
+        index, centre = index[inside], centre[inside]
+        lens_px = camera.focal_px * display.pitch_mm / pose.eye_mm[2]
+        lens_of_ray = np.repeat(index, len(_OFF_CENTRE), axis=0)
+        pixel = (centre[:, None] + lens_px * _OFF_CENTRE).reshape(-1, 2)
+        zeros = np.zeros_like(pixel)
+        return Observations((lens_of_ray,), (pixel,), (zeros,), (index,), (centre,), (0.0,), (0.0,))

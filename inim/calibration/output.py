@@ -9,6 +9,8 @@ from dataclasses import fields
 import numpy as np
 
 from inim.calibration.fit import INTERVAL, Calibration
+from inim.calibration.lattice import Lenses
+from inim.calibration.misfit import inverse_sizes
 from inim.calibration.model import (
     PARAMETERS,
     POSE,
@@ -18,7 +20,6 @@ from inim.calibration.model import (
     Intrinsics,
     Observations,
     Pose,
-    centres,
 )
 from inim.display import Display
 from inim.documents.display import (
@@ -32,6 +33,7 @@ from inim.documents.display import (
     SheetDeviation,
 )
 from inim.documents.parts import DisplayRecord, origin
+from inim.report.calibration import ResidualMaps
 from inim.settings import DISPLAY_KEYS, display_xml, value_text
 from inim.version import __version__
 
@@ -90,31 +92,38 @@ def _describe_error(key: str, calibration: Calibration) -> str:
     return f"± {estimate.error:.2g}" + (", or whole pitches more or less" if modulo else "")
 
 
-def residual_maps(calibration: Calibration) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Name and two residual maps of each position, (rows, columns, 2) float, NaN without data:
-    rays on the panel, µm, mean of a lens; outlines, photograph pixels.
+def residual_maps(calibration: Calibration) -> ResidualMaps:
+    """Maps of the residuals of each position and kind, in the units of reports.
+
+    Of lenses, all detected lenses count, with the mean of a lens's rays.
     """
-    display = calibration.guess.display
-    observations = Observations.of(calibration.lenses, display).without_blur(calibration.guess)
-    shape = display.layout.grid
-    return [
-        (name, _mean_map(lens, -1e3 * rays_mm, shape), _mean_map(outlined, -outlines_px, shape))
-        for name, lens, outlined, (rays_mm, outlines_px) in zip(
-            *(calibration.names, observations.lens, observations.outlined),
-            observations.residuals(calibration.guess),
-            strict=True,
+    observations, guess = calibration.observations, calibration.guess
+    if isinstance(observations, Observations):
+        every = Observations.of(calibration.lenses, guess.display)  # type: ignore[arg-type]
+        observations = every.without_blur(guess)
+    columns, rows = observations.grid(guess)
+    kinds = observations.kinds
+    labels = [(f"{kind.title}, {axis}", kind.unit) for kind in kinds for axis in kind.axes]
+    maps = {}
+    for name, places, residuals in zip(
+        calibration.names, observations.places, observations.residuals(guess), strict=True
+    ):
+        parts = zip(places, residuals, kinds, strict=True)
+        maps[name] = np.concatenate(
+            [_mean_map(at, -kind.scale * values, (rows, columns)) for at, values, kind in parts],
+            axis=-1,
         )
-    ]
+    return ResidualMaps(labels, maps)
 
 
 def _mean_map(index: np.ndarray, values: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Mean of the values of each lens, given by column and row."""
+    """Mean of the values of each place, given by column and row, in (rows, columns)."""
     number = index[:, 1] * shape[1] + index[:, 0]
     size = shape[0] * shape[1]
     count = np.bincount(number, minlength=size)
-    sums = [np.bincount(number, values[:, k], size) for k in (0, 1)]
+    sums = [np.bincount(number, component, size) for component in values.T]
     with np.errstate(invalid="ignore"):
-        mean: np.ndarray = (np.stack(sums, axis=-1) / count[:, None]).reshape(*shape, 2)
+        mean: np.ndarray = (np.stack(sums, axis=-1) / count[:, None]).reshape(*shape, -1)
     return mean
 
 
@@ -127,8 +136,13 @@ def calibration_document(
         title=title,
         **origin(command, _VERSIONS),
         display=DisplayRecord.of(calibration.display),
-        parameters={name: _estimate(calibration, name) for name in PARAMETERS},
+        parameters={
+            name: _estimate(calibration, name)
+            for name in calibration.estimates
+            if name in PARAMETERS
+        },
         not_determined=calibration.undetermined,
+        view_standard_error=calibration.view_error,
         shift_is_certain=CertainShift(x=calibration.edges_seen[0], y=calibration.edges_seen[1]),
         camera=_camera(calibration),
         correlation=Correlation(
@@ -175,6 +189,10 @@ def _position(calibration: Calibration, n: int) -> CameraPosition:
     pose, errors = calibration.guess.poses[n], calibration.pose_errors[n]
     lenses, (x, y, z) = calibration.lenses[n], pose.eye_mm
     right, down, away = map(tuple, pose.turn.tolist())
+    second = calibration.observations.kinds[1]
+    blur_px = None
+    if isinstance(lenses, Lenses):
+        blur_px = math.copysign(math.sqrt(abs(lenses.blur_px2)), lenses.blur_px2)
     return CameraPosition(
         name=calibration.names[n],
         eye_mm=tuple(pose.eye_mm.tolist()),
@@ -183,17 +201,18 @@ def _position(calibration: Calibration, n: int) -> CameraPosition:
         turn_standard_error_deg=tuple(np.degrees(errors[:3]).tolist()),
         off_straight_deg=math.degrees(math.atan2(math.hypot(x, y), z)),
         lenses=len(lenses.index),
-        whole_lenses=int(lenses.is_whole.sum()),
+        whole_lenses=int(lenses.is_whole.sum()) if isinstance(lenses, Lenses) else 0,
         panel_residual_um=1e3 * float(calibration.sizes[n, 0]),
-        outline_residual_px=float(calibration.sizes[n, 1]),
+        second_residual=second.scale * float(calibration.sizes[n, 1]),
         smooth_residual_um=1e3 * float(calibration.smooth[n, 0]),
-        smooth_outline_px=float(calibration.smooth[n, 1]),
+        smooth_second=second.scale * float(calibration.smooth[n, 1]),
+        second_kind=f"{second.title}, {second.unit}",
         change_without=float(np.abs(calibration.left_out[n]).max()) or None,
         zoom=pose.zoom,
         skew=pose.skew,
         stretch=pose.stretch,
         motion_px=lenses.motion_px,
-        blur_px=math.copysign(math.sqrt(abs(lenses.blur_px2)), lenses.blur_px2),
+        blur_px=blur_px,
     )
 
 
@@ -261,9 +280,6 @@ _ASIDE = {
 }
 # Distances, in those that there are: nearer, as near, as far, farther.
 _NEARER, _FARTHER = 0.75, 1.5
-# Lenses tried, across and down, and how far from their centres rays pass, in pitches.
-_LENSES = 24
-_OFF_CENTRE = 0.25
 
 
 def next_positions(calibration: Calibration) -> list[NextPosition]:
@@ -277,7 +293,7 @@ def next_positions(calibration: Calibration) -> list[NextPosition]:
     steps = calibration.guess.steps[: len(SHARED)]
     free = np.diag(calibration.covariance)[: len(SHARED)] > 0
     own = calibration.covariance[: len(SHARED), : len(SHARED)] / np.outer(steps, steps)
-    covariance = np.linalg.inv(own[np.ix_(free, free)])
+    own = own[np.ix_(free, free)]
     half_angle = math.radians(display.viewing_half_angle_deg)
     advised = []
     for distance in sorted(
@@ -290,8 +306,15 @@ def next_positions(calibration: Calibration) -> list[NextPosition]:
             more = _information(display, camera, _pose_facing_display(eye), calibration, free)
             if more is None:
                 continue
-            errors = np.sqrt(np.diag(np.linalg.inv(covariance + more))) * steps[free]
-            named = dict(zip(PARAMETERS, map(float, errors), strict=False))
+            # (own^-1 + more)^-1, of a covariance that may be nearly singular.
+            left = np.linalg.solve(np.eye(len(own)) + own @ more, own)
+            errors = np.sqrt(np.diag(left)) * steps[free]
+            fitted = [SHARED[n] for n in np.flatnonzero(free)]
+            named = {
+                name: float(error)
+                for name, error in zip(fitted, errors, strict=True)
+                if name in PARAMETERS
+            }
             off = math.degrees(math.hypot(right, up) * half_angle)
             direction = f", {off:.0f}° off straight" if off else ""
             place = f"{words}{direction}, {distance:.0f} mm away"
@@ -314,36 +337,18 @@ def _pose_facing_display(eye: np.ndarray) -> Pose:
 def _information(
     display: Display, camera: Intrinsics, pose: Pose, calibration: Calibration, free: np.ndarray
 ) -> np.ndarray | None:
-    """Information of a new position about `SHARED`; None if it sees too few lenses."""
-    column, row = np.meshgrid(
-        *(np.unique(np.linspace(0, n - 1, _LENSES).astype(int)) for n in display.layout.grid[::-1])
-    )
-    index = np.stack([column.ravel(), row.ravel()], axis=-1)
-    centre = centres(display, camera, pose, index)
-    height, width = calibration.lenses[0].shape
-    inside = ((centre > 0) & (centre < [width, height])).all(axis=-1)
-    if inside.sum() < index.size / 8:
-        return None
-    index, centre = index[inside], centre[inside]
-    lens_px = camera.focal_px * display.pitch_mm / pose.eye_mm[2]
-    places = np.array([(x, y) for x in (-1, 1) for y in (-1, 1)]) * _OFF_CENTRE * lens_px
-    lens_of_ray = np.repeat(index, len(places), axis=0)
-    pixel = (centre[:, None] + places).reshape(-1, 2)
-    zeros = np.zeros_like(pixel)
-    observations = Observations(
-        (lens_of_ray,), (pixel,), (zeros,), (index,), (centre,), (0.0,), (0.0,)
-    )
+    """Information of a new position about `SHARED`; None if it sees too little."""
     guess = Guess(display, camera, (pose,))
+    observations = calibration.observations.seen_from(guess, calibration.lenses[0].shape)
+    if observations is None:
+        return None
     fitted = np.append(free, np.ones(POSE, bool))
     slopes = (
         observations.slopes(guess, np.zeros(fitted.size), fitted) * guess.steps[fitted][:, None]
     )
-    ray_mm, outline_px = calibration.sizes.mean(axis=0)
     # The rays of a lens count as one: they see the same few pixels of the panel.
-    sizes = np.repeat(
-        [ray_mm * math.sqrt(len(places)), outline_px], [2 * len(lens_of_ray), 2 * len(index)]
-    )
-    slopes = slopes / sizes
+    sizes = calibration.sizes.mean(axis=0) * [math.sqrt(observations.rays_at_a_place), 1.0]
+    slopes = slopes * inverse_sizes(observations, sizes)
     whole = slopes @ slopes.T
     a, b, d = whole[:-POSE, :-POSE], whole[:-POSE, -POSE:], whole[-POSE:, -POSE:]
     information: np.ndarray = a - b @ np.linalg.solve(d, b.T)

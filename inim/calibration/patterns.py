@@ -6,6 +6,12 @@ see points a pitch apart, which is 129 degrees of the period: steps of -1, 0 and
 as far apart as they can be. At exactly three pitches, the error of a wrong gamma, which has three
 periods in one of the cosine, would be the same in all lenses.
 
+Cylinders need not be seen one by one. The cosines are far wider then, because a photograph is
+smoothed over the lenses. Three more patterns show a cosine of the view: of each sub-pixel's place
+in its elemental image, as the nominal display has it. Where the array differs from that, the
+photograph has fringes (the moire of the two), whose phase counts lenses. Fringes along the axes are
+added on purpose, so that the phase takes all values in each photograph.
+
 Dark marks in the white pattern number the periods. They are in the middle of some periods, in an
 arrangement that does not repeat. The rest of the panel is white.
 
@@ -20,6 +26,7 @@ import html
 import math
 import re
 from dataclasses import dataclass
+from fractions import Fraction
 from importlib import resources
 from pathlib import Path
 from typing import NamedTuple
@@ -28,6 +35,7 @@ import numpy as np
 
 from inim.calibration.video import ENDINGS, video_shape
 from inim.display import Display
+from inim.display.pixels import SUBPIXELS, PixelOffset, ray_starts
 from inim.documents.display import PatternsDocument
 from inim.documents.document import encode
 from inim.errors import FileError, UsageError
@@ -42,12 +50,20 @@ PAGE = "patterns.html"
 #: Half the width of a mark, in periods: at least one lens looks into each mark.
 MARK = 0.27
 _MARKER = "patterns.json"
-_PERIOD_PITCHES = 2.8
+_PERIOD_PITCHES, _PERIOD_CYLINDERS = 2.8, 20.0
+# Of the fringes along the axes, in elemental images.
+_FRINGE_PITCHES = 30.0
 _SHIFTS_DEG = (0, 120, 240)
-_COUNT = 1 + 2 * len(_SHIFTS_DEG)
 # Share of the periods with a mark. The steps of their sequence are irrational.
 _MARKED_SHARE = 0.15
 _MARK_STEPS = (0.7548776662, 0.5698402910, 0.6180339887)
+# Where to photograph lenses in rows, and cylinders.
+_POSITIONS = (
+    "Two positions or more, 15 to 25° off the display's axis: one from the side, one from above or "
+    "below.",
+    "Three positions: straight on, and 10 to 15° off the display's axis from the left and from the "
+    "right. The whole panel is visible from each.",
+)
 # Of pictures in today's browsers.
 _LONGEST_SIDE_PX = 32767
 
@@ -56,23 +72,64 @@ class Pattern(NamedTuple):
     """Pattern on the panel."""
 
     name: str  #: Name of its file without the ending; names sort in display order.
-    #: (rows or 1, columns or 1) uint8: sRGB grey; an axis of length 1 is constant.
+    #: (rows or 1, columns or 1) uint8: sRGB grey; an axis of length 1 is constant. Of views,
+    #: (rows, columns, 3).
     codes: np.ndarray
 
 
 def periods_px(display: Display) -> np.ndarray:
     """Periods of the cosines of columns and rows, panel pixels."""
     pitches = np.array([display.pitch_mm, display.row_pitch_mm])
-    return np.rint(_PERIOD_PITCHES * pitches / display.pixel_pitch_mm)
+    period = _PERIOD_CYLINDERS if display.layout.of_cylinders else _PERIOD_PITCHES
+    return np.rint(period * pitches / display.pixel_pitch_mm)
 
 
-def has_mark(column: np.ndarray, row: np.ndarray, periods_px: np.ndarray) -> np.ndarray:
+def view_phase(display: Display, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+    """Phase of the view patterns at panel points of the display frame, in periods.
+
+    Elemental images from the left edge of the central one, and the fringes.
+    """
+    angle, pitch = math.radians(display.rotation_deg), display.elemental_image_pitch_mm
+    across = math.cos(angle) * (x_mm - display.shift_x_mm) + math.sin(angle) * (
+        y_mm - display.shift_y_mm
+    )
+    phase: np.ndarray = across / pitch + 0.5 + y_mm / (_FRINGE_PITCHES * pitch)
+    return phase
+
+
+def _view_phases(display: Display) -> np.ndarray:
+    """`view_phase` of the centres of all sub-pixels, (rows, columns, 3)."""
+    rows = slice(0, display.eia_shape[0])
+    phases = []
+    for colour in SUBPIXELS[display.subpixels]:
+        offset = PixelOffset(Fraction(0), colour.right, colour.channel)
+        x, y, _, _ = ray_starts(display, rows, offset)
+        phases.append(view_phase(display, x, y))
+    return np.stack(phases, axis=-1)
+
+
+def _axes(display: Display) -> int:
+    """Number of cosines, each of which is shown in all shifts."""
+    return 3 if display.layout.of_cylinders else 2
+
+
+def marks_begin(display: Display) -> float:
+    """Start of the arrangement of the marks; displays with other views have other ones."""
+    if not display.layout.of_cylinders:
+        return 0.0
+    corner = np.array(display.width_mm / 2), np.array(display.height_mm / 2)
+    return float(view_phase(display, *corner))
+
+
+def has_mark(
+    column: np.ndarray, row: np.ndarray, periods_px: np.ndarray, begin: float = 0.0
+) -> np.ndarray:
     """True for periods with a mark, given by column and row from the panel's centre.
 
-    * `periods_px`: each pair has its own arrangement.
+    * `periods_px`, `begin`: each pair of periods, and `marks_begin`, has its own arrangement.
     """
     a, b, c = _MARK_STEPS
-    begin = c * (periods_px**2).sum()
+    begin = begin + c * (periods_px**2).sum()
     marked: np.ndarray = (begin + a * column**2 + b * row**2 + c * column * row) % 1 < _MARKED_SHARE
     return marked
 
@@ -88,13 +145,18 @@ def patterns(display: Display) -> list[Pattern]:
     )
     x, y = x[None], y[:, None]
     in_mark = (np.abs(x - np.rint(x)) < MARK) & (np.abs(y - np.rint(y)) < MARK)
-    sequence = [("white", np.where(in_mark & has_mark(np.rint(x), np.rint(y), periods), 0.0, 1.0))]
-    for axis, position in (("column", x), ("row", y)):
+    is_dark = in_mark & has_mark(np.rint(x), np.rint(y), periods, marks_begin(display))
+    sequence = [("white", np.where(is_dark, 0.0, 1.0))]
+    positions = {"column": x, "row": y}
+    if _axes(display) > len(positions):
+        positions["view"] = _view_phases(display)
+    for axis, position in positions.items():
         for shift in _SHIFTS_DEG:
             light = 0.5 + 0.5 * np.cos(2 * np.pi * position - np.radians(shift))
             sequence.append((f"{axis}-phase-{shift:03d}", light))
+    digits = len(str(len(sequence)))
     return [
-        Pattern(f"{number}-{name}", srgb_to_uint8(srgb_from_linear(light)))
+        Pattern(f"{number:0{digits}}-{name}", srgb_to_uint8(srgb_from_linear(light)))
         for number, (name, light) in enumerate(sequence, 1)
     ]
 
@@ -117,8 +179,8 @@ def write_patterns(display: Display, folder: Path) -> Path:
         )
     pictures = {}
     for name, codes in patterns(display):
-        grey = np.broadcast_to(codes, (rows, columns))
-        pictures[f"{name}.png"] = encode_image(grey, "PNG", optimize=True)
+        whole = np.broadcast_to(codes, (rows, columns, *codes.shape[2:]))
+        pictures[f"{name}.png"] = encode_image(whole, "PNG", optimize=True)
     about = PatternsDocument(
         inim_version=__version__,
         display=display.name,
@@ -153,6 +215,7 @@ def _page(display: Display, pictures: dict[str, bytes]) -> str:
         "ROWS": str(rows),
         "COUNT": str(len(pictures)),
         "IMAGES": images,
+        "POSITIONS": _POSITIONS[display.layout.of_cylinders],
     }
     page = resources.files("inim.calibration").joinpath(PAGE).read_text("utf-8")
     for word, value in words.items():
@@ -183,6 +246,9 @@ class Position:
     #: which cameras round to whole millimetres; None without EXIF.
     focal_length_px: float | None
     periods_px: np.ndarray  #: Periods of the cosines of columns and rows, panel pixels.
+    #: Pitch of the cylinders, over which photographs are smoothed, panel pixels; None: lenses are
+    #: seen one by one.
+    cylinder_px: float | None = None
 
 
 def read_positions(folder: Path, display: Display) -> list[Position]:
@@ -224,29 +290,31 @@ def read_positions(folder: Path, display: Display) -> list[Position]:
 
 def read_position(folder: Path, display: Display) -> Position:
     """One camera position, its folder's photographs or its video; see `read_positions`."""
-    periods = periods_px(display)
+    count = 1 + _axes(display) * len(_SHIFTS_DEG)
+    pitch_px = display.pitch_mm / display.pixel_pitch_mm
+    scales = periods_px(display), pitch_px if display.layout.of_cylinders else None
     if folder.suffix.lower() in ENDINGS and not folder.is_dir():
         shape = video_shape(folder)
-        return Position(folder.stem, folder, (folder,) * _COUNT, shape, None, periods)
+        return Position(folder.stem, folder, (folder,) * count, shape, None, *scales)
     files = sorted(_visible(folder), key=_natural_sort_key)
     for path in files:
         if path.suffix.lower() not in _ENDINGS:
             raise FileError(f"{path}: {_NOT_ONE}")
     paths: list[Path | None] = [*files]
-    if len(paths) == _COUNT - 1:
+    if len(paths) == count - 1:
         numbers = [int("".join(_NUMBER.findall(path.stem)[-1:]) or 0) for path in files]
         gaps = np.flatnonzero(np.diff(numbers) == 2)
         if len(gaps) == 1 and (np.diff(numbers) > 0).all():
             paths.insert(int(gaps[0]) + 1, None)
-    if len(paths) != _COUNT:
+    if len(paths) != count:
         raise FileError(
-            f"{folder}: {len(paths)} pictures, but there are {_COUNT} patterns; photograph each "
+            f"{folder}: {len(paths)} pictures, but there are {count} patterns; photograph each "
             "once. An empty file stands for one missing photograph, such as IMG_0003.jpg between "
             "IMG_0002.jpg and IMG_0004.jpg"
         )
     for path in files:
         if path.stat().st_size:
-            return Position(folder.name, folder, tuple(paths), *_header(path), periods)
+            return Position(folder.name, folder, tuple(paths), *_header(path), *scales)
     raise FileError(f"{folder}: all pictures are empty; copy the photographs again")
 
 

@@ -9,17 +9,20 @@ from typing import Any
 
 from inim.calibration.decode import decode
 from inim.calibration.fit import Calibration, check_display, fit_display
+from inim.calibration.fringes import Fringes, find_fringes
 from inim.calibration.lattice import Lenses, find_lenses
 from inim.calibration.model import Intrinsics
 from inim.calibration.output import calibration_document, display_file, residual_maps
 from inim.calibration.patterns import read_positions
 from inim.display import Display
+from inim.display.looking_glass import LookingGlass
 from inim.documents.document import write_text
 from inim.errors import UsageError
 from inim.report.calibration import FILES, write_calibration
 from inim.scene.file import choose_display, parse_definitions
 from inim.worker.output import output_files
 
+_VENDOR_ENDING = ".json"
 # Pixels whose sides differ by more are not square.
 _SQUARE = 0.005
 
@@ -52,7 +55,8 @@ def calibrate(
     intrinsics : str or six floats, optional
         ``FX, FY, CX, CY, K1, K2`` in pixels, as OpenCV defines them; by default fitted.
     out : path, optional
-        Display file to write; default: `PHOTOS.xml` in the current folder.
+        Display file to write; default: `PHOTOS.xml` in the current folder, or `PHOTOS.json` of a
+        slanted lenticular display, which is its `visual.json`.
     is_steady : bool
         True if the camera stood on a firm support and nobody touched it. Photographs by a moving
         camera with a rolling shutter are skewed, which few positions do not distinguish from a
@@ -77,9 +81,13 @@ def calibrate(
     design, settings = choose_display(
         display, parse_definitions(definitions or {}), "inim calibrate"
     )
-    file, folder = output_paths(photos, out)
-    if file.suffix.lower() != ".xml":
-        raise UsageError(f"-o {file}: a display file is an .xml; name it {file.stem}.xml")
+    file, folder = output_paths(photos, out, design)
+    ending = _ending(design)
+    if file.suffix.lower() != ending:
+        article = "an" if ending == ".xml" else "a"
+        raise UsageError(
+            f"-o {file}: a display file is {article} {ending}; name it {file.stem}{ending}"
+        )
     camera = _camera(intrinsics)
     check_display(design)
     lenses, focal_px = _lenses(photos, design, warn)
@@ -89,15 +97,27 @@ def calibrate(
     with output_files(folder, FILES) as staging:
         write_calibration(document, residual_maps(calibration), staging)
     if not calibration.failures:
-        write_text(file, display_file(calibration, settings.display))
+        is_vendor_file = file.suffix.lower() == _VENDOR_ENDING
+        text = (
+            LookingGlass.of(calibration.display).text()
+            if is_vendor_file
+            else display_file(calibration, settings.display)
+        )
+        write_text(file, text)
     for warning in document.warnings:
         warn(warning)
     return calibration
 
 
-def output_paths(photos: Path | str, out: Path | str | None) -> tuple[Path, Path]:
+def _ending(design: Display) -> str:
+    """Ending of display files: of lenticular displays, the vendor's `visual.json`."""
+    return _VENDOR_ENDING if design.layout.of_cylinders else ".xml"
+
+
+def output_paths(photos: Path | str, out: Path | str | None, design: Display) -> tuple[Path, Path]:
     """Display file and folder of the report."""
-    file = Path(f"{Path(photos).resolve().name}.xml") if out is None else Path(out)
+    default = f"{Path(photos).resolve().name}{_ending(design)}"
+    file = Path(default if out is None else out)
     return file, file.with_name(f"{file.stem}-calibration")
 
 
@@ -124,8 +144,8 @@ def _camera(intrinsics: str | Sequence[float] | None) -> Intrinsics | None:
 
 def _lenses(
     photos: Path, display: Display, warn: Callable[[str], object]
-) -> tuple[dict[str, Lenses], float | None]:
-    """Lenses in the photographs of each position, and the focal length in their metadata."""
+) -> tuple[dict[str, Lenses | Fringes], float | None]:
+    """Lenses, or fringes of cylinders, of each position, and the focal length in the metadata."""
     positions = read_positions(photos, display)
     stated = {position.focal_length_px for position in positions}
     if len(stated - {None}) > 1:
@@ -133,10 +153,11 @@ def _lenses(
             f"{photos}: the camera's focal length differs between positions; photograph all with "
             "one lens and without zoom"
         )
-    lenses = {}
+    find: Any = find_fringes if display.layout.of_cylinders else find_lenses
+    lenses: dict[str, Lenses | Fringes] = {}
     for position in positions:
         decoded = decode(position)
         for warning in decoded.warnings:
             warn(warning)
-        lenses[position.name] = find_lenses(decoded, display, position.name)
+        lenses[position.name] = find(decoded, display, position.name)
     return lenses, stated.pop() if len(stated) == 1 else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -30,9 +30,12 @@ def _lattice_mm(display: Display, index: np.ndarray) -> np.ndarray:
     return points
 
 
-def _homography(display: Display, lenses: Lenses) -> np.ndarray:
-    """Homography from the array's plane to the photograph (Hartley, Zisserman, algorithm 4.2)."""
-    flat = [_lattice_mm(display, lenses.index), lenses.centre_px]
+def homography(points_mm: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    """Homography from a plane to the photograph (Hartley, Zisserman, algorithm 4.2).
+
+    * `points_mm`, `pixels`, (n, 2): points of the plane, y upwards, and in the photograph.
+    """
+    flat = [points_mm, pixels]
     scaled, norms = [], []
     for points in flat:
         middle = points.mean(axis=0)
@@ -50,60 +53,68 @@ def _homography(display: Display, lenses: Lenses) -> np.ndarray:
         [np.hstack([a1, zeros, -b[:, :1] * a1]), np.hstack([zeros, a1, -b[:, 1:] * a1])]
     )
     solution = np.linalg.eigh(rows.T @ rows)[1][:, 0].reshape(3, 3)
-    homography: np.ndarray = np.linalg.inv(norms[1]) @ solution @ norms[0]
-    return homography
+    plane_map: np.ndarray = np.linalg.inv(norms[1]) @ solution @ norms[0]
+    return plane_map
 
 
-def _columns(homography: np.ndarray, camera: Intrinsics) -> np.ndarray:
+def lattice_map(display: Display, lenses: Lenses) -> np.ndarray:
+    """Homography from the array's plane, with the lens 0, 0 at its origin."""
+    return homography(_lattice_mm(display, lenses.index), lenses.centre_px)
+
+
+def _columns(plane_map: np.ndarray, camera: Intrinsics) -> np.ndarray:
     """Directions of the display's axes and its origin, in the camera's frame, one scale for all."""
     x, y, f = camera.centre_x_px, camera.centre_y_px, camera.focal_px
-    into = np.array([[1 / f, 0, -x / f], [0, 1 / f, -y / f], [0, 0, 1]]) @ homography
+    into = np.array([[1 / f, 0, -x / f], [0, 1 / f, -y / f], [0, 0, 1]]) @ plane_map
     scale = 2 / (np.linalg.norm(into[:, 0]) + np.linalg.norm(into[:, 1]))
     scaled: np.ndarray = into * math.copysign(scale, into[2, 2])
     return scaled
 
 
 def focal_guess(
-    display: Display, lenses: Sequence[Lenses], stated_px: float | None = None
+    maps: Sequence[np.ndarray],
+    shape: tuple[int, int],
+    stated_px: float | None = None,
+    enlarged: Callable[[int, float], float] = lambda number, distance_mm: 1.0,  # noqa: ARG005
 ) -> Intrinsics:
     """Camera whose axis passes through the centre of the photographs.
 
     Its focal length is the one in the photographs, if given. Otherwise it is the one under which
-    all lattices are most nearly square, at distances that agree with the magnification of the
-    lenses.
+    all planes are most nearly undistorted, at distances that agree with the magnification.
+
+    * `maps`: homographies of the positions; `shape`: height and width of the photographs.
+    * `enlarged`: size of a position's lattice relative to the design, for an eye at a distance.
     """
-    height, width = lenses[0].shape
+    height, width = shape
     if stated_px is not None:
         return Intrinsics(stated_px, width / 2, height / 2)
-    homographies = [_homography(display, position) for position in lenses]
-    steps = [_panel_step(display, position) for position in lenses]
 
     def unlikeness(camera: Intrinsics) -> float:
         total = (math.log(camera.focal_px / width / _USUAL_WIDTHS) / _FOCAL_SPREAD) ** 2
-        for homography, step in zip(homographies, steps, strict=True):
-            a, b, _ = _columns(homography, camera).T
-            away = float(_pose(homography, camera).eye_mm[2])
+        for number, plane_map in enumerate(maps):
+            a, b, _ = _columns(plane_map, camera).T
+            away = float(_pose(plane_map, camera).eye_mm[2])
             total += (float(a @ b) ** 2 + float(a @ a - b @ b) ** 2 / 4) / _SKEW_SPREAD**2
-            total += ((step / (1 + display.gap_mm / away) - 1) / _PITCH_SPREAD) ** 2
+            total += ((enlarged(number, away) - 1) / _PITCH_SPREAD) ** 2
         return total
 
     tried = [Intrinsics(float(width * share), width / 2, height / 2) for share in _FOCAL_WIDTHS]
     return min(tried, key=unlikeness)
 
 
-def pose_guess(display: Display, lenses: Lenses, camera: Intrinsics, name: str) -> Pose:
-    """Pose of a camera in the lens array's own frame, with the lens 0, 0 at the origin.
+def pose_of_plane(plane_map: np.ndarray, camera: Intrinsics, name: str) -> Pose:
+    """Pose of a camera in a plane's own frame.
 
     Raises `FileError`: it stands behind the display: the photographs are mirrored.
     """
-    pose = _pose(_homography(display, lenses), camera)
+    pose = _pose(plane_map, camera)
     if pose.eye_mm[2] <= 0:
         raise FileError(f"{name}: the photographs are mirrored; save them as the camera saw them")
     return pose
 
 
-def _pose(homography: np.ndarray, camera: Intrinsics) -> Pose:
-    a, b, origin = _columns(homography, camera).T
+def _pose(plane_map: np.ndarray, camera: Intrinsics) -> Pose:
+    a, b, origin = _columns(plane_map, camera).T
     u, _, v = np.linalg.svd(np.stack([a, b, np.cross(a, b)], axis=1))
     turn = u @ np.diag([1, 1, np.linalg.det(u @ v)]) @ v
     return Pose(turn, -turn.T @ origin)
@@ -117,7 +128,7 @@ def _array_to_panel(display: Display, lenses: Lenses) -> tuple[np.ndarray, np.nd
     return fit[:2].T, fit[2]
 
 
-def _panel_step(display: Display, lenses: Lenses) -> float:
+def panel_step(display: Display, lenses: Lenses) -> float:
     """Step between adjacent lenses on the panel, P (1 + g / V), in nominal pitches."""
     return math.sqrt(abs(float(np.linalg.det(_array_to_panel(display, lenses)[0]))))
 
@@ -149,7 +160,7 @@ def find_placement(display: Display, lenses: Lenses, pose: Pose, name: str) -> A
     """
     ((a, b), (c, d)), at_origin = _array_to_panel(display, lenses)
     x, y, z = pose.eye_mm
-    size = _panel_step(display, lenses) / (1 + display.gap_mm / z)
+    size = panel_step(display, lenses) / (1 + display.gap_mm / z)
     check_pitch(display, size, name)
     angle = math.atan2(c - b, a + d)
     turn = rotation([0.0, 0.0, angle])[:2, :2]

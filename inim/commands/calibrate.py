@@ -30,7 +30,8 @@ _EPILOG = """first
   inim calibrate patterns --display phone -o DIR
   writes seven patterns and a page that shows them full screen. Photograph all seven from at least
   two positions, 15 to 25 degrees off the display's axis: from one side, and from above or below.
-  Or film two rounds of them from each position.
+  Or film two rounds of them from each position. A lenticular display has ten patterns; photograph
+  them from straight on, and from 10 to 15 degrees to the left and to the right.
 
 then
   inim calibrate PHOTOS --display phone -o mydisplay.xml
@@ -54,7 +55,10 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder with one subfolder of photographs, or one video, per camera position; or the "
         "word patterns, to write the patterns",
     )
-    out = "display file to write (default: PHOTOS.xml); for patterns, a folder"
+    out = (
+        "display file to write (default: PHOTOS.xml, or PHOTOS.json, a visual.json, of a "
+        "lenticular display); for patterns, a folder"
+    )
     add_shared(parser, "display", "definitions", "debug", out=out)
     parser.add_argument(
         "--intrinsics",
@@ -103,7 +107,7 @@ def _calibrate(args: argparse.Namespace) -> int:
         warn=print_warning,
     )
     print("\n".join(_parameter_lines(calibration)))
-    file, folder = output_paths(args.photos, args.out)
+    file, folder = output_paths(args.photos, args.out, calibration.nominal)
     page = folder / "calibration.html"
     failures = calibration.failures
     result = f"calibrated: {file}, {page}"
@@ -114,6 +118,8 @@ def _calibrate(args: argparse.Namespace) -> int:
 
 def _parameter_lines(calibration: Calibration) -> list[str]:
     """Lines with the display's parameters."""
+    from inim.display.looking_glass import LookingGlass
+
     lines = []
     for name, estimate in calibration.estimates.items():
         if name not in calibration.guess.display.parameters():
@@ -124,10 +130,21 @@ def _parameter_lines(calibration: Calibration) -> list[str]:
             else "not determined"
         )
         lines.append(f"{name:18}{value}")
+    if calibration.view_error is not None:
+        file = LookingGlass.of(calibration.display)
+        lines += [
+            f"{name:18}{value:12.5f}"
+            for name, value in (
+                ("pitch", file.pitch), ("slope", file.slope), ("center", file.center),
+                ("viewCone", file.view_cone), ("views, lenses ±", calibration.view_error),
+            )
+        ]  # fmt: skip
+    kinds = calibration.observations.kinds
     for name, smooth, changes in zip(
         calibration.names, calibration.smooth, abs(calibration.left_out).max(axis=1), strict=True
     ):
-        line = f"fit of {name}: smooth residuals {1e3 * smooth[0]:.2f} µm, {smooth[1]:.3f} px"
+        sizes = [f"{k.scale * size:.3f} {k.unit}" for k, size in zip(kinds, smooth, strict=True)]
+        line = f"fit of {name}: smooth residuals {', '.join(sizes)}"
         left_out = f"; without it {changes:.1f} standard errors" if changes else ""
         lines.append(line + left_out)
     return lines

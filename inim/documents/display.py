@@ -68,18 +68,20 @@ class CameraPosition(Part):
     #: Standard error of the rotation about the camera's axes, degrees.
     turn_standard_error_deg: Vector
     off_straight_deg: float  #: Angle between the display's axis and the line to the pupil, degrees.
-    lenses: int  #: Number of detected lenses.
-    whole_lenses: int  #: Lenses whose whole outline is in the photographs.
+    lenses: int  #: Number of detected lenses; of a lenticular display, samples of the photographs.
+    whole_lenses: int  #: Lenses whose whole outline is in the photographs; 0 of a lenticular.
     #: Typical distance on the panel between the end of a ray and that of the fit, along an axis,
     #: µm.
     panel_residual_um: float
-    #: Typical distance between a lens's centre in the photographs and that of the fit, along an
-    #: axis, pixels.
-    outline_residual_px: float
+    #: Second kind of residuals, with its unit: distance between a lens's centre in the photographs
+    #: and that of the fit, along an axis, pixels; of a lenticular display, difference of the views,
+    #: thousandths of a lens.
+    second_kind: str
+    second_residual: float  #: Typical residual of the second kind.
     #: Patterns across the sheet in the residuals: root mean square of a low-order polynomial
     #: component, on the panel, µm.
     smooth_residual_um: float
-    smooth_outline_px: float  #: The same of the lenses' centres, pixels of the photographs.
+    smooth_second: float  #: The same of the second kind.
     #: Largest change of a parameter without this position, in its standard errors; null for fewer
     #: than three positions.
     change_without: float | None
@@ -87,7 +89,8 @@ class CameraPosition(Part):
     skew: float  #: Skew of the photographs, pixels to the right per pixel down.
     stretch: float  #: Stretch of the photographs downwards, minus 1.
     motion_px: float  #: Corrected displacement between the photographs, root mean square, pixels.
-    blur_px: float  #: Sigma of the camera's blur, pixels; negative after sharpening.
+    #: Sigma of the camera's blur, pixels; negative after sharpening; null of a lenticular display.
+    blur_px: float | None
 
 
 class SheetDeviation(Part):
@@ -108,7 +111,7 @@ class NextPosition(Part):
     standard_errors: dict[str, float]
 
 
-class CalibrationDocument(TitledDocument, tag="inim.calibration/3"):
+class CalibrationDocument(TitledDocument, tag="inim.calibration/4"):
     """Calibration of a display.
 
     `calibration.json` in the folder of `inim calibrate`: a display's parameters, determined from
@@ -118,9 +121,13 @@ class CalibrationDocument(TitledDocument, tag="inim.calibration/3"):
     versions: Versions
     display: DisplayRecord
     #: Estimates by parameter of the display: `pitch_mm`, `rotation_deg`, `shift_x_mm`,
-    #: `shift_y_mm`, `gap_mm`, `tilt_x_deg`, `tilt_y_deg` and `focal_length_mm`.
+    #: `shift_y_mm`, `gap_mm`, `tilt_x_deg`, `tilt_y_deg` and `focal_length_mm`; of a lenticular
+    #: display, `pitch_mm`, `rotation_deg`, `shift_x_mm` and `gap_mm`.
     parameters: dict[str, ParameterEstimate]
     not_determined: list[str]  #: Parameters that the photographs do not determine.
+    #: Standard error of the views at the worst corner of the panel, in lenses; null of a display
+    #: without cylinders.
+    view_standard_error: float | None
     shift_is_certain: CertainShift
     camera: CameraEstimate
     correlation: Correlation

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -60,7 +60,8 @@ _LEAD = (
 )
 _MAPS = (
     "Differences between the photographs and the fitted display: the panel point that a lens's "
-    "rays reach (mean over the lens), and the position of its outline in the photograph. Fine "
+    "rays reach (mean over the lens), and the position of its outline in the photograph; of a "
+    "lenticular display, the panel point and the view that each sample of a photograph sees. Fine "
     "stripes are normal, because the pixels of panel and camera beat with the lenses. A slope or "
     "a bow over the whole sheet is an effect that the model does not include, such as a bent "
     "sheet."
@@ -73,44 +74,37 @@ _NEXT = "Standard errors after one more position; the most useful position is fi
 # Colours end at this quantile: a few outliers must not hide the rest.
 _QUANTILE = 0.98
 
-Maps = Sequence[tuple[str, np.ndarray, np.ndarray]]
+
+class ResidualMaps(NamedTuple):
+    """Residuals over the display, by position."""
+
+    labels: Sequence[tuple[str, str]]  #: Title and unit of each map of a position.
+    #: (rows, columns, maps) float each, by name of the position; NaN without data.
+    maps: Mapping[str, np.ndarray]
 
 
-def write_calibration(data: CalibrationDocument, maps: Maps, folder: Path) -> None:
+def write_calibration(data: CalibrationDocument, maps: ResidualMaps, folder: Path) -> None:
     """Write all forms into a folder, `calibration.json` last: it marks a whole report.
 
     * `data`: its `files` are listed here.
-    * `maps`, sequence of (str, (rows, columns, 2) array, (rows, columns, 2) array): of each
-      position, by lens: residuals on the panel, µm, and in the photograph, pixels.
     """
     save(_draw(maps), folder, "residuals")
     write_listed(data, folder, FILES[0], {FILES[1]: lambda data: _page(data, folder)})
 
 
-def _draw(maps: Maps) -> Any:
-    """A row of four maps for each position."""
+def _draw(residuals: ResidualMaps) -> Any:
+    """A row of maps for each position."""
     from matplotlib.ticker import MaxNLocator
 
-    rows, columns = maps[0][1].shape[:2]
+    labels, maps = residuals
+    count, (rows, columns) = len(labels), next(iter(maps.values())).shape[:2]
     height = len(maps) * (0.75 + 3.4 * rows / columns)
-    figure, axes = new_figure(4, height, len(maps))
-    kinds = (
-        ("panel, across", "µm"),
-        ("panel, up", "µm"),
-        ("outline, across", "px"),
-        ("outline, down", "px"),
-    )
-    residuals = [
-        np.stack([np.concatenate([panel, outline], axis=-1) for _, panel, outline in maps])[..., k]
-        for k in range(4)
-    ]
-    limits = [
-        max(float(np.nanquantile(np.abs(residual), _QUANTILE)), 1e-9) for residual in residuals
-    ]
-    for n, (name, *_) in enumerate(maps):
-        for k, (title, unit) in enumerate(kinds):
-            axis = axes[4 * n + k]
-            bar = _draw_map(axis, residuals[k][n], limits[k], f"{name}: {title}", unit)
+    figure, axes = new_figure(count, height, len(maps))
+    largest = np.nanquantile(np.abs(np.stack([*maps.values()])), _QUANTILE, axis=(0, 1, 2))
+    for n, (name, values) in enumerate(maps.items()):
+        for k, (title, unit) in enumerate(labels):
+            axis, limit = axes[count * n + k], max(float(largest[k]), 1e-9)
+            bar = _draw_map(axis, values[..., k], limit, f"{name}: {title}", unit)
             for side in (axis.xaxis, axis.yaxis):
                 side.set_major_locator(MaxNLocator(integer=True))
             bar.ax.tick_params(labelsize=8)
@@ -200,9 +194,9 @@ def _positions(data: CalibrationDocument) -> str:
             number(position.off_straight_deg, 1),
             str(position.lenses),
             number(position.panel_residual_um, 1),
-            number(position.outline_residual_px, 2),
+            number(position.second_residual, 2),
             number(position.smooth_residual_um, 2),
-            number(position.smooth_outline_px, 3),
+            number(position.smooth_second, 3),
             number(position.change_without, 1),
             number(position.motion_px, 2),
             number(position.blur_px, 2),
@@ -210,9 +204,10 @@ def _positions(data: CalibrationDocument) -> str:
         ]
         for position in data.positions
     ]
+    second = data.positions[0].second_kind
     heads = [
         "Position", "right, mm", "up, mm", "away, mm", "off straight, °", "lenses",
-        "residual, panel µm", "residual, outline px", "smooth, µm", "smooth, px",
+        "residual, panel µm", f"residual, {second}", "smooth, µm", f"smooth, {second}",
         "change without, standard errors", "motion, px", "blur, px", "zoom",
     ]  # fmt: skip
     intrinsics = [

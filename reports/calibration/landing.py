@@ -6,8 +6,9 @@ the parameters of `inim.display` and uses neither the lens models of `inim.lens`
 
 The display frame has x right, y up and z towards the viewer. A ray meets, in this order:
 
-* spherical caps of radius f (n - 1), whose vertices are at z = 0 if the sheet is flat. The caps
-  form one solid. Each lens of a bowed sheet is moved and tilted as a rigid body.
+* spherical caps of radius f (n - 1), or cylinders along the array's columns, whose vertices are at
+  z = 0 if the sheet is flat. The caps form one solid. Each lens of a bowed sheet is moved and
+  tilted as a rigid body.
 * the flat face at the thickness t behind the vertices
 * a cover glass on the panel, optional
 * the panel, a plane that tilts about the point behind the origin. The rotation has its axis in the
@@ -206,6 +207,7 @@ class _Optics(NamedTuple):
     pixel: float
     panel_columns: float
     panel_rows: float
+    along: float  #: 1: the faces are spheres; 0: cylinders, whose heights do not count.
 
 
 class Sheet:
@@ -214,8 +216,8 @@ class Sheet:
     Parameters
     ----------
     display : Display
-        The display with its misalignment; square lattice, spherical faces that fill their cells,
-        bulges to the viewer.
+        The display with its misalignment; square lattice or cylinders, circular sections that fill
+        their cells, bulges to the viewer. Cylinders are not limited by the panel.
     assembly : Assembly, optional
 
     Raises
@@ -227,7 +229,7 @@ class Sheet:
     def __init__(self, display: Display, assembly: Assembly | None = None) -> None:
         assembly = assembly or Assembly()
         supported = {
-            "lattice": "square",
+            "lattice": "lenticular" if display.lattice == "lenticular" else "square",
             "aperture": "square",
             "fill_factor": 1.0,
             "curved_side": "viewer",
@@ -306,11 +308,20 @@ def _optics(display: Display, assembly: Assembly) -> _Optics:
     rows, columns = display.eia_shape
     bow = assembly.bow_mm
     rear_principal = thickness / index - thickness
+    lens_columns, lens_rows, along = display.lens_columns, display.lens_rows, 1.0
+    if display.lattice == "lenticular":  # one row that is as high as the array is wide
+        half = math.hypot(rows, columns) * display.pixel_pitch_mm
+        lens_columns, lens_rows, pitch_y, along = (
+            2 * math.ceil(half / pitch_x) + 1,
+            1,
+            4 * half,
+            0.0,
+        )
     return _Optics(
         pitch_x=float(pitch_x),
         pitch_y=float(pitch_y),
-        columns=float(display.lens_columns),
-        rows=float(display.lens_rows),
+        columns=float(lens_columns),
+        rows=float(lens_rows),
         shift_x=float(display.shift_x_mm),
         shift_y=float(display.shift_y_mm),
         cosine=math.cos(angle),
@@ -322,7 +333,7 @@ def _optics(display: Display, assembly: Assembly) -> _Optics:
         bow_yy=float(bow[1]),
         bow_xy=float(bow[2]),
         max_bow=float(sum(map(abs, bow))),
-        foot=radius - math.sqrt(radius**2 - (pitch_x**2 + pitch_y**2) / 4),
+        foot=radius - math.sqrt(radius**2 - (pitch_x**2 + along * pitch_y**2) / 4),
         panel_z=rear_principal - display.gap_mm - assembly.glass_mm * (1 - 1 / glass_index),
         normal_x=tilt[0] / length,
         normal_y=tilt[1] / length,
@@ -332,6 +343,7 @@ def _optics(display: Display, assembly: Assembly) -> _Optics:
         pixel=float(display.pixel_pitch_mm),
         panel_columns=float(columns),
         panel_rows=float(rows),
+        along=along,
     )
 
 
@@ -418,14 +430,15 @@ def _land(
             if row < 0 or row >= optics.rows or (j and last_row == first_row):
                 continue
             vx, vy, vz, ax, ay, az = _lens_frame(optics, column, row)
-            # From the centre of the sphere, at a radius behind the vertex.
+            # From the centre of the sphere, at a radius behind the vertex, or the cylinder's axis.
             px = x - vx + optics.radius * ax
-            py = y - vy + optics.radius * ay
+            py = optics.along * (y - vy + optics.radius * ay)
             pz = z - vz + optics.radius * az
+            speed = dx * dx + optics.along * dy * dy + dz * dz
             approach = px * dx + py * dy + pz * dz
-            squared = approach * approach - (px * px + py * py + pz * pz) + optics.radius**2
+            squared = approach * approach - speed * (px * px + py * py + pz * pz - optics.radius**2)
             if squared > 0.0:
-                path = -approach - math.sqrt(squared)
+                path = (-approach - math.sqrt(squared)) / speed
                 if path < shortest:
                     shortest, lens_column, lens_row = path, float(column), float(row)
     if lens_column < 0:
@@ -438,7 +451,13 @@ def _land(
     dx, dy, dz = _to_frame(dx, dy, dz, ax, ay, az)
     radius = optics.radius
     dx, dy, dz, weight = _refract(
-        dx, dy, dz, x / radius, y / radius, (z + radius) / radius, 1.0 / optics.refractive_index
+        dx,
+        dy,
+        dz,
+        x / radius,
+        optics.along * y / radius,
+        (z + radius) / radius,
+        1.0 / optics.refractive_index,
     )
     path = (-optics.thickness - z) / dz
     x, y, z = x + path * dx, y + path * dy, -optics.thickness

@@ -16,7 +16,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -59,8 +59,18 @@ _REPEATED_PERIOD, _REPEATED_FIRST, _REPEATED_POSITIONS, _BURST = 11, 3, 4, 6
 _NAME = "calibration"
 
 
-def measure(case: Case, burst: int = 1) -> dict[str, Any]:
-    """Photograph and calibrate a case; the result has the keys of calibration.json."""
+def measure(
+    case: Case,
+    burst: int = 1,
+    file: str = "display.xml",
+    inspect: Callable[[Case, Calibration, Path], dict[str, Any]] | None = None,
+) -> dict[str, Any]:
+    """Photograph and calibrate a case; the result has the keys of calibration.json.
+
+    * `file`: name of the display file; `inspect`: gives further keys of the result, from the
+      calibration and its display file, unless it is refused.
+    """
+    further: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
         patterns, photographs = Path(folder, "patterns"), Path(folder, "photographs")
         started = perf_counter()
@@ -73,13 +83,14 @@ def measure(case: Case, burst: int = 1) -> dict[str, Any]:
             calibration = calibrate(
                 photographs,
                 case.design,
-                out=Path(folder, "display.xml"),
+                out=Path(folder, file),
                 is_steady=case.is_steady,
                 warn=warnings.append,
             )
             refused = "; ".join(calibration.failures)
             if not refused:
-                estimates, certain = _estimates(calibration), calibration.edges_seen
+                estimates, certain = estimates_of(calibration), calibration.edges_seen
+                further = inspect(case, calibration, Path(folder, file)) if inspect else {}
         except InimError as error:
             refused = str(error).replace(folder, "...")
         count = burst * sum(1 for _ in photographs.rglob("IMG_*"))
@@ -98,10 +109,12 @@ def measure(case: Case, burst: int = 1) -> dict[str, Any]:
         "photographs": count,
         "disturbances": case.disturbances,
         "seconds": {"photographs": photographed - started, "calibration": ended - photographed},
+        **further,
     }
 
 
-def _estimates(calibration: Calibration) -> dict[str, Any]:
+def estimates_of(calibration: Calibration) -> dict[str, Any]:
+    """Values, errors and intervals of all estimates."""
     return {
         name: {
             "value": estimate.value,
@@ -113,7 +126,7 @@ def _estimates(calibration: Calibration) -> dict[str, Any]:
     }
 
 
-class _Errors(NamedTuple):
+class Errors(NamedTuple):
     """Errors of one parameter, with an element for each case that estimates it.
 
     Attributes
@@ -133,7 +146,8 @@ class _Errors(NamedTuple):
     determined: np.ndarray
 
 
-def _errors(results: list[dict[str, Any]], name: str) -> _Errors:
+def errors_of(results: list[dict[str, Any]], name: str) -> Errors:
+    """Errors of a parameter in the results that have it."""
     rows = []
     for result in results:
         if name in result["found"]:
@@ -147,7 +161,7 @@ def _errors(results: list[dict[str, Any]], name: str) -> _Errors:
             covered = low <= truth + pitches <= high
             rows.append((error, estimate["standard_error"], covered, estimate["known"]))
     error, standard_error, covered, determined = np.array(rows, float).reshape(-1, 4).T
-    return _Errors(error, standard_error, covered > 0, determined > 0)
+    return Errors(error, standard_error, covered > 0, determined > 0)
 
 
 def _headings() -> list[tuple[str, Column]]:
@@ -157,7 +171,7 @@ def _headings() -> list[tuple[str, Column]]:
 def table(results: list[dict[str, Any]], repeats: list[dict[str, Any]], command: str) -> str:
     """Coverage of the intervals, in Markdown; worst case first."""
     calibrated = [result for result in results if not result["refused"]]
-    errors = {name: _errors(calibrated, name) for name in COLUMNS}
+    errors = {name: errors_of(calibrated, name) for name in COLUMNS}
     pooled = np.concatenate([e.covered[e.determined] for e in errors.values()])
     low, high = (f"{share:.0%}" for share in _COVERAGE)
     counts = sorted({result["photographs"] for result in results})
@@ -172,8 +186,8 @@ def table(results: list[dict[str, Any]], repeats: list[dict[str, Any]], command:
         "| parameter | intervals | with the truth | share (95 % interval, Wilson) "
         "| error: median | largest | standard error, median | not determined |",
         "| --- | --: | --: | --: | --: | --: | --: | --: |",
-        *(_coverage_row(name, errors[name], column) for name, column in COLUMNS.items()),
-        f"| all | {pooled.size} | {np.count_nonzero(pooled)} | {_share_text(pooled)} | | | | |",
+        *(coverage_row(name, errors[name], column) for name, column in COLUMNS.items()),
+        f"| all | {pooled.size} | {np.count_nonzero(pooled)} | {share_text(pooled)} | | | | |",
         "",
         "| disturbance | cases | refused | calibrated, all intervals contain the truth |",
         "| --- | --: | --: | --: |",
@@ -209,14 +223,16 @@ def _repeat_lines(results: list[dict[str, Any]], repeats: list[dict[str, Any]]) 
     ]
 
 
-def _share_text(covered: np.ndarray) -> str:
+def share_text(covered: np.ndarray) -> str:
+    """Share of intervals with the truth, and its interval."""
     if not covered.size:
         return ""
     low, high = share_interval(int(np.count_nonzero(covered)), covered.size)
     return f"{covered.mean():.1%} ({low:.1%} to {high:.1%})"
 
 
-def _coverage_row(name: str, errors: _Errors, column: Column) -> str:
+def coverage_row(name: str, errors: Errors, column: Column) -> str:
+    """Row of the table of coverage."""
     error, standard_error, covered = (values[errors.determined] for values in errors[:3])
     figures = [""] * 3
     if error.size:
@@ -229,7 +245,7 @@ def _coverage_row(name: str, errors: _Errors, column: Column) -> str:
         f"`{name}`",
         str(covered.size),
         str(np.count_nonzero(covered)),
-        _share_text(covered),
+        share_text(covered),
         *figures,
         str(np.count_nonzero(~errors.determined)),
     ]
@@ -251,7 +267,7 @@ def _disturbance_rows(results: list[dict[str, Any]]) -> list[str]:
 
 def _missed(result: dict[str, Any]) -> list[str]:
     """Determined parameters of a case whose intervals do not contain the truth."""
-    errors = {name: _errors([result], name) for name in COLUMNS}
+    errors = {name: errors_of([result], name) for name in COLUMNS}
     return [name for name, e in errors.items() if (e.determined & ~e.covered).any()]
 
 
@@ -259,7 +275,7 @@ def _largest_deviation(result: dict[str, Any]) -> float:
     """Largest error of a case's determined parameters, in standard errors."""
     deviations = [0.0]
     for name in COLUMNS:
-        errors = _errors([result], name)
+        errors = errors_of([result], name)
         deviations += list(np.abs(errors.error / errors.standard_error)[errors.determined])
     return max(deviations)
 
@@ -276,7 +292,7 @@ def _case_table(results: list[dict[str, Any]]) -> list[str]:
 def _case_row(result: dict[str, Any]) -> str:
     cells = []
     for name, column in COLUMNS.items():
-        errors = _errors([result], name)
+        errors = errors_of([result], name)
         if not errors.error.size:
             cells.append("")
             continue
@@ -289,12 +305,12 @@ def _case_row(result: dict[str, Any]) -> str:
     return f"| {begin} | {' | '.join(cells)} |"
 
 
-def _measure_missing(
-    results: list[dict[str, Any]], numbers: Iterable[int], words: list[str]
+def measure_missing(
+    results: list[dict[str, Any]], numbers: Iterable[int], words: list[str], module: str
 ) -> Iterator[dict[str, Any]]:
-    """Measure cases without a result, each in its own process."""
+    """Measure cases without a result, each in its own process, by a module's `--case`."""
     for number in sorted({*numbers} - {result["case"] for result in results}):
-        command = [sys.executable, "-m", "reports.calibration.run", *words, "--case", str(number)]
+        command = [sys.executable, "-m", module, *words, "--case", str(number)]
         output = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True).stdout
         yield json.loads(output.splitlines()[-1])
 
@@ -329,7 +345,7 @@ def main() -> None:
         ("cases", numbers, ["--positions", str(args.positions)]),
         ("repeats", repeated, most_photographs),
     ):
-        for result in _measure_missing(data[kind], chosen, words):
+        for result in measure_missing(data[kind], chosen, words, "reports.calibration.run"):
             data[kind] = sorted([*data[kind], result], key=lambda r: r["case"])
             _write(path, json.dumps({"inim_version": inim.__version__, **data}, indent=1) + "\n")
             print(_case_row(result) + f" {result['refused']}", flush=True)

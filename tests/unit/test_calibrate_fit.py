@@ -512,7 +512,8 @@ def test_a_file_of_undetermined_parameters_is_marked():
 
 
 def test_maps_of_residuals_have_no_pattern(tmp_path):
-    for _, panel, outline in residual_maps(fitted(*EYES)):
+    for values in residual_maps(fitted(*EYES)).maps.values():
+        panel, outline = values[..., :2], values[..., 2:]
         assert panel.shape == outline.shape == (20, 28, 2)
         # Noise of a lens: a third of a panel pixel and a fifth of a photograph's.
         assert np.nanmedian(np.abs(panel)) < 20

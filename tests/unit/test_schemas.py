@@ -20,7 +20,16 @@ ROOT = Path(__file__).parents[2]
 # Of the gallery only its reports are documents; the rest is what its page is made of. Studies of
 # the project's own have tables of their own.
 OWN_STUDIES = (
-    *("calibration", "choose", "coverage", "depth", "looking_glass", "one_picture", "optimal"),
+    *(
+        "calibration",
+        "choose",
+        "coverage",
+        "depth",
+        "lenticular",
+        "looking_glass",
+        "one_picture",
+        "optimal",
+    ),
     *("panel", "paper_sizes", "reality", "scoreboard", "stress"),
 )
 OWN_KIND = {
