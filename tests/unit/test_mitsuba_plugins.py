@@ -505,7 +505,6 @@ def test_presets_are_the_displays_of_that_name():
             "emitter": {
                 "type": "inim_display",
                 "preset": name,
-                "lens_model": "thin",  # the Go's cylinders cannot be thick
                 "eia": mi.TensorXf(black),
             },
         }
