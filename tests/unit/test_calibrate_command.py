@@ -143,7 +143,7 @@ def test_patterns_take_no_option_of_the_camera(words, tmp_path, capsys):
 
 def test_patterns_of_a_display_that_cannot_be_calibrated_are_refused(tmp_path, capsys):
     out = tmp_path / "folder"
-    display = ["--display", "looking-glass-go-typical"]
+    display = ["--display", "looking-glass-go-typical", "-D", "inim.refractive_index=1.49"]
     assert main(["calibrate", "patterns", *display, "-o", str(out)]) == 2
     assert "does not reach the aperture's edge" in capsys.readouterr().err
     assert not out.exists()
