@@ -17,6 +17,7 @@ from inim.documents.parts import EyePosition
 from inim.errors import FileError
 from inim.files.eia_file import read_eia, turned_for
 from inim.image.color import to_srgb
+from inim.process.threads import threads
 from inim.report import Report
 from inim.report.images import ENCODINGS, ReportImages
 from inim.report.page import Section, render_page, text
@@ -77,14 +78,15 @@ def view_eia(
     real = misaligned(design, settings.misalign)
     codes = to_srgb(read_eia(eia, real)[0])
     model, size = shown_lens_model(real, settings.lens_model), settings.view_pixels_per_lens
-    stills = [
-        Still(
-            eye.name,
-            f"{model} lenses",
-            still_view(codes, real, eye.position_mm, model, pixels_per_lens=size),
-        )
-        for eye in eyes
-    ]
+    with threads() as submit:
+        views = [
+            submit(still_view, codes, real, eye.position_mm, model, pixels_per_lens=size)
+            for eye in eyes
+        ]
+        stills = [
+            Still(eye.name, f"{model} lenses", view.result())
+            for eye, view in zip(eyes, views, strict=True)
+        ]
     content = live_display(
         real,
         [Panel(eia.stem, codes)],
