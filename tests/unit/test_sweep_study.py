@@ -56,6 +56,21 @@ def units_of(path: Path):
     return expand(read_study(path), path.parent / "out")
 
 
+def test_the_project_s_own_studies_are_read(tmp_path):
+    """A new preset must not take the name of a display in them."""
+    root = Path(__file__).parents[2]
+    page = (root / "docs/how-to/sweep.md").read_text("utf-8")
+    _, _, example = page.partition("<!-- file: scenes/small.toml -->\n```toml\n")
+    study = tmp_path / "small.toml"
+    scenes = root / "scenes"
+    study.write_text(
+        example.partition("```")[0].replace('"amphora', f'"{scenes}/amphora')
+        .replace('"jade', f'"{scenes}/jade'), "utf-8"
+    )  # fmt: skip
+    for path in (study, scenes / "study.toml"):
+        assert len(units_of(path)) >= 8
+
+
 def test_a_study_multiplies_scenes_displays_and_lists(write_study):
     study = read_study(write_study())
     assert list(study.scenes) == ["one", "two"]
