@@ -68,9 +68,11 @@ def staging_folder(out: Path, names: Sequence[str] = REPORT) -> Iterator[Path]:
             raise FileError(f"{out}: is a file; choose a folder with -o")
         if out.is_dir() and not os.access(out, os.W_OK):
             raise FileError(f"{out}: the folder is read-only; choose another with -o")
-        listed = _read_list(out, names[0])
-        for name in names:
-            _check_replaceable(out, name, listed)
+        if out.is_dir():
+            with _lock_folder(out.parent, fcntl.LOCK_SH):  # not while another run publishes
+                listed = _read_list(out, names[0])
+                for name in names:
+                    _check_replaceable(out, name, listed)
     with hidden_folder(out) as staging:
         yield staging
 

@@ -8,13 +8,14 @@ the folder changes.
 import json
 import os
 import shutil
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 
 import pytest
 
 from inim.errors import FileError
 from inim.worker import output
-from inim.worker.output import publish, staging_folder
+from inim.worker.output import _lock_folder, list_name, publish, staging_folder
 
 LIST = ".report-files.json"
 
@@ -277,3 +278,21 @@ def test_list_that_is_no_file_is_refused(tmp_path, elsewhere, kind):
         (out / LIST).unlink()
         (out / LIST).mkdir() if kind == "folder" else os.mkfifo(out / LIST)
     assert_refused(out, r"report-files\.json: is in the way")
+
+
+def test_check_of_a_folder_waits_while_another_run_publishes(tmp_path):
+    """Between the list of files and the files, a run looks like one of other origin."""
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "report.json").write_text("{}")
+
+    def check() -> bool:
+        with staging_folder(out):
+            return True
+
+    with ThreadPoolExecutor(1) as pool:
+        with _lock_folder(tmp_path):
+            entered = pool.submit(check)
+            assert not wait([entered], timeout=0.3).done
+            (out / list_name("report.json")).write_text('["report.json"]')
+        assert entered.result(timeout=10)
