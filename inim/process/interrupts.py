@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import sys
 import threading
 from contextlib import contextmanager
 
@@ -10,16 +12,19 @@ from contextlib import contextmanager
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from typing import NoReturn
+    from typing import Any, NoReturn
 
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # the last when a terminal closes
 _received: list[int] = []
+# Seconds after which an interrupt that Python ignored is sent again.
+_AGAIN_S = 0.05
 _SIGNALS = [getattr(signal, name) for name in _NAMES if hasattr(signal, name)]
 
 
 def raise_interrupts() -> None:
     """Let these signals raise `KeyboardInterrupt` with their number; ignored ones stay ignored."""
     _set_handlers(_raise)
+    sys.unraisablehook = _send_again
 
 
 def ignore_interrupts() -> None:
@@ -36,6 +41,16 @@ def _set_handlers(handler: object) -> None:
 def _raise(number: int, _: object) -> NoReturn:
     _received.append(number)
     raise KeyboardInterrupt(number)
+
+
+def _send_again(unraisable: Any) -> None:
+    """Send an interrupt again that was raised where Python ignores exceptions: in a callback."""
+    if unraisable.exc_type is KeyboardInterrupt and _received:
+        timer = threading.Timer(_AGAIN_S, os.kill, (os.getpid(), _received[-1]))
+        timer.daemon = True
+        timer.start()
+    else:
+        sys.__unraisablehook__(unraisable)
 
 
 def raise_again() -> None:

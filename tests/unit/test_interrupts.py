@@ -126,3 +126,18 @@ except KeyboardInterrupt as interrupt:
 """
     ended = subprocess.run([sys.executable, "-c", code], check=False, preexec_fn=hear)
     assert ended.returncode == signal.SIGINT
+
+
+def test_an_interrupt_in_a_callback_ends_the_program_too():
+    """Python prints exceptions in callbacks, and goes on."""
+    code = """
+class Interrupted:
+    def __del__(self): interrupt(signal.SIGHUP)
+def main():
+    del globals()["last"]
+    say("deleted")
+    time.sleep(30)
+last = Interrupted()
+program(main)
+"""
+    assert ended(code) == (129, "deleted ", "")
