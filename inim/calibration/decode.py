@@ -103,7 +103,7 @@ def decode(position: Position) -> Decoded:
                 "lenses; take the photographs again"
             )
         sigma_px = _SMOOTHING * _cylinder_px(phases, lit, position)
-        for light in (*phases, *([] if white is None else [white])):
+        for light in (*phases, white):
             gaussian_filter(light, sigma_px, output=light)
         lit = _lit(phases, name, _SMOOTH_LIT_SHARE)
         lit = gaussian_filter(lit.astype(np.float32), sigma_px) > _WHOLLY_LIT

@@ -8,7 +8,6 @@ from dataclasses import fields
 
 import numpy as np
 
-from inim.calibration.fit import INTERVAL, Calibration
 from inim.calibration.lattice import Lenses
 from inim.calibration.misfit import inverse_sizes
 from inim.calibration.model import (
@@ -21,6 +20,7 @@ from inim.calibration.model import (
     Observations,
     Pose,
 )
+from inim.calibration.result import INTERVAL, Calibration
 from inim.display import Display
 from inim.documents.display import (
     CalibrationDocument,

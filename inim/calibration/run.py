@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from inim.calibration.decode import decode
-from inim.calibration.fit import Calibration, check_display, fit_display
+from inim.calibration.fit import check_display, fit_display
 from inim.calibration.fringes import Fringes, find_fringes
 from inim.calibration.lattice import Lenses, find_lenses
 from inim.calibration.model import Intrinsics
 from inim.calibration.output import calibration_document, display_file, residual_maps
 from inim.calibration.patterns import read_positions
+from inim.calibration.result import Calibration
 from inim.display import Display
 from inim.display.looking_glass import LookingGlass
 from inim.documents.document import write_text
@@ -22,7 +23,6 @@ from inim.report.calibration import FILES, write_calibration
 from inim.scene.file import choose_display, parse_definitions
 from inim.worker.output import output_files
 
-_VENDOR_ENDING = ".json"
 # Pixels whose sides differ by more are not square.
 _SQUARE = 0.005
 
@@ -97,10 +97,9 @@ def calibrate(
     with output_files(folder, FILES) as staging:
         write_calibration(document, residual_maps(calibration), staging)
     if not calibration.failures:
-        is_vendor_file = file.suffix.lower() == _VENDOR_ENDING
         text = (
             LookingGlass.of(calibration.display).text()
-            if is_vendor_file
+            if design.layout.of_cylinders
             else display_file(calibration, settings.display)
         )
         write_text(file, text)
@@ -111,7 +110,7 @@ def calibrate(
 
 def _ending(design: Display) -> str:
     """Ending of display files: of lenticular displays, the vendor's `visual.json`."""
-    return _VENDOR_ENDING if design.layout.of_cylinders else ".xml"
+    return ".json" if design.layout.of_cylinders else ".xml"
 
 
 def output_paths(photos: Path | str, out: Path | str | None, design: Display) -> tuple[Path, Path]:

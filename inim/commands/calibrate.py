@@ -17,8 +17,8 @@ from inim.commands import (
 from inim.errors import FileError, UsageError, suggest_words
 
 if TYPE_CHECKING:
-    from inim.calibration.fit import Calibration
     from inim.calibration.model import Intrinsics, Pose
+    from inim.calibration.result import Calibration
     from inim.display import Display
     from inim.documents.display import CalibrationDocument, CameraPosition, PhotoDocument
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from inim.display import DISPLAYS, Display
-from reports.calibration.landing import Assembly, Camera, Pose, look_at
+from reports.calibration.landing import Assembly, Camera, Pose, look_at, off_axis
 
 # The fit's priors and limits were chosen with other seeds of disturbed cases.
 _SEED, _DISTURBED_SEED = 19, 2209
@@ -345,16 +345,9 @@ def _poses(random: np.random.Generator, design: Display, camera: Camera) -> list
             azimuth_deg = random.choice(mean_azimuths) + random.uniform(-15, 15)
         azimuth = math.radians(azimuth_deg)
         target = np.array([*random.uniform(-2, 2, 2), 0.0])
-        sine = math.sin(angle)
-        direction = np.array([sine * math.cos(azimuth), sine * math.sin(azimuth), math.cos(angle)])
-        poses.append(
-            look_at(
-                target + distance_mm * direction,
-                target,
-                random.uniform(-5, 5),
-                random.uniform(0.985, 1.015),
-            )
-        )
+        roll, focus = random.uniform(-5, 5), random.uniform(0.985, 1.015)
+        eye = target + distance_mm * off_axis(angle, azimuth)
+        poses.append(look_at(eye, target, roll, focus))
     return poses
 
 

@@ -112,6 +112,12 @@ class Pose(NamedTuple):
     focus_mm: float
 
 
+def off_axis(angle: float, azimuth: float) -> np.ndarray:
+    """Direction off the display's axis by an angle, towards an azimuth, radians."""
+    sine = math.sin(angle)
+    return np.array([sine * math.cos(azimuth), sine * math.sin(azimuth), math.cos(angle)])
+
+
 def look_at(eye_mm: np.ndarray, target_mm: np.ndarray, roll_deg: float, focus: float) -> Pose:
     """Pose of a camera that looks at a point; `focus` is relative to the point's distance."""
     forward = target_mm - eye_mm

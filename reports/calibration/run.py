@@ -16,7 +16,7 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -24,8 +24,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import inim
-from inim.calibration.fit import Calibration
 from inim.calibration.patterns import write_patterns
+from inim.calibration.result import Calibration
 from inim.calibration.run import calibrate
 from inim.errors import InimError
 from inim.process.atomic_file import write_atomically
@@ -171,8 +171,6 @@ def _headings() -> list[tuple[str, Column]]:
 def table(results: list[dict[str, Any]], repeats: list[dict[str, Any]], command: str) -> str:
     """Coverage of the intervals, in Markdown; worst case first."""
     calibrated = [result for result in results if not result["refused"]]
-    errors = {name: errors_of(calibrated, name) for name in COLUMNS}
-    pooled = np.concatenate([e.covered[e.determined] for e in errors.values()])
     low, high = (f"{share:.0%}" for share in _COVERAGE)
     counts = sorted({result["photographs"] for result in results})
     lines = [
@@ -183,11 +181,7 @@ def table(results: list[dict[str, Any]], repeats: list[dict[str, Any]], command:
         f"refused. Required: {low} to {high} of the 95 % intervals contain the truth, or the "
         "command refuses. Parameters that a calibration does not determine have no interval here.",
         "",
-        "| parameter | intervals | with the truth | share (95 % interval, Wilson) "
-        "| error: median | largest | standard error, median | not determined |",
-        "| --- | --: | --: | --: | --: | --: | --: | --: |",
-        *(coverage_row(name, errors[name], column) for name, column in COLUMNS.items()),
-        f"| all | {pooled.size} | {np.count_nonzero(pooled)} | {share_text(pooled)} | | | | |",
+        *coverage_lines(calibrated, COLUMNS),
         "",
         "| disturbance | cases | refused | calibrated, all intervals contain the truth |",
         "| --- | --: | --: | --: |",
@@ -223,7 +217,7 @@ def _repeat_lines(results: list[dict[str, Any]], repeats: list[dict[str, Any]]) 
     ]
 
 
-def share_text(covered: np.ndarray) -> str:
+def _share_text(covered: np.ndarray) -> str:
     """Share of intervals with the truth, and its interval."""
     if not covered.size:
         return ""
@@ -231,7 +225,20 @@ def share_text(covered: np.ndarray) -> str:
     return f"{covered.mean():.1%} ({low:.1%} to {high:.1%})"
 
 
-def coverage_row(name: str, errors: Errors, column: Column) -> str:
+def coverage_lines(results: list[dict[str, Any]], columns: Mapping[str, Column]) -> list[str]:
+    """Table of the coverage of the intervals by parameter, and of all."""
+    errors = {name: errors_of(results, name) for name in columns}
+    pooled = np.concatenate([e.covered[e.determined] for e in errors.values()])
+    return [
+        "| parameter | intervals | with the truth | share (95 % interval, Wilson) "
+        "| error: median | largest | standard error, median | not determined |",
+        "| --- | --: | --: | --: | --: | --: | --: | --: |",
+        *(_coverage_row(name, errors[name], column) for name, column in columns.items()),
+        f"| all | {pooled.size} | {np.count_nonzero(pooled)} | {_share_text(pooled)} | | | | |",
+    ]
+
+
+def _coverage_row(name: str, errors: Errors, column: Column) -> str:
     """Row of the table of coverage."""
     error, standard_error, covered = (values[errors.determined] for values in errors[:3])
     figures = [""] * 3
@@ -245,7 +252,7 @@ def coverage_row(name: str, errors: Errors, column: Column) -> str:
         f"`{name}`",
         str(covered.size),
         str(np.count_nonzero(covered)),
-        share_text(covered),
+        _share_text(covered),
         *figures,
         str(np.count_nonzero(~errors.determined)),
     ]

@@ -17,7 +17,7 @@ import numpy as np
 from inim.display import DISPLAYS, Display
 from inim.display.looking_glass import TYPICAL
 from reports.calibration.cases import Case, Motion, Sensor
-from reports.calibration.landing import Assembly, Camera, Pose, look_at
+from reports.calibration.landing import Assembly, Camera, Pose, look_at, off_axis
 
 # The priors and limits of the fit were chosen with other seeds.
 _SEED = 90417
@@ -108,11 +108,10 @@ def _poses(random: np.random.Generator, design: Display, camera: Camera) -> list
         angle = math.radians(random.uniform(*angles))
         azimuth = math.radians(azimuth_deg + random.uniform(-20, 20))
         target = np.array([*random.uniform(-3, 3, 2), 0.0])
-        sine = math.sin(angle)
-        direction = np.array([sine * math.cos(azimuth), sine * math.sin(azimuth), math.cos(angle)])
         focus = random.uniform(0.985, 1.015)
         roll = random.uniform(-4, 4)
-        poses.append(look_at(target + distance_mm * direction, target, roll, focus))
+        eye = target + distance_mm * off_axis(angle, azimuth)
+        poses.append(look_at(eye, target, roll, focus))
     return poses
 
 

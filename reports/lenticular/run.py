@@ -18,18 +18,18 @@ from typing import Any
 import numpy as np
 
 import inim
-from inim.calibration.fit import INTERVAL, Calibration, fit_display
+from inim.calibration.fit import fit_display
+from inim.calibration.result import INTERVAL, Calibration
 from inim.display.looking_glass import LookingGlass
 from inim.process.atomic_file import write_atomically
 from reports.calibration.cases import Case
 from reports.calibration.run import (
     Column,
-    coverage_row,
+    coverage_lines,
     errors_of,
     estimates_of,
     measure,
     measure_missing,
-    share_text,
 )
 from reports.lenticular.cases import draw_case
 
@@ -106,8 +106,6 @@ def measure_case(case: Case) -> dict[str, Any]:
 def table(results: list[dict[str, Any]], command: str) -> str:
     """Coverage of the intervals and errors of the views, in Markdown; worst case first."""
     calibrated = [result for result in results if not result["refused"]]
-    errors = {name: errors_of(calibrated, name) for name in _COLUMNS}
-    pooled = np.concatenate([e.covered[e.determined] for e in errors.values()])
     within = sum(r["view_error"] < INTERVAL * r["view_standard_error"] for r in calibrated)
     worst_first = sorted(calibrated, key=lambda result: -float(result["view_error"]))
     return "\n".join(
@@ -118,11 +116,7 @@ def table(results: list[dict[str, Any]], command: str) -> str:
             f"{results[0]['photographs']} photographs each, {len(calibrated)} calibrated, "
             f"{len(results) - len(calibrated)} refused.",
             "",
-            "| parameter | intervals | with the truth | share (95 % interval, Wilson) "
-            "| error: median | largest | standard error, median | not determined |",
-            "| --- | --: | --: | --: | --: | --: | --: | --: |",
-            *(coverage_row(name, errors[name], column) for name, column in _COLUMNS.items()),
-            f"| all | {pooled.size} | {np.count_nonzero(pooled)} | {share_text(pooled)} | | | | |",
+            *coverage_lines(calibrated, _COLUMNS),
             "",
             "Largest error of a view over the panel, by the vendor's formula from the written "
             f"`visual.json` and from the true one; worst first. Brackets: standard errors. In "

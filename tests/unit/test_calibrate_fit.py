@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from inim.calibration.decode import Decoded
-from inim.calibration.fit import Calibration, fit_display, fit_pose
+from inim.calibration.fit import fit_display, fit_pose
 from inim.calibration.lattice import Lenses, find_lenses
 from inim.calibration.model import (
     PARAMETERS,
@@ -33,6 +33,7 @@ from inim.calibration.output import (
     next_positions,
     residual_maps,
 )
+from inim.calibration.result import Calibration
 from inim.display import DISPLAYS
 from inim.documents.display import CalibrationDocument
 from inim.documents.document import decode, encode

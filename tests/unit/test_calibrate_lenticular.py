@@ -11,12 +11,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from inim.calibration.fit import CYLINDER_LIMITS, Calibration, fit_display
+from inim.calibration.fit import CYLINDER_LIMITS, fit_display
 from inim.calibration.fringes import FringeObservations, Fringes, begin_fringes, see_through
 from inim.calibration.lattice import check_marks, period_numbers
 from inim.calibration.model import Deviations, Guess, Intrinsics, Pose
 from inim.calibration.output import calibration_document, next_positions, residual_maps
 from inim.calibration.patterns import has_mark, marks_begin, patterns, periods_px, view_phase
+from inim.calibration.result import Calibration
 from inim.display import Display
 from inim.display.looking_glass import LookingGlass
 from inim.documents.display import CalibrationDocument
