@@ -6,7 +6,7 @@ import argparse
 import os
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from inim.commands import (
     Command,
@@ -16,6 +16,7 @@ from inim.commands import (
     classify_input,
     display_and_settings,
     finish,
+    new_scene_options,
     picture_of,
     print_warning,
     show_result,
@@ -179,10 +180,9 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     started = time.perf_counter()
     picture = picture_of(args)
     _check(args, picture)
-    if args.mesh is not None:
-        return _generate_from_mesh(args)
-    if args.up is not None or args.front is not None:
-        raise UsageError(f"--up, --front: {args.input} is not a mesh; leave them out")
+    options = new_scene_options(args, args.input, is_mesh=args.mesh is not None)
+    if options is not None:
+        return _generate_from_mesh(args, options)
     if args.scene is not None or args.fitted is not None:
         return _generate_from_rgbd(args, args.scene)
     display, settings = display_and_settings(args)
@@ -239,16 +239,17 @@ def _generate_from_light_field(
     return [*report, _write_outputs(args, rgbd, eia, empty, display)]
 
 
-def _generate_from_mesh(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
+def _generate_from_mesh(
+    args: argparse.Namespace, options: dict[str, Any]
+) -> tuple[list[str], tuple[str, ...]]:
     """Generate and write the EIA of a mesh, as that of a new scene."""
     import tempfile
 
-    from inim.scene.new_scene import ANY_UNIT, new_scene
+    from inim.scene.new_scene import new_scene
 
     with tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / f"{args.mesh.stem}.xml"
-        axes = {"up": args.up, "front": args.front}
-        new_scene(args.mesh, scene, unit=ANY_UNIT, **axes, warn=print_warning)
+        new_scene(args.mesh, scene, **options, warn=print_warning)
         return _generate_from_rgbd(args, scene)
 
 

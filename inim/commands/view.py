@@ -11,6 +11,7 @@ from inim.commands import (
     check_report_arguments,
     choices_of,
     finish,
+    new_scene_options,
     show_result,
 )
 from inim.errors import EXIT_PASSED, FileError, UsageError
@@ -91,7 +92,7 @@ def _film(args: argparse.Namespace) -> int:
     from inim.views.turntable import Turntable
 
     sources: dict[str, Source] = {}
-    names = args.algorithms.split(",") if args.algorithms else []
+    names = [name.strip() for name in args.algorithms.split(",")] if args.algorithms else []
     if (args.folder / TURNTABLE).is_file():
         turntable = Turntable.load(args.folder)
         if args.scene is not None or args.frames is not None:
@@ -100,7 +101,7 @@ def _film(args: argparse.Namespace) -> int:
         misalign, model = settings.misalign, settings.lens_model
         frames, rate, path = len(turntable.data.frames), turntable.data.frames_per_second, _STILL
         for name in names or turntable.names[:2]:
-            sources[name.strip()] = turntable.eia_paths(name.strip(), "--algorithms")
+            sources[name] = turntable.eia_paths(name, "--algorithms")
     else:
         report = Report.load(args.folder)
         settings, design, best = report.data.settings, report.display, report.data.best_algorithm
@@ -109,7 +110,7 @@ def _film(args: argparse.Namespace) -> int:
         if args.scene is not None:
             sources[SCENE] = TracedScene.of(report, args.scene, args.allow_folders)
         for name in names or [REFERENCE, *([best] if best else [])]:
-            sources[name.strip()] = report.eia_path(name.strip(), "--algorithms", true=REFERENCE)
+            sources[name] = report.eia_path(name, "--algorithms", true=REFERENCE)
     if not args.lens_model and model not in lens_models():
         raise FileError(
             f"{args.folder}: its report's lens model {model[:40]!r} is not known here; give "
@@ -234,7 +235,6 @@ def _export(args: argparse.Namespace) -> int:
 
 def _export_turntable(args: argparse.Namespace) -> int:
     from inim.files.triangle_mesh import MESH_SUFFIXES
-    from inim.scene.new_scene import ANY_UNIT
     from inim.views.turntable import export_turntable
     from inim.worker.output import default_out
 
@@ -242,17 +242,14 @@ def _export_turntable(args: argparse.Namespace) -> int:
     for name in _EXPORT_OPTIONS:
         if name not in shared and getattr(args, name) is not None:
             raise UsageError(f"--{name.replace('_', '-')}: is not for --turntable; leave it out")
-    axes = {"up": args.up, "front": args.front}
     is_mesh = args.source.suffix.lower() in MESH_SUFFIXES
-    if not is_mesh and any(axes.values()):
-        raise UsageError(f"--up, --front: {args.source} is not a mesh; leave them out")
     out = args.out or default_out(args.source, "turntable")
     passed = export_turntable(
         args.source,
         out,
         args.turntable,
         *([] if args.rate is None else [args.rate]),
-        new_scene={"unit": ANY_UNIT, **axes} if is_mesh else None,
+        new_scene=new_scene_options(args, args.source, is_mesh=is_mesh),
         allow_folders=tuple(args.allow_folders),
         command=args.command_line,
         quiet=args.quiet,
