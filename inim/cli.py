@@ -37,7 +37,6 @@ GROUPS = {
         "depth": "inputs",
         "pickup": "inputs",
         "export": "view",
-        "film": "view",
         "choose": "choose",
         "inspect": "info",
         "calibrate": "calibrate",

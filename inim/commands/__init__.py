@@ -108,14 +108,6 @@ _SHARED = {
         "only panel pixels that the view needs; other options override these values",
     ),
     "open": _option("--open", action="store_true", help="open the virtual display in the browser"),
-    "serve": _option(
-        "--serve",
-        nargs="?",
-        const="127.0.0.1",
-        metavar="ADDRESS",
-        help="serve the EIA as a full-screen page, and nothing else, until interrupted: on this "
-        "machine only, or to phones of its network (lan, or an address)",
-    ),
     "quiet": _option("--quiet", action="store_true", help="print errors only"),
     "debug": _option("--debug", action="store_true", help="show tracebacks of internal errors"),
 }
@@ -271,16 +263,11 @@ def picture_of(args: argparse.Namespace) -> CameraPicture:
     return CameraPicture(**{f.name: getattr(args, f.name) for f in fields(CameraPicture)})
 
 
-def show_result(page: Path, args: argparse.Namespace, eia: Path) -> None:
-    """Open the page of a virtual display, and serve its EIA, if the arguments ask for it."""
-    if args.open:
-        import webbrowser
+def open_page(page: Path) -> None:
+    """Open a page in the browser."""
+    import webbrowser
 
-        webbrowser.open(page.resolve().as_uri())
-    if args.serve:
-        from inim.views.phone import phone_page, serve
-
-        serve(phone_page(eia), args.serve, print_outcome)
+    webbrowser.open(page.resolve().as_uri())
 
 
 def classify_input(args: argparse.Namespace) -> None:

@@ -17,9 +17,9 @@ from inim.commands import (
     display_and_settings,
     finish,
     new_scene_options,
+    open_page,
     picture_of,
     print_warning,
-    show_result,
 )
 from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
 
@@ -93,7 +93,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="holes to fill: none, hidden (behind a nearer surface), all, or auto (default: the "
         "algorithm's own)",
     )
-    add_shared(parser, "open", "serve")
+    add_shared(parser, "open")
     add("--pdf", type=Path, help="also write a PDF that prints at true size")
     add(
         "--save-rgbd",
@@ -109,12 +109,10 @@ def _run(args: argparse.Namespace) -> int:
         return _generate_folder(args)
     args.out = args.out or Path("eia.png")
     _run_one(args)
-    page = args.out
     if args.open:
         from inim.views.page import view_eia
 
-        page = view_eia(args.out, args.display, choices_of(args)["definitions"])
-    show_result(page, args, args.out)
+        open_page(view_eia(args.out, args.display, choices_of(args)["definitions"]))
     return EXIT_PASSED
 
 
@@ -124,7 +122,7 @@ def _generate_folder(args: argparse.Namespace) -> int:
     from inim.from_camera.depth_photo import SUFFIXES
     from inim.worker.output import default_out
 
-    for option in ("pdf", "save_rgbd", "open", "serve"):
+    for option in ("pdf", "save_rgbd", "open"):
         if getattr(args, option):
             name = option.replace("_", "-")
             raise UsageError(f"--{name}: needs a single picture; leave it out with a folder")

@@ -1,4 +1,4 @@
-"""Viewpoints: eye positions, their viewing zone, and the eye path of a film."""
+"""Viewpoints: eye positions and their viewing zone."""
 
 from __future__ import annotations
 
@@ -293,34 +293,6 @@ def _parse_position(text: str, distance_mm: float) -> list[float] | None:
     return [*numbers, distance_mm][:3] if len(numbers) in (2, 3) else None
 
 
-def eye_path(
-    text: str, display: Display, count: int, *, allow_flips: bool = False
-) -> list[Viewpoint]:
-    """Eye positions of a film, which ends where it begins.
-
-    * `text`: ``"circle"`` (an ellipse well inside the viewing zone, at the usual distance), or two
-      or more positions ``"x y [z], x y [z]"`` in millimetres, to be walked at even steps and back.
-    * `count`: frames.
-    * `allow_flips`: positions may lie outside the viewing zone.
-
-    Raises `UsageError`: a path that cannot be read. `ViewpointError`: a position outside the
-    viewing zone.
-    """
-    distance = default_distance_mm(display)
-    if text.strip() == "circle":
-        across, along = (_SIDE_STEP * half for half in zone_half_mm(display, distance))
-        turns = np.arange(count) / count * 2 * math.pi
-        places = np.stack(
-            [across * np.sin(turns), along * np.cos(turns), np.full(count, distance)], axis=1
-        )
-    else:
-        places = _there_and_back(_waypoints(text, distance), count)
-    eyes = [Viewpoint(f"frame-{i}", *map(float, place)) for i, place in enumerate(places)]
-    for eye in eyes:
-        check_viewpoint(eye, display, allow_flips=allow_flips)
-    return eyes
-
-
 def zone_eyes(
     display: Display, count: int, distance_mm: float | None = None, *, rows: int = 1
 ) -> list[Viewpoint]:
@@ -346,23 +318,3 @@ def zone_eyes(
     for eye in eyes:
         check_viewpoint(eye, display)
     return eyes
-
-
-def _waypoints(text: str, distance_mm: float) -> np.ndarray:
-    """(points, 3) positions from their text."""
-    points = [_parse_position(item, distance_mm) for item in text.split(",")]
-    if None in points:
-        raise UsageError(
-            f"--path {text!r}: write 'circle', or positions 'x y [z], x y [z]' in millimetres"
-        )
-    if len(points) < 2:
-        raise UsageError(f"--path {text!r}: a path needs two positions at least")
-    return np.array(points)
-
-
-def _there_and_back(points: np.ndarray, count: int) -> np.ndarray:
-    """(count, 3) places at even steps along the way to the last point and back."""
-    loop = np.concatenate([points, points[-2::-1]])
-    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(loop, axis=0), axis=1))])
-    at = np.arange(count) / count * way[-1]
-    return np.stack([np.interp(at, way, loop[:, axis]) for axis in range(3)], axis=1)

@@ -263,7 +263,6 @@ _CLASSES = {
     "photo": "display:PhotoDocument",
     "stress": "algorithms:StressDocument",
     "tolerate": "display:ToleranceDocument",
-    "turntable": "report:TurntableDocument",
     "unit": "algorithms:UnitDocument",
 }
 #: Names of the documents.

@@ -10,18 +10,14 @@ from inim.documents.document import Part, doc
 from inim.documents.parts import (
     EIA_SCORES,
     VIEW_SCORES,
-    DisplayRecord,
     EiaScore,
     EiaScores,
-    Files,
     PictureShape,
     Precision,
     Regression,
     RunReport,
     Scores,
     Sha256,
-    TitledDocument,
-    Warnings,
     check_names,
     check_scores,
     scores,
@@ -302,31 +298,3 @@ class ReportDocument(RunReport, tag="inim.report/2"):
                 ]
                 limits[name] = passing_limit(scores, max((w or 0.0 for w in widths), default=0.0))
         return limits
-
-
-class TurntableFrame(Part):
-    """Results at one angle."""
-
-    angle_deg: float  #: Turn of the relic, counter-clockwise seen from above, degrees.
-    algorithms: dict[str, AlgorithmResult]  #: Results by algorithm, under its name with options.
-
-
-class TurntableDocument(TitledDocument, tag="inim.turntable/1"):
-    """EIAs of a relic on a turntable.
-
-    `turntable.json` of `inim export RELIC --turntable N -o OUT`. The EIAs are `eia/NAME/NNNN.png`,
-    those of the ground truth `eia/truth/NNNN.png`, in the order of the frames.
-    """
-
-    settings: Settings
-    display: DisplayRecord
-    frames_per_second: float  #: Frames of the videos per second.
-    frames: list[TurntableFrame]  #: Results by angle, in order.
-    warnings: Warnings
-    files: Files = []
-
-    def __post_init__(self) -> None:
-        if not self.frames:
-            raise ValueError("frames: none")
-        for frame in self.frames:
-            check_names(frame.algorithms)

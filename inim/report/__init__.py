@@ -94,7 +94,7 @@ class Report:
         """The display as designed."""
         return self.data.display.parameters
 
-    def eia_path(self, name: str, option: str, *, true: str = TRUTH) -> Path:
+    def eia_path(self, name: str, option: str) -> Path:
         """Path of the linear EIA of an algorithm, or of the ground-truth EIA.
 
         Parameters
@@ -102,18 +102,16 @@ class Report:
         name : str
         option : str
             Option that gave the name, for error messages.
-        true : str
-            Name of the ground-truth EIA.
 
         Raises
         ------
         UsageError
             The report has no such algorithm.
         """
-        names = [true, *self.data.algorithms]
+        names = [TRUTH, *self.data.algorithms]
         if name not in names:
             raise UsageError(f"{option} {name}: {suggest_words(name, names)}")
-        place = ("truth", "eia") if name == true else ("eia", name)
+        place = ("truth", "eia") if name == TRUTH else ("eia", name)
         return Path(self.folder, place[0], f"{place[1]}.exr")
 
     def table(self, *scores: str) -> ScoreTable:

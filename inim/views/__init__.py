@@ -1,1 +1,1 @@
-"""Films, quilts, and validation of a picture without a scene."""
+"""Quilts, and validation of a picture without a scene."""

@@ -111,7 +111,7 @@ def export(
     allow_folders : sequence of path
         Additional folders for files that the scene references.
     quiet, debug : bool
-        As for `inim.views.frames.render_in_worker`.
+        As for `inim.views.quilt.render_quilt`.
     say : callable, optional
         Receives a sentence about the chosen EIA.
 
@@ -169,9 +169,9 @@ def export(
         _write_sheet_and_views(chosen, outputs[0], outputs[1], outputs[2], lenses)
     files = [path for path in outputs if path is not None]
     if request is not None:
-        from inim.views.frames import render_in_worker
+        from inim.views.quilt import render_quilt
 
-        render_in_worker(request, quiet=quiet, debug=debug)
+        render_quilt(request, quiet=quiet, debug=debug)
         files.append(request.file)
     if say is not None:
         say(f"exported {chosen.description}")
@@ -333,8 +333,7 @@ def _quilt(
     scene: Path | str | None,
     allow_folders: Sequence[Path | str],
 ) -> QuiltRequest:
-    from inim.views.frames import TracedScene
-    from inim.views.quilt import QuiltRequest
+    from inim.views.quilt import QuiltRequest, TracedScene
 
     if scene is not None and not chosen.is_truth:
         raise UsageError("--scene: needs the ground truth; add --algorithms truth")
@@ -351,7 +350,7 @@ def _quilt(
     folders = tuple(map(Path, allow_folders))
     return QuiltRequest(
         out=out,
-        sources={"quilt": TracedScene.of(truth, path, folders) if truth else chosen.path},
+        source=TracedScene.of(truth, path, folders) if truth else chosen.path,
         label=chosen.path,
         design=chosen.display,
         misaligned_display=chosen.misaligned,

@@ -147,8 +147,8 @@ ENTRIES = {
         "An eye leaves the viewing zone",
         "Outside the zone, the eye sees the neighbour's elemental image through a lens: the image "
         "flips, lens by lens, until the eye is in the next zone and sees the whole image again. "
-        "`inim film` keeps the eye in the zone. This film is taken from the report's virtual "
-        "display of the ground-truth EIA, with thin lenses.",
+        "This film is taken from the report's virtual display of the ground-truth EIA, with thin "
+        "lenses.",
         "scenes/wine_coin.xml",
         {"": _TWO},
     ),

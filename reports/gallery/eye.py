@@ -1,8 +1,8 @@
 """Films with a moving eye, and the pictures in README.
 
-One `inim validate` with a viewpoint for each eye position renders the scene and its display. `inim
-film` and `inim validate` keep the eye in the viewing zone; the film of an eye that leaves the zone
-is drawn by the report's virtual display, in Chromium.
+One `inim validate` with a viewpoint for each eye position renders the scene and its display, with
+the eye in the viewing zone. The film of an eye that leaves the zone is drawn by the report's
+virtual display, in Chromium.
 """
 
 from __future__ import annotations

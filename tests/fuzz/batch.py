@@ -213,7 +213,6 @@ DOORS: dict[str, tuple[Read, ...]] = {
         _command(_REPORT, "export", "OUT", "--quilt", "quilt.png", "--hci", "field"),
         _command(_REPORT, "export", "OUT", "--quilt", "quilt.png", "--algorithms", "truth"),
         _command(_REPORT, *_ACCEPT),
-        _command(_REPORT, "film", "OUT"),
         _command(_REPORT, "view", "OUT"),
         _command(_REPORT, "compare", "OUT", "OUT", "-o", "made"),
     ),

@@ -164,7 +164,6 @@ DOORS: dict[str, Door] = {
         ["export", "OUT", "--pdf", "made.pdf"], "OUT/report.json", EXIT_USAGE, no_output,
     ),
     "a report to view": (["view", "OUT"], "OUT/report.json", EXIT_USAGE, no_output),
-    "a report to film": (["film", "OUT"], "OUT/report.json", EXIT_USAGE, no_output),
     "a report to accept": (ACCEPT, "OUT/report.json", EXIT_USAGE, no_output),
     "a report to compare": (["compare", "OUT", "OUT"], "OUT/report.json", EXIT_USAGE, no_output),
     "a candidate": (ACCEPT, "OUT/regression/candidate.json", EXIT_BASELINE, report),

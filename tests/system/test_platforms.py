@@ -80,7 +80,7 @@ def test_an_eia_is_generated_and_exported(inim, tmp_path):
 
 def test_commands_with_workers_name_the_required_platform(inim):
     commands = ("validate,tiny.xml", "validate,rgbd.exr", "demo", "bench,tiny.xml")
-    commands += ("stress,--quick", "compare,a,b", "film,a", "sweep,study.toml")
+    commands += ("stress,--quick", "compare,a,b", "sweep,study.toml")
     lines = inim(*commands, code=RUN_EACH).stderr.splitlines()
     assert len(lines) == 2 * len(commands), lines
     for line, code in zip(lines[::2], lines[1::2], strict=True):

@@ -13,7 +13,7 @@ from tests.conftest import small_display
 
 DISPLAY = small_display(24, 20, 17)
 REQUEST = QuiltRequest(
-    out=Path("q.png"), sources={"quilt": Path("eia.png")}, label=Path("eia.png"), design=DISPLAY,
+    out=Path("q.png"), source=Path("eia.png"), label=Path("eia.png"), design=DISPLAY,
     misaligned_display=DISPLAY, lens_model="thin", distance_mm=None, columns=8, rows=6, width=420,
     height=560, aspect=0.75, spp=32,
 )  # fmt: skip
@@ -32,6 +32,12 @@ def test_eyes_are_in_the_middles_of_equal_shares_of_the_zone_from_left_to_right(
 def test_eyes_too_close_for_a_zone_are_refused():
     with pytest.raises(ViewpointError, match="move back to at least"):
         zone_eyes(DISPLAY, 48, 60.0)
+
+
+@pytest.mark.parametrize("distance", [0.0, -5.0, float("nan"), 2.0])
+def test_no_zone_is_seen_from_no_distance(distance):
+    with pytest.raises(ViewpointError, match=r"middle: .*(z > 0|inside the picture)"):
+        zone_eyes(DISPLAY, 5, distance)
 
 
 @pytest.mark.parametrize(
