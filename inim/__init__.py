@@ -13,7 +13,6 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-    from inim.calibration.run import calibrate as calibrate
     from inim.display import DISPLAYS as DISPLAYS
     from inim.display import Display as Display
     from inim.display.viewpoint import Viewpoint as Viewpoint
@@ -40,7 +39,6 @@ _HOME = {
     "RGBD": "inim.image.rgbd",
     "Report": "inim.report",
     "Viewpoint": "inim.display",
-    "calibrate": "inim.calibration.run",
     "compare_algorithms": "inim.report.score_table",
     "export": "inim.views.export",
     "generate": "inim.generators",
@@ -65,7 +63,6 @@ __all__ = [
     "Report",
     "Viewpoint",
     "__version__",
-    "calibrate",
     "compare_algorithms",
     "export",
     "generate",

@@ -37,11 +37,7 @@ GROUPS = {
         "depth": "inputs",
         "pickup": "inputs",
         "export": "view",
-        "choose": "choose",
         "inspect": "info",
-        "calibrate": "calibrate",
-        "photo": "calibrate",
-        "tolerate": "study",
     },
     "comparisons": {
         "compare": "validate",

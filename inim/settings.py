@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, fields, replace
 from numbers import Real
 from os import PathLike
@@ -378,20 +378,6 @@ def setting_table() -> str:
     return "\n".join(rows)
 
 
-def display_xml(
-    values: Mapping[str, str], comments: Mapping[str, str] | None = None, about: Sequence[str] = ()
-) -> str:
-    """Display file with the texts of settings, and a comment after some of them.
-
-    `about` are lines of XML before the settings.
-    """
-    lines = ['<scene version="3.0.0">', *about]
-    for key, text in values.items():
-        comment = f" <!-- {comments[key]} -->" if comments and key in comments else ""
-        lines.append(f'    <default name="{PREFIX}{key}" value="{text}"/>{comment}')
-    return "\n".join([*lines, "</scene>"]) + "\n"
-
-
 def display_texts(display: Display) -> dict[str, str]:
     """Settings of a display by full key: the nearest preset, and the parameters that differ."""
     settings = Settings().with_display(display)
@@ -404,8 +390,11 @@ def save_display(display: Display, path: Path) -> None:
     if path.suffix.lower() == ".json":
         text = LookingGlass.of(display).text()
     elif path.suffix.lower() == ".xml":
-        texts = display_texts(display)
-        text = display_xml({key.removeprefix(PREFIX): value for key, value in texts.items()})
+        lines = [
+            f'    <default name="{key}" value="{value}"/>'
+            for key, value in display_texts(display).items()
+        ]
+        text = "\n".join(['<scene version="3.0.0">', *lines, "</scene>\n"])
     else:
         raise UsageError(f"{path}: a display file is an .xml; name it {path.stem}.xml")
     write_atomically(path, lambda temporary: temporary.write_text(text, encoding="utf-8"))

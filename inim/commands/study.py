@@ -1,18 +1,12 @@
-"""Commands `inim bench`, `stress`, `sweep` and `tolerate`."""
+"""Commands `inim bench`, `stress` and `sweep`."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from inim.commands import Command, add_shared, finish, print_warning, request_of
 from inim.errors import EXIT_PASSED, UsageError
-
-if TYPE_CHECKING:
-    from inim.sweeps import SweepPlace
 
 _KEPT = "results are kept; run it again to continue"
 
@@ -27,10 +21,6 @@ def _add_sweep_arguments(parser: argparse.ArgumentParser) -> None:
         "study", type=Path, metavar="STUDY", help="study (.toml); docs/how-to/sweep.md describes it"
     )
     add_shared(parser, out="folder for the results (default: STUDY-sweep)")
-    _add_place(parser)
-
-
-def _add_place(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scheduler",
         metavar="tcp://HOST:PORT",
@@ -53,106 +43,36 @@ def _add_place(parser: argparse.ArgumentParser) -> None:
     add_shared(parser, "allow_folders", "quiet", "debug")
 
 
-def _place(args: argparse.Namespace, source: Path, kind: str) -> SweepPlace:
-    from inim.sweeps import SweepPlace
-    from inim.worker.output import default_out
-
-    args.out = args.out or default_out(source, kind)
-    return SweepPlace(
-        args.out, args.scheduler, args.workers, args.threads, tuple(args.allow_folders)
-    )
-
-
 def _sweep(args: argparse.Namespace) -> int:
     from inim.report.sweep import PAGE
-    from inim.sweeps import plan_study, run_sweep
+    from inim.sweeps import SweepPlace, plan_study, run_sweep
     from inim.sweeps.study import read_study
+    from inim.worker.output import default_out
 
-    place = _place(args, args.study, "sweep")
+    place = SweepPlace(
+        args.out or default_out(args.study, "sweep"),
+        args.scheduler,
+        args.workers,
+        args.threads,
+        tuple(args.allow_folders),
+    )
     if args.dry_run:
         print("\n".join(plan_study(read_study(args.study), place).lines()))
         return EXIT_PASSED
-    with _results_kept():
+    try:
         result = run_sweep(args.study, place, args.command_line, quiet=args.quiet, debug=args.debug)
+    except KeyboardInterrupt as interrupt:
+        interrupt.args += (_KEPT,)
+        raise
     if args.quiet:  # otherwise each was printed immediately
-        _print_failed(result.failed)
+        for label, error in result.failed.items():
+            print_warning(f"{label}: {error}", "failed")
     return finish(
         result.passed,
         f"{'passed' if result.passed else 'FAILED'}; {result.computed} of {result.units} "
         f"validations run, {len(result.rows)} rows; sweep: {place.out / PAGE}",
         quiet=args.quiet,
     )
-
-
-@contextmanager
-def _results_kept() -> Iterator[None]:
-    """Add to the message of an interrupt that finished validations are kept."""
-    try:
-        yield
-    except KeyboardInterrupt as interrupt:
-        interrupt.args += (_KEPT,)
-        raise
-
-
-def _print_failed(failed: Mapping[str, str]) -> None:
-    for label, error in failed.items():
-        print_warning(f"{label}: {error}", "failed")
-
-
-def _add_tolerance_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.description = (
-        "Compute the tolerances of pitch, gap, rotation, shift and tilt: draw misaligned displays "
-        "at random, and show the EIA of the design on each. Existing results are reused."
-    )
-    add_shared(
-        parser,
-        "scene",
-        "definitions",
-        "display",
-        "viewpoints",
-        out="folder (default: SCENE-tolerate)",
-        algorithms="one algorithm for the EIA (pickup: the ray-traced EIA)",
-    )
-    parser.add_argument(
-        "--study",
-        type=Path,
-        metavar="FILE",
-        help="distributions of the errors (.toml); docs/how-to/tolerate.md describes them",
-    )
-    parser.add_argument(
-        "--criterion",
-        type=float,
-        default=0.01,
-        metavar="LOSS",
-        help="largest acceptable loss of SSIM on the relic to the reference (default: 0.01)",
-    )
-    parser.add_argument(
-        "--calibration",
-        type=Path,
-        metavar="FILE",
-        help="calibration.json whose accuracy is compared with the tolerances",
-    )
-    _add_place(parser)
-
-
-def _tolerate(args: argparse.Namespace) -> int:
-    from inim.report.tolerate import PAGE, sentences
-    from inim.tolerate import ToleranceRequest, plan_tolerance, run_tolerance
-
-    place = _place(args, args.scene, "tolerate")
-    request = ToleranceRequest(
-        request_of(args), place, args.study, args.criterion, args.calibration, args.command_line
-    )
-    if args.dry_run:
-        print("\n".join(plan_tolerance(request).lines()))
-        return EXIT_PASSED
-    with _results_kept():
-        document = run_tolerance(request, quiet=args.quiet, debug=args.debug)
-    failed = {display.display: display.error for display in document.failed}
-    if args.quiet:
-        _print_failed(failed)
-    lines = [*sentences(document), f"tolerances: {place.out / PAGE}"]
-    return finish(not failed, "\n".join(lines), quiet=args.quiet)
 
 
 def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
@@ -227,10 +147,5 @@ COMMANDS = {
         "validate all combinations of scenes, displays, algorithms and settings",
         _add_sweep_arguments,
         _sweep,
-    ),
-    "tolerate": Command(
-        "compute tolerances for pitch, gap, rotation, shift and tilt",
-        _add_tolerance_arguments,
-        _tolerate,
     ),
 }

@@ -27,7 +27,7 @@ DISPLAYS = {
         panel_rows=1080,
         name="phone",
     ),
-    # For a first look, from a search with `inim choose`: a panel like nominal's, finer lenses, and
+    # For a first look, from a search: a panel like nominal's, finer lenses, and
     # elemental images that aim at 543 mm, where the head may move by 28 mm to either side.
     "fine": Display(
         pitch_mm=0.7164,

@@ -252,17 +252,12 @@ _DRAFT = "https://json-schema.org/draft/2020-12/schema"
 _CLASSES = {
     "report": "report:ReportDocument",
     "picture": "picture:PictureDocument",
-    "choose": "choose:ChooseDocument",
     "compare": "compare:CompareDocument",
     "cameras": "picture:CamerasDocument",
     "baseline": "compare:BaselineDocument",
     "bench": "algorithms:BenchDocument",
-    "calibration": "display:CalibrationDocument",
     "inspect": "inspect:InspectDocument",
-    "patterns": "display:PatternsDocument",
-    "photo": "display:PhotoDocument",
     "stress": "algorithms:StressDocument",
-    "tolerate": "display:ToleranceDocument",
     "unit": "algorithms:UnitDocument",
 }
 #: Names of the documents.

@@ -201,7 +201,7 @@ def inspect_display(
         depth=depth_figures(design),
         pixels_per_lens=[pixel_choice(design, times) for times in PIXEL_STEPS],
         viewing=zone,
-        suitability=suitability(design, distance_mm, model, (all_spots, light["centre"])),
+        suitability=suitability(design, distance_mm, model, all_spots, light["centre"]),
         voxel=voxel_widths(design),
         diffraction_px=diffraction_px(design),
         spots=[spot.figures() for spot in all_spots],

@@ -10,15 +10,15 @@ import numpy as np
 from inim.display import Display
 from inim.display.misalignment import one_pixel_errors
 from inim.documents.inspect import LightRecord, Suitability
-from inim.inspection.geometry import aperture_blur_mm, light_shares, pixel_footprint_mm
-from inim.inspection.spots import Spot, spots
+from inim.inspection.geometry import aperture_blur_mm, pixel_footprint_mm
+from inim.inspection.spots import Spot
 from inim.lens import lens_model as find_lens_model
 
-#: Usual distance between the pupils of two eyes (Dodgson 2004, doi 10.1117/12.529999).
-EYES_APART_MM = 63.0
-#: Share of a pixel by which an error may shift the observed panel point. In `reports/tolerate`,
-#: errors of 0.09 to 0.38 pixels lose 0.01 of SSIM.
-KNOWN_TO_PIXELS = 0.1
+# Usual distance between the pupils of two eyes (Dodgson 2004, doi 10.1117/12.529999).
+_EYES_APART_MM = 63.0
+# Share of a pixel by which an error may shift the observed panel point: errors of 0.09 to 0.38
+# pixels lost 0.01 of SSIM.
+_KNOWN_TO_PIXELS = 0.1
 # Details are still sharp up to this multiple of the finest ones.
 _SHARP = 2.0
 
@@ -27,26 +27,22 @@ def suitability(
     display: Display,
     distance_mm: float,
     model: str,
-    traced: tuple[Sequence[Spot], LightRecord] | None = None,
+    of_points: Sequence[Spot],
+    light: LightRecord,
 ) -> Suitability:
     """Compute the figures for a viewer on the axis.
 
     * `model`: one of `inim.lens.lens_models` that is not a mesh.
-    * `traced`: spots and light on the axis, if they are already traced.
+    * `of_points`, `light`: traced spots, and the light on the axis.
     """
-    if traced is None:
-        eye = (0.0, 0.0, distance_mm)
-        of_points = spots(display, model, display.central_depth_mm)
-        traced = of_points, light_shares(display, display, model, eye)
-    pixels = spot_pixels(traced[0], model)
+    pixels = _spot_pixels(of_points, model)
     low, high = display.depth_range_mm
     # Details grow linearly from the sharpest depth and from the array: an end is the worst.
-    detail = float(np.max(detail_mm(display, np.array([low, high]), pixels)))
+    detail = float(np.max(_detail_mm(display, np.array([low, high]), pixels)))
     half_x, half_y = display.flip_limit_mm(distance_mm)
-    border = zone_border_mm(display, distance_mm, pixels)
-    head = half_x - border - EYES_APART_MM / 2
+    border = _zone_border_mm(display, distance_mm, pixels)
+    head = half_x - border - _EYES_APART_MM / 2
     fits = head >= 0 and half_y >= border
-    light = traced[1]
     rows, columns = display.layout.grid
     return Suitability(
         lens_columns=columns,
@@ -60,11 +56,11 @@ def suitability(
         two_eyes_fit=fits,
         head_movement_mm=head if fits else None,
         brightness=light.own_share + light.neighbour_share + light.past_lenses_share,
-        accuracy={k: KNOWN_TO_PIXELS * v for k, v in one_pixel_errors(display).items()},
+        accuracy={k: _KNOWN_TO_PIXELS * v for k, v in one_pixel_errors(display).items()},
     )
 
 
-def zone_border_mm(display: Display, distance_mm: float, blurred_pixels: float) -> float:
+def _zone_border_mm(display: Display, distance_mm: float, blurred_pixels: float) -> float:
     """Width of the border of the viewing zone, in which lenses show part of a neighbour's picture.
 
     An eye sees a patch of the panel through a lens of aperture A, A g abs(1 / D - 1 / V) wide, and
@@ -77,7 +73,7 @@ def zone_border_mm(display: Display, distance_mm: float, blurred_pixels: float) 
     return (patch + pixel) / 2 * distance_mm / gap
 
 
-def spot_pixels(of_points: Sequence[Spot], model: str) -> float:
+def _spot_pixels(of_points: Sequence[Spot], model: str) -> float:
     """Width of the largest spot, twice its RMS radius, in panel pixels.
 
     0 without any spot, and for lens models without refraction, whose spots are no images.
@@ -88,7 +84,7 @@ def spot_pixels(of_points: Sequence[Spot], model: str) -> float:
     return 2 * max(radii, default=0.0)
 
 
-def detail_mm(display: Display, depth_mm: np.ndarray, blurred_pixels: float = 0.0) -> np.ndarray:
+def _detail_mm(display: Display, depth_mm: np.ndarray, blurred_pixels: float = 0.0) -> np.ndarray:
     """Width of the finest detail at depths: the voxel of a panel pixel blurred by a lens's spot.
 
     * `blurred_pixels`: width of the spot, panel pixels. Squares of widths add up.
@@ -112,8 +108,8 @@ def _sharp_depth_mm(display: Display, blurred_pixels: float) -> float:
     """
     centre = display.central_depth_mm
     ends = np.sort([0.0, 0.0 if math.isinf(centre) else centre])
-    widths = detail_mm(display, ends, blurred_pixels)
-    growth = float(np.diff(detail_mm(display, ends[1] + np.array([0.0, 1.0]), blurred_pixels))[0])
+    widths = _detail_mm(display, ends, blurred_pixels)
+    growth = float(np.diff(_detail_mm(display, ends[1] + np.array([0.0, 1.0]), blurred_pixels))[0])
     room = _SHARP * widths.min() - widths
     between = float(np.ptp(ends))
     slopes = np.where(room >= 0, growth, np.ptp(widths) / (between or 1.0) or growth)

@@ -242,21 +242,3 @@ def trace_to_panel(
             trace, array, lens_traits(display), NUMPY_OPS, x, y, sx, sy, n
         )
     return panel_x, panel_y, np.asarray(weight, dtype)
-
-
-def trace_to_pixels(
-    display: Display, name: str, *rays: Any, index: float | None = None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Panel pixels that viewer's rays see; parameters and errors as of `trace_to_panel`.
-
-    Returns `row`, `column`, (...) int64 arrays: 0 where the weight is; `weight`, (...) float array:
-    0 also of rays that miss the panel.
-    """
-    x, y, weight = trace_to_panel(display, name, *rays, index=index)
-    rows, columns = display.eia_shape
-    with np.errstate(invalid="ignore"):
-        column = np.floor(x / display.pixel_pitch_mm + columns / 2)
-        row = np.floor(rows / 2 - y / display.pixel_pitch_mm)
-        lit = (weight > 0) & (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-    row, column = (np.where(lit, place, 0).astype(np.int64) for place in (row, column))
-    return row, column, np.where(lit, weight, 0)

@@ -69,7 +69,7 @@ _HEIGHTS = 512
 def check(display: Display) -> None:
     """Raise `DisplayError` where a lens cannot fill its aperture, be this thin, or this thick."""
     array, traits = lens_array(display), lens_traits(display)
-    face = curved_face(array, traits._replace(bulges_to_viewer=True))  # its sag counts as height
+    face = _curved_face(array, traits._replace(bulges_to_viewer=True))  # its sag counts as height
     reach = math.sqrt(_reach_squared(array, traits, NUMPY_OPS))
     position = f"the aperture's edge ({reach:.4g} mm from the lens's axis)"
     if (1 + array.conic) * reach**2 >= array.radius**2:
@@ -120,7 +120,7 @@ def relief_mm(display: Display) -> tuple[float, float]:
     For callers that trace spherical faces with other arithmetic than `Ops`.
     """
     array, traits = lens_array(display), lens_traits(display)
-    face = curved_face(array, traits)
+    face = _curved_face(array, traits)
     foot = sag(NUMPY_OPS, face, _reach_squared(array, traits, NUMPY_OPS))
     return float(face.curvature), float(foot)
 
@@ -139,7 +139,7 @@ def _trace_bulge_first(
     array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, arriving: Any, index: Any
 ) -> PanelRay:
     """Curved face with its vertex at z = 0, flat face at z = -t."""
-    face = curved_face(array, traits)
+    face = _curved_face(array, traits)
     centre_x, centre_y, on_array = lens_centre(array, traits, ops, x, y)
     within = in_aperture(array, traits, x - centre_x, y - centre_y)
     if traits.full_aperture:
@@ -164,7 +164,7 @@ def _trace_flat_first(
     array: LensArray, traits: LensTraits, ops: Ops, x: Any, y: Any, arriving: Any, index: Any
 ) -> PanelRay:
     """Flat face at z = t/n, vertex of the curved face at z = t/n - t."""
-    face = curved_face(array, traits)
+    face = _curved_face(array, traits)
     past, clear = _through_plate(array, traits, ops, x, y, arriving, index)
     x, y = advance(x, y, arriving, -array.thickness / array.design_index)
     inner, front = refract(ops, arriving, _AGAINST_THE_LIGHT, 1.0 / index)
@@ -198,7 +198,7 @@ class _SurfaceHit(NamedTuple):
     is_hit: Any
 
 
-def curved_face(array: LensArray, traits: LensTraits) -> Face:
+def _curved_face(array: LensArray, traits: LensTraits) -> Face:
     """The curved face; light goes down into the glass or out of it, hence the sign."""
     side = 1.0 if traits.bulges_to_viewer else -1.0
     return Face(

@@ -225,28 +225,15 @@ def run_sweep(
     quiet: bool = True,
     debug: bool = False,
 ) -> SweepResult:
-    """Compute the missing results of a study as `compute_results`, and write its table and page.
+    """Compute the missing results of a study, and write its table and page.
 
-    `command` is the command line, for the record.
+    `command` is the command line, for the record. `quiet` suppresses lines and progress bar;
+    `debug` lets workers print the traceback of an internal error. Raises an `InimError` for an
+    error in the study, or without a backend or a cluster. A failed unit raises nothing; its rows
+    contain the error.
     """
     study = read_study(study) if isinstance(study, Path) else study
     check_pyarrow()
-    result = compute_results(study, place, quiet=quiet, debug=debug)
-    about = SweepTable(title=study.title, **origin(command))
-    write_table(place.out / TABLE, result.rows, about)
-    write_page(place.out / PAGE, result.rows, about)
-    return result
-
-
-def compute_results(
-    study: Study, place: SweepPlace, *, quiet: bool = True, debug: bool = False
-) -> SweepResult:
-    """Compute the missing results of a study.
-
-    `quiet` suppresses lines and progress bar; `debug` lets workers print the traceback of an
-    internal error. Raises an `InimError` for an error in the study, or without a backend or a
-    cluster. A failed unit raises nothing; its rows contain the error.
-    """
     workers, threads = choose_slots(place.workers, place.threads, cpu_count())
     check_dask()
     if place.scheduler is not None:
@@ -265,6 +252,9 @@ def compute_results(
         if plan.tasks:
             errors = run_tasks(plan.tasks, place.scheduler, workers, progress)
     rows, failed = _collect_rows(plan, errors)
+    about = SweepTable(title=study.title, **origin(command))
+    write_table(place.out / TABLE, rows, about)
+    write_page(place.out / PAGE, rows, about)
     return SweepResult(rows, len(plan.units), len(plan.tasks), failed)
 
 

@@ -65,8 +65,8 @@ _KEYS = (
     "keep_reports",
 )
 _BACKENDS = ("auto", "llvm", "cuda")
-#: Largest number of validations: a day at ten seconds each.
-MOST_UNITS = 10_000
+# Largest number of validations: a day at ten seconds each.
+_MOST_UNITS = 10_000
 
 
 @dataclass(frozen=True)
@@ -102,9 +102,8 @@ class Study:
 
     `scenes` are files by their names in the table; `algorithms` have the names of a report;
     `variations` are all combinations of lens models and settings, by the values that distinguish
-    them. The viewpoints are those of a `Request`, by default each scene's own. `time`,
-    `keep_reports` and `lazy` are switches: time the generators; keep the report of each validation;
-    generate only the panel pixels that the viewpoints observe, so that EIAs have no scores.
+    them. The viewpoints are those of a `Request`, by default each scene's own. `time`
+    and `keep_reports` are switches: time the generators; keep the report of each validation.
     """
 
     path: Path
@@ -117,7 +116,6 @@ class Study:
     backend: str
     time: bool
     keep_reports: bool
-    lazy: bool = False
 
 
 def read_study(path: Path) -> Study:
@@ -125,7 +123,7 @@ def read_study(path: Path) -> Study:
 
     Raises `FileError` for a file that is not TOML, and `UsageError` for an invalid key or value.
     """
-    return _study(_StudyReader(path, read_toml(path)))
+    return _study(_StudyReader(path, _read_toml(path)))
 
 
 def study_of(tables: Mapping[str, Any], source: str) -> Study:
@@ -144,10 +142,10 @@ def _study(reader: _StudyReader) -> Study:
     displays = reader.displays()
     scenes, variations = reader.scenes(), reader.variations()
     units = len(scenes) * len(displays) * len(variations)
-    if units > MOST_UNITS:
+    if units > _MOST_UNITS:
         raise UsageError(
             f"{path}: {len(scenes)} scenes x {len(displays)} displays x {len(variations)} "
-            f"combinations of settings are {units} validations; at most {MOST_UNITS}: split it"
+            f"combinations of settings are {units} validations; at most {_MOST_UNITS}: split it"
         )
     return Study(
         path,
@@ -163,16 +161,16 @@ def _study(reader: _StudyReader) -> Study:
     )
 
 
-#: Largest number of algorithms, displays or lens models.
-MOST_NAMED = 100
+# Largest number of algorithms, displays or lens models.
+_MOST_NAMED = 100
 # Characters of a value in a message.
 _MOST_SHOWN = 40
 _LARGEST_BYTES = 2**20
 _MOST_PARTS = 4
 
 
-class Tables:
-    """Tables of a TOML file, with error messages that give the key."""
+class _StudyReader:
+    """Reader of a sweep's study, with error messages that give the key."""
 
     def __init__(self, path: Path, tables: Mapping[str, Any]) -> None:
         self.path, self.tables = path, tables
@@ -198,18 +196,18 @@ class Tables:
     def text(self, key: str, value: Any) -> str:
         """Check a text that must not be empty."""
         if not isinstance(value, str) or not value.strip():
-            raise self.wrong(key, f"must be a text, not {short_value(value)}")
+            raise self.wrong(key, f"must be a text, not {_short_value(value)}")
         return value.strip()
 
-    def texts(self, key: str, value: Any, most: int = MOST_NAMED) -> list[str]:
+    def texts(self, key: str, value: Any, most: int = _MOST_NAMED) -> list[str]:
         """Check a list of different texts."""
         if not isinstance(value, list) or not value:
-            raise self.wrong(key, f"must be a list of texts, not {short_value(value)}")
+            raise self.wrong(key, f"must be a list of texts, not {_short_value(value)}")
         self.check_count(key, value, most)
         texts = [self.text(key, item) for item in value]
         for text, count in Counter(texts).items():
             if count > 1:
-                raise self.wrong(key, f"{short_value(text)} is given twice; remove one")
+                raise self.wrong(key, f"{_short_value(text)} is given twice; remove one")
         return texts
 
     def check_count(self, key: str, values: Sequence[object], most: int) -> None:
@@ -220,55 +218,16 @@ class Tables:
     def switch(self, key: str, value: Any) -> bool:
         """Check a value that must be true or false."""
         if not isinstance(value, bool):
-            raise self.wrong(key, f"must be true or false, not {short_value(value)}")
+            raise self.wrong(key, f"must be true or false, not {_short_value(value)}")
         return value
 
     def one_of(self, key: str, value: Any, allowed: Sequence[str]) -> str:
         """Check a value that must be one of a few words."""
         if value not in allowed:
-            raise self.wrong(key, f"{short_value(value)}: {suggest_words(value, allowed)}")
+            raise self.wrong(key, f"{_short_value(value)}: {suggest_words(value, allowed)}")
         return str(value)
 
-
-def short_value(value: Any) -> str:
-    """Format a value for a message, in a few characters."""
-    return repr(value)[:_MOST_SHOWN]
-
-
-def _number(value: Fraction) -> int | float:
-    return int(value) if value.denominator == 1 else float(value)
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """Tables of a TOML file; raises `FileError` for any other file."""
-    data = read_file(path, _LARGEST_BYTES, remedy="name a study (.toml)")
-    try:
-        text = data.decode("utf-8")
-        _check_keys(text)
-        return dict(tomllib.loads(text))
-    except (ValueError, RecursionError) as error:
-        raise FileError(f"{path}: no TOML ({' '.join(str(error).split())[:200]})") from None
-
-
-# Strings and comments; unclosed ones extend to the end of the line or the file.
-_TEXT = re.compile(
-    r'"""(?:\\?.)*?(?:"""|\Z)|\'\'\'.*?(?:\'\'\'|\Z)|"(?:\\.|[^"\\\n])*"?|\'[^\'\n]*\'?|#[^\n]*',
-    re.DOTALL,
-)
-
-
-def _check_keys(text: str) -> None:
-    """Raise ValueError for a key of too many dotted parts: their memory grows with the square."""
-    keys = _TEXT.sub(lambda match: "\n" * match[0].count("\n"), text)
-    for number, line in enumerate(keys.split("\n"), 1):
-        if any(part.count(".") >= _MOST_PARTS for part in re.split(r"[=,\[\]{}]", line)):
-            raise ValueError(f"line {number}: a key of more than {_MOST_PARTS} parts")
-
-
-class _StudyReader(Tables):
-    """Reader of a sweep's study."""
-
-    def required_texts(self, name: str, most: int = MOST_NAMED) -> list[str]:
+    def required_texts(self, name: str, most: int = _MOST_NAMED) -> list[str]:
         """Texts of a required key of [study]."""
         if name not in self.table("study"):
             raise self.wrong(f"study.{name}", f"is missing; add a line {name} = [...] to [study]")
@@ -276,7 +235,7 @@ class _StudyReader(Tables):
 
     def scenes(self) -> dict[str, Path]:
         """Scenes by file name; by the path as written if file names are equal."""
-        names = self.required_texts("scenes", MOST_UNITS)
+        names = self.required_texts("scenes", _MOST_UNITS)
         stems = [Path(name).stem for name in names]
         shared = Counter(stems)
         scenes = {}
@@ -286,7 +245,7 @@ class _StudyReader(Tables):
                 check_file(scene)
             except FileError as error:
                 why = str(error).removeprefix(f"{scene}: ")
-                words = f"{short_value(name)}: {why}; paths are relative to the study's folder"
+                words = f"{_short_value(name)}: {why}; paths are relative to the study's folder"
                 raise self.wrong("study.scenes", words) from None
             scenes[stem if shared[stem] == 1 else name] = scene
         return scenes
@@ -296,7 +255,7 @@ class _StudyReader(Tables):
         names = self.required_texts("algorithms")
         for name in names:
             if "," in name:
-                words = f"{short_value(name)}: write one algorithm in each text"
+                words = f"{_short_value(name)}: write one algorithm in each text"
                 raise self.wrong("study.algorithms", words)
         try:
             return tuple(c.name for c in parse_methods(names, {}))
@@ -324,7 +283,7 @@ class _StudyReader(Tables):
         for name in names:
             if name not in displays_by_name:
                 words = (
-                    f"{short_value(name)} is unknown; use {', '.join(displays_by_name)}, or add it"
+                    f"{_short_value(name)} is unknown; use {', '.join(displays_by_name)}, or add it"
                 )
                 raise self.wrong("study.displays", f"{words} as a [[display]]")
         return tuple(itertools.chain(*(displays_by_name[name] for name in names)))
@@ -334,13 +293,13 @@ class _StudyReader(Tables):
         tables = self.tables.get("display", [])
         if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
             raise self.wrong("display", "write each display as a separate table, [[display]]")
-        self.check_count("display", tables, MOST_NAMED)
+        self.check_count("display", tables, _MOST_NAMED)
         displays: dict[str, tuple[NamedDisplay, ...]] = {}
         for table in tables:
             name = self.text("display.name", table.get("name"))
             if not is_file_safe(name) or name in (AS_SCENE, *DISPLAYS, *displays):
                 why = "is taken" if is_file_safe(name) else "use 1 to 64 letters, digits or . _ + -"
-                raise self.wrong("display.name", f"{short_value(name)}: {why}")
+                raise self.wrong("display.name", f"{_short_value(name)}: {why}")
             parameters = {k: v for k, v in table.items() if k not in ("name", "preset", "file")}
             if "file" in table:
                 displays[name] = (self._from_file(name, table),)
@@ -366,7 +325,7 @@ class _StudyReader(Tables):
             raise self.wrong(f"display {name!r}: {others[0]}", "belongs into its file")
         file = self.text(label, table["file"])
         if not file.lower().endswith(".xml"):
-            raise self.wrong(label, f"{short_value(file)}: name an .xml with inim.* settings")
+            raise self.wrong(label, f"{_short_value(file)}: name an .xml with inim.* settings")
         path = self.path.parent / file
         display_of(path)  # raises for an invalid file
         return NamedDisplay(name, path)
@@ -381,7 +340,7 @@ class _StudyReader(Tables):
         axes = {name: self._listed(f"settings.{name}", value) for name, value in table.items()}
         lens_model = self.table("study").get("lens_model", [])
         models = lens_model if isinstance(lens_model, list) else [lens_model]
-        self.check_count("study.lens_model", models, MOST_NAMED)
+        self.check_count("study.lens_model", models, _MOST_NAMED)
         for model in models:
             self.one_of("study.lens_model", model, tuple(lens_models()))
             axes.setdefault("lens_model", []).append(model)
@@ -395,7 +354,7 @@ class _StudyReader(Tables):
         self, before: str, axes: Mapping[str, Sequence[Any]]
     ) -> Iterator[tuple[str, dict[str, str]]]:
         """All combinations of listed values, as texts by name, with a label of those that vary."""
-        for chosen in itertools.islice(itertools.product(*axes.values()), MOST_UNITS + 1):
+        for chosen in itertools.islice(itertools.product(*axes.values()), _MOST_UNITS + 1):
             words = self._values(before, dict(zip(axes, chosen, strict=True)))
             yield ", ".join(f"{k} = {v}" for k, v in words.items() if len(axes[k]) > 1), words
 
@@ -417,17 +376,17 @@ class _StudyReader(Tables):
             raise self.wrong(key, "write a range as {from = 0.5, to = 1, step = 0.1}, or count = 6")
         for name, value in table.items():
             if isinstance(value, bool) or not isinstance(value, int | float) or value - value:
-                raise self.wrong(f"{key}.{name}", f"must be a number, not {short_value(value)}")
+                raise self.wrong(f"{key}.{name}", f"must be a number, not {_short_value(value)}")
         first, last = (exact_length(table[name]) for name in ("from", "to"))
         if "count" in table:
             count = table["count"]
-            if not isinstance(count, int) or not 2 <= count <= MOST_UNITS or first == last:
-                raise self.wrong(key, f"needs two ends and a count of 2 to {MOST_UNITS}")
+            if not isinstance(count, int) or not 2 <= count <= _MOST_UNITS or first == last:
+                raise self.wrong(key, f"needs two ends and a count of 2 to {_MOST_UNITS}")
             step = (last - first) / (count - 1)
         else:
             step = exact_length(table["step"])
-            if not step or not 0 <= (last - first) / step < MOST_UNITS:
-                raise self.wrong(key, f"its step leads to no, or over {MOST_UNITS}, values")
+            if not step or not 0 <= (last - first) / step < _MOST_UNITS:
+                raise self.wrong(key, f"its step leads to no, or over {_MOST_UNITS}, values")
             count = (last - first) // step + 1
         return [_number(first + n * step) for n in range(count)]
 
@@ -435,7 +394,7 @@ class _StudyReader(Tables):
         """Format numbers and texts as values of -D."""
         for name, value in table.items():
             if isinstance(value, bool) or not isinstance(value, (int, float, str)):
-                words = f"must be a number or a text, not {short_value(value)}"
+                words = f"must be a number or a text, not {_short_value(value)}"
                 raise self.wrong(f"{before}{name}", words)
         return {name: str(value) for name, value in table.items()}
 
@@ -445,3 +404,38 @@ class _StudyReader(Tables):
             return Settings.parse(definitions, f"{self.path}: {key}")
         except InimError as error:
             raise UsageError(str(error)) from None
+
+
+def _short_value(value: Any) -> str:
+    """Format a value for a message, in a few characters."""
+    return repr(value)[:_MOST_SHOWN]
+
+
+def _number(value: Fraction) -> int | float:
+    return int(value) if value.denominator == 1 else float(value)
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    """Tables of a TOML file; raises `FileError` for any other file."""
+    data = read_file(path, _LARGEST_BYTES, remedy="name a study (.toml)")
+    try:
+        text = data.decode("utf-8")
+        _check_keys(text)
+        return dict(tomllib.loads(text))
+    except (ValueError, RecursionError) as error:
+        raise FileError(f"{path}: no TOML ({' '.join(str(error).split())[:200]})") from None
+
+
+# Strings and comments; unclosed ones extend to the end of the line or the file.
+_TEXT = re.compile(
+    r'"""(?:\\?.)*?(?:"""|\Z)|\'\'\'.*?(?:\'\'\'|\Z)|"(?:\\.|[^"\\\n])*"?|\'[^\'\n]*\'?|#[^\n]*',
+    re.DOTALL,
+)
+
+
+def _check_keys(text: str) -> None:
+    """Raise ValueError for a key of too many dotted parts: their memory grows with the square."""
+    keys = _TEXT.sub(lambda match: "\n" * match[0].count("\n"), text)
+    for number, line in enumerate(keys.split("\n"), 1):
+        if any(part.count(".") >= _MOST_PARTS for part in re.split(r"[=,\[\]{}]", line)):
+            raise ValueError(f"line {number}: a key of more than {_MOST_PARTS} parts")

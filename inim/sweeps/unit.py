@@ -59,7 +59,6 @@ _NOT_SCORING = (
     "report/",
     "bench/",
     "stress/",
-    "tolerate/",
     "documents/",
     "views/",
 )
@@ -125,7 +124,6 @@ def expand(study: Study, out: Path, allow_folders: tuple[Path, ...] = ()) -> lis
                     viewpoints=study.viewpoints,
                     backend=study.backend,
                     time=study.time,
-                    lazy=study.lazy,
                     allow_folders=allow_folders,
                 )
                 unit = Unit(scene, display.name, label, request)
@@ -155,8 +153,6 @@ def key_of(plan: Plan) -> dict[str, Any]:
         "versions": {"inim": __version__, **_versions()},
         "code": _own_code(),
     }
-    if plan.is_lazy:
-        key["lazy"] = True
     others = foreign_identities()
     if others:
         key["metrics"] = others

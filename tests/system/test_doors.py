@@ -23,7 +23,6 @@ from inim.documents import write_document
 from inim.errors import EXIT_BASELINE, EXIT_USAGE, FileError
 from inim.files import open_file
 from inim.files.image import silence_output
-from tests.calibration_photographs import STRAIGHT_ON
 from tests.conftest import scene_text
 from tests.schemas import completed, report_document
 from tests.system.conftest import assert_one_line, run_here, write_scene
@@ -92,17 +91,6 @@ def two_views(folder: Path) -> None:
     views(folder, (0, 1))
 
 
-def display_file(folder: Path) -> None:
-    (folder / "mine.xml").write_text('<scene version="3.0.0"/>')
-    (folder / "mine-calibration").mkdir()
-
-
-def calibration(folder: Path) -> None:
-    display_file(folder)
-    document = completed("calibration", {"positions": [STRAIGHT_ON]})
-    (folder / "mine-calibration/calibration.json").write_text(json.dumps(document))
-
-
 ACCEPT = ["baseline", "accept", "OUT", "--reason", "because"]
 VALIDATE = ["validate", "tiny.xml", "-o", "made"]
 DOORS: dict[str, Door] = {
@@ -137,14 +125,6 @@ DOORS: dict[str, Door] = {
         "views/parameters.cfg", EXIT_USAGE, two_views,
     ),
     "a photograph": (["depth", "x.png", "-o", "made.exr"], "x.png", EXIT_USAGE, no_output),
-    "a photograph of a display": (
-        ["photo", "x.jpg", "--eia", "color.png", "--display", "mine.xml"],
-        "x.jpg", EXIT_USAGE, calibration,
-    ),
-    "a calibration": (
-        ["photo", "color.png", "--eia", "color.png", "--display", "mine.xml"],
-        "mine-calibration/calibration.json", EXIT_USAGE, display_file,
-    ),
     "a study": (["sweep", "x.toml", "-o", "made"], "x.toml", EXIT_USAGE, no_output),
     "a study's scene": (
         ["sweep", "study.toml", "-o", "made"],

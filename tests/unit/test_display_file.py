@@ -1,4 +1,4 @@
-"""A display file is a display to every command: with a scene, in a study, for tolerances."""
+"""A display file is a display to every command: with a scene, in a study."""
 
 from pathlib import Path
 
@@ -9,10 +9,8 @@ from inim.errors import FileError, InimError, SceneError, UsageError
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.scene.file import choose_display
-from inim.sweeps import SweepPlace
 from inim.sweeps.study import read_study
 from inim.sweeps.unit import expand
-from inim.tolerate import ToleranceRequest, plan_tolerance
 from tests.conftest import scene_text, sphere
 
 MINE = """<scene version="3.0.0">
@@ -106,13 +104,19 @@ def test_a_study_takes_a_file_next_to_itself(scene, mine, tmp_path):
         read_study(study)
 
 
-def test_tolerances_are_those_of_the_file_s_display(scene, mine, tmp_path):
-    request = ToleranceRequest(
-        Request(scene, tmp_path / "out", display=mine), SweepPlace(tmp_path / "out")
+def test_a_study_lists_misalignments_and_measured_alignments(scene, tmp_path):
+    study = tmp_path / "study.toml"
+    study.write_text(
+        '[study]\nscenes = ["scene.xml"]\nalgorithms = ["pickup"]\n'
+        '[settings]\nmisalign = ["", "rotation_deg=0.5, shift_x_mm=0.1"]\n'
+        '[[display]]\nname = "mine"\nrotation_deg = [0.0, 1.0]\n'
     )
-    units = plan_tolerance(request).units
-    assert {unit.plan.display.pitch_mm for unit in units} == {0.9957}
-    assert len({unit.plan.misaligned_display.rotation_deg for unit in units}) > 10
+    plans = [unit.plan for unit in expand(read_study(study), tmp_path / "out")]
+    # The design is what the EIA is for; the array is where the light goes.
+    assert [
+        (p.display.rotation_deg, p.misaligned_display.rotation_deg, p.misaligned_display.shift_x_mm)
+        for p in plans
+    ] == [(0.0, 0.0, 0.0), (0.0, 0.5, 0.1), (1.0, 1.0, 0.0), (1.0, 1.5, 0.1)]
 
 
 @pytest.mark.parametrize("preset", list(DISPLAYS))

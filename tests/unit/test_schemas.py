@@ -21,11 +21,8 @@ ROOT = Path(__file__).parents[2]
 # the project's own have tables of their own.
 OWN_STUDIES = (
     *(
-        "calibration",
-        "choose",
         "coverage",
         "depth",
-        "lenticular",
         "looking_glass",
         "one_picture",
         "optimal",

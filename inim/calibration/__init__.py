@@ -1,1 +1,0 @@
-"""A real display's parameters, from photographs of patterns that it shows."""
