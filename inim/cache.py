@@ -1,11 +1,11 @@
 """Result cache: results stored under the digest of their inputs.
 
 A record's address is the digest of its inputs: scene and mesh bytes, display, viewpoint, seed,
-samples, versions and the program's own code; no file names and no times. Equal inputs give equal
-results, bit for bit, so no record is ever invalidated. Records are npz files. They are written to a
-temporary file and renamed, so a killed run leaves no half-written record. They are read against
-their checksums and their address; a damaged record is removed and its result is computed again. Any
-number of processes may share a folder.
+samples, the program's own code and the versions of all `PACKAGES`; no file names and no times.
+Equal inputs give equal results, bit for bit, so no record is ever invalidated. Records are npz
+files. They are written to a temporary file and renamed, so a killed run leaves no half-written
+record. They are read against their checksums and their address; a damaged record is removed and its
+result is computed again. Any number of processes may share a folder.
 
 The folder is `inim` in the user's cache folder, or the folder in the variable INIM_CACHE; "off"
 disables the cache. Beyond a size, 8 GiB or INIM_CACHE_GIB, the least recently used records are
@@ -19,6 +19,7 @@ import hashlib
 import io
 import json
 import os
+import platform
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields, is_dataclass
@@ -75,6 +76,28 @@ def code_digest(*places: str) -> str:
         for file in files:
             digest.update(str(file.relative_to(_PACKAGE)).encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()[:40]
+
+
+#: Packages that the program computes with: their versions affect every result.
+PACKAGES = (
+    "DracoPy", "drjit", "llvmlite", "matplotlib", "mitsuba", "msgspec", "numba", "numpy", "OpenEXR",
+    "pillow", "scipy", "trimesh",
+)  # fmt: skip
+
+
+def versions(packages: Iterable[str] = PACKAGES) -> dict[str, str]:
+    """Versions of Python and of installed packages; "unknown" if not installed."""
+    return {"python": platform.python_version(), **{name: _version(name) for name in packages}}
+
+
+@cache
+def _version(package: str) -> str:
+    from importlib import metadata  # slow to load
+
+    try:
+        return metadata.version(package)
+    except metadata.PackageNotFoundError:
+        return "unknown"
 
 
 def _source_files(folder: Path) -> Iterator[Path]:
@@ -320,7 +343,8 @@ class ResultCache:
 
 
 def _digests(parts: Mapping[str, Any]) -> dict[str, str]:
-    return {name: value_digest(value) for name, value in parts.items()}
+    """Digests of a result's inputs, and of the packages that every result depends on."""
+    return {name: value_digest(value) for name, value in ({"packages": versions()} | parts).items()}
 
 
 def _change(before: Mapping[str, str] | None, now: Mapping[str, str]) -> str:

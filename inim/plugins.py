@@ -7,10 +7,12 @@ Generators, metrics and lens models of other packages are entry points of the gr
 from __future__ import annotations
 
 import hashlib
+import os
+import re
 import sys
 import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module, metadata, util
@@ -18,6 +20,10 @@ from pathlib import Path
 from typing import Any
 
 from inim.errors import FileError, InimError, OutOfMemoryError, UsageError
+
+_CODE = (".py", ".so", ".pyd")
+# Folders in which modules of different distributions are neighbours.
+_SHARED = ("site-packages", "dist-packages")
 
 
 def announced_names(group: str) -> list[str]:
@@ -57,18 +63,56 @@ def load(group: str, name: str, kind: str, make: Callable[[Any], Any] = lambda v
 
 
 def identity(group: str, name: str) -> dict[str, str]:
-    """Identity of a plugin's state: entry point, version, SHA-256 of its module.
-
-    The hash detects changes of the file without a new version.
-    """
+    """Identity of a plugin's state: its entry point, and `_state` of the module there."""
     point = next(iter(metadata.entry_points(group=group, name=name)))
-    record = {"entry_point": point.value}
-    if point.dist is not None:
-        record["version"] = point.dist.version
-    spec = util.find_spec(point.module)
-    if spec is not None and spec.origin is not None:
-        record["sha256"] = hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()
-    return record
+    return {"entry_point": point.value, **_state(point.module, point.dist)}
+
+
+def _state(module: str, distribution: metadata.Distribution | None) -> dict[str, str]:
+    """SHA-256 of all files of a module's distribution, its version, and those of its dependencies.
+
+    The hash detects changes of files without a new version.
+    """
+    record = {"sha256": _digest(_plugin_files(module, distribution))}
+    if distribution is None:
+        return record
+    dependencies = _dependencies(tuple(distribution.requires or ()))
+    requires = {f"requires {package}": version for package, version in dependencies.items()}
+    return {**record, "version": distribution.version, **requires}
+
+
+def _module_digest(name: str, file: Path) -> str:
+    """SHA-256 of the state of a module's distribution, or of its folder if it is not installed."""
+    top, folders = name.partition(".")[0], {folder.name for folder in file.parents}
+    owners = None if folders.isdisjoint(_SHARED) else _owners(tuple(sys.path)).get(top)
+    if not owners:
+        return _digest(_module_files(file))
+    state = _state(top, metadata.distribution(owners[0]))
+    return hashlib.sha256(repr(state).encode()).hexdigest()
+
+
+@cache  # takes 0.2 s
+def _owners(_search_path: tuple[str, ...]) -> Mapping[str, list[str]]:
+    """Distributions by their top-level modules."""
+    return metadata.packages_distributions()
+
+
+@cache
+def _dependencies(requirements: tuple[str, ...]) -> dict[str, str]:
+    """Versions of the installed packages that requirements name, directly or indirectly."""
+    versions: dict[str, str] = {}
+    remaining = list(requirements)
+    while remaining:
+        package = re.split(r"[^\w.-]", remaining.pop(), maxsplit=1)[0]
+        package = re.sub(r"[-_.]+", "-", package).lower()
+        if package in versions or package == "inim":  # inim's own code is part of every key
+            continue
+        with suppress(metadata.PackageNotFoundError):  # an optional one
+            distribution = metadata.distribution(package)
+            versions[package] = distribution.version
+            indirect = distribution.requires or ()
+            remaining += (line for line in indirect if "extra ==" not in line)
+    return dict(sorted(versions.items()))
 
 
 @contextmanager
@@ -101,7 +145,7 @@ def attribute_errors(group: str, kind: str, name: str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class PluginModule:
-    """A module that registers Mitsuba plugins, with the digest of its code.
+    """A module that registers Mitsuba plugins, with the digest of its distribution's state.
 
     `file` is the file of the top-level module or package. It is loaded from there: its folder is
     not searched for other modules, so a `numpy.py` next to it is not executed.
@@ -128,7 +172,7 @@ class PluginModule:
             name, file = text, Path(spec.origin) if spec and spec.origin else Path()
         if not file.is_file():
             raise UsageError(f"--plugin {text}: no such module; install it, or give its .py file")
-        return cls(name, file.resolve(), _digest(file))
+        return cls(name, file.resolve(), _module_digest(name, file.resolve()))
 
     @property
     def text(self) -> str:
@@ -157,16 +201,90 @@ class PluginModule:
                 f"--plugin {self.name}: cannot be loaded: {type(error).__name__}: "
                 f"{' '.join(str(error).split())[:400]}"
             ) from error
-        if _digest(self.file) != self.sha256:
+        if _module_digest(self.name, self.file) != self.sha256:
             raise FileError(f"{self.file}: was saved while the run read it; run it again")
 
 
-def _digest(file: Path) -> str:
-    """SHA-256 of a module's file; of a package, of all its code."""
+def _plugin_files(module: str, distribution: metadata.Distribution | None) -> set[Path]:
+    """Files of a plugin's distribution: recorded ones, and all of its top-level modules.
+
+    An editable installation records none of its code. All that can be imported from the folder of
+    such a module then counts.
+    """
+    tops, recorded = {module.partition(".")[0]}, set[Path]()
+    if distribution is not None:
+        tops.update((distribution.read_text("top_level.txt") or "").split())
+        recorded = {Path(str(file.locate())).resolve() for file in distribution.files or ()}
+    files = {file for file in recorded if file.is_file() and not _is_ignored(file)}
+    for top in tops:
+        spec = util.find_spec(top)
+        if spec is not None and spec.has_location and spec.origin:
+            files |= _module_files(Path(spec.origin).resolve(), recorded)
+        elif spec is not None and spec.submodule_search_locations:  # a namespace package
+            folders = [Path(place).resolve() for place in spec.submodule_search_locations]
+            if not any(folder in file.parents for folder in folders for file in recorded):
+                files.update(*map(_files_below, folders))
+    return files
+
+
+def _module_files(file: Path, recorded: Iterable[Path] = ()) -> set[Path]:
+    """Files of a top-level module or package and, unless it is recorded, of its neighbours."""
+    is_package = (file.parent / "__init__.py").is_file()
+    folder = file.parent.parent if is_package else file.parent
+    files = _files_below(file.parent) if is_package else {file}
+    if file not in recorded and folder.name not in _SHARED:
+        for path in _listed(folder):
+            if path.suffix in _CODE and path.is_file():
+                files.add(path)
+            elif (path / "__init__.py").is_file():
+                files |= _files_below(path)
+    return files
+
+
+def _files_below(folder: Path) -> set[Path]:
+    files = set()
+    for path in _listed(folder):
+        if path.is_dir() and not path.is_symlink():
+            files |= _files_below(path)
+        elif path.is_file() and not _is_ignored(path):
+            files.add(path)
+    return files
+
+
+def _listed(folder: Path) -> list[Path]:
+    """Entries of a folder; raises `FileError` if it cannot be listed, as its modules still load."""
+    with _reading():
+        return list(folder.iterdir())
+
+
+@contextmanager
+def _reading() -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise FileError(
+            f"{error.filename}: a plugin's file cannot be read ({error.strerror}); make it readable"
+        ) from error
+
+
+def _is_ignored(file: Path) -> bool:
+    """True for modules that Python compiled, and for records of an installation."""
+    return file.parent.name == "__pycache__" or file.parent.suffix in (".dist-info", ".egg-info")
+
+
+def _digest(files: Iterable[Path]) -> str:
+    """SHA-256 of the names and contents of files, independent of their common folder."""
+    ordered = sorted(files)
+    home = os.path.commonpath([file.parent for file in ordered])
     digest = hashlib.sha256()
-    files = [file] if file.name != "__init__.py" else sorted(file.parent.rglob("*"))
-    for path in files:
-        if path.suffix in (".py", ".so", ".pyd") and path.is_file():
-            digest.update(path.relative_to(file.parent).as_posix().encode() + b"\0")
-            digest.update(path.read_bytes())
+    for file in ordered:
+        status = file.stat()
+        content = _content_digest(file, status.st_size, status.st_mtime_ns)
+        digest.update(file.relative_to(home).as_posix().encode() + b"\0" + content)
     return digest.hexdigest()
+
+
+@cache  # each score asks for the identities of all metrics
+def _content_digest(file: Path, _size: int, _mtime_ns: int) -> bytes:
+    with _reading():
+        return hashlib.sha256(file.read_bytes()).digest()

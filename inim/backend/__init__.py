@@ -283,18 +283,3 @@ def cuda_verdict() -> Verdict:
     # An empty value hides every card; none at all hides none.
     visible = [repr(os.environ.get("CUDA_VISIBLE_DEVICES")), *devices]
     return stored_trial("cuda_ad_rgb", drivers[0], {}, required_libraries(None), visible)
-
-
-def versions(packages: Iterable[str]) -> dict[str, str]:
-    """Versions of Python and of installed packages; "unknown" if not installed."""
-    return {"python": platform.python_version(), **{name: _version(name) for name in packages}}
-
-
-@cache
-def _version(package: str) -> str:
-    from importlib import metadata  # slow to load
-
-    try:
-        return metadata.version(package)
-    except metadata.PackageNotFoundError:
-        return "unknown"

@@ -61,8 +61,9 @@ def describe() -> dict[str, Any]:
     """Describe the machine and the installation, as JSON values."""
     import platform
 
-    from inim.backend import choose_backend, cuda_verdict, llvm_verdicts, versions
+    from inim.backend import choose_backend, cuda_verdict, llvm_verdicts
     from inim.backend.trial import cache_file
+    from inim.cache import versions
     from inim.process.machine import cpu_count, cpu_model, memory_limit_bytes
 
     cuda = cuda_verdict()

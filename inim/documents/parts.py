@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta, field
 
-from inim.backend import versions
+from inim.cache import versions
 from inim.display import Display
 from inim.documents.document import Document, Part, doc
 from inim.version import __version__

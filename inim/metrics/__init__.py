@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.backend import versions
+from inim.cache import versions
 from inim.errors import UsageError
 from inim.image.color import srgb_from_linear
 from inim.metrics import cvvdp

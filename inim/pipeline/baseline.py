@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from inim.backend import Backend, versions
+from inim.backend import Backend
+from inim.cache import versions
 from inim.display import Display
 from inim.documents.compare import CompareDocument, Side
 from inim.documents.parts import Check, Checks, Circumstances, Regression, utc_now

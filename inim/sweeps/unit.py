@@ -25,13 +25,14 @@ from pathlib import Path
 from typing import Any
 
 import inim
-from inim.backend import versions
+from inim.cache import versions
 from inim.display import Display
 from inim.documents import read_document
 from inim.documents.algorithms import UnitDocument
 from inim.documents.document import encode
 from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, WorkerError
 from inim.generators import SCENE_ALGORITHMS, is_own, parse_algorithm
+from inim.lens import foreign_identity
 from inim.metrics import foreign_identities
 from inim.pipeline.baseline import FOLDER as STATISTICS
 from inim.pipeline.plan import Plan, make_plan
@@ -49,7 +50,6 @@ from inim.version import __version__
 from inim.worker.output import publish, staging_folder
 from inim.worker.supervisor import OnStart, run_in_worker
 
-_VERSIONS = ("drjit", "mitsuba", "numba", "numpy")
 # Settings that do not affect a score, or are in the key under another name.
 _NOT_DECIDING = ("title", "algorithms", "viewpoints", "min_ssim_to_reference")
 # Code that does not affect scores.
@@ -150,12 +150,12 @@ def key_of(plan: Plan) -> dict[str, Any]:
         "viewpoints": [asdict(viewpoint) for viewpoint in plan.viewpoints],
         "backend": plan.request.backend,
         "time": plan.request.time,
-        "versions": {"inim": __version__, **_versions()},
+        "versions": {"inim": __version__, **versions()},
         "code": _own_code(),
     }
-    others = foreign_identities()
-    if others:
-        key["metrics"] = others
+    lens_model = foreign_identity(plan.settings.lens_model)
+    plugins = {"metrics": foreign_identities(), "lens_model": lens_model}
+    key |= {name: identities for name, identities in plugins.items() if identities}
     record: dict[str, Any] = json.loads(json.dumps(key))
     return record
 
@@ -177,12 +177,6 @@ def algorithm_inputs(plan: Plan, algorithm: str) -> dict[str, Any]:
     if is_own(name) or name in SCENE_ALGORITHMS:
         return inputs
     return inputs | identity("inim.generators", name)
-
-
-@cache
-def _versions() -> dict[str, str]:
-    """Versions, cached because each lookup reads files of the packages."""
-    return versions(_VERSIONS)
 
 
 @cache

@@ -12,7 +12,7 @@ from inim.pipeline.stages import stage as module
 from inim.pipeline.stages.stage import Code, Run, stage
 from inim.process.observer import Observer
 
-CODE = Code(("version.py",), ("numpy",))
+CODE = Code(("version.py",))
 
 
 @dataclass(frozen=True)
@@ -71,14 +71,14 @@ def test_derived_arguments_do_not_change_the_key(run):
     assert calls == [2]
 
 
-def test_edited_code_and_the_stage_s_own_file_make_another_result(run, monkeypatch):
+def test_edited_code_and_that_of_all_stages_make_another_result(run, monkeypatch):
     product, calls = counted()
     product(Picture("one", np.arange(3.0)), 2, run=run)
     places: list[tuple[str, ...]] = []
     monkeypatch.setattr(module, "code_digest", lambda *inputs: places.append(inputs) or "edited")
     product(Picture("one", np.arange(3.0)), 2, run=run)
     assert calls == [2, 2]
-    assert places == [("version.py", "pipeline/stages/stage.py")]
+    assert places == [("version.py", "pipeline/stages", "backend/kernels.py")]
 
 
 def test_the_report_lists_computed_and_reused_results_with_the_reason(run):

@@ -23,7 +23,7 @@ of these views lowers its score slightly; the noise correction of the scores est
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -85,7 +85,7 @@ class ScoredViews:
 
 @stage(
     "EIA of {name}",
-    code=replace(RENDERING, packages=(*RENDERING.packages, "scipy")),
+    code=RENDERING,
     result_types=(NoisyImage,),
     describe=("optimised", "nothing", "its scene or its views are new"),
 )

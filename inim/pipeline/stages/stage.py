@@ -15,7 +15,6 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, Generic, ParamSpec, TypeVar
 
 from inim import metrics
-from inim.backend import versions
 from inim.cache import ResultCache, code_digest
 from inim.process.observer import Observer
 
@@ -27,53 +26,34 @@ _Step = tuple[str, str, str]
 Describe = _Step | Callable[..., _Step]
 
 _CACHED: _Step = ("read from the cache", "all of it", "its inputs and code are unchanged")
+# The stages, which call each other, and the threads of all kernels.
+_SHARED = ("pipeline/stages", "backend/kernels.py")
 
 
 @dataclass(frozen=True)
 class Code:
     """Code that affects a result: a change makes cached results invalid.
 
-    `paths` are files and folders of the package, `packages` are distributions whose versions count,
-    and `plugins` returns the identities of other packages' plugins.
+    `paths` are files and folders of the package, in addition to those that all stages share.
+    `plugins` returns the identities of other packages' plugins.
     """
 
     paths: tuple[str, ...]
-    packages: tuple[str, ...]
     plugins: Callable[[], dict[str, Any]] | None = None
 
     def key(self) -> dict[str, Any]:
-        """Digests and versions."""
-        key = {"program": code_digest(*self.paths), "packages": versions(self.packages)}
+        """Digests of the program's code, and identities of plugins."""
+        key: dict[str, Any] = {"program": code_digest(*self.paths, *_SHARED)}
         return key | ({} if self.plugins is None else {"plugins": self.plugins()})
 
 
-_VALUES = ("image", "display", "scene")
-RENDERING = Code(
-    (
-        "render",
-        "lens",
-        "files",
-        "pipeline/stages/scene.py",
-        "pipeline/stages/generation.py",
-        *_VALUES,
-    ),
-    ("drjit", "mitsuba", "numpy", "OpenEXR", "trimesh"),
-)
+RENDERING = Code(("render", "lens", "files", "image", "display", "scene"))
 GENERATING = Code(
-    (*RENDERING.paths, "generators", "regression/fingerprints.py"),
-    (*RENDERING.packages, "llvmlite", "numba"),
+    (*RENDERING.paths, "generators", "regression/fingerprints.py", "regression/verdict.py")
 )
-SCORING = Code(
-    ("metrics", "image", "regression"),
-    ("numba", "numpy", "scipy"),
-    metrics.foreign_identities,
-)
+SCORING = Code(("metrics", "image", "regression", "display", "files"), metrics.foreign_identities)
 #: Everything, for a whole report.
-PROGRAM = Code(
-    ("",),
-    (*GENERATING.packages, "matplotlib", "msgspec", "pillow", "scipy"),
-    metrics.foreign_identities,
-)
+PROGRAM = Code(("",), metrics.foreign_identities)
 
 
 class SkippedSteps:
@@ -121,10 +101,7 @@ class CachedStage(Generic[_Arguments, _Result]):
     ) -> None:
         functools.update_wrapper(self, function)
         self.function = function
-        # The function's own file also affects its result.
-        path = function.__module__.partition(".")[2].replace(".", "/") + ".py"
-        self._code = replace(code, paths=(*code.paths, path))
-        self._name, self._result_types = name, result_types
+        self._name, self._code, self._result_types = name, code, result_types
         self._timer, self._describe, self._derived = timer, describe, derived
         self._signature = inspect.signature(function)
 
@@ -193,12 +170,12 @@ def stage(
     """Declare a stage.
 
     `name` is that of the result in the cache and in the report, with arguments in braces:
-    ``"ground-truth view: {viewpoint.name}"``. `code` affects the result, in addition to the
-    function's own file, and `result_types` are the dataclasses that the result contains. `timer` is
-    the name of its time in the report; several stages may share one. `describe` gives the work
-    done, the work skipped and the reason for the report, or is a function of the samples traced and
-    the arguments that returns them; without it the report omits the stage. `derived` arguments
-    follow from the others and are not part of the cache key.
+    ``"ground-truth view: {viewpoint.name}"``. `code` affects the result, and `result_types` are the
+    dataclasses that the result contains. `timer` is the name of its time in the report; several
+    stages may share one. `describe` gives the work done, the work skipped and the reason for the
+    report, or is a function of the samples traced and the arguments that returns them; without it
+    the report omits the stage. `derived` arguments follow from the others and are not part of the
+    cache key.
     """
 
     def declare(function: Callable[_Arguments, _Result]) -> CachedStage[_Arguments, _Result]:
