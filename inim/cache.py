@@ -344,7 +344,7 @@ class ResultCache:
 
 def _digests(parts: Mapping[str, Any]) -> dict[str, str]:
     """Digests of a result's inputs, and of the packages that every result depends on."""
-    return {name: value_digest(value) for name, value in ({"packages": versions()} | parts).items()}
+    return {name: value_digest(value) for name, value in {"packages": versions(), **parts}.items()}
 
 
 def _change(before: Mapping[str, str] | None, now: Mapping[str, str]) -> str:

@@ -255,6 +255,20 @@ def test_a_key_follows_versions_and_code(write_study, monkeypatch):
     assert len({before, newer, unit_hash(key_of(plan))}) == 3
 
 
+@pytest.mark.parametrize("function", ["foreign_identities", "foreign_identity"])
+def test_a_key_follows_the_state_of_metrics_and_lens_models_of_other_packages(
+    write_study, monkeypatch, function
+):
+    from inim.sweeps import unit
+
+    plan = units_of(write_study())[0].plan
+    hashes = {unit_hash(key_of(plan))}
+    for state in ("a", "b"):
+        monkeypatch.setattr(unit, function, lambda *_, state=state: {"theirs": state})
+        hashes.add(unit_hash(key_of(plan)))
+    assert len(hashes) == 3
+
+
 def test_a_criterion_belongs_to_its_algorithm(write_study):
     text = ONE.replace("view_spp = 2", 'min_ssim_to_reference = "template:0.5"')
     unit = units_of(write_study(text))[0]
