@@ -34,7 +34,6 @@ GROUPS = {
     },
     "your own pictures and displays": {
         "generate": "generate",
-        "depth": "inputs",
         "pickup": "inputs",
         "export": "view",
         "inspect": "info",

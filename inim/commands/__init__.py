@@ -184,9 +184,16 @@ def add_picture(parser: _Options) -> None:
         help="depth of the colour picture INPUT: .png, .pgm, .tif, .exr, .pfm or .npy",
     )
     add(
+        "--estimate-depth",
+        metavar="MODEL",
+        help="estimate the depth of the photograph INPUT with this depth-estimation model of "
+        "transformers, a folder or a name on huggingface.co; needs pip install 'inim[depth]'",
+    )
+    add(
         "--depth-unit",
         metavar="UNIT",
-        help="unit of depth: mm, cm, m, none, or a number of units per metre, such as 5000",
+        help="unit of --depth, required: mm, cm, m, none, or a number of units per metre, such as "
+        "5000",
     )
     add(
         "--intrinsics",
@@ -204,7 +211,9 @@ def add_picture(parser: _Options) -> None:
     direction = parser.add_mutually_exclusive_group()
     direction.add_argument("--near-is-large", action="store_true", help="larger values are nearer")
     direction.add_argument(
-        "--far-is-large", action="store_true", help="larger values are farther, as for distances"
+        "--far-is-large",
+        action="store_true",
+        help="larger values are farther (default of depths with a unit)",
     )
     add(
         "--near",
@@ -276,14 +285,16 @@ def classify_input(args: argparse.Namespace) -> None:
     Exactly one of these becomes the path: `scene` (.xml); `mesh`, or splats; `fitted`, an RGB-D
     picture (.exr); `cameras_file`, pictures of several cameras (.json); `light_field`, the folder
     of an HCI light field; `color`, the colour picture of --depth; or `photo`, a photograph with
-    depth inside (or a folder of them).
+    depth inside or to be estimated (or a folder of them).
     """
     from inim.files.triangle_mesh import MESH_SUFFIXES
 
     kinds = ("scene", "mesh", "fitted", "cameras_file", "light_field", "color", "photo")
     vars(args).update(dict.fromkeys(kinds))
     suffix = args.input.suffix.lower()
-    if args.depth is not None:
+    if args.estimate_depth is not None:
+        kind = "photo"
+    elif args.depth is not None:
         kind = "color"
     elif args.input.is_dir() and any(
         path.name == "parameters.cfg" or path.name.startswith("input_Cam")

@@ -36,13 +36,14 @@ _DEFAULT_ALGORITHM = "template"
 _EPILOG = """depth
   Depth with a unit (--depth-unit mm, cm, m, or 5000 for 5000 units per metre) is missing where the
   value is 0, negative or not finite. Depth without a unit (--depth-unit none) is missing where the
-  value is not finite or is listed by --missing. Larger values are farther from the camera unless
-  --near-is-large is given.
+  value is not finite or is listed by --missing, and needs --near-is-large or --far-is-large.
+  Distances that no depth camera has are refused, unless --near and --far confirm them.
 
 photographs that contain depth
   Give only the file name: the file contains the depth, its unit and its direction. The photograph
   is treated as taken with parallel rays. With --intrinsics photo, it is unprojected with the camera
   parameters in the file. The default of --fit is auto.
+  --estimate-depth MODEL does the same for a photograph without depth.
 
 perspective
   --intrinsics unprojects the picture: it moves every pixel to its position in space, and the

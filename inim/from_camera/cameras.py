@@ -73,6 +73,12 @@ def _check_options(options: CameraPicture) -> None:
     if options.intrinsics or options.orthographic:
         option = "--intrinsics" if options.intrinsics else "--orthographic"
         raise UsageError(f"{option}: the document has the intrinsics of all cameras; omit {option}")
+    if options.depth_unit == "none" or options.near_is_large:
+        option = "--near-is-large" if options.near_is_large else "--depth-unit none"
+        raise UsageError(
+            f"{option}: several cameras need distances in a known unit, growing away from the "
+            "camera; give --depth-unit mm, cm, m, or a number of units per metre"
+        )
     if options.depth_map != "linear":
         raise UsageError(f"--depth-map {options.depth_map}: several cameras need linear")
     if options.fit_rule not in FITS:
@@ -103,11 +109,6 @@ def _read(
     files = _file(path, placed.color), _file(path, placed.depth)
     text = ",".join(map(repr, intrinsics))
     picture = replace(options, color=files[0], depth=files[1], intrinsics=text).read()
-    if not picture.values.has_unit or picture.values.near_is_large:
-        raise UsageError(
-            f"{files[1]}: several cameras need distances in a known unit, growing away from the "
-            "camera; give --depth-unit"
-        )
     assert picture.camera is not None
     check_pinhole(picture.camera, (picture.color.shape[0], picture.color.shape[1]))
     return picture

@@ -1,7 +1,7 @@
 """Colour and depth of a camera as a user gives them: reading, checks and fit to a display.
 
 Depth is resampled to the colour picture's size by nearest pixel: a mean would invent surfaces
-between an object and its background. A comparison of edges detects misaligned pictures.
+between an object and its background.
 """
 
 from __future__ import annotations
@@ -39,24 +39,11 @@ from inim.from_camera.framing import Framing, choose_framing
 from inim.from_camera.picture_files import read_color, read_depth
 from inim.image.rgbd import RGBD
 
-# Weights of red, green and blue for a grey picture.
-_LUMA = (0.3, 0.6, 0.1)
 # Relative difference of aspect ratios; cropped or letter-boxed pictures differ by more.
 _ASPECT_TOLERANCE = 0.01
-# Edges are compared on pictures about this wide, up to this share of it as shift.
-_COMPARISON_PX = 480
-_MAX_SHIFT = 0.06
-# Minimum depth difference of neighbours at an edge, as a share of the depth range.
-_EDGE = 0.05
-# Minimum number of edge pixels for a comparison.
-_MIN_EDGES = 200
-# Depth sensors miss the true edge by a few pixels; smaller shifts are ignored.
-_TOLERANCE_PX = 4.0
 #: A warning is given if more than this share of a picture is clipped or of the array is empty.
 MAX_LOST_SHARE = 0.5
-# Minimum ratio of the best match of the edges to their unshifted match, both above the median.
-_MIN_MATCH_RATIO = 1.35
-# Options that a photograph with depth inside replaces.
+# Options that a photograph with depth inside, or with an estimated depth, replaces.
 _PHOTO_PROPERTIES = (
     "color",
     "depth",
@@ -67,9 +54,6 @@ _PHOTO_PROPERTIES = (
     "swap_bytes",
 )
 _PHOTO_CAMERA = "photo"
-# Minimum significance of the best match in standard deviations. Unrelated pictures reach 4 among
-# the thousands of shifts.
-_MIN_DEVIATIONS = 5.0
 
 
 def check_same_view(color: tuple[int, int], depth: tuple[int, int], name: str) -> None:
@@ -97,58 +81,6 @@ def resample_nearest(depth: NDArray[np.float32], shape: tuple[int, int]) -> NDAr
     return nearest
 
 
-def edge_shift(color: np.ndarray, depth: NDArray[np.float32]) -> tuple[int, int] | None:
-    """Shift in pixels (right, down) that aligns the depth's edges with the colour's.
-
-    None if the pictures are aligned, or if the match is not significant. `color` is (H, W, 3);
-    `depth` is (H, W) float32, NaN where missing.
-    """
-    step = max(1, math.ceil(depth.shape[1] / _COMPARISON_PX))
-    small = depth[::step, ::step]
-    grey = np.asarray(color[::step, ::step], np.float32) @ np.array(_LUMA, np.float32)
-    edges, contrast = _depth_edges(small), _contrast(grey)
-    reach = max(1, round(_MAX_SHIFT * max(small.shape)))
-    if edges.sum() < _MIN_EDGES or min(small.shape) <= 2 * reach:
-        return None
-    size = tuple(n + reach for n in small.shape)
-    spectrum = np.fft.rfft2(contrast - contrast.mean(), size) * np.conj(np.fft.rfft2(edges, size))
-    match = np.roll(np.fft.irfft2(spectrum, size), (reach, reach), (0, 1))
-    match = match[: 2 * reach + 1, : 2 * reach + 1]
-    shift_y, shift_x = (int(v) - reach for v in np.unravel_index(match.argmax(), match.shape))
-    unshifted, best = float(match[reach, reach]), float(match.max())
-    base = float(np.median(match))
-    deviation = 1.4826 * float(np.median(np.abs(match - base)))  # factor of a normal distribution
-    is_misaligned = (
-        math.hypot(shift_y, shift_x) * step > _TOLERANCE_PX
-        and best - base > _MIN_MATCH_RATIO * (unshifted - base)
-        and best - base > _MIN_DEVIATIONS * deviation
-    )
-    return (shift_x * step, shift_y * step) if is_misaligned else None
-
-
-def _depth_edges(depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """1 on both sides of a depth edge, otherwise 0."""
-    valid = depth[~np.isnan(depth)]
-    edges = np.zeros(depth.shape, np.float32)
-    if valid.size < 2:
-        return edges
-    low, high = np.quantile(valid, (0.02, 0.98))
-    limit = _EDGE * float(high - low)
-    for first, second in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:])):
-        is_edge = np.abs(depth[second] - depth[first]) > limit
-        edges[first][is_edge] = 1
-        edges[second][is_edge] = 1
-    return edges
-
-
-def _contrast(grey: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Square root of neighbour differences, which limits the weight of hard edges."""
-    difference = np.zeros_like(grey)
-    difference[:, 1:-1] = np.abs(grey[:, 2:] - grey[:, :-2])
-    difference[1:-1] += np.abs(grey[2:] - grey[:-2])
-    return np.asarray(np.sqrt(difference), np.float32)
-
-
 @dataclass(frozen=True)
 class ColorDepth:
     """Colour and depth of a camera on one grid."""
@@ -167,8 +99,8 @@ class ColorDepth:
 class CameraPicture:
     """Files of a picture and the options for reading them; see `inim generate --help`.
 
-    Each field is the option of that name. `photo` is a photograph with depth inside; it replaces
-    `color` and `depth`.
+    Each field is the option of that name. `photo` is a photograph with depth inside, or whose depth
+    the model `estimate_depth` estimates; it replaces `color` and `depth`.
     """
 
     color: Path | None = None
@@ -189,6 +121,7 @@ class CameraPicture:
     max_slope: float = 10.0
     swap_bytes: bool = False
     photo: Path | None = None
+    estimate_depth: str | None = None
 
     @property
     def fit_rule(self) -> str:
@@ -206,7 +139,8 @@ class CameraPicture:
             for name in _PHOTO_PROPERTIES:
                 if getattr(self, name):
                     option = f"--{name.replace('_', '-')}"
-                    raise UsageError(f"{option}: {self.photo} contains its depth; omit {option}")
+                    other = self.photo if self.estimate_depth is None else "--estimate-depth"
+                    raise UsageError(f"{option}: {other} contains the depth; omit {option}")
             if self.intrinsics and self.orthographic:
                 raise UsageError("--orthographic and --intrinsics exclude each other; give one")
             return
@@ -253,12 +187,7 @@ class CameraPicture:
             return self._read_photo(self.photo)
         assert self.color is not None
         assert self.depth is not None
-        convention = DepthConvention(
-            None if self.depth_unit is None else parse_unit(self.depth_unit),
-            True if self.near_is_large else False if self.far_is_large else None,
-            _numbers(self.missing),
-            self.near is not None and self.far is not None,
-        )
+        convention = self._convention(self.depth)
         color = read_color(self.color)
         file = read_depth(self.depth, swap_bytes=self.swap_bytes)
         rows, columns = color.shape[:2]
@@ -271,16 +200,39 @@ class CameraPicture:
                 "resampled to the colour's size by nearest pixel"
             )
             values = replace(values, warnings=(*values.warnings, message))
-        return self._combine(color, values, self.camera(), str(self.depth))
+        return self._combine(color, values, self.camera())
+
+    def _convention(self, path: Path) -> DepthConvention:
+        """Properties of the depth file's numbers; raises `UsageError` if one is not stated."""
+        if self.depth_unit is None:
+            raise UsageError(
+                f"--depth-unit: missing; state the unit of {path}: mm, cm, m, none, or the number "
+                "of units per metre (5000)"
+            )
+        unit_mm = parse_unit(self.depth_unit)
+        if unit_mm == 0 and not (self.near_is_large or self.far_is_large):
+            raise UsageError(
+                f"--depth-unit none: state the direction of {path}: --near-is-large (white is "
+                "near) or --far-is-large"
+            )
+        has_range = self.near is not None and self.far is not None
+        missing = _numbers(self.missing)
+        return DepthConvention(unit_mm, self.near_is_large, self.swap_bytes, missing, has_range)
 
     def _read_photo(self, path: Path) -> ColorDepth:
-        """Read a photograph with depth inside."""
+        """Read a photograph with depth inside, or estimate its depth."""
         from inim.from_camera.depth_photo import read_depth_photo
         from inim.from_camera.depth_photo.codes import invert_disparity
 
-        photo = read_depth_photo(path)
-        rows, columns = photo.values.depth.shape
-        check_same_view((photo.color.shape[0], photo.color.shape[1]), (rows, columns), str(path))
+        if self.estimate_depth is None:
+            photo = read_depth_photo(path)
+            rows, columns = photo.values.depth.shape
+            size = (photo.color.shape[0], photo.color.shape[1])
+            check_same_view(size, (rows, columns), str(path))
+        else:
+            from inim.from_camera.estimated_depth import estimate_photo
+
+            photo = estimate_photo(path, self.estimate_depth)
         if np.isnan(photo.values.depth).all():
             raise FileError(f"{path}: no pixel has a depth; use the original file")
         camera, values = self.camera(), photo.values
@@ -293,13 +245,13 @@ class CameraPicture:
                 )
         if camera is not None and values.near_is_large:
             values = invert_disparity(values)
-        picture = self._combine(photo.color, values, camera, str(path))
+        picture = self._combine(photo.color, values, camera)
         return replace(picture, notes=photo.notes)
 
     def _combine(
-        self, color: np.ndarray, values: DepthValues, camera: Pinhole | None, name: str
+        self, color: np.ndarray, values: DepthValues, camera: Pinhole | None
     ) -> ColorDepth:
-        """Fill depth, resample it to the colour's grid and check the alignment of their edges."""
+        """Fill depth and resample it to the colour's grid."""
         rows, columns = color.shape[:2]
         size = values.depth.shape
         missing = float(np.isnan(values.depth).mean())
@@ -307,17 +259,9 @@ class CameraPicture:
             values.depth, self.missing_depth, near_is_large=values.near_is_large
         )
         values = replace(values, depth=resample_nearest(depth, (rows, columns)))
-        warnings = values.warnings
-        shift = edge_shift(color, values.depth)
-        if shift is not None:
-            warnings = (
-                *warnings,
-                f"{name}: may be misaligned with {self.path}: the edges match better if depth "
-                f"shifts {shift[0]:+} pixels to the right and {shift[1]:+} down; register depth to "
-                "colour first",
-            )
         coarseness = max(1.0, columns / size[1])
-        return ColorDepth(color, values, coarseness, (size[1], size[0]), missing, warnings, camera)
+        depth_size = size[1], size[0]
+        return ColorDepth(color, values, coarseness, depth_size, missing, values.warnings, camera)
 
     def orient(self, picture: ColorDepth, display: Display) -> Display:
         """The display, turned on its side if it is wide and the picture is high, or vice versa.

@@ -1,9 +1,4 @@
-"""Reading of a camera's colour and depth picture.
-
-Depth often has 16 bits, and some files have the wrong byte order, which turns 2047 into 65287.
-Surfaces are smooth: in the right order most neighbours differ by little, in the wrong order by
-multiples of 256.
-"""
+"""Reading of a camera's colour and depth picture."""
 
 from __future__ import annotations
 
@@ -17,7 +12,7 @@ from numpy.typing import NDArray
 
 from inim.errors import FileError
 from inim.files import check_file
-from inim.files.image import read_exr, read_exr_channels, write_exr_parts
+from inim.files.image import read_exr, read_exr_channels
 from inim.files.picture import is_exr, open_picture, read_pfm
 
 _COLOR_FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM")
@@ -38,9 +33,6 @@ _CHANNELS = ("Z", "Y", "V", "depth.Z", "Depth.Z", "depth.V", "Depth.V", "R")
 _MOST_PIXELS = 2**28
 # Largest difference between the colour channels of a grey picture.
 _MOST_CHANNEL_DIFFERENCE = 2
-# Swapped bytes increase the differences of neighbours by more than this factor, noise by less.
-_SMOOTHER = 4.0
-_ROWS_LOOKED_AT = 512
 # Range of depths in any unit; swapped bytes of a float give values outside.
 _PLAUSIBLE_FLOATS = (1e-12, 1e15)
 
@@ -130,7 +122,7 @@ def read_depth(path: Path, *, swap_bytes: bool = False) -> DepthFile:
     * `swap_bytes`: the two bytes of 16-bit numbers are swapped relative to the format.
 
     Raises `FileError`: the file is missing, damaged, of another kind, has several numbers per
-    pixel, or bytes in the wrong order.
+    pixel, or floats in the wrong byte order.
     """
     readers = {".exr": _read_exr, ".pfm": read_pfm, ".npy": _read_npy}
     suffix = path.suffix.lower()
@@ -160,7 +152,8 @@ def read_depth(path: Path, *, swap_bytes: bool = False) -> DepthFile:
         if stored.dtype.itemsize != 2:
             raise FileError(f"{path}: --swap-bytes is for 16-bit depth; this is {stored.dtype}")
         stored = stored.byteswap()
-    _check_byte_order(path, stored, swap_bytes)
+    if stored.dtype.kind == "f":
+        _check_floats(path, stored)
     largest = int(np.iinfo(stored.dtype).max) if stored.dtype.kind in "ui" else None
     with np.errstate(over="ignore"):  # infinite values are missing
         return DepthFile(np.ascontiguousarray(stored, np.float32), largest)
@@ -205,11 +198,6 @@ def _read_exr(path: Path) -> np.ndarray:
     )
 
 
-def write_depth(path: Path, values: np.ndarray, meaning: str) -> None:
-    """Write depth, (H, W) float, as an EXR with the channel Z and the attribute ``inim:depth``."""
-    write_exr_parts(path, [({"Z": values}, "depth")], {"inim:depth": meaning})
-
-
 def _read_npy(path: Path) -> np.ndarray:
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
@@ -221,36 +209,12 @@ def _read_npy(path: Path) -> np.ndarray:
         raise FileError(f"{path}: not a readable .npy array ({cause}); save it again") from error
 
 
-def _check_byte_order(path: Path, stored: np.ndarray, swapped: bool) -> None:
-    if stored.dtype.kind == "f":
-        sizes = np.abs(stored[np.isfinite(stored) & (stored != 0)])
-        middle = float(np.median(sizes)) if sizes.size else 1.0
-        if not _PLAUSIBLE_FLOATS[0] < middle < _PLAUSIBLE_FLOATS[1]:
-            raise FileError(
-                f"{path}: half of its values are about {middle:.3g}, as when the bytes of floats "
-                "are in the wrong order; save it again (PFM: the sign of its scale)"
-            )
-        return
-    if stored.dtype.itemsize != 2 or stored.shape[1] < 2:
-        return
-    rows = stored[:: max(1, len(stored) // _ROWS_LOOKED_AT)]
-    if not (rows & 0xFF).any():  # shifted 8-bit values are smooth in both orders
-        return
-    as_is, other = _roughness(rows), _roughness(rows.byteswap())
-    if as_is > _SMOOTHER * other:
-        first = int(rows[rows != 0][0])
-        remedy = "leave out --swap-bytes" if swapped else "add --swap-bytes, or save it again"
+def _check_floats(path: Path, stored: np.ndarray) -> None:
+    """Raise `FileError` for floats that are depths in no unit."""
+    sizes = np.abs(stored[np.isfinite(stored) & (stored != 0)])
+    middle = float(np.median(sizes)) if sizes.size else 1.0
+    if not _PLAUSIBLE_FLOATS[0] < middle < _PLAUSIBLE_FLOATS[1]:
         raise FileError(
-            f"{path}: its 16-bit values look byte-swapped ({first} instead of "
-            f"{int(np.uint16(first).byteswap())}): neighbours differ by {as_is:.4g} as read and "
-            f"by {other:.4g} in the other byte order; {remedy}"
+            f"{path}: half of its values are about {middle:.3g}, as when the bytes of floats are "
+            "in the wrong order; save it again (PFM: the sign of its scale)"
         )
-
-
-def _roughness(values: np.ndarray) -> float:
-    """Mean difference between valid neighbours in a row."""
-    left, right = values[:, :-1], values[:, 1:]
-    is_valid_pair = (left != 0) & (right != 0)
-    if not is_valid_pair.any():
-        return 0.0
-    return float(np.abs(left[is_valid_pair].astype(np.float64) - right[is_valid_pair]).mean())

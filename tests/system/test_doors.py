@@ -124,7 +124,10 @@ DOORS: dict[str, Door] = {
         ["generate", "views", "-o", "made.png"],
         "views/parameters.cfg", EXIT_USAGE, two_views,
     ),
-    "a photograph": (["depth", "x.png", "-o", "made.exr"], "x.png", EXIT_USAGE, no_output),
+    "a photograph": (
+        ["generate", "x.png", "--estimate-depth", "m", "-o", "made.png"],
+        "x.png", EXIT_USAGE, no_output,
+    ),
     "a study": (["sweep", "x.toml", "-o", "made"], "x.toml", EXIT_USAGE, no_output),
     "a study's scene": (
         ["sweep", "study.toml", "-o", "made"],
@@ -247,8 +250,8 @@ def test_a_file_that_is_put_in_place_of_another_is_looked_at_once_it_is_open(tmp
 
 
 @pytest.mark.parametrize("flipped", [8, 120, 300])
-@pytest.mark.parametrize("command", ["generate", "depth"])
-def test_a_damaged_tiff_is_one_line(command, flipped, tmp_path, capfd):
+@pytest.mark.parametrize("kind", ["color", "depth"])
+def test_a_damaged_tiff_is_one_line(kind, flipped, tmp_path, capfd):
     """Expected: libtiff's own words on descriptor 2, up to hundreds of lines, are not heard."""
     from inim.from_camera.picture_files import read_color, read_depth
 
@@ -259,7 +262,7 @@ def test_a_damaged_tiff_is_one_line(command, flipped, tmp_path, capfd):
     data[flipped : len(data) : 97] = b"\xff" * len(data[flipped : len(data) : 97])
     path.write_bytes(data)
     with pytest.raises(FileError, match=r"x\.tif"):
-        (read_color if command == "depth" else read_depth)(path)
+        (read_color if kind == "color" else read_depth)(path)
     assert capfd.readouterr() == ("", "")
     os.write(2, b"heard again")
     assert capfd.readouterr().err == "heard again"

@@ -47,7 +47,7 @@ def camera(tmp_path):
 
 
 def words(folder: Path, *more: str, color="color.png", depth="depth.png", display=DISPLAY):
-    files = [str(folder / color), "--depth", str(folder / depth)]
+    files = [str(folder / color), "--depth", str(folder / depth), "--depth-unit", "mm"]
     return ["generate", *files, *display, "-o", str(folder / "eia.png"), *more]
 
 
@@ -156,15 +156,19 @@ def test_output_names_the_fill_of_the_eia(camera, capsys, more, fill):
     assert f"of the EIA, fill: {fill}\n" in capsys.readouterr().out
 
 
-def test_guessed_settings_are_printed(camera, capsys):
-    assert main(words(camera, *CAMERA)) == EXIT_PASSED
-    output = capsys.readouterr()
-    assert "no depth unit given; assumed mm" in output.err
+def test_a_resampled_depth_is_printed(camera, capsys):
     small = np.asarray(Image.open(camera / "depth.png"))[::2, ::2]
     Image.fromarray(small).save(camera / "half.png")
-    more = (*CAMERA, "--depth-unit", "mm")
-    assert main(words(camera, *more, depth="half.png")) == EXIT_PASSED
+    assert main(words(camera, *CAMERA, depth="half.png")) == EXIT_PASSED
     assert "resampled to the colour's size by nearest pixel" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("more", "says"), [((), "--depth-unit: missing"), (("--depth-unit", "none"), "--near-is-large")]
+)
+def test_unit_and_direction_must_be_stated(camera, more, says):
+    files = ["color.png", "--depth", "depth.png", *CAMERA, *more]
+    assert_refused("generate", *files, folder=camera, says=[says, "depth.png"])
 
 
 def test_eq_4_as_printed_is_generated_with_a_warning(camera, capsys):
@@ -182,7 +186,7 @@ def test_eq_4_as_printed_is_generated_with_a_warning(camera, capsys):
     [
         ((), "--orthographic"),
         ((*CAMERA, "--orthographic"), "give either"),
-        ((*CAMERA, "--depth-unit", "m"), "implausible --depth-unit of 1000 mm"),
+        ((*CAMERA, "--depth-unit", "m"), "--depth-unit of 1000 mm"),
         ((*CAMERA, "--missing", "x"), "--missing x"),
         ((*CAMERA, "--depth-unit", "mm", "--near", "3000"), "--near 3000"),
         ((*CAMERA, "--near", "nan"), "must be finite"),
@@ -214,8 +218,8 @@ def test_swap_bytes_reads_a_depth_map_of_the_other_byte_order(camera, capsys):
     depth = np.asarray(Image.open(camera / "depth.png")) + np.arange(COLUMNS) // 7
     (camera / "swapped.pgm").write_bytes(b"P5\n120 90\n65535\n" + depth.astype("<u2").tobytes())
     assert main(words(camera, *CAMERA, depth="swapped.pgm")) == EXIT_USAGE
-    assert "look byte-swapped" in capsys.readouterr().err
-    more = ["--swap-bytes", "--depth-unit", "mm", "--missing", ",".join(map(str, range(18)))]
+    assert "--swap-bytes for the other byte order" in capsys.readouterr().err
+    more = ["--swap-bytes", "--missing", ",".join(map(str, range(18)))]
     assert main(words(camera, *CAMERA, *more, depth="swapped.pgm")) == EXIT_PASSED
 
 

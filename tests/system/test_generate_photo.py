@@ -163,7 +163,7 @@ def test_a_whole_folder_passes(tmp_path):
         (["phone", "-o", "o", "--fit", "round"], "--fit round: use contain, cover or auto"),
         (["phone", "-o", "o", "--display", "wall"], "wall"),
         (["empty", "-o", "o"], "empty: no photograph in it"),
-        (["phone/a.jpg", "--depth-unit", "m"], "--depth-unit: phone/a.jpg contains its depth"),
+        (["phone/a.jpg", "--depth-unit", "m"], "--depth-unit: phone/a.jpg contains the depth"),
         (["phone/a.jpg", "--intrinsics", "photo"], "contains no camera"),
         (
             ["phone/a.jpg", "--intrinsics", "photo", "--orthographic"],

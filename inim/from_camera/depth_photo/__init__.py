@@ -13,7 +13,6 @@ depth_representation_info (ITU-T H.265), which has no unit.
 from __future__ import annotations
 
 import math
-import shlex
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -39,7 +38,7 @@ from inim.from_camera.depth_photo.codes import (
 from inim.from_camera.depth_photo.jpeg import MAGIC, read_jpeg_depth
 from inim.from_camera.depth_values import DepthValues
 from inim.from_camera.fit import Pinhole
-from inim.from_camera.picture_files import convert_to_srgb
+from inim.from_camera.picture_files import convert_to_srgb, read_srgb
 
 #: File name suffixes of photographs.
 SUFFIXES = (".heic", ".heif", ".hif", ".jpeg", ".jpg")
@@ -74,16 +73,22 @@ def read_depth_photo(path: Path) -> DepthPhoto:
     if not data.startswith(MAGIC):
         raise FileError(
             f"{path}: neither HEIC nor JPEG; other pictures have no depth inside: add --depth "
-            f"FILE, or estimate it: {_estimate(path)}"
+            "FILE or --estimate-depth MODEL"
         )
     depth = read_jpeg_depth(path, data)
     with open_picture(path, ("JPEG",), 1, data=data) as picture:
         return _decode_photo(path, picture, read_exif(picture), depth, is_upright=False)
 
 
-def _estimate(path: Path) -> str:
-    """Command that estimates the depth of a picture."""
-    return shlex.join(["inim", "depth", str(path), "-o", f"{path.stem}-depth.exr"])
+def read_photo_srgb(path: Path) -> NDArray[np.uint8]:
+    """Colours of a photograph, with or without depth inside: (H, W, 3) uint8 sRGB, upright.
+
+    Raises `FileError`: missing, damaged or unsupported format.
+    """
+    data = read_file(path, _MAX_BYTES)
+    if not is_heif(data):
+        return read_srgb(path)
+    return np.asarray(convert_to_srgb(read_heif(path, data)[0], path).convert("RGB"))
 
 
 def _decode_photo(
@@ -97,7 +102,7 @@ def _decode_photo(
     if depth is None:
         raise FileError(
             f"{path}: no depth inside (HEIC, dynamic depth, GDepth or Apple's disparity); use the "
-            f"original file of a portrait photograph, or estimate depth: {_estimate(path)}"
+            "original file of a portrait photograph, or add --estimate-depth MODEL"
         )
     orientation, focal_35mm = exif
     color = np.asarray(convert_to_srgb(picture, path).convert("RGB"))
