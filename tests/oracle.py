@@ -12,8 +12,9 @@ with it: they do not follow a ray step by step.
   to whole panels, for large displays and lengths without ties.
 
 Lengths: a panel pitch of ``1 / 17`` or ``0.0636`` means that number, not the binary fraction next
-to it. `exact_length` finds the simplest fraction that rounds to the float. Depths are measurements:
-a float32 depth has exactly its binary value.
+to it. `exact_length` finds the simplest fraction that rounds to the float, `length_of` the simplest
+multiple of the pitch or the pixel. Depths are measurements: a float32 depth has exactly its binary
+value.
 
 Conventions: a cell counts if the ray spends an interval of depth in it, not if it touches it in one
 point. This also holds for the ends of the ray at z_max and z_min. A panel pixel centred exactly
@@ -24,6 +25,7 @@ upper one.
 import math
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 
@@ -45,6 +47,29 @@ def exact_length(value: float) -> Fraction:
     return exact * Fraction(2) ** power
 
 
+def length_of(display: Display, value: float) -> Fraction:
+    """Length of a display or its picture, as a number of lens pitches or panel pixels if simple.
+
+    A length may be a product or a quotient of others, each of which is rounded: it is a simple
+    multiple of another if it is within 8 ulp of one.
+    """
+    length, pitch = exact_length(value), exact_length(display.pitch_mm)
+    pixel = exact_length(display.pixel_pitch_mm)
+    pixel = pitch * _near(pixel / pitch)
+    for unit in (pitch, pixel):
+        if _near(length / unit) != length / unit:
+            return unit * _near(length / unit)
+    return length
+
+
+def _near(ratio: Fraction) -> Fraction:
+    """Fraction below a denominator of a million within 8 ulp of a ratio, or the ratio."""
+    # Counted in powers of two, as the floats are.
+    power = Fraction(2) ** (ratio.numerator.bit_length() - ratio.denominator.bit_length())
+    simple = (ratio / power).limit_denominator(10**6) * power
+    return simple if abs(simple - ratio) * 2**52 <= 8 * abs(ratio) else ratio
+
+
 @dataclass(frozen=True)
 class Rays:
     """Rays of one axis, in cells of the picture: ``cell(z) = start + slope z``, lens -1: none."""
@@ -57,7 +82,8 @@ class Rays:
 def panel_pixels(display: Display) -> tuple[int, int]:
     """Rows and columns of the panel; by default the fewest that cover the elemental images."""
     down, across = (
-        elemental / exact_length(display.pixel_pitch_mm) for elemental in _elemental(display)
+        _near(elemental / length_of(display, display.pixel_pitch_mm))
+        for elemental in _elemental(display)
     )
     return (
         display.panel_rows or math.ceil(display.lens_rows * down),
@@ -67,9 +93,9 @@ def panel_pixels(display: Display) -> tuple[int, int]:
 
 def _elemental(display: Display) -> tuple[Fraction, Fraction]:
     """Pitch of the elemental images, down and across."""
-    pitch, elemental = exact_length(display.pitch_mm), display.elemental_pitch_mm
-    across = pitch if elemental is None else exact_length(elemental)
-    rows = pitch if display.pitch_y_mm is None else exact_length(display.pitch_y_mm)
+    pitch, elemental = length_of(display, display.pitch_mm), display.elemental_pitch_mm
+    across = pitch if elemental is None else length_of(display, elemental)
+    rows = pitch if display.pitch_y_mm is None else length_of(display, display.pitch_y_mm)
     return across * rows / pitch, across
 
 
@@ -90,14 +116,15 @@ def lens_of_pixel(
 
 def all_rays(rgbd: RGBD, display: Display) -> tuple[Rays, Rays]:
     """Rays of the panel's rows, downwards, and of its columns, to the right."""
-    gap, cell = exact_length(display.gap_mm), exact_length(rgbd.pixel_mm)
-    pixel_pitch, across = exact_length(display.pixel_pitch_mm), exact_length(display.pitch_mm)
-    down = across if display.pitch_y_mm is None else exact_length(display.pitch_y_mm)
+    exact = partial(length_of, display)
+    gap, cell = exact(display.gap_mm), exact(rgbd.pixel_mm)
+    pixel_pitch, across = exact(display.pixel_pitch_mm), exact(display.pitch_mm)
+    down = across if display.pitch_y_mm is None else exact(display.pitch_y_mm)
     axes = []
     for pixels, lenses, cells, pitch, elemental, shift in zip(
         panel_pixels(display), (display.lens_rows, display.lens_columns), rgbd.shape,
         (down, across), _elemental(display),
-        (-exact_length(display.shift_y_mm), exact_length(display.shift_x_mm)), strict=True,
+        (-exact(display.shift_y_mm), exact(display.shift_x_mm)), strict=True,
     ):  # fmt: skip
         lens, start, slope = [], [], []
         for i in range(pixels):
@@ -115,7 +142,7 @@ def all_rays(rgbd: RGBD, display: Display) -> tuple[Rays, Rays]:
 def depth_range(display: Display) -> tuple[Fraction, Fraction]:
     """Exact lengths of z_min and z_max."""
     low, high = display.depth_range_mm
-    return exact_length(low), exact_length(high)
+    return length_of(display, low), length_of(display, high)
 
 
 # -- exact --------------------------------------------------------------------------------------

@@ -38,6 +38,8 @@ from inim.display.parameters import (
 from inim.display.pixels import (
     PixelAxis,
     exact_length,
+    exact_multiple,
+    exact_ratio,
     pixel_axis,
     pixel_rays,
     row_blocks,
@@ -335,17 +337,17 @@ class Display:
     @property
     def pixels_per_lens(self) -> float:
         """Panel pixels per elemental image along one axis; rarely a whole number in hardware."""
-        return self.elemental_image_pitch_mm / self.pixel_pitch_mm
+        return float(self.exact_pixels_per_lens[1])
 
     @property
     def has_integer_ratio(self) -> bool:
         """True if all elemental images are squares of the same whole number of pixels."""
-        whole = round(self.pixels_per_lens)
-        covered = tuple(lenses * whole for lenses in self.layout.grid)
+        down, across = self.exact_pixels_per_lens
+        covered = tuple(lenses * int(across) for lenses in self.layout.grid)
         return (
             self.is_separable
             and not (self.shift_x_mm or self.shift_y_mm)
-            and all(exact == whole for exact in self._exact_pixels_per_lens)
+            and down == across == round(across)
             and self.eia_shape == covered
         )
 
@@ -355,16 +357,24 @@ class Display:
 
         By default those that cover the array where it is designed to be, not moved nor turned.
         """
-        (down, across), (wide, high) = self._exact_pixels_per_lens, self.layout.size
+        (down, across), (wide, high) = self.exact_pixels_per_lens, self.layout.size
         rows, columns = math.ceil(high * down), math.ceil(wide * across)
         return self.panel_rows or rows, self.panel_columns or columns
 
-    @property
-    def _exact_pixels_per_lens(self) -> tuple[Fraction, Fraction]:
+    def exact_mm(self, length_mm: float) -> Fraction:
+        """A length of the display, or of its picture: see `exact_multiple`.
+
+        The units are the lens pitch and the panel pixel.
+        """
+        return exact_multiple(length_mm, self.pitch_mm, self.pixel_pitch_mm)
+
+    @cached_property
+    def exact_pixels_per_lens(self) -> tuple[Fraction, Fraction]:
         """Panel pixels per elemental image, down and across."""
-        pixel, pitch = exact_length(self.pixel_pitch_mm), exact_length(self.pitch_mm)
-        across = exact_length(self.elemental_image_pitch_mm)
-        return exact_length(self.row_pitch_mm) * across / pitch / pixel, across / pixel
+        pixel, pitch = self.exact_mm(self.pixel_pitch_mm), self.exact_mm(self.pitch_mm)
+        across = self.exact_mm(self.elemental_image_pitch_mm)
+        down = self.exact_mm(self.row_pitch_mm) * across / pitch
+        return exact_ratio(down / pixel), exact_ratio(across / pixel)
 
     # -- depth ---------------------------------------------------------------------------------
 
@@ -389,22 +399,18 @@ class Display:
 
     @property
     def _exact_central_depth(self) -> Fraction:
-        f, g = exact_length(self.focal_length_mm), exact_length(self.gap_mm)
+        f, g = self.exact_mm(self.focal_length_mm), self.exact_mm(self.gap_mm)
         return f * g / (g - f)
 
     @property
     def _exact_scene_pixel(self) -> Fraction:
-        return (
-            abs(self._exact_central_depth)
-            * exact_length(self.pixel_pitch_mm)
-            / exact_length(self.gap_mm)
-        )
+        pixel, gap = self.exact_mm(self.pixel_pitch_mm), self.exact_mm(self.gap_mm)
+        return abs(self._exact_central_depth) * pixel / gap
 
     @property
     def _exact_half_span(self) -> Fraction:
-        return (
-            abs(self._exact_central_depth) * self._exact_scene_pixel / exact_length(self.pitch_mm)
-        )
+        pitch = self.exact_mm(self.pitch_mm)
+        return abs(self._exact_central_depth) * self._exact_scene_pixel / pitch
 
     @cached_property
     def depth_range_mm(self) -> tuple[float, float]:
@@ -415,16 +421,24 @@ class Display:
         """
         if self.depth_min_mm is not None and self.depth_max_mm is not None:
             return float(self.depth_min_mm), float(self.depth_max_mm)
+        low, high = self.exact_depth_range
+        return float(low), float(high)
+
+    @property
+    def exact_depth_range(self) -> tuple[Fraction, Fraction]:
+        """Depth range before its ends are rounded."""
+        if self.depth_min_mm is not None and self.depth_max_mm is not None:
+            return self.exact_mm(self.depth_min_mm), self.exact_mm(self.depth_max_mm)
         centre, half = self._exact_central_depth, self._exact_half_span
         low, high = centre - half, centre + half
         if centre > 0:
-            return float(max(low, self._clearance)), float(high)
-        return float(low), float(min(high, -self._clearance))
+            return max(low, self._clearance), high
+        return low, min(high, -self._clearance)
 
     @property
     def _clearance(self) -> Fraction:
         """Minimum distance of a depth range from the array."""
-        return min(exact_length(self.pitch_mm), abs(self._exact_central_depth) / 2)
+        return min(self.exact_mm(self.pitch_mm), abs(self._exact_central_depth) / 2)
 
     @property
     def depth_range_is_cut(self) -> bool:
@@ -533,24 +547,24 @@ class Display:
         count = exact_length(pixels_per_pitch)
         far, near = self.depth_range_mm
         slopes = self.layout.outward_slopes(), self.layout.outward_slopes(behind=True)
-        sizes, extents = (self.width_mm, self.height_mm), self.half_extent_mm
-        margins = [
-            max(before * max(abs(far), abs(near)), -behind * far) + (extent - size / 2)
-            for before, behind, extent, size in zip(*slopes, extents, sizes, strict=True)
+        wide, high = self.layout.size
+        down = exact_ratio(self.exact_mm(self.row_pitch_mm) / self.exact_mm(self.pitch_mm))
+        columns, rows = exact_ratio(wide * count), exact_ratio(high * down * count)
+        reach = [
+            max(before * max(abs(far), abs(near)), -behind * far) + extent
+            for before, behind, extent in zip(*slopes, self.half_extent_mm, strict=True)
         ]
         pads = [
-            math.ceil(max(margin, 0.0) / self.pitch_mm * pixels_per_pitch - 1e-9)
-            for margin in margins
+            max(math.ceil(exact_ratio(mm / self.pitch_mm * pixels_per_pitch) - size / 2), 0)
+            for mm, size in zip(reach, (columns, rows), strict=True)
         ]
-        down = exact_length(self.row_pitch_mm) / exact_length(self.pitch_mm)
-        wide, high = self.layout.size
-        return math.ceil(high * down * count) + 2 * pads[1], math.ceil(wide * count) + 2 * pads[0]
+        return math.ceil(rows) + 2 * pads[1], math.ceil(columns) + 2 * pads[0]
 
     @property
     def lenses_on_panel(self) -> tuple[int, int]:
         """Rows and columns of lenses whose elemental images lie wholly on the panel."""
         down, across = (
-            int(n // p) for n, p in zip(self.eia_shape, self._exact_pixels_per_lens, strict=True)
+            int(n // p) for n, p in zip(self.eia_shape, self.exact_pixels_per_lens, strict=True)
         )
         return down, across
 
@@ -570,7 +584,7 @@ class Display:
         A quotient of floats may be its neighbour, which no rational ray casting takes for the
         length that was meant (1.7 / 5 is not 0.34).
         """
-        return float(exact_length(self.pitch_mm) / exact_length(pixels_per_pitch))
+        return float(self.exact_mm(self.pitch_mm) / exact_length(pixels_per_pitch))
 
     @property
     def steepest_slopes(self) -> tuple[float, float]:

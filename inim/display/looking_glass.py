@@ -22,7 +22,7 @@ from typing import Any
 from inim.display.display import Display
 from inim.display.layouts import Lenticular
 from inim.display.parameters import Cells
-from inim.display.pixels import MM_PER_INCH
+from inim.display.pixels import MM_PER_INCH, exact_ratio
 from inim.errors import DisplayError, FileError
 
 #: Values of `Display.cell_pattern` for CellPatternMode 0 to 4, as in the vendor's Unity plugin.
@@ -112,7 +112,7 @@ class LookingGlass:
             gap_mm=gap,
             refractive_index=index,
             pixel_pitch_mm=pixel,
-            lens_columns=max(1, round(self.screen_w * pixel * math.cos(angle) / lens)),
+            lens_columns=max(1, round(exact_ratio(self.screen_w * pixel * math.cos(angle) / lens))),
             lens_rows=1,
             panel_columns=self.screen_w,
             panel_rows=self.screen_h,

@@ -153,6 +153,19 @@ def panel_points(display: Display, x_mm: np.ndarray, y_mm: np.ndarray) -> PanelP
 _LARGEST_DENOMINATOR = 10**6
 
 
+# Relative error of the ratio of two lengths that each took up to seven roundings of 2^-53, such as
+# a decimal that was divided and scaled; the ratio may be rounded twice itself. It is 8 ulp of 1.
+# Fractions of denominators up to the largest are 10^-12 apart: the nearest one is unambiguous.
+RATIO_ERROR = 2.0**-49
+
+
+def _simple(value: Fraction) -> Fraction:
+    """Nearest fraction with a small denominator, except for powers of two."""
+    # Powers of two apart: doubling a length doubles its fraction.
+    power = Fraction(2) ** (value.numerator.bit_length() - value.denominator.bit_length())
+    return (value / power).limit_denominator(_LARGEST_DENOMINATOR) * power
+
+
 @lru_cache(1024)
 def exact_length(value: float) -> Fraction:
     """The length a person meant: the simplest fraction that rounds to this float.
@@ -160,10 +173,36 @@ def exact_length(value: float) -> Fraction:
     0.0636 stands for 636/10000 and 1/17 for a seventeenth, not for the binary fractions near
     them. Sums of such lengths are then exact, and equal directions come out equal to the bit.
     """
-    mantissa, exponent = math.frexp(value)  # so that doubling a length doubles its fraction
-    simple = Fraction(mantissa).limit_denominator(_LARGEST_DENOMINATOR)
-    exact = simple if float(simple) == mantissa else Fraction(mantissa)
-    return exact * Fraction(2) ** exponent
+    exact = Fraction(value)
+    simple = _simple(exact)
+    return simple if float(simple) == value else exact
+
+
+@lru_cache(1024)
+def exact_ratio(ratio: Fraction | float) -> Fraction:
+    """The ratio of lengths a person meant: the simplest fraction within 8 ulp, if there is one.
+
+    Every number of lenses, pixels or steps is derived from it: 0.3 / (0.3 / 3) is 3, in any unit.
+    """
+    exact = Fraction(ratio)
+    simple = _simple(exact)
+    return simple if abs(simple - exact) <= RATIO_ERROR * abs(exact) else exact
+
+
+@lru_cache(1024)
+def exact_multiple(value: float, *units: float) -> Fraction:
+    """A length as `exact_length`, unless it is a simple multiple of one of the units.
+
+    0.3 / 3 is a third of 0.3, although the float is not 0.1. A unit counts as a multiple of those
+    before it.
+    """
+    exact = exact_length(value)
+    for n, unit in enumerate(units):
+        exact_unit = exact_multiple(unit, *units[:n])
+        ratio = exact_ratio(exact / exact_unit)
+        if ratio * exact_unit != exact:
+            return ratio * exact_unit
+    return exact
 
 
 @dataclass(frozen=True)
@@ -231,7 +270,7 @@ def pixel_axis(display: Display, sign: int) -> PixelAxis:
 
     Raises `DisplayError`: the display is not separable, or no pixel is under a lens.
     """
-    axis, gap = display.layout.axis(sign), exact_length(display.gap_mm)
+    axis, gap = display.layout.axis(sign), display.exact_mm(display.gap_mm)
     # In halves, as centres lie at half-integers: position = (2 i - n + 1) pixel / 2.
     lengths = (axis.pixel / 2, axis.pitch / 2, axis.cell, axis.shift)
     unit = _common_measure(lengths)

@@ -60,8 +60,8 @@ class LightField:
 def view_grid(display: Display) -> tuple[int, int]:
     """Rows and columns of views of an EIA: the number of whole pixels per lens, at least one."""
     _check_rows(display)
-    down = display.elemental_row_pitch_mm / display.pixel_pitch_mm
-    return max(1, int(down + 1e-9)), max(1, int(display.pixels_per_lens + 1e-9))
+    down, across = display.exact_pixels_per_lens
+    return max(1, int(down)), max(1, int(across))
 
 
 def sub_aperture_views(

@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import PixelOffset, exact_length, row_blocks
+from inim.display.pixels import PixelOffset, exact_ratio, row_blocks
 from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
@@ -104,9 +104,8 @@ class _Gu2020(SourceGenerator):
 
 def _sampled_depths(display: Display, step_mm: float) -> np.ndarray:
     """Depths from z_max down to z_min, in exact steps, each rounded once."""
-    low, high = map(exact_length, display.depth_range_mm)
-    step = exact_length(step_mm)
-    steps = math.ceil((high - low) / step)
+    (low, high), step = display.exact_depth_range, display.exact_mm(step_mm)
+    steps = math.ceil(exact_ratio((high - low) / step))
     if steps > _MOST_STEPS:
         raise UsageError(
             f"step_mm = {step_mm:g}: {steps} steps over the depth range of {float(high - low):g} "

@@ -26,7 +26,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.layouts import Lenticular
-from inim.display.pixels import PixelAxis, exact_length
+from inim.display.pixels import PixelAxis
 from inim.generators.base import (
     HOLE,
     PictureShape,
@@ -113,8 +113,8 @@ def _axis(
     cell_mm: float,
     depths_mm: tuple[float, float],
 ) -> ForwardAxis:
-    gap, pixel = exact_length(display.gap_mm), exact_length(display.pixel_pitch_mm)
-    places = [Fraction(2 * c - cells + 1, 2) * exact_length(cell_mm) for c in range(cells)]
+    gap, pixel, cell = map(display.exact_mm, (display.gap_mm, display.pixel_pitch_mm, cell_mm))
+    places = [Fraction(2 * c - cells + 1, 2) * cell for c in range(cells)]
     lens_z, lens_g, pixel_g, unit = _whole(
         centres, [x0 * gap for x0 in centres], [x * gap for x in places], [pixel]
     )

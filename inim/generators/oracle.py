@@ -4,7 +4,7 @@ Validations of users' own pictures and `inim.stress` score algorithms against th
 no code with the generators: it collects and sorts all border crossings of a ray, whereas the
 generators walk from cell to cell. Nothing is rounded, so the definition decides ties
 (docs/theory/templates.md). Lengths are the numbers that a person wrote
-(`inim.display.pixels.exact_length`), a float32 depth is exactly its value, and only the backs of
+(`Display.exact_mm`), a float32 depth is exactly its value, and only the backs of
 columns are float32 arithmetic, by definition.
 
 `tests/oracle.py` checks this oracle with a second rational oracle, written independently with
@@ -23,7 +23,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.layouts import LensAxis
-from inim.display.pixels import CENTRE, PixelOffset, exact_length
+from inim.display.pixels import CENTRE, PixelOffset
 from inim.generators.base import HOLE, Sources
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 
@@ -144,7 +144,7 @@ def axis_rays(
 
     A ray with an offset in its pixel keeps that pixel's lens.
     """
-    gap, cell = exact_length(display.gap_mm), exact_length(rgbd.pixel_mm)
+    gap, cell = display.exact_mm(display.gap_mm), display.exact_mm(rgbd.pixel_mm)
     return (
         _rays(display.layout.axis(-1), gap, rgbd.shape[0], cell, pixel_offset[0]),
         _rays(display.layout.axis(+1), gap, rgbd.shape[1], cell, pixel_offset[1]),
@@ -172,7 +172,7 @@ def first_hits_of(
     lines: Iterable[Line], rgbd: RGBD, display: Display, columns: str = "surface"
 ) -> np.ndarray:
     """Source of each ray, (n,) int64: ``(layer * H + row) * W + column``, or `HOLE`."""
-    low, high = map(exact_length, display.depth_range_mm)
+    low, high = map(display.exact_mm, display.depth_range_mm)
     columns_of_picture = column_layers(rgbd, columns)
     return np.array([_first_hit(line, *columns_of_picture, low, high) for line in lines], np.int64)
 

@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import PixelOffset, row_blocks
+from inim.display.pixels import RATIO_ERROR, PixelOffset, row_blocks
 from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
@@ -174,11 +174,14 @@ def _match_all(
 def _steps(du, dv, z_min, z_max, stride, up):
     """Depth step of Eq. 5, `stride` picture pixels of sideways travel, and z_len of Eq. 6."""
     travel = max(abs(du), abs(dv)) / stride
-    if travel * (z_max - z_min) < (1.0 if up else 0.5):
+    steps = travel * (z_max - z_min)
+    # As `exact_ratio`, where the step's number of halves decides.
+    halves = math.floor(2.0 * steps + 0.5)
+    if abs(2.0 * steps - halves) <= RATIO_ERROR * halves:
+        steps = halves / 2.0
+    if steps < (1.0 if up else 0.5):
         return z_max - z_min, 1
-    step = 1.0 / travel
-    steps = (z_max - z_min) / step
-    return step, (math.ceil(steps) if up else math.floor(steps + 0.5)) + 1
+    return 1.0 / travel, (math.ceil(steps) if up else math.floor(steps + 0.5)) + 1
 
 
 def _match(depth, first, last, cells, v0, dv, start, step, along_ray, consecutive):

@@ -38,8 +38,6 @@ COVER_GLASS = ((0.5, 1.52),)
 # Panels are driven with 8 bits of red, green and blue.
 _BYTES_PER_PIXEL = 3
 _CURVE_POINTS = 241
-# Of a quotient of two lengths that are themselves rounded.
-_ROUNDING = 1e-12
 
 
 def mode(display: Display) -> str:
@@ -51,9 +49,7 @@ def mode(display: Display) -> str:
 
 def has_whole_pixels(display: Display) -> bool:
     """True if elemental images are a whole number of pixels wide and high."""
-    sides = (display.elemental_image_pitch_mm, display.elemental_row_pitch_mm)
-    counts = [side / display.pixel_pitch_mm for side in sides]
-    return all(abs(n - round(n)) < _ROUNDING * n for n in counts)
+    return all(count.denominator == 1 for count in display.exact_pixels_per_lens)
 
 
 def size_of(display: Display) -> Size:

@@ -25,6 +25,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.layouts import Lenticular, Square
+from inim.display.pixels import exact_ratio
 from inim.errors import DisplayError
 from inim.lens import thick
 from inim.lens.array import NUMPY_OPS, LensArray, channel_indices, lens_array
@@ -119,7 +120,7 @@ class _Sheet:
             pitches = array.pitch_x, array.pitch_y
             return cls(array, False, layout.grid[::-1], pitches, (facets, facets))
         pitch, (half_x, half_y) = array.pitch_x, layout.half_extent_mm
-        across = 2 * (math.ceil(layout.outermost_mm[0] / pitch) + _MARGIN_LENSES) + 1
+        across = 2 * (math.ceil(exact_ratio(layout.outermost_mm[0] / pitch)) + _MARGIN_LENSES) + 1
         shift = abs(array.shift_x) + abs(array.shift_y)
         length = 2 * (abs(array.sine) * half_x + array.cosine * half_y + shift)
         return cls(

@@ -19,7 +19,6 @@ import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import exact_length
 from inim.render import variant
 
 
@@ -34,11 +33,11 @@ def _axis_address(
     picture column ``c cells_per_pitch + (c pixels_per_pitch - s) travel + cells / 2``. Rays that
     leave the picture take its outermost pixel.
     """
-    panel, pitch, cell = map(exact_length, (display.pixel_pitch_mm, display.pitch_mm, pixel_mm))
+    panel, pitch, cell = map(display.exact_mm, (display.pixel_pitch_mm, display.pitch_mm, pixel_mm))
     plane_mm = display.central_depth_mm
     if not math.isfinite(plane_mm):
         plane_mm = sum(display.depth_range_mm) / 2
-    per_lens = float(panel / exact_length(display.elemental_image_pitch_mm))
+    per_lens = float(panel / display.exact_mm(display.elemental_image_pitch_mm))
     pixels_per_pitch, cells_per_pitch = float(pitch / panel), float(pitch / cell)
     travel = float(panel / cell) * plane_mm / display.gap_mm
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from inim.display import DISPLAYS, Display
 from inim.display.misalignment import misaligned
+from inim.display.pixels import exact_ratio
 from inim.display.viewpoint import Viewpoint, default_distance_mm
 from inim.errors import DisplayError, SceneError, ViewpointError
 from inim.render.rays import NonSeparableRays, SeparableRays, frustum_rays, pickup_rays
@@ -143,7 +144,8 @@ def register() -> None:
             display = self.display
             half_x, half_y = display.half_extent_mm
             per_mm = _PIXELS_PER_PITCH / display.pitch_mm
-            rows, columns = _ensure_film(props, *(round(2 * h * per_mm) for h in (half_y, half_x)))
+            pixels = (exact_ratio(2 * half * per_mm) for half in (half_y, half_x))
+            rows, columns = _ensure_film(props, *map(round, pixels))
             if abs(columns * half_y / half_x - rows) >= 1:
                 raise SceneError(
                     f"inim_eye: the film's aspect ratio, {columns} x {rows}, does not match the "

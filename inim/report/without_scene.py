@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from inim.display.pixels import exact_ratio
 from inim.documents.document import write_listed
 from inim.documents.picture import PictureAlgorithm, PictureDocument
 from inim.metrics import MAIN, RELIC_MARGIN_PX, all_metrics
@@ -176,7 +177,7 @@ def _on_array(data: PictureDocument, pixels: np.ndarray | None) -> np.ndarray | 
         return None
     display, pixel_mm = data.display.parameters, data.picture.pixel_mm
     cut = [
-        max(0, round((n - length / pixel_mm) / 2))
+        max(0, round(exact_ratio((n - length / pixel_mm) / 2)))
         for n, length in zip(pixels.shape, (display.height_mm, display.width_mm), strict=False)
     ]
     return pixels[cut[0] : pixels.shape[0] - cut[0], cut[1] : pixels.shape[1] - cut[1]]

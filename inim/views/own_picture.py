@@ -12,6 +12,7 @@ import numpy as np
 from inim import metrics
 from inim.backend.kernels import compiled, share_rows
 from inim.display import Display, Viewpoint
+from inim.display.pixels import exact_ratio
 from inim.display.viewpoint import parse_viewpoints
 from inim.documents.parts import (
     BackendRecord,
@@ -151,7 +152,7 @@ def run_picture(
 def _fitted_warnings(rgbd: RGBD, display: Display, name: str) -> tuple[str, ...]:
     """Warn of a fitted picture of another display's size, or with a large empty area."""
     warnings = []
-    per_pitch = max(1, round(display.pitch_mm / rgbd.pixel_mm))
+    per_pitch = max(1, round(exact_ratio(display.pitch_mm / rgbd.pixel_mm)))
     shape = display.capture_shape(per_pitch)
     if any(abs(a - b) > per_pitch for a, b in zip(rgbd.shape, shape, strict=True)):
         height, width = (n * display.capture_pixel_mm(per_pitch) for n in shape)

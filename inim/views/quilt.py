@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from inim.display import Display, Viewpoint
+from inim.display.pixels import exact_ratio
 from inim.display.viewpoint import zone_eyes
 from inim.errors import FileError, InimError, UsageError
 from inim.files.eia_file import read_eia
@@ -118,8 +119,8 @@ class QuiltRequest:
         """Rows and columns of the lens array within a view."""
         wider = self.design.width_mm / self.design.height_mm / self.aspect
         if wider >= 1:
-            return max(1, round(self.height / wider)), self.width
-        return self.height, max(1, round(self.width * wider))
+            return max(1, round(exact_ratio(self.height / wider))), self.width
+        return self.height, max(1, round(exact_ratio(self.width * wider)))
 
     def check(self) -> None:
         """Raise an `InimError` for mistakes that can be detected without rendering."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from inim.display.pixels import SUBPIXELS, exact_length, farthest_subpixel, least_gap_mm
+from inim.display.pixels import SUBPIXELS, farthest_subpixel, least_gap_mm
 from inim.errors import DisplayError
 
 if TYPE_CHECKING:
@@ -206,15 +206,16 @@ class Layout(ABC):
                 "such as 'template' or 'gu2020'"
             )
         side = sign > 0
-        pitch = exact_length(display.pitch_mm if side else display.row_pitch_mm)
-        of_lenses = exact_length(display.elemental_image_pitch_mm) / exact_length(display.pitch_mm)
+        exact = display.exact_mm
+        pitch = exact(display.pitch_mm if side else display.row_pitch_mm)
+        of_lenses = exact(display.elemental_image_pitch_mm) / exact(display.pitch_mm)
         return LensAxis(
             lenses=self.grid[side],
             pixels=display.eia_shape[side],
             pitch=pitch,
             cell=pitch * of_lenses,
-            pixel=exact_length(display.pixel_pitch_mm),
-            shift=sign * exact_length(display.shift_x_mm if side else display.shift_y_mm),
+            pixel=exact(display.pixel_pitch_mm),
+            shift=sign * exact(display.shift_x_mm if side else display.shift_y_mm),
         )
 
     @property

@@ -17,7 +17,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from inim.display.layouts.layout import Layout, Ops
-from inim.display.pixels import exact_length, least_gap_mm
+from inim.display.pixels import exact_ratio, least_gap_mm
 from inim.errors import DisplayError
 
 
@@ -69,8 +69,8 @@ vec3 lens_centre(vec2 point) {
     def grid(self) -> tuple[int, int]:
         """Rows and columns of a view: as many points across as cylinders, at equal distances."""
         display = self.display
-        height, width = (n * display.pixel_pitch_mm for n in display.eia_shape)
-        return max(1, round(height / width * display.lens_columns)), display.lens_columns
+        rows, columns = display.eia_shape
+        return max(1, round(Fraction(rows, columns) * display.lens_columns)), display.lens_columns
 
     def lens_counts(self, times: str = "x") -> str:
         """Numbers of lenses across and down as text."""
@@ -85,7 +85,7 @@ vec3 lens_centre(vec2 point) {
     def size(self) -> tuple[Fraction, Fraction]:
         """See `Layout.size`: the panel's, because cylinders do not end with it."""
         display = self.display
-        pixel = exact_length(display.pixel_pitch_mm) / exact_length(display.pitch_mm)
+        pixel = display.exact_mm(display.pixel_pitch_mm) / display.exact_mm(display.pitch_mm)
         return (display.panel_columns or 1) * pixel, (display.panel_rows or 1) * pixel
 
     @property
@@ -135,7 +135,8 @@ vec3 lens_centre(vec2 point) {
             gap = gap + tilt_x * (c * x - s * y + display.shift_x_mm) + tilt_y * height
         rise = -height * (gap / (self.design_distance_mm + gap))
         y0 = y + (rise - s * (x0 - x)) / c
-        first = math.ceil(self.outermost_mm[0] / display.elemental_image_pitch_mm) + 1
+        outermost = exact_ratio(self.outermost_mm[0] / display.elemental_image_pitch_mm)
+        first = math.ceil(outermost) + 1
         return (lens + first).astype(np.int64), x0, y0
 
     @property

@@ -113,7 +113,7 @@ def shares_directions(display: Display) -> bool:
     """True if co-located pixels of all elemental images have parallel rays, as templates need."""
     if not display.has_integer_ratio:
         return False
-    pixels = round(display.pixels_per_lens)
+    pixels = int(display.pixels_per_lens)
     return all(
         axis.offset == axis.offset[:pixels] * (len(axis.offset) // pixels)
         for axis in (display.columns, display.rows)

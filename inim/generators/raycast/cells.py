@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import CENTRE, PixelAxis, PixelOffset, exact_length, pixel_rays
+from inim.display.pixels import CENTRE, PixelAxis, PixelOffset, pixel_rays
 from inim.errors import UsageError
 
 # Whole numbers up to here are floats, and the quotient of two is rounded once.
@@ -220,7 +220,7 @@ def _axis(
     sign: int,
     pixel_offset: Fraction,
 ) -> CellRays:
-    cell, gap = exact_length(cell_mm), exact_length(display.gap_mm)
+    cell, gap = display.exact_mm(cell_mm), display.exact_mm(display.gap_mm)
     # In cells: start = cells / 2 + centre / cell, slope = offset unit / (cell gap).
     per_offset = sign * pixels.unit_mm / pixel_offset.denominator / (cell * gap)
     per_centre = sign * pixels.unit_mm / cell

@@ -15,7 +15,6 @@ import numpy as np
 
 from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
-from inim.display.pixels import exact_length
 from inim.generators.base import PictureShape
 from inim.generators.raycast.cells import cell_rays
 from inim.generators.raycast.columns import Columns, visible_depth
@@ -194,6 +193,7 @@ def fits_tables(display: Display, shape: PictureShape, pixel_mm: float, layers: 
 
 def cells_per_pitch(display: Display, pixel_mm: float) -> int:
     """Picture pixels per lens pitch if whole and equal on both axes, otherwise 0."""
-    ratio = exact_length(display.pitch_mm) / exact_length(pixel_mm)
-    square = exact_length(display.row_pitch_mm) == exact_length(display.pitch_mm)
+    lengths = display.pitch_mm, display.row_pitch_mm, pixel_mm
+    pitch, row_pitch, pixel = map(display.exact_mm, lengths)
+    ratio, square = pitch / pixel, pitch == row_pitch
     return int(ratio) if ratio.denominator == 1 and square and display.is_separable else 0

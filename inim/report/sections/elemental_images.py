@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from inim.display.pixels import exact_ratio
 from inim.documents.report import ReportDocument
 from inim.report.images import ReportImages
 from inim.report.labels import TRUE_EIA, metric_scores, score
@@ -97,7 +98,7 @@ def _busiest_window(truth: np.ndarray | None, data: ReportDocument) -> _Window:
 
 def _lens_starts(pixels: int, size: int, pixels_per_lens: float) -> np.ndarray:
     """First pixels of the lenses, the array centred on the panel, in its central half."""
-    lenses = int(pixels / pixels_per_lens)
+    lenses = int(exact_ratio(pixels / pixels_per_lens))
     first = (pixels - lenses * pixels_per_lens) / 2
     starts = np.round(first + np.arange(lenses) * pixels_per_lens).astype(int)
     central = (starts >= pixels / 4) & (starts + size <= 3 * pixels / 4)
