@@ -31,12 +31,17 @@ def run(*words: str) -> "NoReturn":
         code = main([*words, *sys.argv[1:]])
         ignore_interrupts()
     except KeyboardInterrupt as interrupt:
-        _end(*interrupt.args)
+        while True:
+            with suppress(KeyboardInterrupt):  # a second signal
+                _end(*interrupt.args)
     sys.exit(code)
 
 
 def _end(number: int = 2, note: str = "unfinished results were discarded") -> "NoReturn":
-    """End the process after a signal, without waiting for its threads."""
+    """Clean up and end the process after a signal, without waiting for its threads."""
+    from inim.process.interrupts import clean_up_blocks
+
+    clean_up_blocks()
     if number == 2:  # SIGINT; SIGTERM needs no message
         with suppress(OSError):
             os.write(2, f"inim: interrupted; {note}\n".encode())

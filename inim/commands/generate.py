@@ -244,10 +244,11 @@ def _generate_from_mesh(
     """Generate and write the EIA of a mesh, as that of a new scene."""
     import tempfile
 
+    from inim.process.atomic_file import temporary_folder
     from inim.scene.new_scene import new_scene
 
-    with tempfile.TemporaryDirectory() as folder:
-        scene = Path(folder) / f"{args.mesh.stem}.xml"
+    with temporary_folder(Path(tempfile.gettempdir()), "inim-mesh-") as folder:
+        scene = folder / f"{args.mesh.stem}.xml"
         new_scene(args.mesh, scene, **options, warn=print_warning)
         return _generate_from_rgbd(args, scene)
 

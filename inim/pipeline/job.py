@@ -79,7 +79,8 @@ def run(
             plan, staging, observer, cache or _open_cache(plan), data_only=data_only
         )
         check_baseline(plan, renderer.backend.variant)
-    report = validate(plan, renderer, images, run)
+    with images.thread, run.ahead:
+        report = validate(plan, renderer, images, run)
     _print_scores(observer, report.data)
     if not data_only:
         observer.stage("write report")

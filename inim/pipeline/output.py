@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -41,6 +41,7 @@ from inim.pipeline.stages.capture import Capture
 from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.pipeline.stages.scoring import reported_scores
 from inim.process.observer import Observer
+from inim.process.threads import OneThread
 from inim.regression.comparison import kernel_times
 from inim.report import Report
 
@@ -54,8 +55,8 @@ _INPUT_FILES = {RGBD: "rgbd.exr", LayeredRGBD: "layers.exr"}
 class Images:
     """Writes images in a separate thread: compressing them takes as long as scoring them.
 
-    `attributes` go into every EXR file; the cache holds compressed PNG files. With `data_only`,
-    nothing is written.
+    The block `with images.thread` ends the thread. `attributes` go into every EXR file; the cache
+    holds compressed PNG files. With `data_only`, nothing is written.
     """
 
     def __init__(
@@ -70,7 +71,7 @@ class Images:
         self.folder, self.cache, self._data_only = folder, cache or ResultCache(), data_only
         self._observer = observer
         self._attributes = attributes
-        self._thread = ThreadPoolExecutor(1, "images")
+        self.thread = OneThread("images")
         self._waiting: list[tuple[Future[None], int]] = []
 
     def save(self, name: str, linear: np.ndarray) -> None:
@@ -131,7 +132,7 @@ class Images:
                 or sum(waiting for _, waiting in self._waiting) > _WAITING_BYTES
             ):
                 self._waiting.pop(0)[0].result()
-        self._waiting.append((self._thread.submit(write), size))
+        self._waiting.append((self.thread.submit(write), size))
         if size > _WAITING_BYTES:
             self.finish()
 

@@ -1,13 +1,16 @@
-"""Files that appear whole or not at all, and errors of writing them."""
+"""Files that appear whole or not at all, temporary folders, and errors of writing them."""
 
 from __future__ import annotations
 
+import shutil
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 from inim.errors import FileError
+from inim.process.interrupts import cleaned_up
 
 
 @contextmanager
@@ -18,12 +21,19 @@ def atomic_file(path: Path) -> Iterator[Path]:
     """
     # Several machines may share the folder: process numbers are not unique.
     temporary = path.with_name(f".{path.stem}.{uuid.uuid4().hex}.partial{path.suffix}")
-    try:
+    with cleaned_up(partial(temporary.unlink, missing_ok=True)):
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
         temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def temporary_folder(place: Path, prefix: str) -> Iterator[Path]:
+    """Yield the absolute path of a new private folder in `place`; remove it afterwards."""
+    folder = place.absolute() / f"{prefix}{uuid.uuid4().hex}.partial"
+    with cleaned_up(partial(shutil.rmtree, folder, ignore_errors=True)):
+        folder.mkdir(mode=0o700)
+        yield folder
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""SIGINT, SIGTERM and SIGHUP as exceptions, and blocks that they do not interrupt."""
+"""SIGINT, SIGTERM and SIGHUP as exceptions, blocks that they do not interrupt, and cleaning up."""
 
 from __future__ import annotations
 
@@ -11,11 +11,13 @@ from contextlib import contextmanager
 # Importing `typing` takes longer than all else here: signals are not yet handled meanwhile.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from typing import Any, NoReturn
 
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # the last when a terminal closes
 _received: list[int] = []
+# What an interrupted program must still end or remove.
+_clean_ups: dict[object, Callable[[], object]] = {}
 # Seconds after which an interrupt that Python ignored is sent again.
 _AGAIN_S = 0.05
 _SIGNALS = [getattr(signal, name) for name in _NAMES if hasattr(signal, name)]
@@ -80,3 +82,28 @@ def delayed_interrupts() -> Iterator[None]:
             signal.signal(number, handler)
         if received:
             signal.raise_signal(received[0])
+
+
+@contextmanager
+def cleaned_up(clean_up: Callable[[], object]) -> Iterator[None]:
+    """Call `clean_up` after the block, and again at the program's end if an interrupt prevents it.
+
+    An interrupt may arrive between any two instructions, and skip the end of a block. So enter this
+    block before the folder or process is created, or while interrupts are delayed; `clean_up`
+    accepts that it does not exist.
+    """
+    key = object()
+    _clean_ups[key] = clean_up
+    try:
+        yield
+    finally:
+        with delayed_interrupts():  # `rmtree` would turn an interrupt into an OSError
+            clean_up()
+            del _clean_ups[key]
+
+
+def clean_up_blocks() -> None:
+    """Ignore further interrupts, and clean up the blocks of `cleaned_up`, the innermost first."""
+    ignore_interrupts()
+    for clean_up in reversed([*_clean_ups.values()]):
+        clean_up()

@@ -15,6 +15,16 @@ _Result = TypeVar("_Result")
 Submit = Callable[..., "Future[Any]"]
 
 
+class OneThread(ThreadPoolExecutor):
+    """A thread for calls, one after the other; the end of its block discards the waiting calls."""
+
+    def __init__(self, name: str) -> None:
+        super().__init__(1, name)
+
+    def __exit__(self, *_: object) -> None:
+        self.shutdown(cancel_futures=True)
+
+
 @contextmanager
 def threads(most: int | None = None) -> Iterator[Submit]:
     """Threads, one per processor but at most `most`; the block waits for all calls.

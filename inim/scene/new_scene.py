@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from inim.errors import FileError, UsageError
 from inim.files import read_file
-from inim.process.atomic_file import file_errors
+from inim.process.atomic_file import file_errors, temporary_folder
 from inim.process.interrupts import delayed_interrupts
 
 if TYPE_CHECKING:
@@ -308,12 +308,9 @@ def _write_all(
     out: Path, files: Mapping[Path, Callable[[Path], object]], xml: str, leftovers: Sequence[Path]
 ) -> None:
     """Write all files into a hidden folder, then rename them, `out` last; remove the leftovers."""
-    import tempfile
-
     with file_errors(out):
         out.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".new-scene-", dir=out.parent) as name:
-            folder = Path(name)
+        with temporary_folder(out.parent, ".new-scene-") as folder:
             for path, write in files.items():
                 write(folder / path.name)
             (folder / out.name).write_text(xml, encoding="utf-8")

@@ -124,8 +124,14 @@ def on_worker(task: SweepTask, alone: bool = True) -> tuple[float, str]:
         if _ENDED.is_set():
             return 0.0, "the sweep has ended"
         started = time.monotonic()
-        error = attempt(task, None if alone else _CHILDREN.append)
+        error = attempt(task, None if alone else _record_child)
     return time.monotonic() - started, "" if error is None else str(error)
+
+
+def _record_child(process: subprocess.Popen[bytes]) -> None:
+    _CHILDREN.append(process)
+    if _ENDED.is_set():
+        end_process(process)
 
 
 def run_tasks(

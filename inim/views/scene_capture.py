@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,18 +20,19 @@ from inim.pipeline.stages.capture import DepthCamera, capture_nonempty
 from inim.pipeline.stages.generation import GeneratorHandle, GeneratorRun
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import Run
+from inim.process.atomic_file import temporary_folder
 from inim.process.observer import Observer
 from inim.scene.file import SceneFile, choose_display, read_scene_file
 from inim.settings import Settings
-from inim.worker.output import hidden_folder, publish_file
 from inim.worker.supervisor import run_in_worker
+
+_PICTURE = "rgbd.exr"
 
 
 @dataclass(frozen=True)
 class CaptureRequest:
     """Request to capture a scene for a display; `input` is that of the generator."""
 
-    out: Path
     file: SceneFile
     display: Display
     settings: Settings
@@ -59,18 +61,18 @@ def generate_from_scene(
     per_pitch = settings.capture_pixels_per_pitch
     shape, pixel_mm = design.capture_shape(per_pitch), design.capture_pixel_mm(per_pitch)
     generator = GeneratorHandle(algorithm, design, shape, pixel_mm)
-    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as thread:
-        out = Path(folder) / "rgbd.exr"
+    place = Path(tempfile.gettempdir())
+    with temporary_folder(place, "inim-capture-") as folder, ThreadPoolExecutor(1) as thread:
 
         def make_request() -> CaptureRequest:
             _ = generator.generator  # checks the algorithm's options
             if generator.properties.own:
                 thread.submit(generator.run, _dot(design, shape, pixel_mm))
-            return CaptureRequest(out, file, design, settings, generator.properties.input)
+            return CaptureRequest(file, design, settings, generator.properties.input)
 
         job = f"{__name__}:run_job"
-        run_in_worker(job, make_request, hidden_folder(out), about=str(path), debug=debug)
-        rgbd = read_rgbd(out)
+        run_in_worker(job, make_request, nullcontext(folder), about=str(path), debug=debug)
+        rgbd = read_rgbd(folder / _PICTURE)
     return rgbd, design, generator.run(rgbd, holes=shows_holes(design))
 
 
@@ -92,7 +94,5 @@ def run_job(request: CaptureRequest, staging: Path, observer: Observer) -> bool:
         scene, settings.capture_pixels_per_pitch, settings.capture_spp, settings.seed
     )
     capture = capture_nonempty(camera, {request.input}, run=Run(observer=observer))
-    picture = staging / request.out.name
-    write_rgbd(picture, capture.inputs[request.input].rgbd)
-    publish_file(picture, request.out)
+    write_rgbd(staging / _PICTURE, capture.inputs[request.input].rgbd)
     return True

@@ -11,13 +11,12 @@ import glob
 import json
 import os
 import shutil
-import tempfile
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from inim.errors import FileError
-from inim.process.atomic_file import file_errors
+from inim.process.atomic_file import file_errors, temporary_folder
 from inim.process.interrupts import delayed_interrupts
 
 _MARKER = "report.json"
@@ -34,26 +33,21 @@ def default_out(source: Path | None, kind: str) -> Path:
 def hidden_folder(out: Path) -> Iterator[Path]:
     """Yield an empty folder next to `out`, on the same file system; remove it afterwards.
 
-    Removes the folders that killed processes left for the same `out`. Raises `FileError` if the
-    folder cannot be written.
+    Its path is absolute. Removes the folders that killed processes left for the same `out`. Raises
+    `FileError` if the folder cannot be written.
     """
     prefix = f".{out.name[:32]}."  # a name may be as long as the file system allows
-    with file_errors(out):
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with _lock_folder(out.parent):
-            for path in out.parent.glob(f"{glob.escape(prefix)}*.partial"):
-                # The folder of a running process is locked.
-                with suppress(OSError), _lock_folder(path, fcntl.LOCK_EX | fcntl.LOCK_NB):
-                    shutil.rmtree(path, ignore_errors=True)
-            folder = Path(tempfile.mkdtemp(prefix=prefix, suffix=".partial", dir=out.parent))
-            descriptor = os.open(folder, os.O_RDONLY)
-            with suppress(OSError):  # a file system without locks
-                fcntl.flock(descriptor, fcntl.LOCK_SH)
-    try:
+    with ExitStack() as stack:
+        with file_errors(out):
+            out.parent.mkdir(parents=True, exist_ok=True)
+            with lock_folder(out.parent):
+                for path in out.parent.glob(f"{glob.escape(prefix)}*.partial"):
+                    # The folder of a running process is locked.
+                    with suppress(OSError), lock_folder(path, fcntl.LOCK_EX | fcntl.LOCK_NB):
+                        shutil.rmtree(path, ignore_errors=True)
+                folder = stack.enter_context(temporary_folder(out.parent, prefix))
+                stack.enter_context(lock_folder(folder, fcntl.LOCK_SH))
         yield folder
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        os.close(descriptor)
 
 
 @contextmanager
@@ -69,7 +63,7 @@ def staging_folder(out: Path, names: Sequence[str] = REPORT) -> Iterator[Path]:
         if out.is_dir() and not os.access(out, os.W_OK):
             raise FileError(f"{out}: the folder is read-only; choose another with -o")
         if out.is_dir():
-            with _lock_folder(out.parent, fcntl.LOCK_SH):  # not while another run publishes
+            with lock_folder(out.parent, fcntl.LOCK_SH):  # not while another run publishes
                 listed = _read_list(out, names[0])
                 for name in names:
                     _check_replaceable(out, name, listed)
@@ -96,12 +90,12 @@ def publish(staging: Path, out: Path, marker: str = _MARKER) -> None:
     never leaves a report of mixed origin. Of two runs into one folder, the later one remains.
     Raises `FileError` if a file of other origin is in the way.
     """
-    with file_errors(out), delayed_interrupts(), _lock_folder(out.parent):
+    with file_errors(out), delayed_interrupts(), lock_folder(out.parent):
         files = (str(p.relative_to(staging)) for p in staging.rglob("*") if p.is_file())
         names = sorted(files, key=lambda name: (name == marker, name))
         if not os.path.lexists(out):
             _write_list(staging, staging, marker, names)
-            staging.chmod(0o755)  # mkdtemp's folders are private
+            staging.chmod(0o755)  # a temporary folder is private
             staging.replace(out)
             return
         listed = _read_list(out, marker)
@@ -173,7 +167,7 @@ def _foreign_output_error(path: Path) -> FileError:
 
 
 @contextmanager
-def _lock_folder(folder: Path, operation: int = fcntl.LOCK_EX) -> Iterator[None]:
+def lock_folder(folder: Path, operation: int = fcntl.LOCK_EX) -> Iterator[None]:
     """Hold the lock of a folder, which ends with the process; without LOCK_NB, wait for it."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:

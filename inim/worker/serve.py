@@ -6,6 +6,7 @@ It prints results on stdout and a progress bar on stderr, and silences libraries
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import io
 import json
 import logging
@@ -24,6 +25,7 @@ from inim.errors import InimError, unexpected_error
 from inim.process import machine
 from inim.process.observer import Observer, OnStage
 from inim.process.python_process import exit_with_parent
+from inim.worker.output import lock_folder
 
 _BAR = "{desc}: {percentage:3.0f}%|{bar}| {remaining} left"
 _REDRAW_S = 1.0
@@ -215,6 +217,8 @@ def serve(job: Job, channel: int, run_job: RunJob) -> None:
     with (
         contextlib.suppress(BrokenPipeError),
         os.fdopen(channel, "w", encoding="utf-8") as outcome_channel,
+        # If the supervisor is killed, the next run must not remove the folder meanwhile.
+        lock_folder(job.staging, fcntl.LOCK_SH),
     ):
         answer(job, outcome_channel, run_job)
 

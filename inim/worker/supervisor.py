@@ -19,6 +19,7 @@ import signal
 import subprocess
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
@@ -26,6 +27,7 @@ from inim import backend as backends
 from inim import errors
 from inim.errors import InimError, OutOfMemoryError, WorkerError
 from inim.process import machine
+from inim.process.interrupts import cleaned_up, delayed_interrupts
 from inim.process.observer import OnStage
 from inim.process.python_process import child_environment, end_process, python_module
 from inim.worker.serve import Job
@@ -68,25 +70,28 @@ def run_in_worker(
     Raises the `InimError` of `make_request` or of the worker, and `WorkerError` or
     `OutOfMemoryError` if the worker died.
     """
-    process, messages = _start_worker(target, variables or {}, about)
-    try:
+    with contextlib.ExitStack() as stack:
+        with delayed_interrupts():
+            process, messages = _start_worker(target, variables or {}, about)
+            end = partial(_end_worker, process, messages)
+            stack.enter_context(cleaned_up(end))
         request = make_request()
         chosen = backends.environment(backends.choose_backend(backend))
-        with staging as folder:
-            try:
-                if fill is not None:
-                    fill(folder)
-                if on_start is not None:
-                    on_start(process)
-                job = Job(request, folder, chosen, quiet, debug)
-                return outcome_of(_carry_out(process, messages, job, on_stage))
-            finally:
-                end_process(process)  # before the folder it writes to is removed
-    finally:
-        end_process(process)
-        messages.close()
-        with contextlib.suppress(OSError):  # the job was never read
-            _stdin(process).close()
+        folder = stack.enter_context(staging)
+        stack.enter_context(cleaned_up(end))  # before the folder it writes to is removed
+        if fill is not None:
+            fill(folder)
+        if on_start is not None:
+            on_start(process)
+        job = Job(request, folder, chosen, quiet, debug)
+        return outcome_of(_carry_out(process, messages, job, on_stage))
+
+
+def _end_worker(process: subprocess.Popen[bytes], messages: IO[str]) -> None:
+    end_process(process)
+    messages.close()
+    with contextlib.suppress(OSError):  # the job was never read
+        _stdin(process).close()
 
 
 def outcome_of(message: dict[str, Any]) -> bool:

@@ -10,6 +10,7 @@ import math
 import os
 import re
 import shlex
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -20,12 +21,13 @@ import pytest
 from PIL import Image
 
 from inim.cli import main
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
+from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
 from inim.files.image import read_exr
 from inim.image.color import srgb_from_linear
+from inim.pipeline import validate
 from tests.conftest import scene_text, sphere
 from tests.schemas import read_document
-from tests.system.conftest import Ended, files_in, nothing_left, write_scene
+from tests.system.conftest import SMALLEST, Ended, files_in, nothing_left, write_scene
 
 Run = Callable[..., Ended]
 ALGORITHMS = ["template", "wang2024"]  # not in the default's order
@@ -242,6 +244,19 @@ def test_scene_without_sound_light_fails_a_check(tmp_path, run_inim, text, names
     assert ended.code == EXIT_CHECK_FAILED
     checks = read_document(tmp_path / "out" / "report.json")["verdict"]["checks"]
     assert names <= {check["name"] for check in checks if not check["passed"]}
+
+
+def test_failed_run_has_ended_its_threads(tmp_path, run_inim, monkeypatch):
+    """A thread that writes images after the end of its run would create their folder again."""
+
+    def fail(*_: object, run: object) -> None:
+        raise UsageError("after all images were submitted")
+
+    monkeypatch.setattr(validate, "score_reference_views", fail)
+    ended = run_inim(write_scene(tmp_path), "-o", "out", folder=tmp_path, **SMALLEST)
+    assert ended.stderr == "inim: error: after all images were submitted\n"
+    assert not {"images_0", "ahead_0"} & {thread.name for thread in threading.enumerate()}
+    assert [path.name for path in tmp_path.iterdir()] == ["tiny.xml"]
 
 
 def test_bare_machine_is_enough(tmp_path, run_process):

@@ -141,3 +141,65 @@ last = Interrupted()
 program(main)
 """
     assert ended(code) == (129, "deleted ", "")
+
+
+#: Runs a job whose worker sleeps, in a fork for each traced step of the supervisor. Signals end the
+#: fork at that step. Prints the number of steps, and those that left something.
+AT_EACH_STEP = """
+import contextlib, shutil, subprocess
+from pathlib import Path
+from inim.process import atomic_file, interrupts, python_process
+from inim.worker import output, supervisor
+place, numbers = Path(sys.argv[1]), [int(word) for word in sys.argv[2:]]
+modules = (atomic_file, contextlib, interrupts, output, python_process, shutil, supervisor)
+files = {module.__file__ for module in modules}
+def write(process, messages, job, on_stage):
+    (job.staging / "views").mkdir()
+    return {"passed": True}
+supervisor.python_module = lambda *_: ["sleep", "60"]
+supervisor._carry_out = write
+supervisor.backends.choose_backend = supervisor.backends.environment = lambda backend: {}
+def trace(frame, event, _):
+    global step
+    step += frame.f_code.co_filename in files
+    if step == wanted:
+        step += 1
+        for number in numbers: os.kill(os.getpid(), number)
+    return trace
+def main():
+    sys.settrace(trace)
+    supervisor.run_in_worker("module:function", dict, output.staging_folder(place / "out"))
+    sys.settrace(None)
+    return 7
+(first, *numbers), code, bad = numbers, 0, []
+wanted = first
+while code != 7:
+    child = os.fork()
+    if child == 0:
+        step = 0
+        os.setsid()
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+        program(main)
+    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+    left = [path.name for path in place.iterdir()]
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(child, signal.SIGKILL)
+        left.append("worker")
+    if left or code not in (7, *(128 + number for number in numbers)):
+        bad.append((wanted, code, *left))
+        for path in place.iterdir(): shutil.rmtree(path)
+    wanted += 6
+print(wanted, *bad, sep=chr(10))
+"""
+
+
+# Every sixth step of about 940, for the sake of time.
+@pytest.mark.parametrize("numbers", [[signal.SIGINT], [signal.SIGINT, signal.SIGTERM]])
+def test_interrupt_at_any_step_of_the_supervisor_leaves_nothing(tmp_path, numbers):
+    words = [str(word) for word in (tmp_path, len(numbers), *map(int, numbers))]
+    ended = subprocess.run(
+        [sys.executable, "-c", PREAMBLE + AT_EACH_STEP, *words], capture_output=True, text=True
+    )
+    steps, *left = ended.stdout.splitlines()
+    assert int(steps) > 300
+    assert left == []

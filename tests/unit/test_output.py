@@ -15,7 +15,7 @@ import pytest
 
 from inim.errors import FileError
 from inim.worker import output
-from inim.worker.output import _lock_folder, list_name, publish, staging_folder
+from inim.worker.output import list_name, lock_folder, publish, staging_folder
 
 LIST = ".report-files.json"
 
@@ -291,7 +291,7 @@ def test_check_of_a_folder_waits_while_another_run_publishes(tmp_path):
             return True
 
     with ThreadPoolExecutor(1) as pool:
-        with _lock_folder(tmp_path):
+        with lock_folder(tmp_path):
             entered = pool.submit(check)
             assert not wait([entered], timeout=0.3).done
             (out / list_name("report.json")).write_text('["report.json"]')

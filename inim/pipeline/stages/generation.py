@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import redirect_stderr
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -172,7 +171,9 @@ def prepare_generator(
 
     # A generator's first call compiles its kernels, while the scene is rendered. Another package's
     # generator may not be thread-safe.
-    started = _AHEAD.submit(_fingerprint, generator, run=run) if is_own and mask is None else None
+    started = (
+        run.ahead.submit(_fingerprint, generator, run=run) if is_own and mask is None else None
+    )
 
     def generate_from(capture: Capture) -> GeneratedEIA:
         reference = None
@@ -188,10 +189,6 @@ def prepare_generator(
         return replace(output, reference_output=reference)
 
     return generate_from
-
-
-# One thread: kernels use all cores.
-_AHEAD = ThreadPoolExecutor(1, "ahead")
 
 
 def hole_fraction(

@@ -12,11 +12,13 @@ import inspect
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import partial
 from typing import Any, Generic, ParamSpec, TypeVar
 
 from inim import metrics
 from inim.cache import ResultCache, code_digest
 from inim.process.observer import Observer
+from inim.process.threads import OneThread
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
@@ -75,11 +77,15 @@ class SkippedSteps:
 
 @dataclass(frozen=True)
 class Run:
-    """Services for the stages of a run; `skipped` lists the steps of one round of samples."""
+    """Services for the stages of a run; `skipped` lists the steps of one round of samples.
+
+    The thread `ahead` works for later stages, on all cores; the block `with run.ahead` ends it.
+    """
 
     cache: ResultCache = field(default_factory=ResultCache)
     observer: Observer = field(default_factory=Observer)
     skipped: SkippedSteps = field(default_factory=SkippedSteps)
+    ahead: OneThread = field(default_factory=partial(OneThread, "ahead"))
 
     def for_round(self) -> Run:
         """Return a run for a round of samples: it shares the timings, but not the skipped steps."""
