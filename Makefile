@@ -1,7 +1,6 @@
 # make demo      set up, validate the example scene and print the address of its live display
 # make test      set up and run the fast tests
 # make test-all  also run the slow tests and the comparison with a lens design program
-# make test-perception  run the tests of ColorVideoVDP in a separate environment (about 6 GB)
 # make docs      build the site: build/docs/index.html
 # make test-docs run every command and code block of the documentation, in order
 # make clean     remove everything that this file creates
@@ -22,7 +21,7 @@ unexport PYTHONDONTWRITEBYTECODE
 PARALLEL := -n 3 --dist worksteal
 
 .DEFAULT_GOAL := test
-.PHONY: demo test test-all test-perception checks fast docs test-docs clean
+.PHONY: demo test test-all checks fast docs test-docs clean
 
 demo: $(VENV)/.installed
 	@$(BIN)/inim demo -o out/amphora
@@ -37,9 +36,6 @@ test-all: $(VENV)/.installed-oracle
 
 fast: $(VENV)/.installed-test
 	@$(BIN)/python -m pytest -m "not slow" $(PARALLEL)
-
-test-perception: $(VENV)-perception/.installed
-	@$(VENV)-perception/bin/python -m pytest tests/unit/test_perception.py tests/system/test_perception.py
 
 checks: $(VENV)/.installed-test
 	@echo "ruff, mypy, lint-imports"
@@ -56,7 +52,7 @@ test-docs: $(VENV)/.installed-test
 	@$(BIN)/python -m tests.documents
 
 clean:
-	rm -rf $(VENV) $(VENV)-perception out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 	find inim tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.installed: $(VENV)/.made pyproject.toml
@@ -77,12 +73,6 @@ $(VENV)/.installed-docs: $(VENV)/.made pyproject.toml
 $(VENV)/.installed-oracle: $(VENV)/.installed-test
 	@echo "installing optiland into $(VENV) (about 700 MB, a few minutes)"
 	@$(BIN)/python -m pip install --quiet --editable '.[oracle]'
-	@touch $@
-
-$(VENV)-perception/.installed: pyproject.toml
-	@echo "installing inim, its test tools and ColorVideoVDP into $(VENV)-perception (about 6 GB)"
-	@$(PYTHON3) -m venv --clear $(VENV)-perception
-	@$(VENV)-perception/bin/python -m pip install --quiet --editable '.[perception,test]'
 	@touch $@
 
 $(VENV)/.made:

@@ -372,8 +372,6 @@ class Circumstances(Part):
     numpy: str  #: Version of NumPy.
     #: Version of scikit-image, which computed SSIM in earlier versions.
     scikit_image: str | None = field(name="scikit-image", default=None)
-    cvvdp: str | None = None  #: Version of ColorVideoVDP, if installed.
-    torch: str | None = None  #: Version of PyTorch, if ColorVideoVDP is installed.
     #: Version of the LLVM library; null: the CUDA backend.
     libllvm: str | None = field(name="libLLVM")
     device: str  #: Name of the processor or graphics card that rendered.

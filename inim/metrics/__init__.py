@@ -2,7 +2,7 @@
 
 A metric is one file with one value, a `Metric`. Other packages register theirs in the entry-point
 group ``inim.metrics``, under the metric's name: docs/how-to/own-metric.md. Every run computes all
-installed metrics, including ColorVideoVDP if its package is installed. All parameters are fixed.
+installed metrics. All parameters are fixed.
 Algorithms are ranked by the headline: `MAIN` on the relic, to the reference.
 """
 
@@ -18,10 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.cache import versions
 from inim.errors import UsageError
-from inim.image.color import srgb_from_linear
-from inim.metrics import cvvdp
 from inim.metrics.base import Metric, Viewing, maps_of
 from inim.metrics.flip import flip, flip_map
 from inim.metrics.flip import metric as _flip
@@ -47,9 +44,7 @@ __all__ = [
     "flip",
     "flip_map",
     "foreign_identities",
-    "heat_map",
     "passing_limit",
-    "perception_packages",
     "preferred_algorithm",
     "psnr_db",
     "relic_region",
@@ -79,8 +74,7 @@ def all_metrics() -> tuple[Metric, ...]:
 @cache
 def _all_metrics(path: tuple[str, ...]) -> tuple[Metric, ...]:  # noqa: ARG001
     """Metrics of a search path, cached."""
-    perception = (cvvdp.metric,) if cvvdp.is_installed() else ()
-    return (*_OWN, *perception, *_foreign_metrics())
+    return (*_OWN, *_foreign_metrics())
 
 
 def _foreign_metrics() -> tuple[Metric, ...]:
@@ -95,12 +89,11 @@ def _foreign(name: str) -> Metric:
         )
     if plugin.name != name:
         raise UsageError(f"metric {name!r} has the name {plugin.name!r}; use one name for both")
-    if name in {metric.name for metric in (*_OWN, cvvdp.metric)}:
+    if name in {metric.name for metric in _OWN}:
         raise UsageError(f"metric {name!r} is one of inim's own; rename the other metric")
     return replace(
         plugin,
         function=_guard(name, plugin.function, is_map=plugin.reach is not None),
-        heat_map=plugin.heat_map and _guard(name, plugin.heat_map, is_map=True),
     )
 
 
@@ -121,11 +114,6 @@ def _guard(name: str, function: Callable[..., Any], *, is_map: bool) -> Callable
     return guarded
 
 
-def perception_packages() -> tuple[str, ...]:
-    """Distributions whose versions affect ColorVideoVDP; empty if it is not installed."""
-    return cvvdp.PACKAGES if cvvdp.is_installed() else ()
-
-
 def find(score_name: str) -> Metric | None:
     """Find a metric by its name or by a score's: ``psnr``, ``psnr_to_reference_db``."""
     name = score_name.partition("_")[0]
@@ -133,13 +121,8 @@ def find(score_name: str) -> Metric | None:
 
 
 def foreign_identities() -> dict[str, dict[str, str]]:
-    """Identities of other packages' metrics (`inim.plugins.identity`), for cache keys.
-
-    Includes the versions of ColorVideoVDP, if it is installed.
-    """
-    identities = {m.name: identity(_ENTRY_POINTS, m.name) for m in _foreign_metrics()}
-    packages = perception_packages()
-    return identities | ({cvvdp.metric.name: versions(packages)} if packages else {})
+    """Identities of other packages' metrics (`inim.plugins.identity`), for cache keys."""
+    return {m.name: identity(_ENTRY_POINTS, m.name) for m in _foreign_metrics()}
 
 
 def score_maps(
@@ -193,21 +176,6 @@ def score(
             if metric.has_relic_score and maps[metric.key].ndim:
                 scores[metric.on_relic_key] = metric.score(maps[metric.key], region)
     return scores
-
-
-def heat_map(
-    metric: Metric, reference: np.ndarray, test: np.ndarray, viewing: Viewing | None
-) -> np.ndarray:
-    """Compute a metric's heat map, (rows, columns), relative to `Metric.heat_map_max`.
-
-    Images are (rows, columns, 3) float32, linear RGB. A metric with `needs_viewing` requires
-    `viewing`.
-    """
-    assert metric.heat_map is not None
-    conditions = (viewing,) if metric.needs_viewing else ()
-    values = metric.heat_map(srgb_from_linear(reference), srgb_from_linear(test), *conditions)
-    relative: np.ndarray = np.asarray(values, np.float32) / metric.heat_map_max
-    return relative
 
 
 def relic_region(relic: np.ndarray) -> np.ndarray:

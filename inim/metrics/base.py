@@ -88,12 +88,6 @@ class Metric:
         Fixed parameters, to reproduce the score elsewhere.
     needs_viewing : bool
         True if the function has a third argument, `Viewing`. Such a metric applies to views only.
-    is_slow : bool
-        True to estimate the error from fewer evaluations, with a wider interval.
-    heat_map : callable, optional
-        Returns a (rows, columns) map of visible differences, with the function's arguments.
-    heat_map_max : float
-        Value of the heat map that is shown at full brightness; 0 is black.
     """
 
     name: str
@@ -118,9 +112,6 @@ class Metric:
     min_size_px: int = 1
     settings: Mapping[str, Any] = field(default_factory=dict, hash=False)
     needs_viewing: bool = False
-    is_slow: bool = False
-    heat_map: Callable[..., np.ndarray] | None = None
-    heat_map_max: float = 1.0
 
     def __post_init__(self) -> None:
         """Raise `UsageError` for an invalid declaration."""

@@ -25,7 +25,6 @@ from inim.documents.parts import Check, Checks, Circumstances, Regression, utc_n
 from inim.documents.report import AlgorithmResult
 from inim.errors import BaselineError, UsageError
 from inim.files.image import write_png
-from inim.metrics import perception_packages
 from inim.pipeline.adaptive_sampling import Evaluation
 from inim.pipeline.plan import Plan, conditions_of
 from inim.pipeline.stages.generation import ReferenceOutput
@@ -277,7 +276,7 @@ def collect_statistics(
 
 
 def _circumstances(plan: Plan, backend: Backend) -> Circumstances:
-    packages: dict[str, Any] = {**versions((*_VERSIONS, *perception_packages()))}
+    packages: dict[str, Any] = {**versions(_VERSIONS)}
     return Circumstances(
         title=plan.settings.title or plan.request.scene.stem,
         created=utc_now(),

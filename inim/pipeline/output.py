@@ -31,7 +31,6 @@ from inim.documents.report import (
     SkippedStep,
 )
 from inim.files.image import write_exr, write_png, write_rgbd
-from inim.image.color import linear_from_srgb, magma
 from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.inspection.accuracy_limits import accuracy_warnings, lenses_beside_panel
 from inim.metrics import HEADLINE
@@ -114,14 +113,6 @@ class Images:
         for viewpoint, view in views.items():
             self.save(f"views/{name}/{viewpoint}", view.image)
 
-    def save_heat_maps(self, name: str, maps: Mapping[str, np.ndarray]) -> None:
-        """Write heat maps of a method's views in colours: ``maps/cvvdp/template/left.png``."""
-        for key, heat_map in maps.items():
-            metric, _, viewpoint = key.partition("/")
-            path = self.folder / "maps" / metric / name / f"{viewpoint}.png"
-            colors = linear_from_srgb(magma(heat_map).astype(np.float32) / 255)
-            self._submit(partial(write_png, path, colors, self.cache), colors.nbytes)
-
     def _submit(self, write: Callable[[], None], size: int) -> None:
         """Submit a function that writes a file and occupies `size` bytes until then."""
         if self._data_only:
@@ -191,7 +182,7 @@ def make_report(
         title=settings.title or plan.request.scene.stem,
         **origin(
             shlex.join(["python", "-m", "inim.validate", *plan.command]),
-            (*_VERSIONS, *metrics.perception_packages()),
+            _VERSIONS,
         ),
         preview=preview,
         scene=msgspec.convert(

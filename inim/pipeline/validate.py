@@ -25,7 +25,6 @@ from inim.pipeline.stages.method import MethodSetup, generate_eia, generator_tim
 from inim.pipeline.stages.reconstruction import find_observed_pixels, reconstruct_views
 from inim.pipeline.stages.scene import Renderer, describe_scene
 from inim.pipeline.stages.scoring import (
-    compute_heat_maps,
     compute_noise_floor,
     compute_truth_statistics,
     score_method,
@@ -74,8 +73,6 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
     )
     images.save_capture(capture, plan.display)
     images.save_truth(truth)
-    reference_maps = compute_heat_maps(truth, truth.views, truth.reference_views, run=run)
-    images.save_heat_maps("reference", reference_maps)
 
     results = {}
     for method, prepared_method in zip(plan.methods, prepared_methods, strict=True):
@@ -83,8 +80,6 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
         images.save(f"eia/{method.name}", output.eia.image)
         views = reconstruct_views(method.name, output.eia, eyes, optics, renderer, run=run)
         images.save_views(method.name, views)
-        heat_maps = compute_heat_maps(truth, truth.reference_views, views, run=run)
-        images.save_heat_maps(method.name, heat_maps)
         limit = plan.ssim_limits.get(method.name)
         results[method.name] = score_method(method.name, output, views, truth, limit, run=run)
 

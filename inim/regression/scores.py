@@ -56,8 +56,6 @@ _BLOCK_PX = 16
 _COUPLING = (1 - 2.2 / _BLOCK_PX) ** -2
 # Patterns of signs for a score without a map, two evaluations each: its degrees of freedom.
 _PATTERNS = 8
-# Patterns for a slow metric.
-_PATTERNS_OF_SLOW = 2
 # The step h: noise grows by h^2, and differences are far above float32's rounding.
 _STEP = 0.25
 _STEPS = (_STEP, -_STEP, 2 * _STEP, -2 * _STEP)
@@ -121,11 +119,8 @@ def view_scores(
         score_maps(_shift(*truth, step), _shift(*view, step), [metric.key for metric in with_map])
         for step in map(np.float32, _STEPS)
     ]
-    estimates: dict[str, ScoreEstimate] = {}
-    for slow, patterns in ((False, _PATTERNS), (True, _PATTERNS_OF_SLOW)):
-        keys_without_map = [m.key for m in metrics if m not in with_map and m.is_slow is slow]
-        values = {key: float(maps[key]) for key in keys_without_map}
-        estimates |= _estimate_without_maps(truth, view, values, viewing, patterns)
+    values = {metric.key: float(maps[metric.key]) for metric in metrics if metric not in with_map}
+    estimates = _estimate_without_maps(truth, view, values, viewing)
     scores = {}
     for metric in metrics:
         key = metric.key
@@ -192,7 +187,6 @@ def _estimate_without_maps(
     test: _ImageAndNoise,
     values: Mapping[str, float],
     viewing: Viewing | None,
-    patterns: int,
 ) -> dict[str, ScoreEstimate]:
     """Estimate scores without a map, given by key, from blocks shifted with random signs."""
     if not values:
@@ -201,7 +195,7 @@ def _estimate_without_maps(
     rows, columns = reference[0].shape[:2]
     blocks = math.ceil(rows / _BLOCK_PX), math.ceil(columns / _BLOCK_PX)
     samples: dict[str, list[list[float]]] = {key: [] for key in values}
-    for _ in range(patterns):
+    for _ in range(_PATTERNS):
         block_signs = random.choice(np.array([-1, 1], np.float32), blocks)
         signs = np.repeat(np.repeat(block_signs, _BLOCK_PX, 0), _BLOCK_PX, 1)
         signs = signs[:rows, :columns, None]

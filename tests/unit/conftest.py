@@ -7,10 +7,9 @@ from inim import metrics
 
 @pytest.fixture
 def announce(monkeypatch):
-    """Announce metrics of other packages, by the names of the keywords; ColorVideoVDP is not."""
+    """Announce metrics of other packages, by the names of the keywords."""
 
     def announced(**registered):
-        monkeypatch.setattr("inim.metrics.cvvdp.is_installed", lambda: False)
         monkeypatch.setattr("inim.metrics.announced_names", lambda group: sorted(registered))
         monkeypatch.setattr("inim.metrics.load", lambda group, name, kind: registered[name])
         metrics._all_metrics.cache_clear()

@@ -1,7 +1,8 @@
-"""Metrics of perception: how a picture is seen reaches them, and JOD is the package's own."""
+"""Metrics of perception: the viewing conditions reach them."""
 
-import json
 import sys
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,18 +12,13 @@ from inim.display import DISPLAYS
 from inim.display.viewpoint import Viewpoint
 from inim.documents.report import ReportDocument
 from inim.errors import UsageError
-from inim.image.color import linear_from_srgb, srgb_from_linear
-from inim.image.noisy_image import NoisyImage
-from inim.metrics import Metric, Viewing, cvvdp
+from inim.metrics import Metric, Viewing
 from inim.pipeline.stages.reconstruction import Optics
-from inim.regression.scores import view_scores
 from inim.report.labels import disagreements
+from tests.documents import blocks
 from tests.schemas import report_document
 
 SEEN = Viewing(30.0, 400.0)
-installed = pytest.mark.skipif(
-    not cvvdp.is_installed(), reason="needs pip install 'inim[perception]': make test-perception"
-)
 
 
 def pictures(seed: int, rows: int = 40, columns: int = 48) -> tuple[np.ndarray, ...]:
@@ -60,58 +56,6 @@ def test_metrics_of_viewing_score_views_only(announce):
     assert arguments == [SEEN]
 
 
-@pytest.mark.parametrize(("slow", "evaluations"), [(False, 1 + 8 * 4), (True, 1 + 2 * 4)])
-def test_the_error_of_a_slow_metric_is_estimated_from_few_evaluations(announce, slow, evaluations):
-    calls = []
-
-    def score(reference: np.ndarray, test: np.ndarray, viewing: Viewing) -> float:
-        calls.append(viewing)
-        return float(np.abs(reference - test).mean())
-
-    announce(
-        seen=Metric("seen", score, needs_viewing=True, is_slow=slow, better="lower", tolerance=1)
-    )
-    a, b, noise = pictures(2)
-    noise = 0.02 * (noise - 0.5)
-    scores = view_scores(NoisyImage.from_image(a), NoisyImage.from_image(b, noise), viewing=SEEN)[
-        "seen"
-    ]
-    assert calls == [SEEN] * evaluations
-    assert scores.freedom == (evaluations - 1) / 4
-    assert 0 < scores.error < 0.01
-
-
-def test_a_heat_map_gets_its_viewing_conditions_and_scale(announce):
-    def lost(reference: np.ndarray, test: np.ndarray, viewing: Viewing) -> np.ndarray:
-        return viewing.pixels_per_degree * np.abs(reference - test).mean(axis=-1)
-
-    maps = {"heat_map": lost, "heat_map_max": 3.0}
-    metric = Metric("seen", lost, needs_viewing=True, tolerance=1, range=(0, 99), **maps)
-    a, b, _ = pictures(3)
-    expected = 10 * np.abs(srgb_from_linear(a) - srgb_from_linear(b)).mean(axis=-1)
-    np.testing.assert_allclose(metrics.heat_map(metric, a, b, SEEN), expected, rtol=1e-5)
-
-
-def test_a_heat_map_of_another_package_that_fails_is_one_line_that_names_it(announce):
-    def score(reference: np.ndarray, test: np.ndarray) -> float:
-        return 1.0
-
-    a, b, _ = pictures(3)
-    for heat_map, why in (
-        (lambda *_: 1 / 0, r"metric 'hot' failed: ZeroDivisionError"),
-        (lambda *_: np.zeros(3), r"metric 'hot' failed: ValueError: .* shape \(3,\)"),
-    ):
-        announce(hot=Metric("hot", score, tolerance=1, heat_map=heat_map))
-        with pytest.raises(UsageError, match=why):
-            metrics.heat_map(metrics.find("hot"), a, b, None)
-        metrics._all_metrics.cache_clear()
-
-
-def test_more_pixels_per_degree_than_the_model_has_bands_warns():
-    with pytest.raises(UsageError, match=r"2.094e\+04 pixels per degree .* lower inim\.view"):
-        cvvdp._model(Viewing(20944.0, 500.0))
-
-
 def test_a_viewed_metric_of_eias_is_refused():
     with pytest.raises(UsageError, match="with needs_viewing"):
         Metric("seen", lambda *_: 1.0, needs_viewing=True, has_eia_score=True, tolerance=1)
@@ -140,61 +84,33 @@ def test_a_metric_that_prefers_another_algorithm_is_named(announce):
     assert disagreements(within_its_tolerance) == []
 
 
-def test_without_the_package_a_film_names_the_install_command(monkeypatch):
-    monkeypatch.setitem(sys.modules, "pycvvdp", None)
-    cvvdp._packages.cache_clear()
-    a = pictures(4)[0]
-    with pytest.raises(UsageError, match=r"pip install 'inim\[perception\]'"):
-        cvvdp.film_jod([a], [a], Viewing(1.0, 1.0), 10)
+def test_color_video_vdp_of_the_how_to_is_a_metric_of_viewing(monkeypatch, announce):
+    """A stand-in for the package keeps its arguments."""
+    models = []
 
+    def predict(test, reference, dim_order):
+        return [10 - abs(test - reference).mean()]
 
-@installed
-@pytest.mark.parametrize(("noise", "ppd", "luminance"), [(0.02, 30, 400), (0.2, 60, 100)])
-def test_jod_is_the_package_s_own_of_codes_on_a_display_in_its_words(
-    tmp_path, noise, ppd, luminance
-):
-    import pycvvdp
-    import torch
+    def model(**arguments):
+        models.append(arguments)
+        return SimpleNamespace(predict=predict)
 
-    rng = np.random.default_rng(5)
-    reference = np.kron(rng.integers(40, 220, (8, 10, 3)), np.ones((12, 12, 1))).astype(np.uint8)
-    test = reference + 255 * noise * rng.standard_normal(reference.shape)
-    test = np.clip(test, 0, 255).astype(np.uint8)
-    display = {
-        "mine": {
-            "name": "as inim's", "resolution": [120, 96], "pixels_per_degree": ppd,
-            "max_luminance": luminance, "contrast": 1000, "E_ambient": 0, "source": "none",
-        }
-    }  # fmt: skip
-    models = tmp_path / "display_models.json"
-    models.write_text(json.dumps(display))
-    theirs = pycvvdp.cvvdp(
-        "mine", config_paths=[str(models)], device=torch.device("cpu"), quiet=True
+    package = SimpleNamespace(
+        vvdp_display_photo_eotf=lambda peak, **more: {"peak": peak, **more},
+        vvdp_display_geometry=lambda resolution, ppd: ppd,
+        cvvdp=model,
     )
-    expected, _ = theirs.predict(test, reference, dim_order="HWC")
-    linear = [linear_from_srgb(codes.astype(np.float32) / 255) for codes in (reference, test)]
-    scores = metrics.score(*linear, viewing=Viewing(ppd, luminance))["cvvdp_jod"]
-    assert 3 < float(expected) < 9.9
-    assert scores == pytest.approx(float(expected), abs=1e-3)
-
-
-@installed
-def test_equal_pictures_are_ten_and_more_noise_is_less(tmp_path):
-    a, _, noise = pictures(6)
-    scores = [
-        metrics.score(a, np.clip(a + by * (noise - 0.5), 0, 1), viewing=SEEN)["cvvdp_jod"]
-        for by in (0.0, 0.1, 0.4)
-    ]
-    assert scores[0] == 10.0
-    assert 10 > scores[1] > scores[2]
-
-
-@installed
-def test_a_flicker_that_no_frame_shows_alone_counts_in_a_film():
-    """Frames brighter and darker in turn than those of the reference, against all too bright."""
-    still = np.full((32, 32, 3), 128, np.uint8)
-    steady = [still + 8] * 16
-    flicker = [still + 8, still - 8] * 8
-    reference = [still] * 16
-    jod = [cvvdp.film_jod(reference, film, SEEN, 16) for film in (steady, flicker)]
-    assert jod[1] < jod[0] - 0.5
+    monkeypatch.setitem(sys.modules, "pycvvdp", package)
+    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(device=str, no_grad=nullcontext))
+    (code,) = (b.text for b in blocks("docs/how-to/own-metric.md") if "import pycvvdp" in b.text)
+    names: dict = {}
+    exec(code, names)
+    announce(cvvdp=names["metric"])
+    a, b, _ = pictures(7)
+    assert metrics.score(a, a, viewing=SEEN)["cvvdp_jod"] == 10
+    assert 9 < metrics.score(a, b, viewing=SEEN)["cvvdp_jod"] < 10
+    assert "cvvdp_jod" not in metrics.score(a, b)
+    (arguments,) = models
+    assert arguments["display_geometry"] == SEEN.pixels_per_degree
+    assert arguments["display_photometry"]["peak"] == SEEN.luminance_cd_m2
+    assert arguments["display_photometry"]["contrast"] == SEEN.contrast

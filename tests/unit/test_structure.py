@@ -12,7 +12,7 @@ from inim.pipeline.stages.stage import GENERATING, RENDERING, SCORING
 
 # Packages that draw the terminal, run tests or share tasks, and optional ones with an own record.
 NOT_COMPUTING = {"argcomplete", "distributed", "pyarrow", "pytest", "tqdm"}
-OPTIONAL = {"pandas", "pillow_heif", "pycvvdp", "scikit-image", "segno", "tomli", "torch",
+OPTIONAL = {"pandas", "pillow_heif", "scikit-image", "tomli", "torch",
             "transformers"}  # fmt: skip
 # Imported by trimesh, for compressed meshes.
 INDIRECT = {"DracoPy"}

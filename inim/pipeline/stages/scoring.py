@@ -172,38 +172,6 @@ def _score_eia(
     return dict(_score_eia_pixels(truth.eia.image, eia, run=run))
 
 
-@stage("heat map of a view", code=SCORING)
-def _heat_map(
-    reference: np.ndarray, test: np.ndarray, viewing: Viewing | None, metric_name: str
-) -> np.ndarray:
-    """Compute a metric's heat map, (rows, columns); 1 is the largest value shown."""
-    metric = metrics.find(metric_name)
-    assert metric is not None
-    return metrics.heat_map(metric, reference, test, viewing)
-
-
-def compute_heat_maps(
-    truth: GroundTruth,
-    references: Mapping[str, NoisyImage],
-    views: Mapping[str, NoisyImage],
-    *,
-    run: Run,
-) -> dict[str, np.ndarray]:
-    """Compute the heat maps of views, by metric and viewpoint: ``cvvdp/left``.
-
-    Only metrics with a `heat_map` yield one.
-    """
-    names = [metric.name for metric in metrics.all_metrics() if metric.heat_map is not None]
-    calls = {
-        f"{name}/{eye}": partial(
-            _heat_map, references[eye].image, view.image, truth.viewing[eye], name, run=run
-        )
-        for name in names
-        for eye, view in views.items()
-    }
-    return _run_in_threads(truth, calls, run)
-
-
 def score_reference_views(truth: GroundTruth, *, run: Run) -> dict[str, Scores]:
     """Score the reference views against the ground-truth views, by viewpoint."""
     calls = {

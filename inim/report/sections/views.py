@@ -14,7 +14,6 @@ import numpy as np
 
 from inim.documents.parts import EyePosition
 from inim.documents.report import ReportDocument
-from inim.metrics import all_metrics
 from inim.report.images import DIFFERENCE_GAIN, ReportImages, difference, is_wide
 from inim.report.labels import NBSP, REFERENCE, TRUTH, metric_scores, short
 from inim.report.page import (
@@ -63,14 +62,7 @@ _PARALLAX = (
 def views(data: ReportDocument, images: ReportImages) -> str:
     """The section on the views, one row of images for each viewpoint."""
     rows = [_viewpoint(data, images, eye) for eye in data.viewpoints]
-    names = data.viewpoint_names
-    below = [
-        f" {metric.label}'s map shows the local loss, from black for none to pale yellow "
-        f"for {metric.heat_map_max:g} {metric.unit} or more."
-        for metric in all_metrics()
-        if names and images.read("maps", metric.name, "reference", f"{names[0]}.png") is not None
-    ]
-    intro = lead(_INTRO + "".join(below)) + _scale(images)
+    intro = lead(_INTRO) + _scale(images)
     return _comparison_slider(data, images) + intro + "".join(rows)
 
 
@@ -144,18 +136,12 @@ def _viewpoint(data: ReportDocument, images: ReportImages, eye: EyePosition) -> 
         return images.embed(pixels, f"{name} from {view}", is_measured=True, **attributes)
 
     def compared(name: str, pixels: np.ndarray | None, to: str, reference: Any) -> list[str]:
-        """A view, its difference to a reference, and maps of the two: SSIM's, and heat maps."""
-        folder = "reference" if name == REFERENCE else name
+        """A view, its difference to a reference, and the SSIM map of the two."""
         pair = f"of {name} and {to} from {view}"
         return [
             shown(name, pixels),
             images.embed(difference(pixels, reference), f"Difference {pair}"),
             images.embed(images.similarity(pixels, reference), f"SSIM map {pair}"),
-            *(
-                images.embed(lost, f"{metric.label} map {pair}")
-                for metric in all_metrics()
-                if (lost := images.read("maps", metric.name, folder, f"{view}.png")) is not None
-            ),
         ]
 
     floor, own = data.noise_floor.views[view], data.reference.views[view]
