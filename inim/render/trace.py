@@ -29,6 +29,10 @@ from inim.render.rays import NonSeparableRays, SeparableRays
 
 # Rays in flight, at most; see `limit_rays`. Larger gains nothing on two cores.
 _RAYS_PER_PASS = 2**22
+# Embree traces up to 16 successive rays together, and visits the scene's parts in an order that
+# depends on all of them. If surfaces meet where a ray hits, as cells of an `sdfgrid` do, the order
+# decides which of them is hit. Skipped pixels must therefore not change the packets of the others.
+_PACKET = 16
 # Pixels whose float64 sums are held at once.
 _PIXELS_PER_BAND = 2**20
 
@@ -200,7 +204,8 @@ def mean_light(
 
     Not-a-number samples are kept: the caller counts them.
 
-    * `mask`, (*shape) bool: pixels to trace; the others stay black and need no time.
+    * `mask`, (*shape) bool: pixels to trace; the others stay black. Those in a packet with a traced
+      pixel need time, all others need none.
 
     Returns (*shape, 3) float32, linear RGB. Equal seeds give equal pixels for every mask.
     """
@@ -209,20 +214,28 @@ def mean_light(
     image = np.zeros((count, 3), np.float32)
     for first in range(0, count, _PIXELS_PER_BAND):
         pixels = np.arange(first, min(first + _PIXELS_PER_BAND, count))
-        if mask is not None:
-            pixels = pixels[mask.reshape(-1)[pixels]]
-        image[pixels] = _sums(light, pixels, spp, seed) / spp
+        is_wanted = np.ones(len(pixels), bool) if mask is None else mask.reshape(-1)[pixels]
+        in_packets = _whole_packets(is_wanted, spp)
+        pixels, is_wanted = pixels[in_packets], is_wanted[in_packets]
+        image[pixels[is_wanted]] = _sums(light, pixels, spp, seed)[is_wanted] / spp
         traced += len(pixels) * spp
     if observer and traced:
         observer.record_rendering(time.perf_counter() - started, traced)
     return image.reshape(*shape, 3)
 
 
+def _whole_packets(is_wanted: np.ndarray, spp: int = 1) -> np.ndarray:
+    """Pixels whose samples fill all packets with samples of wanted pixels, (n,) bool."""
+    size = _PACKET // math.gcd(_PACKET, spp)
+    groups = np.logical_or.reduceat(is_wanted, np.arange(0, len(is_wanted), size))
+    return np.repeat(groups, size)[: len(is_wanted)]
+
+
 def _sums(light: Light, pixels: np.ndarray, spp: int, seed: int) -> np.ndarray:
     """Sums of the light of all samples of pixels, (n, 3) float64, in passes."""
     total = np.zeros((len(pixels), 3))
-    samples_per_pass = min(spp, _RAYS_PER_PASS)
-    pixels_per_pass = max(1, _RAYS_PER_PASS // samples_per_pass)
+    samples_per_pass = min(spp, _RAYS_PER_PASS // _PACKET)
+    pixels_per_pass = _RAYS_PER_PASS // samples_per_pass // _PACKET * _PACKET
     for start in range(0, len(pixels), pixels_per_pass):
         part = slice(start, start + pixels_per_pass)
         for first in range(0, spp, samples_per_pass):
@@ -283,24 +296,25 @@ def first_surface(
     * `points`, (n, 3) float64: their world points, row by row.
     """
     started = time.perf_counter()
-    traced = np.ones(camera.shape, bool) if mask is None else mask
-    ray = camera.centre_rays(mi.UInt32(np.flatnonzero(traced).astype(np.uint32)))
+    is_wanted = np.ones(math.prod(camera.shape), bool) if mask is None else mask.reshape(-1)
+    traced = np.flatnonzero(_whole_packets(is_wanted))
+    ray = camera.centre_rays(mi.UInt32(traced.astype(np.uint32)))
     if splats.shows_splats(integrator):
         distance = splats.absorption(scene, integrator, ray).half
     else:
         hit = first_not_light(scene, ray)
         distance = np.asarray(dr.select(hit.is_valid(), hit.t, dr.inf))
-    is_hit = np.isfinite(distance)
+    is_hit = np.isfinite(distance) & is_wanted[traced]
     origin, direction = (
         np.stack([np.asarray(axis)[is_hit] for axis in vector], axis=-1, dtype=np.float64)
         for vector in (ray.o, ray.d)
     )
     points = origin + distance[is_hit].astype(np.float64)[:, None] * direction
-    covered = np.zeros(camera.shape, bool)
+    covered = np.zeros(is_wanted.shape, bool)
     covered[traced] = is_hit
     if observer:
         observer.record_rendering(time.perf_counter() - started)
-    return covered, points
+    return covered.reshape(camera.shape), points
 
 
 def first_not_light(scene: Any, ray: Any) -> Any:

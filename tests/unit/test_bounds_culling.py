@@ -1,12 +1,16 @@
 """Pixels that are black for certain: skipping them changes no bit of any ground truth."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import trimesh
 
 from inim.display import Viewpoint
+from inim.errors import FileError
 from inim.process.observer import Observer
 from tests.conftest import scene_text, small_display, sphere
+from tests.splat_relics import random_splats, splat_scene
 
 LAMP = """<shape type="rectangle"><transform name="to_world"><scale value="2"/>
     <rotate y="1" angle="180"/><translate z="9"/></transform>
@@ -90,3 +94,93 @@ def test_an_observer_counts_the_samples_traced(open_fitted):
     # Walls of sides twice: what they show, and whether anything comes to them.
     assert progress.samples - before == 4 * (layers.covered.sum() + 2 * len(layers.sides.walls))
     assert progress.render_seconds > seconds > 0
+
+
+PLACE = '<transform name="to_world"><rotate x="1" y="2" angle="35"/></transform>'
+GREY = f'{PLACE}<bsdf type="diffuse"/>'
+CURVE = f'<string name="filename" value="curve.txt"/>{GREY}'
+GRID = """<string name="filename" value="ball.vol"/><bsdf type="diffuse"/>
+    <transform name="to_world"><translate x="-0.5" y="-0.5" z="-0.5"/></transform>"""
+
+
+def shape(plugin: str, content: str) -> str:
+    return f'<shape type="{plugin}">{content}</shape>'
+
+
+def mesh(form: str) -> str:
+    return shape(form, f'<string name="filename" value="ball.{form}"/>{GREY}')
+
+
+#: A relic of each of Mitsuba's shapes, except those made of splats.
+RELICS = {
+    "bsplinecurve": shape("bsplinecurve", CURVE),
+    "cube": shape("cube", GREY),
+    "cylinder": shape("cylinder", GREY),
+    "disk": shape("disk", GREY),
+    "instance": shape("instance", f'<ref id="balls"/>{PLACE}'),
+    "linearcurve": shape("linearcurve", CURVE),
+    "merge": shape("merge", mesh("ply") + mesh("obj")),
+    "obj": mesh("obj"),
+    "ply": mesh("ply"),
+    "rectangle": shape("rectangle", GREY),
+    "sdfgrid": shape("sdfgrid", GRID),
+    "shapegroup": '<shape type="shapegroup" id="balls"><shape type="sphere"/></shape>',
+    "sphere": shape("sphere", GREY),
+}
+RELICS["instance"] = RELICS["shapegroup"] = RELICS["shapegroup"] + RELICS["instance"]
+SPLATS = ("ellipsoids", "ellipsoidsmesh")
+REFUSED = {"blender": shape("blender", GREY), "serialized": mesh("serialized")}
+
+
+def write_relics(folder: Path) -> None:
+    """Write the files of `RELICS`."""
+    import mitsuba as mi
+
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    for form in ("ply", "obj"):
+        ball.export(folder / f"ball.{form}")
+    (folder / "ball.serialized").touch()
+    points = [(x, x * x - 0.5, 0.3 * x, 0.2) for x in (-1, -0.5, 0, 0.5, 1, 1.5)]
+    (folder / "curve.txt").write_text("".join(f"{x} {y} {z} {r}\n" for x, y, z, r in points))
+    distance = np.linalg.norm(np.indices((16, 16, 16)).T / 15 - 0.5, axis=-1) - 0.4
+    mi.VolumeGrid(distance[..., None].astype(np.float32)).write(str(folder / "ball.vol"))
+
+
+def test_every_shape_of_mitsuba_is_a_relic_here(renderer):
+    import mitsuba as mi
+
+    plugins = [path.stem for path in (Path(mi.__file__).parent / "plugins").glob("*.*")]
+    kind = mi.PluginManager.instance().plugin_type
+    shapes = {name for name in plugins if kind(name) == mi.ObjectType.Shape}
+    assert shapes == {*RELICS, *SPLATS, *REFUSED}
+
+
+@pytest.mark.parametrize("plugin", [*RELICS, *SPLATS])
+def test_black_pixels_of_every_shape_change_nothing(plugin, open_fitted, tmp_path):
+    from inim.render.ground_truth import capture_halves, pickup, true_view
+
+    display, eye = small_display(pixels=12), Viewpoint("eye", 20, -15, 400)
+    if plugin in SPLATS:
+        text = splat_scene(tmp_path, random_splats(60, 1), plugin)
+    else:
+        write_relics(tmp_path)
+        text = scene_text(RELICS[plugin])
+    fitted = open_fitted(text, display)
+    images = []
+    for skip in (True, False):
+        eia = pickup(fitted, display, spp=4, seed=1, skip=skip)
+        view, relic = true_view(fitted, display, eye, pixels_per_lens=8, spp=6, seed=1, skip=skip)
+        first, second = capture_halves(
+            fitted, display, pixels_per_pitch=9, spp=6, seed=2, skip=skip
+        )
+        pictures = (first.color, second.color, first.depth_mm, first.covered)
+        images.append((eia.first, eia.second, view.first, view.second, relic, *pictures))
+    assert images[0][0].max() > 0.1 and images[0][4].mean() > 0.01
+    assert all(np.array_equal(a, b) for a, b in zip(*images, strict=True))
+
+
+@pytest.mark.parametrize("plugin", REFUSED)
+def test_shapes_that_are_not_read_are_refused(plugin, open_fitted, tmp_path):
+    write_relics(tmp_path)
+    with pytest.raises(FileError, match=r"scene\.xml: the renderer refuses it|export it as PLY"):
+        open_fitted(scene_text(REFUSED[plugin]), small_display())
