@@ -2,6 +2,7 @@
 
 import threading
 import time
+from concurrent.futures import Future, wait
 
 import pytest
 
@@ -51,8 +52,14 @@ def test_alone_everything_is_done_in_the_callers_thread(monkeypatch):
         assert submit(threading.current_thread).result() is threading.current_thread()
 
 
-def test_errors_are_raised_and_waiting_tasks_are_dropped(processors):
-    begun = []
+def test_errors_are_raised_and_waiting_tasks_are_dropped(processors, monkeypatch):
+    begun, dropped = [], threading.Event()
+
+    def wait_for_begun(futures: list[Future]) -> None:
+        dropped.set()
+        wait(futures)
+
+    monkeypatch.setattr(module, "wait", wait_for_begun)
 
     def fail() -> None:
         raise ValueError("no")
@@ -61,7 +68,7 @@ def test_errors_are_raised_and_waiting_tasks_are_dropped(processors):
         with threads() as submit:
             first = submit(fail)
             for number in numbers:
-                submit(lambda number: (time.sleep(0.05), begun.append(number)), number)
+                submit(lambda number: (begun.append(number), dropped.wait()), number)
             first.result()
 
     with pytest.raises(ValueError, match="no"):

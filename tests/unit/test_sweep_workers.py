@@ -51,9 +51,13 @@ def test_no_worker_and_no_thread_are_refused():
 
 
 class Crowd:
-    """Stands in for the work: counts who is at work at once, and what memory they hold."""
+    """Stands in for the work: counts who is at work at once, and what memory they hold.
 
-    def __init__(self):
+    Work does not end before `least` were at work at once.
+    """
+
+    def __init__(self, least):
+        self.least, self.enough = least, threading.Event()
         self.lock, self.now, self.most, self.bytes, self.most_bytes = threading.Lock(), 0, 0, 0, 0
         self.done: list[str] = []
 
@@ -61,14 +65,17 @@ class Crowd:
         with self.lock:
             self.now, self.bytes = self.now + 1, self.bytes + task.memory_bytes
             self.most, self.most_bytes = max(self.most, self.now), max(self.most_bytes, self.bytes)
-        time.sleep(0.05)
+            if self.now >= self.least:
+                self.enough.set()
+        assert self.enough.wait(60)
+        time.sleep(0.05)  # others may begin, wrongly
         with self.lock:
             self.now, self.bytes = self.now - 1, self.bytes - task.memory_bytes
             self.done.append(task.unit)
 
 
-def crowd_of(monkeypatch, tasks, workers, limit):
-    crowd = Crowd()
+def crowd_of(monkeypatch, tasks, workers, limit, least):
+    crowd = Crowd(least)
     monkeypatch.setattr(sweep_workers, "attempt", crowd)
     monkeypatch.setattr(sweep_workers.machine, "memory_limit_bytes", lambda: limit)
     assert run_tasks(tasks, None, workers, Progress(len(tasks), quiet=True)) == {}
@@ -77,19 +84,18 @@ def crowd_of(monkeypatch, tasks, workers, limit):
 
 
 def test_as_many_at_once_as_there_are_workers(monkeypatch):
-    assert crowd_of(monkeypatch, [make(str(i)) for i in range(6)], 3, 0).most == 3
+    assert crowd_of(monkeypatch, [make(str(i)) for i in range(6)], 3, 0, least=3).most == 3
 
 
 def test_never_more_at_once_than_memory_holds(monkeypatch):
-    sizes = [2, 5, 1, 4, 3]
+    sizes = [1, 5, 2, 4, 3]
     tasks = [make(str(size), size * GIB) for size in sizes]
-    crowd = crowd_of(monkeypatch, tasks, 4, 6 * GIB)
-    assert crowd.most >= 2
+    crowd = crowd_of(monkeypatch, tasks, 4, 6 * GIB, least=2)
     assert crowd.most_bytes <= 6 * GIB
 
 
 def test_a_unit_too_large_for_a_share_runs_alone(monkeypatch):
-    crowd = crowd_of(monkeypatch, [make(str(i), 9 * GIB) for i in range(3)], 4, 6 * GIB)
+    crowd = crowd_of(monkeypatch, [make(str(i), 9 * GIB) for i in range(3)], 4, 6 * GIB, least=1)
     assert crowd.most == 1
 
 
