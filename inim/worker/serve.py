@@ -53,6 +53,7 @@ class ConsoleObserver(Observer):
     def __exit__(self, *_: object) -> None:
         self._over.set()
         if self._bar is not None:
+            self._thread.join()
             self._bar.close()
 
     def begin(self, stages: Sequence[str]) -> None:
@@ -72,7 +73,8 @@ class ConsoleObserver(Observer):
                 smoothing=0,
                 file=sys.stderr,
             )
-            threading.Thread(target=self._redraw, daemon=True).start()
+            self._thread = threading.Thread(target=self._redraw, daemon=True)
+            self._thread.start()
 
     def stage(self, name: str) -> None:
         """See `Observer`."""
