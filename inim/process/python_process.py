@@ -2,7 +2,7 @@
 
 `python -m` and `python -c` put the current folder before the standard library, so a
 `numpy.py` next to a scene would be executed. `PYTHONPATH` is
-the user's choice and remains in effect. numba and matplotlib read configuration files there.
+the user's choice and remains in effect. numba, matplotlib and dask read configuration files there.
 """
 
 from __future__ import annotations
@@ -80,9 +80,10 @@ def end_process(process: subprocess.Popen[Any]) -> None:
         process.wait()
 
 
-# numba and matplotlib look for these names with `os.path.exists`. numba's file can name a folder
-# whose compiled kernels are executed; matplotlib's changes figures, and a FIFO would hang.
-_NAMES = (".numba_config.yaml", "matplotlibrc")
+# numba, matplotlib and dask look for these names with `os.path.exists`. numba's file can name a
+# folder whose compiled kernels are executed, dask's a module; matplotlib's changes figures, and a
+# FIFO would hang. dask's folder is in the current one for users without a home.
+_NAMES = (".numba_config.yaml", "matplotlibrc", ".config/dask", "~/.config/dask")
 
 
 @contextmanager

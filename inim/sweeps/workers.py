@@ -15,6 +15,7 @@ Effects of a crash (distributed 2024.1 to 2026.8):
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import logging
 import queue
@@ -30,7 +31,7 @@ from typing import Any
 
 from inim.errors import UsageError
 from inim.process import machine
-from inim.process.python_process import end_process
+from inim.process.python_process import configuration_hidden, end_process
 from inim.sweeps.unit import SweepTask, attempt
 
 # How often the connection to the scheduler is checked.
@@ -107,7 +108,8 @@ class Progress:
 def check_dask() -> None:
     """Raise `UsageError` with the installation command if dask.distributed is missing."""
     try:
-        import distributed  # noqa: F401
+        with configuration_hidden():
+            import distributed  # noqa: F401
     except ImportError:
         raise UsageError(
             "sweeps run on dask.distributed, which is not installed: pip install 'inim[sweep]'"
@@ -226,24 +228,45 @@ def check_answers(scheduler: str) -> None:
 
 @contextmanager
 def _local(workers: int, memory_bytes: int) -> Iterator[Any]:
-    """Client of a scheduler and a worker in this process."""
-    from distributed import Client, LocalCluster
+    """Client of a scheduler and a worker in this process.
+
+    Both always start an HTTP server: on a free port that only this machine reaches, without pages.
+    """
+    from distributed import Client, Scheduler, SpecCluster, Worker
 
     _silence_dask()
-    cluster = LocalCluster(
-        n_workers=1,
-        threads_per_worker=workers,
-        processes=False,
-        dashboard_address=None,
-        memory_limit=0,
-        resources={_MEMORY: memory_bytes},
-    )
-    with cluster, Client(cluster, set_as_default=False) as client:
+    common = {"protocol": "inproc://", "dashboard": False, "dashboard_address": "127.0.0.1:0"}
+    own = {"nthreads": workers, "memory_limit": 0, "resources": {_MEMORY: memory_bytes}}
+    scheduler = {"cls": Scheduler, "options": common}
+    worker = {"cls": Worker, "options": common | own}
+    with (
+        _default_configuration(),
+        SpecCluster(scheduler=scheduler, workers={0: worker}) as cluster,
+        Client(cluster, set_as_default=False) as client,
+    ):
         yield client
 
 
+@contextmanager
+def _default_configuration() -> Iterator[None]:
+    """Use dask's own defaults without pages, and none of the user's files and variables."""
+    from dask import config
+
+    before = copy.deepcopy(config.config)
+    config.refresh(paths=[], env={})
+    try:
+        with config.set(
+            {f"distributed.{node}.http.routes": [] for node in ("scheduler", "worker")}
+        ):
+            yield
+    finally:
+        config.config.clear()
+        config.config.update(before)
+
+
 def _silence_dask() -> None:
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # `Progress` prints every error
+    for name in ("distributed", "tornado", "asyncio"):  # `Progress` prints every error
+        logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 @contextmanager

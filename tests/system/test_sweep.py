@@ -195,15 +195,19 @@ def test_a_killed_worker_and_a_killed_driver_lose_nothing_and_double_nothing(tmp
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_an_interrupt_takes_the_workers_along(tmp_path, number):
+def test_an_interrupt_takes_the_workers_along_and_prints_one_line(tmp_path, number):
+    """Two sweeps at once do not disturb each other, either."""
     study = write_study(tmp_path)
-    driver = start(study.name, "-o", "out", folder=tmp_path)
-    until(lambda: workers_of(tmp_path / "out"), "a worker starts")
-    driver.send_signal(number)
-    _, errors = driver.communicate(timeout=60)
-    assert driver.returncode == 128 + number
-    assert errors.startswith("inim: interrupted; results are kept") == (number == signal.SIGINT)
-    assert not workers_of(tmp_path / "out")
+    drivers = {out: start(study.name, "-o", out, folder=tmp_path) for out in ("out", "other")}
+    for out, driver in drivers.items():
+        until(lambda out=out: workers_of(tmp_path / out), "a worker starts")
+        driver.send_signal(number)
+    for out, driver in drivers.items():
+        _, errors = driver.communicate(timeout=60)
+        assert driver.returncode == 128 + number
+        line = "inim: interrupted; results are kept; run it again to continue\n"
+        assert errors == (line if number == signal.SIGINT else "")
+        assert not workers_of(tmp_path / out)
     assert not list((tmp_path / "tmp").rglob("*.partial"))
 
 

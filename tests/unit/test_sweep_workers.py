@@ -7,6 +7,8 @@ import sys
 import threading
 import time
 from pathlib import Path
+from urllib.error import HTTPError
+from urllib.request import urlopen
 
 import pytest
 
@@ -108,6 +110,50 @@ def test_a_failing_unit_does_not_stop_the_others(monkeypatch, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 3
     assert sum("label 1" in line and line.endswith("FAILED: it broke") for line in lines) == 1
+
+
+def listening() -> list[tuple[str, int]]:
+    """Addresses in hexadecimal digits, and ports, at which this process listens."""
+    names = [path.resolve().name for path in Path("/proc/self/fd").iterdir()]
+    sockets = {name.removeprefix("socket:[").rstrip("]") for name in names}
+    rows = [
+        line.split()
+        for table in ("tcp", "tcp6")
+        for line in Path("/proc/net", table).read_text().splitlines()[1:]
+    ]
+    places = [row[1].split(":") for row in rows if row[3] == "0A" and row[9] in sockets]
+    return [(address, int(port, 16)) for address, port in places]
+
+
+@pytest.mark.skipif(not Path("/proc/net/tcp").exists(), reason="reads Linux's list of sockets")
+def test_a_sweep_listens_on_this_machine_only_and_serves_no_page(monkeypatch):
+    before, places = listening(), []
+
+    def visit(task, on_start):
+        for address, port in sorted({*listening()} - {*before}):
+            places.append(address)
+            for page in ("", "status", "health", "metrics", "info/main/workers.html", "json"):
+                with pytest.raises(HTTPError, match="404"):
+                    urlopen(f"http://127.0.0.1:{port}/{page}", timeout=10)
+
+    monkeypatch.setattr(sweep_workers, "attempt", visit)
+    assert run_tasks([make("1")], None, 1, Progress(1, quiet=True)) == {}
+    assert set(places) == {"0100007F"}  # 127.0.0.1
+
+
+def test_the_user_s_configuration_of_dask_does_not_apply(monkeypatch, tmp_path):
+    """A preload is a file that dask executes."""
+    from dask import config
+
+    (tmp_path / "preload.py").write_text(f"open({str(tmp_path / 'executed')!r}, 'w').close()")
+    monkeypatch.setattr(sweep_workers, "attempt", lambda *_: None)
+    preload = {f"distributed.{node}.preload": ["preload.py"] for node in ("scheduler", "worker")}
+    monkeypatch.chdir(tmp_path)
+    with config.set(preload | {"mine": 1}):
+        assert run_tasks([make("1")], None, 1, Progress(1, quiet=True)) == {}
+        assert config.get("mine") == 1
+        assert config.get("distributed.worker.preload") == ["preload.py"]
+    assert not (tmp_path / "executed").exists()
 
 
 def test_an_interrupt_ends_running_tasks(monkeypatch):
