@@ -75,7 +75,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     add(
         "--time",
         action="store_true",
-        help="also time the algorithms; with --baseline, a slowdown of 15 %% fails the run",
+        help="also time the algorithms, as multiples of the reference kernel's time",
     )
     add(
         "--lazy",

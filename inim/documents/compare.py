@@ -61,7 +61,7 @@ class FingerprintRecord(Part):
     eia_sha256: Sha256  #: SHA-256 of the EIA's values.
 
 
-class BaselineDocument(Document, tag="inim.baseline/2"):
+class BaselineDocument(Document, tag="inim.baseline/3"):
     """Statistics of a run.
 
     `baseline.json` in the folder of a baseline, and `regression/candidate.json` in that of a
@@ -81,9 +81,6 @@ class BaselineDocument(Document, tag="inim.baseline/2"):
     scores: dict[str, dict[str, EstimateRecord]]
     #: By generator, under its name with options: its EIA of the reference input.
     fingerprints: dict[str, FingerprintRecord]
-    #: With `--time`, by generator: natural logarithms of its time over the reference kernel's, one
-    #: per round.
-    times: dict[str, list[float]]
     #: Every reported score, for its drift, by scored object (an algorithm's EIA, or one of its
     #: views as `ALGORITHM/VIEWPOINT`) and name, `eia NAME` for an EIA; null: none, or not finite.
     reported: dict[str, dict[str, float | None]]

@@ -123,7 +123,7 @@ Viewpoints = Annotated[list[EyePosition], doc("Eye positions, in order.")]
 
 
 Relation = Literal[">=", "<=", "within"]
-Kind = Literal["picture", "score", "pixels", "noise", "time"]
+Kind = Literal["picture", "score", "pixels", "noise"]
 
 
 class Check(Part):
@@ -375,8 +375,8 @@ class Circumstances(Part):
     #: Version of the LLVM library; null: the CUDA backend.
     libllvm: str | None = field(name="libLLVM")
     device: str  #: Name of the processor or graphics card that rendered.
-    processor: str  #: Model of the processor. Times are compared only between equal ones.
-    threads: int  #: Threads of the processor. Times are compared only between equal numbers.
+    processor: str  #: Model of the processor.
+    threads: int  #: Threads of the processor.
     capture_spp: int  #: Samples per pixel of the RGB-D picture.
     eia_spp: int  #: Samples per pixel of the ground-truth EIA, both halves.
     view_spp: int  #: Samples per pixel of a ground-truth view, both halves.

@@ -253,10 +253,8 @@ _VERSIONS = ("drjit", "mitsuba", "numba", "numpy")
 _SAMPLING = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp", "seed")
 
 
-def collect_statistics(
-    evaluation: Evaluation, truth: Statistics, times: Mapping[str, tuple[float, ...]]
-) -> RunStatistics:
-    """Collect all statistics of a run; `times` are logarithms of kernel times, by generator."""
+def collect_statistics(evaluation: Evaluation, truth: Statistics) -> RunStatistics:
+    """Collect all statistics of a run."""
     pictures: dict[str, TileStatistics] = {}
     scores: dict[str, dict[str, ScoreEstimate]] = {}
     fingerprints: dict[str, Fingerprint] = {}
@@ -270,7 +268,6 @@ def collect_statistics(
         pictures,
         scores,
         fingerprints,
-        dict(times),
         _reported_scores(evaluation.algorithms),
     )
 

@@ -122,7 +122,7 @@ def validate(
     preview : bool
         Quick preview: one algorithm, one viewpoint, few samples. It cannot become a baseline.
     time : bool
-        Time the generators in kernel times, and compare with the baseline's times if it has any.
+        Time the generators in kernel times.
     lazy : bool
         Generate and render only the panel pixels that the viewpoints observe: the views and their
         scores are the same, and whole EIAs are not scored.

@@ -41,7 +41,6 @@ from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.pipeline.stages.scoring import reported_scores
 from inim.process.observer import Observer
 from inim.process.threads import OneThread
-from inim.regression.comparison import kernel_times
 from inim.report import Report
 
 # Images waiting to be written occupy memory: at most a quarter of a gigabyte.
@@ -151,20 +150,18 @@ _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "OpenEXR")
 def make_report(
     evaluation: Evaluation,
     noise_floor: NoiseFloor,
-    times: Mapping[str, tuple[float, ...]],
+    times: Mapping[str, float],
     comparison: BaselineComparison,
     folder: Path,
 ) -> Report:
     """Collect the data of a report, whose images are in `folder`; the caller writes it.
 
-    `times` are log ratios to the reference kernel, by generator.
+    `times` are in multiples of the reference kernel's, by generator.
     """
     plan, checks = evaluation.plan, [*evaluation.checks, *comparison.checks]
     algorithms, observer = evaluation.algorithms, evaluation.run.observer
-    for name, ratios in times.items():
-        algorithms[name] = msgspec.structs.replace(
-            algorithms[name], yardsticks=kernel_times(ratios)
-        )
+    for name, yardsticks in times.items():
+        algorithms[name] = msgspec.structs.replace(algorithms[name], yardsticks=yardsticks)
     preview = None
     if plan.request.preview:
         command = replace(plan, request=replace(plan.request, preview=False)).command

@@ -41,7 +41,7 @@ def validate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Report
     times = generator_times(plan.methods, capture, run=run) if plan.request.time else {}
     noise_floor = compute_noise_floor(truth, run=run)
     truth_statistics = compute_truth_statistics(truth, evaluation.reference_scores, run=run)
-    statistics = collect_statistics(evaluation, truth_statistics, times)
+    statistics = collect_statistics(evaluation, truth_statistics)
     comparison = compare_with_baseline(
         evaluation.plan, images.folder, statistics, evaluation.reference_outputs
     )

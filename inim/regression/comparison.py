@@ -1,9 +1,7 @@
 """Comparison of a run with a baseline: verdicts, or the differing conditions, and images.
 
 Rendered images are compared by Welch's t-test in every tile. Changes are in codes, steps of an
-8-bit panel on the sRGB curve, of the tile's mean or of the root of its power. Times are compared as
-ratios to the reference kernel's time in the same round: by the median of all pairwise differences
-of ``ln(time / kernel time)``, with its distribution-free interval (`shift_of`). See
+8-bit panel on the sRGB curve, of the tile's mean or of the root of its power. See
 docs/theory/regression.md.
 """
 
@@ -11,8 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +17,7 @@ import msgspec
 import numpy as np
 
 from inim.display import Display
-from inim.documents.parts import Change, Check, Circumstances, Conditions, Drift
+from inim.documents.parts import Change, Check, Conditions, Drift
 from inim.errors import BaselineError
 from inim.regression.fingerprints import Fingerprint, compare_fingerprints, sampled_pixels
 from inim.regression.run_statistics import RunStatistics
@@ -28,7 +25,6 @@ from inim.regression.scores import compare_scores
 from inim.regression.tiles import TileStatistics
 from inim.regression.verdict import (
     FALSE_ALARM_RATE,
-    shift_of,
     sidak,
     welch_half_width,
     welch_p_value,
@@ -209,7 +205,6 @@ _SHA256_DIGITS = 64
 _MAX_VALUES = 3
 # Conditions that follow from others.
 _DERIVED = {"display as derived": "display"}
-_TIME_CONDITIONS = ("processor", "threads")
 _ALWAYS_NEW = ("created",)
 
 
@@ -274,43 +269,20 @@ def check_comparable(baseline: RunStatistics, conditions: Conditions, path: str)
         raise BaselineError(f"{path}: has no image or no score to compare; accept it again")
 
 
-def check_times(baseline: RunStatistics, circumstances: Circumstances, path: str) -> None:
-    """Raise `BaselineError` unless times of a run under these circumstances can be compared.
-
-    Ratios to the reference kernel are independent of a machine's speed, but not of the type of its
-    processor or of the number of threads.
-    """
-    if not baseline.times:
-        raise BaselineError(
-            f"{path}: has no times; accept the baseline of a run with --time, or remove --time"
-        )
-    for name in _TIME_CONDITIONS:
-        old, new = getattr(baseline.circumstances, name), getattr(circumstances, name)
-        if old != new:
-            raise BaselineError(
-                f"{path}: has times for {name} {old!r}, not {new!r}; accept a baseline here, or "
-                "remove --time"
-            )
-
-
 def compare(baseline: RunStatistics, candidate: RunStatistics, path: str) -> list[Check]:
-    """Verdicts on images, noise, scores, EIAs of the reference input, and times if measured.
+    """Verdicts on images, noise, scores and EIAs of the reference input.
 
     `path` is the baseline's, for messages. Raises `BaselineError` if the runs' conditions differ.
     """
     check_comparable(baseline, candidate.conditions, path)
     noise = compare_noise(_truth_tiles(baseline), _truth_tiles(candidate))
     assert noise.value is not None
-    verdicts = [
+    return [
         *compare_pictures(baseline.pictures, candidate.pictures),
         noise,
         *compare_scores(baseline.scores, candidate.scores, noise.value),
         *compare_fingerprints(baseline.fingerprints, candidate.fingerprints),
     ]
-    if candidate.times:
-        check_times(baseline, candidate.circumstances, path)
-        verdicts += compare_times(baseline.times, candidate.times)
-    return verdicts
 
 
 def _truth_tiles(run: RunStatistics) -> dict[str, TileStatistics]:
@@ -374,79 +346,3 @@ def changed_pixels(old: Fingerprint, new: Fingerprint, display: Display) -> np.n
     flat[indices] = 0.2
     flat[indices[changed]] = _BRIGHTER
     return image
-
-
-#: With nine rounds on each side, the interval is still finite at this level.
-MIN_ROUNDS = 9
-#: A smaller slowdown passes: the memory layout of code and data changes ratios by several per cent
-#: between processes, which the rounds of one process do not show.
-MAX_SLOWDOWN = 1.15
-# A slowdown that noise must never hide.
-_NEVER_HIDDEN = 1.3
-
-
-def log_ratios(times_s: Sequence[float], kernel_s: Sequence[float]) -> tuple[float, ...]:
-    """Natural logarithms of time over the reference kernel's time, of all common rounds."""
-    return tuple(math.log(t / k) for t, k in zip(times_s, kernel_s, strict=False))
-
-
-def kernel_times(ratios: Sequence[float]) -> float:
-    """Median time in multiples of the reference kernel's time, from `log_ratios`."""
-    return math.exp(statistics.median(ratios))
-
-
-def is_steady(ratios: Sequence[float]) -> bool:
-    """True if these `log_ratios` suffice to detect a slowdown by `MAX_SLOWDOWN`.
-
-    The interval between two runs with this scatter is no wider than that to either side.
-    """
-    if len(ratios) < MIN_ROUNDS:
-        return False
-    return shift_of(ratios, ratios, FALSE_ALARM_RATE).high <= math.log(MAX_SLOWDOWN)
-
-
-def compare_times(
-    baseline: Mapping[str, Sequence[float]], candidate: Mapping[str, Sequence[float]]
-) -> list[Check]:
-    """Verdicts on the baseline's algorithms by their `log_ratios`; only a slowdown fails.
-
-    An algorithm also fails if it has fewer than `MIN_ROUNDS`, or if its scatter could hide 30 %
-    more time.
-    """
-    level = sidak(FALSE_ALARM_RATE, len(baseline))
-    return [_time_verdict(n, old, candidate.get(n, ()), level) for n, old in baseline.items()]
-
-
-def _time_verdict(name: str, old: Sequence[float], new: Sequence[float], level: float) -> Check:
-    rounds = min(len(old), len(new))
-    shift = shift_of(new, old, level)
-    limit = MAX_SLOWDOWN
-    # If the interval includes no change, noise explains the shift.
-    if shift.low <= 0:
-        limit = max(limit, math.exp(max(shift.value, 0.0)) if math.isfinite(shift.value) else 0.0)
-    value = math.exp(shift.value)
-    is_valid = rounds >= MIN_ROUNDS and math.isfinite(value)
-    is_unclear = shift.low <= 0 and shift.high > math.log(_NEVER_HIDDEN)
-    passed = bool(is_valid and not is_unclear and value <= limit)
-    detail = f"{_median_text(new)} kernel times, baseline {_median_text(old)}; {rounds} rounds"
-    if rounds < MIN_ROUNDS:
-        detail += f", {MIN_ROUNDS} needed"
-    elif is_unclear:
-        detail += "; the scatter is too large: time both on an idle machine"
-    interval = (math.exp(shift.low), math.exp(min(shift.high, 700.0)))
-    return Check(
-        name=f"{name}: time against the baseline",
-        kind="time",
-        value=value,
-        relation="<=",
-        limit=limit,
-        interval=interval,
-        passed=passed,
-        unit="times",
-        p_value=shift.p_value,
-        detail=detail,
-    )
-
-
-def _median_text(ratios: Sequence[float]) -> str:
-    return f"{kernel_times(ratios):.3g}" if ratios else "no"

@@ -1,7 +1,7 @@
 """Run statistics: data of a run for comparisons with later runs.
 
 Every report has a candidate (`regression/candidate.json` and `.npz`). An accepted candidate is a
-baseline (`baseline.json` and `.npz`). Both follow the schema `inim.baseline/2`.
+baseline (`baseline.json` and `.npz`). Both follow the schema `inim.baseline/3`.
 """
 
 from __future__ import annotations
@@ -42,12 +42,11 @@ _HEADERS = {
 
 @dataclass(frozen=True)
 class RunStatistics:
-    """Conditions, image statistics, scores and times of a run.
+    """Conditions, image statistics and scores of a run.
 
     Conditions must be equal for a comparison; circumstances (versions, samples, seed, machine,
-    date) may differ. `times` are `log_ratios` by algorithm, empty without timing; `reported` are
-    scores without a verdict, to list their changes. Only a baseline has the reason and the date of
-    acceptance.
+    date) may differ. `reported` are scores without a verdict, to list their changes. Only a
+    baseline has the reason and the date of acceptance.
     """
 
     conditions: Conditions
@@ -55,7 +54,6 @@ class RunStatistics:
     pictures: Mapping[str, TileStatistics]
     scores: Mapping[str, Mapping[str, ScoreEstimate]]
     fingerprints: Mapping[str, Fingerprint] = field(default_factory=dict)
-    times: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     reported: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
     reason: str = ""
     accepted: str = ""
@@ -86,7 +84,6 @@ def write_statistics(folder: Path, stem: str, statistics: RunStatistics) -> list
             for scored, scores in statistics.scores.items()
         },
         fingerprints={name: f.as_record() for name, f in statistics.fingerprints.items()},
-        times={name: list(ratios) for name, ratios in statistics.times.items()},
         reported={scored: dict(scores) for scored, scores in statistics.reported.items()},
         arrays_sha256=hashlib.sha256(data).hexdigest(),
     )
@@ -169,7 +166,6 @@ def _statistics(data: BaselineDocument, arrays: Mapping[str, np.ndarray]) -> Run
             name: Fingerprint.of(record, arrays[f"sample|{name}"])
             for name, record in data.fingerprints.items()
         },
-        times={name: tuple(ratios) for name, ratios in data.times.items()},
         reported=data.reported,
         reason=data.reason,
         accepted=data.accepted,

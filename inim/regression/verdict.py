@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from inim.documents.parts import Check, Kind, Relation
 
-#: Probability that noise alone fails a family of tests (all tiles, all scores, all times) of an
+#: Probability that noise alone fails a family of tests (all tiles, all scores) of an
 #: unchanged program: once in three years in a daily check.
 FALSE_ALARM_RATE = 1e-3
 
@@ -107,59 +105,6 @@ def binomial_interval(count: int, trials: int, level: float) -> tuple[float, flo
     low = 0.0 if count == 0 else float(betaincinv(count, trials - count + 1, level / 2))
     high = 1.0 if count == trials else float(betainccinv(count + 1, trials - count, level / 2))
     return low, high
-
-
-@dataclass(frozen=True)
-class Shift:
-    """Shift between two samples: the median of all pairwise differences, with its interval.
-
-    The interval is infinite if the samples are too small for the level; `p_value` is that of no
-    shift.
-    """
-
-    value: float
-    low: float
-    high: float
-    p_value: float
-
-
-def shift_of(candidate: Sequence[float], baseline: Sequence[float], level: float) -> Shift:
-    """Estimate the distribution-free shift between two samples; outliers have no weight.
-
-    The estimate is the median of all differences ``c_i - b_j``. Its interval ends at two of them,
-    chosen by the exact distribution of the rank-sum statistic U.
-
-    Source: Hodges and Lehmann, Ann. Math. Statist. 34, 1963; Mann and Whitney, ibid. 18, 1947.
-    """
-    differences = np.sort(np.subtract.outer(np.asarray(candidate), np.asarray(baseline)).ravel())
-    if differences.size == 0 or not np.isfinite(differences).all():
-        return Shift(math.nan, -math.inf, math.inf, math.nan)
-    cumulative = np.cumsum(_rank_sum_distribution(len(candidate), len(baseline)))
-    # The largest k with P(U < k) <= level / 2: the k-th smallest and largest differences bound it.
-    k = int(np.searchsorted(cumulative, level / 2, side="right"))
-    low, high = (differences[k - 1], differences[-k]) if k else (-math.inf, math.inf)
-    ties = 0.5 * np.count_nonzero(differences == 0)
-    u = float(np.count_nonzero(differences > 0) + ties)
-    extreme = math.floor(min(u, differences.size - u))
-    p = min(1.0, 2 * float(cumulative[extreme]))
-    return Shift(float(np.median(differences)), float(low), float(high), p)
-
-
-@lru_cache(maxsize=16)
-def _rank_sum_distribution(m: int, n: int) -> np.ndarray:
-    """Probability of each value 0..m n of U for two samples of the same distribution.
-
-    The numbers of ways to obtain U = u are the coefficients of the Gaussian binomial, the product
-    over i = 1..m of ``(1 - q^(n + i)) / (1 - q^i)``.
-    """
-    ways = np.zeros(m * n + 1)
-    ways[0] = 1
-    for i in range(1, m + 1):
-        ways[n + i :] -= ways[: -(n + i)].copy()
-        for first in range(i):
-            ways[first::i] = np.cumsum(ways[first::i])
-    probabilities: np.ndarray = ways / ways.sum()
-    return probabilities
 
 
 #: Relation of a change to the largest that passes in either direction.

@@ -162,7 +162,6 @@ _KINDS = {
     "noise": "noise of the ground truth",
     "score": "scores",
     "pixels": "EIAs of the reference input",
-    "time": "times relative to the reference kernel",
 }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -54,7 +53,6 @@ def eia_columns(start: str = "eia") -> dict[str, Metric]:
 
 def unit_document(
     data: ReportDocument,
-    times: Mapping[str, Sequence[float]],
     *,
     unit: str,
     algorithm: str,
@@ -63,12 +61,10 @@ def unit_document(
 ) -> UnitDocument:
     """Result of a finished validation for one algorithm.
 
-    `times` are `inim.regression.comparison.log_ratios` by algorithm, empty without timing; `unit`
-    is the hash of the key; `making` and `key` are all inputs that determine the result.
+    `unit` is the hash of the key; `making` and `key` are all inputs that determine the result.
     """
     result, floor = data.algorithms[algorithm], data.noise_floor
     failed = _failed_checks(data, algorithm)
-    ratios = times.get(algorithm, ())
     views = []
     for eye in data.viewpoints:
         own = result.views[eye.name]
@@ -95,7 +91,7 @@ def unit_document(
             **{name: floor.eia.get(m.key) for name, m in eia_columns("noise_floor_eia").items()},
         },
         seconds=result.seconds,
-        yardsticks=math.exp(statistics.median(ratios)) if ratios else None,
+        yardsticks=result.yardsticks,
         unit_seconds=data.timings["total"],
         render_seconds=data.timings["mitsuba_render"],
         passed=not failed,

@@ -34,14 +34,12 @@ from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, Work
 from inim.generators import SCENE_ALGORITHMS, is_own, parse_algorithm
 from inim.lens import foreign_identity
 from inim.metrics import foreign_identities
-from inim.pipeline.baseline import FOLDER as STATISTICS
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.plugins import identity
 from inim.process.atomic_file import file_errors, write_atomically
 from inim.process.interrupts import delayed_interrupts
 from inim.process.observer import Observer
-from inim.regression.run_statistics import CANDIDATE, read_statistics
 from inim.report import Report
 from inim.settings import PREFIX
 from inim.sweeps.study import Study
@@ -313,7 +311,6 @@ def run_job(task: SweepTask, staging: Path, observer: Observer) -> bool:
     plan = make_plan(task.request)
     _check_same(task, plan)
     report = _validate(task, plan, staging, observer)
-    times = read_statistics(staging / STATISTICS, CANDIDATE).times
     results = Results(task.request.out)
     with delayed_interrupts():
         if task.keep_report:  # before the results, which mark the unit as finished
@@ -322,7 +319,6 @@ def run_job(task: SweepTask, staging: Path, observer: Observer) -> bool:
             results.write(
                 unit_document(
                     report.data,
-                    times,
                     unit=task.unit,
                     algorithm=name,
                     making=algorithm_inputs(plan, name),

@@ -11,14 +11,9 @@ from inim.image.noisy_image import NoisyImage
 from inim.metrics import find
 from inim.metrics.psnr import psnr_db
 from inim.regression.comparison import (
-    MAX_SLOWDOWN,
     codes_from_linear,
     compare_noise,
     compare_pictures,
-    compare_times,
-    is_steady,
-    kernel_times,
-    log_ratios,
 )
 from inim.regression.fingerprints import (
     compare_fingerprints,
@@ -39,7 +34,6 @@ from inim.regression.verdict import (
     all_passed,
     binomial_interval,
     freedom_of_sum,
-    shift_of,
     sidak,
     verdict_line,
     welch_half_width,
@@ -90,22 +84,6 @@ def test_freedom_of_a_sum_is_the_number_of_its_terms_when_they_are_alike():
     alone = np.zeros(50)
     alone[7] = 3.0
     assert freedom_of_sum(alone.sum(), np.square(alone).sum()) == 1.0
-
-
-def test_shift_s_p_value_agrees_with_scipy_s():
-    rng = np.random.default_rng(3)
-    a, b = rng.normal(0, 1, 9), rng.normal(0.5, 1, 11)
-    expected = stats.mannwhitneyu(b, a, method="exact").pvalue
-    assert shift_of(b, a, 0.05).p_value == pytest.approx(expected)
-
-
-def test_the_shift_s_interval_has_its_nominal_coverage():
-    rng = np.random.default_rng(4)
-    hits = 0
-    for _ in range(1000):
-        estimate = shift_of(rng.standard_t(2, 12) + 0.7, rng.standard_t(2, 12), 0.1)
-        hits += estimate.low <= 0.7 <= estimate.high
-    assert 0.88 <= hits / 1000 <= 0.96
 
 
 # --- Tiles --------------------------------------------------------------------------------------
@@ -419,79 +397,6 @@ def test_corrected_psnr_is_that_of_the_corrected_squared_error():
     score = view_scores(NoisyImage.from_image(grey), test, None, ["psnr_db"])["psnr_db"]
     assert score.plain < score.value - 0.3
     assert score.value == pytest.approx(psnr_db(grey, other), abs=0.1)
-
-
-# --- Times --------------------------------------------------------------------------------------
-
-
-def rounds(rng, slowdown=1.0, spread=0.05, session=0.0):
-    """Rounds on a machine that is interrupted in one of ten, in log ratios; more until steady."""
-    timings, pace = (), math.exp(session * rng.normal())
-    while not is_steady(timings):
-        yardstick = 1e-3 * np.exp(spread * rng.normal(size=31))
-        times = 2e-3 * slowdown * pace * np.exp(spread * rng.normal(size=31))
-        times[rng.random(31) < 0.1] *= 4
-        timings += log_ratios(times, yardstick)
-    return {"template": timings}
-
-
-def test_generator_slower_by_30_percent_fails_and_noise_does_not():
-    rng = np.random.default_rng(15)
-    slow = [compare_times(rounds(rng), rounds(rng, 1.3))[0].passed for _ in range(200)]
-    same = [compare_times(rounds(rng), rounds(rng, 1, 0.08, 0.02))[0].passed for _ in range(400)]
-    assert sum(slow) <= 2
-    assert all(same)
-
-
-def test_faster_generator_passes_and_its_gain_shows():
-    rng = np.random.default_rng(16)
-    verdict = compare_times(rounds(rng), rounds(rng, 0.5))[0]
-    assert verdict.passed
-    assert verdict.value == pytest.approx(0.5, rel=0.1)
-    assert verdict.interval[1] < 1
-
-
-def test_small_slowdown_passes_however_sure():
-    old, new = ({"a": tuple(s + 1e-4 * n for n in range(15))} for s in (0.0, math.log(1.1)))
-    verdict = compare_times(old, new)[0]
-    assert verdict.passed
-    assert 1 < verdict.interval[0] < verdict.value < MAX_SLOWDOWN == verdict.limit
-
-
-def test_scatter_that_a_slowdown_could_hide_in_is_no_measurement():
-    """Scatter of whole turns of rounds, as on a shared machine: neither verdict would be sound."""
-    rng = np.random.default_rng(17)
-    loud, calm = ({"a": tuple(s * rng.normal(size=31))} for s in (0.6, 0.05))
-    for old, new in ((loud, calm), (calm, loud)):
-        verdict = compare_times(old, new)[0]
-        assert not verdict.passed
-        assert "scatter is too large" in verdict.detail
-    assert is_steady(calm["a"])
-    assert not is_steady(loud["a"])
-    # Surely faster is faster, however loud.
-    assert compare_times({"a": tuple(2 + x for x in loud["a"])}, loud)[0].passed
-
-
-def test_more_rounds_make_up_for_scatter():
-    rng = np.random.default_rng(18)
-    old, same, slow = (tuple(s + 0.3 * rng.normal(size=155)) for s in (0, 0, math.log(1.3)))
-    assert not is_steady(old[:31])
-    assert is_steady(old)
-    assert compare_times({"a": old}, {"a": same})[0].passed
-    verdict = compare_times({"a": old}, {"a": slow})[0]
-    assert not verdict.passed
-    assert "scatter" not in verdict.detail
-
-
-def test_time_in_yardsticks_is_the_median_of_the_rounds():
-    ratios = log_ratios((2.0, 3.0, 80.0, 4.0, 2.5), (1.0, 1.0, 1.0, 1.0, 1.0))
-    assert kernel_times(ratios) == pytest.approx(3.0)
-
-
-def test_too_few_rounds_are_no_measurement():
-    assert not is_steady((0.0,) * 8)
-    assert not compare_times({"a": (0.0,) * 15}, {"a": (0.0,) * 8})[0].passed
-    assert not compare_times({"a": (0.0,) * 15}, {})[0].passed
 
 
 # --- The reference input ------------------------------------------------------------------------

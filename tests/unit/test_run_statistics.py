@@ -67,7 +67,6 @@ def statistics():
         pictures={"truth/left": tiles()},
         scores={"template/left": SCORE},
         fingerprints={"template": fingerprint(rgbd, eia, DISPLAY, exact=True)},
-        times={"template": tuple(0.01 * n for n in range(31))},
         reported={"template": {"eia ssim": 0.7, "eia psnr_db": None}},
     )
 
@@ -140,7 +139,7 @@ def test_a_score_that_is_not_a_number_stays_none(statistics, tmp_path):
 
 def test_run_compared_with_itself_passes_every_verdict(statistics):
     verdicts = compare(statistics, statistics, "here")
-    assert {v.kind for v in verdicts} == {"picture", "noise", "score", "pixels", "time"}
+    assert {v.kind for v in verdicts} == {"picture", "noise", "score", "pixels"}
     assert all(v.passed for v in verdicts)
 
 
@@ -150,7 +149,6 @@ def test_run_compared_with_itself_passes_every_verdict(statistics):
         ({"pictures": {"truth/left": tiles(noise=0.02)}}, "ground truth: noise"),
         ({"pictures": {"truth/right": tiles()}}, "truth/left: tiles"),
         ({"scores": {"template/right": SCORE}}, "template/left: SSIM to reference"),
-        ({"times": {"template": tuple(0.3 + 0.01 * n for n in range(31))}}, "template: time"),
     ],
 )
 def test_each_change_fails_in_its_row(statistics, change, row):

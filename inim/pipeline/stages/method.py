@@ -42,12 +42,12 @@ from inim.pipeline.stages.optimal import ScoredViews, optimise_eia
 from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import seed_of
 from inim.pipeline.stages.stage import Run
-from inim.regression.comparison import is_steady, log_ratios
 from inim.timing import (
     REFERENCE_KERNEL,
     Rounds,
     TimedMethod,
     prepare_method,
+    ratios,
     time_methods,
     to_srgb_rgba,
 )
@@ -340,14 +340,6 @@ def algorithm_table() -> str:
     return "\n".join(f"{usage:{width}}  {text}".rstrip() for usage, text in reversed(rows))
 
 
-# A verdict needs nine; with this many, one interrupted round in ten does not widen the interval
-# enough to hide 30 % more time.
-_ROUNDS = 31
-# Other programs increase the scatter of the ratios tenfold. This many repetitions compensate twice
-# the allowed scatter; times that are still unsteady fail their check.
-_MAX_REPETITIONS = 5
-
-
 def prepare_timed_methods(names: Sequence[str], capture: Capture) -> tuple[list[TimedMethod], RGBD]:
     """Prepare generators for timing on the display-ready capture; also return its front surface."""
     ready = {kind: to_srgb_rgba(rgbd) for kind, (rgbd, _) in capture.inputs.items()}
@@ -356,26 +348,13 @@ def prepare_timed_methods(names: Sequence[str], capture: Capture) -> tuple[list[
     return timed_methods, ready[RGBD]
 
 
-def generator_times(
-    methods: Sequence[Method], capture: Capture, *, run: Run
-) -> dict[str, tuple[float, ...]]:
-    """Logarithms of each generator's kernel times, one per round.
+def generator_times(methods: Sequence[Method], capture: Capture, *, run: Run) -> dict[str, float]:
+    """Median time of each generator, as a multiple of the reference kernel's.
 
-    The generators run on the display-ready picture. Rounds are added until
-    `inim.regression.comparison.is_steady` holds for all generators.
+    The generators run on the display-ready picture.
     """
-    log_times: dict[str, tuple[float, ...]] = {m.name: () for m in methods if m.is_timed}
+    names = [method.name for method in methods if method.is_timed]
     with run.observer.timed("time"):
-        timed_methods, rgbd = prepare_timed_methods([*log_times], capture)
-        for _ in range(_MAX_REPETITIONS):
-            timings = time_methods(
-                timed_methods, rgbd, capture.camera.scene.display, Rounds(runs=_ROUNDS)
-            )
-            kernel = timings[REFERENCE_KERNEL].times_s
-            log_times = {
-                name: log_times[name] + log_ratios(timings[name].times_s, kernel)
-                for name in log_times
-            }
-            if all(map(is_steady, log_times.values())):
-                break
-    return log_times
+        timed_methods, rgbd = prepare_timed_methods(names, capture)
+        timings = time_methods(timed_methods, rgbd, capture.camera.scene.display, Rounds())
+    return {name: ratios(timings[name], timings[REFERENCE_KERNEL])["ratio"] for name in names}
