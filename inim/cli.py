@@ -40,7 +40,7 @@ GROUPS = {
     },
     "comparisons": {
         "compare": "validate",
-        "baseline": "validate",
+        "accept": "validate",
         "sweep": "study",
         "figure": "validate",
     },

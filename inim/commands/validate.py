@@ -1,4 +1,4 @@
-"""`inim validate`, `demo`, `baseline`, `compare` and `figure`: scored reports and their figures."""
+"""`inim validate`, `demo`, `accept`, `compare` and `figure`: scored reports and their figures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import argparse
 import shlex
 import sys
 from pathlib import Path
-from typing import Any
 
 from inim.commands import (
     Command,
@@ -59,8 +58,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--baseline",
         type=Path,
         metavar="DIR",
-        help="compare with this baseline from `inim baseline accept`; a significant change fails "
-        "the run",
+        help="compare with this baseline from `inim accept`; a significant change fails the run",
     )
     add(
         "--plugin",
@@ -230,14 +228,12 @@ def _demo(args: argparse.Namespace) -> int:
     return code
 
 
-def _add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
-    actions: Any = parser.add_subparsers(required=True, metavar="accept")
-    accept = actions.add_parser("accept", help="make a report the baseline of its scene")
-    accept.add_argument("out", type=Path, metavar="OUT", help="folder of a report")
-    accept.add_argument(
-        "--reason", default="", help="reason in one line, stored in the baseline; required"
-    )
-    accept.add_argument(
+def _add_accept_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.description = "Make a report the baseline of its scene."
+    add = parser.add_argument
+    add("out", type=Path, metavar="OUT", help="folder of a report")
+    add("--reason", default="", help="reason in one line, stored in the baseline; required")
+    add(
         "--to",
         type=Path,
         metavar="DIR",
@@ -245,7 +241,7 @@ def _add_baseline_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _baseline(args: argparse.Namespace) -> int:
+def _accept(args: argparse.Namespace) -> int:
     from inim.pipeline.baseline import accept
 
     print(f"baseline: {accept(args.out, args.reason, args.to)}")
@@ -329,8 +325,8 @@ def _figure(args: argparse.Namespace) -> int:
 
 
 COMMANDS = {
-    "baseline": Command(
-        "accept a report as the baseline for later runs", _add_baseline_arguments, _baseline
+    "accept": Command(
+        "accept a report as the baseline for later runs", _add_accept_arguments, _accept
     ),
     "compare": Command("compare two reports statistically", _add_compare_arguments, _compare),
     "demo": Command("validate the bundled amphora scene: start here", _add_demo_arguments, _demo),

@@ -118,7 +118,7 @@ def validate(
         Finished EIAs to score with the algorithms, by name: ``{"mine": "mine.png"}``.
     backend : {"auto", "llvm", "cuda"}
     baseline : path, optional
-        Folder of a baseline from `inim baseline accept`, to compare with.
+        Folder of a baseline from `inim accept`, to compare with.
     preview : bool
         Quick preview: one algorithm, one viewpoint, few samples. It cannot become a baseline.
     time : bool

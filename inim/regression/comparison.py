@@ -263,7 +263,7 @@ def check_comparable(baseline: RunStatistics, conditions: Conditions, path: str)
         more = f" (and {len(differences) - 3} more)" if len(differences) > 3 else ""
         raise BaselineError(
             f"{path}: has other conditions: {'; '.join(differences[:3])}{more}; accept a "
-            "baseline for these with inim baseline accept OUT --reason TEXT"
+            "baseline for these with inim accept OUT --reason TEXT"
         )
     if not (_truth_tiles(baseline) and baseline.scores):
         raise BaselineError(f"{path}: has no image or no score to compare; accept it again")

@@ -101,7 +101,7 @@ def read_statistics(folder: Path, stem: str) -> RunStatistics:
     """
     path, fix = folder / f"{stem}.json", "make a new report with inim validate"
     if stem == BASELINE:
-        fix = "make one: inim baseline accept OUT --reason TEXT"
+        fix = "make one: inim accept OUT --reason TEXT"
     try:
         document = read_document(path, fix, BaselineDocument)
         data = read_file(folder / f"{stem}.npz", _MAX_BYTES, remedy=fix)

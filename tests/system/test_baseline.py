@@ -110,7 +110,7 @@ def bench(tmp_path_factory, run_inim):
     workbench = Bench(folder, run_inim, {"PYTHONPATH": os.pathsep.join(filter(None, paths))})
     ended = workbench.run("-o", "first")
     assert ended.code == EXIT_PASSED, ended.stderr
-    assert main(["baseline", "accept", str(folder / "first"), "--reason", "the first",
+    assert main(["accept", str(folder / "first"), "--reason", "the first",
                  "--to", str(folder / "base")]) == EXIT_PASSED  # fmt: skip
     return workbench
 
@@ -235,7 +235,7 @@ def _change_condition(path: Path, name: str, value: str) -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda f: (f / "baseline.json").unlink(), ["no such file", "inim baseline accept"]),
+        (lambda f: (f / "baseline.json").unlink(), ["no such file", "inim accept"]),
         (lambda f: (f / "baseline.npz").write_bytes(b"PK junk"), ["damaged"]),
         (lambda f: _set(f / "baseline.json", pictures={}), ["no image"]),
         (lambda f: _set(f / "baseline.json", scores={}), ["no score"]),
@@ -259,7 +259,7 @@ def test_an_invalid_baseline_ends_with_4(bench, tmp_path, change, words):
 
 def test_accepted_change_passes_from_then_on(noisy, tmp_path):
     to = tmp_path / "base"
-    words = ["baseline", "accept", str(noisy.folder / "noisy"), "--reason", "meant", "--to"]
+    words = ["accept", str(noisy.folder / "noisy"), "--reason", "meant", "--to"]
     assert main([*words, str(to)]) == EXIT_PASSED
     ended = noisy.run("-o", "again", "--baseline", str(to), fault="noisy lens", seed="3")
     assert ended.code == EXIT_PASSED, noisy.failed("again")
@@ -268,13 +268,13 @@ def test_accepted_change_passes_from_then_on(noisy, tmp_path):
 def test_run_that_failed_on_its_own_cannot_be_accepted(bench):
     assert bench.judged("nan", fault="nan").code == EXIT_CHECK_FAILED
     assert "eia/planted: pixels not finite" in bench.failed("nan")
-    words = ("baseline", "accept", "nan", "--reason", "hide it", "--to", "hidden")
+    words = ("accept", "nan", "--reason", "hide it", "--to", "hidden")
     assert_refused(*words, folder=bench.folder, says=["pixels not finite"])
 
 
 @pytest.mark.parametrize("reason", ["", "  "])
 def test_reason_may_not_be_empty(bench, reason):
-    words = ("baseline", "accept", "first", "--reason", reason)
+    words = ("accept", "first", "--reason", reason)
     assert_refused(*words, folder=bench.folder, says=["--reason"])
 
 

@@ -91,7 +91,7 @@ def two_views(folder: Path) -> None:
     views(folder, (0, 1))
 
 
-ACCEPT = ["baseline", "accept", "OUT", "--reason", "because"]
+ACCEPT = ["accept", "OUT", "--reason", "because"]
 VALIDATE = ["validate", "tiny.xml", "-o", "made"]
 DOORS: dict[str, Door] = {
     "a scene": (["validate", "x.xml", "-o", "made"], "x.xml", EXIT_USAGE, no_output),

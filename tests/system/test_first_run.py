@@ -57,7 +57,7 @@ def test_preview_is_marked_everywhere_with_the_full_command(previewed):
 
 
 def test_preview_is_refused_as_a_baseline(previewed):
-    words, says = ("baseline", "accept", "out", "--reason", "why"), ["preview", "inim validate"]
+    words, says = ("accept", "out", "--reason", "why"), ["preview", "inim validate"]
     assert_refused(*words, folder=previewed[0], says=says)
 
 
