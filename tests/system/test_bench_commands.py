@@ -7,21 +7,42 @@ anything takes is never checked.
 from __future__ import annotations
 
 import copy
+import os
+import sys
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from inim.errors import EXIT_PASSED
 from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, differences, samples_of
 from tests.schemas import read_document
-from tests.system.conftest import TINY, definitions, write_scene
-from tests.system.test_bench_layers import assert_study, run_study
+from tests.system.conftest import TINY, Ended, definitions, files_in, run_child, write_scene
 
+ROOT = Path(__file__).parents[2]
 SMALL = TINY | {"inim.lens_model": "thin", "inim.viewpoints": "centre,left"}
 CASES = [
     "--help", "cold", "unchanged", "another folder", "one algorithm changed", "one viewpoint added",
     "one light changed", "nine viewpoints", "nine viewpoints, --lazy", "--no-skip", "first run",
     "--preview",
 ]  # fmt: skip
+
+
+def run_study(name: str, *words: object, folder: Path, timeout: float = 120) -> Ended:
+    """Run a study of ``reports/bench`` to its end in a folder."""
+    paths = [str(ROOT), os.environ.get("PYTHONPATH", "")]
+    variables = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    study = [sys.executable, "-m", f"reports.bench.{name}.run", *map(str, words)]
+    return run_child(study, timeout, cwd=folder, env=variables)
+
+
+def assert_study(folder: Path, data: dict[str, Any], plot: str, command: str, *words: str) -> None:
+    """Assert that a study has its files and its command, and that its page has these words."""
+    plots = {f"{plot}.png", f"{plot}.svg"}
+    assert files_in(folder / "out") == {"bench.html", "bench.json", "bench.md"} | plots
+    assert f"reports.bench.{command}" in data["command"]
+    page = (folder / "out" / "bench.html").read_text("utf-8")
+    assert all(word in page for word in words)
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,6 @@ from inim.scene.new_scene import new_scene
 from tests.schemas import assert_schema, read_document
 from tests.splat_relics import joined, random_splats, splats_at
 from tests.system.conftest import run_here
-from tests.system.test_bench_layers import run_study
 
 RED, GREEN, BLUE = (0.9, 0.02, 0.02), (0.02, 0.9, 0.02), (0.02, 0.02, 0.9)
 
@@ -119,14 +118,3 @@ def test_a_splat_relic_is_validated_with_layers_and_its_translucency(tmp_path):
     assert entry["touched_fraction"] >= data["rgbd"]["covered_fraction"] > 0
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
     assert 'id="splats"' in page and f"{entry['count']} splats touch" in page
-
-
-@pytest.mark.slow
-def test_the_study_of_their_number_writes_its_bench(tmp_path):
-    ended = run_study("splats", 200, 400, "-o", "out", folder=tmp_path, timeout=600)
-    assert ended.code == EXIT_PASSED, ended.stderr
-    fewest, most = read_document(tmp_path / "out" / "bench.json")["study"]["splats"]
-    assert (fewest["splats"], most["splats"]) == (200, 400)
-    assert most["file_bytes"] > 1.9 * fewest["file_bytes"]
-    assert all(run["validate"]["peak_bytes"] > 1e8 for run in (fewest, most))
-    assert all(seconds > 0 for seconds in most["stages"].values())

@@ -22,12 +22,10 @@ ROOT = Path(__file__).parents[2]
 OWN_STUDIES = (
     *(
         "coverage",
-        "depth",
         "looking_glass",
         "one_picture",
-        "optimal",
     ),
-    *("panel", "paper_sizes", "reality", "scoreboard", "stress"),
+    *("panel", "reality", "scoreboard", "stress"),
 )
 OWN_KIND = {
     *(path for name in OWN_STUDIES for path in ROOT.glob(f"reports/{name}/*.json")),
