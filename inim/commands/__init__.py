@@ -310,20 +310,6 @@ def classify_input(args: argparse.Namespace) -> None:
     setattr(args, kind, args.input)
 
 
-def new_scene_options(
-    args: argparse.Namespace, source: Path, *, is_mesh: bool
-) -> dict[str, Any] | None:
-    """Options of `new_scene` for a mesh of any size, from --up and --front; None for others."""
-    axes = {"up": args.up, "front": args.front}
-    if is_mesh:
-        from inim.scene.new_scene import ANY_UNIT
-
-        return {"unit": ANY_UNIT, **axes}
-    if any(axis is not None for axis in axes.values()):
-        raise UsageError(f"--up, --front: {source} is not a mesh; leave them out")
-    return None
-
-
 def print_warning(text: str, kind: str = "warning") -> None:
     """Print a warning, an error, or a list of failures as one line of stderr.
 

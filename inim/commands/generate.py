@@ -16,7 +16,6 @@ from inim.commands import (
     classify_input,
     display_and_settings,
     finish,
-    new_scene_options,
     open_page,
     picture_of,
     print_warning,
@@ -179,7 +178,7 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     started = time.perf_counter()
     picture = picture_of(args)
     _check(args, picture)
-    options = new_scene_options(args, args.input, is_mesh=args.mesh is not None)
+    options = _new_scene_options(args)
     if options is not None:
         return _generate_from_mesh(args, options)
     if args.scene is not None or args.fitted is not None:
@@ -199,6 +198,18 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     report.append(_write_outputs(args, fitted.rgbd, eia, empty, display))
     report.append(f"seconds    {time.perf_counter() - started:.1f}")
     return report, picture.warnings(photograph, fitted, depth_map)
+
+
+def _new_scene_options(args: argparse.Namespace) -> dict[str, Any] | None:
+    """Options of `new_scene` for a mesh of any size, from --up and --front; None for others."""
+    axes = {"up": args.up, "front": args.front}
+    if args.mesh is not None:
+        from inim.scene.new_scene import ANY_UNIT
+
+        return {"unit": ANY_UNIT, **axes}
+    if any(axis is not None for axis in axes.values()):
+        raise UsageError(f"--up, --front: {args.input} is not a mesh; leave them out")
+    return None
 
 
 def _generate_from_light_field(

@@ -61,21 +61,6 @@ def read_eia(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | Non
     return eia, None if alpha is None else alpha > 0
 
 
-def eia_codes(path: Path) -> NDArray[np.uint8]:
-    """The codes of an EIA of any size, (rows, columns, 3), as a panel shows them over black.
-
-    Raises `FileError`: missing, damaged or wrong format.
-    """
-    check_eia_name(path)
-    if path.suffix.lower() == ".exr":
-        channels = read_exr_channels(path)
-        if not set("RGB") <= channels.keys():
-            raise FileError(f"{path}: has no colours; it has {', '.join(channels) or 'none'}")
-        return to_srgb(np.stack([channels[name] for name in "RGB"], axis=-1))
-    with _open_png(path) as picture:
-        return to_srgb(_linear(picture)[0])
-
-
 def turned_for(path: Path, display: Display) -> Display:
     """The display, on its side if the EIA in a file is: `inim generate` turns it for a picture.
 

@@ -75,9 +75,9 @@ def test_scaling_all_lengths_of_a_display_changes_no_number(name):
     display = EVERY[name]
     expected = counts(display)
     for factor in 10 ** RNG.uniform(-2, 2, 200):
-        found = counts(scaled(display, float(factor)))
-        differing = [key for key in expected if found[key] != expected[key]]
-        assert not differing, (factor, differing, [found[key] for key in differing])
+        scaled_counts = counts(scaled(display, float(factor)))
+        differing = [key for key in expected if scaled_counts[key] != expected[key]]
+        assert not differing, (factor, differing, [scaled_counts[key] for key in differing])
 
 
 @pytest.mark.parametrize("pixels", range(2, 21))

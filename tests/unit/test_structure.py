@@ -11,7 +11,7 @@ from inim.cache import PACKAGES
 from inim.pipeline.stages.stage import GENERATING, RENDERING, SCORING
 
 # Packages that draw the terminal, run tests or share tasks, and optional ones with an own record.
-NOT_COMPUTING = {"argcomplete", "distributed", "pyarrow", "pytest", "tqdm"}
+NOT_COMPUTING = {"argcomplete", "dask", "distributed", "pyarrow", "pytest", "tqdm"}
 OPTIONAL = {"pandas", "pillow_heif", "scikit-image", "tomli", "torch",
             "transformers"}  # fmt: skip
 # Imported by trimesh, for compressed meshes.
