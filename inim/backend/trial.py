@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from inim.process import machine
 from inim.process.atomic_file import atomic_file
-from inim.process.python_process import python_code
+from inim.process.python_process import python_code, rendering_process
 
 _PROBE_SECONDS = 60.0
 _CURABLE = ("import", "start")
@@ -97,19 +97,20 @@ def probe(
     """
     import subprocess
 
-    try:
-        ended = subprocess.run(
-            python_code(PROBE, variant, *needed),
-            env={**os.environ, **variables},
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=seconds,
-        )
-    except subprocess.TimeoutExpired:
-        return Verdict(False, f"it hung for {seconds:g} s", lasting=False)
-    return _read_answer(ended.returncode, ended.stdout, ended.stderr)
+    with rendering_process(
+        python_code(PROBE, variant, *needed),
+        variables,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        errors="replace",
+    ) as process:
+        try:
+            output, errors = process.communicate(timeout=seconds)
+        except subprocess.TimeoutExpired:
+            return Verdict(False, f"it hung for {seconds:g} s", lasting=False)
+        return _read_answer(process.returncode, output, errors)
 
 
 def _read_answer(code: int, output: str, errors: str) -> Verdict:
@@ -185,8 +186,8 @@ def _renderer_fingerprint() -> list[str]:
     module.
     """
     folders = []
-    for folder in sys.path:
-        with contextlib.suppress(OSError), os.scandir(folder or ".") as entries:
+    for folder in filter(None, sys.path):
+        with contextlib.suppress(OSError), os.scandir(folder) as entries:
             folders += [
                 f"{entry.name}:{entry.stat().st_mtime_ns}"
                 for entry in entries

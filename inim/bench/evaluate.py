@@ -43,6 +43,7 @@ from inim.pipeline.stages.reconstruction import reconstruct_views
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
 from inim.process.observer import Observer
+from inim.process.user_paths import user_text
 from inim.report.plots import on_front
 from inim.timing import (
     REFERENCE_KERNEL,
@@ -328,7 +329,7 @@ def bench_scene(
     ]
     rows, columns = rgbd.shape
     scene = BenchScene(
-        path=str(plan.request.scene),
+        path=user_text(plan.request.scene),
         sha256=plan.file.sha256,
         display=DisplayRecord.of(display),
         viewpoints=[viewpoint.name for viewpoint in plan.viewpoints],

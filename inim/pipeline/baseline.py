@@ -30,6 +30,7 @@ from inim.pipeline.plan import Plan, conditions_of
 from inim.pipeline.stages.generation import ReferenceOutput
 from inim.pipeline.stages.scoring import Statistics
 from inim.process import machine
+from inim.process.user_paths import user_text
 from inim.regression.comparison import (
     changed_circumstances,
     changed_pixels,
@@ -79,7 +80,7 @@ def compare_with_baseline(
     method.
     """
     write_statistics(folder / FOLDER, CANDIDATE, candidate)
-    baseline, path = plan.baseline, str(plan.request.baseline)
+    baseline, path = plan.baseline, user_text(plan.request.baseline)
     if baseline is None:
         return BaselineComparison()
     for name, output in outputs.items():

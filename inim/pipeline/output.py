@@ -41,6 +41,7 @@ from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.pipeline.stages.scoring import reported_scores
 from inim.process.observer import Observer
 from inim.process.threads import OneThread
+from inim.process.user_paths import user_text
 from inim.report import Report
 
 # Images waiting to be written occupy memory: at most a quarter of a gigabyte.
@@ -184,10 +185,10 @@ def make_report(
         preview=preview,
         scene=msgspec.convert(
             {
-                "path": str(plan.request.scene),
+                "path": user_text(plan.request.scene),
                 "sha256": plan.file.sha256,
                 "definitions": plan.definitions,
-                "allow_folders": [str(folder) for folder in plan.request.allow_folders],
+                "allow_folders": [user_text(f) for f in plan.request.allow_folders],
                 **evaluation.scene,
             },
             SceneRecord,

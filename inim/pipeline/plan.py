@@ -23,6 +23,7 @@ from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import PROGRAM
 from inim.plugins import PluginModule
+from inim.process.user_paths import user_text
 from inim.regression.comparison import check_comparable
 from inim.regression.run_statistics import BASELINE, RunStatistics, read_statistics
 from inim.scene.file import SceneFile, choose_display, read_scene_file
@@ -203,7 +204,7 @@ def check_baseline(plan: Plan, variant: str | None = None) -> None:
         return
     # The variant is not known before a backend is chosen.
     conditions = conditions_of(plan, variant or baseline.conditions.variant)
-    check_comparable(baseline, conditions, str(plan.request.baseline))
+    check_comparable(baseline, conditions, user_text(plan.request.baseline))
 
 
 def conditions_of(plan: Plan, variant: str | None = None) -> Conditions:

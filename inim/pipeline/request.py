@@ -11,6 +11,7 @@ from inim.display import Display
 from inim.display.misalignment import misalignment_text
 from inim.display.viewpoint import Viewpoint, viewpoints_text
 from inim.errors import UsageError
+from inim.process.user_paths import user_text
 from inim.settings import DISPLAY_KEYS, NOT_SET, PREFIX, Settings, value_text
 
 #: Default settings of a preview: one algorithm, one viewpoint, few samples and no criteria.
@@ -133,7 +134,7 @@ class Request(Choices):
         choices = ("algorithms", "cameras", "viewpoints", "lens_model")
         texts = self.overrides()
         is_object = isinstance(self.display, Display)
-        return [
+        words = [
             str(self.scene),
             *option_words(
                 {
@@ -150,3 +151,4 @@ class Request(Choices):
                 }
             ),
         ]
+        return [user_text(word) for word in words]

@@ -191,11 +191,8 @@ def _load_scene(
     # Merged shapes come in the order of a hash table of pointers, and lights with them: equal seeds
     # would light a scene otherwise from one process to the next.
     config.merge_meshes = False
-    resolver = mi.file_resolver()
-    resolver.prepend(str(file.path.resolve().parent))
     try:
-        # The file that was scanned: a link's own folder may hold other parts of the same names.
-        state = mi.parser.parse_file(config, str(file.path.resolve()), **file.parameters)
+        state = _parse_scene(config, file)
         # Our rays are structured (through vertices, edges and centres): Embree's default mode
         # lets some of them slip between triangles.
         state.root.props["embree_use_robust_intersections"] = True
@@ -217,9 +214,24 @@ def _load_scene(
             text = text.splitlines()[-1]
         cause = " ".join(text.split())
         raise FileError(f"{file.path}: the renderer refuses it: {cause[:400]}") from error
-    finally:
-        del resolver[0]
     return loaded[0] if isinstance(loaded, list) else loaded
+
+
+def _parse_scene(config: Any, file: SceneFile) -> Any:
+    """Parse a scene's XML, with its included files and spectra.
+
+    The folders of the scene are searched only here, where no plugin is loaded.
+    """
+    own = mi.file_resolver()
+    # The file that was scanned: a link's own folder may hold other parts of the same names.
+    path = file.path.resolve()
+    resolver = mi.FileResolver(own)
+    resolver.prepend(str(path.parent))
+    mi.set_file_resolver(resolver)
+    try:
+        return mi.parser.parse_file(config, str(path), **file.parameters)
+    finally:
+        mi.set_file_resolver(own)
 
 
 def _children(state: Any, node: Any, kind: mi.ObjectType) -> list[Any]:

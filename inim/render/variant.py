@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
-from pathlib import Path
 
 import drjit as dr
 import mitsuba as mi
@@ -14,7 +13,6 @@ from inim import backend as backends
 from inim.errors import BackendError, UsageError
 from inim.plugins import PluginModule
 from inim.render import counter_sampler, display_emitter, scene, sensors
-from inim.scene.parameters import check_plugin_folder
 
 # With one thread Mitsuba's own file readers hang, and Embree builds crawl.
 _FEWEST_THREADS = 2
@@ -26,9 +24,6 @@ def use(requested: str = "auto") -> backends.Backend:
     Repeating it is free. `requested` is "auto", "llvm" or "cuda". Raises `BackendError` if none
     works on this machine.
     """
-    check_plugin_folder(
-        Path()
-    )  # Mitsuba loads plugins from the current folder, whatever it renders
     backend = backends.choose_backend(requested)
     register_plugins()
     if mi.variant() != backend.variant:
@@ -75,7 +70,6 @@ def temporary(requested: str = "auto") -> Iterator[None]:
     remains, because Mitsuba cannot unset it. `requested` is "auto", "llvm" or "cuda"; raises
     `UsageError` for another word, and `BackendError` if no backend works on this machine.
     """
-    check_plugin_folder(Path())
     before, threads = mi.variant(), dr.thread_count()
     variant = _choose_variant(before or "", requested)
     register_plugins()

@@ -45,6 +45,10 @@ _OF_DISPLAY = frozenset(
     PREFIX + key for key in ("display", "misalign", "luminance_cd_m2", *DISPLAY_KEYS)
 )
 _PLUGIN = re.compile(r"\w+", re.ASCII)
+#: Parameters by which plugins of Mitsuba 3.9 open a file: True for the path of a file of the scene,
+#: False for the name of a material in Mitsuba's `data/ior`.
+FILE_PARAMETERS = {"filename": True, "material": False}
+_MATERIAL = re.compile(r"[\w-]+", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -405,9 +409,16 @@ class _Scan:
             self._include(attributes.get("filename", ""), location, level)
         elif tag == "path":
             self.folder.add_path(attributes.get("value", ""), location)
-        elif tag == "string" and attributes.get("name") == "filename":
-            kind = stack[-1][1] if stack else ""
-            return {"value": self._names_file(attributes.get("value", ""), kind, location)}
+        elif tag == "string" and (name := attributes.get("name")) in FILE_PARAMETERS:
+            value = attributes.get("value", "")
+            if FILE_PARAMETERS[name]:
+                kind = stack[-1][1] if stack else ""
+                return {"value": self._names_file(value, kind, location)}
+            if not _MATERIAL.fullmatch(value):
+                raise SceneError(
+                    f"{location}: {value[:80]!r} is no material of Mitsuba; give one such as 'Au', "
+                    "or eta and k as <spectrum filename=...>"
+                )
         elif tag == "spectrum" and "filename" in attributes:
             return {"filename": self._names_file(attributes["filename"], "", location)}
         return {}

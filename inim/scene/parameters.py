@@ -1,8 +1,8 @@
 """Parameters and files of a scene: substitution of `$name`, and resolution of file names.
 
-Mitsuba searches a file name in the folders of the files it reads, in `<path>`s and in the current
-folder, also for plugins. A name must therefore mean the same file in all of them, and no file
-may be outside the scene's folder and the allowed folders.
+Mitsuba searches a file name in the folders of the files it reads and in `<path>`s. A name must
+therefore mean the same file in all of them, and no file may be outside the scene's folder and the
+allowed folders.
 
 `$name` in the attributes of a scene's XML is substituted as in Mitsuba 3.9, because the scan must
 determine the file names that Mitsuba will open. This module repeats Mitsuba's
@@ -16,7 +16,6 @@ import os
 import re
 import shlex
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from pathlib import Path
 
 from inim.errors import FileError, SceneError
@@ -31,7 +30,8 @@ _MOST_PLACES = 64
 _MOST_FILES = 4096
 _MOST_BYTES = 2**32
 _BLOCK_BYTES = 2**20
-_LIBRARIES = (".so", ".dylib", ".dll")
+# Folders in which Mitsuba looks for its plugins and its own data.
+_RESERVED = ("plugins", "data")
 
 
 class SceneFolder:
@@ -90,12 +90,16 @@ class SceneFolder:
         return path, self.contents[path][0]
 
     def check_whole(self, label: str) -> None:
-        """Reject ambiguous file names, and plugins in the folders of the whole scene."""
+        """Reject ambiguous file names, and plugins and data in the folders of the whole scene."""
         for name, (path, location) in self._named.items():
             if self._find_path(name, location) != path:
                 raise SceneError(f"{location}: {name!r} names several files; rename all but one")
-        for place in (*self._places, Path()):
-            check_plugin_folder(place, f"{label}: ")
+        folders = [path.parent for path, _ in self._named.values()]
+        allowed = [
+            place for place in self._allowed if any(f.is_relative_to(place) for f in folders)
+        ]
+        for place in (*self._places, *allowed):
+            _check_reserved(place, label)
 
     def _content(self, path: Path, name: str, location: str) -> Content:
         digest = hashlib.sha256()
@@ -162,18 +166,22 @@ def _unusable_error(name: str, location: str, error: Exception) -> FileError:
     return FileError(f"{location}: {name[:120]!r} is not a usable file name ({cause})")
 
 
-def check_plugin_folder(place: Path, label: str = "") -> None:
-    """Refuse a folder with `plugins/*.so`: Mitsuba looks for plugins where it looks for files.
+def _check_reserved(place: Path, label: str) -> None:
+    """Refuse a folder of a scene with something that Mitsuba could take for its own.
 
-    Raises `SceneError`: the message starts with `label`.
+    What it contains does not matter: a library in a folder that cannot be listed can be loaded.
     """
-    with suppress(OSError):  # a folder that cannot be read
-        for path in sorted((place / "plugins").iterdir()):
-            if path.suffix in _LIBRARIES:
-                raise SceneError(
-                    f"{label}{path} would be loaded into the renderer and run; move the folder "
-                    "'plugins' elsewhere"
-                )
+    for name in _RESERVED:
+        try:
+            (place / name).lstat()
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            raise FileError(f"{label}: {place} cannot be searched ({error.strerror})") from None
+        raise SceneError(
+            f"{label}: {place / name} could replace the renderer's own {name}; rename it, or move "
+            "the scene elsewhere"
+        )
 
 
 # Far above what scenes use. Parameters made of parameters grow as a power: ten levels of ten

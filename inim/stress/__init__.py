@@ -34,6 +34,7 @@ from inim.pipeline.stages.capture import capture_nonempty
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
 from inim.process.observer import Observer
+from inim.process.user_paths import user_text
 from inim.report.stress import parts_of, summary_lines, write_stress
 from inim.worker.output import publish, staging_folder
 from inim.worker.supervisor import run_in_worker
@@ -132,7 +133,7 @@ def _measure(request: StressRequest, plan: Plan | None, observer: Observer) -> S
     else:
         run, camera = Run(observer=observer), plan.camera(renderer)
         picture = capture_nonempty(camera, {RGBD}, run=run).rgbd
-        display, source = plan.display, str(plan.request.scene)
+        display, source = plan.display, user_text(plan.request.scene)
     jitter = measure_jitter(picture, display, names)
     checks = _checks(names, first_hits, relations)
     return StressDocument(

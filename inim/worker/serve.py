@@ -19,12 +19,13 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from inim.errors import InimError, unexpected_error
 from inim.process import machine
 from inim.process.observer import Observer, OnStage
 from inim.process.python_process import exit_with_parent
+from inim.process.user_paths import AbsolutePathPickler, remember_user_paths, user_text
 from inim.worker.output import lock_folder
 
 _BAR = "{desc}: {percentage:3.0f}%|{bar}| {remaining} left"
@@ -92,7 +93,7 @@ class ConsoleObserver(Observer):
             return
         if self._bar is not None:
             self._bar.clear()
-        print(text, flush=True)
+        print(user_text(text), flush=True)
 
     def _redraw(self) -> None:
         """Update the remaining time during stages of many seconds."""
@@ -138,7 +139,7 @@ def answer(job: Job, channel: Any, run_job: RunJob) -> None:
     except InimError as error:
         if job.debug and error.__cause__:
             traceback.print_exception(error.__cause__)
-        send({"error": type(error).__name__, "message": str(error)})
+        send({"error": type(error).__name__, "message": user_text(error)})
     except MemoryError:
         message = (
             f"out of memory with {machine.peak_bytes() / 2**30:.1f} GiB in use of "
@@ -149,7 +150,7 @@ def answer(job: Job, channel: Any, run_job: RunJob) -> None:
         if job.debug:
             raise
         unexpected = unexpected_error(error)
-        send({"error": type(unexpected).__name__, "message": str(unexpected)})
+        send({"error": type(unexpected).__name__, "message": user_text(unexpected)})
 
 
 def _run_with_retry(job: Job, observer: Observer, run_job: RunJob) -> bool:
@@ -225,10 +226,18 @@ def serve(job: Job, channel: int, run_job: RunJob) -> None:
         answer(job, outcome_channel, run_job)
 
 
+def write_job(job: Job, stream: IO[bytes]) -> None:
+    """Write a job to a worker's stdin, with absolute paths."""
+    pickler = AbsolutePathPickler(stream)
+    pickler.dump(job)
+    pickle.dump(pickler.user_paths, stream)
+
+
 def read_job() -> Job:
     """Read the worker's job from its stdin; exit if the supervisor has ended without sending it."""
     try:
         job: Job = pickle.load(sys.stdin.buffer)
+        remember_user_paths(pickle.load(sys.stdin.buffer))
     except (EOFError, pickle.UnpicklingError):
         os._exit(1)
     return job

@@ -14,11 +14,10 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import pickle
 import signal
 import subprocess
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
@@ -27,10 +26,10 @@ from inim import backend as backends
 from inim import errors
 from inim.errors import InimError, OutOfMemoryError, WorkerError
 from inim.process import machine
-from inim.process.interrupts import cleaned_up, delayed_interrupts
+from inim.process.interrupts import cleaned_up
 from inim.process.observer import OnStage
-from inim.process.python_process import child_environment, end_process, python_module
-from inim.worker.serve import Job
+from inim.process.python_process import end_process, python_module, rendering_process
+from inim.worker.serve import Job, write_job
 
 OnStart = Callable[["subprocess.Popen[bytes]"], object]
 
@@ -60,38 +59,30 @@ def run_in_worker(
     """Run a request in a worker process; True if every check passed.
 
     `target` is the function that runs the request, ``module:function``; see
-    `inim.worker.serve.RunJob`. `make_request` returns the request, which must be picklable, or
-    raises an error; it is called while the worker loads. `staging` yields the folder for the
-    result, such as `inim.worker.output.staging_folder`, and `fill` writes the worker's input files
-    into it. `about` is a label for `ps`; `variables` are additional environment variables. `quiet`
-    suppresses result lines and the progress bar, `debug` lets the worker print the traceback of an
-    internal error, `on_start` receives the process, which it may end, and `on_stage` the progress.
+    `inim.worker.serve.RunJob`. The worker runs in an empty folder, and all paths in its request are
+    absolute. `make_request` returns the request, which must be picklable, or raises an error; it is
+    called while the worker loads. `staging` yields the folder for the result, such as
+    `inim.worker.output.staging_folder`, and `fill` writes the worker's input files into it. `about`
+    is a label for `ps`; `variables` are additional environment variables. `quiet` suppresses result
+    lines and the progress bar, `debug` lets the worker print the traceback of an internal error,
+    `on_start` receives the process, which it may end, and `on_stage` the progress.
 
     Raises the `InimError` of `make_request` or of the worker, and `WorkerError` or
     `OutOfMemoryError` if the worker died.
     """
     with contextlib.ExitStack() as stack:
-        with delayed_interrupts():
-            process, messages = _start_worker(target, variables or {}, about)
-            end = partial(_end_worker, process, messages)
-            stack.enter_context(cleaned_up(end))
+        process, messages = stack.enter_context(_worker(target, variables or {}, about))
         request = make_request()
         chosen = backends.environment(backends.choose_backend(backend))
         folder = stack.enter_context(staging)
-        stack.enter_context(cleaned_up(end))  # before the folder it writes to is removed
+        # Before the folder to which it writes is removed.
+        stack.enter_context(cleaned_up(partial(end_process, process)))
         if fill is not None:
             fill(folder)
         if on_start is not None:
             on_start(process)
         job = Job(request, folder, chosen, quiet, debug)
         return outcome_of(_carry_out(process, messages, job, on_stage))
-
-
-def _end_worker(process: subprocess.Popen[bytes], messages: IO[str]) -> None:
-    end_process(process)
-    messages.close()
-    with contextlib.suppress(OSError):  # the job was never read
-        _stdin(process).close()
 
 
 def outcome_of(message: dict[str, Any]) -> bool:
@@ -101,25 +92,19 @@ def outcome_of(message: dict[str, Any]) -> bool:
     return bool(message["passed"])
 
 
-def _start_worker(
+@contextmanager
+def _worker(
     target: str, variables: Mapping[str, str], about: str
-) -> tuple[subprocess.Popen[bytes], IO[str]]:
-    """Start a worker; return the process and its stream of messages."""
+) -> Iterator[tuple[subprocess.Popen[bytes], IO[str]]]:
+    """Start a worker; yield the process and its stream of messages."""
     read_end, write_end = os.pipe()
-    # A terminal sends SIGINT to all processes, and Python would print a traceback while it starts.
-    # A child inherits the mask of its parent.
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        process = subprocess.Popen(
-            python_module("inim.worker", target, str(write_end), about),
-            env={**child_environment(), **variables},
-            stdin=subprocess.PIPE,
-            pass_fds=(write_end,),
-        )
-    finally:
-        os.close(write_end)
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-    return process, os.fdopen(read_end, encoding="utf-8")
+    with os.fdopen(read_end, encoding="utf-8") as messages, os.fdopen(write_end, "w") as channel:
+        command = python_module("inim.worker", target, str(write_end), about)
+        with rendering_process(
+            command, variables, stdin=subprocess.PIPE, pass_fds=(write_end,)
+        ) as process:
+            channel.close()  # the worker's end is the only one left
+            yield process, messages
 
 
 def _stdin(process: subprocess.Popen[bytes]) -> IO[bytes]:
@@ -133,7 +118,7 @@ def _carry_out(
     """Send a worker its job and wait for its last message; raises an `InimError` if it crashed."""
     message: dict[str, Any] = {"stage": "start"}
     with contextlib.suppress(OSError):  # it has already ended
-        pickle.dump(job, _stdin(process))
+        write_job(job, _stdin(process))
         _stdin(process).flush()
     for line in messages:
         if line.endswith("\n"):

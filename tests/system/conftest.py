@@ -128,11 +128,12 @@ def assert_whole(out: Path) -> dict:
 _ONE_AT_A_TIME = threading.Lock()
 
 
-def _start_here(target: str, *_: object) -> tuple[Any, io.StringIO]:
+@contextmanager
+def _worker_here(target: str, *_: object) -> Iterator[tuple[Any, io.StringIO]]:
     process = SimpleNamespace(
         returncode=0, target=target, stdin=io.BytesIO(), terminate=int, wait=lambda *_: 0
     )
-    return process, io.StringIO()
+    yield process, io.StringIO()
 
 
 def _carry_out_here(process: Any, _: object, job: Any, *__: object) -> dict[str, Any]:
@@ -157,7 +158,7 @@ def install_metadata(folder: Path, name: str, entry_points: str) -> None:
 def worker_here() -> Iterator[None]:
     """Execute the workers' jobs of commands and of `inim.validate` in this process."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(supervisor, "_start_worker", _start_here)
+        patch.setattr(supervisor, "_worker", _worker_here)
         patch.setattr(supervisor, "_carry_out", _carry_out_here)
         yield
 
