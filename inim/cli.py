@@ -21,6 +21,7 @@ from typing import Any, NoReturn
 from inim.commands import EXIT_CODES, Command, print_warning
 from inim.errors import EXIT_PASSED, EXIT_USAGE, InimError, suggest_words, unexpected_error
 from inim.process.interrupts import raise_again
+from inim.process.machine import check_memory
 from inim.process.python_process import configuration_hidden
 from inim.version import __version__
 
@@ -91,6 +92,7 @@ def main(argv: list[str] | None = None) -> int:
     args = parser.parse_args(argv)
     args.command_line = shlex.join(["inim", *argv])
     try:
+        check_memory()  # before large libraries load, which would never end
         return int(args.run(args))
     except InimError as error:
         if getattr(args, "debug", False) and error.__cause__:

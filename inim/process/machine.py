@@ -9,6 +9,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from inim.errors import OutOfMemoryError
+
 
 def cpu_text() -> str:
     """The first processor's lines of /proc/cpuinfo that stay the same between boots."""
@@ -49,16 +51,54 @@ def busy_seconds() -> float | None:
 
 def memory_limit_bytes() -> int:
     """Memory limit of this process: a machine's, container's or shell's; 0 if unavailable."""
+    return min(_memory_limits().values(), default=0)
+
+
+def _memory_limits() -> dict[str, int]:
+    """Memory limits of this process in bytes, by name; empty if unavailable."""
     if not hasattr(os, "sysconf"):
-        return 0
+        return {}
     import resource
 
-    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    limits = [_number_in(path) for path in _limit_files(Path("/proc/self/cgroup"))]
-    # `ulimit -v` limits addresses, of which a renderer reserves more than it uses.
-    addresses = resource.getrlimit(resource.RLIMIT_AS)[0]
-    limits.append(None if addresses == resource.RLIM_INFINITY else addresses)
-    return min([total, *(limit for limit in limits if limit)])
+    limits = {_MACHINE: os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")}
+    sizes = [_number_in(path) for path in _limit_files(Path("/proc/self/cgroup"))]
+    if any(sizes):
+        limits[_GROUP] = min(size for size in sizes if size)
+    # `ulimit -v` limits addresses, of which libraries reserve more than they use.
+    for name, kind in (("ulimit -v", resource.RLIMIT_AS), ("ulimit -d", resource.RLIMIT_DATA)):
+        size = resource.getrlimit(kind)[0]
+        if size != resource.RLIM_INFINITY:
+            limits[name] = size
+    return limits
+
+
+_MACHINE, _GROUP = "the machine's memory", "the memory of the container or control group"
+# Least limits for NumPy, SciPy, numba and Mitsuba. OpenBLAS, of which NumPy and SciPy have one
+# each, reserves memory for each of at most 64 threads. If that fails while a library loads, it is
+# tried again forever, and signals are not handled.
+_MIB = 2**20
+_LEAST_BYTES = {
+    _MACHINE: 192 * _MIB,
+    _GROUP: 192 * _MIB,
+    "ulimit -v": 1536 * _MIB,
+    "ulimit -d": 512 * _MIB,
+}
+_RESERVED_PER_THREAD = 96 * _MIB
+_MOST_THREADS = 64
+
+
+def check_memory() -> None:
+    """Raise `OutOfMemoryError` if a memory limit is too low to load numerical libraries."""
+    for name, size in _memory_limits().items():
+        needed, remedy = _LEAST_BYTES[name], "provide more"
+        if name.startswith("ulimit"):
+            needed += _RESERVED_PER_THREAD * min(cpu_count(), _MOST_THREADS)
+            remedy = f"raise it: {name} {needed // 1024}"
+        if size < needed:
+            raise OutOfMemoryError(
+                f"{name}: {size // _MIB} MiB, below the {needed // _MIB} MiB that numerical "
+                f"libraries need on {cpu_count()} processors; {remedy}"
+            )
 
 
 def peak_bytes(*, of_children: bool = False) -> int:
