@@ -78,8 +78,8 @@ def test_a_command_works_with_the_limit_that_the_message_gives(kind, tmp_path):
     words = (*words, "--orthographic", "-o", "eia.png")
     generated = run_limited(kind, kib // 1024, *words, cwd=tmp_path)
     assert generated.code == EXIT_PASSED, generated.stderr
-    shown = run_limited(kind, kib // 1024, "export", "eia.png", "--quilt", "q.png", cwd=tmp_path)
-    assert shown.code == EXIT_PASSED, shown.stderr
+    quilt = run_limited(kind, kib // 1024, "export", "eia.png", "--quilt", "q.png", cwd=tmp_path)
+    assert quilt.code == EXIT_PASSED, quilt.stderr
 
 
 @pytest.mark.parametrize(
