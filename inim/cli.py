@@ -13,6 +13,7 @@ import shlex
 import sys
 import traceback
 from collections.abc import Iterable
+from contextlib import nullcontext
 from functools import partial
 from importlib import import_module
 from textwrap import fill
@@ -22,6 +23,7 @@ from inim.commands import EXIT_CODES, Command, print_warning
 from inim.errors import EXIT_PASSED, EXIT_USAGE, InimError, suggest_words, unexpected_error
 from inim.process.interrupts import raise_again
 from inim.process.machine import check_memory
+from inim.process.printing import quiet_libraries
 from inim.process.python_process import configuration_hidden
 from inim.version import __version__
 
@@ -63,7 +65,8 @@ class _Parser(argparse.ArgumentParser):
     about = ""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(EXIT_USAGE, f"inim: error: {message}; see {self.about or self.prog} --help\n")
+        print_warning(f"{message}; see {self.about or self.prog} --help", "error")
+        self.exit(EXIT_USAGE)
 
 
 @configuration_hidden()
@@ -93,7 +96,8 @@ def main(argv: list[str] | None = None) -> int:
     args.command_line = shlex.join(["inim", *argv])
     try:
         check_memory()  # before large libraries load, which would never end
-        return int(args.run(args))
+        with nullcontext() if getattr(args, "debug", False) else quiet_libraries():
+            return int(args.run(args))
     except InimError as error:
         if getattr(args, "debug", False) and error.__cause__:
             traceback.print_exception(error.__cause__)

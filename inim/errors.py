@@ -7,8 +7,10 @@ failed, code 1, is a verdict and no exception.
 
 from __future__ import annotations
 
+import errno
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 EXIT_PASSED = 0
 EXIT_CHECK_FAILED = 1
@@ -86,10 +88,28 @@ def missing_package(error: Exception) -> UsageError | None:
 def unexpected_error(error: Exception) -> InimError:
     """Error message for a missing dependency or for a defect of this program, in one line."""
     text = " ".join(str(error).split())[:400]
+    if isinstance(error, UnicodeEncodeError) and any(
+        "\udc80" <= c <= "\udcff" for c in error.object
+    ):
+        return FileError(f"{error.object}: the name is not UTF-8; rename the file or its folder")
+    if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+        return FileError(f"{error.filename}: the name is too long; choose a shorter one")
     return missing_package(error) or InimError(
         f"internal error: {type(error).__name__}: {text}; "
         "run again with --debug for the traceback, and report it"
     )
+
+
+@contextmanager
+def naming(source: object) -> Iterator[None]:
+    """Put a file's name before the errors of the block that name neither it nor an option."""
+    try:
+        yield
+    except InimError as error:
+        text = str(error)
+        if error.exit_code != EXIT_USAGE or str(source) in text or text.startswith("-"):
+            raise
+        raise type(error)(f"{source}: {text}") from error.__cause__
 
 
 class WorkerError(InimError):

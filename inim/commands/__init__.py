@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
+from inim.process.printing import printable
 
 if TYPE_CHECKING:
     from inim.display import Display
@@ -311,24 +312,26 @@ def classify_input(args: argparse.Namespace) -> None:
 
 
 def print_warning(text: str, kind: str = "warning") -> None:
-    """Print a warning, an error, or a list of failures as one line of stderr.
-
-    Control characters in file names must not break the promise of one line.
-    """
-    line = "".join(c if c.isprintable() else " " for c in text)
-    print(f"inim: {kind}: {line}", file=sys.stderr)
+    """Print a warning, an error, or a list of failures as one line of stderr."""
+    print(f"inim: {kind}: {printable(text)}", file=sys.stderr)
 
 
-def print_outcome(text: str) -> None:
-    """Print a command's last line; a closed reader or a full disk changes no exit code."""
+def print_lines(*lines: object) -> None:
+    """Print results, each as one line."""
+    for line in lines:
+        print(printable(line), flush=True)
+
+
+def print_outcome(*lines: object) -> None:
+    """Print a command's last lines; a closed reader or a full disk changes no exit code."""
     try:
-        print(text, flush=True)
+        print_lines(*lines)
     except OSError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def finish(passed: bool, text: str, *, quiet: bool = False) -> int:
-    """Print a command's last line unless `quiet`, and return its exit code."""
+def finish(passed: bool, *lines: str, quiet: bool = False) -> int:
+    """Print a command's last lines unless `quiet`, and return its exit code."""
     if not quiet:
-        print_outcome(text)
+        print_outcome(*lines)
     return EXIT_PASSED if passed else EXIT_CHECK_FAILED

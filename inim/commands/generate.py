@@ -18,9 +18,10 @@ from inim.commands import (
     finish,
     open_page,
     picture_of,
+    print_lines,
     print_warning,
 )
-from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError
+from inim.errors import EXIT_PASSED, FileError, OutOfMemoryError, UsageError, naming
 
 if TYPE_CHECKING:
     import numpy as np
@@ -137,7 +138,7 @@ def _generate_folder(args: argparse.Namespace) -> int:
     _check_options(args)
     for path in photos:
         name = path.stem if stems.count(path.stem) == 1 else path.name
-        print(path, flush=True)
+        print_lines(path)
         single_args = argparse.Namespace(**vars(args) | {"photo": path, "out": out / f"{name}.png"})
         try:
             _run_one(single_args)
@@ -168,7 +169,7 @@ def _run_one(args: argparse.Namespace) -> None:
         ) from error
     for warning in warnings:
         print_warning(warning)
-    print("\n".join(report))
+    print_lines(*report)
 
 
 def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
@@ -192,7 +193,8 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     check_algorithm(_algorithm(args))
     photograph = picture.read()
     display = picture.orient(photograph, display)
-    fitted, depth_map = picture.fit_to(photograph, display, settings.capture_pixels_per_pitch)
+    with naming(args.input):
+        fitted, depth_map = picture.fit_to(photograph, display, settings.capture_pixels_per_pitch)
     eia, empty = _generate_eia(args, fitted.rgbd, display)
     report = _report(picture, photograph, fitted, depth_map, display, empty, _fill_words(args))
     report.append(_write_outputs(args, fitted.rgbd, eia, empty, display))
@@ -309,7 +311,8 @@ def _generate_from_cameras(
 
     check_algorithm(_algorithm(args))
     cameras = read_cameras(args.cameras_file, picture, display)
-    rgbd = merge_cameras(cameras.pictures, display, settings.capture_pixels_per_pitch)
+    with naming(args.input):
+        rgbd = merge_cameras(cameras.pictures, display, settings.capture_pixels_per_pitch)
     eia, empty = _generate_eia(args, rgbd, display)
     depth_map = cameras.depth_map
     report = [
@@ -387,7 +390,8 @@ def _generate_eia(
     from inim.pipeline.stages.generation import GeneratorHandle
 
     generator = GeneratorHandle(_algorithm(args), display, rgbd.shape, rgbd.pixel_mm)
-    run = generator.run(rgbd, holes=shows_holes(display))
+    with naming(args.input):
+        run = generator.run(rgbd, holes=shows_holes(display))
     return run.eia, run.holes
 
 
@@ -401,12 +405,14 @@ def _write_outputs(
     """Write the files of -o, --pdf and --save-rgbd; return the line of output."""
     from inim.files.eia_file import write_eia, write_true_size_pdf
     from inim.files.image import write_rgbd
+    from inim.process.atomic_file import published_together
 
-    write_eia(args.out, eia, empty, display.pixel_pitch_mm)
-    if args.pdf is not None:
-        write_true_size_pdf(args.pdf, eia, display.pixel_pitch_mm)
-    if args.save_rgbd is not None and rgbd is not None:
-        write_rgbd(args.save_rgbd, rgbd)
+    with published_together():
+        write_eia(args.out, eia, empty, display.pixel_pitch_mm)
+        if args.pdf is not None:
+            write_true_size_pdf(args.pdf, eia, display.pixel_pitch_mm)
+        if args.save_rgbd is not None and rgbd is not None:
+            write_rgbd(args.save_rgbd, rgbd)
     paths = [path for path in (args.out, args.pdf, args.save_rgbd) if path is not None]
     return f"written    {', '.join(map(str, paths))}"
 

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from inim.commands import Command, add_shared
+from inim.commands import Command, add_shared, print_lines
 from inim.errors import EXIT_PASSED, BackendError
 
 if TYPE_CHECKING:
@@ -167,20 +167,23 @@ def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:
 def _inspect(args: argparse.Namespace) -> int:
     from inim.documents.document import encode
     from inim.inspection.findings import inspect
+    from inim.process.atomic_file import published_together
     from inim.scene.file import parse_definitions
 
-    inspection = inspect(
-        args.display,
-        definitions=parse_definitions(args.definitions),
-        lens_model=args.lens_model,
-        distance_mm=args.distance,
-        out=args.out,
-    )
-    if args.save is not None:
-        inspection.document.display.save(args.save)
+    with published_together():
+        inspection = inspect(
+            args.display,
+            definitions=parse_definitions(args.definitions),
+            lens_model=args.lens_model,
+            distance_mm=args.distance,
+            out=args.out,
+        )
+        if args.save is not None:
+            inspection.document.display.save(args.save)
     print(encode(inspection.document) if args.json else inspection)
     if args.out is not None and not args.json:
-        print("\nwritten: " + ", ".join(str(args.out / name) for name in inspection.files))
+        print()
+        print_lines("written: " + ", ".join(str(args.out / name) for name in inspection.files))
     return EXIT_PASSED
 
 

@@ -6,7 +6,7 @@ import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from inim.commands import Command, add_shared, choices_of, finish, print_warning
+from inim.commands import Command, add_shared, choices_of, finish, print_lines, print_warning
 
 if TYPE_CHECKING:
     import argparse
@@ -45,8 +45,8 @@ def _new_scene(args: argparse.Namespace) -> int:
 
     options = ("unit", "up", "front", "crop", "title", "display", "force")
     choices = {name: getattr(args, name) for name in options}
-    path = new_scene(args.mesh, args.out, **choices, warn=print_warning, say=print)
-    print(f"wrote {path}; next: inim validate {shlex.quote(str(path))}")
+    path = new_scene(args.mesh, args.out, **choices, warn=print_warning, say=print_lines)
+    print_lines(f"wrote {path}; next: inim validate {shlex.quote(str(path))}")
     return 0
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from inim.commands import Command, add_shared, finish, print_warning, request_of
+from inim.commands import Command, add_shared, finish, print_lines, print_warning, request_of
 from inim.errors import EXIT_PASSED, UsageError
 
 _KEPT = "results are kept; run it again to continue"
@@ -57,7 +57,7 @@ def _sweep(args: argparse.Namespace) -> int:
         tuple(args.allow_folders),
     )
     if args.dry_run:
-        print("\n".join(plan_study(read_study(args.study), place).lines()))
+        print_lines(*plan_study(read_study(args.study), place).lines())
         return EXIT_PASSED
     try:
         result = run_sweep(args.study, place, args.command_line, quiet=args.quiet, debug=args.debug)

@@ -15,6 +15,7 @@ from inim.commands import (
     classify_input,
     finish,
     picture_of,
+    print_lines,
     print_outcome,
     print_warning,
     request_of,
@@ -139,7 +140,7 @@ def _finish(passed: bool, out: Path, quiet: bool) -> int:
             lines.append(f"and {len(data.warnings) - _MOST_WARNINGS} more warnings in the report")
         lines += [f"failed: {check.name}: {check_sentence(check)}" for check in failed]
     lines.append(f"{verdict}; report: {out / 'report.html'}")
-    return finish(passed, "\n".join(lines), quiet=quiet)
+    return finish(passed, *lines, quiet=quiet)
 
 
 def _check_encoding(args: argparse.Namespace) -> None:
@@ -190,7 +191,7 @@ def _validate_picture(args: argparse.Namespace) -> int:
         quiet=args.quiet,
         debug=args.debug,
         on_warning=None if args.quiet else print_warning,
-        on_note=None if args.quiet else print,
+        on_note=None if args.quiet else print_lines,
     )
     return _finish(passed, request.out, args.quiet)
 
@@ -244,7 +245,7 @@ def _add_accept_arguments(parser: argparse.ArgumentParser) -> None:
 def _accept(args: argparse.Namespace) -> int:
     from inim.pipeline.baseline import accept
 
-    print(f"baseline: {accept(args.out, args.reason, args.to)}")
+    print_lines(f"baseline: {accept(args.out, args.reason, args.to)}")
     return EXIT_PASSED
 
 
@@ -261,7 +262,7 @@ def _compare(args: argparse.Namespace) -> int:
     out = args.out or Path("compare")
     passed, lines = compare_reports(args.baseline, args.candidate, out)
     lines.append(f"{'passed' if passed else 'FAILED'}; comparison: {out / 'compare.html'}")
-    return finish(passed, "\n".join(lines), quiet=args.quiet)
+    return finish(passed, *lines, quiet=args.quiet)
 
 
 def _add_figure_arguments(parser: argparse.ArgumentParser) -> None:
@@ -298,6 +299,7 @@ def _add_figure_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _figure(args: argparse.Namespace) -> int:
     from inim.generators import algorithm_items
+    from inim.process.atomic_file import published_together
     from inim.report import Report
     from inim.report.figure import FigureRequest, Inset, write_error_maps, write_figure
 
@@ -316,10 +318,11 @@ def _figure(args: argparse.Namespace) -> int:
         args.width,
     )
     path = args.out or Path("figure.pdf")
-    write_figure(report, request, path)
+    with published_together():
+        write_figure(report, request, path)
+        maps = write_error_maps(report, request, args.maps) if args.maps else []
     print_outcome(f"figure: {path}")
-    if args.maps:
-        maps = write_error_maps(report, request, args.maps)
+    if maps:
         print_outcome(f"{len(maps)} error maps: {args.maps}")
     return EXIT_PASSED
 

@@ -11,6 +11,7 @@ from inim.commands import (
     check_report_arguments,
     choices_of,
     open_page,
+    print_lines,
 )
 from inim.errors import EXIT_PASSED
 
@@ -35,7 +36,7 @@ def _view(args: argparse.Namespace) -> int:
         path = view_report(args.source, args.out)
     else:
         path = view_eia(args.source, **choices_of(args), out=args.out)
-    print(path, flush=True)
+    print_lines(path)
     if args.open:
         open_page(path)
     return EXIT_PASSED
@@ -115,7 +116,7 @@ def _export(args: argparse.Namespace) -> int:
     choices.pop("algorithms", None)
     files = export(args.source, algorithm=args.algorithms, **choices, **options, say=notes.append)
     if not args.quiet:
-        print("\n".join([*map(str, files), *notes]))
+        print_lines(*files, *notes)
     return EXIT_PASSED
 
 

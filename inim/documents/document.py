@@ -26,6 +26,7 @@ from inim.display import Display
 from inim.errors import FileError
 from inim.files import read_file
 from inim.process.atomic_file import write_atomically
+from inim.process.printing import printable
 from inim.settings import Settings
 
 if TYPE_CHECKING:
@@ -242,7 +243,7 @@ def write_text(path: Path, content: str) -> None:
 
 def _one_line(message: str) -> str:
     """A message in printable characters; a long one loses its middle, and its end is the place."""
-    text = "".join(c if c.isprintable() else " " for c in message)
+    text = printable(message)
     half = _LONGEST_MESSAGE // 2
     return text if len(text) <= _LONGEST_MESSAGE else f"{text[:half]} ... {text[-half:]}"
 

@@ -50,6 +50,16 @@ def open_file(path: Path, *, label: str = "", remedy: str = "") -> Iterator[Bina
         os.close(descriptor)
 
 
+def utf8_name(path: Path) -> str:
+    """Name of a file for libraries that accept UTF-8 only; raises `FileError` for others."""
+    name = str(path)
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        raise _error(path, "the name is not UTF-8", "", "rename the file or its folder") from None
+    return name
+
+
 def check_file(path: Path) -> None:
     """Raise the errors of `open_file`, for files that another library opens."""
     with open_file(path):

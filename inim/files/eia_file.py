@@ -38,13 +38,16 @@ def check_eia_name(path: Path) -> None:
     check_file(path)
 
 
-def read_eia(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | None]:
+def read_eia(
+    path: Path, display: Display, *, only_finite: bool = True
+) -> tuple[np.ndarray, np.ndarray | None]:
     """Read a finished EIA: linear EXR, or sRGB PNG (grey or colour, 8 or 16 bits, optional alpha).
 
     Pillow reduces 16-bit colour to 8 bits; grey and EXR keep their precision. Colour profiles of
     PNGs are ignored.
 
     * `display`: its `eia_shape` must match the file.
+    * `only_finite`: reject colours that are not finite.
 
     Returns `eia`, (rows, columns, 3) float32: linear RGB, composited over black; `mask`, (rows,
     columns) bool, or None: True where alpha is above 0; None for a file without alpha.
@@ -54,11 +57,19 @@ def read_eia(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | Non
     check_eia_name(path)
     if path.suffix.lower() == ".exr":
         eia, alpha = _read_exr(path, display)
+        if only_finite:
+            _check_finite(path, eia)
     else:
         with _open_png(path) as picture:
             _check_size(path, picture.size, display)
             eia, alpha = _linear(picture)
     return eia, None if alpha is None else alpha > 0
+
+
+def _check_finite(path: Path, eia: np.ndarray) -> None:
+    bad = np.count_nonzero(~np.isfinite(eia).all(axis=-1))
+    if bad:
+        raise FileError(f"{path}: {bad} pixels have colours that are not finite; replace them")
 
 
 def turned_for(path: Path, display: Display) -> Display:

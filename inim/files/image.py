@@ -16,7 +16,7 @@ import numpy as np
 
 from inim.cache import ResultCache
 from inim.errors import FileError, UsageError
-from inim.files import check_file
+from inim.files import check_file, utf8_name
 from inim.image.color import to_srgb
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.process.atomic_file import write_atomically
@@ -187,6 +187,8 @@ def _read_layer(parts: list[dict[str, np.ndarray]]) -> Layer:
     """Layer from the channels of its colour, depth and back."""
     color, depth, back = parts[0], parts[1]["Z"], parts[2]["Z"]
     rgb = np.stack([color[c] for c in "RGB"], axis=-1)
+    if not np.isfinite(rgb).all():
+        raise UsageError("has colours that are not finite; replace them")
     # Replace only missing values: -inf is a valid back.
     back = np.where(np.isnan(back), np.float32(0), back)
     return Layer(rgb, np.nan_to_num(depth), back, color["A"] > 0.5)
@@ -247,7 +249,7 @@ def write_exr_parts(
 
 def _write_exr_file(file: Any, path: Path) -> None:
     try:
-        file.write(str(path))
+        file.write(utf8_name(path))
     except RuntimeError as error:  # OpenEXR's own errors are not OSErrors
         raise OSError(0, str(error).splitlines()[0]) from error
 
@@ -259,10 +261,11 @@ def _read_parts(path: Path) -> list[tuple[dict[str, np.ndarray], dict[str, Any]]
         with silence_output():
             import OpenEXR
 
-            header = OpenEXR.File(str(path), header_only=True)
+            name = utf8_name(path)
+            header = OpenEXR.File(name, header_only=True)
             check_unfolding(path, sum(_check_size(path, part.header) for part in header.parts))
             # Separate channels: packed "RGB" arrays would scramble A and Z in odd files.
-            parts = OpenEXR.File(str(path), separate_channels=True).parts
+            parts = OpenEXR.File(name, separate_channels=True).parts
             contents = [
                 ({name: np.asarray(c.pixels) for name, c in part.channels.items()}, part.header)
                 for part in parts

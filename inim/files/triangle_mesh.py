@@ -13,6 +13,7 @@ import numpy as np
 
 from inim.errors import FileError
 from inim.files import read_file
+from inim.process.printing import printable
 
 
 @dataclass(frozen=True)
@@ -104,7 +105,7 @@ def has_area(vertices: np.ndarray, faces: np.ndarray) -> bool:
 def first_line(error: BaseException) -> str:
     """First line of another library's message, printable and short."""
     text = next(iter(str(error).splitlines()), "") or type(error).__name__
-    return "".join(c if c.isprintable() else "?" for c in text)[:120]
+    return printable(text)[:120]
 
 
 def parse_numbers(text: bytes) -> np.ndarray | None:

@@ -12,7 +12,15 @@ from inim.display import Display
 from inim.documents.document import read_document
 from inim.documents.picture import CamerasDocument, PlacedPicture
 from inim.errors import FileError, UsageError
-from inim.from_camera.fit import FITS, DepthMap, check_pinhole, depth_range, map_depth, unprojection
+from inim.from_camera.fit import (
+    FITS,
+    DepthMap,
+    check_pinhole,
+    depth_range,
+    map_depth,
+    parse_intrinsics,
+    unprojection,
+)
 from inim.from_camera.picture import CameraPicture, ColorDepth
 from inim.from_camera.tiles import linear_light
 from inim.image.rgbd import MAX_SLOPE, MOST_CAMERAS, Camera, CameraRGBD, CameraRGBDs
@@ -107,8 +115,9 @@ def _read(
     if intrinsics is None:
         raise FileError(f"{path}: {placed.color} has no intrinsics; add fx, fy, cx, cy in pixels")
     files = _file(path, placed.color), _file(path, placed.depth)
-    text = ",".join(map(repr, intrinsics))
-    picture = replace(options, color=files[0], depth=files[1], intrinsics=text).read()
+    source = f"{path}: intrinsics of {placed.color}"
+    camera = parse_intrinsics(",".join(map(repr, intrinsics)), source)
+    picture = replace(options, color=files[0], depth=files[1], intrinsics=camera).read()
     assert picture.camera is not None
     check_pinhole(picture.camera, (picture.color.shape[0], picture.color.shape[1]))
     return picture

@@ -25,6 +25,7 @@ from inim.files.image import read_exr
 from inim.files.picture import is_exr, open_picture
 from inim.from_camera.lattice import Lattice, find_lattice
 from inim.image.color import linear_from_srgb
+from inim.process.atomic_file import published_together
 from inim.scene.file import choose_display, parse_definitions
 from inim.settings import save_display
 
@@ -224,7 +225,8 @@ def _write(
             os.path.realpath(source) == os.path.realpath(f) for f in files
         ):
             raise UsageError(f"-o {out}: would replace {source}; give it another name")
-    for path in files[:2]:
-        write_eia(path, eia, None, display.pixel_pitch_mm)
-    save_display(display, out)
+    with published_together():
+        for path in files[:2]:
+            write_eia(path, eia, None, display.pixel_pitch_mm)
+        save_display(display, out)
     return files

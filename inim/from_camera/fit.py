@@ -185,20 +185,25 @@ class Pinhole:
     fy: float
     cx: float
     cy: float
+    source: str = "--intrinsics"  #: Place of the numbers, for messages.
 
 
-def parse_intrinsics(text: str) -> Pinhole:
-    """Parse ``fx,fy,cx,cy`` in pixels; raises `UsageError` for invalid numbers."""
+def parse_intrinsics(text: str, source: str = "--intrinsics") -> Pinhole:
+    """Parse ``fx,fy,cx,cy`` in pixels; raises `UsageError` for invalid numbers.
+
+    * `source`: place of the text, for messages.
+    """
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         numbers = []
     if len(numbers) != 4 or not all(map(math.isfinite, numbers)) or min(numbers[:2]) <= 0:
         raise UsageError(
-            f"--intrinsics {text}: give fx,fy,cx,cy in pixels of the colour picture, such as "
+            f"{source} {text}: give fx,fy,cx,cy in pixels of the colour picture, such as "
             "525,525,319.5,239.5"
         )
-    return Pinhole(*numbers)
+    fx, fy, cx, cy = numbers
+    return Pinhole(fx, fy, cx, cy, source)
 
 
 def check_pinhole(camera: Pinhole, shape: tuple[int, int]) -> None:
@@ -206,16 +211,16 @@ def check_pinhole(camera: Pinhole, shape: tuple[int, int]) -> None:
     rows, columns = shape
     if not (-0.5 <= camera.cx <= columns - 0.5 and -0.5 <= camera.cy <= rows - 0.5):
         raise UsageError(
-            f"--intrinsics: principal point ({camera.cx:g}, {camera.cy:g}) is outside the colour "
-            f"picture of {columns} x {rows} pixels; scale fx,fy,cx,cy to that size"
+            f"{camera.source}: principal point ({camera.cx:g}, {camera.cy:g}) is outside the "
+            f"colour picture of {columns} x {rows} pixels; scale fx,fy,cx,cy to that size"
         )
     for name, focal, pixels in (("fx", camera.fx, columns), ("fy", camera.fy, rows)):
         angle = math.degrees(2 * math.atan(pixels / (2 * focal)))
         if not _NARROWEST_DEG <= angle <= _WIDEST_DEG:
             raise UsageError(
-                f"--intrinsics: {name} = {focal:g} pixels over {pixels} pixels is an angle of view "
-                f"of {angle:.3g} degrees; give fx,fy,cx,cy in pixels of the colour picture, not in "
-                "millimetres"
+                f"{camera.source}: {name} = {focal:g} pixels over {pixels} pixels is an angle of "
+                f"view of {angle:.3g} degrees; give fx,fy,cx,cy in pixels of the colour "
+                "picture, not in millimetres"
             )
 
 
@@ -323,7 +328,7 @@ def unprojection(
 
     Raises `UsageError`: the depths are not distances, or `frame_at` is not.
     """
-    _check_distances(values)
+    _check_distances(values, camera.source)
     rows, columns = values.depth.shape
     frame_at = float(np.median(sample(values.depth))) if frame_at is None else frame_at
     if not 0 < frame_at < math.inf:
@@ -337,16 +342,16 @@ def unprojection(
     return scale, (ox, oy), frame_at
 
 
-def _check_distances(values: DepthValues) -> None:
+def _check_distances(values: DepthValues, source: str) -> None:
     if values.near_is_large:
         raise UsageError(
-            "--intrinsics: unprojection needs distances that grow away from the camera, and this "
+            f"{source}: unprojection needs distances that grow away from the camera, and this "
             "depth grows towards it; use --orthographic, or --far-is-large if that is wrong"
         )
     least = float(np.nanmin(values.depth))
     if least <= 0:
         raise UsageError(
-            f"--intrinsics: unprojection needs distances above 0, and there is a depth of "
+            f"{source}: unprojection needs distances above 0, and there is a depth of "
             f"{least:g}; use --orthographic, or --missing {least:g} if it means no depth"
         )
 

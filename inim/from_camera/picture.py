@@ -106,7 +106,7 @@ class CameraPicture:
     color: Path | None = None
     depth: Path | None = None
     depth_unit: str | None = None
-    intrinsics: str | None = None
+    intrinsics: str | Pinhole | None = None
     orthographic: bool = False
     depth_map: str = "linear"
     near_is_large: bool = False
@@ -179,6 +179,8 @@ class CameraPicture:
         """Camera of `intrinsics`; None if orthographic or if the photograph's camera is used."""
         if self.orthographic or not self.intrinsics or self.intrinsics == _PHOTO_CAMERA:
             return None
+        if isinstance(self.intrinsics, Pinhole):
+            return self.intrinsics
         return parse_intrinsics(self.intrinsics)
 
     def read(self) -> ColorDepth:

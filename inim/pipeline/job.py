@@ -8,6 +8,7 @@ import numpy as np
 
 from inim.cache import ResultCache, open_store
 from inim.documents.report import ReportDocument
+from inim.errors import naming
 from inim.metrics import HEADLINE_WORDS
 from inim.pipeline.output import Images
 from inim.pipeline.plan import Plan, check_baseline
@@ -28,10 +29,11 @@ def run_job(plan: Plan, staging: Path, observer: Observer) -> bool:
     An unchanged run publishes its last report again, from the cache.
     """
     cache = _open_cache(plan)
-    if plan.is_reproducible:
-        report = _run_or_reuse(plan, staging, observer, cache)
-    else:
-        report = run(plan, staging, observer, cache)
+    with naming(plan.request.scene):
+        if plan.is_reproducible:
+            report = _run_or_reuse(plan, staging, observer, cache)
+        else:
+            report = run(plan, staging, observer, cache)
     publish(staging, plan.request.out)
     return report.passed
 

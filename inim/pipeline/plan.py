@@ -10,7 +10,7 @@ from inim.display import Display
 from inim.display.misalignment import misaligned, misalignment_text, parse_misalignment
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.documents.parts import Conditions, DisplayRecord
-from inim.errors import OutOfMemoryError, SceneError, UsageError
+from inim.errors import OutOfMemoryError, SceneError, UsageError, naming
 from inim.generators import algorithm_items
 from inim.generators.registry import Input
 from inim.image.rgbd import RGBD
@@ -163,13 +163,14 @@ def make_plan(request: Request) -> Plan:
     misaligned_display = misaligned(display, misalignment)
     check_lens_model(settings.lens_model, misaligned_display)
     all_metrics()  # raises if another package's metric cannot be loaded
-    viewpoints = parse_viewpoints(
-        request.viewpoints or settings.viewpoints,
-        display,
-        settings.viewing_distance_mm,
-        settings.pupil_mm,
-        settings.focus_mm,
-    )
+    with naming(source):
+        viewpoints = parse_viewpoints(
+            request.viewpoints or settings.viewpoints,
+            display,
+            settings.viewing_distance_mm,
+            settings.pupil_mm,
+            settings.focus_mm,
+        )
     algorithms = algorithm_items(settings.algorithms)
     algorithms += tuple(f"cameras:views={views}" for views in algorithm_items(settings.cameras))
     methods = parse_methods(algorithms, request.eias)

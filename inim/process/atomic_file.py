@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 import uuid
 from collections.abc import Callable, Iterator
@@ -10,21 +12,66 @@ from functools import partial
 from pathlib import Path
 
 from inim.errors import FileError
-from inim.process.interrupts import cleaned_up
+from inim.process.interrupts import cleaned_up, delayed_interrupts
+
+# Of files that a library writes by their suffix, such as .webm.
+_LONGEST_SUFFIX = 16
+# Temporary files, and the paths that they replace together; None outside `published_together`.
+_unpublished: dict[Path, Path] | None = None
 
 
 @contextmanager
 def atomic_file(path: Path) -> Iterator[Path]:
     """Yield the path of a temporary file, which replaces `path` if the block ends without error.
 
-    The file is in the same folder, which is created if needed, and has the same suffix.
+    The file is in the same folder, which is created if needed, and has the same suffix. In
+    `published_together` it replaces `path` later.
     """
-    # Several machines may share the folder: process numbers are not unique.
-    temporary = path.with_name(f".{path.stem}.{uuid.uuid4().hex}.partial{path.suffix}")
-    with cleaned_up(partial(temporary.unlink, missing_ok=True)):
+    # A name may be as long as the file system allows, and not UTF-8. Several machines may share the
+    # folder: process numbers are not unique.
+    suffix = path.suffix if len(path.suffix) < _LONGEST_SUFFIX and path.suffix.isascii() else ""
+    temporary = path.with_name(f".inim.{uuid.uuid4().hex}.partial{suffix}")
+    with cleaned_up(partial(_discard, temporary)):
         path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
-        temporary.replace(path)
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        if _unpublished is None:
+            temporary.replace(path)
+        else:
+            _unpublished[temporary] = path
+
+
+def _discard(temporary: Path) -> None:
+    if _unpublished is None or temporary not in _unpublished:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def published_together() -> Iterator[None]:
+    """Write all atomic files of the block, or none: they replace their paths when it ends.
+
+    Blocks may contain others. Files of child processes are not among them.
+    """
+    global _unpublished
+    if _unpublished is not None:
+        yield
+        return
+    files: dict[Path, Path] = {}
+    with cleaned_up(partial(_discard_all, files)):
+        _unpublished = files
+        yield
+        with delayed_interrupts():
+            for temporary, path in files.items():
+                with file_errors(path):
+                    temporary.replace(path)
+
+
+def _discard_all(files: dict[Path, Path]) -> None:
+    global _unpublished
+    _unpublished = None
+    for temporary in files:
+        temporary.unlink(missing_ok=True)
 
 
 @contextmanager

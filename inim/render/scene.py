@@ -19,6 +19,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.errors import FileError, SceneError
+from inim.files import utf8_name
 from inim.files.mesh import read_shape
 from inim.files.picture import check_volume, read_texture
 from inim.files.splat_ply import SPLAT_SHAPES, check_splats
@@ -34,6 +35,9 @@ from inim.scene.file import SceneFile
 # Keep the relic this share of the range clear of both ends: a depth equal to z_min in float64
 # falls below it in float32, and whole surfaces become holes.
 _DEPTH_MARGIN = 0.01
+# Beyond it products of three lengths overflow in the renderer's float32; below its inverse they
+# vanish.
+_FARTHEST = 1e12
 # Thinner than this against its width, a relic is a plate and goes to the central depth plane.
 _FLAT = 1e-6
 # Integrators that return radiance ray by ray, and know `hide_emitters`. Others trace from the
@@ -224,7 +228,7 @@ def _parse_scene(config: Any, file: SceneFile) -> Any:
     """
     own = mi.file_resolver()
     # The file that was scanned: a link's own folder may hold other parts of the same names.
-    path = file.path.resolve()
+    path = Path(utf8_name(file.path.resolve()))
     resolver = mi.FileResolver(own)
     resolver.prepend(str(path.parent))
     mi.set_file_resolver(resolver)
@@ -333,14 +337,20 @@ def fit_to_display(
 
     Raises `SceneError`: points that are not finite or span no area.
     """
-    turned = points @ axes.T
+    with np.errstate(invalid="ignore"):
+        turned = points @ axes.T
     if not np.isfinite(turned).all():
         raise SceneError(
             f"{source}: the scene's shapes have no finite bounding box; check its transforms"
         )
     low, high = turned.min(axis=0), turned.max(axis=0)
+    if (farthest := float(np.abs(turned).max())) > _FARTHEST:
+        raise SceneError(
+            f"{source}: the scene's shapes reach {farthest:.3g} from the origin, and at most "
+            f"{_FARTHEST:g} are allowed; check its transforms"
+        )
     extent = high - low
-    if max(extent[:2]) <= 0:
+    if max(extent[:2]) < 1 / _FARTHEST:
         raise SceneError(f"{source}: the scene's shapes have no width or height to fit")
     with np.errstate(divide="ignore"):
         scale = fit_share * min(display.width_mm / extent[0], display.height_mm / extent[1])

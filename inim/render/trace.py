@@ -297,6 +297,8 @@ def first_surface(
     """
     started = time.perf_counter()
     is_wanted = np.ones(math.prod(camera.shape), bool) if mask is None else mask.reshape(-1)
+    if not is_wanted.any():  # the renderer has no empty arrays
+        return np.zeros(camera.shape, bool), np.empty((0, 3))
     traced = np.flatnonzero(_whole_packets(is_wanted))
     ray = camera.centre_rays(mi.UInt32(traced.astype(np.uint32)))
     if splats.shows_splats(integrator):

@@ -30,8 +30,11 @@ _DIGITS = 4  # of a number that is no metric's
 _MOST_DIGITS = 12
 _RELATIONS = {">=": "≥", "<=": "≤", "within": "within ±"}
 
-# What XML 1.0 cannot hold at all, and HTML and Markdown should not: controls, lone surrogates.
-_UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+# What XML 1.0 cannot hold at all, and HTML and Markdown should not: controls, also of the direction
+# of text, and lone surrogates.
+_UNPRINTABLE = re.compile(
+    "[^\t\n\r\x20-\x7e\xa0-\u2027\u202f-\u2065\u206a-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
+)
 
 
 def plain(value: object) -> str:

@@ -267,9 +267,11 @@ class _StudyReader:
         value = self.table("study").get("viewpoints")
         if value is None:
             return None
-        return viewpoint_items(
-            value if isinstance(value, str) else self.texts("study.viewpoints", value)
-        )
+        texts = value if isinstance(value, str) else self.texts("study.viewpoints", value)
+        try:
+            return viewpoint_items(texts)
+        except InimError as error:
+            raise self.wrong("study.viewpoints", str(error)) from None
 
     def displays(self) -> tuple[NamedDisplay, ...]:
         """Displays in [study]; by default all of the study's own, else each scene's."""

@@ -30,7 +30,14 @@ from inim.display import Display
 from inim.documents import read_document
 from inim.documents.algorithms import UnitDocument
 from inim.documents.document import encode
-from inim.errors import FileError, InimError, OutOfMemoryError, UsageError, WorkerError
+from inim.errors import (
+    FileError,
+    InimError,
+    OutOfMemoryError,
+    UsageError,
+    ViewpointError,
+    WorkerError,
+)
 from inim.generators import SCENE_ALGORITHMS, is_own, parse_algorithm
 from inim.lens import foreign_identity
 from inim.metrics import foreign_identities
@@ -127,6 +134,10 @@ def expand(study: Study, out: Path, allow_folders: tuple[Path, ...] = ()) -> lis
                 unit = Unit(scene, display.name, label, request)
                 try:
                     unit = unit.planned(*display.with_settings(definitions, str(study.path)))
+                except ViewpointError as error:
+                    place = "" if study.viewpoints is None else "study.viewpoints: "
+                    errors.append(UsageError(f"{study.path}: {place}{error}"))
+                    unit = replace(unit, error=str(errors[-1]))
                 except InimError as error:
                     unit = replace(unit, error=str(error))
                     errors.append(error)

@@ -31,6 +31,7 @@ from typing import Any
 
 from inim.errors import UsageError
 from inim.process import machine
+from inim.process.printing import printable
 from inim.process.python_process import configuration_hidden, end_process
 from inim.sweeps.unit import SweepTask, attempt
 
@@ -95,7 +96,7 @@ class Progress:
             return
         self._bar.clear()
         try:
-            print(line, flush=True)
+            print(printable(line), flush=True)
         except OSError:  # a closed reader or a full disk must not stop the sweep
             self._quiet = True
         self._bar.refresh()

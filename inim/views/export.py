@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from inim.errors import FileError, UsageError, ViewpointError
+from inim.process.atomic_file import published_together
 
 if TYPE_CHECKING:
     import numpy as np
@@ -165,14 +166,15 @@ def export(
         except ViewpointError as error:
             raise FileError(f"{source}: {error}") from None
     lenses = None if grid is None else _pair("--grid", grid, 10_000)[::-1]
-    if any(outputs):
-        _write_sheet_and_views(chosen, outputs[0], outputs[1], outputs[2], lenses)
     files = [path for path in outputs if path is not None]
-    if request is not None:
-        from inim.views.quilt import render_quilt
+    with published_together():
+        if files:
+            _write_sheet_and_views(chosen, outputs[0], outputs[1], outputs[2], lenses)
+        if request is not None:
+            from inim.views.quilt import render_quilt
 
-        render_quilt(request, quiet=quiet, debug=debug)
-        files.append(request.file)
+            render_quilt(request, quiet=quiet, debug=debug)
+            files.append(request.file)
     if say is not None:
         say(f"exported {chosen.description}")
     return files

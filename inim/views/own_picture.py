@@ -24,7 +24,7 @@ from inim.documents.parts import (
     origin,
 )
 from inim.documents.picture import FittedPicture, PictureAlgorithm, PictureDocument, PictureView
-from inim.errors import FileError, UsageError
+from inim.errors import FileError, UsageError, naming
 from inim.files.eia_file import write_eia
 from inim.files.image import read_rgbd, write_png, write_rgbd
 from inim.from_camera.fit import empty_share
@@ -175,8 +175,6 @@ def _check_picture(rgbd: RGBD, display: Display, name: str) -> None:
         raise FileError(f"{name}: is empty; give a picture with covered pixels")
     if outside_depth_range(rgbd, display) > MOST_OUTSIDE:
         raise FileError(f"{name}: {outside_depth_text(rgbd, display)}")
-    if not np.isfinite(rgbd.palette).all():
-        raise FileError(f"{name}: has colours that are not finite; replace them")
 
 
 def run_job(plan: _PicturePlan, staging: Path, observer: Observer) -> bool:
@@ -185,7 +183,8 @@ def run_job(plan: _PicturePlan, staging: Path, observer: Observer) -> bool:
     observer.stage("start")
     renderer = Renderer(request.backend, observer)
     rgbd = read_rgbd(staging / "rgbd.exr")
-    results = _evaluate(plan, rgbd, staging, renderer)
+    with naming(request.path):
+        results = _evaluate(plan, rgbd, staging, renderer)
     observer.stage("write")
     write_rgbd_pngs(staging, rgbd, display)
     data = PictureDocument(

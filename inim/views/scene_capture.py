@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from inim.display import Display
+from inim.errors import naming
 from inim.files.eia_file import shows_holes
 from inim.files.image import read_rgbd, write_rgbd
 from inim.generators.registry import Input
@@ -62,7 +63,11 @@ def generate_from_scene(
     shape, pixel_mm = design.capture_shape(per_pitch), design.capture_pixel_mm(per_pitch)
     generator = GeneratorHandle(algorithm, design, shape, pixel_mm)
     place = Path(tempfile.gettempdir())
-    with temporary_folder(place, "inim-capture-") as folder, ThreadPoolExecutor(1) as thread:
+    with (
+        naming(path),
+        temporary_folder(place, "inim-capture-") as folder,
+        ThreadPoolExecutor(1) as thread,
+    ):
 
         def make_request() -> CaptureRequest:
             _ = generator.generator  # checks the algorithm's options
@@ -73,7 +78,7 @@ def generate_from_scene(
         job = f"{__name__}:run_job"
         run_in_worker(job, make_request, nullcontext(folder), about=str(path), debug=debug)
         rgbd = read_rgbd(folder / _PICTURE)
-    return rgbd, design, generator.run(rgbd, holes=shows_holes(design))
+        return rgbd, design, generator.run(rgbd, holes=shows_holes(design))
 
 
 def _dot(display: Display, shape: tuple[int, int], pixel_mm: float) -> RGBD:

@@ -9,13 +9,11 @@ import contextlib
 import fcntl
 import io
 import json
-import logging
 import os
 import pickle
 import sys
 import threading
 import traceback
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,6 +22,7 @@ from typing import IO, Any
 from inim.errors import InimError, unexpected_error
 from inim.process import machine
 from inim.process.observer import Observer, OnStage
+from inim.process.printing import printable, quiet_libraries
 from inim.process.python_process import exit_with_parent
 from inim.process.user_paths import AbsolutePathPickler, remember_user_paths, user_text
 from inim.worker.output import lock_folder
@@ -93,7 +92,7 @@ class ConsoleObserver(Observer):
             return
         if self._bar is not None:
             self._bar.clear()
-        print(user_text(text), flush=True)
+        print(printable(user_text(text)), flush=True)
 
     def _redraw(self) -> None:
         """Update the remaining time during stages of many seconds."""
@@ -207,10 +206,10 @@ def serve(job: Job, channel: int, run_job: RunJob) -> None:
     os.environ.update(job.variables)  # chosen after this process started
     exit_with_parent()
     sys.stdout = _TolerantOutput(sys.stdout)
+    ended = contextlib.ExitStack()
     if not job.debug:
         # Libraries must not write to stderr, where an error is a single line.
-        warnings.simplefilter("ignore")
-        logging.getLogger().addHandler(logging.NullHandler())
+        ended.enter_context(quiet_libraries())
         own = os.fdopen(os.dup(2), "w", errors="backslashreplace", buffering=1)
         sys.stderr = _FilteredErrors(own)
         silence = os.open(os.devnull, os.O_WRONLY)
@@ -218,6 +217,7 @@ def serve(job: Job, channel: int, run_job: RunJob) -> None:
         os.close(silence)
     # Closing the channel of a supervisor that ended writes unread messages again.
     with (
+        ended,
         contextlib.suppress(BrokenPipeError),
         os.fdopen(channel, "w", encoding="utf-8") as outcome_channel,
         # If the supervisor is killed, the next run must not remove the folder meanwhile.

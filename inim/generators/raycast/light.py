@@ -169,7 +169,8 @@ class Diffusion(NamedTuple):
         is_surface = self.front > -np.inf
         farthest = float(np.abs(self.front[is_surface]).max(initial=0))
         for stride in _strides((max(self.footprint) * farthest) ** 2 / 12 - self.present):
-            light = self._pass(light, (0, stride * stride / 4), stride)
+            if stride == 1 or stride < max(self.front.shape[1:]):  # farther there is no pixel
+                light = self._pass(light, (0, stride * stride / 4), stride)
         return light
 
     def sharpen(self, roots: np.ndarray) -> np.ndarray:

@@ -179,7 +179,7 @@ class FileMethod(Method):
     def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:  # noqa: ARG002
         """See `Method`."""
         display = setup.camera.scene.display
-        eia, nonempty = read_eia(self.path, display)
+        eia, nonempty = read_eia(self.path, display, only_finite=False)
         holes = hole_fraction(None if nonempty is None else ~nonempty, display, setup.mask)
         return lambda *_: GeneratedEIA(NoisyImage.from_image(eia), None, holes)
 
