@@ -180,10 +180,12 @@ def _check_size(display: Display, shape: PictureShape, pixel_mm: float) -> None:
             "to this display"
         )
     picture_mm = max(shape) * pixel_mm
-    if picture_mm < min(display.pixel_pitch_mm, display.pitch_mm):
+    # Rays of neighbouring panel pixels are a panel pixel apart at the distance of the gap.
+    nearest_mm = min(map(abs, display.depth_range_mm))
+    if picture_mm < display.pixel_pitch_mm * min(nearest_mm / display.gap_mm, 1):
         raise UsageError(
-            f"pixel_mm = {pixel_mm:g}: the whole picture is {picture_mm:.3g} mm wide, less than a "
-            f"panel pixel; correct the picture's pixel size, or fit it to this display"
+            f"pixel_mm = {pixel_mm:g}: the whole picture is {picture_mm:.3g} mm wide, which is "
+            "between the rays of a lens; correct the picture's pixel size, or fit it to this display"
         )
 
 
