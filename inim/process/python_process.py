@@ -16,7 +16,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from importlib.machinery import PathFinder
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import inim
 from inim.process.atomic_file import file_errors, temporary_folder
@@ -118,16 +118,18 @@ def _end_and_close(process: subprocess.Popen[Any]) -> None:
 
 
 def exit_with_parent() -> None:
-    """End this process as soon as its parent has ended and thereby closed its stdin.
-
-    Its empty folder is removed, which the parent does otherwise (`rendering_process`).
-    """
+    """End this process as soon as its parent has ended and thereby closed its stdin."""
     threading.Thread(target=_wait_for_parent, daemon=True).start()
 
 
 def _wait_for_parent() -> None:
     while os.read(0, 1):
         pass
+    exit_as_orphan()
+
+
+def exit_as_orphan() -> NoReturn:
+    """End this process, and remove its empty folder, which a parent that was killed has left."""
     with suppress(OSError):
         os.rmdir(os.getcwd())  # noqa: PTH106, PTH109
     os._exit(1)

@@ -23,7 +23,7 @@ from inim.errors import InimError, unexpected_error
 from inim.process import machine
 from inim.process.observer import Observer, OnStage
 from inim.process.printing import printable, quiet_libraries
-from inim.process.python_process import exit_with_parent
+from inim.process.python_process import exit_as_orphan, exit_with_parent
 from inim.process.user_paths import AbsolutePathPickler, remember_user_paths, user_text
 from inim.worker.output import lock_folder
 
@@ -239,5 +239,5 @@ def read_job() -> Job:
         job: Job = pickle.load(sys.stdin.buffer)
         remember_user_paths(pickle.load(sys.stdin.buffer))
     except (EOFError, pickle.UnpicklingError):
-        os._exit(1)
+        exit_as_orphan()
     return job

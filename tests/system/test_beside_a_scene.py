@@ -160,9 +160,9 @@ def test_a_child_in_another_folder_finds_the_caller_s_relative_folders(tmp_path,
 
 CHILD = """
 import os, time
-from inim.process.python_process import exit_with_parent
-exit_with_parent()
+from inim.worker.serve import exit_with_parent, read_job
 print(os.getcwd(), os.listdir(), flush=True)
+WAITING
 time.sleep(60)
 """
 PARENT = """
@@ -175,10 +175,12 @@ with rendering_process(python_code(sys.argv[1]), {}, **pipes) as process:
 """
 
 
+@pytest.mark.parametrize("waiting", ["exit_with_parent()", "read_job()"])
 @pytest.mark.parametrize("end", ["pass", "os.kill(os.getpid(), signal.SIGKILL)"])
-def test_the_empty_folder_of_a_renderer_is_removed_however_its_parent_ends(tmp_path, end):
+def test_the_empty_folder_of_a_renderer_is_removed_however_its_parent_ends(tmp_path, end, waiting):
     env = child_environment() | {"TMPDIR": str(tmp_path)}
-    ended = run_child(python_code(PARENT.replace("END", end), CHILD), env=env)
+    child = CHILD.replace("WAITING", waiting)
+    ended = run_child(python_code(PARENT.replace("END", end), child), env=env)
     folder, content = ended.stdout.split()
     assert (Path(folder).parent, content) == (tmp_path, "[]")
     deadline = time.monotonic() + 60
