@@ -117,10 +117,10 @@ def _command(place: str, *words: str) -> Read:
 
     def read_path(path: Path) -> None:
         from inim.cli import main
-        from inim.views import frames
+        from inim.views import quilt
 
-        # Frames are no matter of a document; what is looked at before them is.
-        frames.run_in_worker = lambda _, check, *__, **___: check()
+        # Views are no matter of a document; what is looked at before them is.
+        quilt.run_in_worker = lambda _, check, *__, **___: check()
         printed = io.StringIO()
         try:
             os.chdir(path.parent)
