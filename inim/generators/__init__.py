@@ -184,8 +184,8 @@ def _check_size(display: Display, shape: PictureShape, pixel_mm: float) -> None:
     nearest_mm = min(map(abs, display.depth_range_mm))
     if picture_mm < display.pixel_pitch_mm * min(nearest_mm / display.gap_mm, 1):
         raise UsageError(
-            f"pixel_mm = {pixel_mm:g}: the whole picture is {picture_mm:.3g} mm wide, which is "
-            "between the rays of a lens; correct the picture's pixel size, or fit it to this display"
+            f"pixel_mm = {pixel_mm:g}: the whole picture is {picture_mm:.3g} mm wide, less "
+            "than the rays of a lens are apart; correct its pixel size, or fit it to this display"
         )
 
 
