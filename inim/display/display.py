@@ -44,7 +44,7 @@ from inim.display.pixels import (
     pixel_rays,
     row_blocks,
 )
-from inim.errors import DisplayError, suggest_words
+from inim.system.errors import DisplayError, suggest_words
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -249,6 +249,13 @@ class Display:
     veiling_glare: float = 0.0
     white_point_k: float | None = None
     name: str = "custom"
+
+    @classmethod
+    def field_meanings(cls) -> dict[str, str]:
+        """Meanings of the parameters, by name."""
+        settings = import_module("inim.display.settings").Settings
+        meanings: dict[str, str] = settings.field_meanings()
+        return meanings | {"name": "its name"}
 
     def __post_init__(self) -> None:
         # msgspec leaves absent fields to the class, and omits them when it encodes the display.
@@ -664,7 +671,7 @@ class Display:
         FileError
             The file cannot be written.
         """
-        _call("inim.settings", "save_display", self, Path(path))
+        _call("inim.display.settings", "save_display", self, Path(path))
 
     def _repr_svg_(self) -> str:
         """Plan view, for notebooks."""

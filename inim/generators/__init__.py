@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.errors import OutOfMemoryError, UsageError
 from inim.generators.base import (
     HOLE,
     MASKED,
@@ -58,8 +57,9 @@ from inim.generators.registry import (
     properties,
 )
 from inim.image.rgbd import RGBD, CameraRGBDs
-from inim.process.machine import memory_limit_bytes
-from inim.scene.file import display_of
+from inim.render.scene_files.file import display_of
+from inim.system.errors import OutOfMemoryError, UsageError
+from inim.system.process.machine import memory_limit_bytes
 
 __all__ = [
     "COLOURS",

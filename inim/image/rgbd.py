@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.errors import UsageError
+from inim.system.errors import UsageError
 
 # Largest side of a picture in a notebook.
 _THUMBNAIL_PX = 256
@@ -285,7 +285,7 @@ class Camera:
     ) -> Camera:
         """A perspective camera.
 
-        * `intrinsics`, (fx, fy, cx, cy): in pixels; see `inim.from_camera.fit.Pinhole`.
+        * `intrinsics`, (fx, fy, cx, cy): in pixels; see `inim.apps.own_picture.fit.Pinhole`.
         * `display_from_camera`, (3, 4): affine map from the camera's frame: x to the right, y down,
           z away from the camera.
         """

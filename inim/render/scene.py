@@ -14,23 +14,23 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
-from inim.errors import FileError, SceneError
-from inim.files import utf8_name
-from inim.files.mesh import read_shape
-from inim.files.picture import check_volume, read_texture
-from inim.files.splat_ply import SPLAT_SHAPES, check_splats
-from inim.files.triangle_mesh import Mesh, read_bytes
-from inim.process.machine import memory_limit_bytes
-from inim.process.observer import Observer
+from inim.image.files.picture import check_volume, read_texture
 from inim.render import splats
 from inim.render.culling import BoundsGrid, world_points
+from inim.render.library import mi
+from inim.render.meshes.mesh import read_shape
+from inim.render.meshes.splat_ply import SPLAT_SHAPES, check_splats
+from inim.render.meshes.triangle_mesh import Mesh, read_bytes
 from inim.render.rays import NonSeparableRays, SeparableRays
+from inim.render.scene_files.file import SceneFile
 from inim.render.trace import FilmCamera
-from inim.scene.file import SceneFile
+from inim.system.errors import FileError, SceneError
+from inim.system.files import utf8_name
+from inim.system.process.machine import memory_limit_bytes
+from inim.system.process.observer import Observer
 
 # Keep the relic this share of the range clear of both ends: a depth equal to z_min in float64
 # falls below it in float32, and whole surfaces become holes.

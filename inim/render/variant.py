@@ -6,13 +6,11 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
 
-import drjit as dr
-import mitsuba as mi
-
-from inim import backend as backends
-from inim.errors import BackendError, UsageError
-from inim.plugins import PluginModule
 from inim.render import counter_sampler, display_emitter, scene, sensors
+from inim.render.library import dr, mi
+from inim.system import backend as backends
+from inim.system.errors import BackendError, UsageError
+from inim.system.plugins import PluginModule
 
 # With one thread Mitsuba's own file readers hang, and Embree builds crawl.
 _FEWEST_THREADS = 2
@@ -42,7 +40,7 @@ def _check_version(backend: backends.Backend) -> None:
     if backend.name == "llvm" and loaded != backend.libllvm_version:
         raise BackendError(
             f"LLVM {backend.libllvm_version} was chosen, and Dr.Jit is loaded already, with "
-            f"{loaded}; import inim.render before drjit"
+            f"{loaded}; import inim.render.library before drjit"
         )
 
 

@@ -12,11 +12,11 @@ import re
 from collections.abc import Mapping
 from typing import Any, Literal, TypeGuard
 
-from inim.documents.parts import Check
-from inim.documents.picture import PictureDocument
-from inim.documents.report import ReportDocument
 from inim.generators.registry import is_optimal
-from inim.metrics import HEADLINE, Metric, all_metrics, find, preferred_algorithm, psnr
+from inim.report.document import ReportDocument
+from inim.report.picture_document import PictureDocument
+from inim.scores.document_parts import Check
+from inim.scores.metrics import HEADLINE, Metric, all_metrics, find, preferred_algorithm, psnr
 
 ScoreKind = Literal["scene", "reference", "relic", "relic to reference", "eia"]
 

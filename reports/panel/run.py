@@ -21,12 +21,10 @@ import numpy as np
 from scipy.ndimage import convolve1d
 
 import inim
+from inim.apps.inspect.geometry import COVER_GLASS, diffraction_px
 from inim.display import Display
 from inim.display.layers import excess_mm
 from inim.image.noisy_image import NoisyImage
-from inim.inspection.geometry import COVER_GLASS, diffraction_px
-from inim.metrics import relic_region
-from inim.metrics.ssim import ssim
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.stages.capture import capture_relic
@@ -34,7 +32,9 @@ from inim.pipeline.stages.ground_truth import render_ground_truth_eia, render_vi
 from inim.pipeline.stages.reconstruction import reconstruct_views
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
-from inim.process.observer import Observer
+from inim.scores.metrics import relic_region
+from inim.scores.metrics.ssim import ssim
+from inim.system.process.observer import Observer
 
 ALGORITHM = "template"
 # Panel pixels to either side that the pattern of diffraction reaches: 99.9 % of the light.

@@ -25,12 +25,12 @@ from xml.etree import ElementTree
 
 import pytest
 
-from inim import timing
-from inim.cli import main
-from inim.files.image import read_exr_channels
+from inim.cli.main import main
+from inim.image.files.image import read_exr_channels
+from inim.pipeline import timing
 from inim.report import sections
-from inim.worker import supervisor
-from inim.worker.serve import answer
+from inim.system.worker import supervisor
+from inim.system.worker.serve import answer
 from tests.conftest import scene_text, sphere, square
 from tests.schemas import read_document
 

@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim.errors import EXIT_PASSED, EXIT_USAGE
-from inim.files.image import read_exr, write_rgbd
+from inim.image.files.image import read_exr, write_rgbd
 from inim.image.rgbd import RGBD
-from inim.process.python_process import child_environment, python_code, python_module
+from inim.system.errors import EXIT_PASSED, EXIT_USAGE
+from inim.system.process.python_process import child_environment, python_code, python_module
 from tests.conftest import scene_text, square
 from tests.schemas import read_document
 from tests.system.conftest import (
@@ -71,7 +71,7 @@ def test_modules_in_the_current_folder_are_not_executed(trapped, start):
     if start == "script":  # as the one that pip installs
         words = [sys.executable, str(trapped / "bin" / "inim"), "validate", "-o", "out"]
         (trapped / "bin").mkdir()
-        script = "import sys\nfrom inim.cli import main\nsys.exit(main())\n"
+        script = "import sys\nfrom inim.cli.main import main\nsys.exit(main())\n"
         (trapped / "bin" / "inim").write_text(script)
     else:  # Python itself has found the package by then; the worker is that of the script
         words = [sys.executable, "-m", "inim.validate", "-o", "tiny.xml"]
@@ -160,14 +160,14 @@ def test_a_child_in_another_folder_finds_the_caller_s_relative_folders(tmp_path,
 
 CHILD = """
 import os, time
-from inim.worker.serve import exit_with_parent, read_job
+from inim.system.worker.serve import exit_with_parent, read_job
 print(os.getcwd(), os.listdir(), flush=True)
 WAITING
 time.sleep(60)
 """
 PARENT = """
 import os, signal, subprocess, sys
-from inim.process.python_process import python_code, rendering_process
+from inim.system.process.python_process import python_code, rendering_process
 pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
 with rendering_process(python_code(sys.argv[1]), {}, **pipes) as process:
     print(process.stdout.readline().decode(), flush=True)

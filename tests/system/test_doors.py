@@ -19,10 +19,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.documents import write_document
-from inim.errors import EXIT_BASELINE, EXIT_USAGE, FileError
-from inim.files import open_file
-from inim.files.image import silence_output
+from inim.image.files.image import silence_output
+from inim.system.document import write_document
+from inim.system.errors import EXIT_BASELINE, EXIT_USAGE, FileError
+from inim.system.files import open_file
 from tests.conftest import scene_text
 from tests.schemas import completed, report_document
 from tests.system.conftest import assert_one_line, run_here, write_scene
@@ -257,7 +257,7 @@ def test_a_file_that_is_put_in_place_of_another_is_looked_at_once_it_is_open(tmp
 @pytest.mark.parametrize("kind", ["color", "depth"])
 def test_a_damaged_tiff_is_one_line(kind, flipped, tmp_path, capfd):
     """Expected: libtiff's own words on descriptor 2, up to hundreds of lines, are not heard."""
-    from inim.from_camera.picture_files import read_color, read_depth
+    from inim.apps.own_picture.picture_files import read_color, read_depth
 
     path = tmp_path / "x.tif"
     codes = np.random.default_rng(1).integers(0, 255, (64, 64, 3)).astype(np.uint8)

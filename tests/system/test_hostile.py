@@ -25,17 +25,17 @@ import OpenEXR
 import pytest
 from PIL import Image
 
-from inim.errors import EXIT_PASSED, FileError, InimError, SceneError, UsageError
-from inim.files.eia_file import read_eia
-from inim.files.image import read_exr, read_rgbd, write_exr, write_rgbd
-from inim.files.mesh import read_mesh
-from inim.files.picture import read_texture
-from inim.files.ply import write_ply
-from inim.files.triangle_mesh import Mesh, add_vertex_normals
 from inim.image.color import linear_from_srgb
+from inim.image.files.eia_file import read_eia
+from inim.image.files.image import read_exr, read_rgbd, write_exr, write_rgbd
+from inim.image.files.picture import read_texture
 from inim.image.rgbd import RGBD
-from inim.scene.file import FILE_PARAMETERS, SceneFile, read_scene_file
-from inim.scene.parameters import SceneParameters
+from inim.render.meshes.mesh import read_mesh
+from inim.render.meshes.ply import write_ply
+from inim.render.meshes.triangle_mesh import Mesh, add_vertex_normals
+from inim.render.scene_files.file import FILE_PARAMETERS, SceneFile, read_scene_file
+from inim.render.scene_files.parameters import SceneParameters
+from inim.system.errors import EXIT_PASSED, FileError, InimError, SceneError, UsageError
 from tests.conftest import box_surface, scene_text, small_display, sphere, square
 from tests.schemas import read_document
 from tests.system.conftest import write_scene

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.cli import COMMANDS
-from inim.errors import EXIT_BACKEND, EXIT_PASSED, OutOfMemoryError
-from inim.process import machine
+from inim.cli.main import COMMANDS
+from inim.system.errors import EXIT_BACKEND, EXIT_PASSED, OutOfMemoryError
+from inim.system.process import machine
 from tests.system.conftest import Ended, assert_one_line, run_child
 
 KINDS = {"ulimit -v": resource.RLIMIT_AS, "ulimit -d": resource.RLIMIT_DATA}

@@ -14,19 +14,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim.cli import main
-from inim.errors import FileError, InimError, OutOfMemoryError, UsageError
-from inim.files import utf8_name
-from inim.files.eia_file import write_eia
-from inim.files.image import write_exr_parts, write_rgbd
+from inim.apps.sweep.study import read_study
+from inim.apps.sweep.unit import expand
+from inim.cli.main import main
 from inim.generators import algorithm_names, prepare
+from inim.image.files.eia_file import write_eia
+from inim.image.files.image import write_exr_parts, write_rgbd
 from inim.image.rgbd import RGBD
-from inim.process.atomic_file import published_together, write_atomically
-from inim.process.printing import printable
 from inim.report.page import text
 from inim.report.summary import markdown_text
-from inim.sweeps.study import read_study
-from inim.sweeps.unit import expand
+from inim.system.errors import FileError, InimError, OutOfMemoryError, UsageError
+from inim.system.files import utf8_name
+from inim.system.process.atomic_file import published_together, write_atomically
+from inim.system.process.printing import printable
 from tests.conftest import scene_text, small_display, sphere
 
 DISPLAY = small_display()
@@ -286,9 +286,9 @@ def commands_of_several_files(folder: Path) -> dict[str, tuple[list[object], str
     out = folder / "out"
     return {
         "generate": (["generate", picture, *TINY, "-o", out / "e.png", "--pdf", out / "e.pdf",
-                      "--save-rgbd", out / "r.exr"], "inim.files.image.write_rgbd"),
+                      "--save-rgbd", out / "r.exr"], "inim.image.files.image.write_rgbd"),
         "export": (["export", eia, *TINY, "--pdf", out / "e.pdf", "--views", out / "views"],
-                   "inim.views.export._write_views"),
+                   "inim.apps.export.export._write_views"),
         "inspect": (["inspect", "nominal", "-o", out / "i", "--save", out / "d.xml"],
                     "inim.display.Display.save"),
     }  # fmt: skip

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inim.apps.stress.pictures import noise, solids_of
 from inim.display import DISPLAYS, Display
-from inim.errors import UsageError
 from inim.generators import (
     HOLE,
     NO_LENS,
@@ -31,8 +31,8 @@ from inim.generators.wang2024 import _match_all
 from inim.image.color import srgb_from_linear
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.generation import run_generator
-from inim.scene.two_spheres import two_spheres, two_spheres_eia
-from inim.stress.pictures import noise, solids_of
+from inim.render.scene_files.two_spheres import two_spheres, two_spheres_eia
+from inim.system.errors import UsageError
 from tests import oracle
 from tests.conftest import small_display
 

@@ -12,13 +12,13 @@ import pytest
 from PIL import Image
 
 import inim
-from inim.cli import main
+from inim.apps.pickup.lattice import find_lattice
+from inim.cli.main import main
 from inim.display import DISPLAYS
 from inim.display.pixels import pixel_rays
-from inim.errors import FileError, UsageError
-from inim.files.eia_file import read_eia
-from inim.from_camera.lattice import find_lattice
-from inim.scene.file import choose_display
+from inim.image.files.eia_file import read_eia
+from inim.render.scene_files.file import choose_display
+from inim.system.errors import FileError, UsageError
 
 ROW_RATIO = {"square": 1.0, "hexagonal": math.sqrt(3) / 2}
 OVERSAMPLING = 3

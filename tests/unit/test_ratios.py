@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS, Display
+from inim.display.lens.full import _Sheet
 from inim.display.pixels import exact_ratio
-from inim.files.light_field import view_grid
 from inim.generators import find_sources, gu2020, wang2024
 from inim.generators.base import HOLE
 from inim.generators.raycast.phases import cells_per_pitch
+from inim.image.files.light_field import view_grid
 from inim.image.rgbd import RGBD
-from inim.lens.full import _Sheet
 from tests import oracle
 from tests.conftest import small_display
 from tests.generator_cases import OFF_IN_EVERY_WAY

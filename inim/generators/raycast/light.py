@@ -22,10 +22,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.backend.kernels import compiled, share_rows
 from inim.generators.raycast.columns import STEEPEST
 from inim.generators.raycast.simd import choose, less, load4, minus, plus, same4, store, times
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.system.backend.kernels import compiled, share_rows
 
 #: Steps of light from black to white. Even the darkest codes are five steps apart.
 STEPS = 2**14 - 1
