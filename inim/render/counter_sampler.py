@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from inim.render.library import dr, mi
+import drjit as dr
+import mitsuba as mi
 
 PLUGIN = "inim_counter"
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from inim.documents.document import write_listed
 from inim.report.page import (
     Section,
     bullets,
@@ -20,7 +21,6 @@ from inim.report.page import (
 )
 from inim.report.plots import save
 from inim.report.summary import markdown_command, markdown_line, markdown_section
-from inim.system.document import write_listed
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,9 @@ import json
 import re
 from xml.etree import ElementTree
 
-from inim.apps.bench.document import (
+from inim.bench.evaluate import all_scores
+from inim.display import DISPLAYS
+from inim.documents.algorithms import (
     BenchAlgorithm,
     BenchDocument,
     BenchRounds,
@@ -13,10 +15,8 @@ from inim.apps.bench.document import (
     Load,
     TimingRecord,
 )
-from inim.apps.bench.evaluate import all_scores
-from inim.apps.bench.page import bench_page, scene_parts, write_bench
-from inim.display import DISPLAYS
-from inim.scores.document_parts import BackendRecord, DisplayRecord, PictureShape
+from inim.documents.parts import BackendRecord, DisplayRecord, PictureShape
+from inim.report.bench import bench_page, scene_parts, write_bench
 
 SCORED = ("eia_ssim", "eia_psnr_db", "view_ssim_to_reference")
 

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display, Viewpoint
-from inim.display.lens import check_lens_model
+from inim.errors import DisplayError
 from inim.generators import prepare
 from inim.image.rgbd import RGBD
+from inim.lens import check_lens_model
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.generation import run_generator
-from inim.pipeline.timing import (
+from inim.timing import (
     REFERENCE_KERNEL,
     Rounds,
     prepare_method,
@@ -22,7 +23,6 @@ from inim.pipeline.timing import (
     time_calls,
     to_srgb_rgba,
 )
-from inim.system.errors import DisplayError
 
 _ALGORITHM = "template"
 # Without `full`: it scatters rays between the lenses, so views may observe the whole EIA.

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from inim.apps.stress.pictures import (
+from inim.display import Display
+from inim.stress.pictures import (
     MOUNTINGS,
     SHAPES,
     PictureCase,
@@ -28,7 +29,6 @@ from inim.apps.stress.pictures import (
     tied_picture,
     window,
 )
-from inim.display import Display
 
 
 @dataclass(frozen=True)

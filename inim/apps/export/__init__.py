@@ -1,1 +1,0 @@
-"""Virtual displays, PDFs, sub-aperture views and quilts of EIAs."""

@@ -1,1 +1,0 @@
-"""EIAs from raw pictures and from photographs through a lens array."""

@@ -1,1 +1,0 @@
-"""Stress run: oracles and relations for any algorithm."""

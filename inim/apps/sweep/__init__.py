@@ -1,1 +1,0 @@
-"""Validations of all combinations of a study's values, in one table."""

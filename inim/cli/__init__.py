@@ -1,1 +1,0 @@
-"""Entry points, and the commands that validate scenes and compare reports."""

@@ -1,1 +1,0 @@
-"""Picture files: colour, depth, EIAs and light fields."""

@@ -1,1 +1,0 @@
-"""Mesh and splat files."""

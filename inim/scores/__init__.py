@@ -1,1 +1,0 @@
-"""Metrics, statistics of regression, and checks."""

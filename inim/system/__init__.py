@@ -1,1 +1,0 @@
-"""Errors, processes, caches, the renderer library, other packages' plugins, and documents."""

@@ -1,0 +1,1 @@
+"""Quilts, and validation of a picture without a scene."""
