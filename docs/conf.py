@@ -14,7 +14,7 @@ sys.path.insert(0, str(HERE))
 
 import generate  # noqa: E402
 
-from inim.version import __version__  # noqa: E402
+from inim.system.version import __version__  # noqa: E402
 
 generate.write(HERE)
 

@@ -16,12 +16,12 @@ from typing import Any
 
 from PIL import Image
 
-from inim.cli import COMMANDS
-from inim.documents import NAMES, schema
+from inim.apps.sweep.table import columns_as_markdown
+from inim.cli.main import COMMANDS
+from inim.cli.schemas import NAMES, schema
+from inim.display.settings import setting_table
 from inim.pipeline.stages.method import algorithm_table
-from inim.settings import setting_table
-from inim.sweeps.table import columns_as_markdown
-from inim.views.page import view_eia
+from inim.report.view_page import view_eia
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the project's own folders
 from reports.gallery.page import gallery_page
@@ -61,7 +61,7 @@ def _commands() -> str:
     os.environ["COLUMNS"] = "88"
     parts = []
     for name, module in COMMANDS.items():
-        command = import_module(f"inim.commands.{module}").COMMANDS[name]
+        command = import_module(f"inim.pipeline.options.{module}").COMMANDS[name]
         parser = argparse.ArgumentParser(prog=f"inim {name}")
         command.add_arguments(parser)
         parts.append(f"## inim {name}\n\n{command.summary}\n\n```text\n{parser.format_help()}```\n")

@@ -6,32 +6,33 @@ loaded when first used.
 
 from __future__ import annotations
 
-from inim.version import __version__
+from inim.apps import FUNCTIONS
+from inim.system.version import __version__
 
 # A program that imports nothing else here heeds signals some milliseconds earlier.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
+    from inim.apps.export.export import export as export
+    from inim.apps.inspect.findings import inspect as inspect
+    from inim.apps.pickup.elemental_images import pickup as pickup
+    from inim.apps.sweep.run import sweep as sweep
     from inim.display import DISPLAYS as DISPLAYS
     from inim.display import Display as Display
     from inim.display.viewpoint import Viewpoint as Viewpoint
-    from inim.files.image import read_rgbd as read_rgbd
-    from inim.files.image import save_image as save_image
-    from inim.from_camera.elemental_images import pickup as pickup
     from inim.generators import generate as generate
     from inim.image.color import to_srgb as to_srgb
+    from inim.image.files.image import read_rgbd as read_rgbd
+    from inim.image.files.image import save_image as save_image
     from inim.image.rgbd import RGBD as RGBD
-    from inim.inspection.findings import inspect as inspect
-    from inim.metrics import score as score
     from inim.pipeline.launch import validate as validate
     from inim.render.reconstruct import reconstruct as reconstruct
+    from inim.render.scene_files.new_scene import new_scene as new_scene
     from inim.render.variant import register_plugins as register_plugins
     from inim.report import Report as Report
     from inim.report.score_table import compare_algorithms as compare_algorithms
-    from inim.scene.new_scene import new_scene as new_scene
-    from inim.sweeps import sweep as sweep
-    from inim.views.export import export as export
+    from inim.scores.metrics import score as score
 
 _HOME = {
     "DISPLAYS": "inim.display",
@@ -40,22 +41,18 @@ _HOME = {
     "Report": "inim.report",
     "Viewpoint": "inim.display",
     "compare_algorithms": "inim.report.score_table",
-    "export": "inim.views.export",
     "generate": "inim.generators",
-    "inspect": "inim.inspection.findings",
-    "new_scene": "inim.scene.new_scene",
-    "pickup": "inim.from_camera.elemental_images",
-    "read_rgbd": "inim.files.image",
+    "new_scene": "inim.render.scene_files.new_scene",
+    "read_rgbd": "inim.image.files.image",
     "reconstruct": "inim.render.reconstruct",
     "register_plugins": "inim.render.variant",
-    "save_image": "inim.files.image",
-    "score": "inim.metrics",
-    "sweep": "inim.sweeps",
+    "save_image": "inim.image.files.image",
+    "score": "inim.scores.metrics",
     "to_srgb": "inim.image.color",
     "validate": "inim.pipeline.launch",
+    **FUNCTIONS,
 }
 
-# Literal, for type checkers and editors.
 __all__ = [
     "DISPLAYS",
     "RGBD",
@@ -64,19 +61,16 @@ __all__ = [
     "Viewpoint",
     "__version__",
     "compare_algorithms",
-    "export",
     "generate",
-    "inspect",
     "new_scene",
-    "pickup",
     "read_rgbd",
     "reconstruct",
     "register_plugins",
     "save_image",
     "score",
-    "sweep",
     "to_srgb",
     "validate",
+    *FUNCTIONS,
 ]
 
 

@@ -1,6 +1,6 @@
 """`python -m inim`."""
 
-from inim.program import run
+from inim.cli.program import run
 
 if __name__ == "__main__":
     run()

@@ -3,7 +3,7 @@
 import sys
 
 if __name__ == "__main__":
-    from inim.program import run
+    from inim.cli.program import run
 
     run("validate")
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.backend import choose_backend
 from inim.display import Display
-from inim.errors import BackendError
-from inim.settings import plain_parameters
+from inim.display.settings import plain_parameters
+from inim.system.backend import choose_backend
+from inim.system.errors import BackendError
 
 LIT = """
 <integrator type="path"><integer name="max_depth" value="2"/></integrator>
@@ -114,7 +114,7 @@ def renderer() -> object:
 def open_fitted(renderer: object, tmp_path: Path):
     """Open scene text fitted to a display."""
     from inim.render.scene import open_scene
-    from inim.scene.file import read_scene_file
+    from inim.render.scene_files.file import read_scene_file
 
     def opened(text: str, display: Display, fit_share: float = 0.85):
         path = tmp_path / "scene.xml"

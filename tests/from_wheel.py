@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[1]
 
 _HEAD = """
 import numpy as np, inim, pathlib
-from inim.settings import plain_parameters
+from inim.display.settings import plain_parameters
 assert "site-packages" in inim.__file__, inim.__file__
 display = inim.Display(pitch_mm=1, focal_length_mm=3, gap_mm=3.3, pixel_pitch_mm=0.125,
                        lens_columns=12, lens_rows=10)

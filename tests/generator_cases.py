@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
+from inim.apps.stress.pictures import picture_of_depth, solids_of, tied_picture
 from inim.display import Display
 from inim.display.pixels import exact_length
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
-from inim.scene.two_spheres import two_spheres
-from inim.stress.pictures import picture_of_depth, solids_of, tied_picture
+from inim.render.scene_files.two_spheres import two_spheres
 from tests.conftest import small_display
 from tests.skewed_layout import Skewed
 

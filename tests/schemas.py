@@ -11,15 +11,14 @@ import msgspec
 from jsonschema import Draft202012Validator
 from jsonschema.exceptions import best_match
 
-from inim import documents
+from inim.apps.sweep.table import columns
+from inim.cli import schemas
 from inim.display import DISPLAYS
-from inim.documents import NAMES
-from inim.documents.parts import EIA_SCORES, VIEW_SCORES
-from inim.documents.report import ALGORITHM_VIEW_SCORES, ReportDocument
-from inim.settings import Settings
-from inim.sweeps.table import columns
+from inim.display.settings import Settings
+from inim.report.document import ALGORITHM_VIEW_SCORES, ReportDocument
+from inim.scores.document_parts import EIA_SCORES, VIEW_SCORES
 
-schema = cache(documents.schema)
+schema = cache(schemas.schema)
 
 
 def read_document(path: Path) -> dict[str, Any]:
@@ -60,8 +59,8 @@ def _no_number(name: str) -> float:
 @cache
 def validator(named: str) -> Draft202012Validator:
     """Validator of the documents with this schema name, such as ``inim.report/1``."""
-    schemas = {s["properties"]["schema"]["enum"][0]: s for s in map(schema, NAMES)}
-    return Draft202012Validator(schemas[named])
+    by_tag = {s["properties"]["schema"]["enum"][0]: s for s in map(schema, schemas.NAMES)}
+    return Draft202012Validator(by_tag[named])
 
 
 def flat(part: dict[str, Any], name: str) -> dict[str, Any]:

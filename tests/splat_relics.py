@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from inim.files.splat_ply import Splats, write_splats
 from inim.image.color import srgb_from_linear
+from inim.render.meshes.splat_ply import Splats, write_splats
 
 _Y0 = 0.28209479177387814
 

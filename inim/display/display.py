@@ -44,7 +44,7 @@ from inim.display.pixels import (
     pixel_rays,
     row_blocks,
 )
-from inim.errors import DisplayError, suggest_words
+from inim.system.errors import DisplayError, suggest_words
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -76,6 +76,8 @@ TABLES: dict[str, Callable[[Any], tuple[Any, ...]]] = {
 }
 # Pictures hold depths as float32, which end at 3.4e38; products of two lengths are floats still.
 _LONGEST_MM = 1e38
+# Below an atom's size; quotients of lengths are floats still.
+_SHORTEST_MM = 1e-9
 # Far above what a sheet glued by hand misses, and far below where a tilted panel meets its array.
 _STEEPEST_TILT_DEG = 10.0
 # What does not change the ray through a lens's centre: the rest of the lens, and the panel's light.
@@ -116,6 +118,8 @@ def _check_parameter(name: str, kind: str, value: Any) -> Any:
             raise DisplayError(f"{name} = {value:g}: at most {_LONGEST_MM:g} mm are allowed")
         if name in _LENGTHS and value <= 0:
             raise DisplayError(f"{name} = {value}: must be a positive length")
+        if name in _LENGTHS and value < _SHORTEST_MM:
+            raise DisplayError(f"{name} = {value:g}: at least {_SHORTEST_MM:g} mm are needed")
     if name in _WORDS and value not in _WORDS[name]:
         allowed = " or ".join(repr(word) for word in _WORDS[name])
         raise DisplayError(f"{name} = {value!r}: use {allowed}")
@@ -245,6 +249,13 @@ class Display:
     veiling_glare: float = 0.0
     white_point_k: float | None = None
     name: str = "custom"
+
+    @classmethod
+    def field_meanings(cls) -> dict[str, str]:
+        """Meanings of the parameters, by name."""
+        settings = import_module("inim.display.settings").Settings
+        meanings: dict[str, str] = settings.field_meanings()
+        return meanings | {"name": "its name"}
 
     def __post_init__(self) -> None:
         # msgspec leaves absent fields to the class, and omits them when it encodes the display.
@@ -660,7 +671,7 @@ class Display:
         FileError
             The file cannot be written.
         """
-        _call("inim.settings", "save_display", self, Path(path))
+        _call("inim.display.settings", "save_display", self, Path(path))
 
     def _repr_svg_(self) -> str:
         """Plan view, for notebooks."""

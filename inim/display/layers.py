@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from inim.display.parameters import Layers, parse_rows
-from inim.errors import DisplayError
+from inim.system.errors import DisplayError
 
 # Each layer costs the renderer and the virtual display a refraction per ray.
 _MOST_LAYERS = 8

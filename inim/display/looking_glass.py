@@ -23,7 +23,7 @@ from inim.display.display import Display
 from inim.display.layouts import Lenticular
 from inim.display.parameters import Cells
 from inim.display.pixels import MM_PER_INCH, exact_ratio
-from inim.errors import DisplayError, FileError
+from inim.system.errors import DisplayError, FileError
 
 #: Values of `Display.cell_pattern` for CellPatternMode 0 to 4, as in the vendor's Unity plugin.
 #: Another source of the vendor has "rows-of-4" for mode 2 and "columns" for mode 4.

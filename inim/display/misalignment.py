@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from inim.display.display import Display
-from inim.errors import DisplayError, UsageError, suggest_words
+from inim.system.errors import DisplayError, UsageError, suggest_words
 
 #: Kinds of misalignment, with the meaning of a positive number.
 MISALIGNMENTS = {

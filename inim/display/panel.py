@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from inim.errors import DisplayError
+from inim.system.errors import DisplayError
 
 if TYPE_CHECKING:
     from inim.display.display import Display

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from inim.display.cells import cell_centres, cell_offsets, farthest_cell
-from inim.errors import DisplayError
-from inim.image.noisy_image import row_bands
+from inim.system.errors import DisplayError
+from inim.system.row_bands import row_bands
 
 if TYPE_CHECKING:
     from inim.display.display import Display

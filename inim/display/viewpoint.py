@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from inim.display.display import Display
-from inim.errors import UsageError, ViewpointError, suggest_words
+from inim.system.errors import UsageError, ViewpointError, suggest_words
 
 #: Direction of each named viewpoint, in shares of the side step below.
 DEFAULT_VIEWPOINTS = {

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
     MASKED,
@@ -58,7 +57,9 @@ from inim.generators.registry import (
     properties,
 )
 from inim.image.rgbd import RGBD, CameraRGBDs
-from inim.scene.file import display_of
+from inim.render.scene_files.file import display_of
+from inim.system.errors import OutOfMemoryError, UsageError
+from inim.system.process.machine import memory_limit_bytes
 
 __all__ = [
     "COLOURS",
@@ -145,6 +146,7 @@ def prepare(
         fill = one_of(FILL, merged.pop(FILL, default), FILLS)
     if mask is not None:
         check_mask(mask, display)
+    _check_size(display, shape, pixel_mm)
     request = _Preparation(
         definition, display, (shape[0], shape[1]), float(pixel_mm), colour, merged, mask
     )
@@ -156,6 +158,39 @@ def prepare(
     from inim.generators.raycast.fill import FilledFrames
 
     return FilledFrames(generator, lambda: request.prepare("hidden"))
+
+
+def _check_size(display: Display, shape: PictureShape, pixel_mm: float) -> None:
+    """Raise `UsageError` for a picture in which, or of which, no lens shows anything.
+
+    Raises `OutOfMemoryError`: the EIA does not fit into memory.
+    """
+    (rows, columns), limit = display.eia_shape, memory_limit_bytes()
+    if limit and rows * columns * _EIA_BYTES > limit:
+        raise OutOfMemoryError(
+            f"display {display.name}: an EIA of {columns} x {rows} pixels needs more than the "
+            f"{limit / 2**30:.1f} GiB of memory; check pitch_mm = {display.pitch_mm:g} and "
+            f"pixel_pitch_mm = {display.pixel_pitch_mm:g}, or use fewer lenses"
+        )
+    array_mm = max(display.width_mm, display.height_mm)
+    if not 0 < pixel_mm <= array_mm:
+        raise UsageError(
+            f"pixel_mm = {pixel_mm:g}: a pixel of the picture must be above 0 mm and not wider "
+            f"than the lens array, {array_mm:.4g} mm; correct the picture's pixel size, or fit it "
+            "to this display"
+        )
+    picture_mm = max(shape) * pixel_mm
+    # Rays of neighbouring panel pixels are a panel pixel apart at the distance of the gap.
+    nearest_mm = min(map(abs, display.depth_range_mm))
+    if picture_mm < display.pixel_pitch_mm * min(nearest_mm / display.gap_mm, 1):
+        raise UsageError(
+            f"pixel_mm = {pixel_mm:g}: the whole picture is {picture_mm:.3g} mm wide, less "
+            "than the rays of a lens are apart; correct its pixel size, or fit it to this display"
+        )
+
+
+# Linear RGB of a panel pixel, and its source.
+_EIA_BYTES = 16
 
 
 @dataclass(frozen=True)

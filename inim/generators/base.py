@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from inim.display import Display
 from inim.display.pixels import CENTRE, PixelOffset
-from inim.errors import UsageError
-from inim.image.noisy_image import row_bands
 from inim.image.rgbd import RGBD
+from inim.system.errors import UsageError
+from inim.system.row_bands import row_bands
 
 #: A larger share of a picture outside the depth range is most likely in another unit.
 MOST_OUTSIDE = 0.5
@@ -320,7 +320,7 @@ def run_kernel(
     (numbers, flat arrays and named tuples of them), and the map as a flat array, whose initial
     value is `start`.
     """
-    from inim.backend.kernels import share_rows
+    from inim.system.backend.kernels import share_rows
 
     filled = np.full(shape, start, np.int32)
     share_rows(compile_kernel(kernel), turns, *arguments, filled.ravel())
@@ -336,7 +336,7 @@ def compile_kernel(kernel: FunctionType) -> Any:
     interpreter and numba run. With ``NUMBA_DISABLE_JIT=1`` in the environment they run uncompiled:
     the same arithmetic to the bit.
     """
-    from inim.backend import kernels
+    from inim.system.backend import kernels
 
     names = dict(kernel.__globals__)
     for name in kernel.__code__.co_names:

@@ -19,7 +19,6 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.pixels import PixelOffset, exact_ratio, row_blocks
-from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
     PictureShape,
@@ -30,6 +29,7 @@ from inim.generators.base import (
 from inim.generators.raycast.cells import PictureRays
 from inim.generators.registry import algorithm, positive_mm
 from inim.image.rgbd import RGBD
+from inim.system.errors import UsageError
 
 # Ten thousand times finer than the default on usual displays: more is a slip of the keyboard.
 _MOST_STEPS = 1_000_000

@@ -1,11 +1,11 @@
 """Exact first hits in rational numbers: the definition of `template` and `layered`.
 
-Validations of users' own pictures and `inim.stress` score algorithms against this oracle. It shares
-no code with the generators: it collects and sorts all border crossings of a ray, whereas the
-generators walk from cell to cell. Nothing is rounded, so the definition decides ties
-(docs/theory/templates.md). Lengths are the numbers that a person wrote
-(`Display.exact_mm`), a float32 depth is exactly its value, and only the backs of
-columns are float32 arithmetic, by definition.
+Validations of users' own pictures and `inim.apps.stress.run` score algorithms against this oracle.
+It shares no code with the generators: it collects and sorts all border crossings of a ray, whereas
+the generators walk from cell to cell. Nothing is rounded, so the definition decides ties
+(docs/theory/templates.md). Lengths are the numbers that a person wrote (`Display.exact_mm`), a
+float32 depth is exactly its value, and only the backs of columns are float32 arithmetic, by
+definition.
 
 `tests/oracle.py` checks this oracle with a second rational oracle, written independently with
 another method. Both must agree.

@@ -29,11 +29,11 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from inim.errors import UsageError, suggest_words
+from inim.display.settings import value_text
 from inim.generators.base import Generator
 from inim.image.rgbd import RGBD, CameraRGBDs, camera_directions
-from inim.plugins import announced_names, attribute_errors, load
-from inim.settings import value_text
+from inim.system.errors import UsageError, suggest_words
+from inim.system.plugins import announced_names, attribute_errors, load
 
 #: The algorithm of whoever names none; listed first.
 DEFAULT = "template"

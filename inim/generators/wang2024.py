@@ -20,7 +20,6 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.pixels import RATIO_ERROR, PixelOffset, row_blocks
-from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
     PictureShape,
@@ -31,6 +30,7 @@ from inim.generators.base import (
 from inim.generators.raycast.cells import PictureRays, most_cells
 from inim.generators.registry import algorithm, one_of
 from inim.image.rgbd import RGBD
+from inim.system.errors import UsageError
 
 _MATCHINGS = ("matrix", "ray")
 _ROUNDINGS = ("nearest", "up")

@@ -8,7 +8,7 @@ import io
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.image.noisy_image import row_bands
+from inim.system.row_bands import row_bands
 
 # Where the straight part of the curve ends, in linear light and in code value.
 _KNEE = 0.0031308

@@ -12,10 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.errors import UsageError
+from inim.system.errors import UsageError
 
 # Largest side of a picture in a notebook.
 _THUMBNAIL_PX = 256
+# Far beyond any display; numbers of picture pixels on a ray to a greater depth are no integers.
+_FARTHEST_MM = 1e12
 
 
 @dataclass(frozen=True)
@@ -80,10 +82,17 @@ class RGBD:
         pixel: Any = self.pixel_mm
         if not (isinstance(pixel, Real) and 0 < float(pixel) < math.inf):
             raise UsageError(f"RGBD: pixel_mm = {self.pixel_mm!r}; it must be a positive length")
-        if not np.isfinite(depth[covered]).all():
-            bad = int(np.count_nonzero(~np.isfinite(depth[covered])))
+        depths = depth[covered]
+        farthest = float(max(depths.max(initial=0), -depths.min(initial=0)))
+        if not math.isfinite(farthest):
+            bad = int(np.count_nonzero(~np.isfinite(depths)))
             raise UsageError(
                 f"RGBD: {bad} covered pixels have no finite depth; clear `covered` there"
+            )
+        if farthest > _FARTHEST_MM:
+            raise UsageError(
+                f"RGBD: covered depths reach {farthest:.3g} mm, and at most {_FARTHEST_MM:g} are "
+                "allowed; clear `covered` where there is no surface"
             )
         for name, value in (("color", color), ("depth_mm", depth), ("covered", covered)):
             value.flags.writeable = False
@@ -276,7 +285,7 @@ class Camera:
     ) -> Camera:
         """A perspective camera.
 
-        * `intrinsics`, (fx, fy, cx, cy): in pixels; see `inim.from_camera.fit.Pinhole`.
+        * `intrinsics`, (fx, fy, cx, cy): in pixels; see `inim.apps.own_picture.fit.Pinhole`.
         * `display_from_camera`, (3, 4): affine map from the camera's frame: x to the right, y down,
           z away from the camera.
         """

@@ -14,8 +14,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.backend.kernels import compiled
 from inim.image.rgbd import Layer, LayeredRGBD
+from inim.system.backend.kernels import compiled
 
 #: Of a side as tall as the depth range. A panel pixel sees |z| P_D / g across, and of a side, by
 #: the steepest ray, 2 g / P times that: at the central depth plane of `nominal` a tenth of its

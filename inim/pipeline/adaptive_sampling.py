@@ -1,8 +1,8 @@
 """Adaptive sampling: a run uses only the samples that its scores need.
 
 docs/theory/skipping.md describes it. The uncertainty of a score is the half width of its interval
-plus a bound of its bias. The bias estimate of `inim.regression.scores` is correct while the score
-falls linearly with the noise's variance V. SSIM falls less and less as noise grows, so that
+plus a bound of its bias. The bias estimate of `inim.scores.regression.scores` is correct while the
+score falls linearly with the noise's variance V. SSIM falls less and less as noise grows, so that
 estimate is too small. For a bias ``c V^p`` it is ``p c V^p`` at any V; therefore the change of the
 score between rounds, divided by the change of the estimate, is 1 / p.
 
@@ -16,12 +16,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from inim.backend import Backend
-from inim.documents.parts import Check
-from inim.documents.report import AlgorithmResult
+from inim.display.settings import Settings
 from inim.generators.registry import is_optimal
 from inim.image.rgbd import LayeredRGBD
-from inim.metrics import HEADLINE_TO_SCENE, MAIN
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.capture import Capture
 from inim.pipeline.stages.generation import ReferenceOutput
@@ -29,8 +26,11 @@ from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.scoring import MethodResult, Scores
 from inim.pipeline.stages.stage import Run
-from inim.regression.scores import ScoreEstimate, is_above, scatter
-from inim.settings import Settings
+from inim.report.document import AlgorithmResult
+from inim.scores.document_parts import Check
+from inim.scores.metrics import HEADLINE_TO_SCENE, MAIN
+from inim.scores.regression.scores import ScoreEstimate, is_above, scatter
+from inim.system.backend import Backend
 
 if TYPE_CHECKING:
     from inim.pipeline.output import Images

@@ -17,42 +17,43 @@ from typing import Any
 
 import numpy as np
 
-from inim.backend import Backend
-from inim.cache import versions
 from inim.display import Display
-from inim.documents.compare import CompareDocument, Side
-from inim.documents.parts import Check, Checks, Circumstances, Regression, utc_now
-from inim.documents.report import AlgorithmResult
-from inim.errors import BaselineError, UsageError
-from inim.files.image import write_png
+from inim.image.files.image import write_png
 from inim.pipeline.adaptive_sampling import Evaluation
 from inim.pipeline.plan import Plan, conditions_of
 from inim.pipeline.stages.generation import ReferenceOutput
 from inim.pipeline.stages.scoring import Statistics
-from inim.process import machine
-from inim.regression.comparison import (
+from inim.report import Report
+from inim.report.document import AlgorithmResult
+from inim.report.images import ENCODINGS, ReportImages, difference
+from inim.report.sections.regression import write_comparison
+from inim.scores.document_parts import Check, Checks, Circumstances, Regression, utc_now
+from inim.scores.regression.comparison import (
     changed_circumstances,
     changed_pixels,
     compare,
     drift,
     tile_pictures,
 )
-from inim.regression.fingerprints import Fingerprint
-from inim.regression.run_statistics import (
+from inim.scores.regression.document import CompareDocument, Side
+from inim.scores.regression.fingerprints import Fingerprint
+from inim.scores.regression.run_statistics import (
     BASELINE,
     CANDIDATE,
     RunStatistics,
     read_statistics,
     write_statistics,
 )
-from inim.regression.scores import ScoreEstimate
-from inim.regression.tiles import TileStatistics
-from inim.regression.verdict import all_passed, verdict_line
-from inim.report import Report
-from inim.report.images import ENCODINGS, ReportImages, difference
-from inim.report.sections.regression import write_comparison
-from inim.version import __version__
-from inim.worker.output import output_files
+from inim.scores.regression.scores import ScoreEstimate
+from inim.scores.regression.tiles import TileStatistics
+from inim.scores.regression.verdict import all_passed, verdict_line
+from inim.system.backend import Backend
+from inim.system.cache import versions
+from inim.system.errors import BaselineError, UsageError
+from inim.system.process import machine
+from inim.system.process.user_paths import user_text
+from inim.system.version import __version__
+from inim.system.worker.output import output_files
 
 #: Folder of a report for the candidate and, after a failure, images of the differences.
 FOLDER = "regression"
@@ -79,7 +80,7 @@ def compare_with_baseline(
     method.
     """
     write_statistics(folder / FOLDER, CANDIDATE, candidate)
-    baseline, path = plan.baseline, str(plan.request.baseline)
+    baseline, path = plan.baseline, user_text(plan.request.baseline)
     if baseline is None:
         return BaselineComparison()
     for name, output in outputs.items():

@@ -6,20 +6,21 @@ from pathlib import Path
 
 import numpy as np
 
-from inim.cache import ResultCache, open_store
-from inim.documents.report import ReportDocument
-from inim.metrics import HEADLINE_WORDS
 from inim.pipeline.output import Images
 from inim.pipeline.plan import Plan, check_baseline
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
 from inim.pipeline.validate import validate
-from inim.process.atomic_file import file_errors
-from inim.process.observer import Observer
 from inim.report import Report
+from inim.report.document import ReportDocument
 from inim.report.labels import suggested_criteria
 from inim.report.summary import score_lines
-from inim.worker.output import publish
+from inim.scores.metrics import HEADLINE_WORDS
+from inim.system.cache import ResultCache, open_store
+from inim.system.errors import naming
+from inim.system.process.atomic_file import file_errors
+from inim.system.process.observer import Observer
+from inim.system.worker.output import publish
 
 
 def run_job(plan: Plan, staging: Path, observer: Observer) -> bool:
@@ -28,10 +29,11 @@ def run_job(plan: Plan, staging: Path, observer: Observer) -> bool:
     An unchanged run publishes its last report again, from the cache.
     """
     cache = _open_cache(plan)
-    if plan.is_reproducible:
-        report = _run_or_reuse(plan, staging, observer, cache)
-    else:
-        report = run(plan, staging, observer, cache)
+    with naming(plan.request.scene):
+        if plan.is_reproducible:
+            report = _run_or_reuse(plan, staging, observer, cache)
+        else:
+            report = run(plan, staging, observer, cache)
     publish(staging, plan.request.out)
     return report.passed
 

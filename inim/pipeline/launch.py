@@ -8,18 +8,18 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from inim.errors import UsageError
-from inim.plugins import PluginModule
-from inim.process.observer import OnStage, shown_progress
-from inim.worker.output import default_out, output_files, staging_folder
-from inim.worker.supervisor import run_in_worker
+from inim.system.errors import UsageError
+from inim.system.plugins import PluginModule
+from inim.system.process.observer import OnStage, shown_progress
+from inim.system.worker.output import default_out, output_files, staging_folder
+from inim.system.worker.supervisor import run_in_worker
 
 if TYPE_CHECKING:
     import trimesh
 
     from inim.display import Display
+    from inim.display.lens import LensModel, LensModelName
     from inim.display.viewpoint import Viewpoint
-    from inim.lens import LensModel, LensModelName
     from inim.pipeline.plan import Plan
     from inim.pipeline.request import Request
     from inim.report import Report
@@ -111,7 +111,7 @@ def validate(
         Text as after ``--viewpoints``; or names (``"left"``), texts and `Viewpoint` objects.
         All `Viewpoint` objects must have the same pupil and focus, which apply to every viewpoint.
     lens_model : {"pinhole", "thin", "thick", "full"} or LensModel, optional
-        Of another package, pass the registered `inim.lens.LensModel`; its name works, too.
+        Of another package, pass the registered `inim.display.lens.LensModel`; its name works, too.
     misalign : str or mapping, optional
         Misalignment of the lens array: ``"rotation_deg=0.5"``, or ``{"rotation_deg": 0.5}``.
     eias : mapping, optional
@@ -149,12 +149,12 @@ def validate(
     InimError
         The error that the command would print; a `UsageError` for values of a wrong type.
     """
+    from inim.display.lens import lens_model_name
     from inim.display.misalignment import parse_misalignment
     from inim.display.viewpoint import viewpoint_items
     from inim.generators import algorithm_items
-    from inim.lens import lens_model_name
     from inim.pipeline.request import Request
-    from inim.scene.file import parse_definitions
+    from inim.render.scene_files.file import parse_definitions
 
     path, folder = scene_and_out(scene, None if out is None else _path("out", out), new_scene)
     if eias is not None and not isinstance(eias, Mapping):
@@ -208,7 +208,7 @@ def scene_and_out(
     A dictionary or a mesh becomes a scene in the folder `OUT-scene`, which remains: the report's
     command, and later quilts and views of the ground truth, read it.
     """
-    from inim.files.triangle_mesh import MESH_SUFFIXES
+    from inim.render.meshes.triangle_mesh import MESH_SUFFIXES
 
     if isinstance(scene, str | PathLike):
         source = Path(scene)
@@ -234,7 +234,7 @@ def _write_scene(scene: object, path: Path, options: dict[str, Any]) -> None:
             raise UsageError("new_scene: the scene is a dictionary already; leave it out")
         write_scene_dict(scene, path)
         return
-    from inim.scene.new_scene import new_scene
+    from inim.render.scene_files.new_scene import new_scene
 
     if isinstance(scene, str | PathLike):
         new_scene(Path(scene), path, **{"title": path.stem, **options})

@@ -14,12 +14,17 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from inim import metrics
-from inim.cache import ResultCache
 from inim.display import Display
-from inim.documents.document import folder_files
-from inim.documents.parts import BackendRecord, Checks, DisplayRecord, EyePosition, origin
-from inim.documents.report import (
+from inim.generators.accuracy_limits import accuracy_warnings, lenses_beside_panel
+from inim.image.files.image import write_exr, write_png, write_rgbd
+from inim.image.rgbd import RGBD, LayeredRGBD
+from inim.pipeline.adaptive_sampling import Evaluation
+from inim.pipeline.baseline import BaselineComparison
+from inim.pipeline.stages.capture import Capture
+from inim.pipeline.stages.ground_truth import GroundTruth
+from inim.pipeline.stages.scoring import reported_scores
+from inim.report import Report
+from inim.report.document import (
     CapturedPicture,
     MetricSettings,
     NoiseFloor,
@@ -30,18 +35,14 @@ from inim.documents.report import (
     Scoring,
     SkippedStep,
 )
-from inim.files.image import write_exr, write_png, write_rgbd
-from inim.image.rgbd import RGBD, LayeredRGBD
-from inim.inspection.accuracy_limits import accuracy_warnings, lenses_beside_panel
-from inim.metrics import HEADLINE
-from inim.pipeline.adaptive_sampling import Evaluation
-from inim.pipeline.baseline import BaselineComparison
-from inim.pipeline.stages.capture import Capture
-from inim.pipeline.stages.ground_truth import GroundTruth
-from inim.pipeline.stages.scoring import reported_scores
-from inim.process.observer import Observer
-from inim.process.threads import OneThread
-from inim.report import Report
+from inim.scores import metrics
+from inim.scores.document_parts import BackendRecord, Checks, DisplayRecord, EyePosition, origin
+from inim.scores.metrics import HEADLINE
+from inim.system.cache import ResultCache
+from inim.system.document import folder_files
+from inim.system.process.observer import Observer
+from inim.system.process.threads import OneThread
+from inim.system.process.user_paths import user_text
 
 # Images waiting to be written occupy memory: at most a quarter of a gigabyte.
 _WAITING_BYTES = 2**28
@@ -184,10 +185,10 @@ def make_report(
         preview=preview,
         scene=msgspec.convert(
             {
-                "path": str(plan.request.scene),
+                "path": user_text(plan.request.scene),
                 "sha256": plan.file.sha256,
                 "definitions": plan.definitions,
-                "allow_folders": [str(folder) for folder in plan.request.allow_folders],
+                "allow_folders": [user_text(f) for f in plan.request.allow_folders],
                 **evaluation.scene,
             },
             SceneRecord,

@@ -7,26 +7,27 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from inim.display import Display
+from inim.display.lens import check_lens_model
 from inim.display.misalignment import misaligned, misalignment_text, parse_misalignment
+from inim.display.settings import PREFIX, Settings
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
-from inim.documents.parts import Conditions, DisplayRecord
-from inim.errors import OutOfMemoryError, SceneError, UsageError
 from inim.generators import algorithm_items
 from inim.generators.registry import Input
 from inim.image.rgbd import RGBD
-from inim.lens import check_lens_model
-from inim.metrics import SSIM_WINDOW, Viewing, all_metrics
 from inim.pipeline.request import PREVIEW, Request, definition_words
 from inim.pipeline.stages.capture import DepthCamera
 from inim.pipeline.stages.method import Method, OptimalMethod, parse_methods
 from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import PROGRAM
-from inim.plugins import PluginModule
-from inim.regression.comparison import check_comparable
-from inim.regression.run_statistics import BASELINE, RunStatistics, read_statistics
-from inim.scene.file import SceneFile, choose_display, read_scene_file
-from inim.settings import PREFIX, Settings
+from inim.render.scene_files.file import SceneFile, choose_display, read_scene_file
+from inim.scores.document_parts import Conditions, DisplayRecord
+from inim.scores.metrics import SSIM_WINDOW, Viewing, all_metrics
+from inim.scores.regression.comparison import check_comparable
+from inim.scores.regression.run_statistics import BASELINE, RunStatistics, read_statistics
+from inim.system.errors import OutOfMemoryError, SceneError, UsageError, naming
+from inim.system.plugins import PluginModule
+from inim.system.process.user_paths import user_text
 
 # An out-of-memory failure is a native crash, not an exception, so memory is planned: all images
 # must fit, and the rest limits the rays per pass. Fewer rays per pass cost time, not samples.
@@ -162,13 +163,14 @@ def make_plan(request: Request) -> Plan:
     misaligned_display = misaligned(display, misalignment)
     check_lens_model(settings.lens_model, misaligned_display)
     all_metrics()  # raises if another package's metric cannot be loaded
-    viewpoints = parse_viewpoints(
-        request.viewpoints or settings.viewpoints,
-        display,
-        settings.viewing_distance_mm,
-        settings.pupil_mm,
-        settings.focus_mm,
-    )
+    with naming(source):
+        viewpoints = parse_viewpoints(
+            request.viewpoints or settings.viewpoints,
+            display,
+            settings.viewing_distance_mm,
+            settings.pupil_mm,
+            settings.focus_mm,
+        )
     algorithms = algorithm_items(settings.algorithms)
     algorithms += tuple(f"cameras:views={views}" for views in algorithm_items(settings.cameras))
     methods = parse_methods(algorithms, request.eias)
@@ -203,7 +205,7 @@ def check_baseline(plan: Plan, variant: str | None = None) -> None:
         return
     # The variant is not known before a backend is chosen.
     conditions = conditions_of(plan, variant or baseline.conditions.variant)
-    check_comparable(baseline, conditions, str(plan.request.baseline))
+    check_comparable(baseline, conditions, user_text(plan.request.baseline))
 
 
 def conditions_of(plan: Plan, variant: str | None = None) -> Conditions:
@@ -255,7 +257,7 @@ def _plan_memory(
     display: Display, settings: Settings, views: int, methods: Sequence[Method]
 ) -> tuple[int, int]:
     """Bytes of all images and number of rays in flight; raises if the images are too large."""
-    from inim.process.machine import memory_limit_bytes
+    from inim.system.process.machine import memory_limit_bytes
 
     optimised = sum(views + m.zone**2 for m in methods if isinstance(m, OptimalMethod))
     layers = _LAYERS_BYTES if any(m.input is not RGBD for m in methods) else 0
@@ -289,8 +291,8 @@ def _plan_memory(
 def rays_in_flight(limit_bytes: int, images_bytes: int) -> int:
     """Number of rays to trace at once: a power of two, or 0 if memory is too small.
 
-    The memory limit (`inim.process.machine.memory_limit_bytes`) is 0 if unknown, and then taken as
-    unlimited.
+    The memory limit (`inim.system.process.machine.memory_limit_bytes`) is 0 if unknown, and then
+    taken as unlimited.
     """
     if not limit_bytes:
         return _MAX_RAYS

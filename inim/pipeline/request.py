@@ -1,4 +1,4 @@
-"""Requests of a user, as values; `inim.commands` parses their text."""
+"""Requests of a user, as values; `inim.pipeline.options` parses their text."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from typing import Any
 
 from inim.display import Display
 from inim.display.misalignment import misalignment_text
+from inim.display.settings import DISPLAY_KEYS, NOT_SET, PREFIX, Settings, value_text
 from inim.display.viewpoint import Viewpoint, viewpoints_text
-from inim.errors import UsageError
-from inim.settings import DISPLAY_KEYS, NOT_SET, PREFIX, Settings, value_text
+from inim.system.errors import UsageError
+from inim.system.process.user_paths import user_text
 
 #: Default settings of a preview: one algorithm, one viewpoint, few samples and no criteria.
 PREVIEW = {
@@ -48,7 +49,7 @@ class Choices:
     """A user's choices of display, viewpoints and algorithms; None: as in the scene.
 
     `definitions` are settings and scene parameters. `display` is a display, a preset's name, or a
-    file with `inim.*` settings. See `inim.scene.file.choose_display`,
+    file with `inim.*` settings. See `inim.render.scene_files.file.choose_display`,
     `inim.generators.algorithm_items`, `inim.display.viewpoint.viewpoint_items` and
     `inim.display.misalignment.parse_misalignment`.
     """
@@ -133,7 +134,7 @@ class Request(Choices):
         choices = ("algorithms", "cameras", "viewpoints", "lens_model")
         texts = self.overrides()
         is_object = isinstance(self.display, Display)
-        return [
+        words = [
             str(self.scene),
             *option_words(
                 {
@@ -150,3 +151,4 @@ class Request(Choices):
                 }
             ),
         ]
+        return [user_text(word) for word in words]

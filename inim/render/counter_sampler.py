@@ -11,8 +11,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
+from inim.render.library import dr, mi
 
 PLUGIN = "inim_counter"
 

@@ -15,14 +15,14 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
+from inim.render.library import mi
 from inim.render.rays import Interval, NonSeparableRays, SeparableRays
 from inim.render.splats import splat_count
+from inim.system.backend.kernels import compiled, share_rows
 
 # Cells across, down and in depth: finer than what a panel pixel sees gains little.
 _CELLS = (192, 192, 24)

@@ -16,20 +16,19 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.backend.kernels import compiled
 from inim.display import Display
 from inim.image.sides import Sides
-from inim.process.observer import Observer
 from inim.render import splats
 from inim.render.culling import layers_in_view
+from inim.render.library import dr, mi
 from inim.render.rays import SeparableRays, capture_rays
 from inim.render.scene import FittedScene
 from inim.render.trace import FilmCamera
+from inim.system.backend.kernels import compiled
+from inim.system.process.observer import Observer
 
 #: What lies behind more than this is cut off, and counted.
 MOST_LAYERS = 8

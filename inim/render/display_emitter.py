@@ -17,18 +17,16 @@ import weakref
 from pathlib import Path
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
 from inim.display.cells import CELL_PATTERNS
+from inim.display.lens import Ops, channel_indices, lens_array, lens_traits, through_array
+from inim.display.lens import lens_model as find_lens_model
 from inim.display.panel import emits_as_driven, emitted_light, white_of
 from inim.display.pixels import SUBPIXELS, emission_profile
-from inim.errors import SceneError
-from inim.files.eia_file import read_eia
-from inim.lens import Ops, channel_indices, lens_array, lens_traits, through_array
-from inim.lens import lens_model as find_lens_model
+from inim.image.files.eia_file import read_eia
+from inim.render.library import dr, mi
 from inim.render.sensors import (
     read_display,
     read_number,
@@ -37,6 +35,7 @@ from inim.render.sensors import (
     world_from_display,
 )
 from inim.render.trace import FilmCamera, Light
+from inim.system.errors import SceneError
 
 PLUGIN = "inim_display"
 _OWN = ("filename", "bitmap", "eia", "lens_model", "brightness")

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
@@ -15,12 +13,13 @@ from inim.display.viewpoint import Viewpoint
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.image.sides import BESIDE, Sides, with_sides
-from inim.process.observer import Observer
 from inim.render import splats
 from inim.render.depth_peeling import MOST_LAYERS, PeeledLayers
+from inim.render.library import dr, mi
 from inim.render.rays import NonSeparableRays, SeparableRays, capture_rays, eye_rays, pickup_rays
 from inim.render.scene import FittedScene
 from inim.render.trace import Light, first_not_light, first_surface, mean_light, scene_light
+from inim.system.process.observer import Observer
 
 
 def capture(

@@ -6,15 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
-from inim.display.panel import emitted_picture
-from inim.display.viewpoint import Viewpoint, check_viewpoint, viewpoint_of
-from inim.errors import UsageError
-from inim.lens import (
+from inim.display.lens import (
     LensModel,
     LensModelName,
     SheetMesh,
@@ -22,13 +17,17 @@ from inim.lens import (
     lens_array,
     lens_model_name,
 )
-from inim.lens import lens_model as find_lens_model
-from inim.process.observer import Observer
+from inim.display.lens import lens_model as find_lens_model
+from inim.display.panel import emitted_picture
+from inim.display.viewpoint import Viewpoint, check_viewpoint, viewpoint_of
 from inim.render import variant
 from inim.render.display_emitter import LensedPanel
+from inim.render.library import dr, mi
 from inim.render.rays import eye_rays
+from inim.render.scene_files.file import display_of
 from inim.render.trace import FilmCamera, Light, mean_light
-from inim.scene.file import display_of
+from inim.system.errors import UsageError
+from inim.system.process.observer import Observer
 
 # Into the glass, out of it, and the panel is seen.
 _MAX_DEPTH = 3
@@ -40,9 +39,9 @@ class LensMesh:
     """EIA seen through the lens array as a refracting mesh, path traced by Mitsuba.
 
     No optical formula of inim is involved: the renderer's `dielectric` implements Snell's and
-    Fresnel's laws, and `inim.lens.full` gives the lenses. It is the independent check of the
-    analytic models. It takes thirty times longer for the same number of samples, and hundreds of
-    times for the same noise: each ray is reflected or refracted at random, at two faces, among
+    Fresnel's laws, and `inim.display.lens.full` gives the lenses. It is the independent check of
+    the analytic models. It takes thirty times longer for the same number of samples, and hundreds
+    of times for the same noise: each ray is reflected or refracted at random, at two faces, among
     millions of facets.
 
     A path is followed for two changes of direction, in and out of the glass, and then only the
@@ -202,14 +201,14 @@ def reconstruct(
     ----------
     eia : (rows, columns, 3) float array
         Linear RGB, row 0 on top, of the display's `eia_shape`. Whole numbers, such as the sRGB
-        codes of a PNG, are refused; `inim.files.eia_file.read_eia` reads files as linear RGB.
+        codes of a PNG, are refused; `inim.image.files.eia_file.read_eia` reads files as linear RGB.
     display : Display, str or Path
         A display, the name of a preset, or a display file.
     viewpoint : Viewpoint or str
         A viewpoint, or its text: ``"centre"``, ``"mine=10 -5 400"``. Must lie inside the viewing
         zone, with its pupil, unless `allow_flips`.
     lens_model : {"pinhole", "thin", "thick", "full"} or LensModel
-        Of another package, pass the registered `inim.lens.LensModel`; its name works, too.
+        Of another package, pass the registered `inim.display.lens.LensModel`; its name works, too.
     pixels_per_lens : int
         Resolution of the view; it shows exactly the lens array.
     spp : int
@@ -223,8 +222,8 @@ def reconstruct(
     -------
     (lens_rows * pixels_per_lens, lens_columns * pixels_per_lens, 3) float32, linear RGB: the light
     that leaves the lenses. Views of reports are exposed for the panel's white: multiply by
-    `inim.lens.white_exposure(display, lens_model)`; and they include reflected room light and
-    veiling glare: apply `inim.display.panel.seen_light`.
+    `inim.display.lens.white_exposure(display, lens_model)`; and they include reflected room light
+    and veiling glare: apply `inim.display.panel.seen_light`.
 
     Raises
     ------
@@ -249,7 +248,7 @@ def _check_linear(eia: np.ndarray) -> np.ndarray:
     if not np.issubdtype(eia.dtype, np.floating):
         raise UsageError(
             f"eia: is {eia.dtype}; give linear RGB as floats: read a file with "
-            "inim.files.eia_file.read_eia, or convert 8-bit sRGB with "
+            "inim.image.files.eia_file.read_eia, or convert 8-bit sRGB with "
             "inim.image.color.linear_from_srgb(eia[..., :3] / 255)"
         )
     bad = np.count_nonzero(~np.isfinite(eia))

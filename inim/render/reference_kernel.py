@@ -14,12 +14,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
 from inim.render import variant
+from inim.render.library import dr, mi
 
 
 def _axis_address(

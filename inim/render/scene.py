@@ -14,26 +14,30 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import mitsuba as mi
 import numpy as np
 
 from inim.display import Display
-from inim.errors import FileError, SceneError
-from inim.files.mesh import read_shape
-from inim.files.picture import check_volume, read_texture
-from inim.files.splat_ply import SPLAT_SHAPES, check_splats
-from inim.files.triangle_mesh import Mesh, read_bytes
-from inim.process.machine import memory_limit_bytes
-from inim.process.observer import Observer
+from inim.image.files.picture import check_volume, read_texture
 from inim.render import splats
 from inim.render.culling import BoundsGrid, world_points
+from inim.render.library import mi
+from inim.render.meshes.mesh import read_shape
+from inim.render.meshes.splat_ply import SPLAT_SHAPES, check_splats
+from inim.render.meshes.triangle_mesh import Mesh, read_bytes
 from inim.render.rays import NonSeparableRays, SeparableRays
+from inim.render.scene_files.file import SceneFile
 from inim.render.trace import FilmCamera
-from inim.scene.file import SceneFile
+from inim.system.errors import FileError, SceneError
+from inim.system.files import utf8_name
+from inim.system.process.machine import memory_limit_bytes
+from inim.system.process.observer import Observer
 
 # Keep the relic this share of the range clear of both ends: a depth equal to z_min in float64
 # falls below it in float32, and whole surfaces become holes.
 _DEPTH_MARGIN = 0.01
+# Beyond it products of three lengths overflow in the renderer's float32; below its inverse they
+# vanish.
+_FARTHEST = 1e12
 # Thinner than this against its width, a relic is a plate and goes to the central depth plane.
 _FLAT = 1e-6
 # Integrators that return radiance ray by ray, and know `hide_emitters`. Others trace from the
@@ -191,11 +195,8 @@ def _load_scene(
     # Merged shapes come in the order of a hash table of pointers, and lights with them: equal seeds
     # would light a scene otherwise from one process to the next.
     config.merge_meshes = False
-    resolver = mi.file_resolver()
-    resolver.prepend(str(file.path.resolve().parent))
     try:
-        # The file that was scanned: a link's own folder may hold other parts of the same names.
-        state = mi.parser.parse_file(config, str(file.path.resolve()), **file.parameters)
+        state = _parse_scene(config, file)
         # Our rays are structured (through vertices, edges and centres): Embree's default mode
         # lets some of them slip between triangles.
         state.root.props["embree_use_robust_intersections"] = True
@@ -217,9 +218,24 @@ def _load_scene(
             text = text.splitlines()[-1]
         cause = " ".join(text.split())
         raise FileError(f"{file.path}: the renderer refuses it: {cause[:400]}") from error
-    finally:
-        del resolver[0]
     return loaded[0] if isinstance(loaded, list) else loaded
+
+
+def _parse_scene(config: Any, file: SceneFile) -> Any:
+    """Parse a scene's XML, with its included files and spectra.
+
+    The folders of the scene are searched only here, where no plugin is loaded.
+    """
+    own = mi.file_resolver()
+    # The file that was scanned: a link's own folder may hold other parts of the same names.
+    path = Path(utf8_name(file.path.resolve()))
+    resolver = mi.FileResolver(own)
+    resolver.prepend(str(path.parent))
+    mi.set_file_resolver(resolver)
+    try:
+        return mi.parser.parse_file(config, str(path), **file.parameters)
+    finally:
+        mi.set_file_resolver(own)
 
 
 def _children(state: Any, node: Any, kind: mi.ObjectType) -> list[Any]:
@@ -321,14 +337,20 @@ def fit_to_display(
 
     Raises `SceneError`: points that are not finite or span no area.
     """
-    turned = points @ axes.T
+    with np.errstate(invalid="ignore"):
+        turned = points @ axes.T
     if not np.isfinite(turned).all():
         raise SceneError(
             f"{source}: the scene's shapes have no finite bounding box; check its transforms"
         )
     low, high = turned.min(axis=0), turned.max(axis=0)
+    if (farthest := float(np.abs(turned).max())) > _FARTHEST:
+        raise SceneError(
+            f"{source}: the scene's shapes reach {farthest:.3g} from the origin, and at most "
+            f"{_FARTHEST:g} are allowed; check its transforms"
+        )
     extent = high - low
-    if max(extent[:2]) <= 0:
+    if max(extent[:2]) < 1 / _FARTHEST:
         raise SceneError(f"{source}: the scene's shapes have no width or height to fit")
     with np.errstate(divide="ignore"):
         scale = fit_share * min(display.width_mm / extent[0], display.height_mm / extent[1])

@@ -7,10 +7,9 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-import mitsuba as mi
-
-from inim.errors import SceneError
 from inim.render import variant
+from inim.render.library import mi
+from inim.system.errors import SceneError
 
 
 def write_scene_dict(scene: Mapping[str, Any], path: Path) -> None:

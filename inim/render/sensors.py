@@ -12,18 +12,17 @@ from __future__ import annotations
 import difflib
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
 from inim.display import DISPLAYS, Display
 from inim.display.misalignment import misaligned
 from inim.display.pixels import exact_ratio
+from inim.display.settings import DISPLAY_KEYS, Settings
 from inim.display.viewpoint import Viewpoint, default_distance_mm
-from inim.errors import DisplayError, SceneError, ViewpointError
+from inim.render.library import dr, mi
 from inim.render.rays import NonSeparableRays, SeparableRays, frustum_rays, pickup_rays
 from inim.render.trace import FilmCamera
-from inim.settings import DISPLAY_KEYS, Settings
+from inim.system.errors import DisplayError, SceneError, ViewpointError
 
 _EYE = ("x_mm", "y_mm", "z_mm", "pupil_mm", "focus_mm")
 _STOCK = ("to_world", "shutter_open", "shutter_close")

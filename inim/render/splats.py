@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
+
+from inim.render.library import dr, mi
 
 #: Mitsuba's integrator for splats that emit light.
 INTEGRATOR = "volprim_rf_basic"

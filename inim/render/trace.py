@@ -17,15 +17,14 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
-from inim.process.garbage import no_garbage_collection
-from inim.process.observer import Observer
 from inim.render import splats
 from inim.render.counter_sampler import PLUGIN
+from inim.render.library import dr, mi
 from inim.render.rays import NonSeparableRays, SeparableRays
+from inim.system.process.garbage import no_garbage_collection
+from inim.system.process.observer import Observer
 
 # Rays in flight, at most; see `limit_rays`. Larger gains nothing on two cores.
 _RAYS_PER_PASS = 2**22
@@ -297,6 +296,8 @@ def first_surface(
     """
     started = time.perf_counter()
     is_wanted = np.ones(math.prod(camera.shape), bool) if mask is None else mask.reshape(-1)
+    if not is_wanted.any():  # the renderer has no empty arrays
+        return np.zeros(camera.shape, bool), np.empty((0, 3))
     traced = np.flatnonzero(_whole_packets(is_wanted))
     ray = camera.centre_rays(mi.UInt32(traced.astype(np.uint32)))
     if splats.shows_splats(integrator):

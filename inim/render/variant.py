@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
-from pathlib import Path
 
-import drjit as dr
-import mitsuba as mi
-
-from inim import backend as backends
-from inim.errors import BackendError, UsageError
-from inim.plugins import PluginModule
 from inim.render import counter_sampler, display_emitter, scene, sensors
-from inim.scene.parameters import check_plugin_folder
+from inim.render.library import dr, mi
+from inim.system import backend as backends
+from inim.system.errors import BackendError, UsageError
+from inim.system.plugins import PluginModule
 
 # With one thread Mitsuba's own file readers hang, and Embree builds crawl.
 _FEWEST_THREADS = 2
@@ -26,9 +22,6 @@ def use(requested: str = "auto") -> backends.Backend:
     Repeating it is free. `requested` is "auto", "llvm" or "cuda". Raises `BackendError` if none
     works on this machine.
     """
-    check_plugin_folder(
-        Path()
-    )  # Mitsuba loads plugins from the current folder, whatever it renders
     backend = backends.choose_backend(requested)
     register_plugins()
     if mi.variant() != backend.variant:
@@ -47,7 +40,7 @@ def _check_version(backend: backends.Backend) -> None:
     if backend.name == "llvm" and loaded != backend.libllvm_version:
         raise BackendError(
             f"LLVM {backend.libllvm_version} was chosen, and Dr.Jit is loaded already, with "
-            f"{loaded}; import inim.render before drjit"
+            f"{loaded}; import inim.render.library before drjit"
         )
 
 
@@ -75,7 +68,6 @@ def temporary(requested: str = "auto") -> Iterator[None]:
     remains, because Mitsuba cannot unset it. `requested` is "auto", "llvm" or "cuda"; raises
     `UsageError` for another word, and `BackendError` if no backend works on this machine.
     """
-    check_plugin_folder(Path())
     before, threads = mi.variant(), dr.thread_count()
     variant = _choose_variant(before or "", requested)
     register_plugins()

@@ -13,12 +13,12 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array, vstack
 
 from inim.display import Display
+from inim.display.lens import lens_model as find_lens_model
 from inim.display.viewpoint import Viewpoint
-from inim.errors import UsageError
-from inim.lens import lens_model as find_lens_model
 from inim.render.display_emitter import LensedPanel
 from inim.render.rays import eye_rays
 from inim.render.trace import FilmCamera, rays_per_pass, trace_samples
+from inim.system.errors import UsageError
 
 # Samples whose entries are merged at once: 20 bytes each.
 _SAMPLES_AT_ONCE = 2**22

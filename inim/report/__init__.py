@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from inim.cache import ResultCache
 from inim.display import Display
-from inim.documents.document import read_document, write_forms
-from inim.documents.picture import PictureDocument
-from inim.documents.report import ReportDocument
-from inim.errors import FileError, UsageError, suggest_words
-from inim.files import read_file
+from inim.report.document import ReportDocument
+from inim.report.picture_document import PictureDocument
+from inim.system.cache import ResultCache
+from inim.system.document import read_document, write_forms
+from inim.system.errors import FileError, UsageError, suggest_words
+from inim.system.files import read_file
 
 if TYPE_CHECKING:
     from inim.report.score_table import ScoreTable

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.documents.parts import EyePosition
-from inim.errors import DisplayError
 from inim.image.rgbd import RGBD
 from inim.report import plots
 from inim.report.labels import mm, plain, short
+from inim.scores.document_parts import EyePosition
+from inim.system.errors import DisplayError
 
 _PLAN_INCHES = (9.2, 3.4)
 _PROFILE_INCHES = (4.2, 4.2)

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from inim.display.pixels import MM_PER_INCH
-from inim.errors import FileError, UsageError, suggest_words
-from inim.files.image import read_exr, write_exr_parts
 from inim.image.color import srgb_from_linear
-from inim.metrics import HEADLINE, HEADLINE_WORDS, MAIN, ssim_map
-from inim.process.atomic_file import write_atomically
+from inim.image.files.image import read_exr, write_exr_parts
 from inim.report import TRUTH, plots
 from inim.report.labels import is_number, number
 from inim.report.score_table import REFERENCE, ScoreTable
 from inim.report.sections.time_against_error import times_of
+from inim.scores.metrics import HEADLINE, HEADLINE_WORDS, MAIN, ssim_map
+from inim.system.errors import FileError, UsageError, suggest_words
+from inim.system.process.atomic_file import write_atomically
 
 if TYPE_CHECKING:
     from inim.report import Report

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from inim.cache import ResultCache, code_digest
-from inim.errors import FileError
-from inim.files.image import encode_image
-from inim.files.picture import open_picture
 from inim.image.color import linear_from_srgb, magma
-from inim.metrics import SSIM_WINDOW, ssim_map
+from inim.image.files.image import encode_image
+from inim.image.files.picture import open_picture
 from inim.report.page import element, text, void
+from inim.scores.metrics import SSIM_WINDOW, ssim_map
+from inim.system.cache import ResultCache, code_digest
+from inim.system.errors import FileError
 
 #: Differences are shown this many times brighter: most are below what an eye notices.
 DIFFERENCE_GAIN = 4
@@ -132,7 +132,7 @@ class ReportImages:
             first, second = (linear_from_srgb(codes.astype(np.float32) / 255) for codes in (a, b))
             return magma(1 - ssim_map(first, second))
 
-        code = code_digest("metrics", "image", "report/images.py")
+        code = code_digest("scores/metrics", "image", "report/images.py")
         return self.cached("map of SSIM", make, first=a, second=b, code=code)
 
     def similarity_scale(self) -> np.ndarray:

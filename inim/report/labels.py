@@ -12,11 +12,11 @@ import re
 from collections.abc import Mapping
 from typing import Any, Literal, TypeGuard
 
-from inim.documents.parts import Check
-from inim.documents.picture import PictureDocument
-from inim.documents.report import ReportDocument
 from inim.generators.registry import is_optimal
-from inim.metrics import HEADLINE, Metric, all_metrics, find, preferred_algorithm, psnr
+from inim.report.document import ReportDocument
+from inim.report.picture_document import PictureDocument
+from inim.scores.document_parts import Check
+from inim.scores.metrics import HEADLINE, Metric, all_metrics, find, preferred_algorithm, psnr
 
 ScoreKind = Literal["scene", "reference", "relic", "relic to reference", "eia"]
 
@@ -30,8 +30,11 @@ _DIGITS = 4  # of a number that is no metric's
 _MOST_DIGITS = 12
 _RELATIONS = {">=": "≥", "<=": "≤", "within": "within ±"}
 
-# What XML 1.0 cannot hold at all, and HTML and Markdown should not: controls, lone surrogates.
-_UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+# What XML 1.0 cannot hold at all, and HTML and Markdown should not: controls, also of the direction
+# of text, and lone surrogates.
+_UNPRINTABLE = re.compile(
+    "[^\t\n\r\x20-\x7e\xa0-\u2027\u202f-\u2065\u206a-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
+)
 
 
 def plain(value: object) -> str:

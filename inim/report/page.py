@@ -19,9 +19,9 @@ from typing import Any
 
 import msgspec
 
-from inim.documents import Document
-from inim.documents.parts import Checks
 from inim.report.labels import MISSING, plain, short
+from inim.scores.document_parts import Checks
+from inim.system.document import Document
 
 _POLICY = (
     "default-src 'none'; img-src data:; style-src 'unsafe-inline'; {scripts}; "

@@ -14,9 +14,9 @@ from pathlib import Path
 from threading import RLock
 from typing import Any
 
-from inim.errors import UsageError
 from inim.generators import properties
-from inim.process.atomic_file import write_atomically
+from inim.system.errors import UsageError
+from inim.system.process.atomic_file import write_atomically
 
 _PNG_DPI = 160
 INK = "#1e2022"

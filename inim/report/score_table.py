@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from inim.errors import UsageError, suggest_words
-from inim.metrics import HEADLINE, find
 from inim.report.labels import is_number, last_digits, number
+from inim.scores.metrics import HEADLINE, find
+from inim.system.errors import UsageError, suggest_words
 
 if TYPE_CHECKING:
     from inim.report import Report

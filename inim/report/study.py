@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from inim.documents.document import write_listed
 from inim.report.page import (
     Section,
     bullets,
@@ -21,6 +20,7 @@ from inim.report.page import (
 )
 from inim.report.plots import save
 from inim.report.summary import markdown_command, markdown_line, markdown_section
+from inim.system.document import write_listed
 
 
 @dataclass(frozen=True)

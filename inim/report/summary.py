@@ -8,10 +8,7 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
-from inim.documents.compare import CompareDocument
-from inim.documents.parts import Check, Checks
-from inim.documents.report import ReportDocument
-from inim.metrics import HEADLINE, HEADLINE_TO_SCENE, MAIN
+from inim.report.document import ReportDocument
 from inim.report.labels import (
     MISSING,
     PREVIEW_WORDS,
@@ -29,6 +26,9 @@ from inim.report.labels import (
     suggested_criteria,
     verdict_words,
 )
+from inim.scores.document_parts import Check, Checks
+from inim.scores.metrics import HEADLINE, HEADLINE_TO_SCENE, MAIN
+from inim.scores.regression.document import CompareDocument
 
 _SUITE = "inim.validate"
 # Stages that contain others, among the timings of a run.

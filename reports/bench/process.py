@@ -65,7 +65,7 @@ def run_measured(words: Sequence[str], variables: Mapping[str, str]) -> dict[str
     with process.stdin, process.stdout:
         answer = process.stdout.read()
     if process.wait():
-        from inim.errors import WorkerError  # not imported by the small process
+        from inim.system.errors import WorkerError  # not imported by the small process
 
         raise WorkerError(f"the process that measures {words[0]} ended with {process.returncode}")
     measurement: dict[str, Any] = json.loads(answer)

@@ -1,8 +1,8 @@
 """Functions shared by the benchmark studies: command line, conditions, test pictures, output.
 
 A study is a script that answers a question of this project with the public functions of
-`inim.bench`. It runs in the repository's root, as ``python -m reports.bench.NAME.run``, and writes
-the same files as ``inim bench``.
+`inim.apps.bench.run`. It runs in the repository's root, as ``python -m reports.bench.NAME.run``,
+and writes the same files as ``inim bench``.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ import numpy as np
 from msgspec.structs import replace
 
 from inim import reconstruct
-from inim.bench import load_average, record
+from inim.apps.bench.page import write_bench
+from inim.apps.bench.run import load_average, record
 from inim.display import Display, Viewpoint
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, InimError, WorkerError
+from inim.display.lens import LensModelName, white_exposure
 from inim.image.rgbd import RGBD
-from inim.lens import LensModelName, white_exposure
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
-from inim.process.observer import Observer
-from inim.report.bench import write_bench
+from inim.pipeline.timing import Rounds
+from inim.render.scene_files.file import parse_definitions
+from inim.render.scene_files.two_spheres import two_spheres
 from inim.report.study import PagePart
-from inim.scene.file import parse_definitions
-from inim.scene.two_spheres import two_spheres
-from inim.timing import Rounds
-from inim.worker.output import publish, staging_folder
-from inim.worker.serve import ConsoleObserver
+from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED, InimError, WorkerError
+from inim.system.process.observer import Observer
+from inim.system.worker.output import publish, staging_folder
+from inim.system.worker.serve import ConsoleObserver
 from reports.bench.process import run_measured
 
 #: Measures, with an empty folder for temporary files, and returns `study` of bench.json.

@@ -20,14 +20,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from inim.display.settings import PREFIX, Settings
 from inim.pipeline.adaptive_sampling import SAMPLE_COUNTS
 from inim.pipeline.job import setup
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import PREVIEW, Request
 from inim.pipeline.validate import evaluate
-from inim.process.observer import Observer
-from inim.regression.scores import INTERVAL_LEVEL, score_interval
-from inim.settings import PREFIX, Settings
+from inim.scores.regression.scores import INTERVAL_LEVEL, score_interval
+from inim.system.process.observer import Observer
 
 RUNS = Path("out", "coverage")
 #: The default, the same sources with the nearest colour of one ray, and layers.

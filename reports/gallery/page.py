@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from inim.metrics import HEADLINE, HEADLINE_TO_SCENE
+from inim.scores.metrics import HEADLINE, HEADLINE_TO_SCENE
 
 _LINE = 76
 _GALLERY_HEAD = """\

@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from inim.metrics import HEADLINE
+from inim.scores.metrics import HEADLINE
 from reports.gallery.entries import ENTRIES, EYE, ROOM, Entry
 from reports.gallery.eye import eye_viewpoints, film_beyond_zone, film_eye, photograph_report
 from reports.gallery.pictures import LENSES_MAGNIFIED, magnified, middle, picture, save_small

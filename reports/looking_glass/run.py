@@ -28,20 +28,20 @@ import numpy as np
 from PIL import Image
 
 import inim
+from inim.apps.export.native import Quilt, subpixel_views, weave
+from inim.apps.inspect.geometry import view_shares
 from inim.display import DISPLAYS, Display
 from inim.display.parameters import CellPattern
 from inim.display.pixels import SUBPIXELS, PixelOffset, ray_starts
 from inim.display.viewpoint import default_distance_mm, zone_eyes, zone_half_mm
-from inim.files.eia_file import write_eia
-from inim.files.image import read_rgbd
 from inim.generators.raycast.cells import PictureRays, RayBlock
 from inim.generators.raycast.ray_by_ray import RayByRay
 from inim.image.color import srgb_from_linear, to_srgb
+from inim.image.files.eia_file import write_eia
+from inim.image.files.image import read_rgbd
 from inim.image.rgbd import RGBD
-from inim.inspection.geometry import view_shares
+from inim.pipeline.scene_capture import generate_from_scene
 from inim.report import Report
-from inim.views.native import Quilt, subpixel_views, weave
-from inim.views.scene_capture import generate_from_scene
 
 PORTRAIT, SIXTEEN = "looking-glass-portrait-typical", "looking-glass-16-typical"
 #: Tiles across and down, and pixels of each, of quilts for the panel (`inim export --quilt`).

@@ -23,12 +23,12 @@ import numpy as np
 from scipy import ndimage
 
 import inim
+from inim.apps.own_picture.picture_files import read_color
+from inim.apps.pickup.elemental_images import pickup
+from inim.apps.pickup.lattice import Lattice, find_lattice
 from inim.display import Viewpoint
-from inim.from_camera.elemental_images import pickup
-from inim.from_camera.lattice import Lattice, find_lattice
-from inim.from_camera.picture_files import read_color
 from inim.image.color import linear_from_srgb
-from inim.metrics.psnr import psnr_db
+from inim.scores.metrics.psnr import psnr_db
 
 PITCH_MM, GAP_MM = 1.0, 3.3
 #: Pixels per elemental image and depths of reconstruction in mm, in the authors' parameters.
@@ -179,7 +179,7 @@ def predict(
 def ssim_map(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
     """SSIM of each pixel of two linear images, in sRGB."""
     from inim.image.color import srgb_from_linear
-    from inim.metrics.ssim import _similarity
+    from inim.scores.metrics.ssim import _similarity
 
     return _similarity(srgb_from_linear(reference), srgb_from_linear(test))
 
@@ -211,7 +211,7 @@ def vignetting(light: np.ndarray, lattice: Lattice, disparity: float) -> dict[st
 
 def lens_vignetting() -> float:
     """`thick`: on-axis light of a point of the panel 0.4 pitches from the lens's axis."""
-    from inim.lens import trace_to_panel
+    from inim.display.lens import trace_to_panel
 
     display = inim.Display(
         pitch_mm=PITCH_MM, focal_length_mm=GAP_MM, gap_mm=GAP_MM, pixel_pitch_mm=1 / 64,

@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 
 import inim
-from inim.files.light_field import sub_aperture_views
-from inim.files.picture import read_pfm
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.image.files.light_field import sub_aperture_views
+from inim.image.files.picture import read_pfm
 from inim.image.rgbd import RGBD
 
 Place = tuple[int, int]

@@ -25,13 +25,13 @@ from typing import Any
 import numpy as np
 
 import inim
-from inim.files.light_field import sub_aperture_views
 from inim.generators import HOLE, algorithm_names, template
 from inim.generators.registry import properties
 from inim.image.color import linear_from_srgb
+from inim.image.files.light_field import sub_aperture_views
 from inim.image.rgbd import CameraRGBDs
-from inim.metrics import find, score_maps
-from inim.process.atomic_file import write_atomically
+from inim.scores.metrics import find, score_maps
+from inim.system.process.atomic_file import write_atomically
 from reports.scoreboard.field import LightField, Place, Views, codes, read
 from reports.scoreboard.page import NEAREST, page
 from reports.scoreboard.rivals import copy, nearest, rvs, splat

@@ -24,9 +24,9 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, median_filter
 from scipy.ndimage import shift as moved
 
-from inim.files.light_field import write_hci
-from inim.files.picture import write_pfm
 from inim.image.color import linear_from_srgb, to_srgb
+from inim.image.files.light_field import write_hci
+from inim.image.files.picture import write_pfm
 
 _NAME = re.compile(r".*_(\d\d)_(\d\d)_.*\.jpg")
 _SIDE = 27

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import inim
-from inim.process.atomic_file import write_atomically
+from inim.system.process.atomic_file import write_atomically
 from reports.scoreboard.field import LightField, Views, codes, read
 from reports.scoreboard.rivals import rvs, splat
 

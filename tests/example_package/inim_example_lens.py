@@ -1,6 +1,6 @@
 """A lens model for inim: pinholes with natural vignetting (cos^4)."""
 
-from inim.lens import LensModel, PanelRay, lens_centre
+from inim.display.lens import LensModel, PanelRay, lens_centre
 
 
 def trace(array, traits, ops, x, y, sx, sy, index):

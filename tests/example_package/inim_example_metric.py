@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from inim.metrics import Metric
+from inim.scores.metrics import Metric
 
 
 def absolute_difference(reference, test):

@@ -22,7 +22,7 @@ from typing import Any
 
 import msgspec
 
-from inim.errors import (
+from inim.system.errors import (
     EXIT_BASELINE,
     EXIT_CHECK_FAILED,
     EXIT_INTERNAL,
@@ -31,7 +31,7 @@ from inim.errors import (
     InimError,
     OutOfMemoryError,
 )
-from inim.process import machine
+from inim.system.process import machine
 from tests.fuzz.documents import mutated_document
 from tests.fuzz.mutations import mutated
 from tests.fuzz.specimens import DISPLAY, SPECIMENS, TINY
@@ -80,7 +80,7 @@ def _in_a_scene(shape: str, plugin: str) -> Read:
 
 
 def _new_scene(path: Path) -> None:
-    from inim.scene.new_scene import new_scene
+    from inim.render.scene_files.new_scene import new_scene
 
     out = path.parent / "made" / "new.xml"
     new_scene(path, out, unit="mm", up="y", force=True, warn=lambda _: None)
@@ -116,11 +116,11 @@ def _command(place: str, *words: str) -> Read:
     """A command that reads the file where it is put, beside the others of its run."""
 
     def read_path(path: Path) -> None:
-        from inim.cli import main
-        from inim.views import frames
+        from inim.apps.export import quilt
+        from inim.cli.main import main
 
-        # Frames are no matter of a document; what is looked at before them is.
-        frames.run_in_worker = lambda _, check, *__, **___: check()
+        # Views are no matter of a document; what is looked at before them is.
+        quilt.run_in_worker = lambda _, check, *__, **___: check()
         printed = io.StringIO()
         try:
             os.chdir(path.parent)
@@ -164,7 +164,7 @@ def _baseline(place: str) -> Read:
         from inim.pipeline.baseline import compare_with_baseline
         from inim.pipeline.plan import make_plan
         from inim.pipeline.request import Request
-        from inim.regression.run_statistics import CANDIDATE, read_statistics
+        from inim.scores.regression.run_statistics import CANDIDATE, read_statistics
 
         folder = path.parent
         with _in_place_of(folder / place, path):

@@ -19,12 +19,12 @@ import numpy as np
 import OpenEXR
 from PIL import Image
 
+from inim.apps.stress.pictures import solids_of
 from inim.display import Display
-from inim.files.image import write_exr, write_rgbd
-from inim.files.ply import write_ply
-from inim.files.triangle_mesh import Mesh
+from inim.image.files.image import write_exr, write_rgbd
 from inim.image.rgbd import RGBD
-from inim.stress.pictures import solids_of
+from inim.render.meshes.ply import write_ply
+from inim.render.meshes.triangle_mesh import Mesh
 from tests import depth_photographs as photographs
 from tests.conftest import box_surface, scene_text, small_display, sphere, square
 

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 
-from inim.errors import EXIT_PASSED
-from inim.files.image import read_exr
+from inim.image.files.image import read_exr
+from inim.system.errors import EXIT_PASSED
 from reports.bench.process import run_measured
 from tests.schemas import read_document
 from tests.system.conftest import TINY, definitions

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from inim.metrics import psnr_db, ssim
-from inim.process.observer import Observer
-from inim.scene.file import read_scene_file
-from inim.settings import Settings
+from inim.display.settings import Settings
+from inim.render.scene_files.file import read_scene_file
+from inim.scores.metrics import psnr_db, ssim
+from inim.system.process.observer import Observer
 
 SCENES = Path(__file__).resolve().parents[2] / "scenes"
 SPP, FEWER = 64, 40

@@ -14,8 +14,8 @@ import pytest
 from scipy import stats
 
 from inim.display import Viewpoint
-from inim.lens.full import facets_per_lens, sheet_mesh
-from inim.settings import Settings
+from inim.display.lens.full import facets_per_lens, sheet_mesh
+from inim.display.settings import Settings
 from tests.conftest import small_display
 
 pytestmark = pytest.mark.usefixtures("renderer")

@@ -21,11 +21,11 @@ from pathlib import Path
 
 import pytest
 
-from inim import metrics
 from inim.display import DISPLAYS
+from inim.display.settings import Settings
 from inim.generators import generate
-from inim.scene.file import read_scene_file
-from inim.settings import Settings
+from inim.render.scene_files.file import read_scene_file
+from inim.scores import metrics
 
 SCENES = Path(__file__).parents[2] / "scenes"
 NOMINAL = DISPLAYS["nominal"]

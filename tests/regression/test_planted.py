@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.documents.parts import Check
 from inim.generators import prepare
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
@@ -35,10 +34,11 @@ from inim.pipeline.stages.scoring import (
 )
 from inim.pipeline.stages.stage import Run
 from inim.pipeline.validate import evaluate
-from inim.process.observer import Observer
-from inim.regression.comparison import compare
-from inim.regression.fingerprints import fingerprint, reference_input
-from inim.regression.run_statistics import RunStatistics
+from inim.scores.document_parts import Check
+from inim.scores.regression.comparison import compare
+from inim.scores.regression.fingerprints import fingerprint, reference_input
+from inim.scores.regression.run_statistics import RunStatistics
+from inim.system.process.observer import Observer
 
 SCENE = Path(__file__).parents[2] / "scenes" / "jade.xml"
 SMALL = {

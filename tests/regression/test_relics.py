@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim import metrics
 from inim.display import DISPLAYS
 from inim.generators import colour_of, find_sources
+from inim.scores import metrics
 from tests import oracle
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -38,7 +38,7 @@ NOMINAL = DISPLAYS["nominal"]
 def test_template_beats_wang2024_and_has_no_wrong_source(name):
     from inim.render.ground_truth import capture, pickup
     from inim.render.scene import open_scene
-    from inim.scene.file import read_scene_file
+    from inim.render.scene_files.file import read_scene_file
 
     fitted = open_scene(read_scene_file(SCENES / f"{name}.xml"), NOMINAL, 0.85)
     rgbd = capture(fitted, NOMINAL, pixels_per_pitch=5, spp=16, seed=1)

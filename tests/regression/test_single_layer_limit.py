@@ -12,9 +12,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inim import metrics
 from inim.display import DISPLAYS
 from inim.generators import find_sources, generate
+from inim.scores import metrics
 from tests.conftest import scene_text, sphere
 
 NOMINAL = DISPLAYS["nominal"]

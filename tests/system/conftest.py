@@ -25,12 +25,12 @@ from xml.etree import ElementTree
 
 import pytest
 
-from inim import timing
-from inim.cli import main
-from inim.files.image import read_exr_channels
+from inim.cli.main import main
+from inim.image.files.image import read_exr_channels
+from inim.pipeline import timing
 from inim.report import sections
-from inim.worker import supervisor
-from inim.worker.serve import answer
+from inim.system.worker import supervisor
+from inim.system.worker.serve import answer
 from tests.conftest import scene_text, sphere, square
 from tests.schemas import read_document
 
@@ -128,11 +128,12 @@ def assert_whole(out: Path) -> dict:
 _ONE_AT_A_TIME = threading.Lock()
 
 
-def _start_here(target: str, *_: object) -> tuple[Any, io.StringIO]:
+@contextmanager
+def _worker_here(target: str, *_: object) -> Iterator[tuple[Any, io.StringIO]]:
     process = SimpleNamespace(
         returncode=0, target=target, stdin=io.BytesIO(), terminate=int, wait=lambda *_: 0
     )
-    return process, io.StringIO()
+    yield process, io.StringIO()
 
 
 def _carry_out_here(process: Any, _: object, job: Any, *__: object) -> dict[str, Any]:
@@ -157,7 +158,7 @@ def install_metadata(folder: Path, name: str, entry_points: str) -> None:
 def worker_here() -> Iterator[None]:
     """Execute the workers' jobs of commands and of `inim.validate` in this process."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(supervisor, "_start_worker", _start_here)
+        patch.setattr(supervisor, "_worker", _worker_here)
         patch.setattr(supervisor, "_carry_out", _carry_out_here)
         yield
 

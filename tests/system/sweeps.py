@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from inim.sweeps.table import TABLE, read_table
+from inim.apps.sweep.table import TABLE, read_table
 from tests.conftest import sphere, square
 from tests.schemas import assert_rows, read_document
 from tests.system.conftest import Ended, run_child, run_here, write_scene
@@ -118,7 +118,7 @@ def workers_of(out: Path) -> list[int]:
         except OSError:
             continue
         of_this = os.fsencode(os.path.abspath(out)) in words  # noqa: PTH100
-        carries_out = b"inim.sweeps.unit:run_job" in words  # see `inim.worker`
+        carries_out = b"inim.apps.sweep.unit:run_job" in words  # see `inim.system.worker`
         if carries_out and of_this and state != "Z":
             workers.append(int(entry.name))
     return workers

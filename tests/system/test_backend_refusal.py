@@ -13,15 +13,15 @@ from pathlib import Path
 
 import pytest
 
-from inim.backend import LLVM_VARIABLE, SEARCH_VARIABLE, choose_backend, environment
-from inim.backend.trial import probe
-from inim.errors import EXIT_BACKEND, BackendError
+from inim.system.backend import LLVM_VARIABLE, SEARCH_VARIABLE, choose_backend, environment
+from inim.system.backend.trial import probe
+from inim.system.errors import EXIT_BACKEND, BackendError
 from tests.system.conftest import Ended, run_child
 
 CHOOSE = """
 import sys
-from inim.backend import choose_backend
-from inim.errors import InimError
+from inim.system.backend import choose_backend
+from inim.system.errors import InimError
 try:
     print(choose_backend("llvm").libllvm)
 except InimError as error:
@@ -78,7 +78,8 @@ def test_chosen_backend_renders_in_a_child_that_chooses_nothing():
 
 def test_activated_backend_renders_in_the_same_process():
     script = (
-        "from inim.backend import activate, choose_backend; b = choose_backend(); activate(b); "
+        "from inim.system.backend import activate, choose_backend; b = choose_backend(); "
+        "activate(b); "
         "import mitsuba as mi; mi.set_variant(b.variant); print(mi.Float(1) + 1)"
     )
     ended = run("-c", script)

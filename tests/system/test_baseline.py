@@ -23,11 +23,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.cli import main
-from inim.errors import EXIT_BASELINE, EXIT_CHECK_FAILED, EXIT_PASSED
+from inim.cli.main import main
 from inim.pipeline import launch
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
+from inim.system.errors import EXIT_BASELINE, EXIT_CHECK_FAILED, EXIT_PASSED
 from tests.conftest import sphere
 from tests.schemas import read_document
 from tests.system.conftest import (

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from inim.bench.evaluate import choose_algorithms
-from inim.errors import EXIT_PASSED
+from inim.apps.bench.evaluate import choose_algorithms
+from inim.system.errors import EXIT_PASSED
 from tests.schemas import read_document
 from tests.system.conftest import (
     TINY,

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from inim.errors import EXIT_PASSED
+from inim.system.errors import EXIT_PASSED
 from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, differences, samples_of
 from tests.schemas import read_document
 from tests.system.conftest import TINY, Ended, definitions, files_in, run_child, write_scene

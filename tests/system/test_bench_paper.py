@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from inim.process.observer import Observer
-from inim.report.bench import write_bench
-from inim.timing import Rounds
+from inim.apps.bench.page import write_bench
+from inim.pipeline.timing import Rounds
+from inim.system.process.observer import Observer
 from reports.bench.paper.experiments import Sizes, bench_paper
 from reports.bench.paper.report import parts_of
 from reports.bench.paper.scaling import bench_scaling

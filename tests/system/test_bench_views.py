@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from inim.process.observer import Observer
-from inim.report.bench import write_bench
-from inim.timing import Rounds
+from inim.apps.bench.page import write_bench
+from inim.pipeline.timing import Rounds
+from inim.system.process.observer import Observer
 from reports.bench.views.run import RECTANGLE, bench_views, parts_of
 from tests.conftest import small_display
 from tests.unit.test_bench_report import bench

@@ -7,7 +7,7 @@ from functools import cache
 
 import pytest
 
-from inim.backend import choose_backend
+from inim.system.backend import choose_backend
 from tests.conftest import run_python
 
 PROGRAM = """
@@ -31,7 +31,7 @@ view = inim.reconstruct(eia, display, eye, spp=4, backend="{backend}")
 after = state()
 try:
     inim.reconstruct(eia, display, eye, "{wrong_model}", spp=4)
-except inim.errors.InimError:
+except inim.system.errors.InimError:
     failed = state()
 {more}
 print(json.dumps({{"before": was, "after": after, "failed": failed, "view": view.tolist()}}))
@@ -43,7 +43,7 @@ pytestmark = pytest.mark.usefixtures("renderer")
 
 def run(before: str, more: str = "", backend: str = "auto") -> dict:
     code = PROGRAM.format(before=before, more=more, wrong_model=NOT_MADE, backend=backend)
-    code = code.replace("import inim\n", "import inim, inim.errors\n", 1)
+    code = code.replace("import inim\n", "import inim, inim.system.errors\n", 1)
     return json.loads(run_python(code).splitlines()[-1])
 
 

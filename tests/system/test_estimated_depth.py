@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.cli import main
-from inim.errors import EXIT_PASSED, FileError
-from inim.from_camera import estimated_depth
-from inim.from_camera.estimated_depth import estimate_photo, relative_distance, returns_metres
+from inim.apps.own_picture import estimated_depth
+from inim.apps.own_picture.estimated_depth import estimate_photo, relative_distance, returns_metres
+from inim.cli.main import main
+from inim.system.errors import EXIT_PASSED, FileError
 from tests.system.conftest import assert_refused
 
 SMALL = [word for name in ("columns", "rows") for word in ("-D", f"inim.lens_{name}=8")]

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from inim.errors import EXIT_PASSED, EXIT_USAGE
-from inim.sweeps.table import TABLE, read_table
+from inim.apps.sweep.table import TABLE, read_table
+from inim.system.errors import EXIT_PASSED, EXIT_USAGE
 from tests.schemas import read_document
 from tests.system.conftest import (
     TINY,
@@ -138,7 +138,7 @@ def test_bench_has_errors_by_its_metric(tmp_path, installed):
     [
         ("raise ImportError('no such\\nweights')", ["cannot be loaded", "no such weights"]),
         (
-            "from inim.metrics import Metric\n"
+            "from inim.scores.metrics import Metric\n"
             "metric = Metric('bad', lambda a, b: a.no_such, tolerance=0.01)",
             ["of package bad-metric failed: AttributeError", "bad_metric.py, line 2"],
         ),
@@ -146,7 +146,7 @@ def test_bench_has_errors_by_its_metric(tmp_path, installed):
     ids=["loading", "scoring"],
 )
 def test_metric_with_a_fault_is_one_line_that_names_it(tmp_path, code, words):
-    install_metadata(tmp_path, "bad-metric", "[inim.metrics]\nbad = bad_metric:metric\n")
+    install_metadata(tmp_path, "bad-metric", "[inim.scores.metrics]\nbad = bad_metric:metric\n")
     (tmp_path / "bad_metric.py").write_text(code)
     scene = write_scene(tmp_path).name
     arguments = ("validate", scene, "-o", "out", "--viewpoints", "centre", *definitions(TINY))

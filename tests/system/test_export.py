@@ -15,23 +15,23 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.cli import main
+from inim.apps.own_picture.depth_values import DepthValues
+from inim.apps.own_picture.fit import fit_picture, map_depth
+from inim.cli.main import main
 from inim.display import Display
+from inim.display.lens import white_exposure
 from inim.display.viewpoint import zone_eyes
-from inim.errors import EXIT_PASSED, EXIT_USAGE
-from inim.files.eia_file import read_eia, write_eia
-from inim.files.image import read_rgbd, write_exr, write_rgbd
-from inim.files.light_field import eia_from_views, read_hci
-from inim.from_camera.depth_values import DepthValues
-from inim.from_camera.fit import fit_picture, map_depth
 from inim.generators import generate
 from inim.image.color import to_srgb
+from inim.image.files.eia_file import read_eia, write_eia
+from inim.image.files.image import read_rgbd, write_exr, write_rgbd
+from inim.image.files.light_field import eia_from_views, read_hci
 from inim.image.rgbd import RGBD
-from inim.lens import white_exposure
-from inim.metrics import ssim
 from inim.pipeline.stages.scene import seed_of
+from inim.render.scene_files.file import read_scene_file
 from inim.report import Report
-from inim.scene.file import read_scene_file
+from inim.scores.metrics import ssim
+from inim.system.errors import EXIT_PASSED, EXIT_USAGE
 from tests.conftest import scene_text, small_display, sphere, square
 from tests.schemas import report_document
 from tests.system.conftest import (

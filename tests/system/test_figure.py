@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.errors import EXIT_PASSED
-from inim.files.image import read_exr
-from inim.metrics import ssim_map
+from inim.image.files.image import read_exr
+from inim.scores.metrics import ssim_map
+from inim.system.errors import EXIT_PASSED
 from tests.system.conftest import assert_refused, run_here, write_scene
 
 

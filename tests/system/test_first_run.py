@@ -19,11 +19,11 @@ from pathlib import Path
 
 import pytest
 
-from inim.commands import validate
-from inim.errors import EXIT_PASSED, UsageError
+from inim.cli import validate
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import PREVIEW, Request
 from inim.report.virtual_display import ANCHOR
+from inim.system.errors import EXIT_PASSED, UsageError
 from tests.schemas import read_document
 from tests.system.conftest import TINY, Ended, assert_refused, command, run_here, write_scene
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from inim.process.python_process import child_environment, python_code
+from inim.system.process.python_process import child_environment, python_code
 from tests.system.conftest import run_child
 
 FORK = """

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.cli import main
+from inim.cli.main import main
 from inim.display import Display
-from inim.errors import EXIT_PASSED, EXIT_USAGE
-from inim.files.eia_file import read_eia
-from inim.files.image import read_rgbd
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.image.files.eia_file import read_eia
+from inim.image.files.image import read_rgbd
 from inim.report.virtual_display import still_view
+from inim.system.errors import EXIT_PASSED, EXIT_USAGE
 from tests.conftest import small_display
 from tests.system.conftest import assert_refused, definitions
 from tests.unit.test_cli import loaded_by
@@ -232,7 +232,7 @@ def test_an_input_is_never_written_over(camera):
 
 def light_field(folder: Path, across: int = 5, down: int = 3) -> np.ndarray:
     """Views of a textured wall, disparity -1, and a square before it, +1; the views."""
-    from inim.files.light_field import write_hci
+    from inim.image.files.light_field import write_hci
 
     rng = np.random.default_rng(5)
     wall = rng.integers(0, 128, (70, 100, 3)).astype(np.uint8)

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim.cli import main
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
-from inim.files.eia_file import read_eia
-from inim.files.image import read_rgbd
+from inim.cli.main import main
+from inim.image.files.eia_file import read_eia
+from inim.image.files.image import read_rgbd
+from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
 from tests.conftest import small_display
 from tests.depth_photographs import apple_jpeg, apple_xml, gdepth, heic, picture
 from tests.system.conftest import assert_refused, worker_here

@@ -31,8 +31,8 @@ print(inim.reconstruct(eia, display, inim.Viewpoint("eye", 0, 0, 200), spp=4).sh
     "before",
     [
         "import inim; inim.reconstruct",
-        "import inim; inim.backend = __import__('inim.backend').backend; "
-        "inim.backend.activate(inim.backend.choose_backend()); "
+        "import inim; inim.system.backend = __import__('inim.system.backend').backend; "
+        "inim.system.backend.activate(inim.system.backend.choose_backend()); "
         "import mitsuba as mi; mi.set_variant('llvm_ad_rgb')",
         "from inim import reconstruct, Display; import inim",
     ],
@@ -50,7 +50,7 @@ def test_static_list_of_names_is_that_of_the_loaded_ones():
 
 def test_functions_stay_functions_after_the_import_of_any_module():
     code = (
-        "import inim, inim.sweeps, inim.inspection.findings, inim.views.export"
+        "import inim, inim.apps.sweep.run, inim.apps.inspect.findings, inim.apps.export.export"
         "\nprint([callable(getattr(inim, n)) for n in ('sweep', 'inspect', 'export')])"
     )
     assert run_python(code) == "[True, True, True]"

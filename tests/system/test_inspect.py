@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.cli import main
-from inim.errors import EXIT_PASSED
-from inim.inspection import geometry
+from inim.apps.inspect import geometry
+from inim.cli.main import main
+from inim.system.errors import EXIT_PASSED
 from tests.schemas import read_document, read_text
 from tests.system.conftest import assert_refused, definitions, write_scene
 from tests.unit.test_cli import loaded_by

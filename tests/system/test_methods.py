@@ -19,11 +19,10 @@ import pytest
 from PIL import Image
 
 import inim
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE, FileError, UsageError
-from inim.files.eia_file import read_eia
-from inim.files.image import read_exr, write_exr
 from inim.generators import SourceGenerator, algorithm_items
 from inim.image.color import linear_from_srgb, srgb_from_linear
+from inim.image.files.eia_file import read_eia
+from inim.image.files.image import read_exr, write_exr
 from inim.pipeline.job import setup
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
@@ -32,7 +31,8 @@ from inim.pipeline.stages.generation import run_generator
 from inim.pipeline.stages.method import MethodSetup, parse_eias, parse_methods
 from inim.pipeline.stages.scene import Scene
 from inim.pipeline.stages.stage import Run as StageRun
-from inim.process.observer import Observer
+from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE, FileError, UsageError
+from inim.system.process.observer import Observer
 from tests.conftest import run_python, small_display, square
 from tests.schemas import read_document
 from tests.system.conftest import (
@@ -52,7 +52,7 @@ BRIGHT, HALF = "example", "example:brightness=0.5"
 NAMES = ["template", "pickup:spp=8", BRIGHT, HALF]
 FAULTY = '''
 import numpy as np
-from inim.errors import UsageError
+from inim.system.errors import UsageError
 
 class Faulty:
     def __init__(self, how, shape):

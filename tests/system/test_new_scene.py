@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.commands.inputs import COMMANDS
-from inim.errors import FileError, UsageError
-from inim.files.mesh import read_mesh
-from inim.files.ply import write_ply
-from inim.files.triangle_mesh import Mesh, add_vertex_normals
+from inim.cli.new_scene import COMMANDS
 from inim.image.color import srgb_from_linear, srgb_to_uint8
-from inim.scene.new_scene import new_scene
-from inim.scene.relic_scene import STONE, scene_xml
+from inim.render.meshes.mesh import read_mesh
+from inim.render.meshes.ply import write_ply
+from inim.render.meshes.triangle_mesh import Mesh, add_vertex_normals
+from inim.render.scene_files.new_scene import new_scene
+from inim.render.scene_files.relic_scene import STONE, scene_xml
+from inim.system.errors import FileError, UsageError
 from tests.conftest import box_surface
 
 
@@ -174,13 +174,13 @@ def test_the_mesh_itself_is_never_overwritten(tmp_path):
 
 
 def test_a_failed_write_leaves_nothing(tmp_path, monkeypatch):
-    import inim.files.ply
+    import inim.render.meshes.ply
 
     def full(path: Path, mesh: Mesh) -> None:
         raise OSError(28, "No space left on device")
 
     source = saved(tmp_path, box((1, 2, 3)))
-    monkeypatch.setattr(inim.files.ply, "write_ply", full)
+    monkeypatch.setattr(inim.render.meshes.ply, "write_ply", full)
     with pytest.raises(FileError, match="No space left"):
         new_scene(source, tmp_path / "out" / "a.xml", unit="mm", up="y")
     assert list((tmp_path / "out").iterdir()) == []

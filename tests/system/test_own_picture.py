@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim.cli import main
+from inim.apps.own_picture.validate_picture import _fitted_warnings, warp_to_viewpoint
+from inim.cli.main import main
 from inim.display import Viewpoint
-from inim.errors import EXIT_PASSED
-from inim.files.image import read_rgbd
-from inim.views.own_picture import _fitted_warnings, warp_to_viewpoint
+from inim.image.files.image import read_rgbd
+from inim.system.errors import EXIT_PASSED
 from tests.schemas import read_document
 from tests.system.conftest import assert_refused, files_in, nothing_left, worker_here
 from tests.system.test_generate import (

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim import metrics
-from inim.metrics import Metric, Viewing
-from inim.sweeps.table import columns
+from inim.apps.sweep.table import columns
+from inim.scores import metrics
+from inim.scores.metrics import Metric, Viewing
 from tests.schemas import read_document
 from tests.system.conftest import TINY, definitions, run_here, without_pauses, write_scene
 
@@ -30,9 +30,9 @@ def package():
         settings={"ambient_lux": 0}, needs_viewing=True,
     )  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("inim.metrics.announced_names", lambda group: ["seen"])
-        patch.setattr("inim.metrics.load", lambda group, name, kind: metric)
-        patch.setattr("inim.metrics.identity", lambda group, name: {"version": "1"})
+        patch.setattr("inim.scores.metrics.announced_names", lambda group: ["seen"])
+        patch.setattr("inim.scores.metrics.load", lambda group, name, kind: metric)
+        patch.setattr("inim.scores.metrics.identity", lambda group, name: {"version": "1"})
         metrics._all_metrics.cache_clear()
         yield
     metrics._all_metrics.cache_clear()

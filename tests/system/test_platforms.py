@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS
-from inim.errors import EXIT_BACKEND
-from inim.files.image import read_exr, write_png, write_rgbd
+from inim.image.files.image import read_exr, write_png, write_rgbd
 from inim.image.rgbd import RGBD
+from inim.system.errors import EXIT_BACKEND
 from tests.system.conftest import Ended, assert_one_line, run_child, write_scene
 
 WITHOUT_POSIX = """
@@ -31,10 +31,10 @@ for place, names in {
 # Where no call takes a folder's descriptor, `shutil.rmtree` needs no O_NONBLOCK.
 shutil._use_fd_functions = False
 """
-RUN = "from inim.program import run\nrun()"
+RUN = "from inim.cli.program import run\nrun()"
 #: Run each command, whose words are parted by commas, and end its answer with its exit code.
 RUN_EACH = """
-from inim.cli import main
+from inim.cli.main import main
 for words in sys.argv[1:]:
     print(main(words.split(",")), file=sys.stderr)
 """

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from inim.version import __version__
+from inim.system.version import __version__
 from tests.system.conftest import TINY, definitions, write_scene
 
 if sys.version_info >= (3, 11):

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.files.image import read_exr
+from inim.image.files.image import read_exr
 from tests.schemas import read_document
 from tests.system.conftest import Ended, run_here, write_scene
 

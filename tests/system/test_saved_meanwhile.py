@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim.files.image import read_exr, write_exr, write_png
-from inim.files.ply import write_ply
-from inim.files.triangle_mesh import Mesh
+from inim.image.files.image import read_exr, write_exr, write_png
 from inim.render import scene as render_scene
+from inim.render.meshes.ply import write_ply
+from inim.render.meshes.triangle_mesh import Mesh
 from tests.conftest import scene_text, square
 from tests.system.conftest import Ended, assert_one_line
 

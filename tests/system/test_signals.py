@@ -21,7 +21,7 @@ from pathlib import Path
 
 import pytest
 
-from inim.errors import EXIT_BACKEND, EXIT_INTERNAL, EXIT_PASSED
+from inim.system.errors import EXIT_BACKEND, EXIT_INTERNAL, EXIT_PASSED
 from tests.system.conftest import (
     SMALLEST,
     assert_one_line,
@@ -47,7 +47,7 @@ class Finder:
             sys.meta_path.remove(self)
             os.kill(os.getpid(), signal.SIGINT)
 sys.meta_path.insert(0, Finder())
-from inim.program import run
+from inim.cli.program import run
 run()
 """
 
@@ -55,12 +55,12 @@ run()
 @pytest.mark.parametrize(
     "module",
     [
-        "inim.cli",
+        "inim.cli.main",
         "argparse",
-        "inim.commands.validate",
+        "inim.cli.validate",
         "numpy",
         "numpy.linalg",
-        "inim.worker.supervisor",
+        "inim.system.worker.supervisor",
     ],
 )
 def test_interrupt_while_modules_load_is_one_line(tmp_path, module):
@@ -75,7 +75,9 @@ def test_interrupt_while_modules_load_is_one_line(tmp_path, module):
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_signal_after_the_outcome_was_printed_is_an_ordinary_end(number):
-    code = "import atexit, os, signal, sys\nfrom inim.program import run\nimport inim.cli\n"
+    code = (
+        "import atexit, os, signal, sys\nfrom inim.cli.program import run\nimport inim.cli.main\n"
+    )
     code += f"atexit.register(os.kill, os.getpid(), {int(number)})\nrun('info', 'algorithms')"
     ended = run_child([sys.executable, "-c", code], 60, preexec_fn=hear)
     assert (ended.code, ended.stderr) == (EXIT_PASSED, "")

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from inim.cli import main
-from inim.errors import EXIT_PASSED, UsageError
-from inim.files.splat_ply import read_splats, write_splats
-from inim.scene.new_scene import new_scene
+from inim.cli.main import main
+from inim.render.meshes.splat_ply import read_splats, write_splats
+from inim.render.scene_files.new_scene import new_scene
+from inim.system.errors import EXIT_PASSED, UsageError
 from tests.schemas import assert_schema, read_document
 from tests.splat_relics import joined, random_splats, splats_at
 from tests.system.conftest import run_here

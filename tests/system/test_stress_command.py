@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from inim import documents
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
-from inim.settings import Settings
+from inim.display.settings import Settings
+from inim.system import document
+from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 from reports.stress.study.document import StudyDocument
 from reports.stress.study.generators import VARIANTS
 from tests.schemas import read_document
@@ -85,7 +85,7 @@ def test_the_study_runs_from_the_repository_and_all_it_claims_holds(tmp_path):
     ended = run("reports.stress.study", "--quick", "-o", tmp_path / "out", folder=ROOT)
     assert ended.code == EXIT_PASSED, ended.stderr + ended.stdout
     path = tmp_path / "out" / "stress.json"
-    documents.read_document(path, "", StudyDocument)
+    document.read_document(path, "", StudyDocument)
     data = json.loads(path.read_text("utf-8"))
     figures = {"stress.svg", "stress.png"}
     assert files_in(tmp_path / "out") == FILES | figures == set(data["files"])

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 import inim
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
-from inim.sweeps import SweepPlace, run_sweep
-from inim.sweeps.table import TABLE, columns
+from inim.apps.sweep.run import SweepPlace, run_sweep
+from inim.apps.sweep.table import TABLE, columns
+from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 from tests.conftest import scene_text
 from tests.schemas import read_document
 from tests.system.conftest import assert_refused, nothing_left, worker_here

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from inim.errors import EXIT_PASSED
-from inim.sweeps.table import TABLE
+from inim.apps.sweep.table import TABLE
+from inim.system.errors import EXIT_PASSED
 from tests.system.conftest import nothing_left
 from tests.system.sweeps import (
     WITHIN_S,

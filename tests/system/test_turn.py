@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from inim.errors import SceneError
 from inim.render import ground_truth
+from inim.system.errors import SceneError
 from tests.conftest import scene_text, small_display, sphere
 from tests.splat_relics import random_splats, splat_scene
 from tests.system.conftest import (
@@ -43,7 +43,7 @@ def mesh_scene(folder: Path, mesh: trimesh.Trimesh) -> str:
 def turned(open_fitted, renderer, tmp_path):
     """The fitted scene of a text at a turn."""
     from inim.render.scene import open_scene
-    from inim.scene.file import read_scene_file
+    from inim.render.scene_files.file import read_scene_file
 
     def opened(text: str, turn_deg: float | None):
         path = tmp_path / "scene.xml"

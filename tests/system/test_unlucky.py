@@ -20,11 +20,11 @@ from types import ModuleType
 import pytest
 
 import inim
-from inim.backend import kernels
-from inim.errors import EXIT_BACKEND, EXIT_PASSED, FileError
-from inim.process.observer import Observer
-from inim.worker.output import publish, staging_folder
-from inim.worker.serve import Job, _run_with_retry
+from inim.system.backend import kernels
+from inim.system.errors import EXIT_BACKEND, EXIT_PASSED, FileError
+from inim.system.process.observer import Observer
+from inim.system.worker.output import publish, staging_folder
+from inim.system.worker.serve import Job, _run_with_retry
 from tests.system.conftest import (
     ALONE,
     SMALLEST,
@@ -265,7 +265,7 @@ MOVES = """
 import sys
 from pathlib import Path
 import json
-from inim.worker.output import publish, staging_folder
+from inim.system.worker.output import publish, staging_folder
 out, name, count = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 for k in range(count):
     with staging_folder(out) as staging:
@@ -294,7 +294,8 @@ def test_reports_published_at_once_never_mix(tmp_path):
 
 def test_staging_folder_of_a_dead_run_is_cleared_away_and_of_a_living_one_is_not(tmp_path):
     out = tmp_path / "o*ut"
-    code = "import sys, os; from pathlib import Path; from inim.worker.output import staging_folder"
+    code = "import sys, os; from pathlib import Path\n"
+    code += "from inim.system.worker.output import staging_folder"
     code += "; staging_folder(Path(sys.argv[1])).__enter__(); os.kill(os.getpid(), 9)"
     for _ in range(3):
         assert subprocess.run([sys.executable, "-c", code, str(out)]).returncode == -9
@@ -313,7 +314,7 @@ from pathlib import Path
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.job import run
-from inim.scene.file import parse_definitions
+from inim.render.scene_files.file import parse_definitions
 folder, count = Path(sys.argv[1]), int(sys.argv[2])
 for k in range(count):
     definitions = parse_definitions(sys.argv[3:])

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from inim.errors import EXIT_BACKEND, EXIT_USAGE, OutOfMemoryError, ViewpointError
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
+from inim.system.errors import EXIT_BACKEND, EXIT_USAGE, OutOfMemoryError, ViewpointError
 from tests.conftest import LIT, scene_text, sphere
 from tests.system.conftest import (
     SHAPES,

@@ -20,11 +20,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.cli import main
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
-from inim.files.image import read_exr
+from inim.cli.main import main
 from inim.image.color import srgb_from_linear
+from inim.image.files.image import read_exr
 from inim.pipeline import validate
+from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
 from tests.conftest import scene_text, sphere
 from tests.schemas import read_document
 from tests.system.conftest import SMALLEST, Ended, files_in, nothing_left, write_scene

@@ -14,18 +14,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.documents.parts import check
-from inim.errors import EXIT_INTERNAL, EXIT_USAGE, InimError, UsageError
 from inim.pipeline import validate as validating
 from inim.pipeline.job import run as run_plan
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.stages import generation as generating
 from inim.pipeline.stages.scoring import missing_viewpoints
-from inim.process.observer import Observer
 from inim.report import Report
-from inim.worker.serve import Job, answer
-from inim.worker.supervisor import outcome_of
+from inim.scores.document_parts import check
+from inim.system.errors import EXIT_INTERNAL, EXIT_USAGE, InimError, UsageError
+from inim.system.process.observer import Observer
+from inim.system.worker.serve import Job, answer
+from inim.system.worker.supervisor import outcome_of
 from tests.conftest import scene_text, square
 from tests.system.conftest import TINY, write_scene
 

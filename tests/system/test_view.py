@@ -14,11 +14,11 @@ import pytest
 from PIL import Image
 
 from inim.display import Display, Viewpoint
+from inim.display.lens import white_exposure
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
-from inim.lens import white_exposure
-from inim.metrics import ssim
+from inim.report.view_page import view_eia
 from inim.report.virtual_display import live_lens_models, still_view
-from inim.views.page import view_eia
+from inim.scores.metrics import ssim
 from tests.chromium import NO_WEBGL, WEBGL, Tab, browser
 from tests.conftest import small_display
 from tests.frame_rate import COUNT_WORK, drag_about

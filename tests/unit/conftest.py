@@ -2,7 +2,7 @@
 
 import pytest
 
-from inim import metrics
+from inim.scores import metrics
 
 
 @pytest.fixture
@@ -10,8 +10,8 @@ def announce(monkeypatch):
     """Announce metrics of other packages, by the names of the keywords."""
 
     def announced(**registered):
-        monkeypatch.setattr("inim.metrics.announced_names", lambda group: sorted(registered))
-        monkeypatch.setattr("inim.metrics.load", lambda group, name, kind: registered[name])
+        monkeypatch.setattr("inim.scores.metrics.announced_names", lambda group: sorted(registered))
+        monkeypatch.setattr("inim.scores.metrics.load", lambda group, name, kind: registered[name])
         metrics._all_metrics.cache_clear()
 
     yield announced

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from inim.apps.stress.pictures import noise
 from inim.display import DISPLAYS, Viewpoint
+from inim.display.lens import lens_model, lens_models
+from inim.generators import accuracy_limits as limits
 from inim.generators import find_sources
-from inim.inspection import accuracy_limits as limits
-from inim.inspection.accuracy_limits import accuracy_warnings
-from inim.lens import lens_model, lens_models
+from inim.generators.accuracy_limits import accuracy_warnings
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
-from inim.stress.pictures import noise
 from reports.stress.study.oracles import exact_first_hits
 from reports.stress.study.rays import chosen_pixels, rays_over
 from tests.conftest import small_display

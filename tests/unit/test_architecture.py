@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 import inim
-from inim.metrics.ssim import metric
-from inim.process import threads as parallel
+from inim.scores.metrics.ssim import metric
+from inim.system.process import threads as parallel
 from tests.conftest import scene_text, sphere
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "architecture.md"
@@ -70,4 +70,4 @@ def test_a_view_s_ssim_is_twenty_modules_away_or_less_and_they_are_listed(path):
     listed = re.findall(r"`(inim[\w.]*)`", part)
     assert len(listed) == len(set(listed)) <= MOST
     assert path <= set(listed), "a stack has modules that the document leaves out"
-    assert {"inim.pipeline.validate", "inim.metrics.ssim", "inim.render.reconstruct"} <= path
+    assert {"inim.pipeline.validate", "inim.scores.metrics.ssim", "inim.render.reconstruct"} <= path

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.files.mesh import read_shape
+from inim.render.meshes.mesh import read_shape
 
 MOVED = (
     '<transform name="to_world"><scale x="2" y="-1" z="0.5"/>'

@@ -9,11 +9,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from inim import backend
-from inim.backend import Backend, Verdict, trial
-from inim.commands.info import describe, sys_info
-from inim.errors import BackendError, UsageError
-from inim.process import machine
+from inim.cli.info import describe, sys_info
+from inim.system import backend
+from inim.system.backend import Backend, Verdict, trial
+from inim.system.errors import BackendError, UsageError
+from inim.system.process import machine
 
 GOOD = Verdict(True, version="19.1.7", device="2 threads", stage="done")
 WHEEL_FOLDERS = backend.wheel_folders
@@ -429,8 +429,8 @@ def test_a_library_that_is_loaded_already_serves(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("loaded", "says"),
     [
-        (Loaded((-1, -1, -1)), "found no usable libLLVM; import inim.render"),
-        (Loaded((14, 0, 6), "llvm"), "LLVM 14 is too old for Dr.Jit; import inim.render"),
+        (Loaded((-1, -1, -1)), "found no usable libLLVM; import inim.render.library"),
+        (Loaded((14, 0, 6), "llvm"), "LLVM 14 is too old for Dr.Jit; import inim.render.library"),
     ],
 )
 def test_activate_refuses_to_be_late(monkeypatch, tmp_path, loaded, says):

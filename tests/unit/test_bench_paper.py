@@ -8,10 +8,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-from inim.documents import read_document
-from inim.documents.algorithms import BenchDocument
-from inim.report.bench import bench_page, milliseconds, times, write_bench
+from inim.apps.bench.document import BenchDocument
+from inim.apps.bench.page import bench_page, milliseconds, times, write_bench
 from inim.report.labels import per_cent
+from inim.system.document import read_document
 from reports.bench.paper.claims import claims
 from reports.bench.paper.report import parts_of
 from reports.bench.paper.scaling import power_law

@@ -4,9 +4,10 @@ import os
 
 import pytest
 
-from inim import timing
-from inim.bench import evaluate, load_average, warn_of_load, warn_of_others
-from inim.process.observer import Observer
+from inim.apps.bench import evaluate
+from inim.apps.bench.run import load_average, warn_of_load, warn_of_others
+from inim.pipeline import timing
+from inim.system.process.observer import Observer
 
 
 @pytest.mark.parametrize(("load", "warned"), [(0.0, 0), (0.5, 0), (0.6, 1), (8.0, 1), (None, 1)])

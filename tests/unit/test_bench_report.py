@@ -4,9 +4,7 @@ import json
 import re
 from xml.etree import ElementTree
 
-from inim.bench.evaluate import all_scores
-from inim.display import DISPLAYS
-from inim.documents.algorithms import (
+from inim.apps.bench.document import (
     BenchAlgorithm,
     BenchDocument,
     BenchRounds,
@@ -15,8 +13,10 @@ from inim.documents.algorithms import (
     Load,
     TimingRecord,
 )
-from inim.documents.parts import BackendRecord, DisplayRecord, PictureShape
-from inim.report.bench import bench_page, scene_parts, write_bench
+from inim.apps.bench.evaluate import all_scores
+from inim.apps.bench.page import bench_page, scene_parts, write_bench
+from inim.display import DISPLAYS
+from inim.scores.document_parts import BackendRecord, DisplayRecord, PictureShape
 
 SCORED = ("eia_ssim", "eia_psnr_db", "view_ssim_to_reference")
 

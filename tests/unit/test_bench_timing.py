@@ -2,9 +2,9 @@
 
 import pytest
 
-from inim.bench.evaluate import mark_fronts
-from inim.errors import UsageError
-from inim.timing import Rounds, Timing, ratios, time_calls
+from inim.apps.bench.evaluate import mark_fronts
+from inim.pipeline.timing import Rounds, Timing, ratios, time_calls
+from inim.system.errors import UsageError
 from tests.unit.test_bench_report import algorithm
 
 

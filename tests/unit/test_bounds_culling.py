@@ -7,8 +7,8 @@ import pytest
 import trimesh
 
 from inim.display import Viewpoint
-from inim.errors import FileError
-from inim.process.observer import Observer
+from inim.system.errors import FileError
+from inim.system.process.observer import Observer
 from tests.conftest import scene_text, small_display, sphere
 from tests.splat_relics import random_splats, splat_scene
 

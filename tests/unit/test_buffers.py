@@ -8,15 +8,16 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from inim import metrics
-from inim.errors import UsageError
 from inim.generators import colour_of
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8, to_srgb
-from inim.image.noisy_image import NoisyImage, row_bands
+from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
-from inim.metrics.flip import FLIP_REACH
-from inim.regression.fingerprints import fingerprint, reference_input
-from inim.regression.tiles import tile_statistics
+from inim.scores import metrics
+from inim.scores.metrics.flip import FLIP_REACH
+from inim.scores.regression.fingerprints import fingerprint, reference_input
+from inim.scores.regression.tiles import tile_statistics
+from inim.system.errors import UsageError
+from inim.system.row_bands import row_bands
 from tests.conftest import small_display
 
 # Pixels of a band: single rows, a few, one less than all, all.
@@ -25,8 +26,8 @@ BANDS = [1, 200, 700, 40 * 37 - 1, 2**20]
 
 @pytest.fixture(params=BANDS)
 def band(request, monkeypatch) -> int:
-    monkeypatch.setattr("inim.image.noisy_image._PIXELS", request.param)
-    monkeypatch.setattr("inim.regression.tiles._PIXELS_AT_ONCE", request.param)
+    monkeypatch.setattr("inim.system.row_bands._PIXELS", request.param)
+    monkeypatch.setattr("inim.scores.regression.tiles._PIXELS_AT_ONCE", request.param)
     monkeypatch.setattr("inim.generators.base._PIXELS_AT_ONCE", request.param)
     return request.param
 
@@ -103,7 +104,7 @@ def test_psnr_is_the_same_in_any_bands(band, monkeypatch):
     error = math.fsum((difference**2).tolist()) / difference.size
     assert metrics.psnr_db(*pair) == pytest.approx(-10 * math.log10(error), rel=1e-14)
     psnr = metrics.psnr_db(*pair)
-    monkeypatch.setattr("inim.image.noisy_image._PIXELS", 2**30)
+    monkeypatch.setattr("inim.system.row_bands._PIXELS", 2**30)
     assert metrics.psnr_db(*pair) == psnr
 
 
@@ -187,7 +188,7 @@ def test_colours_of_sources_are_looked_up_one_by_one(band):
 def test_an_eia_is_scored_in_less_memory_than_its_own(score, copies, monkeypatch):
     """Bands of a hundredth of it; in one piece they took up to ten times the EIA."""
     pair = pictures(2000, 500)
-    for module in ("inim.image.noisy_image._PIXELS", "inim.regression.tiles._PIXELS_AT_ONCE"):
+    for module in ("inim.system.row_bands._PIXELS", "inim.scores.regression.tiles._PIXELS_AT_ONCE"):
         monkeypatch.setattr(module, 10_000)
     score(*(p[:40, :40] for p in pair))  # imports, compiled kernels
     tracemalloc.start()

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim.cache import (
+from inim.system.cache import (
     Record,
     ResultCache,
     Store,
@@ -20,7 +20,7 @@ from inim.cache import (
     open_store,
     value_digest,
 )
-from inim.errors import UsageError
+from inim.system.errors import UsageError
 
 
 @pytest.fixture
@@ -169,7 +169,7 @@ def test_two_that_write_at_once_leave_a_whole_record(store):
 KEEPER = """
 import sys, numpy as np
 from pathlib import Path
-from inim.cache import Record, Store
+from inim.system.cache import Record, Store
 store = Store(Path(sys.argv[1]), 2**30)
 print("ready", flush=True)
 for k in range(10**6):
@@ -215,7 +215,7 @@ def test_digests_differ_for_different_values():
     assert value_digest({"x": a}) == value_digest({"x": a.copy()})
     assert value_digest({"x": 1, "y": 2}) == value_digest({"y": 2, "x": 1})
     assert cache_address("p", {"a": "1"}) != cache_address("q", {"a": "1"})
-    assert code_digest("render") != code_digest("lens")
+    assert code_digest("render") != code_digest("display/lens")
     with pytest.raises(FileNotFoundError):
         code_digest("no_such_module.py")
     with pytest.raises(TypeError):

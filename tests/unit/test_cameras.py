@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from inim.apps.own_picture.cameras import read_cameras
+from inim.apps.own_picture.picture import CameraPicture
 from inim.display import DISPLAYS
-from inim.errors import FileError, UsageError
-from inim.from_camera.cameras import read_cameras
-from inim.from_camera.picture import CameraPicture
 from inim.generators import generate, merge_cameras
 from inim.image.rgbd import RGBD, Camera, CameraRGBD, CameraRGBDs, LayeredRGBD, camera_directions
+from inim.system.errors import FileError, UsageError
 from tests.conftest import small_display
 
 DISPLAY = small_display()

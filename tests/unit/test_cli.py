@@ -1,4 +1,4 @@
-"""Commands are those of the modules of `inim.commands`; only the named one's module is imported."""
+"""Commands of the program: only the module of the named one is imported."""
 
 import os
 import pkgutil
@@ -9,9 +9,11 @@ from pathlib import Path
 
 import pytest
 
-import inim.commands
-from inim.cli import COMMANDS, main
-from inim.errors import EXIT_USAGE
+import inim.apps
+import inim.cli
+from inim.apps import APPS
+from inim.cli.main import COMMANDS, main
+from inim.system.errors import EXIT_USAGE
 
 HEAVY = ("numpy", "numba", "mitsuba", "drjit", "matplotlib", "PIL", "scipy", "trimesh")
 
@@ -19,7 +21,7 @@ HEAVY = ("numpy", "numba", "mitsuba", "drjit", "matplotlib", "PIL", "scipy", "tr
 def loaded_by(*words: str) -> set[str]:
     """Modules that a fresh process has imported once its command line is parsed."""
     code = (
-        "import sys; from inim.cli import main\n"
+        "import sys; from inim.cli.main import main\n"
         "try:\n    main(sys.argv[1:])\nexcept SystemExit:\n    pass\n"
         "print(*sorted(sys.modules), file=sys.stderr)"
     )
@@ -30,11 +32,15 @@ def loaded_by(*words: str) -> set[str]:
 
 
 def test_the_table_has_every_command_of_every_module():
-    modules = {m.name for m in pkgutil.iter_modules(inim.commands.__path__)}
+    folders = {m.name for m in pkgutil.iter_modules(inim.apps.__path__)}
+    assert folders == APPS.keys()
+    modules = {f"inim.apps.{folder}.command" for folder in folders}
+    modules |= {f"inim.cli.{m.name}" for m in pkgutil.iter_modules(inim.cli.__path__)}
     commands = {
         name: module
         for module in modules
-        for name in import_module(f"inim.commands.{module}").COMMANDS
+        for name in getattr(import_module(module), "COMMANDS", ())
+        if module != "inim.cli.main"
     }
     assert commands == COMMANDS
 
@@ -54,8 +60,8 @@ def test_help_loads_no_large_module(words):
 
 
 def test_only_the_named_command_is_imported():
-    loaded = {m for m in loaded_by("info", "--help") if m.startswith("inim.commands.")}
-    assert loaded == {"inim.commands.info"}
+    loaded = loaded_by("info", "--help") & set(COMMANDS.values())
+    assert loaded == {"inim.cli.info"}
 
 
 @pytest.mark.parametrize(
@@ -118,8 +124,9 @@ def test_shells_complete_the_words_of_a_command(tmp_path, line, proposed, not_pr
 @pytest.mark.parametrize("words", [("validate", "scenes/jade.xml"), ("info", "algorithms")])
 def test_a_python_without_the_dependencies_is_refused_with_the_one_to_use(words):
     isolated = [sys.executable, "-I", "-S", "-c"]  # no site-packages
-    root = str(Path(inim.commands.__file__).parents[2])
-    code = f"import sys; sys.path.insert(0, {root!r}); from inim.cli import main; sys.exit(main())"
+    root = str(Path(inim.cli.__file__).parents[2])
+    code = f"import sys; sys.path.insert(0, {root!r}); from inim.cli.main import main; "
+    code += "sys.exit(main())"
     ended = subprocess.run([*isolated, code, *words], capture_output=True, text=True, cwd=root)
     assert ended.returncode == EXIT_USAGE, ended.stderr
     assert ended.stderr.count("\n") == 1

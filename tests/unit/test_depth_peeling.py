@@ -5,13 +5,13 @@ import re
 import numpy as np
 import pytest
 
-from inim.errors import OutOfMemoryError
-from inim.files.image import read_exr, read_rgbd
 from inim.generators import NO_LENS, find_sources
+from inim.image.files.image import read_exr, read_rgbd
 from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
-from inim.process import machine
+from inim.system.errors import OutOfMemoryError
+from inim.system.process import machine
 from tests.conftest import scene_text, small_display, sphere, square
 from tests.system.conftest import without_page
 

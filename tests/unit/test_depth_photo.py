@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.errors import FileError, UsageError
-from inim.from_camera.depth_photo import read_depth_photo
-from inim.from_camera.depth_photo.codes import read_xmp, rotate_upright
-from inim.from_camera.fit import Pinhole
-from inim.from_camera.picture_files import read_color
+from inim.apps.own_picture.depth_photo import read_depth_photo
+from inim.apps.own_picture.depth_photo.codes import read_xmp, rotate_upright
+from inim.apps.own_picture.fit import Pinhole
+from inim.apps.own_picture.picture_files import read_color
+from inim.system.errors import FileError, UsageError
 from tests.depth_photographs import (
     EXTENDED,
     RDF,

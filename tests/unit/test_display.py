@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from inim.display import DISPLAYS, Display
+from inim.display.lens import LensModelName, lens_models
 from inim.display.parameters import DisplayParameters
 from inim.display.pixels import pixel_rays
-from inim.errors import DisplayError
-from inim.inspection.accuracy_limits import accuracy_warnings
-from inim.lens import LensModelName, lens_models
+from inim.generators.accuracy_limits import accuracy_warnings
+from inim.system.errors import DisplayError
 from tests import oracle
 
 NOMINAL = DISPLAYS["nominal"]

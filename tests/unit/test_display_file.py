@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
+from inim.apps.sweep.study import read_study
+from inim.apps.sweep.unit import expand
 from inim.display import DISPLAYS
-from inim.errors import FileError, InimError, SceneError, UsageError
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
-from inim.scene.file import choose_display
-from inim.sweeps.study import read_study
-from inim.sweeps.unit import expand
+from inim.render.scene_files.file import choose_display
+from inim.system.errors import FileError, InimError, SceneError, UsageError
 from tests.conftest import scene_text, sphere
 
 MINE = """<scene version="3.0.0">

@@ -13,12 +13,12 @@ from typing import Annotated, Any
 import pytest
 from jsonschema import Draft202012Validator
 
-from inim.documents import Document, Part, doc, read_document, schema, write_document
-from inim.documents.compare import BaselineDocument, CompareDocument
-from inim.documents.document import decode, encode
-from inim.documents.picture import PictureDocument
-from inim.documents.report import ReportDocument
-from inim.errors import FileError
+from inim.cli.schemas import schema
+from inim.report.document import ReportDocument
+from inim.report.picture_document import PictureDocument
+from inim.scores.regression.document import BaselineDocument, CompareDocument
+from inim.system.document import Document, Part, decode, doc, encode, read_document, write_document
+from inim.system.errors import FileError
 from tests.schemas import DATACLASSES, completed
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from inim import errors
-from inim.cli import COMMANDS
+from inim.cli.main import COMMANDS
+from inim.system import errors
 from tests.documents import ROOT, blocks, check_syntax, commands, pages
 
 EXAMPLES = ROOT / "tests" / "example_package"
@@ -24,7 +24,7 @@ _CODE = re.compile(r"```.*?```|`[^`\n]*`", re.S)
 
 def parser_of(name: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(exit_on_error=False)
-    import_module(f"inim.commands.{COMMANDS[name]}").COMMANDS[name].add_arguments(parser)
+    import_module(COMMANDS[name]).COMMANDS[name].add_arguments(parser)
     return parser
 
 

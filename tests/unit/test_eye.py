@@ -12,7 +12,7 @@ import pytest
 
 from inim.display import DISPLAYS
 from inim.display.viewpoint import Viewpoint, check_viewpoint, focus_distance_mm, parse_viewpoints
-from inim.errors import ViewpointError
+from inim.system.errors import ViewpointError
 from tests.conftest import display_shape, small_display
 
 NOMINAL = DISPLAYS["nominal"]

@@ -15,7 +15,6 @@ import pytest
 
 import inim
 from inim.display import DISPLAYS, Display
-from inim.errors import UsageError
 from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
 from inim.generators.raycast import fill
 from inim.generators.raycast.columns import STEEPEST
@@ -23,6 +22,7 @@ from inim.generators.raycast.fill import Filled
 from inim.generators.registry import Algorithm
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD
+from inim.system.errors import UsageError
 from tests import oracle
 from tests.conftest import small_display
 

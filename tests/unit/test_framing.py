@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from inim.apps.own_picture.depth_values import DepthValues
+from inim.apps.own_picture.framing import choose_framing
+from inim.apps.own_picture.picture import CameraPicture, ColorDepth
 from inim.display import DISPLAYS
-from inim.errors import FileError
-from inim.from_camera.depth_values import DepthValues
-from inim.from_camera.framing import choose_framing
-from inim.from_camera.picture import CameraPicture, ColorDepth
+from inim.system.errors import FileError
 
 DISPLAY = DISPLAYS["nominal"]
 

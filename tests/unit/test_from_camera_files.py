@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.display import DISPLAYS
-from inim.errors import FileError, UsageError
-from inim.files.eia_file import read_eia, write_eia, write_true_size_pdf
-from inim.files.image import write_exr, write_exr_parts
-from inim.from_camera.depth_values import (
+from inim.apps.own_picture.depth_values import (
     DepthConvention,
     fill_missing_depth,
     interpret_depth,
     parse_unit,
 )
-from inim.from_camera.fit import Pinhole, check_pinhole, parse_intrinsics
-from inim.from_camera.picture import check_same_view, resample_nearest
-from inim.from_camera.picture_files import DepthFile, read_color, read_depth
+from inim.apps.own_picture.fit import Pinhole, check_pinhole, parse_intrinsics
+from inim.apps.own_picture.picture import check_same_view, resample_nearest
+from inim.apps.own_picture.picture_files import DepthFile, read_color, read_depth
+from inim.display import DISPLAYS
+from inim.image.files.eia_file import read_eia, write_eia, write_true_size_pdf
+from inim.image.files.image import write_exr, write_exr_parts
+from inim.system.errors import FileError, UsageError
 from tests.conftest import small_display
 
 MM = DepthConvention(1.0)

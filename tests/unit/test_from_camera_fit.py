@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from inim.errors import UsageError
-from inim.from_camera.depth_values import DepthValues
-from inim.from_camera.fit import Pinhole, depth_range, fit_picture, map_depth
+from inim.apps.own_picture.depth_values import DepthValues
+from inim.apps.own_picture.fit import Pinhole, depth_range, fit_picture, map_depth
+from inim.system.errors import UsageError
 from tests.conftest import small_display
 
 FOCAL = 200.0

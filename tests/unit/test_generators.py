@@ -14,7 +14,6 @@ import numba
 import numpy as np
 import pytest
 
-from inim.backend.kernels import limited_threads
 from inim.display.pixels import SUBPIXELS as PATTERNS
 from inim.display.pixels import PixelOffset, exact_length
 from inim.generators import (
@@ -34,6 +33,7 @@ from inim.generators.raycast.ray_by_ray import RayByRay
 from inim.generators.raycast.strips import Strips
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD
+from inim.system.backend.kernels import limited_threads
 from reports.stress.study.oracles import answer, with_rational_ties
 from reports.stress.study.rays import chosen_pixels, rays_over
 from tests import oracle

@@ -7,9 +7,9 @@ import pytest
 import trimesh
 from PIL import Image
 
-from inim.errors import FileError
-from inim.files.mesh import read_mesh
-from inim.scene.new_scene import new_scene
+from inim.render.meshes.mesh import read_mesh
+from inim.render.scene_files.new_scene import new_scene
+from inim.system.errors import FileError
 
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], "<u2")
 CORNERS = np.array([[0, 0, 0], [65535, 0, 0], [0, 65535, 0], [0, 0, 13107]], "<u2")

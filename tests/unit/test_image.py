@@ -9,15 +9,15 @@ import pytest
 from PIL import Image
 from skimage.metrics import structural_similarity
 
-from inim import metrics
-from inim.errors import FileError, UsageError
-from inim.files import image
-from inim.files.eia_file import read_eia
 from inim.image.color import srgb_from_linear, srgb_to_uint8
+from inim.image.files import image
+from inim.image.files.eia_file import read_eia
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
-from inim.process.atomic_file import write_atomically
-from inim.regression.scores import view_scores
+from inim.scores import metrics
+from inim.scores.regression.scores import view_scores
+from inim.system.errors import FileError, UsageError
+from inim.system.process.atomic_file import write_atomically
 from tests.conftest import small_display
 
 RANDOM = np.random.default_rng(3)

@@ -12,7 +12,7 @@ import pytest
 import inim
 from inim.display import DISPLAYS, Viewpoint
 from inim.display.viewpoint import named_viewpoint, viewpoint_of
-from inim.errors import InimError, UsageError, ViewpointError
+from inim.system.errors import InimError, UsageError, ViewpointError
 from tests.conftest import small_display
 
 NOMINAL = DISPLAYS["nominal"]

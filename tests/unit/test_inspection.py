@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 from msgspec.structs import asdict
 
-from inim.display import DISPLAYS, Display
-from inim.display.viewpoint import default_distance_mm
-from inim.errors import DisplayError, UsageError
-from inim.inspection import findings, geometry
-from inim.inspection.findings import Inspection, misalignments, usable_model
-from inim.inspection.geometry import (
+from inim.apps.inspect import findings, geometry
+from inim.apps.inspect.findings import Inspection, misalignments, usable_model
+from inim.apps.inspect.geometry import (
     aperture_blur_mm,
     array_samples,
     crosstalk_map,
@@ -22,8 +19,11 @@ from inim.inspection.geometry import (
     voxel_mm,
     voxel_widths,
 )
-from inim.inspection.spots import cell_of, field_angles_deg, land, spot, spots
+from inim.apps.inspect.spots import cell_of, field_angles_deg, land, spot, spots
+from inim.display import DISPLAYS, Display
+from inim.display.viewpoint import default_distance_mm
 from inim.report.diagram import zone_outline_mm
+from inim.system.errors import DisplayError, UsageError
 from tests.conftest import small_display
 
 NOMINAL = DISPLAYS["nominal"]

@@ -13,12 +13,12 @@ import pytest
 LINE = "inim: interrupted; unfinished results were discarded\n"
 PREAMBLE = """
 import os, signal, sys, threading, time
-import inim.cli
-from inim.process.interrupts import delayed_interrupts
-from inim.program import run
+import inim.cli.main
+from inim.system.process.interrupts import delayed_interrupts
+from inim.cli.program import run
 def interrupt(number=signal.SIGINT): os.kill(os.getpid(), number); time.sleep(0)
 def say(text): os.write(1, (text + " ").encode())
-def program(main): inim.cli.main = lambda words: main(); run()
+def program(main): inim.cli.main.main = lambda words: main(); run()
 """
 
 
@@ -83,7 +83,8 @@ def test_ignored_signals_stay_ignored():
 
 def test_library_leaves_handlers_alone():
     code = """
-import inim, inim.pytest_plugin, inim.worker.supervisor, inim.pipeline.launch, inim.program
+import inim, inim.cli.pytest_plugin, inim.cli.program
+import inim.system.worker.supervisor, inim.pipeline.launch
 try:
     with delayed_interrupts(): interrupt(); say("published")
 except KeyboardInterrupt: say("raised")
@@ -96,7 +97,7 @@ assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 def test_child_that_ignores_sigterm_is_killed():
     code = """
 import subprocess
-from inim.process import python_process
+from inim.system.process import python_process
 python_process._PATIENCE_S = 0.2
 ignores = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(1, flush=True)"
 words = python_process.python_code(ignores + "; time.sleep(60)")
@@ -112,7 +113,7 @@ def test_an_interrupt_that_an_import_replaced_is_raised_again():
     """Expected: numpy's import turns KeyboardInterrupt into ImportError; the exit code is 130."""
     code = """
 import os, signal, sys
-from inim.process.interrupts import raise_again, raise_interrupts
+from inim.system.process.interrupts import raise_again, raise_interrupts
 raise_interrupts()
 try:
     os.kill(os.getpid(), signal.SIGINT)
@@ -148,8 +149,8 @@ program(main)
 AT_EACH_STEP = """
 import contextlib, shutil, subprocess
 from pathlib import Path
-from inim.process import atomic_file, interrupts, python_process
-from inim.worker import output, supervisor
+from inim.system.process import atomic_file, interrupts, python_process
+from inim.system.worker import output, supervisor
 place, numbers = Path(sys.argv[1]), [int(word) for word in sys.argv[2:]]
 modules = (atomic_file, contextlib, interrupts, output, python_process, shutil, supervisor)
 files = {module.__file__ for module in modules}

@@ -6,9 +6,9 @@ from importlib import util
 
 import numba
 
-from inim.backend import kernels
+from inim.system.backend import kernels
 
-SOURCE = """from inim.backend.kernels import compiled
+SOURCE = """from inim.system.backend.kernels import compiled
 
 @compiled
 def twice(x):

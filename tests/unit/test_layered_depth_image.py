@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from inim.errors import FileError, UsageError
-from inim.files import image
+from inim.image.files import image
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
+from inim.system.errors import FileError, UsageError
 
 ROWS, COLUMNS = 7, 11
 

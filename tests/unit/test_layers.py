@@ -5,11 +5,11 @@ import pytest
 
 from inim.display import DISPLAYS
 from inim.display.layers import air_equivalent_mm, excess_mm, parse_layers
+from inim.display.lens import check_lens_model, trace_to_panel, white_exposure
 from inim.display.parameters import rows_text
-from inim.errors import DisplayError, UsageError
-from inim.lens import check_lens_model, trace_to_panel, white_exposure
-from inim.scene.file import choose_display, parse_definitions
-from inim.settings import plain_parameters
+from inim.display.settings import plain_parameters
+from inim.render.scene_files.file import choose_display, parse_definitions
+from inim.system.errors import DisplayError, UsageError
 
 NOMINAL = DISPLAYS["nominal"]
 GLASS = NOMINAL.replace(layers=[(0.5, 1.52), (0.1, 1.41)])

@@ -11,13 +11,13 @@ import pytest
 
 from inim.display import DISPLAYS as PRESETS
 from inim.display.layouts import LAYOUTS, NUMPY_OPS, Lenticular
+from inim.display.lens import lens_array, lens_centre, lens_traits
 from inim.display.parameters import Lattice
 from inim.display.pixels import CENTRE, PixelOffset, pixel_rays, ray_starts
-from inim.errors import DisplayError
 from inim.generators import prepare
 from inim.generators.raycast.ray_by_ray import RayByRay
 from inim.image.rgbd import RGBD
-from inim.lens import lens_array, lens_centre, lens_traits
+from inim.system.errors import DisplayError
 from tests.conftest import small_display
 from tests.skewed_layout import Skewed
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS
-from inim.errors import DisplayError
-from inim.lens import check_lens_model, trace_to_panel
-from inim.lens.thick import on_axis_transmittance
+from inim.display.lens import check_lens_model, trace_to_panel
+from inim.display.lens.thick import on_axis_transmittance
+from inim.system.errors import DisplayError
 from tests.conftest import display_shape, small_display
 
 NOMINAL = DISPLAYS["nominal"]
@@ -282,7 +282,7 @@ def test_the_renderer_s_emitter_agrees_with_numpy(renderer, name, side):
     """
     import mitsuba as mi
 
-    from inim.lens import channel_indices
+    from inim.display.lens import channel_indices
 
     display = small_display(8, 8, pixels=8, curved_side=side, **KINDS[name])
     random = np.random.default_rng(10)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS
-from inim.errors import DisplayError
-from inim.lens import check_lens_model
-from inim.lens.full import facet_error_mm, facets_per_lens, sheet_mesh
+from inim.display.lens import check_lens_model
+from inim.display.lens.full import facet_error_mm, facets_per_lens, sheet_mesh
+from inim.system.errors import DisplayError
 from tests.conftest import small_display
 
 NOMINAL = DISPLAYS["nominal"]

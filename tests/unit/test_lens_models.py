@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from inim.display import Viewpoint
-from inim.errors import DisplayError, InimError, UsageError
-from inim.lens import (
+from inim.display.lens import (
     check_lens_model,
     drawn_model,
     foreign_identity,
@@ -17,6 +16,7 @@ from inim.lens import (
     trace_to_panel,
     white_exposure,
 )
+from inim.system.errors import DisplayError, InimError, UsageError
 from tests.conftest import small_display
 from tests.system.conftest import install_metadata
 
@@ -24,8 +24,8 @@ OWN = ["pinhole", "thin", "thick", "full"]
 DISPLAY = small_display(4, 4)
 # A pinhole that loses half of the light: like the project's own, but for its exposure.
 THEIRS = """
-from inim.errors import DisplayError
-from inim.lens import LensModel, PanelRay, lens_centre
+from inim.system.errors import DisplayError
+from inim.display.lens import LensModel, PanelRay, lens_centre
 
 
 def trace(array, traits, ops, x, y, sx, sy, index):
@@ -114,7 +114,7 @@ def test_another_package_s_model_is_one_of_them(plant):
 
 
 MESH = """from dataclasses import replace
-from inim.lens import lens_model
+from inim.display.lens import lens_model
 model = replace(lens_model('full'), name='theirs')
 """
 
@@ -154,7 +154,7 @@ def test_the_renderer_shows_a_display_through_another_package_s_model(plant, ren
         (THEIRS.replace('"pinhole"', '"magic"'), "its stand_in is 'magic'; use pinhole or"),
         (THEIRS.replace("trace=trace, ", ""), "define exactly one of trace and mesh"),
         (THEIRS.replace("    if display", "    1 / 0\n    if display"), "failed: ZeroDivisionErr"),
-        ("model = 3", "is a int; register an inim.lens.LensModel"),
+        ("model = 3", "is a int; register an inim.display.lens.LensModel"),
         ("import no_such_package", "cannot be loaded: ModuleNotFoundError"),
         ("raise SystemExit(0)", "cannot be loaded: SystemExit"),
     ],

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS
-from inim.lens import trace_to_panel
+from inim.display.lens import trace_to_panel
 
 PAGE = Path(__file__).parents[2] / "docs" / "theory" / "lens-models.md"
 MARKERS = ("<!-- optiland -->", "<!-- /optiland -->")
@@ -407,7 +407,7 @@ def test_two_cells_on_a_ray_s_path_are_enough(name, side, cells, suffice, monkey
     display = ARRAY.replace(curved_side=side, **RELIEFS[name])
     rays = oblique_rays(50000, seed=13)
     two = trace_to_panel(display, "thick", *rays)
-    monkeypatch.setattr("inim.lens.thick._CELLS_ON_THE_WAY", cells)
+    monkeypatch.setattr("inim.display.lens.thick._CELLS_ON_THE_WAY", cells)
     other = trace_to_panel(display, "thick", *rays)
     same = np.isclose(two[0], other[0], atol=1e-9) & (two[2] == other[2])
     assert same.all() == suffice

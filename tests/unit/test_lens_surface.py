@@ -5,8 +5,16 @@ import math
 import numpy as np
 import pytest
 
-from inim.lens.array import NUMPY_OPS as OPS
-from inim.lens.model import Face, advance, intersect, refract, sag, steepness, surface_normal
+from inim.display.lens.array import NUMPY_OPS as OPS
+from inim.display.lens.model import (
+    Face,
+    advance,
+    intersect,
+    refract,
+    sag,
+    steepness,
+    surface_normal,
+)
 
 FACES = {
     "plane": Face(0.0),

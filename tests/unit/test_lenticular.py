@@ -13,23 +13,23 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.cli import main
+from inim.apps.export.native import subpixel_views
+from inim.apps.inspect.geometry import view_shares
+from inim.cli.main import main
 from inim.display import DISPLAYS, Viewpoint
 from inim.display.cells import CELL_PATTERNS
+from inim.display.lens import check_lens_model, trace_to_panel
 from inim.display.looking_glass import CELL_MODES, TYPICAL, LookingGlass, parse_calibration
 from inim.display.pixels import SUBPIXELS, PixelOffset, pixel_rays, ray_starts
+from inim.display.settings import Settings
 from inim.display.viewpoint import check_viewpoint, parse_viewpoints, zone_eyes
-from inim.errors import DisplayError, FileError, UsageError, ViewpointError
-from inim.files.image import write_rgbd
 from inim.generators import find_sources, generate, prepare
+from inim.image.files.image import write_rgbd
 from inim.image.rgbd import RGBD
-from inim.inspection.geometry import view_shares
-from inim.lens import check_lens_model, trace_to_panel
 from inim.render.rays import pickup_rays
 from inim.render.reconstruct import reconstruct
-from inim.scene.file import choose_display, display_of, read_scene_file
-from inim.settings import Settings
-from inim.views.native import subpixel_views
+from inim.render.scene_files.file import choose_display, display_of, read_scene_file
+from inim.system.errors import DisplayError, FileError, UsageError, ViewpointError
 from tests.conftest import small_display
 
 ROOT = Path(__file__).parents[2]

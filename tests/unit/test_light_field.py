@@ -7,8 +7,8 @@ import pytest
 from PIL import Image
 
 from inim.display import DISPLAYS
-from inim.errors import FileError, UsageError
-from inim.files.light_field import (
+from inim.generators import generate
+from inim.image.files.light_field import (
     centre_disparity,
     disparity_step_mm,
     eia_from_views,
@@ -19,8 +19,8 @@ from inim.files.light_field import (
     write_hci,
     write_quilt,
 )
-from inim.generators import generate
 from inim.image.rgbd import RGBD
+from inim.system.errors import FileError, UsageError
 from tests.conftest import small_display
 
 COUNTS = [(5, 7, 4), (6, 4, 5), (4, 4, 8), (3, 8, 3)]

@@ -2,9 +2,9 @@
 
 import pytest
 
-from inim.errors import OutOfMemoryError
 from inim.pipeline.plan import LEAST_BYTES, make_plan, rays_in_flight
 from inim.pipeline.request import Request
+from inim.system.errors import OutOfMemoryError
 from tests.system.conftest import write_scene
 
 GIB = 2**30
@@ -40,7 +40,7 @@ def test_a_plan_is_refused_only_where_the_smallest_passes_do_not_fit(spare, tmp_
     plenty = make_plan(request)
     assert plenty.rays_in_flight == 2**22
     least = LEAST_BYTES + plenty.images_bytes
-    monkeypatch.setattr("inim.process.machine.memory_limit_bytes", lambda: least + spare)
+    monkeypatch.setattr("inim.system.process.machine.memory_limit_bytes", lambda: least + spare)
     if spare < 0:
         with pytest.raises(OutOfMemoryError, match=r"available \d.\d GiB; use a disp"):
             make_plan(request)

@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim.errors import FileError
-from inim.files.mesh import UNIT_MM, read_mesh, read_shape
-from inim.files.ply import write_ply
-from inim.files.triangle_mesh import Mesh
+from inim.render.meshes.mesh import UNIT_MM, read_mesh, read_shape
+from inim.render.meshes.ply import write_ply
+from inim.render.meshes.triangle_mesh import Mesh
+from inim.system.errors import FileError
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]], np.float32)
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.uint32)

@@ -6,12 +6,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from inim import metrics
-from inim.errors import UsageError
 from inim.image.color import srgb_from_linear
 from inim.image.noisy_image import NoisyImage
-from inim.metrics import Metric
-from inim.regression.scores import ScoreEstimate, compare_scores, view_scores
+from inim.scores import metrics
+from inim.scores.metrics import Metric
+from inim.scores.regression.scores import ScoreEstimate, compare_scores, view_scores
+from inim.system.errors import UsageError
 
 
 def absolute(reference: np.ndarray, test: np.ndarray) -> float:
@@ -109,7 +109,7 @@ def test_any_fault_of_a_function_is_one_line(announce, function, words):
 @pytest.mark.parametrize(
     ("registered", "words"),
     [
-        (absolute, "is a function; register an inim.metrics.Metric"),
+        (absolute, "is a function; register an inim.scores.metrics.Metric"),
         (lower("other", absolute), "has the name 'other'"),
     ],
 )

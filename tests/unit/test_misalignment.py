@@ -10,7 +10,7 @@ from inim.display.misalignment import (
     one_pixel_errors,
     parse_misalignment,
 )
-from inim.errors import DisplayError, UsageError
+from inim.system.errors import DisplayError, UsageError
 
 NOMINAL = DISPLAYS["nominal"]
 

@@ -7,11 +7,11 @@ import pytest
 from PIL import Image
 
 from inim.display import DISPLAYS, Viewpoint
-from inim.errors import BackendError, FileError, SceneError, UsageError
-from inim.files.image import write_exr
+from inim.display.lens import LensModel
+from inim.display.settings import plain_parameters
 from inim.image.color import to_srgb
-from inim.lens import LensModel
-from inim.settings import plain_parameters
+from inim.image.files.image import write_exr
+from inim.system.errors import BackendError, FileError, SceneError, UsageError
 from tests.conftest import no_cuda, small_display, square
 
 ROOT = Path(__file__).parents[2]

@@ -11,10 +11,10 @@ from scipy.sparse import csr_array
 
 from inim.display import Viewpoint
 from inim.display.viewpoint import parse_viewpoints
-from inim.errors import UsageError
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_slope
-from inim.metrics.psnr import psnr_db
 from inim.pipeline.stages.optimal import LeastSquares
+from inim.scores.metrics.psnr import psnr_db
+from inim.system.errors import UsageError
 from tests.conftest import small_display
 
 PER_LENS = 4

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from inim.errors import FileError
-from inim.worker import output
-from inim.worker.output import list_name, lock_folder, publish, staging_folder
+from inim.system.errors import FileError
+from inim.system.worker import output
+from inim.system.worker.output import list_name, lock_folder, publish, staging_folder
 
 LIST = ".report-files.json"
 

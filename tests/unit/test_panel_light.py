@@ -7,11 +7,11 @@ import pytest
 
 from inim.display import DISPLAYS, Viewpoint
 from inim.display.panel import emitted_picture, panel_words, seen_light, white_of
-from inim.errors import DisplayError
 from inim.image.color import srgb_from_linear
 from inim.pipeline.stages.reconstruction import DisplayedEIA, Optics
 from inim.pipeline.stages.scene import Renderer
-from inim.process.observer import Observer
+from inim.system.errors import DisplayError
+from inim.system.process.observer import Observer
 from tests.conftest import small_display
 
 NOMINAL = DISPLAYS["nominal"]

@@ -6,8 +6,8 @@ from concurrent.futures import Future, wait
 
 import pytest
 
-from inim.process import threads as module
-from inim.process.threads import threads
+from inim.system.process import threads as module
+from inim.system.process.threads import threads
 
 
 @pytest.fixture(params=[1, 4], ids=["one processor", "four"])

@@ -7,14 +7,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from inim import metrics
 from inim.display import DISPLAYS
 from inim.display.viewpoint import Viewpoint
-from inim.documents.report import ReportDocument
-from inim.errors import UsageError
-from inim.metrics import Metric, Viewing
 from inim.pipeline.stages.reconstruction import Optics
+from inim.report.document import ReportDocument
 from inim.report.labels import disagreements
+from inim.scores import metrics
+from inim.scores.metrics import Metric, Viewing
+from inim.system.errors import UsageError
 from tests.documents import blocks
 from tests.schemas import report_document
 

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from inim.errors import FileError
-from inim.plugins import PluginModule, identity
+from inim.system.errors import FileError
+from inim.system.plugins import PluginModule, identity
 
 GROUP = "inim.metrics"
 

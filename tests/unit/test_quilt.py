@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from inim.apps.export.quilt import QuiltRequest
 from inim.display.viewpoint import default_distance_mm, zone_eyes
-from inim.errors import UsageError, ViewpointError
-from inim.views.quilt import QuiltRequest
+from inim.system.errors import UsageError, ViewpointError
 from tests.conftest import small_display
 
 DISPLAY = small_display(24, 20, 17)

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS, Display
+from inim.display.lens.full import _Sheet
 from inim.display.pixels import exact_ratio
-from inim.files.light_field import view_grid
 from inim.generators import find_sources, gu2020, wang2024
 from inim.generators.base import HOLE
 from inim.generators.raycast.phases import cells_per_pitch
+from inim.image.files.light_field import view_grid
 from inim.image.rgbd import RGBD
-from inim.lens.full import _Sheet
 from tests import oracle
 from tests.conftest import small_display
 from tests.generator_cases import OFF_IN_EVERY_WAY
@@ -75,9 +75,9 @@ def test_scaling_all_lengths_of_a_display_changes_no_number(name):
     display = EVERY[name]
     expected = counts(display)
     for factor in 10 ** RNG.uniform(-2, 2, 200):
-        found = counts(scaled(display, float(factor)))
-        differing = [key for key in expected if found[key] != expected[key]]
-        assert not differing, (factor, differing, [found[key] for key in differing])
+        scaled_counts = counts(scaled(display, float(factor)))
+        differing = [key for key in expected if scaled_counts[key] != expected[key]]
+        assert not differing, (factor, differing, [scaled_counts[key] for key in differing])
 
 
 @pytest.mark.parametrize("pixels", range(2, 21))

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from inim.display import Display, Viewpoint
+from inim.display.lens import trace_to_panel
 from inim.display.pixels import SUBPIXELS as PATTERNS
 from inim.display.pixels import pixel_rays
-from inim.errors import DisplayError
 from inim.generators import generate
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD
-from inim.lens import trace_to_panel
+from inim.system.errors import DisplayError
 from tests.conftest import scene_text, small_display
 from tests.generator_cases import OFF_IN_EVERY_WAY
 

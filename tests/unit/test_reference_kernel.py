@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from inim.backend import kernels
-from inim.timing import threads
+from inim.pipeline.timing import threads
+from inim.system.backend import kernels
 from tests.conftest import small_display
 
 DISPLAYS = {

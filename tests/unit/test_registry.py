@@ -5,10 +5,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from inim import plugins
-from inim.errors import UsageError
 from inim.generators import algorithm, algorithm_names, is_own, properties, registry
 from inim.image.rgbd import RGBD, LayeredRGBD
+from inim.system import plugins
+from inim.system.errors import UsageError
 from tests.conftest import run_python
 
 OWN = ["template", "cameras", "gu2020", "layered", "li2012", "wang2024"]

@@ -8,29 +8,29 @@ import pytest
 from scipy import stats
 
 from inim.image.noisy_image import NoisyImage
-from inim.metrics import find
-from inim.metrics.psnr import psnr_db
-from inim.regression.comparison import (
+from inim.scores.metrics import find
+from inim.scores.metrics.psnr import psnr_db
+from inim.scores.regression.comparison import (
     codes_from_linear,
     compare_noise,
     compare_pictures,
 )
-from inim.regression.fingerprints import (
+from inim.scores.regression.fingerprints import (
     compare_fingerprints,
     fingerprint,
     picture_sha256,
     reference_input,
     sampled_pixels,
 )
-from inim.regression.scores import (
+from inim.scores.regression.scores import (
     ScoreEstimate,
     compare_scores,
     is_above,
     score_interval,
     view_scores,
 )
-from inim.regression.tiles import eia_tile, tile_statistics, view_tile
-from inim.regression.verdict import (
+from inim.scores.regression.tiles import eia_tile, tile_statistics, view_tile
+from inim.scores.regression.verdict import (
     all_passed,
     binomial_interval,
     freedom_of_sum,

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from inim.documents.report import ReportDocument
 from inim.report import Report
+from inim.report.document import ReportDocument
 from inim.report.summary import render_summary
 from tests.schemas import report_document
 

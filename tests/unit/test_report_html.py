@@ -14,16 +14,16 @@ import pytest
 from PIL import Image
 from skimage.metrics import structural_similarity
 
-from inim.cache import ResultCache, Store
 from inim.display import DISPLAYS
-from inim.documents.parts import EyePosition
-from inim.files.image import read_rgbd, write_rgbd
+from inim.image.files.image import read_rgbd, write_rgbd
 from inim.image.rgbd import RGBD
 from inim.report import sections as report_html
 from inim.report.diagram import column_depths, describe_plan, plan_view
 from inim.report.page import package_text
 from inim.report.sections import all_sections
 from inim.report.sections.views import COMPARISON_SLIDER
+from inim.scores.document_parts import EyePosition
+from inim.system.cache import ResultCache, Store
 from tests.schemas import report_document
 
 PAGE_SCRIPT = package_text("page.js")

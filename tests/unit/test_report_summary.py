@@ -11,10 +11,8 @@ from typing import Any
 
 import pytest
 
-from inim.documents.parts import Check
-from inim.documents.report import ReportDocument
-from inim.metrics import HEADLINE, HEADLINE_TO_SCENE
 from inim.report import Report
+from inim.report.document import ReportDocument
 from inim.report.labels import (
     check_limit,
     check_value,
@@ -24,6 +22,8 @@ from inim.report.labels import (
     verdict_words,
 )
 from inim.report.summary import render_junit, render_summary, score_lines
+from inim.scores.document_parts import Check
+from inim.scores.metrics import HEADLINE, HEADLINE_TO_SCENE
 from tests.schemas import report_document
 
 HOSTILE = "<script>alert(1)</script> | `x` *b* [a](b)\n# 双耳陶罐 \x00"

@@ -13,10 +13,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from inim.documents.report import ReportDocument
-from inim.errors import BaselineError, FileError
-from inim.regression.run_statistics import BASELINE, read_statistics
 from inim.report import Report
+from inim.report.document import ReportDocument
+from inim.scores.regression.run_statistics import BASELINE, read_statistics
+from inim.system.errors import BaselineError, FileError
 from tests.schemas import completed
 
 SOUND = completed(

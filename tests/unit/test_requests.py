@@ -14,12 +14,12 @@ import pytest
 import trimesh
 
 import inim
-from inim.cli import main
+from inim.cli.main import main
 from inim.display import DISPLAYS, Display, Viewpoint
-from inim.errors import DisplayError, FileError, InimError, UsageError
 from inim.pipeline import launch
 from inim.pipeline.plan import Plan, conditions_of, make_plan
-from inim.plugins import PluginModule
+from inim.system.errors import DisplayError, FileError, InimError, UsageError
+from inim.system.plugins import PluginModule
 from tests.conftest import scene_text, sphere
 
 

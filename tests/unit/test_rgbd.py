@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.errors import UsageError
 from inim.image.rgbd import RGBD
+from inim.system.errors import UsageError
 
 COLOR = np.linspace(0, 1, 2 * 3 * 3).reshape(2, 3, 3)
 DEPTH = np.arange(6.0).reshape(2, 3)

@@ -12,20 +12,20 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS
-from inim.documents.compare import BaselineDocument
-from inim.documents.parts import Conditions
-from inim.errors import EXIT_BASELINE, BaselineError
 from inim.image.noisy_image import NoisyImage
-from inim.regression.comparison import check_comparable, compare, differing_conditions
-from inim.regression.fingerprints import fingerprint, reference_input
-from inim.regression.run_statistics import (
+from inim.scores.document_parts import Conditions
+from inim.scores.regression.comparison import check_comparable, compare, differing_conditions
+from inim.scores.regression.document import BaselineDocument
+from inim.scores.regression.fingerprints import fingerprint, reference_input
+from inim.scores.regression.run_statistics import (
     BASELINE,
     RunStatistics,
     read_statistics,
     write_statistics,
 )
-from inim.regression.scores import ScoreEstimate
-from inim.regression.tiles import tile_statistics
+from inim.scores.regression.scores import ScoreEstimate
+from inim.scores.regression.tiles import tile_statistics
+from inim.system.errors import EXIT_BASELINE, BaselineError
 from tests.conftest import small_display
 from tests.schemas import completed
 

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
+from inim.display.settings import Settings
 from inim.pipeline.adaptive_sampling import largest_uncertainty, next_share, scale_samples
-from inim.regression.scores import ScoreEstimate
-from inim.settings import Settings
+from inim.scores.regression.scores import ScoreEstimate
 
 
 def estimate(plain: float, error: float, freedom: float, bias: float) -> ScoreEstimate:

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
+from inim.cli.schemas import NAMES, schema
 from inim.display import DISPLAYS
-from inim.documents import NAMES, schema
-from inim.documents.parts import DerivedDisplay
+from inim.scores.document_parts import DerivedDisplay
 from tests.schemas import assert_schema, example, read_document
 
 ROOT = Path(__file__).parents[2]
@@ -25,7 +25,7 @@ OWN_STUDIES = (
         "looking_glass",
         "one_picture",
     ),
-    *("reality", "scoreboard", "stress"),
+    *("panel", "reality", "scoreboard", "stress"),
 )
 OWN_KIND = {
     *(path for name in OWN_STUDIES for path in ROOT.glob(f"reports/{name}/*.json")),

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from inim.errors import UsageError
 from inim.report import Report
 from inim.report.score_table import compare_algorithms
+from inim.system.errors import UsageError
 from tests.schemas import report_document
 
 HEADLINE = "ssim_on_relic_to_reference"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.files.picture import write_pfm
+from inim.image.files.picture import write_pfm
 from reports.scoreboard.field import LightField, of_views, read
 from reports.scoreboard.page import NEAREST, page
 from reports.scoreboard.rivals import copy, rvs, splat

@@ -3,11 +3,11 @@
 import pytest
 
 from inim.display import DISPLAYS
+from inim.display.settings import Settings
 from inim.display.viewpoint import parse_viewpoints
-from inim.errors import SceneError
-from inim.inspection.accuracy_limits import lenses_beside_panel
-from inim.scene.file import read_scene_file
-from inim.settings import Settings
+from inim.generators.accuracy_limits import lenses_beside_panel
+from inim.render.scene_files.file import read_scene_file
+from inim.system.errors import SceneError
 from tests.conftest import small_display
 
 

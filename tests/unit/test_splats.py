@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from inim.display import Viewpoint
-from inim.errors import FileError, SceneError, UsageError
-from inim.files.ply import write_ply
-from inim.files.splat_ply import check_splats, is_splats, read_splats, write_splats
-from inim.files.triangle_mesh import Mesh
 from inim.image.color import linear_from_srgb, srgb_from_linear
-from inim.process.observer import Observer
-from inim.scene.relic_scene import SIZE_MM, Frame, place_splats, rotate_splats
+from inim.render.meshes.ply import write_ply
+from inim.render.meshes.splat_ply import check_splats, is_splats, read_splats, write_splats
+from inim.render.meshes.triangle_mesh import Mesh
+from inim.render.scene_files.relic_scene import SIZE_MM, Frame, place_splats, rotate_splats
+from inim.system.errors import FileError, SceneError, UsageError
+from inim.system.process.observer import Observer
 from tests.conftest import box_surface, small_display, square
 from tests.splat_relics import joined, on_triangles, random_splats, splat_scene, splats_at
 

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.cache import ResultCache, Store
 from inim.pipeline.stages import stage as module
 from inim.pipeline.stages.stage import Code, Run, stage
-from inim.process.observer import Observer
+from inim.system.cache import ResultCache, Store
+from inim.system.process.observer import Observer
 
-CODE = Code(("version.py",))
+CODE = Code(("system/version.py",))
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def test_edited_code_and_that_of_all_stages_make_another_result(run, monkeypatch
     monkeypatch.setattr(module, "code_digest", lambda *inputs: places.append(inputs) or "edited")
     product(Picture("one", np.arange(3.0)), 2, run=run)
     assert calls == [2, 2]
-    assert places == [("version.py", "pipeline/stages", "backend/kernels.py")]
+    assert places == [("system/version.py", "pipeline/stages", "system/backend/kernels.py")]
 
 
 def test_the_report_lists_computed_and_reused_results_with_the_reason(run):

@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from inim.errors import UsageError
+from inim.apps.stress.checks import cases, check_first_hits, measure_jitter, quantise_depth
+from inim.apps.stress.pictures import algorithm_output, noise, random_picture, small_display
+from inim.apps.stress.relations import RELATIONS, run_relations
+from inim.apps.stress.run import StressRequest
 from inim.generators import algorithm_items
-from inim.stress import StressRequest
-from inim.stress.checks import cases, check_first_hits, measure_jitter, quantise_depth
-from inim.stress.pictures import algorithm_output, noise, random_picture, small_display
-from inim.stress.relations import RELATIONS, run_relations
+from inim.system.errors import UsageError
 from tests.system.conftest import install_metadata
 
 CASES = {(case.family, case.name): case for case in cases()}
@@ -27,7 +27,7 @@ def planted(tmp_path, monkeypatch):
     (tmp_path / "planted_eia.py").write_text(
         """
 import numpy as np
-from inim.errors import UsageError
+from inim.system.errors import UsageError
 from inim.generators import SourceGenerator, prepare as own
 
 def prepare(display, shape, pixel_mm, *, fault="none"):
@@ -79,7 +79,7 @@ def test_another_definition_is_counted_and_not_judged():
 
 
 def test_a_wrong_first_hit_fails_where_it_is_promised(monkeypatch):
-    monkeypatch.setattr("inim.stress.checks.is_first_hit", lambda _: True)
+    monkeypatch.setattr("inim.apps.stress.checks.is_first_hit", lambda _: True)
     assert not check_first_hits("gu2020", ONE).passed
     long = random_picture(0)  # its lengths have too many digits: a validation warns
     row = check_first_hits("gu2020", replace(ONE, make=lambda: long))

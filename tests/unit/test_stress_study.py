@@ -13,15 +13,15 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from hypothesis.database import DirectoryBasedExampleDatabase
 
+from inim.apps.stress.document import RelationResult
+from inim.apps.stress.pictures import MOUNTINGS, algorithm_output, noise
 from inim.display import Display
-from inim.documents.algorithms import RelationResult
+from inim.display.lens import trace_to_panel
 from inim.generators import HOLE, find_sources, generate
+from inim.generators.accuracy_limits import accuracy_warnings
 from inim.generators.oracle import lensed_pixels
 from inim.generators.template import ray_by_ray
 from inim.image.rgbd import RGBD
-from inim.inspection.accuracy_limits import accuracy_warnings
-from inim.lens import trace_to_panel
-from inim.stress.pictures import MOUNTINGS, algorithm_output, noise
 from reports.stress.study import generators, lens_cases, lens_models, lens_relations, relations
 from reports.stress.study.cases import FULL, NONSEPARABLE_FAMILIES, Case, Family, ties
 from reports.stress.study.lens_cases import display_of

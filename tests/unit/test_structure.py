@@ -7,19 +7,18 @@ from importlib import metadata
 import grimp
 import pytest
 
-from inim.cache import PACKAGES
 from inim.pipeline.stages.stage import GENERATING, RENDERING, SCORING
+from inim.system.cache import PACKAGES
 
 # Packages that draw the terminal, run tests or share tasks, and optional ones with an own record.
-NOT_COMPUTING = {"argcomplete", "distributed", "pyarrow", "pytest", "tqdm"}
+NOT_COMPUTING = {"argcomplete", "dask", "distributed", "pyarrow", "pytest", "tqdm"}
 OPTIONAL = {"pandas", "pillow_heif", "scikit-image", "tomli", "torch",
             "transformers"}  # fmt: skip
 # Imported by trimesh, for compressed meshes.
 INDIRECT = {"DracoPy"}
 # Packages of the program that affect no pixel and no score, or whose effect is part of the keys:
-# backend, settings and plugins.
-WITHOUT_EFFECT = {"backend", "cache", "documents", "errors", "plugins", "process", "settings",
-                  "version"}  # fmt: skip
+# backend and plugins.
+WITHOUT_EFFECT = {"system", "scores.document_parts", "scores.regression.document"}
 
 
 @pytest.fixture(scope="module")

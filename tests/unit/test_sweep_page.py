@@ -7,9 +7,16 @@ from itertools import product
 
 import pytest
 
-from inim.documents.algorithms import SweepTable
+from inim.apps.sweep.document import SweepTable
+from inim.apps.sweep.page import (
+    best_displays,
+    mean,
+    render_sweep,
+    results_of,
+    time_column,
+    write_page,
+)
 from inim.report.plots import on_front
-from inim.report.sweep import best_displays, mean, render_sweep, results_of, time_column, write_page
 
 ABOUT = SweepTable(title="T <b>&", command="inim sweep s.toml", created="2026", inim_version="1")
 

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from inim.apps.sweep.study import AS_SCENE, _check_keys, read_study, study_of, tomllib
+from inim.apps.sweep.table import columns, failed_rows
+from inim.apps.sweep.unit import algorithm_inputs, expand, key_of, unit_hash
 from inim.display import DISPLAYS
-from inim.errors import EXIT_USAGE, FileError, InimError
-from inim.sweeps.study import AS_SCENE, _check_keys, read_study, study_of, tomllib
-from inim.sweeps.table import columns, failed_rows
-from inim.sweeps.unit import algorithm_inputs, expand, key_of, unit_hash
+from inim.system.errors import EXIT_USAGE, FileError, InimError
 from tests.conftest import run_python, scene_text, sphere
 
 STUDY = """
@@ -245,7 +245,7 @@ def test_a_key_depends_on_deciding_inputs_only(write_study, tmp_path):
 
 
 def test_a_key_follows_versions_and_code(write_study, monkeypatch):
-    from inim.sweeps import unit
+    from inim.apps.sweep import unit
 
     plan = units_of(write_study())[0].plan
     before = unit_hash(key_of(plan))
@@ -259,7 +259,7 @@ def test_a_key_follows_versions_and_code(write_study, monkeypatch):
 def test_a_key_follows_the_state_of_metrics_and_lens_models_of_other_packages(
     write_study, monkeypatch, function
 ):
-    from inim.sweeps import unit
+    from inim.apps.sweep import unit
 
     plan = units_of(write_study())[0].plan
     hashes = {unit_hash(key_of(plan))}
@@ -329,7 +329,7 @@ def test_a_key_of_many_parts_is_refused_before_it_is_read(tmp_path, text, monkey
     """Expected: half a million parts, of a kilobyte each in memory, never come to the reader."""
     path = tmp_path / "study.toml"
     path.write_text(text)
-    monkeypatch.setattr("inim.sweeps.study.tomllib.loads", lambda _: pytest.fail("was read"))
+    monkeypatch.setattr("inim.apps.sweep.study.tomllib.loads", lambda _: pytest.fail("was read"))
     with pytest.raises(FileError, match=r"study\.toml: no TOML \(line \d: a key of more than 4"):
         read_study(path)
 
@@ -377,8 +377,8 @@ def test_the_largest_studies_are_refused_within_seconds_and_half_a_gigabyte(tmp_
     code = (
         "import resource, sys\n"
         "from pathlib import Path\n"
-        "from inim.errors import InimError\n"
-        "from inim.sweeps.study import read_study\n"
+        "from inim.system.errors import InimError\n"
+        "from inim.apps.sweep.study import read_study\n"
         "used = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()\n"
         "resource.setrlimit(resource.RLIMIT_AS, (used + 2**29, used + 2**29))\n"
         "resource.setrlimit(resource.RLIMIT_CPU, (60, 60))\n"

@@ -12,12 +12,12 @@ from urllib.request import urlopen
 
 import pytest
 
-from inim.errors import UsageError, WorkerError
+from inim.apps.sweep import unit as sweep_unit
+from inim.apps.sweep import workers as sweep_workers
+from inim.apps.sweep.unit import SweepTask, attempt
+from inim.apps.sweep.workers import Progress, choose_slots, run_tasks
 from inim.pipeline.request import Request
-from inim.sweeps import unit as sweep_unit
-from inim.sweeps import workers as sweep_workers
-from inim.sweeps.unit import SweepTask, attempt
-from inim.sweeps.workers import Progress, choose_slots, run_tasks
+from inim.system.errors import UsageError, WorkerError
 
 GIB = 2**30
 

@@ -5,8 +5,8 @@ import pytest
 
 from inim.display import Viewpoint
 from inim.generators import colour_of, find_sources
-from inim.scene.two_spheres import two_spheres, two_spheres_eia, two_spheres_view
-from inim.timing import linear_picture
+from inim.pipeline.timing import linear_picture
+from inim.render.scene_files.two_spheres import two_spheres, two_spheres_eia, two_spheres_view
 from tests.conftest import small_display
 
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from inim.backend import Backend
-from inim.errors import UsageError
+from inim.system.backend import Backend
+from inim.system.errors import UsageError
 
 pytestmark = pytest.mark.usefixtures("renderer")
 

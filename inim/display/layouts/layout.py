@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from inim.display.pixels import SUBPIXELS, farthest_subpixel, least_gap_mm
-from inim.errors import DisplayError
+from inim.system.errors import DisplayError
 
 if TYPE_CHECKING:
     from inim.display.display import Display
@@ -67,7 +67,8 @@ class Layout(ABC):
     """Arrangement of a display's lenses.
 
     The optics of a lens model are class methods, compiled with the model: `array` has the numbers
-    of the display (`inim.lens.LensArray`) as floats or Dr.Jit scalars, and `ops` the functions.
+    of the display (`inim.display.lens.LensArray`) as floats or Dr.Jit scalars, and `ops` the
+    functions.
     """
 
     display: Display
@@ -82,7 +83,7 @@ class Layout(ABC):
     of_cylinders: ClassVar[bool] = False
     #: Centres of the neighbours of a lens, in pitches to the right and row pitches up.
     neighbours: ClassVar[tuple[tuple[float, float], ...]]
-    #: Settings of `inim.settings.Settings` whose defaults differ for the layout.
+    #: Settings of `inim.display.settings.Settings` whose defaults differ for the layout.
     default_settings: ClassVar[Mapping[str, Any]] = {}
     #: Rays per pixel or sub-pixel that generators average by default.
     samples: ClassVar[int] = 4

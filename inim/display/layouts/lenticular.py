@@ -18,7 +18,7 @@ import numpy as np
 
 from inim.display.layouts.layout import Layout, Ops
 from inim.display.pixels import exact_ratio, least_gap_mm
-from inim.errors import DisplayError
+from inim.system.errors import DisplayError
 
 
 class Lenticular(Layout):

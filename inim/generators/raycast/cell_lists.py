@@ -19,13 +19,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
 from inim.display.pixels import PixelOffset
 from inim.generators.base import PictureShape
 from inim.generators.raycast.cells import AxisRuns, CellRays, axis_runs, cell_rays, rounded_up
 from inim.generators.raycast.phases import PhaseLayout, cells_per_pitch
 from inim.generators.raycast.simd import LANES
+from inim.system.backend.kernels import compiled, share_rows
 
 #: Rays of a pixel of neighbouring lenses lean to the left or to the right.
 SIDES = 2

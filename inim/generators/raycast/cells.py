@@ -12,7 +12,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.pixels import CENTRE, PixelAxis, PixelOffset, pixel_rays
-from inim.errors import UsageError
+from inim.system.errors import UsageError
 
 # Whole numbers up to here are floats, and the quotient of two is rounded once.
 _EXACT = 2**53

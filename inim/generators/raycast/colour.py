@@ -24,7 +24,6 @@ from typing import Any
 
 import numpy as np
 
-from inim.backend.kernels import parts_of, share, share_rows
 from inim.display import Display
 from inim.display.pixels import CENTRE, SUBPIXELS, PixelOffset, SubPixel, exact_length, row_blocks
 from inim.generators.base import (
@@ -44,8 +43,9 @@ from inim.generators.raycast.light import (
     mean_light,
     pack_light,
 )
-from inim.image.noisy_image import row_bands
 from inim.image.rgbd import RGBD, LayeredRGBD
+from inim.system.backend.kernels import parts_of, share, share_rows
+from inim.system.row_bands import row_bands
 
 NEAREST, LINEAR, AVERAGED, SMOOTH = "nearest", "linear", "averaged", "smooth"
 

@@ -23,8 +23,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inim.backend.kernels import compiled, share_rows
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
+from inim.system.backend.kernels import compiled, share_rows
 
 SURFACE, SEEN, SOLID, LAYERS = "surface", "seen", "solid", "layers"
 

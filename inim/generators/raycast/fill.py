@@ -20,10 +20,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
 from inim.display.pixels import PixelAxis
-from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
     NO_LENS,
@@ -38,6 +36,8 @@ from inim.generators.raycast.columns import STEEPEST, visible_depth
 from inim.generators.raycast.light import light_of_codes
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
+from inim.system.backend.kernels import compiled, share_rows
+from inim.system.errors import UsageError
 
 # Lenses to look aside from a hole: the parallax of any display, and a bound on the time.
 _REACH = 64

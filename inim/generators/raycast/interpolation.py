@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
 from inim.generators.base import Ray
 from inim.generators.raycast.cells import PictureRays
@@ -42,6 +41,7 @@ from inim.generators.raycast.simd import (
     times,
 )
 from inim.image.rgbd import RGBD
+from inim.system.backend.kernels import compiled, share_rows
 
 # Panel pixels whose rays are interpolated at once: their positions stay in the first cache.
 _CHUNK = 4 * LANES

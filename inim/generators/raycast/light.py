@@ -22,10 +22,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.backend.kernels import compiled, share_rows
 from inim.generators.raycast.columns import STEEPEST
 from inim.generators.raycast.simd import choose, less, load4, minus, plus, same4, store, times
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.system.backend.kernels import compiled, share_rows
 
 #: Steps of light from black to white. Even the darkest codes are five steps apart.
 STEPS = 2**14 - 1
@@ -169,7 +169,8 @@ class Diffusion(NamedTuple):
         is_surface = self.front > -np.inf
         farthest = float(np.abs(self.front[is_surface]).max(initial=0))
         for stride in _strides((max(self.footprint) * farthest) ** 2 / 12 - self.present):
-            light = self._pass(light, (0, stride * stride / 4), stride)
+            if stride == 1 or stride < max(self.front.shape[1:]):  # farther there is no pixel
+                light = self._pass(light, (0, stride * stride / 4), stride)
         return light
 
     def sharpen(self, roots: np.ndarray) -> np.ndarray:

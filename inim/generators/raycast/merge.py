@@ -16,12 +16,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
-from inim.errors import FileError
 from inim.generators.raycast.columns import THICKNESS_PX, surface_backs
 from inim.image.rgbd import MAX_SLOPE, RGBD, CameraRGBDs
 from inim.image.sides import Sides, with_sides
+from inim.system.backend.kernels import compiled, share_rows
+from inim.system.errors import FileError
 
 #: Most solids of a column; further ones are left out.
 MOST_SOLIDS = 8

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
 from inim.generators.base import PictureShape
 from inim.generators.raycast.cells import cell_rays
 from inim.generators.raycast.columns import Columns, visible_depth
 from inim.generators.raycast.simd import LANES, choose, less, load, same, store
+from inim.system.backend.kernels import compiled, share_rows
 
 # Slots for depths and backs, 8 bytes each, below which nobody asks how many are needed.
 _MOST_SLOTS = 2**25

@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.backend.kernels import compiled, share_rows
 from inim.display.pixels import least_gap_mm, row_blocks
 from inim.generators.base import HOLE, Sources
 from inim.generators.raycast.cells import PictureRays
 from inim.generators.raycast.columns import Columns, columns_of, visible_depth
 from inim.generators.raycast.tracer import RaySearch, Tracer
 from inim.image.rgbd import RGBD
+from inim.system.backend.kernels import compiled, share_rows
 
 # Cells along a side of a tile; a power of two, so that borders of tiles are exact, too.
 _TILE = 8

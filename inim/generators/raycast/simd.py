@@ -6,7 +6,7 @@ would pass through memory after every step, and only some of them would be vecto
 
 Bounds are not checked: a load or store reaches `LANES` elements from its index.
 
-Stored kernels are compiled again if this file changes, see `inim.backend.kernels`.
+Stored kernels are compiled again if this file changes, see `inim.system.backend.kernels`.
 """
 
 from __future__ import annotations

@@ -17,10 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from inim.backend.kernels import compiled, share_rows
 from inim.display import Display
 from inim.display.pixels import PixelOffset
-from inim.errors import UsageError
 from inim.generators.base import (
     HOLE,
     PictureShape,
@@ -54,6 +52,8 @@ from inim.generators.raycast.simd import (
 )
 from inim.generators.raycast.tracer import RaySearch, Tracer
 from inim.image.rgbd import RGBD
+from inim.system.backend.kernels import compiled, share_rows
+from inim.system.errors import UsageError
 
 # Of the compiler's own type: a Python integer would make addresses signed, and checked.
 _LANES = np.uintp(LANES)

@@ -8,8 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from inim.documents.parts import Check, check
-from inim.errors import SceneError
 from inim.generators.registry import Input
 from inim.image.noisy_image import replace_nonfinite
 from inim.image.rgbd import (
@@ -23,6 +21,8 @@ from inim.image.rgbd import (
 )
 from inim.pipeline.stages.scene import EMPTY_RAYS, Scene, samples_traced, seed_of
 from inim.pipeline.stages.stage import GENERATING, RENDERING, Run, stage
+from inim.scores.document_parts import Check, check
+from inim.system.errors import SceneError
 
 # Share of pixels with too many solids from which a warning appears: one in 10,000.
 _LEAST_CUT_SHARE = 1e-4

@@ -26,7 +26,7 @@ from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.capture import Capture, DepthCamera
 from inim.pipeline.stages.stage import GENERATING, Run, stage
-from inim.regression.fingerprints import Fingerprint, fingerprint, reference_input
+from inim.scores.regression.fingerprints import Fingerprint, fingerprint, reference_input
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,13 @@ import numpy as np
 
 from inim.display import Display, Viewpoint
 from inim.display.pixels import SUBPIXELS
-from inim.documents.parts import Check, check
-from inim.image.noisy_image import NoisyImage, row_bands
-from inim.metrics import Viewing, all_metrics, relic_region
+from inim.image.noisy_image import NoisyImage
 from inim.pipeline.stages.capture import Capture, nonfinite_checks
 from inim.pipeline.stages.scene import EMPTY_RAYS, Scene, samples_traced, seed_of
 from inim.pipeline.stages.stage import RENDERING, Run, stage
+from inim.scores.document_parts import Check, check
+from inim.scores.metrics import Viewing, all_metrics, relic_region
+from inim.system.row_bands import row_bands
 
 #: An image whose brightest value is below this is black.
 BLACK = 1e-4

@@ -20,8 +20,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from inim.display.viewpoint import Viewpoint, is_file_safe, zone_eyes
-from inim.errors import InimError, UsageError, suggest_words
-from inim.files.eia_file import check_eia_name, read_eia
 from inim.generators import (
     OPTIMAL,
     PICKUP,
@@ -33,6 +31,7 @@ from inim.generators import (
     properties,
 )
 from inim.generators.registry import Input
+from inim.image.files.eia_file import check_eia_name, read_eia
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.capture import Capture, DepthCamera
@@ -42,7 +41,7 @@ from inim.pipeline.stages.optimal import ScoredViews, optimise_eia
 from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import seed_of
 from inim.pipeline.stages.stage import Run
-from inim.timing import (
+from inim.pipeline.timing import (
     REFERENCE_KERNEL,
     Rounds,
     TimedMethod,
@@ -51,6 +50,7 @@ from inim.timing import (
     time_methods,
     to_srgb_rgba,
 )
+from inim.system.errors import InimError, UsageError, suggest_words
 
 #: Replaces the algorithms if only finished EIAs are scored.
 _NONE = "none"
@@ -179,7 +179,7 @@ class FileMethod(Method):
     def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:  # noqa: ARG002
         """See `Method`."""
         display = setup.camera.scene.display
-        eia, nonempty = read_eia(self.path, display)
+        eia, nonempty = read_eia(self.path, display, only_finite=False)
         holes = hole_fraction(None if nonempty is None else ~nonempty, display, setup.mask)
         return lambda *_: GeneratedEIA(NoisyImage.from_image(eia), None, holes)
 

@@ -30,13 +30,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from inim.display import Viewpoint
-from inim.errors import UsageError
+from inim.display.lens import lens_model, white_exposure
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_slope, to_srgb
 from inim.image.noisy_image import NoisyImage
-from inim.lens import lens_model, white_exposure
 from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import Scene, seed_of
 from inim.pipeline.stages.stage import RENDERING, stage
+from inim.system.errors import UsageError
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

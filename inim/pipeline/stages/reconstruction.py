@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from inim.cache import array_digest
 from inim.display import Display, Viewpoint
+from inim.display.lens import foreign_identity, white_exposure
 from inim.display.panel import has_own_black, seen_light
 from inim.image.noisy_image import NoisyImage
-from inim.lens import foreign_identity, white_exposure
-from inim.metrics import Viewing
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import RENDERING, Run, stage
+from inim.scores.metrics import Viewing
+from inim.system.cache import array_digest
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from inim.backend import Backend, choose_backend
 from inim.display import Display
 from inim.pipeline.stages.stage import RENDERING, stage
-from inim.plugins import PluginModule
-from inim.process.observer import Observer
-from inim.scene.file import SceneFile
+from inim.render.scene_files.file import SceneFile
+from inim.system.backend import Backend, choose_backend
+from inim.system.plugins import PluginModule
+from inim.system.process.observer import Observer
 
 # Each rendered image has its own seed, so that a new viewpoint changes no other image. Append new
 # names at the end.

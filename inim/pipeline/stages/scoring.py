@@ -11,11 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from inim import metrics
-from inim.documents.parts import Check, ScorePrecision, check
-from inim.documents.report import AlgorithmResult, NoiseFloor
 from inim.image.noisy_image import NoisyImage
-from inim.metrics import HEADLINE, HEADLINE_WORDS, Viewing
 from inim.pipeline.stages.capture import nonfinite_checks
 from inim.pipeline.stages.generation import GeneratedEIA, ReferenceOutput
 from inim.pipeline.stages.ground_truth import (
@@ -26,11 +22,15 @@ from inim.pipeline.stages.ground_truth import (
     out_of_range_share,
 )
 from inim.pipeline.stages.stage import SCORING, Run, stage
-from inim.process.machine import memory_limit_bytes
-from inim.process.threads import Submit, threads
-from inim.regression.fingerprints import Fingerprint
-from inim.regression.scores import ScoreEstimate, score_interval, view_scores
-from inim.regression.tiles import TileStatistics, eia_tile, tile_statistics, view_tile
+from inim.report.document import AlgorithmResult, NoiseFloor
+from inim.scores import metrics
+from inim.scores.document_parts import Check, ScorePrecision, check
+from inim.scores.metrics import HEADLINE, HEADLINE_WORDS, Viewing
+from inim.scores.regression.fingerprints import Fingerprint
+from inim.scores.regression.scores import ScoreEstimate, score_interval, view_scores
+from inim.scores.regression.tiles import TileStatistics, eia_tile, tile_statistics, view_tile
+from inim.system.process.machine import memory_limit_bytes
+from inim.system.process.threads import Submit, threads
 
 # Scoring takes about 100 bytes per pixel. All images scored at once take 0.4 GB, or an eighth of
 # the memory if that is more.

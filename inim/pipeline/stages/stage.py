@@ -15,10 +15,10 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import partial
 from typing import Any, Generic, ParamSpec, TypeVar
 
-from inim import metrics
-from inim.cache import ResultCache, code_digest
-from inim.process.observer import Observer
-from inim.process.threads import OneThread
+from inim.scores import metrics
+from inim.system.cache import ResultCache, code_digest
+from inim.system.process.observer import Observer
+from inim.system.process.threads import OneThread
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
@@ -29,7 +29,7 @@ Describe = _Step | Callable[..., _Step]
 
 _CACHED: _Step = ("read from the cache", "all of it", "its inputs and code are unchanged")
 # The stages, which call each other, and the threads of all kernels.
-_SHARED = ("pipeline/stages", "backend/kernels.py")
+_SHARED = ("pipeline/stages", "system/backend/kernels.py")
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,19 @@ class Code:
         return key | ({} if self.plugins is None else {"plugins": self.plugins()})
 
 
-RENDERING = Code(("render", "lens", "files", "image", "display", "scene"))
+RENDERING = Code(("render", "display", "image", "system/files.py", "system/row_bands.py"))
 GENERATING = Code(
-    (*RENDERING.paths, "generators", "regression/fingerprints.py", "regression/verdict.py")
+    (
+        *RENDERING.paths,
+        "generators",
+        "scores/regression/fingerprints.py",
+        "scores/regression/verdict.py",
+    )
 )
-SCORING = Code(("metrics", "image", "regression", "display", "files"), metrics.foreign_identities)
+SCORING = Code(
+    ("scores", "image", "display", "system/files.py", "system/row_bands.py"),
+    metrics.foreign_identities,
+)
 #: Everything, for a whole report.
 PROGRAM = Code(("",), metrics.foreign_identities)
 

@@ -15,12 +15,12 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
-from inim.cache import ResultCache
-from inim.documents.report import ReportDocument
-from inim.process.threads import threads
+from inim.report.document import ReportDocument
 from inim.report.images import ENCODINGS, Encoding, ReportImages
 from inim.report.labels import verdict_words
 from inim.report.page import Section, Widget, check_badge, document_page, text
+from inim.system.cache import ResultCache
+from inim.system.process.threads import threads
 
 #: A page above this is built again with smaller images.
 LARGEST_PAGE_BYTES = 10_000_000

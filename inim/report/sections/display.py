@@ -10,18 +10,18 @@ import msgspec
 
 from inim.display import Display
 from inim.display.panel import panel_words
-from inim.documents.document import schema
-from inim.documents.parts import DerivedDisplay
-from inim.documents.picture import PictureDocument
-from inim.documents.report import ReportDocument, Translucency
-from inim.errors import InimError
-from inim.files.image import read_rgbd
+from inim.display.settings import value_text
+from inim.image.files.image import read_rgbd
 from inim.report.diagram import depth_profile, describe_plan, describe_profile, plan_view
+from inim.report.document import ReportDocument, Translucency
 from inim.report.images import ReportImages
 from inim.report.labels import mm, per_cent, short
 from inim.report.page import element, figure, folded, lead, plot, svg_source, text, text_table, void
+from inim.report.picture_document import PictureDocument
 from inim.report.sections import ReportSection
-from inim.settings import value_text
+from inim.scores.document_parts import DerivedDisplay
+from inim.system.document import document_schema
+from inim.system.errors import InimError
 
 # The renderer works in single precision, and so does the depth picture.
 _SLACK = 1e-5
@@ -38,7 +38,7 @@ def display(data: ReportDocument | PictureDocument, images: ReportImages) -> str
         for name, value in own.items()
         if value != defaults[name]
     }
-    parts = schema("report")["$defs"]
+    parts = document_schema(ReportDocument, "")["$defs"]
     tables = [
         _quantities("Design; other parameters have their defaults", parts["Display"], stated),
         _quantities("Derived", parts["DerivedDisplay"], msgspec.structs.asdict(derived)),

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from inim.display.pixels import exact_ratio
-from inim.documents.report import ReportDocument
+from inim.report.document import ReportDocument
 from inim.report.images import ReportImages
 from inim.report.labels import TRUE_EIA, metric_scores, score
 from inim.report.page import captioned, element, lead

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from inim.documents.parts import Precision
-from inim.documents.picture import PictureDocument
-from inim.documents.report import AlgorithmResult, ReportDocument
-from inim.metrics import HEADLINE, HEADLINE_TO_SCENE, MAIN, Metric, all_metrics
+from inim.report.document import AlgorithmResult, ReportDocument
 from inim.report.images import ReportImages, is_wide
 from inim.report.labels import (
     PREVIEW_WORDS,
@@ -27,7 +24,10 @@ from inim.report.labels import (
     shares_of_possible,
 )
 from inim.report.page import element, figure, lead, radio, table, text
+from inim.report.picture_document import PictureDocument
 from inim.report.sections import ReportSection
+from inim.scores.document_parts import Precision
+from inim.scores.metrics import HEADLINE, HEADLINE_TO_SCENE, MAIN, Metric, all_metrics
 
 _FAILURES_ON_TOP = 3
 _MOST_DIGITS = 3

@@ -8,11 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from inim.documents.compare import CompareDocument
-from inim.documents.document import write_listed
-from inim.documents.parts import Drift, Regression
-from inim.documents.report import ReportDocument
-from inim.metrics import all_metrics
+from inim.report.document import ReportDocument
 from inim.report.images import ENCODINGS, ReportImages
 from inim.report.labels import MISSING, short
 from inim.report.page import (
@@ -28,6 +24,10 @@ from inim.report.page import (
 from inim.report.sections import ReportSection
 from inim.report.sections.run import check_list
 from inim.report.summary import render_checks, render_junit
+from inim.scores.document_parts import Drift, Regression
+from inim.scores.metrics import all_metrics
+from inim.scores.regression.document import CompareDocument
+from inim.system.document import write_listed
 
 _FOLDER = "regression"
 # The rest is in report.json.

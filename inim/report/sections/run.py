@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from inim.documents.parts import Check, Checks
-from inim.documents.report import ReportDocument
-from inim.metrics import RELIC_MARGIN_PX, all_metrics
+from inim.report.document import ReportDocument
 from inim.report.images import ReportImages
 from inim.report.labels import (
     NBSP,
@@ -21,6 +19,8 @@ from inim.report.labels import (
 )
 from inim.report.page import bullets, element, how_to_reproduce, lead, mark, table, text, text_table
 from inim.report.sections import ReportSection
+from inim.scores.document_parts import Check, Checks
+from inim.scores.metrics import RELIC_MARGIN_PX, all_metrics
 
 _TOTAL, _RENDER = "total", "mitsuba_render"
 _EXACT = "Skipping did not change any score."

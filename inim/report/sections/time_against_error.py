@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
-from inim.documents.report import ReportDocument
-from inim.metrics import HEADLINE, HEADLINE_WORDS
-from inim.metrics.psnr import metric as PSNR  # noqa: N812
 from inim.report import plots
+from inim.report.document import ReportDocument
 from inim.report.images import ReportImages
 from inim.report.labels import plain
 from inim.report.page import element, plot, text
 from inim.report.sections import ReportSection
+from inim.scores.metrics import HEADLINE, HEADLINE_WORDS
+from inim.scores.metrics.psnr import metric as PSNR  # noqa: N812
 
 _KERNEL_TIMES = "kernel times"
 _WORDS = "Points at the bottom left are best. The line joins the Pareto-optimal algorithms. "

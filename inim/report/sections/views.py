@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.documents.parts import EyePosition
-from inim.documents.report import ReportDocument
+from inim.report.document import ReportDocument
 from inim.report.images import DIFFERENCE_GAIN, ReportImages, difference, is_wide
 from inim.report.labels import NBSP, REFERENCE, TRUTH, metric_scores, short
 from inim.report.page import (
@@ -29,6 +28,7 @@ from inim.report.page import (
     void,
 )
 from inim.report.sections import ReportSection
+from inim.scores.document_parts import EyePosition
 
 _INTRO = (
     "Each view is shown with its difference and its SSIM map. The difference is the absolute "

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from inim.display import Display
 from inim.display.misalignment import misaligned
-from inim.documents.picture import PictureDocument
-from inim.documents.report import ReportDocument
+from inim.report.document import ReportDocument
 from inim.report.images import ReportImages
 from inim.report.labels import REFERENCE
 from inim.report.page import lead
+from inim.report.picture_document import PictureDocument
 from inim.report.sections import ReportSection
 from inim.report.virtual_display import (
     ANCHOR,

@@ -16,12 +16,7 @@ import numpy as np
 from inim.display import Display
 from inim.display.cells import kinds_of_pixels
 from inim.display.layouts import Layout
-from inim.display.panel import emitted_picture, panel_words, seen_light, white_of
-from inim.display.pixels import SUBPIXELS, panel_points
-from inim.documents.parts import EyePosition
-from inim.errors import DisplayError
-from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
-from inim.lens import (
+from inim.display.lens import (
     channel_indices,
     check_lens_model,
     drawn_model,
@@ -32,8 +27,13 @@ from inim.lens import (
     trace_to_panel,
     white_exposure,
 )
+from inim.display.panel import emitted_picture, panel_words, seen_light, white_of
+from inim.display.pixels import SUBPIXELS, panel_points
+from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.report.images import ReportImages, is_wide
 from inim.report.page import Widget, element, figure, lead, package_text, radio, select, text, void
+from inim.scores.document_parts import EyePosition
+from inim.system.errors import DisplayError
 
 ANCHOR, TITLE = "virtual-display", "Virtual display"
 #: The lens models that the shader draws of any display.
@@ -413,7 +413,7 @@ def still_view(
     """A view of a display from one eye position, by the lens models in NumPy.
 
     * `eia`, (rows, columns, 3) uint8, sRGB: row 0 on top.
-    * `lens_model`: one of `inim.lens.lens_models`.
+    * `lens_model`: one of `inim.display.lens.lens_models`.
     * `pixels_per_lens`: of the view, which shows exactly the lens array.
     * `grid`: samples along one side of a view pixel, at the shader's places.
 

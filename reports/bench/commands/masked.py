@@ -8,13 +8,12 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display, Viewpoint
-from inim.errors import DisplayError
+from inim.display.lens import check_lens_model
 from inim.generators import prepare
 from inim.image.rgbd import RGBD
-from inim.lens import check_lens_model
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.generation import run_generator
-from inim.timing import (
+from inim.pipeline.timing import (
     REFERENCE_KERNEL,
     Rounds,
     prepare_method,
@@ -23,6 +22,7 @@ from inim.timing import (
     time_calls,
     to_srgb_rgba,
 )
+from inim.system.errors import DisplayError
 
 _ALGORITHM = "template"
 # Without `full`: it scatters rays between the lenses, so views may observe the whole EIA.

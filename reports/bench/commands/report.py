@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from inim.report.bench import milliseconds, times
+from inim.apps.bench.page import milliseconds, times
 from inim.report.labels import MISSING, is_number, number, per_cent
 from inim.report.plots import LINES, SOFT, colour_of, new_figure, plain_ticks, style
 from inim.report.study import PagePart, Table

@@ -19,12 +19,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from inim.cache import FOLDER_VARIABLE
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
-from inim.files.image import read_rgbd
+from inim.image.files.image import read_rgbd
 from inim.pipeline.plan import Plan
 from inim.pipeline.request import definition_words, option_words
-from inim.timing import Rounds, Timing
+from inim.pipeline.timing import Rounds, Timing
+from inim.system.cache import FOLDER_VARIABLE
 from reports.bench.commands.masked import bench_masked
 from reports.bench.commands.report import parts_of
 from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, differences, samples_of

@@ -18,10 +18,10 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from inim.cache import FOLDER_VARIABLE
+from inim.pipeline.timing import Rounds
 from inim.report.labels import number
 from inim.report.study import PagePart, Table
-from inim.timing import Rounds
+from inim.system.cache import FOLDER_VARIABLE
 from reports.bench.parts import RUN_PARTS, items, run_parts
 from reports.bench.study import new_parser, run_study, run_validation
 

@@ -12,13 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from inim import metrics
-from inim.bench.evaluate import available_algorithms, evaluate, make_reference, method_data
+from inim.apps.bench.evaluate import available_algorithms, evaluate, make_reference, method_data
 from inim.display import Display
 from inim.display.viewpoint import parse_viewpoints
 from inim.image.rgbd import RGBD
-from inim.scene.two_spheres import two_spheres_eia, two_spheres_view
-from inim.timing import (
+from inim.pipeline.timing import (
     REFERENCE_KERNEL,
     Rounds,
     TimedMethod,
@@ -27,6 +25,8 @@ from inim.timing import (
     prepare_method,
     time_methods,
 )
+from inim.render.scene_files.two_spheres import two_spheres_eia, two_spheres_view
+from inim.scores import metrics
 from reports.bench.paper.claims import claims
 from reports.bench.paper.plain_python import PLAIN_PYTHON, time_plain_python
 from reports.bench.paper.steps import depth_steps

@@ -21,7 +21,7 @@ def measure(lenses: int, pixels_per_pitch: int = 2) -> dict[str, Any]:
     import numpy as np
 
     from inim.generators.raycast import strips  # noqa: F401
-    from inim.timing import prepare_method
+    from inim.pipeline.timing import prepare_method
     from reports.bench.study import picture_of, square_display
 
     imported = peak_bytes()

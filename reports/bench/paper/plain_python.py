@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from inim.display import Display
-from inim.errors import WorkerError
-from inim.timing import Rounds, TimedMethod, Timing, prepare_method, time_calls
+from inim.pipeline.timing import Rounds, TimedMethod, Timing, prepare_method, time_calls
+from inim.system.errors import WorkerError
 from reports.bench.study import picture_of
 
 #: Suffix of the name of an algorithm that ran in plain Python.

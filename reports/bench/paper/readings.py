@@ -11,7 +11,7 @@ import numpy as np
 from inim.display import DISPLAYS
 from inim.generators import find_sources
 from inim.generators.base import colour_of, hole_fraction
-from inim.metrics import psnr_db
+from inim.scores.metrics import psnr_db
 
 _SCENES = Path(__file__).parents[3] / "scenes"
 SCENES = ("two_spheres", "amphora", "wine_coin", "tripod", "jade", "ibex", "altar")
@@ -36,7 +36,7 @@ def bench_readings(listener: Any, scenes: Sequence[str] = SCENES) -> list[dict[s
     """
     from inim.render.ground_truth import capture, pickup
     from inim.render.scene import open_scene
-    from inim.scene.file import read_scene_file
+    from inim.render.scene_files.file import read_scene_file
 
     display = DISPLAYS["nominal"]
     results = []

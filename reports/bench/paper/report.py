@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from inim.report.bench import TIME, TIME_HEADS, milliseconds, time_cells, times
+from inim.apps.bench.page import TIME, TIME_HEADS, milliseconds, time_cells, times
 from inim.report.labels import MISSING, is_number, number, per_cent
 from inim.report.plots import colour_of, marker_of, new_figure, plain_ticks, style
 from inim.report.study import PagePart, Table

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from inim.timing import Rounds
+from inim.pipeline.timing import Rounds
 from reports.bench.paper.experiments import bench_paper
 from reports.bench.paper.readings import bench_readings
 from reports.bench.paper.report import parts_of

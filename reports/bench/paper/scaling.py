@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from inim.bench.evaluate import method_data
+from inim.apps.bench.evaluate import method_data
 from inim.display import Display
-from inim.errors import WorkerError
-from inim.timing import REFERENCE_KERNEL, Rounds, prepare_method, time_methods
+from inim.pipeline.timing import REFERENCE_KERNEL, Rounds, prepare_method, time_methods
+from inim.system.errors import WorkerError
 from reports.bench.study import picture_of, square_display
 
 #: Lenses along a side, 17 pixels each: up to 4080 x 4080, the largest published array.

@@ -15,13 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from inim.apps.bench.page import milliseconds, times
+from inim.display.lens import FULL
 from inim.display.viewpoint import parse_viewpoints
-from inim.lens import FULL
-from inim.report.bench import milliseconds, times
+from inim.pipeline.timing import Rounds, Timing, ratios, threads, time_calls
+from inim.render.scene_files.two_spheres import two_spheres_eia
 from inim.report.labels import number, per_cent
 from inim.report.study import PagePart, Table
-from inim.scene.two_spheres import two_spheres_eia
-from inim.timing import Rounds, Timing, ratios, threads, time_calls
 from reports.bench.parts import items, part
 from reports.bench.study import new_parser, run_study, square_display
 

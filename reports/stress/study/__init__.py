@@ -3,9 +3,9 @@
 Every generator and lens model is compared, in float32 and float64, with an oracle that is written
 from its definition (`oracles`, `lens_oracle`; rays in `rays`). Each family of cases varies one
 parameter until arithmetic fails (`cases`, `lens_cases`). Relations without an oracle are those of
-`inim.stress`, and further ones of layers, implementations and lens models (`relations`,
+`inim.apps.stress.run`, and further ones of layers, implementations and lens models (`relations`,
 `lens_relations`). The cases give the safe range of each parameter (`limits`).
-`inim.inspection.accuracy_limits` contains these limits for the warnings of validations, and a test
+`inim.generators.accuracy_limits` contains these limits for the warnings of validations, and a test
 compares the two.
 
 From the root of the repository::

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from inim.documents.algorithms import JitteredPicture
-from inim.documents.document import decode, encode
-from inim.errors import EXIT_CHECK_FAILED, EXIT_PASSED
-from inim.process.observer import Observer
-from inim.report.stress import write_stress
-from inim.stress import record, spheres
+from inim.apps.stress.document import JitteredPicture
+from inim.apps.stress.page import write_stress
+from inim.apps.stress.run import record, spheres
+from inim.system.document import decode, encode
+from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED
+from inim.system.process.observer import Observer
 from reports.stress.study.document import StudyDocument
 from reports.stress.study.tables import parts_of, summary_lines
 
@@ -60,7 +60,7 @@ def run_study(quick: bool, out: str, listener: Observer) -> StudyDocument:
     from inim.render import variant
 
     backend = variant.use("llvm")
-    from inim.stress.checks import measure_jitter
+    from inim.apps.stress.checks import measure_jitter
     from reports.stress.study.cases import FAMILIES, FULL, QUICK
     from reports.stress.study.generators import run_cases
     from reports.stress.study.lens_cases import LENS_FAMILIES, display_of

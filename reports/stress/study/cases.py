@@ -16,8 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.display import Display
-from inim.stress.pictures import (
+from inim.apps.stress.pictures import (
     MOUNTINGS,
     SHAPES,
     PictureCase,
@@ -29,6 +28,7 @@ from inim.stress.pictures import (
     tied_picture,
     window,
 )
+from inim.display import Display
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from inim.documents import doc
-from inim.documents.algorithms import StressRecord
+from inim.apps.stress.document import StressRecord
+from inim.system.document import doc
 
 
 class StudyDocument(StressRecord, tag="inim.stress-study/1"):
@@ -30,5 +30,5 @@ class StudyDocument(StressRecord, tag="inim.stress-study/1"):
     ]
     trust: Annotated[
         dict[str, Any],
-        doc("Measured values for the constants of `inim.inspection.accuracy_limits`."),
+        doc("Measured values for the constants of `inim.generators.accuracy_limits`."),
     ]

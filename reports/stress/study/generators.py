@@ -11,17 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from inim import metrics
+from inim.apps.stress.pictures import solids_of
 from inim.display import Display
 from inim.display.pixels import PixelOffset, exact_length
-from inim.errors import InimError
 from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
+from inim.generators.accuracy_limits import accuracy_warnings
 from inim.generators.raycast.cell_lists import shares_directions
 from inim.generators.raycast.phases import cells_per_pitch
 from inim.generators.template import ray_by_ray
 from inim.image.rgbd import RGBD
-from inim.inspection.accuracy_limits import accuracy_warnings
-from inim.stress.pictures import solids_of
+from inim.scores import metrics
+from inim.system.errors import InimError
 from reports.stress.study.cases import FAMILIES, Case, Family, Size, every
 from reports.stress.study.oracles import answer, with_rational_ties
 from reports.stress.study.rays import Rays, chosen_pixels, rays_over

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.errors import InimError
-from inim.inspection.accuracy_limits import accuracy_warnings
-from inim.lens import trace_to_panel
+from inim.display.lens import trace_to_panel
+from inim.generators.accuracy_limits import accuracy_warnings
+from inim.system.errors import InimError
 from reports.stress.study.cases import Case, every
 from reports.stress.study.lens_cases import LENS_FAMILIES, LensFamily
 from reports.stress.study.lens_oracle import Landing, LensRays, land

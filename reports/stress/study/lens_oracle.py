@@ -1,10 +1,10 @@
 """Oracle of the lens models: the same optics by other methods, in `numpy.longdouble`.
 
-It is written from the docstrings of `inim.lens` and `inim.display`. It intersects the curved face
-by Newton's method on the sag, for any shape; the lens models solve a quadratic equation. It applies
-Snell's law to the tangential part of the ray; the lens models use the vector form.
-`numpy.longdouble` has a mantissa of 64 bits on x86 processors and may be as narrow as float64 on
-others. The report lists its width.
+It is written from the docstrings of `inim.display.lens` and `inim.display`. It intersects the
+curved face by Newton's method on the sag, for any shape; the lens models solve a quadratic
+equation. It applies Snell's law to the tangential part of the ray; the lens models use the vector
+form. `numpy.longdouble` has a mantissa of 64 bits on x86 processors and may be as narrow as float64
+on others. The report lists its width.
 """
 
 from __future__ import annotations

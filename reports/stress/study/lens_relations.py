@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from inim.apps.stress.document import RelationResult
 from inim.display import Display
-from inim.documents.algorithms import RelationResult
-from inim.lens import trace_to_panel
+from inim.display.lens import trace_to_panel
 from reports.stress.study.lens_cases import display_of, rays_over
 from reports.stress.study.lens_oracle import LensRays
 
-#: Function with the signature of `inim.lens.trace_to_panel`.
+#: Function with the signature of `inim.display.lens.trace_to_panel`.
 Trace = Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]
 #: Traced and expected x, y and weight of rays, and their display.
 Pair = tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...], Display]

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from inim.documents.algorithms import Claim, RelationResult
-from inim.inspection.accuracy_limits import LANDING_PIXELS
+from inim.apps.stress.document import Claim, RelationResult
+from inim.generators.accuracy_limits import LANDING_PIXELS
 
 Rows = Sequence[Mapping[str, Any]]
 
@@ -80,7 +80,7 @@ def _widest_safe(rows: Rows) -> tuple[float | None, float | None]:
 
 
 def accuracy_limits_of(generators: Rows, lens_models: Rows, pixels_per_lens: int) -> dict[str, Any]:
-    """Measured values for the constants of `inim.inspection.accuracy_limits`.
+    """Measured values for the constants of `inim.generators.accuracy_limits`.
 
     Returns
     -------

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from inim.inspection.accuracy_limits import LANDING_PIXELS
-from inim.process.atomic_file import write_atomically
+from inim.generators.accuracy_limits import LANDING_PIXELS
 from inim.report.plots import LINES, across, style
+from inim.system.process.atomic_file import write_atomically
 from reports.stress.study.document import StudyDocument
 
 _PNG_DPI = 130

@@ -1,7 +1,7 @@
 """Relations of the project's own generators: layers, implementations and types.
 
-`EXPLAINED` lists the relations of `inim.stress.relations` that a definition does not promise. The
-study measures them, too, and gives the reason in the report.
+`EXPLAINED` lists the relations of `inim.apps.stress.relations` that a definition does not promise.
+The study measures them, too, and gives the reason in the report.
 """
 
 from __future__ import annotations
@@ -11,12 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from inim.display import Display
-from inim.documents.algorithms import RelationResult
-from inim.generators import find_sources
-from inim.generators.template import ray_by_ray
-from inim.image.rgbd import RGBD, Layer, LayeredRGBD
-from inim.stress.pictures import (
+from inim.apps.stress.document import RelationResult
+from inim.apps.stress.pictures import (
     Show,
     algorithm_output,
     colours_of,
@@ -24,13 +20,17 @@ from inim.stress.pictures import (
     noise_pictures,
     solids_of,
 )
-from inim.stress.relations import (
+from inim.apps.stress.relations import (
     RELATIONS,
     Comparison,
     Relation,
     check_relation,
     same_colour,
 )
+from inim.display import Display
+from inim.generators import find_sources
+from inim.generators.template import ray_by_ray
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from reports.stress.study.oracles import answer
 from reports.stress.study.rays import rays_over
 
@@ -76,7 +76,7 @@ def run_relations(
     relations: list[tuple[Relation, tuple[str, ...]]] | None = None,
     explained: dict[tuple[str, str], str] = EXPLAINED,
 ) -> list[RelationResult]:
-    """Check each relation for each algorithm; see `inim.stress.relations.check_relation`.
+    """Check each relation for each algorithm; see `inim.apps.stress.relations.check_relation`.
 
     Parameters
     ----------

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from inim.report.labels import MISSING, is_number, per_cent, short
-from inim.report.stress import (
+from inim.apps.stress.page import (
     count,
     jitter_part,
     relations_part,
     small,
     verdict_part,
 )
+from inim.report.labels import MISSING, is_number, per_cent, short
 from inim.report.study import PagePart, Table
 from reports.stress.study.document import StudyDocument
 

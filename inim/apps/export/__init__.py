@@ -1,0 +1,1 @@
+"""Virtual displays, PDFs, sub-aperture views and quilts of EIAs."""

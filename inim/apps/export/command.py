@@ -1,0 +1,128 @@
+"""Commands `inim view` (the virtual display as an HTML file) and `export`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from inim.pipeline.options import (
+    Command,
+    add_shared,
+    check_report_arguments,
+    choices_of,
+    open_page,
+    print_lines,
+)
+from inim.system.errors import EXIT_PASSED
+
+if TYPE_CHECKING:
+    import argparse
+
+
+def _add_view_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.description = (
+        "Write the virtual display of a report, or of any elemental image array, as one "
+        "self-contained HTML file."
+    )
+    out = "HTML file to write (OUT/virtual-display.html, EIA-view.html)"
+    add_shared(parser, "source", "display", "definitions", "open", out=out)
+
+
+def _view(args: argparse.Namespace) -> int:
+    from inim.report.view_page import view_eia, view_report
+
+    if args.source.is_dir():
+        check_report_arguments(args)
+        path = view_report(args.source, args.out)
+    else:
+        path = view_eia(args.source, **choices_of(args), out=args.out)
+    print_lines(path)
+    if args.open:
+        open_page(path)
+    return EXIT_PASSED
+
+
+_EXPORT_OPTIONS = (
+    *("pdf", "views", "hci", "quilt", "grid", "tiles", "view_size", "aspect", "view_spp"),
+    *("native", "scene", "allow_folders", "quiet", "debug"),
+)
+
+
+def _add_export_arguments(parser: argparse.ArgumentParser) -> None:
+    from inim.apps.export.export import SPP, TILES
+
+    parser.description = (
+        "Write an EIA as a PDF to print, its sub-aperture views (one pixel per lens) as images or "
+        "as an HCI light field, or a quilt of views rendered through the lens array; or the native "
+        "picture of a Looking Glass from a quilt."
+    )
+    add = parser.add_argument
+    algorithms = "algorithm, or truth for the ground-truth EIA (default: the best algorithm)"
+    add_shared(parser, "source", "display", "definitions", algorithms=algorithms)
+    add("--pdf", type=Path, metavar="FILE", help="write a PDF that prints at true size")
+    add(
+        "--views",
+        type=Path,
+        metavar="DIR",
+        help="write sub-aperture views, view_ROW_COLUMN.png, into this folder",
+    )
+    add(
+        "--hci",
+        type=Path,
+        metavar="DIR",
+        help="write an HCI light field into this folder; with the true disparity for a report",
+    )
+    add(
+        "--grid",
+        metavar="COLSxROWS",
+        help="number of sub-aperture views (default: the pixels per lens)",
+    )
+    add(
+        "--quilt",
+        type=Path,
+        metavar="FILE",
+        help="write a quilt, .png; _qsCOLSxROWSaASPECT is added to its name",
+    )
+    add(
+        "--native",
+        type=Path,
+        metavar="FILE",
+        help="write the native picture of a lenticular display, .png; the source is a quilt of any "
+        "program (.png, .jpg)",
+    )
+    add("--tiles", metavar="COLSxROWS", help=f"tiles of the quilt ({TILES})")
+    add("--view-size", metavar="WxH", help="size of a tile in pixels (8x6: 420x560)")
+    add(
+        "--aspect",
+        type=float,
+        help="displayed width over height of a tile (default: square pixels)",
+    )
+    add("--view-spp", type=int, metavar="N", help=f"samples per pixel of a tile ({SPP})")
+    add(
+        "--scene",
+        type=Path,
+        metavar="XML",
+        help="scene file for a quilt of the ground truth (default: the report's scene)",
+    )
+    add_shared(parser, "allow_folders", "quiet", "debug")
+
+
+def _export(args: argparse.Namespace) -> int:
+    from inim.apps.export.export import export
+
+    notes: list[str] = []
+    options = {name: getattr(args, name) for name in _EXPORT_OPTIONS}
+    choices = choices_of(args)
+    choices.pop("algorithms", None)
+    files = export(args.source, algorithm=args.algorithms, **choices, **options, say=notes.append)
+    if not args.quiet:
+        print_lines(*files, *notes)
+    return EXIT_PASSED
+
+
+COMMANDS = {
+    "view": Command("view a report's EIAs, or any EIA, in a browser", _add_view_arguments, _view),
+    "export": Command(
+        "write an EIA as PDF, views, light field or quilt", _add_export_arguments, _export
+    ),
+}

@@ -1,0 +1,158 @@
+# Kernels have no types of their own.
+# mypy: disable-error-code="no-untyped-def, no-untyped-call"
+"""Native picture of a slanted lenticular display, woven from the views of a quilt.
+
+Each sub-pixel belongs to one view: the one whose direction its cylinder sends it to, of N at even
+steps across an elemental image. View 0 is the leftmost eye's, and the right part of an elemental
+image. The view's picture is read where the sub-pixel's pixel is, and interpolated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from inim.display import Display
+from inim.display.layouts import Lenticular
+from inim.display.pixels import SUBPIXELS, PixelOffset, ray_starts
+from inim.image.files.eia_file import write_codes
+from inim.image.files.light_field import quilt_layout
+from inim.image.files.picture import open_picture
+from inim.system.backend.kernels import compiled, share_rows
+from inim.system.errors import FileError, UsageError
+
+# Panel rows at once: their views stay in a processor's cache.
+_ROWS_AT_ONCE = 32
+# Ratios of width to height that count as equal: names of quilts round them.
+_SAME_ASPECT = 0.02
+
+
+def subpixel_views(display: Display, rows: slice) -> np.ndarray:
+    """Views of sub-pixels, (rows, columns, 3) float64.
+
+    1 (leftmost place in its elemental image, seen from the right end of the viewing zone) to above
+    0 (rightmost place).
+
+    Raises `UsageError`: not a lenticular.
+    """
+    layout = display.layout
+    if not isinstance(layout, Lenticular):
+        raise UsageError(
+            f"display {display.name}: lattice = {display.lattice!r}; native pictures of quilts are "
+            "for lenticular displays"
+        )
+    views = np.empty((rows.stop - rows.start, display.eia_shape[1], 3))
+    for channel, subpixel in enumerate(SUBPIXELS[display.subpixels]):
+        offset = PixelOffset(Fraction(0), subpixel.right, subpixel.channel)
+        _, _, (across, _), (right, _) = ray_starts(display, rows, offset)
+        views[..., channel] = 1 - layout.place_in_cell(across + right)[1]
+    return views
+
+
+@dataclass(frozen=True)
+class Quilt:
+    """Views in one picture, from the lower left to the upper right.
+
+    * `codes`, (height, width, 3) uint8.
+    * `columns`, `rows`: tiles. What exceeds whole tiles, on the right and at the top, is unused.
+    * `aspect`: width over height of a tile as displayed.
+    """
+
+    codes: np.ndarray
+    columns: int
+    rows: int
+    aspect: float
+
+    @classmethod
+    def read(cls, path: Path, tiles: tuple[int, int] | None, aspect: float | None) -> Quilt:
+        """Read a quilt of any program.
+
+        * `tiles`, `aspect`: instead of those in its name, ``NAME_qs8x6a0.75.png``.
+
+        Raises `FileError` or `UsageError`: unreadable, or no layout.
+        """
+        named = quilt_layout(path)
+        if tiles is None and named is None:
+            raise UsageError(
+                f"{path}: no layout in its name, such as _qs8x6a0.75; give --tiles COLSxROWS"
+            )
+        columns, rows = tiles or (named or (1, 1, 1.0))[:2]
+        with open_picture(
+            path, ("PNG", "JPEG"), 3, "not a readable PNG or JPEG; save it again"
+        ) as picture:
+            codes = np.asarray(picture.convert("RGB"))
+        height, width = codes.shape[0] // rows, codes.shape[1] // columns
+        if not (height and width):
+            raise FileError(f"{path}: is smaller than {columns} x {rows} tiles")
+        if aspect is None:
+            aspect = width / height if tiles or named is None else named[2]
+        return cls(codes, columns, rows, aspect)
+
+
+def weave(quilt: Quilt, display: Display) -> np.ndarray:
+    """Native picture of a quilt, (rows, columns, 3) uint8.
+
+    Tiles of another aspect ratio than the panel's are shown whole, between black bars.
+
+    Raises `UsageError`: see `subpixel_views`.
+    """
+    panel_rows, panel_columns = display.eia_shape
+    native = np.empty((panel_rows, panel_columns, 3), np.uint8)
+    wider = panel_columns / panel_rows / quilt.aspect
+    if abs(wider - 1) < _SAME_ASPECT:
+        wider = 1.0
+    height, width = quilt.codes.shape[0] // quilt.rows, quilt.codes.shape[1] // quilt.columns
+    # Positions in a tile, of pixels' centres, from the tile's centre.
+    x = ((np.arange(panel_columns) + 0.5) / panel_columns - 0.5) * max(wider, 1.0)
+    y = ((np.arange(panel_rows) + 0.5) / panel_rows - 0.5) * max(1 / wider, 1.0)
+    count = quilt.columns * quilt.rows
+    for start in range(0, panel_rows, _ROWS_AT_ONCE):
+        rows = slice(start, min(start + _ROWS_AT_ONCE, panel_rows))
+        views = np.minimum((subpixel_views(display, rows) * count).astype(np.int64), count - 1)
+        share_rows(
+            _weave, len(views), views, x, y[rows], quilt.codes, quilt.columns, height, width,
+            native[rows],
+        )  # fmt: skip
+    return native
+
+
+@compiled
+def _weave(begin, end, views, x, y, codes, columns, height, width, out):
+    """Interpolated codes of some panel rows from the tiles of their views."""
+    for i in range(begin, end):
+        for j in range(out.shape[1]):
+            if abs(x[j]) > 0.5 or abs(y[i]) > 0.5:
+                out[i, j] = 0
+                continue
+            u = min(max((x[j] + 0.5) * width - 0.5, 0.0), width - 1.0)
+            v = min(max((y[i] + 0.5) * height - 0.5, 0.0), height - 1.0)
+            left, top = int(u), int(v)
+            right, below = min(left + 1, width - 1), min(top + 1, height - 1)
+            u, v = u - left, v - top
+            for c in range(3):
+                tile_row, tile = divmod(views[i, j, c], columns)
+                row0, column0 = codes.shape[0] - (tile_row + 1) * height, tile * width
+                upper = (1 - u) * codes[row0 + top, column0 + left, c]
+                upper += u * codes[row0 + top, column0 + right, c]
+                lower = (1 - u) * codes[row0 + below, column0 + left, c]
+                lower += u * codes[row0 + below, column0 + right, c]
+                out[i, j, c] = np.uint8((1 - v) * upper + v * lower + 0.5)
+
+
+def weave_file(
+    source: Path,
+    out: Path,
+    display: Display,
+    tiles: tuple[int, int] | None = None,
+    aspect: float | None = None,
+) -> None:
+    """Write the native picture of a quilt as PNG.
+
+    Raises `FileError` or `UsageError`: see `Quilt.read` and `weave`; the name of `out`.
+    """
+    if out.suffix.lower() != ".png":
+        raise UsageError(f"--native {out}: a native picture is a .png; change the file name")
+    write_codes(out, weave(Quilt.read(source, tiles, aspect), display), display.pixel_pitch_mm)

@@ -1,0 +1,181 @@
+"""Interpretation of a depth picture's numbers: unit, direction and missing values.
+
+The user states them. Distances that no depth camera returns reveal a wrong statement.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from inim.apps.own_picture.picture_files import DepthFile
+from inim.system.errors import FileError, UsageError
+
+FILL_RULES = ("none", "nearest", "behind", "far")
+
+_UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+# Range of depth cameras for interiors and relics, by the median of a picture.
+_NEAREST_MEDIAN_MM = 10.0
+_FARTHEST_MEDIAN_MM = 10_000.0
+# Nearly all distances of a picture, and their largest ratio: swapped bytes give 255.
+_RANGE = (0.005, 0.5, 0.995)
+_FAR_OVER_NEAR = 100.0
+_LARGEST_OF_16_BITS = 65535
+# Files with at most this many levels hold grey values, others a sensor's millimetres.
+_MOST_GREYS = 256
+# Above this share of the pixels, the largest number probably means "no depth".
+_SATURATED_SHARE = 0.01
+# Sample size for statistics: gives quantiles to a thousandth.
+_MOST_SAMPLED = 2**20
+
+
+@dataclass(frozen=True)
+class DepthConvention:
+    """Properties of a depth picture's numbers that the user states."""
+
+    unit_mm: float  #: Millimetres per unit; 0 for numbers without a unit.
+    near_is_large: bool = False
+    swap_bytes: bool = False  #: True if the bytes of its 16-bit numbers were swapped.
+    #: Numbers that mean "no depth"; infinite values and NaN always do.
+    missing: tuple[float, ...] = ()
+    has_range: bool = False  #: True if the user confirms the distances by giving both near and far.
+
+
+@dataclass(frozen=True)
+class DepthValues:
+    """Depth with its unit and direction."""
+
+    #: (H, W) float32: millimetres, or raw values if unitless; NaN where missing.
+    depth: NDArray[np.float32]
+    near_is_large: bool
+    has_unit: bool
+    step: float  #: Quantisation step of the file, in the same unit; 0 for floats.
+    warnings: tuple[str, ...]
+    #: Quantisation step of the inverse depth, for files that quantise it; otherwise 0.
+    inverse_step: float = 0.0
+
+
+def parse_unit(text: str) -> float:
+    """Millimetres per unit of ``mm``, ``cm``, ``m``, ``none`` (0) or a number per metre."""
+    if text in _UNITS_MM:
+        return _UNITS_MM[text]
+    if text == "none":
+        return 0.0
+    try:
+        per_metre = float(text)
+    except ValueError:
+        per_metre = math.nan
+    if not 0 < per_metre < math.inf:
+        raise UsageError(
+            f"--depth-unit {text}: use mm, cm, m, none, or the number of units per metre (5000)"
+        )
+    return 1000.0 / per_metre
+
+
+def interpret_depth(file: DepthFile, convention: DepthConvention, name: str) -> DepthValues:
+    """Interpret the numbers of a depth picture.
+
+    * `name`: file name for messages.
+
+    Raises `FileError`: no pixel has a depth, or the distances are implausible.
+    """
+    unit = convention.unit_mm
+    is_distance = unit > 0 and not convention.near_is_large
+    depth = file.values.copy()
+    empty = ~np.isfinite(depth)
+    if is_distance:
+        empty |= depth <= 0
+    for number in convention.missing:
+        empty |= file.values == np.float32(number)
+    depth[empty] = np.nan
+    if empty.all():
+        raise FileError(
+            f"{name}: no pixel has a depth (all {empty.size} are 0, not finite or --missing); "
+            "check that it is the right file and was saved with 16 bits"
+        )
+    scale = unit if unit > 0 else 1.0
+    depth *= np.float32(scale)
+    if is_distance and not convention.has_range:
+        _check_distances(depth, file, convention, name)
+    warnings = () if convention.missing else _saturation_warnings(file, name)
+    step = scale if file.largest is not None else 0.0
+    return DepthValues(depth, convention.near_is_large, unit > 0, step, warnings)
+
+
+def sample(depth: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Valid depths of evenly spaced pixels, at most about a million."""
+    stride = max(1, math.ceil(math.sqrt(depth.size / _MOST_SAMPLED)))
+    subset = depth[stride // 2 :: stride, stride // 2 :: stride]
+    valid: NDArray[np.float32] = subset[~np.isnan(subset)]
+    return valid if valid.size else depth[~np.isnan(depth)][:_MOST_SAMPLED]
+
+
+def _saturation_warnings(file: DepthFile, name: str) -> tuple[str, ...]:
+    if file.largest is None or file.largest < _MOST_GREYS:
+        return ()
+    share = np.count_nonzero(file.values == file.largest) / file.values.size
+    if share < _SATURATED_SHARE:
+        return ()
+    return (
+        f"{name}: {share:.1%} of the depths are {file.largest}, the largest possible number; if "
+        f"it means no depth, use --missing {file.largest}",
+    )
+
+
+def _check_distances(
+    depth: NDArray[np.float32], file: DepthFile, convention: DepthConvention, name: str
+) -> None:
+    """Raise `FileError` for distances in mm that no depth camera returns."""
+    is_largest = file.values == (math.nan if file.largest is None else file.largest)
+    distances = sample(np.where(is_largest, np.float32(np.nan), depth))
+    if not distances.size:
+        distances = sample(depth)
+    near, middle, far = map(float, np.quantile(distances, _RANGE))
+    if _NEAREST_MEDIAN_MM <= middle <= _FARTHEST_MEDIAN_MM and far <= _FAR_OVER_NEAR * near:
+        return
+    remedies = ["the right --depth-unit", "--missing N for numbers that mean no depth"]
+    if convention.swap_bytes:
+        remedies.insert(1, "no --swap-bytes")
+    elif file.largest == _LARGEST_OF_16_BITS:
+        remedies.insert(1, "--swap-bytes for the other byte order")
+    raise FileError(
+        f"{name}: implausible distances, {near:.4g} .. {far:.4g} mm with a median of {middle:.4g} "
+        f"mm, by a --depth-unit of {convention.unit_mm:g} mm; give {', '.join(remedies)}, or "
+        "confirm them with --near and --far in mm"
+    )
+
+
+def fill_missing_depth(
+    depth: NDArray[np.float32], rule: str, *, near_is_large: bool = False
+) -> NDArray[np.float32]:
+    """Fill the missing pixels (NaN) of a depth picture, (H, W) float32, by one of `FILL_RULES`.
+
+    Pixels stay NaN where the rule has no depth to use. Without missing pixels, returns the input.
+    """
+    empty = np.isnan(depth)
+    if rule == "none" or not empty.any() or empty.all():
+        return depth
+    if rule == "nearest":
+        from scipy.ndimage import distance_transform_edt
+
+        rows, columns = distance_transform_edt(empty, return_distances=False, return_indices=True)
+        nearest: NDArray[np.float32] = depth[rows, columns]
+        return nearest
+    farther = np.fmin if near_is_large else np.fmax
+    if rule == "far":
+        farthest = np.float32(farther.reduce(depth[~empty]))
+        return np.where(empty, farthest, depth)
+    filled = depth.copy()
+    for row in filled:  # row by row: avoids temporary arrays of the picture's size
+        valid = np.flatnonzero(~np.isnan(row))
+        gaps = np.flatnonzero(np.isnan(row))
+        if valid.size and gaps.size:
+            next_valid = np.searchsorted(valid, gaps)
+            left = np.where(next_valid > 0, row[valid[next_valid - 1]], np.float32(np.nan))
+            right = row[valid[np.minimum(next_valid, valid.size - 1)]]
+            right = np.where(next_valid < valid.size, right, np.float32(np.nan))
+            row[gaps] = farther(left, right)
+    return filled

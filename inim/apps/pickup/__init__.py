@@ -1,0 +1,1 @@
+"""EIAs from raw pictures and from photographs through a lens array."""

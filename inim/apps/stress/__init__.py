@@ -1,0 +1,1 @@
+"""Stress run: oracles and relations for any algorithm."""

@@ -1,0 +1,1 @@
+"""Validations of all combinations of a study's values, in one table."""

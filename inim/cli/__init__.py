@@ -1,0 +1,1 @@
+"""Entry points, and the commands that validate scenes and compare reports."""

@@ -1,0 +1,147 @@
+"""Command `inim info`, about the installation."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from inim.pipeline.options import Command
+from inim.system.errors import EXIT_PASSED, BackendError
+
+if TYPE_CHECKING:
+    from inim.system.backend.trial import Verdict
+    from inim.system.cache import StoreInfo
+
+
+_NO_STORE = "no cache: INIM_CACHE is off, or there is no home folder; set INIM_CACHE to a folder"
+_DISTRIBUTIONS = ("inim", "mitsuba", "drjit", "numpy", "OpenEXR", "trimesh")
+
+
+def _algorithms(_: argparse.Namespace) -> int:
+    from inim.pipeline.stages.method import algorithm_table
+
+    print(algorithm_table())
+    return EXIT_PASSED
+
+
+def _settings(_: argparse.Namespace) -> int:
+    from inim.display.settings import setting_table
+
+    print(setting_table())
+    return EXIT_PASSED
+
+
+def _cache(args: argparse.Namespace) -> int:
+    from inim.system.cache import open_store
+
+    store = open_store()
+    if store is None:
+        print(_NO_STORE)
+    elif args.clear:
+        print(f"removed {_size_text(store.clear())}")
+    else:
+        info = store.info()
+        print(f"{_size_text(info)}, at most {info.limit_bytes / 2**30:.3g} GiB")
+    return EXIT_PASSED
+
+
+def _size_text(info: StoreInfo) -> str:
+    return f"{info.records} results, {info.size_bytes / 2**20:.1f} MiB, in {info.folder}"
+
+
+def _system(args: argparse.Namespace) -> int:
+    import json
+
+    print(json.dumps(describe(), indent=1) if args.json else sys_info())
+    return EXIT_PASSED
+
+
+def describe() -> dict[str, Any]:
+    """Describe the machine and the installation, as JSON values."""
+    import platform
+
+    from inim.system.backend import choose_backend, cuda_verdict, llvm_verdicts
+    from inim.system.backend.trial import cache_file
+    from inim.system.cache import versions
+    from inim.system.process.machine import cpu_count, cpu_model, memory_limit_bytes
+
+    cuda = cuda_verdict()
+    chosen: dict[str, Any] | str
+    try:
+        chosen = {name: value and str(value) for name, value in choose_backend()._asdict().items()}
+    except BackendError as error:
+        chosen = str(error)
+    return {
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "cpu": cpu_model(),
+        "cores": cpu_count(),
+        "memory_bytes": memory_limit_bytes(),
+        "versions": {
+            name: None if version == "unknown" else version
+            for name, version in versions(_DISTRIBUTIONS).items()
+            if name != "python"
+        },
+        "libllvm": [_candidate(path, verdict) for path, verdict in llvm_verdicts()],
+        "cuda": {"usable": cuda.usable, "reason": cuda.reason, "device": cuda.device},
+        "chosen": chosen,
+        "cache": str(cache_file() or ""),
+    }
+
+
+def _candidate(library: Path, verdict: Verdict) -> dict[str, Any]:
+    from inim.system.backend import llvm_version
+
+    named = ".".join(map(str, llvm_version(library) or ()))
+    version = verdict.version or named or None
+    reason = verdict.reason
+    return {"path": str(library), "version": version, "usable": verdict.usable, "reason": reason}
+
+
+def sys_info() -> str:
+    """The facts of `describe` as text, one per line."""
+    facts = describe()
+    chosen = facts["chosen"]
+    rows = [(name, facts[name]) for name in ("python", "platform", "cpu", "cores")]
+    rows.append(("memory", f"{facts['memory_bytes'] / 2**30:.1f} GiB"))
+    rows += [(name, version or "not installed") for name, version in facts["versions"].items()]
+    for library in facts["libllvm"]:
+        words = "usable" if library["usable"] else f"refused: {library['reason']}"
+        rows.append(("libLLVM", f"{library['version'] or '?'}  {library['path']}  {words}"))
+    rows.append(("CUDA", facts["cuda"]["device"] or f"not used: {facts['cuda']['reason']}"))
+    if isinstance(chosen, dict):
+        chosen = " ".join(str(chosen[name]) for name in ("variant", "device"))
+    rows += [("backend", chosen), ("cache", facts["cache"] or "none (no home folder)")]
+    return "\n".join(f"{name:<15} {value}" for name, value in rows)
+
+
+def _add_info_arguments(parser: argparse.ArgumentParser) -> None:
+    subjects = parser.add_subparsers(required=True, metavar="SUBJECT")
+    for name, (summary, run) in _SUBJECTS.items():
+        own = subjects.add_parser(name, help=summary, description=summary.capitalize() + ".")
+        own.set_defaults(show=run)
+        if name == "cache":
+            own.epilog = (
+                "INIM_CACHE is the folder, or 'off'; INIM_CACHE_GIB is its maximum size (8)."
+            )
+            own.add_argument("--clear", action="store_true", help="remove all cached results")
+        if name == "system":
+            own.add_argument("--json", action="store_true", help="print JSON")
+
+
+_SUBJECTS = {
+    "algorithms": ("list the algorithms and their options", _algorithms),
+    "settings": ("list the inim.* settings of scene files", _settings),
+    "cache": ("show the folder and the size of the result cache", _cache),
+    "system": ("show the renderer's backends and the installed versions", _system),
+}
+
+
+COMMANDS = {
+    "info": Command(
+        "show algorithms, settings, cache or system",
+        _add_info_arguments,
+        lambda args: int(args.show(args)),
+    ),
+}

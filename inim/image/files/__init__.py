@@ -1,0 +1,1 @@
+"""Picture files: colour, depth, EIAs and light fields."""

@@ -1,0 +1,331 @@
+"""Reading and atomic writing of images: linear float32 EXR and 8-bit sRGB PNG."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from inim.image.color import to_srgb
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
+from inim.system.cache import ResultCache
+from inim.system.errors import FileError, UsageError
+from inim.system.files import check_file, utf8_name
+from inim.system.process.atomic_file import write_atomically
+from inim.system.version import __version__
+
+# Limit against decompression bombs; 8K panels have 33 million pixels.
+_MOST_PIXELS = 2**28
+# Limits on decoded data: this many bytes for any file, or this multiple of the file size. Noisy
+# pictures expand by a factor of 2, painted ones by tens, decompression bombs by a thousand.
+_MOST_UNFOLDED_BYTES = 2**28
+_MOST_UNFOLDING = 100
+# A cache without a folder stores no results.
+_NO_CACHE = ResultCache()
+
+
+def write_png(path: Path, linear: np.ndarray, cache: ResultCache = _NO_CACHE) -> None:
+    """Write (H, W, 3) linear RGB as an 8-bit sRGB PNG."""
+    pixels = to_srgb(linear)
+    # Level 1: level 6 costs four times the time for 5 % of the bytes on noisy pictures.
+    data = encode_image(pixels, "PNG", cache, compress_level=1)
+    write_atomically(path, lambda p: p.write_bytes(data))
+
+
+def save_image(path: Path | str, linear: np.ndarray) -> None:
+    """Write a linear image, such as an EIA or a view, as a PNG or an EXR.
+
+    Parameters
+    ----------
+    path : path
+        `.png` for 8-bit sRGB, `.exr` for linear float32.
+    linear : (rows, columns, 3) float array
+        Linear RGB, 1 being the panel's white.
+
+    Raises
+    ------
+    UsageError
+        Another suffix, or an array that is no such image.
+    FileError
+        The file cannot be written.
+    """
+    path, image = Path(path), np.asarray(linear)
+    writers: dict[str, Callable[[Path, np.ndarray], object]] = {
+        ".png": write_png,
+        ".exr": write_exr,
+    }
+    if path.suffix.lower() not in writers:
+        raise UsageError(f"{path}: not an image that inim writes; name it .png or .exr")
+    if image.ndim != 3 or image.shape[2] != 3 or not image.size or image.dtype.kind != "f":
+        raise UsageError(
+            f"{path}: the image is {image.dtype} of shape {image.shape}; give (rows, columns, 3) "
+            "floats, linear RGB"
+        )
+    writers[path.suffix.lower()](path, image.astype(np.float32, copy=False))
+
+
+def encode_image(
+    pixels: np.ndarray, form: str, cache: ResultCache = _NO_CACHE, **options: Any
+) -> bytes:
+    """Encode an image as the bytes of a file.
+
+    * `pixels`, (H, W, 3) uint8
+    * `form`, {"PNG", "JPEG", "WEBP"}
+    * `cache`: stores encoded images, as reading is faster than compressing.
+    * `**options`: options of Pillow's writer.
+    """
+
+    def make() -> np.ndarray:
+        from PIL import Image
+
+        stream = io.BytesIO()
+        Image.fromarray(np.ascontiguousarray(pixels)).save(stream, form, **options)
+        return np.frombuffer(stream.getvalue(), np.uint8)
+
+    def parts() -> dict[str, Any]:
+        return {"pixels": pixels, "form": [form, options], "pillow": _pillow_version()}
+
+    data: np.ndarray = cache.find_or_make("picture file", parts, make, explain=False)[0]
+    return data.tobytes()
+
+
+@cache
+def _pillow_version() -> str:
+    return metadata.version("pillow")
+
+
+def write_exr(path: Path, linear: np.ndarray, attributes: Mapping[str, Any] | None = None) -> None:
+    """Write (H, W, 3) linear RGB as a one-part float32 EXR."""
+    # Packed channels give the same file without copies.
+    write_exr_parts(path, [({"RGB": linear}, "color")], attributes)
+
+
+def write_rgbd(path: Path, rgbd: RGBD, attributes: Mapping[str, Any] | None = None) -> None:
+    """Write an RGB-D picture as a two-part EXR: part 0 R, G, B and A (coverage), part 1 Z.
+
+    Two parts are needed because a single RGBZ part breaks Mitsuba's textures. Z is in millimetres
+    in the display frame, towards the viewer; in empty pixels, Z is NaN and A is 0.
+
+    A picture of n layers has 3 n parts: `color` and `depth` as above, `back` with the Z of the
+    solid's back; then `color.1`, `depth.1`, `back.1` of the next layer, and so on.
+    """
+    layers = rgbd.layers
+    header = {
+        "inim:pixel_mm": repr(float(rgbd.pixel_mm)),
+        "inim:unit": "mm",
+        "inim:depth": "z of the front surface in the display frame, towards the viewer",
+        **(attributes or {}),
+    }
+    parts = [part for n, layer in enumerate(layers) for part in _layer_parts(layer, n)]
+    if isinstance(rgbd, LayeredRGBD):
+        header |= {
+            "inim:layers": str(len(layers)),
+            "inim:back": "z at which the solid behind the front surface ends",
+        }
+        write_exr_parts(path, parts, header)
+    else:
+        write_exr_parts(path, parts[:2], header)
+
+
+def _layer_parts(layer: Layer, number: int) -> list[tuple[dict[str, np.ndarray], str]]:
+    """Colour, depth and back of a layer, and the names of their parts."""
+    empty = np.float32(np.nan)
+    colors = {name: layer.color[..., channel] for channel, name in enumerate("RGB")}
+    parts = {
+        "color": colors | {"A": layer.covered.astype(np.float32)},
+        "depth": {"Z": np.where(layer.covered, layer.front_mm, empty)},
+        "back": {"Z": np.where(layer.covered, layer.back_mm, empty)},
+    }
+    return [(part, f"{name}.{number}" if number else name) for name, part in parts.items()]
+
+
+def read_rgbd(path: Path | str) -> RGBD:
+    """Read a file of `write_rgbd`: a `LayeredRGBD` if it contains layers.
+
+    Parameters
+    ----------
+    path : path
+        `rgbd.exr` of a report, or a file from `inim generate --save-rgbd`.
+
+    Raises
+    ------
+    FileError
+        Missing, damaged, or not an RGB-D picture of `inim`.
+    """
+    path = Path(path)
+    parts = _read_parts(path)
+    try:
+        header = parts[0][1]
+        pixel_mm = float(header["inim:pixel_mm"])
+        channels = [channels for channels, _ in parts]
+        count = int(header.get("inim:layers", 0))
+        if not count:
+            front = _read_layer([*channels[:2], channels[1]])
+            return RGBD(front.color, front.front_mm, front.covered, pixel_mm)
+        front, *deeper = (_read_layer(channels[3 * n : 3 * n + 3]) for n in range(count))
+        return LayeredRGBD(
+            front.color, front.front_mm, front.covered, pixel_mm, front.back_mm, tuple(deeper)
+        )
+    except (IndexError, KeyError, TypeError, ValueError) as error:
+        raise FileError(
+            f"{path}: not an RGB-D picture of inim (two parts, R G B A and Z, with "
+            f"inim:pixel_mm); missing {error}"
+        ) from error
+    except UsageError as error:
+        raise FileError(f"{path}: {error}") from error
+
+
+def _read_layer(parts: list[dict[str, np.ndarray]]) -> Layer:
+    """Layer from the channels of its colour, depth and back."""
+    color, depth, back = parts[0], parts[1]["Z"], parts[2]["Z"]
+    rgb = np.stack([color[c] for c in "RGB"], axis=-1)
+    if not np.isfinite(rgb).all():
+        raise UsageError("has colours that are not finite; replace them")
+    # Replace only missing values: -inf is a valid back.
+    back = np.where(np.isnan(back), np.float32(0), back)
+    return Layer(rgb, np.nan_to_num(depth), back, color["A"] > 0.5)
+
+
+def read_exr(path: Path) -> np.ndarray:
+    """Read the colours of an EXR's first part: (H, W, 3) float32 of R, G, B, or (H, W, 1) of Y.
+
+    Raises `FileError`: missing, damaged, too large, or without those channels.
+    """
+    channels = read_exr_channels(path)
+    names = "Y" if "Y" in channels and "R" not in channels else "RGB"
+    missing = [name for name in names if name not in channels]
+    if missing or len({channels[name].shape for name in names}) > 1:
+        raise FileError(
+            f"{path}: no whole channels {', '.join(names)}; it has {', '.join(channels)}"
+        )
+    return np.stack([channels[name] for name in names], axis=-1)
+
+
+def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
+    """Read all channels of an EXR's first part, (H, W) float32 each where not subsampled.
+
+    Raises `FileError`: missing, damaged or too large.
+    """
+    return _read_parts(path)[0][0]
+
+
+def check_unfolding(path: Path, bytes_unfolded: int, size: int | None = None) -> None:
+    """Raise `FileError` if a file, or `size` bytes of it, decode to suspiciously many bytes."""
+    size = path.stat().st_size if size is None else size
+    if bytes_unfolded > max(_MOST_UNFOLDED_BYTES, _MOST_UNFOLDING * size):
+        raise FileError(
+            f"{path}: unfolds from {size} to {bytes_unfolded} bytes; refused as damaged, save it "
+            "without compression if it is intact"
+        )
+
+
+def write_exr_parts(
+    path: Path, parts: list[tuple[dict[str, np.ndarray], str]], attributes: Mapping[str, Any] | None
+) -> None:
+    """Write channels, (H, W) or packed (H, W, 3), as the named parts of a float32 EXR."""
+    import OpenEXR
+
+    header = {
+        "compression": OpenEXR.ZIPS_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "inim:version": __version__,
+        **(attributes or {}),
+    }
+    arrays = [
+        ({k: np.ascontiguousarray(v, np.float32) for k, v in channels.items()}, name)
+        for channels, name in parts
+    ]
+    file = OpenEXR.File([OpenEXR.Part(dict(header), channels, name) for channels, name in arrays])
+    write_atomically(path, lambda p: _write_exr_file(file, p))
+
+
+def _write_exr_file(file: Any, path: Path) -> None:
+    try:
+        file.write(utf8_name(path))
+    except RuntimeError as error:  # OpenEXR's own errors are not OSErrors
+        raise OSError(0, str(error).splitlines()[0]) from error
+
+
+def _read_parts(path: Path) -> list[tuple[dict[str, np.ndarray], dict[str, Any]]]:
+    """Read float32 channels and header of each part; also detect truncated files."""
+    check_file(path)
+    try:
+        with silence_output():
+            import OpenEXR
+
+            name = utf8_name(path)
+            header = OpenEXR.File(name, header_only=True)
+            check_unfolding(path, sum(_check_size(path, part.header) for part in header.parts))
+            # Separate channels: packed "RGB" arrays would scramble A and Z in odd files.
+            parts = OpenEXR.File(name, separate_channels=True).parts
+            contents = [
+                ({name: np.asarray(c.pixels) for name, c in part.channels.items()}, part.header)
+                for part in parts
+            ]
+    except FileError:
+        raise
+    except Exception as error:
+        cause = str(error).partition("\n")[0] or type(error).__name__
+        raise FileError(f"{path}: not a readable EXR ({cause}); save it again") from error
+    arrays = [pixels for channels, _ in contents for pixels in channels.values()]
+    has_empty_part = any(not channels for channels, _ in contents)
+    if has_empty_part or not arrays or any(a.size == 0 or a.dtype.kind not in "fu" for a in arrays):
+        raise FileError(f"{path}: the EXR has no pixels, as it may be truncated; save it again")
+    return [
+        ({name: pixels.astype(np.float32, copy=False) for name, pixels in channels.items()}, header)
+        for channels, header in contents
+    ]
+
+
+# Descriptor 2 and `sys.stdout` belong to the whole process, so the first thread that asks silences
+# them and the last one restores them. Other threads' output in between is lost.
+_silence = threading.Lock()
+_thread_count = 0
+_undo = contextlib.ExitStack()
+
+
+@contextlib.contextmanager
+def silence_output() -> Iterator[None]:
+    """Suppress the output of decoders, which is hundreds of lines for damaged files.
+
+    OpenEXR writes to Python's stdout and to descriptor 2, libtiff to descriptor 2.
+    """
+    global _thread_count
+    with _silence:
+        if not _thread_count:
+            _redirect_output()
+        _thread_count += 1
+    try:
+        yield
+    finally:
+        with _silence:
+            _thread_count -= 1
+            if not _thread_count:
+                _undo.close()
+
+
+def _redirect_output() -> None:
+    stderr_copy = os.dup(2)
+    _undo.callback(os.close, stderr_copy)
+    _undo.callback(os.dup2, stderr_copy, 2)
+    null_device = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null_device, 2)
+    os.close(null_device)
+    _undo.enter_context(contextlib.redirect_stdout(io.StringIO()))
+
+
+def _check_size(path: Path, header: Mapping[str, Any]) -> int:
+    """Size of a part's pixels in bytes; `FileError` for implausible sizes."""
+    low, high = header["dataWindow"]
+    columns, rows = int(high[0]) - int(low[0]) + 1, int(high[1]) - int(low[1]) + 1
+    if columns < 1 or rows < 1 or columns * rows > _MOST_PIXELS:
+        raise FileError(f"{path}: declares {columns} x {rows} pixels; refused as damaged")
+    return columns * rows * 4 * len(header["channels"])

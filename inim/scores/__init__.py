@@ -1,0 +1,1 @@
+"""Metrics, statistics of regression, and checks."""

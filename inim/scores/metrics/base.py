@@ -1,0 +1,278 @@
+"""Metrics: functions of two images, with their properties.
+
+`maps_of` computes the maps of metrics only where two images differ, in bands of rows.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from inim.image.color import srgb_from_linear
+from inim.system.errors import UsageError
+from inim.system.row_bands import row_bands
+
+_NAME = re.compile(r"[a-z][a-z0-9]*")
+_UNIT = re.compile(r"[A-Za-z]*")
+
+
+@dataclass(frozen=True)
+class Viewing:
+    """Viewing conditions of an image, for perceptual metrics."""
+
+    pixels_per_degree: float  #: At the centre of the image.
+    luminance_cd_m2: float  #: Luminance of white.
+    #: White over black of the panel that shows the images; infinite if they contain its black.
+    contrast: float = 1000
+
+    @classmethod
+    def of(cls, pixel_mm: float, eye_mm: Sequence[float], luminance_cd_m2: float) -> Viewing:
+        """Conditions for pixels of a given size on the lens array, from an eye (display frame)."""
+        degree = 2 * math.hypot(*eye_mm) * math.tan(math.radians(0.5))
+        return cls(degree / pixel_mm, luminance_cd_m2)
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A metric of the difference between two images.
+
+    Attributes
+    ----------
+    name : str
+        Lower-case letters and digits: ``ssim``.
+    function : callable
+        Function of reference and test, (rows, columns, 3) float32 sRGB in 0..1. It returns the
+        score, or a (rows, columns) map whose mean is the score. A map gives smaller errors.
+    tolerance : float
+        Smallest change that a regression check counts, in the score's unit.
+    better : {"higher", "lower"}
+    range : (float, float)
+        Range of scores. An infinite end allows infinite scores.
+    label : str
+        Label in reports; default: the name in capitals.
+    unit : str
+        Unit of the score, in letters: ``dB``.
+    digits : int
+        Digits after the decimal point in reports.
+    reference : str
+        Paper that defines the metric.
+    has_eia_score : bool
+        True if the metric also applies to panel pixels.
+    has_relic_score : bool
+        True if the score restricted to the relic's region is also reported. It needs a map.
+    border : int
+        Width of the border of a map that does not count, in pixels.
+    score_from_mean : callable, optional
+        Returns the score and its derivative for a map's mean, if the score is not the mean; the
+        derivative is 0 if there is none.
+    remaining_bias : float
+        Largest usual bias that the noise correction leaves, as a share of the correction of the
+        map's mean. Intervals extend by it.
+    whole_image_score : callable, optional
+        Returns the score of images too large for a map, from reference and test in linear RGB.
+    reach : int, optional
+        Distance in pixels over which the map depends on the images. With a reach, the function
+        receives only the parts of the images that differ.
+    equal_value : float
+        Value of a map where the images are equal; needed with `reach`.
+    dtype : type
+        Type of the map, with `reach`.
+    min_size_px : int
+        Smallest side of an image that the function accepts.
+    settings : mapping of str to JSON value
+        Fixed parameters, to reproduce the score elsewhere.
+    needs_viewing : bool
+        True if the function has a third argument, `Viewing`. Such a metric applies to views only.
+    """
+
+    name: str
+    function: Callable[..., Any]
+    _: KW_ONLY
+    tolerance: float
+    better: str = "higher"
+    range: tuple[float, float] = (0.0, 1.0)
+    label: str = ""
+    unit: str = ""
+    digits: int = 4
+    reference: str = ""
+    has_eia_score: bool = False
+    has_relic_score: bool = False
+    border: int = 0
+    score_from_mean: Callable[[float], tuple[float, float]] | None = None
+    remaining_bias: float = 0.6
+    whole_image_score: Callable[[np.ndarray, np.ndarray], float] | None = None
+    reach: int | None = None
+    equal_value: float = 0.0
+    dtype: type = np.float32
+    min_size_px: int = 1
+    settings: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    needs_viewing: bool = False
+
+    def __post_init__(self) -> None:
+        """Raise `UsageError` for an invalid declaration."""
+        if not self.label:
+            object.__setattr__(self, "label", str(self.name).upper())
+        violations = [rule for rule, is_met in self._rules().items() if not is_met]
+        if violations:
+            raise UsageError(f"metric {self.name!r}: {violations[0]}")
+
+    def _rules(self) -> dict[str, bool]:
+        is_number = isinstance(self.tolerance, (int, float)) and math.isfinite(self.tolerance)
+        return {
+            "its name must be lower-case letters and digits": bool(_NAME.fullmatch(str(self.name))),
+            "its function must be a function of (reference, test)": callable(self.function),
+            "its tolerance must be a number above 0": is_number and self.tolerance > 0,
+            "better must be 'higher' or 'lower'": self.better in ("higher", "lower"),
+            "its range must be (low, high)": len(self.range) == 2 and self.range[0] < self.range[1],
+            "its unit must be letters": bool(_UNIT.fullmatch(self.unit)),
+            "with needs_viewing, reach and has_eia_score must not be set": not self.needs_viewing
+            or (self.reach is None and not self.has_eia_score),
+        }
+
+    @property
+    def key(self) -> str:
+        """Key of the score in reports and tables, with the unit: ``psnr_db``."""
+        return self._join_key()
+
+    @property
+    def to_reference_key(self) -> str:
+        """Key of the score to the reference: ``psnr_to_reference_db``."""
+        return self._join_key("to_reference")
+
+    @property
+    def on_relic_key(self) -> str:
+        """Key of the score on the relic: ``psnr_on_relic_db``."""
+        return self._join_key("on_relic")
+
+    @property
+    def on_relic_to_reference_key(self) -> str:
+        """Key of the score on the relic to the reference: ``psnr_on_relic_to_reference_db``."""
+        return self._join_key("on_relic", "to_reference")
+
+    def _join_key(self, *parts: str) -> str:
+        return "_".join(filter(None, (self.name, *parts, self.unit.lower())))
+
+    def score_mask(self, shape: tuple[int, int], region: np.ndarray | None = None) -> np.ndarray:
+        """Pixels of a map that count, (rows, columns) bool: a region without the border."""
+        mask = np.zeros(shape, bool)
+        mask[self._interior] = True if region is None else region[self._interior]
+        return mask
+
+    @property
+    def _interior(self) -> tuple[slice, slice]:
+        side = slice(self.border, -self.border or None)
+        return side, side
+
+    def score(self, values: np.ndarray, region: np.ndarray | None = None) -> float:
+        """Score from a (rows, columns) map, or from a single value with the shape ().
+
+        With a (rows, columns) bool region, only its pixels count; NaN if there are none.
+        """
+        if values.ndim:
+            interior = values[self._interior]
+            values = interior if region is None else interior[region[self._interior]]
+        mean = float(values.mean(dtype=np.float64)) if values.size else math.nan
+        return mean if self.score_from_mean is None else self.score_from_mean(mean)[0]
+
+
+# Rows and columns of an image.
+_Window = tuple[slice, slice]
+
+
+def maps_of(
+    metrics: Sequence[Metric],
+    reference: np.ndarray,
+    test: np.ndarray,
+    viewing: Viewing | None = None,
+) -> dict[str, np.ndarray]:
+    """Compute the maps of metrics, by their keys, for images in linear RGB, (rows, columns, 3)
+    float32.
+
+    A map is (rows, columns), or () for a metric without a map. A relic is in front of a black
+    background that is equal in both images. Where everything within the reach of a filter is equal,
+    the map has the value for equal images exactly, because both sides of each comparison are the
+    same numbers. So only the rest is filtered, in bands of rows.
+
+    Without `viewing`, metrics with `needs_viewing` are left out. Raises `UsageError` if the images
+    cannot be compared, or if another package's metric fails.
+    """
+    check_images(reference, test)
+    metrics = [metric for metric in metrics if viewing is not None or not metric.needs_viewing]
+    rows, columns = shape = reference.shape[:2]
+    local = [(metric, metric.reach) for metric in metrics if metric.reach is not None]
+    maps: dict[str, np.ndarray] = {m.key: np.full(shape, m.equal_value, m.dtype) for m, _ in local}
+    reach = max((reach for _, reach in local), default=0)
+    min_size = max((metric.min_size_px for metric, _ in local), default=1)
+    window = _expand(_difference_window(reference, test), reach, (rows, columns))
+    top = window[0].start
+    for band in row_bands(window[0].stop - top, window[1].stop - window[1].start):
+        part = slice(top + band.start, top + band.stop), window[1]
+        # Including the reach of all filters, so that bands join without seams.
+        outer = _expand(part, reach, (rows, columns), min_size)
+        inner = _position_within(part, outer)
+        images = srgb_from_linear(reference[outer]), srgb_from_linear(test[outer])
+        for metric, _ in local:
+            maps[metric.key][part] = metric.function(*images)[inner]
+    for metric in metrics:
+        if metric.reach is None:
+            # New images for each metric: another package's function may write into them.
+            images = srgb_from_linear(reference), srgb_from_linear(test)
+            conditions = (viewing,) if metric.needs_viewing else ()
+            maps[metric.key] = np.asarray(metric.function(*images, *conditions))
+    return {metric.key: maps[metric.key] for metric in metrics}
+
+
+def _difference_window(reference: np.ndarray, test: np.ndarray) -> _Window:
+    """Smallest window that contains all differences of two images; empty if they are equal."""
+    rows, columns = reference.shape[:2]
+    in_row, in_column = np.zeros(rows, bool), np.zeros(columns, bool)
+    for band in row_bands(rows, columns):
+        differs = reference[band] != test[band]
+        in_row[band] = differs.any(axis=(1, 2))
+        in_column |= differs.any(axis=0).any(axis=-1)
+    if not in_row.any():
+        return slice(0, 0), slice(0, 0)
+    (top, bottom), (left, right) = (np.flatnonzero(mask)[[0, -1]] for mask in (in_row, in_column))
+    return slice(int(top), int(bottom) + 1), slice(int(left), int(right) + 1)
+
+
+def _expand(window: _Window, margin: int, shape: tuple[int, int], min_size: int = 1) -> _Window:
+    """Expand a window by a margin within an image, to at least `min_size` along each side."""
+    if window[0].stop == window[0].start:
+        return window
+    sides = []
+    for side, size in zip(window, shape, strict=True):
+        first = max(0, min(side.start - margin, size - min_size))
+        sides.append(slice(first, min(size, max(side.stop + margin, first + min_size))))
+    return sides[0], sides[1]
+
+
+def _position_within(window: _Window, outer: _Window) -> _Window:
+    """Position of a window within another that contains it."""
+    rows, columns = (
+        slice(inner.start - whole.start, inner.stop - whole.start)
+        for inner, whole in zip(window, outer, strict=True)
+    )
+    return rows, columns
+
+
+def check_images(reference: np.ndarray, test: np.ndarray) -> None:
+    """Raise `UsageError` unless two images have the same shape, three colours and finite values."""
+    if reference.shape != test.shape or reference.ndim != 3 or reference.shape[2] != 3:
+        raise UsageError(
+            f"images of shape {reference.shape} and {test.shape} cannot be compared; "
+            "both must be (rows, columns, 3)"
+        )
+    for name, image in (("reference", reference), ("test", test)):
+        count = 0
+        for band in row_bands(*image.shape[:2]):
+            finite = np.isfinite(image[band])
+            if not finite.all():  # reducing by pixel takes longer, and is rarely needed
+                count += int(np.count_nonzero(~finite.all(axis=-1)))
+        if count:
+            raise UsageError(f"the {name} image has {count} pixels that are not finite")

@@ -1,0 +1,348 @@
+"""Comparison of a run with a baseline: verdicts, or the differing conditions, and images.
+
+Rendered images are compared by Welch's t-test in every tile. Changes are in codes, steps of an
+8-bit panel on the sRGB curve, of the tile's mean or of the root of its power. See
+docs/theory/regression.md.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from inim.display import Display
+from inim.scores.document_parts import Change, Check, Conditions, Drift
+from inim.scores.regression.fingerprints import Fingerprint, compare_fingerprints, sampled_pixels
+from inim.scores.regression.run_statistics import RunStatistics
+from inim.scores.regression.scores import compare_scores
+from inim.scores.regression.tiles import TileStatistics
+from inim.scores.regression.verdict import (
+    FALSE_ALARM_RATE,
+    sidak,
+    welch_half_width,
+    welch_p_value,
+    within,
+)
+from inim.system.errors import BaselineError
+
+#: One step of an 8-bit panel: a panel cannot show a smaller difference of a tile's mean.
+SMALLEST_CODES = 1.0
+#: Largest growth of the ground truth's standard error: 10 % fewer samples increase it by 5 %, half
+#: of the samples by 41 %.
+MAX_NOISE_RATIO = 1.25
+# Tests per tile: three colours and the power.
+_TESTS = 4
+
+
+@dataclass(frozen=True)
+class TileChange:
+    """Changes between two images by tile; the last axis is R, G, B, power."""
+
+    codes: np.ndarray  #: (R, C, 4) float64: change in 8-bit codes, candidate minus baseline.
+    #: (R, C, 4) float64: largest change that passes, in the direction of the change.
+    limit: np.ndarray
+    half_width: np.ndarray  #: (R, C, 4) float64: half width of the change's interval.
+    p_value: np.ndarray  #: (R, C, 4) float64
+
+    @property
+    def failed(self) -> np.ndarray:
+        """Tiles that failed, (R, C) bool; tiles that are not finite fail."""
+        failed: np.ndarray = ~(np.abs(self.codes) <= self.limit).all(axis=-1)
+        return failed
+
+
+def codes_from_linear(linear: np.ndarray) -> np.ndarray:
+    """8-bit codes of linear values (IEC 61966-2-1), neither rounded nor clipped; odd about 0."""
+    size = np.abs(np.asarray(linear, np.float64))
+    curve = 1.055 * np.power(np.maximum(size, 0.0031308), 1 / 2.4) - 0.055
+    codes: np.ndarray = np.copysign(255 * np.where(size <= 0.0031308, 12.92 * size, curve), linear)
+    return codes
+
+
+def tile_change(baseline: TileStatistics, candidate: TileStatistics, level: float) -> TileChange:
+    """Compute the change of every tile, each tested at `level`.
+
+    The t-test uses linear light, in which half images average. Its half width and the change are
+    then converted to codes, from the baseline in the direction of the candidate.
+    """
+    old, old_error, old_freedom = _stack_power(baseline)
+    new, new_error, new_freedom = _stack_power(candidate)
+    errors = (old_error, old_freedom, new_error, new_freedom)
+    half = welch_half_width(*errors, level)
+    direction = np.where(new >= old, 1.0, -1.0)
+    start = _codes(old)
+    width = np.abs(_codes(old + direction * half) - start)
+    limit = np.maximum(SMALLEST_CODES, width)
+    return TileChange(_codes(new) - start, limit, width, welch_p_value(new - old, *errors))
+
+
+def _stack_power(tiles: TileStatistics) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Values, errors and degrees of freedom, (R, C, 4) float64: three colours and the power."""
+    parts = (
+        (tiles.mean, tiles.power[..., None]),
+        (tiles.mean_error, tiles.power_error[..., None]),
+        (tiles.freedom, tiles.freedom.min(axis=-1, keepdims=True)),
+    )
+    values, errors, freedom = (np.concatenate(p, axis=-1).astype(np.float64) for p in parts)
+    return values, errors, freedom
+
+
+def _codes(values: np.ndarray) -> np.ndarray:
+    """Codes of three means and of the root of a power; an unbiased power may be negative."""
+    root = np.copysign(np.sqrt(np.abs(values[..., 3:])), values[..., 3:])
+    return codes_from_linear(np.concatenate([values[..., :3], root], axis=-1))
+
+
+def compare_pictures(
+    baseline: Mapping[str, TileStatistics], candidate: Mapping[str, TileStatistics]
+) -> list[Check]:
+    """Verdicts on the baseline's images by name, each on its worst tile.
+
+    An image that the candidate lacks, or has in another size, fails.
+    """
+    tests = sum(_TESTS * tiles.power.size for tiles in baseline.values())
+    level = sidak(FALSE_ALARM_RATE, tests)
+    return [_verdict(name, old, candidate.get(name), level) for name, old in baseline.items()]
+
+
+def _verdict(name: str, old: TileStatistics, new: TileStatistics | None, level: float) -> Check:
+    label = f"{name}: tiles against the baseline"
+    if new is None or (new.shape, new.tile) != (old.shape, old.tile):
+        state = "is missing" if new is None else f"has {new.shape[1]} x {new.shape[0]} pixels"
+        detail = f"the image {state}; the baseline has {old.shape[1]} x {old.shape[0]}"
+        return within(
+            label, "picture", math.nan, math.nan, SMALLEST_CODES, unit="codes", detail=detail
+        )
+    change = tile_change(old, new, level)
+    excess = np.nan_to_num(np.abs(change.codes) / change.limit, nan=np.inf, posinf=np.inf)
+    worst = np.unravel_index(int(np.argmax(excess)), excess.shape)
+    row, column, channel = (int(n) for n in worst)
+    count = int(np.count_nonzero(change.failed))
+    channel_name = "RGB"[channel] if channel < 3 else "contrast"
+    top, left = row * new.tile[0], column * new.tile[1]
+    bottom = min(top + new.tile[0], new.shape[0]) - 1
+    right = min(left + new.tile[1], new.shape[1]) - 1
+    return within(
+        label,
+        "picture",
+        float(change.codes[worst]),
+        float(change.half_width[worst]),
+        SMALLEST_CODES,
+        unit="codes",
+        p_value=float(change.p_value[worst]),
+        detail=f"{count} of {new.power.size} tiles changed; worst in {channel_name} at "
+        f"rows {top} to {bottom}, columns {left} to {right}",
+    )
+
+
+def compare_noise(
+    baseline: Mapping[str, TileStatistics], candidate: Mapping[str, TileStatistics]
+) -> Check:
+    """Verdict on the noise of the ground truth, which must not grow because it hides changes.
+
+    The value is the median over tiles and colours of the ratio of standard errors; for an unchanged
+    renderer it is the square root of the ratio of samples. The interval uses order statistics.
+    """
+    ratios = np.sort(
+        np.concatenate([_error_ratios(old, candidate.get(n)) for n, old in baseline.items()])
+    )
+    if ratios.size:
+        value = float(np.median(ratios))
+        interval, passed = _median_interval(ratios), bool(value <= MAX_NOISE_RATIO)
+        detail = f"median over {ratios.size} tiles and colours of the ratio of standard errors"
+    else:  # no light, or no noise
+        passed = not any((tiles.mean_error > 0).any() for tiles in candidate.values())
+        value = 1.0 if passed else math.inf
+        interval, detail = (value, value), "no tile is noisy in both runs"
+    return Check(
+        name="ground truth: noise against the baseline",
+        kind="noise",
+        value=value,
+        relation="<=",
+        limit=MAX_NOISE_RATIO,
+        interval=interval,
+        passed=passed,
+        unit="",
+        detail=detail,
+    )
+
+
+def _error_ratios(old: TileStatistics, new: TileStatistics | None) -> np.ndarray:
+    if new is None or new.mean_error.shape != old.mean_error.shape:
+        return np.empty(0)
+    noisy = (old.mean_error > 0) & (new.mean_error > 0)
+    ratios: np.ndarray = (new.mean_error[noisy] / old.mean_error[noisy]).astype(np.float64)
+    return ratios
+
+
+def _median_interval(ordered: np.ndarray) -> tuple[float, float]:
+    """Interval of a median. Source: David and Nagaraja, Order Statistics, 2003, section 7.1."""
+    from scipy.special import bdtr
+
+    probabilities = bdtr(np.arange(ordered.size), ordered.size, 0.5)
+    k = int(np.searchsorted(probabilities, FALSE_ALARM_RATE / 2))
+    return float(ordered[max(0, k - 1)]), float(ordered[min(ordered.size - 1, ordered.size - k)])
+
+
+#: Prefix of images rendered without a generator: their noise is that of the ground truth.
+TRUTH = "truth/"
+# Difference images amplify changes by this factor; failed tiles are at least this bright.
+_GAIN = 8.0
+_MIN_BRIGHTNESS = 0.35
+_BRIGHTER, _DARKER = np.array([1.0, 0.25, 0.05]), np.array([0.05, 0.3, 1.0])
+# Derived lengths may differ in the last bits between machines.
+_SAME_LENGTH = 1e-9
+# Limits of a condition's text in an error message.
+_MAX_CHARACTERS, _MAX_DIGITS = 60, 9
+_SHA256_DIGITS = 64
+# Largest number of values listed for one condition.
+_MAX_VALUES = 3
+# Conditions that follow from others.
+_DERIVED = {"display as derived": "display"}
+_ALWAYS_NEW = ("created",)
+
+
+def differing_conditions(before: Conditions, after: Conditions) -> list[str]:
+    """List the conditions that differ, one phrase each; empty if the runs are comparable.
+
+    Example: "display: gap_mm 3.2, baseline 3.3".
+    """
+    baseline, candidate = msgspec.to_builtins(before), msgspec.to_builtins(after)
+    names = [*baseline, *(name for name in candidate if name not in baseline)]
+    differing = [n for n in names if not _is_same(baseline.get(n), candidate.get(n))]
+    causes = [n for n in differing if _DERIVED.get(n) not in differing]
+    return [f"{name}{_difference(candidate.get(name), baseline.get(name))}" for name in causes]
+
+
+def _difference(new: Any, old: Any) -> str:
+    """Describe two values that differ; for tables, their differing entries."""
+    if not (isinstance(new, Mapping) and isinstance(old, Mapping)):
+        return f" {_format_value(new)}, baseline {_format_value(old)}"
+    names = [name for name in {**old, **new} if not _is_same(new.get(name), old.get(name))]
+    rows = [f"{name}{_difference(new.get(name), old.get(name))}" for name in names]
+    more = f" and {len(rows) - _MAX_VALUES} more" if len(rows) > _MAX_VALUES else ""
+    return f": {', '.join(rows[:_MAX_VALUES])}{more}"
+
+
+def _is_same(a: Any, b: Any) -> bool:
+    if isinstance(a, Mapping) and isinstance(b, Mapping):
+        return a.keys() == b.keys() and all(_is_same(a[key], b[key]) for key in a)
+    if isinstance(a, (list, tuple)) and isinstance(b, (list, tuple)):
+        return len(a) == len(b) and all(map(_is_same, a, b))
+    if isinstance(a, float) or isinstance(b, float):
+        are_numbers = isinstance(a, (int, float)) and isinstance(b, (int, float))
+        return are_numbers and math.isclose(a, b, rel_tol=_SAME_LENGTH, abs_tol=_SAME_LENGTH)
+    return type(a) is type(b) and bool(a == b)
+
+
+def _format_value(value: Any) -> str:
+    if isinstance(value, str):
+        return f"{value[:12]}…" if len(value) == _SHA256_DIGITS else value[:_MAX_CHARACTERS]
+    if isinstance(value, float):
+        return f"{value:.{_MAX_DIGITS}g}"
+    if isinstance(value, (list, tuple)):  # a viewpoint: position, pupil and focus
+        text = f"[{', '.join(_format_value(item) for item in value if item is not None)}]"
+    else:
+        text = "missing" if value is None else json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= _MAX_CHARACTERS else f"{text[: _MAX_CHARACTERS - 1]}…"
+
+
+def check_comparable(baseline: RunStatistics, conditions: Conditions, path: str) -> None:
+    """Raise `BaselineError` unless a run under these conditions can be compared.
+
+    `path` is the baseline's, for the message.
+    """
+    differences = differing_conditions(baseline.conditions, conditions)
+    if differences:
+        more = f" (and {len(differences) - 3} more)" if len(differences) > 3 else ""
+        raise BaselineError(
+            f"{path}: has other conditions: {'; '.join(differences[:3])}{more}; accept a "
+            "baseline for these with inim accept OUT --reason TEXT"
+        )
+    if not (_truth_tiles(baseline) and baseline.scores):
+        raise BaselineError(f"{path}: has no image or no score to compare; accept it again")
+
+
+def compare(baseline: RunStatistics, candidate: RunStatistics, path: str) -> list[Check]:
+    """Verdicts on images, noise, scores and EIAs of the reference input.
+
+    `path` is the baseline's, for messages. Raises `BaselineError` if the runs' conditions differ.
+    """
+    check_comparable(baseline, candidate.conditions, path)
+    noise = compare_noise(_truth_tiles(baseline), _truth_tiles(candidate))
+    assert noise.value is not None
+    return [
+        *compare_pictures(baseline.pictures, candidate.pictures),
+        noise,
+        *compare_scores(baseline.scores, candidate.scores, noise.value),
+        *compare_fingerprints(baseline.fingerprints, candidate.fingerprints),
+    ]
+
+
+def _truth_tiles(run: RunStatistics) -> dict[str, TileStatistics]:
+    return {name: tiles for name, tiles in run.pictures.items() if name.startswith(TRUTH)}
+
+
+def changed_circumstances(baseline: RunStatistics, candidate: RunStatistics) -> list[Change]:
+    """Changes without a verdict: versions, samples, seed, machine."""
+    before, after = map(msgspec.to_builtins, (baseline.circumstances, candidate.circumstances))
+    return [
+        Change(name=name, baseline=before.get(name), candidate=after.get(name))
+        for name in dict.fromkeys([*before, *after])
+        if before.get(name) != after.get(name) and name not in _ALWAYS_NEW
+    ]
+
+
+def drift(baseline: RunStatistics, candidate: RunStatistics) -> list[Drift]:
+    """Changes of all reported scores, by scored object and score name."""
+    rows = []
+    for scored, scores in candidate.reported.items():
+        for name, new in scores.items():
+            old = baseline.reported.get(scored, {}).get(name)
+            change = None if old is None or new is None else float(new) - float(old)
+            if change is not None and not math.isfinite(change):
+                change = None
+            rows.append(
+                Drift(subject=scored, score=name, baseline=old, candidate=new, change=change)
+            )
+    return rows
+
+
+def tile_pictures(
+    baseline: TileStatistics, candidate: TileStatistics
+) -> tuple[np.ndarray, np.ndarray]:
+    """Images of the baseline's tiles and of their change, (rows, columns, 3) float32, linear RGB.
+
+    Red tiles became brighter, blue tiles darker. Tiles that passed are at a tenth of the intensity.
+    """
+    change = tile_change(baseline, candidate, sidak(FALSE_ALARM_RATE, 4 * baseline.power.size))
+    codes = np.nan_to_num(change.codes, nan=255.0)
+    largest = np.argmax(np.abs(codes), axis=-1)[..., None]
+    largest_change = np.take_along_axis(codes, largest, axis=-1)[..., 0]
+    size = np.minimum(1.0, _GAIN * np.abs(largest_change) / 255)
+    size = np.where(change.failed, np.maximum(size, _MIN_BRIGHTNESS), 0.1 * size)
+    colour = np.where((largest_change > 0)[..., None], _BRIGHTER, _DARKER) * size[..., None]
+    return _enlarge(np.nan_to_num(baseline.mean), baseline), _enlarge(colour, baseline)
+
+
+def _enlarge(values: np.ndarray, tiles: TileStatistics) -> np.ndarray:
+    image = np.repeat(np.repeat(values, tiles.tile[0], axis=0), tiles.tile[1], axis=1)
+    cropped: np.ndarray = image[: tiles.shape[0], : tiles.shape[1]].astype(np.float32)
+    return cropped
+
+
+def changed_pixels(old: Fingerprint, new: Fingerprint, display: Display) -> np.ndarray:
+    """Image of the sampled pixels of the reference input's EIA: grey if equal, red if changed."""
+    image = np.zeros((*display.eia_shape, 3), np.float32)
+    flat = image.reshape(-1, 3)
+    changed = (np.abs(old.sample.astype(np.int16) - new.sample) > 1).any(axis=-1)
+    indices = sampled_pixels(display)
+    flat[indices] = 0.2
+    flat[indices[changed]] = _BRIGHTER
+    return image

@@ -1,0 +1,152 @@
+"""Verdicts as data, and their statistics, each with its formula and source.
+
+Every test is two-sided. Levels are per family: the probability of any false alarm among a run's `m`
+tests of one kind is `FALSE_ALARM_RATE`. `scipy.special` provides the distributions, because
+`scipy.stats` takes two seconds to load.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from inim.scores.document_parts import Check, Kind, Relation
+
+#: Probability that noise alone fails a family of tests (all tiles, all scores) of an
+#: unchanged program: once in three years in a daily check.
+FALSE_ALARM_RATE = 1e-3
+
+
+def sidak(level: float, tests: int) -> float:
+    """Level of each of `tests` tests for a family of the given `level`.
+
+    ``1 - (1 - level)^(1/m)``; exact for independent tests, conservative for two-sided tests of
+    correlated normal means.
+
+    Source: Sidak, JASA 62, 1967.
+    """
+    return -math.expm1(math.log1p(-level) / max(1, tests))
+
+
+def freedom_of_sum(squares: np.ndarray, fourths: np.ndarray) -> np.ndarray:
+    """Degrees of freedom of a sum of variance estimates with one degree each.
+
+    For ``S1 = sum v_i`` and ``S2 = sum v_i^2`` it is ``3 S1^2 / S2 - 2``, at least one: near n for
+    n equal estimates, and 1 for a single one.
+
+    * `squares`, `fourths`, arrays of one shape: S1 and S2.
+
+    Source: Welch, Biometrika 34, 1947: ``(sum v)^2 / sum(v^2 / (f + 2)) - 2`` at f = 1, which
+    removes the bias of Satterthwaite's (1946) formula at few degrees.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        freedom = 3 * np.square(squares) / fourths - 2
+    # Without noise any finite number will do.
+    return np.where(fourths > 0, np.maximum(freedom, 1.0), 1.0)
+
+
+def welch_freedom(
+    error_a: np.ndarray, freedom_a: np.ndarray, error_b: np.ndarray, freedom_b: np.ndarray
+) -> np.ndarray:
+    """Degrees of freedom of the difference of two means with their own standard errors.
+
+    ``(a^2 + b^2)^2 / (a^4 / nu_a + b^4 / nu_b)``. Source: Welch 1947, Satterthwaite 1946.
+    """
+    a, b = np.square(error_a, dtype=np.float64), np.square(error_b, dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        freedom = np.square(a + b) / (np.square(a) / freedom_a + np.square(b) / freedom_b)
+    return np.where(a + b > 0, np.maximum(freedom, 1.0), 1.0)
+
+
+def welch_half_width(
+    error_a: np.ndarray,
+    freedom_a: np.ndarray,
+    error_b: np.ndarray,
+    freedom_b: np.ndarray,
+    level: float,
+) -> np.ndarray:
+    """Half width of a difference's two-sided interval at confidence ``1 - level``."""
+    from scipy.special import stdtrit
+
+    freedom = welch_freedom(error_a, freedom_a, error_b, freedom_b)
+    error = np.hypot(np.asarray(error_a, np.float64), np.asarray(error_b, np.float64))
+    # NaN stays NaN and fails.
+    width: np.ndarray = np.where(error == 0, 0.0, -stdtrit(freedom, level / 2) * error)
+    return width
+
+
+def welch_p_value(
+    difference: np.ndarray,
+    error_a: np.ndarray,
+    freedom_a: np.ndarray,
+    error_b: np.ndarray,
+    freedom_b: np.ndarray,
+) -> np.ndarray:
+    """Two-sided p-value of Welch's t-test; for noiseless means 1 if equal, else 0."""
+    from scipy.special import stdtr
+
+    freedom = welch_freedom(error_a, freedom_a, error_b, freedom_b)
+    error = np.hypot(np.asarray(error_a, np.float64), np.asarray(error_b, np.float64))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        p = 2 * stdtr(freedom, -np.abs(difference) / error)
+    return np.where(error == 0, np.where(difference == 0, 1.0, 0.0), p)
+
+
+def binomial_interval(count: int, trials: int, level: float) -> tuple[float, float]:
+    """Exact interval of a share, observed as `count` of `trials`.
+
+    Source: Clopper and Pearson, Biometrika 26, 1934.
+    """
+    from scipy.special import betainccinv, betaincinv
+
+    low = 0.0 if count == 0 else float(betaincinv(count, trials - count + 1, level / 2))
+    high = 1.0 if count == trials else float(betainccinv(count + 1, trials - count, level / 2))
+    return low, high
+
+
+#: Relation of a change to the largest that passes in either direction.
+WITHIN: Relation = "within"
+
+
+def verdict_line(verdict: Check) -> str:
+    """Format a verdict as text."""
+    low, high = verdict.interval or (math.nan, math.nan)
+    unit = f" {verdict.unit}" if verdict.unit else ""
+    sign = "within ±" if verdict.relation == WITHIN else "at most "
+    value = f"{verdict.value:{'+.4g' if verdict.relation == WITHIN else '.4g'}}"
+    return (
+        f"{'passed' if verdict.passed else 'FAILED'}  {verdict.name}: {value}{unit} "
+        f"({low:.4g} to {high:.4g}), {sign}{verdict.limit:.4g}"
+        f"{f'; {verdict.detail}' if verdict.detail else ''}"
+    )
+
+
+def within(
+    name: str, kind: Kind, change: float, half_width: float, smallest: float, **more: Any
+) -> Check:
+    """Verdict on a change, which fails only if it counts *and* noise does not explain it.
+
+    `half_width` is that of the confidence interval, `smallest` the smallest change that counts, and
+    `more` other fields of the check.
+    """
+    limit = max(smallest, half_width) if math.isfinite(half_width) else smallest
+    is_finite = math.isfinite(change) and math.isfinite(half_width)
+    interval = (change - half_width, change + half_width)
+    return Check(
+        name=name,
+        kind=kind,
+        value=change,
+        relation=WITHIN,
+        limit=limit,
+        interval=interval,
+        passed=bool(is_finite and abs(change) <= limit),
+        **{"detail": "", "unit": "", **more},
+    )
+
+
+def all_passed(verdicts: Sequence[Check]) -> bool:
+    """True if there is a verdict and every verdict passed."""
+    return bool(verdicts) and all(verdict.passed for verdict in verdicts)

@@ -1,0 +1,1 @@
+"""Errors, processes, caches, the renderer library, other packages' plugins, and documents."""

@@ -1,1 +1,0 @@
-"""Quilts, and validation of a picture without a scene."""
