@@ -96,6 +96,23 @@ def test_intervals_contain_the_lattice_of_white_pictures():
     assert max(ratios) < 3, misses
 
 
+@pytest.mark.parametrize(
+    ("kind", "pitch", "rotation"),
+    [("square", 29.3, -15.9), ("square", 22.6, 40.0), ("hexagonal", 31.3, -22.6),
+     ("hexagonal", 27.0, 17.9)],
+)  # fmt: skip
+def test_a_turned_array_is_not_one_of_smaller_cells(kind, pitch, rotation):
+    """Corners and middles of sides are centres of symmetry, too, but of other images."""
+    rng = np.random.default_rng(5)
+    light = white_picture(rng, kind, (255, 300), pitch, rotation, np.array([151.0, 126.0]))
+    lattice = find_lattice(light, "white")
+    assert lattice.kind == kind
+    assert abs(lattice.pitch_px.value - pitch) < 2 * lattice.pitch_px.half_width
+    period = {"square": 90, "hexagonal": 60}[kind]
+    error = (lattice.rotation_deg.value - rotation + period / 2) % period - period / 2
+    assert abs(error) < 2 * lattice.rotation_deg.half_width
+
+
 def test_seams_of_a_scene_give_its_lattice():
     """A texture behind pinholes, at a distance where it repeats every 1.08 pitches."""
     rng = np.random.default_rng(0)

@@ -25,7 +25,7 @@ OWN_STUDIES = (
         "looking_glass",
         "one_picture",
     ),
-    *("panel", "reality", "scoreboard", "stress"),
+    *("reality", "scoreboard", "stress"),
 )
 OWN_KIND = {
     *(path for name in OWN_STUDIES for path in ROOT.glob(f"reports/{name}/*.json")),

@@ -2,44 +2,25 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from inim.pipeline.options import (
-    Command,
-    add_shared,
-    choices_of,
-    finish,
-    print_warning,
-)
-
-if TYPE_CHECKING:
-    import argparse
+from inim.pipeline.options import Command, add_shared, choices_of, finish, print_warning
 
 
 def _add_pickup_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Convert a picture of elemental images to an EIA (.png, .exr) and a display file (.xml): a "
-        "plenoptic camera's raw picture, or a photograph through a lens array. Print the measured "
-        "lattice with 95 % intervals."
+        "Convert a plenoptic camera's raw picture, or a photograph through a lens array, to an EIA "
+        "(.png, .exr) and a display file (.xml). Print the lattice with 95 % intervals."
     )
     add = parser.add_argument
     add("picture", type=Path, metavar="PICTURE", help="PNG, TIFF, JPEG or EXR")
     add("--white", type=Path, metavar="FILE", help="picture of a uniform bright surface")
-    add(
-        "--pitch-px",
-        dest="about_px",
-        type=float,
-        metavar="PIXELS",
-        help="without --white: pitch of the elemental images, within 2.5 %%",
-    )
+    pitch = "without --white: pitch of the elemental images, within 2.5 %%"
+    add("--pitch-px", dest="about_px", type=float, metavar="PIXELS", help=pitch)
     add("--dark", type=Path, metavar="FILE", help="picture without light, to subtract")
     add("--raw", action="store_true", help="codes are proportional to light (default: sRGB)")
-    add(
-        "--orthoscopic",
-        action="store_true",
-        help="do not rotate elemental images (default: rotate each by 180 degrees)",
-    )
+    add("--orthoscopic", action="store_true", help="do not rotate elemental images by 180 degrees")
     out = "display file to write (PICTURE-eia.xml); the EIA gets the same name"
     display = "lens pitch, focal length and gap: preset (nominal or phone) or an .xml file"
     add_shared(parser, "definitions", "debug", out=out, display=display)
@@ -48,36 +29,23 @@ def _add_pickup_arguments(parser: argparse.ArgumentParser) -> None:
 def _pickup(args: argparse.Namespace) -> int:
     from inim.apps.pickup.elemental_images import pickup
 
-    options = {
-        name: getattr(args, name) for name in ("white", "about_px", "dark", "raw", "orthoscopic")
-    }
-    out = args.out or Path(f"{args.picture.stem}-eia.xml")
-    choices = choices_of(args)
-    capture = pickup(
-        args.picture,
-        choices.get("display"),
-        definitions=choices["definitions"],
-        out=out,
-        **options,
-    )
+    options = ("white", "about_px", "dark", "raw", "orthoscopic")
+    choices = choices_of(args) | {name: getattr(args, name) for name in options}
+    capture = pickup(args.picture, out=args.out or f"{args.picture.stem}-eia.xml", **choices)
     lattice = capture.lattice
     if args.white is None:
         print_warning(
             f"{args.picture}: outlines of the object displace seams; intervals are approximate, "
             "a white picture with --white is better"
         )
-    row_pitch = ", as in a regular lattice" if lattice.is_regular else ""
     print(f"lattice    {lattice.kind}, {lattice.columns} x {lattice.rows} elemental images")
     print(f"pitch      {lattice.pitch_px} px")
-    print(f"row pitch  {lattice.row_pitch_px} px{row_pitch}")
+    print(f"row pitch  {lattice.row_pitch_px} px{', as in a regular lattice' * lattice.is_regular}")
     print(f"rotation   {lattice.rotation_deg} degrees")
     print(f"centre     {lattice.x_px} px from the left, {lattice.y_px} px from the top")
     print(f"residuals  {lattice.rms_px:.2g} px rms, in {lattice.used_count} elemental images")
     return finish(True, f"written    {', '.join(map(str, capture.files))}")
 
 
-COMMANDS = {
-    "pickup": Command(
-        "convert a picture of elemental images to an EIA", _add_pickup_arguments, _pickup
-    ),
-}
+_SUMMARY = "convert a picture of elemental images to an EIA"
+COMMANDS = {"pickup": Command(_SUMMARY, _add_pickup_arguments, _pickup)}

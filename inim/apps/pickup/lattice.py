@@ -1,24 +1,19 @@
 """Lattice of elemental images in a picture taken through a lens array.
 
-A white picture is bright within each elemental image and dark in between. In a picture of a scene,
-neighbouring elemental images do not continue each other, so brightness jumps at their seams. The
-object repeats, too, at another pitch; therefore the approximate pitch must be given.
-
-Start: the two frequencies whose harmonics have the largest sums in the spectrum.
-
-Refinement: the mean elemental image is symmetric about its centre. Vignetting and uneven light
-multiply it by a gain, which is nearly linear within one elemental image. The odd part of an
-elemental image is therefore this gain's slope times the mean, minus the mean's gradient times the
-error of the centre. Linear least squares estimate both for every elemental image, and the lattice
-is fitted to the centres without outliers.
+A white picture is bright within elemental images; in one of a scene, brightness jumps at their
+seams. The start is the frequency with the largest sum of harmonics, in all directions of a regular
+lattice. Then centres are measured: the mean elemental image is symmetric about its centre, and
+vignetting multiplies it by a nearly linear gain, so the odd part of an elemental image is the
+gain's slope times the mean, minus the mean's gradient times the error of the centre. Points and
+places, in pitches right and down, are complex: a centre is c + s z + e conj(z), regular if e is 0.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import ndimage
@@ -27,43 +22,30 @@ from scipy.stats import t as student
 from inim.system.errors import FileError
 
 _LEAST_PITCH_PX, _LEAST_COUNT = 6.0, 6
-_HARMONICS, _FIRST_HARMONICS, _PEAKS = 10, 4, 40
-# Sum of harmonics, in typical amplitudes at their frequencies; that of white noise is below.
-_LEAST_SUM = 25.0
-# Relative deviation of the pitch from a given one.
-_NEAR_PITCH = 0.025
-# Angle between the base vectors against 90 or 60 degrees, and ratio of their lengths.
-_MOST_SKEW_DEG, _MOST_ASPECT = 8.0, 1.25
-# JPEG codes blocks of 8 x 8 pixels, whose borders resemble seams.
-_JPEG_BLOCK = 8
-_SAMPLES = 24
-# Half the width of the window in which symmetry is measured, in pitches. Seams lie at 0.5.
-_WINDOW, _WINDOW_WITH_SEAMS = 0.5, 0.65
-_NEAR_SEAM = 0.12
-# Systematic displacement of centres in pitches, in one direction on either side of the array: gains
-# are not exactly linear, and outlines of the object touch seams.
-_DISPLACED, _DISPLACED_WITH_SCENE = 2e-5, 0.06
-# The same in pixels: they sample edges that are sharper than they are. This does not average out if
-# the pitch is nearly a whole number of pixels.
-_SAMPLING_PX = 0.01
-# Rounds end when no centre moves by more than this.
-_MOST_ROUNDS, _CONVERGED_PX = 25, 1e-4
-# Contrast of an elemental image, in median ones; dark ones have less and are not used.
-_LEAST_CONTRAST = 0.3
-# Share of the elemental images that must be usable, and scatter of their centres in pitches: in a
-# white picture, and in a scene.
-_LEAST_USED, _MOST_SCATTER = (0.75, 0.1), (0.02, 0.05)
-# Harmonics can be stronger than the base frequencies. Their cells are smaller, and fail the checks.
-_MOST_PAIRS = 4
-_TUKEY = 4.685
-# Errors of neighbouring centres are correlated: intervals follow from sums over blocks.
-_BLOCKS = 6
+# Sums of harmonics are in typical amplitudes at their frequencies; those of white noise are below.
+# Harmonics can be stronger than the base. Their cells are smaller, and fail the checks.
+_HARMONICS, _FIRST_HARMONICS, _PEAKS, _LEAST_SUM, _MOST_STARTS = 10, 4, 40, 12.5, 4
+# Relative deviation from a given pitch; borders of JPEG's blocks, which resemble seams.
+_NEAR_PITCH, _JPEG_BLOCK = 0.025, 8
+# Angle between the base vectors of a lattice, and the number of their directions.
+_TURNS = {"square": (math.pi / 2, 2), "hexagonal": (math.pi / 3, 3)}
+_ROW_RATIO = {kind: math.sin(turn) for kind, (turn, _) in _TURNS.items()}
+# An elemental image counts if this part of a pitch about its centre is in the picture.
+_LEAST_INSIDE = 0.44
+# Where two numbers follow, they are for a white picture and for a scene. Half the width of the
+# window in which symmetry is measured, in pitches, and samples across it. Seams lie at 0.5.
+_WINDOW, _SAMPLES, _NEAR_SEAM = (0.5, 0.65), 24, 0.12
+# Systematic displacement of centres on either side of the array: in pitches, as gains are not
+# exactly linear and outlines touch seams; in pixels, as samples of sharp edges do not average out.
+_DISPLACED, _SAMPLING_PX = (2e-5, 0.06), 0.01
+_MOST_ROUNDS, _CONVERGED_PX = 25, (1e-4, 1e-2)
+# Share of the elemental images that the mean one explains; a smaller cell has different images.
+_LEAST_EXPLAINED = (0.9, 0.0)
+# Contrast in median ones, share of the elemental images that must have it, scatter in pitches.
+_LEAST_CONTRAST, _LEAST_USED, _MOST_SCATTER = 0.3, (0.75, 0.1), (0.02, 0.05)
+# Errors of neighbouring centres are correlated: intervals follow from fits without a block.
+_TUKEY, _BLOCKS = 4.685, 6
 _NAMES = ("x_px", "y_px", "pitch_px", "row_pitch_px", "rotation_deg")
-
-
-# Signals whose symmetry gives the x and the y of centres: one for a white picture, or two kinds of
-# seams.
-_Signals: TypeAlias = tuple[np.ndarray, np.ndarray]
 
 
 class Interval(NamedTuple):
@@ -79,10 +61,9 @@ class Interval(NamedTuple):
 
 @dataclass(frozen=True)
 class Lattice:
-    """Lattice of `rows` x `columns` elemental images; those in the middle row are complete.
+    """Lattice of `rows` x `columns` elemental images; those in the middle row are nearly complete.
 
-    Coordinates count from the picture's top left corner, x to the right and y down, in pixels,
-    whose centres are at half-integers.
+    Pixels count from the picture's top left corner, x to the right and y down.
     """
 
     kind: str  #: "square" or "hexagonal", as `Display.lattice`.
@@ -96,334 +77,203 @@ class Lattice:
     is_regular: bool  #: True if the row pitch was fitted as that of a regular lattice.
     #: (rows, columns, 2) float: measured minus fitted centre, x and y; NaN where unused.
     residual_px: np.ndarray
-
-    @property
-    def rms_px(self) -> float:
-        """Root mean square residual of a coordinate."""
-        return float(np.sqrt(np.nanmean(self.residual_px**2)))
-
-    @property
-    def used_count(self) -> int:
-        """Number of elemental images that the lattice was fitted to."""
-        return int(np.isfinite(self.residual_px[..., 0]).sum())
+    rms_px: float  #: Root mean square residual of a coordinate.
+    used_count: int  #: Number of elemental images that the lattice was fitted to.
 
     def centres_px(self) -> np.ndarray:
         """Fitted centres, (rows, columns, 2) float: x and y."""
-        position = _positions(self.kind, self.rows, self.columns)
-        values = np.array([getattr(self, name).value for name in _NAMES])
-        return _centres(values, position.reshape(-1, 2)).reshape(position.shape)
+        places = _places(self.kind, self.rows, self.columns)
+        down = self.row_pitch_px.value / _ROW_RATIO[self.kind] * places.imag
+        along = self.pitch_px.value * places.real + 1j * down
+        turned = along * np.exp(-1j * math.radians(self.rotation_deg.value))
+        return np.stack([self.x_px.value + turned.real, self.y_px.value + turned.imag], axis=-1)
 
 
 def find_lattice(light: np.ndarray, name: str, about_px: float | None = None) -> Lattice:
     """Find the lattice of elemental images.
 
-    * `light`, (height, width) float: linear light.
-    * `name`: name of the picture in error messages.
-    * `about_px`: None for a white picture. For elemental images of a scene, their pitch within
-      2.5 %: the object in them repeats, too, with a pitch that differs by its depth.
+    * `light`, (height, width) float: linear light of the picture with a `name`.
+    * `about_px`: None for a white picture. In one of a scene, the pitch within 2.5 %: the object
+      repeats, too, with a pitch that differs by its depth.
 
     Raises `FileError`: the picture has no lattice of at least 6 x 6 elemental images of 6 pixels.
     """
-    signal = np.asarray(light, np.float64)
-    if min(signal.shape) < _LEAST_COUNT * _LEAST_PITCH_PX or not np.ptp(signal) > 0:
-        raise _no_lattice(name, "the picture is too small or uniform")
-    signals = _seams(signal) if about_px is not None else (signal / np.quantile(signal, 0.99),) * 2
-    errors = []
-    for first, second in _frequencies(signals, name, about_px):
-        try:
-            return _fit_lattice(signals, first, second, name, about_px)
-        except FileError as error:
-            errors.append(error)
-    raise errors[0]
-
-
-def _fit_lattice(
-    signals: _Signals, first: np.ndarray, second: np.ndarray, name: str, about_px: float | None
-) -> Lattice:
-    """Checked lattice with about these base frequencies."""
-    kind, guess = _start(signals, first, second, name)
-    fit = _LatticeFit(signals, kind, guess)
-    # Corners and middles of sides are centres of symmetry, too, but not the brightest.
-    shift = fit.brightest_shift()
-    if shift.any():
-        fit = _LatticeFit(signals, kind, fit.values + np.array([*shift, 0, 0, 0]))
-    lattice = fit.lattice(name)
-    pitches = lattice.pitch_px.value, lattice.row_pitch_px.value / _row_ratio(kind)
-    if about_px is not None and any(abs(p / about_px - 1) > _NEAR_PITCH for p in pitches):
-        raise _no_lattice(name, f"the seams lead to a pitch of {pitches[0]:.4g} pixels")
-    return lattice
-
-
-def _no_lattice(name: str, reason: str) -> FileError:
-    return FileError(
-        f"{name}: no lattice of elemental images ({reason}); give a sharp picture of at least "
-        f"{_LEAST_COUNT} x {_LEAST_COUNT} elemental images, and --white, or "
-        "--pitch-px"
+    signal, is_scene = np.asarray(light, np.float64), about_px is not None
+    if min(signal.shape) >= _LEAST_COUNT * _LEAST_PITCH_PX and np.ptp(signal) > 0:
+        signals = _seams(signal) if is_scene else signal[None]
+        for start in _starts(signals, about_px):
+            fit = _LatticeFit(signals, *start)
+            lattice, pitch = fit.lattice(), fit.values[2]
+            is_sharp = lattice.rms_px < _MOST_SCATTER[is_scene] * pitch
+            is_near = abs(pitch / (about_px or pitch) - 1) < _NEAR_PITCH
+            is_alike = fit.explained_share > _LEAST_EXPLAINED[is_scene]
+            is_used = (fit.weight > 0).mean() >= _LEAST_USED[is_scene]
+            if is_sharp and is_near and is_alike and is_used:
+                return lattice
+    raise FileError(
+        f"{name}: no lattice of elemental images; give a sharp picture of at least "
+        f"{_LEAST_COUNT} x {_LEAST_COUNT} elemental images, and --white, or --pitch-px"
     )
 
 
-def _seams(light: np.ndarray) -> _Signals:
-    """Relative jumps of brightness to the right and down, negative and limited in size."""
+def _seams(light: np.ndarray) -> np.ndarray:
+    """Jumps of brightness to the right and down, (2, height, width): negative and limited."""
     floor = 0.01 * np.quantile(light, 0.99) + 1e-6
     logarithm = ndimage.gaussian_filter(np.log(np.maximum(light, 0) + floor), 0.7)
-    down, right = (np.maximum(-np.abs(jump), -0.25) for jump in np.gradient(logarithm))
-    return np.asarray(right), np.asarray(down)
+    return np.asarray(-np.abs(np.gradient(logarithm)[::-1]).clip(max=0.25))
 
 
-def _frequencies(
-    signals: _Signals, name: str, about_px: float | None
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Pairs of base frequencies of different cells, x and y in 1/pixel, likeliest first."""
-    height, width = signals[0].shape
-    right, down = (np.abs(np.fft.fftshift(np.fft.fft2(_windowed(s)))) for s in signals)
-    fy, fx = (np.fft.fftshift(np.fft.fftfreq(size)) for size in (height, width))
-    spectrum = np.where(np.abs(fx)[None, :] > np.abs(fy)[:, None], right, down)
-    radius = np.hypot(fx[None, :], fy[:, None])
-    ring = (radius * 200).astype(int)
-    typical = ndimage.median(spectrum, ring, np.arange(ring.max() + 1))
-    spectrum /= np.maximum(typical, 1e-300)[ring]
-    least = _LEAST_COUNT / min(height, width)
-    spectrum[radius < least / 2] = 0
-    if about_px is not None:
-        spectrum[_on_blocks(fy), :] = 0
-        spectrum[:, _on_blocks(fx)] = 0
-    is_peak = (spectrum == ndimage.maximum_filter(spectrum, 5)) & (fy[:, None] >= 0)
-    peaks = np.argwhere(is_peak)
-    strongest = peaks[np.argsort(-spectrum[is_peak])[:_PEAKS]]
-    bases = [
-        base
-        for peak in strongest - np.array([height // 2, width // 2])
-        for base in _base_frequencies(spectrum, peak)
-        if least <= np.hypot(*base) <= 1 / _LEAST_PITCH_PX
-    ]
-    pairs = sorted(_pairs(spectrum, bases, about_px), key=lambda pair: -pair[0])
-    if not pairs or pairs[0][0] < _LEAST_SUM:
-        raise _no_lattice(name, "its spectrum has no two series of harmonics")
-    chosen: list[tuple[np.ndarray, np.ndarray]] = []
-    for total, *pair in pairs:
-        sizes = [abs(_cross(*pair) / _cross(*other)) for other in chosen]
-        is_new = all(abs(math.log(size)) > 0.1 for size in sizes)
-        if total > _LEAST_SUM and is_new and len(chosen) < _MOST_PAIRS:
-            chosen.append((pair[0], pair[1]))
-    return chosen
+def _places(kind: str, rows: int, columns: int) -> np.ndarray:
+    """Places about the array's centre, (rows, columns) complex; staggered as in `Display`."""
+    right, down = np.meshgrid(*(np.arange(n) - (n - 1) / 2 for n in (columns, rows)))
+    if kind == "hexagonal" and rows > 1:
+        right = right + (np.arange(rows) % 2)[:, None] / 2 - 0.25
+    return np.asarray(right + 1j * _ROW_RATIO[kind] * down)
 
 
-def _windowed(signal: np.ndarray) -> np.ndarray:
-    window = np.outer(*(np.hanning(size) for size in signal.shape))
-    windowed: np.ndarray = (signal - signal.mean()) * window
-    return windowed
-
-
-def _on_blocks(f: np.ndarray) -> np.ndarray:
-    """Mask of the frequencies of JPEG's blocks and their neighbours."""
-    order = f * _JPEG_BLOCK
-    is_near = np.abs(order - np.rint(order)) < 3 * _JPEG_BLOCK / f.size
-    return np.asarray(is_near & (np.rint(order) != 0))
-
-
-def _base_frequencies(spectrum: np.ndarray, peak: np.ndarray) -> list[np.ndarray]:
-    """Base frequencies, in cycles per pixel, for a peak that is one of the first harmonics."""
-    shape = np.array(spectrum.shape)
+def _starts(signals: np.ndarray, about_px: float | None) -> Iterator[tuple[str, complex, complex]]:
+    """Kind, centre and step of regular lattices of different cells, likeliest first."""
+    shape = np.array(signals.shape[1:])
+    window = np.outer(*(np.hanning(size) for size in shape))
+    signals = (signals - signals.mean(axis=(1, 2), keepdims=True)) * window
+    spectrum = _spectrum(signals)
+    is_peak = (spectrum == ndimage.maximum_filter(spectrum, 5)) & (spectrum > 0)
+    peaks = np.argwhere(is_peak)[np.argsort(-spectrum[is_peak])[:_PEAKS]] - shape // 2
+    # A peak, half a pixel of the spectrum to either side, is one of the first harmonics.
     near = np.linspace(-0.5, 0.5, 9)
     offsets = np.stack(np.meshgrid(near, near), axis=-1).reshape(-1, 2)
-    bases = []
-    for order in range(1, _FIRST_HARMONICS + 1):
-        base = ((peak + offsets) / order / shape)[:, ::-1]
-        bases.append(base[int(_harmonic_sums(spectrum, base).argmax())])
-    return bases
+    bases = ((peaks[:, None] + offsets) / shape) @ (1j, 1)
+    bases = np.concatenate([bases / n for n in range(1, _FIRST_HARMONICS + 1)])
+    starts = []
+    for kind, (turn, directions) in _TURNS.items():
+        pitch = 1 / np.abs(bases[:, offsets.shape[0] // 2]) / _ROW_RATIO[kind]
+        fits = (pitch > _LEAST_PITCH_PX) & (pitch < shape.min() / _LEAST_COUNT)
+        if about_px is not None:
+            fits &= np.abs(pitch / about_px - 1) < _NEAR_PITCH
+        turned = bases[fits, :, None] * np.exp(1j * turn * np.arange(directions))
+        sums = _harmonic_sums(spectrum, turned).min(axis=-1)
+        best = np.arange(len(sums)), sums.argmax(axis=1)
+        starts += [(*start, kind) for start in zip(sums[best], bases[fits][best], strict=True)]
+    starts.sort(key=lambda start: start[0])
+    of_cells = {(start[2], round(20 * math.log(abs(start[1])))): start for start in starts}
+    for total, base, kind in sorted(of_cells.values(), key=lambda s: -s[0])[:_MOST_STARTS]:
+        if total > _LEAST_SUM:
+            yield kind, *_first_lattice(signals, kind, complex(base))
+
+
+def _spectrum(signals: np.ndarray) -> np.ndarray:
+    """Amplitudes relative to the typical one of a ring, with the frequency 0 in the middle."""
+    fy, fx = (np.fft.fftshift(np.fft.fftfreq(size)) for size in signals.shape[1:])
+    right, down = (np.abs(np.fft.fftshift(np.fft.fft2(signals[k]))) for k in (0, -1))
+    spectrum = np.where(np.abs(fx) > np.abs(fy)[:, None], right, down)
+    radius = np.hypot(fx, fy[:, None])
+    ring = (radius * 200).astype(int)
+    counts = np.maximum(np.bincount(ring.ravel()), 1)
+    spectrum /= np.maximum(np.bincount(ring.ravel(), spectrum.ravel()) / counts, 1e-300)[ring]
+    spectrum[radius < _LEAST_COUNT / 2 / min(spectrum.shape)] = 0
+    for f, lines in ((fy, spectrum), (fx, spectrum.T)):
+        order = f * _JPEG_BLOCK
+        is_block = np.abs(order - np.rint(order)) < 3 * _JPEG_BLOCK / f.size
+        lines[is_block & (np.rint(order) != 0) & (len(signals) > 1)] = 0
+    return spectrum
 
 
 def _harmonic_sums(spectrum: np.ndarray, base: np.ndarray) -> np.ndarray:
-    """Sums of the weighted amplitudes at multiples of base frequencies, (n, 2) x and y."""
-    shape, total = np.array(spectrum.shape), np.zeros(len(base))
-    for harmonic in range(1, _HARMONICS + 1):
-        frequency = harmonic * base[:, ::-1]
-        if (np.abs(frequency) < 0.45).all():
-            index = (frequency * shape + shape // 2).T
-            # Weights prefer a base to its half, which has the same harmonics among its own.
-            total += ndimage.map_coordinates(spectrum, index, order=1) / math.sqrt(harmonic)
+    """Sums of the weighted amplitudes at multiples of base frequencies, x + iy in 1/pixel."""
+    rows, columns = spectrum.shape
+    total = np.zeros(base.shape)
+    for n in range(1, _HARMONICS + 1):
+        index = [n * base.imag * rows + rows // 2, n * base.real * columns + columns // 2]
+        # Weights prefer a base to its half, which has the same harmonics among its own.
+        amplitude = ndimage.map_coordinates(spectrum, index, order=1) / math.sqrt(n)
+        total += np.where(n * np.abs(base) < 0.45, amplitude, 0)
     return total
 
 
-def _pairs(
-    spectrum: np.ndarray, bases: list[np.ndarray], about_px: float | None
-) -> list[tuple[float, np.ndarray, np.ndarray]]:
-    """Pairs of frequencies that can be those of a lattice, after the sum of their harmonics."""
-    sums = _harmonic_sums(spectrum, np.reshape(bases, (-1, 2)))
-    pairs = []
-    for a, b in itertools.combinations(range(len(bases)), 2):
-        first, second = bases[a], bases[b]
-        lengths = np.hypot(*first), np.hypot(*second)
-        angle = math.degrees(math.acos(min(1, abs(first @ second) / math.prod(lengths))))
-        kind, turn = ("square", 90) if angle > 75 else ("hexagonal", 60)
-        rows_px = math.inf if about_px is None else about_px * _row_ratio(kind)
-        if (
-            abs(angle - turn) < _MOST_SKEW_DEG
-            and 1 / _MOST_ASPECT < lengths[0] / lengths[1] < _MOST_ASPECT
-            and (about_px is None or all(abs(n * rows_px - 1) < _NEAR_PITCH for n in lengths))
-        ):
-            pairs.append((float(sums[a] + sums[b]), first, second))
-    return pairs
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> float:
-    return float(a[0] * b[1] - a[1] * b[0])
-
-
-def _start(
-    signals: _Signals, first: np.ndarray, second: np.ndarray, name: str
-) -> tuple[str, np.ndarray]:
-    """Kind of the lattice, and start values in the order of `_NAMES`, about any elemental image."""
-    base = np.stack([first, second])
-    vectors = [*np.linalg.inv(base).T]
-    area = abs(_cross(*vectors))
-    angle = math.degrees(math.asin(min(1.0, area / math.prod(np.hypot(*v) for v in vectors))))
-    if abs(angle - 60) <= _MOST_SKEW_DEG:
-        kind = "hexagonal"
-        vectors.append(
-            min(vectors[0] + vectors[1], vectors[0] - vectors[1], key=lambda v: np.hypot(*v))
-        )
-    elif angle >= 90 - _MOST_SKEW_DEG:
-        kind = "square"
-    else:
-        raise _no_lattice(name, f"its rows and columns enclose {angle:.0f} degrees")
-    step = max([s * v for v in vectors for s in (1, -1)], key=lambda v: v[0] / np.hypot(*v))
-    pitch = float(np.hypot(*step))
+def _first_lattice(signals: np.ndarray, kind: str, base: complex) -> tuple[complex, complex]:
+    """Centre, near the picture's middle, and step of the lattice with a base frequency."""
+    turn, (height, width) = _TURNS[kind][0], signals.shape[1:]
+    pair = np.array([base, base * np.exp(1j * turn)])
+    down = np.exp(-2j * np.pi * np.outer(pair.imag, np.arange(height) + 0.5))
+    right = np.exp(-2j * np.pi * np.outer(pair.real, np.arange(width) + 0.5))
+    own = signals[np.where(np.abs(pair.real) > np.abs(pair.imag), 0, -1)]
     # Both waves are brightest at a centre.
-    shape = signals[0].shape
-    y, x = (np.arange(size) + 0.5 for size in shape)
-    phases = [
-        np.angle(
-            np.exp(-2j * np.pi * f[1] * y)
-            @ _windowed(signals[int(abs(f[0]) <= abs(f[1]))])
-            @ np.exp(-2j * np.pi * f[0] * x)
-        )
-        for f in base
-    ]
-    middle = np.array(shape[::-1]) / 2
-    turns = -np.array(phases) / (2 * np.pi)
-    centre = np.linalg.solve(base, turns + np.rint(base @ middle - turns))
-    return kind, np.array([*centre, pitch, area / pitch, -math.degrees(math.atan2(*step[::-1]))])
-
-
-def _row_ratio(kind: str) -> float:
-    """Row pitch of a regular lattice, in pitches."""
-    return math.sqrt(3) / 2 if kind == "hexagonal" else 1.0
-
-
-def _centres(values: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Centres, (n, 2), of positions in the lattice: pitches to the right, rows down."""
-    right, down = position[:, 0] * values[2], position[:, 1] * values[3]
-    angle = math.radians(values[4])
-    c, s = math.cos(angle), math.sin(angle)
-    return np.stack([values[0] + c * right + s * down, values[1] - s * right + c * down], axis=-1)
-
-
-def _positions(kind: str, rows: int, columns: int) -> np.ndarray:
-    """Positions about the array's centre, (rows, columns, 2): pitches to the right, rows down.
-
-    Rows of a hexagonal array are staggered as in `Display`.
-    """
-    down, right = (np.arange(count) - (count - 1) / 2 for count in (rows, columns))
-    position = np.stack(np.meshgrid(right, down), axis=-1)
-    if kind == "hexagonal" and rows > 1:
-        position[..., 0] += (np.arange(rows) % 2)[:, None] / 2 - 0.25
-    return position
+    turns = -np.angle(((down[:, None] @ own)[:, 0] * right).sum(axis=1)) / (2 * np.pi)
+    directions = np.stack([pair.real, pair.imag], axis=1)
+    turns += np.rint(directions @ (width / 2, height / 2) - turns)
+    # Base vectors are perpendicular to base frequencies; the step is the most level one.
+    steps = 1j * base / abs(base) ** 2 / math.sin(turn) * np.exp(1j * turn * np.arange(6))
+    return complex(*np.linalg.solve(directions, turns)), complex(steps[steps.real.argmax()])
 
 
 class _LatticeFit:
-    """Lattice fitted to centres of symmetry near start values."""
+    """Lattice fitted to centres of symmetry near that of a start."""
 
-    def __init__(self, signals: _Signals, kind: str, start: np.ndarray) -> None:
-        self._shape, self._kind, self.values = signals[0].shape, kind, start
-        is_same = signals[0] is signals[1]
-        self._window = _WINDOW if is_same else _WINDOW_WITH_SEAMS
-        self._samples = min(_SAMPLES, math.ceil(2 * self._window * start[2]))
-        step = 2 * self._window * start[2] / self._samples
-        sigma = 0.5 * step if step > 1.5 else 0.0
-        self._splines = [
-            ndimage.spline_filter(ndimage.gaussian_filter(signal, sigma))
-            for signal in signals[: 1 if is_same else 2]
-        ]
-        self._number()
-        self._free = np.eye(5)
-        self._iterate()
+    def __init__(self, signals: np.ndarray, kind: str, centre: complex, step: complex) -> None:
+        self._kind, self._is_scene, reach = kind, len(signals) > 1, _WINDOW[len(signals) - 1]
+        self._samples = min(_SAMPLES, math.ceil(2 * reach * abs(step)))
+        sigma = reach * abs(step) / self._samples  # half the distance of samples
+        smooth = [ndimage.gaussian_filter(s, sigma if sigma > 0.75 else 0.0) for s in signals]
+        self._splines = [ndimage.spline_filter(signal) for signal in smooth]
+        self._number(signals.shape[1:], centre, step)
+        self._iterate(terms=2)
+        # A start does not reach all corners.
+        self._number(signals.shape[1:], self._centres()[0], self._model[1])
         # Lens arrays are regular unless the measurement clearly contradicts.
-        excess = np.array([0, 0, -_row_ratio(kind), 1, 0])
-        error = self._quantile * math.sqrt(excess @ self._covariance @ excess)
-        if abs(excess @ self.values) <= 2 * error:
-            self._free = np.delete(self._free, 3, axis=1)
-            self._free[3, 2] = _row_ratio(kind)
-            self.values[3] = self.values[2] * _row_ratio(kind)
-            self._iterate()
+        self._iterate(terms=3)
+        excess = np.array([0, 0, _ROW_RATIO[kind], -1, 0])
+        error = self._quantile * math.hypot(*self._errors @ excess)
+        self._is_regular = bool(abs(self.values @ excess) <= 2 * error)
+        if self._is_regular:
+            self._iterate(terms=2)
 
-    def _iterate(self) -> None:
-        for _ in range(_MOST_ROUNDS):
-            before = _centres(self.values, self._position)
-            self._measure()
-            self._solve()
-            moved = np.abs(_centres(self.values, self._position) - before).max()
-            if moved < _CONVERGED_PX * (1 if len(self._splines) == 1 else 100):
-                break
-
-    def _number(self) -> None:
-        """Number the elemental images that lie in the picture; move the origin to their middle."""
-        height, width = self._shape
-        pitch, row_pitch, angle = self.values[2], self.values[3], math.radians(self.values[4])
-        reach = math.ceil(math.hypot(height, width) / min(pitch, row_pitch))
+    def _number(self, shape: tuple[int, ...], centre: complex, step: complex) -> None:
+        """Number the elemental images in the picture; move the origin to their middle."""
+        height, width = shape
+        reach = math.ceil(math.hypot(height, width) / abs(step) / _ROW_RATIO[self._kind])
         count = np.arange(-reach, reach + 1)
-        row, column = (axis.ravel() for axis in np.meshgrid(count, count, indexing="ij"))
+        row, column = np.meshgrid(count, count, indexing="ij")
         stagger = 0.5 * (self._kind == "hexagonal")
-        position = np.stack([column + stagger * (row % 2), row], axis=-1)
-        centre = _centres(self.values, position)
-        border = 0.49 * pitch * (abs(math.cos(angle)) + abs(math.sin(angle)))
-        inside = ((centre > border) & (centre < (width - border, height - border))).all(axis=-1)
-        row, position = row[inside], position[inside]
-        self._row = row - row.min()
-        start = position[:, 0] - stagger * (self._row % 2)
+        right = column + stagger * (row % 2)
+        point = centre + step * (right + 1j * _ROW_RATIO[self._kind] * row)
+        border = _LEAST_INSIDE * (abs(step.real) + abs(step.imag))
+        inside = np.abs(point.real - width / 2) < width / 2 - border
+        inside &= np.abs(point.imag - height / 2) < height / 2 - border
+        self._row = row[inside] - row[inside].min()
+        start = right[inside] - stagger * (self._row % 2)
         self._column = np.rint(start - start.min()).astype(int)
-        self.rows, self.columns = int(self._row.max()) + 1, int(self._column.max()) + 1
-        grid = _positions(self._kind, self.rows, self.columns)
-        self._position = grid[self._row, self._column]
-        self.values = self.values.copy()
-        self.values[:2] = _centres(self.values, (position - self._position)[:1])[0]
+        self._shape = int(self._row.max()) + 1, int(self._column.max()) + 1
+        place = _places(self._kind, *self._shape)[self._row, self._column]
+        self._design = np.stack([np.ones_like(place), place, place.conj()], axis=-1)
+        self._model = np.array([point[inside][0] - step * place[0], step, 0])
 
-    def _sample(self, spline: np.ndarray, right: np.ndarray, down: np.ndarray) -> np.ndarray:
-        """Signal at offsets from each centre along the lattice's axes, (n, offsets)."""
-        turned = _centres(np.array([0, 0, 1, 1, self.values[4]]), np.stack([right, down], axis=-1))
-        x, y = (_centres(self.values, self._position)[:, None] + turned).transpose(2, 0, 1)
-        sampled: np.ndarray = ndimage.map_coordinates(
-            spline, [y - 0.5, x - 0.5], order=3, mode="nearest", prefilter=False
-        )
-        return sampled
+    def _centres(self) -> np.ndarray:
+        return np.asarray(self._design @ self._model)
 
-    def brightest_shift(self) -> np.ndarray:
-        """Shift in pixels to the brightest of the four kinds of centres of symmetry."""
-        position = np.array([[1.0, 0.0], [0.5 * (self._kind == "hexagonal"), 1.0]])
-        right, down = _centres(np.array([0, 0, *self.values[2:]]), position)
-        disc = np.linspace(-0.15, 0.15, 5) * self.values[2]
-        across, along = (axis.ravel() for axis in np.meshgrid(disc, disc))
-        base, shifts = self.values, (0 * right, right / 2, down / 2, (right + down) / 2)
-        light = []
-        for shift in shifts:
-            self.values = base + np.array([*shift, 0, 0, 0])
-            light.append(
-                sum(self._sample(s, across, along)[self._used].mean() for s in self._splines)
-            )
-        self.values = base
-        return np.asarray(shifts[int(np.argmax(light))])
+    def _iterate(self, terms: int) -> None:
+        """Measure centres and fit the model's first terms to them, until the centres rest."""
+        for _ in range(_MOST_ROUNDS):
+            before = self._centres()
+            self._measure()
+            self._solve(terms)
+            if np.abs(self._centres() - before).max() < _CONVERGED_PX[self._is_scene]:
+                return
 
     def _measure(self) -> None:
-        """Measure the distance of each centre of symmetry from its fitted centre, pixels."""
-        count = self._samples
-        axis = ((np.arange(count) + 0.5) / count * 2 - 1) * self._window * self.values[2]
+        """Measure each centre of symmetry near its fitted centre, and its relative contrast."""
+        count, step = self._samples, self._model[1]
+        axis = ((np.arange(count) + 0.5) / count * 2 - 1) * _WINDOW[self._is_scene]
         right, down = (offset.ravel() for offset in np.meshgrid(axis, axis))
-        offsets, contrasts = [], []
+        centres = self._centres()
+        points = centres[:, None] + step * (right + 1j * down) - (0.5 + 0.5j)
+        self._contrast, offsets = np.ones(len(centres)), []
         for spline, along in zip(self._splines, (right, down), strict=False):
-            sampled = self._sample(spline, right, down)
-            if len(self._splines) > 1:  # the object's outlines are not at the seams
-                near = np.abs(np.abs(along / self.values[2]) - 0.5) < _NEAR_SEAM
-                sampled = np.where(near, sampled, 0)
+            sampled = ndimage.map_coordinates(
+                spline, [points.imag, points.real], order=3, mode="nearest", prefilter=False
+            )
+            # Outlines of the object lie elsewhere.
+            compared = (np.abs(np.abs(along) - 0.5) < _NEAR_SEAM) | (not self._is_scene)
+            sampled[:, ~compared] = 0
             even, odd = (sampled + sampled[:, ::-1]) / 2, (sampled - sampled[:, ::-1]) / 2
             even -= even.mean(axis=1, keepdims=True)
             mean = even.mean(axis=0)
@@ -431,83 +281,56 @@ class _LatticeFit:
                 contrast = even @ mean / (mean @ mean)
                 used = contrast > _LEAST_CONTRAST * np.median(contrast)
                 mean = even[used].mean(axis=0)
-            slopes = np.gradient(mean.reshape(count, count), axis[1] - axis[0])
+            self.explained_share = (mean @ mean) * contrast @ contrast / (even**2).sum()
+            slope_down, slope_right = np.gradient(mean.reshape(count, count), axis[1] - axis[0])
             level = mean - np.quantile(mean, 0.02)
-            design = [-slopes[1].ravel(), -slopes[0].ravel(), right * level, down * level]
-            if len(self._splines) > 1:
-                design = [np.where(near, column, 0) for column in design]
-            offset = odd @ np.linalg.pinv(np.stack(design, axis=1)).T[:, :2]
-            offsets.append(offset / np.maximum(contrast, 1e-9)[:, None])
-            contrasts.append(np.where(used, np.minimum(contrast, 1), 0))
-        offset = np.stack([offsets[0][:, 0], offsets[-1][:, 1]], axis=-1)
-        turned = _centres(np.array([0, 0, 1, 1, self.values[4]]), offset)
-        self._offset = np.clip(turned, -self.values[2] / 4, self.values[2] / 4)
-        self._weight = np.minimum(contrasts[0], contrasts[-1])
+            columns = [-slope_right.ravel(), -slope_down.ravel(), right * level, down * level]
+            fit = odd @ np.linalg.pinv(np.stack(columns, axis=1) * compared[:, None]).T
+            offsets.append((fit[:, :2] / np.maximum(contrast, 1e-9)[:, None]).clip(-0.25, 0.25))
+            self._contrast = np.minimum(self._contrast, np.where(used, contrast.clip(1e-6), 0))
+        self._measured = centres + step * (offsets[0][:, 0] + 1j * offsets[-1][:, 1])
 
-    def _solve(self) -> None:
-        """Fit the free values to the measured centres, robustly; estimate their covariance."""
-        angle, n = math.radians(self.values[4]), len(self._position)
-        c, s = math.cos(angle), math.sin(angle)
-        right, down = self._position.T
-        jacobian = np.zeros((n, 2, 5))
-        jacobian[:, (0, 1), (0, 1)] = 1
-        jacobian[:, :, 2] = np.stack([c * right, -s * right], axis=-1)
-        jacobian[:, :, 3] = np.stack([s * down, c * down], axis=-1)
-        x, y = (_centres(self.values, self._position) - self.values[:2]).T
-        jacobian[:, :, 4] = np.radians(np.stack([y, -x], axis=-1))
-        jacobian = jacobian @ self._free
-        change, weight = np.zeros(jacobian.shape[2]), self._weight
+    def _solve(self, terms: int) -> None:
+        """Fit the model's first terms to measured centres, robustly; estimate its errors."""
         for _ in range(10):
-            residual = self._offset - jacobian @ change
-            size = np.hypot(*residual.T)
-            scale = np.median(size[self._weight > 0]) / 1.1774  # of a 2D normal distribution
+            size = np.abs(self._measured - self._centres())
+            scale = np.median(size[self._contrast > 0]) / 1.1774  # of a 2D normal distribution
             share = size / (_TUKEY * max(scale, 1e-9))
-            weight = self._weight * np.where(share < 1, (1 - share**2) ** 2, 0)
-            weighted = jacobian * weight[:, None, None]
-            information = np.einsum("nki,nkj->ij", weighted, jacobian)
-            change = np.linalg.solve(information, np.einsum("nki,nk->i", weighted, self._offset))
-        self.values = self.values + self._free @ change
-        self._residual = self._offset - jacobian @ change
-        self._used = weight > 0
-        # Delete-a-block jackknife; one step of least squares gives each block's influence.
-        across = self._column * _BLOCKS // self.columns
-        block = np.where(self._used, self._row * _BLOCKS // self.rows * _BLOCKS + across, -1)
-        influence = []
-        for number in np.unique(block[self._used]):
-            own, rest = weighted[block == number], block != number
-            remaining = np.einsum("nki,nkj->ij", weighted[rest], jacobian[rest])
-            score = np.einsum("nki,nk->i", own, self._residual[block == number])
-            influence.append(self._free @ np.linalg.solve(remaining, score))
-        self._covariance = np.transpose(influence) @ influence
-        freedom = max(len(influence) - jacobian.shape[2], 2)
-        self._quantile = float(student.ppf(0.975, freedom))
+            weight = self._contrast * np.where(share < 1, (1 - share**2) ** 2, 0)
+            self._model = self._least_squares(weight, terms)
+        self.weight, self.values = weight, self._parameters(self._model)
+        # Delete-a-block jackknife.
+        rows, columns = self._shape
+        block = self._row * _BLOCKS // rows * _BLOCKS + self._column * _BLOCKS // columns
+        others = [weight * (block != b) for b in np.unique(block[weight > 0])]
+        parameters = [self._parameters(self._least_squares(w, terms)) for w in others]
+        self._errors = np.stack(parameters) - self.values
+        self._quantile = float(student.ppf(0.975, max(len(self._errors) - terms, 2)))
 
-    def lattice(self, name: str) -> Lattice:
-        """Checked result."""
-        half = self._quantile * np.sqrt(np.diag(self._covariance))
-        displaced = _DISPLACED if len(self._splines) == 1 else _DISPLACED_WITH_SCENE
-        across, down = self.columns / 2, self.rows / 2
-        size = displaced * self.values[2] + _SAMPLING_PX
+    def _least_squares(self, weight: np.ndarray, terms: int) -> np.ndarray:
+        root, model = np.sqrt(weight), np.zeros(3, complex)
+        design = self._design[:, :terms] * root[:, None]
+        model[:terms] = np.linalg.lstsq(design, self._measured * root, rcond=None)[0]
+        return model
+
+    def _parameters(self, model: np.ndarray) -> np.ndarray:
+        """x, y, pitch, row pitch in pixels, rotation in degrees."""
+        centre, step, skew = model
+        pitches = abs(step + skew), _ROW_RATIO[self._kind] * abs(step - skew)
+        return np.array([centre.real, centre.imag, *pitches, -math.degrees(np.angle(step))])
+
+    def lattice(self) -> Lattice:
+        """Result with 95 % intervals."""
+        random = self._quantile * np.sqrt((self._errors**2).sum(axis=0))
+        down, across = (count / 2 for count in self._shape)
         turn = math.radians(1) * min(across, down) * self.values[2]
-        bound = size / np.array([1, 1, across, down, turn])
-        half = np.hypot(half, bound)
-        residual = np.full((self.rows, self.columns, 2), np.nan)
-        residual[self._row[self._used], self._column[self._used]] = self._residual[self._used]
+        size = _DISPLACED[self._is_scene] * self.values[2] + _SAMPLING_PX
+        half = np.hypot(random, size / np.array([1, 1, across, down, turn]))
+        residual = np.full((*self._shape, 2), np.nan)
+        off = np.where(self.weight > 0, self._measured - self._centres(), np.nan)
+        residual[self._row, self._column] = np.stack([off.real, off.imag], axis=-1)
         intervals = map(Interval, self.values.tolist(), half.tolist())
-        lattice = Lattice(
-            self._kind,
-            self.rows,
-            self.columns,
-            **dict(zip(_NAMES, intervals, strict=True)),
-            is_regular=self._free.shape[1] < len(_NAMES),
-            residual_px=residual,
-        )
-        pitch, share = lattice.pitch_px.value, float(self._used.mean())
-        case = len(self._splines) - 1
-        if share < _LEAST_USED[case] or not lattice.rms_px < _MOST_SCATTER[case] * pitch:
-            raise _no_lattice(
-                name,
-                f"{share:.0%} of the elemental images at a pitch of {pitch:.4g} pixels are usable, "
-                f"their centres scatter by {lattice.rms_px:.2g} pixels",
-            )
-        return lattice
+        named: dict[str, Any] = dict(zip(_NAMES, intervals, strict=True))
+        named |= {"is_regular": self._is_regular, "residual_px": residual}
+        rms, used = float(np.sqrt(np.nanmean(residual**2))), int((self.weight > 0).sum())
+        return Lattice(self._kind, *self._shape, **named, rms_px=rms, used_count=used)

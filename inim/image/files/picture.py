@@ -19,7 +19,9 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
+from inim.image.color import linear_from_srgb
 from inim.image.files.image import check_unfolding, read_exr, silence_output
 from inim.system.errors import FileError
 from inim.system.files import open_file, read_file
@@ -33,6 +35,9 @@ _SAMPLE_BYTES = 4
 _UNKNOWN = (
     "not a picture that inim reads (EXR, PNG, JPEG, HDR, PFM, BMP, TGA, PPM); save it as PNG or EXR"
 )
+
+_LIGHT_FORMATS = ("PNG", "JPEG", "TIFF", "PPM", "BMP")
+_NO_LIGHT = "not a picture that inim reads; save it as PNG, TIFF, JPEG or EXR"
 
 
 def read_texture(path: Path) -> np.ndarray | None:
@@ -60,6 +65,29 @@ def read_texture(path: Path) -> np.ndarray | None:
             return None
         is_grey = picture.mode in ("1", "L", "LA") or picture.mode.startswith("I")
         return np.array(picture.convert("L" if is_grey else "RGB"))
+
+
+def read_light(path: Path, raw: bool) -> NDArray[np.float32]:
+    """Linear light of a picture, (rows, columns, 3); 1 is the largest code.
+
+    * `path`: PNG, TIFF, JPEG, PPM or BMP, or a linear EXR.
+    * `raw`: codes are proportional to light, as in a sensor's picture; sRGB otherwise.
+
+    Raises `FileError`: missing, damaged, unsupported, or with values that are not finite.
+    """
+    if is_exr(path):
+        light = read_exr(path)
+        if not np.isfinite(light).all():
+            raise FileError(f"{path}: has colours that are not finite; save it again")
+    else:
+        with open_picture(path, _LIGHT_FORMATS, _SAMPLE_BYTES, _NO_LIGHT) as picture:
+            if picture.mode.startswith("I"):  # grey of 16 bits
+                codes, largest = np.asarray(picture, np.float32)[..., None], 65535
+            else:
+                codes, largest = np.asarray(picture.convert("RGB"), np.float32), 255
+        light = codes / np.float32(largest)
+        light = light if raw else linear_from_srgb(light)
+    return np.broadcast_to(light, (*light.shape[:2], 3))
 
 
 def is_exr(path: Path) -> bool:
