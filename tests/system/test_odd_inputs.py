@@ -288,7 +288,7 @@ def commands_of_several_files(folder: Path) -> dict[str, tuple[list[object], str
         "generate": (["generate", picture, *TINY, "-o", out / "e.png", "--pdf", out / "e.pdf",
                       "--save-rgbd", out / "r.exr"], "inim.image.files.image.write_rgbd"),
         "export": (["export", eia, *TINY, "--pdf", out / "e.pdf", "--views", out / "views"],
-                   "inim.apps.export.export._write_views"),
+                   "inim.apps.export.lenslet_forms._write_views"),
         "inspect": (["inspect", "nominal", "-o", out / "i", "--save", out / "d.xml"],
                     "inim.display.Display.save"),
     }  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from inim.apps.export.tiles import SPP, TILES
 from inim.pipeline.options import (
     Command,
     add_shared,
@@ -49,8 +50,6 @@ _EXPORT_OPTIONS = (
 
 
 def _add_export_arguments(parser: argparse.ArgumentParser) -> None:
-    from inim.apps.export.export import SPP, TILES
-
     parser.description = (
         "Write an EIA as a PDF to print, its sub-aperture views (one pixel per lens) as images or "
         "as an HCI light field, or a quilt of views rendered through the lens array; or the native "

@@ -3,56 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from inim.apps.export.tiles import (
+    SPP,
+    Pair,
+    Tiles,
+    check_aspect,
+    parse_pair,
+    parse_tile_counts,
+    parse_tiles,
+)
 from inim.system.errors import FileError, UsageError, ViewpointError
 from inim.system.process.atomic_file import published_together
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from inim.apps.export.quilt import QuiltRequest
+    from inim.apps.export.source import ChosenEIA
     from inim.display import Display
-    from inim.report import Report
-
-#: Two whole numbers, across and down: ``(8, 6)`` or ``"8x6"``.
-Pair = str | tuple[int, int]
-#: Quilts of published devices, by their columns and rows of views: width and height of a view in
-#: pixels, and its width over its height as seen, where its pixels are not square.
-_QUILTS = {
-    (8, 6): (420, 560, 0.75),
-    (5, 9): (819, 455, 16 / 9),
-    (7, 7): (857, 857, 16 / 9),
-    (11, 6): (372, 682, 9 / 16),
-}
-#: Defaults of a quilt: tiles across and down, and samples per pixel.
-TILES, SPP = "8x6", 32
-
-
-@dataclass(frozen=True)
-class _ChosenEIA:
-    """EIA to export, with the design of its display and the misaligned display.
-
-    `distance_mm` is the distance of the eyes, and `description` is the name of the EIA with the
-    reason of its choice.
-    """
-
-    path: Path
-    display: Display
-    misaligned: Display
-    lens_model: str
-    distance_mm: float | None
-    description: str
-    report: Report | None = None
-    is_truth: bool = False
-
-    @property
-    def design_display(self) -> Display:
-        """Display for which the EIA was generated: algorithms use the design."""
-        return self.misaligned if self.is_truth else self.display
 
 
 def export(
@@ -126,58 +95,73 @@ def export(
     InimError
         Contradictory or impossible choices, unreadable files, or no usable backend.
     """
-    if native is not None:
-        others: dict[str, object] = {
-            "--pdf": pdf,
-            "--views": views,
-            "--hci": hci,
-            "--quilt": quilt,
-            "--grid": grid,
-        }
-        others |= {"--algorithms": algorithm, "--view-size": view_size, "--scene": scene}
-        for option, other in others.items():
-            if other is not None:
-                raise UsageError(f"{option}: --native is for a quilt; leave one of them out")
-        return [_write_native(Path(source), Path(native), display, definitions, tiles, aspect)]
-    outputs = [None if path is None else Path(path) for path in (pdf, views, hci)]
-    if not (any(outputs) or quilt):
-        raise UsageError(
-            "nothing to write: give --pdf FILE, --views DIR, --hci DIR, --quilt FILE or --native "
-            "FILE"
-        )
-    for option, path in zip(("--views", "--hci"), outputs[1:], strict=True):
-        if path is not None and path.exists() and not path.is_dir():
-            raise FileError(f"{option} {path}: is a file; name a folder")
-    of_quilt = {"tiles": tiles, "view-size": view_size, "aspect": aspect, "view-spp": view_spp}
-    for option, value in {**of_quilt, "scene": scene}.items():
-        if value is not None and quilt is None:
-            raise UsageError(f"--{option}: needs a quilt; add --quilt FILE")
     source = Path(source)
-    if source.is_dir():
-        chosen = _choose_from_report(source, algorithm, bool(display or definitions))
-    else:
-        chosen = _choose_eia(source, algorithm, display, definitions)
+    if native is not None:
+        _refuse(
+            "--native is for a quilt; leave one of them out",
+            {"pdf": pdf, "views": views, "hci": hci, "quilt": quilt, "grid": grid}
+            | {"algorithms": algorithm, "view-size": view_size, "scene": scene},
+        )
+        return [_write_native(source, Path(native), display, definitions, tiles, aspect)]
+    _check_outputs(pdf, views, hci, quilt)
+    if quilt is None:
+        _refuse(
+            "needs a quilt; add --quilt FILE",
+            {"tiles": tiles, "view-size": view_size, "aspect": aspect}
+            | {"view-spp": view_spp, "scene": scene},
+        )
+    from inim.apps.export.source import choose
+
+    eia = choose(source, algorithm, display, definitions)
     request = None
     if quilt is not None:
-        sizes = (tiles or TILES, view_size, aspect, view_spp)
-        request = _quilt(chosen, Path(quilt), *sizes, scene, allow_folders)
+        sizes = parse_tiles(tiles, view_size, aspect)
+        spp = SPP if view_spp is None else view_spp
+        request = _quilt_request(eia, Path(quilt), sizes, spp, scene, allow_folders)
         try:
             request.check()
         except ViewpointError as error:
             raise FileError(f"{source}: {error}") from None
-    lenses = None if grid is None else _pair("--grid", grid, 10_000)[::-1]
-    files = [path for path in outputs if path is not None]
+    sheet, folder, field = (None if path is None else Path(path) for path in (pdf, views, hci))
+    lenses = None if grid is None else parse_pair("--grid", grid, 10_000)[::-1]
+    files = []
     with published_together():
-        if files:
-            _write_sheet_and_views(chosen, outputs[0], outputs[1], outputs[2], lenses)
+        if sheet or folder or field:
+            from inim.apps.export.lenslet_forms import write_lenslet_forms
+
+            files += write_lenslet_forms(eia, sheet, folder, field, lenses)
         if request is not None:
             from inim.apps.export.quilt import render_quilt
 
             render_quilt(request, quiet=quiet, debug=debug)
             files.append(request.file)
     if say is not None:
-        say(f"exported {chosen.description}")
+        say(f"exported {eia.description}")
     return files
+
+
+def _refuse(reason: str, options: Mapping[str, object]) -> None:
+    """Raise `UsageError` if any of the options has a value."""
+    for name, value in options.items():
+        if value is not None:
+            raise UsageError(f"--{name}: {reason}")
+
+
+def _check_outputs(
+    pdf: Path | str | None,
+    views: Path | str | None,
+    hci: Path | str | None,
+    quilt: Path | str | None,
+) -> None:
+    """Raise `InimError` if there is no output, or if a folder's path is a file."""
+    if not (pdf or views or hci or quilt):
+        raise UsageError(
+            "nothing to write: give --pdf FILE, --views DIR, --hci DIR, --quilt FILE or --native "
+            "FILE"
+        )
+    for option, path in (("--views", views), ("--hci", hci)):
+        if path is not None and Path(path).exists() and not Path(path).is_dir():
+            raise FileError(f"{option} {path}: is a file; name a folder")
 
 
 def _write_native(
@@ -193,175 +177,38 @@ def _write_native(
     from inim.render.scene_files.file import choose_display, parse_definitions
 
     design, _ = choose_display(display, parse_definitions(definitions or {}), "inim export")
-    pair = None if tiles is None else _pair("--tiles", tiles, 1000)
-    if aspect is not None and not 0.01 <= aspect <= 100:
-        raise UsageError(f"--aspect {aspect:g}: must be width over height, such as 0.75")
-    weave_file(source, out, design, pair, aspect)
+    counts = None if tiles is None else parse_tile_counts(tiles)
+    if aspect is not None:
+        check_aspect(aspect)
+    weave_file(source, out, design, counts, aspect)
     return out
 
 
-def _pair(option: str, pair: Pair, most: int) -> tuple[int, int]:
-    """Two whole numbers, across and down."""
-    text = pair if isinstance(pair, str) else "x".join(map(str, pair))
-    across, _, down = text.lower().partition("x")
-    if not (across.isdecimal() and down.isdecimal() and 0 < int(across) * int(down) <= most):
-        raise UsageError(f"{option} {text}: write ACROSSxDOWN, such as 9x9, of at most {most}")
-    return int(across), int(down)
-
-
-def _choose_eia(
-    path: Path,
-    algorithm: str | None,
-    display: Display | str | Path | None,
-    definitions: Mapping[str, Any] | None,
-) -> _ChosenEIA:
-    from inim.display.misalignment import misaligned
-    from inim.image.files.eia_file import turned_for
-    from inim.render.scene_files.file import choose_display, parse_definitions
-
-    if algorithm:
-        raise UsageError("--algorithms: needs a report's folder; an EIA has no algorithms")
-    design, settings = choose_display(display, parse_definitions(definitions or {}), "inim export")
-    design = turned_for(path, design)
-    real, distance = misaligned(design, settings.misalign), settings.viewing_distance_mm
-    return _ChosenEIA(path, design, real, settings.lens_model, distance, path.name)
-
-
-def _choose_from_report(folder: Path, algorithm: str | None, has_display: bool) -> _ChosenEIA:
-    """Chosen algorithm or the ground truth; by default the best by the headline score."""
-    from inim.display.misalignment import misaligned
-    from inim.report import TRUTH, Report
-
-    if has_display:
-        raise UsageError(
-            f"{folder}: is a report, which has its own display; --display and -D are for an EIA"
-        )
-    report = Report.load(folder)
-    name, why = (algorithm, "") if algorithm else _best(report)
-    path, design = report.eia_path(name, "--algorithms"), report.display
-    return _ChosenEIA(
-        path,
-        design,
-        misaligned(design, report.data.misalign),
-        report.data.lens_model,
-        report.data.settings.viewing_distance_mm,
-        name + why,
-        report,
-        name == TRUTH,
-    )
-
-
-def _best(report: Report) -> tuple[str, str]:
-    """Best algorithm, with a phrase for the reason."""
-    from inim.scores.metrics import HEADLINE_WORDS
-
-    names, best = list(report.data.algorithms), report.data.best_algorithm
-    if len(names) == 1:
-        return names[0], ", the report's only algorithm"
-    if best is None:
-        raise UsageError(
-            f"{report.folder}: has no scores to choose by; name one with --algorithms: "
-            f"{', '.join([*names, 'truth'])}"
-        )
-    return best, f", the best of {len(names)} by {HEADLINE_WORDS}"
-
-
-def _write_sheet_and_views(
-    chosen: _ChosenEIA,
-    pdf: Path | None,
-    views: Path | None,
-    hci: Path | None,
-    grid: tuple[int, int] | None,
-) -> None:
-    from inim.image.color import to_srgb
-    from inim.image.files.eia_file import read_eia, write_true_size_pdf
-    from inim.image.files.light_field import sub_aperture_views, write_hci
-
-    display = chosen.design_display
-    eia = read_eia(chosen.path, display)[0]
-    codes = to_srgb(eia)
-    images = None if views is None else sub_aperture_views(codes, display, grid)
-    field = None if hci is None else _light_field(chosen, codes, grid)
-    if pdf is not None:
-        write_true_size_pdf(pdf, eia, display.pixel_pitch_mm)
-    if views is not None and images is not None:
-        _write_views(views, images)
-    if hci is not None and field is not None:
-        write_hci(hci, field[0], display, field[1])
-
-
-def _light_field(
-    chosen: _ChosenEIA, codes: np.ndarray, grid: tuple[int, int] | None
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Views; for a report also the disparity of the centre view."""
-    from inim.image.files.image import read_rgbd
-    from inim.image.files.light_field import centre_disparity, sub_aperture_views, view_grid
-
-    display = chosen.design_display
-    if chosen.report is None:
-        return sub_aperture_views(codes, display, grid), None
-    if grid is None:  # odd numbers, for a centre view
-        down, across = (n - 1 + n % 2 for n in view_grid(display))
-    elif not (grid[0] % 2 and grid[1] % 2):
-        raise UsageError(
-            f"--grid {grid[1]}x{grid[0]}: has no centre view, which needs a disparity; use odd "
-            "numbers"
-        )
-    else:
-        down, across = grid
-    rgbd = read_rgbd(chosen.report.folder / "rgbd.exr")
-    views = sub_aperture_views(codes, display, (down, across))
-    return views, centre_disparity(rgbd, display, across)
-
-
-def _write_views(folder: Path, views: np.ndarray) -> None:
-    from PIL import Image
-
-    from inim.system.process.atomic_file import write_atomically
-
-    for row, line in enumerate(views):
-        for column, view in enumerate(line):
-            save = partial(Image.fromarray(view).save, format="PNG")
-            write_atomically(folder / f"view_{row:02}_{column:02}.png", save)
-
-
-def _quilt(
-    chosen: _ChosenEIA,
+def _quilt_request(
+    eia: ChosenEIA,
     out: Path,
-    tiles: Pair,
-    view_size: Pair | None,
-    aspect: float | None,
-    spp: int | None,
+    tiles: Tiles,
+    spp: int,
     scene: Path | str | None,
     allow_folders: Sequence[Path | str],
 ) -> QuiltRequest:
+    """Request for the quilt of an EIA; the quilt of the ground truth is of its scene."""
     from inim.apps.export.quilt import QuiltRequest, TracedScene
 
-    if scene is not None and not chosen.is_truth:
+    if scene is not None and not eia.is_truth:
         raise UsageError("--scene: needs the ground truth; add --algorithms truth")
-    columns, rows = _pair("--tiles", tiles, 1000)
-    if view_size is not None:
-        width, height = _pair("--view-size", view_size, 2**28)
-        default_aspect = width / height
-    elif (columns, rows) in _QUILTS:
-        width, height, default_aspect = _QUILTS[columns, rows]
-    else:
-        raise UsageError(f"--tiles {columns}x{rows}: unknown size of a tile; give --view-size WxH")
-    truth = chosen.report if chosen.is_truth else None
-    path = None if scene is None else Path(scene)
-    folders = tuple(map(Path, allow_folders))
+    source: Path | TracedScene = eia.path
+    if eia.is_truth and eia.report is not None:
+        path = None if scene is None else Path(scene)
+        source = TracedScene.of(eia.report, path, tuple(map(Path, allow_folders)))
     return QuiltRequest(
         out=out,
-        source=TracedScene.of(truth, path, folders) if truth else chosen.path,
-        label=chosen.path,
-        design=chosen.display,
-        misaligned_display=chosen.misaligned,
-        lens_model=chosen.lens_model,
-        spp=SPP if spp is None else spp,
-        distance_mm=chosen.distance_mm,
-        columns=columns,
-        rows=rows,
-        width=width,
-        height=height,
-        aspect=default_aspect if aspect is None else aspect,
+        source=source,
+        label=eia.path,
+        design=eia.display,
+        misaligned_display=eia.misaligned,
+        lens_model=eia.lens_model,
+        spp=spp,
+        distance_mm=eia.distance_mm,
+        **tiles._asdict(),
     )

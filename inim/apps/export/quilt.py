@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from inim.apps.export.tiles import check_aspect
 from inim.display import Display, Viewpoint
 from inim.display.lens import check_lens_model
 from inim.display.pixels import exact_ratio
@@ -132,8 +133,7 @@ class QuiltRequest:
             raise UsageError(
                 f"--view-size: {pixels} pixels in all; a quilt has up to {_MAX_PIXELS}"
             )
-        if not 0.01 <= self.aspect <= 100:
-            raise UsageError(f"--aspect {self.aspect:g}: must be width over height, such as 0.75")
+        check_aspect(self.aspect)
         assert self.file and self.eyes  # raise for invalid ones
         if self.out.is_dir():
             raise FileError(f"{self.out}: is a folder; give the path of a file")
