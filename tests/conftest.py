@@ -13,6 +13,7 @@ from inim.display import Display
 from inim.display.settings import plain_parameters
 from inim.system.backend import choose_backend
 from inim.system.errors import BackendError
+from inim.system.process.machine import user_cache_folder
 
 LIT = """
 <integrator type="path"><integer name="max_depth" value="2"/></integrator>
@@ -28,6 +29,9 @@ LIT = """
 # Tests make what they test: what earlier runs found would hide a change. Those of the result
 # cache name a folder of their own.
 os.environ["INIM_CACHE"] = "off"
+# All tests share compiled kernels, also those with a home of their own.
+if user_cache := user_cache_folder():
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(user_cache / "kernels"))
 
 
 def scene_text(*shapes: str) -> str:

@@ -10,7 +10,6 @@ from inim.pipeline.options import Command
 from inim.system.errors import EXIT_PASSED, BackendError
 
 if TYPE_CHECKING:
-    from inim.system.backend.trial import Verdict
     from inim.system.cache import StoreInfo
 
 
@@ -61,12 +60,11 @@ def describe() -> dict[str, Any]:
     """Describe the machine and the installation, as JSON values."""
     import platform
 
-    from inim.system.backend import choose_backend, cuda_verdict, llvm_verdicts
-    from inim.system.backend.trial import cache_file
-    from inim.system.cache import versions
+    from inim.system.backend import choose_backend, find_card, find_libllvm
+    from inim.system.cache import store_folder, versions
     from inim.system.process.machine import cpu_count, cpu_model, memory_limit_bytes
 
-    cuda = cuda_verdict()
+    card, reason = find_card()
     chosen: dict[str, Any] | str
     try:
         chosen = {name: value and str(value) for name, value in choose_backend()._asdict().items()}
@@ -83,20 +81,21 @@ def describe() -> dict[str, Any]:
             for name, version in versions(_DISTRIBUTIONS).items()
             if name != "python"
         },
-        "libllvm": [_candidate(path, verdict) for path, verdict in llvm_verdicts()],
-        "cuda": {"usable": cuda.usable, "reason": cuda.reason, "device": cuda.device},
+        "libllvm": [_candidate(path) for path in find_libllvm()],
+        "cuda": {"usable": bool(card), "reason": reason, "device": card},
         "chosen": chosen,
-        "cache": str(cache_file() or ""),
+        "cache": str(store_folder() or ""),
     }
 
 
-def _candidate(library: Path, verdict: Verdict) -> dict[str, Any]:
-    from inim.system.backend import llvm_version
+def _candidate(library: Path) -> dict[str, Any]:
+    from inim.system.backend import llvm_version, rejection_reason
 
-    named = ".".join(map(str, llvm_version(library) or ()))
-    version = verdict.version or named or None
-    reason = verdict.reason
-    return {"path": str(library), "version": version, "usable": verdict.usable, "reason": reason}
+    version = llvm_version(library)
+    reason = rejection_reason(version)
+    return {
+        "path": str(library), "version": version or None, "usable": not reason, "reason": reason
+    }  # fmt: skip
 
 
 def sys_info() -> str:
@@ -112,7 +111,7 @@ def sys_info() -> str:
     rows.append(("CUDA", facts["cuda"]["device"] or f"not used: {facts['cuda']['reason']}"))
     if isinstance(chosen, dict):
         chosen = " ".join(str(chosen[name]) for name in ("variant", "device"))
-    rows += [("backend", chosen), ("cache", facts["cache"] or "none (no home folder)")]
+    rows += [("backend", chosen), ("cache", facts["cache"] or "none")]
     return "\n".join(f"{name:<15} {value}" for name, value in rows)
 
 

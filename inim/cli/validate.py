@@ -161,7 +161,6 @@ def _validate_scene(args: argparse.Namespace) -> int:
         lambda: request_of(args),
         args.scene,
         args.out,
-        backend=args.backend,
         quiet=args.quiet,
         debug=args.debug,
     )

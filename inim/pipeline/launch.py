@@ -32,15 +32,14 @@ def validate_in_worker(
     scene: Path,
     out: Path,
     *,
-    backend: str = "auto",
     quiet: bool = True,
     debug: bool = False,
     on_stage: OnStage | None = None,
 ) -> bool:
     """Validate in a worker process, which writes the report to `out`; True if every check passed.
 
-    `make_request` returns the request for this scene, folder and backend; it is called while the
-    worker loads. `quiet` suppresses result lines and the progress bar, and `debug` prints the
+    `make_request` returns the request for this scene and folder; it is called while the worker
+    loads. `quiet` suppresses result lines and the progress bar, and `debug` prints the
     traceback of an internal error. `on_stage` receives the progress. Raises an `InimError` as
     `run_in_worker` does.
     """
@@ -54,7 +53,6 @@ def validate_in_worker(
         "inim.pipeline.job:run_job",
         plan,
         staging_folder(out),
-        backend=backend,
         about=str(scene),
         quiet=quiet,
         debug=debug,
@@ -180,7 +178,7 @@ def validate(
         misalign=None if misalign is None else parse_misalignment(misalign),
     )
     with shown_progress(progress) as on_stage:
-        validate_in_worker(lambda: request, path, folder, backend=backend, on_stage=on_stage)
+        validate_in_worker(lambda: request, path, folder, on_stage=on_stage)
         if on_stage is not None:
             on_stage("finished", 1.0)
     from inim.report import Report

@@ -13,12 +13,18 @@ import sys
 from pathlib import Path
 
 from inim.system import backend
+from inim.system.errors import BackendError, missing_package
 
 if "drjit" not in sys.modules:
     backend.activate(backend.choose_backend())
 
-import drjit as dr
-import mitsuba as mi
+try:
+    import drjit as dr
+    import mitsuba as mi
+except ImportError as error:
+    raise missing_package(error) or BackendError(
+        f"Mitsuba cannot be imported: {error}; {backend.REMEDY}"
+    ) from error
 
 mi.file_resolver().prepend(str(Path(mi.__file__).resolve().parent))
 

@@ -141,7 +141,6 @@ def _carry_out_here(process: Any, _: object, job: Any, *__: object) -> dict[str,
     messages = io.StringIO()
     module, _, function = process.target.partition(":")
     with _ONE_AT_A_TIME:
-        os.environ.update(job.variables)
         answer(job, messages, getattr(import_module(module), function))
     return dict(json.loads(messages.getvalue().splitlines()[-1]))
 

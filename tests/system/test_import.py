@@ -31,7 +31,7 @@ print(inim.reconstruct(eia, display, inim.Viewpoint("eye", 0, 0, 200), spp=4).sh
     "before",
     [
         "import inim; inim.reconstruct",
-        "import inim; inim.system.backend = __import__('inim.system.backend').backend; "
+        "import inim.system.backend; "
         "inim.system.backend.activate(inim.system.backend.choose_backend()); "
         "import mitsuba as mi; mi.set_variant('llvm_ad_rgb')",
         "from inim import reconstruct, Display; import inim",

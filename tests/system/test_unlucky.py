@@ -60,15 +60,16 @@ def nothing_to_write(monkeypatch, tmp_path):
 
 
 def test_kernels_find_a_private_folder_where_nothing_else_can_be_written(nothing_to_write):
-    folder = Path(kernels.cache_folder(NOWHERE))
+    folder = kernels.cache_folder()
     assert folder.parent == nothing_to_write
     assert folder.stat().st_mode & 0o777 == 0o700
-    assert kernels.cache_folder(NOWHERE) == str(folder)  # a second run takes the same
+    assert kernels.cache_folder() == folder  # a second run takes the same
 
 
 @pytest.mark.parametrize("spoil", ["open", "link", "file"])
 def test_folder_that_others_could_fill_with_code_is_refused(nothing_to_write, spoil):
-    folder = nothing_to_write / f"inim-{os.getuid()}"
+    folder = kernels.cache_folder()
+    folder.rmdir()
     if spoil == "open":
         folder.mkdir()
         folder.chmod(0o777)
@@ -78,21 +79,20 @@ def test_folder_that_others_could_fill_with_code_is_refused(nothing_to_write, sp
     else:
         folder.write_text("")
     with pytest.raises(FileError, match="NUMBA_CACHE_DIR"):
-        kernels.cache_folder(NOWHERE)
+        kernels.cache_folder()
 
 
-def test_kernels_are_cached_next_to_the_source_or_at_home(nothing_to_write, monkeypatch):
-    assert not kernels.cache_folder(nothing_to_write)
+def test_kernels_are_in_the_user_s_cache_or_the_named_folder(nothing_to_write, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(nothing_to_write / "cache"))
-    assert not kernels.cache_folder(NOWHERE)
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "/as/the/user/says")
-    assert kernels.cache_folder(NOWHERE) == "/as/the/user/says"
+    assert kernels.cache_folder().parent == nothing_to_write / "cache/inim/kernels"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(nothing_to_write / "named"))
+    assert kernels.cache_folder().parent == nothing_to_write / "named"
 
 
 def test_nowhere_to_write_at_all_is_one_line(nothing_to_write, monkeypatch):
     monkeypatch.setattr(kernels.tempfile, "tempdir", str(NOWHERE))
     with pytest.raises(FileError, match="set NUMBA_CACHE_DIR"):
-        kernels.cache_folder(NOWHERE)
+        kernels.cache_folder()
 
 
 def loaded_anew(path: Path) -> ModuleType:
@@ -108,12 +108,14 @@ def loaded_anew(path: Path) -> ModuleType:
     ("kind", "content"), [("nbi", b""), ("nbi", b"garbage"), ("nbc", b"\x80\x05"), ("nbc", None)]
 )
 def test_broken_kernel_cache_costs_a_compilation_and_no_more(tmp_path, monkeypatch, kind, content):
-    import numba
     from numba.core import caching
 
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     path = tmp_path / "twice.py"
-    path.write_text("import numba\n@numba.njit(cache=True)\ndef twice(x):\n    return 2 * x\n")
+    path.write_text(
+        "from inim.system.backend.kernels import compiled\n"
+        "@compiled\ndef twice(x):\n    return 2 * x\n"
+    )
     loaded_anew(path).twice(21)
     (broken,) = (tmp_path / "cache").rglob(f"*.{kind}")
     broken.write_bytes(broken.read_bytes()[:-40] if content is None else content)

@@ -159,7 +159,6 @@ def write(process, messages, job, on_stage):
     return {"passed": True}
 supervisor.python_module = lambda *_: ["sleep", "60"]
 supervisor._carry_out = write
-supervisor.backends.choose_backend = supervisor.backends.environment = lambda backend: {}
 def trace(frame, event, _):
     global step
     step += frame.f_code.co_filename in files

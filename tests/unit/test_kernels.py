@@ -1,10 +1,7 @@
 """Compiled kernels on disk are those of the code that runs."""
 
-import pathlib
-import pickle
+import os
 from importlib import util
-
-import numba
 
 from inim.system.backend import kernels
 
@@ -59,16 +56,12 @@ def test_kernels_saved_by_two_processes_at_once_are_not_mixed_up(tmp_path, monke
         assert load(path)(value) == 2 * value
 
 
-def test_kernels_of_types_that_are_gone_are_compiled_again(tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "kernels"))
-    path = tmp_path / "planted.py"
-    path.write_text(SOURCE)
-    assert not loads_from_disk(path)
-    (index,) = tmp_path.rglob("*.nbi")
-    # After the version follows a stamp of a class that no module has.
-    stamp = pickle.dumps(pathlib.PurePath).replace(b"PurePath", b"GonePath")
-    with index.open("wb") as file:
-        pickle.dump(numba.__version__, file)
-        file.write(stamp)
-    assert not loads_from_disk(path)
-    assert loads_from_disk(path)
+def test_kernels_of_old_versions_are_removed(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    folders = []
+    for version in range(kernels._KEPT + 2):
+        monkeypatch.setattr(kernels, "code_digest", lambda *_, version=version: str(version))
+        folders.append(kernels.cache_folder())
+        os.utime(folders[-1], (version, version))
+        assert kernels.cache_folder() == folders[-1]
+    assert sorted(tmp_path.iterdir()) == sorted(folders[2:])

@@ -66,7 +66,6 @@ def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False)
         "inim.apps.bench.run:run_job",
         lambda: (request, request.plan(), load),
         staging_folder(request.validation.out, _FILES),
-        backend="llvm",
         quiet=quiet,
         debug=debug,
     )

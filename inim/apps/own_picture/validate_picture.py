@@ -148,7 +148,6 @@ def run_picture(
         lambda: _PicturePlan(request, display, settings, algorithms, viewpoints, warnings, notes),
         staging_folder(request.out, _FILES),
         fill=lambda staging: write_rgbd(staging / "rgbd.exr", rgbd),
-        backend=request.backend,
         quiet=quiet,
         debug=debug,
     )

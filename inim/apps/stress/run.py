@@ -91,7 +91,6 @@ def run_stress(request: StressRequest, *, quiet: bool = True, debug: bool = Fals
         "inim.apps.stress.run:run_job",
         lambda: (request, request.plan()),
         staging_folder(request.out, _FILES),
-        backend="llvm",
         quiet=quiet,
         debug=debug,
     )

@@ -283,7 +283,6 @@ def _carry_out(task: SweepTask, on_start: OnStart | None) -> None:
         "inim.apps.sweep.unit:run_job",
         lambda: task,
         _staging(task),
-        backend=task.request.backend,
         about=str(task.request.out),
         # numba reads it when it is imported.
         variables={} if task.threads is None else {"NUMBA_NUM_THREADS": str(task.threads)},

@@ -4,31 +4,36 @@ numba reads `.numba_config.yaml` from the current folder when it is imported and
 compiles. That file can name a folder of compiled kernels, which numba executes. Kernels of this
 package ignore it. A program's own kernels still obey it.
 
-numba writes compiled kernels next to the source, or to the user's home, and fails to start
-if neither is writable; `cache_folder` chooses another folder. A damaged or full cache raises in
-the middle of a run; `disable_cache` lets the process continue without it.
+Compiled kernels are in a folder of the user's cache that is named after the digest of the code and
+of the compiler (`cache_folder`). A damaged or full cache raises in the middle of a run;
+`disable_cache` lets the process continue without it.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from pathlib import Path
-from types import FrameType, TracebackType
+from traceback import walk_tb
 from typing import Any
 
-from inim.system.cache import code_digest
+import numpy as np
+
+from inim.system.cache import code_digest, value_digest
 from inim.system.errors import FileError
+from inim.system.process.machine import user_cache_folder
 from inim.system.process.python_process import configuration_hidden
 
 with configuration_hidden():
+    import llvmlite
     import numba
     from numba.core import caching, compiler, config
 
@@ -59,16 +64,6 @@ class _KernelFiles(caching.IndexDataCacheFile):  # type: ignore[misc]
         self._data_name_pattern = f"{base}-{digest}.{{number:d}}.nbc"
         super().save(key, data)
 
-    def _load_index(self) -> Any:
-        """Kernels by signature; none if an earlier program's signatures have types that are gone.
-
-        numba reads the signatures before it compares the stamps.
-        """
-        try:
-            return super()._load_index()
-        except (AttributeError, ImportError):
-            return {}
-
 
 @contextmanager
 def _fixed_configuration() -> Iterator[None]:
@@ -88,8 +83,7 @@ def compiled(function: Callable[..., Any] | None = None, *, inline: str = "never
     """
     if function is None:
         return partial(compiled, inline=inline)
-    folder = cache_folder(Path(function.__code__.co_filename).parent)
-    before, config.CACHE_DIR = config.CACHE_DIR, folder
+    before, config.CACHE_DIR = config.CACHE_DIR, str(cache_folder())
     try:
         kernel = numba.njit(inline=inline, cache=True, nogil=True, pipeline_class=_Compiler)(
             function
@@ -97,12 +91,8 @@ def compiled(function: Callable[..., Any] | None = None, *, inline: str = "never
     finally:
         config.CACHE_DIR = before
     if not config.DISABLE_JIT:
-        files = kernel._cache._cache_file
-        # numba compares the kernel's own file only; the functions that it calls are in others.
-        stamp = (files._source_stamp, code_digest("generators", "system/backend/kernels.py"))
-        kernel._cache._cache_file = _KernelFiles(
-            files._cache_path, kernel._cache._impl.filename_base, stamp
-        )
+        files, base = kernel._cache._cache_file, kernel._cache._impl.filename_base
+        kernel._cache._cache_file = _KernelFiles(files._cache_path, base, files._source_stamp)
     return kernel
 
 
@@ -176,83 +166,61 @@ def limited_threads(count: int) -> Iterator[None]:
 
 
 _VARIABLE = "NUMBA_CACHE_DIR"
+# Versions of the program whose kernels are kept.
+_KEPT = 4
 
 
-def cache_folder(package: Path) -> str:
-    """Folder for compiled kernels; empty if numba finds a usable folder itself.
+def cache_folder() -> Path:
+    """Private folder for compiled kernels, named after the digest of all that decides them.
 
-    * `package`: the folder whose modules are compiled.
+    It is in NUMBA_CACHE_DIR if that is set, otherwise in the user's cache folder, or in the folder
+    for temporary files where that cannot be written. numba compares a kernel's own file only; the
+    functions that it calls are in others.
 
-    Raises `FileError`: no folder can be written.
+    Raises `FileError`: no folder can be written, or it could contain code of other users.
     """
-    named = os.environ.get(_VARIABLE, "")
-    if named or any(map(_can_hold, (package / "__pycache__", _user_cache()))):
-        return named
-    folder = Path(tempfile.gettempdir()) / f"inim-{_user()}"
-    try:
-        folder.mkdir(mode=0o700, exist_ok=True)
-    except OSError as error:
-        raise FileError(
-            f"{folder}: no folder for compiled kernels can be written ({error.strerror}); set "
-            f"{_VARIABLE} to one that can"
-        ) from None
-    if not _is_private(folder):  # compiled code that others put there would be run
-        raise FileError(
-            f"{folder}: belongs to another user or is open to others; set {_VARIABLE} to a folder "
-            "of your own"
-        )
-    return str(folder)
+    code = code_digest("generators", "system/backend/kernels.py")
+    compilers = [sys.version, numba.__version__, llvmlite.__version__, np.__version__]
+    named, cache = os.environ.get(_VARIABLE), user_cache_folder()
+    places = [cache / "kernels"] if cache else []
+    places = [Path(named)] if named else [*places, Path(tempfile.gettempdir())]
+    prefix = f"inim-{_user()}-"
+    for place in places:
+        folder = place / f"{prefix}{value_digest([code, *compilers])}"
+        with suppress(OSError):
+            is_new = not folder.is_dir()
+            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if _is_private(folder) and os.access(folder, os.W_OK | os.X_OK):
+                if is_new:
+                    _remove_oldest(place, prefix)
+                return folder
+    raise FileError(
+        f"{folder}: compiled kernels cannot be written there, or other users can; set {_VARIABLE} "
+        "to a folder of your own"
+    )
+
+
+def _remove_oldest(place: Path, prefix: str) -> None:
+    """Remove the kernels of old versions of the program."""
+    with suppress(OSError):  # another process may remove them, too
+        folders = sorted(place.glob(f"{prefix}*"), key=lambda folder: folder.stat().st_mtime)
+        for folder in folders[:-_KEPT]:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def is_cache_fault(error: BaseException) -> bool:
     """True if an exception comes from numba's reading or writing of compiled kernels."""
-    return caching.__file__ in [f.f_code.co_filename for f in _frames(error.__traceback__)]
+    frames = walk_tb(error.__traceback__)
+    return caching.__file__ in [frame.f_code.co_filename for frame, _ in frames]
 
 
-def disable_cache(error: BaseException) -> None:
-    """Compile kernels without the cache from now on, and remove an unreadable index.
-
-    * `error`: for which `is_cache_fault` holds.
-    """
-    for frame in _frames(error.__traceback__):
-        index = getattr(frame.f_locals.get("self"), "_index_path", None)
-        if frame.f_code.co_filename == caching.__file__ and isinstance(index, str):
-            _remove_indices(Path(index).parent)
+def disable_cache() -> None:
+    """Compile kernels without the cache from now on, and remove its indices: one is unreadable."""
+    for index in cache_folder().rglob("*.nbi"):
+        with suppress(OSError):
+            index.unlink()
     caching.Cache.load_overload = lambda *_: None
     caching.Cache.save_overload = lambda *_: None
-
-
-def _remove_indices(folder: Path) -> None:
-    """Remove numba's indices, by which it finds compiled kernels, as far as that is allowed."""
-    for index in folder.glob("*.nbi"):
-        try:
-            index.unlink()
-        except OSError:
-            return
-
-
-def _frames(traceback: TracebackType | None) -> list[FrameType]:
-    frames: list[FrameType] = []
-    while traceback:
-        frames.append(traceback.tb_frame)
-        traceback = traceback.tb_next
-    return frames
-
-
-def _user_cache() -> Path:
-    """The folder below the user's home that numba turns to."""
-    below_home = "~/Library/Caches" if sys.platform == "darwin" else "~/.cache"
-    home = os.path.expanduser(below_home)  # noqa: PTH111 (stays as it is where there is none)
-    return Path(os.environ.get("XDG_CACHE_HOME") or home) / "numba"
-
-
-def _can_hold(folder: Path) -> bool:
-    """True if files can be created in a folder, or it can be created."""
-    if not folder.is_absolute():  # nobody knows the user's home
-        return False
-    while not os.path.lexists(folder) and folder != folder.parent:
-        folder = folder.parent
-    return folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)
 
 
 def _user() -> int:

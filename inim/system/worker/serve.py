@@ -14,8 +14,8 @@ import pickle
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
@@ -110,13 +110,12 @@ class Job:
     """Job of a worker.
 
     The request is any object that can be pickled; the result is built in the folder `staging`.
-    `variables` are environment variables of the backend. `quiet` suppresses result lines and the
-    progress bar; `debug` prints the traceback of an internal error.
+    `quiet` suppresses result lines and the progress bar, `debug` prints the traceback of an
+    internal error.
     """
 
     request: Any
     staging: Path
-    variables: Mapping[str, str] = field(default_factory=dict)
     quiet: bool = True
     debug: bool = False
 
@@ -165,7 +164,7 @@ def _run_with_retry(job: Job, observer: Observer, run_job: RunJob) -> bool:
 
         if not is_cache_fault(error):
             raise
-        disable_cache(error)
+        disable_cache()
     return run_job(job.request, job.staging, observer)
 
 
@@ -203,7 +202,6 @@ class _FilteredErrors:
 
 def serve(job: Job, channel: int, run_job: RunJob) -> None:
     """Entry point of the worker: run the job under an observer, printing results only."""
-    os.environ.update(job.variables)  # chosen after this process started
     exit_with_parent()
     sys.stdout = _TolerantOutput(sys.stdout)
     ended = contextlib.ExitStack()

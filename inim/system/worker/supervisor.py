@@ -22,7 +22,6 @@ from functools import partial
 from pathlib import Path
 from typing import IO, Any
 
-from inim.system import backend as backends
 from inim.system import errors
 from inim.system.errors import InimError, OutOfMemoryError, WorkerError
 from inim.system.process import machine
@@ -48,7 +47,6 @@ def run_in_worker(
     staging: AbstractContextManager[Path],
     *,
     fill: Callable[[Path], object] | None = None,
-    backend: str = "auto",
     about: str = "",
     variables: Mapping[str, str] | None = None,
     quiet: bool = True,
@@ -73,7 +71,6 @@ def run_in_worker(
     with contextlib.ExitStack() as stack:
         process, messages = stack.enter_context(_worker(target, variables or {}, about))
         request = make_request()
-        chosen = backends.environment(backends.choose_backend(backend))
         folder = stack.enter_context(staging)
         # Before the folder to which it writes is removed.
         stack.enter_context(cleaned_up(partial(end_process, process)))
@@ -81,7 +78,7 @@ def run_in_worker(
             fill(folder)
         if on_start is not None:
             on_start(process)
-        job = Job(request, folder, chosen, quiet, debug)
+        job = Job(request, folder, quiet, debug)
         return outcome_of(_carry_out(process, messages, job, on_stage))
 
 
