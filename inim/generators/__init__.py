@@ -8,13 +8,14 @@ An algorithm is one file in this folder, or a function registered by another pac
 from __future__ import annotations
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from inim.display import Display
+from inim.display import Display, Viewpoint
 from inim.generators.base import (
     HOLE,
     MASKED,
@@ -88,9 +89,11 @@ __all__ = [
     "hole_fraction",
     "is_own",
     "merge_cameras",
+    "merge_colourings",
     "parse_algorithm",
     "prepare",
     "properties",
+    "warp_to_viewpoint",
 ]
 
 
@@ -373,8 +376,36 @@ def merge_cameras(
     FileError
         The pictures contradict each other, as with a wrong pose.
     """
+    return merge_colourings([pictures], display, pixels_per_pitch)[0]
+
+
+def merge_colourings(
+    colourings: Sequence[CameraRGBDs], display: Display | str | Path, pixels_per_pitch: float
+) -> list[RGBD]:
+    """Merge versions of the same pictures, which differ in colour only; see `merge_cameras`."""
     from inim.generators.raycast.merge import merge
 
     display = display_of(display)
     pixel_mm = display.capture_pixel_mm(pixels_per_pitch)
-    return merge([pictures], display, display.capture_shape(pixels_per_pitch), pixel_mm)[0]
+    return merge(colourings, display, display.capture_shape(pixels_per_pitch), pixel_mm)
+
+
+def warp_to_viewpoint(
+    rgbd: RGBD, display: Display, eye: Viewpoint, pixels_per_lens: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Render a linear float32 picture from a viewpoint through the window of the lens array.
+
+    Each ray shows the first of the picture's columns that it hits, with the thickness of the
+    visible surface: the surface model of `template`, seen from another viewpoint, which is taken as
+    a point.
+
+    Returns
+    -------
+    view : (rows, columns, 3) float32
+        Linear RGB, black where all rays miss.
+    share : (rows, columns) float32
+        Share of each pixel's rays that hit the picture.
+    """
+    from inim.generators.raycast.view import trace_view
+
+    return trace_view(rgbd, display, eye, pixels_per_lens)

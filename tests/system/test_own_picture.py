@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim.apps.own_picture.validate_picture import _fitted_warnings, warp_to_viewpoint
+from inim.apps.own_picture.validate_picture import _fitted_warnings
 from inim.cli.main import main
 from inim.display import Viewpoint
+from inim.generators import warp_to_viewpoint
 from inim.image.files.image import read_rgbd
 from inim.system.errors import EXIT_PASSED
 from tests.schemas import read_document

@@ -22,11 +22,10 @@ from inim.generators import (
     check_algorithm,
     foreign_errors,
     generate,
+    warp_to_viewpoint,
 )
-from inim.generators.base import HOLE, MOST_OUTSIDE, outside_depth_range, outside_depth_text
+from inim.generators.base import MOST_OUTSIDE, outside_depth_range, outside_depth_text
 from inim.generators.oracle import ExactHits, exact_hits, why_no_oracle
-from inim.generators.raycast.columns import SURFACE, columns_of
-from inim.generators.raycast.ray_by_ray import TracedSurfaces, first_hit
 from inim.generators.registry import properties
 from inim.image.files.eia_file import write_eia
 from inim.image.files.image import read_rgbd, write_png, write_rgbd
@@ -58,7 +57,6 @@ from inim.scores.document_parts import (
     origin,
 )
 from inim.scores.metrics import MAIN
-from inim.system.backend.kernels import compiled, share_rows
 from inim.system.errors import FileError, UsageError, naming
 from inim.system.process.observer import Observer
 from inim.system.worker.output import publish, staging_folder
@@ -70,8 +68,6 @@ if TYPE_CHECKING:
 
 #: Algorithm whose EIA shows exactly the picture's surface: the best result without a ground truth.
 EXACT = "template"
-# Rays along each side of a view pixel.
-_RAYS = 4
 _FILES = ("report.json", "report.html", "summary.md", "eia/", "views/")
 _VERSIONS = ("drjit", "mitsuba", "numba", "numpy")
 _NOT_SCORED = (
@@ -321,55 +317,3 @@ def _result_line(name: str, result: PictureAlgorithm) -> str:
         f"{name:24}  wrong source {wrong}  SSIM on the covered area {to_picture:.4f} to the "
         f"picture, {to_exact:.4f} to the exact EIA's view"
     )
-
-
-def warp_to_viewpoint(
-    rgbd: RGBD, display: Display, eye: Viewpoint, pixels_per_lens: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Render a linear float32 picture from a viewpoint through the window of the lens array.
-
-    Each ray shows the first of the picture's columns that it hits, with the thickness of the
-    visible surface: the surface model of `template`, seen from another viewpoint, which is taken as
-    a point. Returns the view, (rows, columns, 3) float32 linear RGB, black where all rays miss; and
-    the share of each pixel's rays that hit the picture, (rows, columns) float32.
-    """
-    rows, columns = (n * pixels_per_lens for n in display.layout.grid)
-    x = _ray_positions(columns, display.width_mm)
-    y = -_ray_positions(rows, display.height_mm)
-    slope_x, slope_y = (eye.x_mm - x) / eye.z_mm, (eye.y_mm - y) / eye.z_mm
-    surfaces = TracedSurfaces.of(columns_of(rgbd, SURFACE))
-    view = np.zeros((rows, columns, 3), np.float32)
-    share = np.zeros((rows, columns), np.float32)
-    # In cells from the picture's left and upper border; rows count downwards.
-    horizontal = (x / rgbd.pixel_mm + rgbd.shape[1] / 2, slope_x / rgbd.pixel_mm)
-    vertical = (rgbd.shape[0] / 2 - y / rgbd.pixel_mm, -slope_y / rgbd.pixel_mm)
-    z_range = display.depth_range_mm
-    share_rows(
-        _trace_view, len(view), surfaces, rgbd.color, *horizontal, *vertical, *z_range, view, share
-    )
-    return view, share
-
-
-def _ray_positions(pixels: int, size_mm: float) -> np.ndarray:
-    """Positions of a view's rays across the window, mm from its centre."""
-    rays = pixels * _RAYS
-    centres: np.ndarray = ((np.arange(rays) + 0.5) / rays - 0.5) * size_mm
-    return centres
-
-
-@compiled
-def _trace_view(  # type: ignore[no-untyped-def]
-    begin, end, surfaces, color, u0, du, v0, dv, z_min, z_max, view, share
-):
-    """Mean colour over the rays of each pixel, and the share of its rays that hit."""
-    columns = surfaces.fronts.shape[2]
-    weight = np.float32(1 / (_RAYS * _RAYS))
-    for row in range(begin, end):
-        for column in range(view.shape[1]):
-            for i in range(row * _RAYS, (row + 1) * _RAYS):
-                for j in range(column * _RAYS, (column + 1) * _RAYS):
-                    hit = first_hit(surfaces, u0[j], du[j], 1.0, v0[i], dv[i], 1.0, z_min, z_max)
-                    if hit != HOLE:
-                        share[row, column] += weight
-                        for c in range(3):
-                            view[row, column, c] += weight * color[hit // columns, hit % columns, c]

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from inim.generators import merge_colourings
 from inim.generators.registry import Input
 from inim.image.noisy_image import replace_nonfinite
 from inim.image.rgbd import (
@@ -186,7 +187,6 @@ def capture_cameras(camera: DepthCamera, views: str) -> tuple[RGBD, RGBD]:
     The cameras see along rays of the display: the corners of the arrangement along those of the
     corner pixels of an elemental image.
     """
-    from inim.generators.raycast.merge import merge
     from inim.render.ground_truth import capture_halves
 
     display = camera.scene.display
@@ -211,7 +211,7 @@ def capture_cameras(camera: DepthCamera, views: str) -> tuple[RGBD, RGBD]:
                 CameraRGBD(picture.color.astype(np.float32), depth, place, f"camera {x:+g} {y:+g}")
             )
     colourings = [CameraRGBDs(tuple(half)) for half in halves]
-    first, second = merge(colourings, display, camera.shape, camera.pixel_mm)
+    first, second = merge_colourings(colourings, display, camera.pixels_per_pitch)
     return first, second
 
 
