@@ -75,7 +75,7 @@ DAMAGES = {
     "counts absurdly": (lambda d: d.replace(b"vertex 20", b"vertex 9999999999999"), "cut short"),
     "counts none": (lambda d: d.replace(b"vertex 20", b"vertex 0"), "no splats"),
     "counts too few": (lambda d: d.replace(b"vertex 20", b"vertex 19"), "does not match"),
-    "no header end": (lambda d: d.replace(b"end_header", b"comment x."), "makes no sense"),
+    "no header end": (lambda d: d.replace(b"end_header", b"comment x."), "no end"),
     "no opacity": (lambda d: d.replace(b"float opacity", b"float opacitz"), "no 'opacity'"),
     "no scale": (lambda d: d.replace(b"float scale_1", b"float scalf_1"), "no 'scale_1'"),
     "odd harmonics": (lambda d: d.replace(b"float f_rest_3\n", b"float g_rest_3\n"), "f_rest"),

@@ -1,13 +1,14 @@
 """Reader and writer of PLY files that consist of triangles; trimesh reads the others.
 
-Importing trimesh takes a third of a second, which scenes with PLY meshes need not pay.
+trimesh needs one line per record of a text, drops attributes, and trusts that all lists are as long
+as the first. Importing it takes a third of a second, which scenes with PLY meshes need not pay.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,8 +17,8 @@ from inim.render.meshes.triangle_mesh import Mesh, parse_numbers, usable_normals
 from inim.system.errors import FileError
 from inim.system.process.atomic_file import write_atomically
 
-_LINE_BYTES = 2**16
-_HEADER_BYTES = 16 * _LINE_BYTES
+_HEADER_BYTES = 2**20
+_END = b"\nend_header"
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
@@ -27,30 +28,23 @@ _TYPES = {
 }  # fmt: skip
 
 
-@dataclass(frozen=True)
-class PlyElement:
-    """One PLY element of fixed records, each list being a count and 3 items."""
+class PlyElement(NamedTuple):
+    """PLY element of fixed records, in which each list is a count and 3 items."""
 
     name: str
     count: int  #: Records declared.
     #: Name and NumPy type; a list `a` is `a.count`, `a.0`, `a.1`, `a.2`.
-    fields: tuple[tuple[str, str], ...] = ()
-    lists: tuple[str, ...] = ()
+    fields: list[tuple[str, str]]
+    lists: list[str]
 
 
-@dataclass(frozen=True)
-class PlyHeader:
+class PlyHeader(NamedTuple):
     """Header of a PLY file."""
 
     order: str  #: NumPy's sign for the byte order; "=" for text.
-    elements: tuple[PlyElement, ...]
-    comments: tuple[str, ...]
+    elements: list[PlyElement]
+    comments: list[str]
     size: int  #: Bytes up to the body.
-
-    @property
-    def is_text(self) -> bool:
-        """True if the body is text."""
-        return self.order == "="
 
 
 def is_ply(data: bytes) -> bool:
@@ -63,49 +57,36 @@ def ply_header(path: Path, data: bytes) -> PlyHeader:
 
     Raises `FileError`: the header is damaged.
     """
-    order, comments, offset = "", [], 0
+    end = data.find(_END, 0, _HEADER_BYTES)
+    size = data.find(b"\n", end + len(_END), _HEADER_BYTES) + 1
+    if end < 0 or not size:
+        raise FileError(f"{path}: the PLY header has no end; the file is damaged")
+    order, comments = "", []
     elements: list[PlyElement] = []
-    while True:
-        end = data.find(b"\n", offset, offset + _LINE_BYTES)
-        if end < 0 or end > _HEADER_BYTES:
-            raise FileError(f"{path}: the PLY header has no end; the file is damaged")
-        words = data[offset:end].decode("latin-1").split()
-        offset = end + 1
-        match words:
-            case ["end_header"]:
-                break
+    for line in data[:end].decode("latin-1").split("\n"):
+        match line.split():
             case ["format", name, "1.0"] if name in _ORDERS:
                 order = _ORDERS[name]
-            case ["element", name, count] if count.isdecimal() and len(count) < 20:
-                elements.append(PlyElement(name, int(count)))
-            case ["property", *rest] if elements:
-                elements[-1] = _with_property(path, elements[-1], rest)
+            case ["element", name, count] if count.isdecimal() and len(count) < 19:
+                elements.append(PlyElement(name, int(count), [], []))
+            case ["property", "list", count, item, name] if elements and {count, item} <= {*_TYPES}:
+                items = [(f"{name}.{k}", _TYPES[item]) for k in range(3)]
+                elements[-1].fields.extend([(f"{name}.count", _TYPES[count]), *items])
+                elements[-1].lists.append(name)
+            case ["property", kind, name] if elements and kind in _TYPES:
+                elements[-1].fields.append((name, _TYPES[kind]))
             case [] | ["ply"] | ["obj_info", *_]:
                 pass
-            case ["comment", *rest]:
-                comments.append(" ".join(rest))
-            case _:
-                line = " ".join(words)[:60]
-                raise FileError(f"{path}: PLY header line {line!r} makes no sense; export it again")
-    if not order or len({element.name for element in elements}) < len(elements):
-        raise FileError(f"{path}: the PLY header lacks a format or repeats an element; damaged")
-    return PlyHeader(order, tuple(elements), tuple(comments), offset)
-
-
-def _with_property(path: Path, element: PlyElement, words: list[str]) -> PlyElement:
-    match words:
-        case ["list", count, item, name] if count in _TYPES and item in _TYPES:
-            fields = [(f"{name}.count", _TYPES[count])]
-            fields += [(f"{name}.{k}", _TYPES[item]) for k in range(3)]
-            lists = (*element.lists, name)
-        case [kind, name] if kind in _TYPES:
-            fields, lists = [(name, _TYPES[kind])], element.lists
-        case _:
-            raise FileError(f"{path}: PLY property {' '.join(words)[:60]!r} is unknown; damaged")
-    names = {name for name, _ in element.fields}
-    if names & {name for name, _ in fields}:
-        raise FileError(f"{path}: PLY property {words[-1][:40]!r} is there twice; damaged")
-    return PlyElement(element.name, element.count, (*element.fields, *fields), lists)
+            case ["comment", *words]:
+                comments.append(" ".join(words))
+            case words:
+                text = " ".join(words)[:60]
+                raise FileError(f"{path}: PLY header line {text!r} makes no sense; export it again")
+    names = [[element.name for element in elements]]
+    names += [[name for name, _ in element.fields] for element in elements]
+    if not order or any(len(set(group)) < len(group) for group in names):
+        raise FileError(f"{path}: the PLY header lacks a format or has a name twice; damaged")
+    return PlyHeader(order, elements, comments, size)
 
 
 _NORMAL_NAMES = (("nx", "ny", "nz"),)
@@ -130,16 +111,17 @@ def read_ply(path: Path, data: bytes, *, materials: bool = True) -> Mesh | None:
     Raises `FileError`: the file is damaged.
     """
     header = ply_header(path, data)
-    if "tristrips" in {element.name for element in header.elements}:
+    kinds = {element.name: dict(element.fields) for element in header.elements}
+    if "tristrips" in kinds:  # trimesh reads their vertices as points
         raise FileError(f"{path}: has triangle strips; open it in MeshLab, and export triangles")
     pictures = [comment for comment in header.comments if comment.startswith("TextureFile")]
     if materials and len(pictures) > 1:
         raise FileError(f"{path}: has {len(pictures)} pictures; open it in MeshLab, and export OBJ")
+    # A number takes a byte at least, and a list may be empty.
+    if sum(e.count * (len(e.fields) - 3 * len(e.lists)) for e in header.elements) > len(data):
+        raise FileError(f"{path}: declares more than its {len(data)} bytes; it is cut short")
     columns = columns_of(data, header)
-    if columns is None:
-        _check_length(path, data, header)
-        return None
-    if not {"vertex", "face"} <= columns.keys():
+    if columns is None or not {"vertex", "face"} <= columns.keys():
         return None
     vertex, face = columns["vertex"], columns["face"]
     uv = _stack_columns(vertex, _UV_NAMES)
@@ -147,23 +129,10 @@ def read_ply(path: Path, data: bytes, *, materials: bool = True) -> Mesh | None:
         return None
     vertices, faces = _geometry(path, vertex, face)
     normals = usable_normals(_stack_columns(vertex, _NORMAL_NAMES))
-    kinds = {element.name: dict(element.fields) for element in header.elements}
     attributes = _attributes("vertex", vertex, kinds["vertex"])
     attributes |= _attributes("face", face, kinds["face"])
     color = attributes.pop("vertex_color", None)
     return Mesh(vertices, faces, normals, uv, color, None, path.stem, attributes)
-
-
-def _check_length(path: Path, data: bytes, header: PlyHeader) -> None:
-    """Raise `FileError` where a file has fewer bytes than its records take, with empty lists."""
-    least = 0
-    for element in header.elements:
-        items = {f"{name}.{k}" for name in element.lists for k in range(3)}
-        codes = [code for name, code in element.fields if name not in items]
-        size = 2 * len(codes) if header.is_text else sum(np.dtype(code).itemsize for code in codes)
-        least += element.count * size
-    if least > len(data) - header.size + 1:
-        raise FileError(f"{path}: declares more than its {len(data)} bytes; it is cut short")
 
 
 def write_ply(path: Path, mesh: Mesh) -> None:
@@ -192,43 +161,35 @@ def write_header(names: Iterable[str], vertices: int, end: Sequence[str] = ()) -
 
 
 def columns_of(data: bytes, header: PlyHeader) -> dict[str, _Columns] | None:
-    """Columns by element and property; None where lists are no triangles, or bytes are left."""
-    tables = (_text_columns if header.is_text else _binary_columns)(data, header)
-    if tables is None:
-        return None
-    for element in header.elements:
-        columns = tables[element.name]
-        if any((columns[f"{name}.count"] != 3).any() for name in element.lists):
-            return None
-    return tables
+    """Columns by element and property; None where lists are no triangles, or bytes are left.
 
-
-def _binary_columns(data: bytes, header: PlyHeader) -> dict[str, _Columns] | None:
-    tables, offset = {}, header.size
-    for element in header.elements:
-        dtype = np.dtype([(name, header.order + code) for name, code in element.fields])
-        if offset + dtype.itemsize * element.count > len(data):
-            return None
-        table = np.frombuffer(data, dtype, element.count, offset)
-        tables[element.name] = {name: table[name] for name, _ in element.fields}
-        offset += table.nbytes
-    return tables if offset == len(data) else None
-
-
-def _text_columns(data: bytes, header: PlyHeader) -> dict[str, _Columns] | None:
-    numbers = parse_numbers(data[header.size :])
-    if numbers is None or numbers.size != sum(e.count * len(e.fields) for e in header.elements):
+    Integers of a text are floats.
+    """
+    is_text = header.order == "="
+    body: Any = parse_numbers(data[header.size :]) if is_text else memoryview(data)[header.size :]
+    if body is None:
         return None
     tables, start = {}, 0
     for element in header.elements:
-        width = len(element.fields)
-        table = numbers[start : start + element.count * width].reshape(element.count, width)
-        tables[element.name] = {
-            name: table[:, k].astype(code) if code[0] == "f" else table[:, k]
-            for k, (name, code) in enumerate(element.fields)
-        }
-        start += table.size
-    return tables
+        if is_text:
+            fields = [(name, code if code[0] == "f" else "f8") for name, code in element.fields]
+            size = element.count * len(fields)
+        else:
+            fields = [(name, header.order + code) for name, code in element.fields]
+            size = element.count * np.dtype(fields).itemsize
+        part, start = body[start : start + size], start + size
+        if len(part) < size:
+            return None
+        if is_text:
+            rows = part.reshape(element.count, len(fields)).T
+            columns = {n: row.astype(code) for (n, code), row in zip(fields, rows, strict=True)}
+        else:
+            table = np.frombuffer(part, fields, element.count)
+            columns = {name: table[name] for name, _ in fields}
+        if any((columns[f"{name}.count"] != 3).any() for name in element.lists):
+            return None
+        tables[element.name] = columns
+    return tables if start == len(body) else None
 
 
 def _geometry(path: Path, vertex: _Columns, face: _Columns) -> tuple[np.ndarray, np.ndarray]:
@@ -236,12 +197,12 @@ def _geometry(path: Path, vertex: _Columns, face: _Columns) -> tuple[np.ndarray,
     key = next((k for k in ("vertex_index", "vertex_indices") if f"{k}.count" in face), None)
     if key is None or not {"x", "y", "z"} <= vertex.keys():
         raise FileError(f"{path}: the PLY has no x, y, z or no vertex_indices; export it again")
-    corners = [face[f"{key}.{k}"] for k in range(3)]
-    if any(c.dtype.kind == "f" and (c != np.floor(c)).any() for c in corners):
+    corners = np.stack([face[f"{key}.{k}"] for k in range(3)], axis=1)
+    if corners.dtype.kind == "f" and (corners != np.floor(corners)).any():
         raise FileError(f"{path}: face indices are not whole numbers; export it again")
     with np.errstate(over="ignore"):  # beyond float32's range is infinite: refused later
         vertices = np.stack([vertex[name] for name in "xyz"], axis=1).astype(np.float32)
-    return vertices, np.stack(corners, axis=1).astype(np.int64)
+    return vertices, corners.astype(np.int64)
 
 
 def _present(columns: _Columns, groups: _Names) -> tuple[str, ...] | None:

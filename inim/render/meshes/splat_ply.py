@@ -84,7 +84,7 @@ def check_splats(path: Path, data: bytes) -> int:
     """
     header = ply_header(path, data)
     splats = _splats(path, data, header)
-    fields = tuple((name, "f4") for name in _names(splats.harmonics.shape[1]))
+    fields = [(name, "f4") for name in _names(splats.harmonics.shape[1])]
     if header.order != "<" or header.elements[0].fields != fields:
         raise FileError(
             f"{path}: the order or type of its splats' properties differs from the training "
