@@ -15,7 +15,7 @@ import gc
 import math
 import weakref
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,6 +46,14 @@ _OPS = Ops(dr.sqrt, dr.floor, dr.select, dr.abs)
 # Displays of all scenes. Python may collect those of abandoned scenes at any time. While a kernel
 # is recorded, this makes Dr.Jit 1.5 define a function twice, and abort. They are collected before.
 _displays: weakref.WeakSet[Any] = weakref.WeakSet()
+
+
+class SeenPixel(NamedTuple):
+    """Panel pixel that a ray meets."""
+
+    index: Any  #: Flat index of the pixel.
+    weight: Any  #: Share of the pixel's light that arrives.
+    is_lit: Any  #: False where no light arrives.
 
 
 class LensedPanel:
@@ -82,7 +90,7 @@ class LensedPanel:
             numbers = np.array(display.subpixel_cells, np.float32)
             self.cells = mi.Float(numbers.ravel()), len(numbers)
             self.cell_pattern = CELL_PATTERNS[display.cell_pattern]
-        self.trace = model.function
+        self.trace = model.traced_without_renderer()
         self.indices = [value(index) for index in (indices if colored else indices[:1])]
         self.array = lens_array(display).convert(value)
         self.traits = lens_traits(display)
@@ -99,16 +107,16 @@ class LensedPanel:
 
     def radiance_along(self, x: Any, y: Any, sx: Any, sy: Any, lit: Any = True) -> Any:
         """Radiance along display-frame rays that cross z = 0 at (x, y) with slopes (sx, sy)."""
-        find_pixels = self.find_pixels(x, y, sx, sy, lit)
-        if len(find_pixels) == 1:
-            place, weight, lit = find_pixels[0]
-            color = self._emitted(dr.gather(mi.Color3f, self.picture, place, lit), slice(3))
+        pixels = self.find_pixels(x, y, sx, sy, lit)
+        if len(pixels) == 1:
+            index, weight, lit = pixels[0]
+            color = self._emitted(dr.gather(mi.Color3f, self.picture, index, lit), slice(3))
             return mi.Spectrum(color * weight) & lit
         color = mi.Color3f(0.0)
-        for channel, (place, weight, masks) in enumerate(find_pixels):
-            value = dr.gather(mi.Float, self.picture, 3 * place + channel, masks)
+        for channel, (index, weight, is_lit) in enumerate(pixels):
+            value = dr.gather(mi.Float, self.picture, 3 * index + channel, is_lit)
             value = self._emitted(value, slice(channel, channel + 1))
-            color[channel] = dr.select(masks, value * weight, 0.0)
+            color[channel] = dr.select(is_lit, value * weight, 0.0)
         return mi.Spectrum(color)
 
     def _emitted(self, light: Any, channels: slice) -> Any:
@@ -119,28 +127,33 @@ class LensedPanel:
         return emitted_light(light, black, type(light)(*white[channels]))
 
     def find_pixels(
-        self, x: Any, y: Any, sx: Any, sy: Any, lit: Any = True
-    ) -> list[tuple[Any, Any, Any]]:
-        """Panel points of rays, as for `pixel`: one, or one for each of red, green and blue."""
+        self, x_mm: Any, y_mm: Any, slope_x: Any, slope_y: Any, is_active: Any = True
+    ) -> list[SeenPixel]:
+        """Panel pixels of display-frame rays that cross z = 0 at a point.
+
+        One for all colours, or one for each of red, green and blue.
+        """
         # Red stands for all colours where nothing tells them apart.
         rays = [
-            through_array(self.trace, self.array, self.traits, _OPS, x, y, sx, sy, index)
+            through_array(
+                self.trace, self.array, self.traits, _OPS, x_mm, y_mm, slope_x, slope_y, index
+            )
             for index in self.indices
         ]
         if len(rays) == 1 and self.subpixels is None:
-            return [self.pixel(*rays[0], lit)]
-        return [self.pixel(*rays[c % len(rays)], lit, c) for c in range(3)]
+            return [self._pixel_at(*rays[0], is_active)]
+        return [self._pixel_at(*rays[c % len(rays)], is_active, c) for c in range(3)]
 
-    def pixel(
-        self, x: Any, y: Any, weight: Any, lit: Any, channel: int = 0
-    ) -> tuple[Any, Any, Any]:
-        """Flat index of the pixel under a panel point, the light it sends, whether any."""
-        across = x / self.pixel_mm + 0.5 * self.columns
-        along = 0.5 * self.rows - y / self.pixel_mm  # row 0 is the top
+    def _pixel_at(
+        self, x_mm: Any, y_mm: Any, weight: Any, is_active: Any, channel: int = 0
+    ) -> SeenPixel:
+        """Pixel at a point of the panel that a ray of some weight meets."""
+        across = x_mm / self.pixel_mm + 0.5 * self.columns
+        along = 0.5 * self.rows - y_mm / self.pixel_mm  # row 0 is the top
         column, row = dr.floor(across), dr.floor(along)
-        lit = lit & (weight > 0)
+        lit = is_active & (weight > 0)
         lit &= (column >= 0) & (column < self.columns) & (row >= 0) & (row < self.rows)
-        place = mi.UInt32(dr.select(lit, row * self.columns + column, 0.0))
+        index = mi.UInt32(dr.select(lit, row * self.columns + column, 0.0))
         if self.subpixels is not None:
             turn = mi.UInt32(dr.select(lit, row + column, 0.0)) & 1
             right, down = across - column - 0.5, along - row - 0.5
@@ -156,7 +169,7 @@ class LensedPanel:
             weight = weight * emission_profile(
                 self.subpixels[channel], self.fill, dr.select, right, down, turn
             )
-        return place, weight, lit
+        return SeenPixel(index, weight, lit)
 
 
 def _read_picture(values: dict[str, Any], display: Display) -> np.ndarray:

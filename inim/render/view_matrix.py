@@ -64,16 +64,16 @@ def view_matrices(
     panel = LensedPanel(display, lens_model)
     camera = FilmCamera(eye_rays(display, viewpoint, pixels_per_lens, panel.start_mm), np.eye(4))
 
-    def find_pixels(index: Any, sampler: Any) -> Any:
-        (x, y), (sx, sy) = camera.lines(*camera.sample(index, sampler))
-        return panel.find_pixels(x, y, sx, sy)
+    def seen_pixels(index: Any, sampler: Any) -> list[tuple[Any, ...]]:
+        (x, y), slopes = camera.lines(*camera.sample(index, sampler))
+        return [tuple(pixel) for pixel in panel.find_pixels(x, y, *slopes)]
 
     pixels = np.arange(camera.shape[0] * camera.shape[1])
     step = max(1, min(_SAMPLES_AT_ONCE, rays_per_pass()) // spp)
     bands = [
         [
             _merge(result, spp, display.eia_shape)
-            for result in trace_samples(find_pixels, pixels[first : first + step], 0, spp, seed)
+            for result in trace_samples(seen_pixels, pixels[first : first + step], 0, spp, seed)
         ]
         for first in range(0, len(pixels), step)
     ]

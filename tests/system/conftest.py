@@ -29,6 +29,7 @@ from inim.cli.main import main
 from inim.image.files.image import read_exr_channels
 from inim.pipeline import timing
 from inim.report import sections
+from inim.system.process import atomic_file
 from inim.system.worker import supervisor
 from inim.system.worker.serve import answer
 from tests.conftest import scene_text, sphere, square
@@ -140,7 +141,8 @@ def _carry_out_here(process: Any, _: object, job: Any, *__: object) -> dict[str,
     """Execute a worker's job in this process and return its last message."""
     messages = io.StringIO()
     module, _, function = process.target.partition(":")
-    with _ONE_AT_A_TIME:
+    with _ONE_AT_A_TIME, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(atomic_file, "_unpublished", None)  # files of a worker process are its own
         answer(job, messages, getattr(import_module(module), function))
     return dict(json.loads(messages.getvalue().splitlines()[-1]))
 

@@ -232,7 +232,7 @@ def trace_to_panel(
     Raises `UsageError` or `DisplayError`: as for `check_lens_model`; or the model is a mesh.
     """
     model = lens_model(name)
-    trace = model.function
+    trace = model.traced_without_renderer()
     model.check(display)
     x, y, sx, sy = np.broadcast_arrays(
         *(np.asarray(value, dtype) for value in (x_mm, y_mm, slope_x, slope_y))

@@ -106,14 +106,13 @@ class LensModel:
         if callable(self.trace) == callable(self.mesh):
             raise UsageError(f"lens model {self.name!r}: define exactly one of trace and mesh")
 
-    @property
-    def function(self) -> Trace:
-        """`trace`.
+    def traced_without_renderer(self) -> Trace:
+        """The model's `trace`.
 
         Raises
         ------
         UsageError
-            The model is a mesh.
+            The model is a mesh, which only the renderer can trace.
         """
         if self.trace is None:
             raise UsageError(

@@ -287,7 +287,7 @@ def _stem(out: Path) -> str:
 
 def _leftovers(out: Path, files: Collection[Path]) -> list[Path]:
     """Numbered parts that the existing scene `out` names and the new scene does not need."""
-    from inim.render.scene_files.relic_scene import attribute
+    from inim.render.scene_files.relic_scene import xml_attribute
 
     try:
         text = read_file(out, _MOST_SCENE_BYTES).decode("utf-8", errors="replace")
@@ -299,7 +299,7 @@ def _leftovers(out: Path, files: Collection[Path]) -> list[Path]:
         for path in out.parent.iterdir()
         if ours.fullmatch(path.name)
         and path not in files
-        and f'"{attribute(path.name)}"' in text
+        and f'"{xml_attribute(path.name)}"' in text
         # The file relic-2.ply belongs to the scene relic-2.xml, if that exists.
         and not path.with_suffix(out.suffix).exists()
     ]

@@ -130,7 +130,7 @@ def defaults_xml(title: str, display: str | None, **more: str) -> list[str]:
     lines = ["<?xml version='1.0' encoding='utf-8'?>", '<scene version="3.0.0">']
     lines += ["    <!-- Lengths are millimetres; +y is up, +z towards the viewer. -->"]
     for key, value in defaults.items():
-        lines.append(f'    <default name="inim.{key}" value="{attribute(value)}"/>')
+        lines.append(f'    <default name="inim.{key}" value="{xml_attribute(value)}"/>')
     # Our rays run along edges and through vertices, where Embree's default lets them slip through.
     return [*lines, "", '    <boolean name="embree_use_robust_intersections" value="true"/>']
 
@@ -187,7 +187,7 @@ def _relic_xml(path: Path, part: Mesh) -> list[str]:
     if part.texture is not None:
         color = [
             '<texture type="bitmap" name="base_color">',
-            f'    <string name="filename" value="{attribute(path.with_suffix(".png").name)}"/>',
+            f'    <string name="filename" value="{xml_attribute(path.with_suffix(".png").name)}"/>',
             "</texture>",
         ]
     elif part.color is not None:
@@ -200,7 +200,7 @@ def _relic_xml(path: Path, part: Mesh) -> list[str]:
         color = [f'<rgb name="base_color" value="{", ".join(f"{c:g}" for c in STONE)}"/>']
     return [
         '    <shape type="ply">',
-        f'        <string name="filename" value="{attribute(path.name)}"/>',
+        f'        <string name="filename" value="{xml_attribute(path.name)}"/>',
         '        <boolean name="flip_tex_coords" value="true"/>',
         '        <bsdf type="twosided">',
         '            <bsdf type="principled">',
@@ -221,7 +221,7 @@ def xml_text(text: str) -> str:
     return _NOT_XML.sub("_", text)
 
 
-def attribute(text: str) -> str:
+def xml_attribute(text: str) -> str:
     """Text for an XML attribute; Mitsuba takes `$name` for a parameter unless escaped."""
     from xml.sax.saxutils import escape
 
@@ -351,7 +351,7 @@ def splat_scene_xml(name: str, half_mm: np.ndarray, title: str, display: str | N
     lines += [*camera_xml(half_mm, float(np.linalg.norm(half_mm))), ""]
     # `ellipsoids` meets thin splats twice: its intersections round too much.
     lines += ['    <shape type="ellipsoidsmesh">']
-    lines += [f'        <string name="filename" value="{attribute(name)}"/>']
+    lines += [f'        <string name="filename" value="{xml_attribute(name)}"/>']
     lines += ['        <boolean name="extent_adaptive_clamping" value="true"/>', "    </shape>"]
     return "\n".join([*lines, "</scene>", ""])
 

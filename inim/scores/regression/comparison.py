@@ -215,7 +215,7 @@ def differing_conditions(before: Conditions, after: Conditions) -> list[str]:
     """
     baseline, candidate = msgspec.to_builtins(before), msgspec.to_builtins(after)
     names = [*baseline, *(name for name in candidate if name not in baseline)]
-    differing = [n for n in names if not _is_same(baseline.get(n), candidate.get(n))]
+    differing = [n for n in names if not _is_same_condition(baseline.get(n), candidate.get(n))]
     causes = [n for n in differing if _DERIVED.get(n) not in differing]
     return [f"{name}{_difference(candidate.get(name), baseline.get(name))}" for name in causes]
 
@@ -224,21 +224,26 @@ def _difference(new: Any, old: Any) -> str:
     """Describe two values that differ; for tables, their differing entries."""
     if not (isinstance(new, Mapping) and isinstance(old, Mapping)):
         return f" {_format_value(new)}, baseline {_format_value(old)}"
-    names = [name for name in {**old, **new} if not _is_same(new.get(name), old.get(name))]
+    names = [
+        name for name in {**old, **new} if not _is_same_condition(new.get(name), old.get(name))
+    ]
     rows = [f"{name}{_difference(new.get(name), old.get(name))}" for name in names]
     more = f" and {len(rows) - _MAX_VALUES} more" if len(rows) > _MAX_VALUES else ""
     return f": {', '.join(rows[:_MAX_VALUES])}{more}"
 
 
-def _is_same(a: Any, b: Any) -> bool:
-    if isinstance(a, Mapping) and isinstance(b, Mapping):
-        return a.keys() == b.keys() and all(_is_same(a[key], b[key]) for key in a)
-    if isinstance(a, (list, tuple)) and isinstance(b, (list, tuple)):
-        return len(a) == len(b) and all(map(_is_same, a, b))
-    if isinstance(a, float) or isinstance(b, float):
-        are_numbers = isinstance(a, (int, float)) and isinstance(b, (int, float))
-        return are_numbers and math.isclose(a, b, rel_tol=_SAME_LENGTH, abs_tol=_SAME_LENGTH)
-    return type(a) is type(b) and bool(a == b)
+def _is_same_condition(before: Any, after: Any) -> bool:
+    """True if two values of a condition are equal, but for the rounding of lengths."""
+    match before, after:
+        case Mapping(), Mapping():
+            return before.keys() == after.keys() and all(
+                _is_same_condition(value, after[key]) for key, value in before.items()
+            )
+        case ((list() | tuple()), (list() | tuple())):
+            return len(before) == len(after) and all(map(_is_same_condition, before, after))
+        case (float(), int() | float()) | (int(), float()):
+            return math.isclose(before, after, rel_tol=_SAME_LENGTH, abs_tol=_SAME_LENGTH)
+    return type(before) is type(after) and bool(before == after)
 
 
 def _format_value(value: Any) -> str:
