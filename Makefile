@@ -35,7 +35,7 @@ test-all: $(VENV)/.installed-oracle
 	@$(BIN)/python -m pytest -m slow
 
 fast: $(VENV)/.installed-test
-	@$(BIN)/python -m pytest -m "not slow" $(PARALLEL)
+	@$(BIN)/python -m pytest tests -m "not slow" $(PARALLEL)
 
 checks: $(VENV)/.installed-test
 	@echo "ruff, mypy, lint-imports"

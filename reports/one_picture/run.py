@@ -3,22 +3,22 @@
     python -m reports.one_picture.run scenes/*.xml MORE.xml ... -o reports/one_picture
 
 `inim.validate` validates each scene from three viewpoints with the scene's settings; `inim
-new-scene` makes a scene from a scanned relic. Finished runs in ``out/one_picture`` are reused:
-remove them after a change. The tables begin with the relic on which `template` leads least.
+new-scene` makes a scene from a scanned relic. The tables begin with the relic on which `template`
+leads least.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-RUNS = Path("out", "one_picture")
+import inim
+from inim.report.study import PagePart, Table
+from reports.study import Results, Study, add_scenes
+
 #: The default, and the same sources with nearest colours of four rays and of one.
 _DEFAULT = "template"
 _FOUR = "template:samples=4:colour=nearest"
@@ -38,30 +38,20 @@ _TITLES = {_PSNR: "EIA PSNR, dB", _SSIM: "SSIM on the relic, to the reference"}
 _CAMERAS_DB, _FLOOR_DB = 0.5, 2.0
 
 
-def validate_scene(scene: Path) -> dict[str, Any]:
-    """Report of a scene's validation, from an earlier run if there is one."""
-    folder = RUNS / scene.stem
-    if not (folder / "report.json").is_file():
-        command = ["-m", "inim.validate", str(scene), "--algorithms", ",".join(ALGORITHMS)]
-        command += ["--viewpoints", _VIEWPOINTS, "-o", folder.as_posix(), "--quiet"]
-        print(scene.stem, flush=True)
-        subprocess.run([sys.executable, *command], check=True)
-    report: dict[str, Any] = json.loads((folder / "report.json").read_text("utf-8"))
-    return report
-
-
-def collect_scores(name: str, report: Mapping[str, Any]) -> dict[str, Any]:
+def collect_scores(scene: Path, algorithms: Sequence[str]) -> dict[str, Any]:
     """Scores of one relic by algorithm: PSNR of the EIA, and the mean SSIM of its views."""
-    algorithms = report["algorithms"]
+    out = Path("out", "one_picture", scene.stem)
+    data = inim.validate(scene, out, algorithms=algorithms, viewpoints=_VIEWPOINTS).data
+    floor = data.noise_floor.eia
     return {
-        "relic": name,
-        "noise_floor_db": report["noise_floor"]["eia"]["psnr_db"],
-        _PSNR: {name: algorithms[name]["eia"]["psnr_db"] for name in ALGORITHMS},
+        "noise_floor_db": floor["psnr_db"],
+        _PSNR: {name: data.algorithms[name].eia["psnr_db"] for name in algorithms},
         _SSIM: {
             name: fmean(
-                view["ssim_on_relic_to_reference"] for view in algorithms[name]["views"].values()
+                view["ssim_on_relic_to_reference"] or 0.0
+                for view in data.algorithms[name].views.values()
             )
-            for name in ALGORITHMS
+            for name in algorithms
         },
     }
 
@@ -72,99 +62,62 @@ def lead(row: Mapping[str, Any], score: str, algorithm: str) -> float:
     return scores[algorithm] - max(scores[name] for name in _LITERATURE)
 
 
-def summarize(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Numbers of relics on which each statement of the page holds, and extreme differences."""
+def sentences(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Numbers of relics on which each statement holds, and extreme differences."""
 
     def differences(first: str, second: str) -> list[float]:
         return [row[_PSNR][first] - row[_PSNR][second] for row in rows]
 
-    to_layered = differences(_FIVE_CAMERAS, _LAYERED)
-    to_floor = [row[_PSNR][_LAYERED] - row["noise_floor_db"] for row in rows]
-    return {
-        "relics": len(rows),
-        "above_the_literature": {
-            f"`{algorithm}`, {title}": sum(lead(row, score, algorithm) > 0 for row in rows)
-            for algorithm in (_DEFAULT, _FOUR, _ONE)
-            for score, title in _TITLES.items()
-        },
-        "gain_over_solid_db": [min(differences(_ONE, _SOLID)), fmean(differences(_ONE, _SOLID))],
-        "one_picture_to_layered_db": [
-            min(differences(_DEFAULT, _LAYERED)),
-            fmean(differences(_DEFAULT, _LAYERED)),
-        ],
-        "five_cameras_to_layered_db": [min(to_layered), max(to_layered)],
-        "five_cameras_close": sum(value > -_CAMERAS_DB for value in to_layered),
-        "five_cameras_above_one_picture": sum(
-            value > 0 for value in differences(_FIVE_CAMERAS, _DEFAULT)
-        ),
-        "layered_to_floor_db": [min(to_floor), max(to_floor)],
-        "layered_close": sum(value > -_FLOOR_DB for value in to_floor),
-    }
-
-
-def write_page(rows: Sequence[Mapping[str, Any]], summary: Mapping[str, Any]) -> str:
-    """Markdown page with the summary and one table per score."""
-    count = summary["relics"]
-    lines = [
-        "# One picture and several cameras, relic by relic",
-        "",
-        "Made by `python -m reports.one_picture.run SCENE.xml ... -o reports/one_picture`. Each",
-        "table begins with the relic on which `template` leads the literature least.",
-        "",
-        f"Number of relics, of {count}, on which an algorithm is above all of "
-        f"{', '.join(f'`{name}`' for name in _LITERATURE)}:",
-        "",
-        *(f"* {name}: {value}" for name, value in summary["above_the_literature"].items()),
-        "",
-        "Differences of EIA PSNR:",
-        "",
-        "* Columns that end, above solid columns, one ray per pixel: {:.1f} dB at least, {:.1f} dB "
-        "on average.".format(*summary["gain_over_solid_db"]),
-        "* `template`, from one picture, to `layered`: {:.1f} dB at worst, {:.1f} dB on "
-        "average.".format(*summary["one_picture_to_layered_db"]),
-        "* Five cameras to `layered`: {:+.2f} to {:+.2f} dB; ".format(
-            *summary["five_cameras_to_layered_db"]
-        )
-        + f"within {_CAMERAS_DB} dB or above on {summary['five_cameras_close']} relics; above "
-        f"`template` on {summary['five_cameras_above_one_picture']}.",
-        "* `layered` to the noise floor: {:+.1f} to {:+.1f} dB; ".format(
-            *summary["layered_to_floor_db"]
-        )
-        + f"within {_FLOOR_DB:g} dB or above on {summary['layered_close']} relics.",
+    above = [
+        f"`{name}` is above all of {', '.join(_LITERATURE)} in {title}: "
+        f"{sum(lead(row, score, name) > 0 for row in rows)} of {len(rows)} relics."
+        for name in (_DEFAULT, _FOUR, _ONE)
+        for score, title in _TITLES.items()
     ]
-    for score, title in _TITLES.items():
-        lines += ["", f"## {title}", "", *_table(rows, score)]
-    return "\n".join(lines) + "\n"
+    over_solid, to_layered = differences(_ONE, _SOLID), differences(_DEFAULT, _LAYERED)
+    cameras, to_default = differences(_FIVE_CAMERAS, _LAYERED), differences(_FIVE_CAMERAS, _DEFAULT)
+    to_floor = [row[_PSNR][_LAYERED] - row["noise_floor_db"] for row in rows]
+    return [
+        *above,
+        f"EIA PSNR of columns that end, above solid columns, one ray per pixel: "
+        f"{min(over_solid):.1f} dB at least, {fmean(over_solid):.1f} dB on average.",
+        f"`template`, from one picture, to `layered`: {min(to_layered):.1f} dB at worst, "
+        f"{fmean(to_layered):.1f} dB on average.",
+        f"Five cameras to `layered`: {min(cameras):+.2f} to {max(cameras):+.2f} dB; within "
+        f"{_CAMERAS_DB} dB or above on {sum(d > -_CAMERAS_DB for d in cameras)} relics; above "
+        f"`template` on {sum(d > 0 for d in to_default)}.",
+        f"`layered` to the noise floor: {min(to_floor):+.1f} to {max(to_floor):+.1f} dB; within "
+        f"{_FLOOR_DB:g} dB or above on {sum(d > -_FLOOR_DB for d in to_floor)} relics.",
+    ]
 
 
-def _table(rows: Sequence[Mapping[str, Any]], score: str) -> list[str]:
-    """Markdown table of one score, with a row of means; EIA PSNR has the noise floor, too."""
+def page(results: Results) -> tuple[list[str], list[PagePart]]:
+    """Summary, and one table per score."""
+    parts = [PagePart(key, title, "", [_table(results, key)]) for key, title in _TITLES.items()]
+    return sentences(list(results.values())), parts
+
+
+def _table(results: Results, score: str) -> Table:
+    """Table of one score, with a row of means; EIA PSNR has the noise floor, too."""
     digits = 1 if score == _PSNR else 3
-    columns = {f"`{name}`": [row[score][name] for row in rows] for name in ALGORITHMS}
+    order = sorted(results, key=lambda relic: lead(results[relic], score, _DEFAULT))
+    columns = {name: [results[relic][score][name] for relic in order] for name in ALGORITHMS}
     if score == _PSNR:
-        columns["noise floor"] = [row["noise_floor_db"] for row in rows]
-    order = sorted(range(len(rows)), key=lambda index: lead(rows[index], score, _DEFAULT))
-    lines = [f"| relic | {' | '.join(columns)} |", f"| --- |{' --: |' * len(columns)}"]
-    for index in order:
-        cells = [f"{values[index]:.{digits}f}" for values in columns.values()]
-        lines.append(f"| {rows[index]['relic']} | {' | '.join(cells)} |")
-    means = [f"{fmean(values):.{digits}f}" for values in columns.values()]
-    return [*lines, f"| **mean** | {' | '.join(means)} |"]
+        columns["noise floor"] = [results[relic]["noise_floor_db"] for relic in order]
+    rows = [["mean", *(f"{fmean(values):.{digits}f}" for values in columns.values())]]
+    rows += [
+        [relic, *(f"{values[index]:.{digits}f}" for values in columns.values())]
+        for index, relic in enumerate(order)
+    ]
+    return Table(_TITLES[score], ["relic", *columns], rows)
 
 
-def main(argv: Sequence[str] | None = None) -> None:
-    """Validate the scenes and write the page and its data."""
-    parser = argparse.ArgumentParser(prog="python -m reports.one_picture.run")
-    parser.add_argument("scenes", nargs="+", type=Path)
-    parser.add_argument("-o", "--out", type=Path, required=True)
-    args = parser.parse_args(argv)
-    rows = [collect_scores(scene.stem, validate_scene(scene)) for scene in args.scenes]
-    summary = summarize(rows)
-    args.out.mkdir(parents=True, exist_ok=True)
-    data = json.dumps({"summary": summary, "relics": rows}, indent=1)
-    (args.out / "one_picture.json").write_text(data + "\n", "utf-8")
-    (args.out / "one_picture.md").write_text(write_page(rows, summary), "utf-8")
-
+STUDY = Study(
+    "reports.one_picture.run", "One picture and several cameras, relic by relic", __doc__,
+    add_scenes,
+    lambda args: {s.stem: {"scene": s, "algorithms": ALGORITHMS} for s in args.scenes},
+    collect_scores, page,
+)  # fmt: skip
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.main())

@@ -13,8 +13,8 @@ white and dark picture. Only numbers are written.
 from __future__ import annotations
 
 import argparse
-import json
 import math
+import sys
 import warnings
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,9 @@ from inim.apps.pickup.elemental_images import pickup
 from inim.apps.pickup.lattice import Lattice, find_lattice
 from inim.display import Viewpoint
 from inim.image.color import linear_from_srgb
-from inim.scores.metrics.psnr import psnr_db
+from inim.report.study import PagePart
+from inim.scores.metrics import psnr_db, ssim
+from reports.study import Results, Study, table
 
 PITCH_MM, GAP_MM = 1.0, 3.3
 #: Pixels per elemental image and depths of reconstruction in mm, in the authors' parameters.
@@ -164,24 +166,12 @@ def predict(
             np.clip(np.where(compared[..., None], a, 0), 0, 1).astype(np.float32)
             for a in (true, predicted)
         ]
-        psnr = [
-            psnr_db(t.reshape(SAMPLES, SAMPLES, 3), p.reshape(SAMPLES, SAMPLES, 3))
-            for t, p in zip(*pair, strict=True)
-        ]
-        columns = [a.reshape(-1, SAMPLES, 3) for a in pair]
+        images = [a.reshape(-1, SAMPLES, SAMPLES, 3) for a in pair]
         results[name] = {
-            "psnr_db": float(np.mean(psnr)),
-            "ssim": float(np.mean(ssim_map(*columns))),
+            score.__name__: float(np.mean([score(*both) for both in zip(*images, strict=True)]))
+            for score in (psnr_db, ssim)
         }
     return results
-
-
-def ssim_map(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
-    """SSIM of each pixel of two linear images, in sRGB."""
-    from inim.image.color import srgb_from_linear
-    from inim.scores.metrics.ssim import _similarity
-
-    return _similarity(srgb_from_linear(reference), srgb_from_linear(test))
 
 
 def vignetting(light: np.ndarray, lattice: Lattice, disparity: float) -> dict[str, float]:
@@ -303,85 +293,79 @@ def plenoptic(folder: Path) -> dict[str, Any]:
     }
 
 
-def page(results: dict[str, Any]) -> str:
-    """Markdown page of the numbers, with agreements and disagreements."""
+def page(results: Results) -> tuple[list[str], list[PagePart]]:
+    """The numbers, with agreements and disagreements."""
     raw = results["plenoptic"]
     pitch, half = raw["lattice"]["pitch_px"]
     correlations = ", ".join(f"{v:.4f}" for v in raw["correlation_with_sub_aperture"].values())
     sheet = raw["from_data_sheet_um"]
-    lines = [
-        "# Photographs of elemental images",
-        "",
-        "Created by `reports/reality/run.py`; its docstring describes how to get the data.",
-        "",
-        "## A plenoptic camera's raw picture",
-        "",
-        f"* Pitch {pitch:.4f} ± {half:.4f} px. Published: 48.2 and 48.2273, on two axes.",
-        f"* {raw['pitch_um']:.2f} um on the sensor; {sheet:.2f} um by lens pitch and distances of "
-        f"the data sheet, which differ by {100 * (sheet / raw['pitch_um'] - 1):.1f} %.",
-        "* Correlation of views through `thin` lenses, from -0.25, 0 and 0.25 pitches, with "
+    remarks = [
+        f"Plenoptic camera's raw picture: pitch {pitch:.4f} ± {half:.4f} px. Published: 48.2 and "
+        f"48.2273, on two axes. {raw['pitch_um']:.2f} um on the sensor; {sheet:.2f} um by lens "
+        "pitch and distances of the data sheet, which differ by "
+        f"{100 * (sheet / raw['pitch_um'] - 1):.1f} %.",
+        "Correlation of views through `thin` lenses, from -0.25, 0 and 0.25 pitches, with "
         f"sub-aperture pictures: {correlations}. Left and right view: "
         f"{raw['correlation_left_right']:.4f}.",
-        "",
-        "## Photographs through a lens array",
-        "",
-        "Pitch in pixels, with 95 % interval; distance of the object from its shift between "
-        "elemental images, with the range in which the authors reconstruct; fourth capture, "
-        "predicted from the other three with the object's shift and without it.",
-        "",
-        "| object | pitch | authors' | scatter, px | distance, mm | quartiles | authors' "
-        "| PSNR, dB | without | SSIM | without |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+        "Lens array: pitch in pixels, with 95 % interval; distance of the object from its shift "
+        "between elemental images, with the range in which the authors reconstruct; fourth "
+        "capture, predicted from the other three with the object's shift and without it.",
+        "Light of the same object points 0.4 pitches left and right of a lens's centre is relative "
+        f"to the centre; by `thick`: {results['thick_vignetting_0.4_pitch']:.3f}.",
     ]
-    for name in OBJECTS:
-        if name not in results:
-            continue
-        result = results[name]
-        lattice, distance = result["lattices"]["11"], result["depth"]
-        moved, still = (result["prediction"][key] for key in ("moved", "not moved"))
-        pitches = [lattice["pitch_px"][0] for lattice in result["lattices"].values()]
-        low, high = distance["depth_quartiles_mm"]
-        lines.append(
-            f"| {name} | {lattice['pitch_px'][0]:.3f} ± {lattice['pitch_px'][1]:.3f} (4 captures: "
-            f"{min(pitches):.3f} to {max(pitches):.3f}) | {result['authors_px']} "
-            f"| {lattice['residual_rms_px']:.2f} | {distance['depth_mm']:.1f} "
-            f"| {low:.1f} to {high:.1f} | {' to '.join(map(str, result['authors_depth_mm']))} "
-            f"| {moved['psnr_db']:.2f} | {still['psnr_db']:.2f} "
-            f"| {moved['ssim']:.3f} | {still['ssim']:.3f} |"
-        )
-    lines += [
-        "",
-        "Light of the same object points 0.4 pitches left and right of a lens's centre, relative "
-        f"to the centre (`thick`: {results['thick_vignetting_0.4_pitch']:.3f}): "
-        + "; ".join(
-            f"{name} {v['left_0.4_pitch']:.3f} and {v['right_0.4_pitch']:.3f}"
-            for name, v in ((n, results[n]["vignetting"]) for n in OBJECTS if n in results)
-        )
-        + ".",
-        "",
-    ]
-    return "\n".join(lines)
+
+    def pitches(result: Any) -> str:
+        measured = [lattice["pitch_px"] for lattice in result["lattices"].values()]
+        lengths = [length for length, _ in measured]
+        interval = "{:.3f} ± {:.3f}".format(*measured[0])
+        return f"{interval} (4 captures: {min(lengths):.3f} to {max(lengths):.3f})"
+
+    columns = {
+        "object": lambda item: item[0],
+        "pitch": lambda item: pitches(item[1]),
+        "authors' pitch": lambda item: str(item[1]["authors_px"]),
+        "scatter, px": lambda item: f"{item[1]['lattices']['11']['residual_rms_px']:.2f}",
+        "distance, mm": lambda item: f"{item[1]['depth']['depth_mm']:.1f}",
+        "quartiles": lambda item: "{:.1f} to {:.1f}".format(
+            *item[1]["depth"]["depth_quartiles_mm"]
+        ),
+        "authors' distance": lambda item: "{} to {}".format(*item[1]["authors_depth_mm"]),
+        "PSNR, dB": lambda item: f"{item[1]['prediction']['moved']['psnr_db']:.2f}",
+        "PSNR without": lambda item: f"{item[1]['prediction']['not moved']['psnr_db']:.2f}",
+        "SSIM": lambda item: f"{item[1]['prediction']['moved']['ssim']:.3f}",
+        "SSIM without": lambda item: f"{item[1]['prediction']['not moved']['ssim']:.3f}",
+        "light, left and right": lambda item: "{:.3f}, {:.3f}".format(
+            *item[1]["vignetting"].values()
+        ),
+    }
+    objects = [(name, results[name]) for name in OBJECTS if name in results]
+    tables = [table("Photographs through a lens array", objects, columns)]
+    return remarks, [PagePart("array", "Lens array", "", tables)]
 
 
-def main() -> None:
-    """Run the comparison and write its numbers."""
-    parser = argparse.ArgumentParser(description=__doc__)
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the folders of the data."""
     parser.add_argument("lens_array", type=Path, help="LF-based-Synthetic-Holography")
     parser.add_argument("plenoptic", type=Path, help="plenoptomos")
-    parser.add_argument("--objects", default=",".join(OBJECTS), help="some of them")
-    parser.add_argument("-o", "--out", type=Path, required=True)
-    args = parser.parse_args()
-    args.out.mkdir(parents=True, exist_ok=True)
-    path = args.out / "reality.json"
-    results = json.loads(path.read_text()) if path.exists() else {}
-    results["plenoptic"] = plenoptic(args.plenoptic)
-    results["thick_vignetting_0.4_pitch"] = lens_vignetting()
-    for name in args.objects.split(","):
-        results[name] = lens_array(args.lens_array, name)
-        path.write_text(json.dumps(results, indent=1) + "\n")
-        (args.out / "reality.md").write_text(page(results))
-        print(name, json.dumps({k: v for k, v in results[name].items() if k != "lattices"}))
 
+
+def cases(args: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """The plenoptic camera, the lens model and all objects."""
+    objects = {name: {"folder": args.lens_array, "name": name} for name in OBJECTS}
+    return {"plenoptic": {"folder": args.plenoptic}, "thick_vignetting_0.4_pitch": {}, **objects}
+
+
+def measure(folder: Path | None = None, name: str = "") -> Any:
+    """Measure an object, the plenoptic camera, or the lens model."""
+    if folder is None:
+        return lens_vignetting()
+    return lens_array(folder, name) if name else plenoptic(folder)
+
+
+STUDY = Study(
+    "reports.reality.run", "Photographs of elemental images", __doc__, arguments, cases, measure,
+    page,
+)  # fmt: skip
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.main())

@@ -4,8 +4,7 @@
 
 Folders are light fields (`reports.scoreboard.field`). Their pictures are not committed, only the
 scores. ``--rvs`` is the executable of MPEG's Reference View Synthesizer
-(`reports.scoreboard.rivals`); without it, its row is missing. ``out/scoreboard`` keeps one file of
-results for each light field. An existing file is reused: remove it after a change.
+(`reports.scoreboard.rivals`); without it, its row is missing.
 
 The middle view and its disparity are the picture. The display has a lens for each picture pixel and
 a panel pixel for each view, so an EIA is a light field, and its sub-aperture views are compared
@@ -16,9 +15,8 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
+import sys
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,12 +29,11 @@ from inim.image.color import linear_from_srgb
 from inim.image.files.light_field import sub_aperture_views
 from inim.image.rgbd import CameraRGBDs
 from inim.scores.metrics import find, score_maps
-from inim.system.process.atomic_file import write_atomically
 from reports.scoreboard.field import LightField, Place, Views, codes, read
 from reports.scoreboard.page import NEAREST, page
 from reports.scoreboard.rivals import copy, nearest, rvs, splat
+from reports.study import Study
 
-RUNS = Path("out", "scoreboard")
 #: Kinds of pixels of the true views: the middle view shows their surface; a nearer surface hides
 #: it there; or it is beyond the edge of the middle view.
 KINDS = ("shown", "uncovered", "beyond_edge")
@@ -130,8 +127,6 @@ def measure(field: LightField, program: Path | None = None) -> dict[str, Any]:
         # Equal panels have equal scores.
         scores_by_method[name] = by_digest.get(digest) or scores.of(views)
         by_digest[digest or name] = scores_by_method[name]
-        psnr = scores_by_method[name]["psnr_db"]
-        print(f"{field.name:12} {name:45} {psnr and round(psnr, 2)} dB", flush=True)
     low, high = float(field.disparity.min()), float(field.disparity.max())
     return {
         "name": field.name,
@@ -196,32 +191,17 @@ def _kinds(field: LightField, place: Place, holes: np.ndarray) -> np.ndarray:
     return kinds
 
 
-def main() -> None:
-    """Score light fields and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the light fields and RVS."""
     parser.add_argument("folders", nargs="+", type=Path, help="light fields")
     parser.add_argument("--rvs", type=Path, help="executable of MPEG's RVS")
-    parser.add_argument("--rvs-build", default="", help="description of that build for the page")
-    parser.add_argument("-o", "--out", type=Path, default=Path("reports/scoreboard"))
-    args = parser.parse_args()
-    results = []
-    for folder in args.folders:
-        result = RUNS / f"{folder.resolve().name}.json"
-        if not result.is_file():
-            _write(result, measure(read(folder), args.rvs))
-        results.append(json.loads(result.read_text("utf-8")))
-    about = {"inim_version": inim.__version__, "rvs_build": args.rvs_build}
-    data = {**about, "light_fields": results}
-    _write(args.out / "scoreboard.json", data)
-    text = page(data)
-    write_atomically(args.out / "scoreboard.md", lambda p: p.write_text(text, "utf-8"))
 
 
-def _write(path: Path, data: dict[str, Any]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(data, indent=1) + "\n"
-    write_atomically(path, partial(Path.write_text, data=text, encoding="utf-8"))
-
+STUDY = Study(
+    "reports.scoreboard.run", "Scoreboard: light fields with true views", __doc__, arguments,
+    lambda args: {f.resolve().name: {"folder": f, "program": args.rvs} for f in args.folders},
+    lambda folder, program: measure(read(folder), program), page,
+)  # fmt: skip
 
 if __name__ == "__main__":
-    main()
+    sys.exit(STUDY.main())

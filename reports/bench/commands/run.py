@@ -9,27 +9,29 @@ counted: it compiles the kernels that numba and Dr.Jit store on disk.
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import re
 import shutil
 import sys
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from inim.display.lens import check_lens_model
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
-from inim.image.files.image import read_rgbd
 from inim.pipeline.plan import Plan
 from inim.pipeline.request import definition_words, option_words
 from inim.pipeline.timing import Rounds, Timing
 from inim.system.cache import FOLDER_VARIABLE
-from reports.bench.commands.masked import bench_masked
-from reports.bench.commands.report import parts_of
+from inim.system.errors import DisplayError
+from reports.bench.commands.page import page
 from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, differences, samples_of
-from reports.bench.parts import run_parts
-from reports.bench.study import add_scene_arguments, new_parser, plan_of, run_study, run_validation
+from reports.bench.study import add_rounds, doubts, plan_of, rounds_of, run_parts, run_validation
+from reports.study import Study
 
 #: Validated algorithms, and those of the case with one changed algorithm.
 ALGORITHMS = "template,wang2024"
@@ -89,7 +91,7 @@ class Case:
 
 
 def bench_commands(
-    plan: Plan, rounds: Rounds, listener: Any, folder: Path, variables: Mapping[str, str]
+    plan: Plan, rounds: Rounds, folder: Path, variables: Mapping[str, str]
 ) -> dict[str, Any]:
     """Run all cases in turn in each round, and compare their reports.
 
@@ -98,9 +100,7 @@ def bench_commands(
     plan : Plan
         Plan of the validation of the scene.
     rounds : Rounds
-        At most three rounds. Warm-ups and threads apply to the generation of partial EIAs; commands
-        have one warm-up.
-    listener : Observer
+        At most three rounds; commands have one warm-up.
     folder : Path
         Empty folder for caches and reports.
     variables : mapping of str to str
@@ -120,18 +120,12 @@ def bench_commands(
     runs: dict[str, list[dict[str, Any]]] = {case.name: [] for case in cases}
     for number in range(1 + count):
         for case in cases:
-            listener.stage(f"round {number} of {count}: {case.name}")
             run = _run(case, folder / "reports" / case.out, folder / f"{number}", variables)
             if number:
                 runs[case.name].append(run)
         shutil.rmtree(folder / f"{number}", ignore_errors=True)
     reports = {case.name: _report(folder, case) for case in cases if case.is_validation}
     rows = [_row(case, runs, reports) for case in cases]
-    for row in rows:
-        listener.line(_in_words(row))
-    listener.stage("generate observed pixels")
-    rgbd = read_rgbd(folder / "reports" / _COLD / "rgbd.exr")
-    masked = bench_masked(plan, rgbd, _viewpoints(plan, _nine_viewpoints(plan)), rounds, listener)
     return {
         "title": plan.settings.title or plan.request.scene.stem,
         "scene": {"path": str(plan.request.scene), "sha256": plan.file.sha256},
@@ -144,7 +138,7 @@ def bench_commands(
         "viewpoints": [v.name for v in plan.viewpoints],
         "rounds": count,
         "cases": rows,
-        "generation": masked,
+        "generation": observed_shares(plan),
         "notes": notes,
     }
 
@@ -302,33 +296,64 @@ def _row(
     return row
 
 
-def _in_words(row: Mapping[str, Any]) -> str:
-    verdict = {None: "", False: "same scores", True: "DIFFERENT SCORES"}
-    has_differences = None if row["unlike"] is None else bool(row["unlike"])
-    return (
-        f"{row['name']:27}  {row['median_s']:8.2f} s  {row['share']:7.1%} of {row['beside']!r}  "
-        f"{row['peak_bytes'] / 2**20:6.0f} MiB  {verdict[has_differences]}"
-    )
+def observed_shares(plan: Plan) -> dict[str, Any]:
+    """Shares of the panel that nine viewpoints observe, by lens model.
+
+    Without `full`: it scatters rays between the lenses, so views may observe the whole EIA.
+    """
+    from inim.render import reconstruct, variant
+
+    variant.use("llvm")
+    viewpoints, s, rows = _viewpoints(plan, _nine_viewpoints(plan)), plan.settings, []
+    for model in ("pinhole", "thin", "thick"):
+        try:
+            check_lens_model(model, plan.misaligned_display)
+        except DisplayError:  # the lens cannot be manufactured
+            continue
+        mask = reconstruct.observed_pixels(
+            plan.misaligned_display,
+            viewpoints,
+            model,
+            pixels_per_lens=s.view_pixels_per_lens,
+            spp=plan.optics.half_spp,
+            seeds=plan.optics.half_seeds,
+        )
+        if mask is not None:
+            rows.append({"name": model, "observed_share": float(mask.mean())})
+    return {"viewpoints": [v.name for v in viewpoints], "algorithms": rows}
 
 
-# -- the command --------------------------------------------------------------------------------
-
-
-def main() -> int:
-    """Run the study and return the exit code."""
+def measure(
+    scene: Path, definitions: Sequence[str], display: str | None, **rounds: Any
+) -> dict[str, Any]:
+    """Measure in a temporary folder."""
     variables = dict(os.environ)  # copied before the backend adds its variables
-    parser = new_parser(__doc__, "bench-commands")
+    plan = plan_of(scene, definitions, display)
+    with tempfile.TemporaryDirectory() as folder:
+        return bench_commands(plan, Rounds(**rounds), Path(folder), variables)
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the scene, its settings and the rounds."""
     parser.add_argument("scene", type=Path, help="Mitsuba scene (.xml)")
-    add_scene_arguments(parser)
-    args = parser.parse_args()
+    parser.add_argument(
+        "-D", dest="definitions", action="append", default=[], metavar="KEY=VALUE",
+        help="override an inim.* setting or a scene parameter; may be repeated",
+    )  # fmt: skip
+    parser.add_argument("--display", help="display preset: nominal or phone")
+    add_rounds(parser)
 
-    def measure(rounds: Rounds, listener: Any, folder: Path) -> dict[str, Any]:
-        plan = plan_of(args, args.scene)
-        return {"commands": bench_commands(plan, rounds, listener, folder, variables)}
 
-    title = f"Bench: commands on {args.scene.stem}"
-    return run_study(args, "reports.bench.commands.run", title, measure, parts_of)
+def cases(args: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """All commands, which share rounds."""
+    options = {name: getattr(args, name) for name in ("scene", "definitions", "display")}
+    return {"commands": {**options, **rounds_of(args)}}
 
+
+STUDY = Study(
+    "reports.bench.commands.run", "Bench: whole commands", __doc__, arguments, cases, measure, page,
+    stem="bench", doubts=doubts,
+)  # fmt: skip
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(STUDY.main())

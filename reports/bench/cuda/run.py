@@ -9,21 +9,31 @@ of 7680 x 4320 pixels is validated once per backend.
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import shutil
 import sys
-from collections.abc import Iterator, Mapping
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from statistics import median
 from typing import Any
 
 from inim.pipeline.timing import Rounds
 from inim.report.labels import number
-from inim.report.study import PagePart, Table
+from inim.report.study import PagePart
 from inim.system.cache import FOLDER_VARIABLE
-from reports.bench.parts import RUN_PARTS, items, run_parts
-from reports.bench.study import new_parser, run_study, run_validation
+from reports.bench.study import (
+    RUN_PARTS,
+    add_rounds,
+    doubts,
+    rounds_of,
+    run_parts,
+    run_validation,
+)
+from reports.study import Results, Study, entry, table
 
 BACKENDS = ("cuda", "llvm")
 _LARGE = "7680 x 4320"
@@ -34,7 +44,7 @@ _PANELS = {
 
 
 def bench_backends(
-    scene: Path, rounds: Rounds, listener: Any, folder: Path, variables: Mapping[str, str]
+    scene: Path, rounds: Rounds, folder: Path, variables: Mapping[str, str]
 ) -> list[dict[str, Any]]:
     """Validate a scene with both backends in turn, and compare their scores.
 
@@ -54,7 +64,6 @@ def bench_backends(
         reports: dict[str, Any] = {}
         for index in range(uncounted + count):
             for name in BACKENDS:
-                listener.stage(f"{panel}, {name}, run {index + 1} of {uncounted + count}")
                 out = folder / "report"
                 command = ["inim.validate", str(scene), "--backend", name, "-o", str(out), *words]
                 cache = {FOLDER_VARIABLE: str(folder / "cache")}
@@ -95,45 +104,42 @@ def _intervals(data: Any, path: str = "") -> Iterator[tuple[str, Any]]:
             yield from _intervals(value, f"{path}/{key}")
 
 
-def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
-    """Part of the page: the table of times."""
-    lead = (
+def page(results: Results) -> tuple[list[str], list[PagePart]]:
+    """Remarks and the table of times."""
+    remarks = [
         "Validations with default settings and an empty result cache. Parts of a run that work "
-        "side by side are counted in full, so they can sum to more than the run."
-    )
-    heads = ["panel", "backend", "device", "runs", "seconds", *RUN_PARTS, "intervals that overlap"]
-    rows = [
-        [
-            str(row["panel"]),
-            str(row["backend"]),
-            str(row["device"]),
-            str(row["runs"]),
-            number(row["seconds"], 1),
-            *(number(row["parts"][part], 2) for part in RUN_PARTS),
-            f"{row['overlapping']} of {row['scores']}",
-        ]
-        for row in items(data, "backends")
-    ]
-    remark = (
+        "side by side are counted in full, so they can sum to more than the run.",
         "The backends round differently, and their textures differ by what the card's texture "
-        "units lose. Their scores agree if the 95 % intervals overlap."
-    )
-    tables = [Table("Time by backend", heads, rows)]
-    return [PagePart("backends", "Backends", lead, tables, remarks=[remark])]
+        "units lose. Their scores agree if the 95 % intervals overlap.",
+    ]
+    columns: dict[str, Callable[[Any], str]] = {
+        **{name: entry(name) for name in ("panel", "backend", "device")},
+        "runs": lambda r: str(r["runs"]),
+        "seconds": lambda r: number(r["seconds"], 1),
+        **{name: entry("parts", name, text=partial(number, digits=2)) for name in RUN_PARTS},
+        "intervals that overlap": lambda r: f"{r['overlapping']} of {r['scores']}",
+    }
+    tables = [table("Time by backend", results["backends"], columns)]
+    return remarks, [PagePart("backends", "Backends", "", tables)]
 
 
-def main() -> int:
-    """Run the study and return the exit code."""
-    variables = dict(os.environ)  # copied before the backend adds its variables
-    parser = new_parser(__doc__, "bench-cuda")
+def measure(scene: Path, **rounds: Any) -> list[dict[str, Any]]:
+    """Measure in a temporary folder."""
+    with tempfile.TemporaryDirectory() as folder:
+        return bench_backends(scene, Rounds(**rounds), Path(folder), os.environ)
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the scene and the rounds."""
     parser.add_argument("scene", type=Path, metavar="SCENE", help="Mitsuba scene (.xml)")
-    args = parser.parse_args()
+    add_rounds(parser)
 
-    def measure(rounds: Rounds, listener: Any, folder: Path) -> dict[str, Any]:
-        return {"backends": bench_backends(args.scene, rounds, listener, folder, variables)}
 
-    return run_study(args, "reports.bench.cuda.run", "Bench: backends", measure, parts_of)
-
+STUDY = Study(
+    "reports.bench.cuda.run", "Bench: backends", __doc__, arguments,
+    lambda args: {"backends": {"scene": args.scene, **rounds_of(args)}}, measure, page,
+    stem="bench", doubts=doubts,
+)  # fmt: skip
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(STUDY.main())

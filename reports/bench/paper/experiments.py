@@ -83,7 +83,7 @@ class Sizes:
 FULL = Sizes()
 
 
-def bench_paper(rounds: Rounds, listener: Any, sizes: Sizes = FULL) -> dict[str, Any]:
+def bench_paper(rounds: Rounds, sizes: Sizes = FULL) -> dict[str, Any]:
     """Run the three experiments and the comparison on a common input, and check the claims.
 
     Returns
@@ -94,14 +94,14 @@ def bench_paper(rounds: Rounds, listener: Any, sizes: Sizes = FULL) -> dict[str,
     """
     names, notes = available_algorithms(NAMES)
     experiments = [
-        _experiment(*experiment, names, rounds, listener)
+        _experiment(*experiment, names, rounds)
         for experiment in (
             ("Fig. 12", "scene pixels", "scene_pixels", _scene_inputs(sizes)),
             ("Fig. 13", "pixels of one elemental image", "elemental_pixels", _one_lens(sizes)),
             ("Fig. 14", "elemental images", "lenses", _lens_inputs(sizes)),
         )
     ]
-    same = _same_input(sizes, [*names, *available_algorithms(VARIANTS)[0]], rounds, listener)
+    same = _same_input(sizes, [*names, *available_algorithms(VARIANTS)[0]], rounds)
     steps = depth_steps()
     return {
         "experiments": experiments,
@@ -146,7 +146,6 @@ def _experiment(
     inputs: _Inputs,
     names: Sequence[str],
     rounds: Rounds,
-    listener: Any,
 ) -> dict[str, Any]:
     points = []
     constants, displays = inputs
@@ -159,22 +158,12 @@ def _experiment(
             "elemental_pixels": (rows // display.lens_rows) ** 2,
             "lenses": display.lens_rows * display.lens_columns,
         }
-        listener.stage(f"{figure}: {sizes[size]} {name}")
         methods, times = _time_all(methods, rgbd, display, pixels_per_pitch, rounds)
         results = [method_data(m, times, display) for m in methods]
         points.append(
             {**sizes, "yardstick": times[REFERENCE_KERNEL].as_data(), "algorithms": results}
         )
-        listener.line(f"{figure}  {sizes[size]:6} {name}: {_in_words(results)}")
     return {"name": name, "figure": figure, "kept": constants, "size": size, "points": points}
-
-
-def _in_words(results: Sequence[dict[str, Any]]) -> str:
-    """Times of plain Python and of `template`, the slowest and the fastest."""
-    extremes = [c for c in results if PLAIN_PYTHON in c["name"] or c["name"] == "template"]
-    return ", ".join(
-        f"{c['name'].removesuffix(PLAIN_PYTHON)} {c['median_ms']:.4g} ms" for c in extremes
-    )
 
 
 def _time_all(
@@ -187,12 +176,9 @@ def _time_all(
     return [*plain, *methods], {**times, **plain_times}
 
 
-def _same_input(
-    sizes: Sizes, names: Sequence[str], rounds: Rounds, listener: Any
-) -> dict[str, Any]:
+def _same_input(sizes: Sizes, names: Sequence[str], rounds: Rounds) -> dict[str, Any]:
     """Time and errors of all methods on a common input, and SSIM of the middle view."""
     display = square_display(sizes.same_lenses)
-    listener.stage(f"{sizes.same_lenses} x {sizes.same_lenses} lenses, time and error")
     rgbd = picture_of(display, sizes.pixels_per_pitch)
     methods = [prepare_method(name, rgbd, display) for name in names]
     methods, times = _time_all(methods, rgbd, display, sizes.pixels_per_pitch, rounds)

@@ -24,7 +24,7 @@ _SAMPLES = 16
 _SHARE = 0.85
 
 
-def bench_readings(listener: Any, scenes: Sequence[str] = SCENES) -> list[dict[str, Any]]:
+def bench_readings(scenes: Sequence[str] = SCENES) -> list[dict[str, Any]]:
     """Generate EIAs with each reading on each scene, for the nominal display.
 
     Returns
@@ -41,7 +41,6 @@ def bench_readings(listener: Any, scenes: Sequence[str] = SCENES) -> list[dict[s
     display = DISPLAYS["nominal"]
     results = []
     for scene in scenes:
-        listener.stage(f"{scene}: readings of Eq. 5 and 6")
         fitted = open_scene(read_scene_file(_SCENES / f"{scene}.xml"), display, _SHARE)
         rgbd = capture(fitted, display, pixels_per_pitch=_PIXELS_PER_PITCH, spp=_SAMPLES, seed=1)
         truth = pickup(fitted, display, spp=_SAMPLES, seed=2).image
@@ -58,9 +57,5 @@ def bench_readings(listener: Any, scenes: Sequence[str] = SCENES) -> list[dict[s
                         "hole_fraction": hole_fraction(sources),
                         "eia_psnr_db": psnr_db(truth, colour_of(sources, rgbd)),
                     }
-                )
-                last = results[-1]
-                listener.line(
-                    f"{scene:12} {name:44} {last['changed']:7.3%}  {last['eia_psnr_db']:.2f} dB"
                 )
     return results

@@ -8,31 +8,33 @@ The study takes several minutes: plain Python is slow.
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import Any
 
 from inim.pipeline.timing import Rounds
 from reports.bench.paper.experiments import bench_paper
+from reports.bench.paper.page import page
 from reports.bench.paper.readings import bench_readings
-from reports.bench.paper.report import parts_of
 from reports.bench.paper.scaling import bench_scaling
-from reports.bench.study import new_parser, run_study
+from reports.bench.study import add_rounds, doubts, rounds_of
+from reports.study import Study
 
 
-def main() -> int:
-    """Run the study and return the exit code."""
-    args = new_parser(__doc__, "bench-paper").parse_args()
-    module = "reports.bench.paper.run"
-    return run_study(args, module, "Bench: synthetic pictures", _measure, parts_of)
+def measure(part: str, **options: Any) -> dict[str, Any]:
+    """Measure the growth of time, or the paper's experiments."""
+    from inim.render import variant
+
+    variant.use("llvm")
+    rounds = Rounds(**options)
+    if part == "scaling":
+        return bench_scaling(rounds)
+    return {**bench_paper(rounds), "readings": bench_readings()}
 
 
-def _measure(rounds: Rounds, listener: Any, folder: Path) -> dict[str, Any]:  # noqa: ARG001
-    scaling, paper = bench_scaling(rounds, listener), bench_paper(rounds, listener)
-    paper["readings"] = bench_readings(listener)
-    for claim in paper["claims"]:
-        listener.line(f"{'yes' if claim['holds'] else 'NO '}  {claim['claim']}")
-    return {"scaling": scaling, "paper": paper}
-
+STUDY = Study(
+    "reports.bench.paper.run", "Bench: synthetic pictures", __doc__, add_rounds,
+    lambda args: {part: {"part": part, **rounds_of(args)} for part in ("scaling", "paper")},
+    measure, page, stem="bench", doubts=doubts,
+)  # fmt: skip
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(STUDY.main())

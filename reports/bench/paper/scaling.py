@@ -33,23 +33,13 @@ _ROOT = Path(__file__).parents[3]
 
 def bench_scaling(
     rounds: Rounds,
-    listener: Any,
     lens_counts: Sequence[int] = LENS_COUNTS,
     pixels_per_pitch: Sequence[int] = PIXELS_PER_PITCH,
     fixed_lenses: int = _FIXED_LENSES,
 ) -> dict[str, Any]:
     """Time `template` and the reference kernel over both sizes; measure the largest's memory."""
-    by_display = []
-    for lenses in lens_counts:
-        listener.stage(f"{lenses} x {lenses} lenses")
-        by_display.append(_point(square_display(lenses), _FIXED_PIXELS_PER_PITCH, rounds))
-        listener.line(_in_words(by_display[-1]))
-    by_scene = []
-    for count in pixels_per_pitch:
-        listener.stage(f"{count} picture pixels per pitch")
-        by_scene.append(_point(square_display(fixed_lenses), count, rounds))
-        listener.line(_in_words(by_scene[-1]))
-    listener.stage("memory")
+    by_display = [_point(square_display(n), _FIXED_PIXELS_PER_PITCH, rounds) for n in lens_counts]
+    by_scene = [_point(square_display(fixed_lenses), n, rounds) for n in pixels_per_pitch]
     return {
         "algorithm": _ALGORITHM,
         "display": by_display,
@@ -75,13 +65,6 @@ def _point(display: Display, pixels_per_pitch: int, rounds: Rounds) -> dict[str,
         "yardstick": times[REFERENCE_KERNEL].as_data(),
         **method_data(method, times, display),
     }
-
-
-def _in_words(point: Mapping[str, Any]) -> str:
-    return (
-        f"{point['name']}  {point['display_pixels']:9} display pixels  {point['scene_pixels']:7} "
-        f"scene pixels  {point['median_ms']:7.2f} ms  {point['ratio']:6.2f} kernel times"
-    )
 
 
 @dataclass(frozen=True)

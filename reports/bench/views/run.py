@@ -10,7 +10,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,9 +20,9 @@ from inim.display.viewpoint import parse_viewpoints
 from inim.pipeline.timing import Rounds, Timing, ratios, threads, time_calls
 from inim.render.scene_files.two_spheres import two_spheres_eia
 from inim.report.labels import number, per_cent
-from inim.report.study import PagePart, Table
-from reports.bench.parts import items, part
-from reports.bench.study import new_parser, run_study, square_display
+from inim.report.study import PagePart
+from reports.bench.study import add_rounds, doubts, rounds_of, square_display
+from reports.study import Results, Study, table
 
 RECTANGLE = "textured rectangle"
 _MODELS = ("pinhole", "thin", "thick")
@@ -37,7 +36,6 @@ _FULL_SPP = 8
 
 def bench_views(
     rounds: Rounds,
-    listener: Any,
     lenses: int = 64,
     pixels_per_lens: int = 8,
     spp: int = 64,
@@ -48,7 +46,6 @@ def bench_views(
     Parameters
     ----------
     rounds : Rounds
-    listener : Observer
     lenses : int
         Lenses along a side, 17 pixels each.
     pixels_per_lens, spp : int
@@ -67,7 +64,6 @@ def bench_views(
     from inim.render.reconstruct import DisplayScene
     from reports.bench.views.rectangle import TexturedRectangle
 
-    listener.stage("views: prepare")
     display = square_display(lenses)
     eye = parse_viewpoints("centre", display)[0]
     eia = two_spheres_eia(display)
@@ -80,7 +76,6 @@ def bench_views(
 
     renders: dict[str, Render] = {RECTANGLE: lambda seed: rectangle.view(spp, seed)}
     renders |= {model: renderer(model) for model in _MODELS}
-    listener.stage("views: time")
     with threads(rounds.threads):
         timings = time_calls(_calls(renders), rounds)
         # Separately, alternating with `thick`: while the mesh exists, the renderer compiles its
@@ -96,10 +91,6 @@ def bench_views(
     models.append(_full_times(full_timings, models[-1], full_spp, spp))
     for model in models:
         model |= {"noise": noise[model["name"]], "equal_noise_ms": None}
-        listener.line(
-            f"{model['name']:{len(RECTANGLE)}}  {model['view_ms']:9.2f} ms  "
-            f"{model['ratio']:7.2f} rectangles  noise of a sample {model['noise']:.4f}"
-        )
     # The number of samples for equal noise is proportional to the noise squared.
     sample_ratio = (noise[FULL] / noise["thick"]) ** 2
     models[-1]["equal_noise_ms"] = models[-1]["view_ms"] * sample_ratio
@@ -139,64 +130,51 @@ def _full_times(
     return times_of_full
 
 
-# -- the report ---------------------------------------------------------------------------------
-
-
-def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
-    """Part of the page: the table of views."""
-    lead = (
+def page(results: Results) -> tuple[list[str], list[PagePart]]:
+    """Remarks and the table of views."""
+    views = results["views"]
+    remarks = [
         "One view of the two spheres on 64 × 64 lenses. The rectangle has the same picture as its "
         "texture and uses the stock camera, integrator and film. The noise of a sample is the "
-        "root mean square standard deviation of a view pixel with one sample."
-    )
-    remark = (
+        "root mean square standard deviation of a view pixel with one sample.",
         "Views were timed alternating with the textured rectangle. The mesh of `full` was timed "
         "separately, alternating with `thick`: while it exists, the renderer compiles its lights "
-        "and materials into the kernel of every scene."
-    )
-    return [PagePart("views", "Views", lead, [_table(part(data, "views"))], remarks=[remark])]
-
-
-def _table(views: Mapping[str, Any]) -> Table:
-    heads = [
-        "lens model", "ms per view", "× rectangle", "by fastest", "× thick", "samples timed",
-        "ms as timed", "spread", "runs", "noise of a sample", "ms at the noise of thick",
-    ]  # fmt: skip
-    rows = [
-        [
-            c["name"],
-            milliseconds(c["view_ms"]),
-            times(c["ratio"]),
-            times(c["ratio_min"]),
-            times(c["thick_ratio"]),
-            str(c["spp"]),
-            milliseconds(c["median_ms"]),
-            f"± {per_cent(c['spread'], 1)}",
-            str(c["runs"]),
-            number(c["noise"], 4),
-            milliseconds(c["equal_noise_ms"]),
-        ]
-        for c in items(views, "algorithms")
+        "and materials into the kernel of every scene.",
     ]
+    columns = {
+        "lens model": lambda c: c["name"],
+        "ms per view": lambda c: milliseconds(c["view_ms"]),
+        "× rectangle": lambda c: times(c["ratio"]),
+        "by fastest": lambda c: times(c["ratio_min"]),
+        "× thick": lambda c: times(c["thick_ratio"]),
+        "samples timed": lambda c: str(c["spp"]),
+        "ms as timed": lambda c: milliseconds(c["median_ms"]),
+        "spread": lambda c: f"± {per_cent(c['spread'], 1)}",
+        "runs": lambda c: str(c["runs"]),
+        "noise of a sample": lambda c: number(c["noise"], 4),
+        "ms at the noise of thick": lambda c: milliseconds(c["equal_noise_ms"]),
+    }
     caption = (
         f"One view of {views['columns']} × {views['rows']} pixels with {views['spp']} samples "
         "each; times of fewer samples are scaled up"
     )
-    return Table(caption, heads, rows)
+    tables = [table(caption, views["algorithms"], columns)]
+    return remarks, [PagePart("views", "Views", "", tables)]
 
 
-# -- the command --------------------------------------------------------------------------------
+def measure(**rounds: Any) -> dict[str, Any]:
+    """Measure with the renderer on the processor."""
+    from inim.render import variant
+
+    variant.use("llvm")
+    return bench_views(Rounds(**rounds))
 
 
-def main() -> int:
-    """Run the study and return the exit code."""
-    args = new_parser(__doc__, "bench-views").parse_args()
-    return run_study(args, "reports.bench.views.run", "Bench: views", _measure, parts_of)
-
-
-def _measure(rounds: Rounds, listener: Any, folder: Path) -> dict[str, Any]:  # noqa: ARG001
-    return {"views": bench_views(rounds, listener)}
-
+STUDY = Study(
+    "reports.bench.views.run", "Bench: views", __doc__, add_rounds,
+    lambda args: {"views": rounds_of(args)}, measure, page,
+    stem="bench", doubts=doubts,
+)  # fmt: skip
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(STUDY.main())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from inim.apps.bench.page import TIME, TIME_HEADS, milliseconds, time_cells, times
@@ -11,111 +12,75 @@ from inim.report.labels import MISSING, is_number, number, per_cent
 from inim.report.plots import colour_of, marker_of, new_figure, plain_ticks, style
 from inim.report.study import PagePart, Table
 from reports.bench.paper.plain_python import PLAIN_PYTHON
-from reports.bench.parts import items, part
+from reports.study import Results, table
 
 _GIB = 2**30
 
 
-def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
-    """Parts of the page for which the document contains data."""
-    builders = {"scaling": _scaling, "paper": _paper}
-    return [build(part(data, key)) for key, build in builders.items() if data.get(key)]
-
-
-# -- growth -------------------------------------------------------------------------------------
-
-
-def _scaling(scaling: Mapping[str, Any]) -> PagePart:
-    lead = (
-        "Two spheres in closed form, 17 × 17 pixels per lens. Left: increasing number of lenses, "
-        "two picture pixels per pitch. Right: the same display with increasingly fine pictures. "
-        "The number of pixels that a ray crosses is proportional to the picture's side, which is "
-        "a power of 0.5. Powers are fitted to the fastest runs (left: only the larger half)."
-    )
-    memory = part(scaling, "memory")
+def page(results: Results) -> tuple[list[str], list[PagePart]]:
+    """Conditions, growth of time, and the paper's experiments with its claims."""
+    scaling, paper = results["scaling"], results["paper"]
+    memory = scaling["memory"]
     is_within = memory["above_import_bytes"] < memory["limit_bytes"]
-    remark = (
+    remarks = [
+        "Two spheres in closed form, 17 × 17 pixels per lens. Powers of growth are fitted to the "
+        "fastest runs, on the left only to the larger half. The number of pixels that a ray "
+        "crosses is proportional to the picture's side, which is a power of 0.5.",
         f"Peak memory for {memory['lenses']} × {memory['lenses']} lenses "
         f"{'is below' if is_within else 'EXCEEDS'} {memory['limit_bytes'] / _GIB:g} GiB in "
-        "addition to the imports."
-    )
-    tables, figure = _scaling_tables(scaling), _draw_scaling(scaling)
-    return PagePart("scaling", "Growth of time", lead, tables, "scaling", figure, [remark])
+        "addition to the imports.",
+        "Wang et al., Heritage Science 2024, timed plain Python on one thread (dashed). Solid: the "
+        "same code compiled, on all threads. The scene is not one of the paper's scenes. Plain "
+        "Python: at most 3 runs if a run takes more than 2 s, one above 10 s.",
+        *paper["notes"],
+    ]
+    tables = [
+        *map(_experiment, paper["experiments"]), _same_input(paper["same_input"]),
+        _readings(paper["readings"]), _steps(paper["steps"]),
+    ]  # fmt: skip
+    claims = "The paper's claims", _claim_lines(paper)
+    return remarks, [
+        PagePart(
+            "scaling", "Growth of time", "", _scaling_tables(scaling), "scaling",
+            _draw_scaling(scaling),
+        ),
+        PagePart(
+            "paper", "The paper's experiments", "", tables, "paper", _draw_paper(paper),
+            claims=claims,
+        ),
+    ]  # fmt: skip
 
 
 def _scaling_tables(scaling: Mapping[str, Any]) -> list[Table]:
-    heads = [
-        "lenses", "picture pixels per pitch", "display pixels", "scene pixels",
-        *TIME_HEADS, "kernel ms",
-    ]  # fmt: skip
-    captions = {
-        "display": f"{scaling['algorithm']} against display pixels",
-        "scene": f"{scaling['algorithm']} against scene pixels",
+    columns = {
+        "lenses": lambda p: f"{p['lenses']} × {p['lenses']}",
+        "picture pixels per pitch": lambda p: str(p["pixels_per_pitch"]),
+        "display pixels": lambda p: f"{p['display_pixels']:,}",
+        "scene pixels": lambda p: f"{p['scene_pixels']:,}",
+        **{head: partial(_time_cell, i) for i, head in enumerate(TIME_HEADS)},
+        "kernel ms": lambda p: milliseconds(p["yardstick"]["median_ms"]),
     }
-    tables = [
-        Table(caption, heads, [_size_row(p) for p in items(scaling, key)])
-        for key, caption in captions.items()
-    ]
-    memory = part(scaling, "memory")
-    row = [
-        f"{memory['lenses']} × {memory['lenses']}",
-        *(
-            f"{number(memory[k] / _GIB, 3)} GiB"
-            for k in (
-                "imported_bytes",
-                "peak_bytes",
-                "above_import_bytes",
-                "limit_bytes",
-                "eia_bytes",
-            )
-        ),
-    ]
-    memory_heads = ["lenses", "after imports", "peak", "in addition to imports", "limit", "EIA"]
-    caption = "Peak memory of a new process that generates one EIA"
-    return [*tables, Table(caption, memory_heads, [row])]
-
-
-def _size_row(point: Mapping[str, Any]) -> list[str]:
+    memory = {
+        "lenses": lambda m: f"{m['lenses']} × {m['lenses']}",
+        "after imports": lambda m: _gib(m["imported_bytes"]),
+        "peak": lambda m: _gib(m["peak_bytes"]),
+        "in addition to imports": lambda m: _gib(m["above_import_bytes"]),
+        "limit": lambda m: _gib(m["limit_bytes"]),
+        "EIA": lambda m: _gib(m["eia_bytes"]),
+    }
     return [
-        f"{point['lenses']} × {point['lenses']}",
-        str(point["pixels_per_pitch"]),
-        f"{point['display_pixels']:,}",
-        f"{point['scene_pixels']:,}",
-        *time_cells(point),
-        milliseconds(part(point, "yardstick").get("median_ms")),
+        table(f"{scaling['algorithm']} against display pixels", scaling["display"], columns),
+        table(f"{scaling['algorithm']} against scene pixels", scaling["scene"], columns),
+        table("Peak memory of a new process that generates one EIA", [scaling["memory"]], memory),
     ]
 
 
-# -- the paper's experiments --------------------------------------------------------------------
+def _time_cell(index: int, point: Mapping[str, Any]) -> str:
+    return time_cells(point)[index]
 
 
-def _paper(paper: Mapping[str, Any]) -> PagePart:
-    lead = (
-        "Wang et al., Heritage Science 2024, timed plain Python on one thread. Dashed: plain "
-        "Python on one thread. Solid: the same code compiled, on all threads. The scene is two "
-        "synthetic spheres, not one of the paper's scenes."
-    )
-    remarks = ["Plain Python: at most 3 runs if a run takes more than 2 s, one above 10 s."]
-    return PagePart(
-        "paper",
-        "The paper's experiments",
-        lead,
-        _paper_tables(paper),
-        "paper",
-        _draw_paper(paper),
-        [*remarks, *map(str, items(paper, "notes"))],
-        ("The paper's claims", _claim_lines(paper)),
-    )
-
-
-def _paper_tables(paper: Mapping[str, Any]) -> list[Table]:
-    tables = [_experiment(part(e)) for e in items(paper, "experiments")]
-    tables.append(_same_input(part(paper, "same_input")))
-    if items(paper, "readings"):
-        tables.append(_readings(items(paper, "readings")))
-    if items(paper, "steps"):
-        tables.append(_steps(items(paper, "steps")))
-    return tables
+def _gib(count: int) -> str:
+    return f"{number(count / _GIB, 3)} GiB"
 
 
 def _readings(readings: Sequence[Mapping[str, Any]]) -> Table:
@@ -159,7 +124,7 @@ def _steps(steps: Sequence[Mapping[str, Any]]) -> Table:
 
 def _experiment(experiment: Mapping[str, Any]) -> Table:
     """Table of the milliseconds at each size, with the ratios of the paper's claims."""
-    points = items(experiment, "points")
+    points = experiment["points"]
     names = [c["name"] for c in points[0]["algorithms"]]
     heads = [
         experiment["name"],
@@ -193,7 +158,7 @@ def _same_input(same: Mapping[str, Any]) -> Table:
         "algorithm", "ms per EIA", "runs", "× template", "wrong source", "EIA PSNR dB",
         "view SSIM to reference", "middle view SSIM", "paper's SSIM, other scenes",
     ]  # fmt: skip
-    methods = items(same, "algorithms")
+    methods = same["algorithms"]
     ms = {c["name"]: c["median_ms"] for c in methods}
     rows = [
         [
@@ -220,7 +185,7 @@ def _same_input(same: Mapping[str, Any]) -> Table:
 def _claim_lines(paper: Mapping[str, Any]) -> list[str]:
     """Each claim with its measurement and the reason if it is not reproduced."""
     lines = []
-    for claim in items(paper, "claims"):
+    for claim in paper["claims"]:
         verdict = "Reproduced" if claim["holds"] else "Not reproduced"
         lines.append(
             f"{verdict}: {claim['claim']} ({claim['source']}). Measured: {claim['found']}. "

@@ -1,25 +1,21 @@
 """The study of the paper's experiments: growth, claims, and their page."""
 
-import json
 import math
-from importlib import import_module
-from pathlib import Path
-from xml.etree import ElementTree
 
 import pytest
 
-from inim.apps.bench.document import BenchDocument
-from inim.apps.bench.page import bench_page, milliseconds, times, write_bench
+from inim.apps.bench.page import milliseconds, times
+from inim.pipeline.timing import Rounds
 from inim.report.labels import per_cent
-from inim.system.document import read_document
 from reports.bench.paper.claims import claims
-from reports.bench.paper.report import parts_of
-from reports.bench.paper.scaling import power_law
+from reports.bench.paper.experiments import Sizes, bench_paper
+from reports.bench.paper.page import page
+from reports.bench.paper.scaling import bench_scaling, power_law
 from reports.bench.paper.steps import depth_steps
-from tests.unit.test_bench_report import assert_tables_are_whole, bench, method, timing
+from tests.unit.test_bench_report import method, timing
 
 
-def paper_bench():
+def paper_results():
     def point(size):
         names = ["gu2020 in plain Python", "wang2024 in plain Python", "template"]
         ms = dict(zip(names, (6000.0, 3000.0, 1.5), strict=True))
@@ -52,11 +48,18 @@ def paper_bench():
         for matching in ("matrix", "ray")
         for option in ("", ":rounding=up")
     ]  # fmt: skip
-    return bench(paper=paper)
+    return paper
 
 
-def test_every_reading_is_a_row_of_its_scene_and_matching():
-    tables = parts_of(paper_bench().study)[0].tables
+def paper_tables(monkeypatch):
+    monkeypatch.setattr("reports.bench.paper.page._scaling_tables", lambda _: [])
+    monkeypatch.setattr("reports.bench.paper.page._draw_scaling", lambda _: None)
+    memory = {"lenses": 1, "above_import_bytes": 1, "limit_bytes": 2}
+    return page({"scaling": {"memory": memory}, "paper": paper_results()})[1][1].tables
+
+
+def test_every_reading_is_a_row_of_its_scene_and_matching(monkeypatch):
+    tables = paper_tables(monkeypatch)
     table = next(table for table in tables if "Other readings" in table.caption)
     assert [row[0] for row in table.rows] == [
         "jade, matrix", "jade, ray", "tripod, matrix", "tripod, ray",
@@ -78,36 +81,15 @@ def test_steps_keep_the_paper_s_bounds_only_off_the_centre_of_odd_lenses():
     assert phone["lower_mm"] <= phone["least_mm"]
     assert phone["beyond"] > 0
     lower, upper = (
-        next(c for c in paper_bench().study["paper"]["claims"] if f"at {bound}" in c["claim"])
+        next(c for c in paper_results()["claims"] if f"at {bound}" in c["claim"])
         for bound in ("least 2 g", "most g P_I")
     )
     assert lower["holds"] is True
     assert upper["holds"] is False
 
 
-def test_every_form_is_written_and_listed(tmp_path):
-    write_bench(paper_bench(), tmp_path, lambda document: parts_of(document.study))
-    contents = json.loads((tmp_path / "bench.json").read_text("utf-8"))
-    assert {p.name for p in tmp_path.iterdir()} == set(contents["files"])
-    ElementTree.parse(tmp_path / "paper.svg")
-    assert 'class="remarks claims"' in (tmp_path / "bench.html").read_text("utf-8")
-
-
-@pytest.mark.parametrize("name", ["paper", "views", "commands"])
-def test_committed_results_are_still_read(name):
-    """Tables and plots that the documents quote can be made again."""
-    folder = Path(__file__).parents[2] / "reports" / "bench" / name
-    data = read_document(folder / "bench.json", "", BenchDocument)
-    run = "report" if name in ("paper", "commands") else "run"
-    parts = import_module(f"reports.bench.{name}.{run}").parts_of(data.study)
-    assert_tables_are_whole(data, parts)
-    committed = (folder / "bench.md").read_text("utf-8")
-    rows = [x for x in bench_page(data, parts).markdown(data).splitlines() if x.startswith("|")]
-    assert rows == [x for x in committed.splitlines() if x.startswith("|")]
-
-
-def test_ratios_in_the_paper_s_tables_are_those_of_the_medians():
-    table = parts_of(paper_bench().study)[0].tables[0]
+def test_ratios_in_the_paper_s_tables_are_those_of_the_medians(monkeypatch):
+    table = paper_tables(monkeypatch)[0]
     first = dict(zip(table.heads, table.rows[0], strict=True))
     assert first["gu2020 / wang2024, Python"] == times(6000 / 3000) == "2.00 ×"
     assert first["wang2024, Python / template"] == times(3000 / 1.5) == "2000 ×"
@@ -116,7 +98,7 @@ def test_ratios_in_the_paper_s_tables_are_those_of_the_medians():
 
 
 def test_claims_follow_the_measured_times():
-    paper = paper_bench().study["paper"]
+    paper = paper_results()
     twice, growth, _, thousand = _by_words(paper["claims"])
     assert twice["holds"] is False  # exactly twice is not more than twice
     assert twice["why"]
@@ -137,7 +119,7 @@ def _by_words(claims_read):
 
 
 def test_claims_of_speed_and_growth_cite_their_own_figures():
-    paper = paper_bench().study["paper"]
+    paper = paper_results()
 
     def verdict(words):
         claims_read = claims(paper["experiments"], paper["same_input"])
@@ -153,7 +135,7 @@ def test_claims_of_speed_and_growth_cite_their_own_figures():
 
 
 def test_each_reading_of_eq_5_has_verdicts_of_its_own():
-    paper = paper_bench().study["paper"]
+    paper = paper_results()
     names = [c["claim"] for c in paper["claims"]]
     assert not any("step_pixel" in name for name in names)  # it took no part
     for point in (paper["same_input"], *(p for e in paper["experiments"] for p in e["points"])):
@@ -191,3 +173,24 @@ def test_error_of_a_power_is_its_standard_error():
     assert law.error == pytest.approx(expected.stderr)
     near = [{"n": p["n"], "min_ms": p["min_ms"] * p["n"] ** (0.5 * law.error)} for p in points]
     assert not law.is_below(power_law(near, "n"))
+
+
+def test_scaling_and_paper_at_small_sizes(renderer):
+    rounds = Rounds(runs=2, warmups=1)
+    scaling = bench_scaling(rounds, (1, 4), (1, 3), 2)
+    sizes = Sizes(2, (1, 2), (3, 5), (1, 2), 3, 2)
+    paper = bench_paper(rounds, sizes)
+    assert [p["display_pixels"] for p in scaling["display"]] == [17**2, 68**2]
+    assert len({p["display_pixels"] for p in scaling["scene"]}) == 1
+    memory = scaling["memory"]
+    assert memory["imported_bytes"] + memory["eia_bytes"] < memory["peak_bytes"]
+    assert [p["lenses"] for p in paper["experiments"][2]["points"]] == [1, 4]
+    assert [p["elemental_pixels"] for p in paper["experiments"][1]["points"]] == [9, 25]
+    forms = {c["name"]: c for c in paper["same_input"]["algorithms"]}
+    for name in ("li2012", "gu2020", "wang2024"):
+        # Compiled or not, it is the same algorithm.
+        python, compiled = forms[f"{name} in plain Python"], forms[name]
+        same = ("wrong_source", "eia_psnr_db", "middle_view_ssim")
+        assert [python[k] for k in same] == [compiled[k] for k in same]
+    _, parts = page({"scaling": scaling, "paper": {**paper, "readings": []}})
+    assert [part.plot for part in parts] == ["scaling", "paper"]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
-from inim.apps.bench.page import milliseconds, times
 from inim.report.labels import MISSING, is_number, number, per_cent
 from inim.report.plots import LINES, SOFT, colour_of, new_figure, plain_ticks, style
 from inim.report.study import PagePart, Table
-from reports.bench.parts import RUN_PARTS, items, part
+from reports.bench.study import RUN_PARTS
+from reports.study import Results, entry, table
 
 _MIB = 2**20
 _SAME = {
@@ -19,54 +20,55 @@ _SAME = {
 }
 
 
-def parts_of(data: Mapping[str, Any]) -> list[PagePart]:
-    """Part of the page: tables and plot of all commands."""
-    study = part(data, "commands")
+def page(results: Results) -> tuple[list[str], list[PagePart]]:
+    """Conditions, and tables and plot of all commands."""
+    study = results["commands"]
     lead = (
         "Time of a validation with an empty result cache and with cached results. Each mark is a "
         "run. Lines are the medians of the commands used for comparison."
     )
-    tables, remarks = _tables(study), _remarks(study)
-    return [PagePart("commands", "Whole commands", lead, tables, "commands", _draw(study), remarks)]
+    generation = study["generation"]
+    observed = {
+        "observed through": lambda c: c["name"],
+        "share of the panel": lambda c: per_cent(c["observed_share"], 1),
+    }
+    shares = {c["name"]: c for c in generation["algorithms"] if c["observed_share"] < 1}
+    caption = f"Panel pixels that {len(generation['viewpoints'])} viewpoints observe"
+    tables = [_commands(study), _parts(study), table(caption, shares.values(), observed)]
+    part = PagePart("commands", "Whole commands", lead, tables, "commands", _draw(study))
+    return _remarks(study), [part]
 
 
-def _tables(study: Mapping[str, Any]) -> list[Table]:
-    """Tables of the commands and of the partial generation for nine viewpoints."""
-    heads = [
-        "command", "in the cache", "seconds", "fastest", "spread", "compared with", "share",
-        "by fastest", "peak MiB", "samples traced", "share of samples", "same results",
-    ]  # fmt: skip
-    rows = [
-        [
-            case["name"],
-            case["finds"],
-            number(case["median_s"], 2),
-            number(case["min_s"], 2),
-            f"± {per_cent(case['spread'], 1)}",
-            MISSING if case["beside"] == case["name"] else case["beside"],
-            per_cent(case["share"], 1),
-            per_cent(case["share_min"], 1),
-            number(case["peak_bytes"] / _MIB, 0),
-            _samples(case),
-            per_cent(case["traced"] / case["whole"], 1) if case["whole"] else MISSING,
-            _same(case),
-        ]
-        for case in items(study, "cases")
-    ]
-    caption = f"Whole commands on {study['title']}, medians"
-    return [Table(caption, heads, rows), _parts(study), _generation(part(study, "generation"))]
+def _commands(study: Mapping[str, Any]) -> Table:
+    """Times of all commands."""
+    columns = {
+        "command": lambda c: c["name"],
+        "in the cache": lambda c: c["finds"],
+        "seconds": lambda c: number(c["median_s"], 2),
+        "fastest": lambda c: number(c["min_s"], 2),
+        "spread": lambda c: f"± {per_cent(c['spread'], 1)}",
+        "compared with": lambda c: MISSING if c["beside"] == c["name"] else c["beside"],
+        "share": lambda c: per_cent(c["share"], 1),
+        "by fastest": lambda c: per_cent(c["share_min"], 1),
+        "peak MiB": lambda c: number(c["peak_bytes"] / _MIB, 0),
+        "samples traced": _samples,
+        "share of samples": lambda c: (
+            per_cent(c["traced"] / c["whole"], 1) if c["whole"] else MISSING
+        ),
+        "same results": _same,
+    }
+    return table(f"Whole commands on {study['title']}, medians", study["cases"], columns)
 
 
 def _parts(study: Mapping[str, Any]) -> Table:
     """Seconds of the parts of the last run of each command."""
-    rows = []
-    for case in items(study, "cases"):
-        if case.get("parts"):
-            rest = case["times_s"][-1] - sum(case["parts"].values())
-            seconds = [*case["parts"].values(), rest]
-            rows.append([case["name"], *(number(value, 2) for value in seconds)])
-    heads = ["command", *RUN_PARTS, "start, files and report"]
-    return Table("Seconds of the parts of a run", heads, rows)
+    columns = {
+        "command": lambda c: c["name"],
+        **{part: entry("parts", part, text=partial(number, digits=2)) for part in RUN_PARTS},
+        "start, files and report": lambda c: number(c["times_s"][-1] - sum(c["parts"].values()), 2),
+    }
+    cases = [case for case in study["cases"] if case.get("parts")]
+    return table("Seconds of the parts of a run", cases, columns)
 
 
 def _samples(case: Mapping[str, Any]) -> str:
@@ -82,32 +84,6 @@ def _same(case: Mapping[str, Any]) -> str:
     return f"yes, {_SAME[case['same']]}"
 
 
-def _generation(generation: Mapping[str, Any]) -> Table:
-    heads = [
-        "picture", "observed through", "share of the panel", "ms per EIA", "fastest", "spread",
-        "runs", "kernel times", "share of the whole EIA's time", "by fastest", "same pixels",
-    ]  # fmt: skip
-    rows = [
-        [
-            c["form"],
-            c["name"],
-            per_cent(c["observed_share"], 1),
-            milliseconds(c["median_ms"]),
-            milliseconds(c["min_ms"]),
-            f"± {per_cent(c['spread'], 1)}",
-            str(c["runs"]),
-            times(c["ratio"]),
-            per_cent(c["share"], 1),
-            per_cent(c["share_min"], 1),
-            "yes" if c["same"] else "NO",
-        ]
-        for c in items(generation, "algorithms")
-    ]
-    count = len(items(generation, "viewpoints"))
-    caption = f"Generation of the pixels that {count} viewpoints observe"
-    return Table(f"{caption}: {generation['algorithm']}", heads, rows)
-
-
 def _remarks(study: Mapping[str, Any]) -> list[str]:
     """Conditions of the measurements, in sentences."""
     return [
@@ -117,9 +93,9 @@ def _remarks(study: Mapping[str, Any]) -> list[str]:
         "that numba and Dr.Jit store on disk. Only the time of the first run includes this "
         "compilation.",
         f"Validated: {study['algorithms'].replace(',', ', ')}, through {study['lens_model']} "
-        f"lenses, from {', '.join(items(study, 'viewpoints'))}. Nine viewpoints: template only. "
+        f"lenses, from {', '.join(study['viewpoints'])}. Nine viewpoints: template only. "
         "Peak memory is that of a command's largest process.",
-        *map(str, items(study, "notes")),
+        *study["notes"],
     ]
 
 

@@ -1,0 +1,1 @@
+"""Studies of this project, and their results."""

@@ -1,0 +1,1 @@
+"""Scoreboard: light fields with true views."""
