@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -52,7 +52,7 @@ def page(results: Results) -> tuple[list[str], list[PagePart]]:
 
 
 def _scaling_tables(scaling: Mapping[str, Any]) -> list[Table]:
-    columns = {
+    columns: dict[str, Callable[[Any], str]] = {
         "lenses": lambda p: f"{p['lenses']} × {p['lenses']}",
         "picture pixels per pitch": lambda p: str(p["pixels_per_pitch"]),
         "display pixels": lambda p: f"{p['display_pixels']:,}",
