@@ -101,7 +101,7 @@ def _through_one_lens(
     )
     layout = traits.layout if traits.layout.of_cylinders else Square
     kind = traits._replace(layout=layout, round_aperture=False, full_aperture=False)
-    trace = lens_model(model).function
+    trace = lens_model(model).traced_without_renderer()
     n = display.refractive_index if index is None else index
     with np.errstate(invalid="ignore", divide="ignore"):  # rays that miss this lens
         ray = trace(single, kind, NUMPY_OPS, x - centre_x, y - centre_y, sx, sy, n)
