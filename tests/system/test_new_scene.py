@@ -174,13 +174,11 @@ def test_the_mesh_itself_is_never_overwritten(tmp_path):
 
 
 def test_a_failed_write_leaves_nothing(tmp_path, monkeypatch):
-    import inim.render.meshes.ply
-
-    def full(path: Path, mesh: Mesh) -> None:
+    def full(path: Path, *_: object, **__: object) -> None:
         raise OSError(28, "No space left on device")
 
     source = saved(tmp_path, box((1, 2, 3)))
-    monkeypatch.setattr(inim.render.meshes.ply, "write_ply", full)
+    monkeypatch.setattr(Path, "write_text", full)  # of the scene, after the meshes
     with pytest.raises(FileError, match="No space left"):
         new_scene(source, tmp_path / "out" / "a.xml", unit="mm", up="y")
     assert list((tmp_path / "out").iterdir()) == []

@@ -7,8 +7,11 @@ what is being published is published. In a process that is no program, handlers 
 import signal
 import subprocess
 import sys
+from functools import partial
 
 import pytest
+
+from inim.system.process.interrupts import cleaned_up
 
 LINE = "inim: interrupted; unfinished results were discarded\n"
 PREAMBLE = """
@@ -142,6 +145,15 @@ last = Interrupted()
 program(main)
 """
     assert ended(code) == (129, "deleted ", "")
+
+
+def test_a_block_whose_end_was_skipped_is_cleaned_up_before_those_around_it():
+    """A worker that still runs must not write into a folder that is removed."""
+    order: list[str] = []
+    with cleaned_up(partial(order.append, "folder")):
+        worker = cleaned_up(partial(order.append, "worker"))
+        worker.__enter__()
+    assert order == ["worker", "folder"]
 
 
 #: Runs a job whose worker sleeps, in a fork for each traced step of the supervisor. Signals end the

@@ -27,8 +27,9 @@ from inim.pipeline.stages.stage import Run
 from inim.render.scene_files.file import SceneFile, read_scene_file
 from inim.report import Report
 from inim.system.errors import FileError, InimError, UsageError
+from inim.system.process.atomic_file import file_errors
 from inim.system.process.observer import Observer
-from inim.system.worker.output import hidden_folder, publish_file
+from inim.system.worker.output import hidden_folder
 from inim.system.worker.supervisor import run_in_worker
 
 _MAX_VIEWS = 1000
@@ -178,7 +179,8 @@ def run_job(request: QuiltRequest, staging: Path, observer: Observer) -> bool:
     observer.stage("write")
     quilt = staging / request.file.name
     write_quilt(quilt, tiles, request.columns, request.rows)
-    publish_file(quilt, request.file)
+    with file_errors(request.file):
+        quilt.replace(request.file)
     return True
 
 

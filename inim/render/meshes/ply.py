@@ -7,6 +7,7 @@ as the first. Importing it takes a third of a second, which scenes with PLY mesh
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,14 +29,15 @@ _TYPES = {
 }  # fmt: skip
 
 
-class PlyElement(NamedTuple):
+@dataclass(frozen=True)
+class PlyElement:
     """PLY element of fixed records, in which each list is a count and 3 items."""
 
     name: str
     count: int  #: Records declared.
     #: Name and NumPy type; a list `a` is `a.count`, `a.0`, `a.1`, `a.2`.
-    fields: list[tuple[str, str]]
-    lists: list[str]
+    fields: list[tuple[str, str]] = field(default_factory=list)
+    lists: list[str] = field(default_factory=list)
 
 
 class PlyHeader(NamedTuple):
@@ -67,8 +69,8 @@ def ply_header(path: Path, data: bytes) -> PlyHeader:
         match line.split():
             case ["format", name, "1.0"] if name in _ORDERS:
                 order = _ORDERS[name]
-            case ["element", name, count] if count.isdecimal() and len(count) < 19:
-                elements.append(PlyElement(name, int(count), [], []))
+            case ["element", name, count] if count.isdecimal() and len(count) < 20:
+                elements.append(PlyElement(name, int(count)))
             case ["property", "list", count, item, name] if elements and {count, item} <= {*_TYPES}:
                 items = [(f"{name}.{k}", _TYPES[item]) for k in range(3)]
                 elements[-1].fields.extend([(f"{name}.count", _TYPES[count]), *items])

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING
 
 from inim.system.errors import FileError, UsageError
 from inim.system.files import read_file
-from inim.system.process.atomic_file import file_errors, temporary_folder
-from inim.system.process.interrupts import delayed_interrupts
+from inim.system.process.atomic_file import file_errors, published_together, write_atomically
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping, Sequence
@@ -308,18 +307,14 @@ def _leftovers(out: Path, files: Collection[Path]) -> list[Path]:
 def _write_all(
     out: Path, files: Mapping[Path, Callable[[Path], object]], xml: str, leftovers: Sequence[Path]
 ) -> None:
-    """Write all files into a hidden folder, then rename them, `out` last; remove the leftovers."""
-    with file_errors(out):
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with temporary_folder(out.parent, ".new-scene-") as folder:
-            for path, write in files.items():
-                write(folder / path.name)
-            (folder / out.name).write_text(xml, encoding="utf-8")
-            with delayed_interrupts():
-                for path in (*files, out):
-                    (folder / path.name).replace(path)
-                for path in leftovers:
-                    path.unlink(missing_ok=True)
+    """Write all files or none, `out` last; then remove the leftovers."""
+    with published_together():
+        for path, write in files.items():
+            write(path)
+        write_atomically(out, lambda p: p.write_text(xml, encoding="utf-8"))
+    for path in leftovers:
+        with file_errors(path):
+            path.unlink(missing_ok=True)
 
 
 def _write_part(part: Mesh, path: Path) -> None:
@@ -329,6 +324,6 @@ def _write_part(part: Mesh, path: Path) -> None:
     from inim.render.meshes.ply import write_ply
 
     if path.suffix == ".png":
-        Image.fromarray(part.texture).save(path, "PNG")
+        write_atomically(path, lambda p: Image.fromarray(part.texture).save(p, "PNG"))
     else:
         write_ply(path, part)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _NAMES = ("SIGINT", "SIGTERM", "SIGHUP")  # the last when a terminal closes
 _received: list[int] = []
 # What an interrupted program must still end or remove.
-_clean_ups: dict[object, Callable[[], object]] = {}
+_clean_ups: dict[tuple[int, object], Callable[[], object]] = {}
 # Seconds after which an interrupt that Python ignored is sent again.
 _AGAIN_S = 0.05
 _SIGNALS = [getattr(signal, name) for name in _NAMES if hasattr(signal, name)]
@@ -92,14 +92,18 @@ def cleaned_up(clean_up: Callable[[], object]) -> Iterator[None]:
     block before the folder or process is created, or while interrupts are delayed; `clean_up`
     accepts that it does not exist.
     """
-    key = object()
+    key = (threading.get_ident(), object())
     _clean_ups[key] = clean_up
     try:
         yield
     finally:
         with delayed_interrupts():  # `rmtree` would turn an interrupt into an OSError
-            clean_up()
-            del _clean_ups[key]
+            own = [other for other in [*_clean_ups] if other[0] == key[0]]
+            # Blocks inside come first: an interrupt may have skipped the end of one.
+            while key in _clean_ups:
+                inner = own.pop()
+                _clean_ups[inner]()
+                del _clean_ups[inner]
 
 
 def clean_up_blocks() -> None:

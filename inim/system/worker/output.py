@@ -114,12 +114,6 @@ def publish(staging: Path, out: Path, marker: str = _MARKER) -> None:
         _write_list(staging, out, marker, names)
 
 
-def publish_file(temporary: Path, out: Path) -> None:
-    """Move a finished file to its final path."""
-    with file_errors(out):
-        temporary.replace(out)
-
-
 def list_name(marker: str) -> str:
     """File name of the list of a result's files, one list for each kind of result."""
     return f".{Path(marker).stem}-files.json"
