@@ -96,12 +96,6 @@ eia = inim.generate(rgbd, display, "gu2020")
 """
 
 
-def test_python_functions_ignore_the_current_folder_s_configuration(tmp_path):
-    script = PICTURE + "import sys\nassert 'matplotlib' not in sys.modules\nprint(eia.shape)"
-    ended = run_configured(python_code(script), configured(tmp_path))
-    assert ended.code == EXIT_PASSED, ended.stderr
-
-
 def test_a_program_s_own_kernels_obey_its_configuration(tmp_path):
     script = PICTURE + (
         "import numba\n"
@@ -123,27 +117,6 @@ def test_pictures_are_drawn_without_the_current_folder_s_configuration(tmp_path)
     ended = run_configured(words, configured(tmp_path))
     assert ended.code == EXIT_PASSED, ended.stderr
     assert list((tmp_path / "out").rglob("*.png"))
-
-
-def test_children_do_not_search_the_current_folder(trapped):
-    code = "import json, sys; print(json.dumps(sys.argv[1:]))"
-    path = subprocess.check_output(
-        python_code(code, "a", "b"), cwd=trapped, env=child_environment(), text=True
-    )
-    assert path == '["a", "b"]\n'
-    module = python_module("inim.validate", "--help")
-    origin = subprocess.check_output(module, cwd=trapped, env=child_environment(), text=True)
-    assert origin.startswith("usage: inim validate")
-    assert not (trapped / "executed").exists()
-
-
-def test_the_caller_s_own_path_stays(tmp_path, monkeypatch):
-    (tmp_path / "mine.py").write_text("print('found')\n")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    printed = subprocess.check_output(
-        python_code("import mine"), env=child_environment(), text=True
-    )
-    assert printed == "found\n"
 
 
 def test_a_child_in_another_folder_finds_the_caller_s_relative_folders(tmp_path, monkeypatch):
@@ -189,24 +162,6 @@ def test_the_empty_folder_of_a_renderer_is_removed_however_its_parent_ends(tmp_p
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("before", ["", "rmdir ../current; "], ids=["kept", "deleted"])
-def test_a_module_s_path_is_the_caller_s_without_the_current_folder(tmp_path, before):
-    site, current = tmp_path / "site", tmp_path / "current"
-    site.mkdir()
-    current.mkdir()
-    code = "import atexit, sys\natexit.register(lambda: print(*sys.path, sep='\\n'))\n"
-    (site / "sitecustomize.py").write_text(code)
-    ended = run_child(
-        ["sh", "-c", f'{before}exec "$@"', "sh", sys.executable, "-m", "inim", "info", "settings"],
-        cwd=current,
-        env=child_environment() | {"PYTHONPATH": str(site)},
-    )
-    assert ended.code == EXIT_PASSED, ended.stderr
-    places = ended.stdout.splitlines()
-    assert str(site) in places
-    assert str(current) not in places
-
-
 # --- Files that the renderer looks up ------------------------------------------------------------
 
 MITSUBA = Path(str(find_spec("mitsuba").origin)).parent
@@ -224,31 +179,6 @@ def with_renderer_files(folder: Path, *parts: str) -> Path:
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_text("360 1\n830 1\n")
     return folder
-
-
-RENDERER = """
-import sys, inim
-from inim.render import variant
-variant.use()
-import mitsuba as mi
-mi.load_dict({"type": "scene", "shape": {"type": "sphere"}})
-print(mi.traverse(mi.load_dict({"type": "conductor", "material": "Au"})))
-mi.load_dict({"type": "sunsky"})
-"""
-
-
-def test_renderer_files_in_the_current_folder_do_not_replace_mitsuba_s(tmp_path):
-    """Also in a user's own program, and in the trial of a backend that precedes everything."""
-    (tmp_path / "empty").mkdir()
-    folders = (tmp_path / "empty", with_renderer_files(tmp_path / "here", "plugins", "data"))
-    env = child_environment() | {"XDG_CACHE_HOME": str(tmp_path / "cache")}  # nothing tried yet
-    outputs = []
-    for folder in reversed(folders):
-        ended = run_child(python_code(RENDERER), cwd=folder, env=env)
-        assert ended.code == EXIT_PASSED, ended.stderr
-        outputs.append(ended.stdout)
-    assert outputs[0] == outputs[1]
-    assert "eta.value" in outputs[0]
 
 
 def test_renderer_files_in_the_current_folder_change_no_image_and_no_cached_result(tmp_path):

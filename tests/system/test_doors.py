@@ -11,7 +11,6 @@ import json
 import os
 import signal
 import socket
-import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -19,7 +18,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.image.files.image import silence_output
 from inim.system.document import write_document
 from inim.system.errors import EXIT_BASELINE, EXIT_USAGE, FileError
 from inim.system.files import open_file
@@ -270,24 +268,3 @@ def test_a_damaged_tiff_is_one_line(kind, flipped, tmp_path, capfd):
     assert capfd.readouterr() == ("", "")
     os.write(2, b"heard again")
     assert capfd.readouterr().err == "heard again"
-
-
-def test_stderr_is_back_once_all_threads_have_decoded(capfd):
-    """Expected: the first to end does not give back what the second has found silent."""
-    inside, leave = threading.Barrier(2), threading.Event()
-
-    def second() -> None:
-        with silence_output():
-            inside.wait()
-            leave.wait()
-
-    thread = threading.Thread(target=second)
-    with silence_output():
-        thread.start()
-        inside.wait()
-    os.write(2, b"lost")
-    leave.set()
-    thread.join()
-    os.write(2, b"heard")
-    print("and said")
-    assert capfd.readouterr() == ("and said\n", "heard")

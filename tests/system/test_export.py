@@ -7,7 +7,6 @@ is one line before anything is rendered.
 
 from __future__ import annotations
 
-import json
 import shutil
 from pathlib import Path
 
@@ -24,7 +23,7 @@ from inim.display.viewpoint import zone_eyes
 from inim.generators import generate
 from inim.image.color import to_srgb
 from inim.image.files.eia_file import read_eia, write_eia
-from inim.image.files.image import read_rgbd, write_exr, write_rgbd
+from inim.image.files.image import read_rgbd, write_exr
 from inim.image.files.light_field import eia_from_views, read_hci
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.scene import seed_of
@@ -33,7 +32,6 @@ from inim.report import Report
 from inim.scores.metrics import ssim
 from inim.system.errors import EXIT_PASSED, EXIT_USAGE
 from tests.conftest import scene_text, small_display, sphere, square
-from tests.schemas import report_document
 from tests.system.conftest import (
     Ended,
     assert_one_line,
@@ -42,7 +40,6 @@ from tests.system.conftest import (
     nothing_left,
     run_here,
 )
-from tests.system.test_view import report_data
 from tests.unit.test_light_field import quilt_views
 
 #: Few samples of few pixels, and still lenses enough for a picture to be told from another.
@@ -98,22 +95,6 @@ def test_the_best_algorithm_is_exported_unless_another_is_named(folder):
         assert (ended.code, ended.stdout) == (0, f"{name}\nexported {name}{why}\n"), ended.stderr
         eia = eia_from_views(read_hci(folder / name).views, DISPLAY)
         np.testing.assert_array_equal(eia, np.asarray(pictures[name]))
-
-
-def test_without_scores_to_choose_by_it_asks(folder):
-    path = folder / "OUT" / "report.json"
-    data = json.loads(path.read_text("utf-8"))
-    for algorithm in data["algorithms"].values():
-        algorithm["views"] = {}
-    path.write_text(json.dumps(data), encoding="utf-8")
-    ended = export(folder, "--pdf", "sheet.pdf")
-    assert ended.code == EXIT_USAGE
-    assert_one_line(ended.stderr, ["--algorithms", "wang2024, template, truth"])
-    assert not (folder / "sheet.pdf").exists()
-    del data["algorithms"]["wang2024"]
-    path.write_text(json.dumps(data), encoding="utf-8")
-    ended = export(folder, "--pdf", "sheet.pdf")
-    assert ended.stdout == "sheet.pdf\nexported template, the report's only algorithm\n"
 
 
 @pytest.mark.parametrize(
@@ -178,24 +159,6 @@ def test_a_report_s_light_field_regenerates_its_picture_sampled_once_per_lens(fo
     plane = np.where(expected.covered, np.float32(30), np.float32(0))
     flat = RGBD(expected.color, plane, expected.covered, expected.pixel_mm)
     assert ssim(fine, generate(flat, display, nearest)) < sampled - 0.02
-
-
-@pytest.mark.parametrize(("pixels", "views"), [(8, 7), (9, 9)])
-def test_a_report_s_light_field_has_a_view_in_the_middle(tmp_path, pixels, views):
-    display = small_display(24, 20, pixels)
-    shape = display.capture_shape(5)
-    depth = np.full(shape, 20.0, np.float32)
-    picture = RGBD(np.ones((*shape, 3), np.float32), depth, np.ones(shape, bool), 0.2)
-    write_rgbd(tmp_path / "OUT/rgbd.exr", picture)
-    write_exr(tmp_path / "OUT/eia/template.exr", np.ones((*display.eia_shape, 3), np.float32))
-    document = {"parameters": display.parameters(), "derived": display.derived_quantities()}
-    data = report_document(report_data() | {"display": document})
-    Report(tmp_path / "OUT", data).write()
-    assert export(tmp_path, "--hci", "hci", "--algorithms", "template").code == EXIT_PASSED
-    field = read_hci(tmp_path / "hci")
-    assert field.views.shape == (views, views, 20, 24, 3)
-    step = 3.3 * views  # of depth, g P / (Q / n)
-    np.testing.assert_allclose(field.disparity, 20.0 / step, rtol=1e-6)
 
 
 def test_a_quilt_of_the_truth_is_the_scene_traced_again(folder, renderer):

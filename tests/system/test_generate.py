@@ -16,9 +16,8 @@ from inim.cli.main import main
 from inim.display import Display
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.image.files.eia_file import read_eia
-from inim.image.files.image import read_rgbd
 from inim.report.virtual_display import still_view
-from inim.system.errors import EXIT_PASSED, EXIT_USAGE
+from inim.system.errors import EXIT_PASSED
 from tests.conftest import small_display
 from tests.system.conftest import assert_refused, definitions
 from tests.unit.test_cli import loaded_by
@@ -122,63 +121,10 @@ def test_near_things_move_against_the_eye_upright_and_unmirrored(camera, capsys)
     assert "1280 x 960 pixels of 0.03125 mm: 40 x 30 mm" in output.out
 
 
-def test_every_output_is_written_and_the_picture_kept(camera, capsys):
-    pdf, rgbd = camera / "sheet.pdf", camera / "fitted.exr"
-    more = (*CAMERA, "--depth-unit", "mm", "--pdf", str(pdf), "--save-rgbd", str(rgbd))
-    assert main(words(camera, *more)) == EXIT_PASSED
-    assert f"written    {camera / 'eia.png'}, {pdf}, {rgbd}" in capsys.readouterr().out
-    picture = read_rgbd(rgbd)
-    assert picture.pixel_mm == 0.2
-    low, high = the_display().depth_range_mm
-    depths = np.unique(picture.depth_mm[picture.covered])
-    np.testing.assert_allclose(depths, [low, high], rtol=1e-6)
-    box = [float(v) for v in pdf.read_bytes().split(b"/MediaBox [")[1].split(b"]")[0].split()]
-    assert box[2:] == pytest.approx([40 / 25.4 * 72, 30 / 25.4 * 72], abs=1e-5)
-
-
 def test_it_runs_without_the_renderer(camera):
     loaded = loaded_by(*words(camera, *CAMERA, "--depth-unit", "mm", display=FEWER_LENSES))
     assert loaded.isdisjoint({"mitsuba", "drjit"})
     assert (camera / "eia.png").is_file()
-
-
-@pytest.mark.parametrize(
-    ("more", "fill"),
-    [
-        ((), "the algorithm's default"),
-        (("--fill", "all"), "all"),
-        (("-a", "template:fill=hidden"), "hidden"),
-    ],
-)
-def test_output_names_the_fill_of_the_eia(camera, capsys, more, fill):
-    more = (*CAMERA, "--depth-unit", "mm", *more)
-    assert main(words(camera, *more, display=FEWER_LENSES)) == EXIT_PASSED
-    assert f"of the EIA, fill: {fill}\n" in capsys.readouterr().out
-
-
-def test_a_resampled_depth_is_printed(camera, capsys):
-    small = np.asarray(Image.open(camera / "depth.png"))[::2, ::2]
-    Image.fromarray(small).save(camera / "half.png")
-    assert main(words(camera, *CAMERA, depth="half.png")) == EXIT_PASSED
-    assert "resampled to the colour's size by nearest pixel" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("more", "says"), [((), "--depth-unit: missing"), (("--depth-unit", "none"), "--near-is-large")]
-)
-def test_unit_and_direction_must_be_stated(camera, more, says):
-    files = ["color.png", "--depth", "depth.png", *CAMERA, *more]
-    assert_refused("generate", *files, folder=camera, says=[says, "depth.png"])
-
-
-def test_eq_4_as_printed_is_generated_with_a_warning(camera, capsys):
-    more = ("--orthographic", "--depth-unit", "mm", "--depth-map", "printed")
-    assert main(words(camera, *more)) == EXIT_PASSED
-    output = capsys.readouterr()
-    assert "of the samples are beyond the display's range" in output.err
-    hint = output.err.partition("to show them there: ")[2].partition(";")[0]
-    assert main(words(camera, *more, *hint.split())) == EXIT_PASSED
-    assert "0.0% of the samples are beyond" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
@@ -212,15 +158,6 @@ def test_eq_4_as_printed_is_generated_with_a_warning(camera, capsys):
 )
 def test_a_mistake_is_one_line_and_nothing_is_written(camera, more, says):
     assert_refused(*words(camera, *more), folder=camera, says=[says])
-
-
-def test_swap_bytes_reads_a_depth_map_of_the_other_byte_order(camera, capsys):
-    depth = np.asarray(Image.open(camera / "depth.png")) + np.arange(COLUMNS) // 7
-    (camera / "swapped.pgm").write_bytes(b"P5\n120 90\n65535\n" + depth.astype("<u2").tobytes())
-    assert main(words(camera, *CAMERA, depth="swapped.pgm")) == EXIT_USAGE
-    assert "--swap-bytes for the other byte order" in capsys.readouterr().err
-    more = ["--swap-bytes", "--missing", ",".join(map(str, range(18)))]
-    assert main(words(camera, *CAMERA, *more, depth="swapped.pgm")) == EXIT_PASSED
 
 
 def test_an_input_is_never_written_over(camera):
@@ -279,21 +216,6 @@ def test_the_centre_view_with_its_disparity_agrees_with_the_true_views(tmp_path,
     assert (np.abs(centre - true)[middle] < 0.02).all()
     # They part only where the centre view did not see: beside the square, and at its flanks.
     assert same.mean() > 0.9
-
-
-@pytest.mark.parametrize(
-    ("more", "says"),
-    [
-        (["lf"], "4 x 4 views have none in the middle"),
-        (["none"], "none"),
-        (["lf", "--near", "1"], "--near: the light field lf"),
-        (["c.png", "--all-views", "--depth", "d.png"], "not a light field"),
-        (["lf", "--all-views", "--save-rgbd", "r.exr"], "have no depth"),
-    ],
-)
-def test_a_light_field_s_mistakes_are_one_line(tmp_path, more, says):
-    light_field(tmp_path / "lf", across=4, down=4)
-    assert_refused("generate", *more, "-o", "eia.png", folder=tmp_path, says=[says])
 
 
 def test_an_upright_picture_turns_a_wide_display_and_fills_it(camera, capsys, monkeypatch):

@@ -12,7 +12,6 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ from PIL import Image
 
 import inim
 from inim.generators import SourceGenerator, algorithm_items
-from inim.image.color import linear_from_srgb, srgb_from_linear
+from inim.image.color import srgb_from_linear
 from inim.image.files.eia_file import read_eia
 from inim.image.files.image import read_exr, write_exr
 from inim.pipeline.job import setup
@@ -258,16 +257,6 @@ def test_png_of_any_kind_is_read_as_srgb(tmp_path, mode, alpha):
         assert np.count_nonzero(~covered) == 200
 
 
-def test_grey_of_16_bits_keeps_them(tmp_path):
-    display = small_display()
-    rows, columns = display.eia_shape
-    codes = np.arange(rows * columns, dtype=np.uint16).reshape(rows, columns) * 7
-    Image.fromarray(codes).save(tmp_path / "mine.png")
-    eia, _ = read_eia(tmp_path / "mine.png", display)
-    expected = linear_from_srgb(codes / np.float32(65535))
-    assert np.array_equal(eia, np.repeat(expected[..., None], 3, axis=-1))
-
-
 @pytest.mark.parametrize(
     ("algorithms", "eias", "says"),
     [
@@ -334,16 +323,6 @@ def test_optimal_has_the_best_views_and_is_the_measure_of_the_others(
     assert not [text for text in finished.data["warnings"] if text.startswith("optimal/")]
 
 
-def test_optimal_needs_a_traced_lens_model(tmp_path, run_inim):
-    ended = run_inim(
-        write_scene(tmp_path), "-o", "out", "--algorithms", "optimal", folder=tmp_path,
-        lens_model="full",
-    )  # fmt: skip
-    assert ended.code == EXIT_USAGE
-    assert "'optimal': the full lens model scatters rays between lenses; use " in ended.stderr
-    assert nothing_left(tmp_path)
-
-
 # --- The pickup ---------------------------------------------------------------------------------
 
 
@@ -374,13 +353,6 @@ def test_holes_of_the_pickup_are_where_the_scene_is_not(tmp_path, run_inim):
     assert abs(holes - (lit == 0).mean()) <= at_edges < 0.1
 
 
-def test_pickup_without_a_scene_is_refused_with_the_reason():
-    display = small_display()
-    rgbd = some_picture()
-    with pytest.raises(UsageError, match=r"'pickup' needs the scene.*inim validate"):
-        inim.generate(rgbd, display, "pickup")
-
-
 # --- Generators of other packages ---------------------------------------------------------------
 
 
@@ -391,21 +363,6 @@ def test_generator_of_another_package_is_scored_with_its_options(evaluated):
     assert np.array_equal(half, bright * np.float32(0.5))
     assert evaluated.results[HALF]["seconds"] > 0
     assert evaluated.results[HALF]["eia"]["hole_fraction"] is None
-
-
-def test_name_with_options_works_in_every_form_of_the_report(evaluated):
-    assert {f"eia/{HALF}.png", f"views/{HALF}/centre.exr"} <= set(evaluated.data["files"])
-    assert all((evaluated.out / name).is_file() for name in evaluated.data["files"])
-    page = (evaluated.out / "report.html").read_text(encoding="utf-8")
-    assert HALF in page
-    assert 'class="missing"' not in page
-    assert HALF in (evaluated.out / "summary.md").read_text(encoding="utf-8")
-    cases = ElementTree.parse(evaluated.out / "junit.xml").getroot().findall(".//testcase")
-    assert f"{HALF}/centre: SSIM on the relic, to the reference" in {
-        case.get("name") for case in cases
-    }
-    rows = evaluated.ended.stdout.splitlines()[2 : 3 + len(NAMES)]
-    assert [line.split()[0] for line in rows] == [*NAMES, "reference"]
 
 
 @pytest.mark.parametrize(
@@ -435,14 +392,6 @@ def test_fault_of_another_s_generator_is_one_line_that_names_it(
     assert ended.stderr.count("algorithm '") == 1
     assert nothing_left(tiny_scene.parent)
     assert not (tiny_scene.parent / "out").exists()
-
-
-def test_debug_shows_where_another_s_generator_failed(tiny_scene, run_inim, others):
-    words = ("-o", "out", "--algorithms", "faulty:how=raise", "--debug")
-    ended = run_inim(tiny_scene, *words, folder=tiny_scene.parent, variables=others)
-    assert ended.code == EXIT_USAGE
-    assert 'raise RuntimeError("no such\\nweights")' in ended.stderr
-    assert ended.stderr.splitlines()[-1].startswith("inim: error: algorithm 'faulty:how=raise'")
 
 
 @pytest.mark.parametrize(

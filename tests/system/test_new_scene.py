@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.cli.new_scene import COMMANDS
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.render.meshes.mesh import read_mesh
 from inim.render.meshes.ply import write_ply
@@ -62,17 +60,6 @@ def render(mi: Any, path: Path, spp: int = 16) -> np.ndarray:
 
 
 # --- Units, axes, refusals ----------------------------------------------------------------------
-
-
-def test_gltf_is_metres_and_y_up_without_asking(tmp_path):
-    import trimesh
-
-    source = tmp_path / "relic.glb"
-    block = trimesh.creation.box(extents=(0.1, 0.3, 0.2))
-    trimesh.Scene([block]).export(str(source))
-    out = new_scene(source, tmp_path / "out" / "a.xml", unit=None, up=None)
-    points = read_mesh(out.with_suffix(".ply"))[0].vertices
-    np.testing.assert_allclose(np.ptp(points, axis=0), [100, 300, 200], rtol=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -155,14 +142,6 @@ def test_forcing_removes_the_parts_that_only_the_earlier_scene_had(tmp_path):
     assert not (tmp_path / "b-2.png").exists()
     assert (tmp_path / "b.ply").is_file()
     assert [path.read_text() for path in bystanders] == ["mine"] * 3
-
-
-def test_forcing_leaves_the_parts_of_a_scene_of_their_own_name(tmp_path):
-    source = saved(tmp_path, sphere())
-    new_scene(source, tmp_path / "b-2.xml", unit="mm", up="y")
-    (tmp_path / "b.xml").write_text('<scene><string name="filename" value="b-2.ply"/></scene>')
-    new_scene(source, tmp_path / "b.xml", unit="mm", up="y", force=True)
-    read_mesh(tmp_path / "b-2.ply")
 
 
 def test_the_mesh_itself_is_never_overwritten(tmp_path):
@@ -289,29 +268,6 @@ def test_off_is_read(tmp_path):
             read_mesh(tmp_path / "bad.off")
 
 
-@pytest.mark.parametrize(("unit", "question"), [("mm", True), ("cm", False), ("m", False)])
-def test_a_size_that_is_hardly_a_relics_is_asked_about(tmp_path, unit, question):
-    messages: list[str] = []
-    mesh = saved(tmp_path, box((0.8, 0.6, 0.4)))
-    new_scene(mesh, tmp_path / "a.xml", unit=unit, up="y", warn=messages.append)
-    assert [("0.8 mm" in line and "--unit" in line) for line in messages] == [True] * question
-    large = saved(tmp_path, box((40, 3, 3)))
-    new_scene(large, tmp_path / "b.xml", unit="m", up="y", warn=messages.append)
-    assert "40 m large" in messages[-1]
-
-
-def test_robust_intersections_and_defaults_are_in_the_scene(tmp_path):
-    out = new_scene(saved(tmp_path, sphere()), tmp_path / "a.xml", unit="m", up="y", title="T")
-    text = out.read_text(encoding="utf-8")
-    assert '<boolean name="embree_use_robust_intersections" value="true"/>' in text
-    assert "inim.display" not in text
-    assert "inim.algorithms" not in text
-    mesh = saved(tmp_path, sphere())
-    out = new_scene(mesh, tmp_path / "b.xml", unit="m", up="y", display="phone")
-    assert '<default name="inim.display" value="phone"/>' in out.read_text(encoding="utf-8")
-    assert '<default name="inim.title" value="T"/>' in text
-
-
 def quadrants(folder: Path) -> Path:
     """An OBJ square whose picture is red and green above, blue and white below."""
     pixels = np.zeros((64, 64, 3), np.uint8)
@@ -335,47 +291,6 @@ def test_texture_is_the_right_way_up(tmp_path, mi):
         assert color[channels].min() > 3 * color[others].max()
 
 
-def no_picture(folder: Path) -> None:
-    (folder / "skin.png").unlink()
-
-
-def broken_picture(folder: Path) -> None:
-    (folder / "skin.png").write_bytes(b"no picture")
-
-
-def no_material(folder: Path) -> None:
-    (folder / "a.mtl").unlink()
-
-
-@pytest.mark.parametrize(
-    ("lose", "name"),
-    [(no_picture, "skin.png"), (broken_picture, "skin.png"), (no_material, "a.mtl")],
-)
-def test_a_texture_that_is_lost_is_named_in_one_warning(tmp_path, lose, name):
-    source = quadrants(tmp_path / "given")
-    lose(tmp_path / "given")
-    warnings: list[str] = []
-    new_scene(source, tmp_path / "b.xml", unit="mm", up="y", warn=warnings.append)
-    (text,) = warnings
-    assert text.startswith(f"{source}: '{name}' is missing")
-
-
-def test_a_whole_mesh_is_taken_without_a_warning(tmp_path):
-    warnings: list[str] = []
-    source = quadrants(tmp_path / "given")
-    new_scene(source, tmp_path / "b.xml", unit="mm", up="y", warn=warnings.append)
-    assert warnings == []
-
-
-def test_vertex_colours_reach_mitsuba(tmp_path, mi):
-    ball = sphere()
-    color = np.tile(np.float32([0.8, 0.1, 0.1]), (len(ball.vertices), 1))
-    source = saved(tmp_path, Mesh(ball.vertices, ball.faces, color=color))
-    picture = render(mi, new_scene(source, tmp_path / "a.xml", unit="mm", up="y"), spp=4)
-    red, green, _ = picture[200:312, 200:312].mean(axis=(0, 1))
-    assert red > 3 * green
-
-
 @pytest.mark.parametrize(
     "name", ['a "b" c', "Tom & <Jerry>", "青铜 鼎", "it's", "50$ $off", "a\\b", "tab\tline\nend"]
 )
@@ -388,14 +303,3 @@ def test_odd_names_survive(tmp_path, mi, name):
 
 
 # --- Command line -------------------------------------------------------------------------------
-
-
-def test_command_line_writes_the_scene(tmp_path, capsys):
-    parser = argparse.ArgumentParser()
-    COMMANDS["new-scene"].add_arguments(parser)
-    source = saved(tmp_path, box((1, 2, 3)))
-    line = [str(source), "--unit", "mm", "--up=-z", "--front", "x", "-o", str(tmp_path / "a.xml")]
-    assert COMMANDS["new-scene"].run(parser.parse_args(line)) == 0
-    printed = capsys.readouterr().out
-    assert printed == f"wrote {tmp_path / 'a.xml'}; next: inim validate {tmp_path / 'a.xml'}\n"
-    assert (tmp_path / "a.ply").is_file()

@@ -23,7 +23,7 @@ import inim
 from inim.system.backend import kernels
 from inim.system.errors import EXIT_BACKEND, EXIT_PASSED, FileError
 from inim.system.process.observer import Observer
-from inim.system.worker.output import publish, staging_folder
+from inim.system.worker.output import staging_folder
 from inim.system.worker.serve import Job, _run_with_retry
 from tests.system.conftest import (
     ALONE,
@@ -31,7 +31,6 @@ from tests.system.conftest import (
     TINY,
     Ended,
     assert_one_line,
-    assert_whole,
     command,
     files_in,
     nothing_left,
@@ -82,19 +81,6 @@ def test_folder_that_others_could_fill_with_code_is_refused(nothing_to_write, sp
         kernels.cache_folder()
 
 
-def test_kernels_are_in_the_user_s_cache_or_the_named_folder(nothing_to_write, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(nothing_to_write / "cache"))
-    assert kernels.cache_folder().parent == nothing_to_write / "cache/inim/kernels"
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(nothing_to_write / "named"))
-    assert kernels.cache_folder().parent == nothing_to_write / "named"
-
-
-def test_nowhere_to_write_at_all_is_one_line(nothing_to_write, monkeypatch):
-    monkeypatch.setattr(kernels.tempfile, "tempdir", str(NOWHERE))
-    with pytest.raises(FileError, match="set NUMBA_CACHE_DIR"):
-        kernels.cache_folder()
-
-
 def loaded_anew(path: Path) -> ModuleType:
     """A module as a process that starts loads it: its kernels come from the cache, if at all."""
     spec = spec_from_file_location(path.stem, path)
@@ -133,34 +119,6 @@ def test_broken_kernel_cache_costs_a_compilation_and_no_more(tmp_path, monkeypat
             assert len(tries) <= most
 
 
-def test_fault_of_the_job_is_not_tried_again():
-    tries = []
-
-    def work(request: object, staging: Path, observer: Observer) -> bool:
-        tries.append(1)
-        raise EOFError("of the job itself")
-
-    with pytest.raises(EOFError):
-        _run_with_retry(Job(None, Path()), Observer(), work)
-    assert len(tries) == 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("content", [b"", b"garbage" * 100, None])
-def test_broken_cache_of_the_renderer_is_survived(tmp_path, run_process, content):
-    scene = write_scene(tmp_path / "scene")
-    home = {"HOME": str(tmp_path)}
-    run_process(scene, "-o", tmp_path / "first", folder=tmp_path, variables=home, **SMALLEST)
-    kernels = [p for p in (tmp_path / ".drjit").rglob("*") if p.is_file()]
-    assert kernels, "the renderer keeps its kernels elsewhere: this test tests nothing"
-    for path in kernels:
-        data = path.read_bytes()
-        path.write_bytes(data[: len(data) // 2] if content is None else content)
-    ended = run_process(scene, "-o", tmp_path / "out", folder=tmp_path, variables=home, **SMALLEST)
-    assert ended.code == EXIT_PASSED, ended.stderr
-    assert_whole(tmp_path / "out")
-
-
 @pytest.mark.slow
 def test_read_only_package_and_no_home_is_enough(tmp_path):
     """Installation by root for a user without a home: the first run compiles, the second not."""
@@ -195,26 +153,6 @@ def test_read_only_package_and_no_home_is_enough(tmp_path):
 
 
 # --- Surroundings -------------------------------------------------------------------------------
-
-
-def from_the_next_century(folder: Path) -> Path:
-    """A scene and a report's folder, with times far ahead of the clock."""
-    scene = write_scene(folder)
-    with staging_folder(folder / "out") as staging:
-        for name in ("report.json", "old.png"):
-            (staging / name).write_text("old")
-        publish(staging, folder / "out")
-    for path in (scene, folder / "out", folder / "out" / "report.json", folder):
-        os.utime(path, (4e9, 4e9))
-    return scene
-
-
-def test_clock_set_back_is_no_obstacle(tmp_path, run_inim):
-    scene = from_the_next_century(tmp_path)
-    ended = run_inim(scene, "-o", "out", folder=tmp_path, **SMALLEST)
-    assert ended.code == EXIT_PASSED, ended.stderr
-    assert_whole(tmp_path / "out")
-    assert not (tmp_path / "out" / "old.png").exists()
 
 
 @pytest.fixture(scope="module")

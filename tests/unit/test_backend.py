@@ -9,10 +9,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from inim.cli.info import describe, sys_info
+from inim.cli.info import describe
 from inim.system import backend
 from inim.system.backend import Backend
-from inim.system.errors import BackendError, UsageError
+from inim.system.errors import BackendError
 from inim.system.process import machine
 
 WHEEL_FOLDERS = backend.wheel_folders
@@ -68,21 +68,6 @@ def test_newest_version_comes_first_and_a_nameless_one_last(tmp_path):
     for name in sorted(order):
         library(tmp_path / "system" / name, "19.1.7")
     assert [path.name for path in backend.find_libllvm()] == order
-
-
-def test_missing_folders_and_files_of_similar_names_are_no_candidates(monkeypatch, tmp_path):
-    for name in ("libLLVMX86CodeGen.a", "libLLVM-C.so", "libLLVMgold.so", "libLLVM-19.txt"):
-        library(tmp_path / "system" / name, "19.1.7")
-    folders = [tmp_path / "none", Path("/dev/null"), tmp_path / "system"]
-    monkeypatch.setattr(backend, "_system_folders", lambda: folders)
-    assert list(backend.find_libllvm()) == []
-
-
-def test_aliases_of_one_file_are_one_candidate(tmp_path):
-    path = library(tmp_path / "system/libLLVM.so.19.1", "19.1.7")
-    (path.parent / "libLLVM-19.so").symlink_to("libLLVM.so.19.1")
-    (path.parent / "libLLVM-18.so").symlink_to("nowhere")
-    assert list(backend.find_libllvm()) == [path.resolve()]
 
 
 def test_linker_cache_is_searched(monkeypatch, tmp_path):
@@ -180,16 +165,6 @@ def test_refusal_is_one_line_with_every_reason_and_the_remedy(tmp_path):
         assert part in message
 
 
-def test_an_empty_search_is_reported():
-    with pytest.raises(BackendError, match="found none; install one: pip install karellen"):
-        backend.choose_backend("auto")
-
-
-def test_unknown_backend_is_a_usage_error():
-    with pytest.raises(UsageError, match="'metal' is unknown: choose one of auto, cuda, llvm"):
-        backend.choose_backend("metal")
-
-
 # --- CUDA ---------------------------------------------------------------------------------
 
 
@@ -278,13 +253,6 @@ class Loaded:
         return name in self._has
 
 
-def test_a_library_that_is_loaded_already_serves(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "drjit", Loaded((19, 1, 7), "llvm"))
-    monkeypatch.delenv("DRJIT_LIBLLVM_PATH", raising=False)
-    backend.activate(chosen(tmp_path / "libLLVM.so.21.1"))
-    assert "DRJIT_LIBLLVM_PATH" not in os.environ
-
-
 @pytest.mark.parametrize(
     ("loaded", "says"),
     [
@@ -344,12 +312,3 @@ def test_description_is_json_and_gives_each_library_its_reason(tmp_path):
     assert facts["libllvm"][1]["reason"] == "LLVM 14 is too old for Dr.Jit"
     assert facts["chosen"]["libllvm"] == str(path)
     assert facts["memory_bytes"] == machine.memory_limit_bytes()
-
-
-def test_text_form_works_with_and_without_a_backend(tmp_path):
-    assert "no usable libLLVM: found none" in sys_info()
-    library(tmp_path / "system/libLLVM-14.so.1", "14.0.6")
-    library(tmp_path / "system/libLLVM.so.19.1", "19.1.7")
-    text = sys_info()
-    assert "libLLVM.so.19.1  usable" in text
-    assert "libLLVM-14.so.1  refused: LLVM 14 is too old" in text

@@ -10,8 +10,8 @@ from PIL import Image
 from inim.apps.own_picture.cameras import read_cameras
 from inim.apps.own_picture.picture import CameraPicture
 from inim.display import DISPLAYS
-from inim.generators import generate, merge_cameras
-from inim.image.rgbd import RGBD, Camera, CameraRGBD, CameraRGBDs, LayeredRGBD, camera_directions
+from inim.generators import merge_cameras
+from inim.image.rgbd import Camera, CameraRGBD, CameraRGBDs, LayeredRGBD, camera_directions
 from inim.system.errors import FileError, UsageError
 from tests.conftest import small_display
 
@@ -71,28 +71,6 @@ def pictures(scene, arrangement):
 @cache
 def merged_of(scene, arrangement):
     return merge_cameras(pictures(scene, arrangement), DISPLAY)
-
-
-def test_arrangements_are_the_centre_and_corners_or_grids():
-    assert camera_directions("1") == ((0, 0),)
-    assert camera_directions("5")[0] == (0, 0)
-    assert {*camera_directions("5")[1:]} == {(x, y) for x in (-1, 1) for y in (-1, 1)}
-    assert camera_directions("3x1") == ((0, 1), (0, 0), (0, -1))
-    assert camera_directions("9") == camera_directions("3x3")
-    assert len({*camera_directions("2x4")}) == 8
-    for wrong in ("0", "7", "10", "4x4", "3 x 3", "five", ""):
-        with pytest.raises(UsageError, match="rows and columns"):
-            camera_directions(wrong)
-
-
-@pytest.mark.parametrize("scene", [square_before_wall, ball])
-def test_one_camera_gives_its_own_picture(scene):
-    depth, color = scene()
-    merged = merged_of(scene, "1")
-    covered = np.isfinite(depth)
-    assert type(merged) is RGBD and np.array_equal(merged.covered, covered)
-    assert merged.depth_mm[covered] == pytest.approx(depth[covered], abs=1e-5)
-    assert merged.color[covered] == pytest.approx(color[covered], abs=1e-6)
 
 
 def test_the_front_of_several_cameras_is_that_of_the_centre_camera():
@@ -165,32 +143,6 @@ def test_a_block_ends_at_its_undercut_side_where_a_camera_sees_it(lean):
     assert is_undercut.any()
     error = back[is_undercut] - (NEAR - inside[is_undercut] / lean)
     assert np.abs(error).max() < PIXEL_MM / lean
-
-
-def test_five_cameras_show_more_of_the_wall_than_one():
-    """Display rays that pass the square meet the wall, whose colour one camera has to suppose."""
-    picture, layered = (merged_of(square_before_wall, arrangement) for arrangement in "15")
-    exact = LayeredRGBD(
-        picture.color, picture.depth_mm, picture.covered, PIXEL_MM, picture.depth_mm - 0.1,
-        (wall_behind(picture),),
-    )  # fmt: skip
-    truth, from_one, from_five = (
-        generate(rgbd, DISPLAY, "layered", colour="nearest", samples=1)
-        for rgbd in (exact, picture, layered)
-    )
-    wrong = [
-        np.count_nonzero(np.abs(eia - truth).max(axis=-1) > 0.1) for eia in (from_one, from_five)
-    ]
-    assert wrong[1] < 0.5 * wrong[0]
-
-
-def wall_behind(picture):
-    from inim.image.rgbd import Layer
-
-    behind = picture.depth_mm == np.float32(NEAR)
-    front = np.full(SHAPE, FAR, np.float32)
-    color = np.broadcast_to(np.float32(BLUE), (*SHAPE, 3))
-    return Layer(color, front, front - np.float32(0.1), behind)
 
 
 def test_cameras_and_pictures_are_checked():
@@ -288,17 +240,6 @@ def test_a_document_names_no_file_outside_its_folder(tmp_path, name):
     path.write_text(json.dumps(document))
     with pytest.raises(FileError, match=r"cameras\.json: '.*png' is outside the document's folder"):
         read_cameras(path, OPTIONS, DISPLAYS["nominal"])
-
-
-def test_a_document_may_name_files_in_a_folder_below(tmp_path):
-    (tmp_path / "below").mkdir()
-    path, document = write_document(tmp_path / "below", POSITIONS[:2])
-    for placed in document["pictures"]:
-        placed.update({key: f"below/{placed[key]}" for key in ("color", "depth")})
-    path.unlink()
-    path = tmp_path / "cameras.json"
-    path.write_text(json.dumps(document))
-    assert len(read_cameras(path, OPTIONS, DISPLAYS["nominal"]).pictures.pictures) == 2
 
 
 def test_invalid_documents_are_refused(tmp_path):

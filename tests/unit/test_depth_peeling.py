@@ -108,19 +108,6 @@ def test_a_box_before_a_wall_hides_a_part_of_it(open_fitted):
     close(layers.back_mm[1], depth(-6.5), box)
 
 
-def test_a_wall_with_a_hole_has_the_background_as_front(open_fitted):
-    """Four bars round a hole: one layer through it, two through the bars."""
-    bars = [cube((s * 4, 0, 0), (1, 5, 1)) for s in (-1, 1)]
-    bars += [cube((0, s * 4, 0), (3, 1, 1)) for s in (-1, 1)]
-    fitted, layers = peeled(open_fitted, scene_text(*bars, cube((0, 0, -8), (5, 5, 1))))
-    x, y, depth = places(fitted, layers)
-    hole = (np.abs(x) < 3) & (np.abs(y) < 3)
-    frame = (np.abs(x) < 5) & (np.abs(y) < 5) & ~hole
-    assert np.array_equal(layers.covered, [hole | frame, frame])
-    close(layers.front_mm[0], np.where(hole, depth(-7), depth(1)), hole | frame)
-    close(layers.front_mm[1], depth(-7), frame)
-
-
 @pytest.mark.parametrize("more", ["", FLIPPED], ids=["front", "back"])
 def test_a_sheet_is_as_thick_as_its_slope_and_shows_no_gaps(open_fitted, more):
     """A square whose world z is 0.8 x."""
@@ -182,18 +169,6 @@ def test_shapes_through_each_other_are_one_solid(open_fitted):
     assert not layers.covered[1:, joined].any()
 
 
-def test_boxes_of_single_faces_are_solid(open_fitted):
-    """A front of one shape and a back of another are closed together."""
-    back = square((0, 0, -3), 4, "0.8").replace(
-        "<translate", '<rotate y="1" angle="180"/><translate'
-    )
-    fitted, layers = peeled(open_fitted, scene_text(square((0, 0, 0), 4, "0.8"), back))
-    assert len(layers.front_mm) == 1
-    _, _, depth = places(fitted, layers)
-    close(layers.front_mm[0], depth(0), layers.covered[0])
-    close(layers.back_mm[0], depth(-3), layers.covered[0])
-
-
 @pytest.mark.parametrize("shape", ["sphere", "cube"])
 def test_normals_that_point_inwards_make_the_same_solid(open_fitted, shape):
     behind = sphere((0, 0, -12), 3.0)
@@ -218,19 +193,6 @@ def test_an_empty_background_is_one_layer_and_extra_layers_are_counted(open_fitt
     _, layers = peeled(open_fitted, scene_text(*plates))
     assert len(layers.front_mm) == MOST_LAYERS
     assert layers.cut_share == pytest.approx(0.5, abs=0.02)
-
-
-def test_lamps_are_no_layers(open_fitted):
-    lamp = """<shape type="rectangle"><transform name="to_world"><scale value="2"/>
-        <translate z="{z}"/></transform>
-        <emitter type="area"><rgb name="radiance" value="5"/></emitter></shape>"""
-    body = sphere((0, 0, 0), 3.0), sphere((0, 0, -12), 3.0)
-    _, plain = peeled(open_fitted, scene_text(*body))
-    _, lit = peeled(open_fitted, scene_text(*body, lamp.format(z=4.5), lamp.format(z=-6)))
-    assert np.array_equal(plain.covered, lit.covered)
-    for name in ("front_mm", "back_mm"):
-        first, other = (getattr(p, name)[plain.covered] for p in (plain, lit))
-        assert np.abs(first - other).max() < 1e-4 * RANGE_MM
 
 
 def colours(open_fitted, text, spp=16, seed=1):
@@ -285,13 +247,6 @@ def test_a_hidden_surface_has_its_own_light(open_fitted):
     light = 2.5 / np.pi * np.sqrt(0.5)
     assert np.abs(hidden.color[hidden.covered] - light * np.array([0.05, 0.8, 0.05])).max() < 1e-4
     assert (hidden.color[~hidden.covered] == 0).all()
-
-
-def test_equal_seeds_give_equal_layers(open_fitted):
-    text = around(sphere((0, 0, 6), 3.0, RED), square((0, 0, 0), 5.5, GREEN))
-    first, other, third = (colours(open_fitted, text, 4, seed)[0].palette for seed in (1, 1, 2))
-    assert np.array_equal(first, other)
-    assert not np.array_equal(first, third)
 
 
 def validated(folder, algorithms):

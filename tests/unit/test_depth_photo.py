@@ -2,7 +2,6 @@
 
 import io
 import struct
-import sys
 import time
 import zlib
 from pathlib import Path
@@ -12,10 +11,9 @@ import pytest
 from PIL import Image
 
 from inim.apps.own_picture.depth_photo import read_depth_photo
-from inim.apps.own_picture.depth_photo.codes import read_xmp, rotate_upright
-from inim.apps.own_picture.fit import Pinhole
+from inim.apps.own_picture.depth_photo.codes import rotate_upright
 from inim.apps.own_picture.picture_files import read_color
-from inim.system.errors import FileError, UsageError
+from inim.system.errors import FileError
 from tests.depth_photographs import (
     EXTENDED,
     RDF,
@@ -73,11 +71,6 @@ def test_near_and_far_give_the_distances_of_the_closed_form(tmp_path, kind, form
     assert photo.notes[0].endswith("metric")
 
 
-def test_millimetres_are_millimetres(tmp_path):
-    photo = read_photo(tmp_path, gdepth(picture(COLOR), DEPTH_PNG, Units="mm", Near=300, Far=900))
-    np.testing.assert_allclose(photo.values.depth, inverse(SMALL, 300, 900), rtol=1e-6)
-
-
 @pytest.mark.parametrize("units", [None, "None", "Diopters"])
 def test_depth_without_a_unit_is_relative_and_marked_so(tmp_path, units):
     photo = read_photo(tmp_path, gdepth(picture(COLOR), DEPTH_PNG, Units=units, Near=2, Far=9))
@@ -104,18 +97,6 @@ def test_apple_s_disparity_is_found_among_the_pictures_of_a_jpeg(tmp_path, order
     np.testing.assert_allclose(photo.values.depth, 0.5 + codes / 255 * 2, rtol=1e-6)
     assert photo.values.near_is_large
     assert "accuracy relative: relative" in photo.notes[0]
-
-
-def test_infinite_depth_becomes_the_farthest_finite_one(tmp_path):
-    codes = np.array([[0, 1], [2, 255]], np.uint8)
-    xml = apple_xml(least=0, most=2.55, accuracy="absolute")
-    pytest.importorskip("pillow_heif")
-    color = np.zeros((16, 16, 3), np.uint8)
-    photo = read_photo(
-        tmp_path, heic(color, np.kron(codes, np.ones((8, 8), np.uint8)), xml), "x.heic"
-    )
-    distances = photo.values.depth[4::8, 4::8]
-    np.testing.assert_allclose(distances, [[200_000, 100_000], [50_000, 1000 / 2.55]], rtol=1e-5)
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
@@ -152,25 +133,6 @@ def test_colour_depth_and_camera_are_rotated_equally(tmp_path, kind, orientation
         )
 
 
-def test_upright_is_pillow_s_own_turning():
-    pixels = np.arange(12, dtype=np.uint8).reshape(3, 4)
-    for orientation in range(1, 9):
-        from PIL import ImageOps
-
-        stored = Image.open(io.BytesIO(picture(pixels, "PNG", orientation)))
-        expected = np.asarray(ImageOps.exif_transpose(stored))
-        np.testing.assert_array_equal(rotate_upright(pixels, orientation), expected)
-
-
-def test_cameras_are_scaled_to_the_colour_picture(tmp_path):
-    model = (
-        '<Camera:ImagingModel ImagingModel:FocalLengthX="1000" ImagingModel:FocalLengthY="1000" '
-        'ImagingModel:ImageWidth="1280" ImagingModel:ImageHeight="960"/>'
-    )
-    photo = read_photo(tmp_path, dynamic(picture(COLOR), DEPTH_PNG, model=model))
-    assert photo.camera == Pinhole(100, 100, 63.5, 47.5)
-
-
 def test_a_focal_length_in_35_mm_film_is_a_camera(tmp_path):
     exif = Image.Exif()
     exif.get_ifd(0x8769)[0xA405] = 26
@@ -180,30 +142,6 @@ def test_a_focal_length_in_35_mm_film_is_a_camera(tmp_path):
     assert photo.camera is not None
     assert photo.camera.fx == pytest.approx(26 * np.hypot(128, 96) / np.hypot(36, 24))
     assert "EXIF, 26 mm" in photo.notes[1]
-
-
-@pytest.mark.parametrize("camera", [(100, 64, 48, "inf", "1e400"), (100, 64, "inf", 128, 96)])
-def test_a_camera_that_is_not_finite_is_ignored(tmp_path, camera):
-    data = apple_jpeg(picture(COLOR), picture(SMALL), apple_xml(camera=camera))
-    assert read_photo(tmp_path, data).camera is None
-    model = (
-        '<Camera:ImagingModel ImagingModel:FocalLengthX="1000" ImagingModel:FocalLengthY="1000" '
-        'ImagingModel:ImageWidth="1e400" ImagingModel:ImageHeight="inf"/>'
-    )
-    assert read_photo(tmp_path, dynamic(picture(COLOR), DEPTH_PNG, model=model)).camera is None
-
-
-def test_a_matrix_for_another_shape_is_no_camera(tmp_path):
-    data = apple_jpeg(picture(COLOR), picture(SMALL), apple_xml(camera=(100, 64, 64, 128, 128)))
-    assert read_photo(tmp_path, data).camera is None
-
-
-def test_heic_without_apple_s_metadata_is_relative(tmp_path):
-    pytest.importorskip("pillow_heif")
-    photo = read_photo(tmp_path, heic(COLOR, SMALL), "photo.heic")
-    np.testing.assert_allclose(photo.values.depth, SMALL / 255, atol=1e-6)
-    assert photo.values.near_is_large
-    assert "without Apple's metadata" in photo.notes[0]
 
 
 #: Primaries of Display P3, adapted to ICC's white; and sRGB's.
@@ -260,18 +198,6 @@ def test_colours_of_display_p3_become_those_of_srgb(tmp_path, kind):
     expected = 255 * np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
     np.testing.assert_allclose(color_read[48, 16::32], expected, atol=JPEG_CODES)
     assert np.abs(expected - codes).max() > 10  # it is another space
-
-
-def test_a_damaged_colour_profile_warns(tmp_path):
-    data = gdepth(picture(COLOR, icc=b"no profile" * 20), DEPTH_PNG)
-    with pytest.raises(FileError, match="its colour profile is damaged"):
-        read_photo(tmp_path, data)
-
-
-def test_metadata_of_too_many_tags_are_refused():
-    for xml in (b"<a>" * 25_000 + b"</a>" * 25_000, b"<a>" + b"<b/>" * 40_000 + b"</a>"):
-        with pytest.raises(FileError, match="exceed 40000 tags"):
-            read_xmp(xml, Path("a.jpg"))
 
 
 JPEG = picture(COLOR)
@@ -364,28 +290,3 @@ def test_a_damaged_heic_has_its_line(tmp_path):
     ):
         with pytest.raises(FileError, match=says):
             read_photo(tmp_path, damaged, "photo.heic")
-
-
-def test_begins_of_metadata_without_an_end_cost_no_time(tmp_path):
-    pytest.importorskip("pillow_heif")
-    data = heic(COLOR, SMALL) + b"<x:xmpmeta" * 500_000
-    started = time.process_time()
-    assert "without Apple's metadata" in read_photo(tmp_path, data, "photo.heic").notes[0]
-    assert time.process_time() - started < 10  # all of them: some minutes
-
-
-def test_colours_of_other_primaries_warn(tmp_path):
-    pytest.importorskip("pillow_heif")
-    data = heic(COLOR, SMALL)
-    nclx = b"nclx" + struct.pack(">H", 1)
-    assert data.count(nclx) == 1
-    photo = read_photo(tmp_path, data.replace(nclx, b"nclx" + struct.pack(">H", 12)), "photo.heic")
-    assert "colour primaries are not sRGB" in photo.values.warnings[0]
-    assert read_photo(tmp_path, data, "photo.heic").values.warnings == ()
-
-
-def test_without_pillow_heif_the_message_names_the_package(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pillow_heif", None)
-    (tmp_path / "photo.heic").write_bytes(b"\0\0\0\x1cftypheic" + bytes(16))
-    with pytest.raises(UsageError, match=r"pip install 'inim\[photos\]'"):
-        read_depth_photo(tmp_path / "photo.heic")

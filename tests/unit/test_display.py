@@ -1,6 +1,5 @@
 """A display is what its lengths say, and refuses lengths that say nothing."""
 
-import json
 import math
 import re
 from fractions import Fraction
@@ -81,12 +80,6 @@ def test_a_range_across_the_array_is_cut_in_front_of_it_and_marked(gap, side, pi
     assert (half >= abs(centre)) <= device.depth_range_is_cut
 
 
-def test_stated_depth_range_replaces_the_formula():
-    device = display(depth_min_mm=-3, depth_max_mm=4, pixel_pitch_mm=0.5)
-    assert device.depth_range_mm == (-3.0, 4.0)
-    assert not device.depth_range_is_cut
-
-
 def test_elemental_pitch_decides_the_pixels_of_a_lens_not_the_array():
     # Aimed at a viewer at 500 mm.
     pitch = 1.0 * (500 + 3.3) / 500
@@ -109,11 +102,6 @@ def test_length_beyond_float32_is_refused_before_an_overflow(name, value):
         value = -value
     with pytest.raises(DisplayError, match=re.escape(f"{name} = {value:g}: at most 1e+38 mm")):
         display(**{"depth_min_mm": -1.0, "depth_max_mm": 1.0, name: value})
-
-
-def test_longest_lengths_still_have_a_capture():
-    lengths = {"pitch_mm": 1e37, "focal_length_mm": 3e37, "gap_mm": 3.3e37}
-    assert display(pixel_pitch_mm=2e36, **lengths).capture_shape(5)[0] > 320
 
 
 @pytest.mark.parametrize("name", [*LENGTHS, "elemental_pitch_mm", "lens_thickness_mm"])
@@ -151,15 +139,6 @@ def test_impossible_display_is_refused_in_one_line_with_the_value(changes, messa
     with pytest.raises(DisplayError, match=message) as caught:
         display(**changes)
     assert "\n" not in str(caught.value)
-
-
-def test_numpy_counts_are_counts():
-    assert display(lens_columns=np.int64(5)).eia_shape == (1088, 85)
-
-
-def test_display_does_not_change():
-    with pytest.raises(AttributeError):
-        NOMINAL.gap_mm = 4.0  # type: ignore[misc]
 
 
 # -- pixels -------------------------------------------------------------------------------------
@@ -283,21 +262,6 @@ def test_elemental_pitch_without_any_viewing_distance_is_an_error():
 
 
 # -- plain data ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("device", [*DISPLAYS.values(), display(depth_min_mm=1, depth_max_mm=2)])
-def test_given_values_make_the_same_display(device):
-    assert Display(**device.parameters()) == device
-    assert Display(**json.loads(json.dumps(device.parameters()))) == device
-
-
-def test_derived_values_are_those_of_the_properties_and_fit_json():
-    derived = PHONE.derived_quantities()
-    assert json.loads(json.dumps(derived, allow_nan=False)) == derived
-    assert (derived["eia_rows"], derived["eia_columns"]) == PHONE.eia_shape == (1080, 2400)
-    assert (derived["depth_min_mm"], derived["depth_max_mm"]) == PHONE.depth_range_mm
-    assert derived["central_depth_mm"] == PHONE.central_depth_mm
-    assert derived["pixels_per_lens"] == pytest.approx(15.723, abs=5e-4)
 
 
 # Every parameter of the lenses alone, and others that a ray through a lens's centre depends on.

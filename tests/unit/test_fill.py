@@ -15,15 +15,13 @@ import pytest
 
 import inim
 from inim.display import DISPLAYS, Display
-from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
-from inim.generators.raycast import fill
+from inim.generators import HOLE, NO_LENS, find_sources, generate, prepare
 from inim.generators.raycast.columns import STEEPEST
 from inim.generators.raycast.fill import Filled
 from inim.generators.registry import Algorithm
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD
 from inim.system.errors import UsageError
-from tests import oracle
 from tests.conftest import small_display
 
 SURFACE = "template:samples=1:colour=nearest"
@@ -90,17 +88,6 @@ def test_uncovered_background_and_the_picture_beyond_its_edge_are_wall(more, sam
         assert np.array_equal(filled[sources >= 0], plain[sources >= 0])
 
 
-def test_subpixels_are_filled_each_from_its_own_rays() -> None:
-    display = small_display(16, 15, subpixels="rgb-stripe", **DEPTHS)
-    rgbd = wall_and_plate(display)
-    method = "template:colour=nearest:samples=2"
-    holes = (left(continued(rgbd), display, method)[1] == 0).all(axis=-1)
-    assert holes.sum() > 300
-    filled = generate(rgbd, display, method, fill="hidden")
-    assert np.abs(filled[holes] - WALL).max() < 1e-6
-    assert (filled > 0.09).all()
-
-
 def test_visible_ground_stays_and_unknown_ground_is_filled() -> None:
     display = small_display(16, 15, pixels=9, **DEPTHS)
     rgbd = wall_and_plate(display)
@@ -114,26 +101,6 @@ def test_visible_ground_stays_and_unknown_ground_is_filled() -> None:
     assert (sources == HOLE).sum() > ground.sum() > 1000
     # The rays of the pixels on their lens's axis go straight down.
     assert np.array_equal(ground[4::9, 4::9], ~covered[2::4, 2::4])
-
-
-def test_relic_before_black_ground_gets_no_rim() -> None:
-    # A flat plate with a window; the range ends at it, so that no ray meets its sides.
-    display = small_display(16, 15, pixel_pitch_mm=0.0347, depth_min_mm=33.0, depth_max_mm=40.0)
-    covered = np.zeros((40, 40), bool)
-    covered[4:36, 6:34] = True
-    covered[17:23, 16:24] = False
-    color = np.random.default_rng(3).uniform(0.2, 0.8, (40, 40, 3))
-    rgbd = RGBD(color, np.full((40, 40), 33.0), covered, 0.55)
-    sources = find_sources(rgbd, display, "li2012", fill="hidden")
-    assert np.array_equal(sources, find_sources(rgbd, display, "li2012"))
-    painted = generate(rgbd, display, "li2012", fill="hidden")
-    assert np.array_equal(painted[sources >= 0], colour_of(sources, rgbd)[sources >= 0])
-    filled = (painted > 0).all(axis=2) & (sources < 0)
-    # Every ray that meets the plate shows the plate, and only those.
-    plate = oracle.float_sources(rgbd, display) >= 0
-    assert not (filled & ~plate).any()
-    assert np.mean((sources >= 0)[plate]) < 0.5
-    assert np.mean((filled | (sources >= 0))[plate]) > 0.9
 
 
 @pytest.mark.parametrize("method", ["hidden", "all"])
@@ -230,24 +197,6 @@ def test_display_ready_pixels_are_the_codes_of_the_same_light(samples: int) -> N
     assert far.max() <= 3 and far.mean() < 0.3
     assert np.array_equal(direct[..., 3] > 0, linear.any(axis=-1))
     assert (direct[..., 3] == 255).mean() > 0.95
-
-
-def test_picture_of_which_nothing_is_shown_is_not_searched(monkeypatch) -> None:
-    """A depth far behind the range leaves holes only; each search passes over 64 lenses."""
-    shared_rows = []
-    monkeypatch.setattr(fill, "share_rows", lambda kernel, rows, *_: shared_rows.append(rows))
-    display = small_display()
-    shape = display.capture_shape(4)
-    rgbd = RGBD(
-        np.ones((*shape, 3), np.float32),
-        np.full(shape, display.depth_range_mm[0] - 1000, np.float32),
-        np.ones(shape, bool),
-        display.pitch_mm / 4,
-    )
-    with pytest.warns(UserWarning, match="outside the display's depth range"):
-        eia = generate(rgbd, display, "template:fill=all")
-    assert shared_rows == [0] * 4
-    assert not eia.any()
 
 
 def test_inputs_that_cannot_be_filled_are_refused(monkeypatch) -> None:

@@ -4,7 +4,6 @@ Sources on whole panels are tested in `test_generators`.
 """
 
 import math
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -16,18 +15,11 @@ from inim.generators import (
     HOLE,
     NO_LENS,
     Algorithm,
-    algorithm_summary,
-    check_algorithm,
     find_sources,
     generate,
     hole_fraction,
     prepare,
 )
-from inim.generators.base import compile_kernel
-from inim.generators.raycast.cell_lists import shares_directions
-from inim.generators.raycast.cells import PictureRays
-from inim.generators.registry import properties
-from inim.generators.wang2024 import _match_all
 from inim.image.color import srgb_from_linear
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.generation import run_generator
@@ -119,26 +111,6 @@ def test_single_cell_appears_where_similar_triangles_put_it(z):
     assert np.array_equal(sources, expected)
 
 
-@pytest.mark.parametrize("algorithm", ["template", "gu2020"])
-@pytest.mark.parametrize("mode", [{}, VIRTUAL], ids=["real", "virtual"])
-def test_nearer_square_hides_farther_one(algorithm, mode):
-    device = display(NOMINAL, **mode)
-    rgbd = two_squares(device)
-    sources, near = find_sources(rgbd, device, algorithm), rgbd.depth_mm.max()
-    y, x = ray_at(device, float(near))
-    row, column = 30 - y / 0.2371, 33 + x / 0.2371
-    meets = ((row > 20) & (row < 38))[:, None] & ((column > 24) & (column < 45))
-    assert meets.any() and (sources[meets] >= 0).all()
-    assert (rgbd.depth_mm.ravel()[sources[meets]] == near).all()
-
-
-def test_first_row_of_the_picture_is_the_upper_one():
-    device = display(depth_min_mm=-0.01, depth_max_mm=0.01)
-    lens = np.arange(12).reshape(3, 4)
-    sources = find_sources(picture(np.zeros((3, 4)), 1.0), device)
-    assert np.array_equal(sources, np.kron(lens, np.ones((8, 8), int)))
-
-
 def test_ray_along_a_border_belongs_to_the_larger_row_and_column():
     # Odd pixels: the middle one is under the lens centre and looks straight ahead, along the
     # corner of four cells where the picture is even.
@@ -180,12 +152,6 @@ def test_rays_and_tables_without_end_are_refused_or_walked():
                 prepare(device, algorithm, shape=(9, 9), pixel_mm=0.5)
 
 
-def test_only_arrays_with_parallel_pixels_share_lists():
-    assert shares_directions(DISPLAYS["nominal"])
-    assert not shares_directions(DISPLAYS["phone"])
-    assert not shares_directions(small_display(pixels=8, elemental_pitch_mm=1.001))
-
-
 # -- gu2020 -------------------------------------------------------------------------------------
 
 
@@ -214,19 +180,6 @@ def test_gu2020_steps_as_far_as_its_option(mode, step):
     sources = find_sources(rgbd, display, "gu2020", step_mm=step)
     lensed = sources != NO_LENS
     assert np.array_equal(sources[lensed], searched(rgbd, display, step)[lensed])
-
-
-def test_wrong_sources_of_gu2020_fade_as_the_step_does():
-    device = display(NOMINAL)
-    rgbd = noise(device, (60, 66), 0.2371, covered=0.5)
-    right = find_sources(rgbd, device, SOLID)
-    wrong = [
-        np.mean(find_sources(rgbd, device, "gu2020", step_mm=s) != right)
-        for s in (8.0, 2.0, 0.5, 0.125, 0.03125)
-    ]
-    # First order: a cell is missed when the stretch inside it is shorter than the step.
-    assert wrong[0] > 0.2 and wrong[-1] < 0.01
-    assert all(finer < 0.6 * coarser for coarser, finer in pairwise(wrong))
 
 
 @pytest.mark.parametrize("step", ["0", -1, "fast", "nan", "inf", True, 1e-9])
@@ -316,40 +269,6 @@ def test_single_entry_is_at_the_central_depth_plane_or_else_in_the_middle(low, h
     assert np.array_equal(sources, row[:, None] * 15 + column)
 
 
-def test_along_the_ray_fewer_pixels_come_from_the_wrong_cell_than_from_the_whole_matrix():
-    device = display(NOMINAL)
-    rgbd = two_squares(device)
-    right = find_sources(rgbd, device)
-    share = {
-        matching: np.mean(find_sources(rgbd, device, "wang2024", matching=matching) != right)
-        for matching in ("matrix", "ray")
-    }
-    assert 0 < share["ray"] < 0.8 * share["matrix"]
-
-
-def test_wang2024_reads_no_rays_beyond_its_share_of_rows():
-    device = display(NOMINAL)
-    rgbd = two_squares(device)
-    rows = slice(20, 22)
-    rays = PictureRays(device, rgbd.shape, rgbd.pixel_mm).block(
-        slice(0, device.eia_shape[0]), in_cells=True
-    )
-    ours = np.zeros(device.eia_shape, bool)
-    ours[rows] = True
-    lines = (np.where(ours, line, np.nan) for line in rays[:4])
-    depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), np.inf)
-    first, last = np.zeros(rgbd.shape[0], int), np.full(rgbd.shape[0], rgbd.shape[1] - 1)
-    sources = np.full(device.eia_shape, HOLE, np.int32)
-    z_min, z_max = device.depth_range_mm
-    compile_kernel(_match_all)(
-        rows.start, rows.stop, *lines, ours, depth, first, last, z_min, z_max,
-        device.central_depth_mm, 1.0, False, False, False, sources.ravel(),
-    )  # fmt: skip
-    expected = find_sources(rgbd, device, "wang2024")
-    assert (expected[rows] >= 0).any()
-    assert np.array_equal(sources[rows], expected[rows])
-
-
 # -- li2012 -------------------------------------------------------------------------------------
 
 
@@ -392,14 +311,6 @@ def test_equal_landings_keep_the_mirror(shape, levels):
         assert np.array_equal(np.delete(named, middle, axis), np.delete(sources, middle, axis))
 
 
-def test_magnified_picture_leaves_holes_of_the_expected_share():
-    # Images of neighbours are cell g / z = 2 panel pixels apart: one panel pixel in four is met.
-    display = small_display(6, 5, pixels=4)
-    for cell_mm, cells, holes in ((5.0, 30, 0.75), (1.0, 200, 0)):
-        rgbd = picture(np.full((cells, cells), 33.0), cell_mm)
-        assert hole_fraction(find_sources(rgbd, display, "li2012")) == holes
-
-
 def test_pixel_on_the_array_is_skipped_and_extreme_depths_do_no_harm():
     display = small_display(4, 4, pixels=9)
     depth = np.zeros((9, 9))
@@ -414,12 +325,6 @@ def test_pixel_on_the_array_is_skipped_and_extreme_depths_do_no_harm():
 
 
 # -- the interface ------------------------------------------------------------------------------
-
-
-def test_hole_fraction_counts_lensed_pixels_only():
-    sources = np.array([[NO_LENS, NO_LENS, HOLE, 5], [NO_LENS, NO_LENS, 0, 1]], np.int32)
-    assert hole_fraction(sources) == 0.25
-    assert hole_fraction(np.full((2, 2), NO_LENS, np.int32)) == 0
 
 
 @pytest.mark.parametrize(
@@ -475,14 +380,6 @@ def test_pictures_and_places_of_another_size_are_refused():
                 prepare(display, algorithm, shape=(4, 4), pixel_mm=1.0, mask=mask)
 
 
-def test_options_and_properties_are_those_of_the_algorithm():
-    for text in ("li2012:fill=hidden", "gu2020:step_mm=0.9", "wang2024:matching=ray"):
-        check_algorithm(text)
-    assert "mask" not in algorithm_summary("template")[0]
-    assert properties("template").columns == "surface" and properties(SOLID).columns == "solid"
-    assert properties("layered").columns == "layers"
-
-
 class Bright:
     """A generator by others, without a mask and with one place to write to."""
 
@@ -504,14 +401,3 @@ def test_a_generator_without_masks_is_run_in_full(monkeypatch):
     assert np.array_equal(generator.generate(rgbd), masked)
     assert np.array_equal(run_generator("bright", generator, rgbd, display, mask)[0], masked)
     assert generator._whole.place.all()
-
-
-def test_a_masked_run_reports_the_holes_of_its_pixels():
-    display = small_display(9, 4, 5)
-    rgbd = noise(display, display.capture_shape(2), 0.5, covered=0.67)
-    whole = find_sources(rgbd, display)
-    mask = np.arange(whole.size).reshape(whole.shape) % 3 == 0
-    generator = prepare(display, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
-    result = run_generator("template", generator, rgbd, display, mask)
-    assert np.array_equal(result.holes, mask & (whole < 0))
-    assert np.array_equal(result.eia, generator.generate(rgbd))

@@ -10,16 +10,13 @@ from msgspec.structs import asdict
 from inim.apps.inspect import findings, geometry
 from inim.apps.inspect.findings import Inspection, misalignments, usable_model
 from inim.apps.inspect.geometry import (
-    aperture_blur_mm,
-    array_samples,
     crosstalk_map,
     light_shares,
     pixel_choice,
     viewing_limits,
     voxel_mm,
-    voxel_widths,
 )
-from inim.apps.inspect.spots import cell_of, field_angles_deg, land, spot, spots
+from inim.apps.inspect.spots import land, spot, spots
 from inim.display import DISPLAYS, Display
 from inim.display.viewpoint import default_distance_mm
 from inim.report.diagram import zone_outline_mm
@@ -104,18 +101,6 @@ def test_voxel_is_as_wide_as_all_thin_lens_rays_of_one_pixel(display):
         assert voxel_mm(display, z) == pytest.approx(max(ends) - min(ends), rel=1e-9)
 
 
-def test_smaller_apertures_blur_less_in_proportion():
-    half = NOMINAL.replace(fill_factor=0.5)
-    assert aperture_blur_mm(half, 50.0) == pytest.approx(aperture_blur_mm(NOMINAL, 50.0) / 2)
-
-
-def test_voxel_curve_is_wider_than_the_depth_range():
-    depth = voxel_widths(NOMINAL).depth_mm
-    low, high = NOMINAL.depth_range_mm
-    assert depth[0] == pytest.approx(low - (high - low) / 2)
-    assert depth[-1] == pytest.approx(high + (high - low) / 2)
-
-
 # --- Spots --------------------------------------------------------------------------------------
 
 
@@ -153,18 +138,6 @@ def test_collimated_spot_has_the_third_order_size(side, k):
     spot_size = spot(display, "thick", math.inf, 0.0)
     # Midpoints fill the disc to some 2 % in the sixth moment.
     assert spot_size.rms_radius_um == pytest.approx(1e3 * k * 0.1**3 / (2 * 9), rel=0.04)
-
-
-def test_spot_grows_off_the_axis():
-    sizes = [s.rms_radius_um for s in spots(NOMINAL, "thick", 33.0)]
-    assert sizes[0] < sizes[1] < sizes[2]
-    assert field_angles_deg(NOMINAL)[2] == NOMINAL.viewing_half_angle_deg
-
-
-def test_turned_array_makes_the_same_spot_on_its_axis():
-    turned = NOMINAL.replace(rotation_deg=7.0, shift_x_mm=0.3)
-    straight = spot(NOMINAL, "thick", 33.0, 0.0)
-    assert spot(turned, "thick", 33.0, 0.0).rms_radius_um == pytest.approx(straight.rms_radius_um)
 
 
 def test_dispersive_lens_has_a_spot_for_each_colour_and_blue_defocuses_most():
@@ -265,41 +238,11 @@ def test_ray_that_slips_past_the_border_belongs_to_the_lens_it_meets():
     assert thin.lens_x_mm[0] == 0.5
 
 
-def test_elemental_image_under_the_sampled_point_agrees_with_the_display_s_own_addressing():
-    display = small_display(7, 5, 9, elemental_pitch_mm=1.01, pixel_pitch_mm=0.1)
-    x, y = np.meshgrid(display.columns.position_mm, display.rows.position_mm)
-    lens_x, lens_y, lit = cell_of(display, x.ravel(), y.ravel())
-    under = display.lensed.ravel()
-    assert (lit == under).mean() > 0.99  # borders may go either way
-    own_x, own_y = np.meshgrid(display.columns.centre_mm, display.rows.centre_mm)
-    same = np.hypot(lens_x - own_x.ravel(), lens_y - own_y.ravel()) < 1e-9
-    assert same[under].mean() > 0.99
-
-
-def test_samples_stand_for_the_whole_array_and_the_outermost_lenses_for_themselves():
-    samples = array_samples(NOMINAL)
-    assert samples.area.sum() == pytest.approx(1)
-    assert samples.area[samples.x_mm < -31].sum() == pytest.approx(1 / 64)
-    assert (samples.area * samples.x_mm).sum() == pytest.approx(0, abs=0.05)
-
-
 # --- Warnings, models, data ---------------------------------------------------------------------
 
 
 def says(inspection: Inspection, words: str) -> bool:
     return any(words in warning for warning in inspection.document.warnings)
-
-
-def test_a_sound_display_has_no_warning():
-    inspection = inspected(focal_length_mm=3.0, pixels=16, fill_factor=0.6)
-    assert inspection.document.warnings == []
-
-
-def test_layers_that_move_the_central_depth_plane_within_its_range_are_no_warning():
-    inspection = inspected(pixels=17, layers="0.1 1.5")
-    assert inspection.document.depth.central_depth_if_measured_mm == pytest.approx(36.75)
-    assert inspection.document.depth.layers_excess_mm == pytest.approx(0.1 - 0.1 / 1.5)
-    assert not says(inspection, "Layers")
 
 
 @pytest.mark.parametrize(
@@ -346,13 +289,3 @@ def test_misalignment_is_described_with_its_source():
         "array 0.1 mm too close to the panel (not in the design)",
     }
     assert misalignments(NOMINAL, NOMINAL) == []
-
-
-def test_infinite_values_of_a_focused_display_are_null():
-    display = small_display(6, 6, gap_mm=3.0, depth_min_mm=4, depth_max_mm=24)
-    document = inspect_display(display, 300.0).document
-    depth = document.depth
-    assert depth.mode == "focused"
-    assert depth.central_depth_mm is None and depth.scene_pixel_mm is None
-    assert depth.depth_range_is_stated is True
-    assert not any("Depth range" in warning for warning in document.warnings)

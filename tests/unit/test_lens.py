@@ -56,17 +56,6 @@ def test_no_ray_beyond_the_total_reflection_edge():
     assert (weight[3:] == 0).all()
 
 
-@pytest.mark.parametrize("model", ["pinhole", "thick"])
-def test_nothing_is_brighter_than_the_panel_and_nothing_shines_beside_the_array(model):
-    random = np.random.default_rng(2)
-    x, y = random.uniform(-40, 40, (2, 2000))
-    sx, sy = random.uniform(-1, 1, (2, 2000))
-    _, _, weight = trace_to_panel(NOMINAL, model, x, y, sx, sy)
-    assert (weight >= 0).all() and (weight <= 1).all()
-    outside = (np.abs(x) > 33.5) | (np.abs(y) > 33.5)
-    assert (weight[outside] == 0).all()
-
-
 @pytest.mark.parametrize(
     ("changes", "word"),
     [
@@ -109,31 +98,6 @@ def test_a_lens_that_can_be_ground_is_taken_and_fills_its_aperture(changes):
         x, y = x[x**2 + y**2 < half_x**2 * 0.998], y[x**2 + y**2 < half_x**2 * 0.998]
     _, _, weight = trace_to_panel(display, "thick", x + 0.5 + shift, y + half_y, 0.0, 0.0)
     assert (weight > 0.8).all()
-
-
-def test_the_corner_of_a_cell_decides_the_radius_that_fills_it():
-    """A hexagon of pitch P reaches P / sqrt(3), a rectangle half its diagonal."""
-    n = NOMINAL.refractive_index
-    for changes, corner in (
-        ({}, np.sqrt(0.5)),
-        ({"pitch_y_mm": 0.75}, 0.625),
-        ({"lattice": "hexagonal"}, 1 / np.sqrt(3)),
-        ({"aperture": "round", "fill_factor": 0.8}, 0.4),
-        ({"fill_factor": 0.8}, 0.8 * np.sqrt(0.5)),
-        ({"conic": 3.0}, 2 * np.sqrt(0.5)),
-    ):
-        for factor, fits in ((1.001, True), (0.999, False)):
-            display = NOMINAL.replace(
-                focal_length_mm=factor * corner / (n - 1),
-                gap_mm=9.0,
-                lens_thickness_mm=3,
-                **changes,
-            )
-            if fits:
-                check_lens_model("thick", display)
-            else:
-                with pytest.raises(DisplayError, match="radius"):
-                    check_lens_model("thick", display)
 
 
 # -- the panel as a furnace --------------------------------------------------------------------

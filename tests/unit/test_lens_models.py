@@ -12,7 +12,6 @@ from inim.display.lens import (
     foreign_identity,
     lens_model,
     lens_models,
-    models_drawn_live,
     trace_to_panel,
     white_exposure,
 )
@@ -80,19 +79,9 @@ def test_the_project_s_own_models_describe_themselves():
         assert foreign_identity(name) == {}
 
 
-def test_each_model_is_drawn_live_as_the_nearest_simpler_one():
-    assert models_drawn_live() == ["pinhole", "thin"]
-    models = {name: drawn_model(name) for name in (*OWN, "of a package that is not here")}
-    assert list(models.values()) == ["pinhole", "thin", "thin", "thin", "thin"]
-
-
 def test_an_unknown_model_is_refused_with_the_names_there_are():
     with pytest.raises(UsageError, match="lens model 'magic': use pinhole or thin or thick or fu"):
         check_lens_model("magic", DISPLAY)
-
-
-def test_a_mesh_traces_no_ray_here():
-    assert refusal("full").endswith("use 'thick' here")
 
 
 def test_another_package_s_model_is_one_of_them(plant):
@@ -163,16 +152,3 @@ def test_a_model_that_fails_is_named_in_one_line(plant, wrong, message):
     plant(wrong)
     assert message in refusal()
     check_lens_model("thin", DISPLAY)  # others are served as ever
-
-
-@pytest.mark.parametrize("share", ["0.0", "float('nan')", "-1"])
-def test_a_transmittance_that_no_exposure_makes_up_for_is_refused(plant, share):
-    plant(THEIRS.replace("display: 0.5", f"display: {share}"))
-    with pytest.raises(UsageError, match=r"lens model 'theirs'.* failed: .* transmittance"):
-        white_exposure(DISPLAY, "theirs")
-
-
-def test_a_model_announced_by_two_packages_is_refused(plant):
-    plant(THEIRS)
-    plant(THEIRS)
-    assert "is registered by several packages" in refusal()

@@ -413,42 +413,6 @@ def test_two_cells_on_a_ray_s_path_are_enough(name, side, cells, suffice, monkey
     assert same.all() == suffice
 
 
-@pytest.mark.parametrize("side", SIDES)
-@pytest.mark.parametrize("name", RELIEFS)
-def test_single_precision_is_enough_all_over_a_large_array(name, side):
-    """Float32 counts a coordinate of 31 mm in steps of 2e-6 mm.
-
-    Bulge first that is all. Flat first, a ray that leaves a bulge near total reflection turns a
-    step into a multiple of it.
-    """
-    display = NOMINAL.replace(curved_side=side, **RELIEFS[name])
-    random = np.random.default_rng(11)
-    x, y = random.uniform(-31, 31, (2, 20000)).astype(np.float32)
-    _, _, sx, sy = (a.astype(np.float32) for a in oblique_rays(20000, seed=12))
-    double = trace_to_panel(display, "thick", x, y, sx, sy)
-    single = trace_to_panel(display, "thick", x, y, sx, sy, dtype=np.float32)
-    assert all(a.dtype == np.float32 for a in single)
-    passes = (double[2] > 0.5) & (single[2] > 0.5)
-    assert passes.mean() > 0.6
-    assert ((double[2] > 0) != (single[2] > 0)).mean() < 1e-3, "at edges"
-    apart = np.hypot(double[0] - single[0], double[1] - single[1])[passes]
-    same_lens = apart < 0.05
-    assert same_lens.mean() > 1 - 1e-3
-    assert (apart[same_lens] < 1e-4).mean() >= (1 if side == "viewer" else 1 - 1e-3)
-
-
-@pytest.mark.parametrize("name", ["square cells", "deep bulges", "hexagonal cells"])
-def test_no_ray_leaves_a_bulge_and_strikes_the_next(name):
-    """Up to 60 degrees; the ray that feels its way would be lost there."""
-    display = ARRAY.replace(curved_side="panel", **RELIEFS[name])
-    rays = oblique_rays(800, seed=6, steepest_deg=60)
-    px, _, weight = trace_to_panel(display, "thick", *rays)
-    qx, _, felt_weight = felt(display, *rays)
-    assert ((weight == 0) == (felt_weight == 0)).all()
-    assert np.abs(weight - felt_weight).max() < 1e-6
-    assert np.abs(px - qx)[weight > 0].max() < 1e-6
-
-
 if __name__ == "__main__":
     text = PAGE.read_text(encoding="utf-8")
     before, rest = text.split(MARKERS[0])

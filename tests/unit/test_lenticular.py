@@ -23,14 +23,13 @@ from inim.display.looking_glass import CELL_MODES, TYPICAL, LookingGlass, parse_
 from inim.display.pixels import SUBPIXELS, PixelOffset, pixel_rays, ray_starts
 from inim.display.settings import Settings
 from inim.display.viewpoint import check_viewpoint, parse_viewpoints, zone_eyes
-from inim.generators import find_sources, generate, prepare
+from inim.generators import find_sources, generate
 from inim.image.files.image import write_rgbd
 from inim.image.rgbd import RGBD
 from inim.render.rays import pickup_rays
 from inim.render.reconstruct import reconstruct
 from inim.render.scene_files.file import choose_display, display_of, read_scene_file
 from inim.system.errors import DisplayError, FileError, UsageError, ViewpointError
-from tests.conftest import small_display
 
 ROOT = Path(__file__).parents[2]
 
@@ -118,19 +117,6 @@ def test_no_subpixel_of_some_rows_has_another_view_than_by_the_formula(name):
             assert np.count_nonzero(tiles(views, count) != tiles(expected, count)) == 0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", PUBLISHED)
-def test_no_subpixel_of_the_whole_panel_has_another_view(name):
-    document = PUBLISHED[name]
-    display = display_from(document)
-    rows, columns = display.eia_shape
-    for first in range(0, rows, 120):
-        band = slice(first, min(first + 120, rows))
-        expected = formula(document, np.arange(band.start, band.stop)[:, None], np.arange(columns))
-        different = tiles(subpixel_views(display, band), 48) != tiles(expected, 48)
-        assert np.count_nonzero(different) == 0
-
-
 def test_views_agree_with_rational_numbers_except_for_ties():
     """Every phase is rational: with slope -24/7, cos(atan(1/slope)) is 24/25."""
     document = visual(40, -24 / 7, 0.25, 40.0, 254, 200, 120)
@@ -177,27 +163,6 @@ def test_rays_leave_through_an_axis_and_meet_the_eye_of_their_view(document):
         assert np.allclose(
             c * (x - display.shift_x_mm), (views[..., channel] - 0.5) * zone, atol=1e-6
         )
-
-
-@pytest.mark.parametrize("model", ["pinhole", "thin"])
-def test_an_eye_sees_a_subpixel_along_its_ray(model):
-    display = display_from(STRIPES)
-    rays = pixel_rays(display, slice(0, 108))
-    x, y, weight = trace_to_panel(
-        display, model, rays.x0, rays.y0, -rays.slope_x, -rays.slope_y
-    )  # fmt: skip
-    starts = ray_starts(display, slice(0, 108), PixelOffset(Fraction(0), Fraction(0)))
-    assert (weight == 1).all()
-    assert np.abs(x - starts[0]).max() < 1e-9
-    assert np.abs(y - starts[1]).max() < 1e-9
-
-
-def test_a_thin_cylinder_has_power_across_its_axis_only():
-    display = display_from(STRIPES).replace(rotation_deg=0.0, shift_x_mm=0.0)
-    height = np.linspace(-0.45, 0.45, 7) * display.pitch_mm
-    x, y, _ = trace_to_panel(display, "thin", height, 1.0 + height, 0.05, 0.2)
-    assert np.allclose(x, 0.05 * display.gap_mm)  # focused on the panel
-    assert np.allclose(y, 1.0 + height + 0.2 * display.gap_mm)
 
 
 @pytest.mark.parametrize("document", [STRIPES, THIRD], ids=["stripes", "cells"])
@@ -405,21 +370,6 @@ def test_impossible_lenticulars_are_refused(changes, message):
         display_from(STRIPES).replace(**changes)
 
 
-def test_rows_so_far_apart_that_lenses_are_cylinders_are_refused():
-    with pytest.raises(DisplayError, match="are cylinders; use lattice = 'lenticular'"):
-        small_display(pitch_y_mm=1000.0)
-
-
-@pytest.mark.parametrize("name", [*PUBLISHED, "third"])
-def test_a_file_written_by_inspect_is_read_back_to_the_last_bit(name, tmp_path, capsys):
-    document = {**PUBLISHED, "third": THIRD}[name]
-    path, again = tmp_path / "visual.json", tmp_path / "again.json"
-    path.write_text(json.dumps(document))
-    assert main(["inspect", str(path), "--save", str(again)]) == 0
-    assert "any up and down" in capsys.readouterr().out
-    assert display_of(again) == display_of(path)
-
-
 def test_pinholes_show_light_of_the_view_next_to_the_eye_s_and_thick_lenses_of_more():
     display = display_from(STRIPES)
     eye, views = (40.0, 5.0, 150.0), display.layout.directions[0]
@@ -446,12 +396,6 @@ def test_rays_of_a_tilted_panel_meet_the_same_eye_and_land_on_their_pixels():
     landed = trace_to_panel(display, "pinhole", rays.x0, rays.y0, -rays.slope_x, -rays.slope_y)
     assert np.abs(landed[0] - x).max() < 1e-9
     assert np.abs(landed[1] - y).max() < 1e-9
-
-
-def test_the_mesh_of_lenses_has_cylinders_and_no_cells_of_subpixels():
-    check_lens_model("full", display_from(STRIPES))
-    with pytest.raises(DisplayError, match="subpixels = 'cells' is not modelled"):
-        check_lens_model("full", display_from(THIRD))
 
 
 def refracted(d, normal, ratio):
@@ -575,43 +519,6 @@ def test_an_rgbd_picture_becomes_a_native_picture_in_one_command(tmp_path, capsy
     assert "use template or gu2020" in capsys.readouterr().err
 
 
-def test_a_scene_becomes_a_native_picture_in_one_command(tmp_path, capsys, renderer):
-    path, out, again = (tmp_path / name for name in ("visual.json", "native.png", "again.png"))
-    path.write_text(json.dumps(STRIPES))
-    rgbd, ends = tmp_path / "p.exr", ["--display", str(path), "-a", "template:samples=1"]
-    scene = str(ROOT / "scenes" / "two_spheres.xml")
-    options = ["-D", "inim.capture_spp=2", "--save-rgbd", str(rgbd), "-o", str(out)]
-    assert main(["generate", scene, *ends, *options]) == 0
-    assert "native.png" in capsys.readouterr().out
-    assert main(["generate", str(rgbd), *ends, "-o", str(again)]) == 0
-    assert out.read_bytes() == again.read_bytes()
-    with Image.open(out) as picture:
-        assert picture.size == (192, 108)
-        assert np.asarray(picture)[..., :3].max() > 100
-
-
-def test_a_mesh_becomes_a_native_picture_in_one_command(tmp_path, capsys, renderer):
-    path, out, again = (tmp_path / name for name in ("visual.json", "native.png", "again.png"))
-    path.write_text(json.dumps(STRIPES))
-    mesh, ends = str(ROOT / "scenes" / "meshes" / "coin.ply"), ["--display", str(path)]
-    assert main(["generate", mesh, *ends]) == 2
-    assert "no up axis, give --up" in capsys.readouterr().err
-    assert main(["generate", mesh, *ends, "--up", "y", "-o", str(out)]) == 0
-    assert not capsys.readouterr().err  # the size of the coin does not matter
-    # The scene of `inim new-scene` gives the same picture.
-    scene = tmp_path / "coin.xml"
-    assert main(["new-scene", mesh, "--unit", "mm", "--up", "y", "-o", str(scene)]) == 0
-    assert main(["generate", str(scene), *ends, "-o", str(again)]) == 0
-    assert out.read_bytes() == again.read_bytes()
-    with Image.open(out) as picture:
-        assert picture.mode == "RGB"  # a program that shows it has no background to show
-        assert np.asarray(picture).max() > 100
-    assert main(["generate", str(scene), *ends, "--up", "y"]) == 2
-    assert main(["validate", mesh]) == 2
-    errors = capsys.readouterr().err.splitlines()
-    assert "is not a mesh" in errors[0] and "inim new-scene" in errors[1]
-
-
 @pytest.mark.parametrize("document", [STRIPES, THIRD], ids=["stripes", "cells"])
 @pytest.mark.parametrize("depth_mm", [-4.0, 4.0, 8.0])
 def test_forward_mapping_through_cylinders_reaches_the_pixels_whose_rays_meet_a_plane(
@@ -631,20 +538,6 @@ def test_forward_mapping_through_cylinders_reaches_the_pixels_whose_rays_meet_a_
     is_near = nearer % shape[1] < shape[1] // 2
     assert (is_near | ~changed).mean() > 0.99
     assert is_near[changed].any()
-
-
-def test_one_ray_of_a_subpixel_is_the_default_under_cylinders():
-    display, size = display_from(STRIPES), {"shape": (40, 60), "pixel_mm": 0.4}
-    depth = np.random.default_rng(3).uniform(-5, 5, (40, 60)).astype(np.float32)
-    rgbd = RGBD(np.full((40, 60, 3), depth[..., None] / 10 + 0.5), depth, depth > -4, 0.4)
-    single, default, four = (
-        prepare(display, name, **size).generate(rgbd)
-        for name in ("template:samples=1", "template", "template:samples=4")
-    )
-    assert np.array_equal(default, single)
-    assert not np.array_equal(default, four)
-    square = small_display()
-    assert len(prepare(square, "template", **size).rays()) == 4
 
 
 @pytest.mark.parametrize("model", ["pinhole", "thin", "thick"])

@@ -2,7 +2,6 @@
 
 import base64
 import json
-import os
 import struct
 import time
 import tracemalloc
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim.render.meshes.mesh import UNIT_MM, read_mesh, read_shape
+from inim.render.meshes.mesh import read_mesh, read_shape
 from inim.render.meshes.ply import write_ply
 from inim.render.meshes.triangle_mesh import Mesh
 from inim.system.errors import FileError
@@ -118,12 +117,6 @@ def test_quads_are_read(tmp_path):
     path = placed(tmp_path, "a.ply", ply_header(4, 1) + body)
     assert len(read_mesh(path)[0].faces) == 2
     assert len(read_shape(path, "ply").faces) == 2
-
-
-def test_stl_is_known_by_content(tmp_path):
-    for name in ("a.stl", "a.bin"):
-        (mesh,) = read_mesh(placed(tmp_path, name, stl(POINTS[FACES])))
-        assert len(mesh.faces) == 4
 
 
 def test_gltf_node_transform_is_applied(tmp_path):
@@ -308,56 +301,10 @@ def test_files_without_a_surface_are_refused_in_one_line(tmp_path, name, content
     assert words in refusal(placed(tmp_path, name, content))
 
 
-def test_gltf_buffer_outside_the_folder_is_refused(tmp_path):
-    inner = tmp_path / "in"
-    inner.mkdir()
-    placed(tmp_path, "b.bin", POINTS.tobytes() + FACES.tobytes())
-    tree = json.loads(gltf({}))
-    tree["buffers"][0]["uri"] = "../b.bin"
-    assert "'../b.bin' is no file" in refusal(placed(inner, "a.gltf", json.dumps(tree)))
-
-
 # --- Meshes of scenes ---------------------------------------------------------------------------
-
-
-def test_serialized_meshes_are_refused_with_the_fix(tmp_path):
-    path = placed(tmp_path, "a.serialized", b"\x1c\x04")
-    with pytest.raises(FileError, match=r"a\.serialized: serialized .* export it as PLY"):
-        read_shape(path, "serialized")
 
 
 def test_relative_indices_are_read(tmp_path):
     path = placed(tmp_path, "a.obj", OBJ + "f -4 -3 -2\n")
     assert len(read_mesh(path)[0].faces) == 5
     assert len(read_shape(path, "obj").faces) == 5
-
-
-def test_a_shape_is_one_mesh_and_opens_no_other_file(tmp_path):
-    """Mitsuba's shape has the scene's material on all its faces, whatever those of the file."""
-    path = placed(tmp_path, "a.obj", "mtllib a.mtl\n" + OBJ + "usemtl one\nf 1 2 3\n")
-    os.mkfifo(tmp_path / "a.mtl")
-    assert len(read_shape(path, "obj").faces) == 5
-
-
-def test_million_triangles_are_read_in_half_a_second(tmp_path):
-    side = 708
-    x, y = np.meshgrid(np.arange(side), np.arange(side))
-    points = np.stack([x.ravel(), y.ravel(), np.zeros(side * side)], 1).astype(np.float32)
-    corner = (y[:-1, :-1] * side + x[:-1, :-1]).ravel()
-    faces = np.concatenate(
-        [
-            np.stack([corner, corner + 1, corner + side], 1),
-            np.stack([corner + 1, corner + side + 1, corner + side], 1),
-        ]
-    )
-    path = placed(tmp_path, "a.ply", tetrahedron_ply(points, faces))
-    seconds = []
-    for _ in range(3):
-        began = time.process_time()
-        read_shape(path, "ply")
-        seconds.append(time.process_time() - began)
-    assert min(seconds) < 0.5  # about 0.1 s on one core
-
-
-def test_units_are_exact():
-    assert UNIT_MM == {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": 25.4}

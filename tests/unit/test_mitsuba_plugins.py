@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.display import DISPLAYS, Viewpoint
-from inim.display.lens import LensModel
+from inim.display import Viewpoint
 from inim.display.settings import plain_parameters
 from inim.image.color import to_srgb
 from inim.image.files.image import write_exr
-from inim.system.errors import BackendError, FileError, SceneError, UsageError
+from inim.system.errors import BackendError, FileError, SceneError
 from tests.conftest import no_cuda, small_display, square
 
 ROOT = Path(__file__).parents[2]
@@ -208,18 +207,6 @@ def test_mistakes_are_reported_in_one_line(plugin, changes, says):
     assert before(world).mean() > 0.2, f"other scenes are none the worse for {raised}"
 
 
-def test_a_lens_model_that_fails_is_refused_when_the_scene_is_loaded(monkeypatch):
-    from inim.render import display_emitter
-
-    def trace(*_):
-        raise UsageError("lens model 'broken' traced a ray to nowhere")
-
-    broken = LensModel("broken", summary="", trace=trace)
-    monkeypatch.setattr(display_emitter, "find_lens_model", lambda name: broken)
-    with pytest.raises(RuntimeError, match="'broken' traced a ray to nowhere"):
-        loaded(panel=panel(turned("as it is"), lens_model="broken"))
-
-
 @pytest.mark.parametrize(
     ("scale", "says"),
     [
@@ -253,16 +240,6 @@ def test_a_display_needs_a_rectangle():
     assert "stands on a 'rectangle' only" in str(raised.value.__cause__)
     with pytest.raises(RuntimeError, match="has no to_world of its own"):
         loaded(panel=panel(world, to_world=world))
-
-
-def test_a_crop_of_the_view_is_that_part_of_it():
-    world = turned("as it is")
-    crop = {"crop_offset_x": 8, "crop_offset_y": 4, "crop_width": 24, "crop_height": 12}
-    shape = panel(world)
-    whole = rendered(loaded(panel=shape, eye=eye(world, film=film(48, 40))), spp=256)
-    part = rendered(loaded(panel=shape, eye=eye(world, film=film(48, 40, **crop))), spp=256)
-    assert np.abs(part - whole[4:16, 8:32]).mean() < 0.01
-    assert np.abs(part - whole[:12, :24]).mean() > 0.1
 
 
 def test_the_pickup_is_the_true_eia_of_its_surroundings(open_fitted):
@@ -431,23 +408,6 @@ def test_light_sampled_towards_it_equals_light_hit_by_chance():
     assert (images["aimed"][1] < 0.01 * images["aimed"][0]).all(), "and is known well enough"
 
 
-def test_light_can_be_traced_from_it():
-    """`ptracer` starts its paths at the display: the same wall, and the same display itself."""
-    import mitsuba as mi
-
-    def means(kind: str, sensor, spp: int) -> np.ndarray:
-        scene = lit_wall({"type": kind, "max_depth": 2})
-        return np.stack([rendered(scene, spp, seed=s, sensor=sensor) for s in range(8)]).mean(
-            (1, 2)
-        )
-
-    for sensor in (0, mi.load_dict(camera(15.0, [2, 1, 25], [0, 0, 0]))):
-        a, b = means("path", sensor, 2**12), means("ptracer", sensor, 2**15)
-        error = np.hypot(a.std(axis=0, ddof=1), b.std(axis=0, ddof=1)) / np.sqrt(8)
-        assert (np.abs(a.mean(axis=0) - b.mean(axis=0)) < 5 * error).all(), (a, b)
-        assert (error < 0.03 * a.mean(axis=0)).all()
-
-
 def gradient_scene(integrator: str):
     import mitsuba as mi
 
@@ -492,23 +452,6 @@ def test_gradients_reach_the_eia(integrator):
     nudged[row, column, channel] += 0.5
     derivative = ((image_of(nudged) - image_of(picture())) * weights).sum() / 0.5
     assert adjoint[row, column, channel] == pytest.approx(derivative, rel=1e-3)
-
-
-def test_presets_are_the_displays_of_that_name():
-    import mitsuba as mi
-
-    for name, display in DISPLAYS.items():
-        black = np.zeros((*display.eia_shape, 3), np.float32)
-        shape = {
-            "type": "rectangle",
-            "to_world": rectangle(turned("as it is"), display.half_extent_mm),
-            "emitter": {
-                "type": "inim_display",
-                "preset": name,
-                "eia": mi.TensorXf(black),
-            },
-        }
-        assert loaded(panel=shape).emitters()[0].display == display
 
 
 @pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_spectral", "llvm_ad_mono"])
@@ -581,16 +524,6 @@ def test_an_abandoned_display_goes_before_the_next_is_rendered():
         assert rendered(scene, 1).any()
     finally:
         gc.enable()
-
-
-def test_nothing_is_collected_while_a_kernel_is_recorded(renderer):
-    import gc
-
-    from inim.render.trace import trace_samples
-
-    states = [gc.isenabled()]
-    trace_samples(lambda index, _: states.append(gc.isenabled()) or index, np.arange(4), 0, 1, 0)
-    assert [*states, gc.isenabled()] == [True, False, True]
 
 
 def test_scenes_leave_no_objects_behind():

@@ -14,7 +14,6 @@ from pathlib import Path
 import pytest
 
 from inim.system.errors import FileError
-from inim.system.worker import output
 from inim.system.worker.output import list_name, lock_folder, publish, staging_folder
 
 LIST = ".report-files.json"
@@ -66,12 +65,6 @@ def test_place_that_cannot_hold_a_folder_is_refused_at_once(tmp_path, out, messa
     assert tree(tmp_path) == {"file": "mine", "link": "-> nowhere"}
 
 
-def test_longest_name_a_file_system_allows_can_be_written(tmp_path):
-    out = tmp_path / ("n" * 255)
-    write_report(out)
-    assert (out / "report.json").is_file()
-
-
 def test_own_files_are_replaced_or_deleted_and_others_kept(tmp_path):
     out = tmp_path / "out"
     for names in (("a.png", "sub/b.png"), ("a.png", "sub/c.png")):
@@ -82,24 +75,6 @@ def test_own_files_are_replaced_or_deleted_and_others_kept(tmp_path):
     assert contents["a.png"] == "sub/c.png"
     assert json.loads(contents[LIST]) == ["a.png", "report.json", "sub/c.png"]
     assert list(tmp_path.iterdir()) == [out]
-
-
-def test_list_of_an_earlier_version_counts(tmp_path):
-    out = tmp_path / "out"
-    write_report(out, **{"a.png": "a"})
-    digests = {"schema": "inim.files/1", "files": {"a.png": ["0"], "report.json": ["0"]}}
-    (out / LIST).write_text(json.dumps(digests))
-    write_report(out)
-    assert tree(out).keys() == {"report.json", LIST}
-
-
-def test_report_of_another_kind_in_the_same_folder_stays(tmp_path):
-    out = tmp_path / "out"
-    write_report(out, **{"eia/a.png": "a"})
-    with output.output_files(out, ["bench.json"]) as staging:
-        (staging / "bench.json").write_text("{}")
-    write_report(out)
-    assert {"report.json", "bench.json"} <= tree(out).keys()
 
 
 def test_folder_that_is_itself_a_link_is_the_user_s_choice(tmp_path):
@@ -227,16 +202,6 @@ def test_file_in_the_way_is_named_and_nothing_is_touched(tmp_path, mine, theirs)
 # --- Lists by another hand ----------------------------------------------------------------------
 
 
-def test_a_forged_list_of_files_deletes_nothing(tmp_path):
-    out = tmp_path / "out"
-    write_report(out)
-    (out / "mine").write_text("mine")
-    (out / "report.json").write_text('{"files": ["mine", "../mine", "report.json"]}')
-    (tmp_path / "mine").write_text("mine")
-    write_report(out)
-    assert (out / "mine").read_text() == (tmp_path / "mine").read_text() == "mine"
-
-
 def test_names_that_lead_outside_or_nowhere_delete_nothing(tmp_path, elsewhere):
     out = tmp_path / "out"
     out.mkdir()
@@ -264,19 +229,6 @@ def test_damaged_list_is_refused(tmp_path, text):
     out = tmp_path / "out"
     out.mkdir()
     (out / LIST).write_text(text)
-    assert_refused(out, r"report-files\.json: is in the way")
-
-
-@pytest.mark.parametrize("kind", ["folder", "fifo", "link"])
-def test_list_that_is_no_file_is_refused(tmp_path, elsewhere, kind):
-    out = tmp_path / "out"
-    write_report(out)
-    if kind == "link":
-        (out / LIST).rename(elsewhere / LIST)
-        (out / LIST).symlink_to(elsewhere / LIST)
-    else:
-        (out / LIST).unlink()
-        (out / LIST).mkdir() if kind == "folder" else os.mkfifo(out / LIST)
     assert_refused(out, r"report-files\.json: is in the way")
 
 

@@ -21,7 +21,7 @@ from inim.generators import generate
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD
 from inim.system.errors import DisplayError
-from tests.conftest import scene_text, small_display
+from tests.conftest import small_display
 from tests.generator_cases import OFF_IN_EVERY_WAY
 
 NON_SEPARABLE = {
@@ -160,17 +160,6 @@ def test_pixels_belong_to_the_nearest_lens(name):
     assert np.abs(order[rays.lens] - centre)[sure & lensed].max() < 1e-12, "rows from the top"
 
 
-def test_rows_and_columns_of_an_array_without_them_are_refused():
-    for name in NON_SEPARABLE:
-        display = real_display(name)
-        with pytest.raises(DisplayError, match="row and column together"):
-            _ = display.columns
-        with pytest.raises(DisplayError, match="row and column together"):
-            _ = display.rows
-        assert not display.has_integer_ratio
-    assert not real_display("moved").has_integer_ratio
-
-
 def test_an_array_beside_its_panel_or_through_it_is_refused():
     with pytest.raises(DisplayError, match="shift_x_mm = 40"):
         _ = small_display(shift_x_mm=40.0).columns
@@ -298,49 +287,7 @@ def test_colours_of_sub_pixels_meet_on_a_grey_ramp(name, renderer):
 # -- ground truth -------------------------------------------------------------------------------
 
 
-def tiled_slope() -> str:
-    """A slope of four tiles, each of its own colour: texture and depth, and no depth edges.
-
-    In an elemental image a tile is eight pixels wide or more.
-    """
-    random = np.random.default_rng(8)
-    tiles = []
-    for i in range(2):
-        for j in range(2):
-            rgb = ", ".join(f"{v:.2f}" for v in random.uniform(0.1, 0.9, 3))
-            tiles.append(
-                f"""<shape type="rectangle"><transform name="to_world"><scale x="4.5" y="3.75"/>
-                <translate x="{9 * i - 4.5}" y="{7.5 * j - 3.75}"/><rotate y="1" angle="20"/>
-                <rotate x="1" angle="12"/></transform>
-                <bsdf type="diffuse"><rgb name="reflectance" value="{rgb}"/></bsdf></shape>"""
-            )
-    return scene_text(*tiles)
-
-
 DEPTHS = {"depth_min_mm": 24.0, "depth_max_mm": 44.0}
-
-
-def score_inside_tiles(truth, eia, display: Display) -> float:
-    """PSNR where an EIA shows a tile, off the edges of tiles and lenses; black does not count."""
-    windows = np.lib.stride_tricks.sliding_window_view(eia, (3, 3), axis=(0, 1))
-    even = (np.ptp(windows, axis=(3, 4)).max(axis=-1) < 0.02) & display.lensed[1:-1, 1:-1]
-    even &= eia[1:-1, 1:-1].max(axis=-1) > 0
-    assert even.mean() > 0.05
-    return float(-10 * np.log10(np.mean((eia - truth)[1:-1, 1:-1][even] ** 2)))
-
-
-@pytest.mark.parametrize("name", WRONG)
-def test_ground_truth_agrees_with_generation_for_that_very_array(name, open_fitted):
-    from inim.render.ground_truth import capture, pickup
-
-    display = real_display(name, **DEPTHS)
-    rows, columns = display.eia_shape
-    fitted = open_fitted(tiled_slope(), display)
-    truth = pickup(fitted, display, spp=32, seed=1).image
-    rgbd = capture(fitted, display, pixels_per_pitch=16, spp=16, seed=2)
-    other = display.replace(**WRONG[name], panel_rows=rows, panel_columns=columns)
-    right, wrong = (score_inside_tiles(truth, generate(rgbd, d), d) for d in (display, other))
-    assert wrong < 28 < 35 < right
 
 
 CORNERS = ((0.5, 0.5), (0.0, 0.0), (1.0, 0.25))

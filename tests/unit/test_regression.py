@@ -11,7 +11,6 @@ from inim.image.noisy_image import NoisyImage
 from inim.scores.metrics import find
 from inim.scores.metrics.psnr import psnr_db
 from inim.scores.regression.comparison import (
-    codes_from_linear,
     compare_noise,
     compare_pictures,
 )
@@ -35,7 +34,6 @@ from inim.scores.regression.verdict import (
     binomial_interval,
     freedom_of_sum,
     sidak,
-    verdict_line,
     welch_half_width,
     welch_p_value,
     within,
@@ -132,14 +130,6 @@ def test_tile_of_an_eia_is_one_elemental_image_or_a_block_of_them():
 
 
 # --- Verdicts on pictures -----------------------------------------------------------------------
-
-
-def test_codes_are_those_of_srgb():
-    from inim.image.color import srgb_from_linear
-
-    values = np.linspace(0, 1, 999)
-    np.testing.assert_allclose(codes_from_linear(values), 255 * srgb_from_linear(values), atol=1e-3)
-    assert codes_from_linear(np.array(-0.2)) == -codes_from_linear(np.array(0.2))
 
 
 def test_fresh_noise_is_no_change(scene):
@@ -453,9 +443,3 @@ def test_a_comparison_without_checks_has_not_passed():
     good = within("a", "score", 0.0, 0.1, 0.1)
     assert all_passed([good])
     assert not all_passed([good, within("b", "score", math.nan, 0.1, 0.1)])
-
-
-def test_verdict_is_a_line_and_a_check_with_all_its_numbers():
-    check = within("a: b", "score", -0.02, 0.004, 0.001, unit="dB", detail="why")
-    assert verdict_line(check) == "FAILED  a: b: -0.02 dB (-0.024 to -0.016), within ±0.004; why"
-    assert (check.value, check.passed, check.unit) == (-0.02, False, "dB")

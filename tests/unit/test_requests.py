@@ -18,7 +18,7 @@ from inim.cli.main import main
 from inim.display import DISPLAYS, Display, Viewpoint
 from inim.pipeline import launch
 from inim.pipeline.plan import Plan, conditions_of, make_plan
-from inim.system.errors import DisplayError, FileError, InimError, UsageError
+from inim.system.errors import FileError, InimError, UsageError
 from inim.system.plugins import PluginModule
 from tests.conftest import scene_text, sphere
 
@@ -156,14 +156,6 @@ def test_a_display_reaches_the_plan_against_any_scene_setting(scene, plans, name
     )
 
 
-@pytest.mark.parametrize("name", [n for n, d in DISPLAYS.items() if d.layout.of_cylinders])
-def test_a_lenticular_reaches_the_plan_against_any_scene_setting(scene, plans, name):
-    display = DISPLAYS[name].replace(rotation_deg=-9.5, depth_min_mm=-5.0)
-    with_settings(scene, depth_min_mm=3, depth_max_mm=40, pitch_mm=2)
-    plan = planned(plans, scene, display=display, lens_model="thin")
-    assert plan.display.replace(name="") == display.replace(name="")
-
-
 def test_a_plan_is_sent_to_the_worker(scene, plans):
     plan = planned(
         plans, scene, display=LAB, algorithms="pickup:spp=4,template", eias={"a": "mine.png"}
@@ -259,8 +251,3 @@ def test_modules_of_plugins_are_found_by_name_and_identified_by_their_code(tmp_p
     (tmp_path / "numpy.py").write_text("")
     with pytest.raises(UsageError, match="another module has this name"):
         PluginModule.of(str(tmp_path / "numpy.py")).load()
-
-
-def test_an_unknown_parameter_of_a_display_is_named():
-    with pytest.raises(DisplayError, match=r"'gapmm' is no parameter .* did you mean gap_mm"):
-        LAB.replace(gapmm=3)
