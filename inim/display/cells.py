@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from inim.display.parameters import Cells, parse_rows, rows_text
+from inim.display.declaration import parse_rows, rows_text
+from inim.display.parameters import Cells
 from inim.system.errors import DisplayError
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ def parse_cells(cells: str | Sequence[Sequence[float]]) -> Cells:
 
     * `cells`: rows of numbers, or text with a comma between kinds; ``"none"`` or empty: no kinds.
 
-    Raises `DisplayError`: not six numbers, or centres outside a pixel and its neighbours.
+    Raises `ValueError`: not six numbers, or centres outside a pixel and its neighbours.
     """
     try:
         numbers: Cells = parse_rows(cells, columns=_NUMBERS)
@@ -44,9 +45,9 @@ def parse_cells(cells: str | Sequence[Sequence[float]]) -> Cells:
         numbers = ((math.nan,),)
     # Not a number is not within the bounds either.
     if not all(abs(number) <= _FARTHEST for row in numbers for number in row):
-        raise DisplayError(
-            f"subpixel_cells = {cells!r}: write six numbers of at most {_FARTHEST:g} for each "
-            "kind of pixel: red, green and blue, each right and up of its centre"
+        raise ValueError(
+            f"write six numbers of at most {_FARTHEST:g} for each kind of pixel: red, green and "
+            "blue, each right and up of its centre"
         )
     return numbers
 

@@ -10,21 +10,20 @@ paper" from here on, by equation number.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import cached_property
 from importlib import import_module
-from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import Annotated, Any
 
 import numpy as np
 
-from inim.display.cells import CELL_PATTERNS, check_cells, parse_cells
+from inim.display.cells import check_cells, parse_cells
+from inim.display.declaration import Meaning, declared
 from inim.display.layers import parse_layers
 from inim.display.layouts import LAYOUTS, Layout
-from inim.display.panel import check_panel
+from inim.display.panel import COLDEST_K, HOTTEST_K
 from inim.display.parameters import (
     Aperture,
     BetweenLenses,
@@ -46,34 +45,6 @@ from inim.display.pixels import (
 )
 from inim.system.errors import DisplayError, suggest_words
 
-if TYPE_CHECKING:
-    from typing_extensions import Unpack
-
-    from inim.display.parameters import DisplayParameters
-
-# Must be positive; depths and shifts are of either sign.
-_LENGTHS = (
-    "pitch_mm",
-    "pitch_y_mm",
-    "focal_length_mm",
-    "gap_mm",
-    "pixel_pitch_mm",
-    "elemental_pitch_mm",
-    "lens_thickness_mm",
-)
-_WORDS: dict[str, Collection[str]] = {
-    "curved_side": get_args(CurvedSide),
-    "lattice": LAYOUTS,
-    "aperture": get_args(Aperture),
-    "between_lenses": get_args(BetweenLenses),
-    "subpixels": get_args(Subpixels),
-    "cell_pattern": CELL_PATTERNS,
-}
-#: Parameters that are rows of numbers, with the functions that read and check them.
-TABLES: dict[str, Callable[[Any], tuple[Any, ...]]] = {
-    "layers": parse_layers,
-    "subpixel_cells": parse_cells,
-}
 # Pictures hold depths as float32, which end at 3.4e38; products of two lengths are floats still.
 _LONGEST_MM = 1e38
 # Below an atom's size; quotients of lengths are floats still.
@@ -100,30 +71,21 @@ _LENS_ONLY = (
 )
 
 
-def _check_parameter(name: str, kind: str, value: Any) -> Any:
-    """Value of a parameter as a plain number or word; NumPy's numbers are accepted."""
-    if value is None and "None" in kind:
-        return None
-    if name in TABLES:
-        return TABLES[name](value)
-    if kind.startswith("int"):
-        if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
-            raise DisplayError(f"{name} = {value!r}: must be a whole number of at least 1")
-        return int(value)
-    if kind.startswith("float"):
-        if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
-            raise DisplayError(f"{name} = {value!r}: must be a finite number")
-        value = float(value)
-        if name.endswith("_mm") and abs(value) > _LONGEST_MM:
-            raise DisplayError(f"{name} = {value:g}: at most {_LONGEST_MM:g} mm are allowed")
-        if name in _LENGTHS and value <= 0:
-            raise DisplayError(f"{name} = {value}: must be a positive length")
-        if name in _LENGTHS and value < _SHORTEST_MM:
-            raise DisplayError(f"{name} = {value:g}: at least {_SHORTEST_MM:g} mm are needed")
-    if name in _WORDS and value not in _WORDS[name]:
-        allowed = " or ".join(repr(word) for word in _WORDS[name])
-        raise DisplayError(f"{name} = {value!r}: use {allowed}")
-    return value
+def _length(meaning: str) -> Meaning:
+    return Meaning(meaning, above=0, requirement="must be a positive length")
+
+
+def _count(meaning: str) -> Meaning:
+    return Meaning(meaning, low=1, requirement="must be a whole number of at least 1")
+
+
+def _tilt(meaning: str) -> Meaning:
+    return Meaning(meaning, low=-_STEEPEST_TILT_DEG, high=_STEEPEST_TILT_DEG)
+
+
+def _share(meaning: str) -> Meaning:
+    requirement = "must be a share from 0 to below 1"
+    return Meaning(meaning, low=0, below=1, requirement=requirement)
 
 
 def _call(module: str, function: str, *arguments: Any) -> Any:
@@ -131,7 +93,7 @@ def _call(module: str, function: str, *arguments: Any) -> Any:
     return getattr(import_module(module), function)(*arguments)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Display:
     """An integral-imaging display.
 
@@ -211,73 +173,136 @@ class Display:
         A value describes no possible display; the message names it.
     """
 
-    pitch_mm: float
-    focal_length_mm: float
-    gap_mm: float
-    pixel_pitch_mm: float
-    lens_columns: int
-    lens_rows: int
-    panel_columns: int | None = None
-    panel_rows: int | None = None
-    depth_min_mm: float | None = None
-    depth_max_mm: float | None = None
-    elemental_pitch_mm: float | None = None
-    refractive_index: float = 1.4917
-    lens_thickness_mm: float | None = None
-    curved_side: CurvedSide = "viewer"
-    conic: float = 0.0
-    asphere_a4: float = 0.0
-    asphere_a6: float = 0.0
-    abbe_number: float | None = None
-    pitch_y_mm: float | None = None
-    lattice: Lattice = "square"
-    aperture: Aperture = "square"
-    fill_factor: float = 1.0
-    between_lenses: BetweenLenses = "dark"
-    layers: Layers = ()
-    shift_x_mm: float = 0.0
-    shift_y_mm: float = 0.0
-    rotation_deg: float = 0.0
-    tilt_x_deg: float = 0.0
-    tilt_y_deg: float = 0.0
-    subpixels: Subpixels = "none"
-    subpixel_cells: Cells = ()
-    cell_pattern: CellPattern = "single"
-    pixel_fill: float = 1.0
-    black_level: float = 0.0
-    ambient_reflection: float = 0.0
-    veiling_glare: float = 0.0
-    white_point_k: float | None = None
-    name: str = "custom"
+    pitch_mm: Annotated[float, _length("lens pitch P")]
+    focal_length_mm: Annotated[float, _length("lens focal length f")]
+    gap_mm: Annotated[
+        float,
+        _length("gap g between lens array and panel, air-equivalent: a layer counts as t / n"),
+    ]
+    pixel_pitch_mm: Annotated[float, _length("panel pixel P_D")]
+    lens_columns: Annotated[int, _count("lenses across")]
+    lens_rows: Annotated[int, _count("lenses down")]
+    panel_columns: Annotated[int | None, _count("panel pixels across")] = None
+    panel_rows: Annotated[int | None, _count("panel pixels down")] = None
+    depth_min_mm: Annotated[
+        float | None, Meaning("far end of the depth range (both or neither)")
+    ] = None
+    depth_max_mm: Annotated[float | None, Meaning("near end of the depth range")] = None
+    elemental_pitch_mm: Annotated[
+        float | None, _length("pitch of the elemental images, if it differs from P")
+    ] = None
+    refractive_index: Annotated[
+        float,
+        Meaning(
+            "refractive index of the thick lens ({}, PMMA)",
+            above=1,
+            requirement="a lens needs an index above 1",
+        ),
+    ] = 1.4917
+    lens_thickness_mm: Annotated[
+        float | None, _length("centre thickness of the thick lens (P)")
+    ] = None
+    curved_side: Annotated[
+        CurvedSide, Meaning("curved side of the thick lens: viewer or panel")
+    ] = "viewer"
+    conic: Annotated[float, Meaning("conic constant of the curved face ({})")] = 0.0
+    asphere_a4: Annotated[float, Meaning("sag term in r^4 of the curved face, mm^-3 ({})")] = 0.0
+    asphere_a6: Annotated[float, Meaning("sag term in r^6 of the curved face, mm^-5 ({})")] = 0.0
+    abbe_number: Annotated[
+        float | None,
+        Meaning("Abbe number of the lens material; none: no dispersion", above=0),
+    ] = None
+    pitch_y_mm: Annotated[
+        float | None, _length("pitch of the lens rows (P, or that of the hexagonal lattice)")
+    ] = None
+    lattice: Annotated[
+        Lattice,
+        Meaning(
+            "lens lattice: square, hexagonal, or lenticular for slanted cylinders ({})",
+            words=LAYOUTS,
+        ),
+    ] = "square"
+    aperture: Annotated[Aperture, Meaning("shape of a lens's aperture: square or round ({})")] = (
+        "square"
+    )
+    fill_factor: Annotated[
+        float, Meaning("width of a lens's aperture, in pitches ({})", above=0, high=1)
+    ] = 1.0
+    between_lenses: Annotated[
+        BetweenLenses, Meaning("sheet between the apertures: dark or clear ({})")
+    ] = "dark"
+    layers: Annotated[
+        Layers,
+        Meaning(
+            "layers in the gap, from the lenses on, thickness in mm and index: "
+            "'0.5 1.52, 0.1 1.47' ({})",
+            rows=parse_layers,
+        ),
+    ] = ()
+    shift_x_mm: Annotated[float, Meaning("shift of the array to the right ({})")] = 0.0
+    shift_y_mm: Annotated[float, Meaning("shift of the array upwards ({})")] = 0.0
+    rotation_deg: Annotated[
+        float, Meaning("counter-clockwise rotation of the array, seen by the viewer ({})")
+    ] = 0.0
+    tilt_x_deg: Annotated[float, _tilt("tilt of the panel: the gap grows to the right ({})")] = 0.0
+    tilt_y_deg: Annotated[float, _tilt("tilt of the panel: the gap grows upwards ({})")] = 0.0
+    subpixels: Annotated[
+        Subpixels, Meaning("sub-pixel layout: none, rgb-stripe, pentile or cells ({})")
+    ] = "none"
+    subpixel_cells: Annotated[
+        Cells,
+        Meaning(
+            "centres of red, green and blue for `cells`, right and up in pixels, of each kind of "
+            "pixel: '-0.3 0.25 0.3 0.25 0 -0.25, ...' ({})",
+            rows=parse_cells,
+        ),
+    ] = ()
+    cell_pattern: Annotated[
+        CellPattern,
+        Meaning(
+            "kinds of pixels for `cells`: single, checkerboard, columns, rows, rows-of-4 or "
+            "staggered ({})"
+        ),
+    ] = "single"
+    pixel_fill: Annotated[
+        float,
+        Meaning(
+            "width of the light-emitting area of a (sub-)pixel, in its pitches ({})",
+            above=0,
+            high=1,
+        ),
+    ] = 1.0
+    black_level: Annotated[float, _share("luminance of the panel's black over white ({})")] = 0.0
+    ambient_reflection: Annotated[
+        float, _share("room light that the display reflects, as a share of white ({})")
+    ] = 0.0
+    veiling_glare: Annotated[
+        float, _share("share of a view's light that spreads evenly over it ({})")
+    ] = 0.0
+    white_point_k: Annotated[
+        float | None,
+        Meaning(
+            "colour temperature of the panel's white, kelvin (D65)", low=COLDEST_K, high=HOTTEST_K
+        ),
+    ] = None
+    name: Annotated[str, Meaning("its name")] = "custom"
 
     @classmethod
     def field_meanings(cls) -> dict[str, str]:
         """Meanings of the parameters, by name."""
-        settings = import_module("inim.display.settings").Settings
-        meanings: dict[str, str] = settings.field_meanings()
-        return meanings | {"name": "its name"}
+        return {name: field.meaning for name, field in declared(Display).items()}
 
     def __post_init__(self) -> None:
         # msgspec leaves absent fields to the class, and omits them when it encodes the display.
         self.__dict__.update(self.parameters())
-        # The types as written: msgspec resolves those of the fields in place.
-        for name, kind in type(self).__annotations__.items():
-            object.__setattr__(self, name, _check_parameter(name, kind, getattr(self, name)))
-        if self.refractive_index <= 1:
-            raise DisplayError(
-                f"refractive_index = {self.refractive_index}: a lens needs an index above 1"
-            )
-        for name in ("fill_factor", "pixel_fill"):
-            if not 0 < getattr(self, name) <= 1:
-                raise DisplayError(f"{name} = {getattr(self, name)}: must be above 0 and at most 1")
-        for name in ("tilt_x_deg", "tilt_y_deg"):
-            if abs(getattr(self, name)) > _STEEPEST_TILT_DEG:
-                raise DisplayError(
-                    f"{name} = {getattr(self, name)}: at most {_STEEPEST_TILT_DEG:g} degrees"
-                )
-        check_panel(self)
-        if self.abbe_number is not None and self.abbe_number <= 0:
-            raise DisplayError(f"abbe_number = {self.abbe_number}: must be above 0")
+        for name, field in declared(Display).items():
+            value = getattr(self, name)
+            try:
+                object.__setattr__(self, name, field.check(value))
+            except ValueError as error:
+                raise DisplayError(f"{name} = {value!r}: {error}") from None
+            if name.endswith("_mm"):
+                self._check_magnitude(name)
         for name in ("pitch_mm", "elemental_image_pitch_mm"):
             if self.pixel_pitch_mm > getattr(self, name):
                 raise DisplayError(
@@ -287,6 +312,20 @@ class Display:
         check_cells(self)
         self.layout.check()
         self._check_depth_range()
+
+    def __repr__(self) -> str:
+        values = self.parameters().items()
+        stated = [f"{k}={v!r}" for k, v in values if v != declared(Display)[k].default]
+        return f"Display({', '.join(stated)})"
+
+    def _check_magnitude(self, name: str) -> None:
+        size = abs(getattr(self, name) or 0.0)
+        if size > _LONGEST_MM:
+            raise DisplayError(
+                f"{name} = {getattr(self, name):g}: at most {_LONGEST_MM:g} mm are allowed"
+            )
+        if declared(Display)[name].declared.above == 0 and 0 < size < _SHORTEST_MM:
+            raise DisplayError(f"{name} = {size:g}: at least {_SHORTEST_MM:g} mm are needed")
 
     def _check_depth_range(self) -> None:
         limits = (self.depth_min_mm, self.depth_max_mm)
@@ -641,7 +680,7 @@ class Display:
             values["nearest_viewing_distance_mm"] = None
         return {k: None if isinstance(v, float) and math.isinf(v) else v for k, v in values.items()}
 
-    def replace(self, **changes: Unpack[DisplayParameters]) -> Display:
+    def replace(self, **changes: Any) -> Display:
         """Copy with some parameters changed and checked.
 
         Raises

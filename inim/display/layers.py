@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from inim.display.parameters import Layers, parse_rows
-from inim.system.errors import DisplayError
+from inim.display.declaration import parse_rows
+from inim.display.parameters import Layers
 
 # Each layer costs the renderer and the virtual display a refraction per ray.
 _MOST_LAYERS = 8
@@ -20,21 +20,19 @@ def parse_layers(layers: str | Sequence[Sequence[float]]) -> Layers:
 
     * `layers`: pairs, or text: ``"0.5 1.52, 0.1 1.47"``; ``"none"`` or empty: no layers.
 
-    Raises `DisplayError`: no such pairs, or layers that cannot exist.
+    Raises `ValueError`: no such pairs, or layers that cannot exist.
     """
     try:
         numbers: Layers = parse_rows(layers, columns=2)
     except ValueError:
-        raise DisplayError(f"layers = {layers!r}: {_WRITE}") from None
+        raise ValueError(_WRITE) from None
     if len(numbers) > _MOST_LAYERS:
-        raise DisplayError(f"layers: {len(numbers)} layers; at most {_MOST_LAYERS} are allowed")
+        raise ValueError(f"{len(numbers)} layers; at most {_MOST_LAYERS} are allowed")
     for thickness, index in numbers:
         if not (math.isfinite(thickness) and thickness > 0):
-            raise DisplayError(f"layers: thickness {thickness:g} mm: must be a positive length")
+            raise ValueError(f"thickness {thickness:g} mm: must be a positive length")
         if not 1 <= index <= _LARGEST_INDEX:
-            raise DisplayError(
-                f"layers: refractive index {index:g}: must be from 1 to {_LARGEST_INDEX:g}"
-            )
+            raise ValueError(f"refractive index {index:g}: must be from 1 to {_LARGEST_INDEX:g}")
     return numbers
 
 

@@ -15,13 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from inim.system.errors import DisplayError
-
 if TYPE_CHECKING:
     from inim.display.display import Display
 
-# Range of the formula of the daylight locus (CIE 15).
-_COLDEST_K, _HOTTEST_K, _KNEE_K = 4000.0, 25000.0, 7000.0
+#: Range of the formula of the daylight locus (CIE 15).
+COLDEST_K, HOTTEST_K = 4000.0, 25000.0
+_KNEE_K = 7000.0
 _RGB_FROM_XYZ = np.array(
     [
         [3.2404542, -1.5371385, -0.4985314],
@@ -29,19 +28,6 @@ _RGB_FROM_XYZ = np.array(
         [0.0556434, -0.2040259, 1.0572252],
     ]
 )
-
-
-def check_panel(display: Display) -> None:
-    """Raise `DisplayError` for a panel's light that cannot be."""
-    for name in ("black_level", "ambient_reflection", "veiling_glare"):
-        value = getattr(display, name)
-        if not 0 <= value < 1:
-            raise DisplayError(f"{name} = {value:g}: must be a share from 0 to below 1")
-    white = display.white_point_k
-    if white is not None and not _COLDEST_K <= white <= _HOTTEST_K:
-        raise DisplayError(
-            f"white_point_k = {white:g}: must be from {_COLDEST_K:g} to {_HOTTEST_K:g} kelvin"
-        )
 
 
 def has_own_black(display: Display) -> bool:

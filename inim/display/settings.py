@@ -8,55 +8,28 @@ file is XML with only those of a display.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Container, Mapping
-from dataclasses import dataclass, field, fields, replace
-from numbers import Real
-from os import PathLike
+from dataclasses import dataclass, make_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from inim.display import DISPLAYS, Display
-from inim.display.display import TABLES
+from inim.display.declaration import Meaning, declared, setting_text
 from inim.display.looking_glass import LookingGlass
-from inim.display.parameters import rows_text
 from inim.system.errors import DisplayError, SceneError, UsageError, suggest_words
 from inim.system.process.atomic_file import write_atomically
 
 PREFIX = "inim."
-#: Text of an optional number that is not set, whatever the scene states.
-NOT_SET = "none"
-
-# Far above any sensible length, count or seed, and far below where arithmetic overflows.
-_LARGEST = 1e18
-# Whole numbers below this are written without a decimal point: counts are read as whole numbers.
-_EXACT = 1e15
-_DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 # More samples than this per pixel is a slip of the keyboard that would run for days.
 _MOST_SAMPLES = 2**20
+# Characters of a value in a message.
+_LONGEST_SHOWN = 40
 
-#: Settings that go to `Display` under the same name.
-DISPLAY_KEYS = tuple(f.name for f in fields(Display) if f.name != "name")
-
-
-def value_text(name: str, value: object, *, label: str = "") -> str:
-    """Text of a setting's or an option's value, read back as the same value.
-
-    * `label`: the value's place, for error messages; default: `name`.
-
-    Raises `UsageError` for anything but text, numbers, paths, and the rows of a `TABLES` entry.
-    """
-    table = TABLES.get(name.removeprefix(PREFIX))
-    if isinstance(value, list | tuple) and table is not None:
-        return rows_text(table(value))
-    if isinstance(value, bool) or not isinstance(value, str | Real | PathLike):
-        raise UsageError(
-            f"{label or name}: {value!r} is a {type(value).__name__}; give text or a number"
-        )
-    if not isinstance(value, Real):
-        return str(value)
-    number = float(value)
-    return str(int(number)) if number.is_integer() and abs(number) < _EXACT else repr(number)
+#: Declarations of the settings that go to `Display` under the same name.
+_OF_DISPLAY = {name: field for name, field in declared(Display).items() if name != "name"}
+#: Their names, and those with the preset.
+DISPLAY_KEYS = tuple(_OF_DISPLAY)
+DISPLAY_PART = ("display", *DISPLAY_KEYS)
 
 
 def plain_parameters(display: Display) -> dict[str, Any]:
@@ -66,201 +39,143 @@ def plain_parameters(display: Display) -> dict[str, Any]:
     """
     values = {key: getattr(display, key) for key in DISPLAY_KEYS}
     return {
-        key: value_text(key, value) if isinstance(value, tuple) else value
+        key: setting_text(value) if isinstance(value, tuple) else value
         for key, value in values.items()
         if value is not None
     }
 
 
-def _setting(
-    default: Any, meaning: str, *, low: float | None = None, high: float = math.inf
-) -> Any:
-    return field(default=default, metadata={"meaning": meaning, "low": low, "high": high})
+@dataclass(frozen=True)
+class _Start:
+    title: Annotated[str, Meaning("name of the scene in reports; the file's name if empty")] = ""
+    display: Annotated[str, Meaning(f"preset to start from: {', '.join(DISPLAYS)}")] = "nominal"
+
+
+if TYPE_CHECKING:
+    _Stated = _Start
+else:
+    # Each parameter of a display, None if it is the preset's. `Display` checks its range.
+    _Stated = make_dataclass(
+        "_Stated",
+        [
+            (name, Annotated[field.type | None, Meaning(field.meaning, rows=field.rows)], None)
+            for name, field in _OF_DISPLAY.items()
+        ],
+        bases=(_Start,),
+        frozen=True,
+    )
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(_Stated):
     """Settings of display, viewer, sampling and criteria, from a scene file or the command line.
 
     Every field is one `inim.*` key; None means "not given".
     """
 
-    title: str = _setting("", "name of the scene in reports; the file's name if empty")
-    display: str = _setting("nominal", f"preset to start from: {', '.join(DISPLAYS)}")
-    pitch_mm: float | None = _setting(None, "lens pitch P")
-    focal_length_mm: float | None = _setting(None, "lens focal length f")
-    gap_mm: float | None = _setting(
-        None, "gap g between lens array and panel, air-equivalent: a layer counts as t / n"
-    )
-    pixel_pitch_mm: float | None = _setting(None, "panel pixel P_D")
-    lens_columns: int | None = _setting(None, "lenses across")
-    lens_rows: int | None = _setting(None, "lenses down")
-    panel_columns: int | None = _setting(None, "panel pixels across")
-    panel_rows: int | None = _setting(None, "panel pixels down")
-    depth_min_mm: float | None = _setting(None, "far end of the depth range (both or neither)")
-    depth_max_mm: float | None = _setting(None, "near end of the depth range")
-    elemental_pitch_mm: float | None = _setting(
-        None, "pitch of the elemental images, if it differs from P"
-    )
-    refractive_index: float | None = _setting(
-        None, "refractive index of the thick lens (1.4917, PMMA)"
-    )
-    lens_thickness_mm: float | None = _setting(None, "centre thickness of the thick lens (P)")
-    curved_side: str | None = _setting(None, "curved side of the thick lens: viewer or panel")
-    conic: float | None = _setting(None, "conic constant of the curved face (0)")
-    asphere_a4: float | None = _setting(None, "sag term in r^4 of the curved face, mm^-3 (0)")
-    asphere_a6: float | None = _setting(None, "sag term in r^6 of the curved face, mm^-5 (0)")
-    abbe_number: float | None = _setting(
-        None, "Abbe number of the lens material; none: no dispersion"
-    )
-    pitch_y_mm: float | None = _setting(
-        None, "pitch of the lens rows (P, or that of the hexagonal lattice)"
-    )
-    lattice: str | None = _setting(
-        None, "lens lattice: square, hexagonal, or lenticular for slanted cylinders (square)"
-    )
-    aperture: str | None = _setting(None, "shape of a lens's aperture: square or round (square)")
-    fill_factor: float | None = _setting(None, "width of a lens's aperture, in pitches (1)")
-    between_lenses: str | None = _setting(None, "sheet between the apertures: dark or clear (dark)")
-    layers: str | None = _setting(
-        None,
-        "layers in the gap, from the lenses on, thickness in mm and index: '0.5 1.52, 0.1 1.47' "
-        "(none)",
-    )
-    shift_x_mm: float | None = _setting(None, "shift of the array to the right (0)")
-    shift_y_mm: float | None = _setting(None, "shift of the array upwards (0)")
-    rotation_deg: float | None = _setting(
-        None, "counter-clockwise rotation of the array, seen by the viewer (0)"
-    )
-    tilt_x_deg: float | None = _setting(None, "tilt of the panel: the gap grows to the right (0)")
-    tilt_y_deg: float | None = _setting(None, "tilt of the panel: the gap grows upwards (0)")
-    subpixels: str | None = _setting(
-        None, "sub-pixel layout: none, rgb-stripe, pentile or cells (none)"
-    )
-    subpixel_cells: str | None = _setting(
-        None,
-        "centres of red, green and blue for `cells`, right and up in pixels, of each kind of "
-        "pixel: '-0.3 0.25 0.3 0.25 0 -0.25, ...' (none)",
-    )
-    cell_pattern: str | None = _setting(
-        None,
-        "kinds of pixels for `cells`: single, checkerboard, columns, rows, rows-of-4 or staggered "
-        "(single)",
-    )
-    pixel_fill: float | None = _setting(
-        None, "width of the light-emitting area of a (sub-)pixel, in its pitches (1)"
-    )
-    black_level: float | None = _setting(None, "luminance of the panel's black over white (0)")
-    ambient_reflection: float | None = _setting(
-        None, "room light that the display reflects, as a share of white (0)"
-    )
-    veiling_glare: float | None = _setting(
-        None, "share of a view's light that spreads evenly over it (0)"
-    )
-    white_point_k: float | None = _setting(
-        None, "colour temperature of the panel's white, kelvin (D65)"
-    )
-    misalign: str = _setting(
-        "", "misalignment that the algorithms do not correct: 'rotation_deg=0.5, gap_mm=0.1'"
-    )
-    fit_share: float = _setting(
-        0.85, "share of the array that the relic may fill, 0..1", low=1e-6, high=1
-    )
-    turn_deg: float | None = _setting(
-        None,
-        "turn of the relic about its upward axis, counter-clockwise seen from above; its size is "
-        "then the same at all turns (none: not turned)",
-    )
-    lens_model: str = _setting(
-        "thick", "lens model of the reconstruction: pinhole, thin, thick or full"
-    )
-    algorithms: str = _setting(
-        "wang2024,template", "algorithms to score, separated by commas (lenticulars: template)"
-    )
-    cameras: str = _setting(
-        "",
-        "arrangements of cameras for further RGB-D inputs: `5` (centre and corners of the viewing "
-        "zone) or a grid such as `3x3`, separated by commas",
-    )
-    viewpoints: str = _setting(
-        "centre,left,right,up,down",
-        "viewpoints to score: names, or 'name=x y [z]' in mm, separated by commas (lenticulars: "
-        "centre, left, right)",
-    )
-    viewing_distance_mm: float | None = _setting(
-        None, "eye distance (twice the nearest usable distance)", low=1e-9
-    )
-    pupil_mm: float = _setting(0.0, "diameter of the eye's pupil; 0 is a pinhole", low=0)
-    focus_mm: float | None = _setting(
-        None, "focus distance of the eye (the distance of the central depth plane)", low=1e-9
-    )
-    luminance_cd_m2: float = _setting(
-        500.0, "luminance of the panel's white, for perceptual metrics", low=1e-3
-    )
-    view_pixels_per_lens: int = _setting(4, "pixels per lens of the views (lenticulars: 1)", low=1)
-    capture_pixels_per_pitch: int | float = _setting(
-        5,
-        "RGB-D pixels per lens pitch (lenticulars: 3); P / P_I is the resolution of the paper",
-        low=1,
-    )
-    capture_spp: int = _setting(
-        64, "samples per RGB-D pixel (lenticulars: 16)", low=1, high=_MOST_SAMPLES
-    )
-    eia_spp: int = _setting(
-        32,
-        "samples per ground-truth EIA pixel, both passes (lenticulars: 8)",
-        low=2,
-        high=_MOST_SAMPLES,
-    )
-    view_spp: int = _setting(
-        64, "samples per ground-truth view pixel, both passes", low=2, high=_MOST_SAMPLES
-    )
-    reconstruction_spp: int = _setting(
-        64, "samples per reconstructed view pixel", low=1, high=_MOST_SAMPLES
-    )
-    score_error: float = _setting(
-        0.0,
-        "stop sampling when every SSIM has this precision, such as 0.01; 0: use all samples",
-        low=0,
-        high=1,
-    )
-    seed: int = _setting(0, "random seed of the ground truth", low=0)
-    min_ssim_to_reference: str = _setting(
-        "",
-        "criterion: minimum SSIM on the relic to the reference, '0.9' for all or "
-        "'template:0.9, wang2024:0.5'",
-    )
+    misalign: Annotated[
+        str,
+        Meaning("misalignment that the algorithms do not correct: 'rotation_deg=0.5, gap_mm=0.1'"),
+    ] = ""
+    fit_share: Annotated[
+        float, Meaning("share of the array that the relic may fill, 0..1", low=1e-6, high=1)
+    ] = 0.85
+    turn_deg: Annotated[
+        float | None,
+        Meaning(
+            "turn of the relic about its upward axis, counter-clockwise seen from above; its size "
+            "is then the same at all turns (none: not turned)"
+        ),
+    ] = None
+    lens_model: Annotated[
+        str, Meaning("lens model of the reconstruction: pinhole, thin, thick or full")
+    ] = "thick"
+    algorithms: Annotated[
+        str, Meaning("algorithms to score, separated by commas (lenticulars: template)")
+    ] = "wang2024,template"
+    cameras: Annotated[
+        str,
+        Meaning(
+            "arrangements of cameras for further RGB-D inputs: `5` (centre and corners of the "
+            "viewing zone) or a grid such as `3x3`, separated by commas"
+        ),
+    ] = ""
+    viewpoints: Annotated[
+        str,
+        Meaning(
+            "viewpoints to score: names, or 'name=x y [z]' in mm, separated by commas "
+            "(lenticulars: centre, left, right)"
+        ),
+    ] = "centre,left,right,up,down"
+    viewing_distance_mm: Annotated[
+        float | None, Meaning("eye distance (twice the nearest usable distance)", low=1e-9)
+    ] = None
+    pupil_mm: Annotated[float, Meaning("diameter of the eye's pupil; 0 is a pinhole", low=0)] = 0.0
+    focus_mm: Annotated[
+        float | None,
+        Meaning("focus distance of the eye (the distance of the central depth plane)", low=1e-9),
+    ] = None
+    luminance_cd_m2: Annotated[
+        float, Meaning("luminance of the panel's white, for perceptual metrics", low=1e-3)
+    ] = 500.0
+    view_pixels_per_lens: Annotated[
+        int, Meaning("pixels per lens of the views (lenticulars: 1)", low=1)
+    ] = 4
+    capture_pixels_per_pitch: Annotated[
+        int | float,
+        Meaning(
+            "RGB-D pixels per lens pitch (lenticulars: 3); P / P_I is the resolution of the paper",
+            low=1,
+        ),
+    ] = 5
+    capture_spp: Annotated[
+        int, Meaning("samples per RGB-D pixel (lenticulars: 16)", low=1, high=_MOST_SAMPLES)
+    ] = 64
+    eia_spp: Annotated[
+        int,
+        Meaning(
+            "samples per ground-truth EIA pixel, both passes (lenticulars: 8)",
+            low=2,
+            high=_MOST_SAMPLES,
+        ),
+    ] = 32
+    view_spp: Annotated[
+        int,
+        Meaning("samples per ground-truth view pixel, both passes", low=2, high=_MOST_SAMPLES),
+    ] = 64
+    reconstruction_spp: Annotated[
+        int, Meaning("samples per reconstructed view pixel", low=1, high=_MOST_SAMPLES)
+    ] = 64
+    score_error: Annotated[
+        float,
+        Meaning(
+            "stop sampling when every SSIM has this precision, such as 0.01; 0: use all samples",
+            low=0,
+            high=1,
+        ),
+    ] = 0.0
+    seed: Annotated[int, Meaning("random seed of the ground truth", low=0)] = 0
+    min_ssim_to_reference: Annotated[
+        str,
+        Meaning(
+            "criterion: minimum SSIM on the relic to the reference, '0.9' for all or "
+            "'template:0.9, wang2024:0.5'"
+        ),
+    ] = ""
 
     @classmethod
     def field_meanings(cls) -> dict[str, str]:
         """Meanings of the settings, by name."""
-        return {f.name: f.metadata["meaning"] for f in fields(cls)}
+        return {name: setting.meaning for name, setting in SETTINGS.items()}
 
     @classmethod
-    def parse(cls, values: Mapping[str, str], source: str) -> Settings:
-        """Settings from texts by full key (`inim.pitch_mm`).
+    def parse(cls, values: Mapping[str, Any], source: str) -> Settings:
+        """Settings from texts or values by full key (`inim.pitch_mm`).
 
         `source` is the scene's path, for messages. Raises `SceneError` for an unknown key, with the
         nearest known one, or a value of the wrong kind.
         """
-        fields_by_name = {f.name: f for f in fields(cls)}
-        parsed: dict[str, Any] = {}
-        for key, text in values.items():
-            name = key.removeprefix(PREFIX)
-            if name not in fields_by_name:
-                hint = suggest_words(name, fields_by_name, "see `inim info settings`", PREFIX)
-                raise SceneError(f"{source}: unknown setting {key!r}; {hint}")
-            kind = str(fields_by_name[name].type)
-            if text.strip() == NOT_SET and "None" in kind and not kind.startswith("str"):
-                continue
-            parsed[name] = _read(key, text, kind, source)
-            low = fields_by_name[name].metadata["low"]
-            if low is not None and parsed[name] < low:
-                raise SceneError(f"{source}: {key} = {text}: must be at least {low:g}")
-            high = fields_by_name[name].metadata["high"]
-            if high < math.inf and parsed[name] > high:
-                raise SceneError(f"{source}: {key} = {text}: must be at most {high:.7g}")
-        return cls(**parsed)
+        return cls(**parse_settings(values, source))
 
     def make_display(self, source: str) -> Display:
         """The display that these settings describe: the preset with the given values changed.
@@ -298,35 +213,13 @@ class Settings:
         except DisplayError as error:
             raise DisplayError(f"{source}: {error}") from None
 
-    def with_display(self, display: Display, overridden: Container[str] = ()) -> Settings:
-        """A copy that describes this display: a preset, and the parameters that differ from it.
-
-        The copy includes `overridden` parameters although they are the preset's: a scene sets
-        another value.
-        """
-        ways = []
-        for name, preset in DISPLAYS.items():
-            differing = [
-                key
-                for key in DISPLAY_KEYS
-                if key in overridden or getattr(display, key) != getattr(preset, key)
-            ]
-            ways += [(name, differing), (name, DISPLAY_KEYS)]
-        values: dict[str, Any]
-        for name, keys in sorted(ways, key=lambda way: len(way[1])):
-            values = {key: getattr(display, key) if key in keys else None for key in DISPLAY_KEYS}
-            settings = replace(self, display=name, **values)
-            if settings.make_display("").replace(name=display.name) == display:
-                return settings
-        raise AssertionError("all parameters of a display state it")
-
     def with_defaults_of(self, display: Display, explicit: Container[str]) -> Settings:
         """A copy with the defaults of the display's layout (`Layout.default_settings`).
 
-        * `explicit`: full keys of settings that keep their values.
+        * `explicit`: names of settings that keep their values.
         """
         defaults = display.layout.default_settings.items()
-        values: dict[str, Any] = {k: v for k, v in defaults if f"{PREFIX}{k}" not in explicit}
+        values: dict[str, Any] = {k: v for k, v in defaults if k not in explicit}
         return replace(self, **values)
 
     def ssim_limits(self, algorithms: tuple[str, ...], source: str) -> dict[str, float]:
@@ -340,7 +233,10 @@ class Settings:
             name, colon, text = item.rpartition(":")
             names = (name.strip(),) if colon else algorithms
             key = f"{PREFIX}min_ssim_to_reference"
-            limit = _read(key, text.strip(), "float", source)
+            try:
+                limit = float(text)
+            except ValueError:
+                limit = math.nan
             if not 0 <= limit <= 1:
                 raise SceneError(f"{source}: {key} = {item!r}: must be in 0..1")
             for name in names:
@@ -355,39 +251,70 @@ class Settings:
         return limits
 
 
-def _read(key: str, text: str, kind: str, source: str) -> Any:
-    """Parse the text of a value by the field's annotation."""
-    if kind.startswith("str"):
-        return text.strip()
-    whole = kind.startswith("int") and "float" not in kind
+#: Declarations of all settings, by name.
+SETTINGS = {
+    name: replace(setting, name=f"{PREFIX}{name}") for name, setting in declared(Settings).items()
+}
+
+
+def parse_settings(values: Mapping[str, Any], source: str) -> dict[str, Any]:
+    """Values of settings by name, from texts or values by full key; see `Settings.parse`."""
+    return {
+        key.removeprefix(PREFIX): parse_setting(key, value, source) for key, value in values.items()
+    }
+
+
+def parse_setting(key: str, value: Any, source: str) -> Any:
+    """Checked value of a setting from its text, or from a value; see `Settings.parse`."""
+    name = key.removeprefix(PREFIX)
+    if name not in SETTINGS:
+        hint = suggest_words(name, SETTINGS, "see `inim info settings`", PREFIX)
+        raise SceneError(f"{source}: unknown setting {key!r}; {hint}")
+    setting, text = SETTINGS[name], repr(str(value)[:_LONGEST_SHOWN])
     try:
-        value = int(text) if whole else float(text)
-    except ValueError:
-        requirement = "a whole number" if whole else "a number"
-        if not whole and _DECIMAL_COMMA.fullmatch(text.strip()):
-            requirement += f"; write {text.strip().replace(',', '.')}"
-        raise SceneError(f"{source}: {key} = {text[:40]!r}: must be {requirement}") from None
-    if not abs(value) < _LARGEST:
-        raise SceneError(f"{source}: {key} = {text[:40]!r}: must be finite and below {_LARGEST:g}")
-    # Also where decimals are allowed, a whole number becomes an int.
-    return int(value) if kind.startswith("int") and value == int(value) else value
+        if isinstance(value, str):
+            text, value = value if setting.is_number else text, setting.read(value)
+        elif isinstance(value, float) and value.is_integer():
+            value = int(value)
+        return setting.check(value)
+    except ValueError as error:
+        raise SceneError(f"{source}: {key} = {text}: {error}") from None
+
+
+def definition_texts(definitions: Mapping[str, Any]) -> dict[str, str]:
+    """Texts of settings and scene parameters by key, for records and for the renderer."""
+    return {key: setting_text(value) for key, value in definitions.items()}
 
 
 def setting_table() -> str:
     """The table of settings as Markdown, for the documents and `inim info settings`."""
     rows = ["| key | default | meaning |", "| --- | --- | --- |"]
-    for f in fields(Settings):
-        default = "preset" if f.default is None and f.name in DISPLAY_KEYS else f.default
+    for name, setting in SETTINGS.items():
+        default = "preset" if name in _OF_DISPLAY else setting.default
         default_text = "" if default in (None, "") else f"`{default}`"
-        rows.append(f"| `{PREFIX}{f.name}` | {default_text} | {f.metadata['meaning']} |")
+        rows.append(f"| `{PREFIX}{name}` | {default_text} | {setting.meaning} |")
     return "\n".join(rows)
 
 
-def display_texts(display: Display) -> dict[str, str]:
-    """Settings of a display by full key: the nearest preset, and the parameters that differ."""
-    settings = Settings().with_display(display)
-    values = {key: getattr(settings, key) for key in ("display", *DISPLAY_KEYS)}
-    return {f"{PREFIX}{k}": value_text(k, v) for k, v in values.items() if v is not None}
+def describe_display(display: Display, overridden: Container[str] = ()) -> dict[str, Any]:
+    """Settings that describe a display, by name: the nearest preset, and what differs from it.
+
+    * `overridden`: names of parameters to include although they are the preset's, because a scene
+      sets another value.
+    """
+    values = {key: getattr(display, key) for key in DISPLAY_KEYS}
+    values = {key: value for key, value in values.items() if value is not None}
+    ways: list[dict[str, Any]] = [
+        {"display": name}
+        | {k: v for k, v in values.items() if k in overridden or v != getattr(preset, k)}
+        for name, preset in DISPLAYS.items()
+    ]
+    # A panel or a number of lenses may follow from what differs, and must then be stated.
+    ways = sorted(ways, key=len) + [way | values for way in ways]
+    nameless = display.replace(name="")
+    return next(
+        way for way in ways if Settings(**way).make_display("").replace(name="") == nameless
+    )
 
 
 def save_display(display: Display, path: Path) -> None:
@@ -396,8 +323,8 @@ def save_display(display: Display, path: Path) -> None:
         text = LookingGlass.of(display).text()
     elif path.suffix.lower() == ".xml":
         lines = [
-            f'    <default name="{key}" value="{value}"/>'
-            for key, value in display_texts(display).items()
+            f'    <default name="{PREFIX}{key}" value="{value}"/>'
+            for key, value in definition_texts(describe_display(display)).items()
         ]
         text = "\n".join(['<scene version="3.0.0">', *lines, "</scene>\n"])
     else:

@@ -29,7 +29,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from inim.display.settings import value_text
+from inim.display.declaration import value_text
 from inim.generators.base import Generator
 from inim.image.rgbd import RGBD, CameraRGBDs, camera_directions
 from inim.system.errors import UsageError, suggest_words

@@ -152,7 +152,6 @@ def validate(
     from inim.display.viewpoint import viewpoint_items
     from inim.generators import algorithm_items
     from inim.pipeline.request import Request
-    from inim.render.scene_files.file import parse_definitions
 
     path, folder = scene_and_out(scene, None if out is None else _path("out", out), new_scene)
     if eias is not None and not isinstance(eias, Mapping):
@@ -169,7 +168,7 @@ def validate(
         no_skip,
         _paths("allow_folders", allow_folders),
         tuple(PluginModule.of(str(name)).text for name in _paths("plugins", plugins)),
-        definitions=parse_definitions({} if definitions is None else definitions),
+        definitions={} if definitions is None else definitions,
         display=display,
         algorithms=None if algorithms is None else algorithm_items(algorithms),
         cameras=None if cameras is None else str(cameras),

@@ -130,8 +130,9 @@ def choices_of(args: argparse.Namespace) -> dict[str, Any]:
     from inim.generators import algorithm_items
     from inim.render.scene_files.file import parse_definitions
 
+    source = str(getattr(args, "scene", None) or _command_name(args))
     parsers: dict[str, Callable[[Any], Any]] = {
-        "definitions": parse_definitions,
+        "definitions": lambda items: parse_definitions(items, source),
         "display": str,
         "algorithms": algorithm_items,
         "cameras": str,
@@ -147,8 +148,11 @@ def display_and_settings(args: argparse.Namespace) -> tuple[Display, Settings]:
     from inim.render.scene_files.file import choose_display
 
     chosen = choices_of(args)
-    source = " ".join(args.command_line.split()[:2])
-    return choose_display(chosen.get("display"), chosen["definitions"], source)
+    return choose_display(chosen.get("display"), chosen["definitions"], _command_name(args))
+
+
+def _command_name(args: argparse.Namespace) -> str:
+    return " ".join(args.command_line.split()[:2])
 
 
 def request_of(args: argparse.Namespace) -> Request:

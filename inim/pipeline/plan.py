@@ -14,7 +14,7 @@ from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.generators import algorithm_items
 from inim.generators.registry import Input
 from inim.image.rgbd import RGBD
-from inim.pipeline.request import PREVIEW, Request, definition_words
+from inim.pipeline.request import PREVIEW, Request
 from inim.pipeline.stages.capture import DepthCamera
 from inim.pipeline.stages.method import Method, OptimalMethod, parse_methods
 from inim.pipeline.stages.reconstruction import Optics
@@ -171,7 +171,7 @@ def make_plan(request: Request) -> Plan:
             settings.pupil_mm,
             settings.focus_mm,
         )
-    algorithms = algorithm_items(settings.algorithms)
+    algorithms = request.algorithms or algorithm_items(settings.algorithms)
     algorithms += tuple(f"cameras:views={views}" for views in algorithm_items(settings.cameras))
     methods = parse_methods(algorithms, request.eias)
     limits = settings.ssim_limits(tuple(m.name for m in methods), source)
@@ -216,7 +216,9 @@ def conditions_of(plan: Plan, variant: str | None = None) -> Conditions:
         scene_sha256=plan.file.sha256,
         # Only the scene's own parameters: `inim.*` settings are compared by their effects.
         scene_parameters=sorted(
-            text for text in definition_words(request.definitions) if not text.startswith(PREFIX)
+            f"{key}={text}"
+            for key, text in request.definitions.items()
+            if not key.startswith(PREFIX)
         ),
         display=plan.display,
         derived=DisplayRecord.of(plan.display).derived,

@@ -9,20 +9,21 @@ from typing import Any
 
 from inim.display import Display
 from inim.display.misalignment import misalignment_text
-from inim.display.settings import DISPLAY_KEYS, NOT_SET, PREFIX, Settings, value_text
+from inim.display.settings import DISPLAY_KEYS, PREFIX, SETTINGS, Settings, definition_texts
 from inim.display.viewpoint import Viewpoint, viewpoints_text
+from inim.render.scene_files.file import parse_definitions
 from inim.system.errors import UsageError
 from inim.system.process.user_paths import user_text
 
 #: Default settings of a preview: one algorithm, one viewpoint, few samples and no criteria.
-PREVIEW = {
+PREVIEW: dict[str, Any] = {
     "inim.algorithms": "template",
     "inim.viewpoints": "centre",
-    "inim.capture_spp": "32",
-    "inim.eia_spp": "8",
-    "inim.view_spp": "16",
-    "inim.reconstruction_spp": "16",
-    "inim.score_error": "0",
+    "inim.capture_spp": 32,
+    "inim.eia_spp": 8,
+    "inim.view_spp": 16,
+    "inim.reconstruction_spp": 16,
+    "inim.score_error": 0.0,
     "inim.min_ssim_to_reference": "",
 }
 
@@ -48,19 +49,23 @@ def option_words(options: Mapping[str, Any]) -> list[str]:
 class Choices:
     """A user's choices of display, viewpoints and algorithms; None: as in the scene.
 
-    `definitions` are settings and scene parameters. `display` is a display, a preset's name, or a
-    file with `inim.*` settings. See `inim.render.scene_files.file.choose_display`,
-    `inim.generators.algorithm_items`, `inim.display.viewpoint.viewpoint_items` and
-    `inim.display.misalignment.parse_misalignment`.
+    `definitions` are settings and scene parameters, as texts or values; they become values.
+    `display` is a display, a preset's name, or a file with `inim.*` settings. See
+    `inim.render.scene_files.file.choose_display`, `inim.generators.algorithm_items`,
+    `inim.display.viewpoint.viewpoint_items` and `inim.display.misalignment.parse_misalignment`.
     """
 
-    definitions: Mapping[str, str] = field(default_factory=dict)
+    definitions: Mapping[str, Any] = field(default_factory=dict)
     display: Display | str | Path | None = None
     algorithms: tuple[str, ...] | None = None
     cameras: str | None = None
     viewpoints: tuple[str | Viewpoint, ...] | None = None
     lens_model: str | None = None
     misalign: Mapping[str, float] | None = None
+
+    def __post_init__(self) -> None:
+        source = str(getattr(self, "scene", "definitions"))
+        object.__setattr__(self, "definitions", parse_definitions(self.definitions, source))
 
     def overrides(self) -> dict[str, Any]:
         """Settings to replace, except the display's, by field of `Settings`."""
@@ -92,16 +97,16 @@ class Choices:
     def recorded_definitions(
         self, settings: Settings, scene_keys: Container[str] = ()
     ) -> dict[str, str]:
-        """Definitions, including values without an option: a `Display`, a `Viewpoint`'s pupil."""
+        """Texts of the definitions and of values without an option: a `Display`, a pupil."""
         keys = [*self._pupil(), *(DISPLAY_KEYS if isinstance(self.display, Display) else ())]
         if self.misalign is not None:
             keys.append("misalign")
-        values = {key: getattr(settings, key) for key in keys}
-        return {**self.definitions} | {
-            f"{PREFIX}{key}": NOT_SET if value is None else value_text(key, value)
-            for key, value in values.items()
-            if value != getattr(Settings(), key) or f"{PREFIX}{key}" in scene_keys
+        values = {
+            f"{PREFIX}{key}": getattr(settings, key)
+            for key in keys
+            if getattr(settings, key) != SETTINGS[key].default or f"{PREFIX}{key}" in scene_keys
         }
+        return definition_texts({**self.definitions, **values})
 
 
 def definition_words(definitions: Mapping[str, str]) -> list[str]:

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +44,7 @@ class CaptureRequest:
 def generate_from_scene(
     path: Path,
     display: Display | str | Path | None,
-    definitions: Mapping[str, str],
+    definitions: Mapping[str, Any],
     algorithm: str,
     *,
     debug: bool = False,

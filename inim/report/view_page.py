@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from inim.display import Display
 from inim.display.misalignment import misaligned
@@ -61,7 +62,7 @@ def view_report(folder: Path, out: Path | None = None) -> Path:
 def view_eia(
     eia: Path,
     display: Display | str | Path | None = None,
-    definitions: Mapping[str, str] | None = None,
+    definitions: Mapping[str, Any] | None = None,
     out: Path | None = None,
     most_bytes: int = MOST_BYTES,
 ) -> Path:

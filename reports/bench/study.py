@@ -44,7 +44,7 @@ def doubts() -> list[str]:
 
 def plan_of(scene: Path, definitions: Sequence[str] = (), display: str | None = None) -> Plan:
     """Plan of the validation of a scene, with its display, viewpoints and sampling."""
-    changes = parse_definitions(definitions)
+    changes = parse_definitions(definitions, str(scene))
     out = Path("unused")
     return make_plan(
         Request(scene, out, definitions=changes, display=display, algorithms=("template",))

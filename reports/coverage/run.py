@@ -33,7 +33,7 @@ from reports.study import Results, Study, add_scenes, table
 #: The default, the same sources with the nearest colour of one ray, and layers.
 ALGORITHMS = ("template", "template:samples=1:colour=nearest", "layered")
 FACTOR = 64
-_PREVIEW = {name: int(PREVIEW[f"{PREFIX}{name}"]) for name in SAMPLE_COUNTS}
+_PREVIEW = {name: PREVIEW[f"{PREFIX}{name}"] for name in SAMPLE_COUNTS}
 _TRUTH = "truth"
 _SAMPLES: dict[str, dict[str, int]] = {
     "preview": _PREVIEW,

@@ -257,7 +257,7 @@ from inim.pipeline.job import run
 from inim.render.scene_files.file import parse_definitions
 folder, count = Path(sys.argv[1]), int(sys.argv[2])
 for k in range(count):
-    definitions = parse_definitions(sys.argv[3:])
+    definitions = parse_definitions(sys.argv[3:], "tiny")
     plan = make_plan(Request(folder / "tiny.xml", folder / "out", definitions=definitions))
     staging = folder / f"run-{k}"
     staging.mkdir()

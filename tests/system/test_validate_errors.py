@@ -72,7 +72,7 @@ SETTINGS = [
     ("inim.viewpoints=a=500 0", "outside the viewing zone"),
     ("inim.viewpoints=a/b=0 0", "viewpoint name 'a/b'"),
     ("inim.viewpoints=a\nb=0 0", "viewpoint name 'a\\nb'"),
-    ("inim.min_ssim_to_reference=nan", "must be finite"),
+    ("inim.min_ssim_to_reference=nan", "must be in 0..1"),
     ("inim.min_ssim_to_reference=template:0.5,template:0.6", "limits 'template' twice"),
 ]
 

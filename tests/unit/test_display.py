@@ -4,7 +4,7 @@ import math
 import re
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from inim.display import DISPLAYS, Display
 from inim.display.lens import LensModelName, lens_models
-from inim.display.parameters import DisplayParameters
 from inim.display.pixels import pixel_rays
 from inim.generators.accuracy_limits import accuracy_warnings
 from inim.system.errors import DisplayError
@@ -139,6 +138,12 @@ def test_impossible_display_is_refused_in_one_line_with_the_value(changes, messa
     with pytest.raises(DisplayError, match=message) as caught:
         display(**changes)
     assert "\n" not in str(caught.value)
+
+
+def test_the_text_of_a_display_has_only_what_differs_from_the_defaults():
+    text = "Display(pitch_mm=1.0, focal_length_mm=3.0, gap_mm=3.3, pixel_pitch_mm=0.1, "
+    text += "lens_columns=8, lens_rows=6, layers=((0.5, 1.5),))"
+    assert repr(Display(1, 3, 3.3, 0.1, 8, 6, layers="0.5 1.5")) == text
 
 
 # -- pixels -------------------------------------------------------------------------------------
@@ -318,11 +323,7 @@ def test_a_picture_s_pixel_is_the_float_of_the_quotient_that_was_meant():
         assert not accuracy_warnings(device, pixel_mm=device.capture_pixel_mm(5)), hundredths
 
 
-def test_types_for_checkers_are_those_of_the_fields():
-    fields = get_type_hints(Display)
-    assert get_type_hints(DisplayParameters) == {
-        name: fields[name] for name in NOMINAL.parameters()
-    }
+def test_lens_models_for_type_checkers_are_the_program_s():
     assert list(get_args(LensModelName)) == lens_models()[:4]
 
 
@@ -330,8 +331,8 @@ def test_types_for_checkers_are_those_of_the_fields():
 def test_type_checkers_see_wrong_keywords_and_values(tmp_path):
     mypy = pytest.importorskip("mypy.api")
     wrong = [
-        "inim.DISPLAYS['nominal'].replace(gapmm=3)",
-        "inim.DISPLAYS['nominal'].replace(lattice='hexagon')",
+        "dataclasses.replace(inim.DISPLAYS['nominal'], gapmm=3)",
+        "dataclasses.replace(inim.DISPLAYS['nominal'], lattice='hexagon')",
         "inim.Display(1, 3, 3.3, 0.1, 8, 8, subpixels='rgb')",
         "inim.validate('jade.xml', lens_model='thik')",
         "inim.validate('jade.xml', lensmodel='thick')",
@@ -341,7 +342,7 @@ def test_type_checkers_see_wrong_keywords_and_values(tmp_path):
     config = tmp_path / "pyproject.toml"
     text = (Path(__file__).parents[2] / "pyproject.toml").read_text("utf-8")
     config.write_text(text.replace('packages = ["inim", "reports"]', ""), "utf-8")
-    code = "\n".join(["import inim", *wrong, right])
+    code = "\n".join(["import dataclasses, inim", *wrong, right])
     output, problems, _ = mypy.run(["--config-file", str(config), "-c", code])
     lines = {int(number) for number in re.findall(r"<string>:(\d+): error", output)}
     assert lines == set(range(2, 2 + len(wrong))), output + problems

@@ -67,7 +67,7 @@ def test_misalignment_belongs_to_its_own_display(scene, mine):
     [
         ('"inim.pich_mm" value="1"', r"mine\.xml: unknown setting .* did you mean inim\.pitch_mm"),
         ('"inim.gap_mm" value="abc"', r"mine\.xml: inim\.gap_mm = 'abc': must be a number"),
-        ('"inim.gap_mm" value="-1"', r"mine\.xml: gap_mm"),
+        ('"inim.gap_mm" value="-1"', r"mine\.xml: gap_mm = -1.0: must be a positive length"),
     ],
 )
 def test_a_mistake_in_the_file_is_the_file_s(scene, mine, wrong, says):

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS
+from inim.display.declaration import rows_text
 from inim.display.layers import air_equivalent_mm, excess_mm, parse_layers
 from inim.display.lens import check_lens_model, trace_to_panel, white_exposure
-from inim.display.parameters import rows_text
 from inim.display.settings import plain_parameters
-from inim.render.scene_files.file import choose_display, parse_definitions
+from inim.render.scene_files.file import choose_display
 from inim.system.errors import DisplayError, UsageError
 
 NOMINAL = DISPLAYS["nominal"]
@@ -41,8 +41,7 @@ def test_display_files_and_definitions_have_layers(tmp_path):
     display, _ = choose_display(tmp_path / "glass.xml")
     assert display.layers == GLASS.layers
     for words, layers in (("0.7 1.5", ((0.7, 1.5),)), ("none", ()), ([[1, 1.5]], ((1.0, 1.5),))):
-        definitions = parse_definitions({"inim.layers": words})
-        display, _ = choose_display(tmp_path / "glass.xml", definitions)
+        display, _ = choose_display(tmp_path / "glass.xml", {"inim.layers": words})
         assert display.layers == layers
 
 
@@ -67,7 +66,7 @@ def test_impossible_layers_are_refused_in_a_line(layers, message):
 
 def test_pairs_are_a_value_of_layers_only():
     with pytest.raises(UsageError, match=r"inim\.viewpoints.*is a tuple; give text or a number"):
-        parse_definitions({"inim.viewpoints": ("centre", "left")})
+        choose_display("nominal", {"inim.viewpoints": ("centre", "left")})
 
 
 def test_layers_must_fit_behind_the_thick_lens():

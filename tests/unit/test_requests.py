@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 import trimesh
@@ -16,6 +17,7 @@ import trimesh
 import inim
 from inim.cli.main import main
 from inim.display import DISPLAYS, Display, Viewpoint
+from inim.display.settings import Settings
 from inim.pipeline import launch
 from inim.pipeline.plan import Plan, conditions_of, make_plan
 from inim.system.errors import FileError, InimError, UsageError
@@ -156,6 +158,19 @@ def test_a_display_reaches_the_plan_against_any_scene_setting(scene, plans, name
     )
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"layers": [(0.5, 1.52)]},
+        {"subpixels": "cells", "subpixel_cells": "0.1 0 0 0 -0.1 0", "cell_pattern": "columns"},
+        {"lattice": "hexagonal", "aperture": "round", "curved_side": "panel"},
+    ],
+)
+def test_recorded_settings_of_a_display_are_read_back(scene, plans, changes):
+    settings = planned(plans, scene, display=DISPLAYS["nominal"].replace(**changes)).settings
+    assert msgspec.json.decode(msgspec.json.encode(settings), type=Settings) == settings
+
+
 def test_a_plan_is_sent_to_the_worker(scene, plans):
     plan = planned(
         plans, scene, display=LAB, algorithms="pickup:spp=4,template", eias={"a": "mine.png"}
@@ -188,7 +203,10 @@ def test_a_plan_is_sent_to_the_worker(scene, plans):
         ({"misalign": 0.5}, "misalign: 0.5 is a float"),
         ({"misalign": {"rotation_deg": None}}, "None is not a number"),
         ({"definitions": 3}, "definitions: is a int; give a mapping"),
-        ({"definitions": {"inim.seed": True}}, "True is a bool; give text or a number"),
+        (
+            {"definitions": {"inim.seed": True}},
+            r"ball\.xml: inim\.seed = .*True.*: must be a whole number",
+        ),
         ({"eias": ["a.png"]}, "eias: is a list; give a mapping"),
         ({"eias": {"a": 3}}, r"eias\['a'\]: is a int; give a path"),
         ({"baseline": 3}, "baseline: is a int; give a path"),

@@ -174,9 +174,9 @@ def _write_native(
 ) -> Path:
     """Write the native picture of a quilt."""
     from inim.apps.export.native import weave_file
-    from inim.render.scene_files.file import choose_display, parse_definitions
+    from inim.render.scene_files.file import choose_display
 
-    design, _ = choose_display(display, parse_definitions(definitions or {}), "inim export")
+    design, _ = choose_display(display, definitions, "inim export")
     counts = None if tiles is None else parse_tile_counts(tiles)
     if aspect is not None:
         check_aspect(aspect)

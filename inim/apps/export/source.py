@@ -10,7 +10,7 @@ from typing import Any
 from inim.display import Display
 from inim.display.misalignment import misaligned
 from inim.image.files.eia_file import turned_for
-from inim.render.scene_files.file import choose_display, parse_definitions
+from inim.render.scene_files.file import choose_display
 from inim.report import TRUTH, Report
 from inim.scores.metrics import HEADLINE_WORDS
 from inim.system.errors import UsageError
@@ -59,7 +59,7 @@ def _choose_eia(
 ) -> ChosenEIA:
     if algorithm:
         raise UsageError("--algorithms: needs a report's folder; an EIA has no algorithms")
-    design, settings = choose_display(display, parse_definitions(definitions or {}), "inim export")
+    design, settings = choose_display(display, definitions, "inim export")
     design = turned_for(path, design)
     real, distance = misaligned(design, settings.misalign), settings.viewing_distance_mm
     return ChosenEIA(path, design, real, settings.lens_model, distance, path.name)

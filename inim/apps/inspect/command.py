@@ -41,14 +41,13 @@ def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _inspect(args: argparse.Namespace) -> int:
     from inim.apps.inspect.findings import inspect
-    from inim.render.scene_files.file import parse_definitions
     from inim.system.document import encode
     from inim.system.process.atomic_file import published_together
 
     with published_together():
         inspection = inspect(
             args.display,
-            definitions=parse_definitions(args.definitions),
+            definitions=args.definitions,
             lens_model=args.lens_model,
             distance_mm=args.distance,
             out=args.out,

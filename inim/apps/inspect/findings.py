@@ -36,7 +36,7 @@ from inim.display.pixels import least_gap_mm
 from inim.display.settings import Settings
 from inim.display.viewpoint import default_distance_mm
 from inim.generators.accuracy_limits import lenses_beside_panel
-from inim.render.scene_files.file import choose_display, parse_definitions
+from inim.render.scene_files.file import choose_display
 from inim.system.document import write_document
 from inim.system.errors import DisplayError, UsageError, suggest_words
 from inim.system.process.atomic_file import file_errors
@@ -107,8 +107,7 @@ def inspect(
         An unknown display, an impossible value, or a folder that cannot be written.
     """
     source = display.name if isinstance(display, Display) else str(display)
-    changes = parse_definitions(definitions or {})
-    design, settings = choose_display(_named_display(display), changes, source)
+    design, settings = choose_display(_named_display(display), definitions, source)
     distance = settings.viewing_distance_mm if distance_mm is None else distance_mm
     if distance is not None and not (math.isfinite(distance) and distance > 0):
         raise UsageError(f"--distance {distance:g}: give a distance above 0, in millimetres")

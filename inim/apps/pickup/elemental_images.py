@@ -18,7 +18,7 @@ from inim.display.pixels import pixel_rays, row_blocks
 from inim.display.settings import save_display
 from inim.image.files.eia_file import write_eia
 from inim.image.files.picture import read_light
-from inim.render.scene_files.file import choose_display, parse_definitions
+from inim.render.scene_files.file import choose_display
 from inim.system.errors import FileError, UsageError
 from inim.system.process.atomic_file import published_together
 
@@ -90,8 +90,7 @@ def pickup(
     for source in (picture, white, dark):
         if source is not None and Path(source).resolve() in [file.resolve() for file in files]:
             raise UsageError(f"-o {out}: would replace {source}; give it another name")
-    changes = parse_definitions(definitions or {})
-    design, _ = choose_display(display, changes, "inim pickup")
+    design, _ = choose_display(display, definitions, "inim pickup")
     light = read_light(path, raw)
     rows, columns, _ = light.shape
 
@@ -120,7 +119,7 @@ def pickup(
     row_pitch_mm = design.pitch_mm * lattice.row_pitch_px.value / lattice.pitch_px.value
     real = design.replace(
         name=f"{design.name}, measured lattice",
-        lattice=lattice.kind,  # type: ignore[arg-type]
+        lattice=lattice.kind,
         pitch_y_mm=None if lattice.is_regular else row_pitch_mm,
         pixel_pitch_mm=pixel_mm,
         lens_columns=lattice.columns,
@@ -131,7 +130,7 @@ def pickup(
         shift_y_mm=(rows / 2 - lattice.y_px.value) * pixel_mm,
         rotation_deg=lattice.rotation_deg.value,
     )
-    for key in changes:
+    for key in definitions or {}:
         name = key.removeprefix("inim.")
         if getattr(real, name, None) != getattr(design, name, None):
             raise UsageError(f"-D {key}: is measured in the picture; leave it out")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from msgspec import to_builtins
 
 from inim.apps.sweep.document import SweepTable, UnitDocument, UnitView
 from inim.apps.sweep.page import CRITERION, DEPTH, DEPTH_SHARE, VARIED_COLUMNS
-from inim.display.settings import DISPLAY_KEYS, PREFIX, Settings, plain_parameters
+from inim.display.settings import DISPLAY_KEYS, PREFIX, SETTINGS, Settings, plain_parameters
 from inim.report.document import ReportDocument
 from inim.report.labels import ScoreKind, check_finding, score_keys
 from inim.scores.metrics import Metric, all_metrics
@@ -186,9 +186,9 @@ _OF_GENERATION = ("seconds", "yardsticks")
 _OF_VALIDATION = ("unit_seconds", "render_seconds")
 _MEASURED = (*_OF_GENERATION, *_OF_VALIDATION, "passed", "failed_checks")
 TABLE = "sweep.parquet"
-# Column types of settings, by their annotations.
-_TYPES = {"str": "string", "int": "int64", "float": "float64"}
-_SETTINGS = {f.name: _TYPES[str(f.type).split(" ")[0]] for f in fields(Settings)}
+# Column types of settings, by the first of their types.
+_TYPES = {int: "int64", float: "float64"}
+_SETTINGS = {name: _TYPES.get(s.kinds[0], "string") for name, s in SETTINGS.items()}
 _MADE = ("unit", "scene_sha256", "variant", "device", "inim_version", "mitsuba_version", "created")
 
 

@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inim.display import Display
+from inim.display.declaration import rows_text
 from inim.display.layers import air_equivalent_mm
 from inim.display.lens.array import (
     NUMPY_OPS,
@@ -52,7 +53,6 @@ from inim.display.lens.model import (
     steepness,
     surface_normal,
 )
-from inim.display.parameters import rows_text
 from inim.system.errors import DisplayError
 
 _AGAINST_THE_LIGHT = (0.0, 0.0, -1.0)  # a flat face's normal

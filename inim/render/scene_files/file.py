@@ -13,11 +13,21 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
+from typing import Any
 from xml.parsers import expat
 
 from inim.display import Display
+from inim.display.declaration import value_text
 from inim.display.looking_glass import parse_calibration
-from inim.display.settings import DISPLAY_KEYS, PREFIX, Settings, display_texts, value_text
+from inim.display.settings import (
+    DISPLAY_PART,
+    PREFIX,
+    Settings,
+    definition_texts,
+    describe_display,
+    parse_setting,
+    parse_settings,
+)
 from inim.render.meshes.splat_ply import SPLAT_SHAPES
 from inim.render.scene_files.parameters import Content, SceneFolder, SceneParameters, content_of
 from inim.system.errors import DisplayError, FileError, SceneError, UsageError
@@ -41,9 +51,8 @@ _ENCODINGS = ("utf-8", "us-ascii", "ascii", "iso-8859-1", "latin1", "utf-16")
 _NAME_A_SCENE = "name a Mitsuba scene (.xml)"
 # What only leads to other elements, or to their parameters.
 _UNSEEN = frozenset({"default", "include", "path"})
-_OF_DISPLAY = frozenset(
-    PREFIX + key for key in ("display", "misalign", "luminance_cd_m2", *DISPLAY_KEYS)
-)
+# Settings that a display file replaces in a scene.
+_OF_DISPLAY = (*DISPLAY_PART, "misalign", "luminance_cd_m2")
 _PLUGIN = re.compile(r"\w+", re.ASCII)
 #: Parameters by which plugins of Mitsuba 3.9 open a file: True for the path of a file of the scene,
 #: False for the name of a material in Mitsuba's `data/ior`.
@@ -87,18 +96,26 @@ class SceneFile:
             raise FileError(f"{changed[0]}: was saved while the run read it; run it again")
 
 
-def parse_definitions(definitions: object) -> dict[str, str]:
-    """Settings and scene parameters to override, as texts by key.
+def parse_definitions(definitions: object, source: str) -> dict[str, Any]:
+    """Values of settings, and texts of scene parameters, to override, by key.
 
-    * `definitions`: `key=value` items, as after -D; or texts and numbers by key.
+    * `definitions`: `key=value` items, as after -D; or texts and values by key.
+    * `source`: name for error messages.
 
     Raises `UsageError`: an item without an equals sign, a key given twice, or another type.
+    `SceneError`: an unknown setting, or an invalid value.
     """
-    if isinstance(definitions, Mapping):
-        return {
-            str(k): value_text(str(k), v, label=f"definitions[{k!r}]")
-            for k, v in definitions.items()
-        }
+    values = definitions if isinstance(definitions, Mapping) else _items(definitions)
+    return {
+        str(key): parse_setting(str(key), value, source)
+        if str(key).startswith(PREFIX)
+        else value_text(f"definitions[{key!r}]", value)
+        for key, value in values.items()
+    }
+
+
+def _items(definitions: object) -> dict[str, str]:
+    """Texts of `key=value` items, by key."""
     if not isinstance(definitions, list | tuple) or not all(
         isinstance(i, str) for i in definitions
     ):
@@ -118,25 +135,24 @@ def parse_definitions(definitions: object) -> dict[str, str]:
 
 
 def read_scene_file(
-    path: Path, definitions: Mapping[str, str] | None = None, allowed: Iterable[Path] = ()
+    path: Path, definitions: Mapping[str, Any] | None = None, allowed: Iterable[Path] = ()
 ) -> SceneFile:
     """Scan a scene and everything it includes.
 
     * `path`: Mitsuba XML.
-    * `definitions`: the command line's `-D key=value`.
+    * `definitions`: settings and scene parameters to override; see `parse_definitions`.
     * `allowed`: folders besides its own where files that it names may lie.
 
     Raises `FileError`: missing, unreadable or broken XML, or a file it names that is not there.
     `SceneError`: too deep, too large, or naming files elsewhere; an unknown `-D` key.
     """
-    definitions, allowed = dict(definitions or {}), tuple(allowed)
-    scan = _scan(path, definitions, allowed)
+    # Mitsuba's parameters, and what they substitute in the XML, are text.
+    texts, allowed = definition_texts(definitions or {}), tuple(allowed)
+    scan = _scan(path, texts, allowed)
     scan.folder.check_whole(str(path))
     # Mitsuba refuses parameters that a scene does not use; the inim.* ones mostly are not.
     changed_defaults = {
-        k: v
-        for k, v in definitions.items()
-        if not k.startswith(PREFIX) or k in scan.parameters.used
+        k: v for k, v in texts.items() if not k.startswith(PREFIX) or k in scan.parameters.used
     }
     return SceneFile(
         path,
@@ -147,25 +163,25 @@ def read_scene_file(
         tuple(file for kind, file in scan.files if kind in _VOLUME_TYPES),
         scan.folder.named,
         scan.folder.contents,
-        definitions,
+        texts,
         allowed,
         scan.hash.hexdigest(),
         scan.rendered(changed_defaults),
     )
 
 
-def read_scene_settings(path: Path, definitions: Mapping[str, str] | None = None) -> dict[str, str]:
+def read_scene_settings(path: Path, definitions: Mapping[str, Any] | None = None) -> dict[str, str]:
     """The `inim.*` texts of a scene, the command line's over the file's.
 
     Raises `FileError` or `SceneError`: as `read_scene_file`, but that meshes and pictures are not
     looked for.
     """
-    return _scan(path, dict(definitions or {}), (), files=False).settings
+    return _scan(path, definition_texts(definitions or {}), (), files=False).settings
 
 
 def choose_display(
     display: Display | str | Path | None = None,
-    definitions: Mapping[str, str] | None = None,
+    definitions: Mapping[str, Any] | None = None,
     source: str = "display",
     scene: SceneFile | None = None,
 ) -> tuple[Display, Settings]:
@@ -177,8 +193,8 @@ def choose_display(
       scene, and those with other defaults for its layout; a file also replaces misalignment and
       luminance. None: the scene's display, or the
       default one.
-    * `definitions`: single settings to override, as after -D. With a `Display`, they cannot be its
-      parameters.
+    * `definitions`: single settings to override; see `parse_definitions`. With a `Display`, they
+      cannot be its parameters.
     * `source`: name for error messages without a file.
     * `scene`: scene read with these definitions. Without a scene, a display file gives all
       settings.
@@ -186,33 +202,46 @@ def choose_display(
     Raises `InimError`: an unknown setting or preset, values that describe no possible display, or
     another type.
     """
-    definitions = definitions or {}
-    texts = dict(definitions) if scene is None else dict(scene.settings)
-    if isinstance(display, Display):
-        return _with_parameters_of(display, definitions, source, texts)
-    if display is not None and not isinstance(display, str | PathLike):
+    definitions = parse_definitions({} if definitions is None else definitions, source)
+    overrides = {k.removeprefix(PREFIX): v for k, v in definitions.items() if k.startswith(PREFIX)}
+    if not isinstance(display, Display | str | PathLike | None):
         raise UsageError(
             f"display: {display!r} is a {type(display).__name__}; give a Display, the name of a "
             "preset, or the path of a file with inim.* settings"
         )
-    if isinstance(display, PathLike) or (display or "").lower().endswith((".xml", ".json")):
-        path = Path(str(display))
+    path = _display_path(display)
+    if scene is None and (path is None or path.suffix.lower() == ".json"):
+        _check_only_settings(definitions)
+    texts = {} if scene is None else scene.settings
+    replaced = _OF_DISPLAY if path else DISPLAY_PART if isinstance(display, Display) else ()
+    others = {
+        k: v for k, v in texts.items() if k.removeprefix(PREFIX) not in (*replaced, *overrides)
+    }
+    stated = parse_settings(others, source)
+    if isinstance(display, Display):
+        if clash := [name for name in overrides if name in DISPLAY_PART]:
+            raise UsageError(
+                f"display: is a Display, and definitions set {PREFIX}{clash[0]}; use "
+                "display.replace"
+            )
+        stated |= describe_display(display, [key.removeprefix(PREFIX) for key in texts])
+    elif path is not None:
+        distance_mm = (stated | overrides).get("viewing_distance_mm")
+        described = _read_display_file(path, {} if scene else definitions, distance_mm)
         if scene is None:
-            source, texts = str(path), _display_file(path, definitions, definitions)
+            source = str(path)
         else:
-            texts = _with_file(path, definitions, texts)
-    else:
-        if scene is None:
-            _check_only_settings(definitions)
-        if display is not None:
-            if f"{PREFIX}display" in definitions:
-                raise UsageError(
-                    f"-D {PREFIX}display: the display is {display} already; name it once"
-                )
-            texts[f"{PREFIX}display"] = display
-    settings = Settings.parse(texts, source)
+            Settings(**described).make_display(str(path))  # report mistakes as the file's
+            described = {k: v for k, v in described.items() if k in _OF_DISPLAY}
+        stated |= described
+    elif display is not None:
+        if "display" in overrides:
+            raise UsageError(f"-D {PREFIX}display: the display is {display} already; name it once")
+        stated["display"] = display
+    stated |= overrides
+    settings = Settings(**stated)
     chosen = settings.make_display(source)
-    explicit = texts if scene is None or display is None else definitions
+    explicit = stated if scene is None or display is None else overrides
     return chosen, settings.with_defaults_of(chosen, explicit)
 
 
@@ -221,59 +250,37 @@ def display_of(display: Display | str | Path) -> Display:
     return choose_display(display)[0]
 
 
-def _with_parameters_of(
-    display: Display, definitions: Mapping[str, str], source: str, texts: dict[str, str]
-) -> tuple[Display, Settings]:
-    """The display, named after the nearest preset, and a scene's other settings."""
-    parameters = {f"{PREFIX}{key}": key for key in ("display", *DISPLAY_KEYS)}
-    for key in definitions:
-        if key in parameters:
-            raise UsageError(
-                f"display: is a Display, and definitions set {key}; use display.replace"
-            )
-    others = {key: text for key, text in texts.items() if key not in parameters}
-    overridden = [parameters[key] for key in texts if key in parameters]
-    settings = Settings.parse(others, source).with_display(display, overridden)
-    return settings.make_display(source), settings.with_defaults_of(display, definitions)
+def _display_path(display: Display | str | PathLike[str] | None) -> Path | None:
+    """Path of a display file; None for a display, the name of a preset, or None."""
+    if isinstance(display, PathLike):
+        return Path(display)
+    is_path = isinstance(display, str) and display.lower().endswith((".xml", ".json"))
+    return Path(str(display)) if is_path else None
 
 
-def _display_file(
-    path: Path, definitions: Mapping[str, str], texts: Mapping[str, str]
-) -> dict[str, str]:
-    """Settings of a display file, with those of the definitions.
+def _read_display_file(
+    path: Path, definitions: Mapping[str, Any], distance_mm: float | None
+) -> dict[str, Any]:
+    """Settings of a display file, by name, except those that the definitions override.
 
-    * `texts`: settings; a calibration file is read for their viewing distance.
+    * `distance_mm`: viewing distance of a calibration file.
     """
     if path.suffix.lower() != ".json":
-        return read_scene_settings(path, definitions)
-    _check_only_settings(definitions)
-    key = f"{PREFIX}viewing_distance_mm"
-    distance = Settings.parse({k: v for k, v in texts.items() if k == key}, str(path))
+        texts = read_scene_settings(path, definitions)
+        return parse_settings({k: v for k, v in texts.items() if k not in definitions}, str(path))
     calibration = parse_calibration(read_file(path, _LARGEST_CALIBRATION), str(path))
     try:
-        display = calibration.display(distance.viewing_distance_mm)
+        return describe_display(calibration.display(distance_mm))
     except DisplayError as error:
         raise DisplayError(f"{path}: {error}") from None
-    return display_texts(display) | dict(definitions)
 
 
-def _check_only_settings(definitions: Mapping[str, str]) -> None:
+def _check_only_settings(definitions: Mapping[str, Any]) -> None:
     other = [key for key in definitions if not key.startswith(PREFIX)]
     if other:
         raise SceneError(
             f"-D {other[0]}: a display has inim.* settings only; see `inim info settings`"
         )
-
-
-def _with_file(
-    path: Path, definitions: Mapping[str, str], texts: Mapping[str, str]
-) -> dict[str, str]:
-    """A scene's settings on the display of a file; the definitions override both."""
-    stated = _display_file(path, {}, texts)
-    Settings.parse(stated, str(path)).make_display(str(path))  # report mistakes as the file's
-    own = {k: v for k, v in texts.items() if k not in _OF_DISPLAY}
-    overrides = {k: v for k, v in definitions.items() if k in _OF_DISPLAY}
-    return own | {k: v for k, v in stated.items() if k in _OF_DISPLAY} | overrides
 
 
 def _scan(

@@ -9,8 +9,8 @@ from typing import Any
 import msgspec
 
 from inim.display import Display
+from inim.display.declaration import setting_text
 from inim.display.panel import panel_words
-from inim.display.settings import value_text
 from inim.image.files.image import read_rgbd
 from inim.report.diagram import depth_profile, describe_plan, describe_profile, plan_view
 from inim.report.document import ReportDocument, Translucency
@@ -34,7 +34,7 @@ def display(data: ReportDocument | PictureDocument, images: ReportImages) -> str
     own = {f.name: getattr(parameters, f.name) for f in fields(parameters)}
     defaults = {f.name: f.default for f in fields(parameters)}
     stated = {
-        name: value_text(name, value) if isinstance(value, tuple) else value
+        name: setting_text(value) if isinstance(value, tuple) else value
         for name, value in own.items()
         if value != defaults[name]
     }
