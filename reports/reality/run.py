@@ -168,7 +168,9 @@ def predict(
         ]
         images = [a.reshape(-1, SAMPLES, SAMPLES, 3) for a in pair]
         results[name] = {
-            score.__name__: float(np.mean([score(*both) for both in zip(*images, strict=True)]))
+            score.__name__: float(
+                np.mean([score(*windows) for windows in zip(*images, strict=True)])
+            )
             for score in (psnr_db, ssim)
         }
     return results

@@ -15,9 +15,9 @@ import pytest
 from PIL import Image
 
 from inim.apps.own_picture import estimated_depth
-from inim.apps.own_picture.estimated_depth import estimate_photo, relative_distance, returns_metres
+from inim.apps.own_picture.estimated_depth import estimate_photo
 from inim.cli.main import main
-from inim.system.errors import EXIT_PASSED, FileError
+from inim.system.errors import EXIT_PASSED
 from tests.system.conftest import assert_refused
 
 SMALL = [word for name in ("columns", "rows") for word in ("-D", f"inim.lens_{name}=8")]
@@ -102,34 +102,6 @@ def test_metres_are_kept_and_make_an_eia(monkeypatch, photo, capsys):
     assert "depth estimated by mine: metres" in output.out
     assert output.err == ""
     assert photo.with_name("eia.png").exists()
-
-
-def test_a_smaller_output_covers_the_photograph(monkeypatch, photo, capsys):
-    """A square output of a network that does not return the photograph's size."""
-    stand_in(monkeypatch, np.linspace(1, 2, 64).reshape(8, 8), model_type="dpt")
-    assert generate(photo) == EXIT_PASSED
-    assert "colour 56 x 42, depth 8 x 8" in capsys.readouterr().out
-
-
-def test_flat_inverse_depth_is_all_near():
-    assert (relative_distance(np.full((3, 4), 7.0)) == 1).all()
-
-
-def test_a_model_s_output_follows_from_its_kind():
-    def config(kind, **more):
-        return SimpleNamespace(model_type=kind, **more)
-
-    assert returns_metres(config("zoedepth"), "m")
-    assert not returns_metres(config("dpt"), "m")
-    assert not returns_metres(config("depth_anything", depth_estimation_type="relative"), "m")
-    with pytest.raises(FileError, match="output of odd models is unknown"):
-        returns_metres(config("odd"), "m")
-
-
-@pytest.mark.parametrize("option", ["--depth-unit=mm", "--depth=photo.png", "--near-is-large"])
-def test_properties_of_a_depth_file_are_refused(photo, option):
-    says = [option.partition("=")[0], "--estimate-depth contains the depth"]
-    refuse(photo, option, says=says)
 
 
 def refuse(photo, *more: str, says: list[str]) -> None:

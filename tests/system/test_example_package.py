@@ -21,7 +21,6 @@ from tests.system.conftest import (
     definitions,
     install_metadata,
     run_here,
-    without_pauses,
     write_scene,
 )
 
@@ -74,15 +73,6 @@ def test_report_has_its_algorithm_s_scores_by_its_metric(validated):
     assert views["template"]["mad_to_reference"] < views["example"]["mad_to_reference"]
 
 
-def test_page_shows_them(validated):
-    out, data = validated
-    page = (out / "report.html").read_text("utf-8")
-    assert "vignetted" in page
-    for name in ("mad", "mad_to_reference"):
-        score = f"{data['algorithms']['example']['views']['centre'][name]:.4f}"
-        assert f"<dd>MAD <b>{score}</b></dd>" in page
-
-
 def test_baseline_judges_its_metric_by_its_own_tolerance(validated, installed, tmp_path):
     out, _ = validated
     run("compare", out, out, "-o", "same", folder=tmp_path, variables=installed)
@@ -114,23 +104,6 @@ def test_sweep_has_columns_of_its_metric(tmp_path, installed):
     assert (row["algorithm"], row["lens_model"], row["status"]) == expected
     for name in ("mad", "mad_to_reference", "reference_mad", "noise_floor_mad"):
         assert 0 < row[name] < 1, name
-
-
-def test_bench_has_errors_by_its_metric(tmp_path, installed):
-    words = ("-o", "out", "--algorithms", "example", "--runs", "3", "--threads", "1")
-    scene = write_scene(tmp_path).name
-    with without_pauses():
-        options = definitions(TINY | LENS)
-        run("bench", scene, *words, *options, folder=tmp_path, variables=installed)
-    data = read_document(tmp_path / "out" / "bench.json")
-    (row,) = data["scene"]["algorithms"]
-    assert row["name"] == "example"
-    assert "inim.lens_model=vignetted" in data["command"]
-    error = row["scores"]["view_mad_to_reference"]
-    assert 0 < error < 1
-    page = (tmp_path / "out" / "bench.html").read_text("utf-8")
-    assert "view MAD to reference" in page
-    assert f"{error:.4f}" in page
 
 
 @pytest.mark.parametrize(

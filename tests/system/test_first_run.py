@@ -19,13 +19,11 @@ from pathlib import Path
 
 import pytest
 
-from inim.cli import validate
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import PREVIEW, Request
-from inim.report.virtual_display import ANCHOR
-from inim.system.errors import EXIT_PASSED, UsageError
+from inim.system.errors import EXIT_PASSED
 from tests.schemas import read_document
-from tests.system.conftest import TINY, Ended, assert_refused, command, run_here, write_scene
+from tests.system.conftest import TINY, Ended, assert_refused, command, write_scene
 
 Run = Callable[..., Ended]
 # Few enough for every test, over what a preview sets.
@@ -61,12 +59,6 @@ def test_preview_is_refused_as_a_baseline(previewed):
     assert_refused(*words, folder=previewed[0], says=says)
 
 
-def test_preview_with_a_baseline_is_refused_before_anything_is_rendered(tmp_path):
-    request = Request(write_scene(tmp_path), tmp_path, preview=True, baseline=tmp_path)
-    with pytest.raises(UsageError, match="--preview"):
-        make_plan(request)
-
-
 def test_definitions_and_options_override_a_preview(tmp_path):
     request = Request(write_scene(tmp_path), tmp_path, preview=True)
     with_options = replace(request, definitions={"inim.eia_spp": "6"}, viewpoints=("left", "up"))
@@ -76,14 +68,6 @@ def test_definitions_and_options_override_a_preview(tmp_path):
     assert changed.settings.eia_spp == 6
     assert [eye.name for eye in changed.viewpoints] == ["left", "up"]
     assert changed.settings.view_spp == int(PREVIEW["inim.view_spp"])
-
-
-def test_preview_drops_criteria_for_algorithms_that_it_leaves_out(tmp_path):
-    limits = '<default name="inim.min_ssim_to_reference" value="wang2024:0.5"/>'
-    scene = write_scene(tmp_path)
-    text = scene.read_text("utf-8")
-    scene.write_text(re.sub(r"(<scene[^>]*>)", rf"\1{limits}", text, count=1), encoding="utf-8")
-    assert make_plan(Request(scene, tmp_path, preview=True)).ssim_limits == {}
 
 
 def on_a_terminal(words: list[str], folder: Path) -> str:
@@ -117,12 +101,3 @@ def test_bar_names_its_stages_and_never_runs_backwards(tmp_path):
     assert len({name for name, _, _ in bars}) >= 4
     assert any(re.match(r"\d\d:\d\d left", words) for _, _, words in bars)
     assert "SSIM on the relic" in output, "lines stay readable between the bar's"
-
-
-def test_demo_ends_with_the_address_of_the_live_display(tmp_path, monkeypatch):
-    """The validation itself has tests of its own."""
-    monkeypatch.setattr(validate, "_validate_scene", lambda _: EXIT_PASSED)
-    ended = run_here("demo", "-o", "out", folder=tmp_path)
-    page = (tmp_path / "out/report.html").as_uri()
-    assert ended.stdout == f"live display, to open in a browser: {page}#{ANCHOR}\n"
-    assert run_here("demo", "-o", "out", "--quiet", folder=tmp_path).stdout == ""

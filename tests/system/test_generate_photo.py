@@ -67,30 +67,6 @@ def test_a_photograph_needs_nothing_but_its_name(tmp_path, capsys):
     np.testing.assert_allclose(rgbd.depth_mm[green], low, atol=0.01)
 
 
-def test_stated_choices_win(tmp_path, capsys):
-    photo, fitted = tmp_path / "photo.jpg", tmp_path / "fitted.exr"
-    photo.write_bytes(METRIC)
-    ends = ("--near", "400", "--far", "4000")
-    words = (photo, "-o", tmp_path / "eia.png", "--save-rgbd", fitted, "--fit", "contain", *ends)
-    assert generate(*words) == EXIT_PASSED
-    out = capsys.readouterr().out
-    assert "\nsubject " not in out
-    rgbd, display = read_rgbd(fitted), small_display(columns=24, rows=12, pixels=8)
-    low, high = display.depth_range_mm
-    red = rgbd.covered & (rgbd.color[..., 0] > 0.5)
-    expected = low + (4000 - distance_mm(20)) / 3600 * (high - low)
-    np.testing.assert_allclose(rgbd.depth_mm[red], expected, atol=0.01)
-
-
-def test_relative_depth_is_reported(tmp_path, capsys):
-    photo = tmp_path / "photo.jpg"
-    photo.write_bytes(apple_jpeg(picture(COLOR), picture(255 - CODES), apple_xml()))
-    assert generate(photo, "-o", tmp_path / "eia.png") == EXIT_PASSED
-    out = capsys.readouterr().out
-    assert "relative, no millimetres" in line(out, "photo")
-    assert " mm," not in line(out, "depth")
-
-
 @pytest.mark.parametrize("accuracy", ["relative", "absolute"])
 def test_intrinsics_photo_takes_the_file_s_own_camera(tmp_path, capsys, accuracy):
     photo = tmp_path / "photo.jpg"
@@ -104,24 +80,6 @@ def test_intrinsics_photo_takes_the_file_s_own_camera(tmp_path, capsys, accuracy
     # The same as if it had been typed.
     assert generate(*words, "--intrinsics", "100,100,63.5,47.5") == EXIT_PASSED
     assert line(capsys.readouterr().out, "picture") == own
-
-
-def test_an_auto_fit_of_two_files_is_that_of_the_photograph(tmp_path, capsys):
-    from PIL import Image
-
-    Image.fromarray(COLOR).save(tmp_path / "color.png")
-    depth = np.vectorize(distance_mm)(CODES).astype(np.float32)
-    np.save(tmp_path / "depth.npy", depth)
-    (tmp_path / "photo.jpg").write_bytes(METRIC)
-    files = (tmp_path / "color.png", "--depth", tmp_path / "depth.npy")
-    stated = ("--depth-unit", "mm", "--orthographic", "--fit", "auto")
-    assert generate(*files, *stated, "-o", tmp_path / "eia.png") == EXIT_PASSED
-    of_files = capsys.readouterr().out
-    assert generate(tmp_path / "photo.jpg", "-o", tmp_path / "eia.png") == EXIT_PASSED
-    of_photo = capsys.readouterr().out
-    for name in ("subject", "range", "crop"):
-        assert line(of_photo, name) == line(of_files, name)
-        assert len(line(of_photo, name)) <= 100
 
 
 def folder_of(tmp_path: Path) -> Path:
@@ -147,12 +105,6 @@ def test_a_broken_file_of_a_folder_is_named_and_the_others_are_generated(tmp_pat
     # As alone.
     assert generate(folder / "a.jpg", "-o", tmp_path / "a.png") == EXIT_PASSED
     assert (tmp_path / "a.png").read_bytes() == (out / "a.png").read_bytes()
-
-
-def test_a_whole_folder_passes(tmp_path):
-    folder = folder_of(tmp_path)
-    (folder / "b.JPG").unlink()
-    assert generate(folder, "-o", tmp_path / "eias") == EXIT_PASSED
 
 
 @pytest.mark.parametrize(

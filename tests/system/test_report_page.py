@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import itertools
 import json
 import re
 from collections.abc import Iterator
@@ -78,13 +77,6 @@ def test_every_control_and_picture_has_a_name(tab):
     assert nameless == []
 
 
-def test_headings_go_down_one_level_at_a_time(tab):
-    levels = tab.evaluate("[...document.querySelectorAll('h1,h2,h3')].map((h) => +h.tagName[1])")
-    assert levels[0] == 1
-    assert levels.count(1) == 1
-    assert all(after - before <= 1 for before, after in itertools.pairwise(levels))
-
-
 def test_keyboard_reaches_every_control_and_leaves_it_again(tab):
     """The Tab key alone reaches each control of display and slider, and the page's last link."""
     expected = tab.evaluate(
@@ -116,34 +108,6 @@ def test_the_page_fits_the_width_of_the_screen(tab, theme, width):
     assert out == []
     assert tab.evaluate("document.documentElement.scrollWidth <= innerWidth")
     assert tab.complaints == []
-
-
-def test_no_word_of_a_table_is_broken_into_letters_on_a_phone(tab, page):
-    """Two checks of a comparison, whose five other columns never break."""
-    named = {
-        "name": "wang2024/right: SSIM on relic to reference against the baseline",
-        "kind": "score",
-        "value": 0.1234,
-        "relation": "within",
-        "limit": 0.0567,
-        "passed": True,
-        "detail": "0.1234, baseline 0.1234",
-        "interval": [-0.01, 0.02],
-    }
-    data = report_data()
-    data["verdict"] = {"passed": True, "checks": [named, named]}
-    path = page.with_name("checks.html")
-    path.write_text(render_html(data, path.parent), encoding="utf-8")
-    try:
-        tab.size(390, 844, mobile=True)
-        tab.open(path)
-        tab.evaluate(UNFOLD.format("true"))
-        rows = "[...document.querySelectorAll('.checks tr')].map((e) => e.clientHeight)"
-        heights = tab.evaluate(rows)
-    finally:
-        tab.open(page)  # as the other tests expect it
-    assert len(heights) == 3
-    assert max(heights) < 160
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
@@ -203,14 +167,6 @@ def test_page_prints_and_reads_whole_without_scripts(tab, page):
     assert tab.complaints == []
 
 
-def test_paper_has_the_parts_that_the_screen_folds(tab):
-    """Layout of Chromium: the folded parts are as high as the unfolded ones."""
-    height = "document.getElementById('reproduce').clientHeight"
-    folded = tab.evaluate(height)
-    tab.send("Emulation.setEmulatedMedia", media="print")
-    assert tab.evaluate(height) > 3 * folded
-
-
 def test_link_opens_the_folded_part_it_leads_to_and_contents_stay_in_sight(tab):
     details = "document.querySelector('#checks > details').open"
     assert tab.evaluate(details) is False
@@ -243,41 +199,6 @@ def test_tables_are_sorted_from_their_heads_by_mouse_and_keyboard(tab):
     assert tab.evaluate(f"document.querySelector('{HEAD}').ariaSort") == "descending"
     assert tab.evaluate(FIRST_CELLS) == ["template", "wang2024", *references]
     assert tab.evaluate("document.querySelectorAll('#scores [aria-sort]').length") == 1
-
-
-VISIBLE_SCORES = """[...document.querySelectorAll('.score-box tbody td span')]
-    .filter((e) => e.checkVisibility()).map((e) => e.className)"""
-
-
-def test_each_cell_has_one_score_and_the_reader_chooses_which(tab):
-    """The style sheet hides the others; the first comparison and metric are chosen at first."""
-    choices = (("relic-reference", "m0"), ("whole-truth", "m0"), ("whole-truth", "m1"))
-    for comparison, metric in choices:
-        for value in (comparison, metric):
-            tab.evaluate(f"document.querySelector('.score-box [value={value}]').click()")
-        visible = tab.evaluate(VISIBLE_SCORES)
-        cells = tab.evaluate("document.querySelectorAll('.score-box td:has(span)').length")
-        assert visible == [f"{comparison} {metric}"] * cells
-    for value in choices[0]:
-        tab.evaluate(f"document.querySelector('.score-box [value={value}]').click()")
-
-
-def test_contents_fit_into_one_line_of_a_laptop(tab):
-    tab.size(1440, 900)
-    hidden = "(({scrollWidth, clientWidth}) => scrollWidth - clientWidth)"
-    assert tab.evaluate(f"{hidden}(document.querySelector('nav'))") <= 0
-
-
-def test_a_table_wider_than_the_screen_scrolls_in_its_box_with_a_note(tab):
-    box = "#scores .scroll"
-    words = f"getComputedStyle(document.querySelector('{box}'), '::before').content"
-    tab.size(1280, 800)
-    tab.until(f"!{words}.includes('scroll it sideways')")
-    tab.size(390, 800)
-    tab.until(f"{words}.includes('scroll it sideways')")
-    inside = f"(e => e.scrollWidth > e.clientWidth)(document.querySelector('{box}'))"
-    assert tab.evaluate(inside) is True
-    assert tab.evaluate("document.documentElement.scrollWidth") == 390
 
 
 # --- The comparison slider: two views over each other -------------------------------------------
@@ -384,16 +305,6 @@ def test_border_parts_ground_truth_from_the_best_algorithm(slider):
     assert slider.complaints == []
 
 
-def test_border_moves_from_the_keyboard(slider):
-    slider.evaluate("document.querySelector('#slider [name=border]').focus()")
-    slider.key("Home")
-    assert_alike(stage(slider), picture("template"))
-    slider.key("End")
-    assert_alike(stage(slider), picture("Ground truth"))
-    slider.key("ArrowLeft")
-    assert "up to 99 %" in slider.evaluate("document.activeElement.getAttribute('aria-valuetext')")
-
-
 def test_flip_shows_both_pictures_in_place(slider):
     slider.click("#slider [value=flip]")
     assert_alike(stage(slider), picture("Ground truth"))
@@ -431,30 +342,4 @@ def test_any_two_pictures_from_any_viewpoint(slider):
     names = "[...document.querySelector('#slider [name=first]').options].map((o) => o.text)"
     assert slider.evaluate(names) == [*PLACES, NAME]
     assert slider.evaluate("document.title") != "ran"
-    assert slider.complaints == []
-
-
-def test_without_scripts_and_on_paper_only_the_views_are_shown(slider, slider_page):
-    height = "document.getElementById('slider').clientHeight"
-    assert slider.evaluate(height) > 300
-    slider.send("Emulation.setEmulatedMedia", media="print")
-    assert slider.evaluate(height) == 0
-    slider.send("Emulation.setEmulatedMedia", media="")
-    slider.send("Emulation.setScriptExecutionDisabled", value=True)
-    try:
-        slider.open(slider_page)
-        assert slider.evaluate(height) == 0
-    finally:
-        slider.send("Emulation.setScriptExecutionDisabled", value=False)
-
-
-def test_page_without_two_pictures_keeps_it_hidden(slider, tmp_path):
-    path = tmp_path / "truth" / "centre.png"
-    path.parent.mkdir()
-    Image.fromarray(codes(0)).save(path)
-    (tmp_path / "report.html").write_text(
-        render_html(report(ALGORITHMS, ("centre",)), tmp_path), encoding="utf-8"
-    )
-    slider.open(tmp_path / "report.html")
-    assert slider.evaluate("document.getElementById('slider').hidden") is True
     assert slider.complaints == []

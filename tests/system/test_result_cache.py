@@ -14,7 +14,7 @@ from PIL import Image
 
 from inim.image.files.image import read_exr
 from tests.schemas import read_document
-from tests.system.conftest import Ended, run_here, write_scene
+from tests.system.conftest import Ended, write_scene
 
 pytestmark = pytest.mark.usefixtures("no_page")
 VIEWS = {"viewpoints": "centre,left"}
@@ -99,24 +99,6 @@ def test_a_rerun_into_another_folder_renders_nothing_and_has_the_same_results(be
     assert warm["timings"]["mitsuba_render"] == 0
 
 
-def test_an_unchanged_command_has_its_last_report(cached_bench):
-    def files() -> dict[Path, bytes]:
-        return {p: p.read_bytes() for p in cached_bench.out.rglob("*") if p.is_file()}
-
-    cached_bench.report()
-    report = files()
-    cached_bench.report()
-    assert files() == report
-    # A comment is part of the scene's digest in the report.
-    scene = cached_bench.scene
-    scene.write_text(f"{scene.read_text('utf-8')}<!-- a remark -->", "utf-8")
-    cached_bench.report()
-    changed = files()
-    assert changed.keys() == report.keys()
-    place = cached_bench.out / "report.json"
-    assert changed[place] != report[place]
-
-
 def test_a_finished_eia_is_read_again(cached_bench):
     cached_bench.report()
     eia = shutil.copy(cached_bench.out / "eia" / "template.png", cached_bench.folder / "mine.png")
@@ -166,15 +148,6 @@ def test_scores_that_stay_unknown_take_all_samples_and_are_warned_of(bench):
     assert report["algorithms"]["template"]["views"] == whole["algorithms"]["template"]["views"]
 
 
-def test_names_comments_and_settings_of_a_scene_decide_nothing(cached_bench):
-    text = cached_bench.scene.read_text("utf-8")
-    cached_bench.scene = cached_bench.scene.rename(cached_bench.folder / "renamed.xml")
-    cached_bench.scene.write_text(
-        text.replace("</scene>", "<!-- a remark -->\n\n</scene>"), "utf-8"
-    )
-    assert rendered(cached_bench.report()) == set()
-
-
 def test_another_algorithm_renders_nothing(cached_bench):
     other = cached_bench.report("--algorithms", "li2012")
     assert rendered(other) == set()
@@ -197,24 +170,6 @@ def test_another_light_renders_all_with_the_reason(cached_bench):
     assert "changed: scene)" in reason(report, "ground-truth EIA")
 
 
-def test_a_lens_alone_renders_no_scene(cached_bench):
-    report = cached_bench.report(**{"refractive_index": "1.6"})
-    assert rendered(report) == set()
-    assert "reconstructed" in reason(report, "view of template")
-
-
-def test_the_step_table_names_the_setting_that_changed_the_eia(cached_bench):
-    """Each against the run before, which had the settings so far."""
-    settings = {"viewpoints": "centre"}
-    cached_bench.report(**settings)
-    changes = {"seed": "3", "eia_spp": "6", "gap_mm": "3.4", "fit_share": "0.7"}
-    for key, value in changes.items():
-        settings[key] = value
-        changed = "display gap_mm" if key == "gap_mm" else key
-        report = cached_bench.report(**settings)
-        assert f"changed: {changed})" in reason(report, "ground-truth EIA")
-
-
 def test_lazy_generates_observed_pixels_and_scores_views_equally(bench):
     whole = bench.report("--lens-model", "thin", cached=False)
     eia = read_exr(bench.out / "eia" / "template.exr")
@@ -235,12 +190,6 @@ def test_lazy_generates_observed_pixels_and_scores_views_equally(bench):
     assert "no requested view" in reason(lazy, "panel pixels")
 
 
-def test_lazy_with_lenses_that_scatter_makes_all(bench):
-    report = bench.report("--lens-model", "full", "--lazy", "--algorithms", "template")
-    assert "scatters" in reason(report, "panel pixels")
-    assert report["algorithms"]["template"]["eia"]["ssim"] is not None
-
-
 def test_a_cache_of_damaged_records_changes_nothing(cached_bench):
     whole = cached_bench.report()
     records = sorted((cached_bench.folder / "cache").glob("*.npz"))
@@ -253,19 +202,3 @@ def test_a_cache_of_damaged_records_changes_nothing(cached_bench):
             data[len(data) // 2] ^= 0xFF
             record.write_bytes(data)
     assert lasting(cached_bench.report()) == lasting(whole)
-
-
-def test_the_cache_command(cached_bench):
-    folder = cached_bench.folder
-
-    def cache(*words: str, place: str | None = None) -> str:
-        variables = {"INIM_CACHE": place or str(folder / "cache")}
-        ended = run_here("info", "cache", *words, folder=folder, variables=variables)
-        assert (ended.code, ended.stderr) == (0, "")
-        return ended.stdout
-
-    assert cache(place=str(folder / "empty")).startswith("0 results, 0.0 MiB")
-    assert not cache().startswith("0 results")
-    assert cache("--clear").startswith("removed ")
-    assert cache().startswith("0 results")
-    assert "no cache" in cache(place="off")

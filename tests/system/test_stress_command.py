@@ -5,17 +5,13 @@ Expected: every check holds, every file is there, mistakes cost one line and no 
 
 from __future__ import annotations
 
-import json
 import sys
 from pathlib import Path
 
 import pytest
 
 from inim.display.settings import Settings
-from inim.system import document
 from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED
-from reports.stress.study.document import StudyDocument
-from reports.stress.study.generators import VARIANTS
 from tests.schemas import read_document
 from tests.system.conftest import (
     TINY,
@@ -25,7 +21,6 @@ from tests.system.conftest import (
     install_metadata,
     nothing_left,
     run_child,
-    sphere,
     write_scene,
 )
 
@@ -69,38 +64,6 @@ def test_data_are_complete_and_every_check_holds(finished):
     assert {r["algorithm"] for r in exact} == {"template", "layered"}
     # A hundred panel pixels of each case are followed in fractions.
     assert len(exact) > 15 and all(r["pixels"] == 100 and not r["wrong"] for r in exact)
-
-
-@pytest.mark.slow
-def test_each_check_has_a_line_and_the_page_its_place(finished):
-    ended, _, data = finished
-    lines = ended.stdout.splitlines()
-    for check, line in zip(data["checks"], lines, strict=False):
-        assert line.startswith("ok") and check["name"] in line
-    assert lines[-1] == f"passed; {Path('out') / 'stress.html'}"
-
-
-@pytest.mark.slow
-def test_the_study_runs_from_the_repository_and_all_it_claims_holds(tmp_path):
-    ended = run("reports.stress.study", "--quick", "-o", tmp_path / "out", folder=ROOT)
-    assert ended.code == EXIT_PASSED, ended.stderr + ended.stdout
-    path = tmp_path / "out" / "stress.json"
-    document.read_document(path, "", StudyDocument)
-    data = json.loads(path.read_text("utf-8"))
-    figures = {"stress.svg", "stress.png"}
-    assert files_in(tmp_path / "out") == FILES | figures == set(data["files"])
-    assert (data["schema"], data["mode"], data["passed"]) == ("inim.stress-study/1", "quick", True)
-    assert all(c["passed"] and c["cases"] > 0 for c in data["checks"])
-    ran = {r["algorithm"] for r in data["generators"] if r["outcome"] == "ran"}
-    assert ran == {variant.algorithm for variant in VARIANTS}
-    assert {(r["model"], r["dtype"]) for r in data["lens_models"] if r["outcome"] == "ran"} == {
-        (m, d) for m in ("pinhole", "thin", "thick") for d in ("float32", "float64")
-    }
-    relations = {r["relation"] for r in data["relations"]}
-    assert {"a solid cut in two", "mirror left and right"} <= relations
-    assert {r["form"] for r in data["generators"] if r["outcome"] == "ran"} >= {
-        "lists", "ray by ray", "non-separable"
-    }  # fmt: skip
 
 
 @pytest.mark.slow
@@ -151,14 +114,6 @@ def test_a_scene_s_own_depth_is_jittered(tmp_path):
     changed = {r["jitter"]: r["changed"] for r in data["jitter"] if r["algorithm"] == "template"}
     assert 0 < changed["8 bits"] < 0.2 and changed["+1 ulp"] < 0.01
     assert data["command"].split()[:3] == ["inim", "stress", str(scene)]
-
-
-@pytest.mark.slow
-def test_a_scene_that_shows_nothing_is_one_line(tmp_path):
-    # Each smaller than the camera's pixels, and beside their centres.
-    scene = write_scene(tmp_path, sphere((-1, -1, 0), 1e-4), sphere((1, 1, 1), 1e-4))
-    words = ("stress", scene, "--quick", "-o", "out", *definitions(TINY))
-    assert_refused(*words, folder=tmp_path, says=["tiny.xml", "picture is empty"])
 
 
 @pytest.mark.parametrize(

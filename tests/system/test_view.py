@@ -21,11 +21,10 @@ from inim.report.virtual_display import live_lens_models, still_view
 from inim.scores.metrics import ssim
 from tests.chromium import NO_WEBGL, WEBGL, Tab, browser
 from tests.conftest import small_display
-from tests.frame_rate import COUNT_WORK, drag_about
+from tests.frame_rate import COUNT_WORK
 from tests.schemas import report_document
 from tests.skewed_layout import Skewed
 from tests.system.conftest import Ended, assert_refused, definitions, run_here
-from tests.unit.test_cli import loaded_by
 from tests.unit.test_report_html import render_html, report
 
 # Lenses of a whole number of pixels, seen with 4 view pixels to the lens.
@@ -342,20 +341,6 @@ def test_two_eyes_see_the_panel_from_their_two_places(tab, tmp_path):
     assert tab.complaints == []
 
 
-def test_the_plan_shows_display_and_eye_to_one_scale(tab, page):
-    show(tab, page)
-    tab.evaluate("inimDisplay.setEye(-20, 5, 180)")
-    rest(tab)
-    panel, x, y = tab.evaluate(
-        "[document.querySelector('.above .panel').getAttribute('points'),"
-        " ...['cx', 'cy'].map((n) => +document.querySelector('.above .eye').getAttribute(n))]"
-    )
-    left, right = (float(point.split(",")[0]) for point in panel.split())
-    scale = (right - left) / DISPLAY.width_mm
-    assert (x / scale, y / scale) == (pytest.approx(-20, abs=0.1), pytest.approx(180, abs=0.5))
-    assert "24 mm wide" in tab.evaluate("document.querySelector('.above').ariaLabel")
-
-
 MOTION = "prefers-reduced-motion"
 
 
@@ -384,106 +369,11 @@ def test_the_eye_sways_until_a_key_or_a_touch_and_never_where_motion_is_unwanted
     assert tab.complaints == []
 
 
-def test_the_eye_sways_on_a_slow_page_that_gets_leave_and_enter_together(tab, page):
-    late = (
-        "window.IntersectionObserver = class { constructor(told) { this.told = told; }"
-        " observe(target) { setTimeout(() => this.told("
-        "[{target, isIntersecting: false}, {target, isIntersecting: true}])); } };"
-    )
-    script = tab.send("Page.addScriptToEvaluateOnNewDocument", source=late)["identifier"]
-    try:
-        motion = [{"name": MOTION, "value": "no-preference"}]
-        tab.send("Emulation.setEmulatedMedia", media="", features=motion)
-        tab.open(page)
-        tab.until("inimDisplay.eye()[0] !== 0")
-    finally:
-        tab.send("Page.removeScriptToEvaluateOnNewDocument", identifier=script)
-    assert tab.complaints == []
-
-
-def test_wheel_scrolls_the_page_until_the_display_has_been_clicked(tab, page):
-    show(tab, page)
-    at = tab.middle("#virtual-display canvas")
-    tab.mouse("mouseWheel", at, deltaX=0, deltaY=120)
-    rest(tab)
-    assert eye(tab) == (0, 0, 180)
-
-
-def test_pinch_changes_the_distance(tab, page):
-    show(tab, page)
-    tab.click("#virtual-display canvas")
-    x, y = tab.middle("#virtual-display canvas")
-    start = eye(tab)
-
-    def fingers(kind: str, apart: float) -> None:
-        points = [{"x": x - apart, "y": y, "id": 0}, {"x": x + apart, "y": y, "id": 1}]
-        tab.send("Input.dispatchTouchEvent", type=kind, touchPoints=points if apart else [])
-
-    tab.send("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=2)
-    try:
-        fingers("touchStart", 40)
-        for apart in (50, 60, 70, 80):
-            fingers("touchMove", apart)
-        fingers("touchEnd", 0)
-    finally:
-        tab.send("Emulation.setTouchEmulationEnabled", enabled=False)
-    assert eye(tab)[2] == pytest.approx(start[2] / 2, rel=0.05)
-    assert tab.complaints == []
-
-
-def test_two_canvases_show_their_own_panels_from_one_eye(tab, page):
-    show(tab, page)
-    tab.click("input[value=pinhole]")
-    tab.evaluate("inimDisplay.setEye(10, 5, 170)")
-    for side in (0, 1):
-        drawn_view = canvas(tab, side, (80, 96)).astype(int)
-        expected = [
-            still_view(tilted_plane(DISPLAY, seed), DISPLAY, (10, 5, 170), grid=8).astype(int)
-            for seed in (0, 1)
-        ]
-        assert abs(drawn_view - expected[side]).mean() < 0.1
-        assert abs(drawn_view - expected[1 - side]).mean() > 5
-
-
 def assert_flip_limits(tab: Tab, display: Display) -> None:
     for z in (60.0, 150.0, 400.0):
         assert tab.evaluate(f"inimDisplay.flipLimit({z})") == pytest.approx(
             display.flip_limit_mm(z), abs=1e-9
         )
-
-
-def test_eye_outside_the_zone_shows_the_flip_and_a_warning(tab, page):
-    show(tab, page)
-    limit = DISPLAY.flip_limit_mm(180)[0]
-    words = "document.querySelector('#virtual-display .sign').textContent"
-    tab.evaluate(f"inimDisplay.setEye({0.98 * limit}, 0, 180)")
-    assert "Inside the viewing zone" in tab.evaluate(words)
-    inside = canvas(tab, 0, (80, 96)).astype(int)
-    tab.evaluate(f"inimDisplay.setEye({limit + 6}, 0, 180)")
-    assert "Outside the viewing zone, 6.0 mm too far across" in tab.evaluate(words)
-    assert "the picture flips" in tab.evaluate(words)
-    outside = canvas(tab, 0, (80, 96)).astype(int)
-    # Only the lenses farthest from the eye have flipped so far: the ones on the left.
-    change = abs(inside - outside).mean(axis=(0, 2))
-    assert change[:8].mean() > 2 * change[60:].mean()
-    tab.evaluate("inimDisplay.setEye(0, 0, 70)")
-    assert "Too close" in tab.evaluate(words)
-
-
-def test_viewing_zone_moves_with_the_array(tab, tmp_path):
-    display = DISPLAY.replace(shift_x_mm=0.5, rotation_deg=90.0)
-    changes = {"shift_x_mm": 0.5, "rotation_deg": 90.0}
-    show_eia(tab, tmp_path, tilted_plane(display), **changes)
-    across, along = DISPLAY.flip_limit_mm(180.0)
-    for x, y, outside in (
-        (0.5 + along - 0.1, 0, False),  # the array's columns now lie across
-        (0.5 + along + 0.1, 0, True),
-        (0.5 - along - 0.1, 0, True),
-        (0, across - 0.1, False),
-        (0, across + 0.1, True),
-    ):
-        tab.evaluate(f"inimDisplay.setEye({x}, {y}, 180)")
-        assert tab.evaluate("inimDisplay.state().isOutside") is outside, (x, y)
 
 
 # --- What it asks of the graphics card ----------------------------------------------------------
@@ -548,48 +438,6 @@ def test_nothing_is_drawn_while_nothing_changes(counted):
     assert work(counted) == before
 
 
-# A sample takes a microsecond, and a frame 0.4 s at most.
-SLOW_CARD = """
-(() => {
-  const type = WebGL2RenderingContext.prototype, {drawArrays, getSyncParameter} = type;
-  const {uniform1i} = type;
-  let done = 0, grid = 1;
-  type.uniform1i = function (place, value) {
-    grid = value;
-    return uniform1i.call(this, place, value);
-  };
-  type.drawArrays = function (...given) {
-    const samples = this.canvas.width * this.canvas.height * grid ** 2;
-    done = Math.max(done, performance.now()) + Math.min(samples * 1e-3, 400);
-    return drawArrays.apply(this, given);
-  };
-  type.getSyncParameter = function (...given) {
-    return performance.now() < done ? this.UNSIGNALED : getSyncParameter.apply(this, given);
-  };
-})();
-"""
-
-
-def test_slow_card_draws_fewer_pixels_while_the_eye_moves_and_all_of_them_at_rest(tab, page):
-    tab.size(500, 500)
-    script = tab.send("Page.addScriptToEvaluateOnNewDocument", source=SLOW_CARD)
-    try:
-        tab.open(page)
-        assert tab.evaluate("inimDisplay.ready") is True
-        rest(tab)
-        for _ in range(10):  # the first frames find out what the card can do
-            if "1 at 0.25" in drag_about(tab, 1.0)["chosen"]:
-                break
-        drag = drag_about(tab, 2.0)
-        # On a busy machine the pointer may rest for a moment, and refinements be drawn.
-        assert max(drag["chosen"], key=drag["chosen"].get) == "1 at 0.25", drag["chosen"]
-        rest(tab)
-        state = tab.evaluate("[inimDisplay.state().grid, document.querySelector('canvas').width]")
-        assert state == [2, drag["width"]]
-    finally:
-        tab.send("Page.removeScriptToEvaluateOnNewDocument", **script)
-
-
 def stand_in(tab: Tab) -> bool:
     """True if pre-rendered views stand in place of the live display."""
     pictures = tab.evaluate(
@@ -630,23 +478,6 @@ def test_view_of_a_report_has_all_its_panels(tab, page, tmp_path):
     names = "[...document.querySelector('select').options].map((o) => o.text)"
     assert tab.evaluate(names) == ["Reference", "template", "wang2024"]
     assert tab.complaints == []
-
-
-def test_view_takes_the_display_from_a_settings_file(tmp_path):
-    defaults = "".join(f'<default name="{k}" value="{v}"/>' for k, v in NAMES.items())
-    (tmp_path / "mine.xml").write_text(f'<scene version="3.0.0">{defaults}</scene>')
-    save(tmp_path / "eia.png", tilted_plane(DISPLAY))
-    ended = view("eia.png", "--display", "mine.xml", "-o", "sub/mine.html", folder=tmp_path)
-    assert (ended.code, ended.stdout) == (0, "sub/mine.html\n"), ended.stderr
-    assert "24 × 20 lenses" in (tmp_path / "sub/mine.html").read_text(encoding="utf-8")
-
-
-def test_view_loads_no_renderer(tmp_path):
-    eia = save(tmp_path / "eia.png", tilted_plane(DISPLAY))
-    page = tmp_path / "page.html"
-    loaded = loaded_by("view", str(eia), *definitions(NAMES), "-o", str(page))
-    assert loaded.isdisjoint({"mitsuba", "drjit", "numba"})
-    assert page.is_file()
 
 
 @pytest.mark.parametrize(
@@ -702,30 +533,3 @@ def test_a_tilted_device_has_the_viewer_where_the_tilt_leaves_him(phone):
     assert phone.evaluate("document.querySelector('[name=tilt]').ariaPressed") == "false"
     before = phone.evaluate("inimDisplay.eye()")
     assert phone.evaluate(TILT, [0, 30, 30]) == before
-
-
-@pytest.mark.parametrize("size", [(390, 844), (844, 390)])
-def test_full_screen_shows_the_whole_display_in_its_proportions(phone, size):
-    phone.size(*size)
-    phone.click("button[name=full]")
-    phone.until("document.fullscreenElement !== null && document.fullscreenElement.clientWidth > 0")
-    box = phone.evaluate("""() => {
-      const {left, top, right, bottom} = document.fullscreenElement
-        .querySelector("canvas").getBoundingClientRect();
-      return [left, top, innerWidth - right, innerHeight - bottom, right - left, bottom - top];
-    }""")
-    assert min(box[:4]) > -1 and min(box[0] + box[2], box[1] + box[3]) < 2
-    assert box[4] / box[5] == pytest.approx(DISPLAY.width_mm / DISPLAY.height_mm, rel=0.01)
-    phone.evaluate("document.exitFullscreen()")
-    phone.until("document.fullscreenElement === null")
-
-
-@pytest.mark.parametrize("width", [390, 1440])
-def test_buttons_and_check_boxes_are_24_pixels_at_least(tab, page, width):
-    tab.size(width, 900)
-    show(tab, page)
-    small = tab.evaluate("""() => [...document.querySelectorAll("button, select, input")]
-      .filter((e) => e.offsetParent && e.type !== "range")
-      .map((e) => [e.outerHTML.slice(0, 80), e.offsetWidth, e.offsetHeight])
-      .filter(([, w, h]) => w < 24 || h < 24)""")
-    assert small == []

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from inim.apps.stress.pictures import noise
-from inim.display import DISPLAYS, Viewpoint
+from inim.display import DISPLAYS
 from inim.display.lens import lens_model, lens_models
 from inim.generators import accuracy_limits as limits
 from inim.generators import find_sources
@@ -86,15 +86,6 @@ def test_each_limit_warns_on_its_far_side_only():
     wider = wide.replace(panel_columns=limits.WIDEST_PANEL_PIXELS + 1)
     (warning,) = accuracy_warnings(wider, "pinhole")
     assert str(limits.WIDEST_PANEL_PIXELS + 1) in warning
-
-
-def test_the_eye_s_steepest_ray_counts():
-    display = small_display()
-    near, far = (Viewpoint("e", 0, 0, z) for z in (5.0, 500.0))
-    corner = np.hypot(6, 5)
-    assert limits.steepest_slope(display, near) == pytest.approx(corner / 5)
-    assert accuracy_warnings(display, "thick", viewpoints=[far]) == []
-    assert len(accuracy_warnings(display, "thick", viewpoints=[far, near])) == 1
 
 
 def test_a_depth_range_without_depths_warns():

@@ -9,7 +9,6 @@ from inim.apps.bench.document import (
     BenchDocument,
     BenchRounds,
     BenchScene,
-    BenchScore,
     Load,
     TimingRecord,
 )
@@ -97,28 +96,3 @@ def assert_tables_are_whole(data, parts):
 def test_markdown_tables_have_as_many_cells_in_every_row():
     data = scene_bench()
     assert_tables_are_whole(data, scene_parts(data))
-
-
-def test_equal_pictures_and_unknown_sources_have_their_signs():
-    data = scene_bench()
-    (table,) = scene_parts(data)[0].tables
-    row = dict(zip(table.heads, table.rows[1], strict=True))
-    assert row["EIA PSNR dB"] == "∞"  # null in JSON
-    assert row["wrong source"] == "–"
-
-
-def test_another_score_has_a_column_and_a_panel():
-    """Whatever its better end is: down is better in every panel."""
-    more = [
-        BenchScore(key=key, label=key, title="Views", better=better, best=best, digits=digits,
-                   plotted=True)
-        for key, better, best, digits in (
-            ("blur", "lower", 0.0, 2), ("likeness", "higher", 1.0, 4), ("signal", "higher", None, 2)
-        )
-    ]  # fmt: skip
-    (part,) = scene_parts(scene_bench(more, blur=0.25, likeness=0.75, signal=12.0))
-    assert part.tables[0].heads[-4:-1] == ["blur", "likeness", "signal"]
-    assert part.tables[0].rows[0][-4:-1] == ["0.25", "0.7500", "12.00"]
-    axes = part.figure.axes
-    assert [a.get_ylabel() for a in axes[-3:]] == ["blur", "1 − likeness", "signal"]
-    assert [a.yaxis_inverted() for a in axes[-3:]] == [False, False, True]

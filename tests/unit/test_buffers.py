@@ -1,6 +1,5 @@
 """Computation by bands of rows has no seams: the same bits as in one piece."""
 
-import hashlib
 import math
 import tracemalloc
 from collections.abc import Iterable
@@ -8,17 +7,12 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from inim.generators import colour_of
-from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8, to_srgb
+from inim.image.color import srgb_from_linear, to_srgb
 from inim.image.noisy_image import NoisyImage
-from inim.image.rgbd import RGBD
 from inim.scores import metrics
 from inim.scores.metrics.flip import FLIP_REACH
-from inim.scores.regression.fingerprints import fingerprint, reference_input
 from inim.scores.regression.tiles import tile_statistics
-from inim.system.errors import UsageError
 from inim.system.row_bands import row_bands
-from tests.conftest import small_display
 
 # Pixels of a band: single rows, a few, one less than all, all.
 BANDS = [1, 200, 700, 40 * 37 - 1, 2**20]
@@ -108,22 +102,6 @@ def test_psnr_is_the_same_in_any_bands(band, monkeypatch):
     assert metrics.psnr_db(*pair) == psnr
 
 
-def test_pixels_that_are_not_finite_are_counted_over_all_bands(band):
-    first, second = pictures()
-    second[3, 4, 1] = second[39, 36] = np.nan
-    with pytest.raises(UsageError, match="the test image has 2 pixels"):
-        metrics.psnr_db(first, second)
-
-
-def test_codes_are_those_of_the_whole_picture(band):
-    picture = pictures()[1]
-    codes = to_srgb(picture)
-    assert codes.dtype == np.uint8
-    assert np.array_equal(codes, srgb_to_uint8(srgb_from_linear(picture)))
-    every = np.arange(256, dtype=np.uint8).reshape(32, 8)
-    assert np.array_equal(to_srgb(linear_from_srgb(every / np.float32(255))), every)
-
-
 @pytest.mark.parametrize("generated", [False, True])
 def test_statistics_of_tiles_are_those_of_each_tile_alone(generated, band):
     """Sums of a tile know nothing of the others; only what is moderated does, so not here."""
@@ -138,40 +116,6 @@ def test_statistics_of_tiles_are_those_of_each_tile_alone(generated, band):
             a, b = (h[at].astype(np.float64) for h in halves)
             assert statistics.mean[r, c] == pytest.approx(((a + b) / 2).mean(axis=(0, 1)), rel=1e-6)
             assert statistics.power[r, c] == pytest.approx((a * b).mean(), rel=1e-6)
-
-
-def test_halves_made_as_they_are_read_have_the_same_statistics(band):
-    image, noise = pictures()
-    computed = NoisyImage.from_image(image, noise)
-    stored = NoisyImage.from_halves(image + noise, image - noise)
-    actual, expected = (
-        tile_statistics(halves, (9, 8), generated=True).arrays() for halves in (computed, stored)
-    )
-    assert all(np.array_equal(actual[name], expected[name]) for name in expected)
-
-
-def test_a_fingerprint_is_of_the_whole_eia(band):
-    display = small_display(5, 4, 8)
-    rgbd = reference_input(display, (8, 10), 0.5)
-    eia = np.random.default_rng(1).random((*display.eia_shape, 3), np.float32)
-    eia[0, 0] = -0.0
-    digest = hashlib.sha256((eia + np.float32(0)).tobytes()).hexdigest()
-    assert fingerprint(rgbd, eia, display, exact=True).eia_sha256 == digest
-
-
-def test_colours_of_sources_are_looked_up_one_by_one(band):
-    color = np.random.default_rng(2).random((6, 7, 3), np.float32)
-    rgbd = RGBD(color, np.zeros((6, 7)), np.ones((6, 7), bool), 1.0)
-    sources = np.random.default_rng(2).integers(-3, 42, (40, 37)).astype(np.int32)
-    colours = colour_of(sources, rgbd)
-    for at in np.ndindex(sources.shape):
-        source = sources[at]
-        assert np.array_equal(
-            colours[at], color[source // 7, source % 7] if source >= 0 else [0] * 3
-        )
-    sources[39, 36] = 42
-    with pytest.raises(UsageError, match="a source is 42; this picture has 0 to 41"):
-        colour_of(sources, rgbd)
 
 
 @pytest.mark.parametrize(

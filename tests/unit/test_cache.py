@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
@@ -12,15 +11,12 @@ import pytest
 
 from inim.system.cache import (
     Record,
-    ResultCache,
     Store,
     array_digest,
     cache_address,
     code_digest,
-    open_store,
     value_digest,
 )
-from inim.system.errors import UsageError
 
 
 @pytest.fixture
@@ -64,31 +60,6 @@ def test_a_damaged_record_is_made_again_never_read(store):
         path.write_bytes(good[:length])
         assert store.load("x") is None
         assert not path.exists()
-
-
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
-def test_a_pipe_in_place_of_a_record_is_replaced(store):
-    store.folder.mkdir()
-    for name in ("x.npz", "x.json"):
-        os.mkfifo(store.folder / name)
-    assert store.load("x") is None
-    assert store.last_parts("x") is None
-    store.remember_parts("x", {"seed": "1"})
-    assert store.keep("x", Record({}, 1))
-    assert store.load("x").facts == 1
-    assert store.last_parts("x") == {"seed": "1"}
-
-
-@pytest.mark.parametrize(
-    "facts", [{"array": "a9"}, {"Kind": {}}, {"list": 3}, {"dict": {"a": {"array": "no"}}}, {}]
-)
-def test_a_record_of_something_else_is_made_again(store, facts):
-    cache = ResultCache(store)
-    result, _ = cache.find_or_make("score", lambda: {"seed": 1}, lambda: 0.5)
-    (path,) = store.folder.glob("*.npz")
-    store.keep(path.stem, Record({"a0": picture(1)}, facts))
-    assert cache.find_or_make("score", lambda: {"seed": 1}, lambda: 0.5)[0] == result
-    assert store.load(path.stem).facts == result
 
 
 def test_a_record_under_another_name_is_not_loaded(store):
@@ -143,29 +114,6 @@ def test_a_folder_that_takes_nothing_is_no_error(tmp_path):
     assert store.info().records == 0
 
 
-def test_two_that_write_at_once_leave_a_whole_record(store):
-    stop = threading.Event()
-    wrong = []
-
-    def write(seed):
-        while not stop.is_set():
-            store.keep("x", Record({"a": np.full((200, 200), seed)}))
-
-    threads = [threading.Thread(target=write, args=(k,)) for k in range(3)]
-    for thread in threads:
-        thread.start()
-    ends = time.monotonic() + 1
-    while time.monotonic() < ends:
-        loaded = store.load("x")
-        if loaded is not None and len(np.unique(loaded.arrays["a"])) != 1:
-            wrong.append(loaded)
-    stop.set()
-    for thread in threads:
-        thread.join()
-    assert not wrong
-    assert store.load("x") is not None
-
-
 KEEPER = """
 import sys, numpy as np
 from pathlib import Path
@@ -191,19 +139,6 @@ def test_killed_while_writing_leaves_whole_records_only(tmp_path):
     for k in range(5):
         loaded = store.load(str(k))
         assert loaded is None or (loaded.arrays["a"] == k).all()
-
-
-def test_the_store_s_place(monkeypatch, tmp_path):
-    monkeypatch.setenv("INIM_CACHE", "OFF")
-    assert open_store() is None
-    monkeypatch.setenv("INIM_CACHE", str(tmp_path))
-    assert open_store().folder == tmp_path
-    monkeypatch.setenv("INIM_CACHE", "")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    assert open_store().folder == tmp_path / "cache" / "inim"
-    monkeypatch.setenv("INIM_CACHE_GIB", "a lot")
-    with pytest.raises(UsageError, match="INIM_CACHE_GIB = 'a lot'"):
-        open_store()
 
 
 def test_digests_differ_for_different_values():

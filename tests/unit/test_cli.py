@@ -45,13 +45,6 @@ def test_the_table_has_every_command_of_every_module():
     assert commands == COMMANDS
 
 
-def test_help_lists_every_command_with_a_line(capsys):
-    with pytest.raises(SystemExit):
-        main(["--help"])
-    words = capsys.readouterr().out.split()
-    assert [name for name in COMMANDS if name not in words] == []
-
-
 @pytest.mark.parametrize(
     "words", [("--help",), ("validate", "--help"), ("generate", "--help"), ("new-scene", "--help")]
 )
@@ -75,13 +68,6 @@ def test_unknown_command_is_one_line_that_names_those_there_are(capsys, word, sa
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"inim: error: {word}: no such command; ")
     assert says in line
-
-
-def test_without_a_word_there_is_help(capsys):
-    with pytest.raises(SystemExit) as ended:
-        main([])
-    assert ended.value.code == 0
-    assert "new-scene" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from inim.display import DISPLAYS
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.render.scene_files.file import choose_display
-from inim.system.errors import FileError, InimError, SceneError, UsageError
+from inim.system.errors import FileError, InimError, UsageError
 from tests.conftest import scene_text, sphere
 
 MINE = """<scene version="3.0.0">
@@ -83,11 +83,6 @@ def test_the_command_line_has_the_last_word_on_single_values(scene, mine):
     assert plan.settings.view_spp == 2
 
 
-def test_a_preset_leaves_the_scene_its_single_values(scene):
-    plan = make_plan(Request(scene, Path("unused"), display="phone"))
-    assert (plan.display.pixel_pitch_mm, plan.display.gap_mm) == (0.0636, 3.4)
-
-
 def test_a_study_takes_a_file_next_to_itself(scene, mine, tmp_path):
     study = tmp_path / "study.toml"
     text = (
@@ -104,21 +99,6 @@ def test_a_study_takes_a_file_next_to_itself(scene, mine, tmp_path):
         read_study(study)
 
 
-def test_a_study_lists_misalignments_and_measured_alignments(scene, tmp_path):
-    study = tmp_path / "study.toml"
-    study.write_text(
-        '[study]\nscenes = ["scene.xml"]\nalgorithms = ["pickup"]\n'
-        '[settings]\nmisalign = ["", "rotation_deg=0.5, shift_x_mm=0.1"]\n'
-        '[[display]]\nname = "mine"\nrotation_deg = [0.0, 1.0]\n'
-    )
-    plans = [unit.plan for unit in expand(read_study(study), tmp_path / "out")]
-    # The design is what the EIA is for; the array is where the light goes.
-    assert [
-        (p.display.rotation_deg, p.misaligned_display.rotation_deg, p.misaligned_display.shift_x_mm)
-        for p in plans
-    ] == [(0.0, 0.0, 0.0), (0.0, 0.5, 0.1), (1.0, 1.0, 0.0), (1.0, 1.5, 0.1)]
-
-
 @pytest.mark.parametrize("preset", list(DISPLAYS))
 @pytest.mark.parametrize(
     "changes",
@@ -131,9 +111,3 @@ def test_a_saved_display_is_read_back_exactly(tmp_path, preset, changes):
     assert "<svg" in display._repr_svg_()
     with pytest.raises(UsageError, match=r"a display file is an \.xml; name it mine\.xml"):
         display.save(tmp_path / "mine.png")
-
-
-def test_a_file_that_a_scene_names_is_not_looked_for(scene):
-    scene.write_text(scene.read_text().replace('value="nominal"', 'value="mine.xml"'))
-    with pytest.raises(SceneError, match=r"name a file with --display: --display mine\.xml"):
-        make_plan(Request(scene, Path("unused")))

@@ -5,13 +5,11 @@ as a disc; measured on the lens array, where the film is, its diameter is A V |1
 picture then rises like a disc's integral: its slope has the variance (diameter / 4)^2.
 """
 
-import math
-
 import numpy as np
 import pytest
 
 from inim.display import DISPLAYS
-from inim.display.viewpoint import Viewpoint, check_viewpoint, focus_distance_mm, parse_viewpoints
+from inim.display.viewpoint import Viewpoint, check_viewpoint, focus_distance_mm
 from inim.system.errors import ViewpointError
 from tests.conftest import display_shape, small_display
 
@@ -216,22 +214,3 @@ def test_an_eye_cannot_focus_behind_itself():
     with pytest.raises(ViewpointError, match="set focus_mm"):
         focus_distance_mm(eye, far)
     assert focus_distance_mm(Viewpoint("pinhole", 0, 0, 500), far) == 500
-
-
-@pytest.mark.parametrize(
-    "values",
-    [{"pupil_mm": -1.0}, {"pupil_mm": math.nan}, {"focus_mm": 0.0}, {"focus_mm": math.inf}],
-)
-def test_an_impossible_eye_is_refused(values):
-    with pytest.raises(ViewpointError, match=next(iter(values))):
-        Viewpoint("eye", 0, 0, 400, **values)
-
-
-def test_parsed_viewpoints_have_the_pupil_and_a_stated_focus():
-    viewpoints = parse_viewpoints("centre, mine=3 4", NOMINAL, 400.0, 3.0)
-    assert [v.pupil_mm for v in viewpoints] == [3.0, 3.0]
-    assert all(v.focus_mm == pytest.approx(400 - NOMINAL.central_depth_mm) for v in viewpoints)
-    assert parse_viewpoints("centre", NOMINAL, 400.0, 3.0, 77.0)[0].focus_mm == 77.0
-    assert parse_viewpoints("centre", NOMINAL, 400.0)[0].focus_mm is None
-    with pytest.raises(ViewpointError, match="pupil"):
-        parse_viewpoints("centre", NOMINAL, 400.0, 300.0)

@@ -1,6 +1,5 @@
 """`--fit auto`: the subject, its depth range and its place are found where there is one."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,6 @@ from inim.apps.own_picture.depth_values import DepthValues
 from inim.apps.own_picture.framing import choose_framing
 from inim.apps.own_picture.picture import CameraPicture, ColorDepth
 from inim.display import DISPLAYS
-from inim.system.errors import FileError
 
 DISPLAY = DISPLAYS["nominal"]
 
@@ -136,30 +134,3 @@ def test_a_wide_display_is_turned_for_an_upright_picture_only(shape, is_turned):
     display = CameraPicture(photo=Path("p.jpg")).orient(photograph, phone)
     assert display.eia_shape == (phone.eia_shape[::-1] if is_turned else phone.eia_shape)
     assert (display.height_mm > display.width_mm) == is_turned
-
-
-@pytest.mark.parametrize(
-    "changes", [{"shift_x_mm": 0.1}, {"rotation_deg": 1.0}, {"lattice": "hexagonal"}]
-)
-def test_a_display_that_differs_on_its_side_is_not_turned(changes):
-    photograph = ColorDepth(
-        np.zeros((40, 30, 3), np.uint8), values(np.ones((40, 30))), 1.0, (30, 40), 0.0, (), None
-    )
-    display = DISPLAYS["phone"].replace(**changes)
-    assert CameraPicture(photo=Path("p.jpg")).orient(photograph, display) == display
-
-
-def test_a_display_turned_twice_is_itself():
-    phone = DISPLAYS["phone"]
-    assert phone.turned().turned().replace(name="phone") == phone
-
-
-def test_a_flat_photograph_warns():
-    depth = values(np.full((30, 40), 1000.0))
-    photograph = ColorDepth(np.zeros((30, 40, 3), np.uint8), depth, 1.0, (40, 30), 0.0, (), None)
-    picture = CameraPicture(photo=Path("p.jpg"), orthographic=True, fit="auto")
-    with pytest.raises(FileError, match=r"^p\.jpg: its depth is 1000 everywhere; "):
-        picture.fit_to(photograph, DISPLAY, 1)
-    # Both ways out.
-    for words in ({"near": 500.0, "far": 2000.0}, {"fit": "cover"}):
-        replace(picture, **words).fit_to(photograph, DISPLAY, 1)

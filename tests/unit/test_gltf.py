@@ -8,7 +8,6 @@ import trimesh
 from PIL import Image
 
 from inim.render.meshes.mesh import read_mesh
-from inim.render.scene_files.new_scene import new_scene
 from inim.system.errors import FileError
 
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], "<u2")
@@ -76,16 +75,6 @@ def test_texture_coordinates_are_transformed(tmp_path):
     np.testing.assert_allclose(mesh.uv, expected, rtol=1e-6)
 
 
-def test_draco_is_read(tmp_path):
-    sphere = trimesh.creation.icosphere(subdivisions=3)
-    path = tmp_path / "d.glb"
-    path.write_bytes(trimesh.exchange.gltf.export_glb(sphere, extension_draco=True))
-    assert b"KHR_draco_mesh_compression" in path.read_bytes()
-    mesh = read(path)
-    assert mesh.faces.shape == sphere.faces.shape
-    np.testing.assert_allclose(np.linalg.norm(mesh.vertices, axis=1), 1, atol=1e-3)
-
-
 @pytest.mark.parametrize(
     ("name", "command"),
     [("EXT_meshopt_compression", "copy q.gltf"), ("KHR_texture_basisu", "ktxdecompress q.gltf")],
@@ -95,16 +84,6 @@ def test_an_unread_extension_names_the_converter(tmp_path, monkeypatch, name, co
     monkeypatch.chdir(tmp_path)
     with pytest.raises(FileError, match=f"{name}.*@gltf-transform/cli {command}"):
         read_mesh(path.relative_to(tmp_path), pytest.fail)
-
-
-def test_a_folder_s_only_mesh_becomes_a_scene(tmp_path):
-    folder = tmp_path / "scan"
-    folder.mkdir()
-    quantized(folder, {"texCoord": 1})
-    assert new_scene(folder, tmp_path / "relic.xml", warn=lambda text: None).is_file()
-    (folder / "other.obj").write_text("")
-    with pytest.raises(FileError, match=r"2 meshes \(other.obj, q.gltf\)"):
-        new_scene(folder, tmp_path / "second.xml")
 
 
 def colored(folder, texture=None, colors=None):
@@ -124,11 +103,6 @@ def colored(folder, texture=None, colors=None):
 RGB = [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255]]
 
 
-def test_vertex_colours_of_a_mesh_with_a_material(tmp_path):
-    mesh = read(colored(tmp_path, colors=RGB))
-    np.testing.assert_allclose(mesh.color, np.eye(3), atol=1e-6)
-
-
 def test_vertex_colours_on_a_texture_are_left_out_with_a_warning_unless_white(tmp_path):
     texture = Image.new("RGB", (8, 8), (200, 100, 50))
     warnings = []
@@ -136,48 +110,6 @@ def test_vertex_colours_on_a_texture_are_left_out_with_a_warning_unless_white(tm
     assert mesh.texture is not None and mesh.color is None
     assert len(warnings) == 1 and "vertex colours would multiply its texture" in warnings[0]
     assert read(colored(tmp_path, texture, [[255] * 4] * 3)).texture is not None
-
-
-def test_webp_textures_are_read(tmp_path):
-    Image.new("RGB", (8, 8), (200, 100, 50)).save(tmp_path / "t.webp", lossless=True)
-    source = {"extensions": {"EXT_texture_webp": {"source": 0}}}
-    header = {"images": [{"uri": "t.webp"}], "textures": [source]}
-    mesh = read(
-        quantized(tmp_path, {"texCoord": 1}, extensionsRequired=["EXT_texture_webp"], **header)
-    )
-    assert (mesh.texture == (200, 100, 50)).all()
-
-
-def test_each_material_keeps_its_colour(tmp_path):
-    scene = trimesh.Scene()
-    for number, color in enumerate(([255, 0, 0, 255], [0, 0, 255, 255])):
-        part = trimesh.creation.box()
-        part.visual = trimesh.visual.TextureVisuals(
-            material=trimesh.visual.material.PBRMaterial(name=str(number), baseColorFactor=color)
-        )
-        scene.add_geometry(
-            part, transform=trimesh.transformations.translation_matrix([number, 0, 0])
-        )
-    scene.export(tmp_path / "m.glb")
-    meshes = read_mesh(tmp_path / "m.glb", pytest.fail)
-    assert sorted(mesh.color[0].tolist() for mesh in meshes) == [[0, 0, 1], [1, 0, 0]]
-
-
-def test_obj_with_materials_and_pictures_next_to_it(tmp_path):
-    for name, color in (("red", (255, 0, 0)), ("blue", (0, 0, 255))):
-        Image.new("RGB", (8, 8), color).save(tmp_path / f"{name} scan.png")
-    (tmp_path / "m.mtl").write_text(
-        "newmtl a\nmap_Kd red scan.png\nnewmtl b\nmap_Kd blue scan.png\n"
-    )
-    (tmp_path / "m.obj").write_text(
-        "mtllib m.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 0\nvt 0 1\n"
-        "usemtl a\nf 1/1 2/2 3/3\nusemtl b\nf 1/1 2/2 4/3\n"
-    )
-    meshes = read_mesh(tmp_path / "m.obj", pytest.fail)
-    assert sorted(tuple(mesh.texture[0, 0].tolist()) for mesh in meshes) == [
-        (0, 0, 255),
-        (255, 0, 0),
-    ]
 
 
 def test_ply_with_texture_coordinates_of_its_faces(tmp_path):

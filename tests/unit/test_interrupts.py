@@ -68,16 +68,6 @@ program(main)
     assert ended(main) == (130, "published ", LINE)
 
 
-def test_signal_counts_though_the_delayed_block_fails():
-    main = "def main():\n    with delayed_interrupts(): interrupt(); raise OSError\n"
-    assert ended(main + "program(main)") == (130, "", LINE)
-
-
-def test_signal_after_the_end_is_ignored():
-    code = "import atexit; atexit.register(interrupt)\n"
-    assert ended(code + "program(lambda: 3)") == (3, "", "")
-
-
 def test_ignored_signals_stay_ignored():
     """Signals are ignored for jobs in a shell's background and under `nohup`."""
     main = "def main():\n    with delayed_interrupts(): interrupt()\n    interrupt(); say('on')\n"
@@ -110,26 +100,6 @@ python_process.end_process(child)
 say(str(child.returncode))
 """
     assert ended(code) == (0, "-9 ", "")
-
-
-def test_an_interrupt_that_an_import_replaced_is_raised_again():
-    """Expected: numpy's import turns KeyboardInterrupt into ImportError; the exit code is 130."""
-    code = """
-import os, signal, sys
-from inim.system.process.interrupts import raise_again, raise_interrupts
-raise_interrupts()
-try:
-    os.kill(os.getpid(), signal.SIGINT)
-    for _ in range(10**6): pass
-except KeyboardInterrupt:
-    pass
-try:
-    raise_again()
-except KeyboardInterrupt as interrupt:
-    sys.exit(interrupt.args[0])
-"""
-    ended = subprocess.run([sys.executable, "-c", code], check=False, preexec_fn=hear)
-    assert ended.returncode == signal.SIGINT
 
 
 def test_an_interrupt_in_a_callback_ends_the_program_too():

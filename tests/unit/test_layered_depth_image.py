@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from inim.image.files import image
-from inim.image.rgbd import RGBD, Layer, LayeredRGBD
-from inim.system.errors import FileError, UsageError
+from inim.image.rgbd import Layer, LayeredRGBD
+from inim.system.errors import UsageError
 
 ROWS, COLUMNS = 7, 11
 
@@ -51,47 +51,6 @@ def test_a_back_that_never_comes_and_one_layer_survive_a_file(tmp_path):
     assert (again.back_mm[again.covered] == -np.inf).all()
 
 
-def test_each_layer_has_named_parts_and_the_first_two_are_a_plain_picture_s(tmp_path):
-    import OpenEXR
-
-    rgbd = picture(2)
-    image.write_rgbd(tmp_path / "a.exr", rgbd, {"inim:seed": "7"})
-    plain = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
-    image.write_rgbd(tmp_path / "b.exr", plain)
-    parts = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True).parts
-    names = [part.name() for part in parts]
-    assert names == ["color", "depth", "back", "color.1", "depth.1", "back.1"]
-    assert [sorted(p.channels) for p in parts] == [["A", "B", "G", "R"], ["Z"], ["Z"]] * 2
-    assert {p.header["inim:layers"] for p in parts} == {"2"}
-    assert {p.header["inim:seed"] for p in parts} == {"7"}
-    for part in parts[1:3]:
-        assert np.array_equal(np.isnan(part.channels["Z"].pixels), ~rgbd.covered)
-    alone = OpenEXR.File(str(tmp_path / "b.exr"), separate_channels=True).parts
-    assert len(alone) == 2, "a plain picture stays one"
-    for layer, other in zip(alone, parts, strict=False):
-        assert layer.name() == other.name()
-        for name, channel in layer.channels.items():
-            same = np.array_equal(channel.pixels, other.channels[name].pixels, equal_nan=True)
-            assert same, name
-
-
-@pytest.mark.parametrize("count", ["3", "0x2", "-1", (1.0, 2.0)])
-def test_a_file_with_other_layers_than_declared_is_refused(tmp_path, count):
-    image.write_rgbd(tmp_path / "a.exr", picture(2), {"inim:seed": "7"})
-    parts = [
-        ({**channels}, name)
-        for (channels, _), name in zip(
-            image._read_parts(tmp_path / "a.exr"),
-            ("color", "depth", "back", "color.1", "depth.1", "back.1"),
-            strict=True,
-        )
-    ]
-    header = {"inim:pixel_mm": "0.2", "inim:layers": count}
-    image.write_exr_parts(tmp_path / "b.exr", parts, header)
-    with pytest.raises(FileError, match=r"b\.exr"):
-        image.read_rgbd(tmp_path / "b.exr")
-
-
 def test_layers_that_cannot_be_are_refused_by_number():
     rgbd = picture(2)
     behind = rgbd.deeper[0]
@@ -103,10 +62,3 @@ def test_layers_that_cannot_be_are_refused_by_number():
     ):
         with pytest.raises(UsageError, match=words):
             replace(rgbd, deeper=(wrong,))
-
-
-def test_the_palette_is_the_colours_of_all_layers_one_below_the_other():
-    rgbd = picture(3)
-    assert rgbd.palette.shape == (3 * ROWS, COLUMNS, 3)
-    for number, layer in enumerate(rgbd.layers):
-        assert np.array_equal(rgbd.palette[number * ROWS : (number + 1) * ROWS], layer.color)

@@ -4,34 +4,14 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS
-from inim.display.declaration import rows_text
-from inim.display.layers import air_equivalent_mm, excess_mm, parse_layers
 from inim.display.lens import check_lens_model, trace_to_panel, white_exposure
-from inim.display.settings import plain_parameters
 from inim.render.scene_files.file import choose_display
-from inim.system.errors import DisplayError, UsageError
+from inim.system.errors import DisplayError
 
 NOMINAL = DISPLAYS["nominal"]
 GLASS = NOMINAL.replace(layers=[(0.5, 1.52), (0.1, 1.41)])
 RAYS = (0.1, -0.2, 0.15, 0.1)
 TOUCHING = "{:.17g} 1.52"
-
-
-def test_pairs_and_text_are_the_same_layers():
-    assert GLASS.layers == ((0.5, 1.52), (0.1, 1.41))
-    assert (
-        parse_layers("0.5 1.52, 0.1 1.41")
-        == GLASS.layers
-        == parse_layers([[0.5, 1.52], (0.1, 1.41)])
-    )
-    assert parse_layers(rows_text(GLASS.layers)) == GLASS.layers
-    assert parse_layers("none") == parse_layers("") == () == parse_layers(rows_text(()))
-    assert plain_parameters(GLASS)["layers"] == "0.5 1.52, 0.1 1.41"
-
-
-def test_lengths_by_hand():
-    assert air_equivalent_mm(((0.3, 1.5), (1.0, 1.0))) == pytest.approx(1.2)
-    assert excess_mm(((0.3, 1.5), (1.0, 1.0))) == pytest.approx(0.1)
 
 
 def test_display_files_and_definitions_have_layers(tmp_path):
@@ -62,11 +42,6 @@ def test_impossible_layers_are_refused_in_a_line(layers, message):
     with pytest.raises(DisplayError, match=message) as error:
         NOMINAL.replace(layers=layers)
     assert "\n" not in str(error.value)
-
-
-def test_pairs_are_a_value_of_layers_only():
-    with pytest.raises(UsageError, match=r"inim\.viewpoints.*is a tuple; give text or a number"):
-        choose_display("nominal", {"inim.viewpoints": ("centre", "left")})
 
 
 def test_layers_must_fit_behind_the_thick_lens():

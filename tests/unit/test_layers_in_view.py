@@ -110,9 +110,3 @@ def test_culled_layers_change_no_pixel(mode, samples, seed):
     assert np.array_equal(*eias)
     is_deeper = find_sources(rgbd, display, "layered", samples=1) >= rgbd.covered.size
     assert is_deeper.sum() > 50, "or nothing behind is in view anyway"
-
-
-def test_one_layer_is_all_in_view():
-    front, back, *_ = plate_before_a_wall(3.0)
-    front, back = front[:1], back[:1]
-    assert np.array_equal(layers_in_view(front, back, DISPLAY, PIXEL_MM), np.isfinite(front))

@@ -15,12 +15,11 @@ from inim.image.files.light_field import (
     quilt_path,
     read_hci,
     sub_aperture_views,
-    view_grid,
     write_hci,
     write_quilt,
 )
 from inim.image.rgbd import RGBD
-from inim.system.errors import FileError, UsageError
+from inim.system.errors import FileError
 from tests.conftest import small_display
 
 COUNTS = [(5, 7, 4), (6, 4, 5), (4, 4, 8), (3, 8, 3)]
@@ -126,15 +125,6 @@ def test_an_hci_folder_s_disparity_is_that_of_its_centre_view(tmp_path):
         read_hci(tmp_path)
 
 
-def test_an_hci_folder_s_disparity_is_written_and_goes_with_its_views(tmp_path):
-    disparity = np.random.default_rng(1).normal(size=(6, 9)).astype(np.float32)
-    disparity[2, 3] = np.nan
-    write_hci(tmp_path, noise((3, 3, 6, 9, 3)), disparity=disparity)
-    np.testing.assert_array_equal(read_hci(tmp_path).disparity, disparity)
-    write_hci(tmp_path, noise((3, 3, 6, 9, 3)))  # other views, whose disparity nobody gave
-    assert read_hci(tmp_path).disparity is None
-
-
 @pytest.mark.parametrize("per_pitch", [1, 4, 5])
 @pytest.mark.parametrize("lenses", [6, 7])
 def test_a_centre_view_s_disparity_is_the_depth_behind_each_lens_centre(lenses, per_pitch):
@@ -194,26 +184,3 @@ def test_a_quilt_round_trips_and_starts_at_the_bottom_left(tmp_path, columns, ro
     np.testing.assert_array_equal(pixels[:6, -9:], views[-1])
     np.testing.assert_array_equal(pixels[-6:, -9:], views[columns - 1])
     np.testing.assert_array_equal(quilt_views(path, columns, rows), views)
-
-
-def test_a_quilt_s_name_holds_its_tiling_once():
-    path = quilt_path(Path("relic_qs5x9a1.777.PNG"), 8, 6, 0.75)
-    assert path == Path("relic_qs8x6a0.75.PNG")
-    assert quilt_path(path, 8, 6, 0.75) == path
-    assert quilt_path(Path("q.png"), 5, 9, 16 / 9).name == "q_qs5x9a1.77778.png"
-    with pytest.raises(UsageError, match=r"a quilt is a \.png"):
-        quilt_path(Path("q.jpg"), 8, 6, 0.75)
-
-
-def test_a_display_without_rows_of_lenses_has_no_views():
-    display = small_display(rotation_deg=2.0)
-    with pytest.raises(UsageError, match="rotation_deg = 2"):
-        view_grid(display)
-    with pytest.raises(UsageError, match="has 96 x 80"):
-        sub_aperture_views(noise((80, 80, 3)), small_display())
-
-
-def test_lens_outside_the_panel_is_named_with_its_display():
-    display = small_display().replace(shift_x_mm=3.0, name="shifted", panel_columns=96)
-    with pytest.raises(UsageError, match="display shifted: lens 9 has no pixel of the panel"):
-        sub_aperture_views(noise((*display.eia_shape, 3)), display)

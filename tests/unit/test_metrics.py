@@ -62,21 +62,6 @@ def test_map_in_parts_is_the_map_of_the_whole(announce):
     assert sum(shapes) == 30
 
 
-def test_pictures_that_a_function_writes_into_are_its_own(announce):
-    def spoil(reference: np.ndarray, test: np.ndarray) -> float:
-        scores = absolute(reference, test)
-        reference[...] = test[...] = 0
-        return scores
-
-    a, b = two(np.random.default_rng(3))
-    copies = a.copy(), b.copy()
-    announce(spoil=lower("spoil", spoil), zlast=lower("zlast", absolute))
-    scores = metrics.score(a, b)
-    assert scores["spoil"] == scores["zlast"] > 0
-    assert np.array_equal(a, copies[0])
-    assert np.array_equal(b, copies[1])
-
-
 def raise_lines(reference: np.ndarray, test: np.ndarray) -> float:
     raise RuntimeError("no such\nweights")
 
@@ -119,12 +104,6 @@ def test_announced_objects_must_be_metrics_of_that_name(announce, registered, wo
         metrics.all_metrics()
 
 
-def test_own_names_are_taken(announce):
-    announce(ssim=lower("ssim", absolute))
-    with pytest.raises(UsageError, match=r"^metric 'ssim' is one of inim's own"):
-        metrics.all_metrics()
-
-
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
@@ -140,31 +119,6 @@ def test_own_names_are_taken(announce):
 def test_declaration_that_makes_no_sense_is_refused(wrong, words):
     with pytest.raises(UsageError, match=f"^metric .*{words}"):
         Metric(**{"name": "mine", "function": absolute, "tolerance": 0.01, **wrong})
-
-
-def test_eia_has_scores_of_those_metrics_that_say_something_of_it(announce):
-    announce(mae=lower("mae", absolute, has_eia_score=True), other=lower("other", absolute))
-    a, b = two(np.random.default_rng(7))
-    scores = metrics.eia_scores(a, b)
-    mae = absolute(srgb_from_linear(a), srgb_from_linear(b))
-    assert scores == {"ssim": metrics.ssim(a, b), "psnr_db": metrics.psnr_db(a, b), "mae": mae}
-
-
-def test_keys_carry_the_unit():
-    angle = lower("hue", absolute, unit="deg", range=(0, 180))
-    names = angle.key, angle.to_reference_key, angle.on_relic_key, angle.on_relic_to_reference_key
-    assert names == (
-        "hue_deg", "hue_to_reference_deg", "hue_on_relic_deg", "hue_on_relic_to_reference_deg"
-    )  # fmt: skip
-    assert angle.label == "HUE"
-    own = [(m.key, m.to_reference_key) for m in metrics.all_metrics()]
-    assert own == [
-        ("ssim", "ssim_to_reference"),
-        ("psnr_db", "psnr_to_reference_db"),
-        ("flip", "flip_to_reference"),
-    ]
-    assert metrics.find("psnr_to_reference_db") is metrics.find("psnr")
-    assert metrics.find("lpips_to_reference") is None
 
 
 def halves(rng: np.random.Generator, image: np.ndarray, noise: float) -> NoisyImage:

@@ -11,10 +11,9 @@ from scipy.sparse import csr_array
 
 from inim.display import Viewpoint
 from inim.display.viewpoint import parse_viewpoints
-from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_slope
+from inim.image.color import linear_from_srgb, srgb_from_linear
 from inim.pipeline.stages.optimal import LeastSquares
 from inim.scores.metrics.psnr import psnr_db
-from inim.system.errors import UsageError
 from tests.conftest import small_display
 
 PER_LENS = 4
@@ -78,32 +77,7 @@ def test_view_is_product_of_matrix_and_eia(lens_model, changes):
     assert np.allclose(apply(matrices, eia).reshape(view.shape), view, rtol=0, atol=2e-6)
 
 
-@pytest.mark.usefixtures("renderer")
-def test_matrix_does_not_depend_on_rays_per_pass(monkeypatch):
-    from inim.render import view_matrix
-
-    display, eye = small_display(), Viewpoint("eye", 0.0, 0.0, 150.0)
-    whole = matrices_of(display, "thick", [eye], spp=8)[0][0]
-    monkeypatch.setattr(view_matrix, "_SAMPLES_AT_ONCE", 1000)
-    parts = matrices_of(display, "thick", [eye], spp=8)[0][0]
-    assert whole.shape == parts.shape
-    assert abs(whole - parts).max() == 0
-
-
-@pytest.mark.usefixtures("renderer")
-def test_mesh_has_no_matrix():
-    with pytest.raises(UsageError, match="'full': a view has no sparse matrix"):
-        matrices_of(small_display(), "full", [Viewpoint("eye", 0.0, 0.0, 150.0)])
-
-
 # --- The optimum --------------------------------------------------------------------------------
-
-
-def test_slope_is_the_derivative_of_the_srgb_curve():
-    light = np.array([0.001, 0.002, 0.01, 0.2, 0.9], np.float32)
-    step = np.float32(1e-4)
-    difference = (srgb_from_linear(light + step) - srgb_from_linear(light - step)) / (2 * step)
-    assert np.allclose(srgb_slope(light), difference, rtol=2e-3)
 
 
 def test_one_view_pixel_per_panel_pixel_shows_the_scene_itself():

@@ -138,22 +138,6 @@ def test_a_change_of_another_file_of_the_distribution_is_detected(
     assert identity(GROUP, "theirs")["sha256"] != before["sha256"]
 
 
-def test_neighbours_of_an_installed_distribution_do_not_count(site):
-    installed_modules(site)
-    before = identity(GROUP, "theirs")
-    site.write(site.installed, unrelated="", other_of___init__="")
-    assert identity(GROUP, "theirs") == before
-
-
-def test_compiled_files_do_not_count(site):
-    installed_packages(site)
-    before = identity(GROUP, "theirs")
-    compiled = site.installed / "theirs" / "__pycache__"
-    compiled.mkdir()
-    (compiled / "metric.cpython-311.pyc").write_bytes(b"x")
-    assert identity(GROUP, "theirs") == before
-
-
 def test_versions_of_direct_and_indirect_dependencies_count(site, monkeypatch):
     installed_modules(site)
     site.describe("Base_Maths", version="1.0", records="")

@@ -15,7 +15,7 @@ import pytest
 from inim.display import DISPLAYS, Display
 from inim.display.lens.full import _Sheet
 from inim.display.pixels import exact_ratio
-from inim.generators import find_sources, gu2020, wang2024
+from inim.generators import find_sources, gu2020
 from inim.generators.base import HOLE
 from inim.generators.raycast.phases import cells_per_pitch
 from inim.image.files.light_field import view_grid
@@ -100,19 +100,6 @@ def test_the_panel_of_a_quotient_does_not_move():
         assert np.array_equal(getattr(odd, axis).lens, getattr(even, axis).lens)
         slopes = [getattr(display, axis).slope for display in (odd, even)]
         assert np.allclose(*slopes, rtol=1e-14, atol=0)
-
-
-@pytest.mark.parametrize("up", [False, True])
-def test_the_length_of_a_template_does_not_follow_the_unit(up):
-    # Eq. 6: a ray that travels n picture pixels, or n + 1/2, is on the border of two lengths.
-    for halves in range(1, 60):
-        steps = halves / 2
-        expected = wang2024._steps(steps / 4, 0.0, 8.0, 12.0, 1.0, up)[1]
-        assert expected == (1 if steps < (1 if up else 0.5) else
-                            (math.ceil(steps) if up else math.floor(steps + 0.5)) + 1)  # fmt: skip
-        for factor in 10 ** RNG.uniform(-2, 2, 50):
-            near, far, slope = 8.0 * factor, 12.0 * factor, steps / (4 * factor)
-            assert wang2024._steps(slope, 0.0, near, far, 1.0, up)[1] == expected, (steps, factor)
 
 
 def test_a_ratio_is_the_simple_one_within_eight_ulp_and_no_farther():

@@ -11,7 +11,6 @@ import pytest
 
 from inim.report import Report
 from inim.report.document import ReportDocument
-from inim.report.summary import render_summary
 from tests.schemas import report_document
 
 PSNR = ("algorithms", "template", "views", "centre", "psnr_to_reference_db")
@@ -77,14 +76,6 @@ def test_nan_survives_loading_and_writing_again(tmp_path):
     assert math.isnan(psnr_of(Report.load(tmp_path)) or 0)
 
 
-def test_page_agrees_with_report_json(tmp_path):
-    infinite = {"ssim_to_reference": math.inf, "psnr_to_reference_db": 30.0}
-    write(tmp_path, data(30.0, algorithms={"template": {"views": {"centre": infinite}}}))
-    assert "∞" not in (tmp_path / "summary.md").read_text(encoding="utf-8")
-    loaded = Report.load(tmp_path)
-    assert render_summary(loaded.data) == (tmp_path / "summary.md").read_text("utf-8")
-
-
 def test_path_that_is_no_utf8_is_written_and_read_back(tmp_path):
     path = b"scenes/\xff\xe5.xml".decode("utf-8", "surrogateescape")
     write(tmp_path, data(30.0, title=path, command=path, scene={"path": path}))
@@ -103,10 +94,6 @@ def test_notebook_shows_the_page_in_a_frame_that_nothing_leaves(tmp_path):
     based = '<base href="about:srcdoc">'  # or the page's own links would open the notebook in it
     assert page.replace(based, "") == (tmp_path / "report.html").read_text(encoding="utf-8")
     assert page.index(based) < page.index("Content-Security-Policy")
-
-
-def test_notebook_shows_no_frame_without_a_page(tmp_path):
-    assert Report(tmp_path, data(30.0)).page()._repr_html_() is None
 
 
 def test_notebook_shows_the_scores_with_a_link_to_the_page(tmp_path, monkeypatch):

@@ -1,7 +1,6 @@
 """The page of a sweep: means, fronts and rankings against hand-made tables."""
 
 import base64
-import math
 import re
 from itertools import product
 
@@ -10,10 +9,8 @@ import pytest
 from inim.apps.sweep.document import SweepTable
 from inim.apps.sweep.page import (
     best_displays,
-    mean,
     render_sweep,
     results_of,
-    time_column,
     write_page,
 )
 from inim.report.plots import on_front
@@ -39,21 +36,6 @@ def test_a_result_is_the_mean_over_its_viewpoints():
     assert first.scores["ssim"] == pytest.approx(0.6)
     assert second.scores["ssim"] == pytest.approx(0.1)
     assert not first.failed
-
-
-def test_a_mean_of_incomplete_values_is_none():
-    assert mean([]) is None
-    assert mean([0.5, None]) is None
-    assert mean([0.5, math.nan]) is None
-    assert mean([0.5, 0.7]) == pytest.approx(0.6)
-
-
-def test_settings_tell_results_apart_only_where_they_vary():
-    rows = [row(lens_model="thin"), row(lens_model="thick"), row(display="fine")]
-    assert [c.settings for c in results_of(rows)] == [
-        "lens_model = thin", "lens_model = thick", "lens_model = thick",
-    ]  # fmt: skip
-    assert [c.settings for c in results_of(rows[1:])] == ["", ""]
 
 
 def test_the_front_is_the_undominated_set():
@@ -87,12 +69,6 @@ def test_displays_are_ranked_for_each_relic_by_their_best_algorithm():
         ("", "fine", "template", "0.8000"),
     ]
     assert len(texts) == 45  # what failed is not ranked
-
-
-def test_times_are_yardsticks_only_where_all_have_them():
-    timed = row(yardsticks=2.0)
-    assert time_column(results_of([timed, row(algorithm="gu2020")])) == "seconds"
-    assert time_column(results_of([timed, row(algorithm="gu2020", yardsticks=3.0)])) == "yardsticks"
 
 
 def test_the_page_needs_no_other_file_and_shows_the_table(tmp_path):
@@ -146,19 +122,6 @@ def test_each_lens_model_has_its_own_map():
         assert drawing.count(title) >= 1
 
 
-def test_two_listed_parameters_make_a_map_with_depths():
-    rows = [
-        row(pitch_mm=pitch, gap_mm=gap, seed=seed, relic_depth_mm=10 * pitch, ssim_on_relic=score)
-        for n, (pitch, gap, seed) in enumerate(product((0.5, 1.0), (3.3, 3.4, 3.5), (0, 1)))
-        for score in (0.5 + n / 100,)
-    ]
-    page = render_sweep(rows, ABOUT)
-    sources = re.findall(r'base64,([^"]*)" alt="Scores by two parameters"', page)
-    (drawing,) = (base64.b64decode(source).decode() for source in sources)
-    for text in ("0.500", "0.610", "5\xa0mm", "seed = 0", "seed = 1", "gap_mm", "pitch_mm"):
-        assert text in drawing, text
-
-
 def test_failures_come_first_with_their_reasons():
     rows = [row(), row("tripod", status="failed", error="no <such> lens", passed=None)]
     rows.append(row("coin", passed=False, failed_checks="template: 0 shown"))
@@ -167,11 +130,3 @@ def test_failures_come_first_with_their_reasons():
     assert "no &lt;such&gt; lens" in page
     assert "template: 0 shown" in page
     assert "Failed" in page
-
-
-def test_a_study_of_failures_has_a_page():
-    page = render_sweep(
-        [row(status="failed", error="why", ssim=None, ssim_to_reference=None)], ABOUT
-    )
-    assert "why" in page
-    assert "Best display" not in page

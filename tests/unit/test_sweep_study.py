@@ -1,16 +1,14 @@
 """Studies: what is multiplied, what is refused and in which words, and what units are known by."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from inim.apps.sweep.study import AS_SCENE, _check_keys, read_study, study_of, tomllib
-from inim.apps.sweep.table import columns, failed_rows
+from inim.apps.sweep.study import AS_SCENE, read_study
 from inim.apps.sweep.unit import algorithm_inputs, expand, key_of, unit_hash
 from inim.display import DISPLAYS
 from inim.system.errors import EXIT_USAGE, FileError, InimError
-from tests.conftest import run_python, scene_text, sphere
+from tests.conftest import scene_text, sphere
 
 STUDY = """
 [study]
@@ -141,24 +139,6 @@ def test_ranges_are_exact_in_decimals(write_study, text, values):
     assert [float(v["inim.gap_mm"]) for v in study.variations.values()] == values
 
 
-def test_tables_of_a_caller_are_checked_as_those_of_a_file(write_study, monkeypatch):
-    path = write_study(GRID)
-    monkeypatch.chdir(path.parent)
-    study = study_of(tomllib.loads(GRID), "inim.sweep")
-    assert [u.hash for u in expand(study, Path("out"))] == [u.hash for u in units_of(path)]
-    with pytest.raises(InimError, match=r"inim\.sweep: settings\.gap: unknown key"):
-        study_of({**tomllib.loads(GRID), "settings": {"gap": 3}}, "inim.sweep")
-
-
-def test_paths_start_at_the_study_s_folder_and_equal_stems_keep_their_path(write_study, tmp_path):
-    (tmp_path / "sub" / "one.xml").write_text(scene_text(sphere((0, 0, 0), 3)))
-    text = STUDY.replace('"sub/two.xml"', '"sub/one.xml"')
-    assert read_study(write_study(text)).scenes == {
-        "one.xml": tmp_path / "one.xml",
-        "sub/one.xml": tmp_path / "sub/one.xml",
-    }
-
-
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
@@ -207,20 +187,6 @@ def test_too_much_at_once_is_refused(write_study):
     numbers = ", ".join(map(str, range(2, 2002)))
     with pytest.raises(InimError, match="24000 validations"):
         read_study(write_study(STUDY.replace("[2, 4]", f"[{numbers}]")))
-
-
-def test_a_display_of_a_study_is_the_same_for_all_scenes(write_study, tmp_path):
-    scene = (tmp_path / "one.xml").read_text()
-    own = '<default name="inim.conic" value="-0.5"/>'
-    (tmp_path / "one.xml").write_text(scene.replace('"3.0.0">', f'"3.0.0">{own}'))
-    units = [unit for unit in units_of(write_study()) if unit.scene == "one"]
-    conics = {unit.display: unit.plan.display.conic for unit in units}
-    assert conics == {"nominal": 0.0, "tiny": 0.0, "scene": -0.5}
-
-
-def test_a_study_without_a_runnable_unit_is_refused_with_the_first_reason(write_study):
-    with pytest.raises(InimError, match="outside the viewing zone"):
-        units_of(write_study(STUDY.replace("near=0 0 300", "far=900 0 300")))
 
 
 def test_a_key_depends_on_deciding_inputs_only(write_study, tmp_path):
@@ -283,17 +249,6 @@ def test_a_criterion_belongs_to_its_algorithm(write_study):
     assert other["inim.min_ssim_to_reference"] == "template:0.5"
 
 
-def test_rows_of_failed_units_have_all_known_columns(write_study):
-    unit = units_of(write_study())[0]
-    rows = failed_rows(unit, "template", "why")
-    assert [row["viewpoint"] for row in rows] == ["centre", "near"]
-    assert all(row["status"] == "failed" and row["error"] == "why" for row in rows)
-    assert rows[0]["pixels_per_lens"] == pytest.approx(17)
-    (row,) = failed_rows(replace(unit, plan=None, hash=""), "template", "why")
-    assert (row["lens_model"], row["eia_spp"]) == ("thin", 2)
-    assert row.keys() <= columns().keys()
-
-
 # --- Studies made to be read for ever -----------------------------------------------------------
 
 MOST = 2**20 - 1000
@@ -332,63 +287,3 @@ def test_a_key_of_many_parts_is_refused_before_it_is_read(tmp_path, text, monkey
     monkeypatch.setattr("inim.apps.sweep.study.tomllib.loads", lambda _: pytest.fail("was read"))
     with pytest.raises(FileError, match=r"study\.toml: no TOML \(line \d: a key of more than 4"):
         read_study(path)
-
-
-@pytest.mark.parametrize(
-    "title",
-    [
-        '"a.b.c.d.e.f.g.h"',
-        "'a.b.c.d.e.f.g.h'",
-        '"""a.b.c.d\n.e.f.g.h"x"."""',
-        "'''a.b.c.d.e.f.g.h'.'.'.'.'.'.'.'''",
-        '"\\"a.b.c.d.e.f.g.h" # a.b.c.d.e.f.g.h.i',
-        '"""x.""""" # a.b.c.d.e.f.g.h.i',
-        "\"\" # '''a.b.c.d.e.f.g",
-    ],
-)
-def test_dots_in_texts_and_comments_are_no_key(title):
-    """Expected: what the scan lets pass is what TOML lets pass."""
-    text = f"[study]\ntitle = {title}\nsettings = [1.5, 2.5, 3.5, 4.5, 5.5, 6.5]\n"
-    tomllib.loads(text)
-    _check_keys(text)
-
-
-LARGEST = {
-    "tables": lines(lambda k: f"[{k:x}.a.a.a]\n"),
-    "keys": lines(lambda k: f"{k:x}.a.a.a=1\n"),
-    "open": '"""\\' * (MOST // 4),
-    "quotes": "'''" * (MOST // 3),
-    "lists": "a = " + "[" * MOST,
-    "inline": "a = " + "{a=" * (MOST // 3),
-    "scenes": (
-        "[study]\nalgorithms = ['template']\nscenes = [" + lines(lambda k: f"'{k:x}',") + "'a']"
-    ),
-    "lenses": "[study]\nlens_model = [" + "'thin'," * (MOST // 7) + "]",
-    "displays": lines(lambda k: f"[[display]]\nname = 'd{k}'\n"),
-    "long": "x" * MOST + " = 1",
-}
-
-
-@pytest.mark.slow
-def test_the_largest_studies_are_refused_within_seconds_and_half_a_gigabyte(tmp_path):
-    """Runs in a process whose memory and processor time are limited."""
-    for name, text in LARGEST.items():
-        (tmp_path / f"{name}.toml").write_text(text)
-    code = (
-        "import resource, sys\n"
-        "from pathlib import Path\n"
-        "from inim.system.errors import InimError\n"
-        "from inim.apps.sweep.study import read_study\n"
-        "used = int(Path('/proc/self/statm').read_text().split()[0]) * resource.getpagesize()\n"
-        "resource.setrlimit(resource.RLIMIT_AS, (used + 2**29, used + 2**29))\n"
-        "resource.setrlimit(resource.RLIMIT_CPU, (60, 60))\n"
-        "for path in map(Path, sys.argv[1:]):\n"
-        "    try:\n        read_study(path)\n"
-        "    except InimError as error:\n"
-        "        print(str(error).count(chr(10)), len(str(error)) - len(str(path)))\n"
-    )
-    paths = sorted(map(str, tmp_path.iterdir()))
-    printed = run_python(code, *paths, folder=Path(__file__).parents[2])
-    sizes = [tuple(map(int, line.split())) for line in printed.splitlines()]
-    assert len(sizes) == len(LARGEST)
-    assert all(breaks == 0 and length < 300 for breaks, length in sizes)

@@ -18,7 +18,7 @@ from inim.report.images import ENCODINGS, ReportImages
 from inim.report.page import package_text
 from inim.report.virtual_display import LIVE, Panel, embed_panels, still_view
 from tests.conftest import small_display
-from tests.unit.test_report_html import HOSTILE, Page, noise, render_html, report, save
+from tests.unit.test_report_html import Page, noise, render_html, report, save
 
 DISPLAY = small_display(12, 10, 8)
 PAGE_SCRIPT = package_text("page.js")
@@ -71,64 +71,6 @@ def test_only_the_display_s_own_script_may_run(tmp_path):
     assert directives["script-src"] == " ".join(f"'sha256-{script}'" for script in digests)
     assert directives["img-src"] == "data:"
     assert not re.search(r"https?://|@import|url\(|\beval\b|Function\(|fetch\(", page)
-
-
-def test_hostile_names_stay_names(tmp_path):
-    name = "<script>alert(1)<!--"
-    data = shown_report(tmp_path) | report({"template": 0.9}, views=(name,))
-    data["display"] = {"parameters": DISPLAY.parameters(), "derived": DISPLAY.derived_quantities()}
-    data["title"] = data["lens_model"] = HOSTILE
-    data["misalign"] = ""
-    page = render_html(data, tmp_path)
-    assert len(Page(page).scripts) == 3
-    assert block(page)["viewpoints"] == [{"name": name, "position_mm": [0, 0, 416]}]
-    assert Page(page).open == []
-    assert "alert(1)<!--" not in page.split("<main>")[0]
-
-
-def test_viewpoint_called_centre_is_where_the_eye_starts(tmp_path):
-    data = shown_report(tmp_path)
-    data["viewpoints"].reverse()
-    assert block(render_html(data, tmp_path))["viewpoints"][0]["name"] == "centre"
-
-
-@pytest.mark.parametrize(
-    ("scored_with", "fill_factor", "first"),
-    [("pinhole", 1, "pinhole"), ("thin", 1, "thin"), ("thick", 1, "thick"), ("thick", 0.8, "thin")],
-)
-def test_it_starts_with_the_lens_model_nearest_to_the_report_s(
-    tmp_path, scored_with, fill_factor, first
-):
-    data = shown_report(tmp_path, display=DISPLAY.replace(fill_factor=fill_factor))
-    page = Page(render_html(data | {"lens_model": scored_with}, tmp_path))
-    radios = [i for i in page.tags("input") if i["type"] == "radio"]
-    models = [i for i in radios if i["name"] not in ("comparison", "metric")]
-    assert [i["value"] for i in models if "checked" in i] == [first]
-    assert ("the most similar lens model" in page.text) == (scored_with != first)
-
-
-@pytest.mark.parametrize(
-    ("spoil", "words"),
-    [
-        (lambda d: d["display"]["parameters"].update(lens_rows=11), "not of the panel's size"),
-        (lambda d: d["viewpoints"][0].update(position_mm=[0, 0, -4]), "no viewpoint"),
-    ],
-)
-def test_panels_without_a_live_display_are_left_out_with_the_reason(tmp_path, spoil, words):
-    data = shown_report(tmp_path) | report({"template": 0.9}, views=("centre",))
-    data["display"] = {"parameters": DISPLAY.parameters(), "derived": DISPLAY.derived_quantities()}
-    spoil(data)
-    page = render_html(data, tmp_path)
-    assert words in Page(page).text
-    assert Page(page).scripts == [PAGE_SCRIPT]
-
-
-def test_missing_panel_is_named_and_the_rest_is_shown(tmp_path):
-    data = shown_report(tmp_path, ("template", "wang2024"))
-    (tmp_path / "eia/wang2024.png").unlink()
-    page = render_html(data, tmp_path)
-    assert [panel["name"] for panel in block(page)["panels"]] == ["Reference", "template"]
-    assert "Missing, or not of the panel's size: wang2024." in Page(page).text
 
 
 IMAGES = ReportImages(Path(), ENCODINGS[0])
