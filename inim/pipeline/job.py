@@ -20,13 +20,12 @@ from inim.system.cache import ResultCache, open_store
 from inim.system.errors import naming
 from inim.system.process.atomic_file import file_errors
 from inim.system.process.observer import Observer
-from inim.system.worker.output import publish
 
 
 def run_job(plan: Plan, staging: Path, observer: Observer) -> bool:
-    """Entry point in the worker: validate and publish the report; True if every check passed.
+    """Entry point in the worker: validate and write the report; True if every check passed.
 
-    An unchanged run publishes its last report again, from the cache.
+    An unchanged run writes its last report again, from the cache.
     """
     cache = _open_cache(plan)
     with naming(plan.request.scene):
@@ -34,7 +33,6 @@ def run_job(plan: Plan, staging: Path, observer: Observer) -> bool:
             report = _run_or_reuse(plan, staging, observer, cache)
         else:
             report = run(plan, staging, observer, cache)
-    publish(staging, plan.request.out)
     return report.passed
 
 

@@ -23,7 +23,7 @@ import inim
 from inim.system.backend import kernels
 from inim.system.errors import EXIT_BACKEND, EXIT_PASSED, FileError
 from inim.system.process.observer import Observer
-from inim.system.worker.output import staging_folder
+from inim.system.worker.output import hidden_folder
 from inim.system.worker.serve import Job, _run_with_retry
 from tests.system.conftest import (
     ALONE,
@@ -205,7 +205,7 @@ MOVES = """
 import sys
 from pathlib import Path
 import json
-from inim.system.worker.output import publish, staging_folder
+from inim.system.worker.output import staging_folder
 out, name, count = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 for k in range(count):
     with staging_folder(out) as staging:
@@ -214,7 +214,6 @@ for k in range(count):
             (staging / file).parent.mkdir(exist_ok=True)
             (staging / file).write_text(name)
         (staging / "report.json").write_text(json.dumps({"files": names, "of": name}))
-        publish(staging, out)
 """
 
 
@@ -232,16 +231,16 @@ def test_reports_published_at_once_never_mix(tmp_path):
 # --- Kills --------------------------------------------------------------------------------------
 
 
-def test_staging_folder_of_a_dead_run_is_cleared_away_and_of_a_living_one_is_not(tmp_path):
+def test_hidden_folder_of_a_dead_run_is_cleared_away_and_of_a_living_one_is_not(tmp_path):
     out = tmp_path / "o*ut"
     code = "import sys, os; from pathlib import Path\n"
-    code += "from inim.system.worker.output import staging_folder"
-    code += "; staging_folder(Path(sys.argv[1])).__enter__(); os.kill(os.getpid(), 9)"
+    code += "from inim.system.worker.output import hidden_folder"
+    code += "; hidden_folder(Path(sys.argv[1])).__enter__(); os.kill(os.getpid(), 9)"
     for _ in range(3):
         assert subprocess.run([sys.executable, "-c", code, str(out)]).returncode == -9
     others = tmp_path / ".oXut.mine.partial"
     others.mkdir()
-    with staging_folder(out) as mine, staging_folder(out) as again:
+    with hidden_folder(out) as mine, hidden_folder(out) as again:
         assert sorted(tmp_path.iterdir()) == sorted([mine, again, others])
     assert list(tmp_path.iterdir()) == [others]
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from inim.system.errors import FileError
-from inim.system.worker.output import list_name, lock_folder, publish, staging_folder
+from inim.system.worker.output import list_name, lock_folder, staging_folder
 
 LIST = ".report-files.json"
 
@@ -23,7 +23,6 @@ def write_report(out: Path, **files: str) -> None:
     """Write a report as a run does."""
     with staging_folder(out) as staging:
         fill(staging, **files)
-        publish(staging, out)
 
 
 def fill(staging: Path, **files: str) -> None:
@@ -42,6 +41,16 @@ def tree(folder: Path) -> dict[str, str]:
             text = path.read_text() if path.is_file() and not path.is_symlink() else kind
             contents[str(path.relative_to(folder))] = text
     return contents
+
+
+def test_a_block_that_fails_changes_nothing(tmp_path):
+    out = tmp_path / "out"
+    write_report(out, **{"a.png": "first"})
+    before = tree(tmp_path)
+    with pytest.raises(ZeroDivisionError), staging_folder(out) as staging:
+        fill(staging, **{"a.png": "second"})
+        raise ZeroDivisionError
+    assert tree(tmp_path) == before
 
 
 def assert_refused(out: Path, message: str) -> None:
@@ -160,7 +169,6 @@ def test_link_created_while_the_run_renders_is_not_followed(tmp_path, elsewhere,
         shutil.rmtree(path) if path.is_dir() else path.unlink()
         path.symlink_to(target[kind])
         before = tree(out), tree(elsewhere)
-        publish(staging, out)
     assert (tree(out), tree(elsewhere)) == before
 
 
@@ -195,7 +203,6 @@ def test_file_in_the_way_is_named_and_nothing_is_touched(tmp_path, mine, theirs)
         (out / mine).parent.mkdir(parents=True, exist_ok=True)
         (out / mine).write_text("mine")
         before = tree(out)
-        publish(staging, out)
     assert tree(out) == before
 
 

@@ -27,11 +27,10 @@ from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.timing import Rounds, thread_count
 from inim.scores.document_parts import BackendRecord, origin
 from inim.system.process.observer import Observer
-from inim.system.worker.output import publish, staging_folder
+from inim.system.worker.output import staging_folder
 from inim.system.worker.supervisor import run_in_worker
 
-_MARKER = "bench.json"
-_FILES = (_MARKER, "bench.html", "bench.md")
+_FILES = ("bench.json", "bench.html", "bench.md")
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False)
 def run_job(
     job: tuple[BenchRequest, Plan, float | None], staging: Path, observer: Observer
 ) -> bool:
-    """Entry point in the worker: measure, write and publish."""
+    """Entry point in the worker: measure and write."""
     request, plan, load = job
     observer.stage("start")
     renderer = Renderer("llvm", observer)
@@ -90,7 +89,6 @@ def run_job(
     observer.stage("write")
     results = {"warnings": warnings, "notes": notes, "scene": scene, "load": final_load}
     write_bench(replaced(document, **results), staging)
-    publish(staging, request.validation.out, _MARKER)
     return True
 
 

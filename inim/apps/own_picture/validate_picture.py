@@ -59,7 +59,7 @@ from inim.scores.document_parts import (
 from inim.scores.metrics import MAIN
 from inim.system.errors import FileError, UsageError, naming
 from inim.system.process.observer import Observer
-from inim.system.worker.output import publish, staging_folder
+from inim.system.worker.output import staging_folder
 from inim.system.worker.supervisor import run_in_worker
 
 if TYPE_CHECKING:
@@ -178,7 +178,7 @@ def _check_picture(rgbd: RGBD, display: Display, name: str) -> None:
 
 
 def run_job(plan: _PicturePlan, staging: Path, observer: Observer) -> bool:
-    """Entry point in the worker: generate, reconstruct, score, write and publish."""
+    """Entry point in the worker: generate, reconstruct, score and write."""
     request, display, settings = plan.request, plan.display, plan.settings
     observer.stage("start")
     renderer = Renderer(request.backend, observer)
@@ -202,7 +202,6 @@ def run_job(plan: _PicturePlan, staging: Path, observer: Observer) -> bool:
         **results,
     )
     write_picture_report(data, staging)
-    publish(staging, request.out)
     return data.verdict.passed
 
 

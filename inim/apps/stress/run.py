@@ -36,11 +36,10 @@ from inim.scores.document_parts import BackendRecord, origin
 from inim.system.errors import UsageError
 from inim.system.process.observer import Observer
 from inim.system.process.user_paths import user_text
-from inim.system.worker.output import publish, staging_folder
+from inim.system.worker.output import staging_folder
 from inim.system.worker.supervisor import run_in_worker
 
-_MARKER = "stress.json"
-_FILES = (_MARKER, "stress.html", "stress.md")
+_FILES = ("stress.json", "stress.html", "stress.md")
 _VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy")
 # Default algorithms, in addition to those of other packages.
 _DEFAULT = ("template", "layered", "gu2020", "wang2024", "wang2024:matching=ray", "li2012")
@@ -97,12 +96,11 @@ def run_stress(request: StressRequest, *, quiet: bool = True, debug: bool = Fals
 
 
 def run_job(job: tuple[StressRequest, Plan | None], staging: Path, observer: Observer) -> bool:
-    """Entry point in the worker: measure, write and publish; True if every check passed."""
+    """Entry point in the worker: measure and write; True if every check passed."""
     request, plan = job
     document = _measure(request, plan, observer)
     observer.stage("write")
     write_stress(document, staging, parts_of(document), summary_lines(document))
-    publish(staging, request.out, _MARKER)
     for check in document.checks:
         word = "ok    " if check.passed else "FAILED"
         observer.line(f"{word}  {check.name}: {check.cases} cases, {check.broken} broken")

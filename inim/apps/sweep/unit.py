@@ -51,7 +51,7 @@ from inim.system.process.atomic_file import file_errors, write_atomically
 from inim.system.process.interrupts import delayed_interrupts
 from inim.system.process.observer import Observer
 from inim.system.version import __version__
-from inim.system.worker.output import publish, staging_folder
+from inim.system.worker.output import hidden_folder, staging_folder
 from inim.system.worker.supervisor import OnStart, run_in_worker
 
 # Settings that do not affect a score, or are in the key under another name.
@@ -307,7 +307,7 @@ def _staging(task: SweepTask) -> AbstractContextManager[Path]:
             f"{folder}: belongs to another user or is open to others; set TMPDIR to a folder of "
             "your own"
         )
-    return staging_folder(folder / "unit")
+    return hidden_folder(folder / "unit")
 
 
 def report_folder(out: Path, unit: str) -> Path:
@@ -322,8 +322,6 @@ def run_job(task: SweepTask, staging: Path, observer: Observer) -> bool:
     report = _validate(task, plan, staging, observer)
     results = Results(task.request.out)
     with delayed_interrupts():
-        if task.keep_report:  # before the results, which mark the unit as finished
-            publish(staging, report_folder(task.request.out, task.unit))
         for name in task.algorithms:
             results.write(
                 unit_document(

@@ -19,9 +19,8 @@ from inim.system.errors import FileError
 from inim.system.process.atomic_file import file_errors, temporary_folder
 from inim.system.process.interrupts import delayed_interrupts
 
-_MARKER = "report.json"
 #: Files and folders of every report; the first marks a whole report.
-REPORT = (_MARKER, "report.html", "junit.xml", "summary.md", "eia/", "truth/", "views/")
+REPORT = ("report.json", "report.html", "junit.xml", "summary.md", "eia/", "truth/", "views/")
 
 
 def default_out(source: Path | None, kind: str) -> Path:
@@ -52,7 +51,8 @@ def hidden_folder(out: Path) -> Iterator[Path]:
 
 @contextmanager
 def staging_folder(out: Path, names: Sequence[str] = REPORT) -> Iterator[Path]:
-    """Yield an empty folder next to `out` to build a result in; remove it afterwards.
+    """Yield an empty folder next to `out` to build a result in; move the result into `out` if the
+    block ends without error.
 
     `names` are files and folders/ that the result will contain, its JSON first. Raises `FileError`
     if `out` is a file or cannot be written, or if a file of other origin is in the way.
@@ -69,21 +69,18 @@ def staging_folder(out: Path, names: Sequence[str] = REPORT) -> Iterator[Path]:
                     _check_replaceable(out, name, listed)
     with hidden_folder(out) as staging:
         yield staging
+        _publish(staging, out, names[0])
 
 
 @contextmanager
 def output_files(out: Path, names: Sequence[str]) -> Iterator[Path]:
-    """Yield a folder to write files in; move them into `out` if the block ends without error.
-
-    Parameters and errors are those of `staging_folder`.
-    """
-    with staging_folder(out, names) as staging:
-        with file_errors(out, "free some space or choose another folder with -o"):
-            yield staging
-        publish(staging, out, names[0])
+    """Yield a folder as `staging_folder` does; an `OSError` in the block becomes a `FileError`."""
+    remedy = "free some space or choose another folder with -o"
+    with staging_folder(out, names) as staging, file_errors(out, remedy):
+        yield staging
 
 
-def publish(staging: Path, out: Path, marker: str = _MARKER) -> None:
+def _publish(staging: Path, out: Path, marker: str) -> None:
     """Move a finished result into `out`, replacing the files of an earlier run.
 
     The result's JSON, `marker`, is moved last and its predecessor is removed first: a killed run

@@ -100,8 +100,8 @@ class ConsoleObserver(Observer):
             self._bar.refresh()
 
 
-#: Entry point of a worker: publishes the result of a request, built in a staging folder; returns
-#: True if every check passed.
+#: Entry point of a worker: writes the result of a request into a staging folder; returns True if
+#: every check passed.
 RunJob = Callable[[Any, Path, Observer], bool]
 
 
