@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from inim.system.backend import LLVM_VARIABLE, choose_backend
+from inim.system.backend import LLVM_VARIABLE
 from inim.system.errors import EXIT_BACKEND
 from tests.system.conftest import Ended, assert_one_line, run_child
 
@@ -67,12 +67,4 @@ def test_version_that_aborts_is_refused_whatever_its_name(tmp_path):
 
 def test_chosen_library_is_the_loaded_one():
     ended = render_with(None)
-    assert ended.stdout.strip() == "[2]", ended.stderr
-
-
-def test_mitsuba_renders_with_the_chosen_library_in_a_child_that_chooses_nothing():
-    backend = choose_backend()
-    script = f"import mitsuba as mi; mi.set_variant({backend.variant!r}); print(mi.Float(1) + 1)"
-    variables = {LLVM_VARIABLE: str(backend.libllvm)} if backend.libllvm else {}
-    ended = run_child([sys.executable, "-c", script], env={**os.environ, **variables})
     assert ended.stdout.strip() == "[2]", ended.stderr

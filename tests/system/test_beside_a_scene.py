@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Sequence
@@ -23,7 +22,6 @@ from inim.image.rgbd import RGBD
 from inim.system.errors import EXIT_PASSED, EXIT_USAGE
 from inim.system.process.python_process import child_environment, python_code, python_module
 from tests.conftest import scene_text, square
-from tests.schemas import read_document
 from tests.system.conftest import (
     ALONE,
     TINY,
@@ -96,39 +94,12 @@ eia = inim.generate(rgbd, display, "gu2020")
 """
 
 
-def test_a_program_s_own_kernels_obey_its_configuration(tmp_path):
-    script = PICTURE + (
-        "import numba\n"
-        "assert not numba.config.BOUNDSCHECK\n"
-        "numba.njit(lambda: 1)()\n"
-        "assert numba.config.BOUNDSCHECK\n"
-        "open('.numba_config.yaml', 'w').write('[')\n"
-        "inim.generate(rgbd, display, 'wang2024')\n"
-        "assert numba.config.BOUNDSCHECK\n"
-    )
-    (tmp_path / ".numba_config.yaml").write_text("boundscheck: 1", "utf-8")
-    nothing_compiled = child_environment() | {"NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
-    subprocess.run(python_code(script), cwd=tmp_path, env=nothing_compiled, check=True, timeout=300)
-
-
 def test_pictures_are_drawn_without_the_current_folder_s_configuration(tmp_path):
     small = definitions({"inim.lens_columns": "6", "inim.lens_rows": "6"})
     words = python_module("inim", "inspect", "nominal", "-o", "out", *small)
     ended = run_configured(words, configured(tmp_path))
     assert ended.code == EXIT_PASSED, ended.stderr
     assert list((tmp_path / "out").rglob("*.png"))
-
-
-def test_a_child_in_another_folder_finds_the_caller_s_relative_folders(tmp_path, monkeypatch):
-    """An empty entry is the current folder."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(["mine", "", str(tmp_path / "other")]))
-    monkeypatch.setenv("NUMBA_CACHE_DIR", "kernels")
-    variables = child_environment()
-    folders = [Path(folder) for folder in variables["PYTHONPATH"].split(os.pathsep)]
-    assert folders[-2:] == [tmp_path / "mine", tmp_path / "other"]
-    assert Path() not in folders
-    assert variables["NUMBA_CACHE_DIR"] == str(tmp_path / "kernels")
 
 
 CHILD = """
@@ -196,22 +167,6 @@ def test_renderer_files_in_the_current_folder_change_no_image_and_no_cached_resu
     np.testing.assert_array_equal(means[0], means[1])
     red, _, blue = means[0]
     assert red > 1.5 * blue  # gold
-
-
-def test_messages_and_reports_have_the_paths_as_given(tmp_path):
-    """The worker runs in another folder."""
-    scene = write_scene(tmp_path / "sub")
-    (tmp_path / "here").mkdir()
-    words = python_module("inim", "validate", "../sub/tiny.xml", *definitions(ONE_VIEW))
-    ended = run_child([*words, "-o", "out"], cwd=tmp_path / "here", env=child_environment())
-    assert ended.code == EXIT_PASSED, ended.stderr
-    data = read_document(tmp_path / "here" / "out" / "report.json")
-    assert data["scene"]["path"] == "../sub/tiny.xml"
-    assert " ../sub/tiny.xml -o out " in data["command"]
-    scene.write_text('<scene version="3.0.0"><shape type="nonexistent"/></scene>')
-    ended = run_child([*words, "-o", "out"], cwd=tmp_path / "here", env=child_environment())
-    assert ended.code == EXIT_USAGE
-    assert ended.stderr.startswith("inim: error: ../sub/tiny.xml: the renderer refuses it")
 
 
 # --- Every file that is opened -------------------------------------------------------------------

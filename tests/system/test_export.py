@@ -97,22 +97,6 @@ def test_the_best_algorithm_is_exported_unless_another_is_named(folder):
         np.testing.assert_array_equal(eia, np.asarray(pictures[name]))
 
 
-@pytest.mark.parametrize(
-    ("more", "message"),
-    [
-        (["--pdf", "p.pdf", "--algorithms", "tempate"], ["tempate", "did you mean template?"]),
-        (["--pdf", "p.pdf", "--algorithms", "Truth"], ["did you mean truth?"]),
-        (["--pdf", "p.pdf", "--display", "phone"], ["has its own display"]),
-        (["--hci", "h", "--grid", "8x8"], ["--grid 8x8", "no centre view"]),
-        (["--pdf", "p.pdf", "--tiles", "8x6"], ["--tiles", "--quilt FILE"]),
-        (["--quilt", "q.png", "--scene", "scene.xml"], ["--scene", "--algorithms truth"]),
-        (["--quilt", "q.png", "--tiles", "10x10"], ["--tiles 10x10", "--view-size"]),
-    ],
-)
-def test_a_mistake_is_one_line_and_nothing_is_written(folder, more, message):
-    assert_refused("export", "OUT", *more, folder=folder, says=message)
-
-
 def once_a_lens(rgbd: RGBD, display: Display) -> RGBD:
     """The picture's samples at lens centres, as a camera of one pixel a lens on the array."""
     at = [

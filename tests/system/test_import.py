@@ -46,11 +46,3 @@ def test_static_list_of_names_is_that_of_the_loaded_ones():
     for name in inim._HOME:
         value = getattr(inim, name)
         assert not isinstance(value, ModuleType) and (name == "DISPLAYS" or value.__doc__)
-
-
-def test_functions_stay_functions_after_the_import_of_any_module():
-    code = (
-        "import inim, inim.apps.sweep.run, inim.apps.inspect.findings, inim.apps.export.export"
-        "\nprint([callable(getattr(inim, n)) for n in ('sweep', 'inspect', 'export')])"
-    )
-    assert run_python(code) == "[True, True, True]"

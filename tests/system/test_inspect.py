@@ -6,18 +6,16 @@ input ends in one line, the documented exit code, and nothing written.
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from inim.apps.inspect import geometry
 from inim.cli.main import main
 from inim.system.errors import EXIT_PASSED
-from tests.schemas import read_document, read_text
+from tests.schemas import read_text
 from tests.system.conftest import assert_refused, definitions, write_scene
 from tests.unit.test_cli import loaded_by
 
@@ -39,24 +37,6 @@ def inspect(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
     output = capsys.readouterr()
     assert output.err == ""
     return output.out
-
-
-@pytest.mark.parametrize("preset", ["nominal", "phone"])
-def test_text_of_a_preset_fits_a_terminal_and_names_the_figures(capsys, preset):
-    text = inspect(capsys, preset)
-    assert max(map(len, text.splitlines())) <= 100
-    for words in (
-        f"Display {preset}",
-        "central depth plane D         33 mm",
-        "viewing half angle of a lens  8.616°",
-        "real: pictures stand in front",
-        "RMS radius",
-        "crosstalk",
-        "two eyes fit",
-        "MB/frame",
-    ):
-        assert words in text
-    assert "nan" not in text and "inf " not in text
 
 
 def test_json_is_valid_and_complete_with_units(capsys):
@@ -87,28 +67,6 @@ def numbers(value: object, place: str = "", key: str = "") -> list[tuple[str, st
     return [(place, key, float(value))] if is_number else []  # type: ignore[arg-type]
 
 
-@pytest.fixture(scope="module")
-def inspection_folder(tmp_path_factory):
-    """The folder of a run with -o."""
-    out = tmp_path_factory.mktemp("inspect") / "new" / "folder"
-    assert main(["inspect", "nominal", *SMALL, "-o", str(out)]) == EXIT_PASSED
-    return out
-
-
-def test_folder_gets_the_json_and_a_figure_with_something_on_it(inspection_folder):
-    files = ["inspect.json", "inspect.png", "inspect.svg"]
-    assert sorted(p.name for p in inspection_folder.iterdir()) == files
-    data = read_document(inspection_folder / "inspect.json")
-    assert (data["schema"], data["source"]) == ("inim.inspect/3", "nominal")
-    pixels = np.asarray(Image.open(inspection_folder / "inspect.png").convert("RGB"))
-    assert pixels.shape[0] > 800 and pixels.shape[1] > 1200
-    assert len(np.unique(pixels @ np.array([1 << 16, 1 << 8, 1]))) > 200
-    svg = ElementTree.parse(inspection_folder / "inspect.svg").getroot()
-    words = " ".join("".join(node.itertext()) for node in svg.iter() if node.tag.endswith("}text"))
-    for label in ("depth z, mm", "eye x, mm", "x on the panel, µm", "no flips", "crosstalk, %"):
-        assert label in words
-
-
 def test_scene_s_settings_are_read_and_the_command_line_wins(capsys, tmp_path):
     settings = (
         '<default name="inim.gap_mm" value="2.7"/><default name="inim.lens_model" value="thin"/>'
@@ -125,27 +83,6 @@ def test_scene_s_settings_are_read_and_the_command_line_wins(capsys, tmp_path):
     data = read_text(inspect(capsys, scene, *words))
     assert (data["depth"]["mode"], data["lens_model"]["name"]) == ("real", "pinhole")
     assert data["viewing"]["distance_mm"] == 300
-
-
-def test_a_focused_display_omits_the_formula_s_range(capsys):
-    text = inspect(capsys, "nominal", *FOCUSED)
-    assert "depth range                   4 to 24 mm (from the settings)" in text
-    assert "focused: g = f" in text
-    assert "Depth range cut" not in text and "central depth plane D " not in text
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        FOCUSED,
-        definitions({"inim.fill_factor": "1e-6", "inim.tilt_x_deg": "1"}),
-        definitions({"inim.lattice": "hexagonal", "inim.abbe_number": "57"}),
-        [*definitions({"inim.elemental_pitch_mm": "0.9"}), "--distance", "400"],
-    ],
-    ids=["focused", "dark", "colours", "no zone"],
-)
-def test_json_of_odd_displays_keeps_its_schema(capsys, words):
-    read_text(inspect(capsys, "nominal", *words, "--json"))
 
 
 @pytest.mark.parametrize(
@@ -172,13 +109,6 @@ def test_json_of_odd_displays_keeps_its_schema(capsys, words):
 )
 def test_bad_input_is_one_line_with_the_fix(tmp_path, words, says):
     assert_refused("inspect", *words, "-o", "out", folder=tmp_path, says=says)
-
-
-def test_folder_that_is_a_file_is_refused(tmp_path):
-    (tmp_path / "out").write_text("mine")
-    for out in ("out", "out/deeper"):
-        assert_refused("inspect", "nominal", *SMALL, "-o", out, folder=tmp_path, says=["out", "-o"])
-    assert (tmp_path / "out").read_text() == "mine"
 
 
 def test_neither_the_renderer_nor_the_plots_are_loaded_for_a_text():

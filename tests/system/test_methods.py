@@ -20,7 +20,6 @@ from PIL import Image
 import inim
 from inim.generators import SourceGenerator, algorithm_items
 from inim.image.color import srgb_from_linear
-from inim.image.files.eia_file import read_eia
 from inim.image.files.image import read_exr, write_exr
 from inim.pipeline.job import setup
 from inim.pipeline.plan import Plan, make_plan
@@ -32,7 +31,7 @@ from inim.pipeline.stages.scene import Scene
 from inim.pipeline.stages.stage import Run as StageRun
 from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE, FileError, UsageError
 from inim.system.process.observer import Observer
-from tests.conftest import run_python, small_display, square
+from tests.conftest import small_display, square
 from tests.schemas import read_document
 from tests.system.conftest import (
     TINY,
@@ -40,7 +39,6 @@ from tests.system.conftest import (
     assert_one_line,
     install_metadata,
     nothing_left,
-    run_here,
     worker_here,
     write_scene,
 )
@@ -205,26 +203,6 @@ def test_bad_file_is_refused_before_anything_is_rendered(tiny_scene, name, says)
     assert "\n" not in str(caught.value)
 
 
-DECODERS = """
-import sys
-from pathlib import Path
-from inim.pipeline.plan import make_plan
-from inim.pipeline.request import Request
-from inim.pipeline.stages.method import parse_eias
-make_plan(Request(Path(sys.argv[1]), Path("out"), parse_eias(sys.argv[2:])))
-print(*sorted({"OpenEXR", "PIL", "mitsuba"} & set(sys.modules)))
-"""
-
-
-def test_plans_decode_no_picture_because_they_are_outside_the_worker(tiny_scene):
-    folder = tiny_scene.parent
-    eias = []
-    for name in ("a.png", "b.exr"):
-        (folder / name).write_bytes(b"never opened")
-        eias.append(f"{name[0]}={folder / name}")
-    assert run_python(DECODERS, tiny_scene, *eias) == ""
-
-
 def write_bad_files(folder: Path, shape: tuple[int, int]) -> None:
     for name in ("text.png", "text.exr", "mine.tif"):
         (folder / name).write_text("no picture")
@@ -237,24 +215,6 @@ def write_bad_files(folder: Path, shape: tuple[int, int]) -> None:
         (folder / name).write_bytes(whole[: len(whole) // 2])
     Image.fromarray(noise[:7, :9]).save(folder / "small.png")
     write_exr(folder / "small.exr", noise[:7, :9] / np.float32(255))
-
-
-@pytest.mark.parametrize(
-    ("mode", "alpha"),
-    [("1", False), ("L", False), ("P", False), ("LA", True), ("RGB", False), ("RGBA", True)],
-)
-def test_png_of_any_kind_is_read_as_srgb(tmp_path, mode, alpha):
-    display = small_display()
-    picture = Image.new("RGBA", display.eia_shape[::-1], (255, 255, 255, 255))
-    picture.paste((0, 0, 0, 0), (0, 0, 10, 20))
-    (picture if alpha else picture.convert("RGB")).convert(mode).save(tmp_path / "mine.png")
-    eia, covered = read_eia(tmp_path / "mine.png", display)
-    assert (eia.shape, eia.dtype) == ((*display.eia_shape, 3), np.float32)
-    assert eia[:20, :10].max() == 0
-    assert eia[20:].min() == eia[:, 10:].min() == 1
-    assert (covered is not None) == alpha
-    if covered is not None:
-        assert np.count_nonzero(~covered) == 200
 
 
 @pytest.mark.parametrize(
@@ -454,15 +414,3 @@ def test_result_of_a_generator_is_looked_at(generator, says):
 
 
 # --- What there is ------------------------------------------------------------------------------
-
-
-def test_list_of_algorithms_names_options_and_load_errors(tmp_path, others):
-    process = run_here("info", "algorithms", folder=tmp_path, variables=others)
-    assert process.code == EXIT_PASSED
-    rows = dict(line.split(maxsplit=1) for line in process.stdout.splitlines())
-    assert rows["example:brightness=1.0"].startswith("Prepare an algorithm that assumes")
-    assert "cannot be loaded" in rows["gone"]
-    assert list(rows)[-2].startswith("pickup:spp=")
-    assert list(rows)[-1].startswith("optimal:zone=")
-    assert {"template", "wang2024"} <= {entry.partition(":")[0] for entry in rows}
-    assert process.stderr == ""

@@ -110,18 +110,6 @@ def test_impossible_options_are_refused(tmp_path, options, words):
     assert list(tmp_path.iterdir()) == [source.parent]
 
 
-def test_existing_files_stay_unless_forced(tmp_path):
-    source = saved(tmp_path, box((1, 2, 3)))
-    bystander = tmp_path / "a.ply"
-    bystander.write_text("mine")
-    with pytest.raises(UsageError, match="--force"):
-        new_scene(source, tmp_path / "a.xml", unit="mm", up="y")
-    assert bystander.read_text() == "mine"
-    assert not (tmp_path / "a.xml").exists()
-    new_scene(source, tmp_path / "a.xml", unit="mm", up="y", force=True)
-    read_mesh(bystander)
-
-
 def test_forcing_removes_the_parts_that_only_the_earlier_scene_had(tmp_path):
     skins = [f"newmtl {name}\nmap_Kd {name}.png\n" for name in ("one", "two")]
     target = tmp_path / "given"
@@ -182,13 +170,6 @@ def test_a_soup_of_triangles_is_smoothed_as_one_surface():
     normals = add_vertex_normals(soup).normals
     assert normals is not None
     assert np.einsum("ij,ij->i", normals, add_vertex_normals(soup).vertices).min() > 0.995
-
-
-def test_normals_of_the_file_are_kept_and_turned(tmp_path):
-    mesh = box((1, 2, 3), normals=np.tile(np.float32([0, 0, 1]), (8, 1)))
-    out = new_scene(saved(tmp_path, mesh), tmp_path / "a.xml", unit="mm", up="z")
-    normals = read_mesh(out.with_suffix(".ply"))[0].normals
-    np.testing.assert_allclose(normals, np.tile([0, 1, 0], (8, 1)), atol=1e-6)
 
 
 # --- In Mitsuba ---------------------------------------------------------------------------------
@@ -253,21 +234,6 @@ def test_a_white_relic_is_not_clipped(tmp_path, mi, kind):
     assert views["dark"] == pytest.approx(views["plaster"], rel=1e-2)
 
 
-def test_off_is_read(tmp_path):
-    """Triangles and quads; what is binary or of another kind is refused in one line."""
-    text = "OFF\n# a pyramid\n5 5 0\n-1 0 -1\n1 0 -1\n1 0 1\n-1 0 1\n0 2 0\n"
-    text += "3 0 1 4\n3 1 2 4\n3 2 3 4\n3 3 0 4\n4 3 2 1 0\n"
-    (tmp_path / "a.off").write_text(text)
-    (mesh,) = read_mesh(tmp_path / "a.off")
-    assert (len(mesh.vertices), len(mesh.faces)) == (5, 6)
-    out = new_scene(tmp_path / "a.off", tmp_path / "a.xml", unit="mm", up="y")
-    assert np.ptp(read_mesh(out.with_suffix(".ply"))[0].vertices, axis=0).tolist() == [2, 2, 2]
-    for bad in ("OFF BINARY\n", "4OFF\n1 1 1\n", "OFF\n9 9 9\n", text.replace("4 3 2", "4 9 2")):
-        (tmp_path / "bad.off").write_text(bad)
-        with pytest.raises(FileError, match=r"bad\.off: .*(not a|export)"):
-            read_mesh(tmp_path / "bad.off")
-
-
 def quadrants(folder: Path) -> Path:
     """An OBJ square whose picture is red and green above, blue and white below."""
     pixels = np.zeros((64, 64, 3), np.uint8)
@@ -289,17 +255,6 @@ def test_texture_is_the_right_way_up(tmp_path, mi):
         others = [c for c in range(3) if c not in channels]
         # A dielectric's white highlight is the floor under the other channels.
         assert color[channels].min() > 3 * color[others].max()
-
-
-@pytest.mark.parametrize(
-    "name", ['a "b" c', "Tom & <Jerry>", "青铜 鼎", "it's", "50$ $off", "a\\b", "tab\tline\nend"]
-)
-def test_odd_names_survive(tmp_path, mi, name):
-    source = saved(tmp_path, box((1, 2, 3)), f"{name}.ply")
-    out = new_scene(source, tmp_path / f"{name}.xml", unit="mm", up="y", title=name)
-    assert out.name == f"{name}.xml"
-    scene = mi.load_file(str(out))
-    assert sum(s.is_mesh() and not s.is_emitter() for s in scene.shapes()) == 1
 
 
 # --- Command line -------------------------------------------------------------------------------

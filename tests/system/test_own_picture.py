@@ -6,14 +6,11 @@ own depth; what would need a scene is refused or listed with its reason.
 
 from __future__ import annotations
 
-import json
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from inim.apps.own_picture.validate_picture import _fitted_warnings
 from inim.cli.main import main
 from inim.display import Viewpoint
 from inim.generators import warp_to_viewpoint
@@ -77,13 +74,6 @@ def test_views_are_scored_against_the_picture_and_the_exact_eia(finished):
     assert all(worse[name]["to_picture"]["ssim"] < own[name] for name in own)
 
 
-def test_algorithms_without_scores_are_named_with_the_reason(finished):
-    words = " ".join(finished[1]["not_scored"])
-    assert "no scene" in words and "hidden surfaces" in words
-    page = (finished[0] / "out" / "report.html").read_text("utf-8")
-    assert all(line in page for line in finished[1]["not_scored"])
-
-
 def test_every_file_listed_is_there_and_nothing_else(finished):
     out = finished[0] / "out"
     files = files_in(out)
@@ -142,57 +132,6 @@ def test_a_hexagonal_array_is_not_set_against_the_oracle(finished, tmp_path):
 )
 def test_mistakes_are_one_line_and_leave_nothing(words, says, tmp_path):
     assert_refused("validate", *words, folder=tmp_path, says=says)
-
-
-def test_the_page_begins_with_picture_depth_view_and_live_display(finished):
-    page = (finished[0] / "out" / "report.html").read_text("utf-8")
-    sections = re.findall(r'<section id="([\w-]+)"', page)
-    assert sections[: sections.index("scores")] == ["overview", "warnings", "virtual-display"]
-    first = page[page.index('id="overview"') : page.index('id="virtual-display"')]
-    assert re.findall(r'alt="([^"]+)"', first) == [
-        "The picture on the lens array",
-        "Its depth",
-        "View of the display from l",
-    ]
-    panels = json.loads(re.search(r'id="virtual-display-data">(.*?)</script>', page)[1])["panels"]
-    assert [panel["name"] for panel in panels] == ["Exact first hits", *ALGORITHMS.split(",")]
-    assert ">–<" not in page[page.index('id="scores"') : page.index('id="views"')]
-
-
-def test_a_picture_that_is_mostly_clipped_or_empty_names_the_options(finished, capsys):
-    folder = finished[0]
-    words = [
-        "--near",
-        "300",
-        "--far",
-        "301",
-        "--fit",
-        "contain",
-        "--algorithms",
-        "template",
-        *DISPLAY,
-    ]
-    words += ["-D", "inim.reconstruction_spp=4", "--viewpoints", "centre"]
-    assert main(["validate", *photo(folder), *words, "-o", str(folder / "lost")]) == EXIT_PASSED
-    errors = capsys.readouterr().err
-    clipped = "of its depths are out of range"
-    empty = "of the lens array is empty: --fit cover"
-    assert clipped in errors and "--near" in errors and "--far" in errors
-    assert empty in errors and "--orthographic" in errors
-    warnings = read_document(folder / "lost" / "report.json")["warnings"]
-    assert clipped in "".join(warnings) and empty in "".join(warnings)
-    # The fitted picture knows of its emptiness alone.
-    rgbd = read_rgbd(folder / "lost" / "rgbd.exr")
-    assert "is empty" in _fitted_warnings(rgbd, the_display(), "x.exr")[-1]
-
-
-def test_a_picture_of_the_size_for_another_display_is_warned_of(finished):
-    rgbd = read_rgbd(finished[0] / "out" / "rgbd.exr")
-    display = the_display()
-    assert not any("--display" in text for text in _fitted_warnings(rgbd, display, "x.exr"))
-    wider = display.replace(lens_columns=2 * display.lens_columns)
-    warning = _fitted_warnings(rgbd, wider, "x.exr")[0]
-    assert "give the picture's display" in warning
 
 
 def test_a_picture_fitted_to_another_display_is_refused(finished, tmp_path, capsys):

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim.apps.sweep.table import columns
 from inim.scores import metrics
 from inim.scores.metrics import Metric, Viewing
 from tests.schemas import read_document
-from tests.system.conftest import TINY, definitions, run_here, without_pauses, write_scene
+from tests.system.conftest import TINY, definitions, run_here, write_scene
 
 SEEN: list[Viewing] = []
 
@@ -75,29 +74,3 @@ def test_viewing_conditions_are_those_of_the_display_from_the_eye(validated):
     assert {round(viewpoint.pixels_per_degree, 6) for viewpoint in SEEN} == {
         round(degree / pixel, 6)
     }
-
-
-def test_page_shows_it(validated):
-    out, data = validated
-    page = (out / "report.html").read_text("utf-8")
-    for run in data["algorithms"].values():
-        jod = run["views"]["centre"]["seen_to_reference_jod"]
-        assert f"<dd>SEEN <b>{jod:.2f}\N{NO-BREAK SPACE}JOD</b></dd>" in page
-
-
-def test_baseline_sweep_s_table_and_bench_have_it(validated, tmp_path):
-    out, _ = validated
-    run("compare", out, out, "-o", "same", folder=tmp_path)
-    checks = read_document(tmp_path / "same" / "compare.json")["verdict"]["checks"]
-    assert any(check["name"].startswith("template/centre: SEEN to reference") for check in checks)
-    assert "SEEN" in (tmp_path / "same" / "junit.xml").read_text("utf-8")
-
-    assert {"seen_jod", "seen_to_reference_jod", "luminance_cd_m2"} <= columns().keys()
-
-    scene = write_scene(tmp_path).name
-    words = ("-o", "timed", "--algorithms", "template", "--runs", "3", "--threads", "1")
-    with without_pauses():
-        run("bench", scene, *words, *definitions(TINY), folder=tmp_path)
-    (row,) = read_document(tmp_path / "timed" / "bench.json")["scene"]["algorithms"]
-    assert row["scores"]["view_seen_to_reference_jod"] < 10
-    assert "view SEEN to reference" in (tmp_path / "timed" / "bench.html").read_text("utf-8")

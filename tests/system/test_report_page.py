@@ -167,20 +167,6 @@ def test_page_prints_and_reads_whole_without_scripts(tab, page):
     assert tab.complaints == []
 
 
-def test_link_opens_the_folded_part_it_leads_to_and_contents_stay_in_sight(tab):
-    details = "document.querySelector('#checks > details').open"
-    assert tab.evaluate(details) is False
-    tab.click(".verdict a")
-    assert tab.evaluate(details) is True
-    tab.evaluate("scrollTo({top: document.documentElement.scrollHeight, behavior: 'instant'})")
-    tab.until("document.querySelector('nav').getBoundingClientRect().top === 0")
-    tab.evaluate("document.getElementById('views').scrollIntoView({behavior: 'instant'})")
-    tab.until("document.querySelector('nav [aria-current]')?.hash === '#views'")
-    tab.evaluate(UNFOLD.format("false"))
-    tab.evaluate("scrollTo({top: 0, behavior: 'instant'})")
-    assert tab.complaints == []
-
-
 FIRST_CELLS = (
     "[...document.querySelectorAll('#scores tbody th')].map((c) => c.firstChild.textContent)"
 )
@@ -302,26 +288,6 @@ def test_border_parts_ground_truth_from_the_best_algorithm(slider):
     slider.mouse("mouseReleased", (x + width / 4, y))
     slider.mouse("mouseMoved", (x, y))  # let go: no more
     assert_alike(stage(slider), slider_picture("Ground truth", "template", 0.75))
-    assert slider.complaints == []
-
-
-def test_flip_shows_both_pictures_in_place(slider):
-    slider.click("#slider [value=flip]")
-    assert_alike(stage(slider), picture("Ground truth"))
-    slider.click("#slider [name=flip]")
-    assert_alike(stage(slider), picture("template"))
-    slider.click("#slider .stage")
-    assert_alike(stage(slider), picture("Ground truth"))
-    assert slider.evaluate("document.querySelector('#slider .spoken').textContent") == (
-        "Ground truth, from centre"
-    )
-    slider.click("#slider [name=by-itself]")
-    slider.until("document.querySelector('#slider .stage').ariaLabel.startsWith('template')")
-    slider.until("document.querySelector('#slider .stage').ariaLabel.startsWith('Ground')")
-    slider.click("#slider [name=by-itself]")
-    before = words(slider)
-    assert slider.evaluate("new Promise((r) => setTimeout(r, 1000)).then(() => 1)") == 1
-    assert words(slider) == before
     assert slider.complaints == []
 
 

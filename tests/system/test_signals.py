@@ -73,31 +73,6 @@ def test_interrupt_while_modules_load_is_one_line(tmp_path, module):
     assert list(tmp_path.iterdir()) == [scene]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signal_after_the_outcome_was_printed_is_an_ordinary_end(number):
-    code = (
-        "import atexit, os, signal, sys\nfrom inim.cli.program import run\nimport inim.cli.main\n"
-    )
-    code += f"atexit.register(os.kill, os.getpid(), {int(number)})\nrun('info', 'algorithms')"
-    ended = run_child([sys.executable, "-c", code], 60, preexec_fn=hear)
-    assert (ended.code, ended.stderr) == (EXIT_PASSED, "")
-    assert "template" in ended.stdout
-
-
-@on_linux
-def test_interrupt_of_the_group_while_the_worker_starts_is_one_line(tmp_path):
-    """Python's own start would answer with a traceback."""
-    scene = write_scene(tmp_path)
-    for wait_ms in range(0, 150, 30):
-        run = Run(command(scene, "-o", "out", **SMALLEST), tmp_path)
-        while not run.children():
-            time.sleep(0.001)
-        time.sleep(wait_ms / 1000)
-        run.end(signal.SIGINT, "all")
-        assert (run.code, run.errors) == (130, LINE)
-        assert list(tmp_path.iterdir()) == [scene]
-
-
 # --- At random moments --------------------------------------------------------------------------
 
 

@@ -77,16 +77,6 @@ def test_missing_settings_of_splats_are_requested(tmp_path):
     assert not out.exists()
 
 
-def test_the_box_that_was_taken_is_printed_though_all_splats_are_kept(tmp_path, capsys):
-    places = np.array([[-1.0, -2, -3], [1, 2, 3]])
-    write_splats(tmp_path / "s.ply", splats_at(places, np.full(3, 0.1), 0.9, np.full(3, 0.3)))
-    out = tmp_path / "a.xml"
-    assert main(["new-scene", str(tmp_path / "s.ply"), "--up=-y", "-o", str(out)]) == EXIT_PASSED
-    printed = capsys.readouterr()
-    assert printed.err == ""
-    assert printed.out.startswith("took 2 of 2 splats, --crop=-1.3,1.3,-2.3,2.3,-3.3,3.3\nwrote ")
-
-
 def test_crop_keeps_a_part(tmp_path, capsys):
     source, out = signpost(tmp_path), tmp_path / "a.xml"
     words = ["new-scene", str(source), "--up=-y", "--crop=-0.5,0.5,-2,0.01,-1,1", "-o", str(out)]

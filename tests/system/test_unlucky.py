@@ -13,18 +13,14 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
 import inim
 from inim.system.backend import kernels
-from inim.system.errors import EXIT_BACKEND, EXIT_PASSED, FileError
-from inim.system.process.observer import Observer
+from inim.system.errors import EXIT_BACKEND, EXIT_PASSED
 from inim.system.worker.output import hidden_folder
-from inim.system.worker.serve import Job, _run_with_retry
 from tests.system.conftest import (
     ALONE,
     SMALLEST,
@@ -63,60 +59,6 @@ def test_kernels_find_a_private_folder_where_nothing_else_can_be_written(nothing
     assert folder.parent == nothing_to_write
     assert folder.stat().st_mode & 0o777 == 0o700
     assert kernels.cache_folder() == folder  # a second run takes the same
-
-
-@pytest.mark.parametrize("spoil", ["open", "link", "file"])
-def test_folder_that_others_could_fill_with_code_is_refused(nothing_to_write, spoil):
-    folder = kernels.cache_folder()
-    folder.rmdir()
-    if spoil == "open":
-        folder.mkdir()
-        folder.chmod(0o777)
-    elif spoil == "link":
-        (nothing_to_write / "theirs").mkdir(mode=0o700)
-        folder.symlink_to("theirs")
-    else:
-        folder.write_text("")
-    with pytest.raises(FileError, match="NUMBA_CACHE_DIR"):
-        kernels.cache_folder()
-
-
-def loaded_anew(path: Path) -> ModuleType:
-    """A module as a process that starts loads it: its kernels come from the cache, if at all."""
-    spec = spec_from_file_location(path.stem, path)
-    assert spec and spec.loader
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.mark.parametrize(
-    ("kind", "content"), [("nbi", b""), ("nbi", b"garbage"), ("nbc", b"\x80\x05"), ("nbc", None)]
-)
-def test_broken_kernel_cache_costs_a_compilation_and_no_more(tmp_path, monkeypatch, kind, content):
-    from numba.core import caching
-
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
-    path = tmp_path / "twice.py"
-    path.write_text(
-        "from inim.system.backend.kernels import compiled\n"
-        "@compiled\ndef twice(x):\n    return 2 * x\n"
-    )
-    loaded_anew(path).twice(21)
-    (broken,) = (tmp_path / "cache").rglob(f"*.{kind}")
-    broken.write_bytes(broken.read_bytes()[:-40] if content is None else content)
-    for most in (2, 1):  # once with what is broken, once with what that left
-        with monkeypatch.context() as patch:
-            for name in ("load_overload", "save_overload"):  # undone, whoever replaces them
-                patch.setattr(caching.Cache, name, getattr(caching.Cache, name))
-            tries, module = [], loaded_anew(path)
-
-            def work(*_: object, tries: list = tries, module: ModuleType = module) -> bool:
-                tries.append(1)
-                return module.twice(21) == 42
-
-            assert _run_with_retry(Job(None, Path()), Observer(), work)
-            assert len(tries) <= most
 
 
 @pytest.mark.slow

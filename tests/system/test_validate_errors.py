@@ -13,7 +13,7 @@ import pytest
 
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
-from inim.system.errors import EXIT_BACKEND, EXIT_USAGE, OutOfMemoryError, ViewpointError
+from inim.system.errors import EXIT_BACKEND, EXIT_USAGE, OutOfMemoryError
 from tests.conftest import LIT, scene_text, sphere
 from tests.system.conftest import (
     SHAPES,
@@ -108,11 +108,6 @@ def test_pictures_too_large_for_memory_are_refused_before_they_are_allocated(tin
         make_plan(request)
 
 
-def test_viewpoint_cannot_take_the_name_of_another_picture(tiny_scene):
-    with pytest.raises(ViewpointError, match="eia"):
-        make_plan(Request(tiny_scene, tiny_scene.parent / "out", viewpoints=("eia=0 0",)))
-
-
 # --- Scene files --------------------------------------------------------------------------------
 
 
@@ -201,11 +196,6 @@ def test_participating_media_are_refused(tmp_path, bsdf):
     )
     says = ["tiny.xml", "smoke", "participating medium", "remove"]
     refused(write_scene(tmp_path, *SHAPES, smoke), folder=tmp_path, says=says)
-
-
-def test_pictures_too_small_to_score_are_refused(tmp_path):
-    single_lens = {"inim.lens_columns": "1", "inim.lens_rows": "1"}
-    refused(write_scene(tmp_path), folder=tmp_path, says=["pixels"], settings=single_lens)
 
 
 # --- Output folders -----------------------------------------------------------------------------

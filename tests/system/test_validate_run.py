@@ -169,21 +169,6 @@ def test_scores_computed_again_from_the_report_s_pictures_are_the_plain_ones(fin
 # --- What the terminal shows --------------------------------------------------------------------
 
 
-def test_scores_are_a_table_of_algorithms_and_viewpoints(finished):
-    lines = finished.ended.stdout.splitlines()
-    title, views, *rows = lines[: 3 + len(ALGORITHMS)]
-    best, criteria, *warnings, verdict = lines[3 + len(ALGORITHMS) :]
-    assert title.startswith("SSIM on the relic to the reference")
-    assert views.split() == list(VIEWS)
-    assert [row.split()[0] for row in rows] == [*ALGORITHMS, "reference"]
-    assert all(len(line) <= 80 for line in (title, views, *rows))
-    assert best.startswith("best: ")
-    assert criteria.startswith("no criteria set; for later runs: -D 'inim.min_ssim_to_reference=")
-    assert warnings == [f"warning: {text}" for text in finished.data["warnings"][:3]]
-    assert verdict == "ran clean; no criteria set; report: deep/o u't/report.html"
-    assert finished.ended.stderr == "", "where it is no terminal"
-
-
 # --- A second run into the same folder ----------------------------------------------------------
 
 

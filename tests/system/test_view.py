@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import json
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,7 +20,6 @@ from inim.report.virtual_display import live_lens_models, still_view
 from inim.scores.metrics import ssim
 from tests.chromium import NO_WEBGL, WEBGL, Tab, browser
 from tests.conftest import small_display
-from tests.frame_rate import COUNT_WORK
 from tests.schemas import report_document
 from tests.skewed_layout import Skewed
 from tests.system.conftest import Ended, assert_refused, definitions, run_here
@@ -376,68 +374,6 @@ def assert_flip_limits(tab: Tab, display: Display) -> None:
         )
 
 
-# --- What it asks of the graphics card ----------------------------------------------------------
-
-
-@pytest.fixture
-def counted(shared_tab: Tab, page: Path) -> Iterator[Tab]:
-    """A page whose work is counted from the start, in `work`."""
-    shared_tab.size(280, 400)
-    shared_tab.complaints.clear()
-    script = shared_tab.send("Page.addScriptToEvaluateOnNewDocument", source=COUNT_WORK)
-    show(shared_tab, page)
-    yield shared_tab
-    shared_tab.send("Page.removeScriptToEvaluateOnNewDocument", **script)
-
-
-def work(tab: Tab) -> dict[str, int]:
-    return dict(tab.evaluate("({...work, frames: inimDisplay.state().frames})"))
-
-
-def test_frame_is_one_triangle_a_screen_and_one_texture_read_a_sample(counted):
-    before = work(counted)
-    counted.drag("#virtual-display canvas", (60, 20))
-    rest(counted)
-    after = {key: value - before[key] for key, value in work(counted).items()}
-    assert after["frames"] >= 4  # one that moved, three refinements
-    assert after["draws"] == 2 * after["frames"]
-    assert after["vertices"] == 3 * after["draws"]
-    assert after["uploads"] == 0
-    counted.click("input[name=together]")
-    rest(counted)
-    before = work(counted)
-    counted.key("Home")
-    counted.evaluate("inimDisplay.setEye(5, 5, 170)")
-    rest(counted)
-    after = {key: value - before[key] for key, value in work(counted).items()}
-    assert after["draws"] == after["frames"] > 0  # the hidden screen is not drawn
-    shader = json.loads(
-        counted.evaluate("document.getElementById('virtual-display-data').textContent")
-    )["shader"]
-    body = shader[shader.index("vec3 view_light(") : shader.index("#ifdef VERTEX")]
-    assert shader.count("texelFetch(") == 1
-    assert body.count("panel_light(") == 4  # one for each colour, or one for all
-
-
-def test_nothing_is_drawn_while_nothing_changes(counted):
-    before = work(counted)
-    x, y = counted.middle("#virtual-display canvas")
-    for step in range(5):
-        counted.mouse("mouseMoved", (x + 5 * step, y), buttons=0, button="none")
-    counted.click("#virtual-display canvas")
-    counted.key("Home")  # where the eye is already
-    counted.evaluate("inimDisplay.setEye(0, 0, 180)")
-    counted.evaluate("scrollBy(0, 200)")
-    assert counted.evaluate("new Promise((r) => setTimeout(r, 500)).then(() => 1)") == 1
-    assert work(counted) == before
-    reach = counted.evaluate("inimDisplay.setEye(1e6, 0, 180)")  # as far as the eye may go
-    rest(counted)
-    before = work(counted)
-    assert counted.evaluate("inimDisplay.setEye(2e6, 0, 180)") == reach
-    counted.evaluate("new Promise((r) => setTimeout(r, 200))")
-    assert work(counted) == before
-
-
 def stand_in(tab: Tab) -> bool:
     """True if pre-rendered views stand in place of the live display."""
     pictures = tab.evaluate(
@@ -446,13 +382,6 @@ def stand_in(tab: Tab) -> bool:
     )
     hidden = tab.evaluate("document.getElementById('virtual-display-live').clientHeight") == 0
     return hidden and len(pictures) == 2 and min(map(min, pictures)) > 50
-
-
-def test_on_paper_it_is_the_pre_rendered_views(tab, page):
-    show(tab, page)
-    assert not stand_in(tab)
-    tab.send("Emulation.setEmulatedMedia", media="print")
-    assert stand_in(tab)
 
 
 def test_without_webgl_the_views_replace_the_display_without_an_error(page, tmp_path):
@@ -499,37 +428,3 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path, words, message):
     (tmp_path / "text.txt").write_text("no picture")
     (tmp_path / "broken.png").write_bytes(b"\x89PNG\r\n\x1a\n cut")
     assert_refused("view", *words, folder=tmp_path, says=message)
-
-
-# --- Phones -------------------------------------------------------------------------------------
-
-TILT = """([alpha, beta, gamma]) => {
-  window.dispatchEvent(new DeviceOrientationEvent("deviceorientation", {alpha, beta, gamma}));
-  return inimDisplay.eye();
-}"""
-
-
-@pytest.fixture
-def phone(tab: Tab, tmp_path: Path) -> Tab:
-    """The live display of an EIA."""
-    show_eia(tab, tmp_path, tilted_plane(DISPLAY))
-    return tab
-
-
-def test_a_tilted_device_has_the_viewer_where_the_tilt_leaves_him(phone):
-    """Right edge away from the viewer: the viewer is at the left; top edge nearer: above."""
-    z = phone.evaluate("inimDisplay.eye()")[2]
-    phone.evaluate("document.querySelector('[name=tilt]').click()")
-    for beta in (0, 40, 85):  # lying, in the hand, and upright, where the angles' axes meet
-        phone.evaluate(TILT, [20, beta, 0])
-        assert phone.evaluate(TILT, [20, beta, 0])[:2] == pytest.approx([0, 0], abs=1e-6)
-        x, y, _ = phone.evaluate(TILT, [20, beta, 5])
-        assert x == pytest.approx(-z * np.tan(np.radians(5)), rel=1e-6) and abs(y) < 1e-6
-        x, y, _ = phone.evaluate(TILT, [20, beta + 4, 0])
-        assert y == pytest.approx(z * np.tan(np.radians(4)), rel=1e-6) and abs(x) < 1e-6
-        for _ in range(2):  # a new start takes the next reading for the middle
-            phone.evaluate("document.querySelector('[name=tilt]').click()")
-    phone.evaluate("document.querySelector('[name=tilt]').click()")
-    assert phone.evaluate("document.querySelector('[name=tilt]').ariaPressed") == "false"
-    before = phone.evaluate("inimDisplay.eye()")
-    assert phone.evaluate(TILT, [0, 30, 30]) == before

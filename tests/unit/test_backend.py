@@ -1,7 +1,6 @@
 """Choice of a backend: candidates, their order, versions and refusals."""
 
 import ctypes
-import json
 import os
 import sys
 from pathlib import Path
@@ -9,7 +8,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from inim.cli.info import describe
 from inim.system import backend
 from inim.system.backend import Backend
 from inim.system.errors import BackendError
@@ -46,14 +44,6 @@ def test_version_is_read_from_the_file_whatever_its_name(tmp_path, version):
     assert backend.llvm_version(library(tmp_path / "libLLVM-18.so.1", version)) == version
 
 
-@pytest.mark.parametrize("content", [b"", b"a library", b"LLVM version ", b"LLVM version x.y"])
-def test_other_files_have_no_version(tmp_path, content):
-    (tmp_path / "libLLVM.so.19.1").write_bytes(content)
-    assert backend.llvm_version(tmp_path / "libLLVM.so.19.1") == ""
-    assert backend.llvm_version(tmp_path) == ""
-    assert backend.llvm_version(tmp_path / "missing") == ""
-
-
 def test_version_of_the_library_in_use_is_the_loaded_one(renderer, monkeypatch):
     if renderer.name != "llvm":
         pytest.skip("the backend is CUDA")
@@ -68,14 +58,6 @@ def test_newest_version_comes_first_and_a_nameless_one_last(tmp_path):
     for name in sorted(order):
         library(tmp_path / "system" / name, "19.1.7")
     assert [path.name for path in backend.find_libllvm()] == order
-
-
-def test_linker_cache_is_searched(monkeypatch, tmp_path):
-    odd = library(tmp_path / "odd/libLLVM.so.97.1", "97.1.0")
-    monkeypatch.setattr(machine, "linker_cache", lambda name: [str(odd)])
-    assert list(backend.find_libllvm()) == [odd.resolve()]
-    monkeypatch.setenv("DRJIT_LIBLLVM_PATH", odd.name)
-    assert list(backend.find_libllvm()) == [odd]
 
 
 @pytest.mark.parametrize(
@@ -302,13 +284,3 @@ def test_memory_limit_is_never_above_what_the_machine_has(monkeypatch, tmp_path)
     (tmp_path / "limit").write_text("123456789")
     monkeypatch.setattr(machine, "_limit_files", lambda path: [tmp_path / "limit"])
     assert machine.memory_limit_bytes() == 123456789
-
-
-def test_description_is_json_and_gives_each_library_its_reason(tmp_path):
-    library(tmp_path / "system/libLLVM-14.so.1", "14.0.6")
-    path = library(tmp_path / "system/libLLVM.so.19.1", "19.1.7")
-    facts = json.loads(json.dumps(describe()))
-    assert [library["usable"] for library in facts["libllvm"]] == [True, False]
-    assert facts["libllvm"][1]["reason"] == "LLVM 14 is too old for Dr.Jit"
-    assert facts["chosen"]["libllvm"] == str(path)
-    assert facts["memory_bytes"] == machine.memory_limit_bytes()

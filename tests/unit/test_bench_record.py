@@ -5,7 +5,7 @@ import os
 import pytest
 
 from inim.apps.bench import evaluate
-from inim.apps.bench.run import load_average, warn_of_load, warn_of_others
+from inim.apps.bench.run import warn_of_load, warn_of_others
 from inim.pipeline import timing
 from inim.system.process.observer import Observer
 
@@ -16,14 +16,6 @@ def test_a_busy_machine_is_warned_of(monkeypatch, load, warned):
     warning = warn_of_load(load)
     assert len(warning) == warned
     assert not warned or ("load" in warning[0])
-
-
-def test_a_system_without_load_averages_gives_no_load(monkeypatch):
-    def fails():
-        raise OSError
-
-    monkeypatch.setattr(os, "getloadavg", fails)
-    assert load_average() is None
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import pytest
 
 from inim.apps.bench.evaluate import mark_fronts
-from inim.pipeline.timing import Rounds, Timing, ratios, time_calls
+from inim.pipeline.timing import Rounds, time_calls
 from inim.system.errors import UsageError
 from tests.unit.test_bench_report import algorithm
 
@@ -58,30 +58,6 @@ def test_the_cold_start_is_no_run():
 def test_nothing_is_timed_without_a_warm_up_and_a_run(wrong):
     with pytest.raises(UsageError, match=f"--{next(iter(wrong))}"):
         Rounds(**wrong)
-
-
-def test_garbage_is_collected_again_afterwards_even_after_an_error():
-    import gc
-
-    def fails():
-        raise RuntimeError
-
-    assert gc.isenabled()
-    with pytest.raises(RuntimeError):
-        time_calls({"a": fails}, Rounds(), pause=lambda _: None)
-    assert gc.isenabled()
-
-
-def test_median_minimum_and_spread_of_known_runs():
-    timing = Timing(1.0, (5.0, 1.0, 3.0, 2.0, 4.0))
-    assert (timing.median_s, timing.min_s) == (3.0, 1.0)
-    assert timing.spread == pytest.approx((4 - 2) / 2 / 3)
-    assert Timing(1.0, (7.0,)).spread == 0
-
-
-def test_ratios_are_median_to_median_and_fastest_to_fastest():
-    pair = ratios(Timing(0, (8.0, 6.0, 9.0)), Timing(0, (2.0, 4.0, 3.0)))
-    assert pair == {"ratio": 8.0 / 3.0, "ratio_min": 3.0}
 
 
 def test_a_method_without_sources_can_still_be_on_another_front():

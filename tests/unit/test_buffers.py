@@ -1,17 +1,14 @@
 """Computation by bands of rows has no seams: the same bits as in one piece."""
 
 import math
-import tracemalloc
 from collections.abc import Iterable
 
 import numpy as np
 import pytest
 
-from inim.image.color import srgb_from_linear, to_srgb
-from inim.image.noisy_image import NoisyImage
+from inim.image.color import srgb_from_linear
 from inim.scores import metrics
 from inim.scores.metrics.flip import FLIP_REACH
-from inim.scores.regression.tiles import tile_statistics
 from inim.system.row_bands import row_bands
 
 # Pixels of a band: single rows, a few, one less than all, all.
@@ -100,45 +97,3 @@ def test_psnr_is_the_same_in_any_bands(band, monkeypatch):
     psnr = metrics.psnr_db(*pair)
     monkeypatch.setattr("inim.system.row_bands._PIXELS", 2**30)
     assert metrics.psnr_db(*pair) == psnr
-
-
-@pytest.mark.parametrize("generated", [False, True])
-def test_statistics_of_tiles_are_those_of_each_tile_alone(generated, band):
-    """Sums of a tile know nothing of the others; only what is moderated does, so not here."""
-    palette = pictures(2, 40)
-    source = np.random.default_rng(3).integers(0, 80, (40, 37))
-    halves = [p.reshape(-1, 3)[source] for p in palette] if generated else pictures()
-    statistics = tile_statistics(NoisyImage.from_halves(*halves), (9, 8), generated=generated)
-    assert statistics.mean.shape == (5, 5, 3)
-    for r in range(5):
-        for c in range(5):
-            at = slice(9 * r, 9 * r + 9), slice(8 * c, 8 * c + 8)
-            a, b = (h[at].astype(np.float64) for h in halves)
-            assert statistics.mean[r, c] == pytest.approx(((a + b) / 2).mean(axis=(0, 1)), rel=1e-6)
-            assert statistics.power[r, c] == pytest.approx((a * b).mean(), rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("score", "copies"),
-    [
-        (lambda a, b: metrics.ssim(a, b), 0.6),  # the map alone is a third
-        (lambda a, b: metrics.psnr_db(a, b), 0.2),
-        (lambda a, b: to_srgb(a), 0.4),  # the codes alone are a quarter
-        (lambda a, b: tile_statistics(NoisyImage.from_halves(a, b), (40, 40)), 0.6),
-        (lambda a, b: tile_statistics(NoisyImage.from_image(a, b), (40, 40), generated=True), 0.6),
-    ],
-    ids=["ssim", "psnr", "codes", "tiles", "generated tiles"],
-)
-def test_an_eia_is_scored_in_less_memory_than_its_own(score, copies, monkeypatch):
-    """Bands of a hundredth of it; in one piece they took up to ten times the EIA."""
-    pair = pictures(2000, 500)
-    for module in ("inim.system.row_bands._PIXELS", "inim.scores.regression.tiles._PIXELS_AT_ONCE"):
-        monkeypatch.setattr(module, 10_000)
-    score(*(p[:40, :40] for p in pair))  # imports, compiled kernels
-    tracemalloc.start()
-    try:
-        score(*pair)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    assert peak < copies * pair[0].nbytes

@@ -1,9 +1,6 @@
 """The result cache: whole records or none, within its size, whoever else uses it."""
 
 import os
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -112,33 +109,6 @@ def test_a_folder_that_takes_nothing_is_no_error(tmp_path):
     store.remember_parts("t", {"a": "1"})
     assert store.last_parts("t") is None
     assert store.info().records == 0
-
-
-KEEPER = """
-import sys, numpy as np
-from pathlib import Path
-from inim.system.cache import Record, Store
-store = Store(Path(sys.argv[1]), 2**30)
-print("ready", flush=True)
-for k in range(10**6):
-    store.keep(str(k % 5), Record({"a": np.full((500, 500), k % 5)}))
-"""
-
-
-def test_killed_while_writing_leaves_whole_records_only(tmp_path):
-    for delay in (0.0, 0.003, 0.01, 0.02, 0.05):
-        process = subprocess.Popen(
-            [sys.executable, "-c", KEEPER, str(tmp_path)], stdout=subprocess.PIPE
-        )
-        process.stdout.readline()
-        time.sleep(delay)
-        process.kill()
-        process.wait()
-        process.stdout.close()
-    store = Store(tmp_path, 2**30)
-    for k in range(5):
-        loaded = store.load(str(k))
-        assert loaded is None or (loaded.arrays["a"] == k).all()
 
 
 def test_digests_differ_for_different_values():

@@ -169,32 +169,6 @@ def test_shapes_through_each_other_are_one_solid(open_fitted):
     assert not layers.covered[1:, joined].any()
 
 
-@pytest.mark.parametrize("shape", ["sphere", "cube"])
-def test_normals_that_point_inwards_make_the_same_solid(open_fitted, shape):
-    behind = sphere((0, 0, -12), 3.0)
-
-    def layers_of(more):
-        body = cube((0, 0, 0), (4, 4, 3)) if shape == "cube" else sphere((0, 0, 0), 5.0)
-        return peeled(open_fitted, scene_text(body.replace("<bsdf", more + "<bsdf", 1), behind))[1]
-
-    right, wrong = layers_of(""), layers_of(FLIPPED)
-    assert np.array_equal(right.front_mm, wrong.front_mm)
-    assert np.array_equal(right.back_mm, wrong.back_mm)
-    assert not np.array_equal(right.facing[0], wrong.facing[0]), "they were the other way round"
-
-
-def test_an_empty_background_is_one_layer_and_extra_layers_are_counted(open_fitted):
-    from inim.render.depth_peeling import MOST_LAYERS
-
-    assert len(peeled(open_fitted, scene_text(sphere((0, 0, 0), 5.0)))[1].front_mm) == 1
-    # Ten plates, the last two of which stand behind the left half only.
-    plates = [cube((0, 0, -z), (4, 4, 0.2)) for z in range(MOST_LAYERS)]
-    plates += [cube((-2, 0, -MOST_LAYERS - z), (2, 4, 0.2)) for z in range(2)]
-    _, layers = peeled(open_fitted, scene_text(*plates))
-    assert len(layers.front_mm) == MOST_LAYERS
-    assert layers.cut_share == pytest.approx(0.5, abs=0.02)
-
-
 def colours(open_fitted, text, spp=16, seed=1):
     from inim.render.ground_truth import capture_layers
 

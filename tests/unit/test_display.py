@@ -3,8 +3,7 @@
 import math
 import re
 from fractions import Fraction
-from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from inim.display import DISPLAYS, Display
-from inim.display.lens import LensModelName, lens_models
 from inim.display.pixels import pixel_rays
 from inim.generators.accuracy_limits import accuracy_warnings
 from inim.system.errors import DisplayError
@@ -77,16 +75,6 @@ def test_a_range_across_the_array_is_cut_in_front_of_it_and_marked(gap, side, pi
     as_formula = (low, high) == pytest.approx((centre - half, centre + half), rel=1e-12)
     assert device.depth_range_is_cut == (not as_formula)
     assert (half >= abs(centre)) <= device.depth_range_is_cut
-
-
-def test_elemental_pitch_decides_the_pixels_of_a_lens_not_the_array():
-    # Aimed at a viewer at 500 mm.
-    pitch = 1.0 * (500 + 3.3) / 500
-    device = display(elemental_pitch_mm=pitch, pixel_pitch_mm=pitch / 17)
-    assert device.width_mm == 64
-    assert device.has_integer_ratio and device.eia_shape == (1088, 1088)
-    assert device.elemental_image_pitch_mm == pitch
-    assert display().elemental_image_pitch_mm == 1.0
 
 
 # -- refusals -----------------------------------------------------------------------------------
@@ -286,21 +274,6 @@ RAYS: dict[str, Any] = {
 }  # fmt: skip
 
 
-def test_displays_that_differ_in_their_lenses_are_one_through_pinholes():
-    assert {*LENSES, *RAYS} == NOMINAL.parameters().keys()
-    theirs = display(**LENSES)
-    assert theirs.through_pinholes() == NOMINAL.through_pinholes() == display(name="")
-
-
-@pytest.mark.parametrize("name", RAYS)
-def test_through_pinholes_keeps_the_rays_through_lens_centres(name):
-    parameters = {"depth_min_mm": 10.0, "depth_max_mm": 50.0} | {name: RAYS[name]}
-    if name == "subpixel_cells":
-        parameters["subpixels"] = "cells"
-    pinholes = display(**LENSES, **parameters).through_pinholes()
-    assert pinholes.parameters() == NOMINAL.parameters() | parameters | {"name": ""}
-
-
 def test_rays_through_pinholes_are_those_of_the_display():
     """The pickup of the true EIA, the depth camera and the viewing zone know no lens."""
     for misaligned in ({}, {"rotation_deg": 2.0, "tilt_x_deg": 1.0}):
@@ -321,28 +294,3 @@ def test_a_picture_s_pixel_is_the_float_of_the_quotient_that_was_meant():
     for hundredths in range(30, 300, 5):
         device = display(pitch_mm=hundredths / 100, pixel_pitch_mm=hundredths / 1700)
         assert not accuracy_warnings(device, pixel_mm=device.capture_pixel_mm(5)), hundredths
-
-
-def test_lens_models_for_type_checkers_are_the_program_s():
-    assert list(get_args(LensModelName)) == lens_models()[:4]
-
-
-@pytest.mark.slow
-def test_type_checkers_see_wrong_keywords_and_values(tmp_path):
-    mypy = pytest.importorskip("mypy.api")
-    wrong = [
-        "dataclasses.replace(inim.DISPLAYS['nominal'], gapmm=3)",
-        "dataclasses.replace(inim.DISPLAYS['nominal'], lattice='hexagon')",
-        "inim.Display(1, 3, 3.3, 0.1, 8, 8, subpixels='rgb')",
-        "inim.validate('jade.xml', lens_model='thik')",
-        "inim.validate('jade.xml', lensmodel='thick')",
-        "inim.unknown",
-    ]
-    right = "inim.validate('jade.xml', lens_model='thick', display=inim.DISPLAYS['phone'])"
-    config = tmp_path / "pyproject.toml"
-    text = (Path(__file__).parents[2] / "pyproject.toml").read_text("utf-8")
-    config.write_text(text.replace('packages = ["inim", "reports"]', ""), "utf-8")
-    code = "\n".join(["import dataclasses, inim", *wrong, right])
-    output, problems, _ = mypy.run(["--config-file", str(config), "-c", code])
-    lines = {int(number) for number in re.findall(r"<string>:(\d+): error", output)}
-    assert lines == set(range(2, 2 + len(wrong))), output + problems

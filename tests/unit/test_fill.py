@@ -88,21 +88,6 @@ def test_uncovered_background_and_the_picture_beyond_its_edge_are_wall(more, sam
         assert np.array_equal(filled[sources >= 0], plain[sources >= 0])
 
 
-def test_visible_ground_stays_and_unknown_ground_is_filled() -> None:
-    display = small_display(16, 15, pixels=9, **DEPTHS)
-    rgbd = wall_and_plate(display)
-    covered = rgbd.covered.copy()
-    covered[-16:, 8:40] = False
-    rgbd = RGBD(rgbd.color, rgbd.depth_mm, covered, rgbd.pixel_mm)
-    sources = left(continued(rgbd), display, SURFACE)[0]
-    hidden = generate(rgbd, display, SURFACE, fill="hidden")
-    assert (generate(rgbd, display, SURFACE, fill="all") > 0).all()
-    ground = (hidden == 0).all(axis=-1)
-    assert (sources == HOLE).sum() > ground.sum() > 1000
-    # The rays of the pixels on their lens's axis go straight down.
-    assert np.array_equal(ground[4::9, 4::9], ~covered[2::4, 2::4])
-
-
 @pytest.mark.parametrize("method", ["hidden", "all"])
 @pytest.mark.parametrize("more", ARRAYS)
 @pytest.mark.parametrize("algorithm", [SURFACE, "li2012"])

@@ -9,15 +9,13 @@ from PIL import Image
 
 from inim.apps.own_picture.depth_values import (
     DepthConvention,
-    fill_missing_depth,
     interpret_depth,
     parse_unit,
 )
 from inim.apps.own_picture.fit import Pinhole, check_pinhole, parse_intrinsics
 from inim.apps.own_picture.picture import resample_nearest
 from inim.apps.own_picture.picture_files import DepthFile, read_color, read_depth
-from inim.display import DISPLAYS
-from inim.image.files.eia_file import read_eia, write_eia, write_true_size_pdf
+from inim.image.files.eia_file import write_eia, write_true_size_pdf
 from inim.image.files.image import write_exr, write_exr_parts
 from inim.system.errors import FileError, UsageError
 from tests.conftest import small_display
@@ -143,22 +141,6 @@ def test_depth_that_is_all_missing_is_named():
         interpret_depth(as_file(np.full((5, 5), 7)), DepthConvention(1.0, missing=(7.0,)), "d.png")
 
 
-def test_fill_rules_copy_the_neighbour_they_say():
-    nan = np.nan
-    depth = np.float32([[nan, 5, nan, nan, nan, 9, nan], [nan] * 7])
-    assert fill_missing_depth(depth, "none") is depth
-    behind = fill_missing_depth(depth, "behind")
-    np.testing.assert_array_equal(behind[0], [5, 5, 9, 9, 9, 9, 9])
-    assert np.isnan(behind[1]).all()
-    nearer = fill_missing_depth(depth, "behind", near_is_large=True)
-    np.testing.assert_array_equal(nearer[0], [5, 5, 5, 5, 5, 9, 9])
-    nearest = fill_missing_depth(depth, "nearest")
-    np.testing.assert_array_equal(nearest[0, [0, 1, 2, 4, 5, 6]], [5, 5, 5, 9, 9, 9])
-    np.testing.assert_array_equal(nearest[1, [1, 5]], [5, 9])
-    assert (fill_missing_depth(depth, "far")[1] == 9).all()
-    assert (fill_missing_depth(depth, "far", near_is_large=True)[1] == 5).all()
-
-
 def test_depth_of_another_size_is_taken_from_the_nearest_pixel_and_never_mixed():
     depth = np.float32([[1, 2, 3], [4, 5, 6]])
     np.testing.assert_array_equal(resample_nearest(depth, (4, 6)), depth.repeat(2, 0).repeat(2, 1))
@@ -205,24 +187,6 @@ def eia_of(display):
     empty[:3, :5] = True
     eia[empty] = 0
     return eia, empty
-
-
-def test_an_eia_png_carries_its_pixel_size_and_empty_pixels(tmp_path):
-    display = DISPLAYS["phone"].replace(
-        lens_columns=6, lens_rows=4, panel_columns=None, panel_rows=None
-    )
-    eia, empty = eia_of(display)
-    write_eia(tmp_path / "eia.png", eia, empty, display.pixel_pitch_mm)
-    data = (tmp_path / "eia.png").read_bytes()
-    at = data.index(b"pHYs") + 4
-    across, down = (int.from_bytes(data[at + k : at + k + 4], "big") for k in (0, 4))
-    assert data[at + 8] == 1  # per metre
-    # Whole pixels per metre: right to half of one.
-    assert across == down
-    assert abs(across - 1000 / 0.0636) <= 0.5
-    light, covered = read_eia(tmp_path / "eia.png", display)
-    np.testing.assert_array_equal(covered, ~empty)
-    np.testing.assert_allclose(light, eia, atol=0.01)
 
 
 def test_a_pdf_page_is_as_large_as_the_panel_and_holds_its_pixels(tmp_path):

@@ -115,13 +115,6 @@ def test_a_tilted_plane_has_no_crack_and_keeps_its_depths(slope):
     np.testing.assert_allclose(rgbd.depth_mm[inside], expected[inside], atol=2e-4)
 
 
-def test_a_line_one_pixel_wide_stays():
-    color, depth = np.zeros((*SHAPE, 3), np.uint8), np.full(SHAPE, 2000.0)
-    depth[:, 80], color[:, 80] = 1000.0, 255
-    rgbd = fitted(color, depth, frame_at=1000.0).rgbd
-    assert (rgbd.color[..., 0] > 0.9).any(axis=1).sum() == pytest.approx(90, abs=1)
-
-
 def test_an_orthographic_picture_fills_the_array_at_every_depth():
     color, depth, squares = two_squares()
     rgbd = fitted(color, depth, camera=None).rgbd
@@ -136,15 +129,6 @@ def test_an_orthographic_picture_fills_the_array_at_every_depth():
     np.testing.assert_array_equal(in_square, inside)
 
 
-def test_colour_of_a_picture_finer_than_the_cells_is_its_mean_light():
-    """A chessboard of black and white single pixels, eight to a cell: half the light."""
-    rows, columns = 18 * 5 * 8, 24 * 5 * 8
-    board = np.indices((rows, columns)).sum(axis=0) % 2 * 255
-    color = np.repeat(board[..., None], 3, axis=2).astype(np.uint8)
-    rgbd = fitted(color, np.full((rows, columns), 1000.0), camera=None).rgbd
-    np.testing.assert_allclose(rgbd.color[rgbd.covered], 0.5, atol=1e-6)
-
-
 def test_two_surfaces_in_a_cell_do_not_mix():
     rows, columns = 18 * 5 * 8, 24 * 5 * 8
     depth = np.full((rows, columns), 2000.0)
@@ -157,27 +141,12 @@ def test_two_surfaces_in_a_cell_do_not_mix():
     assert len(depths) == 2
 
 
-def test_missing_depth_stays_a_hole_and_true_black_does_not():
-    color, depth = np.zeros((*SHAPE, 3), np.uint8), np.full(SHAPE, 1500.0)
-    depth[40:80, 40:80] = np.nan
-    rgbd = fitted(color, depth, camera=None).rgbd
-    x, y = cell_centres(rgbd)
-    hole = (x > 40 * 0.15 - 12) & (x < 80 * 0.15 - 12) & (y < 9 - 6) & (y > 9 - 12)
-    assert not rgbd.covered[hole].any()
-    assert rgbd.covered[(np.abs(x) < 12) & (np.abs(y) < 9) & ~hole].all()
-
-
 def test_linear_map_takes_near_to_the_front_and_far_to_the_back():
     low, high = DISPLAY.depth_range_mm
     for ends, large in (((1000.0, 3000.0), False), ((3000.0, 1000.0), True)):
         mapping = map_depth("linear", values([[ends[0], ends[1]]], large), ends, DISPLAY)
         assert mapping.z_mm(np.array(ends)) == pytest.approx([high, low])
         assert mapping.z_mm(np.array([2000.0])) == pytest.approx([(low + high) / 2])
-
-
-def test_a_flat_picture_goes_to_the_central_depth_plane():
-    mapping = map_depth("linear", values([[5.0]]), (5.0, 5.0), DISPLAY)
-    assert mapping.z_mm(np.array([5.0])) == pytest.approx([DISPLAY.central_depth_mm])
 
 
 def test_reciprocal_map_keeps_proportions_and_clips_beyond_its_ratio():
@@ -233,14 +202,6 @@ def test_the_range_passes_over_stray_pixels_unless_stated():
         depth_range(values(depth), 3000.0, 900.0)
 
 
-def test_an_end_that_all_depths_exceed_is_reported_alone():
-    depth = values(np.linspace(1000, 2000, 4000).reshape(40, 100))
-    with pytest.raises(UsageError, match=r"^--near 5000: the picture has no depth behind it"):
-        depth_range(depth, near=5000.0)
-    with pytest.raises(UsageError, match=r"^--far 500: the picture has no depth in front of it"):
-        depth_range(depth, far=500.0)
-
-
 def test_eq_4_as_printed_maps_in_front_of_the_displayable_depth_and_is_clipped_there():
     """z_max + (h - h_min) / (h_max - h_min) (z_max - z_min), numbers as they are."""
     color, depth, _ = two_squares()
@@ -254,27 +215,3 @@ def test_eq_4_as_printed_maps_in_front_of_the_displayable_depth_and_is_clipped_t
     assert f"{high:.6g} .. {2 * high - low:.6g} mm" in warning
     assert f"{picture.clipped:.1%} of the samples" in warning
     assert "in front" not in warning
-
-
-def test_a_stated_depth_range_shows_eq_4_where_it_is_printed():
-    color, depth, _ = two_squares()
-    low, high = DISPLAY.depth_range_mm
-    deep = DISPLAY.replace(depth_min_mm=low, depth_max_mm=2 * high - low)
-    depths = values(depth)
-    mapping = map_depth("printed", depths, (1000.0, 2000.0), deep)
-    picture = fit_picture(color, depths, mapping, deep, camera=None)
-    assert picture.clipped == 0
-    expected = {high + (z - 1000) / 1000 * (high - low) for z in (1000, 1600, 2000)}
-    distances = np.unique(picture.rgbd.depth_mm[picture.rgbd.covered])
-    np.testing.assert_allclose(distances, sorted(expected), rtol=1e-6)
-    # Distances grow away from the viewer, and the wall comes out in front of the squares.
-    (warning,) = mapping.warnings(picture.clipped)
-    assert "far points are shown in front" in warning
-    assert "to show them there" not in warning
-
-
-def test_eq_4_has_no_value_for_a_flat_picture_or_a_focused_display():
-    focused = small_display(gap_mm=3.0, depth_min_mm=4.0, depth_max_mm=24.0)
-    for ends, display in (((1.0, 1.0), DISPLAY), ((1.0, 2.0), focused)):
-        with pytest.raises(UsageError, match="--depth-map printed"):
-            map_depth("printed", values([[1.0, 2.0]]), ends, display)

@@ -17,7 +17,6 @@ from inim.generators import (
     Algorithm,
     find_sources,
     generate,
-    hole_fraction,
     prepare,
 )
 from inim.image.color import srgb_from_linear
@@ -36,7 +35,6 @@ BINARY = {
 NOMINAL = {**DISPLAYS["nominal"].parameters(), "lens_columns": 4, "lens_rows": 3}
 VIRTUAL = {"focal_length_mm": 3.6, "depth_min_mm": -41.0, "depth_max_mm": -20.0}
 SOLID = "template:columns=solid"
-BASES = pytest.mark.parametrize("base", [BINARY, NOMINAL], ids=["binary", "nominal"])
 
 
 def display(base: dict[str, Any] = BINARY, **changes: Any) -> Display:
@@ -81,52 +79,6 @@ def ray_at(device: Display, z: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 # -- first hits ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("depth", [6.0, -4.0, -7.25])
-@BASES
-def test_flat_surface_shows_the_cell_at_its_depth(depth, base):
-    device = display(base, depth_min_mm=-8.0, depth_max_mm=8.0)
-    sources = find_sources(picture(np.full((60, 66), depth), 0.1873), device)
-    y, x = ray_at(device, depth)
-    row, column = np.floor(30 - y / 0.1873).astype(int), np.floor(33 + x / 0.1873).astype(int)
-    assert np.array_equal(sources, row[:, None] * 66 + column)
-
-
-@pytest.mark.parametrize("z", [4.0, 8.0, -4.0, -8.0])
-def test_single_cell_appears_where_similar_triangles_put_it(z):
-    # A thin slice of depth about z, so that the cell's walls show nothing.
-    thin = 2.0**-12
-    device = display(depth_min_mm=z - thin, depth_max_mm=z + thin)
-    cell, (row, column), (high, wide) = 0.5, (3, 9), (10, 14)
-    x, y = (column + 0.5 - wide / 2) * cell, (high / 2 - row - 0.5) * cell
-    sources = find_sources(only((high, wide), (row, column), z - thin, cell), device)
-    reach = cell / 2 * 2.0 / abs(z)  # half the size of the cell's image on the panel
-    x0, y0 = np.arange(4) - 1.5, 1 - np.arange(3)
-    inside = (np.arange(8) - 3.5) / 8
-    across = np.abs(inside - ((x0 - x) * 2.0 / z)[:, None]) < reach
-    down = np.abs(-inside - ((y0 - y) * 2.0 / z)[:, None]) < reach
-    expected = np.where(down.ravel()[:, None] & across.ravel(), row * wide + column, HOLE)
-    assert 0 < (expected >= 0).sum() < expected.size
-    assert np.array_equal(sources, expected)
-
-
-def test_ray_along_a_border_belongs_to_the_larger_row_and_column():
-    # Odd pixels: the middle one is under the lens centre and looks straight ahead, along the
-    # corner of four cells where the picture is even.
-    device = display(pitch_mm=0.875, lens_rows=1, lens_columns=1)
-    covered = np.ones((8, 10), bool)
-    assert find_sources(picture(np.full((8, 10), 6.0), 0.25), device)[3, 3] == 4 * 10 + 5
-    covered[4, 5] = False
-    assert find_sources(picture(np.full((8, 10), 6.0), 0.25, covered), device)[3, 3] == HOLE
-
-
-@pytest.mark.parametrize("algorithm", ["template", "gu2020", "gu2020:step_mm=20.9"])
-def test_depth_equal_to_the_far_end_is_seen_below_it_is_not(algorithm):
-    device = display(depth_min_mm=4.0, depth_max_mm=8.0)
-    for depth, holes in ((np.float32(4.0), 0), (np.nextafter(np.float32(4.0), np.float32(0)), 1)):
-        rgbd = picture(np.full((40, 48), depth), 0.25)
-        assert hole_fraction(find_sources(rgbd, device, algorithm)) == holes
 
 
 def test_columns_that_end_are_nearer_to_the_truth_than_solid_ones():

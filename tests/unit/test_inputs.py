@@ -11,8 +11,8 @@ import pytest
 
 import inim
 from inim.display import DISPLAYS, Viewpoint
-from inim.display.viewpoint import named_viewpoint, viewpoint_of
-from inim.system.errors import InimError, UsageError, ViewpointError
+from inim.display.viewpoint import viewpoint_of
+from inim.system.errors import InimError, UsageError
 from tests.conftest import small_display
 
 NOMINAL = DISPLAYS["nominal"]
@@ -51,15 +51,6 @@ def test_a_viewpoint_is_a_value_or_its_text(renderer, text):
     assert np.array_equal(view, inim.reconstruct(EIA, NOMINAL, eye, **options))
 
 
-def test_named_viewpoints_are_those_of_a_validation():
-    eye = viewpoint_of("left", NOMINAL)
-    assert eye == named_viewpoint("left", NOMINAL, eye.z_mm)
-    with pytest.raises(ViewpointError, match="names several; give one"):
-        viewpoint_of("left,right", NOMINAL)
-    with pytest.raises(UsageError, match="3 is a int; give a Viewpoint"):
-        viewpoint_of(3, NOMINAL)  # type: ignore[arg-type]
-
-
 @pytest.mark.parametrize(
     ("eia", "display", "viewpoint", "says"),
     [
@@ -79,15 +70,6 @@ def test_wrong_inputs_of_reconstruct_are_one_line(renderer, eia, display, viewpo
     assert "\n" not in str(raised.value)
 
 
-def test_the_remedy_for_an_8_bit_eia_is_the_linear_one(renderer):
-    from inim.image.color import linear_from_srgb, to_srgb
-
-    codes = to_srgb(EIA)
-    with pytest.raises(UsageError, match=r"linear_from_srgb\(eia\[..., :3\] / 255\)"):
-        inim.reconstruct(codes, "nominal", "centre")
-    np.testing.assert_allclose(linear_from_srgb(codes[..., :3] / 255), EIA, atol=0.005)
-
-
 @pytest.mark.parametrize(
     ("rgbd", "says"),
     [
@@ -103,10 +85,3 @@ def test_wrong_pictures_of_generate_are_one_line(rgbd, says):
 def test_depth_in_metres_is_warned_of():
     with pytest.warns(UserWarning, match=r"100% of it is outside .* depths are 0.033 to 0.033"):
         inim.generate(picture(depth_mm=0.033, display=small_display()), small_display())
-
-
-def test_a_viewpoint_takes_numpy_numbers(renderer):
-    numbers = Viewpoint("mine", np.float32(10), np.int64(-5), np.float64(600))
-    options = {"pixels_per_lens": 1, "spp": 2}
-    view = inim.reconstruct(EIA, NOMINAL, numbers, **options)
-    assert np.array_equal(view, inim.reconstruct(EIA, NOMINAL, "mine=10 -5 600", **options))

@@ -38,24 +38,6 @@ def test_kernels_are_compiled_again_if_functions_in_other_files_change(tmp_path,
     assert loads_from_disk(path)
 
 
-def test_kernels_saved_by_two_processes_at_once_are_not_mixed_up(tmp_path, monkeypatch):
-    path = tmp_path / "planted.py"
-    path.write_text(SOURCE)
-    kernel, other = load(path), load(path)
-    files, others = kernel._cache._cache_file, other._cache._cache_file
-    save_code = files._save_data
-
-    def save_code_later(name, code):
-        assert other(0.5) == 1.0
-        save_code(name, code)
-
-    monkeypatch.setattr(others, "_load_index", dict)  # as it was before
-    monkeypatch.setattr(files, "_save_data", save_code_later)
-    assert kernel(3) == 6
-    for value in (0.5, 3):
-        assert load(path)(value) == 2 * value
-
-
 def test_kernels_of_old_versions_are_removed(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     folders = []

@@ -14,16 +14,14 @@ import pytest
 from PIL import Image
 
 from inim.apps.export.native import subpixel_views
-from inim.apps.inspect.geometry import view_shares
 from inim.cli.main import main
 from inim.display import DISPLAYS, Viewpoint
 from inim.display.cells import CELL_PATTERNS
-from inim.display.lens import check_lens_model, trace_to_panel
-from inim.display.looking_glass import CELL_MODES, TYPICAL, LookingGlass, parse_calibration
+from inim.display.lens import trace_to_panel
+from inim.display.looking_glass import CELL_MODES, LookingGlass, parse_calibration
 from inim.display.pixels import SUBPIXELS, PixelOffset, pixel_rays, ray_starts
-from inim.display.settings import Settings
 from inim.display.viewpoint import check_viewpoint, parse_viewpoints, zone_eyes
-from inim.generators import find_sources, generate
+from inim.generators import find_sources
 from inim.image.files.image import write_rgbd
 from inim.image.rgbd import RGBD
 from inim.render.rays import pickup_rays
@@ -201,48 +199,6 @@ def test_pickup_rays_start_all_over_a_subpixel_and_meet_the_same_eye(document, r
                     assert off < (3e-5 if abs(z) < 1 else 3e-3)  # float32 over the way
 
 
-@pytest.mark.parametrize(
-    ("algorithm", "apart"),
-    # wang2024 takes the nearest of its depths: a ray moves half a picture pixel to it at most.
-    [
-        ("template:samples=1", 0), ("layered:samples=1", 0), ("gu2020:step_mm=1", 0),
-        ("wang2024:matching=ray", 1),
-    ],
-)  # fmt: skip
-def test_a_flat_picture_is_hit_where_rays_reach_its_depth(algorithm, apart):
-    display = display_from(STRIPES).replace(subpixels="none")
-    shape, pixel = display.capture_shape(4), display.capture_pixel_mm(4)
-    # Just in front of a step of gu2020, in float32.
-    depth = float(np.nextafter(np.float32(display.depth_range_mm[1] - 3.0), np.float32(99)))
-    flat = RGBD(np.zeros((*shape, 3)), np.full(shape, depth), np.ones(shape, bool), pixel)
-    sources = find_sources(flat, display, algorithm)
-    rays = pixel_rays(display, slice(0, 108))
-    u = (rays.x0 + rays.slope_x * depth) / pixel + shape[1] / 2
-    v = shape[0] / 2 - (rays.y0 + rays.slope_y * depth) / pixel
-    clear = np.minimum(np.abs(u - np.round(u)), np.abs(v - np.round(v))) > 1e-4
-    assert clear.mean() > 0.99
-    row, column = np.divmod(sources, shape[1])
-    for cell, place in ((row, v), (column, u)):
-        assert np.abs(cell - np.floor(place))[clear].max() <= apart
-
-
-def test_colours_of_far_points_are_averaged_across_the_axes_only():
-    display = display_from(STRIPES)
-    shape, pixel = display.capture_shape(4), display.capture_pixel_mm(4)
-    depth = np.full(shape, display.depth_range_mm[1])
-    contrast = {}
-    for name, lines in (("along", np.arange(shape[0])[:, None]), ("across", np.arange(shape[1]))):
-        light = np.broadcast_to((lines // 4 % 2).astype(np.float32), shape)
-        flat = RGBD(np.stack([light] * 3, -1), depth, np.ones(shape, bool), pixel)
-        nearest, averaged = (
-            np.std(generate(flat, display, f"template:samples=1:colour={colour}")[20:-20, 20:-20])
-            for colour in ("nearest", "averaged")
-        )
-        contrast[name] = averaged / nearest
-    assert contrast["along"] > 0.98
-    assert contrast["across"] < 0.7
-
-
 def test_the_viewing_zone_has_no_limit_along_the_axes():
     display = display_from(STRIPES)
     distance = display.layout.design_distance_mm
@@ -311,18 +267,6 @@ def test_kinds_of_pixels_follow_their_patterns():
     assert set(CELL_MODES) | {"rows-of-4"} == set(CELL_PATTERNS)
 
 
-@pytest.mark.parametrize("name", TYPICAL)
-def test_presets_are_typical_units_of_a_model(name):
-    display = DISPLAYS[name]
-    assert name.endswith("-typical")
-    assert display.name == name
-    assert 5 < display.pixels_per_lens < 8 or "go" in name
-    assert Settings(display=name).make_display("") == display
-    check_lens_model("thick", display)
-    cone = 2 * math.degrees(math.atan(display.pitch_mm / 2 / display.gap_mm))
-    assert cone == pytest.approx(TYPICAL[name].view_cone, abs=1)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -368,20 +312,6 @@ def test_a_damaged_file_is_refused_in_one_line(change, message, tmp_path, capsys
 def test_impossible_lenticulars_are_refused(changes, message):
     with pytest.raises(DisplayError, match=message):
         display_from(STRIPES).replace(**changes)
-
-
-def test_pinholes_show_light_of_the_view_next_to_the_eye_s_and_thick_lenses_of_more():
-    display = display_from(STRIPES)
-    eye, views = (40.0, 5.0, 150.0), display.layout.directions[0]
-    assert views == pytest.approx(3 * display.elemental_pitch_mm / display.pixel_pitch_mm)
-    shares = {
-        model: view_shares(display, display, model, eye, views) for model in ("pinhole", "thick")
-    }
-    assert all(sum(values) == pytest.approx(1) for values in shares.values())
-    assert shares["pinhole"][2:] == [0, 0]
-    assert shares["pinhole"][0] > 0.7
-    assert shares["thick"][0] < shares["pinhole"][0] - 0.1
-    assert sum(shares["thick"][2:]) > 0.01
 
 
 def test_rays_of_a_tilted_panel_meet_the_same_eye_and_land_on_their_pixels():

@@ -91,19 +91,6 @@ def test_a_near_point_is_further_right_for_eyes_further_left():
         assert (place[0] - place[-1]) / 4 == pytest.approx(expected, abs=0.25)
 
 
-def test_a_shift_moves_points_of_the_array_to_its_depth():
-    """Flat views, all alike, show a plane on the array; shifted, one in front of it."""
-    display = small_display(columns=30, rows=20, pixels=7)
-    picture = noise((20, 30, 3))
-    views = np.broadcast_to(picture, (7, 7, *picture.shape))
-    eia = eia_from_views(views, display, shift=1.0)
-    moved = sub_aperture_views(eia, display)
-    np.testing.assert_array_equal(moved[3, 3], picture)
-    np.testing.assert_array_equal(moved[3, 1, :, 2:], picture[:, :-2])  # from the left: right
-    np.testing.assert_array_equal(moved[1, 3, 2:], picture[:-2])  # from above: down
-    assert not moved[3, 1, :, :2].any()
-
-
 @pytest.mark.parametrize(("rows", "columns"), [(3, 5), (4, 2), (1, 7), (3, 3)])
 def test_an_hci_folder_round_trips(tmp_path, rows, columns):
     views = noise((rows, columns, 6, 9, 3))
@@ -113,16 +100,6 @@ def test_an_hci_folder_round_trips(tmp_path, rows, columns):
     assert field.disparity is None
     write_hci(tmp_path / "lf", views[:1, :1])  # fewer views leave none of the old ones behind
     assert read_hci(tmp_path / "lf").views.shape == (1, 1, 6, 9, 3)
-
-
-def test_an_hci_folder_s_disparity_is_that_of_its_centre_view(tmp_path):
-    write_hci(tmp_path, noise((3, 5, 6, 9, 3)))
-    disparity = np.random.default_rng(0).normal(size=(6, 9)).astype("<f4")
-    (tmp_path / "gt_disp_Cam007.pfm").write_bytes(b"Pf\n9 6\n-1\n" + disparity[::-1].tobytes())
-    np.testing.assert_array_equal(read_hci(tmp_path).disparity, disparity)
-    (tmp_path / "gt_disp_lowres.pfm").write_bytes(b"Pf\n2 2\n-1\n" + bytes(16))
-    with pytest.raises(FileError, match=r"2 x 2 pixels; the views have 9 x 6"):
-        read_hci(tmp_path)
 
 
 @pytest.mark.parametrize("per_pitch", [1, 4, 5])

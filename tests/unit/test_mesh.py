@@ -112,13 +112,6 @@ def test_written_ply_reads_back_bit_for_bit(tmp_path):
     assert mesh.vertices.dtype == np.float32
 
 
-def test_quads_are_read(tmp_path):
-    body = POINTS.tobytes() + struct.pack("<B4i", 4, 0, 1, 2, 3)
-    path = placed(tmp_path, "a.ply", ply_header(4, 1) + body)
-    assert len(read_mesh(path)[0].faces) == 2
-    assert len(read_shape(path, "ply").faces) == 2
-
-
 def test_gltf_node_transform_is_applied(tmp_path):
     node = {"translation": [10, 20, 30], "scale": [2, 2, 2]}
     (mesh,) = read_mesh(placed(tmp_path, "a.gltf", gltf(node)))
@@ -131,39 +124,12 @@ def test_gltf_base_colour_is_linear(tmp_path):
     np.testing.assert_allclose(mesh.color, np.tile([1, 0.2, 0], (4, 1)), atol=1 / 255)
 
 
-def test_ply_byte_colours_are_decoded_from_srgb(tmp_path):
-    text = (
-        ply_header(4, 4, "ascii")
-        .decode()
-        .replace(
-            "property float z\n",
-            "property float z\n"
-            + "".join(f"property uchar {c}\n" for c in ("red", "green", "blue")),
-        )
-    )
-    text += "".join(f"{x} {y} {z} 255 188 0\n" for x, y, z in POINTS)
-    text += "".join(f"3 {a} {b} {c}\n" for a, b, c in FACES)
-    (mesh,) = read_mesh(placed(tmp_path, "a.ply", text))
-    assert mesh.color is not None
-    np.testing.assert_allclose(mesh.color[0], [1.0, 0.5, 0.0], atol=0.01)
-
-
 def textured_obj(folder: Path, picture: str) -> Path:
     placed(folder, "a.mtl", f"newmtl skin\nmap_Kd {picture}\n")
     uv = "vt 0 0\nvt 1 0\nvt 0 1\nvt 1 1\n"
     faces = "usemtl skin\n" + "".join(f"f {a}/{a} {b}/{b} {c}/{c}\n" for a, b, c in FACES + 1)
     points = "".join(f"v {x} {y} {z}\n" for x, y, z in POINTS)
     return placed(folder, "a.obj", "mtllib a.mtl\n" + points + uv + faces)
-
-
-def test_obj_texture_in_the_folder_is_kept(tmp_path):
-    from PIL import Image
-
-    pixels = np.arange(48, dtype=np.uint8).reshape(4, 4, 3)
-    Image.fromarray(pixels).save(tmp_path / "skin.png")
-    (mesh,) = read_mesh(textured_obj(tmp_path, "skin.png"))
-    np.testing.assert_array_equal(mesh.texture, pixels)
-    assert mesh.uv is not None
 
 
 def test_obj_texture_outside_the_folder_is_not_opened(tmp_path):

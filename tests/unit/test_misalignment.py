@@ -6,18 +6,11 @@ from inim.display import DISPLAYS
 from inim.display.misalignment import (
     MISALIGNMENTS,
     misaligned,
-    misalignment_text,
     one_pixel_errors,
-    parse_misalignment,
 )
 from inim.system.errors import DisplayError, UsageError
 
 NOMINAL = DISPLAYS["nominal"]
-
-
-def test_zero_misalignment_is_the_design_itself():
-    assert misaligned(NOMINAL, "") is NOMINAL
-    assert misaligned(NOMINAL, " , ") is NOMINAL
 
 
 def test_offsets_add_to_the_design_s_own():
@@ -72,12 +65,6 @@ def test_a_pitch_error_only_stretches_the_lattice():
 def test_invalid_text_is_named(text, says):
     with pytest.raises(UsageError, match=says):
         misaligned(NOMINAL, text)
-
-
-def test_numbers_and_their_text_are_the_same_misalignment():
-    off = {"rotation_deg": 1 / 3, "gap_mm": -0.1}
-    assert parse_misalignment(misalignment_text(off)) == off
-    assert misaligned(NOMINAL, misalignment_text(off)) == misaligned(NOMINAL, off)
 
 
 @pytest.mark.parametrize("text", ["gap_mm=-4", "pitch_mm=-1", "tilt_x_deg=80", "shift_x_mm=nan"])

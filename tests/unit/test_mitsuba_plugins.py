@@ -10,8 +10,8 @@ from inim.display import Viewpoint
 from inim.display.settings import plain_parameters
 from inim.image.color import to_srgb
 from inim.image.files.image import write_exr
-from inim.system.errors import BackendError, FileError, SceneError
-from tests.conftest import no_cuda, small_display, square
+from inim.system.errors import SceneError
+from tests.conftest import no_cuda, small_display
 
 ROOT = Path(__file__).parents[2]
 WHY_NO_CUDA = no_cuda()
@@ -37,20 +37,6 @@ def picture(seed: int = 1, display=DISPLAY) -> np.ndarray:
     rows, columns = display.eia_shape
     random = np.random.default_rng(seed).random((rows // 16, columns // 16, 3), np.float32)
     return random.repeat(16, axis=0).repeat(16, axis=1)
-
-
-def test_a_libllvm_that_aborts_is_refused_when_the_variant_is_set(monkeypatch):
-    """Mitsuba imported before `inim.render`: Dr.Jit took the system's libLLVM 15."""
-    import drjit
-    import mitsuba as mi
-
-    from inim.render import variant
-
-    if not mi.variant().startswith("llvm"):
-        pytest.skip("the variant uses no libLLVM")
-    monkeypatch.setattr(drjit.detail, "llvm_version", lambda: (14, 0, 6))
-    with pytest.raises(BackendError, match=r"LLVM 14 is too old.*import inim\.render"):
-        variant._register()
 
 
 def turned(name: str):
@@ -132,39 +118,6 @@ def test_display_and_eye_may_be_anywhere_in_any_unit(name):
     error_mm = 8 * 2.0**-24 * 1200
     assert np.abs(here - there).mean() < 4 * error_mm / DISPLAY.pixel_pitch_mm
     assert here.mean() > 0.2
-
-
-def test_arrays_may_be_rotated_and_shifted_on_their_panel():
-    """The rectangle holds the array as it lies; the product's formula sees the same."""
-    from inim.render.reconstruct import DisplayScene
-
-    display = DISPLAY.replace(rotation_deg=20, shift_x_mm=0.5, tilt_y_deg=1.0)
-    half = display.half_extent_mm
-    assert half[0] > HALF[0]
-    world = turned("all")
-    shape = panel(world, misalign="rotation_deg=20, shift_x_mm=0.5", tilt_y_deg=1.0)
-    shape["to_world"] = rectangle(world, half)
-    sensor = {**eye(world), **parameters_of(display), "to_world": rectangle(world, half)}
-    width, height = 64, round(64 * half[1] / half[0])
-    sensor["film"] = film(width, height)
-    image = rendered(loaded(panel=shape, eye=sensor), spp=128)
-    viewpoint = Viewpoint("eye", 3, -2, 200)
-    view = DisplayScene(picture(), display, "thick").view(
-        viewpoint, pixels_per_lens=8, spp=128, seed=0
-    )
-    # The product's film is the array's own extent in the middle of the larger one.
-    assert image.mean() * half[0] * half[1] >= view.mean() * HALF[0] * HALF[1]
-    middle = image[height // 2 - 8 : height // 2 + 8, width // 2 - 8 : width // 2 + 8]
-    rows, columns = view.shape[:2]
-    high, wide = (
-        round(8 / n * h / w * m)
-        for n, h, w, m in (
-            (height / 2, half[1], HALF[1], rows / 2),
-            (width / 2, half[0], HALF[0], columns / 2),
-        )
-    )
-    same = view[rows // 2 - high : rows // 2 + high, columns // 2 - wide : columns // 2 + wide]
-    assert middle.mean(axis=(0, 1)) == pytest.approx(same.mean(axis=(0, 1)), abs=0.03)
 
 
 def pickup(world, **changes) -> dict:
@@ -320,28 +273,6 @@ def test_a_file_next_to_the_scene_is_shown(tmp_path, form):
         mi.load_file(str(tmp_path / "s.xml"))
 
 
-def test_bitmap_and_tensor_are_one():
-    import mitsuba as mi
-
-    world = turned("as it is")
-    codes = to_srgb(picture())
-    by_bitmap = loaded(panel=panel(world), eye=eye(world))
-    for bitmap, limit in ((mi.Bitmap(picture()), 0.0), (mi.Bitmap(codes), 5e-3)):
-        shape = panel(world)
-        del shape["emitter"]["eia"]
-        shape["emitter"]["bitmap"] = bitmap
-        eia = np.array(mi.traverse(loaded(panel=shape))["panel.emitter.eia"])
-        assert np.abs(eia - picture()).max() <= limit
-    assert np.array_equal(np.array(mi.traverse(by_bitmap)["panel.emitter.eia"]), picture())
-
-
-def test_in_the_bench_s_own_scenes_its_errors_are_one_line(open_fitted):
-    wrong = XML.format(file="eia.png", numbers='<float name="gap_m" value="$gap"/>')
-    wrong = wrong.replace('<string name="filename" value="eia.png"/>', "")
-    with pytest.raises(FileError, match=r"refuses it: SceneError: inim_display: unknown .*gap_mm"):
-        open_fitted(wrong.replace("</scene>", square((0, 0, 0), 5, "0.5") + "</scene>"), DISPLAY)
-
-
 def test_the_displayed_eia_can_be_changed():
     import mitsuba as mi
 
@@ -471,31 +402,6 @@ def test_other_variants_are_refused_and_plugins_come_back(variant):
     assert before(turned("as it is")).mean() > 0.2
 
 
-def test_the_museum_s_room_shows_its_display_right_way_up(tmp_path):
-    """A panel red at the top left: the phone is portrait, upright, and lights the table."""
-    import mitsuba as mi
-
-    eia = np.full((2400, 1080, 3), 60, np.uint8)
-    eia[:1200, :540] = (250, 20, 20)
-    Image.fromarray(eia).save(tmp_path / "eia.png")
-    room = ROOT / "scenes" / "museum_room" / "room.xml"
-    parameters = {"eia": str(tmp_path / "eia.png"), "width": "96", "height": "72"}
-    scene = mi.load_file(str(room), **parameters)
-    image = rendered(scene, 64)
-    red = image[..., 0] > 3 * image[..., 1] + 0.2
-    assert red.sum() > 40
-    rows, columns = np.nonzero(red)
-    across = slice(columns.min(), columns.max() + 1)
-    below = image[rows.max() + 3 : rows.max() + 8, across]
-    beside = image[rows.min() : rows.max() + 1, columns.max() + 2 : columns.max() + 5]
-    assert below.mean(axis=(0, 1)) == pytest.approx(beside.mean(axis=(0, 1)), rel=0.2)
-    values = mi.traverse(scene)
-    values["display.emitter.brightness"] = 0.0
-    values.update()
-    table = slice(60, 72), slice(36, 52)
-    assert image[table].mean() > 1.02 * rendered(scene, 64)[table].mean(), "its light on the table"
-
-
 @pytest.mark.skipif(bool(WHY_NO_CUDA), reason=WHY_NO_CUDA)
 def test_cuda_shows_the_same():
     import mitsuba as mi
@@ -506,24 +412,6 @@ def test_cuda_shows_the_same():
         assert np.abs(before(turned("all")) - expected).mean() < 1e-3
     finally:
         mi.set_variant(active)
-
-
-def test_an_abandoned_display_goes_before_the_next_is_rendered():
-    """Dr.Jit aborts if an emitter is freed between two of a kernel's calls."""
-    import gc
-
-    gc.collect()
-    gc.disable()
-    try:
-        abandoned = [lit_wall({"type": "path"})]
-        abandoned.append(abandoned)  # only the collector finds it
-        del abandoned
-        scene = lit_wall({"type": "path"})
-        kinds = [type(item).__name__ for item in gc.get_objects()]
-        assert kinds.count("DisplayEmitter") == 1
-        assert rendered(scene, 1).any()
-    finally:
-        gc.enable()
 
 
 def test_scenes_leave_no_objects_behind():

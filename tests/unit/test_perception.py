@@ -1,9 +1,5 @@
 """Metrics of perception: the viewing conditions reach them."""
 
-import sys
-from contextlib import nullcontext
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -15,7 +11,6 @@ from inim.report.labels import disagreements
 from inim.scores import metrics
 from inim.scores.metrics import Metric, Viewing
 from inim.system.errors import UsageError
-from tests.documents import blocks
 from tests.schemas import report_document
 
 SEEN = Viewing(30.0, 400.0)
@@ -82,35 +77,3 @@ def test_a_metric_that_prefers_another_algorithm_is_named(announce):
     assert warning.startswith("PSNR disagrees: it prefers second to first, with 30.00")
     within_its_tolerance = results(first=25.0, second=25.0 + 1e-3)
     assert disagreements(within_its_tolerance) == []
-
-
-def test_color_video_vdp_of_the_how_to_is_a_metric_of_viewing(monkeypatch, announce):
-    """A stand-in for the package keeps its arguments."""
-    models = []
-
-    def predict(test, reference, dim_order):
-        return [10 - abs(test - reference).mean()]
-
-    def model(**arguments):
-        models.append(arguments)
-        return SimpleNamespace(predict=predict)
-
-    package = SimpleNamespace(
-        vvdp_display_photo_eotf=lambda peak, **more: {"peak": peak, **more},
-        vvdp_display_geometry=lambda resolution, ppd: ppd,
-        cvvdp=model,
-    )
-    monkeypatch.setitem(sys.modules, "pycvvdp", package)
-    monkeypatch.setitem(sys.modules, "torch", SimpleNamespace(device=str, no_grad=nullcontext))
-    (code,) = (b.text for b in blocks("docs/how-to/own-metric.md") if "import pycvvdp" in b.text)
-    names: dict = {}
-    exec(code, names)
-    announce(cvvdp=names["metric"])
-    a, b, _ = pictures(7)
-    assert metrics.score(a, a, viewing=SEEN)["cvvdp_jod"] == 10
-    assert 9 < metrics.score(a, b, viewing=SEEN)["cvvdp_jod"] < 10
-    assert "cvvdp_jod" not in metrics.score(a, b)
-    (arguments,) = models
-    assert arguments["display_geometry"] == SEEN.pixels_per_degree
-    assert arguments["display_photometry"]["peak"] == SEEN.luminance_cd_m2
-    assert arguments["display_photometry"]["contrast"] == SEEN.contrast

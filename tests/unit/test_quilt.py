@@ -34,12 +34,6 @@ def test_eyes_too_close_for_a_zone_are_refused():
         zone_eyes(DISPLAY, 48, 60.0)
 
 
-@pytest.mark.parametrize("distance", [0.0, -5.0, float("nan"), 2.0])
-def test_no_zone_is_seen_from_no_distance(distance):
-    with pytest.raises(ViewpointError, match=r"middle: .*(z > 0|inside the picture)"):
-        zone_eyes(DISPLAY, 5, distance)
-
-
 @pytest.mark.parametrize(
     ("size", "aspect", "window"),
     [

@@ -305,13 +305,6 @@ def test_score_is_above_another_by_more_than_the_noise_of_both():
     assert not is_above(replace(high, bias=0.002), low), "what noise did to it does not count"
 
 
-def test_region_without_a_pixel_has_no_score(scene):
-    picture = NoisyImage.from_image(scene)
-    empty = view_scores(picture, picture, np.zeros(scene.shape[:2], bool), ["ssim"])
-    assert math.isnan(empty["ssim_on_relic"].value)
-    assert empty["ssim"].value == 1
-
-
 @pytest.mark.parametrize(
     ("noise", "repeats"),
     [

@@ -1,13 +1,9 @@
 """An RGB-D picture is consistent, or is not made."""
 
-import base64
-import io
-import re
 from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from inim.image.rgbd import RGBD
 from inim.system.errors import UsageError
@@ -23,12 +19,6 @@ def picture(**changes: Any) -> RGBD:
     )
 
 
-def test_sizes_follow_from_the_shape_and_the_pixel():
-    rgbd = picture()
-    assert rgbd.shape == (2, 3)
-    assert (rgbd.width_mm, rgbd.height_mm) == (0.75, 0.5)
-
-
 def test_values_are_float32_and_bool_and_do_not_change():
     rgbd = picture(covered=COVERED.astype(int))
     assert rgbd.color.dtype == rgbd.depth_mm.dtype == np.float32
@@ -38,13 +28,6 @@ def test_values_are_float32_and_bool_and_do_not_change():
             getattr(rgbd, name)[0, 0] = 0
     with pytest.raises(AttributeError):
         rgbd.pixel_mm = 1.0  # type: ignore[misc]
-
-
-def test_arrays_of_the_caller_stay_writable():
-    depth = DEPTH.astype(np.float32)
-    picture(depth_mm=depth)
-    depth[0, 0] = 9
-    assert depth[0, 0] == 9
 
 
 @pytest.mark.parametrize(
@@ -71,17 +54,3 @@ def test_inconsistent_picture_is_refused_with_the_value(changes, message):
 def test_depth_of_an_uncovered_pixel_may_be_anything():
     depth = np.where(COVERED, DEPTH, np.nan)
     assert np.isnan(picture(depth_mm=depth).depth_mm[0, 2])
-
-
-@pytest.mark.parametrize("covered", [True, False])
-def test_notebook_shows_small_thumbnails_of_colour_and_depth(covered):
-    shape = (300, 700)
-    depth = np.linspace(4, 20, 210_000, dtype=np.float32).reshape(shape)
-    rgbd = RGBD(np.full((*shape, 3), 0.5, np.float32), depth, np.full(shape, covered), 0.1)
-    color, depth_map = (
-        np.asarray(Image.open(io.BytesIO(base64.b64decode(data))))
-        for data in re.findall(r'base64,([^"]+)"', rgbd._repr_html_())
-    )
-    assert color.shape == depth_map.shape == (100, 234, 3)
-    assert (color == 188).all()
-    assert (depth_map[0, 0, 0], depth_map[-1, -1, 0]) == ((0, 255) if covered else (30, 30))

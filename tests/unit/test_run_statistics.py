@@ -1,9 +1,6 @@
 """RunStatistics of a run: written and read back, and whether two can be compared."""
 
-import itertools
 import math
-import threading
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -95,38 +92,6 @@ def test_arrays_of_another_run_are_refused(statistics, tmp_path):
     (tmp_path / "baseline.json").write_bytes(old)
     with pytest.raises(BaselineError, match="belongs to another run"):
         read_statistics(tmp_path, BASELINE)
-
-
-def test_a_baseline_that_is_replaced_meanwhile_is_one_of_the_two(statistics, tmp_path):
-    """Read at any moment: the old one, the new one, or a line."""
-    pictures = {
-        "truth/left": tile_statistics(NoisyImage.from_image(np.full((40, 48, 3), 0.5)), (8, 8))
-    }
-    versions = [statistics, replace(statistics, pictures=pictures)]
-    means = [version_read.pictures["truth/left"].mean for version_read in versions]
-    write_statistics(tmp_path, BASELINE, versions[0])
-    enough = threading.Event()
-
-    def write() -> None:
-        for version in itertools.cycle((1, 0)):
-            accepted = replace(versions[version], reason=str(version), accepted="2026-01-01")
-            write_statistics(tmp_path, BASELINE, accepted)
-            if enough.is_set() and not version:
-                return
-
-    writer = threading.Thread(target=write)
-    writer.start()
-    versions_read = []
-    while writer.is_alive():
-        with suppress(BaselineError):
-            versions_read.append(read_statistics(tmp_path, BASELINE))
-        if len(versions_read) >= 50:
-            enough.set()
-    assert len(versions_read) >= 50, "the writer failed"
-    for version_read in versions_read:
-        np.testing.assert_array_equal(
-            version_read.pictures["truth/left"].mean, means[int(version_read.reason or 0)]
-        )
 
 
 def test_a_score_that_is_not_a_number_stays_none(statistics, tmp_path):

@@ -9,7 +9,6 @@ import pytest
 
 from inim.report import Report
 from inim.report.score_table import compare_algorithms
-from inim.system.errors import UsageError
 from tests.schemas import report_document
 
 HEADLINE = "ssim_on_relic_to_reference"
@@ -42,11 +41,6 @@ def test_rows_have_values_and_ends_of_intervals():
     assert next(iter(csv.DictReader(io.StringIO(table.to_csv()))))[HEADLINE] == "0.95"
 
 
-def test_unknown_score_is_rejected_with_the_nearest_name():
-    with pytest.raises(UsageError, match="did you mean ssim"):
-        report(template=(0.9, 0.9)).table("sism")
-
-
 def test_latex_has_uncertain_digits_and_the_best_in_bold():
     text = report(**{"template:samples=1": (0.95, 0.9), "my_own": (0.96, 0.8)}).table().to_latex()
     lines = [line for line in text.splitlines() if "&" in line]
@@ -77,10 +71,3 @@ def test_few_reports_have_no_p_value_and_one_no_interval():
     assert single.mean == pytest.approx(0.1)
     assert math.isnan(single.low)
     assert math.isnan(single.p_value)
-
-
-def test_missing_algorithm_is_named_with_its_report():
-    with pytest.raises(UsageError, match="relic9: gu: use gu2020"):
-        compare_algorithms([report("relic9", gu2020=(0.9, 0.9))], "gu", "gu2020")
-    with pytest.raises(UsageError, match="there are none"):
-        compare_algorithms([], "a", "b")

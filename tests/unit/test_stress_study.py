@@ -22,7 +22,7 @@ from inim.generators.accuracy_limits import accuracy_warnings
 from inim.generators.oracle import lensed_pixels
 from inim.generators.template import ray_by_ray
 from inim.image.rgbd import RGBD
-from reports.stress.study import generators, lens_cases, lens_models, relations
+from reports.stress.study import generators, lens_cases, lens_models
 from reports.stress.study.cases import FULL, NONSEPARABLE_FAMILIES, Case, Family, ties
 from reports.stress.study.lens_cases import display_of
 from reports.stress.study.limits import checks_of
@@ -256,24 +256,6 @@ def test_every_case_of_mounted_arrays_holds(family):
 
 
 # -- relations ----------------------------------------------------------------------------------
-
-BROKEN_LAYERS = {
-    "without layers as template": lambda s, r: np.roll(s, 1, axis=1),
-    "a solid cut in two": lambda s, r: np.roll(s, len(r.layers) % 2, axis=1),
-    "the deepest solid changes what shows it": lambda s, r: np.roll(s, len(r.layers) % 2, axis=1),
-    "solids without gaps are columns": lambda s, r: np.roll(s, len(r.layers) // 2, axis=1),
-}
-
-
-def test_every_relation_of_layers_fails_on_its_fault():
-    assert {r.name for r in relations.LAYER_RELATIONS} == BROKEN_LAYERS.keys()
-    assert all(r.passed for r in relations.run_layer_relations())
-    for number, name in enumerate(r.name for r in relations.LAYER_RELATIONS):
-
-        def wrong(rgbd, display, algorithm, name=name):
-            return BROKEN_LAYERS[name](find_sources(rgbd, display, algorithm), rgbd)
-
-        assert not relations.run_layer_relations(wrong)[number].passed, name
 
 
 def lens_case():

@@ -117,13 +117,6 @@ def test_lists_and_ranges_multiply_displays_and_their_parameters(write_study):
     assert len({unit.hash for unit in units}) == len(units)
 
 
-def test_values_that_describe_no_display_fail_alone(write_study):
-    units = units_of(write_study(GRID.replace("[3.3, 3.4]", "[3.3, -1]")))
-    errors = {unit.variation: unit.error for unit in units if unit.error}
-    assert len(errors) == 7  # six of the grid, and those of phone and scene under one label
-    assert all("gap_mm" in label and "gap_mm" in error for label, error in errors.items())
-
-
 @pytest.mark.parametrize(
     ("text", "values"),
     [
@@ -219,20 +212,6 @@ def test_a_key_follows_versions_and_code(write_study, monkeypatch):
     newer = unit_hash(key_of(plan))
     monkeypatch.setattr(unit, "_own_code", lambda: "edited")
     assert len({before, newer, unit_hash(key_of(plan))}) == 3
-
-
-@pytest.mark.parametrize("function", ["foreign_identities", "foreign_identity"])
-def test_a_key_follows_the_state_of_metrics_and_lens_models_of_other_packages(
-    write_study, monkeypatch, function
-):
-    from inim.apps.sweep import unit
-
-    plan = units_of(write_study())[0].plan
-    hashes = {unit_hash(key_of(plan))}
-    for state in ("a", "b"):
-        monkeypatch.setattr(unit, function, lambda *_, state=state: {"theirs": state})
-        hashes.add(unit_hash(key_of(plan)))
-    assert len(hashes) == 3
 
 
 def test_a_criterion_belongs_to_its_algorithm(write_study):
