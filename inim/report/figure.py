@@ -282,18 +282,19 @@ def _draw_scores(part: Any, report: Report, request: FigureRequest) -> None:
 def _draw_time(part: Any, report: Report, request: FigureRequest) -> None:
     times, unit = times_of(report.data)
     axis = part.subplots(gridspec_kw=_PLOT_MARGINS)
-    labels = []
-    for name in request.algorithms:
-        score = report.data.mean(name, HEADLINE)
-        if name not in times or score is None:
-            continue
-        error = 1 - score
-        axis.plot(
-            times[name], error, plots.marker_of(name), color=plots.colour_of(name), markersize=5
-        )
-        labels.append(
-            plots.Name(name.replace("$", r"\$"), times[name], error, plots.colour_of(name), _FONT)
-        )
+    errors = {
+        name: 1 - score
+        for name in request.algorithms
+        if (score := report.data.mean(name, HEADLINE)) is not None
+    }
+    labels = plots.draw_time_against_error(
+        axis,
+        [
+            plots.TimedPoint(name, times[name], error, error)
+            for name, error in errors.items()
+            if name in times
+        ],
+    )
     plots.style(axis, "", f"{unit} (↙ better)", f"1 − {_HEADLINE_LINES}")
     axis.set_xscale("log")
     axis.margins(0.25, 0.2)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal, TypeGuard
 
 from inim.generators.registry import is_optimal
@@ -70,6 +70,15 @@ def short(value: object) -> str:
     if not isinstance(value, float):
         return plain(value)
     return f"{value:.4g}".replace("-", "−") if math.isfinite(value) else number(value, 0)
+
+
+def aligned(columns: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of columns of text, the first one aligned to the left and the others to the right."""
+    widths = [max(map(len, column)) for column in columns]
+    return [
+        "  ".join(c.rjust(w) if i else c.ljust(w) for i, (c, w) in enumerate(cells)).rstrip()
+        for cells in (zip(row, widths, strict=True) for row in zip(*columns, strict=True))
+    ]
 
 
 def mm(value: float | None) -> str:

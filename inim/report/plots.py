@@ -191,8 +191,36 @@ def draw_point(
 
 
 def point_name(name: str, time: float, error: float, on_front: bool) -> Name:
-    """An algorithm's name for its point, smaller and grey where another beats it in both."""
+    """An algorithm's name for its point, smaller and grey where another beats it in both.
+
+    A dollar sign would begin a formula.
+    """
+    name = name.replace("$", r"\$")
     return Name(name, time, error, colour_of(name) if on_front else SOFT, 8 if on_front else 7)
+
+
+@dataclass(frozen=True)
+class TimedPoint:
+    """An algorithm in a plot of time against error.
+
+    * `error`: smaller is better. `value`: its value on the axis.
+    * `fastest`: time of its fastest run, if known.
+    """
+
+    name: str
+    time: float
+    error: float
+    value: float
+    fastest: float | None = None
+
+
+def draw_time_against_error(axis: Any, points: Sequence[TimedPoint]) -> list[Name]:
+    """Draw points and their Pareto front, and return the names to place by `set_apart`."""
+    front = on_front({point.name: (point.time, point.error) for point in points})
+    for p in sorted(points, key=lambda point: point.name in front):
+        draw_point(axis, p.name, p.time, p.value, p.name in front, p.fastest)
+    draw_front(axis, [(p.time, p.value) for p in points if p.name in front])
+    return [point_name(p.name, p.time, p.value, p.name in front) for p in points]
 
 
 @dataclass(frozen=True)

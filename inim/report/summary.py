@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from html import escape
 from typing import Any
 
 from inim.report.document import ReportDocument
 from inim.report.labels import (
     MISSING,
     PREVIEW_WORDS,
+    aligned,
     check_limit,
     check_sentence,
     check_value,
@@ -26,6 +26,7 @@ from inim.report.labels import (
     suggested_criteria,
     verdict_words,
 )
+from inim.report.page import element, text, text_table
 from inim.scores.document_parts import Check, Checks
 from inim.scores.metrics import HEADLINE, HEADLINE_TO_SCENE, MAIN
 from inim.scores.regression.document import CompareDocument
@@ -86,10 +87,10 @@ def score_lines(data: ReportDocument) -> list[str]:
     block = [first]
     for cells in columns:
         if len(block) > 1 and _width([*block, cells]) > _LINE_WIDTH:
-            lines += _aligned(block)
+            lines += aligned(block)
             block = [first]
         block.append(cells)
-    return [*lines, *_aligned(block), *_possible_lines(data)]
+    return [*lines, *aligned(block), *_possible_lines(data)]
 
 
 def _possible_lines(data: ReportDocument) -> list[str]:
@@ -101,15 +102,10 @@ def _possible_lines(data: ReportDocument) -> list[str]:
 
 def render_table(data: ReportDocument, link: str) -> str:
     """Verdict and headline scores as HTML, with a link to the page."""
-    rows = "".join(
-        f"<tr>{''.join(f'<td>{escape(plain(cell))}</td>' for cell in row)}</tr>"
-        for row in zip(*_score_columns(data), strict=True)
-    )
-    verdict = escape(plain(f"{data.title}: {verdict_words(data)}"))
-    return (
-        f'<p>{verdict}; <a href="{escape(link)}" target="_blank">report</a></p>'
-        f"<table><caption>{escape(_SCORE_WORDS)}</caption>{rows}</table>"
-    )
+    heads, *rows = zip(*_score_columns(data), strict=True)
+    link_to_page = element("a", "report", href=link, target="_blank")
+    verdict = text(f"{data.title}: {verdict_words(data)}")
+    return element("p", verdict, "; ", link_to_page) + text_table(_SCORE_WORDS, heads, rows)
 
 
 def _score_columns(data: ReportDocument) -> list[list[str]]:
@@ -138,15 +134,6 @@ def _cut(name: str, longest: int) -> str:
 
 def _width(columns: Sequence[Sequence[str]]) -> int:
     return sum(max(map(len, column)) + 2 for column in columns) - 2
-
-
-def _aligned(columns: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of columns, the first one to the left and the others to the right."""
-    widths = [max(map(len, column)) for column in columns]
-    return [
-        "  ".join(c.rjust(w) if i else c.ljust(w) for i, (c, w) in enumerate(cells)).rstrip()
-        for cells in (zip(row, widths, strict=True) for row in zip(*columns, strict=True))
-    ]
 
 
 def render_checks(data: CompareDocument) -> str:

@@ -169,19 +169,16 @@ def _score_panel(axis: Any, scene: BenchScene, score: BenchScore) -> list[plots.
     """Draw a panel with its better end at the bottom, and return the names to place."""
     key, label, best = score.key, score.label, score.best
     is_higher = score.better == "higher"
-    if is_higher and best is not None:
-        names = _panel(axis, scene, key, lambda value: best - value)
-        label = f"{best:g} − {label}"
-    else:
-        names = _panel(axis, scene, key, lambda value: value)
-    plots.style(axis, score.title, f"{TIME} (↙ better)", label)
     errors = [_error(algorithm, key) for algorithm in scene.algorithms]
+    transform: Callable[[float], float] = float
     if is_higher and best is not None:
+        transform, label = (lambda value: best - value), f"{best:g} − {label}"
         if all(value is None or value < best for value in errors):
             axis.set_yscale("log")
     elif is_higher:
         axis.invert_yaxis()
-    return names
+    plots.style(axis, score.title, f"{TIME} (↙ better)", label)
+    return _panel(axis, scene, key, transform, is_higher)
 
 
 def _error(algorithm: BenchAlgorithm, key: str) -> float | None:
@@ -191,17 +188,20 @@ def _error(algorithm: BenchAlgorithm, key: str) -> float | None:
 
 
 def _panel(
-    axis: Any, scene: BenchScene, key: str, transform: Callable[[float], float]
+    axis: Any,
+    scene: BenchScene,
+    key: str,
+    transform: Callable[[float], float],
+    is_higher_better: bool = False,
 ) -> list[plots.Name]:
-    """Draw one panel; the names that go into it."""
+    """Draw one panel, and return the names to place."""
+    sign = -1 if is_higher_better else 1
     points = [
-        (a.name, a.median_ms, transform(value), key in a.fronts, a.min_ms)
+        plots.TimedPoint(a.name, a.median_ms, sign * value, transform(value), a.min_ms)
         for a in scene.algorithms
         if (value := _error(a, key)) is not None
     ]
-    for name, time, value, on_front, fastest in sorted(points, key=lambda point: point[3]):
-        plots.draw_point(axis, name, time, value, on_front, fastest)
-    plots.draw_front(axis, [(time, value) for _, time, value, on_front, _ in points if on_front])
+    names = plots.draw_time_against_error(axis, points)
     axis.axvline(scene.yardstick.median_ms, **plots.LINES["kernel"])
     plots.across(axis, "reference kernel", x=scene.yardstick.median_ms)
     floor = scene.noise_floor.get(key)
@@ -209,4 +209,4 @@ def _panel(
         axis.axhline(transform(floor), **plots.LINES["floor"])
         plots.across(axis, "noise floor", y=transform(floor))
     axis.margins(0.12, 0.12)
-    return [plots.point_name(*point[:4]) for point in points]
+    return names

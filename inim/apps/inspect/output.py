@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
-from inim.apps.inspect.document import InspectDocument, PixelChoice
+from inim.apps.inspect.document import InspectDocument, PixelChoice, Suitability, ViewingLimits
 from inim.apps.inspect.geometry import (
     COVER_GLASS,
     PIXEL_STEPS,
@@ -14,8 +15,10 @@ from inim.apps.inspect.geometry import (
     pixel_footprint_mm,
     voxel_mm,
 )
+from inim.display import Display
 from inim.display.lens import lens_model as find_lens_model
 from inim.display.panel import panel_words
+from inim.report.labels import aligned
 
 _COLUMNS = 100
 _LABEL = 30
@@ -41,21 +44,27 @@ _VIEWS = ("of the eye's own view", "of neighbouring views", "of their neighbours
 
 def as_text(data: InspectDocument) -> str:
     """Format all findings as text, without a final line break."""
-    blocks = [
-        _display(data),
-        _depth_lines(data),
-        _choices(data),
-        _viewing_lines(data),
-        _suitability_lines(data),
-        _spots(data),
-        _light_lines(data),
-        _warnings(data),
-    ]
-    return "\n\n".join("\n".join(block) for block in blocks if block)
+    distance = f"{_n(data.viewing.distance_mm)} mm"
+    point = "a far point" if mode(data.display) == "focused" else "a point at D"
+    blocks = {
+        f"Display {data.display.name}": _display(data) + _alignment(data.misalignment),
+        "Depth": [*_depth(data), *_depth_range(data), *_voxels(data.display)],
+        "Pixels per lens: benefit and cost": _choices(data),
+        "Viewing": _viewing(data.viewing),
+        f"Suitability for a viewer at {distance}": _suitability(data.suitability),
+        f"Spot of {point} through one lens ({data.lens_model.name})": _spots(data),
+        f"Light that reaches an eye at {distance}, % of the rays to the array": _light(data),
+        "Notes": _notes(data.warnings),
+    }
+    return "\n\n".join("\n".join([title, *lines]) for title, lines in blocks.items() if lines)
 
 
 def _line(label: str, value: str) -> str:
     return f"  {label:{_LABEL}}{value}"
+
+
+def _row(label: str, cells: Iterable[str], width: int) -> str:
+    return _line(label, "".join(f"{cell:>{width}}" for cell in cells))
 
 
 def _n(value: float) -> str:
@@ -66,50 +75,50 @@ def _n(value: float) -> str:
 def _display(data: InspectDocument) -> list[str]:
     d = data.display
     rows, columns = d.eia_shape
-    lens = f"f = {_n(d.focal_length_mm)} mm, gap g = {_n(d.gap_mm)} mm"
-    lines = [
-        f"Display {d.name}",
+    layers = []
+    if d.layers:
+        parts = ", ".join(f"{_n(thickness)} mm of n = {_n(n)}" for thickness, n in d.layers)
+        measured = f"{_n(d.gap_mm + data.depth.layers_excess_mm)} mm geometrically"
+        layers = [
+            _line("layers from the lenses on", parts),
+            _line("", f"gap g = {_n(d.gap_mm)} mm is air-equivalent, {measured}"),
+        ]
+    return [
         _line("array", f"{_n(d.width_mm)} x {_n(d.height_mm)} mm"),
         _line(
             "lenses",
             f"{d.layout.lens_counts()}, pitch {_n(d.pitch_mm)} mm, {d.lattice} lattice, "
             f"{d.aperture} apertures",
         ),
-        _line("", f"{lens}, aperture {_n(d.fill_factor * d.pitch_mm)} mm"),
-        *_layers(data),
+        _line(
+            "",
+            f"f = {_n(d.focal_length_mm)} mm, gap g = {_n(d.gap_mm)} mm, aperture "
+            f"{_n(d.fill_factor * d.pitch_mm)} mm",
+        ),
+        *layers,
         _line("panel", f"{columns} x {rows} pixels of {_n(1e3 * d.pixel_pitch_mm)} µm"),
         _line("pixels per lens", f"{_n(d.pixels_per_lens)} pixels along one axis"),
         *(_line("panel light", sentence) for sentence in panel_words(d)),
         _line("lens model used below", data.lens_model.name),
     ]
-    off = data.misalignment
-    lines += [_line("misalignment" if n == 0 else "", sentence) for n, sentence in enumerate(off)]
-    if off:
-        lines += [
-            _line("", "formulas hold for the aligned array; spots and light shares"),
-            _line("", "are traced through the misaligned array"),
-        ]
-    return lines
 
 
-def _layers(data: InspectDocument) -> list[str]:
-    d = data.display
-    if not d.layers:
+def _alignment(misalignments: Sequence[str]) -> list[str]:
+    if not misalignments:
         return []
-    parts = ", ".join(f"{_n(thickness)} mm of n = {_n(n)}" for thickness, n in d.layers)
-    measured = f"{_n(d.gap_mm + data.depth.layers_excess_mm)} mm geometrically"
-    return [
-        _line("layers from the lenses on", parts),
-        _line("", f"gap g = {_n(d.gap_mm)} mm is air-equivalent, {measured}"),
+    sentences = [
+        *misalignments,
+        "formulas hold for the aligned array; spots and light shares",
+        "are traced through the misaligned array",
     ]
+    return [_line("" if n else "misalignment", sentence) for n, sentence in enumerate(sentences)]
 
 
-def _depth_lines(data: InspectDocument) -> list[str]:
+def _depth(data: InspectDocument) -> list[str]:
+    """The central depth plane, also for a gap that was measured through glass."""
     d = data.display
-    low, high = d.depth_range_mm
-    kind = mode(d)
-    lines = ["Depth", _line("mode", _MODES[kind])]
-    if kind != "focused":
+    lines = [_line("mode", _MODES[mode(d)])]
+    if mode(d) != "focused":
         lines += [
             _line("central depth plane D", f"{_n(d.central_depth_mm)} mm"),
             _line("scene pixel P_I at D", f"{_n(d.scene_pixel_mm)} mm"),
@@ -117,44 +126,45 @@ def _depth_lines(data: InspectDocument) -> list[str]:
     wrong = data.depth.central_depth_if_measured_mm
     glass = "these layers" if d.layers else f"{_n(COVER_GLASS[0][0])} mm of cover glass"
     value = "none" if wrong is None else f"{_n(wrong)} mm"
-    lines.append(_line("D if g is a measured length", f"{value}, with {glass} in it"))
-    stated = d.depth_min_mm is not None
-    origin = (
-        "from the settings"
-        if stated
-        else "by the formula, cut off the array" * d.depth_range_is_cut
-    )
-    lines.append(
-        _line("depth range", f"{_n(low)} to {_n(high)} mm" + (f" ({origin})" if origin else ""))
-    )
-    if kind != "focused" and not stated:
-        lines.append(_line("depth span by the formula", f"{_n(d.depth_span_mm)} mm"))
-    if kind == "focused":
-        lines.append(_line("sharp to", f"{_n(data.depth.blur_onset_mm)} mm from the array"))
-    return lines + _voxels(data)
+    return [*lines, _line("D if g is a measured length", f"{value}, with {glass} in it")]
 
 
-def _voxels(data: InspectDocument) -> list[str]:
+def _depth_range(data: InspectDocument) -> list[str]:
     d = data.display
     low, high = d.depth_range_mm
-    places = {"far end": low, "near end": high}
-    if mode(d) != "focused":
-        places = {"far end": low, "at D": d.central_depth_mm, "near end": high}
-    parts: list[tuple[str, Callable[[float], float]]] = [
-        ("depth", float),
-        ("voxel width, total:", lambda z: float(voxel_mm(d, z))),
-        ("  pixel footprint", lambda z: float(pixel_footprint_mm(d, z))),
-        ("  blur of the lens aperture", lambda z: float(aperture_blur_mm(d, z))),
-    ]
-    lines = [_line("", "".join(f"{name:>12}" for name in places))]
-    for label, measure in parts:
-        values = "".join(f"{_n(measure(z)):>9} mm" for z in places.values())
-        lines.append(_line(label, values))
+    origin = ""
+    if d.depth_min_mm is not None:
+        origin = " (from the settings)"
+    elif d.depth_range_is_cut:
+        origin = " (by the formula, cut off the array)"
+    lines = [_line("depth range", f"{_n(low)} to {_n(high)} mm{origin}")]
+    if mode(d) == "focused":
+        lines.append(_line("sharp to", f"{_n(data.depth.blur_onset_mm)} mm from the array"))
+    elif d.depth_min_mm is None:
+        lines.append(_line("depth span by the formula", f"{_n(d.depth_span_mm)} mm"))
     return lines
 
 
+def _voxels(d: Display) -> list[str]:
+    low, high = d.depth_range_mm
+    middle = {} if mode(d) == "focused" else {"at D": d.central_depth_mm}
+    places = {"far end": low, **middle, "near end": high}
+    parts: dict[str, Callable[[Display, float], Any]] = {
+        "depth": lambda _, z: z,
+        "voxel width, total:": voxel_mm,
+        "  pixel footprint": pixel_footprint_mm,
+        "  blur of the lens aperture": aperture_blur_mm,
+    }
+    return [
+        _row("", places, 12),
+        *(
+            _row(label, (f"{_n(float(width_mm(d, z)))} mm" for z in places.values()), 12)
+            for label, width_mm in parts.items()
+        ),
+    ]
+
+
 def _choices(data: InspectDocument) -> list[str]:
-    d = data.display
     columns: dict[str, Callable[[PixelChoice], str]] = {
         "pixels/lens": lambda c: _n(c.pixels_per_lens),
         "pixel, µm": lambda c: _n(1e3 * c.pixel_pitch_mm),
@@ -164,49 +174,39 @@ def _choices(data: InspectDocument) -> list[str]:
         "panel, pixels": lambda c: f"{c.panel_columns} x {c.panel_rows}",
         "MB/frame": lambda c: f"{c.frame_mb:.3g}",
     }
-    rows = [list(columns)]
-    rows += [[column(choice) for column in columns.values()] for choice in data.pixels_per_lens]
-    names = ("", *("half", "this", "double")[: len(PIXEL_STEPS)])
-    widths = [max(len(row[n]) for row in rows) for n in range(len(columns))]
-    table = [
-        "  " + f"{name:8}" + "  ".join(f"{cell:>{w}}" for cell, w in zip(row, widths, strict=True))
-        for name, row in zip(names, rows, strict=True)
-    ]
+    names = ["", *("half  ", "this  ", "double")[: len(PIXEL_STEPS)]]
+    cells = [[head, *map(value, data.pixels_per_lens)] for head, value in columns.items()]
     return [
-        "Pixels per lens: benefit and cost",
-        *table,
-        f"  The picture has {d.layout.lens_counts()} points in each view, one per lens, "
+        *(f"  {line}" for line in aligned([names, *cells])),
+        f"  The picture has {data.display.layout.lens_counts()} points in each view, one per lens, "
         "independent of the pixels per lens.",
     ]
 
 
-def _viewing_lines(data: InspectDocument) -> list[str]:
-    zone = data.viewing
+def _viewing(zone: ViewingLimits) -> list[str]:
     nearest = "none" if zone.nearest_distance_mm is None else f"{_n(zone.nearest_distance_mm)} mm"
-    lines = [
-        "Viewing",
+    movement = "none: every eye sees flipped views"
+    if not zone.zone_is_empty:
+        up = "any up and down"
+        if zone.flip_limit_y_mm is not None:
+            up = f"±{_n(zone.flip_limit_y_mm)} mm (±{_n(zone.flip_limit_y_deg)}°) up and down"
+        across = f"±{_n(zone.flip_limit_x_mm)} mm (±{_n(zone.flip_limit_x_deg)}°) across"
+        movement = f"{across}, {up}"
+    return [
         _line("viewing half angle of a lens", f"{_n(zone.half_angle_deg)}°"),
         _line("nearest distance, no flips", nearest),
         _line("viewing distance", f"{_n(zone.distance_mm)} mm"),
+        _line("sideways eye movement", movement),
     ]
-    if zone.zone_is_empty:
-        return [*lines, _line("sideways eye movement", "none: every eye sees flipped views")]
-    across = f"±{_n(zone.flip_limit_x_mm)} mm (±{_n(zone.flip_limit_x_deg)}°) across"
-    up = "any up and down"
-    if zone.flip_limit_y_mm is not None:
-        up = f"±{_n(zone.flip_limit_y_mm)} mm (±{_n(zone.flip_limit_y_deg)}°) up and down"
-    return [*lines, _line("sideways eye movement", f"{across}, {up}")]
 
 
-def _suitability_lines(data: InspectDocument) -> list[str]:
-    figures = data.suitability
+def _suitability(figures: Suitability) -> list[str]:
     head = figures.head_movement_mm
     height = figures.zone_height_mm
     eyes = "no" if head is None else f"yes; the head may move by ±{_n(round(head, 3))} mm"
     tall = "any height" if height is None else f"{_n(height)} mm"
     accuracy = figures.accuracy
     return [
-        f"Suitability for a viewer at {_n(data.viewing.distance_mm)} mm",
         _line("finest detail", f"{_n(figures.detail_mm)} mm at the worst depth of the range"),
         _line("details across", f"{figures.details_across:.0f}"),
         _line("depth with sharp details", f"{_n(figures.sharp_depth_mm)} mm"),
@@ -222,12 +222,8 @@ def _suitability_lines(data: InspectDocument) -> list[str]:
 
 
 def _spots(data: InspectDocument) -> list[str]:
-    focused = mode(data.display) == "focused"
-    of = "a far point" if focused else "a point at D"
-    lines = [f"Spot of {of} through one lens ({data.lens_model.name})"]
-    lines.append(
-        _line("diffraction, λ g / (P p)", f"{data.diffraction_px:.3f} pixels, in no lens model")
-    )
+    diffraction = f"{data.diffraction_px:.3f} pixels, in no lens model"
+    lines = [_line("diffraction, λ g / (P p)", diffraction)]
     for spot in data.spots:
         colour = "" if spot.colour == "all" else f", {spot.colour}"
         lost = f", {100 * spot.lost_share:.3g} % of its rays lost" if spot.lost_share else ""
@@ -242,27 +238,22 @@ def _spots(data: InspectDocument) -> list[str]:
     return lines
 
 
-def _light_lines(data: InspectDocument) -> list[str]:
-    zone = data.viewing
-    heads = [f"{v.name:>9}" for v in zone.viewpoints]
-    x, y = ("".join(f"{v.position_mm[n] + 0.0:9.1f}" for v in zone.viewpoints) for n in (0, 1))
-    lines = [
-        f"Light that reaches an eye at {_n(zone.distance_mm)} mm, % of the rays to the array",
-        _line("eye", "".join(heads)),
-        _line("x, mm", x),
-        _line("y, mm", y),
-    ]
+def _light(data: InspectDocument) -> list[str]:
+    eyes = data.viewing.viewpoints
+    rows = {
+        "eye": [eye.name for eye in eyes],
+        "x, mm": [f"{eye.position_mm[0] + 0.0:.1f}" for eye in eyes],
+        "y, mm": [f"{eye.position_mm[1] + 0.0:.1f}" for eye in eyes],
+    }
     for name, label in _SHARES:
-        values = [getattr(data.light[v.name], f"{name}_share") for v in zone.viewpoints]
-        texts = ("-" if value is None else f"{100 * value + 0.0:.2f}" for value in values)
-        lines.append(_line(f"{label}, %", "".join(f"{cell:>9}" for cell in texts)))
-    for n, label in enumerate(_VIEWS[: len(next(iter(data.views.values()), ()))]):
-        texts = (f"{100 * data.views[v.name][n]:.1f}" for v in zone.viewpoints)
-        lines.append(_line(f"{label}, %", "".join(f"{cell:>9}" for cell in texts)))
-    return lines
+        shares = [getattr(data.light[eye.name], f"{name}_share") for eye in eyes]
+        rows[f"{label}, %"] = ["-" if s is None else f"{100 * s + 0.0:.2f}" for s in shares]
+    shares_by_view = zip(*(data.views[eye.name] for eye in eyes), strict=True)
+    for label, of_view in zip(_VIEWS, shares_by_view, strict=False):  # none without a lenticular
+        rows[f"{label}, %"] = [f"{100 * share:.1f}" for share in of_view]
+    return [_row(label, cells, 9) for label, cells in rows.items()]
 
 
-def _warnings(data: InspectDocument) -> list[str]:
+def _notes(warnings: Sequence[str]) -> list[str]:
     wrap = textwrap.TextWrapper(_COLUMNS, initial_indent="  * ", subsequent_indent="    ").wrap
-    lines = [line for sentence in data.warnings for line in wrap(sentence)]
-    return ["Notes", *lines] if lines else []
+    return [line for sentence in warnings for line in wrap(sentence)]

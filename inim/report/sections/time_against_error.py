@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
 
 from inim.report import plots
 from inim.report.document import ReportDocument
 from inim.report.images import ReportImages
 from inim.report.labels import plain
 from inim.report.page import element, plot, text
+from inim.report.plots import TimedPoint
 from inim.report.sections import ReportSection
 from inim.scores.metrics import HEADLINE, HEADLINE_WORDS
 from inim.scores.metrics.psnr import metric as PSNR  # noqa: N812
 
 _KERNEL_TIMES = "kernel times"
-_WORDS = "Points at the bottom left are best. The line joins the Pareto-optimal algorithms. "
+_WORDS = (
+    "Points at the bottom left are best. The line joins the Pareto-optimal algorithms. For each "
+    "grey algorithm, another is at least as fast and as good. "
+)
 _RATIOS = (
     "Times are medians of warm runs, alternating with the reference kernel, a loop that copies one "
     "4-byte value per panel pixel."
@@ -28,21 +30,16 @@ _SECONDS = (
 )
 
 
-# An algorithm, its time, and an error whose smaller values are better.
-_Point = tuple[str, float, float]
-
-
 def time_against_error(data: ReportDocument, images: ReportImages) -> str:
     """The section; empty where no algorithm has a time and a score."""
     times, unit = times_of(data)
-    views: list[_Point] = []  # 1 − mean main score to the reference, if no viewpoint lacks it
-    eias: list[_Point] = []  # negative PSNR of the EIA to the true one
+    views, eias = [], []
     for name, time in times.items():
         score, psnr = data.mean(name, HEADLINE), data.algorithms[name].eia[PSNR.key]
         if score is not None:
-            views.append((plain(name), time, 1 - score))
+            views.append(TimedPoint(plain(name), time, 1 - score, 1 - score))
         if psnr is not None and math.isfinite(psnr):
-            eias.append((plain(name), time, -psnr))
+            eias.append(TimedPoint(plain(name), time, -psnr, psnr))
     if not (views or eias):
         return ""
     floor = data.noise_floor.eia[PSNR.key]
@@ -50,7 +47,7 @@ def time_against_error(data: ReportDocument, images: ReportImages) -> str:
     figure = (tuple(views), tuple(eias), unit, known_floor)
     drawing = images.drawing("time against error", lambda: _drawing(*figure), figure=figure)
     words = "; ".join(
-        f"{name} {time:.2g} {unit}, 1 − {HEADLINE_WORDS} {error:.3f}" for name, time, error in views
+        f"{p.name} {p.time:.2g} {unit}, 1 − {HEADLINE_WORDS} {p.error:.3f}" for p in views
     )
     alt = f"Time against error. {words}" if words else "Time against error"
     if unit == _KERNEL_TIMES:
@@ -76,7 +73,7 @@ def times_of(data: ReportDocument) -> tuple[dict[str, float], str]:
 @lru_cache(maxsize=8)  # a page too large is put together again
 @plots.reproducible()
 def _drawing(
-    views: tuple[_Point, ...], eias: tuple[_Point, ...], unit: str, floor: float | None
+    views: tuple[TimedPoint, ...], eias: tuple[TimedPoint, ...], unit: str, floor: float | None
 ) -> bytes:
     """Both panels over one time axis, as SVG."""
     # Margins for labels of any length that there can be: to lay them out takes half of the time.
@@ -84,14 +81,15 @@ def _drawing(
     figure.subplots_adjust(left=0.09, right=0.985, bottom=0.13, top=0.92, wspace=0.24)
     axes = figure.subplots(1, 2, sharex=True)
     panels = (
-        ("Views", views, 1.0, f"1 − {HEADLINE_WORDS}, mean", None),
-        ("Elemental images", eias, -1.0, f"EIA {PSNR.label} to ground truth, {PSNR.unit}", floor),
+        ("Views", views, f"1 − {HEADLINE_WORDS}, mean", None),
+        ("Elemental images", eias, f"EIA {PSNR.label} to ground truth, {PSNR.unit}", floor),
     )
     labels = []
-    for axis, (title, points, sign, label, line) in zip(axes, panels, strict=True):
+    for axis, (title, points, label, line) in zip(axes, panels, strict=True):
         axis.set_xscale("log")
         plots.style(axis, title, f"{unit} (↙ better)", label)
-        labels.append(_panel(axis, points, sign))
+        labels.append(plots.draw_time_against_error(axis, points))
+        axis.margins(0.25, 0.2)
         if line is not None and points:
             axis.axhline(line, **plots.LINES["floor"])
             plots.across(axis, "noise floor", y=line)
@@ -103,24 +101,6 @@ def _drawing(
     for axis, names in zip(axes, labels, strict=True):
         plots.set_apart(axis, names)
     return plots.svg(figure)
-
-
-def _panel(axis: Any, points: Sequence[_Point], sign: float) -> list[plots.Name]:
-    """Draw one panel; the names that go into it."""
-    for name, time, error in points:
-        mark, colour = plots.marker_of(name), plots.colour_of(name)
-        axis.plot(time, sign * error, mark, color=colour, markersize=7, zorder=3)
-    front = plots.on_front({name: (time, error) for name, time, error in points})
-    if len(front) > 1:
-        plots.draw_front(
-            axis, [(time, sign * error) for name, time, error in points if name in front]
-        )
-    axis.margins(0.25, 0.2)
-    # A dollar sign would begin a formula.
-    return [
-        plots.Name(name.replace("$", r"\$"), time, sign * error, plots.colour_of(name), 8)
-        for name, time, error in points
-    ]
 
 
 SECTIONS = (ReportSection(80, "time", "Time against error", time_against_error, is_folded=True),)
