@@ -445,7 +445,7 @@ class Display:
 
     @property
     def _is_focused(self) -> bool:
-        return self.gap_mm == self.focal_length_mm
+        return self.exact_mm(self.gap_mm) == self.exact_mm(self.focal_length_mm)
 
     @property
     def _exact_central_depth(self) -> Fraction:

@@ -40,7 +40,7 @@ def finished(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bench")
     scene = write_scene(folder)
     words = [scene.name, "-o", "out", "--runs", "1", "--warmups", "1", *definitions(SMALL)]
-    ended = run_study("commands", *words, folder=folder, timeout=400)
+    ended = run_study("commands", *words, folder=folder, timeout=1200)
     assert ended.code == EXIT_PASSED, ended.stderr
     return folder, read_document(folder / "out" / "bench.json", "", StudyDocument)
 

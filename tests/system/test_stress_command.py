@@ -1,4 +1,4 @@
-"""A whole quick stress run from the command line, and one of the project's own study.
+"""A whole quick stress run from the command line.
 
 Expected: every check holds, every file is there, mistakes cost one line and no folder.
 """

@@ -63,6 +63,11 @@ def test_focused_display_needs_a_depth_range():
     assert focused.derived_quantities()["depth_span_mm"] is None
 
 
+def test_a_gap_that_differs_by_rounding_is_the_focal_length():
+    with pytest.raises(DisplayError, match="focused display has no depth range"):
+        display(gap_mm=3.0 * (1 + 2.0**-52))
+
+
 @pytest.mark.parametrize(("gap", "side"), [(3.3, 1), (2.7, -1)])
 @pytest.mark.parametrize("pixels", [2, 4, 7, 9, 10, 13])
 def test_a_range_across_the_array_is_cut_in_front_of_it_and_marked(gap, side, pixels):

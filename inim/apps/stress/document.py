@@ -73,12 +73,19 @@ class Claim(Part):
     passed: bool  #: True if there are cases and none breaks the claim.
 
 
-class StressRecord(TitledDocument):
-    """Fields of every stress run, of algorithms or of the study of accuracy."""
+class StressDocument(TitledDocument, tag="inim.stress/3"):
+    """Stress run of algorithms.
+
+    `stress.json` in the folder of `inim stress`: algorithms against exact first hits, against
+    relations that must hold, and with small errors of the depth.
+    """
 
     versions: Versions
     mode: Literal["full", "quick"]  #: `quick`: fewer and smaller cases were run.
     backend: BackendRecord
+    algorithms: list[str]  #: The algorithms with their options.
+    #: Comparisons with the exact first hits, for each algorithm and case.
+    first_hits: list[FirstHitsResult]
     relations: list[RelationResult]  #: Relations between results, for each relation and algorithm.
     jitter: list[Jitter]  #: Effects of small depth errors, for each kind and algorithm.
     picture: JitteredPicture
@@ -86,15 +93,3 @@ class StressRecord(TitledDocument):
     passed: bool  #: True if every check passed.
     seconds: float  #: Seconds of the whole run.
     files: Files
-
-
-class StressDocument(StressRecord, tag="inim.stress/3"):
-    """Stress run of algorithms.
-
-    `stress.json` in the folder of `inim stress`: algorithms against exact first hits, against
-    relations that must hold, and with small errors of the depth.
-    """
-
-    algorithms: list[str]  #: The algorithms with their options.
-    #: Comparisons with the exact first hits, for each algorithm and case.
-    first_hits: list[FirstHitsResult]

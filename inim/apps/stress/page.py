@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar
 
-from inim.apps.stress.document import FirstHitsResult, RelationResult, StressDocument, StressRecord
+from inim.apps.stress.document import FirstHitsResult, RelationResult, StressDocument
 from inim.report.labels import MISSING, number, per_cent
 from inim.report.study import PagePart, StudyPage, Table
 from inim.system.document import Part
@@ -63,7 +63,7 @@ def _group_rows(rows: Sequence[_P], field: str) -> dict[str, list[_P]]:
     return groups
 
 
-def verdict_part(data: StressRecord) -> PagePart:
+def verdict_part(data: StressDocument) -> PagePart:
     """The verdict, claim by claim."""
     rows = [
         [c.name, count(c.cases), count(c.broken), "holds" if c.passed else "FAILS"]
@@ -140,7 +140,7 @@ def relations_part(rows: Sequence[RelationResult]) -> PagePart:
     return PagePart("relations", "Relations", "", [table])
 
 
-def jitter_part(data: StressRecord) -> PagePart:
+def jitter_part(data: StressDocument) -> PagePart:
     """Effects of depth errors, algorithm by algorithm."""
     names = list(dict.fromkeys(row.algorithm for row in data.jitter))
     table_rows = []
@@ -158,13 +158,10 @@ def jitter_part(data: StressRecord) -> PagePart:
     return PagePart("jitter", "Depth errors", "", [Table(caption, heads, table_rows)])
 
 
-def write_stress(
-    data: StressRecord, folder: Path, parts: Sequence[PagePart], lines: Sequence[str]
-) -> None:
-    """Write all forms of a stress run into a folder, `stress.json` last, as a mark of completeness.
+def write_stress(data: StressDocument, folder: Path) -> None:
+    """Write all forms into a folder, `stress.json` last, as a mark of completeness.
 
-    * `data`: record; its `files` are set here.
-    * `lines`: sentences of the page and of the Markdown.
+    * `data`: its `files` are set here.
     """
     facts = [
         "passed" if data.passed else "FAILED",
@@ -173,4 +170,4 @@ def write_stress(
         data.backend.device,
         f"inim {data.inim_version}",
     ]
-    StudyPage("Summary", facts, lines, parts).write(data, folder, "stress")
+    StudyPage("Summary", facts, summary_lines(data), parts_of(data)).write(data, folder, "stress")

@@ -24,7 +24,7 @@ from inim.apps.stress.document import (
     RelationResult,
     StressDocument,
 )
-from inim.apps.stress.page import parts_of, summary_lines, write_stress
+from inim.apps.stress.page import write_stress
 from inim.generators import algorithm_names, check_algorithm, is_own
 from inim.image.rgbd import RGBD
 from inim.pipeline.plan import Plan, make_plan
@@ -100,7 +100,7 @@ def run_job(job: tuple[StressRequest, Plan | None], staging: Path, observer: Obs
     request, plan = job
     document = _measure(request, plan, observer)
     observer.stage("write")
-    write_stress(document, staging, parts_of(document), summary_lines(document))
+    write_stress(document, staging)
     for check in document.checks:
         word = "ok    " if check.passed else "FAILED"
         observer.line(f"{word}  {check.name}: {check.cases} cases, {check.broken} broken")
@@ -135,7 +135,9 @@ def _measure(request: StressRequest, plan: Plan | None, observer: Observer) -> S
     checks = _checks(names, first_hits, relations)
     return StressDocument(
         title="Stress" if plan is None else f"Stress: {plan.request.scene.stem}",
-        **record(request.command, request.quick, renderer.backend, _VERSIONS),
+        **origin(request.command, _VERSIONS),
+        mode="quick" if request.quick else "full",
+        backend=BackendRecord.of(renderer.backend),
         algorithms=names,
         first_hits=first_hits,
         relations=relations,
@@ -146,12 +148,6 @@ def _measure(request: StressRequest, plan: Plan | None, observer: Observer) -> S
         seconds=time.perf_counter() - started,
         files=[],
     )
-
-
-def record(command: str, quick: bool, backend: Any, packages: Sequence[str]) -> dict[str, Any]:
-    """Fields of a stress document on its origin, mode and backend."""
-    mode = "quick" if quick else "full"
-    return {**origin(command, packages), "mode": mode, "backend": BackendRecord.of(backend)}
 
 
 def _checks(

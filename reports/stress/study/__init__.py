@@ -3,8 +3,8 @@
 Every generator and lens model is compared, in float32 and float64, with an oracle that is written
 from its definition (`oracles`, `lens_oracle`; rays in `rays`). Each family of cases varies one
 parameter until arithmetic fails (`cases`, `lens_cases`). Relations without an oracle are those of
-`inim.apps.stress.run`, and further ones of layers, implementations and lens models (`relations`,
-`lens_relations`). The cases give the safe range of each parameter (`limits`).
+layers, number types and lens models (`relations`, `lens_relations`); `inim stress` has those of
+every algorithm. The cases give the safe range of each parameter (`limits`).
 `inim.generators.accuracy_limits` contains these limits for the warnings of validations, and a test
 compares the two.
 

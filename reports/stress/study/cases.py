@@ -53,6 +53,8 @@ class Size:
     max_lenses: int
 
 
+#: Value of a parameter at infinity: JSON has no infinite numbers.
+INFINITE = 1e300
 QUICK = Size(24, 2, 49, 60)
 FULL = Size(2, 10, 225, 1000)
 
@@ -134,7 +136,12 @@ def _distances(**changes: object) -> Callable[[Size], list[Case]]:
         ends = {"depth_min_mm": z, "depth_max_mm": 1.5 * z}
         return _with_window(small_display(**(changes | ends)))
 
-    return lambda _: [case_at(f"{z:g} mm", make, z) for z in _decades(-3, 6)]
+    return lambda _: [case_at(f"{z:g} mm", make, z, _far(z)) for z in _decades(-3, 6)]
+
+
+def _far(z: float) -> bool | None:
+    """None for distances at which a window's pixels are wider than the lens array, as refused."""
+    return None if z > 100 else False
 
 
 def _distances_behind(_: Size) -> list[Case]:
@@ -142,7 +149,7 @@ def _distances_behind(_: Size) -> list[Case]:
         ends = {"depth_min_mm": -1.5 * z, "depth_max_mm": -z}
         return _with_window(small_display(focal_length_mm=3.3, gap_mm=3.0, **ends))
 
-    return [case_at(f"-{z:g} mm", make, z) for z in _decades(-3, 6)]
+    return [case_at(f"-{z:g} mm", make, z, _far(z)) for z in _decades(-3, 6)]
 
 
 def _depth_spans(_: Size) -> list[Case]:
@@ -151,7 +158,7 @@ def _depth_spans(_: Size) -> list[Case]:
         return _with_noise(small_display(depth_min_mm=20.0, depth_max_mm=top))
 
     cases = [case_at(f"20 mm x 2^-{k}", make, float(k)) for k in (*range(0, 52, 3), 52)]
-    return [*cases, Case("empty depth range", lambda: make(2000), math.inf, refused=True)]
+    return [*cases, Case("empty depth range", lambda: make(2000), INFINITE, refused=True)]
 
 
 def _flat(_: Size) -> list[Case]:
@@ -197,10 +204,15 @@ def _focus(
         return _with_window(small_display(**(changes | focus)))
 
     def cases(_: Size) -> list[Case]:
-        focused = [case_at(f"|g - f| / f = 2^-{k}", make, float(k)) for k in powers]
+        # The last may be equal lengths in decimal digits, and then need a range.
+        last = False if has_range else None
+        focused = [
+            case_at(f"|g - f| / f = 2^-{k}", make, float(k), last if k > 50 else False)
+            for k in powers
+        ]
         if changes:
             return focused
-        return [*focused, Case("g = f", lambda: make(2000), math.inf, refused=not has_range)]
+        return [*focused, Case("g = f", lambda: make(2000), INFINITE, refused=not has_range)]
 
     return cases
 
@@ -243,7 +255,8 @@ def _picture_pixels_per_pitch(_: Size) -> list[Case]:
         return display, noise(display, (cells, cells), 1 / ratio)
 
     ratios = (1e-3, 1e-2, 0.1, 0.5, 1.0, 1.7, 2.0, 3.0, 3.7, 10.0, 33.0, 100.0, 333.3, 1000.0)
-    return [case_at(f"{r:g}", make, r) for r in ratios]
+    # Pixels wider than the lens array are refused.
+    return [case_at(f"{r:g}", make, r, refused=None if r < 0.3 else False) for r in ratios]
 
 
 def _odd_and_even(_: Size) -> list[Case]:
@@ -520,7 +533,7 @@ _POWERS = {
     -60: _MAY, -42: _MAY, -40: _MAY, -30: _MUST_NOT, -9: _MUST_NOT, 9: _MUST_NOT, 18: _MUST_NOT,
     30: _MAY, 36: _MAY, 40: _MAY,
 }  # fmt: skip
-_FEWER_POWERS = {-40: _MAY, **dict.fromkeys((-30, -9, -3, 3, 9, 30), _MUST_NOT)}
+_FEWER_POWERS = {-40: _MAY, **dict.fromkeys((-30, -9, -3, 3, 9), _MUST_NOT), 30: _MAY}
 _BY_POWER = "-log2 |g - f| / f"
 
 _SEPARABLE_FAMILIES = [

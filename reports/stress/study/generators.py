@@ -14,18 +14,16 @@ import numpy as np
 from inim.apps.stress.pictures import solids_of
 from inim.display import Display
 from inim.display.pixels import PixelOffset, exact_length
-from inim.generators import HOLE, NO_LENS, colour_of, find_sources, generate, prepare
+from inim.generators import HOLE, NO_LENS, find_sources, generate, prepare
 from inim.generators.accuracy_limits import accuracy_warnings
 from inim.generators.raycast.cell_lists import shares_directions
 from inim.generators.raycast.phases import cells_per_pitch
 from inim.generators.template import ray_by_ray
 from inim.image.rgbd import RGBD
-from inim.scores import metrics
 from inim.system.errors import InimError
-from reports.stress.study.cases import FAMILIES, Case, Family, Size, every
+from reports.stress.study.cases import Case, Family, Size, every
 from reports.stress.study.oracles import answer, with_rational_ties
 from reports.stress.study.rays import Rays, chosen_pixels, rays_over
-from reports.stress.study.ulps import deciding_ulps
 
 
 @dataclass(frozen=True)
@@ -86,8 +84,6 @@ _MEAN_ROUNDINGS = 2
 _MAX_PIXELS = {"template": 1000, "layered": 400, "gu2020": 200, "wang2024": 60, "li2012": 120}
 # Largest number of landing points in the oracle of `li2012`.
 _MAX_LANDINGS = 1_000_000
-# Largest number of panel pixels of a scored EIA.
-_MAX_SCORED = 100_000
 # Largest number of ray samples in the oracle of `gu2020`.
 _MAX_SAMPLES = 300_000
 # Time limit of a case.
@@ -105,14 +101,11 @@ def _form_of(variant: Variant, display: Display, rgbd: RGBD) -> str:
     return "lists" if shares_directions(display) else "ray by ray"
 
 
-def run_cases(size: Size, listener: Any) -> list[dict[str, Any]]:
-    """Results of every variant for every case."""
-    rows: list[dict[str, Any]] = []
-    for family in FAMILIES:
-        listener.stage(f"generators: {family.name}")
-        for case in every(size.stride, family.cases(size)):
-            rows += run_case(family, case, size.max_pixels)
-    return rows
+def run_family(family: Family, **size: int) -> list[dict[str, Any]]:
+    """Results of every variant for every case of a `Size`."""
+    of_size = Size(**size)
+    cases = every(of_size.stride, family.cases(of_size))
+    return [row for case in cases for row in run_case(family, case, of_size.max_pixels)]
 
 
 def run_case(family: Family, case: Case, max_pixels: int) -> list[dict[str, Any]]:
@@ -131,12 +124,10 @@ def run_case(family: Family, case: Case, max_pixels: int) -> list[dict[str, Any]
     pixels = chosen_pixels(display, max_pixels)
     rays = rays_over(display, rgbd, pixels)
     solid = solids_of(rgbd, display)
-    float64_outputs: dict[str, np.ndarray] = {}
-    rows = []
-    for variant in VARIANTS:
-        picture = solid if variant.oracle == "layered" else rgbd
-        rows.append(common | _run(variant, case, (display, picture), rays, float64_outputs))
-    return rows
+    return [
+        common | _run(variant, case, display, solid if variant.oracle == "layered" else rgbd, rays)
+        for variant in VARIANTS
+    ]
 
 
 def _refused(algorithm: str, dtype: str, error: InimError) -> dict[str, Any]:
@@ -153,15 +144,8 @@ def _crashed(error: Exception) -> dict[str, Any]:
     return {"outcome": "crashed", "message": text, "passed": False}
 
 
-def _run(
-    variant: Variant,
-    case: Case,
-    picture_case: tuple[Display, RGBD],
-    rays: Rays,
-    float64_outputs: dict[str, np.ndarray],
-) -> dict[str, Any]:
-    """Result of one variant; stores the output of float64 for the comparison with float32."""
-    display, rgbd = picture_case
+def _run(variant: Variant, case: Case, display: Display, rgbd: RGBD, rays: Rays) -> dict[str, Any]:
+    """Result of one variant."""
     names = {"algorithm": variant.algorithm, "dtype": np.dtype(variant.dtype).name}
     started = time.perf_counter()
     try:
@@ -173,7 +157,11 @@ def _run(
         else:
             output = find_sources(rgbd, display, variant.algorithm)
         seconds = time.perf_counter() - started
-        row = names | _evaluate(variant, output, float64_outputs, display, rgbd, rays)
+        affordable = _affordable(rays, variant, display, rgbd.depth_mm.size)
+        compare = _compare_means if variant.samples > 1 else _compare
+        row = names | compare(variant, output, display, rgbd, affordable)
+        row["form"] = _form_of(variant, display, rgbd)
+        row["digest"] = hashlib.sha256(output.tobytes()).hexdigest()[:16]
         row["seconds"] = seconds
     except InimError as error:
         return _refused(names["algorithm"], names["dtype"], error) | {
@@ -195,43 +183,19 @@ def _run(
     }
 
 
-def _evaluate(
-    variant: Variant,
-    output: np.ndarray,
-    float64_outputs: dict[str, np.ndarray],
-    display: Display,
-    rgbd: RGBD,
-    rays: Rays,
-) -> dict[str, Any]:
-    """Compare an output with the oracle and with the output of float64."""
-    rays = _affordable(rays, variant, display, rgbd.depth_mm.size)
-    common = {
-        "form": _form_of(variant, display, rgbd),
-        "digest": hashlib.sha256(output.tobytes()).hexdigest()[:16],
-    }
-    if variant.samples > 1:
-        return common | _compare_means(variant, output, rays.pixels, rgbd, display)
-    if variant.dtype is np.float64:
-        float64_outputs[variant.oracle] = output
-    float64_output = float64_outputs.get(variant.oracle)
-    loss = None if float64_output is None else _ssim_loss(float64_output, output, display, rgbd)
-    return common | {"ssim_loss": loss} | _compare(variant, output, display, rgbd, rays)
-
-
 def _compare(
     variant: Variant, output: np.ndarray, display: Display, rgbd: RGBD, rays: Rays
 ) -> dict[str, Any]:
     """Compare sources with the oracle."""
     sources = output[rays.pixels[:, 0], rays.pixels[:, 1]].astype(np.int64)
     oracle = answer(variant.oracle, rays, rgbd, display, variant.dtype)
-    truth, exact = oracle.sources, 0
+    truth = oracle.sources
     if variant.is_first_hit:
         is_float64 = variant.dtype is np.float64
         fine = oracle if is_float64 else answer(variant.oracle, rays, rgbd, display, np.float64)
-        truth, exact = with_rational_ties(variant.oracle, fine, sources, rays, rgbd, display)
+        truth, _ = with_rational_ties(variant.oracle, fine, sources, rays, rgbd, display)
     changed = sources != truth
     outside = changed & ~oracle.uncertain
-    worst, mean = deciding_ulps(variant.algorithm, variant.dtype, display, rgbd)
     cells = rgbd.palette.shape[0] * rgbd.palette.shape[1]
     invalid = (output < HOLE) & (output != NO_LENS) | (output >= cells)
     return {
@@ -239,37 +203,23 @@ def _compare(
         "changed": int(changed.sum()),
         "uncertain": int(oracle.uncertain.sum()),
         "outside": int(outside.sum()) + int(invalid.sum()),
-        "settled_exactly": exact,
-        "worst_ulp": worst,
-        "mean_ulp": mean,
     }
 
 
 def _compare_means(
-    variant: Variant, eia: np.ndarray, pixels: np.ndarray, rgbd: RGBD, display: Display
+    variant: Variant, eia: np.ndarray, display: Display, rgbd: RGBD, rays: Rays
 ) -> dict[str, Any]:
-    """Count the panel pixels whose colour is not the mean of their rays.
-
-    Parameters
-    ----------
-    variant : Variant
-    eia : (rows, columns, 3) float32
-        A generator's EIA, linear RGB.
-    pixels : (n, 2) int
-        Compared panel pixels.
-    """
+    """Count the panel pixels of a linear EIA whose colour is not the mean of their rays."""
+    pixels = rays.pixels
     colours = eia[pixels[:, 0], pixels[:, 1]].astype(float)
-    mean, uncertain, exact = np.zeros(colours.shape), np.zeros(len(pixels), bool), 0
+    mean, uncertain = np.zeros(colours.shape), np.zeros(len(pixels), bool)
     palette = rgbd.palette.reshape(-1, 3).astype(float)
     fill = exact_length(display.pixel_fill)
     for down, right in _RAY_OFFSETS[variant.samples]:
         rays = rays_over(display, rgbd, pixels, PixelOffset(down * fill, right * fill))
         oracle = answer(variant.oracle, rays, rgbd, display, np.float64)
         # The EIA has no sources to compare with: fractions decide all uncertain rays.
-        sources, ray_count = with_rational_ties(
-            variant.oracle, oracle, oracle.sources, rays, rgbd, display
-        )
-        exact += ray_count
+        sources, _ = with_rational_ties(variant.oracle, oracle, oracle.sources, rays, rgbd, display)
         uncertain |= oracle.uncertain
         mean += (
             np.where((sources >= 0)[:, None], palette[np.maximum(sources, 0)], 0) / variant.samples
@@ -277,16 +227,11 @@ def _compare_means(
     error = np.abs(colours - mean)
     eps = float(np.finfo(np.float32).eps)
     changed = (error > _MEAN_ROUNDINGS * eps).any(axis=1)
-    ulps = error[~changed] / np.spacing(np.maximum(mean[~changed], eps).astype(np.float32))
     return {
         "pixels": len(colours),
         "changed": int(changed.sum()),
         "uncertain": int(uncertain.sum()),
         "outside": int((changed & ~uncertain).sum()),
-        "settled_exactly": exact,
-        "ssim_loss": None,
-        "worst_ulp": float(ulps.max(initial=0.0)),
-        "mean_ulp": float(ulps.mean()) if ulps.size else 0.0,
     }
 
 
@@ -305,16 +250,3 @@ def _affordable(rays: Rays, variant: Variant, display: Display, cells: int) -> R
     if len(rays.pixels) <= limit:
         return rays
     return rays.take(np.unique(np.linspace(0, len(rays.pixels) - 1, limit).astype(int)))
-
-
-def _ssim_loss(double: np.ndarray, single: np.ndarray, display: Display, rgbd: RGBD) -> Any:
-    """1 - SSIM of the float32 EIA against the float64 EIA; None for very small or large panels.
-
-    Rounding can make the SSIM of equal pictures differ from 1. Equal sources therefore give 0.
-    """
-    high, wide = display.eia_shape
-    if min(high, wide) < metrics.SSIM_WINDOW or high * wide > _MAX_SCORED:
-        return None
-    if np.array_equal(double, single):
-        return 0.0
-    return 1 - metrics.ssim(*(colour_of(sources, rgbd) for sources in (double, single)))

@@ -93,7 +93,8 @@ def _lengths(count: int) -> list[Case]:
         return display, rays_over(display, count)
 
     powers = (-18, -12, -6, -3, -1, 0, 1, 3, 6, 12, 18)
-    return [case_at(f"10^{p}", make, 10.0**p) for p in powers]
+    # Pitches below 1e-9 mm are refused.
+    return [case_at(f"10^{p}", make, 10.0**p, refused=p < -9) for p in powers]
 
 
 def _widths(count: int) -> list[Case]:

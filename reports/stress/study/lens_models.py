@@ -12,7 +12,7 @@ from inim.display.lens import trace_to_panel
 from inim.generators.accuracy_limits import accuracy_warnings
 from inim.system.errors import InimError
 from reports.stress.study.cases import Case, every
-from reports.stress.study.lens_cases import LENS_FAMILIES, LensFamily
+from reports.stress.study.lens_cases import LensFamily
 from reports.stress.study.lens_oracle import Landing, LensRays, land
 
 # Largest rounding error of a landing point, in ulps of the largest coordinate on the ray's path and
@@ -21,23 +21,10 @@ _BAND_ULPS = 32.0
 _TYPES: tuple[Any, ...] = (np.float64, np.float32)
 
 
-def run_lens_cases(count: int, stride: int, listener: Any) -> list[dict[str, Any]]:
-    """Results of every lens model in both types for every case.
-
-    Parameters
-    ----------
-    count : int
-        Rays of a case.
-    stride : int
-        Step from one used case of a family to the next.
-    listener : Observer
-    """
-    rows: list[dict[str, Any]] = []
-    for family in LENS_FAMILIES:
-        listener.stage(f"lens models: {family.name}")
-        for case in every(stride, family.cases(count)):
-            rows += run_lens_case(family, case)
-    return rows
+def run_family(family: LensFamily, count: int, stride: int) -> list[dict[str, Any]]:
+    """Results of every lens model in both types, for each case with `count` rays."""
+    cases = every(stride, family.cases(count))
+    return [row for case in cases for row in run_lens_case(family, case)]
 
 
 def run_lens_case(family: LensFamily, case: Case) -> list[dict[str, Any]]:

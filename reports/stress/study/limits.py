@@ -6,53 +6,30 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from inim.apps.stress.document import Claim, RelationResult
+from inim.apps.stress.document import RelationResult
 from inim.generators.accuracy_limits import LANDING_PIXELS
 
 Rows = Sequence[Mapping[str, Any]]
 
 
 def regions_of(generators: Rows, lens_models: Rows, parameters: Mapping[str, str]) -> list[dict]:
-    """Safe range of each family with a parameter, for each generator or lens model.
+    """Safe range of each family with a parameter, for each generator or lens model and type.
 
-    Parameters
-    ----------
-    generators, lens_models : rows
-        See `generators` and `lens_models`.
-    parameters : mapping
-        Parameter of each family; empty if its values have no order.
-
-    Returns
-    -------
-    list of dict
-        `low`, `high`: ends of the widest range without an unsafe value; None if no value is safe.
-        `tried`: ends of all tested values.
+    `parameters` has the parameter of each family; empty if its values have no order. `low`, `high`:
+    ends of the widest range without an unsafe value; None if no value is safe. `tried`: ends of all
+    tested values.
     """
-    regions = _regions(generators, "generator", "algorithm", parameters)
-    return regions + _regions(lens_models, "lens model", "model", parameters)
-
-
-def _regions(rows: Rows, kind: str, key: str, parameters: Mapping[str, str]) -> list[dict]:
     groups: dict[tuple[str, str, str], list[Mapping[str, Any]]] = {}
-    for row in rows:
+    for row in (*generators, *lens_models):
         if row["value"] is not None and row["outcome"] == "ran" and parameters.get(row["family"]):
-            groups.setdefault((row["family"], row[key], row["dtype"]), []).append(row)
+            name = row["model"] if "model" in row else row["algorithm"]
+            groups.setdefault((row["family"], name, row["dtype"]), []).append(row)
     regions = []
     for (family, name, dtype), members in groups.items():
         low, high = _widest_safe(members)
-        values = [m["value"] for m in members]
-        regions.append(
-            {
-                "kind": kind,
-                "family": family,
-                "parameter": parameters[family],
-                "name": name,
-                "dtype": dtype,
-                "low": low,
-                "high": high,
-                "tried": [min(values), max(values)],
-            }
-        )
+        tried = [end(m["value"] for m in members) for end in (min, max)]
+        common = {"family": family, "name": name, "dtype": dtype}
+        regions.append({**common, "low": low, "high": high, "tried": tried})
     return regions
 
 
@@ -133,7 +110,9 @@ def _last_safe(rows: Rows, family: str, model: str, towards: float) -> float:
     return last
 
 
-def checks_of(generators: Rows, optics: Rows, relations: Sequence[RelationResult]) -> list[Claim]:
+def checks_of(
+    generators: Rows, optics: Rows, relations: Sequence[RelationResult]
+) -> list[dict[str, Any]]:
     """Check the claims of the verdict."""
     ran = [r for r in generators if r["outcome"] == "ran"]
     exact = [r for r in ran if r["exact"]]
@@ -171,9 +150,10 @@ def checks_of(generators: Rows, optics: Rows, relations: Sequence[RelationResult
     ]
 
 
-def _check(name: str, holds: Sequence[object]) -> Claim:
+def _check(name: str, holds: Sequence[object]) -> dict[str, Any]:
     broken = sum(not claim_holds for claim_holds in holds)
-    return Claim(name=name, cases=len(holds), broken=broken, passed=bool(holds) and not broken)
+    passed = bool(holds) and not broken
+    return {"name": name, "cases": len(holds), "broken": broken, "passed": passed}
 
 
 def _equal_pairs(exact: Iterable[Mapping[str, Any]]) -> list[bool]:

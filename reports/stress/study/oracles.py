@@ -247,7 +247,7 @@ def _gu2020(rays: Rays, rgbd: RGBD, display: Display, shift: tuple) -> np.ndarra
     # P_I = |D| P_D / g with D = f g / (g - f); the picture pixel if that is infinite.
     step = (
         exact_length(rgbd.pixel_mm)
-        if display.gap_mm == display.focal_length_mm
+        if math.isinf(display.scene_pixel_mm)
         else abs(f / (g - f)) * exact_length(display.pixel_pitch_mm)
     )
     depths = _stepped_depths(low, high, step)

@@ -1,12 +1,11 @@
-"""Relations of the project's own generators: layers, implementations and types.
+"""Relations of layers, and of the number types of `template`.
 
-`EXPLAINED` lists the relations of `inim.apps.stress.relations` that a definition does not promise.
-The study measures them, too, and gives the reason in the report.
+`inim stress` checks the relations that hold for every algorithm.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -16,117 +15,32 @@ from inim.apps.stress.pictures import (
     Show,
     algorithm_output,
     colours_of,
-    input_of,
     noise_pictures,
     solids_of,
 )
 from inim.apps.stress.relations import (
-    RELATIONS,
     Comparison,
     Relation,
     check_relation,
     same_colour,
 )
-from inim.display import Display
 from inim.generators import find_sources
 from inim.generators.template import ray_by_ray
-from inim.image.rgbd import RGBD, Layer, LayeredRGBD
-from reports.stress.study.oracles import answer
-from reports.stress.study.rays import rays_over
+from inim.image.rgbd import Layer, LayeredRGBD
 
 _LAYERED = "layered:samples=1"
-_SOLID = "template:columns=solid"
-_ALGORITHMS = (
-    "template",
-    _SOLID,
-    "gu2020",
-    "wang2024",
-    "wang2024:matching=ray",
-    "li2012",
-    _LAYERED,
-)
-_RIVALS = ("gu2020", "wang2024", "wang2024:matching=ray", "li2012")
-# Algorithms for non-separable displays.
-_NONSEPARABLE = ("template", _SOLID, "gu2020", _LAYERED)
-
-_NO_OCCLUSION = "the best match on the ray is used; the method ignores occlusion"
-_A_POINT = "a picture pixel is a point; a nearer one lands elsewhere and uncovers others"
-_STEPS = "its depth step P_I is a lateral length; a stretched z is sampled more finely"
-_SIZE = "a picture pixel is a point; more distant pixels are denser on the panel"
-_BY_ROWS = "z depends only on the rows; a transposed picture is a different problem"
-_BY_NEIGHBOURS = "a surface column ends at the depths of its neighbours"
-_STRETCH = "stretch along z x 4"
-_NEARER = "a nearer object changes only its shadow"
-#: Relations that a definition does not promise, with the reason.
-EXPLAINED = {
-    ("transpose", "wang2024"): _BY_ROWS,
-    (_STRETCH, "template"): _BY_NEIGHBOURS,
-    (_NEARER, "template"): _BY_NEIGHBOURS,
-    ("an object where nothing was", "template"): _BY_NEIGHBOURS,
-    (_STRETCH, "gu2020"): _STEPS,
-    ("move along z", "li2012"): _SIZE,
-    (_NEARER, "wang2024"): _NO_OCCLUSION,
-    (_NEARER, "wang2024:matching=ray"): _NO_OCCLUSION,
-    (_NEARER, "li2012"): _A_POINT,
-}
 
 
-def run_relations(
-    show: Show = algorithm_output,
-    relations: list[tuple[Relation, tuple[str, ...]]] | None = None,
-    explained: dict[tuple[str, str], str] = EXPLAINED,
-) -> list[RelationResult]:
-    """Check each relation for each algorithm; see `inim.apps.stress.relations.check_relation`.
-
-    Parameters
-    ----------
-    show : callable
-        The tested function.
-    relations : list of (Relation, algorithms), optional
-        Default: all relations.
-    explained : dict
-        Reasons by relation and algorithm.
-    """
+def run_relations(find: Show = find_sources, show: Show = algorithm_output) -> list[RelationResult]:
+    """Check the relations of layers with the sources of `find`, and that of types with `show`."""
+    pairs = [(relation, _LAYERED, find) for relation in LAYER_RELATIONS]
     return [
-        check_relation(
-            relation,
-            algorithm,
-            show=show,
-            exact=algorithm in ("template", _SOLID, _LAYERED),
-            explained=explained.get((relation.name, algorithm), ""),
-            doubt=_uncertain,
-        )
-        for relation, algorithms in (all_relations() if relations is None else relations)
-        for algorithm in algorithms
+        check_relation(relation, algorithm, show=shown, exact=True, doubt=lambda *_: 0)
+        for relation, algorithm, shown in (*pairs, (_TYPES, "template", show))
     ]
-
-
-def all_relations() -> list[tuple[Relation, tuple[str, ...]]]:
-    """All relations, each with its algorithms."""
-    relations = []
-    for relation in RELATIONS:
-        algorithms = _NONSEPARABLE if relation.misaligned else _ALGORITHMS
-        relations.append((relation, algorithms[:-1] if relation.one_layer else algorithms))
-    return [*relations, *_IMPLEMENTATIONS]
-
-
-def _uncertain(rgbd: RGBD, display: Display, algorithm: str, pixels: np.ndarray) -> int:
-    """Number of panel pixels that rounding decides."""
-    picture = input_of(rgbd, display, algorithm)
-    rays = rays_over(display, rgbd, pixels)
-    name = "layered" if algorithm == _LAYERED else algorithm
-    return int(answer(name, rays, picture, display, np.float64).uncertain.sum())
 
 
 # -- layers -------------------------------------------------------------------------------------
-
-
-def run_layer_relations(find: Show = find_sources) -> list[RelationResult]:
-    """Check each of `LAYER_RELATIONS` with the sources of `find`."""
-    return [
-        check_relation(relation, _LAYERED, show=find, exact=True, doubt=lambda *_: 0)
-        for relation in LAYER_RELATIONS
-    ]
 
 
 def _plain(find: Show, algorithm: str) -> Iterator[Comparison]:
@@ -192,27 +106,16 @@ LAYER_RELATIONS = [
 ]
 
 
-# -- implementations ----------------------------------------------------------------------------
+# -- types --------------------------------------------------------------------------------------
 
 
-def _equal_to(other: Callable[[RGBD, Display, str], np.ndarray]) -> Callable:
-    """Check that an algorithm and another implementation of it give equal bits."""
-
-    def check(show: Show, algorithm: str) -> Iterator[Comparison]:
-        for display, rgbd in noise_pictures():
-            equal = same_colour(show(rgbd, display, algorithm), other(rgbd, display, algorithm))
-            yield Comparison(display, rgbd, equal, display.lensed)
-
-    return check
+def _equal_types(show: Show, algorithm: str) -> Iterator[Comparison]:
+    """Float32 tables and float64 rays give equal bits."""
+    for display, rgbd in noise_pictures():
+        rays = ray_by_ray(display, rgbd.shape, rgbd.pixel_mm)
+        colours = colours_of(rays.sources(rgbd), rgbd)
+        equal = same_colour(show(rgbd, display, algorithm), colours)
+        yield Comparison(display, rgbd, equal, display.lensed)
 
 
-def _in_float64(rgbd: RGBD, display: Display, _: str) -> np.ndarray:
-    return colours_of(ray_by_ray(display, rgbd.shape, rgbd.pixel_mm).sources(rgbd), rgbd)
-
-
-_IMPLEMENTATIONS = [
-    (
-        Relation("float32 tables or float64 rays", _equal_to(_in_float64), bitwise=True),
-        ("template",),
-    ),
-]
+_TYPES = Relation("float32 tables or float64 rays", _equal_types, bitwise=True)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.database import DirectoryBasedExampleDatabase
 
 from inim.apps.stress.document import RelationResult
-from inim.apps.stress.pictures import MOUNTINGS, noise
+from inim.apps.stress.pictures import MOUNTINGS, algorithm_output, noise
 from inim.display import Display
 from inim.display.lens import trace_to_panel
 from inim.generators import HOLE, find_sources, generate
@@ -22,12 +22,17 @@ from inim.generators.accuracy_limits import accuracy_warnings
 from inim.generators.oracle import lensed_pixels
 from inim.generators.template import ray_by_ray
 from inim.image.rgbd import RGBD
-from reports.stress.study import generators, lens_cases, lens_models
+from inim.system.document import read_document
+from inim.system.errors import EXIT_PASSED
+from reports.stress.study import generators, lens_cases, lens_models, lens_relations, relations
+from reports.stress.study.__main__ import STUDY
 from reports.stress.study.cases import FULL, NONSEPARABLE_FAMILIES, Case, Family, ties
 from reports.stress.study.lens_cases import display_of
-from reports.stress.study.limits import checks_of
+from reports.stress.study.limits import accuracy_limits_of, checks_of, regions_of
 from reports.stress.study.oracles import answer, exact_first_hits, first_hits
+from reports.stress.study.page import GENERATORS, LENSES, checks, rows_of
 from reports.stress.study.rays import rays_over
+from reports.study import StudyDocument
 from tests import oracle as rational
 from tests.conftest import small_display
 
@@ -107,6 +112,11 @@ def random_displays(limits):
 
 @random_displays(RANDOM)
 def test_random_displays_are_exact_and_uncertain_where_they_differ(display, seed, per_pitch):
+    exact_or_uncertain(display, seed, per_pitch)
+
+
+@random_displays(settings(RANDOM, max_examples=40))
+def test_many_random_displays_are_too(display, seed, per_pitch):
     exact_or_uncertain(display, seed, per_pitch)
 
 
@@ -204,6 +214,16 @@ def test_wrong_sources_are_reported(monkeypatch, wrong, whole):
     assert not whole or len(rows) == len(generators.VARIANTS) == len(failed(rows))
 
 
+def test_a_crash_is_a_row_and_not_the_end(monkeypatch):
+    def broken(*_, **__):
+        raise ZeroDivisionError("by planting")
+
+    for name in ("find_sources", "ray_by_ray", "generate"):
+        monkeypatch.setattr(generators, name, broken)
+    rows = generators.run_case(*one_case(), FEW)
+    assert {r["outcome"] for r in rows} == {"crashed"} and len(failed(rows)) == len(rows)
+
+
 @pytest.mark.parametrize("wrong", ["nothing", "lens", "place", "weight", "one pixel"])
 def test_a_wrong_mean_of_rays_is_reported(monkeypatch, wrong):
     def planted(rgbd, display, algorithm):
@@ -248,14 +268,75 @@ def test_a_wrong_ray_of_a_mounted_array_is_reported(monkeypatch, name):
     assert all(r["outside"] for r in rows if r["outcome"] == "ran")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("family", NONSEPARABLE_FAMILIES, ids=lambda f: f.name)
 def test_every_case_of_mounted_arrays_holds(family):
     rows = [row for c in family.cases(FULL) for row in generators.run_case(family, c, 225)]
     assert rows and [r for r in rows if not r["passed"]] == []
 
 
+def test_accepted_invalid_inputs_are_reported():
+    family, case = one_case()
+    (row,) = generators.run_case(family, Case(case.label, case.make, 1.0, refused=True), FEW)
+    assert row["outcome"] == "accepted" and not row["passed"]
+
+
 # -- relations ----------------------------------------------------------------------------------
+
+BROKEN_LAYERS = {
+    "without layers as template": lambda s, r: np.roll(s, 1, axis=1),
+    "a solid cut in two": lambda s, r: np.roll(s, len(r.layers) % 2, axis=1),
+    "the deepest solid changes what shows it": lambda s, r: np.roll(s, len(r.layers) % 2, axis=1),
+    "solids without gaps are columns": lambda s, r: np.roll(s, len(r.layers) // 2, axis=1),
+}
+
+
+def test_every_relation_of_layers_fails_on_its_fault():
+    assert {r.name for r in relations.LAYER_RELATIONS} == BROKEN_LAYERS.keys()
+    assert all(r.passed for r in relations.run_relations())
+    for number, name in enumerate(r.name for r in relations.LAYER_RELATIONS):
+
+        def wrong(rgbd, display, algorithm, name=name):
+            return BROKEN_LAYERS[name](find_sources(rgbd, display, algorithm), rgbd)
+
+        assert not relations.run_relations(wrong)[number].passed, name
+
+
+def test_types_are_compared_for_real():
+    """An answer that changes with every call differs from any other type's."""
+    calls = iter(range(1, 1000))
+
+    def fickle(rgbd, display, algorithm):
+        return np.roll(algorithm_output(rgbd, display, algorithm), next(calls), axis=1)
+
+    assert not relations.run_relations(show=fickle)[-1].passed
+
+
+LENS_BROKEN = {
+    "mirror left and right": lambda x, y, d: (x + 1e-9, y),
+    "transpose": lambda x, y, d: (x * (1 + 1e-9), y),
+    "shift by one pitch": lambda x, y, d: (x * (1 + 1e-9), y),
+    "array and rays shifted by half and whole pixels": lambda x, y, d: (x - 2 * d.shift_x_mm, y),
+    "all lengths x 2^10": lambda x, y, d: (x + 1e-12, y),
+    "all lengths x 1000": lambda x, y, d: (x + 1e-9, y),
+    "one ray or many": lambda x, y, d: (x + 1e-12 * np.size(x), y),
+}
+
+
+@pytest.fixture(scope="module")
+def honest_lenses():
+    return lens_relations.run_lens_relations()
+
+
+@pytest.mark.parametrize("name", lens_relations.LENS_RELATIONS)
+def test_every_lens_relation_fails_on_its_fault(name, honest_lenses, monkeypatch):
+    def planted(display, model, *ray):
+        x, y, weight = trace_to_panel(display, model, *ray)
+        return (*LENS_BROKEN[name](x, y, display), weight)
+
+    only = {name: lens_relations.LENS_RELATIONS[name]}
+    monkeypatch.setattr(lens_relations, "LENS_RELATIONS", only)
+    assert all(r.passed for r in honest_lenses if r.relation == name)
+    assert not any(r.passed for r in lens_relations.run_lens_relations(planted))
 
 
 def lens_case():
@@ -263,6 +344,11 @@ def lens_case():
     rays = lens_cases.rays_over(display, 40)
     family = lens_cases.LensFamily("family", "value", ("pinhole", "thin", "thick"), lambda _: [])
     return family, Case("case", lambda: (display, rays), 1.0)
+
+
+def test_honest_lens_models_pass():
+    rows = lens_models.run_lens_case(*lens_case())
+    assert len(rows) == 6 and all(r["passed"] and r["safe"] for r in rows)
 
 
 @pytest.mark.parametrize("wrong", ["sign", "lens", "single"])
@@ -296,6 +382,28 @@ def row(value, safe=True, dtype="float32", **more):
     return common | more
 
 
+def test_a_region_ends_where_the_first_unsafe_value_is():
+    rows = [row(1.0), row(2.0), row(3.0), row(4.0, safe=False), row(5.0)]
+    (region,) = regions_of([], rows, {"incidence": "slope"})
+    assert (region["low"], region["high"], region["tried"]) == (1.0, 3.0, [1.0, 5.0])
+    far_off = [row(1.0), row(2.0, worst_pixels=0.02)]
+    (region,) = regions_of([], far_off, {"incidence": "slope"})
+    assert region["high"] == 1.0
+
+
+def test_limits_are_the_last_safe_values():
+    lenses = [row(v, safe=v < 3, model=m) for v in (1.0, 2.0, 3.0) for m in ("pinhole", "thin")]
+    lenses += [row(v, safe=v < 2, model="thick") for v in (1.0, 2.0)]
+    widths = [row(v, family="array width", model=m) for v in (9.0, 64.0) for m in
+              ("pinhole", "thin", "thick")]  # fmt: skip
+    indices = [row(v, safe=v > 1.1, family="index", model=m) for v in (1.05, 1.2, 1.5)
+               for m in ("thin", "thick")]  # fmt: skip
+    limits = accuracy_limits_of([row(0.0), row(1.0, safe=False)], lenses + widths + indices, 17)
+    assert limits["slope"] == {"pinhole": 2.0, "thin": 2.0, "thick": 1.0}
+    assert (limits["panel_pixels"], limits["least_index"]) == (17 * 64.0, 1.2)
+    assert limits["changed_by_rounding"] == 0.3
+
+
 HELD = RelationResult(
     relation="r", algorithm="template", explained="", compared=1, broken=0, uncertain=0,
     message="", passed=True,
@@ -304,3 +412,37 @@ HELD = RelationResult(
 
 def verdicts(rows, relations_rows=(HELD,)):
     return checks_of(rows, rows, relations_rows)
+
+
+def test_the_verdict_fails_for_unsafe_unguarded_inputs():
+    good = [row(1.0), row(1.0, dtype="float64"), row(2.0, algorithm="gu2020")]
+    assert all(c["passed"] for c in verdicts(good))
+    bad = [*good, row(3.0, safe=False)]
+    assert not all(c["passed"] for c in verdicts(bad))
+    guarded = [*good, row(3.0, safe=False, guards=["warned"], passed=True)]
+    assert all(c["passed"] for c in verdicts(guarded))
+
+
+def test_the_verdict_fails_where_types_differ_or_nothing_was_tried():
+    other = [row(1.0), row(1.0, dtype="float64", digest="other"), row(2.0, algorithm="gu2020")]
+    by_name = {c["name"]: c["passed"] for c in verdicts(other)}
+    assert not next(v for k, v in by_name.items() if "are equal" in k)
+    assert not any(c["passed"] for c in verdicts([], ()))
+
+
+def test_a_quick_run_has_every_part_and_all_it_claims_holds(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert STUDY.main(["--quick", "-o", "out/stress"]) == EXIT_PASSED
+    document = read_document(tmp_path / "out/stress/stress.json", "", StudyDocument)
+    expected = {f"stress.{kind}" for kind in ("html", "json", "md", "png", "svg")}
+    assert set(document.files) == expected
+    assert all(c["passed"] and c["cases"] > 0 for c in checks(document.results))
+    sources = [r for r in rows_of(document.results, GENERATORS) if r["outcome"] == "ran"]
+    assert {r["algorithm"] for r in sources} == {v.algorithm for v in generators.VARIANTS}
+    assert {r["form"] for r in sources} >= {"lists", "ray by ray", "non-separable"}
+    lenses = [r for r in rows_of(document.results, LENSES) if r["outcome"] == "ran"]
+    assert {(r["model"], r["dtype"]) for r in lenses} == {
+        (m, d) for m in ("pinhole", "thin", "thick") for d in ("float32", "float64")
+    }
+    names = {r["relation"] for r in document.results["relations"]}
+    assert {"a solid cut in two", "mirror left and right"} <= names
