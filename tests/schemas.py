@@ -165,7 +165,7 @@ def report_document(data: Mapping[str, Any]) -> ReportDocument:
         },
     }
     eyes = [{"position_mm": [0.0, 0.0, 400.0]} | eye for eye in data.get("viewpoints", ())]
-    defaults = {"misalign": "", "warnings": [], "skipped": [], "preview": None}
+    defaults = {"scene": {}, "misalign": "", "warnings": [], "skipped": [], "preview": None}
     whole = completed("report", {**defaults, **data, **scored, "viewpoints": eyes})
     whole["timings"] = dict.fromkeys(("start", "mitsuba_render", "total"), 0.0) | whole["timings"]
     return msgspec.convert(whole, ReportDocument)

@@ -21,7 +21,10 @@ APPS: dict[str, dict[str, dict[str, str]]] = {
         "functions": {"inspect": ".findings"},
         "documents": {"inspect": "InspectDocument"},
     },
-    "own_picture": {"commands": {"generate": OWN}},
+    "own_picture": {
+        "commands": {"generate": OWN},
+        "documents": {"cameras": "CamerasDocument"},
+    },
     "pickup": {"commands": {"pickup": OWN}, "functions": {"pickup": ".elemental_images"}},
     "stress": {"commands": {"stress": DEVELOPERS}, "documents": {"stress": "StressDocument"}},
     "sweep": {

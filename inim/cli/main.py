@@ -87,9 +87,12 @@ def main(argv: list[str] | None = None) -> int:
     if argv[0] not in COMMANDS and not argv[0].startswith("-"):
         suggestion = suggest_words(argv[0], COMMANDS, f"there are {', '.join(COMMANDS)}")
         parser.error(f"{argv[0]}: no such command; {suggestion}")
-    args = parser.parse_args(argv)
+    args, unknown = parser.parse_known_args(argv)
     args.command_line = shlex.join(["inim", *argv])
     try:
+        if unknown:
+            getattr(args, "explain_unknown", lambda *_: None)(args, unknown)
+            parser.error(f"unrecognized arguments: {' '.join(unknown)}")
         check_memory()  # before large libraries load, which would never end
         with nullcontext() if getattr(args, "debug", False) else quiet_libraries():
             return int(args.run(args))

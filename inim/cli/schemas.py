@@ -11,9 +11,7 @@ from inim.system.document import document_schema
 # Module and class of each document; the module loads on demand.
 _CLASSES = {
     "report": "inim.report.document:ReportDocument",
-    "picture": "inim.report.picture_document:PictureDocument",
     "compare": "inim.scores.regression.document:CompareDocument",
-    "cameras": "inim.report.picture_document:CamerasDocument",
     "baseline": "inim.scores.regression.document:BaselineDocument",
 } | {
     name: f"inim.apps.{folder}.document:{declaration}"

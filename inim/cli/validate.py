@@ -5,17 +5,15 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-from inim.apps.own_picture.options import add_picture, classify_input, picture_of
 from inim.pipeline.options import (
     Command,
     add_shared,
-    choices_of,
     finish,
     print_lines,
     print_outcome,
-    print_warning,
     request_of,
 )
 from inim.system.errors import EXIT_PASSED, FileError, UsageError
@@ -25,14 +23,16 @@ from inim.system.files import check_file
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Render a scene, generate its elemental image array (EIA) with each algorithm, simulate "
-        "the views through the lens array, and score every view against the ground truth."
+        "the views through the lens array, and score every view against the ground truth. A "
+        "picture has no ground truth: the report omits these scores and lists the reason."
     )
     add = parser.add_argument
     add(
-        "input",
+        "scene",
         type=Path,
         metavar="INPUT",
-        help="Mitsuba scene (.xml) with inim.* settings, or a picture of your own (see below)",
+        help="Mitsuba scene (.xml) with inim.* settings, or an RGB-D picture of inim (.exr), such "
+        "as that of `inim generate --save-rgbd`",
     )
     choices = ("definitions", "display", "algorithms", "cameras", "viewpoints", "lens_model")
     add_shared(
@@ -86,32 +86,37 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="ignore the cache, and also run steps that cannot change a result",
     )
     add_shared(parser, "quiet", "debug")
-    picture = parser.add_argument_group(
-        "pictures of your own",
-        "INPUT is a colour picture with --depth, a photograph that contains depth, or the output\n"
-        "of `inim generate --save-rgbd` (.exr). Scores that need a scene are omitted; the report\n"
-        "lists them with the reason.",
-    )
-    add_picture(picture)
+    parser.set_defaults(explain_unknown=lambda args, words: _check_kind(args.scene, words))
 
 
 def _run(args: argparse.Namespace) -> int:
     _check_encoding(args)
-    classify_input(args)
-    if args.light_field is not None or (args.photo is not None and args.photo.is_dir()):
-        raise UsageError(f"{args.input}: is a folder; give a scene (.xml) or a picture")
-    if args.cameras_file is not None:
+    _check_kind(args.scene)
+    return _validate(args)
+
+
+def _check_kind(path: Path, unknown: Sequence[str] = ()) -> None:
+    """Reject inputs that another command must convert to a scene or to an RGB-D picture.
+
+    `unknown` are the unrecognized arguments, which may be options of a picture.
+    """
+    from inim.pipeline.plan import PICTURE_SUFFIX
+    from inim.render.meshes.triangle_mesh import MESH_SUFFIXES
+
+    suffix = path.suffix.lower()
+    if suffix in MESH_SUFFIXES:
+        check_file(path)
         raise UsageError(
-            f"{args.input}: has several cameras; merge them first: inim generate {args.input} "
-            "--save-rgbd merged.exr, then inim validate merged.exr -a layered"
+            f"{path}: is a mesh; create a scene from it first: inim new-scene "
+            f"{shlex.quote(str(path))}"
         )
-    if args.mesh is not None:
-        check_file(args.mesh)
+    if suffix not in (".xml", PICTURE_SUFFIX) or any(w.startswith("--depth") for w in unknown):
+        fitted = f"fitted{PICTURE_SUFFIX}"
         raise UsageError(
-            f"{args.mesh}: is a mesh; create a scene from it first: inim new-scene "
-            f"{shlex.quote(str(args.mesh))}"
+            f"{path}: is not a scene (.xml) and not fitted to a display; fit it first: inim "
+            f"generate {shlex.join([str(path), *unknown])} --save-rgbd {fitted}, then inim "
+            f"validate {fitted}"
         )
-    return _validate_scene(args) if args.scene else _validate_picture(args)
 
 
 # Warnings on the terminal; the report has all.
@@ -122,14 +127,11 @@ def _finish(passed: bool, out: Path, quiet: bool) -> int:
     """Print warnings, failed checks, the verdict and the report's path; return the exit code."""
     from inim.report.document import ReportDocument
     from inim.report.labels import check_sentence, verdict_words
-    from inim.report.picture_document import PictureDocument
     from inim.system.document import read_document
 
     lines, verdict = [], "FAILED"
     if not quiet:
-        types = ReportDocument, PictureDocument
-        data = read_document(out / "report.json", "run it again", *types)
-        assert isinstance(data, types)
+        data = read_document(out / "report.json", "run it again", ReportDocument)
         if passed:
             verdict = verdict_words(data)
         failed = [check for check in data.verdict.checks if not (passed or check.passed)]
@@ -143,7 +145,7 @@ def _finish(passed: bool, out: Path, quiet: bool) -> int:
 
 def _check_encoding(args: argparse.Namespace) -> None:
     """Reject names that cannot be encoded in this locale."""
-    texts = (args.input, args.out, *args.definitions, args.algorithms, *args.eias, args.viewpoints)
+    texts = (args.scene, args.out, *args.definitions, args.algorithms, *args.eias, args.viewpoints)
     for word in map(str, texts):
         if not word.isascii() and any("\ud800" <= c <= "\udfff" for c in word):
             raise UsageError(
@@ -152,7 +154,7 @@ def _check_encoding(args: argparse.Namespace) -> None:
             )
 
 
-def _validate_scene(args: argparse.Namespace) -> int:
+def _validate(args: argparse.Namespace) -> int:
     from inim.pipeline.launch import validate_in_worker
     from inim.system.worker.output import default_out
 
@@ -165,32 +167,6 @@ def _validate_scene(args: argparse.Namespace) -> int:
         debug=args.debug,
     )
     return _finish(passed, args.out, args.quiet)
-
-
-def _validate_picture(args: argparse.Namespace) -> int:
-    from inim.apps.own_picture.validate_picture import PictureRequest, run_picture
-    from inim.system.worker.output import default_out
-
-    for option in ("eias", "baseline", "preview", "time", "lazy", "allow_folders", "plugins"):
-        if getattr(args, option):
-            option_name = f"--{option.removesuffix('s').replace('_', '-')}"
-            raise UsageError(f"{option_name}: needs the ground truth of a scene; leave it out")
-    request = PictureRequest(
-        args.input,
-        args.out or default_out(args.input, "report"),
-        None if args.fitted else picture_of(args),
-        args.backend,
-        args.command_line,
-        **choices_of(args),
-    )
-    passed = run_picture(
-        request,
-        quiet=args.quiet,
-        debug=args.debug,
-        on_warning=None if args.quiet else print_warning,
-        on_note=None if args.quiet else print_lines,
-    )
-    return _finish(passed, request.out, args.quiet)
 
 
 #: Fine lenses, and room for the head: a better first look than the display of the scene.
@@ -213,7 +189,7 @@ def _demo(args: argparse.Namespace) -> int:
     args.display = _DEMO_DISPLAY
     if args.scene is None:
         raise FileError(f"{package / 'demo'}: missing; install inim again")
-    code = _validate_scene(args)
+    code = _validate(args)
     if not args.quiet:
         from inim.report.virtual_display import ANCHOR
 

@@ -23,6 +23,7 @@ from inim.pipeline.plan import Plan
 from inim.pipeline.stages.capture import Capture
 from inim.pipeline.stages.generation import ReferenceOutput
 from inim.pipeline.stages.ground_truth import GroundTruth
+from inim.pipeline.stages.picture import PictureFile
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.scoring import MethodResult, Scores
 from inim.pipeline.stages.stage import Run
@@ -101,9 +102,14 @@ def stage_names(plan: Plan) -> list[str]:
     methods = [f"{method.verb} {method.name}" for method in plan.methods]
     eyes = len(plan.viewpoints)
     views = ["reconstruct views"] * eyes
-    capture = ["capture RGB-D", *(["capture layers"] if LayeredRGBD in plan.inputs else [])]
-    capture += ["capture cameras" for views in plan.inputs if isinstance(views, str)]
-    names = [*methods, "open scene", *capture, "ground-truth EIA", *["ground-truth views"] * eyes]
+    if isinstance(plan.file, PictureFile):
+        truth = ["exact EIA", *["warp picture"] * eyes]
+    else:
+        truth = ["open scene", "capture RGB-D"]
+        truth += ["capture layers"] * (LayeredRGBD in plan.inputs)
+        truth += ["capture cameras" for views in plan.inputs if isinstance(views, str)]
+        truth += ["ground-truth EIA", *["ground-truth views"] * eyes]
+    names = [*methods, *truth]
     names += [*views, "score"]
     for method in methods:
         names += [method, *views, "score", "score"]
@@ -176,14 +182,14 @@ _MAX_COUNTED_TWICE = 0.02
 class Evaluation:
     """Results of one round of samples, with its settings and skipped steps.
 
-    `scene` is the scene record of the report, `reference_scores` are by viewpoint and score name,
-    and `results` by method.
+    `source` describes the scene or the picture for the report, `reference_scores` are by viewpoint
+    and score name, and `results` by method.
     """
 
     plan: Plan
     backend: Backend
     run: Run
-    scene: dict[str, Any]
+    source: dict[str, Any]
     capture: Capture
     truth: GroundTruth
     reference_scores: dict[str, Scores]
@@ -235,7 +241,7 @@ class Evaluation:
 
     def _splat_warnings(self) -> list[str]:
         """Warn if the renderer counts splats twice, which makes them too opaque."""
-        share = self.scene.get("splats", {}).get("counted_twice_fraction", 0)
+        share = self.source.get("splats", {}).get("counted_twice_fraction", 0)
         if share <= _MAX_COUNTED_TWICE:
             return []
         return [

@@ -22,12 +22,14 @@ from inim.pipeline.adaptive_sampling import Evaluation
 from inim.pipeline.baseline import BaselineComparison
 from inim.pipeline.stages.capture import Capture
 from inim.pipeline.stages.ground_truth import GroundTruth
+from inim.pipeline.stages.picture import PictureFile
 from inim.pipeline.stages.scoring import reported_scores
 from inim.report import Report
 from inim.report.document import (
     CapturedPicture,
     MetricSettings,
     NoiseFloor,
+    PictureRecord,
     Preview,
     ReferenceViews,
     ReportDocument,
@@ -91,6 +93,8 @@ class Images:
 
         def write() -> None:
             for kind, content in capture.inputs.items():
+                if content.rgbd is rgbd and kind is not RGBD:  # a picture without a scene
+                    continue
                 name = f"cameras-{kind}.exr" if isinstance(kind, str) else _INPUT_FILES[kind]
                 write_rgbd(self.folder / name, content.rgbd, self._attributes)
             write_rgbd_pngs(self.folder, rgbd, display, self.cache)
@@ -150,7 +154,7 @@ _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "OpenEXR")
 
 def make_report(
     evaluation: Evaluation,
-    noise_floor: NoiseFloor,
+    noise_floor: NoiseFloor | None,
     times: Mapping[str, float],
     comparison: BaselineComparison,
     folder: Path,
@@ -167,7 +171,14 @@ def make_report(
     if plan.request.preview:
         command = replace(plan, request=replace(plan.request, preview=False)).command
         preview = Preview(full_command=shlex.join(["inim", "validate", *command]))
-    settings = plan.settings
+    settings, is_picture = plan.settings, isinstance(plan.file, PictureFile)
+    source = {
+        "path": user_text(plan.request.scene),
+        "sha256": plan.file.sha256,
+        "definitions": plan.definitions,
+        **evaluation.source,
+    }
+    folders = {"allow_folders": [user_text(f) for f in plan.request.allow_folders]}
     # Lenses outside the panel, and displays beyond the tested accuracy limits.
     display_warnings = lenses_beside_panel(plan.display) + accuracy_warnings(
         plan.display,
@@ -183,23 +194,15 @@ def make_report(
             _VERSIONS,
         ),
         preview=preview,
-        scene=msgspec.convert(
-            {
-                "path": user_text(plan.request.scene),
-                "sha256": plan.file.sha256,
-                "definitions": plan.definitions,
-                "allow_folders": [user_text(f) for f in plan.request.allow_folders],
-                **evaluation.scene,
-            },
-            SceneRecord,
-        ),
+        scene=None if is_picture else msgspec.convert(source | folders, SceneRecord),
+        picture=msgspec.convert(source, PictureRecord) if is_picture else None,
         settings=settings,
         display=DisplayRecord.of(plan.display),
         misalign=settings.misalign,
         backend=BackendRecord.of(evaluation.backend),
         lens_model=settings.lens_model,
         viewpoints=[EyePosition(name=v.name, position_mm=v.position_mm) for v in plan.viewpoints],
-        rgbd=CapturedPicture(**picture_facts(evaluation.capture.rgbd)),
+        rgbd=_describe_picture(evaluation.capture.rgbd),
         noise_floor=noise_floor,
         scoring=_describe_scoring(),
         reference=ReferenceViews(views=reference_views, precision=reference_precision),
@@ -226,14 +229,13 @@ def _describe_scoring() -> Scoring:
     )
 
 
-def picture_facts(rgbd: RGBD) -> dict[str, Any]:
-    """Size, coverage and depth of a picture, as in documents."""
+def _describe_picture(rgbd: RGBD) -> CapturedPicture:
     covered = rgbd.depth_mm[rgbd.covered]
-    return {
-        "rows": rgbd.shape[0],
-        "columns": rgbd.shape[1],
-        "pixel_mm": rgbd.pixel_mm,
-        "covered_fraction": float(rgbd.covered.mean()),
-        "depth_min_mm": float(covered.min()) if covered.size else None,
-        "depth_max_mm": float(covered.max()) if covered.size else None,
-    }
+    return CapturedPicture(
+        rows=rgbd.shape[0],
+        columns=rgbd.shape[1],
+        pixel_mm=rgbd.pixel_mm,
+        covered_fraction=float(rgbd.covered.mean()),
+        depth_min_mm=float(covered.min()) if covered.size else None,
+        depth_max_mm=float(covered.max()) if covered.size else None,
+    )

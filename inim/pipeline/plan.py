@@ -11,12 +11,13 @@ from inim.display.lens import check_lens_model
 from inim.display.misalignment import misaligned, misalignment_text, parse_misalignment
 from inim.display.settings import PREFIX, Settings
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
-from inim.generators import algorithm_items
+from inim.generators import SCENE_ALGORITHMS, algorithm_items, parse_algorithm
 from inim.generators.registry import Input
 from inim.image.rgbd import RGBD
 from inim.pipeline.request import PREVIEW, Request
 from inim.pipeline.stages.capture import DepthCamera
 from inim.pipeline.stages.method import Method, OptimalMethod, parse_methods
+from inim.pipeline.stages.picture import FittedPicture, PictureFile
 from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import PROGRAM
@@ -42,6 +43,8 @@ _RAY_BYTES = 60
 _MAX_RAYS = 2**22
 _MIN_RAYS = 2**16
 
+#: Suffix of RGB-D pictures; any other input is a scene.
+PICTURE_SUFFIX = ".exr"
 #: Least memory of a run in addition to its images.
 LEAST_BYTES = _RENDERER_BYTES + _MIN_RAYS * _RAY_BYTES
 # Bytes per pixel at peak. EIA: two float32 halves of the ground truth and their mean, a generator's
@@ -70,7 +73,7 @@ class Plan:
     """
 
     request: Request
-    file: SceneFile
+    file: SceneFile | PictureFile
     settings: Settings
     display: Display
     misaligned_display: Display
@@ -124,10 +127,23 @@ class Plan:
             **PROGRAM.key(),
         }
 
+    @property
+    def scene_file(self) -> SceneFile:
+        """The scene; raises `UsageError` for a picture."""
+        if isinstance(self.file, PictureFile):
+            raise UsageError(f"{self.request.scene}: is a picture; give a scene (.xml)")
+        return self.file
+
+    def source(self, renderer: Renderer) -> DepthCamera | FittedPicture:
+        """Depth camera in front of the scene, or the picture without a scene."""
+        if isinstance(self.file, PictureFile):
+            return FittedPicture(self.file, self.display)
+        return self.camera(renderer)
+
     def camera(self, renderer: Renderer) -> DepthCamera:
         """Depth camera in front of the scene, which the renderer opens on first use."""
         s = self.settings
-        scene = Scene(self.file, self.display, s.fit_share, renderer, s.turn_deg)
+        scene = Scene(self.scene_file, self.display, s.fit_share, renderer, s.turn_deg)
         return DepthCamera(scene, s.capture_pixels_per_pitch, s.capture_spp, s.seed)
 
     @property
@@ -147,14 +163,23 @@ class Plan:
         return {method.input for method in self.methods}
 
 
-def make_plan(request: Request) -> Plan:
-    """Read the scene's settings and check them with the request; raises `InimError`."""
+def make_plan(request: Request, *, of_scene: bool = False) -> Plan:
+    """Read the scene's settings, or a picture, and check the request; raises `InimError`.
+
+    With `of_scene`, a picture is read as a scene, which fails.
+    """
     if request.preview and request.baseline is not None:
         raise UsageError("--preview: has too few samples for --baseline; remove one of them")
     definitions = {**PREVIEW, **request.definitions} if request.preview else request.definitions
-    file = read_scene_file(request.scene, definitions, request.allow_folders)
     source = str(request.scene)
-    display, settings = choose_display(request.display, definitions, source, file)
+    file: SceneFile | PictureFile
+    if not of_scene and request.scene.suffix.lower() == PICTURE_SUFFIX:
+        file = PictureFile.read(request.scene)
+        display, settings = choose_display(request.display, definitions, source)
+        display = FittedPicture.of(file, display).display
+    else:
+        file = read_scene_file(request.scene, definitions, request.allow_folders)
+        display, settings = choose_display(request.display, definitions, source, file)
     settings = replace(settings, **request.overrides())
     misalignment = parse_misalignment(
         settings.misalign if request.misalign is None else request.misalign
@@ -172,11 +197,17 @@ def make_plan(request: Request) -> Plan:
             settings.focus_mm,
         )
     algorithms = request.algorithms or algorithm_items(settings.algorithms)
+    if isinstance(file, PictureFile):
+        FittedPicture(file, display).check(source)
+        _check_without_scene(request, settings, algorithms)
     algorithms += tuple(f"cameras:views={views}" for views in algorithm_items(settings.cameras))
     methods = parse_methods(algorithms, request.eias)
     limits = settings.ssim_limits(tuple(m.name for m in methods), source)
     _check_sizes(display, settings, source)
-    memory = _plan_memory(display, settings, len(viewpoints), methods)
+    shape = display.capture_shape(settings.capture_pixels_per_pitch)
+    if isinstance(file, PictureFile):
+        shape = file.rgbd.shape
+    memory = _plan_memory(display, settings, shape, len(viewpoints), methods)
     for method in methods:
         method.check()
     plugins = tuple(map(PluginModule.of, request.plugins))
@@ -196,6 +227,20 @@ def make_plan(request: Request) -> Plan:
         plan = replace(plan, baseline=read_statistics(request.baseline, BASELINE))
         check_baseline(plan)
     return plan
+
+
+def _check_without_scene(request: Request, settings: Settings, algorithms: Sequence[str]) -> None:
+    """Raise `UsageError` for options and algorithms that need a scene."""
+    for option, value in (
+        ("--cameras", settings.cameras),
+        ("--allow-folder", request.allow_folders),
+        ("--plugin", request.plugins),
+    ):
+        if value:
+            raise UsageError(f"{option}: needs a scene, not a picture; leave it out")
+    for name in algorithms:
+        if parse_algorithm(name)[0] in SCENE_ALGORITHMS:
+            raise UsageError(f"algorithm {name!r}: needs a scene, not a picture; leave it out")
 
 
 def check_baseline(plan: Plan, variant: str | None = None) -> None:
@@ -256,7 +301,11 @@ def _view_shape(display: Display, pixels_per_lens: int) -> tuple[int, int]:
 
 
 def _plan_memory(
-    display: Display, settings: Settings, views: int, methods: Sequence[Method]
+    display: Display,
+    settings: Settings,
+    capture_shape: tuple[int, int],
+    views: int,
+    methods: Sequence[Method],
 ) -> tuple[int, int]:
     """Bytes of all images and number of rays in flight; raises if the images are too large."""
     from inim.system.process.machine import memory_limit_bytes
@@ -266,7 +315,7 @@ def _plan_memory(
     images = {
         "use a display with fewer pixels": (display.eia_shape, _EIA_BYTES),
         "lower inim.capture_pixels_per_pitch": (
-            display.capture_shape(settings.capture_pixels_per_pitch),
+            capture_shape,
             _CAPTURE_BYTES + layers,
         ),
         "lower inim.view_pixels_per_lens": (

@@ -5,6 +5,8 @@
       ├────► ground-truth EIA ──► its views: the reference views ─┤
       └────► ground-truth views ─────────────────────────────────┘
 
+A picture without a scene is the RGB-D itself. Its exact EIA and the picture, warped to each
+viewpoint, then take the places of the ground-truth EIA and views (`inim.pipeline.stages.picture`).
 Each line below calls a stage: a plain function in its own file. `inim.pipeline.stages.stage` adds
 the result cache, the timing and the record of skipped steps.
 """
@@ -22,6 +24,14 @@ from inim.pipeline.stages.ground_truth import (
     render_view,
 )
 from inim.pipeline.stages.method import MethodSetup, generate_eia, generator_times, prepare_methods
+from inim.pipeline.stages.picture import (
+    FittedPicture,
+    capture_picture,
+    describe_picture,
+    generate_exact_eia,
+    score_sources,
+    warp_picture,
+)
 from inim.pipeline.stages.reconstruction import find_observed_pixels, reconstruct_views
 from inim.pipeline.stages.scene import Renderer, describe_scene
 from inim.pipeline.stages.scoring import (
@@ -51,21 +61,28 @@ def validate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Report
 def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evaluation:
     """Render the ground truth, generate the EIA of every method and score them."""
     s, eyes, optics = plan.settings, plan.viewpoints, plan.optics
-    camera = plan.camera(renderer)
-    scene = camera.scene
+    source = plan.source(renderer)
     mask = find_observed_pixels(eyes, optics, renderer, run=run) if plan.is_lazy else None
-    setup = MethodSetup(camera, optics, eyes, s.eia_spp, s.view_spp, mask)
+    setup = MethodSetup(source, optics, eyes, s.eia_spp, s.view_spp, mask)
     prepared_methods = prepare_methods(plan.methods, setup, run=run)
 
-    scene_record = describe_scene(scene, run=run)
-    if "splats" in scene_record:
-        scene_record = scene_record | {"splats": measure_translucency(camera, run=run)}
-    capture = capture_relic(camera, plan.inputs, run=run)
-    truth_eia = render_ground_truth_eia(
-        scene, plan.misaligned_display, s.eia_spp, s.seed, mask, run=run
-    )
-    sampling = (s.view_pixels_per_lens, s.view_spp, s.seed)
-    truth_views = {eye.name: render_view(scene, eye, *sampling, run=run) for eye in eyes}
+    if isinstance(source, FittedPicture):
+        record = describe_picture(source, run=run)
+        capture = capture_picture(source, plan.inputs)
+        truth_eia = generate_exact_eia(source, run=run)
+        truth_views = {
+            eye.name: warp_picture(source, eye, s.view_pixels_per_lens, run=run) for eye in eyes
+        }
+    else:
+        record = describe_scene(source.scene, run=run)
+        if "splats" in record:
+            record = record | {"splats": measure_translucency(source, run=run)}
+        capture = capture_relic(source, plan.inputs, run=run)
+        truth_eia = render_ground_truth_eia(
+            source.scene, plan.misaligned_display, s.eia_spp, s.seed, mask, run=run
+        )
+        sampling = (s.view_pixels_per_lens, s.view_spp, s.seed)
+        truth_views = {eye.name: render_view(source.scene, eye, *sampling, run=run) for eye in eyes}
     reference_views = reconstruct_views("reference", truth_eia, eyes, optics, renderer, run=run)
     viewing = {eye.name: plan.viewing_conditions(eye) for eye in eyes}
     truth = collect_ground_truth(
@@ -82,9 +99,11 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
         images.save_views(method.name, views)
         limit = plan.ssim_limits.get(method.name)
         results[method.name] = score_method(method.name, output, views, truth, limit, run=run)
+        if isinstance(source, FittedPicture):
+            results[method.name] = score_sources(method, source, results[method.name], run=run)
 
     reference_scores = score_reference_views(truth, run=run)
     images.finish()
     return Evaluation(
-        plan, renderer.backend, run, scene_record, capture, truth, reference_scores, results
+        plan, renderer.backend, run, record, capture, truth, reference_scores, results
     )

@@ -10,7 +10,6 @@ from urllib.parse import quote
 
 from inim.display import Display
 from inim.report.document import ReportDocument
-from inim.report.picture_document import PictureDocument
 from inim.system.cache import ResultCache
 from inim.system.document import read_document, write_forms
 from inim.system.errors import FileError, UsageError, suggest_words
@@ -81,13 +80,7 @@ class Report:
             The folder has no report, or one that is invalid against its schema.
         """
         path = Path(folder) / "report.json"
-        data = read_document(path, _WAY_OUT, ReportDocument, PictureDocument)
-        if not isinstance(data, ReportDocument):
-            raise FileError(
-                f"{path}: is of a picture without a scene; take one of its EIAs, such as "
-                f"{path.parent / 'eia'}, with --display"
-            )
-        return cls(path.parent, data)
+        return cls(path.parent, read_document(path, _WAY_OUT, ReportDocument))
 
     @property
     def display(self) -> Display:

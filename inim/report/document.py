@@ -112,8 +112,17 @@ class SceneRecord(Part):
     fit: SceneFit
 
 
+class PictureRecord(Part):
+    """An RGB-D picture without a scene."""
+
+    path: str  #: Path of the file, as given.
+    sha256: Sha256  #: SHA-256 over colours, depths and coverage of all layers.
+    definitions: dict[str, str]  #: Settings of the command line (`-D`), by name.
+    layers: int  #: Number of layers; 1: the front surface alone.
+
+
 class CapturedPicture(PictureShape):
-    """The RGB-D picture of the scene, the input of the algorithms."""
+    """The RGB-D picture, the input of the algorithms."""
 
     covered_fraction: float  #: Share of the pixels that show something, 0 to 1.
     depth_min_mm: float | None  #: Farthest depth, z in mm; null: the picture shows nothing.
@@ -192,6 +201,9 @@ class AlgorithmResult(Part):
     seconds: float | None
     #: With `--time`: a generator's time as a multiple of the reference kernel's, median.
     yardsticks: float | None = None
+    #: Of a picture without a scene: share of up to 2,000 panel pixels, drawn at random, that show
+    #: another pixel of the picture than the exact one, 0 to 1; null: unknown.
+    wrong_source: float | None = None
     #: Share of the panel pixels with light in the ground-truth EIA that this EIA leaves black, 0 to
     #: 1; null: not computed, as with `--lazy`.
     unlit_fraction: float | None = None
@@ -209,17 +221,22 @@ class SkippedStep(Part):
 class ReportDocument(RunReport, tag="inim.report/2"):
     """Report of a validation.
 
-    `report.json` in the folder of `inim validate SCENE`: the results of a validation as data.
+    `report.json` in the folder of `inim validate`: the results of a validation as data.
+
+    Of a picture without a scene, the place of the ground-truth views is taken by the picture,
+    warped to the viewpoint; that of the ground-truth EIA by the EIA of its exact first hits; and
+    that of the relic by the area that the warped picture covers.
     """
 
     preview: Preview | None = None
-    scene: SceneRecord
+    scene: SceneRecord | None = None  #: Absent for a picture without a scene.
+    picture: PictureRecord | None = None  #: Only of a picture without a scene.
     #: Every effective `inim.*` setting, by its name without `inim.`; null: not given. With
     #: `score_error`, the sample counts are those that were used.
     settings: Settings
     misalign: str  #: Misalignment of the array that generators do not correct; empty: none.
     rgbd: CapturedPicture
-    noise_floor: NoiseFloor
+    noise_floor: NoiseFloor | None = None  #: Absent for a picture without a scene.
     scoring: Scoring
     reference: ReferenceViews
     #: Results, by name: an algorithm with its options, or the name of a finished EIA (`--eia`).
@@ -246,10 +263,14 @@ class ReportDocument(RunReport, tag="inim.report/2"):
         for name in _TIMES:
             if name not in self.timings:
                 raise ValueError(f"timings: {name} is missing")
-        check_scores("noise_floor.eia", self.noise_floor.eia, EIA_SCORES)
+        if (self.scene is None) is (self.picture is None):
+            raise ValueError("scene: give either scene or picture")
+        of_truth = {"reference": self.reference.views}
+        if self.noise_floor is not None:
+            check_scores("noise_floor.eia", self.noise_floor.eia, EIA_SCORES)
+            of_truth["noise_floor"] = self.noise_floor.views
         for name in self.viewpoint_names:
-            for place in ("noise_floor", "reference"):
-                views = getattr(self, place).views
+            for place, views in of_truth.items():
                 if name not in views:
                     raise ValueError(f"{place}: has no scores of {name[:40]!a}")
                 check_scores(f"{place}.{name[:40]!a}", views[name], VIEW_SCORES)

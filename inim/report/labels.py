@@ -14,14 +14,21 @@ from typing import Any, Literal, TypeGuard
 
 from inim.generators.registry import is_optimal
 from inim.report.document import ReportDocument
-from inim.report.picture_document import PictureDocument
 from inim.scores.document_parts import Check
 from inim.scores.metrics import HEADLINE, Metric, all_metrics, find, preferred_algorithm, psnr
 
 ScoreKind = Literal["scene", "reference", "relic", "relic to reference", "eia"]
 
+
 #: Ground-truth view; reference view; ground-truth EIA.
 TRUTH, REFERENCE, TRUE_EIA = "Ground truth", "Reference", "Ground-truth EIA"
+# What takes the place of the ground truth without a scene.
+_OF_PICTURE = {
+    "Ground-truth EIA": "Exact EIA",
+    "ground-truth EIA": "exact EIA",
+    "Ground truth": "Warped picture",
+    "ground truth": "warped picture",
+}
 
 MISSING = "–"
 INFINITE = "∞"
@@ -40,6 +47,13 @@ _UNPRINTABLE = re.compile(
 def plain(value: object) -> str:
     """`value` as text that every format can hold: unprintable characters become U+FFFD."""
     return _UNPRINTABLE.sub("\ufffd", str(value))
+
+
+def named(data: ReportDocument, words: str) -> str:
+    """Words of our own on the ground truth; of a picture, on what takes its place."""
+    for scene, picture in _OF_PICTURE.items() if data.picture is not None else ():
+        words = words.replace(scene, picture)
+    return words
 
 
 def is_number(value: float | None) -> TypeGuard[float]:
@@ -227,7 +241,7 @@ def _digits(check: Check) -> int:
     return metric.digits if metric else _DIGITS
 
 
-def verdict_words(document: ReportDocument | PictureDocument) -> str:
+def verdict_words(document: ReportDocument) -> str:
     """The verdict, and a note if no criteria are set or the report is a preview."""
     word = document.verdict.word
     words = f"{word}; no criteria set" if word == "ran clean" else word
@@ -241,9 +255,9 @@ PREVIEW_WORDS = (
 )
 
 
-def full_command(document: ReportDocument | PictureDocument) -> str:
+def full_command(document: ReportDocument) -> str:
     """The command line for the full report, if this one is a preview; empty otherwise."""
-    if isinstance(document, PictureDocument) or document.preview is None:
+    if document.preview is None:
         return ""
     return plain(document.preview.full_command)
 

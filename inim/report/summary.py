@@ -17,6 +17,7 @@ from inim.report.labels import (
     check_value,
     full_command,
     is_number,
+    named,
     number,
     per_cent,
     plain,
@@ -39,6 +40,11 @@ _TOTAL_TIME, _RENDER_TIME = "total", "mitsuba_render"
 _LONGEST_NAME = 80
 _LONGEST_SENTENCE = 300
 _MOST_FAILURES = 20
+_MEANING = (
+    "SSIM on the relic to the reference, in brackets to the ground truth; then both for the whole "
+    "image. Scores are corrected for noise, except those of the EIA and the noise floor. The "
+    "reference is the view of the ground-truth EIA."
+)
 
 
 def render_summary(data: ReportDocument) -> str:
@@ -54,9 +60,7 @@ def render_summary(data: ReportDocument) -> str:
         _verdict_line(data),
         *preview,
         _scores_table(data),
-        "SSIM on the relic to the reference, in brackets to the ground truth; then both for "
-        "the whole image. Scores are corrected for noise, except those of the EIA and the noise "
-        "floor. The reference is the view of the ground-truth EIA.",
+        named(data, _MEANING),
         *(f"{markdown_text(line, _LONGEST_SENTENCE)}." for line in _possible_lines(data)),
         *criteria,
         *_regression_lines(data),
@@ -83,7 +87,7 @@ def score_lines(data: ReportDocument) -> list[str]:
     Viewpoints that do not fit are in a further block of lines.
     """
     first, *columns = _score_columns(data)
-    lines = [_SCORE_WORDS]
+    lines = [named(data, _SCORE_WORDS)]
     block = [first]
     for cells in columns:
         if len(block) > 1 and _width([*block, cells]) > _LINE_WIDTH:
@@ -105,7 +109,8 @@ def render_table(data: ReportDocument, link: str) -> str:
     heads, *rows = zip(*_score_columns(data), strict=True)
     link_to_page = element("a", "report", href=link, target="_blank")
     verdict = text(f"{data.title}: {verdict_words(data)}")
-    return element("p", verdict, "; ", link_to_page) + text_table(_SCORE_WORDS, heads, rows)
+    caption = named(data, _SCORE_WORDS)
+    return element("p", verdict, "; ", link_to_page) + text_table(caption, heads, rows)
 
 
 def _score_columns(data: ReportDocument) -> list[list[str]]:
@@ -210,9 +215,9 @@ def _scores_table(data: ReportDocument) -> str:
     names = data.viewpoint_names
     heads = ["algorithm", *map(markdown_text, names), f"EIA {MAIN.label}", "unlit", "seconds"]
     rows = [_algorithm_row(data, name, names) for name in data.algorithms]
-    floor = data.noise_floor
     rows.append(_reference_row("*reference*", [data.reference.views[n] for n in names], {}))
-    rows.append(_reference_row("*noise floor*", [floor.views[n] for n in names], floor.eia))
+    if (floor := data.noise_floor) is not None:
+        rows.append(_reference_row("*noise floor*", [floor.views[n] for n in names], floor.eia))
     return markdown_table(heads, rows)
 
 

@@ -42,6 +42,7 @@ def collect_scores(scene: Path, algorithms: Sequence[str]) -> dict[str, Any]:
     """Scores of one relic by algorithm: PSNR of the EIA, and the mean SSIM of its views."""
     out = Path("out", "one_picture", scene.stem)
     data = inim.validate(scene, out, algorithms=algorithms, viewpoints=_VIEWPOINTS).data
+    assert data.noise_floor is not None
     floor = data.noise_floor.eia
     return {
         "noise_floor_db": floor["psnr_db"],

@@ -1,4 +1,4 @@
-"""`inim generate PHOTO`, of a folder, and `inim validate PHOTO`: as the user types them."""
+"""`inim generate PHOTO`, of a folder, and validation: as the user types them."""
 
 from __future__ import annotations
 
@@ -136,23 +136,18 @@ def test_a_mistake_is_one_line_and_nothing_is_written(tmp_path, words, says):
     assert_refused("generate", *words, *DISPLAY, folder=tmp_path, says=[says])
 
 
-def test_a_photograph_is_validated(tmp_path, capsys, renderer):
-    photo, out = tmp_path / "photo.jpg", tmp_path / "report"
+def test_a_fitted_photograph_is_validated(tmp_path, capsys, renderer):
+    photo, fitted, out = tmp_path / "photo.jpg", tmp_path / "fitted.exr", tmp_path / "report"
     photo.write_bytes(METRIC)
-    words = [str(photo), "-o", str(out), "--algorithms", "template:samples=4", *DISPLAY]
-    words += ["-D", "inim.reconstruction_spp=4", "--viewpoints", "centre"]
-    with worker_here():
-        assert main(["validate", *words]) == EXIT_PASSED
+    words = [str(photo), "--save-rgbd", str(fitted), "-o", str(tmp_path / "eia.png"), *DISPLAY]
+    assert main(["generate", *words]) == EXIT_PASSED
     output = capsys.readouterr()
     assert "units m: metric" in line(output.out, "photo")
     assert "nearer than" in line(output.out, "subject")
-    data = json.loads((out / "report.json").read_text())
-    assert data["warnings"] == []
-    kinds = [note.split(":")[0] for note in data["picture"]["notes"]]
-    assert kinds == ["photo", "subject", "range", "crop"]
-    assert "metric" in data["picture"]["notes"][0]
-    page = (out / "report.html").read_text().replace("&#x27;", "'")
-    assert all(note.partition(": ")[2] in page for note in data["picture"]["notes"])
-    assert f"inim validate {photo}" in data["command"]
-    assert main(["validate", str(tmp_path), "-o", str(out)]) == EXIT_USAGE
-    assert f"{tmp_path}: is a folder" in capsys.readouterr().err
+    words = [str(fitted), "-o", str(out), "--algorithms", "template:samples=4", *DISPLAY]
+    words += ["-D", "inim.reconstruction_spp=4", "--viewpoints", "centre"]
+    with worker_here():
+        assert main(["validate", *words]) == EXIT_PASSED
+    assert json.loads((out / "report.json").read_text())["warnings"] == []
+    assert main(["validate", str(photo), "-o", str(out)]) == EXIT_USAGE
+    assert f"inim generate {photo} --save-rgbd" in capsys.readouterr().err

@@ -15,7 +15,6 @@ from jsonschema import Draft202012Validator
 
 from inim.cli.schemas import schema
 from inim.report.document import ReportDocument
-from inim.report.picture_document import PictureDocument
 from inim.scores.regression.document import BaselineDocument, CompareDocument
 from inim.system.document import Document, Part, decode, doc, encode, read_document, write_document
 from inim.system.errors import FileError
@@ -108,15 +107,13 @@ NAMED = {"viewpoints": [{"name": "centre", "position_mm": [0.0, 0.0, 400.0]}]}
 VIEWS = {"views": {"centre": {}}}
 SOUND: dict[str, dict[str, Any]] = {
     "report": NAMED
+    | {"scene": {}}
     | {"noise_floor": VIEWS, "reference": VIEWS, "algorithms": {"template": VIEWS}, "misalign": ""},
-    "picture": NAMED
-    | {"exact": {"centre": {}}, "met_fraction": {"centre": 1.0}, "algorithms": {"template": VIEWS}},
     "compare": {},
     "baseline": {},
 }
 TYPES: dict[str, type[Document]] = {
     "report": ReportDocument,
-    "picture": PictureDocument,
     "compare": CompareDocument,
     "baseline": BaselineDocument,
 }

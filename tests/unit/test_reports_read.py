@@ -26,6 +26,7 @@ SOUND = completed(
         "algorithms": {"template": {"views": {"centre": {}}, "precision": {"centre": {}}}},
         "reference": {"views": {"centre": {}}, "precision": {"centre": {}}},
         "noise_floor": {"views": {"centre": {}}},
+        "scene": {},
         "misalign": "",
     },
 )

@@ -49,7 +49,7 @@ class BenchRequest:
         """Plan the validation, and check the algorithms and the number of threads."""
         thread_count(self.rounds.threads)
         # Timed algorithms may have options that are not allowed in file names.
-        plan = make_plan(replace(self.validation, algorithms=("template",)))
+        plan = make_plan(replace(self.validation, algorithms=("template",)), of_scene=True)
         if self.validation.algorithms is not None:
             choose_algorithms(self.validation.algorithms)
         return plan

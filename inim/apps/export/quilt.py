@@ -62,6 +62,8 @@ class TracedScene:
     ) -> TracedScene:
         """The scene of a report with the run's definitions; `path` is its new path if it moved."""
         scene = report.data.scene
+        if scene is None:
+            raise UsageError(f"{report.folder}: is of a picture; its ground truth is no scene")
         return cls(
             path or Path(scene.path),
             scene.sha256,

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from inim.apps.own_picture.document import CamerasDocument, PlacedPicture
 from inim.apps.own_picture.fit import (
     FITS,
     DepthMap,
@@ -21,7 +22,6 @@ from inim.apps.own_picture.picture import CameraPicture, ColorDepth
 from inim.apps.own_picture.tiles import linear_light
 from inim.display import Display
 from inim.image.rgbd import MAX_SLOPE, MOST_CAMERAS, Camera, CameraRGBD, CameraRGBDs
-from inim.report.picture_document import CamerasDocument, PlacedPicture
 from inim.system.document import read_document
 from inim.system.errors import FileError, UsageError
 

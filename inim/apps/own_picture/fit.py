@@ -24,6 +24,7 @@ from inim.apps.own_picture.depth_values import DepthValues, sample
 from inim.apps.own_picture.tiles import TileFrame, draw_tiles
 from inim.display import Display
 from inim.image.rgbd import RGBD
+from inim.pipeline.stages.picture import empty_share
 from inim.system.errors import UsageError
 
 DEPTH_MAPS = ("linear", "reciprocal", "printed")
@@ -368,12 +369,3 @@ def _tolerance(values: DepthValues, depth_map: DepthMap, step_mm: float) -> floa
     if depth_map.is_reciprocal:
         return max(least, 1.5 * values.step / float(d.min() ** 2), 1.5 * values.inverse_step)
     return max(least, 1.5 * values.step, 1.5 * values.inverse_step * float(d.max() ** 2))
-
-
-def empty_share(covered: np.ndarray, display: Display, cell_mm: float) -> float:
-    """Share of the lens array without a surface of a fitted picture; `covered` is its coverage."""
-    rows, columns = covered.shape
-    x = np.abs((np.arange(columns) + 0.5) * cell_mm - columns * cell_mm / 2)
-    y = np.abs((np.arange(rows) + 0.5) * cell_mm - rows * cell_mm / 2)
-    on_array = np.ix_(y < display.height_mm / 2, x < display.width_mm / 2)
-    return float(1 - covered[on_array].mean())

@@ -36,13 +36,11 @@ from inim.apps.own_picture.fit import (
 from inim.apps.own_picture.framing import Framing, choose_framing
 from inim.apps.own_picture.picture_files import read_color, read_depth
 from inim.display import Display
-from inim.image.rgbd import RGBD
+from inim.pipeline.stages.picture import MAX_LOST_SHARE
 from inim.system.errors import FileError, UsageError
 
 # Relative difference of aspect ratios; cropped or letter-boxed pictures differ by more.
 _ASPECT_TOLERANCE = 0.01
-#: A warning is given if more than this share of a picture is clipped or of the array is empty.
-MAX_LOST_SHARE = 0.5
 # Options that a photograph with depth inside, or with an estimated depth, replaces.
 _PHOTO_PROPERTIES = (
     "color",
@@ -319,20 +317,6 @@ class CameraPicture:
         if near > far if near_is_large else near < far:
             return near, far
         return self.near, self.far
-
-    def read_and_fit(
-        self, display: Display, pixels_per_pitch: float
-    ) -> tuple[Display, RGBD, tuple[str, ...], tuple[str, ...]]:
-        """Check, read and fit the picture; return the display as it must be turned, the RGB-D on
-        it, warnings and notes.
-        """
-        self.check_files()
-        self.check_choices()
-        self.camera()
-        picture = self.read()
-        display = self.orient(picture, display)
-        fit, depth_map = self.fit_to(picture, display, pixels_per_pitch)
-        return display, fit.rgbd, self.warnings(picture, fit, depth_map), self.notes(picture, fit)
 
     def notes(self, picture: ColorDepth, fit: PictureFit) -> tuple[str, ...]:
         """Lines on a photograph's properties and on the automatic framing."""

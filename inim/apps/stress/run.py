@@ -78,7 +78,7 @@ class StressRequest:
         self.chosen_algorithms()
         if self.validation is None:
             return None
-        return make_plan(replace(self.validation, algorithms=("template",)))
+        return make_plan(replace(self.validation, algorithms=("template",)), of_scene=True)
 
 
 def run_stress(request: StressRequest, *, quiet: bool = True, debug: bool = False) -> bool:

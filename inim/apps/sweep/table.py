@@ -63,7 +63,8 @@ def unit_document(
 
     `unit` is the hash of the key; `making` and `key` are all inputs that determine the result.
     """
-    result, floor = data.algorithms[algorithm], data.noise_floor
+    result, floor, scene = data.algorithms[algorithm], data.noise_floor, data.scene
+    assert floor is not None and scene is not None
     failed = _failed_checks(data, algorithm)
     views = []
     for eye in data.viewpoints:
@@ -86,8 +87,8 @@ def unit_document(
         scores={
             **{name: result.eia.get(m.key) for name, m in eia_columns().items()},
             "hole_fraction": result.eia["hole_fraction"],
-            DEPTH: data.scene.fit.depth_mm,
-            DEPTH_SHARE: data.scene.fit.depth_share,
+            DEPTH: scene.fit.depth_mm,
+            DEPTH_SHARE: scene.fit.depth_share,
             **{name: floor.eia.get(m.key) for name, m in eia_columns("noise_floor_eia").items()},
         },
         seconds=result.seconds,

@@ -94,7 +94,7 @@ class Unit:
     def planned(self, display: Display | str | Path | None, definitions: Mapping[str, str]) -> Unit:
         """The unit on a display, with its plan and the hash of its key."""
         request = replace(self.request, display=display, definitions=definitions)
-        plan = make_plan(request)
+        plan = make_plan(request, of_scene=True)
         return replace(self, request=request, plan=plan, hash=unit_hash(key_of(plan)))
 
     def with_algorithms(self, algorithms: Sequence[str]) -> Request:
@@ -150,8 +150,8 @@ def key_of(plan: Plan) -> dict[str, Any]:
     """Inputs of a validation's scores, except the algorithm, as JSON values."""
     settings = {k: v for k, v in asdict(plan.settings).items() if k not in _NOT_DECIDING}
     key = {
-        "scene": plan.file.sha256,
-        "parameters": plan.file.parameters,
+        "scene": plan.scene_file.sha256,
+        "parameters": plan.scene_file.parameters,
         "settings": settings,
         "display": _nameless(plan.display.parameters()),
         "mounted": _nameless(plan.misaligned_display.parameters()),

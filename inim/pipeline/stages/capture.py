@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from inim.display import Display
 from inim.generators import merge_colourings
 from inim.generators.registry import Input
 from inim.image.noisy_image import replace_nonfinite
@@ -33,6 +34,25 @@ _LEAST_CUT_SHARE = 1e-4
 _SEED_STEP = 100
 
 
+class PictureSource(Protocol):
+    """Origin of a run's picture: a depth camera in front of a scene, or a fitted picture."""
+
+    @property
+    def display(self) -> Display:
+        """The display as designed."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the picture."""
+
+    @property
+    def pixel_mm(self) -> float:
+        """Side length of a pixel."""
+
+    def cache_key(self) -> dict[str, Any]:
+        """Return all values that affect the picture."""
+
+
 @dataclass(frozen=True)
 class DepthCamera:
     """A depth camera in front of a scene: parallel rays along the display's axis.
@@ -53,6 +73,11 @@ class DepthCamera:
             "capture_spp": self.spp,
             "seed": self.seed,
         }
+
+    @property
+    def display(self) -> Display:
+        """The display as designed."""
+        return self.scene.display
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -81,10 +106,13 @@ class Layers:
 
 
 class CapturedInput(NamedTuple):
-    """Input of methods: a picture, and two half images with independent colour samples."""
+    """Input of methods: a picture, and two half images with independent colour samples.
+
+    The halves are None for a picture without known noise.
+    """
 
     rgbd: RGBD
-    halves: tuple[RGBD, RGBD]
+    halves: tuple[RGBD, RGBD] | None
 
 
 @dataclass(frozen=True)
@@ -94,7 +122,7 @@ class Capture:
     `covered_shares` and `hidden_share` are those of `Layers`.
     """
 
-    camera: DepthCamera
+    camera: PictureSource
     inputs: Mapping[Input, CapturedInput]
     covered_shares: tuple[float, ...] = ()
     hidden_share: float = 0.0

@@ -24,7 +24,7 @@ from inim.generators import (
 from inim.generators.base import Sources, check_array
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
-from inim.pipeline.stages.capture import Capture, DepthCamera
+from inim.pipeline.stages.capture import Capture, PictureSource
 from inim.pipeline.stages.stage import GENERATING, Run, stage
 from inim.scores.regression.fingerprints import Fingerprint, fingerprint, reference_input
 
@@ -132,6 +132,8 @@ def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
     eia, _, holes, sources = generator.run(rgbd)
     share = hole_fraction(holes, generator.display, generator.mask)
     del holes
+    if halves is None:
+        return GeneratedEIA(NoisyImage.from_image(eia), generator.rerun(rgbd).seconds, share)
     if sources is not None and np.array_equal(halves[0].depth_mm, rgbd.depth_mm):
         noise = colour_of(sources, halves[0])
         del sources
@@ -156,14 +158,14 @@ def _fingerprint(generator: GeneratorHandle) -> Fingerprint:
 
 
 def prepare_generator(
-    algorithm: str, camera: DepthCamera, mask: np.ndarray | None, *, run: Run
+    algorithm: str, camera: PictureSource, mask: np.ndarray | None, *, run: Run
 ) -> Callable[[Capture], GeneratedEIA]:
     """Return a function that generates the EIA of a capture.
 
     The generator is prepared unless its EIA is in the cache. EIAs of other packages' generators are
     never cached, because changes of their code cannot be detected.
     """
-    display = camera.scene.display
+    display = camera.display
     generator = GeneratorHandle(algorithm, display, camera.shape, camera.pixel_mm, mask)
     is_own = generator.properties.own
     if not (is_own and generate.is_cached(generator, camera, run=run)):

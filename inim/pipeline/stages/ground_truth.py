@@ -11,7 +11,7 @@ import numpy as np
 from inim.display import Display, Viewpoint
 from inim.display.pixels import SUBPIXELS
 from inim.image.noisy_image import NoisyImage
-from inim.pipeline.stages.capture import Capture, nonfinite_checks
+from inim.pipeline.stages.capture import Capture, DepthCamera, nonfinite_checks
 from inim.pipeline.stages.scene import EMPTY_RAYS, Scene, samples_traced, seed_of
 from inim.pipeline.stages.stage import RENDERING, Run, stage
 from inim.scores.document_parts import Check, check
@@ -134,7 +134,8 @@ class GroundTruth:
     view observes it if the run skips these pixels, and `is_whole` otherwise. `clipped_share` is the
     share of the EIA's pixels that the panel cannot show. `regions`, (rows, columns) bool, are the
     relic's, the same for all methods. `reference_views` are the views of the ground-truth EIA.
-    `viewing` is None without a metric that needs it.
+    `viewing` is None without a metric that needs it. Unless `is_rendered`, all of it follows from a
+    picture (`inim.pipeline.stages.picture`), and it is not `is_whole`.
     """
 
     display: Display
@@ -147,6 +148,7 @@ class GroundTruth:
     viewing: dict[str, Viewing | None]
     checks: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()
+    is_rendered: bool = True
 
     def conditions(self, view: str) -> tuple[np.ndarray, Viewing | None]:
         """Relic region and viewing conditions under which a view is scored."""
@@ -197,11 +199,12 @@ def collect_ground_truth(
             f"{worst}: {clipped[worst]:.1%} of the pixels are brighter than the panel's white and "
             "clipped; dim the scene's lights"
         )
+    is_rendered = isinstance(capture.camera, DepthCamera)
     needs_viewing = any(metric.needs_viewing for metric in all_metrics())
     return GroundTruth(
-        capture.camera.scene.display,
+        capture.camera.display,
         eia,
-        is_whole,
+        is_whole and is_rendered,
         out_of_range_share(images["truth/eia"]),
         finite_views,
         {name: relic_region(relic) for name, (_, relic) in views.items()},
@@ -209,4 +212,5 @@ def collect_ground_truth(
         {name: conditions if needs_viewing else None for name, conditions in viewing.items()},
         tuple(checks),
         tuple(warnings),
+        is_rendered,
     )

@@ -34,7 +34,7 @@ from inim.generators.registry import Input
 from inim.image.files.eia_file import check_eia_name, read_eia
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
-from inim.pipeline.stages.capture import Capture, DepthCamera
+from inim.pipeline.stages.capture import Capture, DepthCamera, PictureSource
 from inim.pipeline.stages.generation import GeneratedEIA, hole_fraction, prepare_generator
 from inim.pipeline.stages.ground_truth import covered_pixels, pick_up_eia
 from inim.pipeline.stages.optimal import ScoredViews, optimise_eia
@@ -75,12 +75,18 @@ class MethodSetup:
     (rows, columns) bool, selects the panel pixels to generate, all if None.
     """
 
-    camera: DepthCamera
+    camera: PictureSource
     optics: Optics
     viewpoints: tuple[Viewpoint, ...]
     eia_spp: int
     view_spp: int
     mask: np.ndarray | None = None
+
+    @property
+    def depth_camera(self) -> DepthCamera:
+        """The camera in front of the scene, for methods that need a scene."""
+        assert isinstance(self.camera, DepthCamera)
+        return self.camera
 
 
 @dataclass(frozen=True)
@@ -178,7 +184,7 @@ class FileMethod(Method):
 
     def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:  # noqa: ARG002
         """See `Method`."""
-        display = setup.camera.scene.display
+        display = setup.camera.display
         eia, nonempty = read_eia(self.path, display, only_finite=False)
         holes = hole_fraction(None if nonempty is None else ~nonempty, display, setup.mask)
         return lambda *_: GeneratedEIA(NoisyImage.from_image(eia), None, holes)
@@ -196,8 +202,9 @@ class PickupMethod(Method):
 
     def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:
         """See `Method`."""
-        scene, mask = setup.camera.scene, setup.mask
-        display, seed = scene.display.through_pinholes(), seed_of("pickup", setup.camera.seed)
+        scene, mask = setup.depth_camera.scene, setup.mask
+        display = scene.display.through_pinholes()
+        seed = seed_of("pickup", setup.depth_camera.seed)
 
         def generate(*_: Any) -> GeneratedEIA:
             spp, name = self.spp or setup.eia_spp, f"EIA of {self.name}"
@@ -222,7 +229,7 @@ class OptimalMethod(Method):
 
     def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:
         """See `Method`."""
-        first, display = setup.viewpoints[0], setup.camera.scene.display
+        first, display = setup.viewpoints[0], setup.camera.display
         further = [
             replace(first, name=eye.name, x_mm=eye.x_mm, y_mm=eye.y_mm)
             for eye in zone_eyes(display, self.zone, first.z_mm, rows=self.zone)
@@ -231,7 +238,8 @@ class OptimalMethod(Method):
         views.check()
 
         def optimise(_: Capture, truth_eia: NoisyImage) -> GeneratedEIA:
-            eia, seconds = optimise_eia(self.name, setup.camera.scene, views, truth_eia, run=run)
+            scene = setup.depth_camera.scene
+            eia, seconds = optimise_eia(self.name, scene, views, truth_eia, run=run)
             return GeneratedEIA(eia, seconds, None)
 
         return optimise
@@ -343,7 +351,7 @@ def algorithm_table() -> str:
 def prepare_timed_methods(names: Sequence[str], capture: Capture) -> tuple[list[TimedMethod], RGBD]:
     """Prepare generators for timing on the display-ready capture; also return its front surface."""
     ready = {kind: to_srgb_rgba(rgbd) for kind, (rgbd, _) in capture.inputs.items()}
-    display = capture.camera.scene.display
+    display = capture.camera.display
     timed_methods = [prepare_method(name, ready[properties(name).input], display) for name in names]
     return timed_methods, ready[RGBD]
 
@@ -356,5 +364,5 @@ def generator_times(methods: Sequence[Method], capture: Capture, *, run: Run) ->
     names = [method.name for method in methods if method.is_timed]
     with run.observer.timed("time"):
         timed_methods, rgbd = prepare_timed_methods(names, capture)
-        timings = time_methods(timed_methods, rgbd, capture.camera.scene.display, Rounds())
+        timings = time_methods(timed_methods, rgbd, capture.camera.display, Rounds())
     return {name: ratios(timings[name], timings[REFERENCE_KERNEL])["ratio"] for name in names}

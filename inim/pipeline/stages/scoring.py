@@ -183,8 +183,10 @@ def score_reference_views(truth: GroundTruth, *, run: Run) -> dict[str, Scores]:
     return _run_in_threads(truth, calls, run)
 
 
-def compute_noise_floor(truth: GroundTruth, *, run: Run) -> NoiseFloor:
-    """Score one half of the ground truth's samples against the other."""
+def compute_noise_floor(truth: GroundTruth, *, run: Run) -> NoiseFloor | None:
+    """Score one half of the ground truth's samples against the other; None if it has no noise."""
+    if not truth.is_rendered:
+        return None
     calls = {"": partial(_score_eia, truth, run)} | {
         name: partial(_score_halves, view, *truth.conditions(name), run=run)
         for name, view in truth.views.items()

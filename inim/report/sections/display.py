@@ -17,7 +17,6 @@ from inim.report.document import ReportDocument, Translucency
 from inim.report.images import ReportImages
 from inim.report.labels import mm, per_cent, short
 from inim.report.page import element, figure, folded, lead, plot, svg_source, text, text_table, void
-from inim.report.picture_document import PictureDocument
 from inim.report.sections import ReportSection
 from inim.scores.document_parts import DerivedDisplay
 from inim.system.document import document_schema
@@ -27,7 +26,7 @@ from inim.system.errors import InimError
 _SLACK = 1e-5
 
 
-def display(data: ReportDocument | PictureDocument, images: ReportImages) -> str:
+def display(data: ReportDocument, images: ReportImages) -> str:
     """The section on the display."""
     derived = data.display.derived
     parameters = data.display.parameters
@@ -43,7 +42,6 @@ def display(data: ReportDocument | PictureDocument, images: ReportImages) -> str
         _quantities("Design; other parameters have their defaults", parts["Display"], stated),
         _quantities("Derived", parts["DerivedDisplay"], msgspec.structs.asdict(derived)),
     ]
-    misalign = "" if isinstance(data, PictureDocument) else data.misalign
     words = _display_words(data)
     if derived.depth_range_is_cut:
         words += _caution(
@@ -51,17 +49,17 @@ def display(data: ReportDocument | PictureDocument, images: ReportImages) -> str
             "The formula's depth range reaches into the lens array and was cut there. More pixels "
             "per lens would avoid this.",
         )
-    if misalign.strip():
+    if data.misalign.strip():
         words += _caution(
             "Misaligned.",
-            f"The array is misaligned by {misalign}. The ground-truth EIA and the views use the "
-            "misaligned display; the algorithms use the design.",
+            f"The array is misaligned by {data.misalign}. The ground-truth EIA and the views use "
+            "the misaligned display; the algorithms use the design.",
         )
     every = folded(element("h3", "Parameters"), element("div", *tables, class_="columns"))
     return words + _plan_view(data, images) + every
 
 
-def _plan_view(data: ReportDocument | PictureDocument, images: ReportImages) -> str:
+def _plan_view(data: ReportDocument, images: ReportImages) -> str:
     display, eyes = data.display.parameters, data.viewpoints
     places = [(eye.name, eye.position_mm) for eye in eyes]
     drawing = images.drawing(
@@ -70,7 +68,7 @@ def _plan_view(data: ReportDocument | PictureDocument, images: ReportImages) -> 
     return plot(drawing, describe_plan(display, eyes))
 
 
-def _display_words(data: ReportDocument | PictureDocument) -> str:
+def _display_words(data: ReportDocument) -> str:
     """Meaning of the figures, in sentences."""
     parameters, derived = data.display.parameters, data.display.derived
     lenses = parameters.layout.lens_counts("×")
@@ -96,9 +94,9 @@ def _panel_words(display: Display) -> str:
     )
 
 
-def _relic_depth_words(data: ReportDocument | PictureDocument) -> str:
+def _relic_depth_words(data: ReportDocument) -> str:
     """Depth of the relic on the display; empty if unknown."""
-    if isinstance(data, PictureDocument) or data.scene.fit.depth_mm is None:
+    if data.scene is None or data.scene.fit.depth_mm is None:
         return ""
     fit = data.scene.fit
     return (
@@ -184,7 +182,7 @@ def _profile_words(data: ReportDocument) -> str:
 
 def splats(data: ReportDocument, _images: ReportImages) -> str:
     """The section on splats; empty for other scenes."""
-    translucency = data.scene.splats
+    translucency = None if data.scene is None else data.scene.splats
     if translucency is None:
         return ""
     shares = translucency.coverage_histogram

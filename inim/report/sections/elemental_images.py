@@ -9,7 +9,7 @@ import numpy as np
 from inim.display.pixels import exact_ratio
 from inim.report.document import ReportDocument
 from inim.report.images import ReportImages
-from inim.report.labels import TRUE_EIA, metric_scores, score
+from inim.report.labels import TRUE_EIA, metric_scores, named, score
 from inim.report.page import captioned, element, lead
 from inim.report.sections import ReportSection
 
@@ -41,13 +41,17 @@ def elemental_images(data: ReportDocument, images: ReportImages) -> str:
     """The section on the elemental images, at the same location in every EIA."""
     truth = images.read("truth", "eia.png")
     window = _busiest_window(truth, data)
-    floor = metric_scores(data.noise_floor.eia, "eia")
-    figures = [_eia_figure(images, truth, window, TRUE_EIA, ("To itself", floor))]
+    floor = data.noise_floor
+    own = [] if floor is None else [("To itself", metric_scores(floor.eia, "eia"))]
+    figures = [_eia_figure(images, truth, window, named(data, TRUE_EIA), own)]
     for name, result in data.algorithms.items():
         eia, scores = images.read("eia", f"{name}.png"), result.eia
-        facts = [*metric_scores(scores, "eia"), ("Holes", score(scores, "hole_fraction"))]
-        figures.append(_eia_figure(images, eia, window, name, ("To the ground-truth EIA", facts)))
-    intro = lead(_INTRO)
+        facts = [("Holes", [("", score(scores, "hole_fraction"))])]
+        if floor is not None:
+            holes = ("Holes", score(scores, "hole_fraction"))
+            facts = [("To the ground-truth EIA", [*metric_scores(scores, "eia"), holes])]
+        figures.append(_eia_figure(images, eia, window, name, facts))
+    intro = lead(named(data, _INTRO))
     return intro + element("div", *figures, class_="eias")
 
 
@@ -56,13 +60,13 @@ def _eia_figure(
     pixels: np.ndarray | None,
     window: _Window,
     name: str,
-    facts: tuple[str, list[tuple[str, str]]],
+    facts: list[tuple[str, list[tuple[str, str]]]],
 ) -> str:
     cut = None if pixels is None else window.of(pixels)
     crop = images.magnify(cut, f"Magnified elemental images, {name}")
     whole = images.embed(pixels, f"Whole elemental image array, {name}", _WHOLE_EIA_PX)
     marked = element("div", whole, _marker(pixels, window), class_="marked")
-    return captioned(name, "", [crop, marked], [facts])
+    return captioned(name, "", [crop, marked], facts)
 
 
 def _marker(pixels: np.ndarray | None, window: _Window) -> str:

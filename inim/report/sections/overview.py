@@ -17,6 +17,7 @@ from inim.report.labels import (
     full_command,
     is_number,
     last_digits,
+    named,
     number,
     per_cent,
     score,
@@ -24,7 +25,6 @@ from inim.report.labels import (
     shares_of_possible,
 )
 from inim.report.page import element, figure, lead, radio, table, text
-from inim.report.picture_document import PictureDocument
 from inim.report.sections import ReportSection
 from inim.scores.document_parts import Precision
 from inim.scores.metrics import HEADLINE, HEADLINE_TO_SCENE, MAIN, Metric, all_metrics
@@ -39,13 +39,21 @@ _COMPARISONS: tuple[tuple[str, str, ScoreKind], ...] = (
     ("whole-truth", "whole image, to the ground truth", "scene"),
 )
 _TO_TRUTH: dict[ScoreKind, ScoreKind] = {"relic to reference": "relic", "reference": "scene"}
-_HEADS = {
+_OF_EIA = {
     f"EIA {MAIN.label}": (
         f"{MAIN.label} of the elemental image array to the ground-truth EIA, without optics"
     ),
     "Unlit": "Share of the panel pixels with light in the ground-truth EIA that are black here",
-    "Seconds": "Time to generate the EIA, once, compiled; inim bench measures precisely",
 }
+_OF_SOURCES = {
+    "Wrong source": "Share of the panel pixels that show another pixel than the exact one",
+    "Holes": "Share of the lensed panel pixels that show nothing",
+}
+_SECONDS = {"Seconds": "Time to generate the EIA, once, compiled; inim bench measures precisely"}
+_NO_SCENE = (
+    "There is no ground truth: the surfaces that a picture hides are unknown. Algorithms are "
+    "compared with what the picture determines; see the "
+)
 _NOTE = (
     "± is the 95 % interval. The reference is the ground-truth EIA seen through the same lenses: "
     "a score to it measures the loss of the algorithm alone. A score to the ground truth includes "
@@ -56,13 +64,16 @@ _NOTE = (
 def overview(data: ReportDocument, images: ReportImages) -> str:
     """The verdict in a sentence, above the images of the centre viewpoint."""
     parts = [failures(data), _sentence(data), _hero(data, images)]
+    if data.picture is not None:
+        link = element("a", "glossary", href="#meaning")
+        parts.append(element("p", text(_NO_SCENE), link, ".", class_="lead"))
     if command := full_command(data):
         words = text(PREVIEW_WORDS), " ", element("code", text(command))
         parts.insert(0, element("p", *words, class_="preview"))
     return "".join(parts)
 
 
-def failures(data: ReportDocument | PictureDocument) -> str:
+def failures(data: ReportDocument) -> str:
     """The first failed checks, to be read without scrolling."""
     failed = [check for check in data.verdict.checks if not check.passed]
     if not failed:
@@ -110,11 +121,14 @@ def _sentence(data: ReportDocument) -> str:
 def scores_section(data: ReportDocument, images: ReportImages) -> str:  # noqa: ARG001
     """The table of scores, with a choice of metric and comparison."""
     link = element("a", "Glossary", href="#meaning")
-    note = element("p", text(_NOTE), link, class_="note")
+    note = element("p", text(named(data, _NOTE)), link, class_="note")
     others = [lead(line, "note") for line in disagreements(data)]
     metrics = _metrics(data)
     first = _COMPARISONS[0]
-    compare = [radio("comparison", *c[:2], c == first) for c in _COMPARISONS]
+    compare = [
+        radio("comparison", key, named(data, label), key == first[0])
+        for key, label, _ in _COMPARISONS
+    ]
     choices = [element("fieldset", element("legend", "Compare"), *compare)]
     if len(metrics) > 1:
         buttons = [radio("metric", f"m{i}", m.label, i == 0) for i, m in enumerate(metrics)]
@@ -135,18 +149,21 @@ def _metrics(data: ReportDocument) -> list[Metric]:
 def _scores(data: ReportDocument, metrics: Sequence[Metric]) -> str:
     names, best = data.viewpoint_names, data.best_algorithm
     heads = [text("Algorithm"), *map(text, names)]
-    heads += [element("abbr", text(head), title=meaning) for head, meaning in _HEADS.items()]
+    measured = (_OF_EIA if data.picture is None else _OF_SOURCES) | _SECONDS
+    heads += [element("abbr", text(head), title=meaning) for head, meaning in measured.items()]
     several = len(data.algorithms) > 1
     rows = [
-        _algorithm_row(name, result, names, metrics, several and name == best)
+        _algorithm_row(data, name, result, metrics, several and name == best)
         for name, result in data.algorithms.items()
     ]
     reference, floor = data.reference, data.noise_floor
     own = {name: reference.views[name] for name in names}
-    rows.append(_reference_row(REFERENCE, "to the ground truth", own, reference.precision, metrics))
-    noise = {name: floor.views[name] for name in names}
-    itself = "ground truth to itself"
-    rows.append(_reference_row("Noise floor", itself, noise, {}, metrics, floor.eia))
+    to_truth = named(data, "to the ground truth")
+    rows.append(_reference_row(REFERENCE, to_truth, own, reference.precision, metrics))
+    if floor is not None:
+        noise = {name: floor.views[name] for name in names}
+        itself = "ground truth to itself"
+        rows.append(_reference_row("Noise floor", itself, noise, {}, metrics, floor.eia))
     return table("One viewpoint per column", heads, rows, "scores")
 
 
@@ -184,23 +201,22 @@ def _half_width(precision: Precision, view: str, key: str) -> float | None:
 
 
 def _algorithm_row(
+    data: ReportDocument,
     name: str,
     result: AlgorithmResult,
-    names: Sequence[str],
     metrics: Sequence[Metric],
     is_best: bool,
 ) -> list[str]:
     label = text(name) + (element("small", "best mean") if is_best else "")
     cells = [
         _score_cell(result.views.get(view, {}), result.precision, view, metrics, to_itself=False)
-        for view in names
+        for view in data.viewpoint_names
     ]
-    last = [
-        number(result.eia.get(MAIN.key), _MOST_DIGITS),
-        per_cent(result.unlit_fraction, 1),
-        number(result.seconds, 2),
-    ]
-    return [label, *cells, *map(text, last)]
+    if data.picture is None:
+        last = [number(result.eia.get(MAIN.key), _MOST_DIGITS), per_cent(result.unlit_fraction, 1)]
+    else:
+        last = [per_cent(result.wrong_source, 2), per_cent(result.eia["hole_fraction"], 1)]
+    return [label, *cells, *map(text, [*last, number(result.seconds, 2)])]
 
 
 def _reference_row(
@@ -225,11 +241,11 @@ def _hero(data: ReportDocument, images: ReportImages) -> str:
     if view is None:
         return ""
     truth = images.read("truth", f"{view}.png")
-    shots = [_shot(images, truth, view, TRUTH, f"viewpoint {view}, without a display")]
+    shots = [_shot(images, truth, view, named(data, TRUTH), f"viewpoint {view}, without a display")]
     own = number(data.reference.views[view].get(HEADLINE_TO_SCENE), _MOST_DIGITS)
     reference = f"the ground-truth EIA on this display, {MAIN.label} {own} to the ground truth"
     reference_view = images.read("views", "reference", f"{view}.png")
-    shots.append(_shot(images, reference_view, view, REFERENCE, reference))
+    shots.append(_shot(images, reference_view, view, REFERENCE, named(data, reference)))
     if best is not None:
         best_view = images.read("views", best, f"{view}.png")
         scores = data.algorithms[best].views.get(view, {})

@@ -12,6 +12,7 @@ from inim.report.labels import (
     check_interval,
     check_limit,
     check_value,
+    named,
     number,
     per_cent,
     relation,
@@ -36,7 +37,7 @@ _SAMPLES = (
     "score."
 )
 _SKIPPED = {"step": "Step", "performed": "Performed", "skipped": "Skipped", "why": "Reason"}
-_MEANINGS = (
+_OF_SCENE = (
     (TRUTH, "The scene as rendered from a viewpoint, without a display."),
     (TRUE_EIA, "The EIA of the scene, path traced through the centre of every lens."),
     (
@@ -45,6 +46,33 @@ _MEANINGS = (
         "reference and ground truth is the loss of the display, not of an algorithm. A warning "
         "lists algorithms that score above the reference by more than the noise.",
     ),
+    (
+        "Noise floor",
+        "The score of one half of the ground truth's samples against the other half. For plain "
+        "scores, such as the EIA's, ignore differences smaller than 1 minus the noise floor. For "
+        "noise-corrected scores, ± is the 95 % interval.",
+    ),
+    (
+        "Unlit",
+        "Share of the panel pixels with light in the ground-truth EIA that an algorithm leaves "
+        "black: holes, where something should be.",
+    ),
+)
+_OF_PICTURE = (
+    (
+        "Warped picture",
+        "The view from the eye by the picture's own depth, without a display and its blur. It "
+        "takes the place of the ground truth; the relic is the area that it covers.",
+    ),
+    ("Exact EIA", "The EIA of the exact first hits on the picture, with four rays per pixel."),
+    ("Reference", "The view of the exact EIA through this display's lenses."),
+    (
+        "Wrong source",
+        "Share of the panel pixels that show another pixel of the picture than the first on their "
+        "ray, by rational arithmetic; of up to 2,000 pixels, drawn at random.",
+    ),
+)
+_MEANINGS = (
     (
         "SSIM to reference",
         "Structural similarity of a reconstructed view and the reference view: 1 is identical. It "
@@ -55,12 +83,6 @@ _MEANINGS = (
         "SSIM to ground truth",
         "Structural similarity of a reconstructed view and the ground-truth view. It includes the "
         "loss of the display.",
-    ),
-    (
-        "Noise floor",
-        "The score of one half of the ground truth's samples against the other half. For plain "
-        "scores, such as the EIA's, ignore differences smaller than 1 minus the noise floor. For "
-        "noise-corrected scores, ± is the 95 % interval.",
     ),
     (
         "On the relic",
@@ -76,11 +98,6 @@ _MEANINGS = (
     ),
     ("PSNR", "Peak signal-to-noise ratio in dB, higher is better; ∞ for identical images."),
     ("FLIP", "Visible difference when alternating between two images; 0 is none."),
-    (
-        "Unlit",
-        "Share of the panel pixels with light in the ground-truth EIA that an algorithm leaves "
-        "black: holes, where something should be.",
-    ),
     (
         "Across scenes",
         "Do not compare scores of different scenes: with the same algorithm, a smooth relic "
@@ -166,14 +183,15 @@ def _skipped_steps_section(data: ReportDocument, _images: ReportImages) -> str:
     return lead(words) + listed
 
 
-def _meanings() -> str:
+def _meanings(data: ReportDocument) -> str:
     """The glossary, with a word on each metric of another package."""
     others = [
         (metric.label, f"{metric.better.capitalize()} is better. {metric.reference}")
         for metric in all_metrics()
         if not any(metric.label in term for term, _ in _MEANINGS)
     ]
-    pairs = [*_MEANINGS, *others]
+    pairs = [*(_OF_SCENE if data.picture is None else _OF_PICTURE), *_MEANINGS, *others]
+    pairs = [(named(data, term), named(data, meaning)) for term, meaning in pairs]
     entries = [element("div", element("dt", text(k)), element("dd", text(v))) for k, v in pairs]
     return element("dl", *entries, class_="meanings")
 
@@ -184,5 +202,5 @@ SECTIONS = (
     ReportSection(120, "skipped", "Skipped steps", _skipped_steps_section, is_folded=True),
     ReportSection(130, "warnings", "Warnings", lambda data, _: bullets(data.warnings, "cautions")),
     ReportSection(140, "reproduce", "Reproduce", _reproduce, is_folded=True),
-    ReportSection(150, "meaning", "Glossary", lambda _, __: _meanings(), is_folded=True),
+    ReportSection(150, "meaning", "Glossary", lambda data, _: _meanings(data), is_folded=True),
 )

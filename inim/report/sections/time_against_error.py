@@ -42,7 +42,7 @@ def time_against_error(data: ReportDocument, images: ReportImages) -> str:
             eias.append(TimedPoint(plain(name), time, -psnr, psnr))
     if not (views or eias):
         return ""
-    floor = data.noise_floor.eia[PSNR.key]
+    floor = None if data.noise_floor is None else data.noise_floor.eia[PSNR.key]
     known_floor = floor if floor is not None and math.isfinite(floor) else None
     figure = (tuple(views), tuple(eias), unit, known_floor)
     drawing = images.drawing("time against error", lambda: _drawing(*figure), figure=figure)

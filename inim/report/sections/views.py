@@ -14,7 +14,7 @@ import numpy as np
 
 from inim.report.document import ReportDocument
 from inim.report.images import DIFFERENCE_GAIN, ReportImages, difference, is_wide
-from inim.report.labels import NBSP, REFERENCE, TRUTH, metric_scores, short
+from inim.report.labels import NBSP, REFERENCE, TRUTH, metric_scores, named, short
 from inim.report.page import (
     Widget,
     captioned,
@@ -62,7 +62,7 @@ _PARALLAX = (
 def views(data: ReportDocument, images: ReportImages) -> str:
     """The section on the views, one row of images for each viewpoint."""
     rows = [_viewpoint(data, images, eye) for eye in data.viewpoints]
-    intro = lead(_INTRO) + _scale(images)
+    intro = lead(named(data, _INTRO)) + _scale(images)
     return _comparison_slider(data, images) + intro + "".join(rows)
 
 
@@ -78,7 +78,7 @@ def _comparison_slider(data: ReportDocument, images: ReportImages) -> str:
     truth = images.read("truth", f"{viewpoints[0]}.png")
     if truth is None:
         return ""
-    names = [TRUTH, REFERENCE, *data.algorithms]
+    names = [named(data, TRUTH), REFERENCE, *data.algorithms]
     ways = [radio("compare-by", *way) for way in _WAYS]
     choices = [
         _choice("From", "viewpoint", viewpoints, start),
@@ -144,22 +144,23 @@ def _viewpoint(data: ReportDocument, images: ReportImages, eye: EyePosition) -> 
             images.embed(images.similarity(pixels, reference), f"SSIM map {pair}"),
         ]
 
-    floor, own = data.noise_floor.views[view], data.reference.views[view]
-    against_truth = compared(REFERENCE, reference, "ground truth", truth)
+    floor, own = data.noise_floor, data.reference.views[view]
+    name, to_truth = named(data, TRUTH), named(data, "ground truth")
+    itself = [] if floor is None else metric_scores(floor.views[view], "relic")
     figures = [
         captioned(
-            TRUTH,
-            "rendered without a display",
-            [shown(TRUTH, truth)],
-            [("On the relic, to itself", metric_scores(floor, "relic"))],
+            name,
+            "without a display",
+            [shown(name, truth)],
+            [("On the relic, to itself", itself)] if itself else [],
         ),
         captioned(
             REFERENCE,
-            "compared with ground truth",
-            against_truth,
+            f"compared with {to_truth}",
+            compared(REFERENCE, reference, to_truth, truth),
             [
-                ("On the relic, to ground truth", metric_scores(own, "relic")),
-                ("Whole image, to ground truth", metric_scores(own)),
+                (f"On the relic, to {to_truth}", metric_scores(own, "relic")),
+                (f"Whole image, to {to_truth}", metric_scores(own)),
             ],
         ),
     ]
@@ -167,9 +168,9 @@ def _viewpoint(data: ReportDocument, images: ReportImages, eye: EyePosition) -> 
         scores = result.views.get(view, {})
         facts = [
             ("On the relic, to reference", metric_scores(scores, "relic to reference")),
-            ("On the relic, to ground truth", metric_scores(scores, "relic")),
+            (f"On the relic, to {to_truth}", metric_scores(scores, "relic")),
             ("Whole image, to reference", metric_scores(scores, "reference")),
-            ("Whole image, to ground truth", metric_scores(scores)),
+            (f"Whole image, to {to_truth}", metric_scores(scores)),
         ]
         comparison = compared(
             name, images.read("views", name, f"{view}.png"), "reference", reference
@@ -183,7 +184,7 @@ def _viewpoint(data: ReportDocument, images: ReportImages, eye: EyePosition) -> 
 def parallax(data: ReportDocument, images: ReportImages) -> str:
     """Parallax section; empty with fewer than two viewpoints in a line."""
     best = data.best_algorithm
-    sources = [(TRUTH, ("truth",))] + ([(best, ("views", best))] if best else [])
+    sources = [(named(data, TRUTH), ("truth",))] + ([(best, ("views", best))] if best else [])
     strips = [
         _strip(images, direction, [eye.name for eye in line], sources)
         for direction, line in _lines_of_sight(data.viewpoints)
@@ -193,7 +194,7 @@ def parallax(data: ReportDocument, images: ReportImages) -> str:
         return ""
     wide = is_wide(images.read("truth", f"{data.viewpoints[0].name}.png")) or len(strips) == 1
     kind = "strips wide" if wide else "strips"
-    return lead(_PARALLAX) + element("div", *strips, class_=kind)
+    return lead(named(data, _PARALLAX)) + element("div", *strips, class_=kind)
 
 
 def _lines_of_sight(eyes: Sequence[EyePosition]) -> list[tuple[str, list[EyePosition]]]:

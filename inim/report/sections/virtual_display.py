@@ -11,7 +11,6 @@ from inim.report.document import ReportDocument
 from inim.report.images import ReportImages
 from inim.report.labels import REFERENCE
 from inim.report.page import lead
-from inim.report.picture_document import PictureDocument
 from inim.report.sections import ReportSection
 from inim.report.virtual_display import (
     ANCHOR,
@@ -52,15 +51,14 @@ def of_algorithm(name: str) -> Shown:
 
 
 def shown_display(
-    data: ReportDocument | PictureDocument,
+    data: ReportDocument,
     images: ReportImages,
     candidates: Sequence[Shown],
     *,
     most_bytes: int = REPORT_PANEL_BYTES,
 ) -> str:
     """The live display of EIAs, the two most important first; see `report_display`."""
-    misalign = "" if isinstance(data, PictureDocument) else data.misalign
-    display = misaligned(data.display.parameters, misalign)
+    display = misaligned(data.display.parameters, data.misalign)
     eyes = [eye for eye in data.viewpoints if eye.position_mm[2] > 0]
     eyes.sort(key=lambda eye: eye.name != "centre")
     if not eyes:

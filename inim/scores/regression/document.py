@@ -47,7 +47,7 @@ class PictureSize(Part):
 class EstimateRecord(Part):
     """A score and its precision; null: unknown or not finite."""
 
-    plain: float | None  #: The score of the noisy pictures.
+    plain: float | None  #: The score of the noisy pictures; null with an error of 0: infinite.
     error: float | None  #: Its standard error.
     freedom: float | None  #: Degrees of freedom of the standard error.
     bias: float | None  #: Change of the score if the noise's variance doubled.

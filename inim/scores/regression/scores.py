@@ -87,9 +87,14 @@ class ScoreEstimate:
 
     @classmethod
     def of(cls, record: EstimateRecord) -> ScoreEstimate:
-        """Inverse of `as_record`; null becomes NaN, which passes no check."""
-        values = msgspec.structs.asdict(record).items()
-        return cls(**{name: math.nan if value is None else value for name, value in values})
+        """Inverse of `as_record`; null becomes NaN, which passes no check.
+
+        A score without a value, but with an error of 0, is infinite: its images are identical.
+        """
+        values = msgspec.structs.asdict(record)
+        if record.plain is None and record.error == 0:
+            values["plain"] = math.inf
+        return cls(**{n: math.nan if value is None else value for n, value in values.items()})
 
 
 # An image, and the difference of its halves.

@@ -212,7 +212,7 @@ def _write_dimmed_scene(plan: Plan, folder: Path) -> Path | None:
     if changed == text:
         return None
     folder.mkdir()
-    for name, path in plan.file.named.items():
+    for name, path in plan.scene_file.named.items():
         if not Path(name).is_absolute():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, folder / name)

@@ -138,7 +138,7 @@ def _find_camera(
 ) -> tuple[Pinhole | None, str]:
     """Camera of the stored colour picture of `size` (columns, rows), and its source."""
     camera, (columns, rows) = depth.camera, depth.camera_size
-    numbers = () if camera is None else (*vars(camera).values(), columns, rows)
+    numbers = () if camera is None else (camera.fx, camera.fy, camera.cx, camera.cy, columns, rows)
     if camera is not None and all(map(math.isfinite, numbers)) and min(columns, rows) > 0:
         x, y = size[0] / columns, size[1] / rows
         scaled = Pinhole(
