@@ -61,7 +61,7 @@ def _commands() -> str:
     os.environ["COLUMNS"] = "88"
     parts = []
     for name, module in COMMANDS.items():
-        command = import_module(f"inim.pipeline.options.{module}").COMMANDS[name]
+        command = import_module(module).COMMANDS[name]
         parser = argparse.ArgumentParser(prog=f"inim {name}")
         command.add_arguments(parser)
         parts.append(f"## inim {name}\n\n{command.summary}\n\n```text\n{parser.format_help()}```\n")

@@ -1,7 +1,8 @@
 """Declarations of parameters and settings: type, default, range and meaning, each once.
 
-A field of a dataclass is annotated with its type and a `Meaning`. Checks, the text of the
-command line, help, tables and JSON Schemas are derived from it. Names end with the unit.
+A field of a dataclass has its type, with its valid `Values`; its default; and its meaning, the
+`#:` comment behind it or above it. Its name ends with the unit. Checks, the reading of text, the
+table of settings, completion and the descriptions in JSON Schemas are derived from it.
 """
 
 from __future__ import annotations
@@ -10,13 +11,14 @@ import math
 import re
 import types
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import KW_ONLY, MISSING, dataclass, fields
+from dataclasses import MISSING, dataclass, fields
 from functools import cache
 from numbers import Integral, Real
 from os import PathLike
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from inim.system.errors import UsageError
+from inim.system.field_comments import field_comments
 
 #: Text of rows that are empty, and of an optional number that is not set.
 NOT_SET = "none"
@@ -27,19 +29,16 @@ _EXACT = 1e15
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+,\d+")
 
 
-@dataclass(frozen=True)
-class Meaning:
-    """Meaning and range of a field.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Values:
+    """Valid values of a field.
 
-    * `text`: phrase; ``{}`` stands for the default.
     * `above`, `low`, `below`, `high`: ends of the range, without or with the end itself.
     * `requirement`: clause of the error for a number outside the range, if there is a better one.
     * `words`: valid words, if they are not those of the type.
     * `rows`: function that reads rows of numbers, from rows or from text; raises `ValueError`.
     """
 
-    text: str
-    _: KW_ONLY
     above: float = -math.inf
     low: float = -math.inf
     below: float = math.inf
@@ -73,14 +72,7 @@ class Declared:
     kinds: tuple[Any, ...]
     is_optional: bool
     default: Any
-    meaning: str
-    declared: Meaning
-    words: Collection[str]
-
-    @property
-    def rows(self) -> Callable[[Any], tuple[Any, ...]] | None:
-        """See `Meaning`."""
-        return self.declared.rows
+    values: Values
 
     @property
     def is_number(self) -> bool:
@@ -113,11 +105,14 @@ class Declared:
             return None
         if self.is_number:
             return self._checked_number(value)
-        if self.rows is not None:
-            return self.rows(value)
-        if self.words and value not in [*self.words]:
-            raise ValueError("use " + " or ".join(map(repr, self.words)))
-        return value if self.words else value_text(self.name, value)
+        if self.values.rows is not None:
+            return self.values.rows(value)
+        if self.kinds == (str,):
+            return value_text(self.name, value)
+        words = list(self.values.words or self.kinds)
+        if value not in words:
+            raise ValueError("use " + " or ".join(map(repr, words)))
+        return value
 
     def _checked_number(self, value: Any) -> Any:
         if float in self.kinds:
@@ -127,10 +122,10 @@ class Declared:
             if int in self.kinds and value.is_integer():
                 value = int(value)
         elif isinstance(value, bool) or not isinstance(value, Integral):
-            raise ValueError(self.declared.requirement or "must be a whole number")
+            raise ValueError(self.values.requirement or "must be a whole number")
         else:
             value = int(value)
-        self.declared.check_range(value)
+        self.values.check_range(value)
         return value
 
 
@@ -142,20 +137,32 @@ def declared(declaration: type) -> dict[str, Declared]:
 
 
 def _declared(name: str, hint: Any, default: Any) -> Declared:
-    kind, meaning = get_args(hint)
-    is_union = get_origin(kind) in (Union, types.UnionType)
-    options = [k for k in (get_args(kind) if is_union else (kind,)) if k is not type(None)]
-    words = [get_args(option) for option in options if get_origin(option) is Literal]
+    kinds, values = _kinds(hint)
+    types_of_values = tuple(kind for kind in kinds if kind is not type(None))
     return Declared(
-        name=name,
-        type=kind,
-        kinds=tuple(get_origin(option) or option for option in options),
-        is_optional=is_union and type(None) in get_args(kind),
-        default=default,
-        meaning=meaning.text.format("" if default is MISSING else setting_text(default)),
-        declared=meaning,
-        words=meaning.words or (words[0] if words else ()),
+        name, hint, types_of_values, len(types_of_values) < len(kinds), default, values or Values()
     )
+
+
+def _kinds(hint: Any) -> tuple[list[Any], Values | None]:
+    """Types of a field's values, words for `Literal`; and its `Values`."""
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return _kinds(parts[0])[0], parts[1]
+    if origin in (Union, types.UnionType):
+        kinds, values = zip(*map(_kinds, parts), strict=True)
+        return [kind for part in kinds for kind in part], next(filter(None, values), None)
+    return list(parts) if origin is Literal else [origin or hint], None
+
+
+def meanings(declaration: type) -> dict[str, str]:
+    """Meanings of the fields of a dataclass, by name: their comments; ``{}`` is the default."""
+    comments = field_comments(declaration)
+    return {
+        name: comments[name].format("" if field.default is MISSING else setting_text(field.default))
+        for name, field in declared(declaration).items()
+        if name in comments
+    }
 
 
 # -- text ------------------------------------------------------------------------------------------

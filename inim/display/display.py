@@ -20,7 +20,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from inim.display.cells import check_cells, parse_cells
-from inim.display.declaration import Meaning, declared
+from inim.display.declaration import Values, declared, meanings
 from inim.display.layers import parse_layers
 from inim.display.layouts import LAYOUTS, Layout
 from inim.display.panel import COLDEST_K, HOTTEST_K
@@ -71,21 +71,11 @@ _LENS_ONLY = (
 )
 
 
-def _length(meaning: str) -> Meaning:
-    return Meaning(meaning, above=0, requirement="must be a positive length")
-
-
-def _count(meaning: str) -> Meaning:
-    return Meaning(meaning, low=1, requirement="must be a whole number of at least 1")
-
-
-def _tilt(meaning: str) -> Meaning:
-    return Meaning(meaning, low=-_STEEPEST_TILT_DEG, high=_STEEPEST_TILT_DEG)
-
-
-def _share(meaning: str) -> Meaning:
-    requirement = "must be a share from 0 to below 1"
-    return Meaning(meaning, low=0, below=1, requirement=requirement)
+Length = Annotated[float, Values(above=0, requirement="must be a positive length")]
+Count = Annotated[int, Values(low=1, requirement="must be a whole number of at least 1")]
+Index = Annotated[float, Values(above=1, requirement="a lens needs an index above 1")]
+Tilt = Annotated[float, Values(low=-_STEEPEST_TILT_DEG, high=_STEEPEST_TILT_DEG)]
+Share = Annotated[float, Values(low=0, below=1, requirement="must be a share from 0 to below 1")]
 
 
 def _call(module: str, function: str, *arguments: Any) -> Any:
@@ -173,124 +163,61 @@ class Display:
         A value describes no possible display; the message names it.
     """
 
-    pitch_mm: Annotated[float, _length("lens pitch P")]
-    focal_length_mm: Annotated[float, _length("lens focal length f")]
-    gap_mm: Annotated[
-        float,
-        _length("gap g between lens array and panel, air-equivalent: a layer counts as t / n"),
-    ]
-    pixel_pitch_mm: Annotated[float, _length("panel pixel P_D")]
-    lens_columns: Annotated[int, _count("lenses across")]
-    lens_rows: Annotated[int, _count("lenses down")]
-    panel_columns: Annotated[int | None, _count("panel pixels across")] = None
-    panel_rows: Annotated[int | None, _count("panel pixels down")] = None
-    depth_min_mm: Annotated[
-        float | None, Meaning("far end of the depth range (both or neither)")
-    ] = None
-    depth_max_mm: Annotated[float | None, Meaning("near end of the depth range")] = None
-    elemental_pitch_mm: Annotated[
-        float | None, _length("pitch of the elemental images, if it differs from P")
-    ] = None
-    refractive_index: Annotated[
-        float,
-        Meaning(
-            "refractive index of the thick lens ({}, PMMA)",
-            above=1,
-            requirement="a lens needs an index above 1",
-        ),
-    ] = 1.4917
-    lens_thickness_mm: Annotated[
-        float | None, _length("centre thickness of the thick lens (P)")
-    ] = None
-    curved_side: Annotated[
-        CurvedSide, Meaning("curved side of the thick lens: viewer or panel")
-    ] = "viewer"
-    conic: Annotated[float, Meaning("conic constant of the curved face ({})")] = 0.0
-    asphere_a4: Annotated[float, Meaning("sag term in r^4 of the curved face, mm^-3 ({})")] = 0.0
-    asphere_a6: Annotated[float, Meaning("sag term in r^6 of the curved face, mm^-5 ({})")] = 0.0
-    abbe_number: Annotated[
-        float | None,
-        Meaning("Abbe number of the lens material; none: no dispersion", above=0),
-    ] = None
-    pitch_y_mm: Annotated[
-        float | None, _length("pitch of the lens rows (P, or that of the hexagonal lattice)")
-    ] = None
-    lattice: Annotated[
-        Lattice,
-        Meaning(
-            "lens lattice: square, hexagonal, or lenticular for slanted cylinders ({})",
-            words=LAYOUTS,
-        ),
-    ] = "square"
-    aperture: Annotated[Aperture, Meaning("shape of a lens's aperture: square or round ({})")] = (
-        "square"
-    )
-    fill_factor: Annotated[
-        float, Meaning("width of a lens's aperture, in pitches ({})", above=0, high=1)
-    ] = 1.0
-    between_lenses: Annotated[
-        BetweenLenses, Meaning("sheet between the apertures: dark or clear ({})")
-    ] = "dark"
-    layers: Annotated[
-        Layers,
-        Meaning(
-            "layers in the gap, from the lenses on, thickness in mm and index: "
-            "'0.5 1.52, 0.1 1.47' ({})",
-            rows=parse_layers,
-        ),
-    ] = ()
-    shift_x_mm: Annotated[float, Meaning("shift of the array to the right ({})")] = 0.0
-    shift_y_mm: Annotated[float, Meaning("shift of the array upwards ({})")] = 0.0
-    rotation_deg: Annotated[
-        float, Meaning("counter-clockwise rotation of the array, seen by the viewer ({})")
-    ] = 0.0
-    tilt_x_deg: Annotated[float, _tilt("tilt of the panel: the gap grows to the right ({})")] = 0.0
-    tilt_y_deg: Annotated[float, _tilt("tilt of the panel: the gap grows upwards ({})")] = 0.0
-    subpixels: Annotated[
-        Subpixels, Meaning("sub-pixel layout: none, rgb-stripe, pentile or cells ({})")
-    ] = "none"
-    subpixel_cells: Annotated[
-        Cells,
-        Meaning(
-            "centres of red, green and blue for `cells`, right and up in pixels, of each kind of "
-            "pixel: '-0.3 0.25 0.3 0.25 0 -0.25, ...' ({})",
-            rows=parse_cells,
-        ),
-    ] = ()
-    cell_pattern: Annotated[
-        CellPattern,
-        Meaning(
-            "kinds of pixels for `cells`: single, checkerboard, columns, rows, rows-of-4 or "
-            "staggered ({})"
-        ),
-    ] = "single"
-    pixel_fill: Annotated[
-        float,
-        Meaning(
-            "width of the light-emitting area of a (sub-)pixel, in its pitches ({})",
-            above=0,
-            high=1,
-        ),
-    ] = 1.0
-    black_level: Annotated[float, _share("luminance of the panel's black over white ({})")] = 0.0
-    ambient_reflection: Annotated[
-        float, _share("room light that the display reflects, as a share of white ({})")
-    ] = 0.0
-    veiling_glare: Annotated[
-        float, _share("share of a view's light that spreads evenly over it ({})")
-    ] = 0.0
-    white_point_k: Annotated[
-        float | None,
-        Meaning(
-            "colour temperature of the panel's white, kelvin (D65)", low=COLDEST_K, high=HOTTEST_K
-        ),
-    ] = None
-    name: Annotated[str, Meaning("its name")] = "custom"
+    pitch_mm: Length  #: lens pitch P
+    focal_length_mm: Length  #: lens focal length f
+    gap_mm: Length  #: gap g between lens array and panel, air-equivalent: a layer counts as t / n
+    pixel_pitch_mm: Length  #: panel pixel P_D
+    lens_columns: Count  #: lenses across
+    lens_rows: Count  #: lenses down
+    panel_columns: Count | None = None  #: panel pixels across
+    panel_rows: Count | None = None  #: panel pixels down
+    depth_min_mm: float | None = None  #: far end of the depth range (both or neither)
+    depth_max_mm: float | None = None  #: near end of the depth range
+    elemental_pitch_mm: Length | None = None  #: pitch of the elemental images, if it differs from P
+    refractive_index: Index = 1.4917  #: refractive index of the thick lens ({}, PMMA)
+    lens_thickness_mm: Length | None = None  #: centre thickness of the thick lens (P)
+    curved_side: CurvedSide = "viewer"  #: curved side of the thick lens: viewer or panel
+    conic: float = 0.0  #: conic constant of the curved face ({})
+    asphere_a4: float = 0.0  #: sag term in r^4 of the curved face, mm^-3 ({})
+    asphere_a6: float = 0.0  #: sag term in r^6 of the curved face, mm^-5 ({})
+    #: Abbe number of the lens material; none: no dispersion
+    abbe_number: Annotated[float, Values(above=0)] | None = None
+    #: pitch of the lens rows (P, or that of the hexagonal lattice)
+    pitch_y_mm: Length | None = None
+    #: lens lattice: square, hexagonal, or lenticular for slanted cylinders ({})
+    lattice: Annotated[Lattice, Values(words=LAYOUTS)] = "square"
+    aperture: Aperture = "square"  #: shape of a lens's aperture: square or round ({})
+    #: width of a lens's aperture, in pitches ({})
+    fill_factor: Annotated[float, Values(above=0, high=1)] = 1.0
+    between_lenses: BetweenLenses = "dark"  #: sheet between the apertures: dark or clear ({})
+    #: layers in the gap, from the lenses on, thickness in mm and index: '0.5 1.52, 0.1 1.47' ({})
+    layers: Annotated[Layers, Values(rows=parse_layers)] = ()
+    shift_x_mm: float = 0.0  #: shift of the array to the right ({})
+    shift_y_mm: float = 0.0  #: shift of the array upwards ({})
+    rotation_deg: float = 0.0  #: counter-clockwise rotation of the array, seen by the viewer ({})
+    tilt_x_deg: Tilt = 0.0  #: tilt of the panel: the gap grows to the right ({})
+    tilt_y_deg: Tilt = 0.0  #: tilt of the panel: the gap grows upwards ({})
+    subpixels: Subpixels = "none"  #: sub-pixel layout: none, rgb-stripe, pentile or cells ({})
+    #: centres of red, green and blue for `cells`, right and up in pixels, of each kind of pixel:
+    #: '-0.3 0.25 0.3 0.25 0 -0.25, ...' ({})
+    subpixel_cells: Annotated[Cells, Values(rows=parse_cells)] = ()
+    #: kinds of pixels for `cells`: single, checkerboard, columns, rows, rows-of-4 or staggered
+    #: ({})
+    cell_pattern: CellPattern = "single"
+    #: width of the light-emitting area of a (sub-)pixel, in its pitches ({})
+    pixel_fill: Annotated[float, Values(above=0, high=1)] = 1.0
+    black_level: Share = 0.0  #: luminance of the panel's black over white ({})
+    #: room light that the display reflects, as a share of white ({})
+    ambient_reflection: Share = 0.0
+    veiling_glare: Share = 0.0  #: share of a view's light that spreads evenly over it ({})
+    #: colour temperature of the panel's white, kelvin (D65)
+    white_point_k: Annotated[float, Values(low=COLDEST_K, high=HOTTEST_K)] | None = None
+    name: str = "custom"  #: its name
 
     @classmethod
     def field_meanings(cls) -> dict[str, str]:
         """Meanings of the parameters, by name."""
-        return {name: field.meaning for name, field in declared(Display).items()}
+        return meanings(Display)
 
     def __post_init__(self) -> None:
         # msgspec leaves absent fields to the class, and omits them when it encodes the display.
@@ -324,7 +251,7 @@ class Display:
             raise DisplayError(
                 f"{name} = {getattr(self, name):g}: at most {_LONGEST_MM:g} mm are allowed"
             )
-        if declared(Display)[name].declared.above == 0 and 0 < size < _SHORTEST_MM:
+        if declared(Display)[name].values.above == 0 and 0 < size < _SHORTEST_MM:
             raise DisplayError(f"{name} = {size:g}: at least {_SHORTEST_MM:g} mm are needed")
 
     def _check_depth_range(self) -> None:

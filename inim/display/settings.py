@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from inim.display import DISPLAYS, Display
-from inim.display.declaration import Meaning, declared, setting_text
+from inim.display.declaration import Values, declared, meanings, setting_text
 from inim.display.looking_glass import LookingGlass
 from inim.system.errors import DisplayError, SceneError, UsageError, suggest_words
 from inim.system.process.atomic_file import write_atomically
@@ -47,20 +47,17 @@ def plain_parameters(display: Display) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class _Start:
-    title: Annotated[str, Meaning("name of the scene in reports; the file's name if empty")] = ""
-    display: Annotated[str, Meaning(f"preset to start from: {', '.join(DISPLAYS)}")] = "nominal"
+    title: str = ""  #: name of the scene in reports; the file's name if empty
+    display: str = "nominal"
 
 
 if TYPE_CHECKING:
     _Stated = _Start
 else:
-    # Each parameter of a display, None if it is the preset's. `Display` checks its range.
+    # Each parameter of a display; None: that of the preset.
     _Stated = make_dataclass(
         "_Stated",
-        [
-            (name, Annotated[field.type | None, Meaning(field.meaning, rows=field.rows)], None)
-            for name, field in _OF_DISPLAY.items()
-        ],
+        [(name, field.type | None, None) for name, field in _OF_DISPLAY.items()],
         bases=(_Start,),
         frozen=True,
     )
@@ -73,100 +70,53 @@ class Settings(_Stated):
     Every field is one `inim.*` key; None means "not given".
     """
 
-    misalign: Annotated[
-        str,
-        Meaning("misalignment that the algorithms do not correct: 'rotation_deg=0.5, gap_mm=0.1'"),
-    ] = ""
-    fit_share: Annotated[
-        float, Meaning("share of the array that the relic may fill, 0..1", low=1e-6, high=1)
-    ] = 0.85
-    turn_deg: Annotated[
-        float | None,
-        Meaning(
-            "turn of the relic about its upward axis, counter-clockwise seen from above; its size "
-            "is then the same at all turns (none: not turned)"
-        ),
-    ] = None
-    lens_model: Annotated[
-        str, Meaning("lens model of the reconstruction: pinhole, thin, thick or full")
-    ] = "thick"
-    algorithms: Annotated[
-        str, Meaning("algorithms to score, separated by commas (lenticulars: template)")
-    ] = "wang2024,template"
-    cameras: Annotated[
-        str,
-        Meaning(
-            "arrangements of cameras for further RGB-D inputs: `5` (centre and corners of the "
-            "viewing zone) or a grid such as `3x3`, separated by commas"
-        ),
-    ] = ""
-    viewpoints: Annotated[
-        str,
-        Meaning(
-            "viewpoints to score: names, or 'name=x y [z]' in mm, separated by commas "
-            "(lenticulars: centre, left, right)"
-        ),
-    ] = "centre,left,right,up,down"
-    viewing_distance_mm: Annotated[
-        float | None, Meaning("eye distance (twice the nearest usable distance)", low=1e-9)
-    ] = None
-    pupil_mm: Annotated[float, Meaning("diameter of the eye's pupil; 0 is a pinhole", low=0)] = 0.0
-    focus_mm: Annotated[
-        float | None,
-        Meaning("focus distance of the eye (the distance of the central depth plane)", low=1e-9),
-    ] = None
-    luminance_cd_m2: Annotated[
-        float, Meaning("luminance of the panel's white, for perceptual metrics", low=1e-3)
-    ] = 500.0
-    view_pixels_per_lens: Annotated[
-        int, Meaning("pixels per lens of the views (lenticulars: 1)", low=1)
-    ] = 4
-    capture_pixels_per_pitch: Annotated[
-        int | float,
-        Meaning(
-            "RGB-D pixels per lens pitch (lenticulars: 3); P / P_I is the resolution of the paper",
-            low=1,
-        ),
-    ] = 5
-    capture_spp: Annotated[
-        int, Meaning("samples per RGB-D pixel (lenticulars: 16)", low=1, high=_MOST_SAMPLES)
-    ] = 64
-    eia_spp: Annotated[
-        int,
-        Meaning(
-            "samples per ground-truth EIA pixel, both passes (lenticulars: 8)",
-            low=2,
-            high=_MOST_SAMPLES,
-        ),
-    ] = 32
-    view_spp: Annotated[
-        int,
-        Meaning("samples per ground-truth view pixel, both passes", low=2, high=_MOST_SAMPLES),
-    ] = 64
-    reconstruction_spp: Annotated[
-        int, Meaning("samples per reconstructed view pixel", low=1, high=_MOST_SAMPLES)
-    ] = 64
-    score_error: Annotated[
-        float,
-        Meaning(
-            "stop sampling when every SSIM has this precision, such as 0.01; 0: use all samples",
-            low=0,
-            high=1,
-        ),
-    ] = 0.0
-    seed: Annotated[int, Meaning("random seed of the ground truth", low=0)] = 0
-    min_ssim_to_reference: Annotated[
-        str,
-        Meaning(
-            "criterion: minimum SSIM on the relic to the reference, '0.9' for all or "
-            "'template:0.9, wang2024:0.5'"
-        ),
-    ] = ""
+    #: misalignment that the algorithms do not correct: 'rotation_deg=0.5, gap_mm=0.1'
+    misalign: str = ""
+    #: share of the array that the relic may fill, 0..1
+    fit_share: Annotated[float, Values(low=1e-6, high=1)] = 0.85
+    #: turn of the relic about its upward axis, counter-clockwise seen from above; its size is then
+    #: the same at all turns (none: not turned)
+    turn_deg: float | None = None
+    lens_model: str = "thick"  #: lens model of the reconstruction: pinhole, thin, thick or full
+    #: algorithms to score, separated by commas (lenticulars: template)
+    algorithms: str = "wang2024,template"
+    #: arrangements of cameras for further RGB-D inputs: `5` (centre and corners of the viewing
+    #: zone) or a grid such as `3x3`, separated by commas
+    cameras: str = ""
+    #: viewpoints to score: names, or 'name=x y [z]' in mm, separated by commas (lenticulars:
+    #: centre, left, right)
+    viewpoints: str = "centre,left,right,up,down"
+    #: eye distance (twice the nearest usable distance)
+    viewing_distance_mm: Annotated[float, Values(low=1e-9)] | None = None
+    pupil_mm: Annotated[float, Values(low=0)] = 0.0  #: diameter of the eye's pupil; 0 is a pinhole
+    #: focus distance of the eye (the distance of the central depth plane)
+    focus_mm: Annotated[float, Values(low=1e-9)] | None = None
+    #: luminance of the panel's white, for perceptual metrics
+    luminance_cd_m2: Annotated[float, Values(low=1e-3)] = 500.0
+    #: pixels per lens of the views (lenticulars: 1)
+    view_pixels_per_lens: Annotated[int, Values(low=1)] = 4
+    #: RGB-D pixels per lens pitch (lenticulars: 3); P / P_I is the resolution of the paper
+    capture_pixels_per_pitch: Annotated[int | float, Values(low=1)] = 5
+    #: samples per RGB-D pixel (lenticulars: 16)
+    capture_spp: Annotated[int, Values(low=1, high=_MOST_SAMPLES)] = 64
+    #: samples per ground-truth EIA pixel, both passes (lenticulars: 8)
+    eia_spp: Annotated[int, Values(low=2, high=_MOST_SAMPLES)] = 32
+    #: samples per ground-truth view pixel, both passes
+    view_spp: Annotated[int, Values(low=2, high=_MOST_SAMPLES)] = 64
+    #: samples per reconstructed view pixel
+    reconstruction_spp: Annotated[int, Values(low=1, high=_MOST_SAMPLES)] = 64
+    #: stop sampling when every SSIM has this precision, such as 0.01; 0: use all samples
+    score_error: Annotated[float, Values(low=0, high=1)] = 0.0
+    seed: Annotated[int, Values(low=0)] = 0  #: random seed of the ground truth
+    #: criterion: minimum SSIM on the relic to the reference, '0.9' for all or 'template:0.9,
+    #: wang2024:0.5'
+    min_ssim_to_reference: str = ""
 
     @classmethod
     def field_meanings(cls) -> dict[str, str]:
         """Meanings of the settings, by name."""
-        return {name: setting.meaning for name, setting in SETTINGS.items()}
+        presets = {"display": f"preset to start from: {', '.join(DISPLAYS)}"}
+        return meanings(_Start) | presets | meanings(Display) | meanings(Settings)
 
     @classmethod
     def parse(cls, values: Mapping[str, Any], source: str) -> Settings:
@@ -251,9 +201,14 @@ class Settings(_Stated):
         return limits
 
 
-#: Declarations of all settings, by name.
+#: Declarations of all settings, by name. `Display` checks the ranges of its own.
 SETTINGS = {
-    name: replace(setting, name=f"{PREFIX}{name}") for name, setting in declared(Settings).items()
+    name: replace(
+        setting,
+        name=f"{PREFIX}{name}",
+        values=Values(rows=setting.values.rows) if name in DISPLAY_KEYS else setting.values,
+    )
+    for name, setting in declared(Settings).items()
 }
 
 
@@ -289,10 +244,11 @@ def definition_texts(definitions: Mapping[str, Any]) -> dict[str, str]:
 def setting_table() -> str:
     """The table of settings as Markdown, for the documents and `inim info settings`."""
     rows = ["| key | default | meaning |", "| --- | --- | --- |"]
+    texts = Settings.field_meanings()
     for name, setting in SETTINGS.items():
-        default = "preset" if name in _OF_DISPLAY else setting.default
+        default = "preset" if name in DISPLAY_KEYS else setting.default
         default_text = "" if default in (None, "") else f"`{default}`"
-        rows.append(f"| `{PREFIX}{name}` | {default_text} | {setting.meaning} |")
+        rows.append(f"| `{PREFIX}{name}` | {default_text} | {texts[name]} |")
     return "\n".join(rows)
 
 

@@ -13,7 +13,6 @@ import inspect
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, Union
 
@@ -22,6 +21,7 @@ import msgspec.inspect
 from msgspec.structs import replace
 
 from inim.system.errors import FileError
+from inim.system.field_comments import field_comments
 from inim.system.files import read_file
 from inim.system.process.atomic_file import write_atomically
 from inim.system.process.printing import printable
@@ -285,26 +285,12 @@ def _describe_fields(part: dict[str, Any], declaration: Any) -> None:
     """Describe the fields of a document's part by their comments, those of base classes too."""
     texts: dict[str, str] = {}
     for base in reversed(declaration.__mro__[: declaration.__mro__.index(Part)]):
-        texts |= _comments(base)
+        texts |= field_comments(base)
     keys = dict(
         zip(declaration.__struct_fields__, declaration.__struct_encode_fields__, strict=True)
     )
     for name, text in texts.items():
         part["properties"][keys[name]] |= {"description": text}
-
-
-@cache
-def _comments(declaration: type) -> dict[str, str]:
-    """Texts of the `#:` comments of a class, by field."""
-    texts: dict[str, str] = {}
-    above: list[str] = []
-    for line in inspect.getsource(declaration).splitlines():
-        code, _, comment = line.strip().partition("#: ")
-        above += [comment] if comment else []
-        if code and above:
-            texts[code.partition(":")[0]] = " ".join(above)
-            above = []
-    return texts
 
 
 def _dataclasses(kind: Any, visited: set[type]) -> Iterator[Any]:
