@@ -122,22 +122,29 @@ def relations_part(rows: Sequence[RelationResult]) -> PagePart:
         key = (row.relation, row.explained, row.passed and not row.broken)
         groups.setdefault(key, []).append(row)
     table_rows = []
-    for (name, explained, _), members in groups.items():
-        compared = sum(member.compared for member in members)
-        broken = sum(member.broken for member in members)
-        uncertain = sum(member.uncertain for member in members)
-        verdict = "holds" if not broken else "holds but for rounding"
-        if broken and explained:
-            verdict = f"not promised: {explained}"
-        if not compared:
-            verdict = f"refused: {members[0].message}"
-        if not all(member.passed for member in members):
-            verdict = "FAILS"
+    for (name, _, _), members in groups.items():
         algorithms = ", ".join(member.algorithm for member in members)
+        compared, broken, uncertain = (
+            sum(getattr(member, field) for member in members)
+            for field in ("compared", "broken", "uncertain")
+        )
+        verdict = _relation_verdict(members)
         table_rows.append([name, algorithms, count(compared), str(broken), str(uncertain), verdict])
     heads = ["relation", "of", "pixels or rays", "broken", "of these uncertain", "verdict"]
     table = Table("Relations that need no oracle", heads, table_rows)
     return PagePart("relations", "Relations", "", [table])
+
+
+def _relation_verdict(members: Sequence[RelationResult]) -> str:
+    """Verdict on a relation for algorithms with the same explanation."""
+    first = members[0]
+    if not all(member.passed for member in members):
+        return "FAILS"
+    if not any(member.compared for member in members):
+        return f"refused: {first.message}"
+    if not any(member.broken for member in members):
+        return "holds"
+    return f"not promised: {first.explained}" if first.explained else "holds but for rounding"
 
 
 def jitter_part(data: StressDocument) -> PagePart:

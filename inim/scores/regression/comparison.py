@@ -233,7 +233,7 @@ def _difference(new: Any, old: Any) -> str:
 
 
 def _is_same_condition(before: Any, after: Any) -> bool:
-    """True if two values of a condition are equal, but for the rounding of lengths."""
+    """True if two values of a condition are equal; lengths may differ by rounding."""
     match before, after:
         case Mapping(), Mapping():
             return before.keys() == after.keys() and all(
