@@ -38,12 +38,17 @@ def test_kernels_are_compiled_again_if_functions_in_other_files_change(tmp_path,
     assert loads_from_disk(path)
 
 
-def test_kernels_of_old_versions_are_removed(tmp_path, monkeypatch):
+def test_kernels_of_the_versions_used_last_are_kept(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    folders = []
-    for version in range(kernels._KEPT + 2):
-        monkeypatch.setattr(kernels, "code_digest", lambda *_, version=version: str(version))
-        folders.append(kernels.cache_folder())
-        os.utime(folders[-1], (version, version))
-        assert kernels.cache_folder() == folders[-1]
-    assert sorted(tmp_path.iterdir()) == sorted(folders[2:])
+
+    def folder_of(version):
+        monkeypatch.setattr(kernels, "code_digest", lambda *_: str(version))
+        return kernels.cache_folder()
+
+    folders = [folder_of(version) for version in range(kernels._KEPT)]
+    for age, folder in enumerate(reversed(folders), start=1):
+        os.utime(folder, (1e9 - age, 1e9 - age))
+    assert folder_of(0) == folders[0]
+    folder_of("new")
+    assert folders[0].exists() and not folders[1].exists()
+    assert len([*tmp_path.iterdir()]) == kernels._KEPT

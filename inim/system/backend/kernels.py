@@ -166,8 +166,8 @@ def limited_threads(count: int) -> Iterator[None]:
 
 
 _VARIABLE = "NUMBA_CACHE_DIR"
-# Versions of the program whose kernels are kept.
-_KEPT = 4
+# Versions of the program whose kernels are kept: those used last, some 20 MB each.
+_KEPT = 16
 
 
 def cache_folder() -> Path:
@@ -191,6 +191,7 @@ def cache_folder() -> Path:
             is_new = not folder.is_dir()
             folder.mkdir(mode=0o700, parents=True, exist_ok=True)
             if _is_private(folder) and os.access(folder, os.W_OK | os.X_OK):
+                os.utime(folder)  # the time of its last use
                 if is_new:
                     _remove_oldest(place, prefix)
                 return folder
