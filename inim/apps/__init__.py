@@ -30,7 +30,7 @@ APPS: dict[str, dict[str, dict[str, str]]] = {
     "sweep": {
         "commands": {"sweep": COMPARISONS},
         "functions": {"sweep": ".run"},
-        "documents": {"unit": "UnitDocument"},
+        "documents": {"sweep": "SweepDocument"},
     },
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from inim.report.labels import suggested_criteria
 from inim.report.summary import score_lines
 from inim.scores.metrics import HEADLINE_WORDS
 from inim.system.cache import ResultCache, open_store
+from inim.system.document import write_document
 from inim.system.errors import naming
 from inim.system.process.atomic_file import file_errors
 from inim.system.process.observer import Observer
@@ -36,6 +38,14 @@ def run_job(plan: Plan, staging: Path, observer: Observer) -> bool:
     return report.passed
 
 
+def run_data_job(plan: Plan, staging: Path, observer: Observer) -> bool:
+    """Entry point in the worker: validate and write the data of the report alone."""
+    with naming(plan.request.scene):
+        report = run(plan, staging, observer, data_only=True)
+    write_document(staging / "report.json", report.data)
+    return report.passed
+
+
 def _run_or_reuse(plan: Plan, staging: Path, observer: Observer, cache: ResultCache) -> Report:
     """Carry out a plan, or write the files of its last report and print the scores."""
 
@@ -44,9 +54,10 @@ def _run_or_reuse(plan: Plan, staging: Path, observer: Observer, cache: ResultCa
         paths = (path for path in staging.rglob("*") if path.is_file())
         return {str(p.relative_to(staging)): np.fromfile(p, np.uint8) for p in paths}
 
-    files, reason = cache.find_or_make(
-        "report", lambda: plan.cache_key(_renderer(plan, observer)), make_files, explain=False
-    )
+    def inputs() -> dict[str, Any]:
+        return {"command": plan.command, **plan.cache_key(_renderer(plan, observer))}
+
+    files, reason = cache.find_or_make("report", inputs, make_files, explain=False)
     if reason is not None:
         return Report.load(staging)
     for name, content in files.items():

@@ -11,23 +11,23 @@ from inim.display.lens import check_lens_model
 from inim.display.misalignment import misaligned, misalignment_text, parse_misalignment
 from inim.display.settings import PREFIX, Settings
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
-from inim.generators import SCENE_ALGORITHMS, algorithm_items, parse_algorithm
+from inim.generators import SCENE_ALGORITHMS, algorithm_items, parse_algorithm, properties
 from inim.generators.registry import Input
 from inim.image.rgbd import RGBD
 from inim.pipeline.request import PREVIEW, Request
 from inim.pipeline.stages.capture import DepthCamera
-from inim.pipeline.stages.method import Method, OptimalMethod, parse_methods
+from inim.pipeline.stages.method import GeneratorMethod, Method, OptimalMethod, parse_methods
 from inim.pipeline.stages.picture import FittedPicture, PictureFile
 from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import Renderer, Scene
-from inim.pipeline.stages.stage import PROGRAM
+from inim.pipeline.stages.stage import PROGRAM, deciding_inputs
 from inim.render.scene_files.file import SceneFile, choose_display, read_scene_file
 from inim.scores.document_parts import Conditions, DisplayRecord
 from inim.scores.metrics import SSIM_WINDOW, Viewing, all_metrics
 from inim.scores.regression.comparison import check_comparable
 from inim.scores.regression.run_statistics import BASELINE, RunStatistics, read_statistics
 from inim.system.errors import OutOfMemoryError, SceneError, UsageError, naming
-from inim.system.plugins import PluginModule
+from inim.system.plugins import PluginModule, identity
 from inim.system.process.user_paths import user_text
 
 # An out-of-memory failure is a native crash, not an exception, so memory is planned: all images
@@ -60,6 +60,9 @@ _VIEW_BYTES = 400
 _STORED_VIEW_BYTES = 12
 # Per pixel of each view of the optimal EIA: its matrix, twice, and the images of the search.
 _OPTIMAL_BYTES = 200
+
+# Settings that decide nothing as text: a plan has their values.
+_PARSED = ("title", "algorithms", "cameras", "viewpoints", "min_ssim_to_reference")
 
 
 @dataclass(frozen=True)
@@ -106,7 +109,7 @@ class Plan:
 
     @property
     def is_reproducible(self) -> bool:
-        """True if `cache_key` determines the report, except its times.
+        """True if the command and `cache_key` determine the report, except its times.
 
         Times are measured again, and changes of finished EIAs, of other packages' algorithms and
         of baselines are not detected.
@@ -114,18 +117,32 @@ class Plan:
         is_own = all(method.is_reproducible for method in self.methods)
         return is_own and self.baseline is None and not self.request.time
 
-    def cache_key(self, renderer: Renderer) -> dict[str, Any]:
-        """Return all values that affect the report."""
-        return {
-            "command": self.command,
-            "scene": self.file.sha256,
-            "settings": self.settings,
-            "displays": [self.display.parameters(), self.misaligned_display.parameters()],
-            **self.optics.cache_key(),
-            **renderer.cache_key(),
-            **{f"plugin {plugin.name}": plugin.sha256 for plugin in self.plugins},
-            **PROGRAM.key(),
+    def cache_key(self, renderer: Renderer | None = None) -> dict[str, Any]:
+        """Return all values that decide the scores: no path, no title and no time.
+
+        They are the conditions that comparable runs share, and everything in which these may
+        differ: samples, seed, criteria, the viewpoints' order, versions and code. Without a
+        renderer, its backend is the requested one, on any machine.
+        """
+        packages = {
+            m.name: identity("inim.generators", parse_algorithm(m.name)[0])
+            for m in self.methods
+            if isinstance(m, GeneratorMethod) and not properties(m.name).own
         }
+        return deciding_inputs(
+            PROGRAM,
+            conditions=conditions_of(self),
+            parameters=self.file.parameters,
+            settings={k: v for k, v in vars(self.settings).items() if k not in _PARSED},
+            viewpoints=self.viewpoints,
+            algorithms=[method.name for method in self.methods],
+            algorithm_packages=packages,
+            ssim_limits=self.ssim_limits,
+            is_timed=self.request.time,
+            optics=self.optics,
+            **{f"plugin {plugin.name}": plugin.sha256 for plugin in self.plugins},
+            **({"backend": self.request.backend} if renderer is None else renderer.cache_key()),
+        )
 
     @property
     def scene_file(self) -> SceneFile:

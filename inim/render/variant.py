@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -11,6 +12,7 @@ from inim.render.library import dr, mi
 from inim.system import backend as backends
 from inim.system.errors import BackendError, UsageError
 from inim.system.plugins import PluginModule
+from inim.system.process import machine
 
 # With one thread Mitsuba's own file readers hang, and Embree builds crawl.
 _FEWEST_THREADS = 2
@@ -27,8 +29,9 @@ def use(requested: str = "auto") -> backends.Backend:
     if mi.variant() != backend.variant:
         backends.activate(backend)
         _check_version(backend)
-        if dr.thread_count() < _FEWEST_THREADS:
-            dr.set_thread_count(_FEWEST_THREADS)
+        count = os.environ.get(machine.THREADS_VARIABLE, "")
+        threads = int(count) if count.isdecimal() else dr.thread_count()
+        dr.set_thread_count(max(_FEWEST_THREADS, threads))
         mi.set_variant(backend.variant)
         mi.set_log_level(mi.LogLevel.Error)
     return backend

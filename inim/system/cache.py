@@ -27,6 +27,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from inim.system.errors import UsageError
@@ -37,13 +38,18 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 _SOURCES = (".py", ".html", ".css", ".js", ".glsl")
 
 
+def input_digests(parts: Mapping[str, Any]) -> dict[str, str]:
+    """Digests of a result's inputs, and of the packages that every result depends on."""
+    return {name: value_digest(value) for name, value in {"packages": versions(), **parts}.items()}
+
+
 def cache_address(product: str, parts: Mapping[str, str]) -> str:
     """Address of the result of a product with these digests of its inputs."""
     return value_digest([product, sorted(parts.items())])
 
 
 def value_digest(value: Any) -> str:
-    """Digest of JSON values, and of arrays and dataclasses in them; 40 hex digits."""
+    """Digest of JSON values, and of arrays, dataclasses and documents in them; 40 hex digits."""
     text = json.dumps(value, sort_keys=True, default=_plain)
     return hashlib.sha256(text.encode()).hexdigest()[:40]
 
@@ -110,6 +116,8 @@ def _plain(value: Any) -> Any:
         return array_digest(value)
     if is_dataclass(value) and not isinstance(value, type):
         return {f.name: getattr(value, f.name) for f in fields(value)}
+    if isinstance(value, msgspec.Struct):
+        return msgspec.structs.asdict(value)
     if isinstance(value, Path):
         raise TypeError("paths decide nothing")
     if isinstance(value, np.generic):
@@ -305,7 +313,7 @@ class ResultCache:
     def holds(self, product: str, parts: Mapping[str, Any]) -> bool:
         """True if `find_or_make` would find a result."""
         return self._store is not None and self._store.holds(
-            cache_address(product, _digests(parts))
+            cache_address(product, input_digests(parts))
         )
 
     def find_or_make(
@@ -326,7 +334,7 @@ class ResultCache:
         """
         if self._store is None:
             return make(), ""
-        digests = _digests(parts())
+        digests = input_digests(parts())
         address, topic = cache_address(product, digests), value_digest([self._topic, product])
         record, why = self._store.load(address), None
         try:
@@ -340,11 +348,6 @@ class ResultCache:
         if explain:
             self._store.remember_parts(topic, digests)
         return result, why
-
-
-def _digests(parts: Mapping[str, Any]) -> dict[str, str]:
-    """Digests of a result's inputs, and of the packages that every result depends on."""
-    return {name: value_digest(value) for name, value in {"packages": versions(), **parts}.items()}
 
 
 def _change(before: Mapping[str, str] | None, now: Mapping[str, str]) -> str:

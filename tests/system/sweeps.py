@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -53,19 +54,21 @@ def command(*words: object) -> list[str]:
 
 def sweep(*words: object, folder: Path) -> Ended:
     """Run it to its end in a folder."""
-    return run_child(command(*words), WITHIN_S, cwd=folder, env=_own_tmp(folder))
+    return run_child(command(*words), WITHIN_S, cwd=folder, env=os.environ | own_folders(folder))
 
 
 def sweep_here(*words: object, folder: Path) -> Ended:
-    """The same in this process, the validations included."""
-    return run_here("sweep", *map(str, words), folder=folder)
+    """The same in this process, the validations included, one after another."""
+    words = (*map(str, words), "--workers", "1")
+    return run_here("sweep", *words, folder=folder, variables=own_folders(folder))
 
 
 def start(*words: object, folder: Path) -> subprocess.Popen[str]:
     """Begin with it."""
     return subprocess.Popen(
         command(*words), cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE, encoding="utf-8", env=_own_tmp(folder), preexec_fn=_hear_signals,
+        stderr=subprocess.PIPE, encoding="utf-8", env=os.environ | own_folders(folder),
+        preexec_fn=_hear_signals,
     )  # fmt: skip
 
 
@@ -74,25 +77,28 @@ def _hear_signals() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def _own_tmp(folder: Path) -> dict[str, str]:
-    """Reports under way lie where a test can see whether they are cleared away."""
+def own_folders(folder: Path) -> dict[str, str]:
+    """Variables of a temporary folder and a result cache that only this test uses."""
     (folder / "tmp").mkdir(exist_ok=True)
-    return {**os.environ, "TMPDIR": str(folder / "tmp")}
+    return {"TMPDIR": str(folder / "tmp"), "INIM_CACHE": str(folder / "cache")}
 
 
 def table(out: Path) -> list[dict[str, Any]]:
-    """Its rows without times; they and the results that they are made of keep their schemas."""
+    """Rows of a table without times; they and the document next to them keep their schemas."""
     rows = read_table(out / TABLE)
     assert_rows(rows)
-    for path in out.glob("units/*/*.json"):
-        read_document(path)
+    assert read_document(out / "sweep.json")["rows"] == len(rows)
     return [{key: value for key, value in row.items() if key not in TIMES} for row in rows]
 
 
-def results(out: Path) -> dict[str, int]:
-    """Every result there is, with the moment it was written [ns]; a hidden file is unfinished."""
-    paths = sorted(out.glob("units/*/[!.]*.json"))
-    return {str(path.relative_to(out)): path.stat().st_mtime_ns for path in paths}
+def results(folder: Path) -> dict[Path, int]:
+    """Records of finished validations in the result cache, with the inode of each."""
+    records = {}
+    for path in (folder / "cache").glob("*.npz"):
+        with zipfile.ZipFile(path) as archive:
+            if "reports.npy" in archive.namelist():
+                records[path] = path.stat().st_ino
+    return records
 
 
 def until(holds: Any, event: str) -> Any:
@@ -118,7 +124,7 @@ def workers_of(out: Path) -> list[int]:
         except OSError:
             continue
         of_this = os.fsencode(os.path.abspath(out)) in words  # noqa: PTH100
-        carries_out = b"inim.apps.sweep.unit:run_job" in words  # see `inim.system.worker`
+        carries_out = b"inim.pipeline.job:run_data_job" in words  # see `inim.system.worker`
         if carries_out and of_this and state != "Z":
             workers.append(int(entry.name))
     return workers

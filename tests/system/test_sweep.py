@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 from pathlib import Path
 
@@ -15,11 +16,13 @@ import pytest
 
 import inim
 from inim.apps.sweep.run import SweepPlace, run_sweep
-from inim.apps.sweep.table import TABLE, columns
+from inim.apps.sweep.table import TABLE, columns, read_table
+from inim.apps.sweep.unit import Unit
+from inim.system.cache import input_digests
 from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 from tests.conftest import scene_text
 from tests.schemas import read_document
-from tests.system.conftest import assert_refused, nothing_left, worker_here
+from tests.system.conftest import assert_refused, files_in, nothing_left, worker_here
 from tests.system.sweeps import (
     results,
     start,
@@ -58,7 +61,7 @@ def test_a_row_for_each_combination(swept):
     assert "2 of 2 validations run, 4 rows" in ended.stdout
     assert (folder / "out" / "sweep.html").is_file()
     assert nothing_left(folder)
-    assert {p.name for p in (folder / "out").iterdir()} == {"units", TABLE, "sweep.html"}
+    assert files_in(folder / "out") == {TABLE, "sweep.html", "sweep.json", "sweep.md"}
 
 
 def test_scores_are_those_of_a_validation_of_its_own(swept, tmp_path):
@@ -102,17 +105,30 @@ def test_the_query_of_the_how_to_answers(swept):
 
 def test_an_unchanged_study_computes_nothing(swept):
     folder = swept[0]
-    before, rows = results(folder / "out"), table(folder / "out")
+    before, rows = results(folder), table(folder / "out")
+    assert len(before) == 2
     planned = sweep_here("study.toml", "-o", "out", "--dry-run", folder=folder)
-    assert planned.stdout.endswith("4 of 4 results exist, 0 validations to run\n")
-    ended = sweep_here("study.toml", "-o", "out", folder=folder)
+    assert planned.stdout.endswith("2 of 2 results exist, 0 validations to run\n")
+    ended = sweep_here("study.toml", "-o", "other", folder=folder)
     assert ended.code == EXIT_PASSED
-    assert "4 of 4 results exist, 0 validations to run" in ended.stdout
-    assert results(folder / "out") == before
-    assert table(folder / "out") == rows
+    assert "0 of 2 validations run, 4 rows" in ended.stdout
+    assert results(folder) == before
+    assert table(folder / "other") == rows
 
 
-def test_a_cluster_makes_the_same_table(swept, tmp_path):
+def test_without_a_result_cache_everything_is_computed_again(swept, tmp_path):
+    outs = (tmp_path / "first", tmp_path / "second")
+    with worker_here():
+        places = [SweepPlace(out, workers=1) for out in outs]
+        results = [run_sweep(swept[0] / "study.toml", place) for place in places]
+    assert [result.computed for result in results] == [2, 2]
+    for out in outs:
+        assert table(out) == table(swept[0] / "out")
+
+
+@pytest.fixture
+def two_workers():
+    """A dask cluster of two workers in this process, and the address of its scheduler."""
     distributed = pytest.importorskip("distributed")
     with (
         worker_here(),
@@ -124,29 +140,49 @@ def test_a_cluster_makes_the_same_table(swept, tmp_path):
             protocol="tcp://",
         ) as cluster,
     ):
-        place = SweepPlace(tmp_path / "out", cluster.scheduler_address)
-        outcome = run_sweep(swept[0] / "study.toml", place)
-    assert outcome.passed
+        yield cluster.scheduler_address
+
+
+def test_a_cluster_makes_the_same_table_and_its_results_are_kept(
+    swept, tmp_path, two_workers, monkeypatch
+):
+    """The results return to the driver, whose cache and folder no worker needs."""
+    monkeypatch.setenv("INIM_CACHE", str(tmp_path / "cache"))
+    place = SweepPlace(tmp_path / "out", two_workers)
+    results = [run_sweep(swept[0] / "study.toml", place) for _ in range(2)]
+    assert [(r.passed, r.computed) for r in results] == [(True, 2), (True, 0)]
     assert table(tmp_path / "out") == table(swept[0] / "out")
-    assert results(tmp_path / "out").keys() == results(swept[0] / "out").keys()
+
+
+def test_a_worker_with_another_scene_is_refused(swept, tmp_path, two_workers, monkeypatch):
+    def changed(unit):
+        return {**input_digests(unit.plan.cache_key()), "parameters": "of the driver"}
+
+    monkeypatch.setattr(Unit, "inputs", property(changed))
+    result = run_sweep(swept[0] / "study.toml", SweepPlace(tmp_path / "out", two_workers))
+    assert set(result.failed) == {"relic0 · d0", "relic1 · d0"}
+    for error in result.failed.values():
+        assert "parameters differs from what the sweep started with" in error
 
 
 @pytest.mark.slow
-def test_only_added_or_damaged_units_are_computed(tmp_path):
+def test_only_changed_or_damaged_units_are_computed(tmp_path):
     write_study(tmp_path)
     assert sweep("study.toml", "-o", "out", folder=tmp_path).code == EXIT_PASSED
-    rows, before = table(tmp_path / "out"), results(tmp_path / "out")
-    damaged = next(name for name in before if name.endswith("gu2020.json"))
-    (tmp_path / "out" / damaged).write_text('{"schema"')
+    rows, before = table(tmp_path / "out"), results(tmp_path)
+    damaged = next(iter(before))
+    damaged.write_bytes(damaged.read_bytes()[:-100])
+    ended = sweep("study.toml", "-o", "out", folder=tmp_path)
+    assert "1 of 2 results exist, 1 validations to run" in ended.stdout
+    after = results(tmp_path)
+    assert {path for path in after if after[path] != before[path]} == {damaged}
+    # Another algorithm renders nothing: all images are in the result cache.
     write_study(tmp_path, algorithms=("li2012", "template", "gu2020"))
     ended = sweep("study.toml", "-o", "out", folder=tmp_path)
     assert ended.code == EXIT_PASSED, ended.stderr
-    assert "3 of 6 results exist, 2 validations to run" in ended.stdout
-    after = results(tmp_path / "out")
-    changed = {name for name in after if after[name] != before.get(name)}
-    assert changed == {damaged} | {name for name in after if name.endswith("li2012.json")}
-    other_rows = [row for row in table(tmp_path / "out") if row["algorithm"] != "li2012"]
-    assert other_rows == rows
+    assert all(row["render_seconds"] == 0 for row in read_table(tmp_path / "out" / TABLE))
+    others = [row for row in table(tmp_path / "out") if row["algorithm"] != "li2012"]
+    assert [row | {"unit": None} for row in others] == [row | {"unit": None} for row in rows]
 
 
 @pytest.mark.slow
@@ -162,6 +198,7 @@ def test_a_unit_that_fails_is_a_row_and_the_others_go_on(tmp_path):
     assert (bad["status"], bad["viewpoint"], bad["ssim"]) == ("failed", "centre", None)
     assert (good["status"], good["scene"]) == ("ok", "relic1")
     assert bad["error"] in (tmp_path / "out" / "sweep.html").read_text("utf-8")
+    assert read_document(tmp_path / "out" / "sweep.json")["failed"] == {"relic0 · d0": bad["error"]}
     # The good one's report was asked to be kept.
     assert inim.Report.load(tmp_path / "out" / "reports" / good["unit"]).passed
     assert nothing_left(tmp_path)
@@ -171,23 +208,24 @@ def test_a_unit_that_fails_is_a_row_and_the_others_go_on(tmp_path):
 def test_a_killed_worker_and_a_killed_driver_lose_nothing_and_double_nothing(tmp_path):
     study = write_study(tmp_path, scenes=3, displays=2)
     assert sweep(study.name, "-o", "whole", folder=tmp_path).code == EXIT_PASSED
+    shutil.rmtree(tmp_path / "cache")
     out = tmp_path / "out"
     driver = start(study.name, "-o", "out", folder=tmp_path)
     first = until(lambda: workers_of(out), "a worker starts")[0]
     os.kill(first, signal.SIGKILL)
-    until(lambda: len(results(out)) >= 4, "some results")
+    until(lambda: len(results(tmp_path)) >= 2, "some results")
     driver.send_signal(signal.SIGKILL)
     driver.communicate()
     until(lambda: not workers_of(out), "workers end with their driver")
-    before = results(out)
-    assert 4 <= len(before) < 12
+    before = results(tmp_path)
+    assert 2 <= len(before) < 6
     assert not (out / TABLE).exists()
     ended = sweep(study.name, "-o", "out", folder=tmp_path)
     assert ended.code == EXIT_PASSED, ended.stderr
-    assert f"{len(before)} of 12 results exist" in ended.stdout
-    after = results(out)
-    assert len(after) == 12
-    assert {name: after[name] for name in before} == before  # nothing was done again
+    assert f"{len(before)} of 6 results exist" in ended.stdout
+    after = results(tmp_path)
+    assert len(after) == 6
+    assert {path: after[path] for path in before} == before  # nothing was done again
     assert table(out) == table(tmp_path / "whole")
     assert nothing_left(tmp_path)
     assert not list((tmp_path / "tmp").rglob("*.partial"))

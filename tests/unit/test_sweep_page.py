@@ -1,21 +1,20 @@
-"""The page of a sweep: means, fronts and rankings against hand-made tables."""
+"""The page of a sweep: means, rankings and the plot against hand-made tables."""
 
-import base64
 import re
-from itertools import product
 
 import pytest
 
-from inim.apps.sweep.document import SweepTable
+from inim.apps.sweep.document import SweepDocument
 from inim.apps.sweep.page import (
-    best_displays,
-    render_sweep,
+    depth_front,
+    rank_displays,
     results_of,
+    sweep_page,
     write_page,
 )
+from inim.apps.sweep.table import DEPTH, DEPTH_SHARE
 from inim.report.plots import on_front
-
-ABOUT = SweepTable(title="T <b>&", command="inim sweep s.toml", created="2026", inim_version="1")
+from tests.schemas import read_document
 
 
 def row(scene="jade", display="wide", algorithm="template", viewpoint="centre", **values):
@@ -44,6 +43,27 @@ def test_the_front_is_the_undominated_set():
     assert on_front({"one": (1, 1), "same": (1, 1)}) == {"one", "same"}
 
 
+def table_of(rows, name):
+    """Cells of a table of the page, row by row, under its heads."""
+    (part,) = [part for part in sweep_page(about(rows), rows).parts if part.name == name]
+    (table,) = part.tables
+    return [dict(zip(table.heads, cells, strict=True)) for cells in table.rows]
+
+
+def about(rows, **values):
+    values = {"passed": all(row["passed"] for row in rows), "failed": {}} | values
+    return SweepDocument(
+        title="T <b>&",
+        command="inim sweep s.toml",
+        created="2026",
+        inim_version="1",
+        validations=len(rows),
+        computed=0,
+        rows=len(rows),
+        **values,
+    )
+
+
 def test_displays_are_ranked_for_each_relic_by_their_best_algorithm():
     rows = [
         row(display="wide", ssim_on_relic=0.7), row(display="fine", ssim_on_relic=0.7),
@@ -55,78 +75,84 @@ def test_displays_are_ranked_for_each_relic_by_their_best_algorithm():
         row("tripod", "wide", ssim_on_relic=0.9), row("tripod", "fine", ssim_on_relic=0.8),
         row("tripod", "bad", status="failed", error="why", ssim_on_relic=None),
     ]  # fmt: skip
-    cells = re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", best_displays(results_of(rows)))
-    texts = [re.sub("<[^>]*>", "", cell) for cell in cells]
-    assert texts[:9] == [
-        "Relic", "Display", "Best algorithm on it", "SSIM on the relic to ground truth",
-        "Its reference", "Depth, mm", "Share of its own depth", "PSNR", "FLIP",
-    ]  # fmt: skip
-    table = [tuple(texts[i : i + 4]) for i in range(9, len(texts), 9)]
-    assert table == [
+    heads = ("Relic", "Display", "Best algorithm on it", "SSIM on the relic to ground truth")
+    assert [tuple(cells[h] for h in heads) for cells in table_of(rows, "displays")] == [
         ("jade", "fine", "template", "0.7000"),
-        ("", "wide", "gu2020", "0.6000"),
+        ("jade", "wide", "gu2020", "0.6000"),
         ("tripod", "wide", "template", "0.9000"),
-        ("", "fine", "template", "0.8000"),
-    ]
-    assert len(texts) == 45  # what failed is not ranked
+        ("tripod", "fine", "template", "0.8000"),
+    ]  # what failed is not ranked
 
 
-def test_the_page_needs_no_other_file_and_shows_the_table(tmp_path):
+def test_scores_have_a_row_for_each_algorithm_and_times_in_kernel_times_if_all_have_them():
+    timed = row(yardsticks=2.0, ssim_on_relic_to_reference=0.4321)
+    (cells,) = table_of([timed], "scores")
+    assert cells["SSIM on the relic to reference"] == "0.4321"
+    assert cells["Kernel times"] == "2.000"
+    first, other = table_of([timed, row(algorithm="gu2020", seconds=3.0)], "scores")
+    assert (first["Seconds"], other["Seconds"]) == ("1.000", "3.000")
+
+
+def test_the_page_needs_no_other_file_and_shows_both_tables(tmp_path):
     rows = [row(scene="<i>jade", ssim_on_relic_to_reference=0.4321), row("tripod")]
-    write_page(tmp_path / "page.html", rows, ABOUT)
-    page = (tmp_path / "page.html").read_text("utf-8")
+    write_page(about(rows), rows, tmp_path)
+    page = (tmp_path / "sweep.html").read_text("utf-8")
     assert not re.search(r"(src|href)=\"(?!#|data:)", page)
     assert "&lt;i&gt;jade" in page
     assert "<i>jade" not in page
     assert "T &lt;b&gt;&amp;" in page
-    assert "0.4321" in page
+    assert page.count("0.4321") == 1
     assert "inim sweep s.toml" in page
-    assert "Failures" not in page
-    assert "Ran clean" in page
-    assert "no criteria set" in page
-    assert "Scores by two parameters" not in page
+    assert page.count("<table") == 3  # one of them of versions
+    assert read_document(tmp_path / "sweep.json")["files"] == [
+        "sweep.html", "sweep.json", "sweep.md",
+    ]  # fmt: skip
 
 
-def test_verdict_is_passed_only_with_a_criterion():
-    page = render_sweep([row(min_ssim_to_reference=0.7), row("tripod")], ABOUT)
-    assert "Passed" in page
-    assert "no criteria set" not in page
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ([row()], "ran clean; no criteria set"),
+        ([row(min_ssim_to_reference=0.7)], "Verdict: passed."),
+        ([row(min_ssim_to_reference=0.7, passed=False)], "Verdict: failed."),
+    ],
+)
+def test_verdict_is_passed_only_with_a_criterion(rows, words):
+    assert words in sweep_page(about(rows), rows).remarks[0]
 
 
-def test_displays_of_unequal_depth_are_compared_with_a_notice_and_a_front():
+def test_displays_of_unequal_depth_are_compared_with_a_notice_and_a_front(tmp_path):
     depths = {"deep": (38.8, 0.68), "middle": (14.8, 0.60), "flat": (4.2, 0.94)}
     rows = [
-        row(display=name, relic_depth_mm=depth, relic_depth_share=depth / 50, ssim_on_relic=score)
+        row(display=name, **{DEPTH: depth, DEPTH_SHARE: depth / 50}, ssim_on_relic=score)
         for name, (depth, score) in depths.items()
     ]
-    page = best_displays(results_of(rows))
-    assert "different depths, 4.2\xa0mm to 38.8\xa0mm" in page
-    assert set(re.findall(r"<b>(\w+)</b>", page)) == {"deep", "flat"}
-    assert "Score against depth" in page
-    equal = [row | {"relic_depth_mm": 10.0} for row in rows]
-    assert "different depths" not in best_displays(results_of(equal))
+    points, front = depth_front(rank_displays(results_of(rows))["jade"])
+    assert points == depths
+    assert front == {"deep", "flat"}
+    (notice,) = sweep_page(about(rows), rows).warnings
+    assert "different depths, 4.2\xa0mm to 38.8\xa0mm" in notice
+    write_page(about(rows), rows, tmp_path)
+    drawing = (tmp_path / "depth.svg").read_text("utf-8")
+    assert ">deep<" in drawing and ">flat<" in drawing and ">middle<" not in drawing
+    equal = [row | {DEPTH: 10.0} for row in rows]
+    page = sweep_page(about(equal), equal)
+    assert not page.warnings
+    assert all(part.figure is None for part in page.parts)
 
 
-def test_each_lens_model_has_its_own_map():
-    """Values of words are not on an axis: two maps of 2 x 2, not one with two scores in a cell."""
-    rows = [
-        row(pitch_mm=pitch, gap_mm=gap, lens_model=model, ssim_on_relic=score)
-        for model, score in (("thin", 0.4), ("thick", 0.6))
-        for pitch, gap in product((0.5, 1.0), (3.3, 3.4))
-    ]
-    page = render_sweep(rows, ABOUT)
-    sources = re.findall(r'base64,([^"]*)" alt="Scores by two parameters"', page)
-    (drawing,) = (base64.b64decode(source).decode() for source in sources)
-    assert (drawing.count(">0.400<"), drawing.count(">0.600<")) == (4, 4)
-    for title in ("lens_model = thick", "lens_model = thin"):
-        assert drawing.count(title) >= 1
-
-
-def test_failures_come_first_with_their_reasons():
+def test_failures_are_warnings_with_their_reasons():
     rows = [row(), row("tripod", status="failed", error="no <such> lens", passed=None)]
     rows.append(row("coin", passed=False, failed_checks="template: 0 shown"))
-    page = render_sweep(rows, ABOUT)
-    assert page.index("Failures") < page.index("Time against error")
-    assert "no &lt;such&gt; lens" in page
-    assert "template: 0 shown" in page
-    assert "Failed" in page
+    assert sweep_page(about(rows), rows).warnings == [
+        "tripod · wide: no <such> lens",
+        "coin · wide · template: template: 0 shown",
+    ]
+
+
+def test_a_study_of_failures_has_a_page(tmp_path):
+    rows = [row(status="failed", error="why", ssim=None, ssim_to_reference=None, passed=None)]
+    write_page(about(rows), rows, tmp_path)
+    page = (tmp_path / "sweep.html").read_text("utf-8")
+    assert "why" in page
+    assert "Best display" not in page

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from inim.apps.sweep.study import AS_SCENE, read_study
-from inim.apps.sweep.unit import algorithm_inputs, expand, key_of, unit_hash
+from inim.apps.sweep.unit import expand
 from inim.display import DISPLAYS
 from inim.system.errors import EXIT_USAGE, FileError, InimError
 from tests.conftest import scene_text, sphere
@@ -182,13 +182,13 @@ def test_too_much_at_once_is_refused(write_study):
         read_study(write_study(STUDY.replace("[2, 4]", f"[{numbers}]")))
 
 
-def test_a_key_depends_on_deciding_inputs_only(write_study, tmp_path):
+def test_a_hash_depends_on_deciding_inputs_only(write_study, tmp_path):
     def first(text: str = ONE):
         return units_of(write_study(text))[0].hash
 
     before = first()
     assert first(ONE.replace("[study]", '[study]\ntitle = "other"')) == before
-    assert first(ONE.replace('["template", "gu2020"]', '["li2012"]')) == before
+    assert first(ONE.replace("view_spp = 2", 'min_ssim_to_reference = ""\nview_spp = 2')) == before
     (tmp_path / "one.xml").rename(tmp_path / "renamed.xml")
     assert first(ONE.replace("one.xml", "renamed.xml")) == before
     (tmp_path / "renamed.xml").rename(tmp_path / "one.xml")
@@ -197,35 +197,13 @@ def test_a_key_depends_on_deciding_inputs_only(write_study, tmp_path):
         first(ONE.replace("0 0 300", "0 0 301")),
         first(ONE.replace('["thin", "thick"]', '"thick"')),
         first(ONE.replace("[study]", "[study]\ntime = true")),
+        first(ONE.replace("[study]", '[study]\nbackend = "llvm"')),
+        first(ONE.replace('["template", "gu2020"]', '["template", "li2012"]')),
+        first(ONE.replace("view_spp = 2", 'min_ssim_to_reference = "template:0.5"\nview_spp = 2')),
     ]
     (tmp_path / "one.xml").write_text(scene_text(sphere((0, 0, 0), 1.5)))
     changed.append(first())
     assert len({before, *changed}) == 1 + len(changed)
-
-
-def test_a_key_follows_versions_and_code(write_study, monkeypatch):
-    from inim.apps.sweep import unit
-
-    plan = units_of(write_study())[0].plan
-    before = unit_hash(key_of(plan))
-    monkeypatch.setattr(unit, "__version__", "9.9")
-    newer = unit_hash(key_of(plan))
-    monkeypatch.setattr(unit, "_own_code", lambda: "edited")
-    assert len({before, newer, unit_hash(key_of(plan))}) == 3
-
-
-def test_a_criterion_belongs_to_its_algorithm(write_study):
-    text = ONE.replace("view_spp = 2", 'min_ssim_to_reference = "template:0.5"')
-    unit = units_of(write_study(text))[0]
-    assert unit.hash == units_of(write_study(ONE.replace("view_spp = 2", "")))[0].hash
-    assert algorithm_inputs(unit.plan, "template") == {"min_ssim_to_reference": 0.5}
-    assert algorithm_inputs(unit.plan, "gu2020") == {"min_ssim_to_reference": None}
-    # A run of the other algorithm alone must not be refused for it.
-    request = unit.with_algorithms(["gu2020"])
-    assert request.algorithms == ("gu2020",)
-    assert request.definitions["inim.min_ssim_to_reference"] == ""
-    other = unit.with_algorithms(["template"]).definitions
-    assert other["inim.min_ssim_to_reference"] == "template:0.5"
 
 
 # --- Studies made to be read for ever -----------------------------------------------------------

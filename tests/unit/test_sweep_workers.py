@@ -5,6 +5,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import closing
 from pathlib import Path
 from urllib.error import HTTPError
 from urllib.request import urlopen
@@ -14,18 +15,23 @@ import pytest
 from inim.apps.sweep import unit as sweep_unit
 from inim.apps.sweep import workers as sweep_workers
 from inim.apps.sweep.unit import SweepTask, attempt
-from inim.apps.sweep.workers import Progress, choose_slots, run_tasks
+from inim.apps.sweep.workers import Outcome, Progress, choose_slots, run_tasks
 from inim.pipeline.request import Request
-from inim.system.errors import UsageError, WorkerError
+from inim.system.errors import FileError, UsageError, WorkerError
 
 GIB = 2**30
 
 
-def make(unit: str, memory_bytes: int = GIB, out: Path = Path("out")) -> SweepTask:
+def make(unit: str, memory_bytes: int = GIB, out: Path = Path("out"), keep=False) -> SweepTask:
     request = Request(Path("/s.xml"), out, algorithms=("template",))
-    return SweepTask(
-        unit, f"label {unit}", request, {"scene": "x"}, ("template",), False, 2, memory_bytes
-    )
+    return SweepTask(unit, f"label {unit}", request, {"scene": "x"}, keep, 2, memory_bytes)
+
+
+def run(tasks: list[SweepTask], workers: int = 1) -> dict[str, Outcome]:
+    """Outcomes of tasks on this machine, by unit."""
+    outcomes: dict[str, Outcome] = {}
+    run_tasks(tasks, None, workers, lambda t, o: outcomes.__setitem__(t.hash, o), lambda _: None)
+    return outcomes
 
 
 @pytest.mark.parametrize(
@@ -65,15 +71,17 @@ class Crowd:
         time.sleep(0.05)  # others may begin, wrongly
         with self.lock:
             self.now, self.bytes = self.now - 1, self.bytes - task.memory_bytes
-            self.done.append(task.unit)
+            self.done.append(task.hash)
+        return f"report of {task.hash}"
 
 
 def crowd_of(monkeypatch, tasks, workers, limit, least):
     crowd = Crowd(least)
     monkeypatch.setattr(sweep_workers, "attempt", crowd)
     monkeypatch.setattr(sweep_workers.machine, "memory_limit_bytes", lambda: limit)
-    assert run_tasks(tasks, None, workers, Progress(len(tasks), quiet=True)) == {}
-    assert sorted(crowd.done) == sorted(t.unit for t in tasks)
+    outcomes = run(tasks, workers)
+    assert sorted(crowd.done) == sorted(t.hash for t in tasks)
+    assert all(o.report == f"report of {name}" and not o.error for name, o in outcomes.items())
     return crowd
 
 
@@ -93,15 +101,26 @@ def test_a_unit_too_large_for_a_share_runs_alone(monkeypatch):
     assert crowd.most == 1
 
 
-def test_a_failing_unit_does_not_stop_the_others(monkeypatch, capsys):
-    def fails(make_unit, on_start):
-        return WorkerError("it broke") if make_unit.unit == "1" else None
+def test_a_failing_unit_does_not_stop_the_others(monkeypatch):
+    def fails(task, on_start):
+        if task.hash == "1":
+            raise WorkerError("it broke")
+        return "a report"
 
     monkeypatch.setattr(sweep_workers, "attempt", fails)
-    assert run_tasks([make(str(i)) for i in range(3)], None, 1, Progress(3)) == {"1": "it broke"}
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 3
-    assert sum("label 1" in line and line.endswith("FAILED: it broke") for line in lines) == 1
+    outcomes = run([make(str(i)) for i in range(3)])
+    assert {name: (o.report, o.error) for name, o in outcomes.items()} == {
+        "0": ("a report", ""), "1": ("", "it broke"), "2": ("a report", ""),
+    }  # fmt: skip
+
+
+def test_progress_lists_each_task_and_its_error(capsys):
+    with closing(Progress(2)) as progress:
+        progress.report_end("label 0", 1.5, "")
+        progress.report_end("label 1", 2.5, "it broke")
+    first, second = capsys.readouterr().out.splitlines()
+    assert first == "[1/2]     1.5 s  label 0"
+    assert second == "[2/2]     2.5 s  label 1  FAILED: it broke"
 
 
 def listening() -> list[tuple[str, int]]:
@@ -127,9 +146,10 @@ def test_a_sweep_listens_on_this_machine_only_and_serves_no_page(monkeypatch):
             for page in ("", "status", "health", "metrics", "info/main/workers.html", "json"):
                 with pytest.raises(HTTPError, match="404"):
                     urlopen(f"http://127.0.0.1:{port}/{page}", timeout=10)
+        return ""
 
     monkeypatch.setattr(sweep_workers, "attempt", visit)
-    assert run_tasks([make("1")], None, 1, Progress(1, quiet=True)) == {}
+    assert run([make("1")])["1"].error == ""
     assert set(places) == {"0100007F"}  # 127.0.0.1
 
 
@@ -138,11 +158,11 @@ def test_the_user_s_configuration_of_dask_does_not_apply(monkeypatch, tmp_path):
     from dask import config
 
     (tmp_path / "preload.py").write_text(f"open({str(tmp_path / 'executed')!r}, 'w').close()")
-    monkeypatch.setattr(sweep_workers, "attempt", lambda *_: None)
+    monkeypatch.setattr(sweep_workers, "attempt", lambda *_: "")
     preload = {f"distributed.{node}.preload": ["preload.py"] for node in ("scheduler", "worker")}
     monkeypatch.chdir(tmp_path)
     with config.set(preload | {"mine": 1}):
-        assert run_tasks([make("1")], None, 1, Progress(1, quiet=True)) == {}
+        assert run([make("1")])["1"].error == ""
         assert config.get("mine") == 1
         assert config.get("distributed.worker.preload") == ["preload.py"]
     assert not (tmp_path / "executed").exists()
@@ -165,7 +185,7 @@ def test_an_interrupt_ends_running_tasks(monkeypatch):
     monkeypatch.setattr(sweep_workers, "attempt", works)
     monkeypatch.setattr(sweep_workers, "_collect", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        run_tasks([make("1"), make("2")], None, 1, Progress(2, quiet=True))
+        run([make("1"), make("2")])
     assert [child.returncode for child in children] == [-signal.SIGTERM]
 
 
@@ -178,11 +198,11 @@ def test_a_worker_s_death_is_tried_once_more_and_its_own_error_is_not(monkeypatc
             raise error
 
         monkeypatch.setattr(sweep_unit, "_carry_out", carry_out)
-        assert attempt(make("1")) is error
+        with pytest.raises(type(error)):
+            attempt(make("1"))
         assert len(tries) == times
 
 
-def test_a_folder_that_a_machine_does_not_see_is_named(tmp_path):
-    error = attempt(make("1", out=tmp_path / "elsewhere"))
-    assert error is not None
-    assert "all machines share" in str(error)
+def test_a_folder_for_reports_that_a_machine_does_not_see_is_named(tmp_path):
+    with pytest.raises(FileError, match="all machines share"):
+        attempt(make("1", out=tmp_path / "elsewhere", keep=True))

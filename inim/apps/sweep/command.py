@@ -30,7 +30,7 @@ def _add_sweep_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scheduler",
         metavar="tcp://HOST:PORT",
-        help="use the workers of this dask scheduler; each must have access to the folder",
+        help="use the workers of this dask scheduler; each must have access to the scenes",
     )
     parser.add_argument(
         "--workers",
@@ -53,6 +53,7 @@ def _sweep(args: argparse.Namespace) -> int:
     from inim.apps.sweep.page import PAGE
     from inim.apps.sweep.run import SweepPlace, plan_study, run_sweep
     from inim.apps.sweep.study import read_study
+    from inim.system.cache import store_folder
     from inim.system.worker.output import default_out
 
     place = SweepPlace(
@@ -68,15 +69,16 @@ def _sweep(args: argparse.Namespace) -> int:
     try:
         result = run_sweep(args.study, place, args.command_line, quiet=args.quiet, debug=args.debug)
     except KeyboardInterrupt as interrupt:
-        interrupt.args += (_KEPT,)
+        if store_folder() is not None:
+            interrupt.args += (_KEPT,)
         raise
     if args.quiet:  # otherwise each was printed immediately
         for label, error in result.failed.items():
             print_warning(f"{label}: {error}", "failed")
     return finish(
         result.passed,
-        f"{'passed' if result.passed else 'FAILED'}; {result.computed} of {result.units} "
-        f"validations run, {len(result.rows)} rows; sweep: {place.out / PAGE}",
+        f"{'passed' if result.passed else 'FAILED'}; {result.computed} of {result.validations} "
+        f"validations run, {result.rows} rows; sweep: {place.out / PAGE}",
         quiet=args.quiet,
     )
 

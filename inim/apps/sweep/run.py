@@ -8,31 +8,35 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from inim.apps.sweep.document import SweepTable
-from inim.apps.sweep.page import PAGE, write_page
+from inim.apps.sweep.document import SweepDocument
+from inim.apps.sweep.page import FILES, write_page
 from inim.apps.sweep.study import Study, read_study, study_of
 from inim.apps.sweep.table import TABLE, check_pyarrow, failed_rows, finished_rows, write_table
-from inim.apps.sweep.unit import (
-    FOLDER,
-    Results,
-    SweepTask,
-    Unit,
-    algorithm_inputs,
-    expand,
-    key_of,
-    report_folder,
+from inim.apps.sweep.unit import Results, SweepTask, Unit, expand, report_folder
+from inim.apps.sweep.workers import (
+    Outcome,
+    Progress,
+    check_answers,
+    check_dask,
+    choose_slots,
+    run_tasks,
 )
-from inim.apps.sweep.workers import Progress, check_answers, check_dask, choose_slots, run_tasks
 from inim.display import Display
 from inim.display.settings import plain_parameters
 from inim.pipeline.plan import LEAST_BYTES
+from inim.pipeline.stages.scene import Renderer
+from inim.report.document import ReportDocument
 from inim.scores.document_parts import origin
-from inim.system import backend as backends
+from inim.system.backend import choose_backend
+from inim.system.document import decode
 from inim.system.process.atomic_file import file_errors
 from inim.system.process.machine import cpu_count
+from inim.system.process.observer import Observer
+from inim.system.worker.output import output_files
 
 
 @dataclass(frozen=True)
@@ -53,66 +57,64 @@ class SweepPlace:
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """Units of a study in its order, and a task for each unit without all its results."""
+    """Units of a study in its order, and their results that exist, by hash."""
 
     study: Study
-    results: Results
+    out: Path
     units: list[Unit]
-    tasks: list[SweepTask]
+    results: Results
+    finished: dict[str, ReportDocument]
+
+    @cached_property
+    def missing(self) -> dict[str, Unit]:
+        """Units to compute by hash, each once even if the study lists it twice."""
+        units = {unit.hash: unit for unit in self.units if unit.plan is not None}
+        return {name: unit for name, unit in units.items() if name not in self.finished}
 
     def lines(self) -> list[str]:
         """Lines with the finished, remaining and impossible validations."""
-        algorithms = len(self.study.algorithms)
-        total = len({u.hash for u in self.units if u.plan is not None}) * algorithms
-        left = sum(len(task.algorithms) for task in self.tasks)
+        missing, finished = len(self.missing), len(self.finished)
         return [
-            f"{self.study.title}: {len(self.units)} validations of {algorithms} algorithms; "
-            f"{total - left} of {total} results exist, {len(self.tasks)} validations to run",
+            f"{self.study.title}: {len(self.units)} validations of {len(self.study.algorithms)} "
+            f"algorithms; {finished} of {finished + missing} results exist, {missing} validations "
+            "to run",
             *(f"cannot be run: {u.label}: {u.error}" for u in self.units if u.error),
         ]
 
+    def tasks(self, threads: int | None, debug: bool) -> list[SweepTask]:
+        """A task for each missing result, with threads for its worker."""
+        return [
+            SweepTask(
+                name,
+                unit.label,
+                unit.request,
+                unit.inputs,
+                keep_report=self.study.keep_reports,
+                threads=threads,
+                memory_bytes=LEAST_BYTES + (unit.plan.images_bytes if unit.plan else 0),
+                debug=debug,
+            )
+            for name, unit in self.missing.items()
+        ]
 
-def plan_study(study: Study, place: SweepPlace, threads: int | None = None) -> SweepPlan:
+
+def plan_study(study: Study, place: SweepPlace) -> SweepPlan:
     """Plan all units of a study and look up their results, without writing files."""
     # The workers of a cluster have other current folders.
     scenes = {name: path.absolute() for name, path in study.scenes.items()}
-    results = Results(place.out.absolute())
+    out = place.out.absolute()
     allowed = tuple(folder.absolute() for folder in place.allow_folders)
-    units = expand(replace(study, scenes=scenes), results.out, allowed)
-    return SweepPlan(study, results, units, _tasks(study, units, results, threads))
-
-
-def _tasks(
-    study: Study, units: Sequence[Unit], results: Results, threads: int | None
-) -> list[SweepTask]:
-    """Remaining tasks, each unit once even if the study lists it twice."""
-    tasks: dict[str, SweepTask] = {}
-    for unit in units:
-        if unit.plan is None or unit.hash in tasks:
-            continue
-        missing = [
-            name
-            for name in study.algorithms
-            if results.read(unit.hash, name, algorithm_inputs(unit.plan, name)) is None
-        ]
-        if study.keep_reports:  # a report shows all algorithms
-            whole = (report_folder(results.out, unit.hash) / "report.json").is_file()
-            missing = [] if whole and not missing else list(study.algorithms)
-        if missing:
-            tasks[unit.hash] = SweepTask(
-                unit.hash,
-                unit.label,
-                unit.with_algorithms(missing),
-                key_of(unit.plan),
-                tuple(missing),
-                keep_report=study.keep_reports,
-                threads=threads,
-                memory_bytes=LEAST_BYTES + unit.plan.images_bytes,
-            )
-    return list(tasks.values())
-
-
-_MISSING = "its worker wrote no result into {}: choose a folder with -o that all machines share"
+    units = expand(replace(study, scenes=scenes), out, allowed)
+    renderer = Renderer(study.backend, Observer()) if place.scheduler is None else None
+    results = Results.of(renderer)
+    texts = {unit.hash: results.find(unit) for unit in units if unit.plan is not None}
+    finished = {
+        name: decode(text, ReportDocument)
+        for name, text in texts.items()
+        if text is not None
+        and (not study.keep_reports or (report_folder(out, name) / "report.json").is_file())
+    }
+    return SweepPlan(study, out, units, results, finished)
 
 
 def sweep(
@@ -130,8 +132,8 @@ def sweep(
 ) -> Any:
     """Validate all combinations of scenes, displays, settings and algorithms.
 
-    Results in `out` are reused, so the same call again, or a larger one, computes the rest only.
-    The folder also gets the page ``sweep.html``.
+    Results in the result cache are reused, so the same call again, or one with more combinations,
+    computes the rest only. The folder also gets the page ``sweep.html``.
 
     Parameters
     ----------
@@ -198,25 +200,6 @@ def _as_values(value: Any) -> Any:
     return [getattr(item, "item", lambda item=item: item)() for item in value]
 
 
-@dataclass(frozen=True)
-class SweepResult:
-    """Result of a sweep: the rows of the table.
-
-    `units` is the number of validations of the study, `computed` the number that this run computed,
-    and `failed` the error message of each failed unit, by label.
-    """
-
-    rows: list[dict[str, Any]]
-    units: int
-    computed: int
-    failed: dict[str, str]
-
-    @property
-    def passed(self) -> bool:
-        """True if every row exists and passed its validation's checks."""
-        return not self.failed and all(row["passed"] for row in self.rows)
-
-
 def run_sweep(
     study: Study | Path,
     place: SweepPlace,
@@ -224,7 +207,7 @@ def run_sweep(
     *,
     quiet: bool = True,
     debug: bool = False,
-) -> SweepResult:
+) -> SweepDocument:
     """Compute the missing results of a study, and write its table and page.
 
     `command` is the command line, for the record. `quiet` suppresses lines and progress bar;
@@ -238,24 +221,42 @@ def run_sweep(
     check_dask()
     if place.scheduler is not None:
         check_answers(place.scheduler)
+    plan = plan_study(study, place)
     # The number of threads on a cluster is the choice of its workers.
-    plan = plan_study(study, place, threads if place.scheduler is None else place.threads)
-    plan = replace(plan, tasks=[replace(task, debug=debug) for task in plan.tasks])
-    with file_errors(place.out):
-        (plan.results.out / FOLDER).mkdir(parents=True, exist_ok=True)
-    errors: dict[str, str] = {}
-    with closing(Progress(len(plan.tasks), quiet=quiet)) as progress:
-        for line in plan.lines():
-            progress.say(line)
-        if plan.tasks and place.scheduler is None:
-            backends.choose_backend(study.backend)  # raises before any task starts
-        if plan.tasks:
-            errors = run_tasks(plan.tasks, place.scheduler, workers, progress)
-    rows, failed = _collect_rows(plan, errors)
-    about = SweepTable(title=study.title, **origin(command))
-    write_table(place.out / TABLE, rows, about)
-    write_page(place.out / PAGE, rows, about)
-    return SweepResult(rows, len(plan.units), len(plan.tasks), failed)
+    tasks = plan.tasks(threads if place.scheduler is None else place.threads, debug)
+    with output_files(place.out, FILES) as staging:
+        if study.keep_reports:
+            with file_errors(place.out):
+                report_folder(plan.out, "").mkdir(parents=True, exist_ok=True)
+        errors: dict[str, str] = {}
+        with closing(Progress(len(tasks), quiet=quiet)) as progress:
+            for line in plan.lines():
+                progress.say(line)
+
+            def on_end(task: SweepTask, outcome: Outcome) -> None:
+                if outcome.error:
+                    errors[task.hash] = outcome.error
+                else:
+                    plan.results.keep(plan.missing[task.hash], outcome.report)
+                    plan.finished[task.hash] = decode(outcome.report, ReportDocument)
+                progress.report_end(task.label, outcome.seconds, outcome.error)
+
+            if tasks and place.scheduler is None:
+                choose_backend(study.backend)  # raises before any task starts
+            if tasks:
+                run_tasks(tasks, place.scheduler, workers, on_end, progress.say)
+        rows, failed = _collect_rows(plan, errors)
+        data = SweepDocument(
+            title=study.title,
+            validations=len(plan.units),
+            computed=len(tasks),
+            rows=len(rows),
+            passed=not failed and all(row["passed"] for row in rows),
+            failed=failed,
+            **origin(command),
+        )
+        write_table(staging / TABLE, rows, data)
+        return write_page(data, rows, staging)
 
 
 def _collect_rows(
@@ -266,13 +267,9 @@ def _collect_rows(
     failed: dict[str, str] = {}
     for unit in plan.units:
         for name in plan.study.algorithms:
-            result = None
-            if unit.plan is not None:
-                result = plan.results.read(unit.hash, name, algorithm_inputs(unit.plan, name))
-            if result is not None:
-                rows += finished_rows(unit, name, result)
-                continue
-            error = unit.error or errors.get(unit.hash) or _MISSING.format(plan.results.out)
-            failed[unit.label] = error
-            rows += failed_rows(unit, name, error)
+            if unit.hash in plan.finished:
+                rows += finished_rows(unit, name, plan.finished[unit.hash])
+            else:
+                failed[unit.label] = unit.error or errors[unit.hash]
+                rows += failed_rows(unit, name, failed[unit.label])
     return rows, failed

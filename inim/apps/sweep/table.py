@@ -6,12 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from msgspec import to_builtins
-
-from inim.apps.sweep.document import SweepTable, UnitDocument, UnitView
-from inim.apps.sweep.page import CRITERION, DEPTH, DEPTH_SHARE, VARIED_COLUMNS
+from inim.apps.sweep.document import SweepDocument
+from inim.apps.sweep.unit import Unit
 from inim.display.settings import DISPLAY_KEYS, PREFIX, SETTINGS, Settings, plain_parameters
 from inim.report.document import ReportDocument
 from inim.report.labels import ScoreKind, check_finding, score_keys
@@ -20,11 +18,31 @@ from inim.system.errors import UsageError
 from inim.system.files import check_file
 from inim.system.process.atomic_file import write_atomically
 
-if TYPE_CHECKING:
-    from inim.apps.sweep.unit import Unit
+#: Columns of the relic's depth on the display, in mm and as a share of its own depth.
+DEPTH, DEPTH_SHARE = "relic_depth_mm", "relic_depth_share"
+#: Column of the smallest headline score that passes.
+CRITERION = "min_ssim_to_reference"
+
+# Settings with columns of their own, or without one.
+_OTHER_COLUMNS = (
+    "title",
+    "display",
+    "algorithms",
+    "cameras",
+    "viewpoints",
+    "lens_model",
+    CRITERION,
+)
+#: Parameters and settings that tell rows of one scene, display, algorithm and viewpoint apart.
+VARIED_COLUMNS = (
+    *DISPLAY_KEYS,
+    "lens_model",
+    *(name for name in SETTINGS if name not in (*DISPLAY_KEYS, *_OTHER_COLUMNS)),
+)
 
 #: Prefixes of the reference's and the noise floor's scores in each row.
 REFERENCES = ("reference", "noise_floor")
+_FLOOR_EIA = "noise_floor_eia"
 
 
 def view_columns(prefix: str = "") -> dict[str, Metric]:
@@ -51,54 +69,54 @@ def eia_columns(start: str = "eia") -> dict[str, Metric]:
     return {f"{start}_{metric.key}": metric for metric in all_metrics() if metric.has_eia_score}
 
 
-def unit_document(
-    data: ReportDocument,
-    *,
-    unit: str,
-    algorithm: str,
-    making: dict[str, Any],
-    key: dict[str, Any],
-) -> UnitDocument:
-    """Result of a finished validation for one algorithm.
-
-    `unit` is the hash of the key; `making` and `key` are all inputs that determine the result.
-    """
+def finished_rows(unit: Unit, algorithm: str, data: ReportDocument) -> list[dict[str, Any]]:
+    """Rows of the table for an algorithm of a validation, one for each viewpoint."""
+    assert unit.plan is not None
     result, floor, scene = data.algorithms[algorithm], data.noise_floor, data.scene
     assert floor is not None and scene is not None
     failed = _failed_checks(data, algorithm)
-    views = []
+    common = {
+        **_identity(unit, algorithm),
+        "status": "ok",
+        "error": None,
+        **_scores(result.eia, eia_columns(), "eia_"),
+        "hole_fraction": result.eia["hole_fraction"],
+        DEPTH: scene.fit.depth_mm,
+        DEPTH_SHARE: scene.fit.depth_share,
+        **_scores(floor.eia, eia_columns(_FLOOR_EIA), f"{_FLOOR_EIA}_"),
+        "seconds": result.seconds,
+        "yardsticks": result.yardsticks,
+        "unit_seconds": data.timings["total"],
+        "render_seconds": data.timings["mitsuba_render"],
+        "passed": not failed,
+        "failed_checks": "; ".join(failed) or None,
+        CRITERION: unit.plan.ssim_limits.get(algorithm),
+        "variant": data.backend.variant,
+        "device": data.backend.device,
+        "inim_version": data.inim_version,
+        "mitsuba_version": data.versions["mitsuba"],
+        "created": data.created,
+    }
+    rows = []
     for eye in data.viewpoints:
-        own = result.views[eye.name]
-        scores = {column: own.get(column) for column in (*view_columns(), *to_reference_columns())}
+        scores = _scores(result.views[eye.name], view_columns() | to_reference_columns())
         for reference in REFERENCES:
             of_reference = getattr(data, reference).views[eye.name]
-            scores |= {f"{reference}_{name}": of_reference.get(name) for name in view_columns()}
-        x_mm, y_mm, z_mm = eye.position_mm
-        views.append(UnitView(viewpoint=eye.name, x_mm=x_mm, y_mm=y_mm, z_mm=z_mm, scores=scores))
-    return UnitDocument(
-        unit=unit,
-        algorithm=algorithm,
-        making=making,
-        key=key,
-        created=data.created,
-        inim_version=data.inim_version,
-        versions=data.versions,
-        backend=data.backend,
-        scores={
-            **{name: result.eia.get(m.key) for name, m in eia_columns().items()},
-            "hole_fraction": result.eia["hole_fraction"],
-            DEPTH: scene.fit.depth_mm,
-            DEPTH_SHARE: scene.fit.depth_share,
-            **{name: floor.eia.get(m.key) for name, m in eia_columns("noise_floor_eia").items()},
-        },
-        seconds=result.seconds,
-        yardsticks=result.yardsticks,
-        unit_seconds=data.timings["total"],
-        render_seconds=data.timings["mitsuba_render"],
-        passed=not failed,
-        failed_checks="; ".join(failed) or None,
-        views=views,
-    )
+            scores |= _scores(of_reference, view_columns(f"{reference}_"), f"{reference}_")
+        place = dict(zip(("x_mm", "y_mm", "z_mm"), eye.position_mm, strict=True))
+        rows.append(common | {"viewpoint": eye.name} | place | scores)
+    return rows
+
+
+def _scores(
+    scores: Mapping[str, float | None], columns: Mapping[str, Metric], prefix: str = ""
+) -> dict[str, float | None]:
+    """Scores by column, whose name is the prefix and the score's; the infinite PSNR is not null."""
+    values = {column: scores.get(column.removeprefix(prefix)) for column in columns}
+    return {
+        column: math.inf if value is None and max(columns[column].range) == math.inf else value
+        for column, value in values.items()
+    }
 
 
 def _failed_checks(data: ReportDocument, algorithm: str) -> list[str]:
@@ -115,29 +133,6 @@ def _is_of(check: str, algorithm: str) -> bool:
     """True if a check belongs to an algorithm: ``NAME: …``, ``NAME/VIEW: …``, ``eia/NAME: …``."""
     name = check.removeprefix("eia/").removeprefix("views/")
     return name.startswith((f"{algorithm}: ", f"{algorithm}/"))
-
-
-def finished_rows(unit: Unit, algorithm: str, result: UnitDocument) -> list[dict[str, Any]]:
-    """Rows of the table for a result, one for each viewpoint."""
-    common = {
-        **_identity(unit, algorithm),
-        "status": "ok",
-        "error": None,
-        **_infinite(result.scores),
-        **{name: getattr(result, name) for name in _MEASURED},
-        CRITERION: result.making[CRITERION],
-        "variant": result.backend.variant,
-        "device": result.backend.device,
-        "inim_version": result.inim_version,
-        "mitsuba_version": result.versions["mitsuba"],
-        "created": result.created,
-    }
-    return [
-        common
-        | {"viewpoint": view.viewpoint, "x_mm": view.x_mm, "y_mm": view.y_mm, "z_mm": view.z_mm}
-        | _infinite(view.scores)
-        for view in result.views
-    ]
 
 
 def failed_rows(unit: Unit, algorithm: str, error: str) -> list[dict[str, Any]]:
@@ -169,23 +164,6 @@ def _study_settings(unit: Unit) -> dict[str, Any]:
     return {key: settings[key] for key in VARIED_COLUMNS if f"{PREFIX}{key}" in definitions}
 
 
-def _infinite(columns: Mapping[str, float | None]) -> dict[str, float | None]:
-    """Scores with the infinite PSNR of identical pictures, which is null in JSON."""
-    scores = view_columns() | to_reference_columns()
-    scores |= eia_columns() | eia_columns("noise_floor_eia")
-    for reference in REFERENCES:
-        scores |= view_columns(f"{reference}_")
-    ends = {name: max(metric.range) for name, metric in scores.items()}
-    return {
-        key: math.inf if value is None and ends.get(key) == math.inf else value
-        for key, value in columns.items()
-    }
-
-
-# Fields of a result that are columns of each of its rows.
-_OF_GENERATION = ("seconds", "yardsticks")
-_OF_VALIDATION = ("unit_seconds", "render_seconds")
-_MEASURED = (*_OF_GENERATION, *_OF_VALIDATION, "passed", "failed_checks")
 TABLE = "sweep.parquet"
 # Column types of settings, by the first of their types.
 _TYPES = {int: "int64", float: "float64"}
@@ -199,7 +177,7 @@ def column_groups() -> dict[str, dict[str, str]]:
     Raises `UsageError` if a metric of another package cannot be loaded or has the name of another
     column.
     """
-    floor = eia_columns("noise_floor_eia")
+    floor = eia_columns(_FLOOR_EIA)
     scores = {
         "the view against the scene": view_columns(),
         "against the reference view": to_reference_columns(),
@@ -216,10 +194,10 @@ def column_groups() -> dict[str, dict[str, str]]:
             "float64", *eia_columns(), "hole_fraction", *floor
         ),
         "generation of the EIA: first run; kernel times, with `time = true`": _columns_of_type(
-            "float64", *_OF_GENERATION
+            "float64", "seconds", "yardsticks"
         ),
         "time of the validation, and of its rendering": _columns_of_type(
-            "float64", *_OF_VALIDATION
+            "float64", "unit_seconds", "render_seconds"
         ),
         "depth of the relic on the display, and its share of the relic's own depth": (
             _columns_of_type("float64", DEPTH, DEPTH_SHARE)
@@ -247,6 +225,9 @@ def column_groups() -> dict[str, dict[str, str]]:
                     "give the metric another name"
                 )
     return groups
+
+
+_METADATA = ("title", "created", "inim_version", "command")
 
 
 def _columns_of_type(kind: str, *names: str) -> dict[str, str]:
@@ -281,7 +262,7 @@ def check_pyarrow() -> None:
         ) from None
 
 
-def write_table(path: Path, rows: Sequence[Mapping[str, Any]], about: SweepTable) -> None:
+def write_table(path: Path, rows: Sequence[Mapping[str, Any]], about: SweepDocument) -> None:
     """Write rows, with values by `columns`, as a Parquet file; missing values are null."""
     import pyarrow as pa
     from pyarrow import parquet
@@ -294,7 +275,7 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]], about: SweepTable
     }
     schema = pa.schema(
         [(name, types[kind]) for name, kind in columns().items()],
-        metadata={f"inim:{key}": text for key, text in to_builtins(about).items()},
+        metadata={f"inim:{key}": getattr(about, key) for key in _METADATA},
     )
     table = pa.Table.from_pylist([dict(row) for row in rows], schema=schema)
     write_atomically(path, lambda p: parquet.write_table(table, p))

@@ -1,43 +1,29 @@
-"""Units: the validations of a study, with their keys, results and tasks.
+"""Units: the validations of a study, each in a worker process.
 
 A unit is one scene on one display with one set of settings; its algorithms and viewpoints share
-the ground truth. Its key contains all inputs of the scores, and no path, name or time: equal keys
-give equal results on every machine.
-
-Results are stored as ``OUT/units/HASH/ALGORITHM.json``: one small file for each algorithm of each
-unit, written atomically. The table is derived from these files alone. A killed process therefore
-loses only its current task, and a repeated task writes the same file.
+the ground truth. Its result is the text of its `report.json`, which the result cache holds under
+all inputs that decide it (`Plan.cache_key`): an unchanged unit is not computed again.
 """
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import socket
 import stat
 import tempfile
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, replace
-from functools import cache, partial
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
-import inim
-from inim.apps.sweep.document import UnitDocument
+import numpy as np
+
 from inim.apps.sweep.study import Study
-from inim.apps.sweep.table import unit_document
-from inim.display import Display
-from inim.display.lens import foreign_identity
-from inim.display.settings import PREFIX
-from inim.generators import SCENE_ALGORITHMS, is_own, parse_algorithm
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
-from inim.report import Report
-from inim.scores.metrics import foreign_identities
-from inim.system.cache import versions
-from inim.system.document import encode, read_document
+from inim.pipeline.stages.scene import Renderer
+from inim.system.cache import Record, Store, cache_address, input_digests, open_store
 from inim.system.errors import (
     FileError,
     InimError,
@@ -46,27 +32,13 @@ from inim.system.errors import (
     ViewpointError,
     WorkerError,
 )
-from inim.system.plugins import identity
-from inim.system.process.atomic_file import file_errors, write_atomically
-from inim.system.process.interrupts import delayed_interrupts
-from inim.system.process.observer import Observer
-from inim.system.version import __version__
+from inim.system.process.atomic_file import file_errors
+from inim.system.process.machine import THREADS_VARIABLE
 from inim.system.worker.output import hidden_folder, staging_folder
 from inim.system.worker.supervisor import OnStart, run_in_worker
 
-# Settings that do not affect a score, or are in the key under another name.
-_NOT_DECIDING = ("title", "algorithms", "viewpoints", "min_ssim_to_reference")
-# Code that does not affect scores.
-_NOT_SCORING = (
-    "cli.py",
-    "commands/",
-    "report/",
-    "bench/",
-    "stress/",
-    "documents/",
-    "views/",
-)
 _HASH_DIGITS = 16
+_REPORTS = "reports"
 
 
 @dataclass(frozen=True)
@@ -74,8 +46,7 @@ class Unit:
     """One validation of a study.
 
     `scene` and `display` are names in the table; `variation` contains the values of the settings
-    that vary. The request has all algorithms of the study; its `out` is unused. A unit that cannot
-    be validated has a one-line `error`, no plan, and an empty `hash` of its key.
+    that vary. A unit that cannot be validated has a one-line `error` and no plan.
     """
 
     scene: str
@@ -83,7 +54,6 @@ class Unit:
     variation: str
     request: Request
     plan: Plan | None = None
-    hash: str = ""
     error: str = ""
 
     @property
@@ -91,22 +61,15 @@ class Unit:
         """Label on the screen."""
         return " · ".join(filter(None, (self.scene, self.display, self.variation)))
 
-    def planned(self, display: Display | str | Path | None, definitions: Mapping[str, str]) -> Unit:
-        """The unit on a display, with its plan and the hash of its key."""
-        request = replace(self.request, display=display, definitions=definitions)
-        plan = make_plan(request, of_scene=True)
-        return replace(self, request=request, plan=plan, hash=unit_hash(key_of(plan)))
+    @cached_property
+    def inputs(self) -> dict[str, str]:
+        """Digests of all inputs that decide the result, on any machine; empty without a plan."""
+        return {} if self.plan is None else input_digests(self.plan.cache_key())
 
-    def with_algorithms(self, algorithms: Sequence[str]) -> Request:
-        """Request for some of the algorithms, without the criteria of the others."""
-        assert self.plan is not None
-        limits = [f"{n}:{v!r}" for n, v in self.plan.ssim_limits.items() if n in algorithms]
-        key = f"{PREFIX}min_ssim_to_reference"
-        return replace(
-            self.request,
-            algorithms=tuple(algorithms),
-            definitions={**self.request.definitions, key: ",".join(limits)},
-        )
+    @cached_property
+    def hash(self) -> str:
+        """Name of the result, from its inputs: equal for units with equal results."""
+        return cache_address("validation", self.inputs)[:_HASH_DIGITS] if self.inputs else ""
 
 
 def expand(study: Study, out: Path, allow_folders: tuple[Path, ...] = ()) -> list[Unit]:
@@ -132,7 +95,9 @@ def expand(study: Study, out: Path, allow_folders: tuple[Path, ...] = ()) -> lis
                 )
                 unit = Unit(scene, display.name, label, request)
                 try:
-                    unit = unit.planned(*display.with_settings(definitions, str(study.path)))
+                    chosen, own = display.with_settings(definitions, str(study.path))
+                    request = replace(request, display=chosen, definitions=own)
+                    unit = replace(unit, request=request, plan=make_plan(request, of_scene=True))
                 except ViewpointError as error:
                     place = "" if study.viewpoints is None else "study.viewpoints: "
                     errors.append(UsageError(f"{study.path}: {place}{error}"))
@@ -146,158 +111,104 @@ def expand(study: Study, out: Path, allow_folders: tuple[Path, ...] = ()) -> lis
     return units
 
 
-def key_of(plan: Plan) -> dict[str, Any]:
-    """Inputs of a validation's scores, except the algorithm, as JSON values."""
-    settings = {k: v for k, v in asdict(plan.settings).items() if k not in _NOT_DECIDING}
-    key = {
-        "scene": plan.scene_file.sha256,
-        "parameters": plan.scene_file.parameters,
-        "settings": settings,
-        "display": _nameless(plan.display.parameters()),
-        "mounted": _nameless(plan.misaligned_display.parameters()),
-        "viewpoints": [asdict(viewpoint) for viewpoint in plan.viewpoints],
-        "backend": plan.request.backend,
-        "time": plan.request.time,
-        "versions": {"inim": __version__, **versions()},
-        "code": _own_code(),
-    }
-    lens_model = foreign_identity(plan.settings.lens_model)
-    plugins = {"metrics": foreign_identities(), "lens_model": lens_model}
-    key |= {name: identities for name, identities in plugins.items() if identities}
-    record: dict[str, Any] = json.loads(json.dumps(key))
-    return record
-
-
-def _nameless(display: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in display.items() if key != "name"}
-
-
-def unit_hash(key: Mapping[str, Any]) -> str:
-    """Hash of a key: the first digits of its SHA-256."""
-    text = json.dumps(key, sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()[:_HASH_DIGITS]
-
-
-def algorithm_inputs(plan: Plan, algorithm: str) -> dict[str, Any]:
-    """Further inputs of an algorithm's result: its criterion, and another package's code."""
-    inputs: dict[str, Any] = {"min_ssim_to_reference": plan.ssim_limits.get(algorithm)}
-    name = parse_algorithm(algorithm)[0]
-    if is_own(name) or name in SCENE_ALGORITHMS:
-        return inputs
-    return inputs | identity("inim.generators", name)
-
-
-@cache
-def _own_code() -> str:
-    """SHA-256 of the code that affects scores, which may change without a new version."""
-    root = Path(inim.__file__).parent
-    digest = hashlib.sha256()
-    for path in sorted(root.rglob("*.py")):
-        name = path.relative_to(root).as_posix()
-        if not name.startswith(_NOT_SCORING):
-            digest.update(name.encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
-
-
-FOLDER = "units"
-
-
 @dataclass(frozen=True)
 class Results:
-    """The results in the folder of a sweep; on a cluster, all machines share this folder."""
+    """Results of units in the result cache, under the backend of this machine.
 
-    out: Path
+    Without a `renderer`, they are those of a cluster, whose workers choose their backends. Without
+    a store, none is found or kept.
+    """
 
-    def path(self, unit: str, algorithm: str) -> Path:
-        """Path of a result."""
-        return self.out / FOLDER / unit / f"{algorithm}.json"
+    renderer: Renderer | None
+    store: Store | None
 
-    def read(self, unit: str, algorithm: str, making: Mapping[str, Any]) -> UnitDocument | None:
-        """Read a result; None if it is missing or has other inputs."""
-        try:
-            document = read_document(self.path(unit, algorithm), "", UnitDocument)
-        except FileError:
-            return None
-        own = (document.unit, document.algorithm, document.making)
-        return document if own == (unit, algorithm, making) else None
+    @classmethod
+    def of(cls, renderer: Renderer | None) -> Results:
+        """Results in this user's result cache."""
+        return cls(renderer, open_store())
 
-    def write(self, document: UnitDocument) -> None:
-        """Write a result atomically; raises `FileError` if the folder cannot be written."""
-        path = self.path(document.unit, document.algorithm)
-        write_atomically(path, lambda p: p.write_text(encode(document), encoding="utf-8"))
+    def find(self, unit: Unit) -> str | None:
+        """The text of a unit's `report.json`; None if it is missing."""
+        record = None if self.store is None else self.store.load(self._address(unit))
+        return None if record is None else bytes(record.arrays[_REPORTS]).decode()
+
+    def keep(self, unit: Unit, text: str) -> None:
+        """Store the text of a unit's `report.json`."""
+        if self.store is not None:
+            record = Record({_REPORTS: np.frombuffer(text.encode(), np.uint8)})
+            self.store.keep(self._address(unit), record)
+
+    def _address(self, unit: Unit) -> str:
+        backend = {} if self.renderer is None else self.renderer.cache_key()
+        return cache_address("validation", unit.inputs | input_digests(backend))
 
 
-_REPORTS = "reports"
-# With one thread the renderer's file readers hang; see `inim.render.variant`.
-_FEWEST_RENDER_THREADS = 2
 # The memory use of other processes may kill a worker once.
 _ATTEMPTS = 2
 
 
 @dataclass(frozen=True)
 class SweepTask:
-    """Remaining work of a unit; sent between processes and machines.
+    """Validation of a unit; sent between processes and machines.
 
-    `unit` is the hash of the unit, `label` its label on the screen, and `key` its key, which the
-    worker's key must equal. The request is for the remaining algorithms; its `out` is the sweep's
-    folder, and all paths are absolute. Without `threads`, the worker uses all. `memory_bytes` is
-    the planned memory of its images and the renderer.
+    `hash`, `label` and `inputs` are those of the unit; the inputs of the worker's plan must be
+    equal. The request's `out` is the sweep's folder, and all paths are absolute. Without `threads`,
+    the worker uses all. `memory_bytes` is the planned memory of its images and the renderer.
     """
 
-    unit: str
+    hash: str
     label: str
     request: Request
-    key: dict[str, Any]
-    algorithms: tuple[str, ...]
+    inputs: dict[str, str]
     keep_report: bool = False
     threads: int | None = None
     memory_bytes: int = 0
     debug: bool = False
 
 
-def attempt(task: SweepTask, on_start: OnStart | None = None) -> InimError | None:
-    """Run a task, again if its worker died; return the error, or None if its results exist.
+def attempt(task: SweepTask, on_start: OnStart | None = None) -> str:
+    """Run a task, again if its worker died, and return the text of its `report.json`.
 
-    `on_start` receives the worker's process.
+    `on_start` receives the worker's process. Raises an `InimError` if the validation fails.
     """
-    error: InimError | None = None
-    for _ in range(_ATTEMPTS):
+    for _ in range(_ATTEMPTS - 1):
         try:
-            _carry_out(task, on_start)
-        except (WorkerError, OutOfMemoryError) as death:
-            error = death
-        except InimError as task_error:
-            return task_error
-        else:
-            return None
-    return error
+            return _carry_out(task, on_start)
+        except (WorkerError, OutOfMemoryError):
+            pass
+    return _carry_out(task, on_start)
 
 
-def _carry_out(task: SweepTask, on_start: OnStart | None) -> None:
-    if not (task.request.out / FOLDER).is_dir():
-        raise FileError(
-            f"{task.request.out}: missing on {socket.gethostname()}; choose a folder with -o that "
-            "all machines share"
+def _carry_out(task: SweepTask, on_start: OnStart | None) -> str:
+    with _report_folder(task) as out:
+        run_in_worker(
+            f"inim.pipeline.job:{'run_job' if task.keep_report else 'run_data_job'}",
+            lambda: _same_plan(task, out),
+            staging_folder(out),
+            about=str(task.request.out),
+            # numba reads it when it is imported.
+            variables={} if task.threads is None else {THREADS_VARIABLE: str(task.threads)},
+            debug=task.debug,
+            on_start=on_start,
         )
-    run_in_worker(
-        "inim.apps.sweep.unit:run_job",
-        lambda: task,
-        _staging(task),
-        about=str(task.request.out),
-        # numba reads it when it is imported.
-        variables={} if task.threads is None else {"NUMBA_NUM_THREADS": str(task.threads)},
-        debug=task.debug,
-        on_start=on_start,
-    )
+        return (out / "report.json").read_text("utf-8")
 
 
-def _staging(task: SweepTask) -> AbstractContextManager[Path]:
-    """Temporary folder for the report: on the local disk unless the report is kept.
+@contextmanager
+def _report_folder(task: SweepTask) -> Iterator[Path]:
+    """Yield the folder for the report: on the local disk unless the report is kept.
 
-    All units use one folder, so that each removes the remains of killed units.
+    All units use one local folder, so that each removes the remains of killed units.
     """
     if task.keep_report:
-        return staging_folder(report_folder(task.request.out, task.unit))
+        out = report_folder(task.request.out, task.hash)
+        if not out.parent.is_dir():
+            raise FileError(
+                f"{out.parent}: missing on {socket.gethostname()}; to keep reports, choose a "
+                "folder with -o that all machines share"
+            )
+        yield out
+        return
     folder = Path(tempfile.gettempdir()) / f"inim-sweep-{os.getuid()}"
     with file_errors(folder, "set TMPDIR to a folder with room"):
         folder.mkdir(mode=0o700, exist_ok=True)
@@ -307,7 +218,8 @@ def _staging(task: SweepTask) -> AbstractContextManager[Path]:
             f"{folder}: belongs to another user or is open to others; set TMPDIR to a folder of "
             "your own"
         )
-    return hidden_folder(folder / "unit")
+    with hidden_folder(folder / "unit") as hidden:
+        yield hidden / "unit" / "report"  # not in the hidden folder itself, which is locked
 
 
 def report_folder(out: Path, unit: str) -> Path:
@@ -315,47 +227,15 @@ def report_folder(out: Path, unit: str) -> Path:
     return out / _REPORTS / unit
 
 
-def run_job(task: SweepTask, staging: Path, observer: Observer) -> bool:
-    """Entry point in the worker: validate, and write the results into the sweep's folder."""
-    plan = make_plan(task.request)
-    _check_same(task, plan)
-    report = _validate(task, plan, staging, observer)
-    results = Results(task.request.out)
-    with delayed_interrupts():
-        for name in task.algorithms:
-            results.write(
-                unit_document(
-                    report.data,
-                    unit=task.unit,
-                    algorithm=name,
-                    making=algorithm_inputs(plan, name),
-                    key=task.key,
-                )
-            )
-    return True
-
-
-def _check_same(task: SweepTask, plan: Plan) -> None:
-    """Raise `UsageError` if the scene or the code differs from that of the sweep's start."""
-    key = key_of(plan)
-    changed = [name for name in task.key if key.get(name) != task.key[name]]
+def _same_plan(task: SweepTask, out: Path) -> Plan:
+    """Plan of a task; raises `UsageError` if the scene or the code has changed since its start."""
+    plan = make_plan(replace(task.request, out=out), of_scene=True)
+    inputs = input_digests(plan.cache_key())
+    changed = sorted(name for name, digest in task.inputs.items() if inputs.get(name) != digest)
     if changed:
         raise UsageError(
             f"{task.request.scene}: on {socket.gethostname()}, {' and '.join(changed)} "
             f"{'differs' if len(changed) == 1 else 'differ'} from what the sweep started with; run "
             "it again, with the same files and versions on all machines"
         )
-
-
-def _validate(task: SweepTask, plan: Plan, staging: Path, observer: Observer) -> Report:
-    from inim.pipeline.job import run
-    from inim.render import variant
-
-    variant.use(task.request.backend)
-    carry_out = partial(run, plan, staging, observer, data_only=not task.keep_report)
-    if task.threads is None:
-        return carry_out()
-    from inim.render.reference_kernel import drjit_threads
-
-    with drjit_threads(max(_FEWEST_RENDER_THREADS, task.threads)):
-        return carry_out()
+    return plan

@@ -1,22 +1,21 @@
 """Execution of sweeps: dask tasks, on this machine or on a cluster.
 
 A unit is one dask task. On one machine, scheduler and worker run in this process, and each task
-reserves its share of the worker's memory. On a cluster the workers share the sweep's folder.
-Effects of a crash (distributed 2024.1 to 2026.8):
+reserves its share of the worker's memory. Results return through dask. Effects of a crash
+(distributed 2024.1 to 2026.8):
 
 * If a worker dies, the scheduler gives its task to another worker, up to
   `distributed.scheduler.allowed-failures` (3) times, and then reports a `KilledWorker`. No retry
   is therefore needed here, and a unit that kills four workers has failed.
 * If native code crashes, only our own child process dies, not dask's worker: this is a result.
-* If the client dies, its waiting tasks are dropped. A running task finishes on its worker,
-  which writes the result into the shared folder, where the next run finds it. Keys identify the
-  work, so a run that requests a task still running joins it and starts no second one.
+* If the client dies, its waiting tasks are dropped. A running task finishes on its worker, whose
+  result cache keeps its images and scores. Keys identify the work, so a run that requests a task
+  still running joins it and starts no second one.
 """
 
 from __future__ import annotations
 
 import copy
-import hashlib
 import logging
 import queue
 import socket
@@ -25,12 +24,13 @@ import sys
 import threading
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
-from typing import Any
+from typing import Any, NamedTuple
 
 from inim.apps.sweep.unit import SweepTask, attempt
-from inim.system.errors import UsageError
+from inim.system.cache import value_digest
+from inim.system.errors import InimError, UsageError
 from inim.system.process import machine
 from inim.system.process.printing import printable
 from inim.system.process.python_process import configuration_hidden, end_process
@@ -117,18 +117,33 @@ def check_dask() -> None:
         ) from None
 
 
-def on_worker(task: SweepTask, alone: bool = True) -> tuple[float, str]:
-    """Run one task on a dask worker, in a separate process; return the seconds and the error.
+class Outcome(NamedTuple):
+    """Outcome of a task: its time, and either the text of its `report.json` or its error."""
 
-    The error message is "" after success. With `alone`, wait until no other task runs on this dask
-    worker, as on a cluster.
+    seconds: float
+    report: str = ""
+    error: str = ""
+
+
+#: Receives each finished task.
+OnEnd = Callable[[SweepTask, Outcome], object]
+
+
+def on_worker(task: SweepTask, alone: bool = True) -> Outcome:
+    """Run one task on a dask worker, in a separate process.
+
+    With `alone`, wait until no other task runs on this dask worker, as on a cluster.
     """
     with _ONE_AT_A_TIME if alone else nullcontext():
         if _ENDED.is_set():
-            return 0.0, "the sweep has ended"
+            return Outcome(0.0, error="the sweep has ended")
         started = time.monotonic()
-        error = attempt(task, None if alone else _record_child)
-    return time.monotonic() - started, "" if error is None else str(error)
+        report = error = ""
+        try:
+            report = attempt(task, None if alone else _record_child)
+        except InimError as failure:
+            error = str(failure)
+    return Outcome(time.monotonic() - started, report, error)
 
 
 def _record_child(process: subprocess.Popen[bytes]) -> None:
@@ -138,20 +153,24 @@ def _record_child(process: subprocess.Popen[bytes]) -> None:
 
 
 def run_tasks(
-    tasks: Sequence[SweepTask], scheduler: str | None, workers: int, progress: Progress
-) -> dict[str, str]:
+    tasks: Sequence[SweepTask],
+    scheduler: str | None,
+    workers: int,
+    on_end: OnEnd,
+    say: Callable[[str], object],
+) -> None:
     """Run tasks on the workers of a scheduler, or on this machine as far as the memory permits.
 
     `scheduler` is an address, `tcp://HOST:PORT`; `workers` is the largest number of simultaneous
-    tasks on this machine. Returns the error message of each failed unit. Raises `UsageError` if no
-    scheduler answers.
+    tasks on this machine. `on_end` receives each task when it has ended, and `say` a line for the
+    user. Raises `UsageError` if no scheduler answers.
     """
     limit = machine.memory_limit_bytes() or sys.maxsize
     connection = _local(workers, limit) if scheduler is None else _client(scheduler)
     _ENDED.clear()
     with connection as client:
         if not client.nthreads():
-            progress.say(f"no worker yet; start some: dask worker {scheduler} --nthreads 1")
+            say(f"no worker yet; start some: dask worker {scheduler} --nthreads 1")
 
         ended: queue.Queue[Any] = queue.Queue()
         futures = {}
@@ -165,7 +184,7 @@ def run_tasks(
             futures[future.key] = task
             future.add_done_callback(ended.put)
         try:
-            return _collect(client, futures, ended, progress)
+            _collect(client, futures, ended, on_end)
         finally:  # after an interrupt, some tasks still run
             _ENDED.set()
             while _CHILDREN:
@@ -173,10 +192,9 @@ def run_tasks(
 
 
 def _collect(
-    client: Any, futures: dict[str, SweepTask], ended: queue.Queue[Any], progress: Progress
-) -> dict[str, str]:
+    client: Any, futures: dict[str, SweepTask], ended: queue.Queue[Any], on_end: OnEnd
+) -> None:
     """Wait for all tasks, in the order in which they finish."""
-    errors: dict[str, str] = {}
     left = dict(futures)
     while left:
         try:
@@ -184,32 +202,28 @@ def _collect(
         except queue.Empty:
             if client.status not in ("running", "connecting"):
                 for task in left.values():
-                    errors[task.unit] = "the scheduler went away; run the sweep again"
-                return errors
+                    on_end(task, Outcome(0.0, error="the scheduler went away; run the sweep again"))
+                return
             continue
-        task = left.pop(future.key)
-        seconds, error = _result_of(future)
-        if error:
-            errors[task.unit] = error
-        progress.report_end(task.label, seconds, error)
-    return errors
+        on_end(left.pop(future.key), _outcome_of(future))
 
 
-def _result_of(future: Any) -> tuple[float, str]:
+def _outcome_of(future: Any) -> Outcome:
     """Result of `on_worker`, or an error message if dask lost the task."""
     if future.status == "finished":
-        result: tuple[float, str] = future.result()
-        return result
+        outcome: Outcome = future.result()
+        return outcome
     if future.status == "error":
         exception = future.exception()
-        return 0.0, " ".join(f"{type(exception).__name__}: {exception}".split())[:400]
-    return 0.0, f"{future.status} by the scheduler; run the sweep again"
+        words = " ".join(f"{type(exception).__name__}: {exception}".split())[:400]
+        return Outcome(0.0, error=words)
+    return Outcome(0.0, error=f"{future.status} by the scheduler; run the sweep again")
 
 
 def _key(task: SweepTask) -> str:
     """Name of a task on the scheduler, derived from its work."""
-    words = "\0".join((str(task.request.out), *task.algorithms))
-    return f"inim-{task.unit}-{hashlib.sha256(words.encode()).hexdigest()[:8]}"
+    place = value_digest([str(task.request.out), task.keep_report])
+    return f"inim-{task.hash}-{place[:8]}"
 
 
 def check_answers(scheduler: str) -> None:

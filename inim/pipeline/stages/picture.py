@@ -50,13 +50,15 @@ MAX_LOST_SHARE = 0.5
 class PictureFile:
     """A file of `inim.image.files.image.write_rgbd` and its picture.
 
-    It has the digest of the picture, and no settings; see `inim.render.scene_files.file.SceneFile`.
+    It has the digest of the picture, no settings and no parameters; see
+    `inim.render.scene_files.file.SceneFile`.
     """
 
     path: Path
     rgbd: RGBD
     sha256: str
     settings: ClassVar[dict[str, str]] = {}
+    parameters: ClassVar[dict[str, str]] = {}
 
     @classmethod
     def read(cls, path: Path) -> PictureFile:

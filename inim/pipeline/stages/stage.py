@@ -1,8 +1,7 @@
 """Stages: the result cache, the timing and the record of skipped steps around plain functions.
 
 A stage is a plain function from values to values. The decorator `stage` declares the name of its
-result and the code that affects it. The cache key is built from the arguments: the `cache_key` of a
-handle, the fields of a dataclass except its label `name`, and any other value itself.
+result and the code that affects it. `deciding_inputs` builds its cache key from the arguments.
 """
 
 from __future__ import annotations
@@ -47,6 +46,24 @@ class Code:
         """Digests of the program's code, and identities of plugins."""
         key: dict[str, Any] = {"program": code_digest(*self.paths, *_SHARED)}
         return key | ({} if self.plugins is None else {"plugins": self.plugins()})
+
+
+def deciding_inputs(code: Code, /, **values: Any) -> dict[str, Any]:
+    """All inputs that decide a result, by readable names: the key of every cached result.
+
+    A handle contributes its `cache_key`, a dataclass its fields except its label `name`, and any
+    other value itself.
+    """
+    inputs: dict[str, Any] = {}
+    for name, value in values.items():
+        if hasattr(value, "cache_key"):
+            inputs |= value.cache_key()
+        elif is_dataclass(value) and not isinstance(value, type):
+            names = (f.name for f in fields(value) if f.name != "name")
+            inputs |= {f"{name} {field_name}": getattr(value, field_name) for field_name in names}
+        else:
+            inputs[name] = value
+    return inputs | code.key()
 
 
 RENDERING = Code(("render", "display", "image", "system/files.py", "system/row_bands.py"))
@@ -157,19 +174,10 @@ class CachedStage(Generic[_Arguments, _Result]):
         return dict(bound.arguments)
 
     def _key(self, arguments: dict[str, Any]) -> dict[str, Any]:
-        """Cache key, by readable names."""
-        key: dict[str, Any] = {}
-        for name, value in arguments.items():
-            if name in self._derived:
-                continue
-            if hasattr(value, "cache_key"):
-                key |= value.cache_key()
-            elif is_dataclass(value) and not isinstance(value, type):
-                names = (f.name for f in fields(value) if f.name != "name")
-                key |= {f"{name} {field_name}": getattr(value, field_name) for field_name in names}
-            else:
-                key[name] = value
-        return key | self._code.key()
+        """Cache key: all inputs except derived ones."""
+        return deciding_inputs(
+            self._code, **{k: v for k, v in arguments.items() if k not in self._derived}
+        )
 
 
 def stage(

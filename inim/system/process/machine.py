@@ -11,6 +11,9 @@ from pathlib import Path
 
 from inim.system.errors import OutOfMemoryError
 
+#: numba's number of threads, which is also the renderer's in inim's own processes.
+THREADS_VARIABLE = "NUMBA_NUM_THREADS"
+
 
 def cpu_text() -> str:
     """The first processor's lines of /proc/cpuinfo that stay the same between boots."""
