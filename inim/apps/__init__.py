@@ -1,6 +1,7 @@
 """Applications of the core, one folder each: its logic, command, page and document.
 
-To remove an application, delete its folder and its line in `APPS`.
+To remove an application, delete its folder and its entry in `APPS`; for type checkers, also its
+public function in `inim/__init__.py`.
 """
 
 FIRST = "first steps"
