@@ -11,8 +11,6 @@ import pytest
 
 from inim.display import Display
 from inim.display.settings import plain_parameters
-from inim.system.backend import choose_backend
-from inim.system.errors import BackendError
 from inim.system.process.machine import user_cache_folder
 
 LIT = """
@@ -95,15 +93,6 @@ def run_python(code: str, *words: str | Path, folder: Path | None = None) -> str
     )  # fmt: skip
     assert ended.returncode == 0, ended.stderr
     return ended.stdout.strip()
-
-
-def no_cuda() -> str:
-    """Reason why CUDA cannot be used here; empty if it can."""
-    try:
-        choose_backend("cuda")
-    except BackendError as error:
-        return str(error)
-    return ""
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,7 @@ from inim.image.files.eia_file import read_eia
 from inim.image.files.image import read_rgbd
 from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
 from tests.conftest import small_display
-from tests.depth_photographs import apple_jpeg, apple_xml, gdepth, heic, picture
+from tests.depth_photographs import apple_xml, gdepth, heic, picture
 from tests.system.conftest import assert_refused, worker_here
 
 SIZES = {"lens_columns": 24, "lens_rows": 12, "pixel_pitch_mm": 0.125}
@@ -65,21 +65,6 @@ def test_a_photograph_needs_nothing_but_its_name(tmp_path, capsys):
     # The subject at the front; the wall, beyond the range, a backdrop at its end.
     np.testing.assert_allclose(rgbd.depth_mm[red], high, atol=0.01)
     np.testing.assert_allclose(rgbd.depth_mm[green], low, atol=0.01)
-
-
-@pytest.mark.parametrize("accuracy", ["relative", "absolute"])
-def test_intrinsics_photo_takes_the_file_s_own_camera(tmp_path, capsys, accuracy):
-    photo = tmp_path / "photo.jpg"
-    xml = apple_xml(accuracy=accuracy, camera=(200, 128, 96, 256, 192))
-    photo.write_bytes(apple_jpeg(picture(COLOR), picture(255 - CODES), xml))
-    words = (photo, "-o", tmp_path / "eia.png")
-    assert generate(*words, "--intrinsics", "photo") == EXIT_PASSED
-    angle = 2 * np.degrees(np.arctan(64 / 100))
-    own = line(capsys.readouterr().out, "picture")
-    assert f"unprojected ({angle:.3g} degrees" in own
-    # The same as if it had been typed.
-    assert generate(*words, "--intrinsics", "100,100,63.5,47.5") == EXIT_PASSED
-    assert line(capsys.readouterr().out, "picture") == own
 
 
 def folder_of(tmp_path: Path) -> Path:

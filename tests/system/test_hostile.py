@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import random
-import re
 import struct
 import tempfile
 import time
@@ -17,14 +16,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import OpenEXR
 import pytest
-from PIL import Image
 
-from inim.image.color import linear_from_srgb
 from inim.image.files.eia_file import read_eia
 from inim.image.files.image import read_exr, write_exr
 from inim.image.files.picture import read_texture
@@ -228,12 +224,6 @@ def test_a_material_is_a_name_and_not_a_path(tmp_path, material):
     scanned(tmp_path, body.format("TiO2-e_palik"))
     with pytest.raises(SceneError, match="is no material of Mitsuba"):
         scanned(tmp_path, body.format(material))
-
-
-def test_materials_are_part_of_the_digest_of_what_is_rendered(tmp_path):
-    body = '<bsdf type="conductor"><string name="material" value="{}"/></bsdf>'
-    digests = {scanned(tmp_path, body.format(name)).rendered_sha256 for name in ("Au", "Ag")}
-    assert len(digests) == 2
 
 
 # --- The scan reads as Mitsuba does -------------------------------------------------------------
@@ -446,66 +436,6 @@ def test_hdr_and_pfm_have_the_pixels_of_mitsuba(renderer, tmp_path, name, column
     mi.Bitmap(pixels).write(str(tmp_path / name))
     theirs = np.array(mi.Bitmap(str(tmp_path / name)))
     np.testing.assert_array_equal(read_texture(tmp_path / name), theirs)
-
-
-@pytest.mark.parametrize(
-    ("name", "mode", "options"),
-    [
-        ("a.bmp", "RGB", {}),
-        ("a.bmp", "P", {}),
-        ("a.tga", "RGB", {}),
-        ("a.tga", "RGBA", {"compression": "tga_rle"}),
-        ("a.tga", "L", {}),
-        ("a.ppm", "RGB", {}),
-        ("a.exr", "RGB", {}),
-    ],
-)
-def test_textures_in_every_format_show_the_same(tmp_path, open_fitted, name, mode, options):
-    """Equal to the PNG of the same pixels, which the renderer reads itself; palettes, too."""
-    pixels = np.random.default_rng(0).integers(0, 256, (5, 7, 3), np.uint8)
-    picture = Image.fromarray(pixels).quantize(8) if mode == "P" else Image.fromarray(pixels)
-    picture = picture.convert(mode)
-    picture.convert("L" if mode == "L" else "RGB").save(tmp_path / "a.png")
-    if name == "a.exr":
-        write_exr(tmp_path / name, linear_from_srgb(pixels / 255))
-    else:
-        picture.save(tmp_path / name, **options)
-    import mitsuba as mi
-
-    pictures = []
-    for file in ("a.png", name):
-        texture = TEXTURE.format(file).replace("<texture", '<texture name="reflectance"', 1)
-        bsdf = f'<bsdf type="diffuse">{texture}</bsdf>'
-        fitted = open_fitted(scene_text(f'<shape type="rectangle">{bsdf}</shape>'), small_display())
-        view = mi.render(fitted.scene, integrator=fitted.integrator, spp=4, seed=1)
-        pictures.append(np.asarray(view))
-    assert pictures[0].max() > 0.1
-    # A graphics card's texture units interpolate with weights of eight bits.
-    tolerance = 1 / 256 if mi.variant().startswith("cuda") else 1e-4
-    np.testing.assert_allclose(pictures[1], pictures[0], atol=tolerance)
-
-
-@pytest.mark.parametrize("wrapper", ["aov", "moment"])
-def test_an_integrator_that_wraps_another_is_unwrapped(tmp_path, open_fitted, wrapper):
-    """Twice, too; what is inside must give radiance as any other."""
-    aovs = '<string name="aovs" value="d:depth"/>' if wrapper == "aov" else ""
-    inside = '<integrator type="{}"><integer name="max_depth" value="3"/></integrator>'
-    wrapped = f'<integrator type="moment"><integrator type="{wrapper}">{aovs}{inside}</integrator>'
-
-    def opened(integrator: str) -> Any:
-        text = scene_text('<shape type="sphere"/>')
-        whole = re.sub('<integrator type="path">.*?</integrator>', integrator, text, flags=re.S)
-        return open_fitted(whole, small_display())
-
-    fitted = opened(wrapped.format("path") + "</integrator>")
-    assert "PathIntegrator" in str(fitted.integrator)
-    assert "max_depth = 3" in str(fitted.integrator)
-    for bad in ("depth", "ptracer"):
-        with pytest.raises(SceneError, match=f"{bad}.*gives no radiance"):
-            opened(wrapped.format(bad) + "</integrator>")
-    empty = '<integrator type="aov"><string name="aovs" value="d:depth"/></integrator>'
-    with pytest.raises(SceneError, match="'aov' gives no radiance"):
-        opened(empty)
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,7 @@ import pytest
 from PIL import Image
 
 from inim.cli.main import COMMANDS
-from inim.system.errors import EXIT_BACKEND, EXIT_PASSED, OutOfMemoryError
-from inim.system.process import machine
+from inim.system.errors import EXIT_BACKEND, EXIT_PASSED
 from tests.system.conftest import Ended, assert_one_line, run_child
 
 KINDS = {"ulimit -v": resource.RLIMIT_AS, "ulimit -d": resource.RLIMIT_DATA}
@@ -61,10 +60,6 @@ def test_small_limits_are_refused(kind, mib, tmp_path):
     assert_refused(run_limited(kind, mib, "inspect", "nominal", cwd=tmp_path), kind, mib)
 
 
-def test_help_needs_no_memory(tmp_path):
-    assert run_limited("ulimit -v", 50, "--help", cwd=tmp_path).code == EXIT_PASSED
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_command_works_with_the_limit_that_the_message_gives(kind, tmp_path):
@@ -80,25 +75,3 @@ def test_a_command_works_with_the_limit_that_the_message_gives(kind, tmp_path):
     assert generated.code == EXIT_PASSED, generated.stderr
     quilt = run_limited(kind, kib // 1024, "export", "eia.png", "--quilt", "q.png", cwd=tmp_path)
     assert quilt.code == EXIT_PASSED, quilt.stderr
-
-
-@pytest.mark.parametrize(
-    ("name", "size", "remedy"),
-    [
-        (machine._GROUP, 100 * 2**20, "provide more"),
-        (machine._MACHINE, 100 * 2**20, "provide more"),
-        ("ulimit -v", 2**30, "raise it: ulimit -v "),
-    ],
-)
-def test_the_limit_of_a_container_counts_and_more_threads_need_more(
-    monkeypatch, name, size, remedy
-):
-    monkeypatch.setattr(machine, "_memory_limits", lambda: {name: size})
-    with pytest.raises(OutOfMemoryError, match=f"^{name}: {size >> 20} MiB, below .*; {remedy}"):
-        machine.check_memory()
-    monkeypatch.setattr(machine, "_memory_limits", lambda: {name: 2 * 2**30})
-    machine.check_memory()
-    monkeypatch.setattr(machine, "cpu_count", lambda: 64)
-    if name == "ulimit -v":
-        with pytest.raises(OutOfMemoryError, match="on 64 processors"):
-            machine.check_memory()

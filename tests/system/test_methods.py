@@ -20,17 +20,11 @@ from PIL import Image
 import inim
 from inim.generators import SourceGenerator, algorithm_items
 from inim.image.color import srgb_from_linear
-from inim.image.files.image import read_exr, write_exr
-from inim.pipeline.job import setup
-from inim.pipeline.plan import Plan, make_plan
+from inim.image.files.image import read_exr
 from inim.pipeline.request import Request
-from inim.pipeline.stages.capture import DepthCamera
 from inim.pipeline.stages.generation import run_generator
-from inim.pipeline.stages.method import MethodSetup, parse_eias, parse_methods
-from inim.pipeline.stages.scene import Scene
-from inim.pipeline.stages.stage import Run as StageRun
-from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE, FileError, UsageError
-from inim.system.process.observer import Observer
+from inim.pipeline.stages.method import parse_eias, parse_methods
+from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE, UsageError
 from tests.conftest import small_display, square
 from tests.schemas import read_document
 from tests.system.conftest import (
@@ -173,50 +167,6 @@ def request(scene: Path, *eias: str, algorithms: str = "none") -> Request:
     )
 
 
-def task_of(plan: Plan, folder: Path) -> MethodSetup:
-    """Task that methods of a plan are given."""
-    _, renderer, _ = setup(plan, folder, Observer())
-    scene = Scene(plan.file, plan.display, plan.settings.fit_share, renderer)
-    return MethodSetup(DepthCamera(scene, 5, 2, 0), plan.optics, plan.viewpoints, 2, 2)
-
-
-@pytest.mark.parametrize(
-    ("name", "says"),
-    [
-        ("mine.tif", "not an EIA"),
-        ("text.png", "text.png: not a readable PNG"),
-        ("text.exr", "text.exr: not a readable EXR"),
-        ("cut.png", "cut.png: not a readable picture"),
-        ("cut.exr", "cut.exr: "),
-        ("jpeg.png", "jpeg.png: not a readable PNG"),
-        ("small.png", "small.png: has 9 x 7 pixels, display nominal, changed needs 136 x 102"),
-        ("small.exr", "small.exr: has 9 x 7 pixels, display nominal, changed needs 136 x 102"),
-    ],
-)
-def test_bad_file_is_refused_before_anything_is_rendered(tiny_scene, name, says):
-    folder = tiny_scene.parent
-    write_bad_files(folder, make_plan(request(tiny_scene)).display.eia_shape)
-    with pytest.raises(FileError) as caught:
-        plan = make_plan(request(tiny_scene, f"mine={folder / name}"))
-        plan.methods[0].prepare(task_of(plan, folder), StageRun())
-    assert says in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def write_bad_files(folder: Path, shape: tuple[int, int]) -> None:
-    for name in ("text.png", "text.exr", "mine.tif"):
-        (folder / name).write_text("no picture")
-    noise = np.random.default_rng(1).integers(0, 255, (*shape, 3), np.uint8)
-    Image.fromarray(noise).save(folder / "cut.png")
-    Image.fromarray(noise).save(folder / "jpeg.png", "JPEG")
-    write_exr(folder / "cut.exr", noise / np.float32(255))
-    for name in ("cut.png", "cut.exr"):
-        whole = (folder / name).read_bytes()
-        (folder / name).write_bytes(whole[: len(whole) // 2])
-    Image.fromarray(noise[:7, :9]).save(folder / "small.png")
-    write_exr(folder / "small.exr", noise[:7, :9] / np.float32(255))
-
-
 @pytest.mark.parametrize(
     ("algorithms", "eias", "says"),
     [
@@ -297,20 +247,6 @@ def test_pickup_is_a_ground_truth_of_its_own(evaluated):
     eia, truth = (read_exr(evaluated.out / p) for p in ("eia/pickup:spp=8.exr", "truth/eia.exr"))
     assert not np.array_equal(eia, truth)
     assert pickup["seconds"] > 0
-
-
-def test_holes_of_the_pickup_are_where_the_scene_is_not(tmp_path, run_inim):
-    """A square lit from the front casts no shadow on itself: what is black met nothing."""
-    scene = write_scene(tmp_path, square((0, 0, 0), 1, "0.8"))
-    words = ("-o", "out", "--algorithms", "pickup", "--viewpoints", "centre")
-    ended = run_inim(scene, *words, folder=tmp_path)
-    assert ended.code == EXIT_PASSED, ended.stderr
-    finished = Finished(ended, tmp_path / "out")
-    lit = read_exr(finished.out / "truth" / "eia.exr").max(axis=-1)
-    holes = finished.results["pickup"]["eia"]["hole_fraction"]
-    at_edges = float(((lit > 0) & (lit < 0.9 * lit.max())).mean())
-    assert 0.1 < holes < 0.9
-    assert abs(holes - (lit == 0).mean()) <= at_edges < 0.1
 
 
 # --- Generators of other packages ---------------------------------------------------------------

@@ -17,7 +17,7 @@ from inim.render.meshes.ply import write_ply
 from inim.render.meshes.triangle_mesh import Mesh, add_vertex_normals
 from inim.render.scene_files.new_scene import new_scene
 from inim.render.scene_files.relic_scene import STONE, scene_xml
-from inim.system.errors import FileError, UsageError
+from inim.system.errors import UsageError
 from tests.conftest import box_surface
 
 
@@ -140,17 +140,6 @@ def test_the_mesh_itself_is_never_overwritten(tmp_path):
     assert source.read_bytes() == before
 
 
-def test_a_failed_write_leaves_nothing(tmp_path, monkeypatch):
-    def full(path: Path, *_: object, **__: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    source = saved(tmp_path, box((1, 2, 3)))
-    monkeypatch.setattr(Path, "write_text", full)  # of the scene, after the meshes
-    with pytest.raises(FileError, match="No space left"):
-        new_scene(source, tmp_path / "out" / "a.xml", unit="mm", up="y")
-    assert list((tmp_path / "out").iterdir()) == []
-
-
 # --- Normals ------------------------------------------------------------------------------------
 
 
@@ -162,14 +151,6 @@ def test_box_keeps_its_edges_and_sphere_is_smooth():
     ball = add_vertex_normals(sphere())
     assert ball.normals is not None
     assert np.einsum("ij,ij->i", ball.normals, ball.vertices).min() > 0.995
-
-
-def test_a_soup_of_triangles_is_smoothed_as_one_surface():
-    ball = sphere()
-    soup = Mesh(ball.vertices[ball.faces.ravel()], np.arange(ball.faces.size).reshape(-1, 3))
-    normals = add_vertex_normals(soup).normals
-    assert normals is not None
-    assert np.einsum("ij,ij->i", normals, add_vertex_normals(soup).vertices).min() > 0.995
 
 
 # --- In Mitsuba ---------------------------------------------------------------------------------
@@ -232,29 +213,6 @@ def test_a_white_relic_is_not_clipped(tmp_path, mi, kind):
         np.array(views["white"]), max(STONE) * np.array(views["plaster"]), rtol=1e-2
     )
     assert views["dark"] == pytest.approx(views["plaster"], rel=1e-2)
-
-
-def quadrants(folder: Path) -> Path:
-    """An OBJ square whose picture is red and green above, blue and white below."""
-    pixels = np.zeros((64, 64, 3), np.uint8)
-    pixels[:32, :32, 0] = pixels[:32, 32:, 1] = pixels[32:, :32, 2] = 255
-    pixels[32:, 32:] = 255
-    folder.mkdir(exist_ok=True)
-    Image.fromarray(pixels).save(folder / "skin.png")
-    (folder / "a.mtl").write_text("newmtl skin\nmap_Kd skin.png\n")
-    text = "mtllib a.mtl\nv -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n"
-    (folder / "a.obj").write_text(text + "usemtl skin\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n")
-    return folder / "a.obj"
-
-
-def test_texture_is_the_right_way_up(tmp_path, mi):
-    source = quadrants(tmp_path / "given")
-    picture = render(mi, new_scene(source, tmp_path / "b.xml", unit="mm", up="y"), spp=4)
-    for row, column, channels in ((150, 150, [0]), (150, 360, [1]), (360, 150, [2])):
-        color = picture[row - 20 : row + 20, column - 20 : column + 20].mean(axis=(0, 1))
-        others = [c for c in range(3) if c not in channels]
-        # A dielectric's white highlight is the floor under the other channels.
-        assert color[channels].min() > 3 * color[others].max()
 
 
 # --- Command line -------------------------------------------------------------------------------

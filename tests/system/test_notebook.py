@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -56,23 +55,6 @@ def inside(tab: Tab, expression: str) -> Any:
     )
     assert "exceptionDetails" not in answer, answer["exceptionDetails"]
     return answer["result"].get("value")
-
-
-def test_virtual_display_is_live_in_the_frame(tab, report, tmp_path):
-    notebook(tab, report, tmp_path)
-    end = time.monotonic() + 60
-    while inside(tab, "document.getElementById('virtual-display-live').clientHeight") < 300:
-        assert time.monotonic() < end, inside(
-            tab, "document.getElementById('virtual-display-why').textContent"
-        )
-        time.sleep(0.1)
-    words = "document.querySelector('#virtual-display .readout').textContent"
-    inside(tab, "document.querySelector('button[data-viewpoint=\"1\"]').click()")
-    while "−20.0" not in inside(tab, words):
-        assert time.monotonic() < end, inside(tab, words)
-        time.sleep(0.1)
-    assert inside(tab, "document.getElementById('slider').clientHeight") > 300
-    assert tab.complaints == []
 
 
 def test_frame_reaches_nothing_of_the_notebook(tab, report, tmp_path):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS
-from inim.image.files.image import read_exr, write_png, write_rgbd
+from inim.image.files.image import write_png, write_rgbd
 from inim.image.rgbd import RGBD
 from inim.system.errors import EXIT_BACKEND
 from tests.system.conftest import Ended, assert_one_line, run_child, write_scene
@@ -65,17 +65,6 @@ def test_commands_without_a_worker_succeed(inim, tmp_path):
     commands = ("info,settings", "info,algorithms", "info,cache", small)
     ended = inim(*commands, "new-scene,ball.ply,--unit,mm,--up,y", code=RUN_EACH)
     assert ended.stderr.split() == ["0"] * 5
-
-
-def test_an_eia_is_generated_and_exported(inim, tmp_path):
-    np.save(tmp_path / "depth.npy", np.tile(np.linspace(300, 400, 64), (64, 1)))
-    small = ("-D", "inim.lens_columns=16", "-D", "inim.lens_rows=16")
-    words = ("color.png", "--depth", "depth.npy", "--depth-unit", "mm", *small)
-    ended = inim("generate", *words, "--orthographic", "--far-is-large", "-o", "eia.exr")
-    assert ended.code == 0, ended.stderr
-    assert np.ptp(read_exr(tmp_path / "eia.exr")) > 0.4
-    ended = inim("export", "eia.exr", "--views", "views", *small)
-    assert ended.code == 0, ended.stderr
 
 
 def test_commands_with_workers_name_the_required_platform(inim):

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from inim.image.files.image import read_exr
 from tests.schemas import read_document
@@ -97,16 +96,6 @@ def test_a_rerun_into_another_folder_renders_nothing_and_has_the_same_results(be
     assert lasting(warm) == lasting(cold)
     assert {p.name: p.read_bytes() for p in bench.out.rglob("*.png")} == pictures
     assert warm["timings"]["mitsuba_render"] == 0
-
-
-def test_a_finished_eia_is_read_again(cached_bench):
-    cached_bench.report()
-    eia = shutil.copy(cached_bench.out / "eia" / "template.png", cached_bench.folder / "mine.png")
-    words = ("--eia", f"mine={eia}")
-    before = cached_bench.report(*words)
-    Image.fromarray(255 - np.asarray(Image.open(eia).convert("RGB"))).save(eia)
-    after = cached_bench.report(*words)
-    assert after["algorithms"]["mine"]["views"] != before["algorithms"]["mine"]["views"]
 
 
 def test_everything_done_scores_the_same(cached_bench):

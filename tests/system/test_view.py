@@ -339,34 +339,6 @@ def test_two_eyes_see_the_panel_from_their_two_places(tab, tmp_path):
     assert tab.complaints == []
 
 
-MOTION = "prefers-reduced-motion"
-
-
-def test_the_eye_sways_until_a_key_or_a_touch_and_never_where_motion_is_unwanted(tab, page):
-    def let_move(expected: str) -> None:
-        motion = [{"name": MOTION, "value": expected}]
-        tab.send("Emulation.setEmulatedMedia", media="", features=motion)
-        tab.open(page)
-        assert tab.evaluate("inimDisplay.ready") is True
-        tab.middle("#virtual-display canvas")
-
-    for stop in (lambda: tab.key("Shift"), lambda: tab.click("#virtual-display h2")):
-        let_move("no-preference")
-        tab.until("inimDisplay.eye()[0] !== 0")
-        assert tab.evaluate("inimDisplay.state().isSwaying") is True
-        assert tab.evaluate("inimDisplay.state().isOutside") is False
-        stop()
-        assert tab.evaluate("inimDisplay.state().isSwaying") is False
-        before = eye(tab)
-        assert tab.evaluate("new Promise((r) => setTimeout(r, 400)).then(() => 1)") == 1
-        assert eye(tab) == before
-    let_move("reduce")
-    rest(tab)
-    assert tab.evaluate("inimDisplay.state().isSwaying") is False
-    assert eye(tab) == (0, 0, 180)
-    assert tab.complaints == []
-
-
 def assert_flip_limits(tab: Tab, display: Display) -> None:
     for z in (60.0, 150.0, 400.0):
         assert tab.evaluate(f"inimDisplay.flipLimit({z})") == pytest.approx(

@@ -85,26 +85,6 @@ def test_installed_package_is_preferred_and_its_libraries_are_loaded_by_their_fi
     assert backend.required_libraries(newer) == []
 
 
-@pytest.mark.skipif(
-    (sys.platform, os.uname().machine) != ("linux", "x86_64"), reason="a library for Linux, x86-64"
-)
-def test_own_libatomic_serves_where_the_system_has_none(monkeypatch):
-    monkeypatch.setattr(backend, "_system_has_libatomic", lambda: False)
-    (path,) = backend.required_libraries(None)
-    exchange = ctypes.CDLL(path)["__atomic_compare_exchange_16"]
-    exchange.argtypes = [ctypes.c_void_p] * 2 + [ctypes.c_uint64] * 2 + [ctypes.c_int] * 2
-    exchange.restype = ctypes.c_bool
-    memory = (ctypes.c_uint64 * 4)()
-    start = (-ctypes.addressof(memory)) % 16  # the instruction needs this alignment
-    place = (ctypes.c_uint64 * 2).from_buffer(memory, start)
-    place[:] = (1, 2)
-    expected = (ctypes.c_uint64 * 2)(1, 3)
-    assert not exchange(ctypes.addressof(place), ctypes.addressof(expected), 5, 6, 5, 5)
-    assert (list(place), list(expected)) == ([1, 2], [1, 2])
-    assert exchange(ctypes.addressof(place), ctypes.addressof(expected), 5, 6, 5, 5)
-    assert list(place) == [5, 6]
-
-
 def test_library_named_by_the_user_is_the_only_candidate(monkeypatch, tmp_path):
     library(tmp_path / "system/libLLVM.so.22.1", "22.1.8")
     named = library(tmp_path / "libLLVM.so.19.1", "19.1.7")

@@ -46,14 +46,6 @@ def test_slow_ones_run_less_and_say_so():
     assert bench.order.count("slower") == 2  # cold, then the one that counts
 
 
-def test_the_cold_start_is_no_run():
-    clock = iter([9.0, 1.0, 1.0, 2.0, 4.0])
-    bench = Bench({"a": 0.0})
-    bench._work = lambda name: setattr(bench, "now", bench.now + next(clock))
-    times = bench.run(Rounds(runs=2, warmups=2))["a"]
-    assert (times.cold_s, times.times_s) == (9.0, (2.0, 4.0))
-
-
 @pytest.mark.parametrize("wrong", [{"runs": 0}, {"warmups": 0}, {"runs": -1}])
 def test_nothing_is_timed_without_a_warm_up_and_a_run(wrong):
     with pytest.raises(UsageError, match=f"--{next(iter(wrong))}"):

@@ -10,8 +10,6 @@ from inim.image.files.image import read_exr, read_rgbd
 from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
-from inim.system.errors import OutOfMemoryError
-from inim.system.process import machine
 from tests.conftest import scene_text, small_display, sphere, square
 from tests.system.conftest import without_page
 
@@ -157,18 +155,6 @@ def test_columns_that_reach_the_back_are_the_template_s(open_fitted):
     assert (solid == expected)[~shows & (solid >= 0)].all()
 
 
-def test_shapes_through_each_other_are_one_solid(open_fitted):
-    text = scene_text(sphere((0, 0, 0), 4.0), sphere((0, 0, -5), 4.0))
-    fitted, layers = peeled(open_fitted, text)
-    x, y, depth = places(fitted, layers)
-    front = chord(x, y, (0, 0, 0), 4.0)[0]
-    back = chord(x, y, (0, 0, -5), 4.0)[1]
-    joined = np.hypot(x, y) < 3  # the spheres meet where both chords reach 2.5: r = 3.12
-    close(layers.front_mm[0], depth(front), joined)
-    close(layers.back_mm[0], depth(back), joined)
-    assert not layers.covered[1:, joined].any()
-
-
 def colours(open_fitted, text, spp=16, seed=1):
     from inim.render.ground_truth import capture_layers
 
@@ -261,17 +247,6 @@ def test_layers_are_captured_on_request_and_change_no_other_result(tmp_path):
     assert 0 < last <= float(behind.rstrip("%")) / 100 < rgbd.covered.mean(), "the wall"
     psnr = {name: row.eia["psnr_db"] for name, row in outcome.data.algorithms.items()}
     assert psnr["layered"] > psnr["template"] + 3
-
-
-def test_memory_is_planned_for_layers_where_one_wants_them(tmp_path, monkeypatch):
-    """A limit between what the two runs need refuses the one with layers, and says how to pass."""
-    scene = tmp_path / "scene.xml"
-    scene.write_text(around(sphere((0, 0, 0), 3.0)))
-    monkeypatch.setattr(machine, "memory_limit_bytes", lambda: 4 * 2**30)
-    fine = {"inim.capture_pixels_per_pitch": "16"}
-    make_plan(Request(scene, tmp_path, definitions=fine, algorithms=("template",)))
-    with pytest.raises(OutOfMemoryError, match="capture_pixels_per_pitch"):
-        make_plan(Request(scene, tmp_path, definitions=fine, algorithms=("layered",)))
 
 
 def test_surfaces_without_a_ray_of_the_display_are_left_out_and_counted(open_fitted):

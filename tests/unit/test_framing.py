@@ -78,17 +78,6 @@ def test_where_there_is_no_subject_all_depths_are_mapped(kind):
     assert framing.notes["subject"].startswith("none")
 
 
-def test_disparities_and_distances_are_framed_equally():
-    depth = box()
-    a, b = (
-        choose_framing(values(depth), 2.0),
-        choose_framing(values(1000 / depth, near_is_large=True), 2.0),
-    )
-    assert (a.rows, a.columns) == (b.rows, b.columns)
-    assert 1000 / b.near == pytest.approx(a.near, rel=1e-5)
-    assert 1000 / b.far == pytest.approx(a.far, rel=1e-5)
-
-
 def test_missing_depth_and_a_mirror_change_nothing():
     depth = box()
     depth[:40] = np.nan

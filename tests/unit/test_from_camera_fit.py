@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from inim.apps.own_picture.depth_values import DepthValues
-from inim.apps.own_picture.fit import Pinhole, depth_range, fit_picture, map_depth
-from inim.system.errors import UsageError
+from inim.apps.own_picture.fit import Pinhole, fit_picture, map_depth
 from tests.conftest import small_display
 
 FOCAL = 200.0
@@ -164,42 +163,6 @@ def test_reciprocal_map_keeps_proportions_and_clips_beyond_its_ratio():
     depth[:, :40] = 500.0
     picture = fitted(np.zeros((*SHAPE, 3), np.uint8), depth, None, "reciprocal", (500.0, 2000.0))
     assert picture.clipped == pytest.approx(1 / 4)
-
-
-def test_an_orthographic_picture_with_reciprocal_depth_keeps_a_plane_plane():
-    """1 / Z of a plane is affine in the pixel, and so is then z on the display."""
-    j, i = np.meshgrid(np.arange(160), np.arange(120))
-    inverse = (1 + 0.002 * (j - 79.5) + 0.001 * (i - 59.5)) / 1500
-    ends = (float(1 / inverse.max()), float(1 / inverse.min()))
-    picture = fitted(np.zeros((*SHAPE, 3), np.uint8), 1 / inverse, None, "reciprocal", ends)
-    x, y = cell_centres(picture.rgbd)
-    inside = (np.abs(x) < 11.7) & (np.abs(y) < 8.7)
-    design = np.stack([x[inside], y[inside], np.ones(inside.sum())], axis=1)
-    z = picture.rgbd.depth_mm[inside]
-    plane, *_ = np.linalg.lstsq(design, z, rcond=None)
-    assert np.ptp(z) > 5
-    np.testing.assert_allclose(design @ plane, z, atol=1e-4)
-
-
-def test_depths_beyond_the_range_are_clamped_or_left_out():
-    color, depth, _ = two_squares()
-    clipped = fitted(color, depth, ends=(1000.0, 1800.0), frame_at=1800.0)
-    dropped = fitted(color, depth, ends=(1000.0, 1800.0), frame_at=1800.0, drop=True)
-    share = (depth > 1800).mean()
-    assert clipped.clipped == dropped.clipped == pytest.approx(share)
-    wall = dropped.rgbd.covered & (dropped.rgbd.color[..., :2].max(axis=-1) < 0.9)
-    assert not wall.any()
-    assert clipped.empty < 0.2 < dropped.empty
-
-
-def test_the_range_passes_over_stray_pixels_unless_stated():
-    depth = np.full(SHAPE, 1000.0)
-    depth[60:] = 2000.0
-    depth[0, :20] = 65_000.0
-    assert depth_range(values(depth)) == (1000.0, 2000.0)
-    assert depth_range(values(depth), 900.0, 3000.0) == (900.0, 3000.0)
-    with pytest.raises(UsageError, match="--near 3000 --far 900"):
-        depth_range(values(depth), 3000.0, 900.0)
 
 
 def test_eq_4_as_printed_maps_in_front_of_the_displayable_depth_and_is_clipped_there():

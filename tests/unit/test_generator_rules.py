@@ -17,6 +17,7 @@ from inim.generators import (
     Algorithm,
     find_sources,
     generate,
+    hole_fraction,
     prepare,
 )
 from inim.image.color import srgb_from_linear
@@ -79,6 +80,14 @@ def ray_at(device: Display, z: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 # -- first hits ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("algorithm", ["template", "gu2020", "gu2020:step_mm=20.9"])
+def test_depth_equal_to_the_far_end_is_seen_below_it_is_not(algorithm):
+    device = display(depth_min_mm=4.0, depth_max_mm=8.0)
+    for depth, holes in ((np.float32(4.0), 0), (np.nextafter(np.float32(4.0), np.float32(0)), 1)):
+        rgbd = picture(np.full((40, 48), depth), 0.25)
+        assert hole_fraction(find_sources(rgbd, device, algorithm)) == holes
 
 
 def test_columns_that_end_are_nearer_to_the_truth_than_solid_ones():

@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-import trimesh
 from PIL import Image
 
 from inim.render.meshes.mesh import read_mesh
@@ -75,65 +74,7 @@ def test_texture_coordinates_are_transformed(tmp_path):
     np.testing.assert_allclose(mesh.uv, expected, rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("name", "command"),
-    [("EXT_meshopt_compression", "copy q.gltf"), ("KHR_texture_basisu", "ktxdecompress q.gltf")],
-)
-def test_an_unread_extension_names_the_converter(tmp_path, monkeypatch, name, command):
-    path = quantized(tmp_path, {}, extensionsRequired=[name])
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(FileError, match=f"{name}.*@gltf-transform/cli {command}"):
-        read_mesh(path.relative_to(tmp_path), pytest.fail)
-
-
-def colored(folder, texture=None, colors=None):
-    """A triangle with a material, vertex colours, and perhaps a texture, as GLB."""
-    material = trimesh.visual.material.PBRMaterial(
-        baseColorFactor=[255, 255, 255, 255], baseColorTexture=texture
-    )
-    mesh = trimesh.Trimesh(np.eye(3), [[0, 1, 2]], process=False)
-    mesh.visual = trimesh.visual.TextureVisuals(uv=np.eye(3)[:, :2], material=material)
-    mesh.visual.vertex_attributes["color"] = np.array(colors, np.uint8)
-    path = folder / "c.glb"
-    mesh.export(path)
-    assert b"COLOR_0" in path.read_bytes()
-    return path
-
-
 RGB = [[255, 0, 0, 255], [0, 255, 0, 255], [0, 0, 255, 255]]
-
-
-def test_vertex_colours_on_a_texture_are_left_out_with_a_warning_unless_white(tmp_path):
-    texture = Image.new("RGB", (8, 8), (200, 100, 50))
-    warnings = []
-    (mesh,) = read_mesh(colored(tmp_path, texture, RGB), warnings.append)
-    assert mesh.texture is not None and mesh.color is None
-    assert len(warnings) == 1 and "vertex colours would multiply its texture" in warnings[0]
-    assert read(colored(tmp_path, texture, [[255] * 4] * 3)).texture is not None
-
-
-def test_ply_with_texture_coordinates_of_its_faces(tmp_path):
-    """MeshLab writes such files, with the picture's name in a comment."""
-    pixels = np.zeros((8, 8, 3), np.uint8)
-    pixels[:4], pixels[4:] = (255, 0, 0), (0, 0, 255)
-    Image.fromarray(pixels).save(tmp_path / "t.png")
-    text = (
-        "ply\nformat ascii 1.0\ncomment TextureFile t.png\nelement vertex 4\nproperty float x\n"
-        "property float y\nproperty float z\nelement face 2\n"
-        "property list uchar int vertex_indices\nproperty list uchar float texcoord\nend_header\n"
-        "0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2 6 0 0 1 0 0 1\n3 0 1 3 6 .5 .5 1 0 0 1\n"
-    )
-    (tmp_path / "m.ply").write_text(text)
-    mesh = read(tmp_path / "m.ply")
-    assert (mesh.texture == pixels).all()
-    corners = [mesh.vertices[mesh.faces].tolist(), mesh.uv[mesh.faces].tolist()]
-    assert corners == [
-        [[[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 0], [1, 0, 0], [0, 0, 1]]],
-        [[[0, 0], [1, 0], [0, 1]], [[0.5, 0.5], [1, 0], [0, 1]]],
-    ]
-    (tmp_path / "m.ply").write_text(text.replace("t.png", "t.png\ncomment TextureFile u.png"))
-    with pytest.raises(FileError, match="2 pictures; open it in MeshLab"):
-        read_mesh(tmp_path / "m.ply")
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,10 @@ import pytest
 from msgspec.structs import asdict
 
 from inim.apps.inspect import findings, geometry
-from inim.apps.inspect.findings import Inspection, misalignments, usable_model
+from inim.apps.inspect.findings import Inspection, usable_model
 from inim.apps.inspect.geometry import (
     crosstalk_map,
     light_shares,
-    pixel_choice,
     viewing_limits,
     voxel_mm,
 )
@@ -59,25 +58,6 @@ def test_numbers_of_the_nominal_display_are_those_worked_out_by_hand(nominal):
     assert viewing.distance_mm == pytest.approx(2 * 31.5 * 6.6, rel=1e-12)
     assert viewing.flip_limit_x_mm == pytest.approx(31.5, rel=1e-12)
     assert viewing.flip_limit_x_deg == pytest.approx(math.degrees(math.atan(0.5 / 6.6)))
-
-
-def test_twice_the_pixels_give_twice_the_views_for_four_times_the_bytes():
-    single, double = pixel_choice(NOMINAL, 1), pixel_choice(NOMINAL, 2)
-    assert single.angular_step_deg == pytest.approx(math.degrees(math.atan(1 / 17 / 3.3)))
-    assert single.frame_mb == pytest.approx(1088 * 1088 * 3e-6)
-    assert (single.views_across, double.views_across) == pytest.approx((17, 34))
-    assert double.frame_mb == pytest.approx(4 * single.frame_mb)
-    # The formula's depth is what a display of such pixels says of itself.
-    assert double.depth_span_mm == pytest.approx(
-        NOMINAL.replace(pixel_pitch_mm=1 / 34).depth_span_mm
-    )
-
-
-def test_viewing_zone_begins_at_the_nearest_distance_and_widens_by_the_half_angle():
-    outline = zone_outline_mm(NOMINAL, 800.0)
-    z, half = np.array(outline).T
-    assert abs(z[0] - 207.9) < 800 / 201
-    assert half == pytest.approx((z - 207.9) / 6.6, abs=1e-9)
 
 
 def test_zone_of_lenses_aimed_at_an_eye_closes_again_behind_it():
@@ -278,14 +258,3 @@ def test_impossible_thick_lens_becomes_thin_unless_requested():
     with pytest.raises(UsageError, match="fresnel"):
         usable_model("fresnel", display)
     assert usable_model(None, NOMINAL) == ("thick", None)
-
-
-def test_misalignment_is_described_with_its_source():
-    design = NOMINAL.replace(shift_x_mm=-0.2)
-    real = design.replace(rotation_deg=0.5, gap_mm=3.2)
-    assert set(misalignments(design, real)) == {
-        "array moved 0.2 mm to the left (in the design)",
-        "array turned by 0.5° counter-clockwise (not in the design)",
-        "array 0.1 mm too close to the panel (not in the design)",
-    }
-    assert misalignments(NOMINAL, NOMINAL) == []

@@ -87,21 +87,6 @@ assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
     assert ended(code) == (0, "published raised ", "")
 
 
-def test_child_that_ignores_sigterm_is_killed():
-    code = """
-import subprocess
-from inim.system.process import python_process
-python_process._PATIENCE_S = 0.2
-ignores = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print(1, flush=True)"
-words = python_process.python_code(ignores + "; time.sleep(60)")
-child = subprocess.Popen(words, stdout=subprocess.PIPE)
-child.stdout.readline()
-python_process.end_process(child)
-say(str(child.returncode))
-"""
-    assert ended(code) == (0, "-9 ", "")
-
-
 def test_an_interrupt_in_a_callback_ends_the_program_too():
     """Python prints exceptions in callbacks, and goes on."""
     code = """

@@ -72,34 +72,6 @@ def test_an_impossible_lens_is_refused(changes, word):
         check_lens_model("thick", NOMINAL.replace(**changes))
 
 
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"conic": -4.0},
-        {"conic": 2.0},
-        {"asphere_a4": -0.1},
-        # Refused above for wider cells: the corner of a hexagon lies nearer than a square's.
-        {"focal_length_mm": 1.3, "gap_mm": 1.8, "lattice": "hexagonal"},
-        {"focal_length_mm": 1.1, "gap_mm": 1.8, "aperture": "round"},
-        {"focal_length_mm": 1.1, "gap_mm": 1.8, "fill_factor": 0.7},
-        {"focal_length_mm": 1.3, "gap_mm": 1.8, "pitch_y_mm": 0.6},
-    ],
-)
-def test_a_lens_that_can_be_ground_is_taken_and_fills_its_aperture(changes):
-    """No ray is lost inside an aperture: straight down its whole width light passes."""
-    display = NOMINAL.replace(**changes)
-    check_lens_model("thick", display)
-    half_x, half_y = display.pitch_mm / 2, display.row_pitch_mm / 2
-    shift = 0.25 if display.lattice == "hexagonal" else 0.0
-    x = np.linspace(-half_x, half_x, 101) * 0.999 * display.fill_factor
-    y = np.linspace(-half_y, half_y, 101) * 0.999 * display.fill_factor
-    x, y = np.meshgrid(x, y)
-    if display.aperture == "round":
-        x, y = x[x**2 + y**2 < half_x**2 * 0.998], y[x**2 + y**2 < half_x**2 * 0.998]
-    _, _, weight = trace_to_panel(display, "thick", x + 0.5 + shift, y + half_y, 0.0, 0.0)
-    assert (weight > 0.8).all()
-
-
 # -- the panel as a furnace --------------------------------------------------------------------
 
 

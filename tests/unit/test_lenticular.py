@@ -16,13 +16,11 @@ from PIL import Image
 from inim.apps.export.native import subpixel_views
 from inim.cli.main import main
 from inim.display import DISPLAYS, Viewpoint
-from inim.display.cells import CELL_PATTERNS
 from inim.display.lens import trace_to_panel
-from inim.display.looking_glass import CELL_MODES, LookingGlass, parse_calibration
+from inim.display.looking_glass import LookingGlass, parse_calibration
 from inim.display.pixels import SUBPIXELS, PixelOffset, pixel_rays, ray_starts
 from inim.display.viewpoint import check_viewpoint, parse_viewpoints, zone_eyes
 from inim.generators import find_sources
-from inim.image.files.image import write_rgbd
 from inim.image.rgbd import RGBD
 from inim.render.rays import pickup_rays
 from inim.render.reconstruct import reconstruct
@@ -244,29 +242,6 @@ def test_a_lenticular_has_defaults_of_its_own_that_a_scene_does_not_override(tmp
     assert settings.algorithms == "wang2024,template"
 
 
-def test_settings_override_a_file_and_disputed_patterns_can_be_chosen(tmp_path):
-    path = tmp_path / "visual.json"
-    path.write_text(json.dumps(THIRD))
-    assert display_of(path).cell_pattern == "columns"
-    changes = {"inim.cell_pattern": "rows-of-4", "inim.viewing_distance_mm": "900"}
-    display, settings = choose_display(path, changes)
-    assert display.cell_pattern == "rows-of-4"
-    assert display.layout.design_distance_mm == pytest.approx(900)
-    assert settings.viewing_distance_mm == 900
-
-
-def test_kinds_of_pixels_follow_their_patterns():
-    column, row = np.arange(4)[None, :], np.arange(4)[:, None]
-    kinds = {name: pattern(column, row).tolist() for name, pattern in CELL_PATTERNS.items()}
-    assert kinds["single"] == [[0] * 4] * 4
-    assert kinds["checkerboard"][:2] == [[0, 1, 0, 1], [1, 0, 1, 0]]
-    assert kinds["columns"] == [[0, 1, 0, 1]] * 4
-    assert [line[0] for line in kinds["rows"]] == [0, 1, 0, 1]
-    assert [line[3] for line in kinds["rows-of-4"]] == [0, 1, 2, 3]
-    assert kinds["staggered"][:2] == [[0, 2, 0, 2], [1, 3, 1, 3]]
-    assert set(CELL_MODES) | {"rows-of-4"} == set(CELL_PATTERNS)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -312,20 +287,6 @@ def test_a_damaged_file_is_refused_in_one_line(change, message, tmp_path, capsys
 def test_impossible_lenticulars_are_refused(changes, message):
     with pytest.raises(DisplayError, match=message):
         display_from(STRIPES).replace(**changes)
-
-
-def test_rays_of_a_tilted_panel_meet_the_same_eye_and_land_on_their_pixels():
-    display = display_from(THIRD).replace(tilt_x_deg=0.2, tilt_y_deg=-0.1, shift_y_mm=0.3)
-    offset = PixelOffset(Fraction(0), Fraction(0), 1)
-    rays = pixel_rays(display, slice(0, 108), offset)
-    assert np.ptp(rays.gap_mm) > 0.05
-    distance = display.layout.design_distance_mm
-    assert np.abs(rays.y0 + rays.slope_y * distance).max() < 1e-9
-    x, y, _, _ = ray_starts(display, slice(0, 108), offset)
-    assert np.abs(rays.x0 - rays.slope_x * rays.gap_mm - x).max() < 1e-12
-    landed = trace_to_panel(display, "pinhole", rays.x0, rays.y0, -rays.slope_x, -rays.slope_y)
-    assert np.abs(landed[0] - x).max() < 1e-9
-    assert np.abs(landed[1] - y).max() < 1e-9
 
 
 def refracted(d, normal, ratio):
@@ -432,21 +393,6 @@ def test_a_native_picture_takes_each_subpixel_from_its_view_of_a_quilt(document,
     assert main([*command, "--tiles", "8x6", "--pdf", "a.pdf"]) == 2
     with pytest.raises(UsageError, match="native pictures of quilts are for lenticular"):
         subpixel_views(DISPLAYS["nominal"], slice(0, 1))
-
-
-def test_an_rgbd_picture_becomes_a_native_picture_in_one_command(tmp_path, capsys):
-    path, out = tmp_path / "visual.json", tmp_path / "native.png"
-    path.write_text(json.dumps(THIRD))
-    display = display_of(path)
-    shape, pixel = display.capture_shape(4), display.capture_pixel_mm(4)
-    grey = np.full((*shape, 3), 0.25)
-    write_rgbd(tmp_path / "p.exr", RGBD(grey, np.zeros(shape), np.ones(shape, bool), pixel))
-    command = ["generate", str(tmp_path / "p.exr"), "--display", str(path), "-o", str(out)]
-    assert main(command) == 0
-    with Image.open(out) as picture:
-        assert np.ptp(np.asarray(picture)[10:-10, 10:-10, :3]) <= 1  # one grey, from all subpixels
-    assert main([*command, "-a", "li2012", "-D", "inim.tilt_x_deg=0.1"]) == 2
-    assert "use template or gu2020" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("document", [STRIPES, THIRD], ids=["stripes", "cells"])

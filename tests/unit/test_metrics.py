@@ -104,23 +104,6 @@ def test_announced_objects_must_be_metrics_of_that_name(announce, registered, wo
         metrics.all_metrics()
 
 
-@pytest.mark.parametrize(
-    ("wrong", "words"),
-    [
-        ({"name": "my_score"}, "lower-case letters and digits"),
-        ({"function": 3}, "its function"),
-        ({"tolerance": 0.0}, "its tolerance"),
-        ({"tolerance": math.nan}, "its tolerance"),
-        ({"better": "up"}, "'higher' or 'lower'"),
-        ({"range": (1.0, 0.0)}, "its range"),
-        ({"unit": "1/mm"}, "its unit"),
-    ],
-)
-def test_declaration_that_makes_no_sense_is_refused(wrong, words):
-    with pytest.raises(UsageError, match=f"^metric .*{words}"):
-        Metric(**{"name": "mine", "function": absolute, "tolerance": 0.01, **wrong})
-
-
 def halves(rng: np.random.Generator, image: np.ndarray, noise: float) -> NoisyImage:
     return NoisyImage.from_halves(
         *((image + rng.normal(0, noise, image.shape)).astype(np.float32) for _ in range(2))

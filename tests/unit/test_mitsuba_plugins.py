@@ -4,17 +4,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from inim.display import Viewpoint
 from inim.display.settings import plain_parameters
-from inim.image.color import to_srgb
-from inim.image.files.image import write_exr
 from inim.system.errors import SceneError
-from tests.conftest import no_cuda, small_display
+from tests.conftest import small_display
 
 ROOT = Path(__file__).parents[2]
-WHY_NO_CUDA = no_cuda()
 pytestmark = pytest.mark.usefixtures("renderer")
 
 DISPLAY = small_display(12, 10, pixels=8)
@@ -185,16 +181,6 @@ def test_a_rectangle_that_is_no_display_is_refused_at_first_use(scale, says):
         mi.load_dict(eye(world) | {"to_world": mi.ScalarTransform4f().scale(scale)})
 
 
-def test_a_display_needs_a_rectangle():
-    world = turned("as it is")
-    shape = panel(world) | {"type": "disk"}
-    with pytest.raises(RuntimeError) as raised:
-        rendered(loaded(panel=shape, eye=eye(world)), spp=1)
-    assert "stands on a 'rectangle' only" in str(raised.value.__cause__)
-    with pytest.raises(RuntimeError, match="has no to_world of its own"):
-        loaded(panel=panel(world, to_world=world))
-
-
 def test_the_pickup_is_the_true_eia_of_its_surroundings(open_fitted):
     """Squares in front of the array and behind it, by the bench's own camera and by the plugin."""
     import mitsuba as mi
@@ -249,28 +235,6 @@ XML = """
     </sensor>
 </scene>
 """
-NUMBERS = """<float name="pixel_pitch_mm" value="0.125"/><float name="gap_mm" value="$gap"/>
-    <integer name="lens_columns" value="12"/><integer name="lens_rows" value="10"/>"""
-
-
-@pytest.mark.parametrize("form", ["png", "exr"])
-def test_a_file_next_to_the_scene_is_shown(tmp_path, form):
-    import mitsuba as mi
-
-    from inim.render.reconstruct import reconstruct
-
-    if form == "png":
-        Image.fromarray(to_srgb(picture())).save(tmp_path / "eia.png")
-    else:
-        write_exr(tmp_path / "eia.exr", picture())
-    (tmp_path / "s.xml").write_text(XML.format(file=f"eia.{form}", numbers=NUMBERS))
-    image = rendered(mi.load_file(str(tmp_path / "s.xml")), spp=128)
-    view = reconstruct(picture(), DISPLAY, Viewpoint("e", 0, 0, 200, pupil_mm=3), "thin", spp=128)
-    assert np.abs(image - 2 * view).mean() < 0.02, "8 bits of a PNG, and noise"
-    with pytest.raises(RuntimeError, match=r"(?s)s\.xml \(line 8.*has 8 x 8 pixels.*needs 96 x 80"):
-        Image.fromarray(np.zeros((8, 8, 3), np.uint8)).save(tmp_path / "eia.png")
-        (tmp_path / "s.xml").write_text(XML.format(file="eia.png", numbers=NUMBERS))
-        mi.load_file(str(tmp_path / "s.xml"))
 
 
 def test_the_displayed_eia_can_be_changed():
@@ -383,35 +347,6 @@ def test_gradients_reach_the_eia(integrator):
     nudged[row, column, channel] += 0.5
     derivative = ((image_of(nudged) - image_of(picture())) * weights).sum() / 0.5
     assert adjoint[row, column, channel] == pytest.approx(derivative, rel=1e-3)
-
-
-@pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_spectral", "llvm_ad_mono"])
-def test_other_variants_are_refused_and_plugins_come_back(variant):
-    import mitsuba as mi
-
-    active = mi.variant()
-    try:
-        mi.set_variant(variant)
-        for plugin in ("inim_display", "inim_eye", "inim_pickup"):
-            with pytest.raises(
-                RuntimeError, match=f"{plugin}: works in the variants .* not in {variant}"
-            ):
-                mi.load_dict({"type": plugin})
-    finally:
-        mi.set_variant(active)
-    assert before(turned("as it is")).mean() > 0.2
-
-
-@pytest.mark.skipif(bool(WHY_NO_CUDA), reason=WHY_NO_CUDA)
-def test_cuda_shows_the_same():
-    import mitsuba as mi
-
-    active, expected = mi.variant(), before(turned("all"))
-    try:
-        mi.set_variant("cuda_ad_rgb")
-        assert np.abs(before(turned("all")) - expected).mean() < 1e-3
-    finally:
-        mi.set_variant(active)
 
 
 def test_scenes_leave_no_objects_behind():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from inim.display import DISPLAYS, Viewpoint
-from inim.display.panel import emitted_picture, panel_words, seen_light, white_of
+from inim.display.panel import emitted_picture, seen_light, white_of
 from inim.image.color import srgb_from_linear
 from inim.pipeline.stages.reconstruction import DisplayedEIA, Optics
 from inim.pipeline.stages.scene import Renderer
@@ -21,13 +21,6 @@ EYE = Viewpoint("eye", 3.0, 2.0, 150.0)
 
 def picture(shape, seed=1):
     return np.random.default_rng(seed).random((*shape, 3), np.float32)
-
-
-def test_ideal_panel_changes_nothing():
-    image = picture((4, 5))
-    assert emitted_picture(image, NOMINAL) is image
-    assert seen_light(image, NOMINAL) is image
-    assert panel_words(NOMINAL) == []
 
 
 def test_contrast_is_that_of_the_black_level():
@@ -109,11 +102,3 @@ def test_view_of_a_black_picture_is_as_bright_as_black_level_and_room(renderer):
     )
     assert view[10:14, 14:18].mean() == pytest.approx(0.011, rel=0.01)
     assert srgb_from_linear(view).min() >= srgb_from_linear(np.array(0.01))
-
-
-def test_views_with_their_own_black_are_scored_without_another():
-    viewings = [
-        Optics(NOMINAL.replace(**changes), "thick", 4, 8, 0).viewing_conditions(EYE, 300.0)
-        for changes in ({}, {"black_level": 0.002}, {"ambient_reflection": 0.01})
-    ]
-    assert [viewing.contrast for viewing in viewings] == [1000, math.inf, math.inf]

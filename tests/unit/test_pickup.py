@@ -18,7 +18,7 @@ from inim.display import DISPLAYS
 from inim.display.pixels import pixel_rays
 from inim.image.files.eia_file import read_eia
 from inim.render.scene_files.file import choose_display
-from inim.system.errors import FileError, UsageError
+from inim.system.errors import UsageError
 
 ROW_RATIO = {"square": 1.0, "hexagonal": math.sqrt(3) / 2}
 OVERSAMPLING = 3
@@ -111,27 +111,6 @@ def test_a_turned_array_is_not_one_of_smaller_cells(kind, pitch, rotation):
     period = {"square": 90, "hexagonal": 60}[kind]
     error = (lattice.rotation_deg.value - rotation + period / 2) % period - period / 2
     assert abs(error) < 2 * lattice.rotation_deg.half_width
-
-
-def test_seams_of_a_scene_give_its_lattice():
-    """A texture behind pinholes, at a distance where it repeats every 1.08 pitches."""
-    rng = np.random.default_rng(0)
-    shape, pitch, rotation, centre = (400, 420), 20.0, 0.4, np.array([208.0, 203.0])
-    cell_x, cell_y, right, down = offsets("square", shape, pitch, rotation, centre)
-    texture = np.kron(rng.uniform(0.1, 1, (40, 40)), np.ones((10, 10)))
-    scale = 12.5  # distance over gap
-    column, row = (
-        np.clip((cell - offset * scale) / 5 + 200, 0, 399).astype(int)
-        for cell, offset in ((cell_x, right), (cell_y, down))
-    )
-    seam = np.maximum(np.abs(right), np.abs(down)) > 0.46 * pitch
-    light = np.where(seam, 0.03, texture[row, column])
-    light = light.reshape(shape[0], OVERSAMPLING, shape[1], OVERSAMPLING).mean(axis=(1, 3))
-    lattice = find_lattice(light, "scene", about_px=20.3)
-    assert abs(lattice.pitch_px.value - pitch) < lattice.pitch_px.half_width < 0.01 * pitch
-    assert abs(lattice.rotation_deg.value - rotation) < lattice.rotation_deg.half_width
-    with pytest.raises(FileError, match="scene: no lattice"):
-        find_lattice(light, "scene", about_px=15.0)
 
 
 @pytest.mark.parametrize("kind", ["square", "hexagonal"])

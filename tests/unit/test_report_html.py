@@ -15,10 +15,7 @@ from PIL import Image
 from skimage.metrics import structural_similarity
 
 from inim.display import DISPLAYS
-from inim.image.files.image import read_rgbd, write_rgbd
-from inim.image.rgbd import RGBD
 from inim.report import sections as report_html
-from inim.report.diagram import column_depths
 from inim.report.page import package_text
 from inim.report.sections import all_sections
 from inim.report.sections.views import COMPARISON_SLIDER
@@ -301,28 +298,6 @@ def test_page_too_large_is_built_again_with_smaller_pictures(folder, monkeypatch
     page = render_html(data, folder)
     assert len(page.encode()) < limit
     assert page.count("data:image/webp") >= 10
-
-
-def depth_step(folder: Path, near_mm: float) -> dict[str, Any]:
-    """A report whose relic is a step: its left half at 20 mm, its right half at `near_mm`."""
-    depth = np.full((40, 40), 20.0, np.float32)
-    depth[:, 20:] = near_mm
-    covered = np.zeros((40, 40), bool)
-    covered[10:30, 10:30] = True
-    write_rgbd(folder / "rgbd.exr", RGBD(np.ones((40, 40, 3)), depth, covered, 2.0))
-    data = report(ALGORITHMS)
-    data["rgbd"] |= {"depth_min_mm": 20.0, "depth_max_mm": near_mm}
-    return data
-
-
-def test_depth_profile_has_the_nearer_half_to_the_right(folder):
-    depth_step(folder, 40.0)
-    x, far, near = column_depths(read_rgbd(folder / "rgbd.exr"))
-    covered = np.isfinite(far)
-    assert covered.sum() == 20
-    assert x[covered] == pytest.approx(2 * (np.arange(20) - 9.5))
-    assert far[covered] == pytest.approx([20.0] * 10 + [40.0] * 10)
-    assert near[covered] == pytest.approx(far[covered])
 
 
 # --- Time against error, what was skipped -------------------------------------------------------

@@ -4,7 +4,6 @@ Expected: a short summary, safe to paste into a comment; a JUnit case for each c
 whenever the run is.
 """
 
-import math
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ import pytest
 from inim.report import Report
 from inim.report.document import ReportDocument
 from inim.report.labels import (
-    number,
     suggested_criteria,
     verdict_words,
 )
@@ -101,15 +99,6 @@ def test_hostile_names_neither_format_nor_break_the_table():
     assert len(bars) == 1
 
 
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [(0.97314, "0.9731"), (-0.5, "−0.5000"), (None, "–"), (math.nan, "–"), (math.inf, "∞"),
-     (-math.inf, "−∞"), (1, "1.0000")],
-)  # fmt: skip
-def test_numbers_have_fixed_digits_and_gaps_are_dashes(value, text):
-    assert number(value, 4) == text
-
-
 def test_verdict_fails_with_any_check_that_failed():
     assert report().verdict.word == "passed"
     with pytest.raises(ValueError, match="one of the checks failed"):
@@ -136,18 +125,6 @@ def test_run_without_criteria_ran_clean_and_suggests_some():
 def test_comparison_with_a_baseline_is_a_criterion():
     compared = [check(kind="score", criterion=False)]
     assert report(verdict={"passed": True, "checks": compared}).verdict.word == "passed"
-
-
-def test_best_algorithm_has_the_highest_mean_over_all_viewpoints():
-    def run(*values: float | None) -> dict[str, Any]:
-        names = ("centre", "left")
-        views = {n: {"ssim_on_relic_to_reference": v} for n, v in zip(names, values, strict=True)}
-        return {"views": views}
-
-    algorithms = {"a": run(0.9, 0.8), "b": run(0.89, 0.9), "c": run(0.99, None), "d": {}}
-    assert report(algorithms=algorithms).best_algorithm == "b"
-    assert report(algorithms={}).best_algorithm is None
-    assert report(algorithms={"d": {}}).best_algorithm is None
 
 
 # -- JUnit -----------------------------------------------------------------------------------------

@@ -20,8 +20,7 @@ from inim.display import DISPLAYS, Display, Viewpoint
 from inim.display.settings import Settings
 from inim.pipeline import launch
 from inim.pipeline.plan import Plan, conditions_of, make_plan
-from inim.system.errors import FileError, InimError, UsageError
-from inim.system.plugins import PluginModule
+from inim.system.errors import FileError, InimError
 from tests.conftest import scene_text, sphere
 
 
@@ -252,20 +251,3 @@ def test_dictionaries_and_meshes_become_scenes_next_to_the_report(scene, plans, 
     Path("out-scene", plan.request.scene.name).symlink_to("mine.txt")
     with pytest.raises(FileError, match="is in the way"):
         inim.validate(source or box, "out", new_scene=options)
-
-
-def test_modules_of_plugins_are_found_by_name_and_identified_by_their_code(tmp_path, monkeypatch):
-    monkeypatch.syspath_prepend(tmp_path)
-    package = tmp_path / "own_paints"
-    package.mkdir()
-    (package / "__init__.py").write_text("")
-    (package / "red.py").write_text("COLOR = 'red'")
-    before = PluginModule.of("own_paints.red")
-    assert (before.text, before.file) == ("own_paints.red", package / "__init__.py")
-    (package / "red.py").write_text("COLOR = 'dark red'")
-    assert PluginModule.of("own_paints.red") != before
-    with pytest.raises(FileError, match="was saved while"):
-        before.load()
-    (tmp_path / "numpy.py").write_text("")
-    with pytest.raises(UsageError, match="another module has this name"):
-        PluginModule.of(str(tmp_path / "numpy.py")).load()

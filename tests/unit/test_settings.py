@@ -17,12 +17,6 @@ def scene(tmp_path, body, name="s.xml"):
     return path
 
 
-def test_the_command_line_wins_over_the_file(tmp_path):
-    path = scene(tmp_path, '<default name="inim.pitch_mm" value="2"/>')
-    assert read_scene_file(path).settings == {"inim.pitch_mm": "2"}
-    assert read_scene_file(path, {"inim.pitch_mm": "3"}).settings == {"inim.pitch_mm": "3"}
-
-
 def test_only_parameters_that_the_scene_uses_reach_the_renderer(tmp_path):
     body = """<default name="inim.pitch_mm" value="2"/><default name="spp" value="4"/>
         <default name="inim.seed" value="1"/><integer name="a" value="$spp"/>
@@ -68,12 +62,6 @@ def test_the_hash_follows_contents_not_names(tmp_path):
     assert first != read_scene_file(scene(tmp_path, mesh)).sha256
 
 
-def test_includes_are_scanned_too(tmp_path):
-    scene(tmp_path, '<default name="inim.seed" value="7"/>', "part.xml")
-    scene_file = read_scene_file(scene(tmp_path, '<include filename="part.xml"/>'))
-    assert scene_file.settings == {"inim.seed": "7"}
-
-
 DISPLAY = small_display(12, 10)
 
 
@@ -97,11 +85,6 @@ def test_lenses_are_counted_from_a_panel_that_is_given():
     assert fixed.panel_excess_mm[0] == pytest.approx(152 * 1.2 - 2340 * 0.0629)
     (warning,) = lenses_beside_panel(fixed)
     assert "set lens_columns to 122 and lens_rows to 56" in warning
-
-
-@pytest.mark.parametrize("name", list(DISPLAYS))
-def test_presets_fit_their_panels(name):
-    assert lenses_beside_panel(DISPLAYS[name]) == []
 
 
 def test_a_picture_may_have_the_pixel_of_eq_3():

@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from PIL import Image
 
 from inim.display import Display
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.report.images import ENCODINGS, ReportImages
 from inim.report.page import package_text
-from inim.report.virtual_display import LIVE, Panel, embed_panels, still_view
+from inim.report.virtual_display import LIVE, still_view
 from tests.conftest import small_display
 from tests.unit.test_report_html import Page, noise, render_html, report, save
 
@@ -74,30 +73,6 @@ def test_only_the_display_s_own_script_may_run(tmp_path):
 
 
 IMAGES = ReportImages(Path(), ENCODINGS[0])
-PANELS = [Panel(f"{i}", noise(i, 64)) for i in range(4)]
-
-
-@pytest.mark.parametrize(
-    ("share", "names", "left_out", "exact"),
-    [
-        (4.1, ["0", "1", "2", "3"], [], True),
-        (3.1, ["0", "1", "2"], ["3"], True),
-        (2.1, ["0", "1"], ["2", "3"], True),
-        (1.9, ["0", "1"], ["2", "3"], False),
-        (0.2, [], ["0", "1", "2", "3"], None),
-    ],
-)
-def test_the_most_important_panels_are_embedded_while_there_is_room(share, names, left_out, exact):
-    size = len(embed_panels(PANELS[:1], 10**9, IMAGES)[0][0].source)
-    embedded, missing = embed_panels(PANELS, int(share * size), IMAGES)
-    assert [e.name for e in embedded] == names
-    assert missing == left_out
-    assert all(e.is_exact is exact for e in embedded)
-    assert sum(len(e.source) for e in embedded) <= share * size
-    for e in embedded:
-        difference = picture(e.source).astype(int) - noise(int(e.name), 64)
-        assert bool(difference.any()) is not exact
-        assert abs(difference).mean() < 6
 
 
 def panel_of_places(display: Display) -> np.ndarray:
