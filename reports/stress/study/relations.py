@@ -35,8 +35,8 @@ def run_relations(find: Show = find_sources, show: Show = algorithm_output) -> l
     """Check the relations of layers with the sources of `find`, and that of types with `show`."""
     pairs = [(relation, _LAYERED, find) for relation in LAYER_RELATIONS]
     return [
-        check_relation(relation, algorithm, show=shown, exact=True, doubt=lambda *_: 0)
-        for relation, algorithm, shown in (*pairs, (_TYPES, "template", show))
+        check_relation(relation, algorithm, show=output, exact=True, doubt=lambda *_: 0)
+        for relation, algorithm, output in (*pairs, (_TYPES, "template", show))
     ]
 
 
