@@ -96,12 +96,12 @@ def _reader(module: str, *names: str, more: tuple[object, ...] = ()) -> Read:
     return read_path
 
 
-_eia = _reader("files.eia_file", "read_eia", more=(DISPLAY,))
-_rgbd = _reader("files.image", "read_exr", "read_rgbd")
-_depth = _reader("from_camera.picture_files", "read_depth")
-_color = _reader("from_camera.picture_files", "read_color")
-_photo = _reader("from_camera.depth_photo", "read_depth_photo")
-_read_study = _reader("sweeps.study", "read_study")
+_eia = _reader("image.files.eia_file", "read_eia", more=(DISPLAY,))
+_rgbd = _reader("image.files.image", "read_exr", "read_rgbd")
+_depth = _reader("apps.own_picture.picture_files", "read_depth")
+_color = _reader("apps.own_picture.picture_files", "read_color")
+_photo = _reader("apps.own_picture.depth_photo", "read_depth_photo")
+_read_study = _reader("apps.sweep.study", "read_study")
 
 
 class EndedError(InimError):
