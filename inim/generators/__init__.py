@@ -1,7 +1,8 @@
 """Generators: from one RGB-D picture to an elemental image array.
 
 An algorithm is one file in this folder, or a function registered by another package; see
-`inim.generators.registry`. Their common part, rays through a picture's cells, is
+`inim.generators.registry`. It finds the sources of rays; samples, colours, fill and mask are steps
+of all algorithms (`inim.generators.steps`). The engine of exact first hits is
 `inim.generators.raycast`.
 """
 
@@ -9,7 +10,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,40 +22,34 @@ from inim.generators.base import (
     MOST_OUTSIDE,
     NO_LENS,
     Generator,
-    Masked,
-    MaskedSources,
+    PanelRays,
     PictureShape,
+    RaySearch,
+    SourceFinder,
     SourceGenerator,
     Sources,
     check_mask,
     colour_of,
+    each_ray,
     hole_fraction,
     outside_depth_range,
     outside_depth_text,
 )
+from inim.generators.options import COLOURS, FILLS, CommonOptions, choice, option
 from inim.generators.registry import (
-    COLOUR,
-    COLOURS,
     DEFAULT,
-    FILL,
-    FILLS,
-    MASK,
     OPTIMAL,
     PICKUP,
     SCENE_ALGORITHMS,
     Algorithm,
-    AlgorithmProperties,
     algorithm,
     algorithm_items,
     algorithm_names,
     algorithm_summary,
-    check_algorithm,
     find_algorithm,
-    foreign_errors,
     is_own,
-    one_of,
     parse_algorithm,
-    properties,
+    split_algorithm,
 )
 from inim.image.rgbd import RGBD, CameraRGBDs
 from inim.render.scene_files.file import display_of
@@ -72,34 +66,38 @@ __all__ = [
     "PICKUP",
     "SCENE_ALGORITHMS",
     "Algorithm",
-    "AlgorithmProperties",
+    "CommonOptions",
     "Generator",
+    "PanelRays",
+    "RaySearch",
+    "SourceFinder",
     "SourceGenerator",
     "Sources",
     "algorithm",
     "algorithm_items",
     "algorithm_names",
     "algorithm_summary",
-    "check_algorithm",
+    "choice",
     "colour_of",
+    "each_ray",
     "find_algorithm",
     "find_sources",
-    "foreign_errors",
     "generate",
     "hole_fraction",
     "is_own",
     "merge_cameras",
     "merge_colourings",
+    "option",
     "parse_algorithm",
     "prepare",
-    "properties",
+    "split_algorithm",
     "warp_to_viewpoint",
 ]
 
 
 def prepare(
     display: Display | str | Path,
-    algorithm: str = DEFAULT,
+    algorithm: str | Algorithm = DEFAULT,
     *,
     shape: PictureShape,
     pixel_mm: float,
@@ -112,7 +110,7 @@ def prepare(
     ----------
     display : Display, str or Path
         A display, the name of a preset, or a display file.
-    algorithm : str
+    algorithm : str or Algorithm
         One of `algorithm_names`, optionally with options: ``"template:samples=4"``.
     shape : (rows, columns)
         Size of the pictures.
@@ -120,13 +118,9 @@ def prepare(
         Width of their pixels.
     mask : (rows, columns) bool, optional
         Panel pixels to generate. They have the same bits as without a mask; the others are
-        black, with alpha 0, and `MASKED` among sources. Algorithms that accept a mask compute
-        these pixels only (`properties`: ``takes_mask``); others run in full.
+        black, with alpha 0, and `MASKED` among sources.
     **options
-        Options of the algorithm, see its module. All algorithms that report their sources also have
-        two options that do not change the sources: ``colour``, "nearest", "linear", "averaged" or
-        "smooth", the colour of a ray (`inim.generators.raycast.colour`); and ``fill``, "none",
-        "hidden", "all" or "auto", the filling of holes (`inim.generators.raycast.fill`).
+        Options of the algorithm, see its module, and those of all algorithms (`CommonOptions`).
 
     Raises
     ------
@@ -134,33 +128,14 @@ def prepare(
         Unknown algorithm or option, an invalid value of an option, or a mask of another size than
         the panel.
     """
+    from inim.generators.steps import make_generator
+
     display = display_of(display)
-    name, option_text = parse_algorithm(algorithm)
-    definition = find_algorithm(name)
-    merged = {**option_text, **options}
-    definition.check_options(merged)
-    defaults = definition.properties({})
-    fill, colour = "none", "nearest"
-    if not definition.has_option(COLOUR):
-        colour = one_of(COLOUR, merged.pop(COLOUR, defaults.colour), COLOURS)
-    if not definition.has_option(FILL):
-        # The plain form shows its sources only.
-        default = "none" if colour == "nearest" else defaults.fill
-        fill = one_of(FILL, merged.pop(FILL, default), FILLS)
+    chosen = parse_algorithm(algorithm, **options)
     if mask is not None:
         check_mask(mask, display)
     _check_size(display, shape, pixel_mm)
-    request = _Preparation(
-        definition, display, (shape[0], shape[1]), float(pixel_mm), colour, merged, mask
-    )
-    if fill != "auto":
-        return request.prepare(fill)
-    generator = request.prepare("none")
-    if not (isinstance(generator, SourceGenerator) and display.is_separable):
-        return generator
-    from inim.generators.raycast.fill import FilledFrames
-
-    return FilledFrames(generator, lambda: request.prepare("hidden"))
+    return make_generator(chosen, display, (shape[0], shape[1]), float(pixel_mm), mask)
 
 
 def _check_size(display: Display, shape: PictureShape, pixel_mm: float) -> None:
@@ -196,68 +171,6 @@ def _check_size(display: Display, shape: PictureShape, pixel_mm: float) -> None:
 _EIA_BYTES = 16
 
 
-@dataclass(frozen=True)
-class _Preparation:
-    """Preparation of a generator whose options are parsed."""
-
-    definition: Algorithm
-    display: Display
-    shape: PictureShape
-    pixel_mm: float
-    colour: str
-    options: dict[str, Any]
-    mask: np.ndarray | None
-
-    def prepare(self, fill: str) -> Generator:
-        """Generator with one kind of fill, "none", "hidden" or "all"."""
-        if fill == "none" and self.definition.takes_mask and self.mask is not None:
-            return self._coloured(**{MASK: self.mask})
-        generator = self._coloured()
-        if fill != "none":
-            from inim.generators.raycast.fill import Filled, continued_shape
-
-            leave_holes = {"leave_holes": True} if self.definition.leaves_holes else {}
-            shape = continued_shape(self.display, self.shape, self.pixel_mm)
-            with_holes = replace(self, shape=shape)._coloured(**leave_holes)
-            generator = Filled(
-                self._with_sources(generator, FILL), fill, self._with_sources(with_holes, FILL)
-            )
-        if self.mask is None:
-            return generator
-        # The source of a fill may be outside the mask.
-        if isinstance(generator, SourceGenerator):
-            return MaskedSources(generator, self.mask)
-        return Masked(generator, self.mask)
-
-    def _coloured(self, **arguments: Any) -> Generator:
-        """Generator without a fill."""
-        generator = self.definition.prepare(
-            self.display, self.shape, self.pixel_mm, **self.options, **arguments
-        )
-        if not isinstance(generator, Generator):
-            raise UsageError(
-                f"algorithm {self.definition.name!r} returned a {type(generator).__name__}, which "
-                "cannot generate"
-            )
-        if self.colour == "nearest":
-            return generator
-        from inim.generators.raycast.colour import ColouredRays
-
-        source_generator = self._with_sources(generator, COLOUR)
-        return ColouredRays(
-            source_generator.rays(), lambda: source_generator, self.display, self.shape,
-            self.pixel_mm, colour=self.colour, reads=self.definition.properties({}).reads,
-        )  # fmt: skip
-
-    def _with_sources(self, generator: Generator, option: str) -> SourceGenerator:
-        """The generator, or `UsageError` if it does not report the sources that an option needs."""
-        if not isinstance(generator, SourceGenerator):
-            raise UsageError(
-                f"algorithm {self.definition.name!r} does not report its sources; omit {option}"
-            )
-        return generator
-
-
 def _check_picture(rgbd: RGBD, display: Display) -> None:
     """Raise for an invalid picture or colours that are not finite; warn about depths in another
     unit.
@@ -278,7 +191,7 @@ def _check_picture(rgbd: RGBD, display: Display) -> None:
 
 
 def find_sources(
-    rgbd: RGBD, display: Display | str | Path, algorithm: str = DEFAULT, **options: Any
+    rgbd: RGBD, display: Display | str | Path, algorithm: str | Algorithm = DEFAULT, **options: Any
 ) -> Sources:
     """Find the picture pixel that each panel pixel shows at its centre.
 
@@ -303,14 +216,14 @@ def find_sources(
     """
     generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, **options)
     if not isinstance(generator, SourceGenerator):
-        raise UsageError(f"algorithm {algorithm!r} does not report its sources")
+        raise UsageError(f"algorithm {str(algorithm)!r} does not report its sources")
     return generator.sources(rgbd)
 
 
 def generate(
     rgbd: RGBD | CameraRGBDs,
     display: Display | str | Path,
-    algorithm: str = DEFAULT,
+    algorithm: str | Algorithm = DEFAULT,
     *,
     out: np.ndarray | None = None,
     **options: Any,
@@ -326,12 +239,12 @@ def generate(
         their surfaces.
     display : Display, str or Path
         A display, the name of a preset, or a display file.
-    algorithm : str
+    algorithm : str or Algorithm
         One of `algorithm_names`, optionally with options: ``"template:samples=4"``.
     out : array, optional
         Array for the result.
     **options
-        Options of the algorithm, and ``fill``; see `prepare`.
+        Options of the algorithm; see `prepare`.
 
     Returns
     -------

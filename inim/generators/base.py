@@ -1,18 +1,14 @@
-"""Base classes of generators: prepared once for a display, then applied to RGB-D pictures.
+"""Rays of a panel, the sources that they have in a picture, and the interface of generators.
 
-Most generators report, for each panel pixel, the picture pixel that it shows: a source map
-(`Sources`).
-
-With a mask, for example of the pixels that a few viewpoints observe, only those panel pixels are
-generated. Some generators take it (`SourceGenerator.mask`) and skip the other pixels. The others
-run in full, and `Masked` sets the remaining pixels to black. Both give the same bits, because each
-pixel depends only on its own ray and the picture.
+Most algorithms find, for each panel pixel, the picture pixel that it shows: a source map
+(`Sources`). `inim.generators.steps` makes elemental image arrays from sources.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from types import FunctionType
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -21,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.display import Display
-from inim.display.pixels import CENTRE, PixelOffset
+from inim.display.pixels import PixelOffset
 from inim.image.rgbd import RGBD
 from inim.system.errors import UsageError
 from inim.system.row_bands import row_bands
@@ -56,16 +52,20 @@ def colour_of(sources: Sources, rgbd: RGBD, out: np.ndarray | None = None) -> np
     nowhere = len(palette) - 1
     for band in row_bands(sources.shape[0], sources.shape[1], _PIXELS_AT_ONCE):
         band_sources = sources[band]
-        if band_sources.max(initial=HOLE) >= nowhere:
-            raise UsageError(
-                f"a source is {band_sources.max()}; this picture has 0 to {nowhere - 1}, and "
-                f"{NO_LENS} and "
-                f"{HOLE} mean none"
-            )
+        check_range(band_sources, nowhere)
         index = np.where(band_sources >= 0, band_sources, nowhere)
         # Not "raise", by which all of the output would be written twice.
         np.take(palette, index, axis=0, out=out[band], mode="clip")
     return out
+
+
+def check_range(sources: Sources, pixels: int) -> None:
+    """Raise `UsageError` unless sources are among the pixels of a picture, or negative."""
+    if sources.max(initial=HOLE) >= pixels:
+        raise UsageError(
+            f"a source is {sources.max()}; this picture has 0 to {pixels - 1}, and {NO_LENS} and "
+            f"{HOLE} mean none"
+        )
 
 
 def hole_fraction(sources: Sources) -> float:
@@ -74,8 +74,6 @@ def hole_fraction(sources: Sources) -> float:
     return np.count_nonzero(sources == HOLE) / lensed if lensed else 0.0
 
 
-#: Writes the sources of a slice of rows into an array of that many rows.
-Search = Callable[[slice, Sources], None]
 #: Rows, columns of a picture.
 PictureShape = tuple[int, int]
 
@@ -107,11 +105,82 @@ class Generator(Protocol):
 
 
 class Ray(NamedTuple):
-    """One ray of every pixel: its start in the pixel, its colour channels and their sources."""
+    """One ray of every pixel: its start in the pixel, and the colour channels that it shows."""
 
     pixel_offset: PixelOffset
     channels: tuple[int, ...]
-    generator: SourceGenerator
+
+
+@dataclass(frozen=True, eq=False)
+class PanelRays:
+    """Rays whose sources an algorithm finds: of every panel pixel, over pictures of one size.
+
+    Attributes
+    ----------
+    display : Display
+    shape : (rows, columns)
+        Size of the pictures.
+    pixel_mm : float
+        Width of their pixels.
+    offsets : tuple of PixelOffset
+        Start of each ray in its pixel: one ray of every pixel for each offset.
+    mask : (rows, columns) bool, optional
+        Panel pixels whose sources are needed; those of the others may be anything.
+    leave_holes : bool
+        True if a fill follows: rays without a certain source are holes.
+    """
+
+    display: Display
+    shape: PictureShape
+    pixel_mm: float
+    offsets: tuple[PixelOffset, ...]
+    mask: np.ndarray | None = None
+    leave_holes: bool = False
+
+    @property
+    def selected(self) -> np.ndarray:
+        """Panel pixels under lenses, and in the mask, (rows, columns) bool."""
+        lensed = self.display.lensed
+        return lensed if self.mask is None else lensed & self.mask
+
+
+#: Writes the sources of one ray, by its number, of a slice of panel rows into an array of these.
+RaySearch = Callable[[int, slice, Sources], None]
+#: Prepares a picture for all rays of `PanelRays`; the next picture takes its place.
+SourceFinder = Callable[[RGBD], RaySearch]
+
+
+def each_ray(rays: PanelRays, find: Callable[[RGBD, PixelOffset], Sources]) -> SourceFinder:
+    """Finder of an algorithm that finds one ray of every pixel at a time.
+
+    Parameters
+    ----------
+    rays : PanelRays
+    find : function
+        Sources, (rows, columns) int32, of a picture for one pixel offset. Panel pixels without a
+        lens may have any.
+    """
+
+    def take(rgbd: RGBD) -> RaySearch:
+        maps = [find(rgbd, offset) for offset in rays.offsets]
+        for sources in maps:
+            mark_unlensed(sources, rays.display)
+
+        def search(ray: int, rows: slice, out: Sources) -> None:
+            out[...] = maps[ray][rows]
+
+        return search
+
+    return take
+
+
+def mark_unlensed(sources: Sources, display: Display) -> None:
+    """Mark the panel pixels of a source map that have no lens."""
+    if display.is_separable:  # whole rows and columns: faster than pixel by pixel
+        sources[display.rows.lens < 0, :] = NO_LENS
+        sources[:, display.columns.lens < 0] = NO_LENS
+    else:
+        sources[~display.lensed] = NO_LENS
 
 
 class SourceGenerator(ABC):
@@ -130,13 +199,10 @@ class SourceGenerator(ABC):
         Width of their pixels.
     mask : (rows, columns) bool, optional
         Panel pixels to find; the others are `MASKED`.
-    pixel_offset : PixelOffset
-        Start of each ray in its pixel.
     """
 
     #: For those by others that do without this class's `__init__`.
     mask: np.ndarray | None = None
-    pixel_offset: PixelOffset = CENTRE
 
     def __init__(
         self,
@@ -144,65 +210,32 @@ class SourceGenerator(ABC):
         shape: PictureShape,
         pixel_mm: float,
         mask: np.ndarray | None = None,
-        pixel_offset: PixelOffset = CENTRE,
     ) -> None:
         self.display = display
         self.shape = shape
         self.pixel_mm = pixel_mm
         self.mask = mask
-        self.pixel_offset = pixel_offset
-
-    @property
-    def selected(self) -> np.ndarray:
-        """Panel pixels under lenses, and in the mask, (rows, columns) bool."""
-        lensed = self.display.lensed
-        return lensed if self.mask is None else lensed & self.mask
 
     @abstractmethod
     def find(self, rgbd: RGBD) -> Sources:
         """Sources of all panel pixels; those outside the mask or lenses may hold anything."""
 
-    def search(self, rgbd: RGBD) -> Search:
-        """Function that finds the sources of some panel rows; see `sources`."""
-        sources = self.sources(rgbd)
-
-        def find_rows(rows: slice, out: Sources) -> None:
-            out[...] = sources[rows]
-
-        return find_rows
-
-    def search_all(self, rays: Sequence[SourceGenerator], rgbd: RGBD) -> list[Search]:
-        """Results of `search` of this and other generators, for the same picture."""
-        return [ray.search(rgbd) for ray in rays]
-
     def sources(self, rgbd: RGBD) -> Sources:
         """``row * W + column`` of each panel pixel's source, `HOLE`, `NO_LENS` or `MASKED`."""
         self.check(rgbd)
         sources = self.find(rgbd)
-        self.mark(slice(None), sources)
+        self.mark(sources)
         return sources
 
-    def mark(self, rows: slice, sources: Sources) -> None:
-        """Mark sources of some panel rows outside the mask, and where there is no lens."""
+    def mark(self, sources: Sources) -> None:
+        """Mark the sources outside the mask, and where there is no lens."""
         if self.mask is not None:
-            sources[~self.mask[rows]] = MASKED
-        if self.display.is_separable:  # whole rows and columns: faster than pixel by pixel
-            sources[self.display.rows.lens[rows] < 0, :] = NO_LENS
-            sources[:, self.display.columns.lens < 0] = NO_LENS
-        else:
-            sources[~self.display.lensed[rows]] = NO_LENS
+            sources[~self.mask] = MASKED
+        mark_unlensed(sources, self.display)
 
     def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
         """See `Generator.generate`."""
         return colour_of(self.sources(rgbd), rgbd, self.place(rgbd, out))
-
-    def rays(self) -> list[Ray]:
-        """The rays whose colours it shows; the mean of them, of several that show one colour."""
-        return [Ray(self.pixel_offset, (0, 1, 2), self)]
-
-    def shows_sources(self, rgbd: RGBD) -> bool:  # noqa: ARG002
-        """True if the colours of its sources are the complete result for a picture."""
-        return type(self).generate is SourceGenerator.generate
 
     def place(self, rgbd: RGBD, out: np.ndarray | None) -> NDArray[Any]:
         """Array for the result of a picture; see `check_out`."""
@@ -251,39 +284,6 @@ def check_out(out: np.ndarray | None, shape: tuple[int, ...], dtype: np.dtype) -
     if not (out.flags.c_contiguous and out.flags.writeable):
         raise UsageError("out must be writable and contiguous in C order")
     return out
-
-
-class Masked:
-    """A generator run in full, with only the pixels of a mask, (rows, columns) bool, shown."""
-
-    def __init__(self, whole: Generator, mask: np.ndarray) -> None:
-        self._whole, self.mask = whole, mask
-
-    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
-        """See `Generator.generate`."""
-        eia = self._whole.generate(rgbd)  # it may keep one place to write to: leave that alone
-        if out is None:
-            out = np.empty_like(eia)
-        else:
-            check_out(out, eia.shape, eia.dtype)
-        out[...] = np.where(self.mask[..., None], eia, np.zeros((), eia.dtype))
-        return out
-
-
-class MaskedSources(SourceGenerator):
-    """`Masked` for a generator that reports its sources."""
-
-    def __init__(self, whole: SourceGenerator, mask: np.ndarray) -> None:
-        super().__init__(whole.display, whole.shape, whole.pixel_mm, mask)
-        self._whole, self._shown = whole, Masked(whole, mask)
-
-    def find(self, rgbd: RGBD) -> Sources:
-        """See `SourceGenerator.find`."""
-        return self._whole.find(rgbd)
-
-    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
-        """See `Generator.generate`."""
-        return self._shown.generate(rgbd, out)
 
 
 def outside_depth_range(rgbd: RGBD, display: Display) -> float:

@@ -6,42 +6,40 @@ single picture has the columns of `template`.
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass
+from typing import Any
 
-from inim.display import Display
-from inim.generators.base import PictureShape, SourceGenerator
+from inim.generators.base import PanelRays, SourceFinder
+from inim.generators.options import option
 from inim.generators.registry import algorithm
-from inim.image.rgbd import CameraRGBDs
+from inim.image.rgbd import CameraRGBDs, camera_directions
 
 
-@algorithm(exact=True, reads=CameraRGBDs, colour="smooth", fill="auto", color="#08519c", marker="X")
-def prepare(
-    display: Display,
-    shape: PictureShape,
-    pixel_mm: float,
-    *,
-    views: int | str = "5",  # noqa: ARG001
-    samples: int | str = "auto",
-    mask: np.ndarray | None = None,
-) -> SourceGenerator:
-    """Exact first hits in the merged pictures of several cameras.
+def _arrangement(_: str, value: Any) -> str:
+    """Arrangement of cameras, which `camera_directions` checks."""
+    camera_directions(str(value))
+    return str(value)
 
-    Parameters
-    ----------
-    display, shape, pixel_mm, mask :
-        See `inim.generators.prepare`.
-    views : str
-        Cameras in front of a scene; see `inim.image.rgbd.camera_directions`. Pictures that are
-        given have their own.
-    samples : {"auto", 1, 2, 4}
-        As for `template`.
 
-    Raises
-    ------
-    UsageError
-        Another number of samples, or rays so long that they are a slip.
-    """
+@dataclass(frozen=True)
+class Options:
+    """Options of `cameras`."""
+
+    views: str = option(
+        "5",
+        "cameras in front of a scene: 5, or rows x columns such as 3x3; pictures that are given "
+        "have their own",
+        _arrangement,
+    )
+
+
+@algorithm(
+    Options, exact=True, reads=CameraRGBDs, samples="auto", colour="smooth", fill="auto",
+    color="#08519c", marker="X",
+)  # fmt: skip
+def prepare(rays: PanelRays, _: Options) -> SourceFinder:
+    """Exact first hits in the merged pictures of several cameras."""
     from inim.generators.raycast.columns import LAYERS
     from inim.generators.raycast.strips import first_hits
 
-    return first_hits("cameras", display, shape, pixel_mm, LAYERS, samples, mask)
+    return first_hits("cameras", rays, LAYERS)

@@ -14,20 +14,16 @@ open. Uncovered pixels have no surface.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from inim.display import Display
 from inim.display.pixels import PixelOffset, exact_ratio, row_blocks
-from inim.generators.base import (
-    HOLE,
-    PictureShape,
-    SourceGenerator,
-    Sources,
-    run_kernel,
-)
+from inim.generators.base import HOLE, PanelRays, SourceFinder, Sources, each_ray, run_kernel
+from inim.generators.options import option, positive_mm
 from inim.generators.raycast.cells import PictureRays
-from inim.generators.registry import algorithm, positive_mm
+from inim.generators.registry import algorithm
 from inim.image.rgbd import RGBD
 from inim.system.errors import UsageError
 
@@ -35,71 +31,39 @@ from inim.system.errors import UsageError
 _MOST_STEPS = 1_000_000
 
 
-@algorithm(color="#009e73", marker="^")
-def prepare(
-    display: Display,
-    shape: PictureShape,
-    pixel_mm: float,
-    step_mm: float | str | None = None,
-    *,
-    mask: np.ndarray | None = None,
-) -> SourceGenerator:
-    """Reverse search: each ray in steps, from near to far (Gu et al. 2020).
+@dataclass(frozen=True)
+class Options:
+    """Options of `gu2020`."""
 
-    Parameters
-    ----------
-    display, shape, pixel_mm, mask :
-        See `inim.generators.prepare`.
-    step_mm : float, optional
-        Depth between two samples of a ray; by default P_I.
-
-    Raises
-    ------
-    UsageError
-        An option that makes no sense.
-    """
-    if step_mm is None:
-        focused = math.isinf(display.scene_pixel_mm)
-        step_mm = pixel_mm if focused else display.scene_pixel_mm
-    depths = _sampled_depths(display, positive_mm("step_mm", step_mm))
-
-    from inim.generators.raycast.colour import averaged
-
-    return averaged(
-        display,
-        1,
-        lambda offsets: [
-            _Gu2020(display, shape, pixel_mm, depths, offset, mask) for offset in offsets
-        ],
+    step_mm: float | None = option(
+        None, "depth between two samples of a ray, in mm; by default P_I", positive_mm
     )
 
 
-class _Gu2020(SourceGenerator):
-    def __init__(
-        self,
-        display: Display,
-        shape: PictureShape,
-        pixel_mm: float,
-        depths: np.ndarray,
-        pixel_offset: PixelOffset,
-        mask: np.ndarray | None,
-    ) -> None:
-        super().__init__(display, shape, pixel_mm, mask, pixel_offset)
-        self._depths = depths
+@algorithm(Options, samples="1", color="#009e73", marker="^")
+def prepare(rays: PanelRays, options: Options) -> SourceFinder:
+    """Reverse search: each ray in steps, from near to far (Gu et al. 2020)."""
+    step_mm = options.step_mm
+    if step_mm is None:
+        focused = math.isinf(rays.display.scene_pixel_mm)
+        step_mm = rays.pixel_mm if focused else rays.display.scene_pixel_mm
+    depths = _sampled_depths(rays.display, step_mm)
 
-    def find(self, rgbd: RGBD) -> Sources:
+    def find(rgbd: RGBD, pixel_offset: PixelOffset) -> Sources:
         # An uncovered cell is a column without height: it never reaches a ray.
         depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), -np.inf)
-        picture = PictureRays(self.display, self.shape, self.pixel_mm, self.pixel_offset)
-        sources, selected = np.full(self.display.eia_shape, HOLE, np.int32), self.selected
-        for rows in row_blocks(self.display):
+        lines = PictureRays(rays.display, rays.shape, rays.pixel_mm, pixel_offset)
+        sources, selected = np.full(rays.display.eia_shape, HOLE, np.int32), rays.selected
+        for rows in row_blocks(rays.display):
             if selected[rows].any():
-                rays = picture.block(rows, in_cells=True)[:4]
+                block = lines.block(rows, in_cells=True)[:4]
                 sources[rows] = run_kernel(
-                    _search, len(rays[0]), rays[0].shape, HOLE, *rays, selected[rows],
-                    depth.ravel(), *self.shape, self._depths,
+                    _search, len(block[0]), block[0].shape, HOLE, *block, selected[rows],
+                    depth.ravel(), *rays.shape, depths,
                 )  # fmt: skip
         return sources
+
+    return each_ray(rays, find)
 
 
 def _sampled_depths(display: Display, step_mm: float) -> np.ndarray:

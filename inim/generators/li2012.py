@@ -20,46 +20,44 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from inim.display import Display
 from inim.display.layouts import Lenticular
-from inim.display.pixels import PixelAxis
+from inim.display.pixels import CENTRE, PixelAxis, PixelOffset
 from inim.generators.base import (
     HOLE,
-    PictureShape,
-    SourceGenerator,
+    PanelRays,
+    SourceFinder,
     Sources,
+    each_ray,
     require_separable,
     run_kernel,
 )
+from inim.generators.options import NoOptions
 from inim.generators.registry import algorithm
 from inim.image.rgbd import RGBD
+from inim.system.errors import UsageError
 
 # Whole numbers up to here are floats, and the quotient of two is rounded once.
 _EXACT = 2**53
 
 
-@algorithm(color="#cc79a7", marker="D")
-def prepare(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGenerator:
-    """Forward mapping: each picture pixel through each lens (Li et al. 2012).
-
-    Parameters
-    ----------
-    display, shape, pixel_mm :
-        See `inim.generators.prepare`.
-
-    Raises
-    ------
-    UsageError
-        Lenses, or a panel tilted behind cylinders, without rows and columns.
-    """
-    if isinstance(display.layout, Lenticular) and not any(display.tilt_slopes):
-        return _UnderCylinders(display, shape, pixel_mm, display.layout)
-    require_separable(display, "li2012")
-    return _Li2012(display, shape, pixel_mm)
+@algorithm(NoOptions, color="#cc79a7", marker="D")
+def prepare(rays: PanelRays, _: NoOptions) -> SourceFinder:
+    """Forward mapping: each picture pixel through each lens (Li et al. 2012)."""
+    if isinstance(rays.display.layout, Lenticular) and not any(rays.display.tilt_slopes):
+        if any(offset.channel is not None for offset in rays.offsets):
+            raise UsageError(
+                f"li2012: display {rays.display.name} has sub-pixels at no fixed place in a pixel; "
+                "use samples=centre"
+            )
+        return each_ray(rays, partial(_map_under_cylinders, rays, rays.display.layout))
+    require_separable(rays.display, "li2012")
+    return each_ray(rays, partial(_map_picture, rays))
 
 
 class ForwardAxis(NamedTuple):
@@ -70,7 +68,8 @@ class ForwardAxis(NamedTuple):
 
         ``(lens_z[n] z + lens_g[n] - pixel_g[c]) / (unit z)``
 
-    which is x = x0 + (x0 - X) g / z, Eq. 1 of Wang et al. 2024 solved for the panel. All are whole
+    which is x = x0 + (x0 - X) g / z, Eq. 1 of Wang et al. 2024 solved for the panel. A ray with an
+    offset in its pixel has panel pixels that are moved by it. All are whole
     numbers wherever the display's lengths are short decimals or fractions: a position on a border
     between panel pixels is then exact.
 
@@ -94,14 +93,18 @@ class ForwardAxis(NamedTuple):
 
 
 def forward_axes(
-    display: Display, shape: tuple[int, int], pixel_mm: float, depths_mm: tuple[float, float]
+    display: Display,
+    shape: tuple[int, int],
+    pixel_mm: float,
+    depths_mm: tuple[float, float],
+    pixel_offset: PixelOffset = CENTRE,
 ) -> tuple[ForwardAxis, ForwardAxis]:
     """Columns and rows of the mapping of a picture with the lowest and highest depth given."""
-    rows, columns = shape
-    across, down = (display.layout.axis(sign).centres() for sign in (+1, -1))
+    (rows, columns), (down, right, _) = shape, pixel_offset
+    to_right, downwards = (display.layout.axis(sign).centres() for sign in (+1, -1))
     return (
-        _axis(display, display.columns, across, columns, pixel_mm, depths_mm),
-        _axis(display, display.rows, down, rows, pixel_mm, depths_mm),
+        _axis(display, display.columns, to_right, columns, pixel_mm, depths_mm, right),
+        _axis(display, display.rows, downwards, rows, pixel_mm, depths_mm, down),
     )
 
 
@@ -112,14 +115,16 @@ def _axis(
     cells: int,
     cell_mm: float,
     depths_mm: tuple[float, float],
+    offset: Fraction,
 ) -> ForwardAxis:
     gap, pixel, cell = map(display.exact_mm, (display.gap_mm, display.pixel_pitch_mm, cell_mm))
     places = [Fraction(2 * c - cells + 1, 2) * cell for c in range(cells)]
+    from_offset = [x0 - offset * pixel for x0 in centres]
     lens_z, lens_g, pixel_g, unit = _whole(
-        centres, [x0 * gap for x0 in centres], [x * gap for x in places], [pixel]
+        from_offset, [x0 * gap for x0 in centres], [x * gap for x in places], [pixel]
     )
     first, end = panel.elemental_images()
-    middle = len(panel.lens) / 2
+    middle = len(panel.lens) / 2 - float(offset)
     edges_mm = np.stack([first - middle, end - middle]) * display.pixel_pitch_mm
     x0 = np.array(centres, np.float64)
     # X = x0 + (x0 - x) z / g is linear in x and in z: its extremes are at the corners.
@@ -141,73 +146,63 @@ def _whole(*lengths: list[Fraction]) -> list[np.ndarray]:
     return [np.array([float(length * factor) for length in group]) for group in lengths]
 
 
-class _Li2012(SourceGenerator):
-    def find(self, rgbd: RGBD) -> Sources:
-        depth, x, y = self._mapping(rgbd)
-        nearest = np.full(x.pixels * y.pixels, -np.inf)
-        miss = np.full(x.pixels * y.pixels, np.inf)
-        shape = self.display.eia_shape
-        mapping = (depth, x, y, nearest, miss)
-        return run_kernel(_map_all, len(y.first), shape, HOLE, *mapping)
-
-    def _mapping(self, rgbd: RGBD) -> tuple[np.ndarray, ForwardAxis, ForwardAxis]:
-        """Depths, 0 for pixels without a panel position, and both axes of the mapping."""
-        depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), 0.0)
-        placed = depth[depth != 0]
-        depths = (float(placed.min()), float(placed.max())) if len(placed) else (0.0, 0.0)
-        return depth.ravel(), *forward_axes(self.display, self.shape, self.pixel_mm, depths)
+def _map_picture(rays: PanelRays, rgbd: RGBD, pixel_offset: PixelOffset) -> Sources:
+    """Forward mapping through lenses in rows and columns."""
+    # Pixels at depth 0 have no panel position.
+    depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), 0.0)
+    placed = depth[depth != 0]
+    depths = (float(placed.min()), float(placed.max())) if len(placed) else (0.0, 0.0)
+    x, y = forward_axes(rays.display, rays.shape, rays.pixel_mm, depths, pixel_offset)
+    nearest = np.full(x.pixels * y.pixels, -np.inf)
+    miss = np.full(x.pixels * y.pixels, np.inf)
+    mapping = (depth.ravel(), x, y, nearest, miss)
+    return run_kernel(_map_all, len(y.first), rays.display.eia_shape, HOLE, *mapping)
 
 
-class _UnderCylinders(SourceGenerator):
+def _map_under_cylinders(
+    rays: PanelRays, layout: Lenticular, rgbd: RGBD, pixel_offset: PixelOffset
+) -> Sources:
     """Forward mapping through cylinders, in float64."""
-
-    def __init__(
-        self, display: Display, shape: PictureShape, pixel_mm: float, layout: Lenticular
-    ) -> None:
-        super().__init__(display, shape, pixel_mm)
-        self._layout = layout
-
-    def find(self, rgbd: RGBD) -> Sources:
-        """See `SourceGenerator.find`."""
-        display, layout, pitch = self.display, self._layout, self.display.pixel_pitch_mm
-        (rows, columns), (height, width) = display.eia_shape, self.shape
-        angle, gap = math.radians(display.rotation_deg), display.gap_mm
-        c, s = math.cos(angle), math.sin(angle)
-        row, column = np.nonzero(rgbd.covered & (rgbd.depth_mm != 0))
-        z = rgbd.depth_mm[row, column].astype(np.float64)
-        x = (column + 0.5 - width / 2) * self.pixel_mm
-        # Rays sink to the height of an eye at the design distance V: y = panel y (V - z) / (V + g).
-        per_distance = 1 / layout.design_distance_mm
-        panel, eye = 1 + gap * per_distance, 1 - z * per_distance
-        edges = (height / 2 - np.stack([row, row + 1])) * self.pixel_mm * panel / eye
-        first, end = np.ceil((rows - 1) / 2 - edges / pitch).clip(0, rows).astype(np.int64)
-        # The cylinder in front of the eye, and those whose elemental images a point may reach.
-        reach = np.abs(z) / eye * display.elemental_image_pitch_mm / (2 * gap * display.pitch_mm)
-        steps = math.ceil(reach.max(initial=0)) + 1
-        best = np.full((2, rows * columns), -np.inf)  # depth, and nearness to the pixel's centre
-        sources = np.full(rows * columns, HOLE, np.int32)
-        for down in range((end - first).max(initial=0)):
-            j = first + down
-            y = ((rows - 1) / 2 - j) * pitch
-            sideways = s * (y / panel - display.shift_y_mm)
-            front = np.rint((c * (x / eye - display.shift_x_mm) + sideways) / display.pitch_mm)
-            for lens in (front + step for step in range(-steps, steps + 1)):
-                x0 = display.shift_x_mm + (lens * display.pitch_mm - sideways) / c
-                place = (x0 + (x0 - x) * gap / z) / pitch + columns / 2
-                i = np.floor(place)
-                across = c * ((i + 0.5 - columns / 2) * pitch - display.shift_x_mm)
-                across += s * (y - display.shift_y_mm)
-                lands = (i >= 0) & (i < columns) & (j < end)
-                lands &= layout.place_in_cell(across)[0] == lens
-                at = (j * columns + i)[lands].astype(np.int64)
-                rank = np.stack([z, -np.abs(place - i - 0.5)])[:, lands]
-                source = (row * width + column)[lands]
-                order = np.lexsort((rank[1], rank[0]))  # the best is written last
-                at, rank, source = at[order], rank[:, order], source[order]
-                (before, nearness), (depth, own) = best[:, at], rank
-                wins = (depth > before) | ((depth == before) & (own > nearness))
-                best[:, at[wins]], sources[at[wins]] = rank[:, wins], source[wins]
-        return sources.reshape(rows, columns)
+    display, pitch = rays.display, rays.display.pixel_pitch_mm
+    down_px, right_px = float(pixel_offset.down), float(pixel_offset.right)
+    (rows, columns), (height, width) = display.eia_shape, rays.shape
+    angle, gap = math.radians(display.rotation_deg), display.gap_mm
+    c, s = math.cos(angle), math.sin(angle)
+    row, column = np.nonzero(rgbd.covered & (rgbd.depth_mm != 0))
+    z = rgbd.depth_mm[row, column].astype(np.float64)
+    x = (column + 0.5 - width / 2) * rays.pixel_mm
+    # Rays sink to the height of an eye at the design distance V: y = panel y (V - z) / (V + g).
+    per_distance = 1 / layout.design_distance_mm
+    panel, eye = 1 + gap * per_distance, 1 - z * per_distance
+    edges = (height / 2 - np.stack([row, row + 1])) * rays.pixel_mm * panel / eye
+    first, end = np.ceil((rows - 1) / 2 - down_px - edges / pitch).clip(0, rows).astype(np.int64)
+    # The cylinder in front of the eye, and those whose elemental images a point may reach.
+    reach = np.abs(z) / eye * display.elemental_image_pitch_mm / (2 * gap * display.pitch_mm)
+    steps = math.ceil(reach.max(initial=0)) + 1
+    best = np.full((2, rows * columns), -np.inf)  # depth, and nearness to the pixel's centre
+    sources = np.full(rows * columns, HOLE, np.int32)
+    for down in range((end - first).max(initial=0)):
+        j = first + down
+        y = ((rows - 1) / 2 - j) * pitch
+        sideways = s * ((y - down_px * pitch) / panel - display.shift_y_mm)
+        front = np.rint((c * (x / eye - display.shift_x_mm) + sideways) / display.pitch_mm)
+        for lens in (front + step for step in range(-steps, steps + 1)):
+            x0 = display.shift_x_mm + (lens * display.pitch_mm - sideways) / c
+            place = (x0 + (x0 - x) * gap / z) / pitch + columns / 2 - right_px
+            i = np.floor(place)
+            across = c * ((i + 0.5 - columns / 2) * pitch - display.shift_x_mm)
+            across += s * (y - display.shift_y_mm)
+            lands = (i >= 0) & (i < columns) & (j < end)
+            lands &= layout.place_in_cell(across)[0] == lens
+            at = (j * columns + i)[lands].astype(np.int64)
+            rank = np.stack([z, -np.abs(place - i - 0.5)])[:, lands]
+            source = (row * width + column)[lands]
+            order = np.lexsort((rank[1], rank[0]))  # the best is written last
+            at, rank, source = at[order], rank[:, order], source[order]
+            (before, nearness), (depth, own) = best[:, at], rank
+            wins = (depth > before) | ((depth == before) & (own > nearness))
+            best[:, at[wins]], sources[at[wins]] = rank[:, wins], source[wins]
+    return sources.reshape(rows, columns)
 
 
 def _map_all(begin, end, depth, x, y, nearest, miss, sources):

@@ -1,36 +1,39 @@
-"""Registry of algorithms and their properties.
+"""Registry of algorithms: their declarations, and algorithms chosen with options.
 
-An algorithm is one file with one function, ``prepare(display, shape, pixel_mm, **options)``, which
-returns a `Generator`. A decorator declares its properties::
+An algorithm is one file with one function, ``prepare(rays, options)``, which returns a function
+that finds the sources of these rays in a picture (`PanelRays`, `SourceFinder`). A decorator
+declares its options, a frozen dataclass (`inim.generators.options`), and its properties::
 
-    @algorithm(exact=True, color="#0072b2")
-    def prepare(display, shape, pixel_mm, *, samples=1): ...
+    @algorithm(Options, exact=True, samples="auto", color="#0072b2")
+    def prepare(rays, options): ...
 
 Algorithms in this folder are found by their files. Other packages register theirs in the
-entry-point group ``inim.generators``, with the same function, with or without properties::
+entry-point group ``inim.generators``::
 
     [project.entry-points."inim.generators"]
     mine = "my_package.eia:prepare"
 
+They may also be a function ``prepare(display, shape, pixel_mm, **options)`` that returns a
+`Generator`, with or without declared properties; keyword arguments are the options.
+
 The files in this folder import no compiler and no renderer before `prepare` is called, so that
-reading a property is fast.
+reading a declaration is fast.
 """
 
 from __future__ import annotations
 
 import inspect
-import math
 import pkgutil
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from inim.display.declaration import value_text
-from inim.generators.base import Generator
+from inim.generators.options import CommonOptions, Option, choose_options, declared_options
 from inim.image.rgbd import RGBD, CameraRGBDs, camera_directions
 from inim.system.errors import UsageError, suggest_words
 from inim.system.plugins import announced_names, attribute_errors, load
@@ -43,44 +46,37 @@ PICKUP = "pickup"
 OPTIMAL = "optimal"
 #: Algorithms whose input is the scene itself.
 SCENE_ALGORITHMS = (PICKUP, OPTIMAL)
-#: The parameter of a `prepare` that takes a pixel mask; not an option of the algorithm.
-MASK = "mask"
-
-#: Option of every algorithm that reports its sources: the filling of holes; see
-#: `inim.generators.raycast.fill`.
-FILL = "fill"
-#: Values of `FILL`: leave holes black; fill regions hidden by a surface or by the picture's edge;
-#: fill uncovered regions, too; "hidden" for pictures that fill their frame, otherwise "none".
-FILLS = ("none", "hidden", "all", "auto")
-#: Option of every algorithm that reports its sources: the colour of a ray, from the pixels around
-#: its source; see `inim.generators.raycast.colour`.
-COLOUR = "colour"
-#: Values of `COLOUR`: the nearest pixel; interpolated; averaged over the footprint of a panel
-#: pixel; averaged and interpolated.
-COLOURS = ("nearest", "linear", "averaged", "smooth")
-#: The parameter of a `prepare` that can leave holes where it shows what it only supposes; not an
-#: option of the algorithm.
-LEAVE_HOLES = "leave_holes"
 
 _ENTRY_POINTS = "inim.generators"
-# Attribute of a `prepare` that holds its declared properties.
-_PROPERTIES = "__inim_algorithm__"
-
-#: Option of algorithms that read several pictures: the cameras in front of a scene.
-VIEWS = "views"
+# Parameter of another package's `prepare` that is not an option: a pixel mask.
+_MASK = "mask"
+# Attribute of a `prepare` that holds its declaration.
+_DECLARATION = "__inim_algorithm__"
 
 #: Input of an algorithm, captured from a scene: a type of picture, or an arrangement of cameras.
 Input = type[RGBD] | str
-Prepare = Callable[..., Generator]
+Prepare = Callable[..., Any]
 _AnyPrepare = TypeVar("_AnyPrepare", bound=Prepare)
 
 
 @dataclass(frozen=True)
-class AlgorithmProperties:
-    """Properties of an algorithm with some options.
+class Algorithm:
+    """An algorithm with its options, from `parse_algorithm`; as text, the name with the options.
 
     Attributes
     ----------
+    name : str
+        Without the options.
+    prepare : function
+        See the module.
+    finds_rays : bool
+        True if `prepare` finds the sources of rays; False if it makes a `Generator`.
+    options : object
+        Its own options: an instance of the declared dataclass; or a mapping, for `prepare`.
+    common : CommonOptions
+        Options of all algorithms.
+    own : bool
+        It ships with inim.
     exact : bool
         By its definition it shows the first hit of every panel pixel's ray in the columns of the
         picture, or in those that its option `columns` names.
@@ -90,83 +86,49 @@ class AlgorithmProperties:
         Type of the pictures that it reads: `RGBD`; `LayeredRGBD`, for the surfaces behind the front
         as well (`inim.image.rgbd`); or `CameraRGBDs`, for the pictures of several cameras
         (`inim.image.rgbd`), which are merged for it.
-    views : str
-        Arrangement of these cameras in front of a scene.
-    colour, fill : str
-        Defaults of its options `COLOUR` and `FILL`; with nearest colours, nothing is filled by
-        default.
     color, marker : str, optional
         Color and marker of its points in plots, as matplotlib names them.
-    name : str
-        Without the options.
-    own : bool
-        It ships with inim.
-    columns : str
-        The columns that its first hits are in; see `inim.generators.raycast.columns`.
-    takes_mask : bool
-        It makes the pixels of a mask only; others are run in full and blackened.
-    """
-
-    exact: bool = False
-    portable: bool = False
-    reads: type[RGBD | CameraRGBDs] = RGBD
-    colour: str = "nearest"
-    fill: str = "none"
-    color: str | None = None
-    marker: str | None = None
-    name: str = ""
-    own: bool = False
-    columns: str = "surface"
-    takes_mask: bool = False
-    views: str = ""
-
-    @property
-    def input(self) -> Input:
-        """Form in which a scene is captured for it."""
-        return self.views if self.reads is CameraRGBDs else cast(type[RGBD], self.reads)
-
-
-def algorithm(
-    *,
-    exact: bool = False,
-    portable: bool = False,
-    reads: type[RGBD | CameraRGBDs] = RGBD,
-    colour: str = "nearest",
-    fill: str = "none",
-    color: str | None = None,
-    marker: str | None = None,
-) -> Callable[[_AnyPrepare], _AnyPrepare]:
-    """Declare the properties of an algorithm (see `AlgorithmProperties`); decorates `prepare`."""
-    declared = AlgorithmProperties(exact, portable, reads, colour, fill, color, marker)
-
-    def declare(prepare: _AnyPrepare) -> _AnyPrepare:
-        setattr(prepare, _PROPERTIES, declared)
-        return prepare
-
-    return declare
-
-
-@dataclass(frozen=True)
-class Algorithm:
-    """An algorithm by its name; `own` if it ships with inim.
-
-    ``prepare(display, shape, pixel_mm, **options)`` makes a `Generator`.
+    given : tuple of (str, value)
+        Options that were chosen; the others have their defaults.
     """
 
     name: str
     prepare: Prepare
-    own: bool
+    finds_rays: bool = False
+    options: Any = None
+    common: CommonOptions = field(default_factory=CommonOptions)
+    own: bool = False
+    exact: bool = False
+    portable: bool = False
+    reads: type[RGBD | CameraRGBDs] = RGBD
+    color: str | None = None
+    marker: str | None = None
+    given: tuple[tuple[str, Any], ...] = ()
+
+    def __str__(self) -> str:
+        return ":".join([self.name, *(f"{key}={value}" for key, value in self.given)])
+
+    def __reduce__(self) -> tuple[Callable[..., Algorithm], tuple[Any, ...]]:
+        return choose_algorithm, (self.name, dict(self.given))
 
     @property
-    def options(self) -> tuple[inspect.Parameter, ...]:
-        """Options after the name: the parameters of `prepare` from the fourth on."""
-        parameters = list(inspect.signature(self.prepare).parameters.values())[3:]
-        return tuple(p for p in parameters if p.name not in (MASK, LEAVE_HOLES))
+    def own_options(self) -> tuple[Option, ...]:
+        """Declarations of its own options."""
+        if self.finds_rays:
+            return tuple(declared_options(self.options))
+        parameters = self._parameters.items()
+        named = {n: p.default for n, p in parameters if p.kind is not p.VAR_KEYWORD and n != _MASK}
+        return tuple(Option(name, default, "") for name, default in named.items())
+
+    @property
+    def _parameters(self) -> Mapping[str, inspect.Parameter]:
+        """Parameters of another package's `prepare` after the size of the picture."""
+        return dict(list(inspect.signature(self.prepare).parameters.items())[3:])
 
     @property
     def takes_mask(self) -> bool:
-        """True if `prepare` accepts a pixel mask."""
-        return MASK in inspect.signature(self.prepare).parameters
+        """True if another package's `prepare` accepts a pixel mask."""
+        return _MASK in self._parameters
 
     @property
     def summary(self) -> str:
@@ -174,40 +136,95 @@ class Algorithm:
         return (inspect.getdoc(self.prepare) or "").partition("\n")[0]
 
     @property
-    def leaves_holes(self) -> bool:
-        """True if `prepare` can leave holes for a later fill."""
-        return LEAVE_HOLES in inspect.signature(self.prepare).parameters
+    def columns(self) -> str:
+        """Columns that its first hits are in; see `inim.generators.raycast.columns`."""
+        return "layers" if self.reads is not RGBD else self._value("columns", "surface")
 
-    def has_option(self, name: str) -> bool:
-        """True if `prepare` has an option of this name."""
-        return any(p.name == name for p in self.options)
+    @property
+    def input(self) -> Input:
+        """Form in which a scene is captured for it."""
+        if self.reads is CameraRGBDs:
+            return self._value("views", "5")
+        return cast(type[RGBD], self.reads)
 
-    def check_options(self, options: Mapping[str, Any]) -> None:
-        """Raise `UsageError` for an option that it does not have."""
-        if any(p.kind is inspect.Parameter.VAR_KEYWORD for p in self.options):
-            return
-        names = [p.name for p in self.options]
-        for key in options:
-            if key not in (*names, FILL, COLOUR):
-                has = f"its options are {', '.join(names)}" if names else "it has none"
-                raise UsageError(f"algorithm {self.name!r} has no option {key!r}; {has}")
+    def _value(self, name: str, default: str) -> str:
+        """Value of one of its own options, if it has it."""
+        if self.finds_rays:
+            return str(getattr(self.options, name, default))
+        defaults = {option.name: option.default for option in self.own_options}
+        return str(self.options.get(name, defaults.get(name, default)))
 
-    def properties(self, options: Mapping[str, Any]) -> AlgorithmProperties:
-        """Properties with some options."""
-        declared = getattr(self.prepare, _PROPERTIES, None)
-        if not isinstance(declared, AlgorithmProperties):
-            declared = AlgorithmProperties()
-        has_layers = declared.reads is not RGBD
-        columns = "layers" if has_layers else str(options.get("columns", "surface"))
-        views = ""
-        if declared.reads is CameraRGBDs:
-            default = {p.name: p.default for p in self.options}.get(VIEWS, "5")
-            views = str(options.get(VIEWS, default))
-            camera_directions(views)
-        return replace(
-            declared, name=self.name, own=self.own, columns=columns, takes_mask=self.takes_mask,
-            views=views,
+    def choose(self, given: Mapping[str, Any]) -> Algorithm:
+        """The algorithm with some options; raises `UsageError` for an unknown or invalid one."""
+        shared = {option.name for option in declared_options(self.common)}
+        names = [option.name for option in self.own_options]
+        any_name = not self.finds_rays and any(
+            p.kind is p.VAR_KEYWORD for p in self._parameters.values()
+        )
+        own: dict[str, Any] = {}
+        common: dict[str, Any] = {}
+        for key, value in given.items():
+            if key in names:
+                own[key] = value
+            elif key in shared:
+                common[key] = value
+            elif any_name:
+                own[key] = value
+            else:
+                every = [*names, *(n for n in vars(self.common) if n not in names)]
+                remedy = suggest_words(key, every, f"its options are {', '.join(every)}")
+                raise UsageError(f"algorithm {self.name!r} has no option {key!r}; {remedy}")
+        options = choose_options(self.options, own, self.name) if self.finds_rays else own
+        chosen = choose_options(self.common, common, self.name)
+        if chosen.colour == "nearest" and "fill" not in common:
+            chosen = replace(chosen, fill="none")  # the plain form shows its sources only
+        chosen_algorithm = replace(self, options=options, common=chosen, given=tuple(given.items()))
+        if self.reads is CameraRGBDs:
+            camera_directions(str(chosen_algorithm.input))
+        return chosen_algorithm
+
+    def errors(self) -> AbstractContextManager[None]:
+        """Name another package's algorithm in errors of the block; inim's own need none."""
+        if self.own:
+            return nullcontext()
+        return attribute_errors(_ENTRY_POINTS, "algorithm", str(self))
+
+
+def algorithm(
+    options: type | None = None,
+    *,
+    exact: bool = False,
+    portable: bool = False,
+    reads: type[RGBD | CameraRGBDs] = RGBD,
+    samples: str = "centre",
+    colour: str = "nearest",
+    fill: str = "none",
+    color: str | None = None,
+    marker: str | None = None,
+) -> Callable[[_AnyPrepare], _AnyPrepare]:
+    """Declare an algorithm; decorates `prepare`.
+
+    Parameters
+    ----------
+    options : type, optional
+        Frozen dataclass of its own options (`inim.generators.options`). With it, the function is
+        ``prepare(rays, options)``; without, ``prepare(display, shape, pixel_mm, **options)``.
+    samples, colour, fill : str
+        Defaults of the options that all algorithms have (`CommonOptions`). With nearest colours,
+        nothing is filled by default.
+    exact, portable, reads, color, marker :
+        See `Algorithm`.
+    """
+
+    def declare(prepare: _AnyPrepare) -> _AnyPrepare:
+        declared = Algorithm(
+            "", prepare, options is not None, {} if options is None else options(),
+            CommonOptions(samples, colour, fill), False, exact, portable, reads, color, marker,
         )  # fmt: skip
+        setattr(prepare, _DECLARATION, declared)
+        return prepare
+
+    return declare
 
 
 @cache
@@ -218,8 +235,9 @@ def _built_in() -> dict[str, Algorithm]:
     for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
         if not module.ispkg:
             prepare = getattr(import_module(f"{package}.{module.name}"), "prepare", None)
-            if prepare is not None and hasattr(prepare, _PROPERTIES):
-                algorithms[module.name] = Algorithm(module.name, prepare, own=True)
+            declared = getattr(prepare, _DECLARATION, None)
+            if declared is not None:
+                algorithms[module.name] = replace(declared, name=module.name, own=True)
     return {
         name: algorithms[name]
         for name in sorted(algorithms, key=lambda name: (name != DEFAULT, name))
@@ -229,13 +247,6 @@ def _built_in() -> dict[str, Algorithm]:
 def is_own(name: str) -> bool:
     """True if an algorithm, given without options, is built-in. Loads no other package."""
     return name in _built_in()
-
-
-def foreign_errors(text: str) -> AbstractContextManager[None]:
-    """Name another package's algorithm in errors of the block; inim's own algorithms need none."""
-    if is_own(parse_algorithm(text)[0]):
-        return nullcontext()
-    return attribute_errors(_ENTRY_POINTS, "algorithm", text)
 
 
 def is_optimal(name: str) -> bool:
@@ -250,7 +261,7 @@ def algorithm_names() -> list[str]:
 
 
 def find_algorithm(name: str) -> Algorithm:
-    """The algorithm of a name without options.
+    """The algorithm of a name, with its defaults.
 
     Raises `UsageError` if it is unknown, announced twice, or announced and cannot be loaded.
     """
@@ -262,22 +273,30 @@ def find_algorithm(name: str) -> Algorithm:
         raise UsageError(f"algorithm {name!r}: {suggest_words(name, algorithm_names())}")
 
     def define(prepare: Prepare) -> Algorithm:
-        definition = Algorithm(name, prepare, own=False)
-        _ = definition.options  # its signature can be read
-        return definition
+        plain = Algorithm("", prepare, options={})
+        declared = replace(getattr(prepare, _DECLARATION, plain), name=name)
+        _ = declared.own_options  # its signature can be read
+        return declared
 
-    definition: Algorithm = load(_ENTRY_POINTS, name, "algorithm", define)
-    return definition
+    declared: Algorithm = load(_ENTRY_POINTS, name, "algorithm", define)
+    return declared
 
 
-def properties(text: str) -> AlgorithmProperties:
-    """Properties of an algorithm, ``name`` or ``name:key=value``.
+def choose_algorithm(name: str, options: Mapping[str, Any]) -> Algorithm:
+    """The algorithm of a name, with options; raises `UsageError` as `parse_algorithm`."""
+    return find_algorithm(name).choose(options)
+
+
+def parse_algorithm(text: str | Algorithm, **options: Any) -> Algorithm:
+    """An algorithm with options, from ``name`` or ``name:key=value:key=value`` and further options.
 
     Those of inim's own algorithms load neither numba nor the renderer. Raises `UsageError` as
-    `find_algorithm` and `parse_algorithm`.
+    `find_algorithm` and `split_algorithm`, and for an unknown or invalid option.
     """
-    name, options = parse_algorithm(text)
-    return find_algorithm(name).properties(options)
+    if isinstance(text, Algorithm):
+        return text.choose({**dict(text.given), **options}) if options else text
+    name, given = split_algorithm(text)
+    return choose_algorithm(name, {**given, **options})
 
 
 def algorithm_summary(name: str) -> tuple[str, str]:
@@ -285,19 +304,15 @@ def algorithm_summary(name: str) -> tuple[str, str]:
 
     Raises `UsageError` as `find_algorithm`.
     """
-    definition = find_algorithm(name)
+    found = find_algorithm(name)
+    options = [*found.own_options, *(declared_options(found.common) if found.own else ())]
     no_default = (inspect.Parameter.empty, None)
-    defaults = {p.name: "..." if p.default in no_default else p.default for p in definition.options}
-    if definition.own:
-        properties = definition.properties({})
-        defaults |= {COLOUR: properties.colour, FILL: properties.fill}
-    return ":".join([name, *(f"{key}={value}" for key, value in defaults.items())]), (
-        definition.summary
-    )
+    defaults = {o.name: "..." if o.default in no_default else o.default for o in options}
+    return ":".join([name, *(f"{key}={value}" for key, value in defaults.items())]), found.summary
 
 
-def parse_algorithm(text: str) -> tuple[str, dict[str, str]]:
-    """An algorithm with options, ``name`` or ``name:key=value:key=value``.
+def split_algorithm(text: str) -> tuple[str, dict[str, str]]:
+    """Name and options in a text, ``name`` or ``name:key=value:key=value``.
 
     Raises `UsageError` for an option without a value, or given twice.
     """
@@ -340,30 +355,3 @@ def _label(name: str, options: object) -> str:
         )
     label = f"algorithms[{name!r}]"
     return ":".join([name, *(f"{key}={value_text(label, v)}" for key, v in options.items())])
-
-
-def check_algorithm(text: str) -> None:
-    """Raise `UsageError` unless an algorithm of that name exists and has those options."""
-    name, options = parse_algorithm(text)
-    find_algorithm(name).check_options(options)
-
-
-def one_of(name: str, value: Any, choices: tuple[str, ...]) -> str:
-    """The value of an option that is one of a few words; raises `UsageError` for any other."""
-    if value not in choices:
-        raise UsageError(f"{name} = {value!r}: {suggest_words(value, choices)}")
-    return str(value)
-
-
-def positive_mm(name: str, value: Any) -> float:
-    """The value of an option that is a length, given as a number or as text.
-
-    Raises `UsageError` unless it is positive and finite.
-    """
-    try:
-        length = math.nan if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError, OverflowError):
-        length = math.nan
-    if not 0 < length < math.inf:
-        raise UsageError(f"{name} = {value!r}: it must be a positive length in mm")
-    return length

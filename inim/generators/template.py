@@ -13,58 +13,44 @@ The second also serves hexagonal, rotated and tilted arrays, in float64, exact e
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import dataclass, replace
 
 from inim.display import Display
-from inim.generators.base import PictureShape, SourceGenerator
-from inim.generators.registry import algorithm, one_of
+from inim.generators.base import PanelRays, PictureShape, SourceFinder, SourceGenerator
+from inim.generators.options import choice
+from inim.generators.registry import algorithm
 
 
-@algorithm(exact=True, portable=True, colour="smooth", fill="auto", color="#0072b2", marker="o")
-def prepare(
-    display: Display,
-    shape: PictureShape,
-    pixel_mm: float,
-    *,
-    samples: int | str = "auto",
-    columns: str = "surface",
-    mask: np.ndarray | None = None,
-    leave_holes: bool = False,
-) -> SourceGenerator:
-    """Exact first hits in the columns of one picture; the recommended algorithm.
+@dataclass(frozen=True)
+class Options:
+    """Options of `template`."""
 
-    Parameters
-    ----------
-    display, shape, pixel_mm, mask :
-        See `inim.generators.prepare`.
-    leave_holes : bool
-        Leave hidden regions as holes, for a later fill.
-    samples : {"auto", 1, 2, 4}
-        Rays per panel pixel or sub-pixel: through its centre; through two points on its diagonal;
-        or through the centres of its quarters, or of those of its emitting area
-        (`Display.pixel_fill`). "auto": as many as suit the layout (`Layout.samples`). Colours are
-        averaged in linear light, and a hole counts as black.
-    columns : {"surface", "solid"}
-        Columns as thick as the pixel's surface, or without a back
-        (`inim.generators.raycast.columns`).
+    columns: str = choice(
+        "surface", "columns as thick as the picture's surface, or without a back",
+        "surface", "solid",
+    )  # fmt: skip
 
-    Raises
-    ------
-    UsageError
-        An invalid number of samples, or rays of implausible length.
-    """
+
+@algorithm(
+    Options, exact=True, portable=True, samples="auto", colour="smooth", fill="auto",
+    color="#0072b2", marker="o",
+)  # fmt: skip
+def prepare(rays: PanelRays, options: Options) -> SourceFinder:
+    """Exact first hits in the columns of one picture; the recommended algorithm."""
     from inim.generators.raycast.columns import SEEN, SURFACE
     from inim.generators.raycast.strips import first_hits
 
-    rule = one_of("template: columns", columns, ("surface", "solid"))
-    if leave_holes and rule == SURFACE:
-        rule = SEEN
-    return first_hits("template", display, shape, pixel_mm, rule, samples, mask)
+    hides = rays.leave_holes and options.columns == SURFACE
+    return first_hits("template", rays, SEEN if hides else options.columns)
 
 
 def ray_by_ray(display: Display, shape: PictureShape, pixel_mm: float) -> SourceGenerator:
     """Exact first hits without tables, to check the tables on separable displays."""
     from inim.generators.raycast.columns import SURFACE
     from inim.generators.raycast.ray_by_ray import RayByRay
+    from inim.generators.registry import parse_algorithm
+    from inim.generators.steps import RayGenerator
 
-    return RayByRay(display, shape, pixel_mm, SURFACE).rays()[0]
+    nearest = parse_algorithm("template:samples=centre:colour=nearest")
+    single = replace(nearest, prepare=lambda rays, _: RayByRay(rays, SURFACE).take)
+    return RayGenerator(single, display, shape, pixel_mm)

@@ -15,94 +15,90 @@ along the ray. docs/theory/paper.md describes the options and lists the deviatio
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
-from inim.display import Display
 from inim.display.pixels import RATIO_ERROR, PixelOffset, row_blocks
-from inim.generators.base import (
-    HOLE,
-    PictureShape,
-    SourceGenerator,
-    Sources,
-    run_kernel,
-)
+from inim.generators.base import HOLE, PanelRays, SourceFinder, Sources, each_ray, run_kernel
+from inim.generators.options import choice
 from inim.generators.raycast.cells import PictureRays, most_cells
-from inim.generators.registry import algorithm, one_of
+from inim.generators.registry import algorithm
 from inim.image.rgbd import RGBD
 from inim.system.errors import UsageError
 
-_MATCHINGS = ("matrix", "ray")
-_ROUNDINGS = ("nearest", "up")
-_STEP_PIXELS = ("picture", "scene")
-_CELLS = ("at_depth", "consecutive")
 # Entries of one pixel's template: a thousand times those of usual displays.
 _MOST_ENTRIES = 1_000_000
 
 
-@algorithm(color="#d55e00", marker="s")
-def prepare(
-    display: Display,
-    shape: PictureShape,
-    pixel_mm: float,
-    matching: str = "matrix",
-    rounding: str = "nearest",
-    step_pixel: str = "picture",
-    cells: str = "at_depth",
-    *,
-    mask: np.ndarray | None = None,
-) -> SourceGenerator:
-    """Local depth template matching, as printed (Wang et al. 2024).
+@dataclass(frozen=True)
+class Options:
+    """Options of `wang2024`."""
 
-    Parameters
-    ----------
-    display, shape, pixel_mm, mask :
-        See `inim.generators.prepare`.
-    matching : {"matrix", "ray"}
-        Search the whole matrix, as printed, or only the entries on the ray.
-    rounding : {"nearest", "up"}
-        Rounding of z_len (Eq. 6): to the nearest whole number, as printed, or up, so that z_max is
-        reached.
-    step_pixel : {"picture", "scene"}
-        Sideways movement of the ray per depth step (Eq. 5): a pixel of the picture, or P_I of Eq.
-        3.
-    cells : {"at_depth", "consecutive"}
-        Row and column of an entry (Eq. 7, 8): those of the ray at the entry's depth, or one more
-        pixel per entry, as printed.
+    matching: str = choice(
+        "matrix", "search the whole matrix, as printed, or only the entries on the ray",
+        "matrix", "ray",
+    )  # fmt: skip
+    rounding: str = choice(
+        "nearest",
+        "rounding of z_len (Eq. 6): to the nearest whole number, as printed, or up, so that z_max "
+        "is reached",
+        "nearest", "up",
+    )  # fmt: skip
+    step_pixel: str = choice(
+        "picture",
+        "sideways movement of the ray per depth step (Eq. 5): a pixel of the picture, or P_I of "
+        "Eq. 3",
+        "picture", "scene",
+    )  # fmt: skip
+    cells: str = choice(
+        "at_depth",
+        "row and column of an entry (Eq. 7, 8): those of the ray at the entry's depth, or one more "
+        "pixel per entry, as printed",
+        "at_depth", "consecutive",
+    )  # fmt: skip
 
-    Raises
-    ------
-    UsageError
-        An invalid option, a display that has no P_I, or templates of implausible length.
-    """
-    along_ray = one_of("matching", matching, _MATCHINGS) == "ray"
-    up = one_of("rounding", rounding, _ROUNDINGS) == "up"
-    stride = 1.0
-    if one_of("step_pixel", step_pixel, _STEP_PIXELS) == "scene":
-        stride = display.scene_pixel_mm / pixel_mm
+
+@algorithm(Options, samples="1", color="#d55e00", marker="s")
+def prepare(rays: PanelRays, options: Options) -> SourceFinder:
+    """Local depth template matching, as printed (Wang et al. 2024)."""
+    display, along_ray, stride = rays.display, options.matching == "ray", 1.0
+    if options.step_pixel == "scene":
+        stride = display.scene_pixel_mm / rays.pixel_mm
         if math.isinf(stride):
             raise UsageError(
-                f"step_pixel = {step_pixel!r}: display {display.name} is focused, where P_I is "
+                f"wang2024: step_pixel = 'scene': display {display.name} is focused, where P_I is "
                 "infinite; use picture"
             )
-    consecutive = one_of("cells", cells, _CELLS) == "consecutive"
-    _check_length(display, shape, pixel_mm * stride, along_ray)
-    search, steps = (along_ray, consecutive), (stride, up)
+    _check_length(rays, stride, along_ray)
+    steps = stride, options.rounding == "up", along_ray, options.cells == "consecutive"
+    z_min, z_max = display.depth_range_mm
+    single = display.central_depth_mm
+    if not z_min <= single <= z_max:
+        single = (z_min + z_max) / 2
 
-    from inim.generators.raycast.colour import averaged
+    def find(rgbd: RGBD, pixel_offset: PixelOffset) -> Sources:
+        depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), np.inf)
+        # Covered columns of each row, first and last; none for a row without relic.
+        first = np.where(rgbd.covered.any(axis=1), rgbd.covered.argmax(axis=1), rays.shape[1])
+        last = rays.shape[1] - 1 - rgbd.covered[:, ::-1].argmax(axis=1)
+        lines = PictureRays(display, rays.shape, rays.pixel_mm, pixel_offset)
+        sources, selected = np.full(display.eia_shape, HOLE, np.int32), rays.selected
+        for rows in row_blocks(display):
+            if selected[rows].any():
+                block = lines.block(rows, in_cells=True)[:4]
+                sources[rows] = run_kernel(
+                    _match_all, len(block[0]), block[0].shape, HOLE, *block, selected[rows],
+                    depth, first, last, z_min, z_max, single, *steps,
+                )  # fmt: skip
+        return sources
 
-    return averaged(
-        display,
-        1,
-        lambda offsets: [
-            _Wang2024(display, shape, pixel_mm, search, steps, mask, offset) for offset in offsets
-        ],
-    )
+    return each_ray(rays, find)
 
 
-def _check_length(display: Display, shape: PictureShape, step_mm: float, along_ray: bool) -> None:
+def _check_length(rays: PanelRays, stride: float, along_ray: bool) -> None:
     """Refuse templates that would take for ever."""
-    longest = most_cells(display, shape, step_mm)
+    longest = most_cells(rays.display, rays.shape, rays.pixel_mm * stride)
     most = _MOST_ENTRIES if along_ray else math.isqrt(_MOST_ENTRIES)
     if longest > most:
         raise UsageError(
@@ -110,42 +106,6 @@ def _check_length(display: Display, shape: PictureShape, step_mm: float, along_r
             f"{most} make sense; state a shorter depth_min_mm to depth_max_mm, or larger picture "
             "pixels"
         )
-
-
-class _Wang2024(SourceGenerator):
-    def __init__(
-        self,
-        display: Display,
-        shape: PictureShape,
-        pixel_mm: float,
-        search: tuple[bool, bool],
-        steps: tuple[float, bool],
-        mask: np.ndarray | None,
-        pixel_offset: PixelOffset,
-    ) -> None:
-        super().__init__(display, shape, pixel_mm, mask, pixel_offset)
-        self._search = search
-        self._steps = steps
-
-    def find(self, rgbd: RGBD) -> Sources:
-        z_min, z_max = self.display.depth_range_mm
-        single = self.display.central_depth_mm
-        if not z_min <= single <= z_max:
-            single = (z_min + z_max) / 2
-        depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), np.inf)
-        # Covered columns of each row, first and last; none for a row without relic.
-        first = np.where(rgbd.covered.any(axis=1), rgbd.covered.argmax(axis=1), self.shape[1])
-        last = self.shape[1] - 1 - rgbd.covered[:, ::-1].argmax(axis=1)
-        picture = PictureRays(self.display, self.shape, self.pixel_mm, self.pixel_offset)
-        sources, selected = np.full(self.display.eia_shape, HOLE, np.int32), self.selected
-        for block in row_blocks(self.display):
-            if selected[block].any():
-                rays = picture.block(block, in_cells=True)[:4]
-                sources[block] = run_kernel(
-                    _match_all, len(rays[0]), rays[0].shape, HOLE, *rays, selected[block],
-                    depth, first, last, z_min, z_max, single, *self._steps, *self._search,
-                )  # fmt: skip
-        return sources
 
 
 def _match_all(

@@ -11,7 +11,7 @@ from inim.display.lens import check_lens_model
 from inim.display.misalignment import misaligned, misalignment_text, parse_misalignment
 from inim.display.settings import PREFIX, Settings
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
-from inim.generators import SCENE_ALGORITHMS, algorithm_items, parse_algorithm, properties
+from inim.generators import SCENE_ALGORITHMS, algorithm_items, split_algorithm
 from inim.generators.registry import Input
 from inim.image.rgbd import RGBD
 from inim.pipeline.request import PREVIEW, Request
@@ -125,9 +125,9 @@ class Plan:
         renderer, its backend is the requested one, on any machine.
         """
         packages = {
-            m.name: identity("inim.generators", parse_algorithm(m.name)[0])
+            m.name: identity("inim.generators", m.algorithm.name)
             for m in self.methods
-            if isinstance(m, GeneratorMethod) and not properties(m.name).own
+            if isinstance(m, GeneratorMethod) and not m.algorithm.own
         }
         return deciding_inputs(
             PROGRAM,
@@ -256,7 +256,7 @@ def _check_without_scene(request: Request, settings: Settings, algorithms: Seque
         if value:
             raise UsageError(f"{option}: needs a scene, not a picture; leave it out")
     for name in algorithms:
-        if parse_algorithm(name)[0] in SCENE_ALGORITHMS:
+        if split_algorithm(name)[0] in SCENE_ALGORITHMS:
             raise UsageError(f"algorithm {name!r}: needs a scene, not a picture; leave it out")
 
 

@@ -72,9 +72,9 @@ def generate_from_scene(
 
         def make_request() -> CaptureRequest:
             _ = generator.generator  # checks the algorithm's options
-            if generator.properties.own:
+            if generator.algorithm.own:
                 thread.submit(generator.run, _dot(design, shape, pixel_mm))
-            return CaptureRequest(file, design, settings, generator.properties.input)
+            return CaptureRequest(file, design, settings, generator.algorithm.input)
 
         job = f"{__name__}:run_job"
         run_in_worker(job, make_request, nullcontext(folder), about=str(path), debug=debug)

@@ -21,8 +21,7 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.generators import Generator, foreign_errors, is_own, parse_algorithm, prepare
-from inim.generators.base import check_array
+from inim.generators import Generator, parse_algorithm, prepare
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.system.errors import UsageError
@@ -51,14 +50,7 @@ class TimedMethod:
 
     def run(self) -> None:
         """Generate an EIA once, timed; raises `UsageError` if another package's generator fails."""
-        if self.is_own:
-            self.generator.generate(self.rgbd, self.out)
-            return
-        with foreign_errors(self.name):
-            eia = self.generator.generate(self.rgbd, self.out)
-            if eia is not self.out:
-                check_array(eia, self.out.shape, str(self.out.dtype))
-                self.out[...] = eia
+        self.generator.generate(self.rgbd, self.out)
 
 
 def prepare_method(
@@ -70,11 +62,11 @@ def prepare_method(
     `UsageError` for an unknown algorithm or option.
     """
     start = time.perf_counter()
-    with foreign_errors(name):
-        generator = prepare(display, name, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
+    algorithm = parse_algorithm(name)
+    generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, mask=mask)
     prepare_s = time.perf_counter() - start
     out = np.zeros((*display.eia_shape, 4), np.uint8)
-    return TimedMethod(name, generator, rgbd, out, prepare_s, is_own(parse_algorithm(name)[0]))
+    return TimedMethod(name, generator, rgbd, out, prepare_s, algorithm.own)
 
 
 def time_methods(

@@ -14,7 +14,7 @@ from pathlib import Path
 from threading import RLock
 from typing import Any
 
-from inim.generators import properties
+from inim.generators import parse_algorithm
 from inim.system.errors import UsageError
 from inim.system.process.atomic_file import write_atomically
 
@@ -77,7 +77,7 @@ def marker_of(name: str) -> str:
 def _algorithm_property(algorithm: str, key: str) -> str | None:
     """Property of an algorithm; None for a finished EIA or an algorithm of another machine."""
     try:
-        value: str | None = getattr(properties(algorithm), key)
+        value: str | None = getattr(parse_algorithm(algorithm), key)
     except UsageError:
         return None
     return value

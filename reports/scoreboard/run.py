@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 import inim
-from inim.generators import HOLE, algorithm_names, template
-from inim.generators.registry import properties
+from inim.generators import HOLE, algorithm_names, parse_algorithm
+from inim.generators.steps import RayGenerator
 from inim.image.color import linear_from_srgb
 from inim.image.files.light_field import sub_aperture_views
 from inim.image.rgbd import CameraRGBDs
@@ -55,7 +55,7 @@ _OPTIONS = {
 
 def algorithms() -> list[str]:
     """All installed algorithms except those that read several cameras: one view is given."""
-    return [n for n in algorithm_names() if properties(n).reads is not CameraRGBDs]
+    return [n for n in algorithm_names() if parse_algorithm(n).reads is not CameraRGBDs]
 
 
 def methods() -> list[str]:
@@ -174,8 +174,8 @@ def _decibels(squared: float) -> float | None:
 def _left(field: LightField) -> np.ndarray:
     """Sources of the panel, with holes where the picture does not determine them."""
     shape, pixel = field.rgbd.shape, field.rgbd.pixel_mm
-    generator = template.prepare(field.display, shape, pixel, samples=1, leave_holes=True)
-    return generator.sources(field.rgbd)
+    template = parse_algorithm("template:samples=1:fill=none")
+    return RayGenerator(template, field.display, shape, pixel, leave_holes=True).sources(field.rgbd)
 
 
 def _kinds(field: LightField, place: Place, holes: np.ndarray) -> np.ndarray:

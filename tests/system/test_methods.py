@@ -18,7 +18,8 @@ import pytest
 from PIL import Image
 
 import inim
-from inim.generators import SourceGenerator, algorithm_items
+from inim.generators import Algorithm, SourceGenerator, algorithm_items
+from inim.generators.steps import make_generator
 from inim.image.color import srgb_from_linear
 from inim.image.files.image import read_exr
 from inim.pipeline.request import Request
@@ -345,7 +346,9 @@ def some_picture() -> inim.RGBD:
 )
 def test_result_of_a_generator_is_looked_at(generator, says):
     with pytest.raises(UsageError) as caught:
-        run_generator("x", generator, some_picture(), small_display())
+        display, rgbd = small_display(), some_picture()
+        algorithm = Algorithm("x", lambda *_: generator, options={})
+        run_generator(make_generator(algorithm, display, rgbd.shape, 1.0, None), rgbd)
     assert says in str(caught.value)
 
 

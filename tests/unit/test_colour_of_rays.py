@@ -8,7 +8,8 @@ import pytest
 
 from inim.display.pixels import SUBPIXELS as PATTERNS
 from inim.display.pixels import PixelOffset, exact_length
-from inim.generators import HOLE, SourceGenerator, generate, prepare
+from inim.generators import HOLE, generate, prepare
+from inim.generators.steps import RayGenerator
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from reports.stress.study.rays import chosen_pixels, rays_over
 from tests.colour_oracle import (
@@ -66,7 +67,7 @@ def with_every_colour(cases: list[tuple[str, str]]) -> list[Any]:
 
 
 def expected_colours(
-    generator: SourceGenerator, rgbd: RGBD, pixels: np.ndarray, colour: str, samples: int
+    generator: RayGenerator, rgbd: RGBD, pixels: np.ndarray, colour: str, samples: int
 ) -> np.ndarray:
     """Colours of panel pixels, (n, channels) in linear light and alpha, from the oracle."""
     display, layers = generator.display, rgbd.layers
@@ -81,8 +82,8 @@ def expected_colours(
     fill = exact_length(display.pixel_fill)
     result, starts = np.zeros((len(pixels), values.shape[-1])), []
     sources = {
-        (channel, *ray.pixel_offset): ray.generator.sources(rgbd)[tuple(pixels.T)]
-        for ray in generator.rays()
+        (channel, *ray.pixel_offset): of_ray[tuple(pixels.T)]
+        for ray, of_ray in generator.sources_of_rays(rgbd)
         for channel in ray.channels
     }
     for place in dict.fromkeys(PATTERNS[display.subpixels]):
@@ -117,7 +118,7 @@ def test_colours_agree_with_the_float64_oracle(algorithm, display, colour):
             method = f"{algorithm}:colour={colour}:fill=none"
             size = {"shape": rgbd.shape, "pixel_mm": rgbd.pixel_mm}
             generator = prepare(device, method, **size)
-            assert isinstance(generator, SourceGenerator)
+            assert isinstance(generator, RayGenerator)
             expected = expected_colours(generator, rgbd, pixels, colour, samples)
             whole = generator.generate(rgbd)
             eia = whole[tuple(pixels.T)]
@@ -129,7 +130,7 @@ def test_colours_agree_with_the_float64_oracle(algorithm, display, colour):
                 error = np.abs(eia - expected)
                 assert (error <= 1e-5 * np.maximum(expected, 0.05)).all()
             masked = prepare(device, method, **size, mask=mask)
-            assert isinstance(masked, SourceGenerator)
+            assert isinstance(masked, RayGenerator)
             assert np.array_equal(masked.generate(rgbd), whole * mask[..., None])
 
 
@@ -165,14 +166,14 @@ def test_fill_shows_the_picture_continued_beyond_its_edge(display, colour):
     method = f"layered:samples=4:colour={colour}"
     filled = generate(rgbd, device, method, fill="hidden")
     outside = prepare(device, method, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, fill="none")
-    assert isinstance(outside, SourceGenerator)
+    assert isinstance(outside, RayGenerator)
     # Another margin than the fill's: every margin beyond the reach of rays has the same result.
     reach = max(whole.shape)
     rows, columns = (np.clip(np.arange(-reach, n + reach), 0, n - 1) for n in rgbd.shape)
     continued = selected(rgbd, rows, columns)
     generator = prepare(device, method, shape=continued.shape, pixel_mm=rgbd.pixel_mm, fill="none")
-    assert isinstance(generator, SourceGenerator)
-    complete = np.all([ray.generator.sources(continued) >= 0 for ray in generator.rays()], axis=0)
+    assert isinstance(generator, RayGenerator)
+    complete = np.all([of_ray >= 0 for _, of_ray in generator.sources_of_rays(continued)], axis=0)
     pixels = np.argwhere(complete & (outside.sources(rgbd) == HOLE))
     assert len(pixels) > 20
     expected = expected_colours(generator, continued, pixels, colour, 4)

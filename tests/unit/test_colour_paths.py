@@ -3,13 +3,14 @@
 `test_colour_of_rays` compares them with an oracle.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from inim.generators import prepare
-from inim.generators.raycast.colour import ColouredRays
+from inim.generators import parse_algorithm
 from inim.generators.raycast.ray_by_ray import RayByRay
-from inim.image.rgbd import RGBD
+from inim.generators.steps import RayGenerator
 from tests.generator_cases import DISPLAYS, picture, random_codes
 
 COLOURS = ["linear", "averaged", "smooth"]
@@ -23,15 +24,7 @@ def test_colours_of_tables_are_those_of_single_rays(display, colour):
     for name in ("layers", "random, sparse, odd size"):
         for rgbd in (picture(display, name), random_codes(picture(display, name), opaque=True)):
             size = (device, rgbd.shape, rgbd.pixel_mm)
-            generator = prepare(
-                device, f"template:colour={colour}:fill=none", shape=rgbd.shape,
-                pixel_mm=rgbd.pixel_mm,
-            )  # fmt: skip
-            rays = generator.rays()
-            tracer = RayByRay(*size, "surface", [ray.pixel_offset for ray in rays])
-            alone = [
-                ray._replace(generator=single)
-                for ray, single in zip(rays, tracer.rays(), strict=True)
-            ]
-            single = ColouredRays(alone, generator.rays, *size, colour=colour, reads=RGBD)
+            template = parse_algorithm(f"template:colour={colour}:fill=none")
+            alone = replace(template, prepare=lambda rays, _: RayByRay(rays, "surface").take)
+            generator, single = (RayGenerator(way, *size) for way in (template, alone))
             assert np.array_equal(generator.generate(rgbd), single.generate(rgbd))

@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-import inim
 from inim.display import DISPLAYS, Display
-from inim.generators import HOLE, NO_LENS, find_sources, generate, prepare
+from inim.generators import HOLE, NO_LENS, find_sources, generate, prepare, registry
 from inim.generators.raycast.columns import STEEPEST
-from inim.generators.raycast.fill import Filled
 from inim.generators.registry import Algorithm
+from inim.generators.steps import RayGenerator
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD
 from inim.system.errors import UsageError
@@ -45,7 +44,7 @@ def left(rgbd: RGBD, display: Display, algorithm: str) -> tuple[np.ndarray, np.n
     """Sources and EIA, with holes, of a picture that reaches far enough."""
     size = {"shape": rgbd.shape, "pixel_mm": rgbd.pixel_mm}
     generator = prepare(display, algorithm, **size, fill="all")
-    assert isinstance(generator, Filled) and generator.with_holes.shape == rgbd.shape
+    assert isinstance(generator, RayGenerator) and generator.with_holes.shape == rgbd.shape
     return generator.with_holes.sources(rgbd), generator.with_holes.generate(rgbd)
 
 
@@ -191,7 +190,7 @@ def test_inputs_that_cannot_be_filled_are_refused(monkeypatch) -> None:
         prepare(display, "template:fill=mirror", **size)
     with pytest.raises(UsageError, match="form no rows and columns; use fill=none"):
         prepare(display.replace(lattice="hexagonal"), "gu2020:fill=all", **size)
-    colours = Algorithm("mine", lambda *_: SimpleNamespace(generate=len), own=False)
-    monkeypatch.setattr(inim.generators, "find_algorithm", lambda name: colours)
+    colours = Algorithm("mine", lambda *_: SimpleNamespace(generate=len), options={})
+    monkeypatch.setattr(registry, "find_algorithm", lambda name: colours)
     with pytest.raises(UsageError, match="'mine' does not report its sources"):
         prepare(display, "mine:fill=all", **size)

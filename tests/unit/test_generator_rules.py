@@ -295,10 +295,10 @@ def test_pixel_on_the_array_is_skipped_and_extreme_depths_do_no_harm():
         ("x", "'x': use template or .* wang2024"),
         ("template:samples=3", "template: samples = '3'"),
         ("layered:samples=many", "layered: samples = 'many'"),
-        ("template:smaples=4", "no option 'smaples'; its options are samples"),
+        ("template:smaples=4", "no option 'smaples'; did you mean samples?"),
         ("template:columns=open", "columns = 'open': use surface or solid"),
         ("template:mask=all", "has no option 'mask'"),
-        ("gu2020:samples=4", "'gu2020' has no option 'samples'"),
+        ("gu2020:samples=3", "gu2020: samples = '3': use auto or centre or 1"),
         ("gu2020:implementation=python", "'gu2020' has no option 'implementation'"),
         ("wang2024:matching=diagonal", "matching = 'diagonal': use matrix or ray"),
         ("li2012:fill=telea", "fill = 'telea': use none or hidden or all"),
@@ -352,13 +352,14 @@ class Bright:
 
 
 def test_a_generator_without_masks_is_run_in_full(monkeypatch):
-    bright = Algorithm("bright", lambda display, shape, pixel_mm: Bright(display), own=False)
-    monkeypatch.setattr("inim.generators.find_algorithm", lambda name: bright)
     display = small_display(5, 4, 3)
+    single = Bright(display)
+    bright = Algorithm("bright", lambda display, shape, pixel_mm: single, options={})
+    monkeypatch.setattr("inim.generators.registry.find_algorithm", lambda name: bright)
     mask = np.random.default_rng(1).random(display.eia_shape) < 0.4
     generator = prepare(display, "bright", shape=(8, 10), pixel_mm=0.5, mask=mask)
     rgbd = noise(display, (8, 10), 0.5)
     masked = np.repeat(mask[..., None], 3, axis=-1)
     assert np.array_equal(generator.generate(rgbd), masked)
-    assert np.array_equal(run_generator("bright", generator, rgbd, display, mask)[0], masked)
-    assert generator._whole.place.all()
+    assert np.array_equal(run_generator(generator, rgbd, mask)[0], masked)
+    assert single.place.all()

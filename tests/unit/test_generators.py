@@ -5,19 +5,21 @@ Expected: first hits are those of the definition, in rational numbers, ties incl
 way to ask for an EIA gives the same bits.
 """
 
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import pytest
 
+from inim.display import Display
+from inim.display.pixels import CENTRE, PixelOffset, exact_length
 from inim.display.pixels import SUBPIXELS as PATTERNS
-from inim.display.pixels import PixelOffset, exact_length
 from inim.generators import (
     HOLE,
     MASKED,
     NO_LENS,
-    SourceGenerator,
+    PanelRays,
     base,
     colour_of,
     find_sources,
@@ -28,6 +30,7 @@ from inim.generators import (
 from inim.generators.oracle import exact_hits
 from inim.generators.raycast.ray_by_ray import RayByRay
 from inim.generators.raycast.strips import Strips
+from inim.generators.steps import RayGenerator
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD
 from inim.system.backend.kernels import limited_threads
@@ -122,6 +125,13 @@ def test_the_matrix_has_hits_holes_and_deeper_layers():
     assert len(np.unique(sources[sources >= 0] // layered.depth_mm.size)) == 3
 
 
+def first_hits(tracer: RayByRay | Strips, rgbd: RGBD, display: Display) -> np.ndarray:
+    """Sources of the centres of all pixels."""
+    sources = np.empty(display.eia_shape, np.int32)
+    tracer.take(rgbd)(0, slice(0, len(sources)), sources)
+    return np.where(display.lensed, sources, NO_LENS)
+
+
 @pytest.mark.parametrize("columns", ["surface", "solid", "layers"])
 @pytest.mark.parametrize("display", SEPARABLE)
 def test_strips_single_rays_and_free_rays_find_the_same(display, columns):
@@ -129,19 +139,19 @@ def test_strips_single_rays_and_free_rays_find_the_same(display, columns):
     device = DISPLAYS[display]
     for name in ("layers", "random", "layers, odd size", "hills"):
         rgbd = picture(display, name)
-        size = (device, rgbd.shape, rgbd.pixel_mm, columns)
-        alone = RayByRay(*size).rays()[0].sources(rgbd)
+        rays = PanelRays(device, rgbd.shape, rgbd.pixel_mm, (CENTRE,))
+        alone = first_hits(RayByRay(rays, columns), rgbd, device)
         whole = exact_length(device.pitch_mm) / exact_length(rgbd.pixel_mm)
         if whole.denominator == 1 and device.row_pitch_mm == device.pitch_mm:
-            lists = Strips(*size).rays()[0]
+            lists = Strips(rays, columns)
             for before in (rgbd, RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)):
-                lists.sources(before)
-                assert np.array_equal(lists.sources(rgbd), alone)
+                lists.take(before)
+                assert np.array_equal(first_hits(lists, rgbd, device), alone)
         # Where pixels are on borders between lenses, free rays go either way.
         if name == "layers, odd size" and display in ("odd pixels", "virtual", "phone", "moved"):
             turned = device.replace(rotation_deg=1e-9)
             assert not turned.is_separable
-            free = RayByRay(turned, *size[1:]).rays()[0].sources(rgbd)
+            free = first_hits(RayByRay(replace(rays, display=turned), columns), rgbd, turned)
             assert (free != alone)[device.lensed].mean() < 0.02
 
 
@@ -203,7 +213,7 @@ def test_codes_are_those_of_the_mean_light_to_the_last_bit(samples):
     rgbd = RGBD(color, linear.depth_mm, linear.covered, linear.pixel_mm)
     algorithm = f"template:samples={samples}:colour=nearest"
     generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
-    sources = np.stack([ray.generator.sources(rgbd) for ray in generator.rays()])
+    sources = np.stack([of_ray for _, of_ray in generator.sources_of_rays(rgbd)])
     palette = np.append(rgbd.color.reshape(-1, 4), np.zeros((1, 4), np.uint8), axis=0)
     codes = palette[np.where(sources >= 0, sources, -1)]
     # In 16383 steps of light, as the definition counts.
@@ -257,7 +267,7 @@ def test_masks_threads_codes_and_earlier_pictures_change_no_pixel(method, displa
     assert whole.dtype == np.float32 and whole.shape == (*device.eia_shape, 3)
     assert sources.dtype == np.int32 and not whole[~device.lensed].any()
     generator = prepare(device, algorithm, **size)
-    assert isinstance(generator, SourceGenerator)
+    assert isinstance(generator, RayGenerator)
     if generator.shows_sources(rgbd):
         assert np.array_equal(whole, colour_of(sources, rgbd))
     out = np.full_like(whole, 7)

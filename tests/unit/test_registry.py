@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from inim.generators import algorithm, algorithm_names, is_own, properties, registry
+from inim.generators import algorithm, algorithm_names, is_own, parse_algorithm, registry
 from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.system import plugins
 from inim.system.errors import UsageError
@@ -46,30 +46,26 @@ def test_an_algorithm_of_our_own_is_found_by_its_file():
 
 def test_properties_of_our_own_load_no_compiler_and_no_renderer():
     code = (
-        "import sys; from inim.generators import algorithm_names, check_algorithm, is_own, "
-        "properties\n"
-        "for n in filter(is_own, algorithm_names()): properties(n); check_algorithm(n)\n"
+        "import sys; from inim.generators import algorithm_names, is_own, parse_algorithm\n"
+        "for n in filter(is_own, algorithm_names()): parse_algorithm(n)\n"
         "print([m for m in ('numba', 'mitsuba', 'scipy', 'skimage') if m in sys.modules])"
     )
     assert run_python(code) == "[]"
 
 
 def test_what_our_own_state():
-    assert {n for n in OWN if properties(n).exact} == {"template", "layered", "cameras"}
-    assert {n for n in OWN if properties(n).portable} == {"template"}
-    assert {n for n in OWN if properties(n).reads is LayeredRGBD} == {"layered"}
-    assert properties("cameras:views=3x3").input == "3x3"
-    assert {n for n in OWN if properties(n).takes_mask} == {
-        "template", "layered", "cameras", "gu2020", "wang2024",
-    }  # fmt: skip
-    colors = [properties(n).color for n in OWN]
+    assert {n for n in OWN if parse_algorithm(n).exact} == {"template", "layered", "cameras"}
+    assert {n for n in OWN if parse_algorithm(n).portable} == {"template"}
+    assert {n for n in OWN if parse_algorithm(n).reads is LayeredRGBD} == {"layered"}
+    assert parse_algorithm("cameras:views=3x3").input == "3x3"
+    colors = [parse_algorithm(n).color for n in OWN]
     assert None not in colors and len(set(colors)) == len(colors)
 
 
 @pytest.mark.usefixtures("announced")
 def test_another_package_states_its_properties_or_does_not():
     assert algorithm_names() == [*OWN, "plain", "stated"]
-    plain, stated = properties("plain:brightness=2"), properties("stated:slow=yes")
+    plain, stated = parse_algorithm("plain:brightness=2"), parse_algorithm("stated:slow=yes")
     assert not (plain.own or plain.exact or plain.takes_mask)
     assert plain.reads is RGBD
     assert plain.color is None
@@ -80,4 +76,4 @@ def test_another_package_states_its_properties_or_does_not():
 
 def test_properties_of_an_unknown_algorithm_are_refused():
     with pytest.raises(UsageError, match="use template or cameras or"):
-        properties("nobody's")
+        parse_algorithm("nobody's")

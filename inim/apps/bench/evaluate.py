@@ -24,11 +24,11 @@ from inim.generators import (
     SourceGenerator,
     Sources,
     algorithm_names,
-    check_algorithm,
     find_sources,
     is_own,
-    properties,
+    parse_algorithm,
 )
+from inim.generators.steps import RayGenerator
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.pipeline.plan import Plan
@@ -175,14 +175,13 @@ def _scores(
 
 def _multi_source_share(method: TimedMethod) -> float | None:
     """Share of the panel pixels whose rays have different sources; None for one ray per pixel."""
-    if not isinstance(method.generator, SourceGenerator):
+    if not isinstance(method.generator, RayGenerator):
         return None
-    rays = method.generator.rays()
-    first, *others = [ray for ray in rays if ray.channels == rays[0].channels]
+    rays = method.generator.sources_of_rays(method.rgbd)
+    first, *others = [sources for ray, sources in rays if 0 in ray.channels]
     if not others:
         return None
-    sources = first.generator.sources(method.rgbd).copy()
-    differ = [ray.generator.sources(method.rgbd) != sources for ray in others]
+    differ = [sources != first for sources in others]
     return float(np.any(differ, axis=0).mean())
 
 
@@ -264,7 +263,7 @@ def choose_algorithms(algorithms: Sequence[str] | None) -> tuple[Sequence[str], 
     if not names:
         raise UsageError("--algorithms: none given; name at least one, such as 'template'")
     for name in names:
-        check_algorithm(name)
+        parse_algorithm(name)
     return names, []
 
 
@@ -302,7 +301,7 @@ def bench_scene(
     observer, display, s = renderer.observer, plan.display, plan.settings
     observer.begin(["open scene", "capture RGB-D", "ground-truth EIA", "time", "score", "write"])
     run, camera = Run(observer=observer), plan.camera(renderer)
-    capture = capture_nonempty(camera, {properties(name).input for name in names}, run=run)
+    capture = capture_nonempty(camera, {parse_algorithm(name).input for name in names}, run=run)
     truth = render_ground_truth_eia(camera.scene, display, s.eia_spp, s.seed, None, run=run)
 
     def views_of(eia: np.ndarray) -> list[np.ndarray]:

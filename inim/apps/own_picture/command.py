@@ -149,13 +149,13 @@ def _generate_folder(args: argparse.Namespace) -> int:
 
 def _check_options(args: argparse.Namespace) -> None:
     """Reject options that are invalid for every photograph."""
-    from inim.generators import check_algorithm
+    from inim.generators import parse_algorithm
 
     picture = picture_of(args)
     picture.check_files()
     picture.check_choices()
     display_and_settings(args)
-    check_algorithm(_algorithm(args))
+    parse_algorithm(_algorithm(args))
 
 
 def _run_one(args: argparse.Namespace) -> None:
@@ -172,7 +172,7 @@ def _run_one(args: argparse.Namespace) -> None:
 
 def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     """Generate and write the requested files; return the lines of output, and warnings."""
-    from inim.generators import check_algorithm
+    from inim.generators import parse_algorithm
 
     started = time.perf_counter()
     picture = picture_of(args)
@@ -188,7 +188,7 @@ def _generate(args: argparse.Namespace) -> tuple[list[str], tuple[str, ...]]:
     if args.cameras_file is not None:
         return _generate_from_cameras(args, picture, display, settings)
     picture.camera()
-    check_algorithm(_algorithm(args))
+    parse_algorithm(_algorithm(args))
     photograph = picture.read()
     display = picture.orient(photograph, display)
     with naming(args.input):
@@ -270,11 +270,11 @@ def _generate_from_rgbd(
     """Generate and write the EIA of a scene, or of an RGB-D picture in millimetres of the display
     frame.
     """
-    from inim.generators import check_algorithm
+    from inim.generators import parse_algorithm
     from inim.generators.base import outside_depth_range, outside_depth_text
     from inim.image.files.image import read_rgbd
 
-    check_algorithm(_algorithm(args))
+    parse_algorithm(_algorithm(args))
     started = time.perf_counter()
     if scene is not None:
         from inim.pipeline.scene_capture import generate_from_scene
@@ -305,9 +305,9 @@ def _generate_from_cameras(
 ) -> tuple[list[str], tuple[str, ...]]:
     """Generate and write the EIA of several cameras; return the lines of output, and warnings."""
     from inim.apps.own_picture.cameras import read_cameras
-    from inim.generators import check_algorithm, merge_cameras
+    from inim.generators import merge_cameras, parse_algorithm
 
-    check_algorithm(_algorithm(args))
+    parse_algorithm(_algorithm(args))
     cameras = read_cameras(args.cameras_file, picture, display)
     with naming(args.input):
         rgbd = merge_cameras(cameras.pictures, display, settings.capture_pixels_per_pitch)
@@ -327,7 +327,7 @@ def _generate_from_cameras(
 
 def _check(args: argparse.Namespace, picture: CameraPicture) -> None:
     """Reject arguments that are invalid independently of the files' content."""
-    from inim.generators.registry import FILLS, one_of
+    from inim.generators.options import FILLS, one_of
     from inim.image.files.eia_file import EIA_SUFFIXES
 
     if args.light_field is not None:
@@ -374,10 +374,10 @@ def _algorithm(args: argparse.Namespace) -> str:
 
 
 def _fill_words(args: argparse.Namespace) -> str:
-    from inim.generators.registry import FILL, parse_algorithm
+    from inim.generators import split_algorithm
 
-    _, options = parse_algorithm(_algorithm(args))
-    return options.get(FILL, "the algorithm's default")
+    _, options = split_algorithm(_algorithm(args))
+    return options.get("fill", "the algorithm's default")
 
 
 def _generate_eia(

@@ -36,10 +36,9 @@ from inim.apps.stress.pictures import (
     tied_picture,
 )
 from inim.display import Display
-from inim.generators import SourceGenerator, foreign_errors, prepare
+from inim.generators import SourceGenerator, parse_algorithm, prepare
 from inim.generators.accuracy_limits import accuracy_warnings
 from inim.generators.oracle import exact_hits
-from inim.generators.registry import properties
 from inim.image.rgbd import RGBD
 from inim.scores import metrics
 from inim.system.errors import InimError
@@ -110,13 +109,14 @@ def check_first_hits(algorithm: str, case: Case) -> FirstHitsResult:
             generator.generate(picture)
             return replace(hits, outcome="no sources")
         sources = generator.sources(picture)
-    except InimError as error:
-        return replace(hits, outcome="refused", message=str(error), passed=not exact)
     except Exception as error:
-        message = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+        reason = error.__cause__ or error  # an error of another package is the cause of ours
+        if isinstance(reason, InimError):
+            return replace(hits, outcome="refused", message=str(error), passed=not exact)
+        message = " ".join(f"{type(reason).__name__}: {reason}".split())[:300]
         return replace(hits, outcome="crashed", message=message, passed=False)
     seconds = time.perf_counter() - started
-    truth = exact_hits(picture, display, properties(algorithm).columns, _MOST_PIXELS)
+    truth = exact_hits(picture, display, parse_algorithm(algorithm).columns, _MOST_PIXELS)
     wrong = round(truth.wrong_share(sources) * len(truth.sources))
     return replace(
         hits,
@@ -170,8 +170,7 @@ def measure_jitter(rgbd: RGBD, display: Display, algorithms: Sequence[str]) -> l
         for kind, pair in jitters.items():
             for picture in pair:
                 if id(picture) not in images_by_picture:
-                    with foreign_errors(algorithm):
-                        images_by_picture[id(picture)] = eia_of(picture, display, algorithm)
+                    images_by_picture[id(picture)] = eia_of(picture, display, algorithm)
             (a, eia), (b, moved) = (images_by_picture[id(picture)] for picture in pair)
             changed = float((a != b).any(axis=-1)[display.lensed].mean())
             lost = 1 - metrics.ssim(eia, moved) if changed else 0.0

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.generators import SourceGenerator, colour_of, prepare, properties
+from inim.generators import SourceGenerator, colour_of, parse_algorithm, prepare
 from inim.generators.oracle import axis_rays
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 
@@ -200,12 +200,12 @@ Show = Callable[[RGBD, Display, str], np.ndarray]
 
 def is_first_hit(algorithm: str) -> bool:
     """True if an algorithm is defined by the first hit of each ray, which is unique."""
-    return properties(algorithm).exact
+    return parse_algorithm(algorithm).exact
 
 
 def input_of(rgbd: RGBD, display: Display, algorithm: str) -> RGBD:
     """Return the picture, with layers if the algorithm reads them."""
-    return rgbd if properties(algorithm).reads is RGBD else solids_of(rgbd, display)
+    return rgbd if parse_algorithm(algorithm).reads is RGBD else solids_of(rgbd, display)
 
 
 def algorithm_output(rgbd: RGBD, display: Display, algorithm: str, **options: Any) -> np.ndarray:

@@ -31,7 +31,7 @@ from inim.apps.stress.pictures import (
     small_display,
 )
 from inim.display import Display
-from inim.generators import properties
+from inim.generators import parse_algorithm
 from inim.image.rgbd import RGBD
 from inim.system.errors import InimError
 
@@ -99,11 +99,11 @@ def run_relations(
     rows = []
     for relation in RELATIONS if relations is None else relations:
         for algorithm in algorithms:
-            if relation.one_layer and properties(algorithm).reads is not RGBD:
+            if relation.one_layer and parse_algorithm(algorithm).reads is not RGBD:
                 continue
             exact = is_first_hit(algorithm)
             explained = _NOT_PROMISED if relation.first_hit and not exact else ""
-            if relation.own_columns and properties(algorithm).columns == "surface":
+            if relation.own_columns and parse_algorithm(algorithm).columns == "surface":
                 explained = explained or _BY_NEIGHBOURS
             rows.append(
                 check_relation(relation, algorithm, show=show, exact=exact, explained=explained)

@@ -25,7 +25,7 @@ from inim.apps.stress.document import (
     StressDocument,
 )
 from inim.apps.stress.page import write_stress
-from inim.generators import algorithm_names, check_algorithm, is_own
+from inim.generators import algorithm_names, is_own, parse_algorithm
 from inim.image.rgbd import RGBD
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
@@ -66,7 +66,7 @@ class StressRequest:
         if self.algorithms is None:
             return [*_DEFAULT, *(n for n in algorithm_names() if not is_own(n))]
         for name in self.algorithms:
-            check_algorithm(name)
+            parse_algorithm(name)
             if self.algorithms.count(name) > 1:
                 raise UsageError(f"algorithm {name!r} is given twice; remove one")
         if not self.algorithms:

@@ -16,22 +16,14 @@ whole pixels and omit colours that they cannot show. In RGBA, alpha is the mean 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from fractions import Fraction
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import CENTRE, SUBPIXELS, PixelOffset, SubPixel, exact_length, row_blocks
-from inim.generators.base import (
-    PictureShape,
-    Ray,
-    SourceGenerator,
-    Sources,
-)
+from inim.display.pixels import SUBPIXELS, row_blocks
+from inim.generators.base import Ray, RaySearch
 from inim.generators.raycast.columns import visible_depth
 from inim.generators.raycast.interpolation import Interpolation
 from inim.generators.raycast.light import (
@@ -43,7 +35,7 @@ from inim.generators.raycast.light import (
     mean_light,
     pack_light,
 )
-from inim.image.rgbd import RGBD, LayeredRGBD
+from inim.image.rgbd import RGBD
 from inim.system.backend.kernels import parts_of, share, share_rows
 from inim.system.row_bands import row_bands
 
@@ -59,26 +51,32 @@ _Writer = Callable[[slice, np.ndarray, np.ndarray], None]
 
 
 def show_colours(
-    rgbd: RGBD, display: Display, colour: str, rays: Sequence[Ray], out: np.ndarray
+    rgbd: RGBD,
+    display: Display,
+    colour: str,
+    rays: Sequence[Ray],
+    search: RaySearch,
+    out: np.ndarray,
 ) -> None:
     """Write the mean colours of the rays of every pixel.
 
     * `colour`: {"nearest", "linear", "averaged", "smooth"}.
     * `rays`: one, two or four of each colour channel.
+    * `search`: finds the sources of each.
     * `out`, (rows, columns, 3) float32 or (rows, columns, 4) uint8: alpha is the mean of the
       channels.
     """
     picture = _Picture(rgbd, display, colour)
-    groups: dict[tuple[int, ...], list[Ray]] = {}
-    for ray in rays:
-        groups.setdefault(ray.channels, []).append(ray)
+    groups: dict[tuple[int, ...], dict[int, Ray]] = {}
+    for number, ray in enumerate(rays):
+        groups.setdefault(ray.channels, {})[number] = ray
     if len(groups) == 1:
-        _show_group(picture, rays, out)
+        _show_group(picture, groups[rays[0].channels], search, out)
         return
     alpha = np.ones(out.shape[:2], np.uint16)
     part = np.empty_like(out)
     for channels, group in groups.items():
-        _show_group(picture, group, part)
+        _show_group(picture, group, search, part)
         out[..., channels] = part[..., channels]
         if out.dtype == np.uint8:
             alpha += part[..., 3] * np.uint16(len(channels))
@@ -86,18 +84,18 @@ def show_colours(
         out[..., 3] = alpha // 3
 
 
-def _show_group(picture: _Picture, rays: Sequence[Ray], out: np.ndarray) -> None:
-    """Write the mean colours of the rays of some channels to all channels."""
-    generators = [ray.generator for ray in rays]
-    searches = generators[0].search_all(generators, picture.rgbd)
-    write = picture.writer(rays)
+def _show_group(
+    picture: _Picture, rays: Mapping[int, Ray], search: RaySearch, out: np.ndarray
+) -> None:
+    """Write the mean colours of the rays of some channels, by number, to all channels."""
+    write = picture.writer([*rays.values()])
 
     def show(bands: Sequence[slice]) -> None:
         sources = np.empty((len(rays), _length(bands[0]), out.shape[1]), np.int32)
         for rows in bands:
             band = sources[:, : _length(rows)]
-            for search, of_ray in zip(searches, band, strict=True):
-                search(rows, of_ray)
+            for number, of_ray in zip(rays, band, strict=True):
+                search(number, rows, of_ray)
             write(rows, band, out[rows])
 
     if out.shape[:2] == picture.display.eia_shape and not picture.display.is_separable:
@@ -178,89 +176,3 @@ def _footprint(
     side = display.pixel_pitch_mm * display.pixel_fill / samples**0.5 / display.gap_mm / pixel_mm
     # Cylinders send all light of a pixel to the same eye's height: it does not widen along them.
     return 0.0 if display.layout.of_cylinders else height * side, width * side
-
-
-_A = Fraction(1, 4)
-# Down and right from the centre of an area, in its height and width.
-_PLACES: dict[int, tuple[tuple[Fraction, Fraction], ...]] = {
-    1: ((Fraction(0), Fraction(0)),),
-    2: ((-_A, -_A), (_A, _A)),
-    4: ((-_A, -_A), (-_A, _A), (_A, -_A), (_A, _A)),
-}
-
-
-def averaged(
-    display: Display,
-    samples: int,
-    make: Callable[[Sequence[PixelOffset]], Sequence[SourceGenerator]],
-) -> SourceGenerator:
-    """Generator with one or several rays per panel pixel or sub-pixel.
-
-    * `samples`, {1, 2, 4}: rays through the centre; through two points on the diagonal; through the
-      centres of the quarters of the emitting area (`Display.pixel_fill`). Colours are averaged in
-      linear light, and a hole counts as black.
-    * `make`: creates the generators of the rays through some points of every pixel.
-    """
-    channels: dict[SubPixel, list[int]] = {}
-    for channel, subpixel in enumerate(SUBPIXELS[display.subpixels]):
-        place = replace(subpixel, turn=None)  # wherever it shines
-        channels.setdefault(place, []).append(channel)
-    fill = exact_length(display.pixel_fill)
-    offsets, channels_of_rays = [], []
-    for subpixel, of_rays in channels.items():
-        for down, right in _PLACES[samples]:
-            down, right = down * subpixel.height * fill, right * subpixel.width * fill
-            offsets.append(PixelOffset(down, subpixel.right + right, subpixel.channel))
-            channels_of_rays.append(tuple(of_rays))
-    generators = make(offsets)
-    rays = [Ray(*ray) for ray in zip(offsets, channels_of_rays, generators, strict=True)]
-    first = generators[0]
-    centre = cache(lambda: first if offsets == [CENTRE] else make([CENTRE])[0])
-    return ColouredRays(rays, centre, display, first.shape, first.pixel_mm)
-
-
-class ColouredRays(SourceGenerator):
-    """Generator that shows the mean colours of the rays of each pixel.
-
-    Its sources are those of the pixel centres.
-
-    * `centre`: returns the generator of the sources, which pictures do without.
-    * `display`, `shape`, `pixel_mm`: as for `SourceGenerator`.
-    * `colour`, {"nearest", "linear", "averaged", "smooth"}: see `raycast.colour`.
-    """
-
-    def __init__(
-        self,
-        rays: Sequence[Ray],
-        centre: Callable[[], SourceGenerator],
-        display: Display,
-        shape: PictureShape,
-        pixel_mm: float,
-        colour: str = NEAREST,
-        reads: type = LayeredRGBD,
-    ) -> None:
-        super().__init__(display, shape, pixel_mm)
-        self._rays, self._centre, self._colour = list(rays), centre, colour
-        self._reads = reads
-
-    def find(self, rgbd: RGBD) -> Sources:
-        """See `SourceGenerator.find`."""
-        return self._centre().sources(rgbd)
-
-    def rays(self) -> list[Ray]:
-        """See `SourceGenerator.rays`."""
-        return self._rays
-
-    def shows_sources(self, rgbd: RGBD) -> bool:  # noqa: ARG002
-        """See `SourceGenerator.shows_sources`."""
-        offsets = [ray.pixel_offset for ray in self._rays]
-        return self._colour == NEAREST and offsets == [CENTRE]
-
-    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
-        """See `Generator.generate`; a hole counts as black."""
-        self.check(rgbd)
-        out = self.place(rgbd, out)
-        if isinstance(rgbd, LayeredRGBD) and self._reads is RGBD:
-            rgbd = RGBD(rgbd.color, rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
-        show_colours(rgbd, self.display, self._colour, self._rays, out)
-        return out

@@ -1,6 +1,6 @@
 # Kernels have no types of their own.
 # mypy: disable-error-code="no-untyped-def, no-untyped-call"
-"""Hole filling: an option of every algorithm that reports its sources.
+"""Hole filling, a step of every algorithm that finds sources.
 
 docs/theory/templates.md, "Hidden regions", defines it. The picture is continued beyond its edge as
 far as rays reach. A pixel that still has no source is a hole of one view. In that view, the next
@@ -14,108 +14,80 @@ depend on order, and the cost grows with the number of holes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cached_property
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from inim.display import Display
 from inim.display.pixels import PixelAxis
-from inim.generators.base import (
-    HOLE,
-    NO_LENS,
-    Generator,
-    PictureShape,
-    Ray,
-    SourceGenerator,
-    Sources,
-)
+from inim.generators.base import HOLE, NO_LENS, PictureShape, Ray, Sources
 from inim.generators.raycast.cells import cell_rays
 from inim.generators.raycast.columns import STEEPEST, visible_depth
 from inim.generators.raycast.light import light_of_codes
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.system.backend.kernels import compiled, share_rows
-from inim.system.errors import UsageError
 
 # Lenses to look aside from a hole: the parallax of any display, and a bound on the time.
 _REACH = 64
 
 
-class Filled(SourceGenerator):
-    """Generator whose holes are filled from their own views.
+def fill_holes(
+    rgbd: RGBD,
+    display: Display,
+    rays: Sequence[Ray],
+    sources_of: Callable[[int], Sources],
+    out: np.ndarray,
+    *,
+    unknown: bool,
+) -> None:
+    """Fill the holes of an EIA from their own views; filled pixels have the alpha of shown ones.
 
-    Its sources are the generator's: holes are reported as without a fill.
-
-    * `fill`, {"hidden", "all"}: kind of fill; see the module.
-    * `with_holes`: the same generator for the continued picture, with holes at pixels whose source
-      is only an assumption.
-
-    Raises `UsageError`: the lenses of the display do not form rows and columns.
+    * `rgbd`: continued picture.
+    * `rays`, `sources_of`: rays of every pixel; sources of each, by its number, with holes where
+      they are only an assumption.
+    * `unknown`: fill uncovered regions as well.
     """
+    visible = _VisibleSurfaces.of(rgbd, unknown=unknown)
+    positions, light = [], []
+    for number, ray in enumerate(rays):
+        holes, colour = _missing(ray, sources_of(number), rgbd, display, visible)
+        share = np.zeros(4, np.float32)  # of the pixel's light, and of its alpha
+        alike = sum(other.channels == ray.channels for other in rays)
+        share[list(ray.channels)] = 1 / alike
+        share[3] = len(ray.channels) / 3 / alike
+        positions.append(holes)
+        light.append(colour * share)
+    pixels, of = np.unique(np.concatenate(positions), return_inverse=True)
+    total = np.zeros((len(pixels), 4), np.float32)
+    np.add.at(total, of, np.concatenate(light))
+    _add_light(out.reshape(-1, out.shape[-1]), pixels, total)
 
-    def __init__(self, generator: SourceGenerator, fill: str, with_holes: SourceGenerator) -> None:
-        super().__init__(generator.display, generator.shape, generator.pixel_mm)
-        if not self.display.is_separable:
-            raise UsageError(
-                f"fill = {fill!r}: this display has {self.display.not_separable_by}, so its lenses "
-                "form no rows and columns; use fill=none"
-            )
-        self.with_holes = with_holes
-        self._generator, self._fill = generator, fill
 
-    def find(self, rgbd: RGBD) -> Sources:
-        """See `SourceGenerator.find`."""
-        return self._generator.sources(rgbd)
+def _missing(
+    ray: Ray, sources: Sources, rgbd: RGBD, display: Display, visible: _VisibleSurfaces
+) -> tuple[np.ndarray, np.ndarray]:
+    """Panel pixels with holes that can be filled, and their fill colours.
 
-    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
-        """See `Generator.generate`; filled pixels have the alpha of shown pixels."""
-        self.check(rgbd)
-        rgbd = continued(rgbd, self.with_holes.shape)
-        out = self.with_holes.generate(rgbd, self.place(rgbd, out))
-        rays = self.with_holes.rays()
-        visible = _VisibleSurfaces.of(rgbd, unknown=self._fill == "all")
-        positions, light = [], []
-        for ray in rays:
-            holes, colour = self._missing(ray, rgbd, visible)
-            share = np.zeros(4, np.float32)  # of the pixel's light, and of its alpha
-            alike = sum(other.channels == ray.channels for other in rays)
-            share[list(ray.channels)] = 1 / alike
-            share[3] = len(ray.channels) / 3 / alike
-            positions.append(holes)
-            light.append(colour * share)
-        pixels, of = np.unique(np.concatenate(positions), return_inverse=True)
-        total = np.zeros((len(pixels), 4), np.float32)
-        np.add.at(total, of, np.concatenate(light))
-        _add_light(out.reshape(-1, out.shape[-1]), pixels, total)
-        return out
-
-    def _missing(
-        self, ray: Ray, rgbd: RGBD, visible: _VisibleSurfaces
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Panel pixels with holes that can be filled, and their fill colours.
-
-        Returned values:
-        * `pixels`, (n,) int64: ``row * columns + column`` of the panel.
-        * `colour`, (n, 4) float32: linear RGB, and 1.
-        """
-        sources = ray.generator.sources(rgbd)
-        holes = np.flatnonzero(sources == HOLE)
-        if sources.max() < 0:  # every view is empty; searches to all sides would take minutes
-            holes = holes[:0]
-        colour = np.ones((len(holes), 4), np.float32)
-        filled = np.zeros(len(holes), np.bool_)
-        columns, rows = cell_rays(rgbd.shape, self.pixel_mm, self.display, ray.pixel_offset)
-        display = self.display
-        down = _views(display.rows, display.elemental_row_pitch_mm, display)
-        across = _views(display.columns, display.elemental_image_pitch_mm, display)
-        share_rows(
-            _fill, len(holes), holes, sources, down, across, rows, columns, *visible,
-            STEEPEST * self.pixel_mm, display.row_pitch_mm / display.pitch_mm,
-            display.depth_range_mm[0], bool((visible.front > -np.inf).all()), colour, filled,
-        )  # fmt: skip
-        return holes[filled], colour[filled]
+    Returned values:
+    * `pixels`, (n,) int64: ``row * columns + column`` of the panel.
+    * `colour`, (n, 4) float32: linear RGB, and 1.
+    """
+    holes = np.flatnonzero(sources == HOLE)
+    if sources.max() < 0:  # every view is empty; searches to all sides would take minutes
+        holes = holes[:0]
+    colour = np.ones((len(holes), 4), np.float32)
+    filled = np.zeros(len(holes), np.bool_)
+    columns, rows = cell_rays(rgbd.shape, rgbd.pixel_mm, display, ray.pixel_offset)
+    down = _views(display.rows, display.elemental_row_pitch_mm, display)
+    across = _views(display.columns, display.elemental_image_pitch_mm, display)
+    share_rows(
+        _fill, len(holes), holes, sources, down, across, rows, columns, *visible,
+        STEEPEST * rgbd.pixel_mm, display.row_pitch_mm / display.pitch_mm,
+        display.depth_range_mm[0], bool((visible.front > -np.inf).all()), colour, filled,
+    )  # fmt: skip
+    return holes[filled], colour[filled]
 
 
 def continued_shape(display: Display, shape: PictureShape, pixel_mm: float) -> PictureShape:
@@ -144,42 +116,11 @@ def continued(rgbd: RGBD, shape: PictureShape) -> RGBD:
     return RGBD(*front)
 
 
-class FilledFrames(SourceGenerator):
-    """Generator that fills the holes of pictures that fill their frame (``fill=auto``).
+def fills_frame(rgbd: RGBD) -> bool:
+    """True if most pixels at the border of a picture are covered.
 
     Photographs and light fields fill their frame; relics in front of a background do not.
-
-    * `prepare_filled`: prepares the same generator with a fill, when the first such picture comes.
     """
-
-    def __init__(self, generator: SourceGenerator, prepare_filled: Callable[[], Generator]) -> None:
-        super().__init__(generator.display, generator.shape, generator.pixel_mm)
-        self._generator, self._prepare_filled = generator, prepare_filled
-
-    @cached_property
-    def _filled(self) -> Generator:
-        return self._prepare_filled()
-
-    def find(self, rgbd: RGBD) -> Sources:
-        """See `SourceGenerator.find`."""
-        return self._generator.sources(rgbd)
-
-    def rays(self) -> list[Ray]:
-        """See `SourceGenerator.rays`."""
-        return self._generator.rays()
-
-    def shows_sources(self, rgbd: RGBD) -> bool:
-        """See `SourceGenerator.shows_sources`."""
-        return not _fills_frame(rgbd) and self._generator.shows_sources(rgbd)
-
-    def generate(self, rgbd: RGBD, out: np.ndarray | None = None) -> np.ndarray:
-        """See `Generator.generate`."""
-        generator = self._filled if _fills_frame(rgbd) else self._generator
-        return generator.generate(rgbd, out)
-
-
-def _fills_frame(rgbd: RGBD) -> bool:
-    """True if most pixels at the border of a picture are covered."""
     covered = rgbd.covered
     border = np.concatenate([covered[0], covered[-1], covered[:, 0], covered[:, -1]])
     return bool(border.mean() > 0.5)

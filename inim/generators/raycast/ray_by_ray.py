@@ -14,10 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from inim.display.pixels import least_gap_mm, row_blocks
-from inim.generators.base import HOLE, Sources
+from inim.generators.base import HOLE, PanelRays, RaySearch, Sources
 from inim.generators.raycast.cells import PictureRays
 from inim.generators.raycast.columns import Columns, columns_of, visible_depth
-from inim.generators.raycast.tracer import RaySearch, Tracer
 from inim.image.rgbd import RGBD
 from inim.system.backend.kernels import compiled, share_rows
 
@@ -144,7 +143,7 @@ def _is_hit(fronts, backs, row, column, z_entry, z_exit):  # type: ignore[no-unt
     return _BEHIND
 
 
-class RayByRay(Tracer):
+class RayByRay:
     """Separate traversal of every ray, in blocks of panel rows to limit memory.
 
     On separable displays, hits are exact. On hexagonal, rotated or tilted arrays, rays do not share
@@ -158,16 +157,20 @@ class RayByRay(Tracer):
     farthest surface, because a ray under all surfaces hits the next column without a back.
     """
 
+    def __init__(self, rays: PanelRays, rule: str) -> None:
+        self._rays, self._rule = rays, rule
+        self._display, self._shape, self._pixel_mm = rays.display, rays.shape, rays.pixel_mm
+
     @cached_property
-    def _rays(self) -> list[PictureRays]:
-        size = self.display, self.shape, self.pixel_mm
-        return [PictureRays(*size, offset) for offset in self.offsets]
+    def _lines(self) -> list[PictureRays]:
+        size = self._display, self._shape, self._pixel_mm
+        return [PictureRays(*size, offset) for offset in self._rays.offsets]
 
     def take(self, rgbd: RGBD) -> RaySearch:
-        """See `Tracer.take`."""
-        surfaces, selected = TracedSurfaces.of(columns_of(rgbd, self.rule)), self.rays()[0].selected
+        """Prepare a picture for all rays; see `SourceFinder`."""
+        surfaces, selected = TracedSurfaces.of(columns_of(rgbd, self._rule)), self._rays.selected
         front = surfaces.fronts[0]
-        z_min, z_max = self.display.depth_range_mm
+        z_min, z_max = self._display.depth_range_mm
         # Just above the nearest surface: a cell left exactly at its depth counts.
         z_max = min(z_max, float(np.nextafter(np.float64(front.max()), np.inf)))
         above = _covered_above(front > -np.inf)
@@ -175,13 +178,13 @@ class RayByRay(Tracer):
 
         def find_rows(ray: int, rows: slice, out: Sources) -> None:
             out[...] = HOLE
-            for block in row_blocks(self.display) if z_max > z_min else ():
+            for block in row_blocks(self._display) if z_max > z_min else ():
                 part = slice(max(block.start, rows.start), min(block.stop, rows.stop))
                 columns = columns_in_reach(part) if part.start < part.stop else slice(0, 0)
                 if columns.start < columns.stop and selected[part].any():
                     share_rows(
                         _first_hits, part.stop - part.start, columns.start, selected[part],
-                        surfaces, above, self._rays[ray].block(part, columns), z_min, z_max,
+                        surfaces, above, self._lines[ray].block(part, columns), z_min, z_max,
                         out[part.start - rows.start : part.stop - rows.start],
                     )  # fmt: skip
 
@@ -192,14 +195,14 @@ class RayByRay(Tracer):
 
         * `above`: see `_covered_above`.
         """
-        display, (height, width) = self.display, self.shape
+        display, (height, width) = self._display, self._shape
         pitch, (panel_rows, panel_columns) = display.pixel_pitch_mm, display.eia_shape
         farthest = max(map(abs, display.depth_range_mm)) / least_gap_mm(display)
         across, up = (
-            ((1 + farthest) * crossing + pitch + self.pixel_mm) / self.pixel_mm
+            ((1 + farthest) * crossing + pitch + self._pixel_mm) / self._pixel_mm
             for crossing in display.layout.farthest_crossings_mm
         )
-        per_cell = pitch / self.pixel_mm
+        per_cell = pitch / self._pixel_mm
 
         def columns_of_rows(rows: slice) -> slice:
             first, last = (

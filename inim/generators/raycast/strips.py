@@ -11,23 +11,14 @@ much as loading depth.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
 
-from inim.display import Display
-from inim.display.pixels import PixelOffset
-from inim.generators.base import (
-    HOLE,
-    PictureShape,
-    SourceGenerator,
-    Sources,
-)
+from inim.generators.base import HOLE, PanelRays, RaySearch, SourceFinder, Sources
 from inim.generators.raycast.cell_lists import SIDES, Passes, Tables, cell_tables
 from inim.generators.raycast.cells import check_ray_length
-from inim.generators.raycast.colour import averaged
 from inim.generators.raycast.columns import LAYERS, columns_of
 from inim.generators.raycast.phases import Phases, fits_tables
 from inim.generators.raycast.ray_by_ray import RayByRay
@@ -50,10 +41,8 @@ from inim.generators.raycast.simd import (
     store,
     transpose,
 )
-from inim.generators.raycast.tracer import RaySearch, Tracer
 from inim.image.rgbd import RGBD
 from inim.system.backend.kernels import compiled, share_rows
-from inim.system.errors import UsageError
 
 # Of the compiler's own type: a Python integer would make addresses signed, and checked.
 _LANES = np.uintp(LANES)
@@ -228,26 +217,30 @@ def _write_strip(strip, lists, start, row):  # type: ignore[no-untyped-def]
             row[lens_first[start + n] + u] = strip[u * LANES + n]
 
 
-class Strips(Tracer):
+class Strips:
     """Rays over whole cells per lens pitch, one strip of lenses at a time.
 
     Tables and buffers are created for the first picture.
     """
 
+    def __init__(self, rays: PanelRays, rule: str) -> None:
+        self._rays, self._rule = rays, rule
+
     @cached_property
     def _tables(self) -> Tables:
-        return cell_tables(self.display, self.shape, self.pixel_mm, self.offsets)
+        rays = self._rays
+        return cell_tables(rays.display, rays.shape, rays.pixel_mm, rays.offsets)
 
     @cached_property
     def _phases(self) -> Phases:
         return Phases(self._tables[0])
 
     def take(self, rgbd: RGBD) -> RaySearch:
-        """See `Tracer.take`."""
-        columns, phases = columns_of(rgbd, self.rule), self._phases
+        """Prepare a picture for all rays; see `SourceFinder`."""
+        columns, phases = columns_of(rgbd, self._rule), self._phases
         layout, tables = self._tables
         phases.fill(columns)
-        per_pitch, (rows, width) = layout.shape[1], self.shape
+        per_pitch, (rows, width) = layout.shape[1], self._rays.shape
         lane_sources = np.arange(LANES, dtype=np.uint32) * np.uint32(per_pitch)
         picture = (
             phases.depth, phases.back, phases.nearest, phases.farthest, layout.row_stride,
@@ -274,33 +267,15 @@ _MOST_ALONE = 0.1
 _LAYERS = 12
 
 
-def first_hits(
-    name: str,
-    display: Display,
-    shape: PictureShape,
-    pixel_mm: float,
-    rule: str,
-    samples: int | str,
-    mask: np.ndarray | None,
-) -> SourceGenerator:
-    """Create the generator of first hits in the columns of pictures.
+def first_hits(name: str, rays: PanelRays, rule: str) -> SourceFinder:
+    """Finder of first hits in the columns of pictures.
 
-    * `display`, `shape`, `pixel_mm`, `mask`: see `inim.generators.prepare`.
-    * `samples`: {"auto", 1, 2, 4}.
+    * `rule`: see `raycast.columns`.
 
-    Raises `UsageError`: an invalid number of samples, or rays of implausible length.
+    Raises `UsageError`: rays of implausible length.
     """
-    if samples == "auto":
-        samples = display.layout.samples
-    if str(samples) not in ("1", "2", "4"):
-        raise UsageError(f"{name}: samples = {samples!r}; use auto, 1, 2 or 4")
+    display, shape, pixel_mm, mask = rays.display, rays.shape, rays.pixel_mm, rays.mask
     check_ray_length(name, display, shape, pixel_mm)
     tables = fits_tables(display, shape, pixel_mm, _LAYERS if rule == LAYERS else 1)
     sparse = mask is not None and np.count_nonzero(mask) <= _MOST_ALONE * mask.size
-
-    tracer = RayByRay if sparse or not tables else Strips
-
-    def rays(offsets: Sequence[PixelOffset]) -> list[SourceGenerator]:
-        return tracer(display, shape, pixel_mm, rule, offsets, mask).rays()
-
-    return averaged(display, int(samples), rays)
+    return (RayByRay if sparse or not tables else Strips)(rays, rule).take

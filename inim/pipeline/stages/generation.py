@@ -14,14 +14,14 @@ import numpy as np
 
 from inim.display import Display
 from inim.generators import (
+    Algorithm,
     Generator,
-    SourceGenerator,
+    Sources,
     colour_of,
-    foreign_errors,
+    parse_algorithm,
     prepare,
-    properties,
 )
-from inim.generators.base import Sources, check_array
+from inim.generators.steps import RayGenerator
 from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.capture import Capture, PictureSource
@@ -61,7 +61,7 @@ class GeneratorRun(NamedTuple):
     eia: np.ndarray  #: (rows, columns, 3) float32, linear RGB; values may be not finite.
     seconds: float  #: Run time.
     holes: np.ndarray | None  #: (rows, columns) bool, within the mask; None: not reported.
-    sources: Sources | None = None  #: Sources of own generators that only copy colours.
+    sources: Sources | None = None  #: Sources of generators that only copy colours.
 
 
 class GeneratorHandle:
@@ -73,20 +73,19 @@ class GeneratorHandle:
 
     def __init__(
         self,
-        algorithm: str,
+        algorithm: str | Algorithm,
         display: Display,
         shape: tuple[int, int],
         pixel_mm: float,
         mask: np.ndarray | None = None,
     ) -> None:
-        self.algorithm, self.display = algorithm, display
+        self.algorithm, self.display = parse_algorithm(algorithm), display
         self.shape, self.pixel_mm, self.mask = shape, pixel_mm, mask
-        self.properties = properties(algorithm)
 
     def cache_key(self) -> dict[str, Any]:
         """Return all values that affect the generator's output for an input."""
         return {
-            "algorithm": self.algorithm,
+            "algorithm": str(self.algorithm),
             "display as designed": self.display.replace(name=""),
             "size of the picture": [*self.shape, self.pixel_mm],
             "panel pixels": self.mask,
@@ -95,20 +94,19 @@ class GeneratorHandle:
     @cached_property
     def generator(self) -> Generator:
         """The generator."""
-        with foreign_errors(self.algorithm):
-            return prepare(
-                self.display,
-                self.algorithm,
-                shape=self.shape,
-                pixel_mm=self.pixel_mm,
-                mask=self.mask,
-            )
+        return prepare(
+            self.display,
+            self.algorithm,
+            shape=self.shape,
+            pixel_mm=self.pixel_mm,
+            mask=self.mask,
+        )
 
     def run(self, rgbd: RGBD, *, holes: bool = True) -> GeneratorRun:
-        """Run the generator (`run_generator`) and return an EIA that no later run overwrites."""
-        run = run_generator(self.algorithm, self.generator, rgbd, self.display, self.mask, holes)
-        # Another package's generator may return the same array each time.
-        return run if self.properties.own else run._replace(eia=run.eia.copy())
+        """Run the generator (`run_generator`)."""
+        run = run_generator(self.generator, rgbd, self.mask, holes)
+        # Sources of another package's generator may depend on the colours.
+        return run if self.algorithm.own else run._replace(sources=None)
 
     def rerun(self, rgbd: RGBD) -> GeneratorRun:
         """Run again, without the generator's messages."""
@@ -128,7 +126,7 @@ class GeneratorHandle:
 )
 def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
     """Generate the EIA of a capture, and its noise from the half images."""
-    rgbd, halves = capture.inputs[generator.properties.input]
+    rgbd, halves = capture.inputs[generator.algorithm.input]
     eia, _, holes, sources = generator.run(rgbd)
     share = hole_fraction(holes, generator.display, generator.mask)
     del holes
@@ -151,14 +149,14 @@ def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
 )
 def _fingerprint(generator: GeneratorHandle) -> Fingerprint:
     """Fingerprint of a generator's output for the reference input."""
-    rgbd, exact = generator.reference_input(), generator.properties.portable
+    rgbd, exact = generator.reference_input(), generator.algorithm.portable
     # Messages are silenced for the whole process, so not in a thread; our own have none.
-    generate = generator.run if generator.properties.own else generator.rerun
+    generate = generator.run if generator.algorithm.own else generator.rerun
     return fingerprint(rgbd, generate(rgbd).eia, generator.display, exact=exact)
 
 
 def prepare_generator(
-    algorithm: str, camera: PictureSource, mask: np.ndarray | None, *, run: Run
+    algorithm: Algorithm, camera: PictureSource, mask: np.ndarray | None, *, run: Run
 ) -> Callable[[Capture], GeneratedEIA]:
     """Return a function that generates the EIA of a capture.
 
@@ -167,7 +165,7 @@ def prepare_generator(
     """
     display = camera.display
     generator = GeneratorHandle(algorithm, display, camera.shape, camera.pixel_mm, mask)
-    is_own = generator.properties.own
+    is_own = algorithm.own
     if not (is_own and generate.is_cached(generator, camera, run=run)):
         _ = generator.generator
 
@@ -208,12 +206,7 @@ def hole_fraction(
 
 
 def run_generator(
-    name: str,
-    generator: Generator,
-    rgbd: RGBD,
-    display: Display,
-    mask: np.ndarray | None = None,
-    holes: bool = True,
+    generator: Generator, rgbd: RGBD, mask: np.ndarray | None = None, holes: bool = True
 ) -> GeneratorRun:
     """Generate the EIA of a linear float32 picture; `mask` is that of the prepared generator.
 
@@ -223,26 +216,15 @@ def run_generator(
     display.
     """
     start = time.perf_counter()
-    with foreign_errors(name):
-        # The sources suffice if the colours are copied from them.
-        source = generator if isinstance(generator, SourceGenerator) else None
-        if source is not None and mask is None and source.shows_sources(rgbd):
-            sources = _sources(source, rgbd, display)
-            eia = colour_of(sources, rgbd)
-            seconds = time.perf_counter() - start
-            return GeneratorRun(
-                eia, seconds, sources < 0, sources if properties(name).own else None
-            )
-        eia = generator.generate(rgbd)
-        seconds = time.perf_counter() - start
-        check_array(eia, (*display.eia_shape, 3), "float32")
-        if source is None or not holes:
-            return GeneratorRun(eia, seconds, None)
-        empty = _sources(source, rgbd, display) < 0
-        return GeneratorRun(eia, seconds, empty if mask is None else empty & mask)
-
-
-def _sources(generator: SourceGenerator, rgbd: RGBD, display: Display) -> np.ndarray:
-    sources = generator.sources(rgbd)
-    check_array(sources, display.eia_shape, "int32")
-    return sources
+    # The sources suffice if the colours are copied from them.
+    source = generator if isinstance(generator, RayGenerator) else None
+    if source is not None and mask is None and source.shows_sources(rgbd):
+        sources = source.sources(rgbd)
+        eia = colour_of(sources, rgbd)
+        return GeneratorRun(eia, time.perf_counter() - start, sources < 0, sources)
+    eia = generator.generate(rgbd)
+    seconds = time.perf_counter() - start
+    if source is None or not holes:
+        return GeneratorRun(eia, seconds, None)
+    empty = source.sources(rgbd) < 0
+    return GeneratorRun(eia, seconds, empty if mask is None else empty & mask)

@@ -24,12 +24,15 @@ from inim.generators import (
     OPTIMAL,
     PICKUP,
     SCENE_ALGORITHMS,
+    Algorithm,
+    CommonOptions,
     algorithm_names,
     algorithm_summary,
-    check_algorithm,
+    find_algorithm,
     parse_algorithm,
-    properties,
+    split_algorithm,
 )
+from inim.generators.options import Option, declared_options
 from inim.generators.registry import Input
 from inim.image.files.eia_file import check_eia_name, read_eia
 from inim.image.noisy_image import NoisyImage
@@ -148,25 +151,27 @@ def generate_eia(
     return replace(output, eia=output.eia.replace_nonfinite())
 
 
+@dataclass(frozen=True)
 class GeneratorMethod(Method):
     """An EIA from a generator of this project or of another package."""
 
+    algorithm: Algorithm
     verb = "generate"
     is_timed = True
 
     @property
     def input(self) -> Input:
         """See `Method`."""
-        return properties(self.name).input
+        return self.algorithm.input
 
     @property
     def is_reproducible(self) -> bool:
         """See `Method`: changes of other packages' code are not detected."""
-        return properties(self.name).own
+        return self.algorithm.own
 
     def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:
         """See `Method`."""
-        generate_from = prepare_generator(self.name, setup.camera, setup.mask, run=run)
+        generate_from = prepare_generator(self.algorithm, setup.camera, setup.mask, run=run)
         return lambda capture, _: generate_from(capture)
 
 
@@ -269,7 +274,7 @@ def parse_methods(algorithms: Sequence[str], eias: Mapping[str, Path]) -> tuple[
 
 
 def _parse_algorithm(text: str) -> Method:
-    name, options = parse_algorithm(text)
+    name, options = split_algorithm(text)
     label = ":".join([name, *(f"{key}={value}" for key, value in options.items())])
     if name == PICKUP:
         why = ", as it is split into two passes"
@@ -278,13 +283,13 @@ def _parse_algorithm(text: str) -> Method:
         return OptimalMethod(label, _whole_number(label, options, "zone", 0, _MAX_ZONE))
     if name not in (names := algorithm_names()):
         raise UsageError(f"algorithm {name!r}: {suggest_words(name, [*names, *SCENE_ALGORITHMS])}")
-    check_algorithm(text)
+    algorithm = parse_algorithm(text)
     if not _LABEL.fullmatch(label):
         raise UsageError(
             f"algorithm {label!r}: cannot be part of file names; use up to 100 letters, digits or "
             ". _ + - in names and values"
         )
-    return GeneratorMethod(label)
+    return GeneratorMethod(label, algorithm)
 
 
 def _whole_number(
@@ -328,7 +333,7 @@ def _file_method(name: str, path: Path) -> Method:
 
 
 def algorithm_table() -> str:
-    """Format a text table of all algorithms with their options and summaries.
+    """Format text tables: of all algorithms with their defaults, and of their options.
 
     An algorithm that cannot be loaded has its error as its summary.
     """
@@ -339,20 +344,36 @@ def algorithm_table() -> str:
             (f"{PICKUP}:spp=EIA_SPP", PickupMethod),
         )
     ]
+    options: list[tuple[str, Iterable[Option]]] = [
+        ("every algorithm with sources", declared_options(CommonOptions()))
+    ]
     for name in reversed(algorithm_names()):
         try:
             rows.append(algorithm_summary(name))
+            options.append((name, find_algorithm(name).own_options))
         except InimError as error:
             rows.append((name, " ".join(str(error).split())))
-    width = max(len(usage) for usage, _ in rows)
-    return "\n".join(f"{usage:{width}}  {text}".rstrip() for usage, text in reversed(rows))
+    meanings = [
+        (f"{name}: {option.name}", option.meaning)
+        for name, declared in options[:1] + options[:0:-1]
+        for option in declared
+        if option.meaning
+    ]
+    return "\n\n".join(map(_aligned, (rows[::-1], meanings)))
+
+
+def _aligned(rows: Sequence[tuple[str, str]]) -> str:
+    width = max(len(first) for first, _ in rows)
+    return "\n".join(f"{first:{width}}  {text}".rstrip() for first, text in rows)
 
 
 def prepare_timed_methods(names: Sequence[str], capture: Capture) -> tuple[list[TimedMethod], RGBD]:
     """Prepare generators for timing on the display-ready capture; also return its front surface."""
     ready = {kind: to_srgb_rgba(rgbd) for kind, (rgbd, _) in capture.inputs.items()}
     display = capture.camera.display
-    timed_methods = [prepare_method(name, ready[properties(name).input], display) for name in names]
+    timed_methods = [
+        prepare_method(name, ready[parse_algorithm(name).input], display) for name in names
+    ]
     return timed_methods, ready[RGBD]
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from inim.display import Display, Viewpoint
 from inim.display.pixels import exact_ratio
-from inim.generators import SourceGenerator, foreign_errors, generate, warp_to_viewpoint
+from inim.generators import SourceGenerator, generate, warp_to_viewpoint
 from inim.generators.base import (
     MOST_OUTSIDE,
     Sources,
@@ -33,7 +33,7 @@ from inim.image.noisy_image import NoisyImage
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.capture import Capture, CapturedInput
 from inim.pipeline.stages.generation import GeneratorHandle
-from inim.pipeline.stages.method import Method
+from inim.pipeline.stages.method import GeneratorMethod, Method
 from inim.pipeline.stages.scoring import MethodResult
 from inim.pipeline.stages.stage import GENERATING, Run, stage
 from inim.scores.document_parts import check
@@ -215,8 +215,7 @@ def _find_sources(generator: GeneratorHandle, picture: FittedPicture) -> Sources
     """Sources of a generator for a picture; None if it does not report them."""
     if not isinstance(generator.generator, SourceGenerator):
         return None
-    with foreign_errors(generator.algorithm):
-        return generator.generator.sources(picture.rgbd)
+    return generator.generator.sources(picture.rgbd)
 
 
 def score_sources(
@@ -226,23 +225,22 @@ def score_sources(
 
     An algorithm without an exact column model is compared with the columns of the surface.
     """
-    if picture.no_oracle is not None or not method.is_timed:
+    if picture.no_oracle is not None or not isinstance(method, GeneratorMethod):
         return result
-    name = method.name
-    generator = GeneratorHandle(name, picture.display, picture.shape, picture.pixel_mm)
-    if generator.properties.own:
+    algorithm = method.algorithm
+    generator = GeneratorHandle(algorithm, picture.display, picture.shape, picture.pixel_mm)
+    if algorithm.own:
         sources = _find_sources(generator, picture, run=run)
     else:  # changes of another package's code cannot be detected
         sources = _find_sources.function(generator, picture)
     if sources is None:
         return result
-    is_exact = generator.properties.exact
-    columns = generator.properties.columns if is_exact else "surface"
+    columns = algorithm.columns if algorithm.exact else "surface"
     share = _find_exact_sources(picture, columns, run=run).wrong_share(sources)
     checks = result.checks
-    if is_exact:
+    if algorithm.exact:
         detail = "exact first hits by definition"
-        checks += (check(f"{name}: wrong sources", share, "<=", 0.0, detail),)
+        checks += (check(f"{algorithm}: wrong sources", share, "<=", 0.0, detail),)
     return replace(
         result, scores=msgspec.structs.replace(result.scores, wrong_source=share), checks=checks
     )

@@ -23,9 +23,8 @@ import numpy as np
 
 from inim.display import Display
 from inim.display.pixels import exact_length
-from inim.generators import HOLE
+from inim.generators import HOLE, parse_algorithm
 from inim.generators.oracle import column_layers, first_hits_of
-from inim.generators.registry import properties
 from inim.image.rgbd import RGBD
 from reports.stress.study.rays import Rays, band_of
 
@@ -123,7 +122,9 @@ def with_rational_ties(
     step = max(1, len(doubtful) // _MAX_EXACT)
     indices = np.union1d(doubtful[::step], differ)
     sources = float64_answer.sources.copy()
-    sources[indices] = exact_first_hits(rays, rgbd, display, indices, properties(algorithm).columns)
+    sources[indices] = exact_first_hits(
+        rays, rgbd, display, indices, parse_algorithm(algorithm).columns
+    )
     return sources, len(indices)
 
 
