@@ -66,13 +66,14 @@ class RayGenerator(SourceGenerator):
         self._algorithm, self._leave_holes = algorithm, leave_holes
         self.rays = sample_points(display, algorithm.common.samples)
         fill = algorithm.common.fill
-        if fill in ("hidden", "all") and not display.is_separable:
+        is_filled = fill in ("hidden", "all")
+        # Both raise here for what the algorithm does not support; tables come with pictures.
+        _ = self.with_holes if is_filled and display.is_separable else self._finder
+        if is_filled and not display.is_separable:
             raise UsageError(
                 f"fill = {fill!r}: this display has {display.not_separable_by}, so its lenses form "
                 "no rows and columns; use fill=none"
             )
-        # Both raise here for what the algorithm does not support; tables come with pictures.
-        _ = self.with_holes if fill in ("hidden", "all") else self._finder
 
     def _prepare(self, offsets: tuple[PixelOffset, ...]) -> SourceFinder:
         size = self.display, self.shape, self.pixel_mm
