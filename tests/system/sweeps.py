@@ -94,7 +94,7 @@ def table(out: Path) -> list[dict[str, Any]]:
 def results(folder: Path) -> dict[Path, int]:
     """Records of finished validations in the result cache, with the inode of each."""
     records = {}
-    for path in (folder / "cache").glob("*.npz"):
+    for path in (folder / "cache").glob("[!.]*.npz"):
         with zipfile.ZipFile(path) as archive:
             if "reports.npy" in archive.namelist():
                 records[path] = path.stat().st_ino

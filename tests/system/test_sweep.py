@@ -12,16 +12,17 @@ import shutil
 import signal
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import inim
 from inim.apps.sweep.run import SweepPlace, run_sweep
-from inim.apps.sweep.table import TABLE, columns, read_table
+from inim.apps.sweep.table import TABLE, columns
 from inim.apps.sweep.unit import Unit
 from inim.system.cache import input_digests
 from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 from tests.conftest import scene_text
-from tests.schemas import read_document
+from tests.schemas import read_document, read_text
 from tests.system.conftest import assert_refused, files_in, nothing_left, worker_here
 from tests.system.sweeps import (
     results,
@@ -176,11 +177,14 @@ def test_only_changed_or_damaged_units_are_computed(tmp_path):
     assert "1 of 2 results exist, 1 validations to run" in ended.stdout
     after = results(tmp_path)
     assert {path for path in after if after[path] != before[path]} == {damaged}
-    # Another algorithm renders nothing: all images are in the result cache.
+    # Another algorithm renders no ground truth: it is in the result cache.
     write_study(tmp_path, algorithms=("li2012", "template", "gu2020"))
     ended = sweep("study.toml", "-o", "out", folder=tmp_path)
     assert ended.code == EXIT_PASSED, ended.stderr
-    assert all(row["render_seconds"] == 0 for row in read_table(tmp_path / "out" / TABLE))
+    for path in results(tmp_path).keys() - after.keys():
+        report = read_text(bytes(np.load(path)["reports"]).decode())
+        steps = [row for row in report["skipped"] if row["step"].startswith("ground-truth")]
+        assert steps and all(row["performed"] == "read from the cache" for row in steps)
     others = [row for row in table(tmp_path / "out") if row["algorithm"] != "li2012"]
     assert [row | {"unit": None} for row in others] == [row | {"unit": None} for row in rows]
 

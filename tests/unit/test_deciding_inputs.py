@@ -8,8 +8,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from inim.image.files.image import write_rgbd
+from inim.image.rgbd import RGBD
 from inim.pipeline import plan as plan_module
 from inim.pipeline.plan import Plan, conditions_of, make_plan
 from inim.pipeline.request import Request
@@ -134,3 +137,13 @@ def test_the_key_of_a_stage_is_part_of_the_key_of_the_result(plan_of):
         parts = input_digests(stage.deciding_inputs(code, **inputs))
         del parts["program"]  # the stage depends on a part of the program
         assert parts.items() <= whole.items()
+
+
+def test_a_picture_without_a_scene_has_a_key_of_its_pixels(plan_of):
+    keys = []
+    for name, grey in (("one.exr", 0.5), ("copy.exr", 0.5), ("darker.exr", 0.4)):
+        shape = (40, 40)
+        color, covered = np.full((*shape, 3), grey), np.ones(shape, bool)
+        write_rgbd(Path(name), RGBD(color, np.full(shape, 30.0), covered, 0.5))
+        keys.append(key(plan_of(scene=name)))
+    assert keys[0] == keys[1] != keys[2]
