@@ -206,7 +206,9 @@ SETTINGS = {
     name: replace(
         setting,
         name=f"{PREFIX}{name}",
-        values=Values(rows=setting.values.rows) if name in DISPLAY_KEYS else setting.values,
+        values=Values(words=setting.values.words, rows=setting.values.rows)
+        if name in DISPLAY_KEYS
+        else setting.values,
     )
     for name, setting in declared(Settings).items()
 }

@@ -74,7 +74,7 @@ class Finished:
         changed = dataclasses.replace(
             self.evaluation, truth=truth, reference_scores=scores, results=results
         )
-        return collect_statistics(changed, compute_truth_statistics(truth, scores, run=run), {})
+        return collect_statistics(changed, compute_truth_statistics(truth, scores, run=run))
 
     def _reference(self, generate: Callable[[RGBD], np.ndarray]) -> ReferenceOutput:
         camera, display = self.evaluation.capture.camera, self.evaluation.plan.display

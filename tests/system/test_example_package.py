@@ -117,7 +117,7 @@ def test_sweep_has_columns_of_its_metric(tmp_path, installed):
     ids=["loading", "scoring"],
 )
 def test_metric_with_a_fault_is_one_line_that_names_it(tmp_path, code, words):
-    install_metadata(tmp_path, "bad-metric", "[inim.scores.metrics]\nbad = bad_metric:metric\n")
+    install_metadata(tmp_path, "bad-metric", "[inim.metrics]\nbad = bad_metric:metric\n")
     (tmp_path / "bad_metric.py").write_text(code)
     scene = write_scene(tmp_path).name
     arguments = ("validate", scene, "-o", "out", "--viewpoints", "centre", *definitions(TINY))

@@ -119,9 +119,8 @@ def test_keys_follow_code_versions_and_other_packages(plan_of, monkeypatch):
     ):
         monkeypatch.setattr(module, name, value)
         keys.append(key(plan))
-    monkeypatch.setattr(
-        plan_module, "properties", lambda name: type("P", (), {"own": name == "template"})
-    )
+    algorithm = type(plan.methods[0].algorithm)
+    monkeypatch.setattr(algorithm, "own", property(lambda self: self.name == "template"))
     for version in ("1", "2"):
         monkeypatch.setattr(plan_module, "identity", lambda *_, v=version: {"version": v})
         keys.append(key(plan))
