@@ -41,7 +41,6 @@ checks: $(VENV)/.installed-test
 	@echo "ruff, mypy, lint-imports, plain English"
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/ruff format --check --quiet . || { echo "to format, run: $(BIN)/ruff format ."; exit 1; }
-	@$(BIN)/python -m tests.plain_english
 	@$(BIN)/mypy --no-error-summary
 	@output=$$($(BIN)/lint-imports 2>&1) || { printf '%s\n' "$$output"; exit 1; }
 
