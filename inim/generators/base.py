@@ -311,18 +311,15 @@ def check_array(array: Any, shape: tuple[int, ...], kind: str) -> None:
         raise ValueError(f"the result is {result}; this display needs {kind} {shape}")
 
 
-def run_kernel(
-    kernel: Any, turns: int, shape: tuple[int, int], start: int, *arguments: Any
-) -> NDArray[np.int32]:
+def run_kernel(kernel: Any, turns: int, shape: tuple[int, int], *arguments: Any) -> Sources:
     """Fill a map of panel pixels, (rows, columns) int32, with a kernel, on several threads.
 
     The kernel is called with the first and the end of some turns of its outer loop, the arguments
-    (numbers, flat arrays and named tuples of them), and the map as a flat array, whose initial
-    value is `start`.
+    (numbers, arrays and named tuples of them), and the map as a flat array full of `HOLE`.
     """
     from inim.system.backend.kernels import share_rows
 
-    filled = np.full(shape, start, np.int32)
+    filled = np.full(shape, HOLE, np.int32)
     share_rows(compile_kernel(kernel), turns, *arguments, filled.ravel())
     return filled
 

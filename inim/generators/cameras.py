@@ -22,7 +22,7 @@ def _arrangement(_: str, value: Any) -> str:
 
 
 @dataclass(frozen=True)
-class Options:
+class CamerasOptions:
     """Options of `cameras`."""
 
     views: str = option(
@@ -34,10 +34,10 @@ class Options:
 
 
 @algorithm(
-    Options, exact=True, reads=CameraRGBDs, samples="auto", colour="smooth", fill="auto",
+    CamerasOptions, exact=True, reads=CameraRGBDs, samples="auto", colour="smooth", fill="auto",
     color="#08519c", marker="X",
 )  # fmt: skip
-def prepare(rays: PanelRays, _: Options) -> SourceFinder:
+def prepare(rays: PanelRays, _: CamerasOptions) -> SourceFinder:
     """Exact first hits in the merged pictures of several cameras."""
     from inim.generators.raycast.columns import LAYERS
     from inim.generators.raycast.strips import first_hits

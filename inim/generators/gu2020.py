@@ -19,10 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import PixelOffset, exact_ratio, row_blocks
-from inim.generators.base import HOLE, PanelRays, SourceFinder, Sources, each_ray, run_kernel
+from inim.display.pixels import PixelOffset, exact_ratio
+from inim.generators.base import HOLE, PanelRays, SourceFinder, Sources, each_ray
 from inim.generators.options import option, positive_mm
-from inim.generators.raycast.cells import PictureRays
+from inim.generators.raycast.cells import search_rays
 from inim.generators.registry import algorithm
 from inim.image.rgbd import RGBD
 from inim.system.errors import UsageError
@@ -32,7 +32,7 @@ _MOST_STEPS = 1_000_000
 
 
 @dataclass(frozen=True)
-class Options:
+class Gu2020Options:
     """Options of `gu2020`."""
 
     step_mm: float | None = option(
@@ -40,8 +40,8 @@ class Options:
     )
 
 
-@algorithm(Options, samples="1", color="#009e73", marker="^")
-def prepare(rays: PanelRays, options: Options) -> SourceFinder:
+@algorithm(Gu2020Options, samples="1", color="#009e73", marker="^")
+def prepare(rays: PanelRays, options: Gu2020Options) -> SourceFinder:
     """Reverse search: each ray in steps, from near to far (Gu et al. 2020)."""
     step_mm = options.step_mm
     if step_mm is None:
@@ -52,16 +52,7 @@ def prepare(rays: PanelRays, options: Options) -> SourceFinder:
     def find(rgbd: RGBD, pixel_offset: PixelOffset) -> Sources:
         # An uncovered cell is a column without height: it never reaches a ray.
         depth = np.where(rgbd.covered, rgbd.depth_mm.astype(np.float64), -np.inf)
-        lines = PictureRays(rays.display, rays.shape, rays.pixel_mm, pixel_offset)
-        sources, selected = np.full(rays.display.eia_shape, HOLE, np.int32), rays.selected
-        for rows in row_blocks(rays.display):
-            if selected[rows].any():
-                block = lines.block(rows, in_cells=True)[:4]
-                sources[rows] = run_kernel(
-                    _search, len(block[0]), block[0].shape, HOLE, *block, selected[rows],
-                    depth.ravel(), *rays.shape, depths,
-                )  # fmt: skip
-        return sources
+        return search_rays(_search, rays, pixel_offset, depth.ravel(), *rays.shape, depths)
 
     return each_ray(rays, find)
 

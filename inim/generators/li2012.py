@@ -156,7 +156,7 @@ def _map_picture(rays: PanelRays, rgbd: RGBD, pixel_offset: PixelOffset) -> Sour
     nearest = np.full(x.pixels * y.pixels, -np.inf)
     miss = np.full(x.pixels * y.pixels, np.inf)
     mapping = (depth.ravel(), x, y, nearest, miss)
-    return run_kernel(_map_all, len(y.first), rays.display.eia_shape, HOLE, *mapping)
+    return run_kernel(_map_all, len(y.first), rays.display.eia_shape, *mapping)
 
 
 def _map_under_cylinders(

@@ -43,13 +43,17 @@ def declared_options(declared: Any) -> Iterator[Option]:
         yield Option(entry.name, default, entry.metadata["meaning"])
 
 
-def choose_options(defaults: _Options, given: Mapping[str, Any], algorithm: str) -> _Options:
-    """Options of an algorithm: an instance of its dataclass, with values or texts given.
+def choose_options(
+    defaults: _Options, chosen_values: Mapping[str, Any], algorithm: str
+) -> _Options:
+    """Options of an algorithm: an instance of its dataclass, with the chosen values or texts.
 
     Raises `UsageError` for an invalid value.
     """
     convert = {entry.name: entry.metadata["convert"] for entry in fields(defaults)}  # type: ignore[arg-type]
-    values = {key: convert[key](f"{algorithm}: {key}", value) for key, value in given.items()}
+    values = {
+        key: convert[key](f"{algorithm}: {key}", value) for key, value in chosen_values.items()
+    }
     return replace(defaults, **values)  # type: ignore[type-var]
 
 

@@ -88,7 +88,7 @@ class Algorithm:
         (`inim.image.rgbd`), which are merged for it.
     color, marker : str, optional
         Color and marker of its points in plots, as matplotlib names them.
-    given : tuple of (str, value)
+    chosen_options : tuple of (str, value)
         Options that were chosen; the others have their defaults.
     """
 
@@ -103,13 +103,13 @@ class Algorithm:
     reads: type[RGBD | CameraRGBDs] = RGBD
     color: str | None = None
     marker: str | None = None
-    given: tuple[tuple[str, Any], ...] = ()
+    chosen_options: tuple[tuple[str, Any], ...] = ()
 
     def __str__(self) -> str:
-        return ":".join([self.name, *(f"{key}={value}" for key, value in self.given)])
+        return ":".join([self.name, *(f"{key}={value}" for key, value in self.chosen_options)])
 
     def __reduce__(self) -> tuple[Callable[..., Algorithm], tuple[Any, ...]]:
-        return choose_algorithm, (self.name, dict(self.given))
+        return choose_algorithm, (self.name, dict(self.chosen_options))
 
     @property
     def own_options(self) -> tuple[Option, ...]:
@@ -154,7 +154,7 @@ class Algorithm:
         defaults = {option.name: option.default for option in self.own_options}
         return str(self.options.get(name, defaults.get(name, default)))
 
-    def choose(self, given: Mapping[str, Any]) -> Algorithm:
+    def choose(self, chosen_values: Mapping[str, Any]) -> Algorithm:
         """The algorithm with some options; raises `UsageError` for an unknown or invalid one."""
         shared = {option.name for option in declared_options(self.common)}
         names = [option.name for option in self.own_options]
@@ -163,7 +163,7 @@ class Algorithm:
         )
         own: dict[str, Any] = {}
         common: dict[str, Any] = {}
-        for key, value in given.items():
+        for key, value in chosen_values.items():
             if key in names:
                 own[key] = value
             elif key in shared:
@@ -178,7 +178,9 @@ class Algorithm:
         chosen = choose_options(self.common, common, self.name)
         if chosen.colour == "nearest" and "fill" not in common:
             chosen = replace(chosen, fill="none")  # the plain form shows its sources only
-        chosen_algorithm = replace(self, options=options, common=chosen, given=tuple(given.items()))
+        chosen_algorithm = replace(
+            self, options=options, common=chosen, chosen_options=tuple(chosen_values.items())
+        )
         if self.reads is CameraRGBDs:
             camera_directions(str(chosen_algorithm.input))
         return chosen_algorithm
@@ -294,9 +296,9 @@ def parse_algorithm(text: str | Algorithm, **options: Any) -> Algorithm:
     `find_algorithm` and `split_algorithm`, and for an unknown or invalid option.
     """
     if isinstance(text, Algorithm):
-        return text.choose({**dict(text.given), **options}) if options else text
-    name, given = split_algorithm(text)
-    return choose_algorithm(name, {**given, **options})
+        return text.choose({**dict(text.chosen_options), **options}) if options else text
+    name, stated_options = split_algorithm(text)
+    return choose_algorithm(name, {**stated_options, **options})
 
 
 def algorithm_summary(name: str) -> tuple[str, str]:
@@ -304,11 +306,16 @@ def algorithm_summary(name: str) -> tuple[str, str]:
 
     Raises `UsageError` as `find_algorithm`.
     """
-    found = find_algorithm(name)
-    options = [*found.own_options, *(declared_options(found.common) if found.own else ())]
+    definition = find_algorithm(name)
+    options = [
+        *definition.own_options,
+        *(declared_options(definition.common) if definition.own else ()),
+    ]
     no_default = (inspect.Parameter.empty, None)
     defaults = {o.name: "..." if o.default in no_default else o.default for o in options}
-    return ":".join([name, *(f"{key}={value}" for key, value in defaults.items())]), found.summary
+    return ":".join(
+        [name, *(f"{key}={value}" for key, value in defaults.items())]
+    ), definition.summary
 
 
 def split_algorithm(text: str) -> tuple[str, dict[str, str]]:

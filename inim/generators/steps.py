@@ -167,14 +167,14 @@ class RayGenerator(SourceGenerator):
         """Write the mean colours of the rays; returns the search for their sources."""
         from inim.generators.raycast.colour import show_colours
 
-        search = shown = self._finder(rgbd)
+        search = show = self._finder(rgbd)
         if (mask := self.mask) is not None:
 
-            def shown(ray: int, rows: slice, sources: Sources) -> None:
+            def show(ray: int, rows: slice, sources: Sources) -> None:
                 search(ray, rows, sources)
                 sources[~mask[rows]] = MASKED
 
-        show_colours(rgbd, self.display, self._algorithm.common.colour, self.rays, shown, out)
+        show_colours(rgbd, self.display, self._algorithm.common.colour, self.rays, show, out)
         return search
 
 

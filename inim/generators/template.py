@@ -22,7 +22,7 @@ from inim.generators.registry import algorithm
 
 
 @dataclass(frozen=True)
-class Options:
+class TemplateOptions:
     """Options of `template`."""
 
     columns: str = choice(
@@ -32,10 +32,10 @@ class Options:
 
 
 @algorithm(
-    Options, exact=True, portable=True, samples="auto", colour="smooth", fill="auto",
+    TemplateOptions, exact=True, portable=True, samples="auto", colour="smooth", fill="auto",
     color="#0072b2", marker="o",
 )  # fmt: skip
-def prepare(rays: PanelRays, options: Options) -> SourceFinder:
+def prepare(rays: PanelRays, options: TemplateOptions) -> SourceFinder:
     """Exact first hits in the columns of one picture; the recommended algorithm."""
     from inim.generators.raycast.columns import SEEN, SURFACE
     from inim.generators.raycast.strips import first_hits

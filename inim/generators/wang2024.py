@@ -19,10 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from inim.display.pixels import RATIO_ERROR, PixelOffset, row_blocks
-from inim.generators.base import HOLE, PanelRays, SourceFinder, Sources, each_ray, run_kernel
+from inim.display.pixels import RATIO_ERROR, PixelOffset
+from inim.generators.base import HOLE, PanelRays, SourceFinder, Sources, each_ray
 from inim.generators.options import choice
-from inim.generators.raycast.cells import PictureRays, most_cells
+from inim.generators.raycast.cells import most_cells, search_rays
 from inim.generators.registry import algorithm
 from inim.image.rgbd import RGBD
 from inim.system.errors import UsageError
@@ -32,7 +32,7 @@ _MOST_ENTRIES = 1_000_000
 
 
 @dataclass(frozen=True)
-class Options:
+class Wang2024Options:
     """Options of `wang2024`."""
 
     matching: str = choice(
@@ -59,8 +59,8 @@ class Options:
     )  # fmt: skip
 
 
-@algorithm(Options, samples="1", color="#d55e00", marker="s")
-def prepare(rays: PanelRays, options: Options) -> SourceFinder:
+@algorithm(Wang2024Options, samples="1", color="#d55e00", marker="s")
+def prepare(rays: PanelRays, options: Wang2024Options) -> SourceFinder:
     """Local depth template matching, as printed (Wang et al. 2024)."""
     display, along_ray, stride = rays.display, options.matching == "ray", 1.0
     if options.step_pixel == "scene":
@@ -82,16 +82,9 @@ def prepare(rays: PanelRays, options: Options) -> SourceFinder:
         # Covered columns of each row, first and last; none for a row without relic.
         first = np.where(rgbd.covered.any(axis=1), rgbd.covered.argmax(axis=1), rays.shape[1])
         last = rays.shape[1] - 1 - rgbd.covered[:, ::-1].argmax(axis=1)
-        lines = PictureRays(display, rays.shape, rays.pixel_mm, pixel_offset)
-        sources, selected = np.full(display.eia_shape, HOLE, np.int32), rays.selected
-        for rows in row_blocks(display):
-            if selected[rows].any():
-                block = lines.block(rows, in_cells=True)[:4]
-                sources[rows] = run_kernel(
-                    _match_all, len(block[0]), block[0].shape, HOLE, *block, selected[rows],
-                    depth, first, last, z_min, z_max, single, *steps,
-                )  # fmt: skip
-        return sources
+        return search_rays(
+            _match_all, rays, pixel_offset, depth, first, last, z_min, z_max, single, *steps
+        )
 
     return each_ray(rays, find)
 

@@ -1,7 +1,4 @@
-"""Commands of the program, one file per group; `inim.cli.main` describes such a module.
-
-This module has their interface, shared options, and the last line of output.
-"""
+"""Interface of commands, the options that they share, and the lines that they print."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED, UsageError
+from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 from inim.system.process.printing import printable
 
 if TYPE_CHECKING:
@@ -167,15 +164,6 @@ def request_of(args: argparse.Namespace) -> Request:
         values["eias"] = parse_eias(values["eias"])
     values |= {name: tuple(values.get(name, ())) for name in ("allow_folders", "plugins")}
     return Request(**values | choices_of(args))
-
-
-def check_report_arguments(args: argparse.Namespace) -> None:
-    """Reject a display for a `source` that is a report."""
-    if args.display or args.definitions:
-        raise UsageError(
-            f"{args.source}: is a report, which has its own display; --display and -D are for an "
-            "EIA"
-        )
 
 
 def open_page(page: Path) -> None:

@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from inim.pipeline.options import (
-    Command,
-    add_shared,
-    finish,
-    request_of,
-)
+from inim.pipeline.options import Command, add_shared, finish, request_of
 
 
 def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:

@@ -9,7 +9,6 @@ from inim.apps.export.tiles import SPP, TILES
 from inim.pipeline.options import (
     Command,
     add_shared,
-    check_report_arguments,
     choices_of,
     open_page,
     print_lines,
@@ -30,10 +29,11 @@ def _add_view_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _view(args: argparse.Namespace) -> int:
+    from inim.apps.export.source import refuse_display
     from inim.report.view_page import view_eia, view_report
 
     if args.source.is_dir():
-        check_report_arguments(args)
+        refuse_display(args.source, args.display, args.definitions)
         path = view_report(args.source, args.out)
     else:
         path = view_eia(args.source, **choices_of(args), out=args.out)

@@ -47,7 +47,8 @@ def choose(
 ) -> ChosenEIA:
     """Choose the EIA of a file, or of an algorithm of a report; see `inim.export`."""
     if source.is_dir():
-        return _choose_from_report(source, algorithm, bool(display or definitions))
+        refuse_display(source, display, definitions)
+        return _choose_from_report(source, algorithm)
     return _choose_eia(source, algorithm, display, definitions)
 
 
@@ -65,12 +66,16 @@ def _choose_eia(
     return ChosenEIA(path, design, real, settings.lens_model, distance, path.name)
 
 
-def _choose_from_report(folder: Path, algorithm: str | None, has_display: bool) -> ChosenEIA:
-    """Chosen algorithm or the ground truth; by default the best by the headline score."""
-    if has_display:
+def refuse_display(report: Path, display: object, definitions: object) -> None:
+    """Raise `UsageError` for a display that is given in addition to a report."""
+    if display or definitions:
         raise UsageError(
-            f"{folder}: is a report, which has its own display; --display and -D are for an EIA"
+            f"{report}: is a report, which has its own display; --display and -D are for an EIA"
         )
+
+
+def _choose_from_report(folder: Path, algorithm: str | None) -> ChosenEIA:
+    """Chosen algorithm or the ground truth; by default the best by the headline score."""
     report = Report.load(folder)
     name, why = (algorithm, "") if algorithm else _best(report)
     path, design = report.eia_path(name, "--algorithms"), report.display

@@ -5,12 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from inim.pipeline.options import (
-    Command,
-    add_shared,
-    finish,
-    request_of,
-)
+from inim.pipeline.options import Command, add_shared, finish, request_of
 from inim.system.errors import UsageError
 
 

@@ -5,13 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from inim.pipeline.options import (
-    Command,
-    add_shared,
-    finish,
-    print_lines,
-    print_warning,
-)
+from inim.pipeline.options import Command, add_shared, finish, print_lines, print_warning
 from inim.system.errors import EXIT_PASSED
 
 _KEPT = "results are kept; run it again to continue"

@@ -6,12 +6,13 @@ import math
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from inim.display import Display
-from inim.display.pixels import CENTRE, PixelAxis, PixelOffset, pixel_rays
+from inim.display.pixels import CENTRE, PixelAxis, PixelOffset, pixel_rays, row_blocks
+from inim.generators.base import HOLE, PanelRays, Sources, run_kernel
 from inim.system.errors import UsageError
 
 # Whole numbers up to here are floats, and the quotient of two is rounded once.
@@ -136,6 +137,26 @@ class PictureRays:
         shape = (rows.stop - rows.start, width)
         u0, du, v0, dv = (np.broadcast_to(line, shape) for line in lines)
         return RayBlock(u0, du, v0, dv, *scales)
+
+
+def search_rays(
+    kernel: Any, rays: PanelRays, pixel_offset: PixelOffset, *arguments: Any
+) -> Sources:
+    """Sources of the selected panel pixels' rays, which a kernel finds in blocks of rows.
+
+    The kernel (`inim.generators.base.run_kernel`) gets the rays of a block in cells, with columns
+    before rows: starts u and v, and slopes; then the pixels to search, and the arguments.
+    """
+    picture = PictureRays(rays.display, rays.shape, rays.pixel_mm, pixel_offset)
+    sources, selected = np.full(rays.display.eia_shape, HOLE, np.int32), rays.selected
+    for rows in row_blocks(rays.display):
+        if selected[rows].any():
+            lines = picture.block(rows, in_cells=True)[:4]
+            shape = lines[0].shape
+            sources[rows] = run_kernel(
+                kernel, len(lines[0]), shape, *lines, selected[rows], *arguments
+            )
+    return sources
 
 
 @dataclass(frozen=True)

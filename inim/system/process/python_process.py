@@ -47,7 +47,7 @@ def python_module(module: str, *arguments: str) -> list[str]:
 
 # Variables with a folder, which may be relative to the current one, or with a list of folders.
 _FOLDER_VARIABLES = ("NUMBA_CACHE_DIR",)
-_LIST_VARIABLES = ("PYTHONPATH", "LD_LIBRARY_PATH", "INIM_LLVM_SEARCH")
+_LIST_VARIABLES = ("PYTHONPATH", "LD_LIBRARY_PATH")
 
 
 def child_environment() -> dict[str, str]:
