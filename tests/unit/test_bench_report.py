@@ -12,7 +12,7 @@ from inim.apps.bench.document import (
     Load,
     TimingRecord,
 )
-from inim.apps.bench.evaluate import all_scores
+from inim.apps.bench.evaluate import bench_scores
 from inim.apps.bench.page import bench_page, scene_parts, write_bench
 from inim.display import DISPLAYS
 from inim.scores.document_parts import BackendRecord, DisplayRecord, PictureShape
@@ -70,7 +70,7 @@ def scene_bench(scores=(), **values):
             algorithm("mix|er:a=b", 40.0, None, usual | {"eia_psnr_db": None} | values, ()),
         ],
         noise_floor={"eia_ssim": 0.99, "eia_psnr_db": 50.0, "view_ssim_to_reference": 0.999},
-        scores=[*(score.record() for score in all_scores() if score.key in SCORED), *scores],
+        scores=[*(score for score in bench_scores() if score.key in SCORED), *scores],
         captured_layers=None,
     )
     return bench(scene)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace as replaced
@@ -20,7 +20,6 @@ from inim.apps.bench.document import (
 from inim.display import Display
 from inim.generators import (
     HOLE,
-    NO_LENS,
     SourceGenerator,
     Sources,
     algorithm_names,
@@ -61,115 +60,79 @@ from inim.system.process.user_paths import user_text
 _PLOTTED = ("eia_psnr_db", "view_ssim_to_reference")
 
 
-@dataclass(frozen=True)
-class Score:
-    """A metric of the EIA to the ground truth, or the mean over its views to the reference."""
-
-    metric: metrics.Metric
-    of_views: bool
-
-    @property
-    def key(self) -> str:
-        """Name in bench.json."""
-        return f"view_{self.metric.to_reference_key}" if self.of_views else f"eia_{self.metric.key}"
-
-    def record(self) -> BenchScore:
-        """Describe the score for bench.json; an infinite best value is None."""
-        metric = self.metric
-        best = metric.range[1 if metric.better == "higher" else 0]
-        label = f"view {metric.label} to reference" if self.of_views else f"EIA {metric.label}"
-        return BenchScore(
-            key=self.key,
-            label=f"{label} {metric.unit}".rstrip(),
-            title="Views" if self.of_views else "Elemental images",
-            better=metric.better,
-            best=best if math.isfinite(best) else None,
-            digits=metric.digits,
-            plotted=self.key in _PLOTTED or metric.name in metrics.foreign_identities(),
+def bench_scores() -> list[BenchScore]:
+    """Describe all scores in the order of the tables: of the EIA, then of its views."""
+    every = metrics.all_metrics()
+    of_eia = [
+        _describe(metric, f"eia_{metric.key}", f"EIA {metric.label}", "Elemental images")
+        for metric in every
+        if metric.has_eia_score
+    ]
+    of_views = [
+        _describe(
+            metric,
+            f"view_{metric.to_reference_key}",
+            f"view {metric.label} to reference",
+            "Views",
         )
+        for metric in every
+    ]
+    return of_eia + of_views
 
 
-def all_scores() -> list[Score]:
-    """All scores in the order of the tables: of the EIA, then of its views."""
-    of_eia = [Score(metric, False) for metric in metrics.all_metrics() if metric.has_eia_score]
-    return of_eia + [Score(metric, True) for metric in metrics.all_metrics()]
+def _describe(metric: metrics.Metric, key: str, label: str, title: str) -> BenchScore:
+    """Describe a score for bench.json; an infinite best value is None."""
+    best = metric.range[1 if metric.better == "higher" else 0]
+    return BenchScore(
+        key=key,
+        label=f"{label} {metric.unit}".rstrip(),
+        title=title,
+        better=metric.better,
+        best=best if math.isfinite(best) else None,
+        digits=metric.digits,
+        plotted=key in _PLOTTED or metric.name in metrics.foreign_identities(),
+    )
 
 
-#: Reconstructs the views of an EIA, one per viewpoint: (rows, columns, 3) float32, linear RGB.
-ViewsOf = Callable[[np.ndarray], Sequence[np.ndarray]]
+class EIAWithViews(NamedTuple):
+    """An EIA, and the views that a display shows of it, one per viewpoint.
 
-
-@dataclass(frozen=True)
-class Reference:
-    """Ground truth for the EIAs of all methods.
-
-    `exact` are the sources by the exact traversal; `eia`, (rows, columns, 3) float32 linear RGB, is
-    the ground truth, with its `reference_views`. `viewing` are the conditions of each view; if
-    empty, metrics that need them are left out.
+    Both are (rows, columns, 3) float32, linear RGB.
     """
 
-    exact: Sources
     eia: np.ndarray
-    views_of: ViewsOf
-    reference_views: Sequence[np.ndarray]
-    viewing: Sequence[Viewing] = ()
+    views: Sequence[np.ndarray]
 
 
-def make_reference(
-    rgbd: RGBD,
-    eia: np.ndarray,
-    display: Display,
-    views_of: ViewsOf,
-    viewing: Sequence[Viewing] = (),
-) -> Reference:
-    """Compute the `Reference` of an RGB-D picture from its ground-truth EIA."""
-    return Reference(find_sources(rgbd, display), eia, views_of, views_of(eia), viewing)
+def compare(
+    reference: EIAWithViews, test: EIAWithViews, viewing: Sequence[Viewing] = ()
+) -> dict[str, float | None]:
+    """Score an EIA and its views by the keys of `bench_scores`, the mean over all views.
 
-
-def evaluate(method: TimedMethod, reference: Reference) -> dict[str, Any]:
-    """Compute the errors of the timed EIA, by field of `BenchAlgorithm`."""
-    eia, sources = linear_picture(method.out), None
-    if isinstance(method.generator, SourceGenerator) and not isinstance(method.rgbd, LayeredRGBD):
-        sources = method.generator.sources(method.rgbd)
-    empty = method.out[..., 3] == 0 if sources is None else sources == HOLE
-    wrong = None if sources is None else _lensed_share(sources != reference.exact, reference.exact)
-    views = reference.views_of(eia)
-    return {
-        "wrong_source": wrong,
-        "hole_fraction": _lensed_share(empty, reference.exact),
-        "averaged_share": _multi_source_share(method),
-        "scores": _scores(reference.eia, eia, reference.reference_views, views, reference.viewing),
+    `viewing` are the conditions of each view; if empty, metrics that need them are left out.
+    """
+    conditions: Sequence[Viewing | None] = viewing or [None] * len(test.views)
+    views = zip(reference.views, test.views, conditions, strict=True)
+    view_scores = [metrics.score(*pair, viewing=condition) for *pair, condition in views]
+    eia_scores = metrics.eia_scores(reference.eia, test.eia)
+    return {f"eia_{key}": value for key, value in eia_scores.items()} | {
+        f"view_{metric.to_reference_key}": float(np.mean([s[metric.key] for s in view_scores]))
+        for metric in metrics.all_metrics()
+        if metric.key in view_scores[0]
     }
 
 
-def noise_floor(
-    first: np.ndarray, second: np.ndarray, views_of: ViewsOf, viewing: Sequence[Viewing] = ()
-) -> dict[str, float | None]:
-    """Score one half of the ground truth's samples against the other."""
-    return _scores(first, second, views_of(first), views_of(second), viewing)
-
-
-def _scores(
-    reference_eia: np.ndarray,
-    eia: np.ndarray,
-    reference_views: Sequence[np.ndarray],
-    views: Sequence[np.ndarray],
-    viewing: Sequence[Viewing],
-) -> dict[str, float | None]:
-    eia_scores = metrics.eia_scores(reference_eia, eia)
-    conditions_by_view: Sequence[Viewing | None] = viewing or [None] * len(views)
-    view_scores = [
-        metrics.score(reference, view, viewing=conditions)
-        for reference, view, conditions in zip(
-            reference_views, views, conditions_by_view, strict=True
-        )
-    ]
+def source_errors(method: TimedMethod, exact: Sources, display: Display) -> dict[str, Any]:
+    """Compare the sources of the timed EIA with the exact ones, by field of `BenchAlgorithm`."""
+    wrong, empty = None, method.out[..., 3] == 0
+    if isinstance(method.generator, SourceGenerator) and not isinstance(method.rgbd, LayeredRGBD):
+        sources = method.generator.sources(method.rgbd)
+        wrong = float(np.mean((sources != exact)[display.lensed]))
+        empty = sources == HOLE
     return {
-        score.key: float(np.mean([scores[score.metric.key] for scores in view_scores]))
-        if score.of_views
-        else eia_scores[score.metric.key]
-        for score in all_scores()
-        if viewing or not score.metric.needs_viewing
+        "wrong_source": wrong,
+        "hole_fraction": float(np.mean(empty[display.lensed])),
+        "averaged_share": _multi_source_share(method),
     }
 
 
@@ -185,23 +148,14 @@ def _multi_source_share(method: TimedMethod) -> float | None:
     return float(np.any(differ, axis=0).mean())
 
 
-def _lensed_share(chosen: np.ndarray, exact: Sources) -> float:
-    """Share of the lensed panel pixels."""
-    lensed = exact != NO_LENS
-    return int((chosen & lensed).sum()) / max(1, int(lensed.sum()))
-
-
-# -- time against error -------------------------------------------------------------------------
-
-
 def mark_fronts(algorithms: Sequence[BenchAlgorithm]) -> list[BenchAlgorithm]:
     """Set the Pareto fronts that each algorithm is on, by name of the error.
 
     An algorithm without an error is not on its front.
     """
     errors = {"wrong_source": {a.name: a.wrong_source for a in algorithms}}
-    for score in all_scores():
-        sign = 1 if score.metric.better == "lower" else -1
+    for score in bench_scores():
+        sign = 1 if score.better == "lower" else -1
         values = {a.name: a.scores.get(score.key) for a in algorithms}
         errors[score.key] = {n: None if v is None else sign * v for n, v in values.items()}
     times = {algorithm.name: algorithm.median_ms for algorithm in algorithms}
@@ -229,26 +183,11 @@ _DEFAULT = (
     "li2012",
     "li2012:fill=hidden",
 )
-# The smallest display and picture, to test whether an algorithm works.
+# The smallest display and picture, to test whether an algorithm of another package works.
 _TRIAL = Display(1.0, 3.0, 3.3, 0.25, 1, 1)
 _TRIAL_RGBD = RGBD(
     np.zeros((4, 4, 4), np.uint8), np.zeros((4, 4), np.float32), np.ones((4, 4), bool), 0.25
 )
-
-
-def available_algorithms(names: Iterable[str]) -> tuple[list[str], list[str]]:
-    """Return the algorithms that work on this machine, and a note on each of the others."""
-    methods, notes = [], []
-    for name in names:
-        try:
-            method = prepare_method(name, _TRIAL_RGBD, _TRIAL)
-            if not method.is_own:
-                method.run()
-        except (UsageError, ImportError) as error:
-            notes.append(f"left out: {error}")
-        else:
-            methods.append(name)
-    return methods, notes
 
 
 def choose_algorithms(algorithms: Sequence[str] | None) -> tuple[Sequence[str], list[str]]:
@@ -257,8 +196,15 @@ def choose_algorithms(algorithms: Sequence[str] | None) -> tuple[Sequence[str], 
     Raises `UsageError` if a given algorithm does not exist.
     """
     if algorithms is None:
-        others = [name for name in algorithm_names() if not is_own(name)]
-        return available_algorithms([*_DEFAULT, *others])
+        usable, notes = [*_DEFAULT], []
+        for name in (name for name in algorithm_names() if not is_own(name)):
+            try:
+                prepare_method(name, _TRIAL_RGBD, _TRIAL).run()
+            except UsageError as error:
+                notes.append(f"left out: {error}")
+            else:
+                usable.append(name)
+        return usable, notes
     names = list(dict.fromkeys(algorithms))
     if not names:
         raise UsageError("--algorithms: none given; name at least one, such as 'template'")
@@ -304,15 +250,16 @@ def bench_scene(
     capture = capture_nonempty(camera, {parse_algorithm(name).input for name in names}, run=run)
     truth = render_ground_truth_eia(camera.scene, display, s.eia_spp, s.seed, None, run=run)
 
-    def views_of(eia: np.ndarray) -> list[np.ndarray]:
-        optics = replace(plan.optics, display=display)
+    optics = replace(plan.optics, display=display)
+
+    def show(eia: np.ndarray) -> EIAWithViews:
         noiseless = NoisyImage.from_image(eia)
         views = reconstruct_views("", noiseless, plan.viewpoints, optics, renderer, run=run)
-        return [view.image for view in views.values()]
+        return EIAWithViews(eia, [view.image for view in views.values()])
 
     viewing = [plan.viewing_conditions(eye) for eye in plan.viewpoints]
-    reference = make_reference(capture.rgbd, truth.image, display, views_of, viewing)
-    floor = noise_floor(truth.first, truth.second, views_of, viewing)
+    reference, exact = show(truth.image), find_sources(capture.rgbd, display)
+    floor = compare(show(truth.first), show(truth.second), viewing)
     observer.stage("time")
     methods, rgbd = prepare_timed_methods(names, capture)
     times, others = _time_undisturbed(methods, rgbd, display, rounds, observer)
@@ -320,7 +267,8 @@ def bench_scene(
     algorithms = [
         BenchAlgorithm(
             **method_data(method, times, display),
-            **evaluate(method, reference),
+            **source_errors(method, exact, display),
+            scores=compare(reference, show(linear_picture(method.out)), viewing),
             fronts=[],
             pareto=False,
         )
@@ -336,7 +284,7 @@ def bench_scene(
         yardstick=TimingRecord(**times[REFERENCE_KERNEL].as_data()),
         algorithms=mark_fronts(algorithms),
         noise_floor=floor,
-        scores=[score.record() for score in all_scores()],
+        scores=bench_scores(),
         captured_layers=None
         if LayeredRGBD not in capture.inputs
         else CapturedLayers(
