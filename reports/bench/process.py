@@ -9,50 +9,20 @@ from __future__ import annotations
 
 import json
 import os
-import re
-import resource
 import subprocess
 import sys
 import threading
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from time import perf_counter
 from typing import Any
-
-
-def peak_bytes() -> int:
-    """Peak resident size of this process [bytes].
-
-    On Linux ru_maxrss includes the parent's size before this program was loaded; VmHWM does not.
-    """
-    try:
-        line = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text("ascii"))
-    except OSError:
-        line = None
-    if line:
-        return 1024 * int(line[1])
-    return resident_bytes(resource.getrusage(resource.RUSAGE_SELF))
-
-
-def resident_bytes(usage: resource.struct_rusage) -> int:
-    """Peak resident size in the resource usage of a process [bytes]."""
-    return (1 if sys.platform == "darwin" else 1024) * usage.ru_maxrss
 
 
 def run_measured(words: Sequence[str], variables: Mapping[str, str]) -> dict[str, Any]:
     """Run a command with these environment variables until it ends.
 
-    Returns
-    -------
-    dict
-        `seconds`: wall-clock time. `processor_seconds`: processor time of the command and its
-        awaited child processes. `peak_bytes`: peak resident size of the largest of these processes.
-        `code`: exit code. `message`: last line on stderr.
-
-    Raises
-    ------
-    WorkerError
-        The small process failed.
+    Returns `seconds`, the wall-clock time; `peak_bytes`, the peak resident size of the largest of
+    the command and its awaited child processes; `code`, the exit code; and `message`, the last line
+    on stderr. Raises `WorkerError` if the small process failed.
     """
     process = subprocess.Popen(
         [sys.executable, __file__, *words],
@@ -86,8 +56,7 @@ def _measure(words: Sequence[str]) -> dict[str, Any]:
     process.returncode = os.waitstatus_to_exitcode(status)
     return {
         "seconds": perf_counter() - started,
-        "processor_seconds": usage.ru_utime + usage.ru_stime,
-        "peak_bytes": resident_bytes(usage),
+        "peak_bytes": (1 if sys.platform == "darwin" else 1024) * usage.ru_maxrss,
         "code": process.returncode,
         "message": messages[-1] if messages else "",
     }

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from inim import reconstruct
 from inim.apps.bench.run import load_average, warn_of_load
-from inim.display import Display, Viewpoint
-from inim.display.lens import LensModelName, white_exposure
+from inim.display import Display
 from inim.image.rgbd import RGBD
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
@@ -54,19 +50,8 @@ def plan_of(scene: Path, definitions: Sequence[str] = (), display: str | None = 
 def run_validation(words: Sequence[str], variables: Mapping[str, str], name: str) -> dict[str, Any]:
     """Run a Python module that validates a scene; return the results of `run_measured`.
 
-    Parameters
-    ----------
-    words : sequence of str
-        The command line after ``python -m``.
-    variables : mapping of str to str
-        Environment variables.
-    name : str
-        Name of the run in error messages.
-
-    Raises
-    ------
-    WorkerError
-        The run is incomplete. A check may fail, on a small display.
+    `words` follow ``python -m``; `name` is that of the run in error messages. Raises `WorkerError`
+    if the run is incomplete. A check may fail, on a small display.
     """
     run = run_measured([sys.executable, "-m", *words], variables)
     if run["code"] not in (EXIT_PASSED, EXIT_CHECK_FAILED):
@@ -92,18 +77,6 @@ def picture_of(display: Display, pixels_per_pitch: int) -> RGBD:
     """Display-ready picture of the two spheres with `pixels_per_pitch` pixels per lens pitch."""
     shape = display.capture_shape(pixels_per_pitch)
     return two_spheres(display, shape, display.pitch_mm / pixels_per_pitch)
-
-
-def views_of(
-    display: Display, viewpoints: Sequence[Viewpoint], lens_model: LensModelName = "thick"
-) -> Callable[[np.ndarray], list[np.ndarray]]:
-    """Function that reconstructs the views of an EIA, exposed so that panel white is white."""
-    exposure = white_exposure(display, lens_model)
-
-    def views(eia: np.ndarray) -> list[np.ndarray]:
-        return [reconstruct(eia, display, eye, lens_model) * exposure for eye in viewpoints]
-
-    return views
 
 
 #: Parts of a validation, with the beginnings of the stages in report.json that they sum up.

@@ -13,7 +13,6 @@ from reports.scoreboard.field import LightField, of_views, read
 from reports.scoreboard.page import NEAREST, page
 from reports.scoreboard.rivals import copy, rvs, splat
 from reports.scoreboard.run import KINDS, Scores, algorithms, measure, methods
-from reports.scoreboard.shop import sweep
 
 SIDE, ROWS, COLUMNS, RIM = 5, 24, 30, 8
 GREY = 90
@@ -128,15 +127,6 @@ def test_rvs_is_given_cameras_that_see_the_disparity(tmp_path, disparity):
     for (row, column), view in rvs(plane(disparity), program):
         moved = (-disparity * (column - 2), -disparity * (row - 2))
         assert view[0, 0].tolist() == [128 + 20 * moved[0], 128 + 20 * moved[1], 7]
-
-
-def test_the_middle_views_disparity_is_found_in_the_views():
-    field = plane(1)
-    views = dict(field.views) | {(2, 2): field.middle}
-    grid = np.stack([np.stack([views[r, c] for c in range(SIDE)]) for r in range(SIDE)])
-    disparity = sweep(grid, np.linspace(-2, 2, 17), near=2)
-    # Where there is texture, and all views have it.
-    assert np.abs(disparity[10:-10, 10:-10] - 1).max() < 0.05
 
 
 def test_a_folder_is_read_with_its_grid_its_rim_and_its_source(tmp_path):

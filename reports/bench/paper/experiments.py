@@ -8,13 +8,19 @@ of scene pixels (Fig. 12), of pixels of one elemental image (Fig. 13) and of ele
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from inim.apps.bench.evaluate import available_algorithms, evaluate, make_reference, method_data
+import numpy as np
+
+import inim
+from inim.apps.bench.evaluate import EIAWithViews, compare, method_data, source_errors
 from inim.display import Display
+from inim.display.lens import white_exposure
 from inim.display.viewpoint import parse_viewpoints
+from inim.generators import find_sources
 from inim.image.rgbd import RGBD
 from inim.pipeline.timing import (
     REFERENCE_KERNEL,
@@ -30,7 +36,7 @@ from inim.scores import metrics
 from reports.bench.paper.claims import claims
 from reports.bench.paper.plain_python import PLAIN_PYTHON, time_plain_python
 from reports.bench.paper.steps import depth_steps
-from reports.bench.study import picture_of, square_display, views_of
+from reports.bench.study import picture_of, square_display
 
 #: The paper's algorithms, timed in plain Python and compiled.
 PAPER = (
@@ -53,62 +59,35 @@ PUBLISHED_SSIM = {"wang2024": 0.78, "gu2020": 0.74, "li2012": 0.67}
 
 @dataclass(frozen=True)
 class Sizes:
-    """Sizes of the experiments.
+    """Sizes of the experiments. With the defaults, plain Python takes a few minutes in total."""
 
-    Attributes
-    ----------
-    scene_lenses : int
-        Lenses along a side in the experiment on scene pixels.
-    scene_pixels : sequence of int
-        Picture pixels per lens pitch.
-    elemental_pixels : sequence of int
-        Pixels along a side of the single elemental image.
-    lens_counts : sequence of int
-        Lenses along a side in the experiment on elemental images.
-    same_lenses : int
-        Lenses along a side of the common input.
-    pixels_per_pitch : int
-        Picture pixels per lens pitch where they do not vary.
-    """
-
-    scene_lenses: int = 10
-    scene_pixels: Sequence[int] = (1, 2, 3, 4, 5, 6)
+    scene_lenses: int = 10  #: Lenses along a side in the experiment on scene pixels.
+    scene_pixels: Sequence[int] = (1, 2, 3, 4, 5, 6)  #: Picture pixels per lens pitch.
+    #: Pixels along a side of the single elemental image.
     elemental_pixels: Sequence[int] = (9, 17, 25, 33, 49, 65)
+    #: Lenses along a side in the experiment on elemental images.
     lens_counts: Sequence[int] = (1, 2, 4, 6, 8, 10, 12)
-    same_lenses: int = 32
-    pixels_per_pitch: int = 5
+    same_lenses: int = 32  #: Lenses along a side of the common input.
+    pixels_per_pitch: int = 5  #: Picture pixels per lens pitch where they do not vary.
 
 
-#: Sizes for which plain Python takes a few minutes in total.
-FULL = Sizes()
-
-
-def bench_paper(rounds: Rounds, sizes: Sizes = FULL) -> dict[str, Any]:
-    """Run the three experiments and the comparison on a common input, and check the claims.
-
-    Returns
-    -------
-    dict
-        ``experiments`` [{``name``, ``figure``, ``kept``, ``size``, ``points``}], ``same_input``,
-        ``steps`` (`depth_steps`), ``claims``, ``notes``.
-    """
-    names, notes = available_algorithms(NAMES)
+def bench_paper(rounds: Rounds, sizes: Sizes | None = None) -> dict[str, Any]:
+    """Run the three experiments and the comparison on a common input, and check the claims."""
+    sizes = sizes or Sizes()
     experiments = [
-        _experiment(*experiment, names, rounds)
+        _experiment(*experiment, rounds)
         for experiment in (
             ("Fig. 12", "scene pixels", "scene_pixels", _scene_inputs(sizes)),
             ("Fig. 13", "pixels of one elemental image", "elemental_pixels", _one_lens(sizes)),
             ("Fig. 14", "elemental images", "lenses", _lens_inputs(sizes)),
         )
     ]
-    same = _same_input(sizes, [*names, *available_algorithms(VARIANTS)[0]], rounds)
-    steps = depth_steps()
+    same, steps = _same_input(sizes, rounds), depth_steps()
     return {
         "experiments": experiments,
         "same_input": same,
         "steps": steps,
         "claims": claims(experiments, same, steps),
-        "notes": notes,
     }
 
 
@@ -140,70 +119,67 @@ def _lens_inputs(sizes: Sizes) -> _Inputs:
 
 
 def _experiment(
-    figure: str,
-    name: str,
-    size: str,
-    inputs: _Inputs,
-    names: Sequence[str],
-    rounds: Rounds,
+    figure: str, name: str, size: str, inputs: _Inputs, rounds: Rounds
 ) -> dict[str, Any]:
-    points = []
     constants, displays = inputs
+    points = []
     for display, pixels_per_pitch in displays:
-        rgbd = picture_of(display, pixels_per_pitch)
-        methods = [prepare_method(method_name, rgbd, display) for method_name in names]
-        rows = display.eia_shape[0]
-        sizes = {
-            "scene_pixels": rgbd.shape[0] * rgbd.shape[1],
-            "elemental_pixels": (rows // display.lens_rows) ** 2,
-            "lenses": display.lens_rows * display.lens_columns,
-        }
-        methods, times = _time_all(methods, rgbd, display, pixels_per_pitch, rounds)
-        results = [method_data(m, times, display) for m in methods]
-        points.append(
-            {**sizes, "yardstick": times[REFERENCE_KERNEL].as_data(), "algorithms": results}
-        )
+        methods, times, rgbd = _time_all(NAMES, display, pixels_per_pitch, rounds)
+        results = {"algorithms": [method_data(m, times, display) for m in methods]}
+        points.append(_point(display, rgbd, times) | results)
     return {"name": name, "figure": figure, "kept": constants, "size": size, "points": points}
 
 
+def _point(display: Display, rgbd: RGBD, times: Mapping[str, Timing]) -> dict[str, Any]:
+    """Sizes of an input, and the time of the reference kernel."""
+    return {
+        "scene_pixels": math.prod(rgbd.shape),
+        "display_pixels": math.prod(display.eia_shape),
+        "elemental_pixels": (display.eia_shape[0] // display.lens_rows) ** 2,
+        "lenses": display.lens_rows * display.lens_columns,
+        "yardstick": times[REFERENCE_KERNEL].as_data(),
+    }
+
+
 def _time_all(
-    methods: list[TimedMethod], rgbd: RGBD, display: Display, pixels_per_pitch: int, rounds: Rounds
-) -> tuple[list[TimedMethod], dict[str, Timing]]:
+    names: Sequence[str], display: Display, pixels_per_pitch: int, rounds: Rounds
+) -> tuple[list[TimedMethod], dict[str, Timing], RGBD]:
     """Time all methods compiled and the paper's in plain Python, which come first in the list."""
+    rgbd = picture_of(display, pixels_per_pitch)
+    methods = [prepare_method(name, rgbd, display) for name in names]
     times = time_methods(methods, rgbd, display, rounds)
     paper_methods = [method for method in methods if method.name in PAPER]
     plain, plain_times = time_plain_python(paper_methods, display, pixels_per_pitch, rounds)
-    return [*plain, *methods], {**times, **plain_times}
+    return [*plain, *methods], {**times, **plain_times}, rgbd
 
 
-def _same_input(sizes: Sizes, names: Sequence[str], rounds: Rounds) -> dict[str, Any]:
+def _same_input(sizes: Sizes, rounds: Rounds) -> dict[str, Any]:
     """Time and errors of all methods on a common input, and SSIM of the middle view."""
     display = square_display(sizes.same_lenses)
-    rgbd = picture_of(display, sizes.pixels_per_pitch)
-    methods = [prepare_method(name, rgbd, display) for name in names]
-    methods, times = _time_all(methods, rgbd, display, sizes.pixels_per_pitch, rounds)
-    eye = parse_viewpoints("centre", display)
-    reference = make_reference(rgbd, two_spheres_eia(display), display, views_of(display, eye))
-    pixels_per_lens = len(reference.reference_views[0]) // display.lens_rows
-    truth = two_spheres_view(display, eye[0], pixels_per_lens)
+    names = (*NAMES, *VARIANTS)
+    methods, times, rgbd = _time_all(names, display, sizes.pixels_per_pitch, rounds)
+    (eye,) = parse_viewpoints("centre", display)
+    exposure, exact = white_exposure(display, "thick"), find_sources(rgbd, display)
+
+    def show(eia: np.ndarray) -> EIAWithViews:
+        return EIAWithViews(eia, [inim.reconstruct(eia, display, eye, "thick") * exposure])
+
+    reference = show(two_spheres_eia(display))
+    view_rows = len(reference.views[0])
+    truth = two_spheres_view(display, eye, view_rows // display.lens_rows)
     results = []
     for method in methods:
-        view = reference.views_of(linear_picture(method.out))[0]
-        errors = evaluate(method, reference)
+        shown = show(linear_picture(method.out))
         results.append(
             method_data(method, times, display)
-            | errors.pop("scores")
-            | errors
+            | source_errors(method, exact, display)
+            | compare(reference, shown)
             | {
-                "middle_view_ssim": metrics.ssim(truth, view),
+                "middle_view_ssim": metrics.ssim(truth, shown.views[0]),
                 "published_ssim": PUBLISHED_SSIM.get(method.name.removesuffix(PLAIN_PYTHON)),
             }
         )
-    return {
-        "lenses": display.lens_rows * display.lens_columns,
-        "display_pixels": display.eia_shape[0] * display.eia_shape[1],
-        "scene_pixels": rgbd.shape[0] * rgbd.shape[1],
-        "yardstick": times[REFERENCE_KERNEL].as_data(),
-        "reference_ssim": metrics.ssim(truth, reference.reference_views[0]),
+    return _point(display, rgbd, times) | {
+        "reference_ssim": metrics.ssim(truth, reference.views[0]),
         "algorithms": results,
     }

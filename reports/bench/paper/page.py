@@ -32,7 +32,6 @@ def page(results: Results) -> tuple[list[str], list[PagePart]]:
         "Wang et al., Heritage Science 2024, timed plain Python on one thread (dashed). Solid: the "
         "same code compiled, on all threads. The scene is not one of the paper's scenes. Plain "
         "Python: at most 3 runs if a run takes more than 2 s, one above 10 s.",
-        *paper["notes"],
     ]
     tables = [
         *map(_experiment, paper["experiments"]), _same_input(paper["same_input"]),

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import math
-import subprocess
+import os
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+from scipy.stats import linregress
 
 from inim.apps.bench.evaluate import method_data
 from inim.display import Display
 from inim.pipeline.timing import REFERENCE_KERNEL, Rounds, prepare_method, time_methods
 from inim.system.errors import WorkerError
+from reports.bench.process import run_measured
 from reports.bench.study import picture_of, square_display
 
 #: Lenses along a side, 17 pixels each: up to 4080 x 4080, the largest published array.
@@ -26,9 +26,6 @@ _FIXED_PIXELS_PER_PITCH = 2
 _ALGORITHM = "template"
 # Largest accepted peak memory in addition to the imports, for an array of 4080 x 4080.
 _MEMORY_LIMIT = 2**30
-# Time limit of the child process.
-_TIMEOUT_S = 300
-_ROOT = Path(__file__).parents[3]
 
 
 def bench_scaling(
@@ -46,8 +43,8 @@ def bench_scaling(
         "scene": by_scene,
         "growth": {
             # Only the larger half: on small displays the threads' start dominates.
-            "display_pixels": growth(by_display[len(by_display) // 2 :], "display_pixels"),
-            "scene_pixels": growth(by_scene, "scene_pixels"),
+            "display_pixels": _growth(by_display[len(by_display) // 2 :], "display_pixels"),
+            "scene_pixels": _growth(by_scene, "scene_pixels"),
         },
         "memory": peak_memory(max(lens_counts)),
     }
@@ -67,16 +64,15 @@ def _point(display: Display, pixels_per_pitch: int, rounds: Rounds) -> dict[str,
     }
 
 
-@dataclass(frozen=True)
-class PowerLaw:
+# Bound of the rounding errors of a power, from those of the logarithms of sizes and times.
+_ROUNDING = 1e-12
+
+
+class PowerLaw(NamedTuple):
     """Exponent of the growth of time with a size: 1 is linear, 0 is constant.
 
-    Attributes
-    ----------
-    power : float
-    error : float
-        Error of the power: its standard error from the points' scatter about the line, plus a bound
-        of the rounding error. Two points have no scatter.
+    `error` is the standard error of `power`, from the points' scatter about the line. Two points
+    have no scatter.
     """
 
     power: float
@@ -92,53 +88,50 @@ def power_law(points: Sequence[Mapping[str, Any]], size: str) -> PowerLaw | None
 
     The fit uses the fastest runs: sizes are measured one after another, so that the load may differ
     between the medians of two sizes.
-
-    With ``x = log(size)`` and ``y = log(time)`` about their means, the power is
-    ``b = sum(x y) / sum(x x)`` and its standard error ``sqrt(sum((y - b x)^2) / (n - 2) / sum(x
-    x))``. Sizes, times and their logarithms have an error of one unit in the last place. Each x and
-    y, including its mean, therefore has an error of at most ``d = 2 eps (1 + the largest
-    logarithm)``. The sums are exact (`math.fsum`). To first order, the error of b is at most
-    ``d (sum|x| + sum|y| + 2 |b| sum|x|) / sum(x x) + 4 eps |b|``.
     """
-    sizes = [math.log(p[size]) for p in points]
+    sizes, times = ([math.log(point[key]) for point in points] for key in (size, "min_ms"))
     if len(set(sizes)) < 2:
         return None
-    times = [math.log(p["min_ms"]) for p in points]
-    x, y = ([v - math.fsum(values) / len(values) for v in values] for values in (sizes, times))
-    squares = math.fsum(v * v for v in x)
-    power = math.fsum(a * b for a, b in zip(x, y, strict=True)) / squares
-    eps = sys.float_info.epsilon
-    value_error = 2 * eps * (1 + max(map(abs, sizes + times)))
-    sum_x, sum_y = (math.fsum(map(abs, v)) for v in (x, y))
-    error = value_error * (sum_x + sum_y + 2 * abs(power) * sum_x) / squares + 4 * eps * abs(power)
-    if len(points) > 2:
-        residual = math.fsum((b - power * a) ** 2 for a, b in zip(x, y, strict=True))
-        error += math.sqrt(residual / (len(points) - 2) / squares)
-    return PowerLaw(power, error)
+    line = linregress(sizes, times)
+    return PowerLaw(float(line.slope), float(line.stderr) + _ROUNDING)
 
 
-def growth(points: Sequence[Mapping[str, Any]], size: str) -> float | None:
-    """Power of `power_law`; None for fewer than two sizes."""
+def _growth(points: Sequence[Mapping[str, Any]], size: str) -> float | None:
     law = power_law(points, size)
     return None if law is None else law.power
 
 
 def peak_memory(lenses: int) -> dict[str, Any]:
-    """Peak memory of a new process that generates one EIA [bytes]."""
-    command = [sys.executable, "-m", "reports.bench.paper.memory", str(lenses)]
-    ended = subprocess.run(
-        command,
-        cwd=_ROOT,
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        timeout=_TIMEOUT_S,
-        check=False,
-    )
-    try:
-        memory: dict[str, Any] = json.loads(ended.stdout)
-    except ValueError:
-        raise WorkerError(
-            f"the process that measures memory ended with code {ended.returncode} at "
-            f"{lenses} x {lenses} lenses"
-        ) from None
-    return {**memory, "limit_bytes": _MEMORY_LIMIT}
+    """Peak memory of a new process that generates one EIA, and of one that only imports [bytes].
+
+    The difference includes the compilation or loading of the kernels, the picture, the prepared
+    tables and the EIA.
+    """
+    peaks = []
+    for count in (0, lenses):
+        run = run_measured([sys.executable, "-m", __name__, str(count)], os.environ)
+        if run["code"]:
+            raise WorkerError(f"memory of {count} x {count} lenses: {run['message']}")
+        peaks.append(run["peak_bytes"])
+    return {
+        "lenses": lenses,
+        "imported_bytes": peaks[0],
+        "peak_bytes": peaks[1],
+        "above_import_bytes": peaks[1] - peaks[0],
+        "eia_bytes": 4 * math.prod(square_display(lenses).eia_shape),
+        "limit_bytes": _MEMORY_LIMIT,
+    }
+
+
+def _generate(lenses: int) -> None:
+    """Generate one EIA, in the process whose memory is measured."""
+    from inim.generators.raycast import strips  # noqa: F401
+
+    if lenses:
+        display = square_display(lenses)
+        rgbd = picture_of(display, _FIXED_PIXELS_PER_PITCH)
+        prepare_method(_ALGORITHM, rgbd, display).run()
+
+
+if __name__ == "__main__":
+    _generate(int(sys.argv[1]))
