@@ -15,12 +15,12 @@ from PIL import Image
 
 from inim.apps.export.native import subpixel_views
 from inim.cli.main import main
-from inim.display import DISPLAYS, Viewpoint
+from inim.display import DISPLAYS, Display, Viewpoint
 from inim.display.lens import trace_to_panel
 from inim.display.looking_glass import LookingGlass, parse_calibration
 from inim.display.pixels import SUBPIXELS, PixelOffset, pixel_rays, ray_starts
 from inim.display.viewpoint import check_viewpoint, parse_viewpoints, zone_eyes
-from inim.generators import find_sources
+from inim.generators import find_sources, generate
 from inim.image.rgbd import RGBD
 from inim.render.rays import pickup_rays
 from inim.render.reconstruct import reconstruct
@@ -414,6 +414,32 @@ def test_forward_mapping_through_cylinders_reaches_the_pixels_whose_rays_meet_a_
     is_near = nearer % shape[1] < shape[1] // 2
     assert (is_near | ~changed).mean() > 0.99
     assert is_near[changed].any()
+
+
+@pytest.mark.parametrize("slant_deg", [0.0, 12.0])
+@pytest.mark.parametrize("depth_mm", [-4.0, 0.5, 3.0])
+def test_a_pixel_under_a_cylinder_averages_over_its_height(depth_mm, slant_deg):
+    """Light of a pixel is the mean of those of a panel with 7 x 7 times as many pixels."""
+    display, fine = (
+        Display(
+            pitch_mm=1.0, gap_mm=3.0, focal_length_mm=2.9, elemental_pitch_mm=1.01,
+            lattice="lenticular", rotation_deg=slant_deg, lens_columns=20, lens_rows=1,
+            depth_min_mm=-8.0, depth_max_mm=8.0,
+            pixel_pitch_mm=0.2 / n, panel_columns=100 * n, panel_rows=60 * n,
+        )
+        for n in (1, 7)
+    )  # fmt: skip
+    pixel_mm, shape = 0.05, (240, 400)
+    height_mm = (np.arange(shape[0])[:, None, None] + 0.5) * pixel_mm
+    light = 0.5 + 0.4 * np.sin(4 * math.pi * height_mm)
+    color = np.broadcast_to(light, (*shape, 3)).astype(np.float32)
+    rgbd = RGBD(color, np.full(shape, depth_mm, np.float32), np.ones(shape, bool), pixel_mm)
+    averaged = generate(rgbd, display, "template", samples=1, colour="averaged")
+    points = generate(rgbd, fine, "template", samples=1, colour="nearest")
+    expected = points.reshape(60, 7, 100, 7, 3).mean(axis=(1, 3))
+    inside = np.s_[8:-8, 15:-15]
+    # The pixel's height takes a quarter of the contrast of these stripes.
+    assert averaged[inside].std() == pytest.approx(expected[inside].std(), rel=0.06)
 
 
 @pytest.mark.parametrize("model", ["pinhole", "thin", "thick"])

@@ -167,12 +167,22 @@ class _Picture:
 
 def _footprint(
     display: Display, pixel_mm: float, channels: tuple[int, ...], samples: int
-) -> tuple[float, float]:
-    """Height and width of a ray's footprint, in picture pixels per millimetre of depth."""
+) -> np.ndarray:
+    """Size of a ray's footprint for `Diffusion`.
+
+    The ray from p on the panel crosses the array in q, and the depth z in q + (q - p) z / g. In a
+    lens, q is the centre. Along a cylinder, q moves with p.
+    """
     width = height = 1.0
     if len(channels) < 3:
         subpixel = SUBPIXELS[display.subpixels][channels[0]]
         width, height = float(subpixel.width), float(subpixel.height)
     side = display.pixel_pitch_mm * display.pixel_fill / samples**0.5 / display.gap_mm / pixel_mm
-    # Cylinders send all light of a pixel to the same eye's height: it does not widen along them.
-    return 0.0 if display.layout.of_cylinders else height * side, width * side
+    across, up = display.layout.crossing_steps
+    gap = display.gap_mm
+    return side * np.array(
+        [
+            [[height * up * gap, height * (up - 1)], [0, 0]],
+            [[height * across * gap, height * across], [0, -width]],
+        ]
+    )

@@ -8,10 +8,10 @@ code of every sum.
 
 A ray stands for a rectangle of the panel: the emitting area of its pixel or sub-pixel, divided by
 the number of samples. At depth z its image, the footprint, has a width of w = |z| / g times that of
-the rectangle. The average over it is a diffusion of linear light between neighbours on the same
-surface, in passes over distances of 1, 2, 4, ... picture pixels. Its variance along each axis is
-w^2 / 12, in picture pixels, minus the variance that is there anyway: 1/12 of a picture's pixel, or
-1/6 of the interpolation. Where that is negative, one pass over the square roots of light sharpens
+the rectangle; under a cylinder it is a parallelogram. The average over it is a diffusion of linear
+light between neighbours on the same surface, in passes over distances of 1, 2, 4, ... picture
+pixels. Its variance along each axis is w^2 / 12, in picture pixels, minus the variance that is
+there anyway: 1/12 of a picture's pixel, or 1/6 of the interpolation. Where that is negative, one pass over the square roots of light sharpens
 them. docs/theory/templates.md, "Colour of a ray", has the formulas.
 """
 
@@ -153,22 +153,24 @@ class Diffusion(NamedTuple):
     Light is (layers x H x W, 4) float32: linear RGB, and 1.
 
     * `front`, (layers, H, W) float32: depth in mm; -inf where there is no surface.
-    * `footprint`, (down, across): height and width of a ray's footprint, in picture pixels per
-      millimetre of depth.
+    * `footprint`, (2, 2, 2) float64: size of a ray's footprint, in picture pixels, by axis (down,
+      across), side of the panel's rectangle (height, width), and power of the depth in mm (0, 1).
     * `pixel_mm`: width of the picture's pixels.
     * `present`: variance that is there without an average.
     """
 
     front: np.ndarray
-    footprint: tuple[float, float]
+    footprint: np.ndarray
     pixel_mm: float
     present: float
 
     def average(self, light: np.ndarray) -> np.ndarray:
         """Average the light of pixels."""
         is_surface = self.front > -np.inf
-        farthest = float(np.abs(self.front[is_surface]).max(initial=0))
-        for stride in _strides((max(self.footprint) * farthest) ** 2 / 12 - self.present):
+        # Footprints are largest at one end of the depths.
+        ends = [float(limit(self.front, where=is_surface, initial=0)) for limit in (np.min, np.max)]
+        sides = [self.footprint[..., 0] + self.footprint[..., 1] * depth for depth in ends]
+        for stride in _strides(float(np.square(sides).sum(axis=2).max()) / 12 - self.present):
             if stride == 1 or stride < max(self.front.shape[1:]):  # farther there is no pixel
                 light = self._pass(light, (0, stride * stride / 4), stride)
         return light
@@ -182,7 +184,7 @@ class Diffusion(NamedTuple):
         result, front = np.empty_like(light), self.front
         share_rows(
             _diffuse, front.shape[0] * front.shape[1], front, light.reshape(-1),
-            np.array(self.footprint, np.float32) / np.float32(12**0.5), np.float32(self.present),
+            self.footprint.astype(np.float32) / np.float32(12**0.5), np.float32(self.present),
             *map(np.float32, limits), stride, np.float32(STEEPEST * self.pixel_mm),
             result.reshape(-1),
         )  # fmt: skip
@@ -212,10 +214,12 @@ def _diffuse(begin, end, front, light, scale, present, least, most, stride, stee
             here = np.uintp(4 * (line * columns + column))
             value = load4(light, here)
             total = value
-            for axis in range(2):
-                width = scale[axis] * depth
-                share = min(max(width * width - present - used, least), most)
-                if share == 0 or depth == -np.inf:
+            for axis in range(2 if depth > -np.inf else 0):
+                by_height = scale[axis, 0, 0] + scale[axis, 0, 1] * depth
+                by_width = scale[axis, 1, 0] + scale[axis, 1, 1] * depth
+                variance = by_height * by_height + by_width * by_width
+                share = min(max(variance - present - used, least), most)
+                if share == 0:
                     continue
                 factor = same4(weight * share)
                 for side in (-stride, stride):
