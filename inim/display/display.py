@@ -197,7 +197,7 @@ class Display:
     rotation_deg: float = 0.0  #: counter-clockwise rotation of the array, seen by the viewer ({})
     tilt_x_deg: Tilt = 0.0  #: tilt of the panel: the gap grows to the right ({})
     tilt_y_deg: Tilt = 0.0  #: tilt of the panel: the gap grows upwards ({})
-    subpixels: Subpixels = "none"  #: sub-pixel layout: none, rgb-stripe, pentile or cells ({})
+    subpixels: Subpixels = "none"  #: areas of colours: none, rgb-stripe, pentile or cells ({})
     #: centres of red, green and blue for `cells`, right and up in pixels, of each kind of pixel:
     #: '-0.3 0.25 0.3 0.25 0 -0.25, ...' ({})
     subpixel_cells: Annotated[Cells, Values(rows=parse_cells)] = ()

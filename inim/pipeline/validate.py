@@ -7,8 +7,8 @@
 
 A picture without a scene is the RGB-D itself. Its exact EIA and the picture, warped to each
 viewpoint, then take the places of the ground-truth EIA and views (`inim.pipeline.stages.picture`).
-Each line below calls a stage: a plain function in its own file. `inim.pipeline.stages.stage` adds
-the result cache, the timing and the record of skipped steps.
+Each line below is a step, which is a stage or calls several. `inim.pipeline.stages.stage` adds the
+result cache, the timing and the record of skipped steps.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import fields
 from fractions import Fraction
 from typing import Any
 
@@ -277,6 +278,11 @@ RAYS: dict[str, Any] = {
     "tilt_x_deg": 0.5, "tilt_y_deg": 0.4, "subpixels": "rgb-stripe", "pixel_fill": 0.9,
     "subpixel_cells": ((-0.3, 0.2, 0.3, 0.2, 0.0, -0.2),), "cell_pattern": "rows",
 }  # fmt: skip
+
+
+def test_every_parameter_is_declared_as_one_of_lenses_or_of_rays():
+    assert {*LENSES, *RAYS} == {field.name for field in fields(Display)}
+    assert not LENSES.keys() & RAYS.keys()
 
 
 def test_rays_through_pinholes_are_those_of_the_display():

@@ -74,6 +74,11 @@ def test_ignored_signals_stay_ignored():
     assert ended(main + "program(main)", deaf=True) == (0, "on ", "")
 
 
+def test_an_ignored_signal_does_not_hide_another_that_was_delayed():
+    main = "def main():\n    with delayed_interrupts(): interrupt(); interrupt(signal.SIGTERM)\n"
+    assert ended(main + "program(main)", deaf=True) == (143, "", "")
+
+
 def test_library_leaves_handlers_alone():
     code = """
 import inim, inim.cli.pytest_plugin, inim.cli.program
@@ -165,8 +170,9 @@ print(wanted, *bad, sep=chr(10))
 def test_interrupt_at_any_step_of_the_supervisor_leaves_nothing(tmp_path, numbers):
     words = [str(word) for word in (tmp_path, len(numbers), *map(int, numbers))]
     ended = subprocess.run(
-        [sys.executable, "-c", PREAMBLE + AT_EACH_STEP, *words], capture_output=True, text=True
-    )
+        [sys.executable, "-c", PREAMBLE + AT_EACH_STEP, *words], capture_output=True, text=True,
+        preexec_fn=hear,
+    )  # fmt: skip
     steps, *left = ended.stdout.splitlines()
     assert int(steps) > 300
     assert left == []

@@ -11,8 +11,9 @@ the number of samples. At depth z its image, the footprint, has a width of w = |
 the rectangle; under a cylinder it is a parallelogram. The average over it is a diffusion of linear
 light between neighbours on the same surface, in passes over distances of 1, 2, 4, ... picture
 pixels. Its variance along each axis is w^2 / 12, in picture pixels, minus the variance that is
-there anyway: 1/12 of a picture's pixel, or 1/6 of the interpolation. Where that is negative, one pass over the square roots of light sharpens
-them. docs/theory/templates.md, "Colour of a ray", has the formulas.
+there anyway: 1/12 of a picture's pixel, or 1/6 of the interpolation. Where that is negative, one
+pass over the square roots of light sharpens them. docs/theory/templates.md, "Colour of a ray", has
+the formulas.
 """
 
 from __future__ import annotations

@@ -34,10 +34,10 @@ def ignore_interrupts() -> None:
     _set_handlers(signal.SIG_IGN)
 
 
-def _set_handlers(handler: object) -> None:
-    for number in _SIGNALS:
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, handler)  # type: ignore[arg-type]
+def _set_handlers(handler: object) -> dict[int, Any]:
+    """Set a handler for the signals that are not ignored, and return the earlier ones."""
+    handled = [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+    return {number: signal.signal(number, handler) for number in handled}  # type: ignore[arg-type]
 
 
 def _raise(number: int, _: object) -> NoReturn:
@@ -71,10 +71,7 @@ def delayed_interrupts() -> Iterator[None]:
         yield
         return
     received: list[int] = []
-    handlers = {
-        number: signal.signal(number, lambda number, _: received.append(number))
-        for number in _SIGNALS
-    }
+    handlers = _set_handlers(lambda number, _: received.append(number))
     try:
         yield
     finally:
