@@ -180,9 +180,6 @@ def _footprint(
     side = display.pixel_pitch_mm * display.pixel_fill / samples**0.5 / display.gap_mm / pixel_mm
     across, up = display.layout.crossing_steps
     gap = display.gap_mm
-    return side * np.array(
-        [
-            [[height * up * gap, height * (up - 1)], [0, 0]],
-            [[height * across * gap, height * across], [0, -width]],
-        ]
-    )
+    by_height = [[height * up * gap, height * (up - 1)], [height * across * gap, height * across]]
+    by_width = [[0, 0], [0, -width]]
+    return np.multiply(side, np.stack([by_height, by_width], axis=1))
