@@ -180,6 +180,7 @@ def _footprint(
     side = display.pixel_pitch_mm * display.pixel_fill / samples**0.5 / display.gap_mm / pixel_mm
     across, up = display.layout.crossing_steps
     gap = display.gap_mm
-    by_height = [[height * up * gap, height * (up - 1)], [height * across * gap, height * across]]
-    by_width = [[0, 0], [0, -width]]
-    return np.multiply(side, np.stack([by_height, by_width], axis=1))
+    by_height = height * np.array([[up * gap, up - 1], [across * gap, across]])
+    by_width = width * np.array([[0, 0], [0, -1]])
+    sides: np.ndarray = side * np.stack([by_height, by_width], axis=1)
+    return sides
