@@ -5,16 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from inim.apps.bench.run import load_average, warn_of_load
 from inim.display import Display
 from inim.image.rgbd import RGBD
-from inim.pipeline.plan import Plan, make_plan
-from inim.pipeline.request import Request
 from inim.pipeline.timing import Rounds
-from inim.render.scene_files.file import parse_definitions
 from inim.render.scene_files.two_spheres import two_spheres
 from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
 from reports.bench.process import run_measured
@@ -36,15 +32,6 @@ def rounds_of(args: argparse.Namespace) -> dict[str, int | None]:
 def doubts() -> list[str]:
     """Warn if other processes are busy."""
     return warn_of_load(load_average())
-
-
-def plan_of(scene: Path, definitions: Sequence[str] = (), display: str | None = None) -> Plan:
-    """Plan of the validation of a scene, with its display, viewpoints and sampling."""
-    changes = parse_definitions(definitions, str(scene))
-    out = Path("unused")
-    return make_plan(
-        Request(scene, out, definitions=changes, display=display, algorithms=("template",))
-    )
 
 
 def run_validation(words: Sequence[str], variables: Mapping[str, str], name: str) -> dict[str, Any]:

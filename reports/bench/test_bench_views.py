@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from inim.pipeline.timing import Rounds
-from reports.bench.views.run import RECTANGLE, bench_views, page
+from reports.bench.views.run import RECTANGLE, bench_views, page, textured_rectangle
 from tests.conftest import small_display
 
 pytestmark = pytest.mark.usefixtures("renderer")
@@ -46,11 +46,9 @@ def test_the_views_have_a_table_on_the_page(views):
 
 
 def test_the_rectangle_shows_its_picture_upright():
-    from reports.bench.views.rectangle import TexturedRectangle
-
     display = small_display(7, 5)
     letter = np.zeros((5, 7, 3), np.float32)
     letter[:, 1] = letter[0, 1:5] = letter[2, 1:4] = 1.0  # an F: no symmetry at all
-    view = TexturedRectangle(letter, display, 100.0, 4).view(4, 0)
+    view = textured_rectangle(letter, display, 100.0, 4, 4)(0)
     middle = view.reshape(5, 4, 7, 4, 3)[:, 1:3, :, 1:3].mean(axis=(1, 3))
     assert np.allclose(middle, letter, atol=1e-6)

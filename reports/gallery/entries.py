@@ -13,29 +13,16 @@ _CENTRE = ("--viewpoints", "centre", "--algorithms", "template")
 
 @dataclass(frozen=True)
 class Entry:
-    """Entry of the gallery.
-
-    Attributes
-    ----------
-    title, text : str
-    scene : str
-    runs : mapping
-        Options of `inim validate` by the run's label; the label is empty if there is one run.
-    lens : (column, row)
-        Upper left lens of the magnified elemental images.
-    view : str
-        Method whose view from the centre is shown if there are several runs.
-    shows_scene : bool
-        If there are several runs, show the scene before their views.
-    """
+    """Entry of the gallery."""
 
     title: str
     text: str
     scene: str
+    #: Options of `inim validate` by the run's label; the label is empty if there is one run.
     runs: Mapping[str, Sequence[str]] = field(default_factory=lambda: {"": _TWO})
-    lens: tuple[int, int] = (26, 26)
-    view: str = "template"
-    shows_scene: bool = False
+    lens: tuple[int, int] = (26, 26)  #: Upper left lens of the magnified elemental images.
+    view: str = "template"  #: Method whose view from the centre is shown if there are several runs.
+    shows_scene: bool = False  #: If there are several runs, show the scene before their views.
 
 
 ENTRIES = {
@@ -119,14 +106,11 @@ ENTRIES = {
         "scenes/amphora.xml",
         {
             **{
-                f"{angle}°, not used": ("-D", f"inim.misalign=rotation_deg={angle}", *_CENTRE)
-                for angle in _ANGLES
+                f"{a}°, not used": ("-D", f"inim.misalign=rotation_deg={a}", *_CENTRE)
+                for a in _ANGLES
             },
             "0°": _CENTRE,
-            **{
-                f"{angle}°, used": ("-D", f"inim.rotation_deg={angle}", *_CENTRE)
-                for angle in _ANGLES
-            },
+            **{f"{a}°, used": ("-D", f"inim.rotation_deg={a}", *_CENTRE) for a in _ANGLES},
         },
         shows_scene=True,
     ),
@@ -150,7 +134,6 @@ ENTRIES = {
         "This film is taken from the report's virtual display of the ground-truth EIA, with thin "
         "lenses.",
         "scenes/wine_coin.xml",
-        {"": _TWO},
     ),
     "museum_room": Entry(
         "In a museum room",
@@ -190,11 +173,9 @@ class _Eye:
     frames: int = 32
     frame_ms: int = 100
     lens: tuple[int, int] = (39, 46)
-    captions: tuple[str, str, str] = (
-        "the scene",
-        "the panel, magnified",
-        "the panel through its lenses",
-    )
+    captions: tuple[str, ...] = (
+        "the scene", "the panel, magnified", "the panel through its lenses",
+    )  # fmt: skip
     quality: int = 80
     # The eye's farthest position in half widths of the zone: the middle of the next zone is at 4.
     # The line below the picture reaches from `line[0]` to `line[1]`.

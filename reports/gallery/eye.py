@@ -65,10 +65,7 @@ def film_eye(run: Path, out: Path) -> None:
 def film_beyond_zone(run: Path, out: Path) -> tuple[float, float]:
     """Film a report's virtual display while the eye moves to the next viewing zone and back.
 
-    Returns
-    -------
-    (float, float)
-        Farthest eye position, and end of the viewing zone, in mm from the centre.
+    Returns the farthest eye position and the end of the viewing zone, in mm from the centre.
     """
     middle, half = sum(EYE.line) / 2, (EYE.line[1] - EYE.line[0]) / 2
     zones = [((left - middle) / half, (right - middle) / half) for left, right in EYE.zones]
@@ -128,12 +125,5 @@ def _labelled(
 
 def _film(path: Path, frames: Sequence[Image.Image], milliseconds: int) -> None:
     """Write an animated WebP that repeats without end."""
-    frames[0].save(
-        path,
-        save_all=True,
-        append_images=frames[1:],
-        duration=milliseconds,
-        loop=0,
-        quality=EYE.quality,
-        method=6,
-    )
+    options = {"duration": milliseconds, "loop": 0, "quality": EYE.quality, "method": 6}
+    frames[0].save(path, save_all=True, append_images=frames[1:], **options)

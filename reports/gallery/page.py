@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from inim.report.summary import markdown_table
 from inim.scores.metrics import HEADLINE, HEADLINE_TO_SCENE
 
 _LINE = 76
@@ -36,28 +37,24 @@ def gallery_page(root: Path) -> str:
 
 def _gallery_entry(folder: Path) -> str:
     entry = json.loads((folder / "entry.json").read_text("utf-8"))
-    reports = {
-        label: json.loads((folder / file).read_text("utf-8"))
-        for label, file in entry["reports"].items()
-    }
+    files = entry["reports"].items()
+    reports = {label: json.loads((folder / file).read_text("utf-8")) for label, file in files}
     pictures = [_figure(folder.name, entry["title"], picture) for picture in entry["pictures"]]
-    is_one_run = "" in reports
-    columns = "2 2 3 3" if is_one_run else "2 2 4 4"
     commands = "\n".join(_in_lines(report["command"]) for report in reports.values())
+    listing = f"```text\n{commands}\n```"
+    figures, scores = pictures, []  # a film without scores
     if len(pictures) > 1:
+        columns = "2 2 3 3" if "" in reports else "2 2 4 4"
         rows = "\n".join(f":::{{grid-item}}\n{picture}\n:::" for picture in pictures)
-        figures = f"::::{{grid}} {columns}\n:gutter: 2\n\n{rows}\n::::"
-        scores = [_scores_by_algorithm(reports[""]) if is_one_run else _scores_by_run(reports)]
-    else:  # a film without scores
-        figures, scores = pictures[0], []
-    parts = [
+        figures = [f"::::{{grid}} {columns}\n:gutter: 2\n\n{rows}\n::::"]
+        scores = [_scores(reports)]
+    return "\n\n".join([
         f"({folder.name.replace('_', '-')})=\n## {entry['title']}",
         entry["text"],
-        figures,
+        *figures,
         *scores,
-        f"```text\n{commands}\n```" if is_one_run else _folded(commands),
-    ]
-    return "\n\n".join(parts) + "\n"
+        listing if "" in reports else f":::{{dropdown}} Commands\n{listing}\n:::",
+    ]) + "\n"  # fmt: skip
 
 
 def _in_lines(command: str) -> str:
@@ -77,42 +74,30 @@ def _figure(name: str, title: str, picture: Mapping[str, str]) -> str:
     return f"```{{figure}} {path}\n:alt: {title}, {caption}\n\n{caption}\n```"
 
 
-def _folded(commands: str) -> str:
-    return f":::{{dropdown}} Commands\n```text\n{commands}\n```\n:::"
+def _scores(reports: Mapping[str, Mapping[str, Any]]) -> str:
+    """Scores of one run's algorithms, the worst first, and of the reference; or of several runs."""
+    heads = ["SSIM on the relic", "to the ground truth", "to the reference"]
+    if "" in reports:
+        (report,) = reports.values()
+        views = [(f"`{n}`", r["views"]["centre"]) for n, r in report["algorithms"].items()]
+        views.sort(key=lambda view: view[1][HEADLINE])
+        rows = [[name, *_to_scene_and_reference(view)] for name, view in views]
+        return markdown_table(heads, [*rows, ["reference", _reference(report), ""]])
+    rows = [
+        [
+            label,
+            *_to_scene_and_reference(report["algorithms"]["template"]["views"]["centre"]),
+            _reference(report),
+        ]
+        for label, report in reports.items()
+    ]
+    heads[1] = "`template` to the ground truth"
+    return markdown_table([*heads, "reference to the ground truth"], rows)
 
 
-def _scores_by_algorithm(report: Mapping[str, Any]) -> str:
-    """Scores of one run's algorithms, the worst first, and of the reference."""
-    views = [(name, result["views"]["centre"]) for name, result in report["algorithms"].items()]
-    views.sort(key=lambda view: view[1][HEADLINE])
-    rows = [(f"`{n}`", _ssim(v[HEADLINE_TO_SCENE]), _ssim(v[HEADLINE])) for n, v in views]
-    reference = report["reference"]["views"]["centre"][HEADLINE_TO_SCENE]
-    rows.append(("reference", _ssim(reference), ""))
-    return _table(("SSIM on the relic", "to the ground truth", "to the reference"), rows)
+def _to_scene_and_reference(view: Mapping[str, float]) -> list[str]:
+    return [f"{view[key]:.3f}" for key in (HEADLINE_TO_SCENE, HEADLINE)]
 
 
-def _scores_by_run(reports: Mapping[str, Mapping[str, Any]]) -> str:
-    """Scores of several runs, in the order of the changed parameter."""
-    rows = []
-    for label, report in reports.items():
-        view = report["algorithms"]["template"]["views"]["centre"]
-        reference = report["reference"]["views"]["centre"][HEADLINE_TO_SCENE]
-        rows.append((label, *map(_ssim, (view[HEADLINE_TO_SCENE], view[HEADLINE], reference))))
-    heads = (
-        "SSIM on the relic",
-        "`template` to the ground truth",
-        "to the reference",
-        "reference to the ground truth",
-    )
-    return _table(heads, rows)
-
-
-def _ssim(value: float) -> str:
-    return f"{value:.3f}"
-
-
-def _table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """Markdown table with numbers aligned to the right."""
-    heads = tuple(heads)
-    rule = ["---", *["---:"] * (len(heads) - 1)]
-    return "\n".join(f"| {' | '.join(cells)} |" for cells in (heads, rule, *rows))
+def _reference(report: Mapping[str, Any]) -> str:
+    return f"{report['reference']['views']['centre'][HEADLINE_TO_SCENE]:.3f}"

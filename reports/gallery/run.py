@@ -16,7 +16,6 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -31,25 +30,8 @@ HERE = Path(__file__).parent
 RUNS = Path("out", "gallery")
 IMAGES = Path("docs", "images")
 _DIFFERENCE_TIMES = 4
-
-
-@dataclass(frozen=True)
-class Picture:
-    """Picture file in an entry's folder, with its caption."""
-
-    file: str
-    caption: str
-
-
-@dataclass
-class PageEntry:
-    """Content of an entry on the page; `reports` by label."""
-
-    name: str
-    title: str
-    text: str
-    pictures: list[Picture] = field(default_factory=list)
-    reports: dict[str, str] = field(default_factory=dict)
+# Files of pictures, with their captions.
+_Captions = dict[str, str]
 
 
 def validate(folder: Path, scene: str, options: Sequence[str]) -> Path:
@@ -65,33 +47,30 @@ def make_entry(name: str) -> None:
     entry, folder = ENTRIES[name], HERE / name
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
-    page_entry = PageEntry(name, entry.title, entry.text)
-    runs = {}
+    runs, reports = {}, {}
     for label, options in entry.runs.items():
         runs[label] = validate(RUNS / name / file_name(label), entry.scene, options)
-        page_entry.reports[label] = f"{file_name('report', label)}.json"
-        shutil.copy(runs[label] / "report.json", folder / page_entry.reports[label])
+        reports[label] = f"{file_name('report', label)}.json"
+        shutil.copy(runs[label] / "report.json", folder / reports[label])
     if name == "zone":
         far, end = film_beyond_zone(runs[""], folder / "zone.webp")
         caption = f"the eye moves {far:.0f} mm to the right and back; the zone ends at {end:.1f} mm"
-        page_entry.pictures.append(Picture("zone.webp", caption))
+        captions = {"zone.webp": caption}
     elif name == "museum_room":
         render_room(runs[""], folder / "room.webp")
-        caption = "the room, path traced with the display in it"
-        page_entry.pictures.append(Picture("room.webp", caption))
+        captions = {"room.webp": "the room, path traced with the display in it"}
     elif "" in runs:
-        page_entry.pictures.extend(pictures_of_run(runs[""], folder, entry))
+        captions = pictures_of_run(runs[""], folder, entry)
     else:
-        if entry.shows_scene:
-            save_small(
-                middle(next(iter(runs.values())) / "truth/centre.png"), folder / "scene.webp"
-            )
-            page_entry.pictures.append(Picture("scene.webp", "ground truth: the scene"))
-        for label, run in runs.items():
-            file = f"{file_name(label)}.webp"
-            save_small(middle(run / "views" / entry.view / "centre.png"), folder / file)
-            page_entry.pictures.append(Picture(file, label))
-    (folder / "entry.json").write_text(json.dumps(asdict(page_entry), indent=1) + "\n", "utf-8")
+        captions = pictures_of_runs(runs, folder, entry)
+    content = {
+        "name": name,
+        "title": entry.title,
+        "text": entry.text,
+        "pictures": [{"file": file, "caption": text} for file, text in captions.items()],
+        "reports": reports,
+    }
+    (folder / "entry.json").write_text(json.dumps(content, indent=1) + "\n", "utf-8")
 
 
 def file_name(*words: str) -> str:
@@ -99,31 +78,42 @@ def file_name(*words: str) -> str:
     return "-".join(filter(None, words)).translate({ord("°"): "deg", ord(" "): "-", ord(","): None})
 
 
-def pictures_of_run(run: Path, folder: Path, entry: Entry) -> list[Picture]:
+def pictures_of_run(run: Path, folder: Path, entry: Entry) -> _Captions:
     """Save the ground truth, the reference, elemental images, and each algorithm's view."""
     data = json.loads((run / "report.json").read_text("utf-8"))
     score = {n: result["views"]["centre"][HEADLINE] for n, result in data["algorithms"].items()}
     order = sorted(score, key=score.__getitem__)
-    reference = middle(run / "views/reference/centre.png")
+    views = {name: middle(run / "views" / name / "centre.png") for name in ("reference", *order)}
+    lenses = magnified(run / "truth/eia.png", data["display"]["derived"], entry.lens)
+    difference = np.abs(np.subtract(views["reference"], views[order[0]], dtype=float))
+    amplified = (difference * _DIFFERENCE_TIMES).clip(0, 255).astype(np.uint8)
     pictures = {
         "scene": (middle(run / "truth/centre.png"), "ground truth: the scene"),
-        "reference": (reference, "reference: the ground-truth EIA through the lenses"),
+        "reference": (views["reference"], "reference: the ground-truth EIA through the lenses"),
         "lenses": (
-            magnified(run / "truth/eia.png", data["display"]["derived"], entry.lens),
+            lenses,
             f"{LENSES_MAGNIFIED} × {LENSES_MAGNIFIED} elemental images of the panel",
         ),
+        **{n: (views[n], f"{n}: SSIM {score[n]:.3f} to the reference") for n in order},
+        "difference": (
+            Image.fromarray(amplified),
+            f"difference between {order[0]} and the reference, magnified {_DIFFERENCE_TIMES} times",
+        ),
     }
-    for name in order:
-        view = middle(run / "views" / name / "centre.png")
-        pictures[name] = view, f"{name}: SSIM {score[name]:.3f} to the reference"
-    difference = np.abs(np.asarray(reference, float) - np.asarray(pictures[order[0]][0], float))
-    pictures["difference"] = (
-        Image.fromarray((difference * _DIFFERENCE_TIMES).clip(0, 255).astype(np.uint8)),
-        f"difference between {order[0]} and the reference, magnified {_DIFFERENCE_TIMES} times",
-    )
     for name, (image, _) in pictures.items():
         save_small(image, folder / f"{name}.webp")
-    return [Picture(f"{name}.webp", caption) for name, (_, caption) in pictures.items()]
+    return {f"{name}.webp": caption for name, (_, caption) in pictures.items()}
+
+
+def pictures_of_runs(runs: dict[str, Path], folder: Path, entry: Entry) -> _Captions:
+    """Save the view of each run from the centre, after the ground truth if it is shown."""
+    files = {f"{file_name(label)}.webp": label for label in runs}
+    for file, label in files.items():
+        save_small(middle(runs[label] / "views" / entry.view / "centre.png"), folder / file)
+    if not entry.shows_scene:
+        return files
+    save_small(middle(next(iter(runs.values())) / "truth/centre.png"), folder / "scene.webp")
+    return {"scene.webp": "ground truth: the scene", **files}
 
 
 def render_room(run: Path, out: Path) -> None:

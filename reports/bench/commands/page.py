@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any
 
 from inim.report.labels import MISSING, is_number, number, per_cent
-from inim.report.plots import LINES, SOFT, colour_of, new_figure, plain_ticks, style
 from inim.report.study import PagePart, Table
 from reports.bench.study import RUN_PARTS
 from reports.study import Results, entry, table
@@ -23,10 +22,7 @@ _SAME = {
 def page(results: Results) -> tuple[list[str], list[PagePart]]:
     """Conditions, and tables and plot of all commands."""
     study = results["commands"]
-    lead = (
-        "Time of a validation with an empty result cache and with cached results. Each mark is a "
-        "run. Lines are the medians of the commands used for comparison."
-    )
+    lead = "Time of a validation with an empty result cache and with cached results."
     generation = study["generation"]
     observed = {
         "observed through": lambda c: c["name"],
@@ -35,7 +31,7 @@ def page(results: Results) -> tuple[list[str], list[PagePart]]:
     shares = {c["name"]: c for c in generation["algorithms"] if c["observed_share"] < 1}
     caption = f"Panel pixels that {len(generation['viewpoints'])} viewpoints observe"
     tables = [_commands(study), _parts(study), table(caption, shares.values(), observed)]
-    part = PagePart("commands", "Whole commands", lead, tables, "commands", _draw(study))
+    part = PagePart("commands", "Whole commands", lead, tables)
     return _remarks(study), [part]
 
 
@@ -97,37 +93,3 @@ def _remarks(study: Mapping[str, Any]) -> list[str]:
         "Peak memory is that of a command's largest process.",
         *study["notes"],
     ]
-
-
-def _draw(study: Mapping[str, Any]) -> Any:
-    """Plot the seconds of all runs, one row per command, with shares of the compared command."""
-    cases = study["cases"]
-    figure, (axis,) = new_figure(1, 1.2 + 0.32 * len(cases))
-    figure.set_figwidth(8.4)
-    compared = {case["beside"] for case in cases}
-    for row, case in enumerate(cases):
-        is_compared_with = case["name"] in compared
-        colour = SOFT if is_compared_with else colour_of("template")
-        seconds = case["times_s"]
-        marks = {"color": colour, "alpha": 0.6, "markersize": 5, "zorder": 3}
-        axis.plot(seconds, [row] * len(seconds), "o", **marks)
-        if is_compared_with:
-            rows = [r for r, other in enumerate(cases) if other["beside"] == case["name"]]
-            ends = [min(rows) - 0.3, max(rows) + 0.3]
-            axis.plot([case["median_s"]] * 2, ends, **LINES["floor"])
-        else:
-            _write_right_of(axis, f"{case['share']:.1%} of {case['beside']}", max(seconds), row)
-    axis.set_xscale("log")
-    axis.margins(x=0.2)
-    style(axis, "Whole commands", "seconds, start to end", "")
-    axis.set_yticks(range(len(cases)), [case["name"] for case in cases])
-    axis.invert_yaxis()
-    plain_ticks(axis)
-    return figure
-
-
-def _write_right_of(axis: Any, text: str, x: float, y: float) -> None:
-    """Write text to the right of a mark, on white so that it is readable across a line."""
-    background = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
-    options = {"fontsize": 8, "color": SOFT, "va": "center", "bbox": background, "zorder": 2}
-    axis.annotate(text, (x, y), (7, 0), textcoords="offset points", **options)

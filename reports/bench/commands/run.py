@@ -23,14 +23,16 @@ from typing import Any
 
 from inim.display.lens import check_lens_model
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
-from inim.pipeline.plan import Plan
-from inim.pipeline.request import definition_words, option_words
+from inim.pipeline.options import add_shared
+from inim.pipeline.plan import Plan, make_plan
+from inim.pipeline.request import Request, definition_words, option_words
 from inim.pipeline.timing import Rounds, Timing
+from inim.render.scene_files.file import parse_definitions
 from inim.system.cache import FOLDER_VARIABLE
 from inim.system.errors import DisplayError
 from reports.bench.commands.page import page
 from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, differences, samples_of
-from reports.bench.study import add_rounds, doubts, plan_of, rounds_of, run_parts, run_validation
+from reports.bench.study import add_rounds, doubts, rounds_of, run_parts, run_validation
 from reports.study import Study
 
 #: Validated algorithms, and those of the case with one changed algorithm.
@@ -48,36 +50,18 @@ _HELP, _COLD, _WHOLE = "--help", "cold", "nine viewpoints"
 
 @dataclass(frozen=True)
 class Case:
-    """A command with the content of its result cache.
-
-    Attributes
-    ----------
-    name : str
-    cached : str
-        Description of the cached results.
-    words : tuple of str
-        The command line after `python -m`, without the output folder.
-    cache : str
-        Name of the cache folder, shared by cases of a round and empty when the round begins. An
-        empty name disables the cache.
-    compared_with : str
-        Name of the case with which time and scores are compared.
-    same : str, optional
-        Values of the report that must be equal to those of `compared_with`; None: no value.
-    is_compiled : bool
-        False for a run that finds no compiled kernel.
-    folder : str
-        Name of the report's folder; default: the case's name.
-    """
+    """A command with the content of its result cache."""
 
     name: str
-    cached: str
-    words: tuple[str, ...]
+    cached: str  #: Description of the cached results.
+    words: tuple[str, ...]  #: The command line after `python -m`, without the output folder.
+    #: Name of the cache folder, shared by cases of a round and empty when the round begins; an
+    #: empty name disables the cache.
     cache: str = ""
-    compared_with: str = _COLD
-    same: str | None = None
-    is_compiled: bool = True
-    folder: str = ""
+    compared_with: str = _COLD  #: Name of the case with which time and scores are compared.
+    same: str | None = None  #: Values that must be equal to those of `compared_with`.
+    is_compiled: bool = True  #: False for a run that finds no compiled kernel.
+    folder: str = ""  #: Name of the report's folder; default: the case's name.
 
     @property
     def out(self) -> str:
@@ -95,25 +79,11 @@ def bench_commands(
 ) -> dict[str, Any]:
     """Run all cases in turn in each round, and compare their reports.
 
-    Parameters
-    ----------
-    plan : Plan
-        Plan of the validation of the scene.
-    rounds : Rounds
-        At most three rounds; commands have one warm-up.
-    folder : Path
-        Empty folder for caches and reports.
-    variables : mapping of str to str
-        Environment variables of the commands, without the cache folder.
-
-    Returns
-    -------
-    dict
-        Under the names of bench.json. Times are in seconds. `beside`: name of the compared case.
-        `share`: median divided by that of the compared case. `parts`: seconds of the parts of the
-        last run. `traced`, `whole`: traced samples and samples of a run that skips nothing.
-        `unlike`: paths of values that differ from those of the compared case although they should
-        be equal.
+    `folder` is empty, for caches and reports. At most three rounds are counted. Times are in
+    seconds. `beside` is the name of the compared case, and `share` the median divided by that
+    case's. `parts` are the seconds of the parts of the last run. `traced` and `whole` are the
+    traced samples, and the samples of a run that skips nothing. `unlike` are paths of values that
+    differ from those of the compared case although they should be equal.
     """
     count = min(rounds.runs, _MAX_ROUNDS)
     cases, notes = _cases(plan, folder)
@@ -124,15 +94,15 @@ def bench_commands(
             if number:
                 runs[case.name].append(run)
         shutil.rmtree(folder / f"{number}", ignore_errors=True)
-    reports = {case.name: _report(folder, case) for case in cases if case.is_validation}
+    paths = {case.name: folder / "reports" / case.out / "report.json" for case in cases}
+    reports = {
+        case.name: json.loads(paths[case.name].read_text("utf-8"))
+        for case in cases
+        if case.is_validation
+    }
     rows = [_row(case, runs, reports) for case in cases]
     return {
         "title": plan.settings.title or plan.request.scene.stem,
-        "scene": {"path": str(plan.request.scene), "sha256": plan.file.sha256},
-        "display": {
-            "parameters": plan.display.parameters(),
-            "derived": plan.display.derived_quantities(),
-        },
         "lens_model": plan.settings.lens_model,
         "algorithms": ALGORITHMS,
         "viewpoints": [v.name for v in plan.viewpoints],
@@ -154,45 +124,29 @@ def _cases(plan: Plan, folder: Path) -> tuple[list[Case], list[str]]:
 
     usual = ("--algorithms", ALGORITHMS)
     nine = ("--algorithms", "template", "--viewpoints", _nine_viewpoints(plan))
-    cache = "one"
+    added, cache = _with_added_viewpoint(plan), "one"
     cases = [
         Case(_HELP, "–", ("inim", "--help")),
         Case(_COLD, "nothing", validation(*usual), cache),
         Case("unchanged", "all", validation(*usual), cache, same=EVERYTHING, folder=_COLD),
         Case("another folder", "all", validation(*usual), cache, same=EVERYTHING),
-        Case(
-            "one algorithm changed",
-            "all except its EIA and views",
-            validation("--algorithms", CHANGED),
-            cache,
-            same=SCORES,
-        ),
-        Case(
-            "one viewpoint added",
-            "all except that view",
-            validation(*usual, "--viewpoints", _with_added_viewpoint(plan)),
-            cache,
-            same=VIEWS,
-        ),
-    ]
+        Case("one algorithm changed", "all except its EIA and views",
+             validation("--algorithms", CHANGED), cache, same=SCORES),
+        Case("one viewpoint added", "all except that view",
+             validation(*usual, "--viewpoints", added), cache, same=VIEWS),
+    ]  # fmt: skip
     dimmed = _write_dimmed_scene(plan, folder / "dimmed")
     if dimmed is not None:
         words = validation(*usual, scene=dimmed)
         cases.append(Case("one light changed", "unusable results", words, cache))
     cases += [
-        Case(_WHOLE, "nothing", validation(*nine), "whole", compared_with=_WHOLE),
-        Case(
-            "nine viewpoints, --lazy",
-            "nothing",
-            validation(*nine, "--lazy"),
-            "lazy",
-            compared_with=_WHOLE,
-            same=VIEWS,
-        ),
+        Case(_WHOLE, "nothing", validation(*nine), "whole", _WHOLE),
+        Case("nine viewpoints, --lazy", "nothing", validation(*nine, "--lazy"), "lazy", _WHOLE,
+             VIEWS),
         Case("--no-skip", "–", validation(*usual, "--no-skip"), same=EVERYTHING),
         Case("first run", "nothing, no kernels", validation(*usual), "first", is_compiled=False),
         Case("--preview", "nothing", validation(*usual, "--preview"), "preview"),
-    ]
+    ]  # fmt: skip
     note = "no case with a changed light: the scene file contains no radiance of a light"
     return cases, [] if dimmed else [note]
 
@@ -252,12 +206,6 @@ def _run(case: Case, out: Path, caches: Path, variables: Mapping[str, str]) -> d
     cache = str(caches / case.cache) if case.cache else "off"
     kernels = {} if case.is_compiled else dict.fromkeys(_KERNEL_FOLDERS, str(caches / "kernels"))
     return run_validation(words, {**variables, FOLDER_VARIABLE: cache, **kernels}, repr(case.name))
-
-
-def _report(folder: Path, case: Case) -> dict[str, Any]:
-    text = (folder / "reports" / case.out / "report.json").read_text("utf-8")
-    report: dict[str, Any] = json.loads(text)
-    return report
 
 
 def _row(
@@ -328,19 +276,17 @@ def measure(
 ) -> dict[str, Any]:
     """Measure in a temporary folder."""
     variables = dict(os.environ)  # copied before the backend adds its variables
-    plan = plan_of(scene, definitions, display)
+    changes = parse_definitions(definitions, str(scene))
+    request = Request(
+        scene, Path("unused"), definitions=changes, display=display, algorithms=("template",)
+    )
     with tempfile.TemporaryDirectory() as folder:
-        return bench_commands(plan, Rounds(**rounds), Path(folder), variables)
+        return bench_commands(make_plan(request), Rounds(**rounds), Path(folder), variables)
 
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the scene, its settings and the rounds."""
-    parser.add_argument("scene", type=Path, help="Mitsuba scene (.xml)")
-    parser.add_argument(
-        "-D", dest="definitions", action="append", default=[], metavar="KEY=VALUE",
-        help="override an inim.* setting or a scene parameter; may be repeated",
-    )  # fmt: skip
-    parser.add_argument("--display", help="display preset: nominal or phone")
+    add_shared(parser, "scene", "definitions", "display")
     add_rounds(parser)
 
 

@@ -20,13 +20,8 @@ Path = tuple[str, ...]
 def differences(report: Mapping[str, Any], other: Mapping[str, Any], extent: str) -> list[str]:
     """Paths of the compared values that differ between two reports.
 
-    Parameters
-    ----------
-    report, other : mapping
-        Contents of two report.json.
-    extent : str
-        `EVERYTHING`, `SCORES` or `VIEWS`. A value that is in only one report is a difference for
-        `EVERYTHING` and is ignored otherwise.
+    The reports are contents of report.json; `extent` is `EVERYTHING`, `SCORES` or `VIEWS`. A value
+    that is in only one report is a difference for `EVERYTHING` and is ignored otherwise.
     """
     values, other_values = dict(_values(report)), dict(_values(other))
     paths = values.keys() | other_values.keys()
@@ -59,12 +54,8 @@ def samples_of(
 ) -> tuple[float, float]:
     """Traced samples of a run, and the samples of a run that skips nothing.
 
-    Parameters
-    ----------
-    rows : sequence of mapping
-        `skipped` of the run's report.
-    uncached : sequence of mapping
-        `skipped` of a run with an empty cache, which contains the samples of all pictures.
+    `rows` are `skipped` of the run's report; `uncached` are those of a run with an empty cache,
+    which contain the samples of all pictures.
     """
     sizes = {name: sum(counts) for name, counts in _pictures(uncached).items() if counts}
     traced = total = 0.0

@@ -21,18 +21,12 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
+from inim.pipeline.options import add_shared
 from inim.pipeline.timing import Rounds
 from inim.report.labels import number
 from inim.report.study import PagePart
 from inim.system.cache import FOLDER_VARIABLE
-from reports.bench.study import (
-    RUN_PARTS,
-    add_rounds,
-    doubts,
-    rounds_of,
-    run_parts,
-    run_validation,
-)
+from reports.bench.study import RUN_PARTS, add_rounds, doubts, rounds_of, run_parts, run_validation
 from reports.study import Results, Study, entry, table
 
 BACKENDS = ("cuda", "llvm")
@@ -48,21 +42,17 @@ def bench_backends(
 ) -> list[dict[str, Any]]:
     """Validate a scene with both backends in turn, and compare their scores.
 
-    Returns
-    -------
-    list of dict
-        One entry per panel and backend, under the names of bench.json: `seconds`, the median time
-        of the process; `parts`, the median seconds of the parts of a run; and `scores`, the number
-        of compared scores, with `overlapping`, the number of those whose 95 % intervals of both
-        backends overlap.
+    Returns one entry per panel and backend: `seconds`, the median time of the process; `parts`, the
+    median seconds of the parts of a run; `scores`, the number of compared scores; `overlapping`,
+    the number of those whose 95 % intervals of both backends overlap.
     """
     results = []
     for panel, words in _PANELS.items():
-        count = 1 if panel == _LARGE else rounds.runs
-        uncounted = 0 if panel == _LARGE else 1
+        # The large panel is validated once, the other in counted rounds after one more.
+        rounds_run, uncounted = (1, 0) if panel == _LARGE else (1 + rounds.runs, 1)
         runs: dict[str, list[dict[str, Any]]] = {name: [] for name in BACKENDS}
         reports: dict[str, Any] = {}
-        for index in range(uncounted + count):
+        for _ in range(rounds_run):
             for name in BACKENDS:
                 out = folder / "report"
                 command = ["inim.validate", str(scene), "--backend", name, "-o", str(out), *words]
@@ -71,8 +61,8 @@ def bench_backends(
                 reports[name] = json.loads((out / "report.json").read_text("utf-8"))
                 for path in (out, folder / "cache"):
                     shutil.rmtree(path, ignore_errors=True)
-                if index >= uncounted:
-                    runs[name].append({**run, "parts": run_parts(reports[name]["timings"])})
+                runs[name].append({**run, "parts": run_parts(reports[name]["timings"])})
+        runs = {name: counted[uncounted:] for name, counted in runs.items()}
         first, second = (dict(_intervals(reports[name])) for name in BACKENDS)
         overlapping = sum(
             first[key][0] <= second[key][1] and second[key][0] <= first[key][1] for key in first
@@ -82,7 +72,7 @@ def bench_backends(
                 "panel": panel,
                 "backend": name,
                 "device": reports[name]["backend"]["device"],
-                "runs": count,
+                "runs": len(runs[name]),
                 "seconds": median(run["seconds"] for run in runs[name]),
                 "parts": {
                     part: median(run["parts"][part] for run in runs[name]) for part in RUN_PARTS
@@ -131,7 +121,7 @@ def measure(scene: Path, **rounds: Any) -> list[dict[str, Any]]:
 
 def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the scene and the rounds."""
-    parser.add_argument("scene", type=Path, metavar="SCENE", help="Mitsuba scene (.xml)")
+    add_shared(parser, "scene")
     add_rounds(parser)
 
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from reports.bench.paper.plain_python import PLAIN_PYTHON
-from reports.bench.paper.scaling import PowerLaw, power_law
+from reports.bench.paper.scaling import power_law
 
 #: The paper's algorithm in all readings; the first is the default.
 READINGS = (
@@ -29,30 +29,22 @@ _RIVALS = ("gu2020", "li2012")
 def claims(
     experiments: Sequence[Mapping[str, Any]],
     same: Mapping[str, Any],
-    steps: Sequence[Mapping[str, Any]] = (),
+    steps: Sequence[Mapping[str, Any]],
 ) -> list[dict[str, Any]]:
-    """Check each claim against the measurements.
+    """Check each claim against the measurements of `reports.bench.paper.experiments.bench_paper`.
 
-    Parameters
-    ----------
-    experiments, same, steps :
-        See `reports.bench.paper.experiments.bench_paper`.
-
-    Returns
-    -------
-    list of dict
-        ``claim``, ``source``, ``found`` (the measurement in words), ``holds`` and ``why`` (the
-        reason if the claim does not hold).
+    `found` is the measurement in words; `why` is the reason if the claim does not hold. Only
+    methods that took part are compared.
     """
     points = {c["name"]: c for c in same["algorithms"]}
-    checked: list[dict[str, Any] | None] = []
-    for reading in READINGS:
-        checked += [_speedup(points, reading, rival) for rival in _RIVALS]
-        checked.append(_fastest(experiments, reading))
-        checked += [_slow_growth(experiments, reading, *growth) for growth in _GROWTHS]
-        checked.append(_order(points, reading))
-    checked += [*_step_bounds(steps), _template_speedup(points)]
-    return [claim for claim in checked if claim]
+    rivals = [name for name in _RIVALS if name + PLAIN_PYTHON in points]
+    checked = []
+    for reading in (name for name in READINGS if name + PLAIN_PYTHON in points):
+        checked += [_speedup(points, reading, rival) for rival in rivals]
+        checked.append(_fastest(experiments, reading, rivals))
+        checked += [_slow_growth(experiments, reading, rivals, *growth) for growth in _GROWTHS]
+        checked.append(_order(points, reading, rivals))
+    return [*checked, *_step_bounds(steps), _template_speedup(points)]
 
 
 def _claim(
@@ -64,17 +56,17 @@ def _claim(
     }  # fmt: skip
 
 
-def _speedup(points: Mapping[str, Any], reading: str, rival: str) -> dict[str, Any] | None:
+def _speedup(points: Mapping[str, Any], reading: str, rival: str) -> dict[str, Any]:
     """Time of a rival relative to that of `wang2024`, both in plain Python."""
-    ratio = _ratio(points, rival + PLAIN_PYTHON, reading + PLAIN_PYTHON)
-    if ratio is None:
-        return None
-    compiled = _ratio(points, rival, reading)
-    also = "" if compiled is None else f"; {compiled:.3g} times compiled, on all threads"
+    ratio, compiled = (
+        points[rival + form]["median_ms"] / points[reading + form]["median_ms"]
+        for form in (PLAIN_PYTHON, "")
+    )
     return _claim(
         f"{reading} is more than twice as fast as {rival}",
         "paper, abstract",
-        f"{rival} takes {ratio:.3g} times as long as {reading} in plain Python{also}",
+        f"{rival} takes {ratio:.3g} times as long as {reading} in plain Python; {compiled:.3g} "
+        "times compiled, on all threads",
         holds=ratio > _PAPER_SPEEDUP,
         why=(_RAY_SEARCH if "matching=ray" in reading else _MATRIX_SEARCH) + _EQUAL_CODE,
     )
@@ -95,26 +87,24 @@ _EQUAL_CODE = (
 )
 
 
-def _fastest(experiments: Sequence[Mapping[str, Any]], reading: str) -> dict[str, Any] | None:
+def _fastest(
+    experiments: Sequence[Mapping[str, Any]], reading: str, rivals: Sequence[str]
+) -> dict[str, Any]:
     """Times of the rivals for every size of one elemental image, in plain Python."""
-    series = _series(experiments, "elemental_pixels", reading + PLAIN_PYTHON)
-    ratios: dict[str, list[float]] = {}
-    for rival in _RIVALS:
-        rival_series = _series(experiments, "elemental_pixels", rival + PLAIN_PYTHON)
-        if series and len(rival_series) == len(series):
-            pairs = zip(series, rival_series, strict=True)
-            ratios[rival] = [b["min_ms"] / a["min_ms"] for a, b in pairs]
-    if not ratios:
-        return None
+    sizes, *times = (_series(experiments, "elemental_pixels", name) for name in (reading, *rivals))
+    ratios = {
+        rival: [other["min_ms"] / own["min_ms"] for own, other in zip(sizes, series, strict=True)]
+        for rival, series in zip(rivals, times, strict=True)
+    }
     ranges = ", ".join(
         f"{rival} takes {min(r):.3g} to {max(r):.3g} times as long" for rival, r in ratios.items()
     )
-    sizes = f"{series[0]['elemental_pixels']:,} to {series[-1]['elemental_pixels']:,}"
+    first, last = (sizes[end]["elemental_pixels"] for end in (0, -1))
     return _claim(
         f"{reading} is the fastest for any number of pixels of an elemental image",
         "paper, Fig. 13",
-        f"from {sizes} pixels of one elemental image, {ranges}, in plain Python",
-        holds=min(min(r) for r in ratios.values()) > 1,
+        f"from {first:,} to {last:,} pixels of one elemental image, {ranges}, in plain Python",
+        holds=min(map(min, ratios.values())) > 1,
         why=_WHY_NOT_FASTEST,
     )
 
@@ -156,22 +146,19 @@ _SCENE_STEPS = (
 def _slow_growth(
     experiments: Sequence[Mapping[str, Any]],
     reading: str,
+    rivals: Sequence[str],
     size: str,
     growth: str,
     figure: str,
     why: str,
-) -> dict[str, Any] | None:
+) -> dict[str, Any]:
     """Powers with which time grows with a size, in plain Python."""
-    laws: dict[str, PowerLaw] = {}
-    for name in (reading, *_RIVALS):
-        law = power_law(_series(experiments, size, name + PLAIN_PYTHON), size)
-        if law is not None:
-            laws[name] = law
-    if reading not in laws or len(laws) < 2:
-        return None
-    is_below = {name: laws[reading].is_below(law) for name, law in laws.items() if name != reading}
-    powers = ", ".join(f"{name} {law.power:.2f} ± {law.error:.2f}" for name, law in laws.items())
-    slower = [name for name, below in is_below.items() if below]
+    law, *others = laws = [
+        power_law(_series(experiments, size, name), size) for name in (reading, *rivals)
+    ]
+    named = zip((reading, *rivals), laws, strict=True)
+    powers = ", ".join(f"{name} {law.power:.2f} ± {law.error:.2f}" for name, law in named)
+    slower = [n for n, other in zip(rivals, others, strict=True) if law.is_below(other)]
     if size == "scene_pixels" and "step_pixel=scene" in reading:
         why = _SCENE_STEPS
     but = f" The time does grow more slowly than that of {', '.join(slower)}." if slower else ""
@@ -180,24 +167,20 @@ def _slow_growth(
         f"paper, {figure}",
         f"time grows with the {size.replace('_', ' ')} to the power of {powers} (1: linear, 0: "
         "constant)",
-        holds=all(is_below.values()),
+        holds=len(slower) == len(rivals),
         why=why + but,
     )
 
 
-def _order(points: Mapping[str, Any], reading: str) -> dict[str, Any] | None:
+def _order(points: Mapping[str, Any], reading: str, rivals: Sequence[str]) -> dict[str, Any]:
     """Order of the algorithms by the middle view's SSIM."""
-    names = [n for n in (reading, "gu2020", "li2012") if n in points]
-    if len(names) < 2 or (reading not in points and reading != READINGS[0]):
-        return None
-    values = [points[name]["middle_view_ssim"] for name in names]
-    scores = ", ".join(f"{n} {v:.3f}" for n, v in zip(names, values, strict=True))
+    values = {name: points[name]["middle_view_ssim"] for name in (reading, *rivals)}
     return _claim(
         f"the middle view's SSIM is best for {reading} (0.78), then gu2020 (0.74), then li2012 "
         "(0.67)",
         "paper, middle view of its own scenes: only the order can be compared",
-        f"on the two spheres: {scores}",
-        holds=values == sorted(values, reverse=True),
+        f"on the two spheres: {', '.join(f'{n} {v:.3f}' for n, v in values.items())}",
+        holds=[*values.values()] == sorted(values.values(), reverse=True),
         why=_WHY_NOT_ORDER,
     )
 
@@ -211,8 +194,6 @@ _WHY_NOT_ORDER = (
 
 def _step_bounds(steps: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """Lower and upper bound of 2 g P_I / P <= Step_z <= g P_I."""
-    if not steps:
-        return []
     least = "; ".join(
         f"{s['display']}: {s['least_mm']:.4g} mm, bound {s['lower_mm']:.4g} mm" for s in steps
     )
@@ -249,11 +230,9 @@ _WHY_NOT_BELOW = (
 )
 
 
-def _template_speedup(points: Mapping[str, Any]) -> dict[str, Any] | None:
+def _template_speedup(points: Mapping[str, Any]) -> dict[str, Any]:
     """Speed and error of compiled `template` against the paper's algorithm in plain Python."""
-    slow, fast = points.get(f"wang2024{PLAIN_PYTHON}"), points.get("template")
-    if not (slow and fast):
-        return None
+    slow, fast = points[f"wang2024{PLAIN_PYTHON}"], points["template"]
     ratio = slow["median_ms"] / fast["median_ms"]
     is_better = fast["eia_psnr_db"] > slow["eia_psnr_db"] and (
         fast["wrong_source"] < slow["wrong_source"]
@@ -270,19 +249,13 @@ def _template_speedup(points: Mapping[str, Any]) -> dict[str, Any] | None:
     )
 
 
-def _ratio(points: Mapping[str, Any], above: str, below: str) -> float | None:
-    if above not in points or below not in points:
-        return None
-    return float(points[above]["median_ms"] / points[below]["median_ms"])
-
-
 def _series(experiments: Sequence[Mapping[str, Any]], size: str, name: str) -> list[dict[str, Any]]:
-    """Points of one method over one size."""
+    """Points of one method in plain Python, over one size."""
     return [
         {size: point[size], "min_ms": method["min_ms"]}
         for experiment in experiments
         if experiment["size"] == size
         for point in experiment["points"]
         for method in point["algorithms"]
-        if method["name"] == name
+        if method["name"] == name + PLAIN_PYTHON
     ]

@@ -8,11 +8,11 @@ from functools import partial
 from typing import Any
 
 from inim.apps.bench.page import TIME, TIME_HEADS, milliseconds, time_cells, times
-from inim.report.labels import MISSING, is_number, number, per_cent
+from inim.report.labels import number, per_cent
 from inim.report.plots import colour_of, marker_of, new_figure, plain_ticks, style
 from inim.report.study import PagePart, Table
 from reports.bench.paper.plain_python import PLAIN_PYTHON
-from reports.study import Results, table
+from reports.study import Results, entry, table
 
 _GIB = 2**30
 
@@ -37,7 +37,7 @@ def page(results: Results) -> tuple[list[str], list[PagePart]]:
         *map(_experiment, paper["experiments"]), _same_input(paper["same_input"]),
         _readings(paper["readings"]), _steps(paper["steps"]),
     ]  # fmt: skip
-    claims = "The paper's claims", _claim_lines(paper)
+    claims = "The paper's claims", [*map(_claim_line, paper["claims"])]
     return remarks, [
         PagePart(
             "scaling", "Growth of time", "", _scaling_tables(scaling), "scaling",
@@ -103,22 +103,21 @@ def _readings(readings: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def _steps(steps: Sequence[Mapping[str, Any]]) -> Table:
-    heads = [
-        "pixels per lens", "P_I mm", "smallest step mm", "2 g P_I / P mm", "largest step mm",
-        "g P_I in panel pixels, mm", "g P_I in mm", "columns of pixels", "without a step",
-        "above g P_I",
-    ]  # fmt: skip
-    lengths = ("scene_pixel", "least", "lower", "most", "upper")
-    rows = [
-        [
-            s["display"].partition(" ")[0],
-            *(number(s[f"{key}_mm"], 3) for key in lengths),
-            number(s["upper_in_mm"], 3),
-            *(f"{s[key]:,}" for key in ("columns", "endless", "beyond")),
-        ]
-        for s in steps
-    ]
-    return Table("Depth steps of Eq. 5 and the paper's bounds", heads, rows)
+    lengths = {
+        "P_I mm": "scene_pixel_mm",
+        "smallest step mm": "least_mm",
+        "2 g P_I / P mm": "lower_mm",
+        "largest step mm": "most_mm",
+        "g P_I in panel pixels, mm": "upper_mm",
+        "g P_I in mm": "upper_in_mm",
+    }
+    counts = {"columns of pixels": "columns", "without a step": "endless", "above g P_I": "beyond"}
+    columns = {
+        "pixels per lens": lambda s: s["display"].partition(" ")[0],
+        **{head: entry(key, text=partial(number, digits=3)) for head, key in lengths.items()},
+        **{head: entry(key, text="{:,}".format) for head, key in counts.items()},
+    }
+    return table("Depth steps of Eq. 5 and the paper's bounds", steps, columns)
 
 
 def _experiment(experiment: Mapping[str, Any]) -> Table:
@@ -134,9 +133,9 @@ def _experiment(experiment: Mapping[str, Any]) -> Table:
     for point in points:
         ms = {c["name"]: c["median_ms"] for c in point["algorithms"]}
         ratios = [
-            _ratio(ms, f"gu2020{PLAIN_PYTHON}", f"wang2024{PLAIN_PYTHON}"),
-            _ratio(ms, "gu2020", "wang2024"),
-            _ratio(ms, f"wang2024{PLAIN_PYTHON}", "template"),
+            ms[f"gu2020{PLAIN_PYTHON}"] / ms[f"wang2024{PLAIN_PYTHON}"],
+            ms["gu2020"] / ms["wang2024"],
+            ms[f"wang2024{PLAIN_PYTHON}"] / ms["template"],
         ]
         cells = [milliseconds(ms[name]) for name in names]
         rows.append([f"{point[experiment['size']]:,}", *cells, *map(times, ratios)])
@@ -147,50 +146,32 @@ def _experiment(experiment: Mapping[str, Any]) -> Table:
     return Table(caption, heads, rows)
 
 
-def _ratio(ms: Mapping[str, float], above: str, below: str) -> float | None:
-    """Ratio of two medians; None if one is missing."""
-    return ms[above] / ms[below] if above in ms and below in ms else None
-
-
 def _same_input(same: Mapping[str, Any]) -> Table:
-    heads = [
-        "algorithm", "ms per EIA", "runs", "× template", "wrong source", "EIA PSNR dB",
-        "view SSIM to reference", "middle view SSIM", "paper's SSIM, other scenes",
-    ]  # fmt: skip
-    methods = same["algorithms"]
-    ms = {c["name"]: c["median_ms"] for c in methods}
-    rows = [
-        [
-            c["name"].replace(PLAIN_PYTHON, ", Python"),
-            milliseconds(c["median_ms"]),
-            str(c["runs"]),
-            times(_ratio(ms, c["name"], "template")),
-            per_cent(c["wrong_source"], 2),
-            number(math.inf if c["eia_psnr_db"] is None else c["eia_psnr_db"], 2),
-            number(c["view_ssim_to_reference"], 4),
-            number(c["middle_view_ssim"], 3),
-            number(c["published_ssim"], 2),
-        ]
-        for c in methods
-    ]
-    rows.append(["reference", *[MISSING] * 6, number(same.get("reference_ssim"), 3), MISSING])
+    (template,) = (c["median_ms"] for c in same["algorithms"] if c["name"] == "template")
+    columns = {
+        "algorithm": lambda c: c["name"].replace(PLAIN_PYTHON, ", Python"),
+        "ms per EIA": entry("median_ms", text=milliseconds),
+        "runs": entry("runs"),
+        "× template": lambda c: times(c["median_ms"] / template),
+        "wrong source": lambda c: per_cent(c["wrong_source"], 2),
+        "EIA PSNR dB": lambda c: number(math.inf if (p := c["eia_psnr_db"]) is None else p, 2),
+        "view SSIM to reference": entry("view_ssim_to_reference", text=partial(number, digits=4)),
+        "middle view SSIM": entry("middle_view_ssim", text=partial(number, digits=3)),
+        "paper's SSIM, other scenes": entry("published_ssim", text=partial(number, digits=2)),
+    }
     caption = (
         f"Common input: {same['lenses']:,} lenses, {same['display_pixels']:,} display pixels, "
-        f"{same['scene_pixels']:,} scene pixels"
+        f"{same['scene_pixels']:,} scene pixels; the middle view of the reference has SSIM "
+        f"{number(same['reference_ssim'], 3)}"
     )
-    return Table(caption, heads, rows)
+    return table(caption, same["algorithms"], columns)
 
 
-def _claim_lines(paper: Mapping[str, Any]) -> list[str]:
-    """Each claim with its measurement and the reason if it is not reproduced."""
-    lines = []
-    for claim in paper["claims"]:
-        verdict = "Reproduced" if claim["holds"] else "Not reproduced"
-        lines.append(
-            f"{verdict}: {claim['claim']} ({claim['source']}). Measured: {claim['found']}. "
-            f"{claim['why']}".rstrip()
-        )
-    return lines
+def _claim_line(claim: Mapping[str, Any]) -> str:
+    """A claim with its measurement and the reason if it is not reproduced."""
+    verdict = "Reproduced" if claim["holds"] else "Not reproduced"
+    text = f"{verdict}: {claim['claim']} ({claim['source']}). Measured: {claim['found']}. "
+    return f"{text}{claim['why']}".rstrip()
 
 
 # -- plots --------------------------------------------------------------------------------------
@@ -206,9 +187,8 @@ def _draw_scaling(scaling: Mapping[str, Any]) -> Any:
         _line(axis, sizes, points, scaling["algorithm"])
         _line(axis, sizes, [p["yardstick"] for p in points], "reference kernel")
         label = size.replace("_", " ")
-        power = scaling["growth"][size]
-        growth = f": power {power:.2f}" if is_number(power) else ""
-        _finish_sizes(axis, f"{label.capitalize()}{growth}", label)
+        title = f"{label.capitalize()}: power {scaling['growth'][size]:.2f}"
+        _finish_sizes(axis, title, label)
     axes[0].set_ylabel(TIME)
     axes[0].legend(fontsize=8, frameon=False, loc="upper left")
     return figure

@@ -30,16 +30,8 @@ def time_plain_python(
 ) -> tuple[list[TimedMethod], dict[str, Timing]]:
     """Time methods in plain Python, on the picture of `picture_of`.
 
-    Returns
-    -------
-    methods : list of TimedMethod
-        The same EIAs, with the suffix `PLAIN_PYTHON` in their names.
-    times : {name: Timing}
-
-    Raises
-    ------
-    WorkerError
-        The child process ended without times.
+    Returns the same EIAs, with the suffix `PLAIN_PYTHON` in their names, and their times by name.
+    Raises `WorkerError` if the child process ended without times.
     """
     names = [method.name for method in methods]
     parameters = {k: v for k, v in display.parameters().items() if v is not None}

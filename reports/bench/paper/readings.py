@@ -27,12 +27,8 @@ _SHARE = 0.85
 def bench_readings(scenes: Sequence[str] = SCENES) -> list[dict[str, Any]]:
     """Generate EIAs with each reading on each scene, for the nominal display.
 
-    Returns
-    -------
-    list of dict
-        ``scene``, ``name``, ``changed`` (share of the lensed panel pixels whose source differs from
-        the default reading with the same matching), ``hole_fraction``, ``eia_psnr_db`` against the
-        ground-truth EIA.
+    `changed` is the share of the lensed panel pixels whose source differs from the default reading
+    with the same matching; `eia_psnr_db` is against the ground-truth EIA.
     """
     from inim.render.ground_truth import capture, pickup
     from inim.render.scene import open_scene

@@ -37,14 +37,15 @@ def bench_scaling(
     """Time `template` and the reference kernel over both sizes; measure the largest's memory."""
     by_display = [_point(square_display(n), _FIXED_PIXELS_PER_PITCH, rounds) for n in lens_counts]
     by_scene = [_point(square_display(fixed_lenses), n, rounds) for n in pixels_per_pitch]
+    larger = max(2, (len(by_display) + 1) // 2)
     return {
         "algorithm": _ALGORITHM,
         "display": by_display,
         "scene": by_scene,
         "growth": {
             # Only the larger half: on small displays the threads' start dominates.
-            "display_pixels": _growth(by_display[len(by_display) // 2 :], "display_pixels"),
-            "scene_pixels": _growth(by_scene, "scene_pixels"),
+            "display_pixels": power_law(by_display[-larger:], "display_pixels").power,
+            "scene_pixels": power_law(by_scene, "scene_pixels").power,
         },
         "memory": peak_memory(max(lens_counts)),
     }
@@ -83,22 +84,15 @@ class PowerLaw(NamedTuple):
         return self.power + self.error < other.power - other.error
 
 
-def power_law(points: Sequence[Mapping[str, Any]], size: str) -> PowerLaw | None:
-    """Fit a power law by least squares of logarithms; None for fewer than two sizes.
+def power_law(points: Sequence[Mapping[str, Any]], size: str) -> PowerLaw:
+    """Fit a power law to two or more sizes by least squares of logarithms.
 
     The fit uses the fastest runs: sizes are measured one after another, so that the load may differ
     between the medians of two sizes.
     """
     sizes, times = ([math.log(point[key]) for point in points] for key in (size, "min_ms"))
-    if len(set(sizes)) < 2:
-        return None
     line = linregress(sizes, times)
     return PowerLaw(float(line.slope), float(line.stderr) + _ROUNDING)
-
-
-def _growth(points: Sequence[Mapping[str, Any]], size: str) -> float | None:
-    law = power_law(points, size)
-    return None if law is None else law.power
 
 
 def peak_memory(lenses: int) -> dict[str, Any]:

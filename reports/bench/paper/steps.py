@@ -23,10 +23,7 @@ _ROUNDING = 1e-9
 def depth_steps(displays: Sequence[Display] | None = None) -> list[dict[str, Any]]:
     """Smallest and largest step of each display, the bounds, and the columns beyond them.
 
-    Parameters
-    ----------
-    displays : sequence of Display, optional
-        Default: displays with an odd and an even number of pixels per lens, and `phone`.
+    Default: displays with an odd and an even number of pixels per lens, and `phone`.
     """
     displays = displays or (square_display(3), square_display(3, 16), DISPLAYS["phone"])
     return [_steps_of(display) for display in displays]

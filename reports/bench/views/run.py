@@ -7,6 +7,7 @@ The rectangle has the smallest cost of any view of a panel.
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from inim.apps.bench.page import milliseconds, times
+from inim.display import Display
 from inim.display.lens import FULL
 from inim.display.viewpoint import parse_viewpoints
 from inim.pipeline.timing import Rounds, Timing, ratios, threads, time_calls
@@ -43,38 +45,26 @@ def bench_views(
 ) -> dict[str, Any]:
     """Time one view of the two spheres with each lens model, alternating with the rectangle.
 
-    Parameters
-    ----------
-    rounds : Rounds
-    lenses : int
-        Lenses along a side, 17 pixels each.
-    pixels_per_lens, spp : int
-        Resolution and samples per pixel of the view.
-    full_spp : int
-        Samples per pixel of the `full` model, whose time is scaled up to `spp`.
-
-    Returns
-    -------
-    dict
-        Under the names of bench.json. `view_ms`: a model's time at `spp`. `ratio`, `thick_ratio`:
-        this time divided by that of the rectangle and of `thick`. `noise`: standard deviation of
-        one sample of a view pixel, rms over the view. `equal_noise_ms`: time in which `full`
-        reaches the noise of `thick`.
+    The display has `lenses` along a side, 17 pixels each; `full_spp` are the samples per pixel of
+    the `full` model, whose time is scaled up to `spp`. `view_ms` is a model's time at `spp`;
+    `ratio` and `thick_ratio` are this time divided by that of the rectangle and of `thick`; `noise`
+    is the standard deviation of one sample of a view pixel, rms over the view; `equal_noise_ms` is
+    the time in which `full` reaches the noise of `thick`.
     """
     from inim.render.reconstruct import DisplayScene
-    from reports.bench.views.rectangle import TexturedRectangle
 
     display = square_display(lenses)
     eye = parse_viewpoints("centre", display)[0]
     eia = two_spheres_eia(display)
-    rectangle = TexturedRectangle(eia, display, eye.z_mm, pixels_per_lens)
 
     def renderer(model: str) -> Render:
         scene = DisplayScene(eia, display, model)
         count = full_spp if model == FULL else spp
         return lambda seed: scene.view(eye, pixels_per_lens=pixels_per_lens, spp=count, seed=seed)
 
-    renders: dict[str, Render] = {RECTANGLE: lambda seed: rectangle.view(spp, seed)}
+    renders: dict[str, Render] = {
+        RECTANGLE: textured_rectangle(eia, display, eye.z_mm, pixels_per_lens, spp)
+    }
     renders |= {model: renderer(model) for model in _MODELS}
     with threads(rounds.threads):
         timings = time_calls(_calls(renders), rounds)
@@ -95,12 +85,54 @@ def bench_views(
     sample_ratio = (noise[FULL] / noise["thick"]) ** 2
     models[-1]["equal_noise_ms"] = models[-1]["view_ms"] * sample_ratio
     return {
-        "display": {"parameters": display.parameters(), "derived": display.derived_quantities()},
         "rows": lenses * pixels_per_lens,
         "columns": lenses * pixels_per_lens,
         "spp": spp,
         "algorithms": models,
     }
+
+
+def textured_rectangle(
+    picture: np.ndarray, display: Display, distance_mm: float, pixels_per_lens: int, spp: int
+) -> Render:
+    """Function that renders a luminous picture of the lens array's size, seen from the front.
+
+    This is the smallest cost of any view of a panel: one camera ray per sample, each with one
+    intersection and one texel, and the stock film. It has no lens and uses no code of this project.
+    """
+    import mitsuba as mi
+
+    half_x, half_y = display.width_mm / 2, display.height_mm / 2
+    bitmap = mi.Bitmap(np.ascontiguousarray(picture[::-1], np.float32))
+    texture = {"type": "bitmap", "bitmap": bitmap, "raw": True, "filter_type": "nearest"}
+    film = {
+        "type": "hdrfilm", "rfilter": {"type": "box"},
+        "component_format": "float32", "pixel_format": "rgb",
+        "width": display.lens_columns * pixels_per_lens,
+        "height": display.lens_rows * pixels_per_lens,
+    }  # fmt: skip
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            # As for views of a display: only directly visible light.
+            "integrator": {"type": "path", "max_depth": 1},
+            "rectangle": {
+                "type": "rectangle",
+                "to_world": mi.ScalarTransform4f().scale([half_x, half_y, 1]),
+                "emitter": {"type": "area", "radiance": texture},
+            },
+            "camera": {
+                "type": "perspective",
+                "fov": math.degrees(2 * math.atan(half_x / distance_mm)),
+                "fov_axis": "x",
+                "to_world": mi.ScalarTransform4f().look_at(
+                    [0, 0, distance_mm], [0, 0, 0], [0, 1, 0]
+                ),
+                "film": film,
+            },
+        }
+    )
+    return lambda seed: np.asarray(mi.render(scene, spp=spp, seed=seed))
 
 
 def _calls(renders: Mapping[str, Render]) -> dict[str, Callable[[], Any]]:
