@@ -21,6 +21,7 @@ from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.pipeline.adaptive_sampling import Evaluation
 from inim.pipeline.baseline import BaselineComparison
 from inim.pipeline.stages.capture import Capture
+from inim.pipeline.stages.doubts import find_doubts
 from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.pipeline.stages.picture import PictureFile
 from inim.pipeline.stages.scoring import reported_scores
@@ -164,6 +165,7 @@ def make_report(
     `times` are in multiples of the reference kernel's, by generator.
     """
     plan, checks = evaluation.plan, [*evaluation.checks, *comparison.checks]
+    doubts = find_doubts(evaluation.truth, evaluation.results, noise_floor)
     algorithms, observer = evaluation.algorithms, evaluation.run.observer
     for name, yardsticks in times.items():
         algorithms[name] = msgspec.structs.replace(algorithms[name], yardsticks=yardsticks)
@@ -210,8 +212,8 @@ def make_report(
         timings=observer.timings
         | {"mitsuba_render": observer.render_seconds, "total": perf_counter() - observer.started},
         skipped=[SkippedStep(**row) for row in evaluation.run.skipped.rows],
-        warnings=[*display_warnings, *evaluation.warnings],
-        verdict=Checks(passed=all(check.passed for check in checks), checks=checks),
+        warnings=[*doubts, *display_warnings, *evaluation.warnings],
+        verdict=Checks.of(checks, doubts),
         files=folder_files(folder, "report.html", "report.json", "junit.xml", "summary.md"),
         regression=comparison.data,
     )

@@ -54,7 +54,8 @@ class Report:
     @property
     def passed(self) -> bool:
         """True if every check passed; False without a verdict or any check."""
-        return self.data.verdict.word in ("passed", "ran clean")
+        verdict = self.data.verdict
+        return verdict.passed and bool(verdict.checks)
 
     @property
     def html_path(self) -> Path:

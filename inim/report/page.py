@@ -150,7 +150,7 @@ def check_badge(verdict: Checks, warnings: Sequence[str] = ()) -> str:
     """The verdict, with links to the sections `checks` and `warnings`."""
     suffix = "; no criteria set" * (verdict.word == "ran clean")
     counted = f"{verdict.passed_count} of {len(verdict.checks)} checks passed{suffix}"
-    lines = [f'<a href="#checks">{counted}</a>']
+    lines = [*map(text, verdict.doubts), f'<a href="#checks">{counted}</a>']
     if warnings:
         words = f"{len(warnings)} warning{'s' * (len(warnings) > 1)}"
         lines.append(f'<a href="#warnings">{words}</a>')

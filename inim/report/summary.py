@@ -204,7 +204,9 @@ def _verdict_line(data: ReportDocument) -> str:
     ]
     verdict = data.verdict
     counted = f"{verdict.passed_count} of {len(verdict.checks)} checks passed."
-    return f"{_sign(verdict)} **{verdict.word.capitalize()}**: {counted} {', '.join(parts)}."
+    doubts = "".join(f" {markdown_text(doubt, _LONGEST_SENTENCE)}." for doubt in verdict.doubts)
+    words = f"{_sign(verdict)} **{verdict.word.capitalize()}**:{doubts} {counted}"
+    return f"{words} {', '.join(parts)}."
 
 
 def _sign(verdict: Checks) -> str:
@@ -301,9 +303,10 @@ def render_junit(data: ReportDocument | CompareDocument) -> str:
         if not check.passed:
             _add_failure(case, check_sentence(check))
     failures = sum(not check.passed for check in data.verdict.checks)
-    if data.verdict.word == "failed" and not failures:
-        # A run that failed must not show as green because no single check says why.
-        _add_failure(_case(suite, "verdict"), "the run did not pass, and no check says why")
+    if data.verdict.checks and not data.verdict.passed and not failures:
+        # A run that failed must not show as green because no single check has the reason.
+        reasons = "; ".join(data.verdict.doubts) or "the run did not pass, without a failed check"
+        _add_failure(_case(suite, "verdict"), reasons)
         failures = 1
     if isinstance(data, ReportDocument):
         for stage, seconds in data.timings.items():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import datetime, timezone
 from typing import Annotated, Any, Literal
 
@@ -182,20 +182,32 @@ def check(
 class Checks(Part):
     """The verdict: all checks."""
 
-    passed: bool  #: True if every check passed.
+    #: True if every check passed, and no doubt concerns a check of quality.
+    passed: bool
     checks: list[Check]  #: The checks, in order.
+    doubts: list[str] = []  #: Reasons why the scores allow no conclusion.
 
     @property
-    def word(self) -> Literal["passed", "ran clean", "failed", "no verdict"]:
+    def word(self) -> Literal["passed", "ran clean", "failed", "not conclusive", "no verdict"]:
         """The verdict in a word or two.
 
-        "ran clean" if all checks passed, but none concerns quality; "no verdict" without checks.
+        "ran clean" if all checks passed, but none concerns quality; "not conclusive" with doubts;
+        "no verdict" without checks.
         """
+        if self.doubts and all(check.passed for check in self.checks):
+            return "not conclusive"
         if not self.passed:
             return "failed"
         if not self.checks:
             return "no verdict"
         return "passed" if any(check.is_of_quality for check in self.checks) else "ran clean"
+
+    @classmethod
+    def of(cls, checks: Sequence[Check], doubts: Sequence[str] = ()) -> Checks:
+        """The verdict of checks; with doubts, checks of quality do not pass."""
+        is_decided = not (doubts and any(check.is_of_quality for check in checks))
+        passed = is_decided and all(check.passed for check in checks)
+        return cls(passed=passed, checks=[*checks], doubts=[*doubts])
 
     @property
     def passed_count(self) -> int:

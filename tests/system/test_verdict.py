@@ -8,19 +8,24 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from inim.image.noisy_image import NoisyImage
 from inim.pipeline import validate as validating
 from inim.pipeline.job import run as run_plan
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.stages import generation as generating
+from inim.pipeline.stages.generation import GeneratedEIA
 from inim.pipeline.stages.scoring import missing_viewpoints
 from inim.report import Report
+from inim.report.sections.overview import verdict_sentence
+from inim.report.summary import render_junit
 from inim.scores.document_parts import check
 from inim.system.errors import EXIT_INTERNAL, EXIT_USAGE, InimError, UsageError
 from inim.system.process.observer import Observer
@@ -176,3 +181,34 @@ def test_any_exception_of_a_worker_becomes_one_line_and_a_code(error, code, says
         outcome_of(json.loads(channel.getvalue().splitlines()[-1]))
     assert raised.value.exit_code == code
     assert "\n" not in str(raised.value)
+
+
+def test_criteria_do_not_pass_on_a_noisy_ground_truth(monkeypatch, run):
+    real, random = validating.render_view, np.random.default_rng(1)
+
+    def noisy(*words: Any, **named: Any) -> tuple[NoisyImage, np.ndarray]:
+        view, relic = real(*words, **named)
+        halves = (half + random.normal(0, 0.3, half.shape).clip(0) for half in view.halves())
+        return NoisyImage.from_halves(*(half.astype(np.float32) for half in halves)), relic
+
+    monkeypatch.setattr(validating, "render_view", noisy)
+    report = run()
+    assert (report.passed, report.data.verdict.word) == (False, "not conclusive")
+    assert "the noise floor of the view" in report.data.warnings[0]
+    assert "the noise floor of the view" in render_junit(report.data)
+    assert not verdict_sentence(report.data)
+
+
+def test_criteria_do_not_pass_if_the_capture_misses_what_the_display_shows(monkeypatch, run):
+    real = validating.generate_eia
+
+    def half_empty(method: Any, *words: Any, **named: Any) -> GeneratedEIA:
+        output = real(method, *words, **named)
+        image = output.eia.image.copy()
+        image[: len(image) // 2] = 0
+        return replace(output, eia=NoisyImage.from_image(image))
+
+    monkeypatch.setattr(validating, "generate_eia", half_empty)
+    report = run()
+    assert report.passed is False
+    assert "the capture misses surfaces" in report.data.verdict.doubts[0]

@@ -31,6 +31,7 @@ from inim.scores.metrics import HEADLINE, HEADLINE_TO_SCENE, MAIN, Metric, all_m
 
 _FAILURES_ON_TOP = 3
 _MOST_DIGITS = 3
+_FEW_DIGITS = 2
 #: Comparisons of a view: the reader chooses one. Key, label and kind of score.
 _COMPARISONS: tuple[tuple[str, str, ScoreKind], ...] = (
     ("relic-reference", "relic, to the reference", "relic to reference"),
@@ -96,18 +97,15 @@ def ranking(data: ReportDocument) -> list[tuple[str, float]]:
 
 
 def verdict_sentence(data: ReportDocument) -> str:
-    """The best algorithm, and the next, in a sentence; empty without scores."""
-    shares = shares_of_possible(data)
-    ranked = [*shares.items()] or ranking(data)
-    if not ranked:
+    """The best algorithm, and the next, in a sentence; empty without scores or with doubts."""
+    if data.verdict.doubts:
         return ""
-    (best, value), *others = ranked
-    words = f"{best} keeps {per_cent(value, 0)} of what this display can show"
-    if shares:
-        words = f"{best} reaches {per_cent(value, 0)} of what is possible"
-    if others:
-        words += f"; the next, {others[0][0]}, {per_cent(others[0][1], 0)}"
-    return f"{words}."
+    if shares := shares_of_possible(data):
+        (best, share), *others = shares.items()
+        words = f"{best} reaches {per_cent(share, 0)} of what is possible"
+        return words + "".join(f"; the next, {n}, {per_cent(s, 0)}" for n, s in others[:1]) + "."
+    scores = [f"{name} {number(mean, _FEW_DIGITS)}" for name, mean in ranking(data)[:2]]
+    return f"Mean {MAIN.label} to the reference: {', '.join(scores)}." if scores else ""
 
 
 def _sentence(data: ReportDocument) -> str:
