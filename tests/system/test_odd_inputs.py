@@ -1,6 +1,6 @@
 """Odd numbers, colours and file names: one line that names the file, and exit code 2.
 
-Commands run in the test's own process; what they render runs in a worker.
+Commands and what they render run in the test's own process.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from inim.system.files import utf8_name
 from inim.system.process.atomic_file import published_together, write_atomically
 from inim.system.process.printing import printable
 from tests.conftest import scene_text, small_display, sphere
+from tests.system.conftest import worker_here
 
 DISPLAY = small_display()
 KEYS = ("pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm", "lens_columns", "lens_rows")
@@ -83,16 +84,21 @@ def test_a_depth_beyond_all_displays_is_refused(depth, tmp_path, capsys):
     assert not (tmp_path / "eia.png").exists()
 
 
-@pytest.mark.parametrize("command", ["generate", "validate"])
 @pytest.mark.parametrize(
-    "move", ['<translate x="1e30"/>', '<translate z="-1e15"/>', '<scale value="1e-20"/>']
+    ("command", "move"),
+    [
+        ("generate", '<translate x="1e30"/>'),
+        ("validate", '<translate z="-1e15"/>'),
+        ("validate", '<scale value="1e-20"/>'),
+    ],
 )
 def test_a_shape_that_the_renderer_cannot_resolve_is_refused(command, move, tmp_path, capsys):
     scene = tmp_path / "far.xml"
     shape = f'<shape type="rectangle"><transform name="to_world">{move}</transform></shape>'
     beside = "" if "scale" in move else sphere((0, 0, 0), 1)
     scene.write_text(scene_text(shape, beside))
-    assert str(scene) in refused(capsys, command, scene, *TINY, "-o", tmp_path / "out.png")
+    with worker_here():
+        assert str(scene) in refused(capsys, command, scene, *TINY, "-o", tmp_path / "out.png")
 
 
 @pytest.mark.parametrize("algorithm", algorithm_names())

@@ -201,9 +201,9 @@ def test_participating_media_are_refused(tmp_path, bsdf):
 # --- Output folders -----------------------------------------------------------------------------
 
 
-def test_full_disk_is_one_line_and_leaves_nothing(tiny_scene, run_process, tmp_path):
+def test_full_disk_is_one_line_and_leaves_nothing(tiny_scene, run_inim, tmp_path):
     with small_disk(tmp_path / "disk", "200k") as disk:
-        ended = run_process(tiny_scene, "-o", disk / "out", folder=tmp_path, **SMALLEST)
+        ended = run_inim(tiny_scene, "-o", disk / "out", folder=tmp_path, **SMALLEST)
         assert ended.code == EXIT_USAGE
         assert_one_line(ended.stderr, ["free some space", "-o"])
         assert list(disk.iterdir()) == []

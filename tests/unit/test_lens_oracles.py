@@ -327,7 +327,7 @@ def first_change(p, d, changed, until):
     return np.where(is_known, high, until)
 
 
-ARRAY = NOMINAL.replace(lens_columns=7, lens_rows=7)
+ARRAY = NOMINAL.replace(lens_columns=5, lens_rows=7)
 RELIEFS = {
     "square cells": {},
     "rectangular cells": {"pitch_y_mm": 0.8},

@@ -48,11 +48,10 @@ def is_green(image):
     return (image[..., 1] > 0.1) & (image[..., 1] > 3 * image[..., 0])
 
 
-@pytest.mark.parametrize("lenses", [(12, 10), (11, 9)])
-@pytest.mark.parametrize("pixels", [8, 7])
-def test_a_mirror_symmetric_scene_gives_mirror_symmetric_pictures(open_fitted, lenses, pixels):
+@pytest.mark.parametrize("size", [(12, 10, 8), (11, 9, 7)])
+def test_a_mirror_symmetric_scene_gives_mirror_symmetric_pictures(open_fitted, size):
     """A mirrored picture differs from its original no more than another seed does."""
-    display = small_display(*lenses, pixels=pixels)
+    display = small_display(*size)
     # A sphere with a smaller one on either side and above and below: symmetric both ways.
     around = [(5, 0, 1), (-5, 0, 1), (0, 5, 1), (0, -5, 1)]
     text = scene_text(sphere((0, 0, 0), 4), *(sphere(place, 1.0, RED) for place in around))
@@ -131,8 +130,9 @@ def _centroid(mask):
     return np.array([indices.mean() for indices in np.nonzero(mask)])
 
 
-@pytest.mark.parametrize(("lens_model", "bar"), [("pinhole", 3.0), ("thick", 1.5)])
-@pytest.mark.parametrize("source", ["template", "truth"])
+@pytest.mark.parametrize(
+    ("lens_model", "bar", "source"), [("pinhole", 3.0, "truth"), ("thick", 1.5, "template")]
+)
 def test_a_flat_plate_at_the_central_depth_plane_is_sharp(open_fitted, lens_model, bar, source):
     """Bars of 2.5 panel pixels' images are seen at the CDP; far off it a lens blurs them.
 
