@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ from inim.display import Viewpoint
 from inim.image.color import linear_from_srgb
 from inim.report.study import PagePart
 from inim.scores.metrics import psnr_db, ssim
-from reports.study import Results, Study, table
+from reports.study import Results, Study, entry, table
 
 PITCH_MM, GAP_MM = 1.0, 3.3
 #: Pixels per elemental image and depths of reconstruction in mm, in the authors' parameters.
@@ -157,20 +157,20 @@ def predict(
                 )
                 sums[name] += pixels * inside[..., None]
                 weights[name] += inside
-    results: dict[str, Any] = {"elemental_images": int(lit.sum())}
     compared = (weights["moved"] > 0) & (weights["not moved"] > 0)
-    results["compared_share"] = float(compared.mean())
+
+    def windows(pixels: np.ndarray) -> np.ndarray:
+        light = np.clip(np.where(compared[..., None], pixels, 0), 0, 1).astype(np.float32)
+        return light.reshape(-1, SAMPLES, SAMPLES, 3)
+
+    results: dict[str, Any] = {
+        "elemental_images": int(lit.sum()), "compared_share": float(compared.mean()),
+    }  # fmt: skip
     for name, total in sums.items():
         predicted = total / np.maximum(weights[name], 1)[..., None]
-        pair = [
-            np.clip(np.where(compared[..., None], a, 0), 0, 1).astype(np.float32)
-            for a in (true, predicted)
-        ]
-        images = [a.reshape(-1, SAMPLES, SAMPLES, 3) for a in pair]
+        pairs = list(zip(windows(true), windows(predicted), strict=True))
         results[name] = {
-            score.__name__: float(
-                np.mean([score(*windows) for windows in zip(*images, strict=True)])
-            )
+            score.__name__: float(np.mean([score(*pair) for pair in pairs]))
             for score in (psnr_db, ssim)
         }
     return results
@@ -219,25 +219,8 @@ def lens_vignetting() -> float:
 
 
 def lattice_record(lattice: Lattice) -> dict[str, Any]:
-    """Values of a lattice with half widths of intervals; residuals as medians of 6 x 6 blocks."""
-    names = ("pitch_px", "row_pitch_px", "rotation_deg", "x_px", "y_px")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # blocks without usable elemental images
-        blocks = [
-            [np.nanmedian(part, axis=(0, 1)) for part in np.array_split(rows, 6, axis=1)]
-            for rows in np.array_split(lattice.residual_px, 6, axis=0)
-        ]
-    return {
-        "kind": lattice.kind,
-        "elemental_images": [lattice.columns, lattice.rows],
-        "used": lattice.used_count,
-        **{name: list(getattr(lattice, name)) for name in names},
-        "residual_rms_px": lattice.rms_px,
-        "residual_map_px": [
-            [None if np.isnan(block).any() else np.round(block, 3).tolist() for block in row]
-            for row in blocks
-        ],
-    }
+    """Pitch of a lattice with the half width of its interval, and the scatter of its centres."""
+    return {"pitch_px": list(lattice.pitch_px), "residual_rms_px": lattice.rms_px}
 
 
 def lens_array(folder: Path, name: str) -> dict[str, Any]:
@@ -287,7 +270,6 @@ def plenoptic(folder: Path) -> dict[str, Any]:
     pitch_um = lattice.pitch_px.value * 6.45
     return {
         "lattice": lattice_record(lattice),
-        "published_px": [48.2, 48.2273],
         "pitch_um": pitch_um,
         "from_data_sheet_um": 300 * 418.6 / 400,
         "correlation_with_sub_aperture": correlations,
@@ -322,25 +304,24 @@ def page(results: Results) -> tuple[list[str], list[PagePart]]:
         interval = "{:.3f} ± {:.3f}".format(*measured[0])
         return f"{interval} (4 captures: {min(lengths):.3f} to {max(lengths):.3f})"
 
+    def pair(text: str) -> Callable[[Any], str]:
+        return lambda values: text.format(*values)
+
     columns = {
-        "object": lambda item: item[0],
-        "pitch": lambda item: pitches(item[1]),
-        "authors' pitch": lambda item: str(item[1]["authors_px"]),
-        "scatter, px": lambda item: f"{item[1]['lattices']['11']['residual_rms_px']:.2f}",
-        "distance, mm": lambda item: f"{item[1]['depth']['depth_mm']:.1f}",
-        "quartiles": lambda item: "{:.1f} to {:.1f}".format(
-            *item[1]["depth"]["depth_quartiles_mm"]
-        ),
-        "authors' distance": lambda item: "{} to {}".format(*item[1]["authors_depth_mm"]),
-        "PSNR, dB": lambda item: f"{item[1]['prediction']['moved']['psnr_db']:.2f}",
-        "PSNR without": lambda item: f"{item[1]['prediction']['not moved']['psnr_db']:.2f}",
-        "SSIM": lambda item: f"{item[1]['prediction']['moved']['ssim']:.3f}",
-        "SSIM without": lambda item: f"{item[1]['prediction']['not moved']['ssim']:.3f}",
-        "light, left and right": lambda item: "{:.3f}, {:.3f}".format(
-            *item[1]["vignetting"].values()
-        ),
+        "object": entry("name"),
+        "pitch": pitches,
+        "authors' pitch": entry("authors_px"),
+        "scatter, px": entry("lattices", "11", "residual_rms_px", text="{:.2f}".format),
+        "distance, mm": entry("depth", "depth_mm", text="{:.1f}".format),
+        "quartiles": entry("depth", "depth_quartiles_mm", text=pair("{:.1f} to {:.1f}")),
+        "authors' distance": entry("authors_depth_mm", text=pair("{} to {}")),
+        "PSNR, dB": entry("prediction", "moved", "psnr_db", text="{:.2f}".format),
+        "PSNR without": entry("prediction", "not moved", "psnr_db", text="{:.2f}".format),
+        "SSIM": entry("prediction", "moved", "ssim", text="{:.3f}".format),
+        "SSIM without": entry("prediction", "not moved", "ssim", text="{:.3f}".format),
+        "light, left and right": lambda r: "{:.3f}, {:.3f}".format(*r["vignetting"].values()),
     }
-    objects = [(name, results[name]) for name in OBJECTS if name in results]
+    objects = [results[name] | {"name": name} for name in OBJECTS if name in results]
     tables = [table("Photographs through a lens array", objects, columns)]
     return remarks, [PagePart("array", "Lens array", "", tables)]
 

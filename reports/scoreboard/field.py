@@ -13,7 +13,7 @@ from __future__ import annotations
 import configparser
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,27 +42,13 @@ _IN_FRONT, _BEHIND = 1 / 81, 5 / 81
 
 @dataclass(frozen=True)
 class LightField:
-    """True views, and the picture and display for a method.
-
-    Attributes
-    ----------
-    name : str
-    side : int
-        Views in a row and in a column.
-    views : {(row, column): (H, W, 3) uint8}
-        True views, sRGB, without the middle view.
-    rgbd : RGBD
-        The middle view and its depth.
-    display : Display
-        A lens for each picture pixel, a panel pixel for each view.
-    disparity_file, source, licence : str
-    """
+    """True views, and the picture and display for a method."""
 
     name: str
-    side: int
-    views: dict[Place, np.ndarray]
-    rgbd: RGBD
-    display: inim.Display
+    side: int  #: Views in a row and in a column.
+    views: dict[Place, np.ndarray]  #: True views without the middle view, (H, W, 3) uint8 sRGB.
+    rgbd: RGBD  #: The middle view and its depth.
+    display: inim.Display  #: A lens for each picture pixel, a panel pixel for each view.
     disparity_file: str = ""
     source: str = ""
     licence: str = ""
@@ -97,13 +83,7 @@ def codes(linear: np.ndarray) -> np.ndarray:
 
 
 def of_views(
-    name: str,
-    side: int,
-    views: dict[Place, np.ndarray],
-    disparity: np.ndarray,
-    disparity_file: str = "",
-    source: str = "",
-    licence: str = "",
+    name: str, side: int, views: Mapping[Place, np.ndarray], disparity: np.ndarray, **about: str
 ) -> LightField:
     """Light field of all its views and the disparity of the middle view."""
     others = dict(views)
@@ -124,7 +104,7 @@ def of_views(
     )
     color = linear_from_srgb(middle.astype(np.float32) / 255)
     rgbd = RGBD(color, depth, np.ones(depth.shape, bool), 1.0)
-    return LightField(name, side, others, rgbd, display, disparity_file, source, licence)
+    return LightField(name, side, others, rgbd, display, **about)
 
 
 def read(folder: Path) -> LightField:
@@ -140,17 +120,10 @@ def read(folder: Path) -> LightField:
     disparity = read_pfm(file)
     shape = views[(side // 2, side // 2)].shape
     rim = [((n - m) // 2,) * 2 for n, m in zip(shape, disparity.shape, strict=False)]
-    source = folder / "source.json"
-    about = json.loads(source.read_text("utf-8")) if source.is_file() else {}
-    return of_views(
-        folder.name,
-        side,
-        views,
-        np.pad(disparity, rim, mode="edge"),
-        file.name,
-        about.get("source", ""),
-        about.get("licence", ""),
-    )
+    padded = np.pad(disparity, rim, mode="edge")
+    path = folder / "source.json"
+    about = json.loads(path.read_text("utf-8")) if path.is_file() else {}
+    return of_views(folder.name, side, views, padded, disparity_file=file.name, **about)
 
 
 def _side(folder: Path) -> int:

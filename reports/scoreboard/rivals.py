@@ -63,14 +63,7 @@ def nearest(empty: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def rvs(field: LightField, program: Path) -> Views:
-    """Views that RVS generates from the middle view.
-
-    Parameters
-    ----------
-    field : LightField
-    program : Path
-        Executable of RVS 4.
-    """
+    """Views that RVS generates from the middle view; `program` is the executable of RVS 4."""
     from PIL import Image
 
     # RVS draws nothing at the farthest depth.

@@ -52,6 +52,10 @@ class BenchAlgorithm(TimingRecord):
     fronts: list[str]
     pareto: bool  #: True if it is on any of these fronts.
 
+    def result(self, key: str) -> float | None:
+        """Its score by the key, or its `wrong_source`; None if not measured or infinite."""
+        return self.wrong_source if key == "wrong_source" else self.scores.get(key)
+
 
 class BenchScore(Part):
     """Description of a score."""

@@ -15,6 +15,7 @@ from inim.apps.bench.document import (
     BenchScene,
     BenchScore,
     CapturedLayers,
+    Scores,
     TimingRecord,
 )
 from inim.display import Display
@@ -64,20 +65,14 @@ def bench_scores() -> list[BenchScore]:
     """Describe all scores in the order of the tables: of the EIA, then of its views."""
     every = metrics.all_metrics()
     of_eia = [
-        _describe(metric, f"eia_{metric.key}", f"EIA {metric.label}", "Elemental images")
-        for metric in every
-        if metric.has_eia_score
+        _describe(m, f"eia_{m.key}", f"EIA {m.label}", "Elemental images")
+        for m in every
+        if m.has_eia_score
     ]
-    of_views = [
-        _describe(
-            metric,
-            f"view_{metric.to_reference_key}",
-            f"view {metric.label} to reference",
-            "Views",
-        )
-        for metric in every
+    return of_eia + [
+        _describe(m, f"view_{m.to_reference_key}", f"view {m.label} to reference", "Views")
+        for m in every
     ]
-    return of_eia + of_views
 
 
 def _describe(metric: metrics.Metric, key: str, label: str, title: str) -> BenchScore:
@@ -104,22 +99,20 @@ class EIAWithViews(NamedTuple):
     views: Sequence[np.ndarray]
 
 
-def compare(
-    reference: EIAWithViews, test: EIAWithViews, viewing: Sequence[Viewing] = ()
-) -> dict[str, float | None]:
+def compare(reference: EIAWithViews, test: EIAWithViews, viewing: Sequence[Viewing] = ()) -> Scores:
     """Score an EIA and its views by the keys of `bench_scores`, the mean over all views.
 
     `viewing` are the conditions of each view; if empty, metrics that need them are left out.
     """
     conditions: Sequence[Viewing | None] = viewing or [None] * len(test.views)
     views = zip(reference.views, test.views, conditions, strict=True)
-    view_scores = [metrics.score(*pair, viewing=condition) for *pair, condition in views]
+    view_scores = [metrics.score(true, view, viewing=seen) for true, view, seen in views]
     eia_scores = metrics.eia_scores(reference.eia, test.eia)
-    return {f"eia_{key}": value for key, value in eia_scores.items()} | {
-        f"view_{metric.to_reference_key}": float(np.mean([s[metric.key] for s in view_scores]))
-        for metric in metrics.all_metrics()
-        if metric.key in view_scores[0]
-    }
+    scores: Scores = {f"eia_{key}": value for key, value in eia_scores.items()}
+    for metric in (metric for metric in metrics.all_metrics() if metric.key in view_scores[0]):
+        values = [scores_of_view[metric.key] for scores_of_view in view_scores]
+        scores[f"view_{metric.to_reference_key}"] = float(np.mean(values))
+    return scores
 
 
 def source_errors(method: TimedMethod, exact: Sources, display: Display) -> dict[str, Any]:
@@ -153,18 +146,17 @@ def mark_fronts(algorithms: Sequence[BenchAlgorithm]) -> list[BenchAlgorithm]:
 
     An algorithm without an error is not on its front.
     """
-    errors = {"wrong_source": {a.name: a.wrong_source for a in algorithms}}
+    fronts = {"wrong_source": _front(algorithms, "wrong_source", 1)}
     for score in bench_scores():
-        sign = 1 if score.better == "lower" else -1
-        values = {a.name: a.scores.get(score.key) for a in algorithms}
-        errors[score.key] = {n: None if v is None else sign * v for n, v in values.items()}
-    times = {algorithm.name: algorithm.median_ms for algorithm in algorithms}
-    fronts = {
-        key: on_front({n: (times[n], value) for n, value in error.items() if value is not None})
-        for key, error in errors.items()
-    }
-    names = {name: [key for key, front in fronts.items() if name in front] for name in times}
+        fronts[score.key] = _front(algorithms, score.key, 1 if score.better == "lower" else -1)
+    names = {a.name: [key for key, front in fronts.items() if a.name in front] for a in algorithms}
     return [replaced(a, fronts=names[a.name], pareto=bool(names[a.name])) for a in algorithms]
+
+
+def _front(algorithms: Sequence[BenchAlgorithm], key: str, sign: int) -> set[str]:
+    """Algorithms than which no other is as fast and as good."""
+    results = {a.name: (a.median_ms, a.result(key)) for a in algorithms}
+    return on_front({n: (ms, sign * v) for n, (ms, v) in results.items() if v is not None})
 
 
 # Algorithms to time by default, in addition to those of other packages.

@@ -9,7 +9,7 @@ from typing import Any
 
 from msgspec.structs import asdict
 
-from inim.apps.bench.document import BenchAlgorithm, BenchDocument, BenchScene, BenchScore, Scores
+from inim.apps.bench.document import BenchDocument, BenchScene, BenchScore, Scores
 from inim.report import plots
 from inim.report.labels import MISSING, number, per_cent
 from inim.report.study import PagePart, StudyPage, Table
@@ -169,7 +169,7 @@ def _score_panel(axis: Any, scene: BenchScene, score: BenchScore) -> list[plots.
     """Draw a panel with its better end at the bottom, and return the names to place."""
     key, label, best = score.key, score.label, score.best
     is_higher = score.better == "higher"
-    errors = [_error(algorithm, key) for algorithm in scene.algorithms]
+    errors = [algorithm.result(key) for algorithm in scene.algorithms]
     transform: Callable[[float], float] = float
     if is_higher and best is not None:
         transform, label = (lambda value: best - value), f"{best:g} − {label}"
@@ -179,12 +179,6 @@ def _score_panel(axis: Any, scene: BenchScene, score: BenchScore) -> list[plots.
         axis.invert_yaxis()
     plots.style(axis, score.title, f"{TIME} (↙ better)", label)
     return _panel(axis, scene, key, transform, is_higher)
-
-
-def _error(algorithm: BenchAlgorithm, key: str) -> float | None:
-    """An algorithm's share of wrong sources, or one of its scores, if it is a number."""
-    value = algorithm.wrong_source if key == "wrong_source" else algorithm.scores.get(key)
-    return None if value is None or math.isnan(value) else value
 
 
 def _panel(
@@ -199,7 +193,7 @@ def _panel(
     points = [
         plots.TimedPoint(a.name, a.median_ms, sign * value, transform(value), a.min_ms)
         for a in scene.algorithms
-        if (value := _error(a, key)) is not None
+        if (value := a.result(key)) is not None
     ]
     names = plots.draw_time_against_error(axis, points)
     axis.axvline(scene.yardstick.median_ms, **plots.LINES["kernel"])

@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -46,42 +45,38 @@ def bench_backends(
     median seconds of the parts of a run; `scores`, the number of compared scores; `overlapping`,
     the number of those whose 95 % intervals of both backends overlap.
     """
+
+    def validate(panel: str, backend: str) -> dict[str, Any]:
+        words = ["inim.validate", str(scene), "--backend", backend, *_PANELS[panel]]
+        with tempfile.TemporaryDirectory(dir=folder) as out:
+            cache = {FOLDER_VARIABLE: str(Path(out, "cache"))}
+            name = f"{panel}, {backend}"
+            run = run_validation([*words, "-o", f"{out}/report"], {**variables, **cache}, name)
+            return run | {"report": json.loads(Path(out, "report/report.json").read_text("utf-8"))}
+
     results = []
-    for panel, words in _PANELS.items():
-        # The large panel is validated once, the other in counted rounds after one more.
-        rounds_run, uncounted = (1, 0) if panel == _LARGE else (1 + rounds.runs, 1)
-        runs: dict[str, list[dict[str, Any]]] = {name: [] for name in BACKENDS}
-        reports: dict[str, Any] = {}
-        for _ in range(rounds_run):
-            for name in BACKENDS:
-                out = folder / "report"
-                command = ["inim.validate", str(scene), "--backend", name, "-o", str(out), *words]
-                cache = {FOLDER_VARIABLE: str(folder / "cache")}
-                run = run_validation(command, {**variables, **cache}, f"{panel}, {name}")
-                reports[name] = json.loads((out / "report.json").read_text("utf-8"))
-                for path in (out, folder / "cache"):
-                    shutil.rmtree(path, ignore_errors=True)
-                runs[name].append({**run, "parts": run_parts(reports[name]["timings"])})
-        runs = {name: counted[uncounted:] for name, counted in runs.items()}
-        first, second = (dict(_intervals(reports[name])) for name in BACKENDS)
-        overlapping = sum(
-            first[key][0] <= second[key][1] and second[key][0] <= first[key][1] for key in first
-        )
-        results += [
-            {
-                "panel": panel,
-                "backend": name,
-                "device": reports[name]["backend"]["device"],
-                "runs": len(runs[name]),
-                "seconds": median(run["seconds"] for run in runs[name]),
-                "parts": {
-                    part: median(run["parts"][part] for run in runs[name]) for part in RUN_PARTS
-                },
-                "scores": len(first),
-                "overlapping": overlapping,
-            }
-            for name in BACKENDS
-        ]
+    for panel in _PANELS:
+        # The first round compiles; the large panel is validated once.
+        count, uncounted = (1, 0) if panel == _LARGE else (rounds.runs, 1)
+        rows = [{b: validate(panel, b) for b in BACKENDS} for _ in range(uncounted + count)]
+        first, second = (dict(_intervals(rows[-1][b]["report"])) for b in BACKENDS)
+        scores = {
+            "scores": len(first),
+            "overlapping": sum(
+                low <= second[key][1] and second[key][0] <= high
+                for key, (low, high) in first.items()
+            ),
+        }
+        for backend in BACKENDS:
+            runs = [row[backend] for row in rows[uncounted:]]
+            times = [run_parts(run["report"]["timings"]) for run in runs]
+            device = runs[-1]["report"]["backend"]["device"]
+            seconds = median(run["seconds"] for run in runs)
+            parts = {part: median(t[part] for t in times) for part in RUN_PARTS}
+            results.append(
+                {"panel": panel, "backend": backend, "device": device, "runs": count,
+                 "seconds": seconds, "parts": parts, **scores}
+            )  # fmt: skip
     return results
 
 
