@@ -108,6 +108,9 @@ class Settings(_Stated):
     #: stop sampling when every SSIM has this precision, such as 0.01; 0: use all samples
     score_error: Annotated[float, Values(low=0, high=1)] = 0.0
     seed: Annotated[int, Values(low=0)] = 0  #: random seed of the ground truth
+    #: names of finished EIAs that were computed from the ground-truth EIA and share its noise,
+    #: separated by commas
+    shared_noise: str = ""
     #: criterion: minimum SSIM on the relic to the reference, '0.9' for all or 'template:0.9,
     #: wang2024:0.5'
     min_ssim_to_reference: str = ""

@@ -152,6 +152,26 @@ def test_finished_eia_scores_as_the_algorithm_it_came_from(evaluated, files_scor
     assert eia[: len(eia) // 2].max() == 0 < eia[len(eia) // 2 :].max()
 
 
+def test_the_truth_against_itself_is_exactly_one(evaluated, tmp_path):
+    """A copy shares the truth's noise; so does what was computed from it, if that is stated."""
+    truth = evaluated.out / "truth"
+    eias = {"copy": truth / "eia.exr", "coded": truth / "eia.png", "unstated": truth / "eia.png"}
+    with worker_here():
+        report = inim.validate(
+            write_scene(tmp_path), tmp_path / "out", viewpoints="centre", algorithms="none",
+            eias=eias, definitions=TINY | {"inim.shared_noise": "coded"},
+        )  # fmt: skip
+    scores = {name: result.views["centre"] for name, result in report.data.algorithms.items()}
+    assert scores["copy"]["ssim_to_reference"] == scores["copy"]["ssim_on_relic_to_reference"] == 1
+    assert scores["copy"]["flip_to_reference"] == 0
+    assert scores["copy"]["ssim"] == report.data.reference.views["centre"]["ssim"]
+    assert [text for text in report.data.warnings if "is a copy of the ground-truth EIA" in text]
+    # Codes of 8 bits change SSIM by thousandths; unshared noise is taken for a difference.
+    wrong = {name: abs(1 - s["ssim_on_relic_to_reference"]) for name, s in scores.items()}
+    assert wrong["coded"] < 0.005
+    assert wrong["coded"] < wrong["unstated"] / 2
+
+
 def failed_checks(out: Path) -> list[dict[str, Any]]:
     checks = read_document(out / "report.json")["verdict"]["checks"]
     return [check for check in checks if not check["passed"]]

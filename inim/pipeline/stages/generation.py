@@ -46,13 +46,15 @@ class GeneratedEIA:
 
     The noise of the EIA is half the difference of the EIAs of the input's half images; its values
     may be not finite. `seconds` and `hole_fraction`, the share of the lensed panel pixels that are
-    holes, are None if unknown. Only generators of whole EIAs have a reference output.
+    holes, are None if unknown. Only generators of whole EIAs have a reference output. `remark` is a
+    warning for the report.
     """
 
     eia: NoisyImage
     seconds: float | None
     hole_fraction: float | None
     reference_output: ReferenceOutput | None = None
+    remark: str = ""
 
 
 class GeneratorRun(NamedTuple):

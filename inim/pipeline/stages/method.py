@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -177,9 +177,14 @@ class GeneratorMethod(Method):
 
 @dataclass(frozen=True)
 class FileMethod(Method):
-    """A finished EIA from a file, which is read completely before anything is rendered."""
+    """A finished EIA from a file, which is read completely before anything is rendered.
+
+    Its noise is unknown, unless it was computed from the ground-truth EIA and `shares_noise`. A
+    copy of the ground-truth EIA shares it in any case.
+    """
 
     path: Path
+    shares_noise: bool = False
     verb = "read"
     is_reproducible = False
 
@@ -192,7 +197,15 @@ class FileMethod(Method):
         display = setup.camera.display
         eia, nonempty = read_eia(self.path, display, only_finite=False)
         holes = hole_fraction(None if nonempty is None else ~nonempty, display, setup.mask)
-        return lambda *_: GeneratedEIA(NoisyImage.from_image(eia), None, holes)
+
+        def read(_: Capture, truth_eia: NoisyImage) -> GeneratedEIA:
+            is_copy = np.array_equal(eia, truth_eia.image)
+            noise = truth_eia.noise if is_copy or self.shares_noise else None
+            remark = f"eia/{self.name}: is a copy of the ground-truth EIA, and shares its noise"
+            image = NoisyImage.from_image(eia, noise)
+            return GeneratedEIA(image, None, holes, remark=remark * is_copy)
+
+        return read
 
 
 @dataclass(frozen=True)
@@ -250,8 +263,12 @@ class OptimalMethod(Method):
         return optimise
 
 
-def parse_methods(algorithms: Sequence[str], eias: Mapping[str, Path]) -> tuple[Method, ...]:
+def parse_methods(
+    algorithms: Sequence[str], eias: Mapping[str, Path], shared_noise: Collection[str] = ()
+) -> tuple[Method, ...]:
     """Parse the methods of a run: algorithms with options, and finished EIAs by name.
+
+    The EIAs named in `shared_noise` have the noise of the ground-truth EIA.
 
     With finished EIAs, the only algorithm may be "none". Raises `UsageError` without a method, and
     for unknown or repeated methods and names that cannot be file names.
@@ -263,7 +280,11 @@ def parse_methods(algorithms: Sequence[str], eias: Mapping[str, Path]) -> tuple[
             "algorithms: none given; name at least one, such as 'template', or write 'none' and "
             "give a finished EIA with --eia NAME=FILE"
         )
-    methods = [*map(_parse_algorithm, algorithms), *map(_file_method, eias, eias.values())]
+    for name in shared_noise:
+        if name not in eias:
+            raise UsageError(f"inim.shared_noise: {name!r} is no EIA of --eia; name one, or none")
+    methods = [_parse_algorithm(text) for text in algorithms]
+    methods += [_file_method(name, path, name in shared_noise) for name, path in eias.items()]
     names: set[str] = set()
     for method in methods:
         if method.name.lower() in names:  # file names may ignore case
@@ -323,13 +344,13 @@ def parse_eias(items: Iterable[str]) -> dict[str, Path]:
     return eias
 
 
-def _file_method(name: str, path: Path) -> Method:
+def _file_method(name: str, path: Path, shares_noise: bool) -> Method:
     if not is_file_safe(name):
         raise UsageError(f"--eia name {name!r}: use 1 to 64 letters, digits or . _ + -")
     reserved_names = (*_RESERVED_NAMES, *SCENE_ALGORITHMS, *algorithm_names())
     if name.lower() in (word.lower() for word in reserved_names):
         raise UsageError(f"--eia name {name!r} is reserved; choose another")
-    return FileMethod(name, path)
+    return FileMethod(name, path, shares_noise)
 
 
 def algorithm_table() -> str:

@@ -132,7 +132,7 @@ def score_method(
         _content_check(name, output),
         *_criteria(name, limit, scores_by_view),
     ]
-    warnings = _range_warnings(name, eia.image, truth)
+    warnings = [*filter(None, [output.remark]), *_range_warnings(name, eia.image, truth)]
     return MethodResult(result, statistics, reference, tuple(checks), tuple(warnings))
 
 
