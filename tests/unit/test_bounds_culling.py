@@ -21,11 +21,11 @@ GLASS = """<shape type="cube"><transform name="to_world"><rotate x="1" y="1" ang
     <translate x="-4" y="3"/></transform><bsdf type="thindielectric"/></shape>"""
 SPHERES = (sphere((-3, 0, 0), 1.5), sphere((2, 2, -3), 1.0), sphere((4, -3, 1), 0.3))
 ARRAYS = {
-    "square": {},
     "stripes": {"subpixels": "rgb-stripe", "pixel_fill": 0.8},
-    "hexagonal": {"lattice": "hexagonal"},
-    "turned and tilted": {"rotation_deg": 3.0, "tilt_x_deg": 2.0, "tilt_y_deg": -1.0},
-}
+    "hexagonal, turned and tilted": {
+        "lattice": "hexagonal", "rotation_deg": 3.0, "tilt_x_deg": 2.0, "tilt_y_deg": -1.0,
+    },
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("array", ARRAYS)

@@ -9,8 +9,7 @@ from inim.apps.own_picture.depth_values import DepthValues
 from inim.apps.own_picture.framing import choose_framing
 from inim.apps.own_picture.picture import CameraPicture, ColorDepth
 from inim.display import DISPLAYS
-
-DISPLAY = DISPLAYS["nominal"]
+from tests.conftest import small_display
 
 
 def values(depth, near_is_large=False, has_unit=True):
@@ -103,7 +102,7 @@ def test_an_end_that_is_stated_alone_has_the_other_beyond_it(near_is_large):
 
     def ends(**stated):
         picture = CameraPicture(photo=Path("p.jpg"), orthographic=True, fit="auto", **stated)
-        depth_map = picture.fit_to(photograph, DISPLAY, 1)[1]
+        depth_map = picture.fit_to(photograph, small_display(), 1)[1]
         return depth_map.near, depth_map.far
 
     near, far = ends()

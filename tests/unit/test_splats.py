@@ -321,9 +321,8 @@ def compared(open_fitted, tmp_path, per_edge):
     }, sigma
 
 
-@pytest.mark.parametrize(
-    ("coarse", "fine"), [(8, 16), pytest.param(16, 32, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("coarse", "fine"), [(8, 16), (16, 32)])
 def test_splats_of_a_mesh_become_the_mesh_as_they_shrink(open_fitted, tmp_path, coarse, fine):
     """Differences are a rim as wide as a splat; colours blend over the same distance."""
     (wide, sigma), (narrow, half) = (
