@@ -62,7 +62,7 @@ def test_without_mitsuba_before_the_variant_used_stays():
 @pytest.mark.parametrize(
     "before",
     [
-        "import mitsuba",
+        pytest.param("import mitsuba", marks=pytest.mark.slow),
         pytest.param("import drjit", marks=pytest.mark.slow),
         pytest.param("import mitsuba as mi; mi.set_variant('llvm_ad_rgb')", marks=pytest.mark.slow),
         "import mitsuba as mi; mi.set_log_level(mi.LogLevel.Info)"

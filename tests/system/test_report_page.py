@@ -94,8 +94,7 @@ def test_keyboard_reaches_every_control_and_leaves_it_again(tab):
     assert set(expected) <= set(reached)
 
 
-@pytest.mark.parametrize("theme", ["light", "dark"])
-@pytest.mark.parametrize("width", [320, 390, 1280])
+@pytest.mark.parametrize(("width", "theme"), [(320, "light"), (390, "dark"), (1280, "light")])
 def test_the_page_fits_the_width_of_the_screen(tab, theme, width):
     tab.size(width, 800)
     scheme = [{"name": "prefers-color-scheme", "value": theme}]
