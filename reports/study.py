@@ -45,47 +45,26 @@ class StudyDocument(TitledDocument, tag="inim.study/1"):
 
 @dataclass(frozen=True)
 class Study:
-    """A study.
+    """A study."""
 
-    Attributes
-    ----------
-    module : str
-        Module of its command, ``reports.NAME.run``.
-    title : str
-        Title of its page.
-    description : str
-        Text of its command's help.
-    arguments : callable
-        Adds its arguments to a parser.
-    cases : callable
-        Returns the options of `measure` by case, for parsed arguments. Options are JSON values and
-        paths. The content of a file, and the names and sizes of a folder's files, decide a result.
-    measure : callable
-        Measures a case; returns JSON values.
-    page : callable
-        Returns remarks and parts of the page for the results, as they are read from the JSON file:
-        infinite values are None.
-    stem : str
-        Name of its files; default: the last part of NAME.
-    code : tuple of str
-        Places in the package that decide the results, as of `inim.system.cache.code_digest`; the
-        modules next to `measure`, and those above them, always do.
-    doubts : callable
-        Returns reasons to doubt the measurements that follow, such as a busy machine.
-    passed : callable
-        Returns False if the results contradict a claim of the study.
-    """
-
-    module: str
+    module: str  #: Module of its command, ``reports.NAME.run``.
     title: str
-    description: str
-    arguments: Callable[[argparse.ArgumentParser], object]
+    description: str  #: Text of its command's help.
+    arguments: Callable[[argparse.ArgumentParser], object]  #: Adds its arguments to a parser.
+    #: Returns the options of `measure` by case, for parsed arguments. Options are JSON values and
+    #: paths. The content of a file, and the names and sizes of a folder's files, decide a result.
     cases: Callable[[argparse.Namespace], Mapping[str, Mapping[str, Any]]]
-    measure: Callable[..., Any]
+    measure: Callable[..., Any]  #: Measures a case; returns JSON values.
+    #: Returns remarks and parts of the page for the results, as they are read from the JSON file:
+    #: infinite values are None.
     page: Callable[[Results], tuple[Sequence[str], Sequence[PagePart]]]
-    stem: str = ""
+    stem: str = ""  #: Name of its files; default: the last part of NAME.
+    #: Places in the package that decide the results, as of `inim.system.cache.code_digest`; the
+    #: modules next to `measure`, and those above them, always do.
     code: tuple[str, ...] = ("",)
+    #: Returns reasons to doubt the measurements that follow, such as a busy machine.
     doubts: Callable[[], list[str]] = list
+    #: Returns False if the results contradict a claim of the study.
     passed: Callable[[Results], bool] = lambda _: True
 
     @property
