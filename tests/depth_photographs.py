@@ -24,15 +24,13 @@ APPLE = (
 XMP, EXTENDED = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 
 
-def picture(pixels, kind="JPEG", orientation=None, icc=None) -> bytes:
+def picture(pixels, kind="JPEG", orientation=None) -> bytes:
     """A picture's file; a JPEG as good as it gets."""
     options = {"quality": 100, "subsampling": 0} if kind == "JPEG" else {}
     if orientation is not None:
         exif = Image.Exif()
         exif[0x0112] = orientation
         options["exif"] = exif
-    if icc is not None:
-        options["icc_profile"] = icc
     stream = io.BytesIO()
     Image.fromarray(pixels).save(stream, kind, **options)
     return stream.getvalue()
@@ -146,7 +144,7 @@ def apple_jpeg(jpeg: bytes, depth: bytes, xml: str, order=">") -> bytes:
     return with_segments(jpeg, segment(0xE2, b"MPF\0" + index)) + b"".join(further)
 
 
-def heic(color, depth, xml="", orientation=1, icc=None) -> bytes:
+def heic(color, depth, xml="", orientation=1) -> bytes:
     """A HEIC whose second picture is the first one's depth.
 
     pillow-heif writes two pictures; the boxes that make the second one a depth image
@@ -158,8 +156,6 @@ def heic(color, depth, xml="", orientation=1, icc=None) -> bytes:
     exif = Image.Exif()
     exif[0x0112] = 1  # else pillow-heif turns by itself; what is meant is put in below
     images[0].info["exif"] = exif.tobytes()
-    if icc is not None:
-        images[0].info.update(icc_profile=icc, icc_profile_type="prof")
     if xml:
         images[1].info["xmp"] = xml.encode()
     file = pillow_heif.HeifFile()

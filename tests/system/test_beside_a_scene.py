@@ -84,16 +84,6 @@ def test_modules_in_the_current_folder_are_not_executed(trapped, start):
         assert_one_line(ended.stderr, ["tiny.xml"])
 
 
-PICTURE = """
-import numpy as np
-import inim
-depth = np.zeros((24, 24), np.float32)
-rgbd = inim.RGBD(np.ones((24, 24, 3), np.float32), depth, depth == 0, 0.5)
-display = inim.DISPLAYS["nominal"].replace(lens_rows=4, lens_columns=4)
-eia = inim.generate(rgbd, display, "gu2020")
-"""
-
-
 def test_pictures_are_drawn_without_the_current_folder_s_configuration(tmp_path):
     small = definitions({"inim.lens_columns": "6", "inim.lens_rows": "6"})
     words = python_module("inim", "inspect", "nominal", "-o", "out", *small)

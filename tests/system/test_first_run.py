@@ -23,11 +23,9 @@ from inim.pipeline.plan import make_plan
 from inim.pipeline.request import PREVIEW, Request
 from inim.system.errors import EXIT_PASSED
 from tests.schemas import read_document
-from tests.system.conftest import TINY, Ended, assert_refused, command, write_scene
+from tests.system.conftest import Ended, assert_refused, command, write_scene
 
 Run = Callable[..., Ended]
-# Few enough for every test, over what a preview sets.
-FEW = {key: TINY[f"inim.{key}"] for key in ("lens_columns", "lens_rows")}
 
 
 @pytest.fixture(scope="module")

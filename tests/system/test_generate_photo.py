@@ -34,10 +34,6 @@ COLOR, CODES = subject()
 METRIC = gdepth(picture(COLOR), picture(CODES, "PNG"), Units="m", Near=0.5, Far=4)
 
 
-def distance_mm(code: int) -> float:
-    return 1000 * 4 * 0.5 / (4 - code / 255 * 3.5)
-
-
 def generate(*words: object) -> int:
     return main(["generate", *map(str, words), *DISPLAY])
 

@@ -20,7 +20,6 @@ from tests.system.conftest import assert_refused, definitions, write_scene
 from tests.unit.test_cli import loaded_by
 
 SMALL = definitions({"inim.lens_columns": "6", "inim.lens_rows": "6"})
-FOCUSED = definitions({"inim.gap_mm": "3", "inim.depth_min_mm": "4", "inim.depth_max_mm": "24"})
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -131,12 +131,6 @@ def test_colour_depth_and_camera_are_rotated_equally(tmp_path, kind, orientation
         )
 
 
-#: Primaries of Display P3, adapted to ICC's white; and sRGB's.
-P3 = np.array(
-    [[0.51512, 0.29198, 0.15710], [0.24120, 0.69225, 0.06657], [-0.00105, 0.04189, 0.78407]]
-)
-
-
 JPEG = picture(COLOR)
 BOMB = '<!DOCTYPE a [<!ENTITY b "bbbb"><!ENTITY c "&b;&b;&b;">]>' + RDF.format("&c;")
 HEADER = b"IHDR" + struct.pack(">IIBBBBB", 13_000, 13_000, 16, 0, 0, 0, 0)

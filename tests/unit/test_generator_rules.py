@@ -55,16 +55,6 @@ def only(shape: tuple[int, int], cell: tuple[int, int], depth: float, cell_mm: f
     return picture(np.full(shape, depth), cell_mm, covered)
 
 
-def two_squares(device: Display, cell_mm: float = 0.2371) -> RGBD:
-    """A near square over a far one, on nothing."""
-    low, high = device.depth_range_mm
-    depth = np.full((60, 66), low + 0.2 * (high - low))
-    depth[20:38, 24:45] = low + 0.8 * (high - low)
-    covered = np.zeros(depth.shape, bool)
-    covered[12:50, 10:50] = True
-    return picture(depth, cell_mm, covered)
-
-
 def ray_at(device: Display, z: float) -> tuple[np.ndarray, np.ndarray]:
     """y of every panel row's ray and x of every panel column's at depth z, by Eq. 1."""
     axes = []

@@ -216,27 +216,6 @@ def test_the_pickup_is_the_true_eia_of_its_surroundings(open_fitted):
         assert np.abs(other - expected).mean() > 5 * noise
 
 
-XML = """
-<scene version="3.0.0">
-    <integrator type="path"/>
-    <default name="gap" value="3.3"/>
-    <shape type="rectangle">
-        <transform name="to_world"><scale x="6" y="5"/><translate x="1000"/></transform>
-        <bsdf type="diffuse"><rgb name="reflectance" value="0.1"/></bsdf>
-        <emitter type="inim_display">
-            <string name="filename" value="{file}"/>
-            {numbers}
-            <string name="lens_model" value="thin"/><float name="brightness" value="2"/>
-        </emitter>
-    </shape>
-    <sensor type="inim_eye">
-        <transform name="to_world"><scale x="6" y="5"/><translate x="1000"/></transform>
-        {numbers}<float name="z_mm" value="200"/><float name="pupil_mm" value="3"/>
-    </sensor>
-</scene>
-"""
-
-
 def test_the_displayed_eia_can_be_changed():
     import mitsuba as mi
 

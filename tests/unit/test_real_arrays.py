@@ -18,7 +18,6 @@ from inim.display.lens import trace_to_panel
 from inim.display.pixels import SUBPIXELS as PATTERNS
 from inim.display.pixels import pixel_rays
 from inim.generators import generate
-from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD
 from inim.system.errors import DisplayError
 from tests.conftest import small_display
@@ -113,16 +112,13 @@ def expected_rays(display: Display, right: float = 0.0):
     return lenses[own], (lenses[own] - place) / gap, real[own], sure
 
 
-def flat_picture(display: Display, depth_mm: float, per_pitch: int = 10, coded=False) -> RGBD:
+def flat_picture(display: Display, depth_mm: float, per_pitch: int = 10) -> RGBD:
     """The pattern on a plane, as wide as any ray reaches."""
     rows, columns = display.capture_shape(per_pitch)
     pixel = display.pitch_mm / per_pitch
     x = (np.arange(columns) - (columns - 1) / 2) * pixel
     y = ((rows - 1) / 2 - np.arange(rows)) * pixel
     color = pattern(x[None, :], y[:, None])
-    if coded:
-        codes = srgb_to_uint8(srgb_from_linear(color.astype(np.float32)))
-        color = np.concatenate([codes, np.full((rows, columns, 1), 255, np.uint8)], axis=-1)
     depth = np.full((rows, columns), depth_mm, np.float32)
     return RGBD(color, depth, np.ones((rows, columns), bool), pixel)
 
@@ -285,9 +281,6 @@ def test_colours_of_sub_pixels_meet_on_a_grey_ramp(name, renderer):
 
 
 # -- ground truth -------------------------------------------------------------------------------
-
-
-DEPTHS = {"depth_min_mm": 24.0, "depth_max_mm": 44.0}
 
 
 CORNERS = ((0.5, 0.5), (0.0, 0.0), (1.0, 0.25))

@@ -68,9 +68,6 @@ class Page(HTMLParser):
     def tags(self, tag: str) -> list[dict[str, str | None]]:
         return [attributes for name, attributes in self.elements if name == tag]
 
-    def all_alts(self) -> str:
-        return "; ".join(image["alt"] for image in self.tags("img"))
-
     def picture(self, alt: str) -> np.ndarray:
         source = next(i["src"] for i in self.tags("img") if i["alt"] == alt)
         return np.asarray(Image.open(io.BytesIO(base64.b64decode(source.split(",")[1]))))

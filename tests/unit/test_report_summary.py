@@ -17,7 +17,6 @@ from inim.report.labels import (
     verdict_words,
 )
 from inim.report.summary import render_junit, render_summary
-from inim.scores.document_parts import Check
 from tests.schemas import report_document
 
 HOSTILE = "<script>alert(1)</script> | `x` *b* [a](b)\n# 双耳陶罐 \x00"
@@ -55,10 +54,6 @@ def check(**changes: Any) -> dict[str, Any]:
     usual = {"name": "SSIM", "value": 0.97, "limit": 0.9, "relation": ">=", "passed": True}
     usual |= {"detail": "", "criterion": True}
     return {**usual, **changes}
-
-
-def typed(**changes: Any) -> Check:
-    return Check(**check(**changes))
 
 
 def rows(summary: str) -> dict[str, list[str]]:

@@ -13,7 +13,6 @@ from PIL import Image
 
 from inim.display import Display
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
-from inim.report.images import ENCODINGS, ReportImages
 from inim.report.page import package_text
 from inim.report.virtual_display import LIVE, still_view
 from tests.conftest import small_display
@@ -70,9 +69,6 @@ def test_only_the_display_s_own_script_may_run(tmp_path):
     assert directives["script-src"] == " ".join(f"'sha256-{script}'" for script in digests)
     assert directives["img-src"] == "data:"
     assert not re.search(r"https?://|@import|url\(|\beval\b|Function\(|fetch\(", page)
-
-
-IMAGES = ReportImages(Path(), ENCODINGS[0])
 
 
 def panel_of_places(display: Display) -> np.ndarray:
