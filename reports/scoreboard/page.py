@@ -48,13 +48,7 @@ _REMARKS = (
 
 def page(results: Results) -> tuple[list[str], list[PagePart]]:
     """Verdicts, one board per light field, kinds of errors, and sources."""
-    verdicts = (
-        "Best algorithm of the project",
-        [
-            *_tally(results),
-            *(_verdict(name, result) for name, result in results.items()),
-        ],
-    )
+    lines = [*_tally(results), *(_verdict(name, result) for name, result in results.items())]
     columns = {
         "light field": lambda item: item[0],
         "source": lambda item: item[1]["source"],
@@ -62,7 +56,13 @@ def page(results: Results) -> tuple[list[str], list[PagePart]]:
     }
     sources = table("Sources; the pictures are not part of the project", results.items(), columns)
     return list(_REMARKS), [
-        PagePart("results", "Results", "", [_kinds(results)], claims=verdicts),
+        PagePart(
+            "results",
+            "Results",
+            "",
+            [_kinds(results)],
+            claims=("Best algorithm of the project", lines),
+        ),
         *(PagePart(name, name, "", [_board(result)]) for name, result in results.items()),
         PagePart("sources", "Sources and licences", "", [sources]),
     ]

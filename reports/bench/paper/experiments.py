@@ -9,7 +9,7 @@ of scene pixels (Fig. 12), of pixels of one elemental image (Fig. 13) and of ele
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -74,14 +74,7 @@ class Sizes:
 def bench_paper(rounds: Rounds, sizes: Sizes | None = None) -> dict[str, Any]:
     """Run the three experiments and the comparison on a common input, and check the claims."""
     sizes = sizes or Sizes()
-    experiments = [
-        _experiment(*experiment, rounds)
-        for experiment in (
-            ("Fig. 12", "scene pixels", "scene_pixels", _scene_inputs(sizes)),
-            ("Fig. 13", "pixels of one elemental image", "elemental_pixels", _one_lens(sizes)),
-            ("Fig. 14", "elemental images", "lenses", _lens_inputs(sizes)),
-        )
-    ]
+    experiments = [_experiment(*experiment, rounds) for experiment in _inputs(sizes)]
     same, steps = _same_input(sizes, rounds), depth_steps()
     return {
         "experiments": experiments,
@@ -91,37 +84,34 @@ def bench_paper(rounds: Rounds, sizes: Sizes | None = None) -> dict[str, Any]:
     }
 
 
-#: Description of the constant sizes, and each display with its picture pixels per pitch.
-_Inputs = tuple[str, list[tuple[Display, int]]]
+#: Each display with its picture pixels per pitch.
+_Displays = list[tuple[Display, int]]
 
 
-def _scene_inputs(sizes: Sizes) -> _Inputs:
-    n = sizes.scene_lenses
-    constants = f"{n} × {n} lenses of 17 × 17 pixels"
-    return constants, [(square_display(n), count) for count in sizes.scene_pixels]
-
-
-def _one_lens(sizes: Sizes) -> _Inputs:
-    """Inputs with one elemental image of different sizes; pitch, gap and depth range are equal."""
+def _inputs(sizes: Sizes) -> Iterator[tuple[str, str, str, str, _Displays]]:
+    """Figure, name, varied size, constants and displays of each experiment."""
+    n, per_pitch = sizes.scene_lenses, sizes.pixels_per_pitch
     low, high = square_display(1).depth_range_mm
-    depth_range = {"depth_min_mm": low, "depth_max_mm": high}
-    constants = f"one lens, {sizes.pixels_per_pitch} picture pixels per pitch"
-    return constants, [
-        (square_display(1, pixels, **depth_range), sizes.pixels_per_pitch)
-        for pixels in sizes.elemental_pixels
-    ]
-
-
-def _lens_inputs(sizes: Sizes) -> _Inputs:
-    constants = f"lenses of 17 × 17 pixels, {sizes.pixels_per_pitch} picture pixels per pitch"
-    per_pitch = sizes.pixels_per_pitch
-    return constants, [(square_display(count), per_pitch) for count in sizes.lens_counts]
+    yield (
+        "Fig. 12", "scene pixels", "scene_pixels", f"{n} × {n} lenses of 17 × 17 pixels",
+        [(square_display(n), count) for count in sizes.scene_pixels],
+    )  # fmt: skip
+    yield (
+        "Fig. 13", "pixels of one elemental image", "elemental_pixels",
+        f"one lens, {per_pitch} picture pixels per pitch",
+        [(square_display(1, pixels, depth_min_mm=low, depth_max_mm=high), per_pitch)
+         for pixels in sizes.elemental_pixels],
+    )  # fmt: skip
+    yield (
+        "Fig. 14", "elemental images", "lenses",
+        f"lenses of 17 × 17 pixels, {per_pitch} picture pixels per pitch",
+        [(square_display(count), per_pitch) for count in sizes.lens_counts],
+    )  # fmt: skip
 
 
 def _experiment(
-    figure: str, name: str, size: str, inputs: _Inputs, rounds: Rounds
+    figure: str, name: str, size: str, constants: str, displays: _Displays, rounds: Rounds
 ) -> dict[str, Any]:
-    constants, displays = inputs
     points = []
     for display, pixels_per_pitch in displays:
         methods, times, rgbd = _time_all(NAMES, display, pixels_per_pitch, rounds)

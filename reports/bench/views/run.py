@@ -24,7 +24,7 @@ from inim.render.scene_files.two_spheres import two_spheres_eia
 from inim.report.labels import number, per_cent
 from inim.report.study import PagePart
 from reports.bench.study import add_rounds, doubts, rounds_of, square_display
-from reports.study import Results, Study, table
+from reports.study import Results, Study, entry, table
 
 RECTANGLE = "textured rectangle"
 _MODELS = ("pinhole", "thin", "thick")
@@ -74,10 +74,12 @@ def bench_views(
         full_timings = time_calls(_calls({name: renders[name] for name in ("thick", FULL)}), rounds)
     noise = {name: _noise(render) * spp**0.5 for name, render in renders.items()}
     noise[FULL] *= (full_spp / spp) ** 0.5
-    models = [_times(timings[name], spp, spp) | {"name": name} for name in timings]
-    for model in models:
-        model |= ratios(timings[model["name"]], timings[RECTANGLE])
-        model["thick_ratio"] = ratios(timings[model["name"]], timings["thick"])["ratio"]
+    models = [
+        _times(name, timing, spp, spp)
+        | ratios(timing, timings[RECTANGLE])
+        | {"thick_ratio": ratios(timing, timings["thick"])["ratio"]}
+        for name, timing in timings.items()
+    ]
     models.append(_full_times(full_timings, models[-1], full_spp, spp))
     for model in models:
         model |= {"noise": noise[model["name"]], "equal_noise_ms": None}
@@ -145,21 +147,22 @@ def _noise(render: Render) -> float:
     return float(np.sqrt((difference**2).mean() / 2))
 
 
-def _times(timing: Timing, timed_spp: int, spp: int) -> dict[str, Any]:
+def _times(name: str, timing: Timing, timed_spp: int, spp: int) -> dict[str, Any]:
     view_ms = 1e3 * timing.median_s * spp / timed_spp
-    return {"spp": timed_spp, **timing.as_data(), "view_ms": view_ms}
+    return {"name": name, "spp": timed_spp, **timing.as_data(), "view_ms": view_ms}
 
 
 def _full_times(
     timings: Mapping[str, Timing], thick: Mapping[str, Any], timed_spp: int, spp: int
 ) -> dict[str, Any]:
     """Times of `full`, timed with `thick`; its ratio to the rectangle is the product of ratios."""
-    times_of_full = {"name": FULL, **_times(timings[FULL], timed_spp, spp)}
-    to_thick = ratios(timings[FULL], timings["thick"])
-    for key, value in to_thick.items():
-        times_of_full[key] = value * spp / timed_spp * thick[key]
-    times_of_full["thick_ratio"] = to_thick["ratio"] * spp / timed_spp
-    return times_of_full
+    to_thick = {
+        key: ratio * spp / timed_spp
+        for key, ratio in ratios(timings[FULL], timings["thick"]).items()
+    }
+    to_rectangle = {key: ratio * thick[key] for key, ratio in to_thick.items()}
+    full = _times(FULL, timings[FULL], timed_spp, spp)
+    return full | to_rectangle | {"thick_ratio": to_thick["ratio"]}
 
 
 def page(results: Results) -> tuple[list[str], list[PagePart]]:
@@ -174,17 +177,17 @@ def page(results: Results) -> tuple[list[str], list[PagePart]]:
         "and materials into the kernel of every scene.",
     ]
     columns = {
-        "lens model": lambda c: c["name"],
-        "ms per view": lambda c: milliseconds(c["view_ms"]),
-        "× rectangle": lambda c: times(c["ratio"]),
-        "by fastest": lambda c: times(c["ratio_min"]),
-        "× thick": lambda c: times(c["thick_ratio"]),
-        "samples timed": lambda c: str(c["spp"]),
-        "ms as timed": lambda c: milliseconds(c["median_ms"]),
+        "lens model": entry("name"),
+        "ms per view": entry("view_ms", text=milliseconds),
+        "× rectangle": entry("ratio", text=times),
+        "by fastest": entry("ratio_min", text=times),
+        "× thick": entry("thick_ratio", text=times),
+        "samples timed": entry("spp"),
+        "ms as timed": entry("median_ms", text=milliseconds),
         "spread": lambda c: f"± {per_cent(c['spread'], 1)}",
-        "runs": lambda c: str(c["runs"]),
-        "noise of a sample": lambda c: number(c["noise"], 4),
-        "ms at the noise of thick": lambda c: milliseconds(c["equal_noise_ms"]),
+        "runs": entry("runs"),
+        "noise of a sample": entry("noise", text=partial(number, digits=4)),
+        "ms at the noise of thick": entry("equal_noise_ms", text=milliseconds),
     }
     caption = (
         f"One view of {views['columns']} × {views['rows']} pixels with {views['spp']} samples "
