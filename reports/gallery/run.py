@@ -23,8 +23,17 @@ from PIL import Image
 
 from inim.scores.metrics import HEADLINE
 from reports.gallery.entries import ENTRIES, EYE, ROOM, Entry
-from reports.gallery.eye import eye_viewpoints, film_beyond_zone, film_eye, photograph_report
-from reports.gallery.pictures import LENSES_MAGNIFIED, magnified, middle, picture, save_small
+from reports.gallery.pictures import (
+    LENSES_MAGNIFIED,
+    eye_viewpoints,
+    film_beyond_zone,
+    film_eye,
+    magnified,
+    middle,
+    photograph_report,
+    picture,
+    save_small,
+)
 
 HERE = Path(__file__).parent
 RUNS = Path("out", "gallery")

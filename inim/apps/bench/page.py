@@ -17,8 +17,6 @@ from inim.system.document import decode, encode
 
 #: The label of a time axis.
 TIME = "milliseconds per EIA"
-#: The heads of `time_cells`.
-TIME_HEADS = ("ms per EIA", "fastest", "spread", "runs", "Mpx/s", "kernel times", "by fastest")
 # Below this share of wrong pixels the axis is linear, so that zero has a place on it.
 _LINEAR_SHARE = 1e-3
 #: Parts of the page, from the document as it is read from `bench.json`.
@@ -70,29 +68,36 @@ def times(value: float | None) -> str:
     return MISSING if value is None else f"{number(value, 2 if value < 100 else 0)} ×"
 
 
-def time_cells(timing: Mapping[str, Any]) -> list[str]:
-    """Times of an algorithm, by field of `BenchAlgorithm`."""
-    return [
-        milliseconds(timing["median_ms"]),
-        milliseconds(timing["min_ms"]),
-        f"± {per_cent(timing['spread'], 1)}",
-        str(timing["runs"]),
-        number(timing["mpx_per_s"], 1 if timing["mpx_per_s"] < 100 else 0),
-        times(timing["ratio"]),
-        times(timing["ratio_min"]),
-    ]
+def _rate(value: float | None) -> str:
+    return MISSING if value is None else number(value, 1 if value < 100 else 0)
+
+
+#: Columns with the times of an algorithm, by field of `BenchAlgorithm`.
+TIME_COLUMNS: dict[str, Callable[[Mapping[str, Any]], str]] = {
+    "ms per EIA": lambda timing: milliseconds(timing["median_ms"]),
+    "fastest": lambda timing: milliseconds(timing["min_ms"]),
+    "spread": lambda timing: f"± {per_cent(timing['spread'], 1)}",
+    "runs": lambda timing: str(timing["runs"]),
+    "Mpx/s": lambda timing: _rate(timing["mpx_per_s"]),
+    "kernel times": lambda timing: times(timing["ratio"]),
+    "by fastest": lambda timing: times(timing["ratio_min"]),
+}
+
+
+def _time_cells(timing: Mapping[str, Any]) -> list[str]:
+    return [cell_of(timing) for cell_of in TIME_COLUMNS.values()]
 
 
 def _scene_table(scene: BenchScene) -> Table:
     """Times and errors of all algorithms, of the reference kernel and of the noise floor."""
     heads = [
-        "algorithm", *TIME_HEADS, "prepare s", "cold s", "wrong source", "holes",
+        "algorithm", *TIME_COLUMNS, "prepare s", "cold s", "wrong source", "holes",
         *(score.label for score in scene.scores), "front",
     ]  # fmt: skip
     rows = [
         [
             a.name,
-            *time_cells(asdict(a)),
+            *_time_cells(asdict(a)),
             number(a.prepare_s, 3),
             number(a.cold_s, 2),
             per_cent(a.wrong_source, 3),
@@ -102,9 +107,8 @@ def _scene_table(scene: BenchScene) -> Table:
         ]
         for a in scene.algorithms
     ]
-    unit = {"mpx_per_s": 0.0, "ratio": 1.0, "ratio_min": 1.0}
-    kernel = time_cells(asdict(scene.yardstick) | unit)
-    kernel[TIME_HEADS.index("Mpx/s")] = MISSING
+    unit = {"mpx_per_s": None, "ratio": 1.0, "ratio_min": 1.0}
+    kernel = _time_cells(asdict(scene.yardstick) | unit)
     rows.append(["reference kernel", *kernel, *[MISSING] * (len(heads) - 1 - len(kernel))])
     floor = _score_cells(scene.noise_floor, scene.scores)
     rows.append(["noise floor", *[MISSING] * (len(heads) - 2 - len(floor)), *floor, MISSING])

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from inim.apps.bench.page import TIME, TIME_HEADS, milliseconds, time_cells, times
+from inim.apps.bench.page import TIME, TIME_COLUMNS, milliseconds, times
 from inim.report.labels import number, per_cent
 from inim.report.plots import colour_of, marker_of, new_figure, plain_ticks, style
 from inim.report.study import PagePart, Table
@@ -56,7 +56,7 @@ def _scaling_tables(scaling: Mapping[str, Any]) -> list[Table]:
         "picture pixels per pitch": lambda p: str(p["pixels_per_pitch"]),
         "display pixels": lambda p: f"{p['display_pixels']:,}",
         "scene pixels": lambda p: f"{p['scene_pixels']:,}",
-        **{head: partial(_time_cell, i) for i, head in enumerate(TIME_HEADS)},
+        **TIME_COLUMNS,
         "kernel ms": lambda p: milliseconds(p["yardstick"]["median_ms"]),
     }
     memory = {
@@ -72,10 +72,6 @@ def _scaling_tables(scaling: Mapping[str, Any]) -> list[Table]:
         table(f"{scaling['algorithm']} against scene pixels", scaling["scene"], columns),
         table("Peak memory of a new process that generates one EIA", [scaling["memory"]], memory),
     ]
-
-
-def _time_cell(index: int, point: Mapping[str, Any]) -> str:
-    return time_cells(point)[index]
 
 
 def _gib(count: int) -> str:
