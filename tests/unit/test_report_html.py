@@ -272,6 +272,16 @@ def test_ssim_map_is_black_where_equal_and_its_mean_is_the_score(folder):
     assert 1 - places[5:-5, 5:-5].mean() / 255 == pytest.approx(score, abs=4e-3)
 
 
+def test_a_score_above_the_noise_floor_has_a_footnote(folder):
+    data = report({"template": 0.98, "wang2024": 0.96})
+    for floor in data["noise_floor"]["views"].values():
+        floor["ssim_on_relic"] = 0.97
+    page = render_html(data, folder)
+    assert page.count("0.980<sup>1</sup>") == page.count("<sup>1</sup>") == len(VIEWS)
+    assert "¹ Above the noise floor" in page
+    assert "¹" not in render_html(report(ALGORITHMS), folder)
+
+
 def test_verdict_is_a_word_and_not_only_a_colour(folder):
     data = report(ALGORITHMS)
     text = Page(render_html(data, folder)).text

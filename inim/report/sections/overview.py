@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from inim.report.document import AlgorithmResult, ReportDocument
@@ -40,6 +41,8 @@ _COMPARISONS: tuple[tuple[str, str, ScoreKind], ...] = (
     ("whole-truth", "whole image, to the ground truth", "scene"),
 )
 _TO_TRUTH: dict[ScoreKind, ScoreKind] = {"relic to reference": "relic", "reference": "scene"}
+#: Marks a score above the noise floor.
+_MARK = "<sup>1</sup>"
 _OF_EIA = {
     f"EIA {MAIN.label}": (
         f"{MAIN.label} of the elemental image array to the ground-truth EIA, without optics"
@@ -59,6 +62,9 @@ _NOTE = (
     "± is the 95 % interval. The reference is the ground-truth EIA seen through the same lenses: "
     "a score to it measures the loss of the algorithm alone. A score to the ground truth includes "
     "the loss of the display. "
+)
+_ABOVE_FLOOR = (
+    "¹ Above the noise floor: it is closer than two halves of the ground truth's samples. "
 )
 
 
@@ -119,7 +125,9 @@ def _sentence(data: ReportDocument) -> str:
 def scores_section(data: ReportDocument, images: ReportImages) -> str:  # noqa: ARG001
     """The table of scores, with a choice of metric and comparison."""
     link = element("a", "Glossary", href="#meaning")
-    note = element("p", text(named(data, _NOTE)), link, class_="note")
+    scores = _scores(data, _metrics(data))
+    above_floor = _ABOVE_FLOOR if _MARK in scores else ""
+    note = element("p", text(named(data, _NOTE) + above_floor), link, class_="note")
     others = [lead(line, "note") for line in disagreements(data)]
     metrics = _metrics(data)
     first = _COMPARISONS[0]
@@ -132,8 +140,7 @@ def scores_section(data: ReportDocument, images: ReportImages) -> str:  # noqa: 
         buttons = [radio("metric", f"m{i}", m.label, i == 0) for i, m in enumerate(metrics)]
         choices.append(element("fieldset", element("legend", "Metric"), *buttons))
     controls = element("div", *choices, class_="score-choice")
-    scores = element("div", controls, _scores(data, metrics), class_="score-box")
-    return "".join([scores, note, *others])
+    return "".join([element("div", controls, scores, class_="score-box"), note, *others])
 
 
 def _metrics(data: ReportDocument) -> list[Metric]:
@@ -172,10 +179,12 @@ def _score_cell(
     metrics: Sequence[Metric],
     *,
     to_itself: bool,
+    floor: Mapping[str, Any] = MappingProxyType({}),
 ) -> str:
     """All scores of a view, of which the style sheet displays the chosen one.
 
     `to_itself`: the scores are against the ground truth only, whatever comparison is chosen.
+    An SSIM above that of the noise `floor` is marked.
     """
     parts = []
     for i, metric in enumerate(metrics):
@@ -189,7 +198,9 @@ def _score_cell(
             half = _half_width(precision, view, key)
             if half is not None:
                 words += f" ± {number(last_digits(half, digits) / 10**digits, digits)}"
-            parts.append(element("span", text(words), class_=f"{comparison} m{i}"))
+            limit = floor.get(keys[_TO_TRUTH.get(kind, kind)]) if metric == MAIN else None
+            mark = _MARK * (is_number(value) and is_number(limit) and value > limit)
+            parts.append(element("span", text(words), mark, class_=f"{comparison} m{i}"))
     return "".join(parts)
 
 
@@ -206,10 +217,14 @@ def _algorithm_row(
     is_best: bool,
 ) -> list[str]:
     label = text(name) + (element("small", "best mean") if is_best else "")
+    floors = {} if data.noise_floor is None else data.noise_floor.views
     cells = [
-        _score_cell(result.views.get(view, {}), result.precision, view, metrics, to_itself=False)
+        _score_cell(
+            result.views.get(view, {}), result.precision, view, metrics,
+            to_itself=False, floor=floors.get(view, {}),
+        )
         for view in data.viewpoint_names
-    ]
+    ]  # fmt: skip
     if data.picture is None:
         last = [number(result.eia.get(MAIN.key), _MOST_DIGITS), per_cent(result.unlit_fraction, 1)]
     else:
