@@ -6,6 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+# Estimates of the noise's second-order effect on SSIM take products of four independent images.
+_LEAST_REPLICATES = 4
+
 
 @dataclass(frozen=True)
 class NoisyImage:
@@ -13,7 +16,8 @@ class NoisyImage:
 
     The image is the mean of the halves, its noise is half their difference. A rendered image stores
     its halves, any other image stores itself and its noise. The other two follow, in float32: an
-    8K panel takes 0.4 GB per array, so they are computed on each request.
+    8K panel takes 0.4 GB per array, so they are computed on each request. A view can have more than
+    two independent parts, its replicates.
     """
 
     #: two (rows, columns, 3) float32, linear RGB: the halves, or the image and its noise. The noise
@@ -21,6 +25,9 @@ class NoisyImage:
     arrays: tuple[np.ndarray, np.ndarray | None]
     stores_halves: bool = False
     nonfinite: int = 0  #: Number of pixels that were not finite and are black instead.
+    #: (K, rows, columns, 3) float32, linear RGB, K even and at least 4: independent images, whose
+    #: mean is the image. The first K / 2 average to `first`, the others to `second`.
+    replicates: np.ndarray | None = None
 
     @classmethod
     def from_halves(cls, first: np.ndarray, second: np.ndarray) -> NoisyImage:
@@ -31,6 +38,17 @@ class NoisyImage:
     def from_image(cls, image: np.ndarray, noise: np.ndarray | None = None) -> NoisyImage:
         """Image with noise; None means without noise."""
         return cls((image, noise))
+
+    @classmethod
+    def from_replicates(cls, replicates: np.ndarray) -> NoisyImage:
+        """The mean of K independent images, (K, rows, columns, 3); see `replicates`."""
+        count = len(replicates)
+        if count < _LEAST_REPLICATES or count % 2:
+            raise ValueError(
+                f"{count} replicates of an image; give an even number, {_LEAST_REPLICATES} or more"
+            )
+        first, second = replicates.reshape(2, count // 2, *replicates.shape[1:]).mean(axis=1)
+        return cls((first, second), stores_halves=True, replicates=replicates)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -79,6 +97,11 @@ class NoisyImage:
 
     def replace_nonfinite(self) -> NoisyImage:
         """The same with black pixels where a stored half, or the image, is not finite."""
+        if self.replicates is not None:
+            replicates, count = replace_nonfinite(*self.replicates)
+            # Finite replicates stay one array, which takes the most memory of a view.
+            image = self.from_replicates(np.stack(replicates)) if count else self
+            return replace(image, nonfinite=count)
         first, second = self.arrays
         if self.stores_halves and second is not None:
             (first, second), count = replace_nonfinite(first, second)
