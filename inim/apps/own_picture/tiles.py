@@ -92,7 +92,7 @@ def draw_tiles(
     for start in range(0, len(q), rows):
         block = linear_light(color[start : start + rows])
         part = q[start : start + rows]
-        _add_colors(part, start, block, frame, depth, same_mm, sums, counts)
+        _add_block_colors(part, start, block, frame, depth, same_mm, sums, counts)
     covered = owner >= 0
     cell_color = np.zeros((*shape, 3), np.float32)
     cell_color[covered] = linear_light(color.reshape(-1, 3)[owner[covered]])
@@ -241,23 +241,24 @@ def _fill(u, v, z, a, b, c, number, depth, owner):  # type: ignore[no-untyped-de
 
 
 @compiled
-def _add_colors(q, start, color, frame, depth, same, sums, counts):  # type: ignore[no-untyped-def]
-    """Add the colours of a block of samples to the cells of their surface."""
-    height, width = depth.shape
-    for i in range(q.shape[0]):
-        for j in range(q.shape[1]):
-            if np.isnan(q[i, j]):
+def _add_block_colors(  # type: ignore[no-untyped-def]
+    depth_values, first_row, color, frame, depth_mm, tolerance_mm, sums, counts
+):
+    """Add the colours of a block of picture rows to the cells whose surface they belong to."""
+    height, width = depth_mm.shape
+    for i in range(depth_values.shape[0]):
+        for j in range(depth_values.shape[1]):
+            value = np.float64(depth_values[i, j])
+            if np.isnan(value) or (frame.drop and _is_out_of_range(value, frame)):
                 continue
-            if frame.drop and _is_out_of_range(np.float64(q[i, j]), frame):
-                continue
-            centre = _clip(np.float64(q[i, j]), frame)
+            centre = _clip(value, frame)
             w = 1.0 / centre if frame.perspective else 1.0
             u = _column(j, w, frame, width)
-            v = _row(i + start, w, frame, height)
+            v = _row(i + first_row, w, frame, height)
             if not (0 <= u < width and 0 <= v < height):
                 continue
             row, column = int(v), int(u)
-            if abs(_display_depth(centre, frame) - depth[row, column]) <= same:
+            if abs(_display_depth(centre, frame) - depth_mm[row, column]) <= tolerance_mm:
                 for k in range(3):
                     sums[row, column, k] += color[i, j, k]
                 counts[row, column] += 1

@@ -226,8 +226,9 @@ def _points(pictures, pixels):
 
 
 @compiled
-def _is_same(a, b, limits):
-    return abs(a - b) <= limits[0] + limits[1] * min(abs(a), abs(b))
+def _is_one_surface(depth, other, limits):
+    """True if two depths of a camera can belong to one surface."""
+    return abs(depth - other) <= limits[0] + limits[1] * min(abs(depth), abs(other))
 
 
 @compiled
@@ -249,7 +250,7 @@ def _neighbour(pictures, k, row, column, down, right, corner):
     if not (0 <= r < depth.shape[0] and 0 <= c < depth.shape[1]):
         return r, c, 0.0
     near, other = np.float64(depth[row, column]), np.float64(depth[r, c])
-    if not (np.isfinite(other) and _is_same(near, other, pictures.limits[k])):
+    if not (np.isfinite(other) and _is_one_surface(near, other, pictures.limits[k])):
         return r, c, 0.0
     return r, c, weight
 
@@ -376,7 +377,7 @@ def _step(pictures, k, i, j, down, right):
         if not (0 <= r < rows and 0 <= c < columns):
             continue
         other = np.float64(depth[r, c])
-        if np.isfinite(other) and _is_same(here, other, pictures.limits[k]):
+        if np.isfinite(other) and _is_one_surface(here, other, pictures.limits[k]):
             if side < 0:
                 first = side, other
             else:
