@@ -513,6 +513,12 @@ class Display:
             )
         return under
 
+    def view_shape(self, pixels_per_lens: int | tuple[float, float]) -> tuple[int, int]:
+        """Rows and columns of a view of the lens array; see `inim.render.rays.eye_rays`."""
+        down, across = np.broadcast_to(pixels_per_lens, 2)
+        rows, columns = self.layout.grid
+        return round(rows * down), round(columns * across)
+
     def capture_shape(self, pixels_per_pitch: float) -> tuple[int, int]:
         """Rows and columns of an RGB-D picture that covers the reach of oblique pixel rays.
 

@@ -304,18 +304,13 @@ def _check_sizes(display: Display, settings: Settings, source: str) -> None:
     per_lens = settings.view_pixels_per_lens
     for name, shape, key in (
         ("the EIA", display.eia_shape, "lens_columns, inim.lens_rows or the panel"),
-        ("a view", _view_shape(display, per_lens), "view_pixels_per_lens"),
+        ("a view", display.view_shape(per_lens), "view_pixels_per_lens"),
     ):
         if min(shape) < SSIM_WINDOW:
             raise SceneError(
                 f"{source}: {name} has {shape[1]} x {shape[0]} pixels, fewer than SSIM's window of "
                 f"{SSIM_WINDOW}; raise inim.{key}"
             )
-
-
-def _view_shape(display: Display, pixels_per_lens: int) -> tuple[int, int]:
-    rows, columns = display.layout.grid
-    return rows * pixels_per_lens, columns * pixels_per_lens
 
 
 def _plan_memory(
@@ -337,7 +332,7 @@ def _plan_memory(
             _CAPTURE_BYTES + layers,
         ),
         "lower inim.view_pixels_per_lens": (
-            _view_shape(display, settings.view_pixels_per_lens),
+            display.view_shape(settings.view_pixels_per_lens),
             _VIEW_BYTES
             + views * (3 + len(methods)) * _STORED_VIEW_BYTES
             + optimised * _OPTIMAL_BYTES,

@@ -32,7 +32,11 @@ from inim.pipeline.stages.picture import (
     score_sources,
     warp_picture,
 )
-from inim.pipeline.stages.reconstruction import find_observed_pixels, reconstruct_views
+from inim.pipeline.stages.reconstruction import (
+    DisplayViews,
+    find_observed_pixels,
+    reconstruct_views,
+)
 from inim.pipeline.stages.scene import Renderer, describe_scene
 from inim.pipeline.stages.scoring import (
     compute_noise_floor,
@@ -62,7 +66,8 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
     """Render the ground truth, generate the EIA of every method and score them."""
     s, eyes, optics = plan.settings, plan.viewpoints, plan.optics
     source = plan.source(renderer)
-    mask = find_observed_pixels(eyes, optics, renderer, run=run) if plan.is_lazy else None
+    display_views = DisplayViews(eyes, optics, renderer, run=run)
+    mask = find_observed_pixels(display_views, run=run) if plan.is_lazy else None
     setup = MethodSetup(source, optics, eyes, s.eia_spp, s.view_spp, mask)
     prepared_methods = prepare_methods(plan.methods, setup, run=run)
 
@@ -83,7 +88,7 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
         )
         sampling = (s.view_pixels_per_lens, s.view_spp, s.seed)
         truth_views = {eye.name: render_view(source.scene, eye, *sampling, run=run) for eye in eyes}
-    reference_views = reconstruct_views("reference", truth_eia, eyes, optics, renderer, run=run)
+    reference_views = reconstruct_views("reference", truth_eia, display_views, run=run)
     viewing = {eye.name: plan.viewing_conditions(eye) for eye in eyes}
     truth = collect_ground_truth(
         capture, truth_eia, truth_views, reference_views, viewing, is_whole=mask is None
@@ -95,7 +100,7 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
     for method, prepared_method in zip(plan.methods, prepared_methods, strict=True):
         output = generate_eia(method, prepared_method, capture, truth_eia, run=run)
         images.save(f"eia/{method.name}", output.eia.image)
-        views = reconstruct_views(method.name, output.eia, eyes, optics, renderer, run=run)
+        views = reconstruct_views(method.name, output.eia, display_views, run=run)
         images.save_views(method.name, views)
         limit = plan.ssim_limits.get(method.name)
         results[method.name] = score_method(method.name, output, views, truth, limit, run=run)

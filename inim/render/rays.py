@@ -216,9 +216,9 @@ def eye_rays(
     * `pixels_per_lens`, int, or (down, across): a pair need not be whole: the array has whole
       pixels all the same.
     """
-    (rows, columns), (cell_x, cell_y) = display.layout.grid, display.layout.view_cell_mm
-    down, across = pixels_per_lens if isinstance(pixels_per_lens, tuple) else (pixels_per_lens,) * 2
-    shape = round(rows * down), round(columns * across)
+    cell_x, cell_y = display.layout.view_cell_mm
+    down, across = np.broadcast_to(pixels_per_lens, 2)
+    shape = display.view_shape(pixels_per_lens)
     return frustum_rays(shape, (cell_x / across, cell_y / down), display, viewpoint, start_mm)
 
 

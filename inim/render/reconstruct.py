@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -257,50 +256,6 @@ def _check_linear(eia: np.ndarray) -> np.ndarray:
             f"eia: {bad} values are not finite; replace them, for example with numpy.nan_to_num"
         )
     return eia
-
-
-def observed_pixels(
-    display: Display,
-    viewpoints: Sequence[Viewpoint],
-    lens_model: str,
-    *,
-    pixels_per_lens: int | tuple[float, float],
-    spp: int,
-    seeds: Sequence[int],
-    observer: Observer | None = None,
-) -> np.ndarray | None:
-    """Panel pixels that the views depend on: the pixels that their samples reach.
-
-    Other pixels may hold anything, and the views are the same to the bit.
-
-    * `display`, `viewpoints`, `lens_model`, `pixels_per_lens`, `spp`: as of the views; see
-      `reconstruct`.
-    * `seeds`: of all views that will be made.
-
-    Returns (rows, columns) bool, or None: none for a mesh, whose rays scatter between the lenses.
-    """
-    model = find_lens_model(lens_model)
-    model.check(display)
-    if model.trace is None:
-        return None
-    panel = LensedPanel(display, lens_model)
-    rows, columns = display.eia_shape
-    marks = dr.zeros(mi.UInt32, rows * columns)
-
-    def light(index: Any, sampler: Any) -> Any:
-        (x, y), (sx, sy) = camera.lines(*camera.sample(index, sampler))
-        shares = []
-        for place, weight, lit in panel.find_pixels(x, y, sx, sy):
-            dr.scatter(marks, mi.UInt32(1), place, lit & (weight > 0))
-            shares.append(dr.select(lit, weight, 0.0))
-        return mi.Color3f(*(shares * 3)[:3])
-
-    for viewpoint in viewpoints:
-        rays = eye_rays(display, viewpoint, pixels_per_lens, LensedPanel.start_mm)
-        camera = FilmCamera(rays, np.eye(4))
-        for seed in seeds:
-            mean_light(light, camera.shape, spp, seed, observer=observer)
-    return np.asarray(marks).reshape(rows, columns) > 0
 
 
 class DisplayScene:

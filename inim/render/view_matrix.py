@@ -7,6 +7,8 @@ the views of `inim.render.reconstruct`.
 
 from __future__ import annotations
 
+import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,7 @@ from inim.render.display_emitter import LensedPanel
 from inim.render.rays import eye_rays
 from inim.render.trace import FilmCamera, rays_per_pass, trace_samples
 from inim.system.errors import UsageError
+from inim.system.process.observer import Observer
 
 # Samples whose entries are merged at once: 20 bytes each.
 _SAMPLES_AT_ONCE = 2**22
@@ -32,6 +35,7 @@ def view_matrices(
     pixels_per_lens: int | tuple[float, float],
     spp: int,
     seed: int,
+    observer: Observer | None = None,
 ) -> list[csr_array]:
     """Matrices from panel pixels to the pixels of a view, in linear light.
 
@@ -61,7 +65,7 @@ def view_matrices(
             f"lens model {lens_model!r}: a view has no sparse matrix, because rays scatter between "
             f"the lenses; use {model.stand_in!r}"
         )
-    panel = LensedPanel(display, lens_model)
+    started, panel = time.perf_counter(), LensedPanel(display, lens_model)
     camera = FilmCamera(eye_rays(display, viewpoint, pixels_per_lens, panel.start_mm), np.eye(4))
 
     def seen_pixels(index: Any, sampler: Any) -> list[tuple[Any, ...]]:
@@ -77,12 +81,25 @@ def view_matrices(
         ]
         for first in range(0, len(pixels), step)
     ]
+    if observer:
+        observer.record_rendering(time.perf_counter() - started, spp * len(pixels))
     return [vstack(colour, format="csr") for colour in zip(*bands, strict=True)]
+
+
+def observed_columns(matrices: Sequence[csr_array]) -> tuple[np.ndarray, list[csr_array]]:
+    """Panel pixels that a view observes, (panel pixels,) bool, and its matrices of these alone."""
+    mask = np.zeros(matrices[0].shape[1], bool)
+    for matrix in matrices:
+        mask[matrix.indices] = True
+    column = np.cumsum(mask, dtype=np.int32) - 1
+    shape = matrices[0].shape[0], int(np.count_nonzero(mask))
+    return mask, [csr_array((m.data, column[m.indices], m.indptr), shape) for m in matrices]
 
 
 def _merge(result: tuple[Any, Any, Any], spp: int, eia_shape: tuple[int, int]) -> csr_array:
     """Matrix of some view pixels from the panel pixel, weight and mask of each sample."""
     place, weight, lit = (np.asarray(values) for values in result)
+    lit = lit & (weight > 0)
     rows = np.repeat(np.arange(len(place) // spp), spp)
     shape = len(rows) // spp, eia_shape[0] * eia_shape[1]
     entries = weight[lit] / np.float32(spp), (rows[lit], place[lit])

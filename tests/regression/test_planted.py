@@ -25,7 +25,7 @@ from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.stages.generation import GeneratedEIA, ReferenceOutput
 from inim.pipeline.stages.ground_truth import GroundTruth
-from inim.pipeline.stages.reconstruction import reconstruct_views
+from inim.pipeline.stages.reconstruction import DisplayViews, reconstruct_views
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.scoring import (
     compute_truth_statistics,
@@ -67,8 +67,8 @@ class Finished:
         first, second = (generate(rgbd) for rgbd in capture.inputs[RGBD].halves)
         eia = NoisyImage.from_image((first + second) / 2, (first - second) / 2)
         template = GeneratedEIA(eia, None, None, self._reference(generate))
-        observation = (plan.viewpoints, plan.optics, self.renderer)
-        views = change_views(reconstruct_views("template", eia, *observation, run=run))
+        display_views = DisplayViews(plan.viewpoints, plan.optics, self.renderer, run=run)
+        views = change_views(reconstruct_views("template", eia, display_views, run=run))
         results = {"template": score_method("template", template, views, truth, run=run)}
         scores = score_reference_views(truth, run=run)
         changed = dataclasses.replace(

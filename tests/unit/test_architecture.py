@@ -42,13 +42,14 @@ def recording(accesses: set[str], function: Any) -> Any:
 @pytest.fixture
 def path(renderer: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> set[str]:
     """Modules passed through on the way to a view and to its SSIM, worker and all."""
-    from inim.render.reconstruct import DisplayScene
+    from inim.render import view_matrix
     from tests.system.conftest import without_page, worker_here
 
     visited: set[str] = set()
     # All in one thread and one process: the stack is the whole way.
     monkeypatch.setattr(parallel, "cpu_count", lambda: 1)
-    monkeypatch.setattr(DisplayScene, "view", recording(visited, DisplayScene.view))
+    view_matrices = recording(visited, view_matrix.view_matrices)
+    monkeypatch.setattr(view_matrix, "view_matrices", view_matrices)
     monkeypatch.setitem(vars(metric), "function", recording(visited, metric.function))
     scene = tmp_path / "tiny.xml"
     scene.write_text(scene_text(sphere((0, 0, 1), 1.2)), encoding="utf-8")
@@ -70,4 +71,4 @@ def test_a_view_s_ssim_is_twenty_modules_away_or_less_and_they_are_listed(path):
     listed = re.findall(r"`(inim[\w.]*)`", part)
     assert len(listed) == len(set(listed)) <= MOST
     assert path <= set(listed), "a stack has modules that the document leaves out"
-    assert {"inim.pipeline.validate", "inim.scores.metrics.ssim", "inim.render.reconstruct"} <= path
+    assert {"inim.pipeline.validate", "inim.scores.metrics.ssim", "inim.render.view_matrix"} <= path

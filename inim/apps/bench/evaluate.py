@@ -35,7 +35,7 @@ from inim.pipeline.plan import Plan
 from inim.pipeline.stages.capture import capture_nonempty
 from inim.pipeline.stages.ground_truth import render_ground_truth_eia
 from inim.pipeline.stages.method import prepare_timed_methods
-from inim.pipeline.stages.reconstruction import reconstruct_views
+from inim.pipeline.stages.reconstruction import DisplayViews, reconstruct_views
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
 from inim.pipeline.timing import (
@@ -243,10 +243,10 @@ def bench_scene(
     truth = render_ground_truth_eia(camera.scene, display, s.eia_spp, s.seed, None, run=run)
 
     optics = replace(plan.optics, display=display)
+    display_views = DisplayViews(plan.viewpoints, optics, renderer, run=run)
 
     def show(eia: np.ndarray) -> EIAWithViews:
-        noiseless = NoisyImage.from_image(eia)
-        views = reconstruct_views("", noiseless, plan.viewpoints, optics, renderer, run=run)
+        views = reconstruct_views("", NoisyImage.from_image(eia), display_views, run=run)
         return EIAWithViews(eia, [view.image for view in views.values()])
 
     viewing = [plan.viewing_conditions(eye) for eye in plan.viewpoints]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -87,9 +88,7 @@ def _view_samples(
     view_spp: int,
     **_: Any,
 ) -> tuple[str, str, str]:
-    down, across = np.broadcast_to(view_pixels_per_lens, 2)
-    rows, columns = scene.display.layout.grid
-    pixels = round(rows * down) * round(columns * across)
+    pixels = math.prod(scene.display.view_shape(view_pixels_per_lens))
     return samples_traced(samples, 2 * max(1, view_spp // 2) * pixels, EMPTY_RAYS)
 
 

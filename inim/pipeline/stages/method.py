@@ -200,10 +200,11 @@ class FileMethod(Method):
 
         def read(_: Capture, truth_eia: NoisyImage) -> GeneratedEIA:
             is_copy = np.array_equal(eia, truth_eia.image)
-            noise = truth_eia.noise if is_copy or self.shares_noise else None
-            remark = f"eia/{self.name}: is a copy of the ground-truth EIA, and shares its noise"
-            image = NoisyImage.from_image(eia, noise)
-            return GeneratedEIA(image, None, holes, remark=remark * is_copy)
+            if is_copy:
+                remark = f"eia/{self.name}: is a copy of the ground-truth EIA, and shares its noise"
+                return GeneratedEIA(truth_eia, None, holes, remark=remark)
+            noise = truth_eia.noise if self.shares_noise else None
+            return GeneratedEIA(NoisyImage.from_image(eia, noise), None, holes)
 
         return read
 

@@ -6,18 +6,21 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from inim.display import Display, Viewpoint
-from inim.display.lens import foreign_identity, white_exposure
-from inim.display.panel import has_own_black, seen_light
+from inim.display.lens import foreign_identity, lens_model, white_exposure
+from inim.display.panel import emitted_picture, has_own_black, seen_light
 from inim.image.noisy_image import NoisyImage
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import RENDERING, Run, stage
 from inim.scores.metrics import Viewing
 from inim.system.cache import array_digest
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
 @dataclass(frozen=True)
@@ -50,20 +53,110 @@ class Optics:
         # The views contain the black.
         return replace(viewing, contrast=math.inf) if has_own_black(self.display) else viewing
 
-    @property
-    def half_spp(self) -> int:
-        """Samples of each half."""
-        return max(1, self.reconstruction_spp // 2)
 
-    @property
-    def half_seeds(self) -> tuple[int, int]:
-        """Seeds of the two halves."""
-        return 2 * self.seed, 2 * self.seed + 1
+class DisplayViews:
+    """Views of EIAs on a display, from the viewpoints of a run.
+
+    Light adds up, so a view is the product of a sparse matrix and the light of the panel pixels
+    that it observes. A matrix is built on first use and kept. Equal EIAs have equal views.
+
+    `observed`, (rows, columns) bool, are the panel pixels that some view observes. It is None if
+    the lens model scatters rays between lenses: any pixel may be observed, and views are rendered.
+    """
+
+    def __init__(
+        self, viewpoints: Sequence[Viewpoint], optics: Optics, renderer: Renderer, *, run: Run
+    ) -> None:
+        self.viewpoints, self.optics, self.renderer = viewpoints, optics, renderer
+        self._matrices: dict[str, list[csr_array]] = {}
+        self._masks: dict[str, np.ndarray] = {}
+        self.observed: np.ndarray | None = None
+        if lens_model(optics.lens_model).trace is None:
+            return
+        rows, columns = optics.display.eia_shape
+        for eye in viewpoints:
+            bits = _observed_pixels(self, eye, run=run)
+            self._masks[eye.name] = np.unpackbits(bits, count=rows * columns).astype(bool)
+        self.observed = np.any([*self._masks.values()], axis=0).reshape(rows, columns)
+
+    def cache_key(self) -> dict[str, Any]:
+        """Return all values that affect a view of an EIA, except the viewpoint."""
+        return {**self.optics.cache_key(), **self.renderer.cache_key()}
+
+    def observe(self, viewpoint: Viewpoint) -> np.ndarray:
+        """Find the panel pixels that a view observes, and keep its matrix: (panel pixels,) bool."""
+        self.renderer.load()
+        from inim.render.view_matrix import observed_columns, view_matrices
+
+        optics = self.optics
+        matrices = view_matrices(
+            optics.display, viewpoint, optics.lens_model,
+            pixels_per_lens=optics.view_pixels_per_lens,
+            spp=optics.reconstruction_spp, seed=optics.seed, observer=self.renderer.observer,
+        )  # fmt: skip
+        mask, self._matrices[viewpoint.name] = observed_columns(matrices)
+        return mask
+
+    def observed_light(self, eia: NoisyImage, viewpoint: Viewpoint) -> np.ndarray:
+        """Light of the panel pixels that a view observes, of an EIA and of its first half.
+
+        (1 or 2, pixels, 3) float32, linear RGB: the EIA alone if it has no noise.
+        """
+        mask = self._masks[viewpoint.name]
+        arrays = [array.reshape(-1, 3)[mask] for array in eia.arrays if array is not None]
+        if len(arrays) == 1:
+            return np.stack(arrays)
+        observed = replace(eia, arrays=(arrays[0], arrays[1]))
+        return np.stack([observed.image, observed.first])
+
+    def show(self, light: np.ndarray, viewpoint: Viewpoint) -> np.ndarray:
+        """Views of the light of observed panel pixels, (views, pixels, 3), as a viewer sees them.
+
+        (views, rows, columns, 3) float32, linear RGB, exposed for the panel's white.
+        """
+        if viewpoint.name not in self._matrices:
+            self.observe(viewpoint)
+        optics, matrices = self.optics, self._matrices[viewpoint.name]
+        light = white_exposure(optics.display, optics.lens_model) * emitted_picture(
+            light, optics.display
+        )
+        channels = [matrices[c % len(matrices)] @ light[..., c].T for c in range(3)]
+        shape = optics.display.view_shape(optics.view_pixels_per_lens)
+        views = np.stack(channels, axis=-1).swapaxes(0, 1).reshape(len(light), *shape, 3)
+        return np.stack([seen_light(view, optics.display) for view in views])
+
+
+@stage("observed panel pixels: {viewpoint.name}", code=RENDERING, timer="observed pixels")
+def _observed_pixels(views: DisplayViews, viewpoint: Viewpoint) -> np.ndarray:
+    """Panel pixels that a view observes, packed eight to a byte, uint8."""
+    return np.packbits(views.observe(viewpoint))
+
+
+@stage(
+    "view of {name}: {viewpoint.name}",
+    code=RENDERING,
+    result_types=(NoisyImage,),
+    timer="reconstruct views",
+    describe=("reconstructed", "nothing", "its EIA or its viewpoint is new"),
+    derived=("name",),
+)
+def _reconstruct(
+    name: str,
+    views: DisplayViews,
+    viewpoint: Viewpoint,
+    light: np.ndarray,
+) -> NoisyImage:
+    """Reconstruct a view from the light of its panel pixels (`DisplayViews.observed_light`)."""
+    # Separate products: the view's bits do not depend on what is known of the noise.
+    image = views.show(light[:1], viewpoint)[0]
+    if len(light) == 1:
+        return NoisyImage.from_image(image)
+    return NoisyImage.from_image(image, views.show(light[1:], viewpoint)[0] - image)
 
 
 @dataclass(frozen=True)
 class DisplayedEIA:
-    """An EIA on the display, loaded into the renderer once for all viewpoints.
+    """An EIA on a display whose views have no matrices, loaded into the renderer once.
 
     `eia` and its noise, half the difference of its half images, are (rows, columns, 3) float32,
     linear RGB. The noise may be None.
@@ -96,8 +189,8 @@ class DisplayedEIA:
         view: np.ndarray = self._scenes[add_noise].view(
             viewpoint,
             pixels_per_lens=optics.view_pixels_per_lens,
-            spp=optics.half_spp,
-            seed=optics.half_seeds[half],
+            spp=max(1, optics.reconstruction_spp // 2),
+            seed=2 * optics.seed + half,
             observer=self.renderer.observer,
         )
         exposure = np.float32(white_exposure(optics.display, optics.lens_model))
@@ -112,8 +205,8 @@ class DisplayedEIA:
     describe=("reconstructed", "nothing", "its EIA or its viewpoint is new"),
     derived=("name",),
 )
-def reconstruct(name: str, eia: DisplayedEIA, viewpoint: Viewpoint) -> NoisyImage:
-    """Reconstruct a view of an EIA as a viewer sees it, exposed for the panel's white.
+def _render(name: str, eia: DisplayedEIA, viewpoint: Viewpoint) -> NoisyImage:
+    """Render a view of an EIA as a viewer sees it, exposed for the panel's white.
 
     The view is the mean of two half images. Equal EIAs with equal seeds have equal views. A view is
     affine in its EIA, so the EIA's noise changes it by the view of the EIA plus its noise, minus
@@ -127,52 +220,27 @@ def reconstruct(name: str, eia: DisplayedEIA, viewpoint: Viewpoint) -> NoisyImag
 
 
 def reconstruct_views(
-    name: str,
-    eia: NoisyImage,
-    viewpoints: Sequence[Viewpoint],
-    optics: Optics,
-    renderer: Renderer,
-    *,
-    run: Run,
+    name: str, eia: NoisyImage, views: DisplayViews, *, run: Run
 ) -> dict[str, NoisyImage]:
     """Reconstruct the views of an EIA, by viewpoint."""
-    eia_on_display = DisplayedEIA(eia.image, eia.noise, optics, renderer)
-    return {eye.name: reconstruct(name, eia_on_display, eye, run=run) for eye in viewpoints}
+    if views.observed is None:
+        eia_on_display = DisplayedEIA(eia.image, eia.noise, views.optics, views.renderer)
+        return {eye.name: _render(name, eia_on_display, eye, run=run) for eye in views.viewpoints}
+    return {
+        eye.name: _reconstruct(name, views, eye, views.observed_light(eia, eye), run=run)
+        for eye in views.viewpoints
+    }
 
 
-def find_observed_pixels(
-    viewpoints: Sequence[Viewpoint], optics: Optics, renderer: Renderer, *, run: Run
-) -> np.ndarray | None:
-    """Find the panel pixels that views sample, (rows, columns) bool; None if it may be any."""
-    packed_mask = _packed_observed_pixels(tuple(viewpoints), optics, renderer, run=run)
-    if packed_mask is None:
-        model = optics.lens_model
+def find_observed_pixels(views: DisplayViews, *, run: Run) -> np.ndarray | None:
+    """Find the panel pixels to compute, (rows, columns) bool; None if views may observe any."""
+    mask = views.observed
+    if mask is None:
+        model = views.optics.lens_model
         reason = f"the {model} lens model scatters rays between lenses: any pixel may be observed"
         run.skipped.add("panel pixels", "all", "none", reason)
         return None
-    count = optics.display.eia_shape[1]
-    mask = np.unpackbits(packed_mask, axis=1, count=count).astype(bool)
     count_text = f"{np.count_nonzero(mask)} of {mask.size} ({mask.mean():.1%})"
     reason = "no requested view samples the others"
     run.skipped.add("panel pixels", count_text, "the others, and scores of whole EIAs", reason)
     return mask
-
-
-@stage("observed panel pixels", code=RENDERING, timer="observed pixels")
-def _packed_observed_pixels(
-    viewpoints: tuple[Viewpoint, ...], optics: Optics, renderer: Renderer
-) -> np.ndarray | None:
-    """Observed pixels packed eight to a byte, (rows, columns / 8) uint8."""
-    renderer.load()
-    from inim.render import reconstruct as display_scene
-
-    mask = display_scene.observed_pixels(
-        optics.display,
-        viewpoints,
-        optics.lens_model,
-        pixels_per_lens=optics.view_pixels_per_lens,
-        spp=optics.half_spp,
-        seeds=optics.half_seeds,
-        observer=renderer.observer,
-    )
-    return None if mask is None else np.packbits(mask, axis=1)

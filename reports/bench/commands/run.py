@@ -17,7 +17,7 @@ import shutil
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +26,14 @@ from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.pipeline.options import add_shared
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request, definition_words, option_words
+from inim.pipeline.stages.reconstruction import DisplayViews
+from inim.pipeline.stages.scene import Renderer
+from inim.pipeline.stages.stage import Run
 from inim.pipeline.timing import Rounds, Timing
 from inim.render.scene_files.file import parse_definitions
 from inim.system.cache import FOLDER_VARIABLE
 from inim.system.errors import DisplayError
+from inim.system.process.observer import Observer
 from reports.bench.commands.page import page
 from reports.bench.commands.same_scores import EVERYTHING, SCORES, VIEWS, differences, samples_of
 from reports.bench.study import add_rounds, doubts, rounds_of, run_parts, run_validation
@@ -249,25 +253,17 @@ def observed_shares(plan: Plan) -> dict[str, Any]:
 
     Without `full`: it scatters rays between the lenses, so views may observe the whole EIA.
     """
-    from inim.render import reconstruct, variant
-
-    variant.use("llvm")
-    viewpoints, s, rows = _viewpoints(plan, _nine_viewpoints(plan)), plan.settings, []
+    renderer = Renderer("llvm", Observer())
+    viewpoints, rows = _viewpoints(plan, _nine_viewpoints(plan)), []
     for model in ("pinhole", "thin", "thick"):
         try:
             check_lens_model(model, plan.misaligned_display)
         except DisplayError:  # the lens cannot be manufactured
             continue
-        mask = reconstruct.observed_pixels(
-            plan.misaligned_display,
-            viewpoints,
-            model,
-            pixels_per_lens=s.view_pixels_per_lens,
-            spp=plan.optics.half_spp,
-            seeds=plan.optics.half_seeds,
-        )
-        if mask is not None:
-            rows.append({"name": model, "observed_share": float(mask.mean())})
+        optics = replace(plan.optics, lens_model=model)
+        views = DisplayViews(viewpoints, optics, renderer, run=Run())
+        assert views.observed is not None
+        rows.append({"name": model, "observed_share": float(views.observed.mean())})
     return {"viewpoints": [v.name for v in viewpoints], "algorithms": rows}
 
 
