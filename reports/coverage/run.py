@@ -26,7 +26,7 @@ from inim.pipeline.request import PREVIEW, Request
 from inim.pipeline.validate import evaluate
 from inim.report.labels import per_cent
 from inim.report.study import PagePart
-from inim.scores.regression.scores import INTERVAL_LEVEL, score_interval
+from inim.scores.regression.scores import INTERVAL_LEVEL
 from inim.system.process.observer import Observer
 from reports.study import Results, Study, add_scenes, table
 
@@ -57,7 +57,7 @@ def evaluate_scene(scene: Path, mode: str, seed: int) -> dict[str, list[float]]:
     for result in evaluation.results.values():
         views |= result.statistics.scores
     return {
-        f"{view} {name}": [score.value, *score_interval(score)]
+        f"{view} {name}": [score.value, *score.interval]
         for view, scores in views.items()
         for name, score in scores.items()
     }

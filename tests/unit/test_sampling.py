@@ -11,7 +11,9 @@ from inim.scores.regression.scores import ScoreEstimate
 
 def estimate(plain: float, error: float, freedom: float, bias: float) -> ScoreEstimate:
     """Estimate with one error, with and without noise."""
-    return ScoreEstimate(plain, error, freedom, bias, error, freedom)
+    return ScoreEstimate(
+        plain, error, freedom, bias, plain - bias, value_error=error, value_freedom=freedom
+    )
 
 
 def score(share: float, power: float = 1.0, size: float = 0.005, error: float = 1e-5):

@@ -27,7 +27,7 @@ from inim.scores import metrics
 from inim.scores.document_parts import Check, ScorePrecision, check
 from inim.scores.metrics import HEADLINE, HEADLINE_WORDS, Viewing
 from inim.scores.regression.fingerprints import Fingerprint
-from inim.scores.regression.scores import ScoreEstimate, score_interval, view_scores
+from inim.scores.regression.scores import ScoreEstimate, view_scores
 from inim.scores.regression.tiles import TileStatistics, eia_tile, tile_statistics, view_tile
 from inim.system.process.machine import memory_limit_bytes
 from inim.system.process.threads import Submit, threads
@@ -145,7 +145,7 @@ def reported_scores(
     for view, scores in views.items():
         values[view] = {key: score.value for key, score in scores.items()}
         precision[view] = {
-            key: ScorePrecision(plain=score.plain, interval=score_interval(score))
+            key: ScorePrecision(plain=score.plain, interval=score.interval)
             for key, score in scores.items()
         }
     return values, precision
@@ -273,7 +273,7 @@ def _criteria(name: str, limit: float | None, scores_by_view: Mapping[str, Score
             scores[HEADLINE].value,
             ">=",
             limit,
-            interval=score_interval(scores[HEADLINE]),
+            interval=scores[HEADLINE].interval,
             criterion=True,
         )
         for view, scores in scores_by_view.items()

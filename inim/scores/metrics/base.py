@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Any
 
@@ -70,9 +70,15 @@ class Metric:
     score_from_mean : callable, optional
         Returns the score and its derivative for a map's mean, if the score is not the mean; the
         derivative is 0 if there is none.
+    noise_free : callable, optional
+        Function of K replicates of reference and test, (K, rows, columns, 3) float32 sRGB, whose
+        noise is independent. It returns (3 + K, rows, columns) float32: the map without noise, the
+        same by a first-order estimate, the share of noise in the noisy map's denominator, and by
+        how much the map falls if each replicate is left out. It needs a reach. Without it, the
+        score is extrapolated from sub-averages of the replicates.
     remaining_bias : float
-        Largest usual bias that the noise correction leaves, as a share of the correction of the
-        map's mean. Intervals extend by it.
+        Largest usual bias that the correction by two halves leaves, as a share of the correction of
+        the map's mean. Intervals extend by it.
     whole_image_score : callable, optional
         Returns the score of images too large for a map, from reference and test in linear RGB.
     reach : int, optional
@@ -104,6 +110,7 @@ class Metric:
     has_relic_score: bool = False
     border: int = 0
     score_from_mean: Callable[[float], tuple[float, float]] | None = None
+    noise_free: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     remaining_bias: float = 0.6
     whole_image_score: Callable[[np.ndarray, np.ndarray], float] | None = None
     reach: int | None = None
@@ -180,6 +187,21 @@ class Metric:
         return mean if self.score_from_mean is None else self.score_from_mean(mean)[0]
 
 
+def mean_of_products(images: np.ndarray) -> np.ndarray:
+    """Mean of the products of different images, (K, rows, columns): the mean squared, no noise."""
+    total = images.sum(axis=0)
+    mean: np.ndarray = total * total - (images * images).sum(axis=0)
+    return mean / (len(images) * (len(images) - 1))
+
+
+def left_out_changes(images: np.ndarray) -> np.ndarray:
+    """Changes of `mean_of_products` by each image: how much it falls without it, (K, ...)."""
+    total, count = images.sum(axis=0), len(images)
+    sums = images * (total - images)
+    change: np.ndarray = 2 / (count - 2) * (sums / (count - 1) - mean_of_products(images))
+    return change
+
+
 # Rows and columns of an image.
 _Window = tuple[slice, slice]
 
@@ -209,12 +231,7 @@ def maps_of(
     reach = max((reach for _, reach in local), default=0)
     min_size = max((metric.min_size_px for metric, _ in local), default=1)
     window = _expand(_difference_window(reference, test), reach, (rows, columns))
-    top = window[0].start
-    for band in row_bands(window[0].stop - top, window[1].stop - window[1].start):
-        part = slice(top + band.start, top + band.stop), window[1]
-        # Including the reach of all filters, so that bands join without seams.
-        outer = _expand(part, reach, (rows, columns), min_size)
-        inner = _position_within(part, outer)
+    for part, outer, inner in _parts(window, reach, (rows, columns), min_size):
         images = srgb_from_linear(reference[outer]), srgb_from_linear(test[outer])
         for metric, _ in local:
             maps[metric.key][part] = metric.function(*images)[inner]
@@ -227,14 +244,58 @@ def maps_of(
     return {metric.key: maps[metric.key] for metric in metrics}
 
 
+def noise_free_maps(metric: Metric, reference: np.ndarray, test: np.ndarray) -> np.ndarray:
+    """Compute `Metric.noise_free` of replicates in linear RGB, (K, rows, columns, 3) float32.
+
+    Where all replicates are equal, the map has the value for equal images exactly.
+    """
+    count, *shape, _ = reference.shape
+    rows, columns = shape
+    maps = np.zeros((3 + count, rows, columns), np.float32)
+    maps[:2] = metric.equal_value
+    window = _difference_window(np.moveaxis(reference, 0, 2), np.moveaxis(test, 0, 2))
+    window = _expand(window, metric.reach or 0, (rows, columns))
+    for part, outer, inner in _parts(window, metric.reach or 0, (rows, columns), 1, images=count):
+        replicates = (_pseudo_values(stack[(slice(None), *outer)]) for stack in (reference, test))
+        maps[(slice(None), *part)] = metric.noise_free(*replicates)[(slice(None), *inner)]  # type: ignore[misc]
+    return maps
+
+
+def _pseudo_values(replicates: np.ndarray) -> np.ndarray:
+    """Jackknife pseudo-values of sRGB: they average to the sRGB of the mean, without its bias.
+
+    Source: Quenouille, Biometrika 43, 1956.
+    """
+    count, total = len(replicates), replicates.sum(axis=0)
+    values = np.stack([srgb_from_linear((total - image) / (count - 1)) for image in replicates])
+    values *= 1 - count
+    values += count * srgb_from_linear(total / count)
+    return values
+
+
+def _parts(
+    window: _Window, reach: int, shape: tuple[int, int], min_size: int, images: int = 1
+) -> Iterator[tuple[_Window, _Window, _Window]]:
+    """Bands of a window; each with the part within reach of it, and its position in this part."""
+    top, columns = window[0].start, window[1].stop - window[1].start
+    for band in row_bands(window[0].stop - top, columns * images):
+        part = slice(top + band.start, top + band.stop), window[1]
+        # Including the reach of all filters, so that bands join without seams.
+        outer = _expand(part, reach, shape, min_size)
+        yield part, outer, _position_within(part, outer)
+
+
 def _difference_window(reference: np.ndarray, test: np.ndarray) -> _Window:
-    """Smallest window that contains all differences of two images; empty if they are equal."""
+    """Smallest window that contains all differences of two images; empty if they are equal.
+
+    Images are (rows, columns, ...).
+    """
     rows, columns = reference.shape[:2]
     in_row, in_column = np.zeros(rows, bool), np.zeros(columns, bool)
     for band in row_bands(rows, columns):
-        differs = reference[band] != test[band]
-        in_row[band] = differs.any(axis=(1, 2))
-        in_column |= differs.any(axis=0).any(axis=-1)
+        differs = (reference[band] != test[band]).any(axis=tuple(range(2, reference.ndim)))
+        in_row[band] = differs.any(axis=1)
+        in_column |= differs.any(axis=0)
     if not in_row.any():
         return slice(0, 0), slice(0, 0)
     (top, bottom), (left, right) = (np.flatnonzero(mask)[[0, -1]] for mask in (in_row, in_column))

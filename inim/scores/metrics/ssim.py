@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 
-from inim.scores.metrics.base import Metric, maps_of
+from inim.scores.metrics.base import Metric, left_out_changes, maps_of, mean_of_products
 
 #: Side of the window in pixels, which ends at 3.5 sigma; smallest side of an image.
 SSIM_WINDOW = 11
@@ -20,6 +22,12 @@ _SETTINGS = {
 _C1, _C2 = 0.01**2, 0.03**2
 # Subtracted before squaring: a variance in float32 loses least where the values are near zero.
 _SHIFT = np.float32(0.25)
+_STEPS = np.arange(-(SSIM_WINDOW // 2), SSIM_WINDOW // 2 + 1)
+_WINDOW = np.exp(-((_STEPS / 1.5) ** 2) / 2)
+_WINDOW /= _WINDOW.sum()
+# Smallest share of the noisy images' variance that is taken as the variance without noise, and
+# largest second-order term of a window: in windows with a firefly both are mostly noise.
+_LEAST_VARIANCE, _MOST_SECOND_ORDER = 0.5, 0.3
 
 
 def _similarity(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
@@ -32,21 +40,100 @@ def _similarity(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
 
 def _channel_similarity(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Similarity of two (rows, columns) images: equations 6 and 13 of the paper."""
-    from inim.scores.metrics.filters import separable_filter
-
-    steps = np.arange(-(SSIM_WINDOW // 2), SSIM_WINDOW // 2 + 1)
-    window = np.exp(-((steps / 1.5) ** 2) / 2)
-    window /= window.sum()
-    x, y = (np.pad(image - _SHIFT, SSIM_WINDOW // 2, mode="symmetric") for image in (first, second))
-    mean_x, mean_y, square_x, square_y, product = (
-        separable_filter(values, window, window) for values in (x, y, x * x, y * y, x * y)
-    )
+    x, y = _pad(first), _pad(second)
+    mean_x, mean_y, square_x, square_y, product = map(_average, (x, y, x * x, y * y, x * y))
     covariance = product - mean_x * mean_y
     variances = (square_x - mean_x * mean_x) + (square_y - mean_y * mean_y)
     mean_x, mean_y = mean_x + _SHIFT, mean_y + _SHIFT
     similarity: np.ndarray = (2 * mean_x * mean_y + _C1) * (2 * covariance + _C2)
     similarity /= (mean_x * mean_x + mean_y * mean_y + _C1) * (variances + _C2)
     return similarity
+
+
+def _pad(image: np.ndarray) -> np.ndarray:
+    """Pad a (rows, columns) image by half of the window, and shift its values."""
+    return np.pad(image - _SHIFT, SSIM_WINDOW // 2, mode="symmetric")
+
+
+def _average(padded: np.ndarray) -> np.ndarray:
+    """Average a padded image over the window."""
+    from inim.scores.metrics.filters import separable_filter
+
+    return separable_filter(padded, _WINDOW, _WINDOW)
+
+
+def _noise_free_similarity(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
+    red, green, blue = map(
+        _noise_free_channel, np.moveaxis(reference, -1, 0), np.moveaxis(test, -1, 0)
+    )
+    mean: np.ndarray = (red + green + blue) / np.float32(3)
+    return mean
+
+
+def _noise_free_channel(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Estimate the similarity without noise from (K, rows, columns) replicates of two images.
+
+    The similarity is ``l (1 - E / D)``, where l compares the local means, E is the local variance
+    of the difference of the images and D the sum of their variances plus a constant. Every moment
+    is a mean of products of different replicates, whose noise is independent. The ratio's
+    second-order bias is ``E var(D) / D^3 - cov(E, D) / D^2``. See docs/theory/scores.md.
+    """
+    count = len(first)
+    x, y = (np.stack([*map(_pad, images)]) for images in (first, second))
+    difference = y - x
+    mean_x, mean_y = (np.stack([*map(_average, images)]) for images in (x, y))
+    mean_difference = mean_y - mean_x
+    shape = mean_x.shape[1:]
+    # Sums over the pairs of different replicates: by replicate, and of products of E and D.
+    errors, spreads = np.zeros((2, count, *shape), np.float32)
+    products, squares = np.zeros((2, *shape), np.float32)
+    for j, k in combinations(range(count), 2):
+        error = _average(difference[j] * difference[k]) - mean_difference[j] * mean_difference[k]
+        spread = _average(x[j] * x[k] + y[j] * y[k])
+        spread -= mean_x[j] * mean_x[k] + mean_y[j] * mean_y[k]
+        for i in (j, k):
+            errors[i] += error
+            spreads[i] += spread
+        products += error * spread
+        squares += spread * spread
+    pairs = count * (count - 1)
+    error, spread = errors.sum(axis=0) / pairs, spreads.sum(axis=0) / pairs
+    # The product of two means, minus the mean of products of pairs without a common replicate.
+    pairs_of_pairs = pairs * (count - 2) * (count - 3)
+    covariance, variance = (
+        mean * spread
+        - (pairs * pairs * mean * spread - 4 * ((sums * spreads).sum(axis=0) - both))
+        / pairs_of_pairs
+        for mean, sums, both in ((error, errors, products), (spread, spreads, squares))
+    )
+    plain_x, plain_y = x.mean(axis=0), y.mean(axis=0)
+    plain = _average(plain_x * plain_x + plain_y * plain_y)
+    plain -= mean_x.mean(axis=0) ** 2 + mean_y.mean(axis=0) ** 2
+    noise = 1 - (spread + _C2) / (plain.clip(0) + _C2)
+    spread = np.maximum(spread, _LEAST_VARIANCE * plain.clip(0)).clip(0) + _C2
+
+    distance = mean_of_products(mean_difference)
+    mean_x, mean_y = mean_x + _SHIFT, mean_y + _SHIFT
+    brightness = (mean_of_products(mean_x) + mean_of_products(mean_y)).clip(0) + _C1
+    luminance = 1 - distance / brightness
+    ratio = error / spread
+    second_order = (ratio * variance - covariance) / (spread * spread)
+    second_order = second_order.clip(-_MOST_SECOND_ORDER, _MOST_SECOND_ORDER)
+
+    error_change, spread_change = (
+        2 / (count - 2) * (sums / (count - 1) - sums.sum(axis=0) / pairs)
+        for sums in (errors, spreads)
+    )
+    change = luminance / spread * (ratio * spread_change - error_change)
+    brightness_change = left_out_changes(mean_x) + left_out_changes(mean_y)
+    change += (
+        (ratio - 1)
+        / brightness
+        * (left_out_changes(mean_difference) - distance / brightness * brightness_change)
+    )
+    first_order = luminance * (1 - ratio)
+    estimate = first_order + luminance * second_order
+    return np.stack([estimate, first_order, noise, *change])
 
 
 metric = Metric(
@@ -63,6 +150,7 @@ metric = Metric(
     reach=SSIM_WINDOW // 2,
     equal_value=1.0,
     min_size_px=SSIM_WINDOW,
+    noise_free=_noise_free_similarity,
     settings=_SETTINGS,
 )
 

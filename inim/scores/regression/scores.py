@@ -1,21 +1,26 @@
-"""Noise-corrected scores with standard errors, from the two halves of a run's samples.
+"""Scores of views without noise, with intervals; scores with noise, with standard errors.
 
-A score is the mean of a local map m. The difference of the halves a, b is pure noise, so images
-shifted by ``h (a - b) / 2`` and its opposite measure how the score responds to the run's own noise:
+A rendered view has K replicates, whose scores without noise are estimated by
+`inim.scores.regression.noise_free`. Runs are compared by their uncorrected scores, which scatter
+least. Such a score is the mean of a local map m. The difference of the halves a, b is pure noise,
+so images shifted by ``h (a - b) / 2`` and its opposite measure how the score responds to the run's
+own noise:
 
     D(h) = (m(+h) - m(-h)) / h                expectation 0 in every block, symmetric in sign
     error^2 = c sum over blocks (sum of D in the block)^2 / (4 N^2)
     bias = (mean of m(+h) + mean of m(-h) - 2 mean of m) / (2 h^2)
 
-The noise-corrected score is the mean of m minus the bias: the extrapolation from ``1 + h^2`` times
-the variance to none, h^2 = -1. Its own error follows from D, extrapolated to the same point:
+If sample counts differ, a score is expected to change by ``bias (r^2 - 1)``, where r is the ratio
+of the ground truth's standard errors. A score without a map responds as a whole: its D^2 is the
+mean over fixed random patterns of signs by which the blocks are shifted.
+
+For images without replicates, the score without noise is the mean of m minus the bias: the
+extrapolation from ``1 + h^2`` times the variance to none, h^2 = -1. Its own error follows from D,
+extrapolated to the same point:
 
     D(i) = D(h) - (1 + h^2) (D(2 h) - D(h)) / (3 h^2)         at h^2 = -1
 
-Runs are compared by their uncorrected scores, which scatter least. If sample counts differ, a score
-is expected to change by ``bias (r^2 - 1)``, where r is the ratio of the ground truth's standard
-errors. A score without a map responds as a whole: its D^2 is the mean over fixed random patterns of
-signs by which the blocks are shifted. Derivation and sources: docs/theory/scores.md.
+Derivation and sources: docs/theory/scores.md.
 """
 
 from __future__ import annotations
@@ -31,9 +36,17 @@ from inim.image.noisy_image import NoisyImage
 from inim.scores.document_parts import Check
 from inim.scores.metrics import Metric, Viewing, all_metrics, find, score_maps
 from inim.scores.regression.document import EstimateRecord
+from inim.scores.regression.noise_free import (
+    BLOCK_PX,
+    COUPLING,
+    Estimator,
+    MeanEstimate,
+    error_of_responses,
+    estimators,
+    sum_blocks,
+)
 from inim.scores.regression.verdict import (
     FALSE_ALARM_RATE,
-    freedom_of_sum,
     sidak,
     welch_half_width,
     welch_p_value,
@@ -47,13 +60,6 @@ INTERVAL_LEVEL = 0.05
 _MOST_CORRECTED = 50.0
 # Variance ratios outside this range do not come from sample counts and have their own verdict.
 _SCALES = (0.5, 2.0)
-# Side of a block in view pixels.
-_BLOCK_PX = 16
-# Errors of D are correlated over about 2.2 pixels: the mean distance is 1.5 * sqrt(2) *
-# sqrt(2 / pi) = 1.7 within SSIM's window, a Gaussian of 1.5, and 4 / 3 within lenses of 4 pixels.
-# Blocks of side L lose the correlation across their borders, and keep (1 - 2.2 / L)^2 of the
-# variance. FLIP's errors need no larger value.
-_COUPLING = (1 - 2.2 / _BLOCK_PX) ** -2
 # Patterns of signs for a score without a map, two evaluations each: its degrees of freedom.
 _PATTERNS = 8
 # The step h: noise grows by h^2, and differences are far above float32's rounding.
@@ -63,22 +69,26 @@ _STEPS = (_STEP, -_STEP, 2 * _STEP, -2 * _STEP)
 
 @dataclass(frozen=True)
 class ScoreEstimate:
-    """A score with its uncertainty."""
+    """A score with its uncertainty.
+
+    `plain`, `error`, `freedom` and `bias` are of the noisy images, for comparisons of runs. The
+    others are of the score without noise; a baseline lacks them.
+    """
 
     plain: float  #: Score of the noisy images.
     error: float  #: Standard error of `plain`.
     freedom: float  #: Degrees of freedom of `error`.
     bias: float  #: Change of `plain` if the noise's variance doubled.
-    #: Standard error of `value`; infinite if unknown, as in a baseline.
-    value_error: float = math.inf
+    value: float = math.nan  #: Score without noise, within the metric's range.
+    #: Interval of the score with unlimited samples at confidence ``1 - INTERVAL_LEVEL``, within the
+    #: metric's range.
+    interval: tuple[float, float] = (-math.inf, math.inf)
+    value_error: float = math.inf  #: Standard error of `value`.
     value_freedom: float = 1.0  #: Degrees of freedom of `value_error`.
-    #: Largest usual bias that `value` keeps, with the sign of `bias`.
-    remaining_bias: float = 0.0
-
-    @property
-    def value(self) -> float:
-        """Noise-corrected score, to first order in the variance."""
-        return self.plain - self.bias
+    #: By how much the interval is longer below and above: bias that `value` may keep.
+    extension: tuple[float, float] = (0.0, 0.0)
+    #: `MeanEstimate.responses` of the score; None without replicates.
+    responses: np.ndarray | None = None
 
     def as_record(self) -> EstimateRecord:
         """Return the compared values for a baseline's JSON; values that are not finite are null."""
@@ -91,10 +101,11 @@ class ScoreEstimate:
 
         A score without a value, but with an error of 0, is infinite: its images are identical.
         """
-        values = msgspec.structs.asdict(record)
-        if record.plain is None and record.error == 0:
-            values["plain"] = math.inf
-        return cls(**{n: math.nan if value is None else value for n, value in values.items()})
+        values = msgspec.structs.astuple(record)
+        plain, error, freedom, bias = (math.nan if v is None else v for v in values)
+        if record.plain is None and error == 0:
+            plain = math.inf
+        return cls(plain, error, freedom, bias)
 
 
 # An image, and the difference of its halves.
@@ -109,6 +120,8 @@ def view_scores(
     viewing: Viewing | None = None,
 ) -> dict[str, ScoreEstimate]:
     """Scores of a view with their errors, by `inim.scores.metrics.Metric.key`.
+
+    Scores without noise come from the replicates if both images have them, else from the halves.
 
     * `region`, (rows, columns) bool: the relic's region, for additional scores by `on_relic_key`.
     * `keys`: `inim.scores.metrics.Metric.key` of the metrics to compute; default: all.
@@ -126,6 +139,9 @@ def view_scores(
     ]
     values = {metric.key: float(maps[metric.key]) for metric in metrics if metric not in with_map}
     estimates = _estimate_without_maps(truth, view, values, viewing)
+    noise_free: Mapping[str, Estimator] = {}
+    if reference.replicates is not None and test.replicates is not None:
+        noise_free = estimators(metrics, reference.replicates, test.replicates, viewing)
     scores = {}
     for metric in metrics:
         key = metric.key
@@ -133,13 +149,18 @@ def view_scores(
         if metric.has_relic_score and region is not None and metric in with_map:
             areas[metric.on_relic_key] = region
         for name, area in areas.items():
-            mean = estimates.get(key) or _estimate_mean(
-                maps[key],
-                [step_maps[key] for step_maps in steps],
-                metric.score_mask(maps[key].shape, area),
-            )
-            remaining = metric.remaining_bias * mean.bias
-            scores[name] = _score_from_mean(metric, replace(mean, remaining_bias=remaining))
+            if metric in with_map:
+                mask = metric.score_mask(maps[key].shape, area)
+                plain, mean = _estimate_mean(maps[key], [step[key] for step in steps], mask)
+            else:
+                mask = np.ones((1, 1), bool)
+                plain, mean = estimates[key]
+            if noise_free and mask.any():
+                mean = noise_free[key](mask)
+            else:
+                rest = metric.remaining_bias * plain.bias
+                mean = replace(mean, extension=(max(rest, 0.0), max(-rest, 0.0)))
+            scores[name] = _score_from_mean(metric, plain, mean)
     return scores
 
 
@@ -161,30 +182,30 @@ def _odd_responses(maps: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     return near, near - (1 + _STEP**2) / (3 * _STEP**2) * (far - near)
 
 
+# The mean of the noisy images, and the mean without noise by the halves.
+_Estimates = tuple[ScoreEstimate, MeanEstimate]
+
+
 def _estimate_mean(
     plain_map: np.ndarray, maps: Sequence[np.ndarray], mask: np.ndarray
-) -> ScoreEstimate:
+) -> _Estimates:
     """Estimate a mean over a mask, from the image's map and the maps at `_STEPS`."""
     size = np.count_nonzero(mask)
     if not size:
-        return ScoreEstimate(math.nan, math.nan, 1.0, math.nan, math.nan)
+        nan = math.nan
+        return ScoreEstimate(nan, nan, 1.0, nan), MeanEstimate(nan, nan, 1.0, (0.0, 0.0))
     (error, freedom), (value_error, value_freedom) = (
-        _error_of_sum(np.where(mask, odd, 0.0)) for odd in _odd_responses(maps)
+        error_of_responses(sum_blocks(np.where(mask, odd, 0.0))[None] / (2 * size))
+        for odd in _odd_responses(maps)
     )
     plain, plus, minus = (
         float(values[mask].mean(dtype=np.float64)) for values in (plain_map, *maps[:2])
     )
     bias = (plus + minus - 2 * plain) / (2 * _STEP**2)
-    return ScoreEstimate(plain, error / size, freedom, bias, value_error / size, value_freedom)
-
-
-def _error_of_sum(blocks: np.ndarray) -> tuple[float, float]:
-    """Standard error of a map's sum from its odd response, and its degrees of freedom."""
-    for axis in (0, 1):
-        blocks = np.add.reduceat(blocks, np.arange(0, blocks.shape[axis], _BLOCK_PX), axis=axis)
-    squares = np.square(blocks)
-    freedom = freedom_of_sum(squares.sum(), np.square(squares).sum())
-    return math.sqrt(_COUPLING * float(squares.sum())) / 2, float(freedom)
+    return (
+        ScoreEstimate(plain, error, freedom, bias),
+        MeanEstimate(plain - bias, value_error, value_freedom, (0.0, 0.0)),
+    )
 
 
 def _estimate_without_maps(
@@ -192,17 +213,17 @@ def _estimate_without_maps(
     test: _ImageAndNoise,
     values: Mapping[str, float],
     viewing: Viewing | None,
-) -> dict[str, ScoreEstimate]:
+) -> dict[str, _Estimates]:
     """Estimate scores without a map, given by key, from blocks shifted with random signs."""
     if not values:
         return {}
     random = np.random.default_rng(0)
     rows, columns = reference[0].shape[:2]
-    blocks = math.ceil(rows / _BLOCK_PX), math.ceil(columns / _BLOCK_PX)
+    blocks = math.ceil(rows / BLOCK_PX), math.ceil(columns / BLOCK_PX)
     samples: dict[str, list[list[float]]] = {key: [] for key in values}
     for _ in range(_PATTERNS):
         block_signs = random.choice(np.array([-1, 1], np.float32), blocks)
-        signs = np.repeat(np.repeat(block_signs, _BLOCK_PX, 0), _BLOCK_PX, 1)
+        signs = np.repeat(np.repeat(block_signs, BLOCK_PX, 0), BLOCK_PX, 1)
         signs = signs[:rows, :columns, None]
         scores = [
             score_maps(_shift(*reference, step), _shift(*test, step), [*values], viewing)
@@ -213,44 +234,51 @@ def _estimate_without_maps(
     return {key: _estimate_whole(values[key], np.array(rows)) for key, rows in samples.items()}
 
 
-def _estimate_whole(plain: float, samples: np.ndarray) -> ScoreEstimate:
+def _estimate_whole(plain: float, samples: np.ndarray) -> _Estimates:
     """Estimate a score from its values at `_STEPS` for each pattern, (patterns, 4)."""
     error, value_error = (
-        math.sqrt(_COUPLING * float(np.square(odd).mean())) / 2
+        math.sqrt(COUPLING * float(np.square(odd).mean())) / 2
         for odd in _odd_responses([*samples.T])
     )
     freedom = float(len(samples))
     bias = (float(samples[:, :2].mean()) - plain) / _STEP**2
-    return ScoreEstimate(plain, error, freedom, bias, value_error, freedom)
-
-
-def _score_from_mean(metric: Metric, mean: ScoreEstimate) -> ScoreEstimate:
-    """Convert a map's mean to the metric's score, with errors and biases."""
-    if metric.score_from_mean is None:
-        return mean
-    plain, slope = metric.score_from_mean(mean.plain)
-    if not slope:
-        return ScoreEstimate(plain, 0.0, 1.0, 0.0, 0.0)
-    least = mean.plain / _MOST_CORRECTED
-    value, value_slope = metric.score_from_mean(max(mean.value, least))
-    farthest, _ = metric.score_from_mean(max(mean.value - mean.remaining_bias, least))
-    return replace(
-        mean,
-        plain=plain,
-        error=abs(slope) * mean.error,
-        bias=plain - value,
-        value_error=abs(value_slope) * mean.value_error,
-        remaining_bias=value - farthest,
+    return (
+        ScoreEstimate(plain, error, freedom, bias),
+        MeanEstimate(plain - bias, value_error, freedom, (0.0, 0.0)),
     )
 
 
-def score_interval(score: ScoreEstimate, level: float = INTERVAL_LEVEL) -> tuple[float, float]:
-    """Interval of the score with unlimited samples, at confidence ``1 - level``.
-
-    It is longer on the side towards which the bias was corrected.
-    """
-    half, rest = scatter(score, level), score.remaining_bias
-    return score.value - half - max(rest, 0.0), score.value + half - min(rest, 0.0)
+def _score_from_mean(metric: Metric, plain: ScoreEstimate, mean: MeanEstimate) -> ScoreEstimate:
+    """Convert the means of a map, with and without noise, to the metric's score."""
+    convert = metric.score_from_mean or (lambda value: (value, 1.0))
+    score, slope = convert(plain.plain)
+    if not slope:  # identical images
+        return ScoreEstimate(score, 0.0, 1.0, 0.0, score, (score, score), 0.0)
+    least = -math.inf if metric.score_from_mean is None else plain.plain / _MOST_CORRECTED
+    value, value_slope = convert(max(mean.mean, least))
+    half = _half_width(INTERVAL_LEVEL, 0.0, 1.0, mean.error, mean.freedom)
+    low, high = metric.range
+    interval = (-math.inf, math.inf)
+    if math.isfinite(half):
+        below, above = mean.mean - half - mean.extension[0], mean.mean + half + mean.extension[1]
+        # A mean below the least may be anything down to none, the best score.
+        best = high if metric.better == "higher" else low
+        ends = [convert(below)[0] if below > least else best, convert(max(above, least))[0]]
+        first, last = np.clip(sorted(ends), low, high)
+        interval = float(first), float(last)
+    extension = [abs(value_slope) * part for part in mean.extension]
+    return ScoreEstimate(
+        plain=score,
+        error=abs(slope) * plain.error,
+        freedom=plain.freedom,
+        bias=score - convert(max(plain.plain - plain.bias, least))[0],
+        value=min(max(value, low), high),
+        interval=interval,
+        value_error=abs(value_slope) * mean.error,
+        value_freedom=mean.freedom,
+        extension=(extension[0], extension[1]) if value_slope > 0 else (extension[1], extension[0]),
+        responses=None if mean.responses is None else value_slope * mean.responses,
+    )
 
 
 def scatter(score: ScoreEstimate, level: float = INTERVAL_LEVEL) -> float:
@@ -258,11 +286,32 @@ def scatter(score: ScoreEstimate, level: float = INTERVAL_LEVEL) -> float:
     return _half_width(level, 0.0, 1.0, score.value_error, score.value_freedom)
 
 
+def difference(
+    score: ScoreEstimate, other: ScoreEstimate, level: float = INTERVAL_LEVEL
+) -> tuple[float, tuple[float, float]]:
+    """Difference of two scores of one view by one metric without noise, and its interval.
+
+    Both scores have the replicates of the ground truth, and perhaps of a capture, in common. Their
+    noise cancels in the responses of equal blocks and replicates. Without replicates, the errors
+    are those of independent scores.
+    """
+    change = score.value - other.value
+    if score.responses is None or other.responses is None:
+        errors = score.value_error, score.value_freedom, other.value_error, other.value_freedom
+    else:
+        is_known = math.isfinite(score.value_error + other.value_error)
+        error, freedom = error_of_responses(score.responses - other.responses)
+        errors = 0.0, 1.0, error if is_known else math.inf, freedom
+    half = _half_width(level, *errors)
+    rests = [a - b for a, b in zip(score.extension, other.extension, strict=True)]
+    # A bias that both keep cancels.
+    below, above = max(rests[0], -rests[1], 0.0), max(rests[1], -rests[0], 0.0)
+    return change, (change - half - below, change + half + above)
+
+
 def is_above(score: ScoreEstimate, other: ScoreEstimate, tests: int = 1) -> bool:
     """True if a score is significantly above another, in one of several tests."""
-    errors = other.value_error, other.value_freedom, score.value_error, score.value_freedom
-    rest = max(score.remaining_bias, 0.0) - min(other.remaining_bias, 0.0)
-    return score.value - other.value > _half_width(sidak(INTERVAL_LEVEL, tests), *errors) + rest
+    return difference(score, other, sidak(INTERVAL_LEVEL, tests))[1][0] > 0
 
 
 def _half_width(level: float, *errors: float) -> float:

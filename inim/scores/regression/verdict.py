@@ -31,21 +31,21 @@ def sidak(level: float, tests: int) -> float:
     return -math.expm1(math.log1p(-level) / max(1, tests))
 
 
-def freedom_of_sum(squares: np.ndarray, fourths: np.ndarray) -> np.ndarray:
-    """Degrees of freedom of a sum of variance estimates with one degree each.
+def freedom_of_sum(squares: np.ndarray, fourths: np.ndarray, degrees: int = 1) -> np.ndarray:
+    """Degrees of freedom of a sum of variance estimates with f = `degrees` degrees each.
 
-    For ``S1 = sum v_i`` and ``S2 = sum v_i^2`` it is ``3 S1^2 / S2 - 2``, at least one: near n for
-    n equal estimates, and 1 for a single one.
+    For ``S1 = sum v_i`` and ``S2 = sum v_i^2`` it is ``(f + 2) S1^2 / S2 - 2``, at least f: near
+    ``n f`` for n equal estimates, and f for a single one.
 
     * `squares`, `fourths`, arrays of one shape: S1 and S2.
 
-    Source: Welch, Biometrika 34, 1947: ``(sum v)^2 / sum(v^2 / (f + 2)) - 2`` at f = 1, which
-    removes the bias of Satterthwaite's (1946) formula at few degrees.
+    Source: Welch, Biometrika 34, 1947: ``(sum v)^2 / sum(v^2 / (f + 2)) - 2``, which removes the
+    bias of Satterthwaite's (1946) formula at few degrees.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
-        freedom = 3 * np.square(squares) / fourths - 2
+        freedom = (degrees + 2) * np.square(squares) / fourths - 2
     # Without noise any finite number will do.
-    return np.where(fourths > 0, np.maximum(freedom, 1.0), 1.0)
+    return np.where(fourths > 0, np.maximum(freedom, degrees), 1.0)
 
 
 def welch_freedom(
