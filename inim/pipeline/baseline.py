@@ -250,7 +250,7 @@ def _copy_pictures(before: Report, after: Report, name: str, staging: Path) -> b
     return True
 
 
-_VERSIONS = ("drjit", "mitsuba", "numba", "numpy")
+_VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
 _SAMPLING = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp", "seed")
 
 
@@ -274,7 +274,7 @@ def collect_statistics(evaluation: Evaluation, truth: Statistics) -> RunStatisti
 
 
 def _circumstances(plan: Plan, backend: Backend) -> Circumstances:
-    packages: dict[str, Any] = {**versions(_VERSIONS)}
+    packages: dict[str, Any] = {k.replace("-", "_"): v for k, v in versions(_VERSIONS).items()}
     return Circumstances(
         title=plan.settings.title or plan.request.scene.stem,
         created=utc_now(),

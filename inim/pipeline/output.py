@@ -150,7 +150,7 @@ def write_rgbd_pngs(
     write_png(folder / "rgbd_depth.png", np.repeat(grey[..., None], 3, axis=-1), cache)
 
 
-_VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "OpenEXR")
+_VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "OpenEXR", "scikit-image")
 
 
 def make_report(

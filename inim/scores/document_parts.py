@@ -382,7 +382,7 @@ class Circumstances(Part):
     mitsuba: str  #: Version of Mitsuba.
     numba: str  #: Version of numba.
     numpy: str  #: Version of NumPy.
-    #: Version of scikit-image, which computed SSIM in earlier versions.
+    #: Version of scikit-image, which computes SSIM; null: computed without it.
     scikit_image: str | None = field(name="scikit-image", default=None)
     #: Version of the LLVM library; null: the CUDA backend.
     libllvm: str | None = field(name="libLLVM")

@@ -87,7 +87,7 @@ def code_digest(*places: str) -> str:
 #: Packages that the program computes with: their versions affect every result.
 PACKAGES = (
     "DracoPy", "drjit", "llvmlite", "matplotlib", "mitsuba", "msgspec", "numba", "numpy", "OpenEXR",
-    "pillow", "scipy", "trimesh",
+    "pillow", "scikit-image", "scipy", "trimesh",
 )  # fmt: skip
 
 

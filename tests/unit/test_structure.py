@@ -12,8 +12,7 @@ from inim.system.cache import PACKAGES
 
 # Packages that draw the terminal, run tests or share tasks, and optional ones with an own record.
 NOT_COMPUTING = {"argcomplete", "dask", "distributed", "pyarrow", "pytest", "tqdm"}
-OPTIONAL = {"pandas", "pillow_heif", "scikit-image", "tomli", "torch",
-            "transformers"}  # fmt: skip
+OPTIONAL = {"pandas", "pillow_heif", "tomli", "torch", "transformers"}
 # Imported by trimesh, for compressed meshes.
 INDIRECT = {"DracoPy"}
 # Packages of the program that affect no pixel and no score, or whose effect is part of the keys:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -10,8 +11,8 @@ from inim.scores.metrics.base import Metric, left_out_changes, maps_of, mean_of_
 
 #: Side of the window in pixels, which ends at 3.5 sigma; smallest side of an image.
 SSIM_WINDOW = 11
-# The score as Wang et al. 2004 define it, in the arguments of scikit-image's structural_similarity.
-_SETTINGS = {
+# The score as Wang et al. 2004 define it.
+_SETTINGS: dict[str, Any] = {
     "data_range": 1.0,
     "channel_axis": -1,
     "gaussian_weights": True,
@@ -31,23 +32,11 @@ _LEAST_VARIANCE, _MOST_SECOND_ORDER = 0.5, 0.3
 
 
 def _similarity(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
-    red, green, blue = map(
-        _channel_similarity, np.moveaxis(reference, -1, 0), np.moveaxis(test, -1, 0)
-    )
-    mean: np.ndarray = (red + green + blue) / np.float32(3)
+    from skimage.metrics import structural_similarity
+
+    _, similarity = structural_similarity(reference, test, full=True, **_SETTINGS)
+    mean: np.ndarray = similarity.mean(axis=-1)
     return mean
-
-
-def _channel_similarity(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Similarity of two (rows, columns) images: equations 6 and 13 of the paper."""
-    x, y = _pad(first), _pad(second)
-    mean_x, mean_y, square_x, square_y, product = map(_average, (x, y, x * x, y * y, x * y))
-    covariance = product - mean_x * mean_y
-    variances = (square_x - mean_x * mean_x) + (square_y - mean_y * mean_y)
-    mean_x, mean_y = mean_x + _SHIFT, mean_y + _SHIFT
-    similarity: np.ndarray = (2 * mean_x * mean_y + _C1) * (2 * covariance + _C2)
-    similarity /= (mean_x * mean_x + mean_y * mean_y + _C1) * (variances + _C2)
-    return similarity
 
 
 def _pad(image: np.ndarray) -> np.ndarray:

@@ -133,15 +133,16 @@ def view_scores(
     metrics = [metric for metric in metrics if metric.key in maps]
     with_map = [metric for metric in metrics if maps[metric.key].ndim]
 
-    steps = [
-        score_maps(_shift(*truth, step), _shift(*view, step), [metric.key for metric in with_map])
-        for step in map(np.float32, _STEPS)
-    ]
-    values = {metric.key: float(maps[metric.key]) for metric in metrics if metric not in with_map}
-    estimates = _estimate_without_maps(truth, view, values, viewing)
     noise_free: Mapping[str, Estimator] = {}
     if reference.replicates is not None and test.replicates is not None:
         noise_free = estimators(metrics, reference.replicates, test.replicates, viewing)
+    steps = _STEPS[:2] if noise_free else _STEPS
+    step_maps = [
+        score_maps(_shift(*truth, step), _shift(*view, step), [metric.key for metric in with_map])
+        for step in map(np.float32, steps)
+    ]
+    values = {metric.key: float(maps[metric.key]) for metric in metrics if metric not in with_map}
+    estimates = _estimate_without_maps(truth, view, values, viewing, steps)
     scores = {}
     for metric in metrics:
         key = metric.key
@@ -151,7 +152,7 @@ def view_scores(
         for name, area in areas.items():
             if metric in with_map:
                 mask = metric.score_mask(maps[key].shape, area)
-                plain, mean = _estimate_mean(maps[key], [step[key] for step in steps], mask)
+                plain, mean = _estimate_mean(maps[key], [step[key] for step in step_maps], mask)
             else:
                 mask = np.ones((1, 1), bool)
                 plain, mean = estimates[key]
@@ -176,9 +177,13 @@ def _shift(image: np.ndarray, difference: np.ndarray, step: np.ndarray | np.floa
 
 
 def _odd_responses(maps: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """D(h) and D(i) from the values at `_STEPS`; see the module."""
-    plus, minus, far_plus, far_minus = (values.astype(np.float64) for values in maps)
-    near, far = (plus - minus) / _STEP, (far_plus - far_minus) / (2 * _STEP)
+    """D(h) and D(i) from the values at `_STEPS`; see the module.
+
+    Without the values at twice the step, which replicates make superfluous, D(i) is D(h).
+    """
+    plus, minus, *far_maps = (values.astype(np.float64) for values in maps)
+    near = (plus - minus) / _STEP
+    far = (far_maps[0] - far_maps[1]) / (2 * _STEP) if far_maps else near
     return near, near - (1 + _STEP**2) / (3 * _STEP**2) * (far - near)
 
 
@@ -213,6 +218,7 @@ def _estimate_without_maps(
     test: _ImageAndNoise,
     values: Mapping[str, float],
     viewing: Viewing | None,
+    steps: Sequence[float],
 ) -> dict[str, _Estimates]:
     """Estimate scores without a map, given by key, from blocks shifted with random signs."""
     if not values:
@@ -227,7 +233,7 @@ def _estimate_without_maps(
         signs = signs[:rows, :columns, None]
         scores = [
             score_maps(_shift(*reference, step), _shift(*test, step), [*values], viewing)
-            for step in (np.float32(size) * signs for size in _STEPS)
+            for step in (np.float32(size) * signs for size in steps)
         ]
         for key, rows_of_key in samples.items():
             rows_of_key.append([float(score[key]) for score in scores])
@@ -235,7 +241,7 @@ def _estimate_without_maps(
 
 
 def _estimate_whole(plain: float, samples: np.ndarray) -> _Estimates:
-    """Estimate a score from its values at `_STEPS` for each pattern, (patterns, 4)."""
+    """Estimate a score from its values at `_STEPS` for each pattern, (patterns, 4 or 2)."""
     error, value_error = (
         math.sqrt(COUPLING * float(np.square(odd).mean())) / 2
         for odd in _odd_responses([*samples.T])
@@ -303,9 +309,11 @@ def difference(
         error, freedom = error_of_responses(score.responses - other.responses)
         errors = 0.0, 1.0, error if is_known else math.inf, freedom
     half = _half_width(level, *errors)
-    rests = [a - b for a, b in zip(score.extension, other.extension, strict=True)]
-    # A bias that both keep cancels.
-    below, above = max(rests[0], -rests[1], 0.0), max(rests[1], -rests[0], 0.0)
+    # A bias in one direction, which both scores may keep, cancels. Others do not.
+    (below, above), (other_below, other_above) = score.extension, other.extension
+    either_way = min(below, above) + min(other_below, other_above)
+    upwards = (above - below) - (other_above - other_below)
+    below, above = either_way + max(-upwards, 0.0), either_way + max(upwards, 0.0)
     return change, (change - half - below, change + half + above)
 
 
