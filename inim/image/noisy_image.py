@@ -26,7 +26,8 @@ class NoisyImage:
     stores_halves: bool = False
     nonfinite: int = 0  #: Number of pixels that were not finite and are black instead.
     #: (K, rows, columns, 3) float32, linear RGB, K even and at least 4: independent images, whose
-    #: mean is the image. The first K / 2 average to `first`, the others to `second`.
+    #: mean is the image. The first K / 2 average to `first`, the others to `second`. Two images of
+    #: a view may share noise, if they share it in replicates of equal index only.
     replicates: np.ndarray | None = None
 
     @classmethod

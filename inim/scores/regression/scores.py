@@ -121,7 +121,8 @@ def view_scores(
 ) -> dict[str, ScoreEstimate]:
     """Scores of a view with their errors, by `inim.scores.metrics.Metric.key`.
 
-    Scores without noise come from the replicates if both images have them, else from the halves.
+    Scores without noise come from the replicates if both images have them, the same number, else
+    from the halves.
 
     * `region`, (rows, columns) bool: the relic's region, for additional scores by `on_relic_key`.
     * `keys`: `inim.scores.metrics.Metric.key` of the metrics to compute; default: all.
