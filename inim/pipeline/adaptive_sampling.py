@@ -27,10 +27,10 @@ from inim.pipeline.stages.picture import PictureFile
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.scoring import MethodResult, Scores
 from inim.pipeline.stages.stage import Run
-from inim.report.document import AlgorithmResult
+from inim.report.document import AlgorithmResult, ScoreDifference
 from inim.scores.document_parts import Check
-from inim.scores.metrics import HEADLINE_TO_SCENE, MAIN
-from inim.scores.regression.scores import ScoreEstimate, is_above, scatter
+from inim.scores.metrics import HEADLINE, HEADLINE_TO_SCENE, MAIN, best_algorithm
+from inim.scores.regression.scores import ScoreEstimate, difference, is_above, scatter
 from inim.system.backend import Backend
 
 if TYPE_CHECKING:
@@ -206,6 +206,31 @@ class Evaluation:
     def algorithms(self) -> dict[str, AlgorithmResult]:
         """Scores by method, as in report.json."""
         return {name: result.scores for name, result in self.results.items()}
+
+    @property
+    def differences(self) -> list[ScoreDifference]:
+        """Differences of the headline score between the best algorithm and the others, by view."""
+        headlines = {
+            name: {key.removeprefix(f"{name}/"): s[HEADLINE] for key, s in scores.items()}
+            for name, scores in ((n, r.statistics.scores) for n, r in self.results.items())
+        }
+        finite = {
+            name: [score.value for score in scores.values() if math.isfinite(score.value)]
+            for name, scores in headlines.items()
+        }
+        best = best_algorithm(finite)
+        if best is None:
+            return []
+        differences = []
+        for other in [name for name in headlines if name != best]:
+            for view in [view for view in headlines[other] if view in headlines[best]]:
+                value, interval = difference(headlines[best][view], headlines[other][view])
+                differences.append(
+                    ScoreDifference(
+                        algorithm=best, other=other, viewpoint=view, value=value, interval=interval
+                    )
+                )
+        return differences
 
     @property
     def ssim_scores(self) -> dict[str, ScoreEstimate]:

@@ -209,6 +209,7 @@ def make_report(
         scoring=_describe_scoring(),
         reference=ReferenceViews(views=reference_views, precision=reference_precision),
         algorithms=algorithms,
+        differences=evaluation.differences,
         timings=observer.timings
         | {"mitsuba_render": observer.render_seconds, "total": perf_counter() - observer.started},
         skipped=[SkippedStep(**row) for row in evaluation.run.skipped.rows],

@@ -209,6 +209,17 @@ class AlgorithmResult(Part):
     unlit_fraction: float | None = None
 
 
+class ScoreDifference(Part):
+    """Difference of the headline scores of two algorithms in a view."""
+
+    algorithm: str  #: Name of the best algorithm.
+    other: str  #: Name of the other algorithm.
+    viewpoint: str  #: Name of the viewpoint.
+    value: float | None  #: Score of the algorithm minus that of the other.
+    #: 95 % interval. Noise that both share cancels; null: unknown.
+    interval: tuple[float | None, float | None]
+
+
 class SkippedStep(Part):
     """A step of the run, in words."""
 
@@ -241,6 +252,8 @@ class ReportDocument(RunReport, tag="inim.report/2"):
     reference: ReferenceViews
     #: Results, by name: an algorithm with its options, or the name of a finished EIA (`--eia`).
     algorithms: dict[str, AlgorithmResult]
+    #: Differences between the best algorithm and each other, by viewpoint.
+    differences: list[ScoreDifference] = []
     timings: Annotated[
         dict[str, float],
         doc(
@@ -307,6 +320,19 @@ class ReportDocument(RunReport, tag="inim.report/2"):
         if not numbers or len(numbers) < len(self.viewpoints):
             return None
         return sum(numbers) / len(numbers)
+
+    def mean_difference(self, other: str) -> tuple[float, float, float] | None:
+        """Mean difference of the best algorithm to another over all viewpoints, and its interval.
+
+        The viewpoints can share noise, so the interval's ends are means, too. None if one is
+        unknown.
+        """
+        rows = [(d.value, *d.interval) for d in self.differences if d.other == other]
+        finite = [[v for v in row if v is not None and math.isfinite(v)] for row in rows]
+        if not rows or any(len(row) < 3 for row in finite):
+            return None
+        value, low, high = (sum(values) / len(rows) for values in zip(*finite, strict=True))
+        return value, low, high
 
     def passing_limits(self) -> dict[str, float]:
         """Least headline scores that this run would just pass, by algorithm with all of them."""

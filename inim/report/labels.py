@@ -287,6 +287,34 @@ def disagreements(report: ReportDocument) -> list[str]:
     return sentences
 
 
+def difference_sentence(report: ReportDocument) -> str:
+    """Difference of the best algorithm to the next one, with its interval; empty if unknown."""
+    best = report.best_algorithm
+    means = {n: m for n in report.algorithms if (m := report.mean(n, HEADLINE)) is not None}
+    others = sorted(means.keys() - {best}, key=lambda name: -means[name])
+    between = report.mean_difference(others[0]) if others else None
+    if between is None:
+        return ""
+    value, low, high = (number(part, 3) for part in between)
+    if between[1] > 0:
+        return f"{best} is better than {others[0]} by {value} [{low}, {high}]."
+    return f"{best} and {others[0]} do not differ significantly: {value} [{low}, {high}]."
+
+
+def precise(value: float, interval: Sequence[float | None] | None, digits: int) -> str:
+    """A score with its 95 % interval: ``0.985 ± 0.004``, or ``0.987 [0.985, 1.000]``.
+
+    The short form is for intervals that are symmetric to the last digit.
+    """
+    low, high = (None, None) if interval is None else interval
+    if not (is_number(low) and is_number(high) and math.isfinite(high - low)):
+        return number(value, digits)
+    if abs(high + low - 2 * value) <= 10.0**-digits:
+        half = last_digits((high - low) / 2, digits) / 10**digits
+        return f"{number(value, digits)} ± {number(half, digits)}"
+    return f"{number(value, digits)} [{number(low, digits)}, {number(high, digits)}]"
+
+
 def suggested_criteria(report: ReportDocument) -> str:
     """A value of `inim.min_ssim_to_reference` that this run would just pass; empty without scores.
 

@@ -120,7 +120,10 @@ def _latex_cell(row: dict[str, Any], score: str, digits: int) -> str:
     text = number(value, digits)
     if not (is_number(low) and is_number(high)):
         return text
-    return f"{text}({last_digits((high - low) / 2, digits)})"
+    if abs(high + low - 2 * value) <= 10.0**-digits:
+        return f"{text}({last_digits((high - low) / 2, digits)})"
+    above, below = (last_digits(part, digits) / 10**digits for part in (high - value, value - low))
+    return f"${text}^{{+{above:.{digits}f}}}_{{-{below:.{digits}f}}}$"
 
 
 @dataclass(frozen=True)
@@ -138,6 +141,8 @@ class PairedComparison:
     p_value : float
         Probability of such differences between equal algorithms, by the Wilcoxon signed-rank test
         (Biometrics Bulletin 1, 1945); NaN below six reports, where it cannot fall below 0.05.
+    reason : str
+        Reason why there is no probability; empty if there is one.
     """
 
     differences: dict[str, float]
@@ -145,6 +150,7 @@ class PairedComparison:
     low: float
     high: float
     p_value: float
+    reason: str = ""
 
 
 _LEAST_FOR_TEST = 6
@@ -191,5 +197,10 @@ def compare_algorithms(
         half = stats.t.ppf(0.975, len(sample) - 1) * stats.sem(sample)
         low, high = mean - float(half), mean + float(half)
     if len(sample) >= _LEAST_FOR_TEST:
-        p_value = float(stats.wilcoxon(sample).pvalue) if sample.any() else 1.0
-    return PairedComparison(differences, mean, low, high, p_value)
+        p_value, reason = float(stats.wilcoxon(sample).pvalue) if sample.any() else 1.0, ""
+    else:
+        reason = (
+            f"{len(sample)} of at least {_LEAST_FOR_TEST} relics; with fewer, the test cannot "
+            "reach a probability below 0.05"
+        )
+    return PairedComparison(differences, mean, low, high, p_value, reason)

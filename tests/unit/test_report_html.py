@@ -272,6 +272,27 @@ def test_ssim_map_is_black_where_equal_and_its_mean_is_the_score(folder):
     assert 1 - places[5:-5, 5:-5].mean() / 255 == pytest.approx(score, abs=4e-3)
 
 
+@pytest.mark.parametrize(
+    ("intervals", "words"),
+    [
+        ([(0.04, 0.06), (0.05, 0.07)], "template is better than wang2024 by 0.050 [0.045, 0.065]."),
+        ([(-0.02, 0.1), (0.01, 0.2)], "do not differ significantly: 0.050 [−0.005, 0.150]."),
+        ([(None, None), (0.01, 0.2)], ""),
+    ],
+)
+def test_the_sentence_has_the_difference_of_the_best_to_the_next(folder, intervals, words):
+    data = report({"template": 0.98, "wang2024": 0.93}, VIEWS[:2])
+    data["differences"] = [
+        {"algorithm": "template", "other": "wang2024", "viewpoint": view, "value": 0.05,
+         "interval": interval}
+        for view, interval in zip(VIEWS, intervals, strict=False)
+    ]  # fmt: skip
+    text = Page(render_html(data, folder)).text
+    assert "Mean SSIM to the reference: template 0.98, wang2024 0.93." in text
+    assert words in text
+    assert ("better than" in text or "differ significantly" in text) is bool(words)
+
+
 def test_a_score_above_the_noise_floor_has_a_footnote(folder):
     data = report({"template": 0.98, "wang2024": 0.96})
     for floor in data["noise_floor"]["views"].values():

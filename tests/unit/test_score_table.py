@@ -5,6 +5,7 @@ import io
 import math
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from inim.report import Report
@@ -16,11 +17,12 @@ HEADLINE = "ssim_on_relic_to_reference"
 
 def report(folder: str = "out", **scores_by_algorithm: tuple[float, float]) -> Report:
     """Report of two viewpoints, with intervals of ± 0.002 at the left one."""
-    precision = {"left": {HEADLINE: {"plain": 0.9, "interval": [0.898, 0.902]}}}
     algorithms = {
         name: {
             "views": {"centre": {HEADLINE: centre}, "left": {HEADLINE: left}},
-            "precision": precision,
+            "precision": {
+                "left": {HEADLINE: {"plain": 0.9, "interval": [left - 0.002, left + 0.002]}}
+            },
         }
         for name, (centre, left) in scores_by_algorithm.items()
     }
@@ -52,6 +54,14 @@ def test_latex_has_uncertain_digits_and_the_best_in_bold():
     assert text.count("\\begin") == text.count("\\end") == 1
 
 
+def test_latex_has_both_errors_of_an_asymmetric_interval():
+    result = report(a=(0.95, 0.987))
+    precision = result.data.algorithms["a"].precision["left"][HEADLINE]
+    clipped = msgspec.structs.replace(precision, interval=(0.981, 1.0))
+    result.data.algorithms["a"].precision["left"][HEADLINE] = clipped
+    assert "$0.987^{+0.013}_{-0.006}$" in result.table().to_latex()
+
+
 def test_paired_comparison_takes_one_observation_per_relic():
     """Differences 0.01 to 0.06: mean 0.035; all positive, so the rank test has p = 2 / 2^6."""
     reports = [
@@ -71,3 +81,4 @@ def test_few_reports_have_no_p_value_and_one_no_interval():
     assert single.mean == pytest.approx(0.1)
     assert math.isnan(single.low)
     assert math.isnan(single.p_value)
+    assert single.reason.startswith("1 of at least 6 relics")

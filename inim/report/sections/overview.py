@@ -14,13 +14,14 @@ from inim.report.labels import (
     TRUTH,
     ScoreKind,
     check_finding,
+    difference_sentence,
     disagreements,
     full_command,
     is_number,
-    last_digits,
     named,
     number,
     per_cent,
+    precise,
     score,
     score_keys,
     shares_of_possible,
@@ -59,9 +60,9 @@ _NO_SCENE = (
     "compared with what the picture determines; see the "
 )
 _NOTE = (
-    "± is the 95 % interval. The reference is the ground-truth EIA seen through the same lenses: "
-    "a score to it measures the loss of the algorithm alone. A score to the ground truth includes "
-    "the loss of the display. "
+    "± and [ ] are 95 % intervals. The reference is the ground-truth EIA seen through the same "
+    "lenses: a score to it measures the loss of the algorithm alone. A score to the ground truth "
+    "includes the loss of the display. "
 )
 _ABOVE_FLOOR = (
     "¹ Above the noise floor: it is closer than two halves of the ground truth's samples. "
@@ -111,7 +112,10 @@ def verdict_sentence(data: ReportDocument) -> str:
         words = f"{best} reaches {per_cent(share, 0)} of what is possible"
         return words + "".join(f"; the next, {n}, {per_cent(s, 0)}" for n, s in others[:1]) + "."
     scores = [f"{name} {number(mean, _FEW_DIGITS)}" for name, mean in ranking(data)[:2]]
-    return f"Mean {MAIN.label} to the reference: {', '.join(scores)}." if scores else ""
+    if not scores:
+        return ""
+    words = f"Mean {MAIN.label} to the reference: {', '.join(scores)}."
+    return f"{words} {difference_sentence(data)}".rstrip()
 
 
 def _sentence(data: ReportDocument) -> str:
@@ -194,19 +198,15 @@ def _score_cell(
                 continue
             key = keys[_TO_TRUTH.get(kind, kind) if to_itself else kind]
             value, digits = scores.get(key), min(metric.digits, _MOST_DIGITS)
-            words = number(value, digits) if is_number(value) else score(scores, key)
-            half = _half_width(precision, view, key)
-            if half is not None:
-                words += f" ± {number(last_digits(half, digits) / 10**digits, digits)}"
+            words = score(scores, key)
+            if is_number(value) and (known := precision.get(view, {}).get(key)):
+                words = precise(value, known.interval, digits)
+            elif is_number(value):
+                words = number(value, digits)
             limit = floor.get(keys[_TO_TRUTH.get(kind, kind)]) if metric == MAIN else None
             mark = _MARK * (is_number(value) and is_number(limit) and value > limit)
             parts.append(element("span", text(words), mark, class_=f"{comparison} m{i}"))
     return "".join(parts)
-
-
-def _half_width(precision: Precision, view: str, key: str) -> float | None:
-    score_precision = precision.get(view, {}).get(key)
-    return None if score_precision is None else score_precision.half_width
 
 
 def _algorithm_row(
