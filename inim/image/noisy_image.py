@@ -8,6 +8,16 @@ import numpy as np
 
 # Estimates of the noise's second-order effect on SSIM take products of four independent images.
 _LEAST_REPLICATES = 4
+#: Replicates of a run's images. All have equally many, as estimates pair them.
+REPLICATES = 8
+
+
+def split_samples(spp: int) -> tuple[int, int]:
+    """Number of independent parts of an image with `spp` samples per pixel, and samples of each.
+
+    `REPLICATES` parts with at least `spp` samples together, or two halves if these are too few.
+    """
+    return (REPLICATES, -(-spp // REPLICATES)) if spp >= REPLICATES else (2, max(1, spp // 2))
 
 
 @dataclass(frozen=True)
@@ -36,9 +46,14 @@ class NoisyImage:
         return cls((first, second), stores_halves=True)
 
     @classmethod
-    def from_image(cls, image: np.ndarray, noise: np.ndarray | None = None) -> NoisyImage:
+    def from_image(
+        cls,
+        image: np.ndarray,
+        noise: np.ndarray | None = None,
+        replicates: np.ndarray | None = None,
+    ) -> NoisyImage:
         """Image with noise; None means without noise."""
-        return cls((image, noise))
+        return cls((image, noise), replicates=replicates)
 
     @classmethod
     def from_replicates(cls, replicates: np.ndarray) -> NoisyImage:
@@ -50,6 +65,11 @@ class NoisyImage:
             )
         first, second = replicates.reshape(2, count // 2, *replicates.shape[1:]).mean(axis=1)
         return cls((first, second), stores_halves=True, replicates=replicates)
+
+    @classmethod
+    def from_parts(cls, parts: np.ndarray) -> NoisyImage:
+        """The mean of two halves or of replicates, (parts, rows, columns, 3)."""
+        return cls.from_halves(*parts) if len(parts) == 2 else cls.from_replicates(parts)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -110,6 +130,22 @@ class NoisyImage:
             (first,), count = replace_nonfinite(first)
             second = None if second is None else np.nan_to_num(second)
         return replace(self, arrays=(first, second), nonfinite=count)
+
+
+@dataclass(frozen=True)
+class NoisyEIA(NoisyImage):
+    """An EIA with its noise, and its replicates where the views of a run observe it."""
+
+    #: (K, pixels, 3) float32, linear RGB, K as of `replicates`: the observed panel pixels in
+    #: reading order. None if unknown.
+    observed: np.ndarray | None = None
+
+    def replace_nonfinite(self) -> NoisyEIA:
+        """The same with black pixels where an array or a replicate is not finite."""
+        eia, observed = super().replace_nonfinite(), self.observed
+        if observed is not None:
+            observed = np.stack(replace_nonfinite(*observed)[0])
+        return NoisyEIA(eia.arrays, eia.stores_halves, eia.nonfinite, observed=observed)
 
 
 def replace_nonfinite(*images: np.ndarray) -> tuple[list[np.ndarray], int]:

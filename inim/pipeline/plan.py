@@ -13,6 +13,7 @@ from inim.display.settings import PREFIX, Settings
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.generators import SCENE_ALGORITHMS, algorithm_items, split_algorithm
 from inim.generators.registry import Input
+from inim.image.noisy_image import split_samples
 from inim.image.rgbd import RGBD
 from inim.pipeline.request import PREVIEW, Request
 from inim.pipeline.stages.capture import DepthCamera
@@ -55,9 +56,16 @@ _EIA_BYTES = 150
 _CAPTURE_BYTES = 240
 # Maximum number of layers: hits along a ray, and for each layer a mean and two halves with copies.
 _LAYERS_BYTES = 3200
-# View: float64 sums, rays of the coverage pass, the scorer's copies; and the stored view.
+# Colours of eight layers in each part of the samples, and their copies.
+_COPIES_OF_LAYERS = 16
+# View: float64 sums, rays of the coverage pass, the scorer's copies.
 _VIEW_BYTES = 400
-_STORED_VIEW_BYTES = 12
+# A colour.
+_COLOUR_BYTES = 12
+# Matrix of a view, per view pixel: six panel pixels of three colours, 8 bytes each.
+_MATRIX_BYTES = 150
+# Panel pixels that a view observes, per view pixel: 0.9 to 1.1 through thick lenses.
+_OBSERVED_PIXELS = 1.2
 # Per pixel of each view of the optimal EIA: its matrix, twice, and the images of the search.
 _OPTIMAL_BYTES = 200
 
@@ -324,21 +332,29 @@ def _plan_memory(
     from inim.system.process.machine import memory_limit_bytes
 
     optimised = sum(views + m.zone**2 for m in methods if isinstance(m, OptimalMethod))
-    layers = _LAYERS_BYTES if any(m.input is not RGBD for m in methods) else 0
+    counts = settings.capture_spp, settings.eia_spp, settings.view_spp
+    parts_bytes = max(split_samples(spp)[0] for spp in counts) * _COLOUR_BYTES
+    # Ground truth, reference and the current method, each with image and noise.
+    stored_views = 3 * (parts_bytes + 2 * _COLOUR_BYTES) + len(methods) * _COLOUR_BYTES
+    # Replicates of two EIAs, and of one that is being computed.
+    observed = 3 * _OBSERVED_PIXELS * parts_bytes
+    layers = 0
+    if any(m.input is not RGBD for m in methods):
+        layers = _LAYERS_BYTES + _COPIES_OF_LAYERS * parts_bytes
     images = {
         "use a display with fewer pixels": (display.eia_shape, _EIA_BYTES),
         "lower inim.capture_pixels_per_pitch": (
             capture_shape,
-            _CAPTURE_BYTES + layers,
+            _CAPTURE_BYTES + parts_bytes + layers,
         ),
         "lower inim.view_pixels_per_lens": (
             display.view_shape(settings.view_pixels_per_lens),
             _VIEW_BYTES
-            + views * (3 + len(methods)) * _STORED_VIEW_BYTES
+            + views * (stored_views + observed + _MATRIX_BYTES)
             + optimised * _OPTIMAL_BYTES,
         ),
     }
-    needs = {fix: shape[0] * shape[1] * size for fix, (shape, size) in images.items()}
+    needs = {fix: int(shape[0] * shape[1] * size) for fix, (shape, size) in images.items()}
     total, limit = sum(needs.values()), memory_limit_bytes()
     rays = rays_in_flight(limit, total)
     if not rays:

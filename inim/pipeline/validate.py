@@ -68,7 +68,8 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
     source = plan.source(renderer)
     display_views = DisplayViews(eyes, optics, renderer, run=run)
     mask = find_observed_pixels(display_views, run=run) if plan.is_lazy else None
-    setup = MethodSetup(source, optics, eyes, s.eia_spp, s.view_spp, mask)
+    observed = display_views.observed
+    setup = MethodSetup(source, optics, eyes, s.eia_spp, s.view_spp, mask, observed)
     prepared_methods = prepare_methods(plan.methods, setup, run=run)
 
     if isinstance(source, FittedPicture):
@@ -84,7 +85,7 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
             record = record | {"splats": measure_translucency(source, run=run)}
         capture = capture_relic(source, plan.inputs, run=run)
         truth_eia = render_ground_truth_eia(
-            source.scene, plan.misaligned_display, s.eia_spp, s.seed, mask, run=run
+            source.scene, plan.misaligned_display, s.eia_spp, s.seed, mask, observed, run=run
         )
         sampling = (s.view_pixels_per_lens, s.view_spp, s.seed)
         truth_views = {eye.name: render_view(source.scene, eye, *sampling, run=run) for eye in eyes}

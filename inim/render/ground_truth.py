@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 from inim.display import Display
 from inim.display.pixels import SUBPIXELS
 from inim.display.viewpoint import Viewpoint
-from inim.image.noisy_image import NoisyImage
+from inim.image.noisy_image import REPLICATES, NoisyEIA, NoisyImage, split_samples
 from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.image.sides import BESIDE, Sides, with_sides
 from inim.render import splats
@@ -18,7 +19,14 @@ from inim.render.depth_peeling import MOST_LAYERS, PeeledLayers
 from inim.render.library import dr, mi
 from inim.render.rays import NonSeparableRays, SeparableRays, capture_rays, eye_rays, pickup_rays
 from inim.render.scene import FittedScene
-from inim.render.trace import Light, first_not_light, first_surface, mean_light, scene_light
+from inim.render.trace import (
+    Light,
+    first_not_light,
+    first_surface,
+    mean_light,
+    scene_light,
+    whole_packets,
+)
 from inim.system.process.observer import Observer
 
 
@@ -39,7 +47,7 @@ def capture(
     return _add_depth(fitted, rays, color, observer)
 
 
-def capture_halves(
+def capture_parts(
     fitted: FittedScene,
     display: Display,
     *,
@@ -49,16 +57,16 @@ def capture_halves(
     slopes: tuple[float, float] = (0.0, 0.0),
     skip: bool = True,
     observer: Observer | None = None,
-) -> tuple[RGBD, RGBD]:
-    """Capture two independent halves of the samples, as `capture`; depth is equal in both.
+) -> tuple[RGBD, ...]:
+    """Capture independent parts of the samples (`split_samples`), as `capture`, of equal depth.
 
     `skip`: see `pickup`; `slopes`: see `capture_rays`.
     """
     rays = capture_rays(display, pixels_per_pitch, fitted.start_mm, slopes)
     mask = fitted.bounds.visible_pixels(rays) if skip else None
-    halves = _render_halves(fitted, rays, spp, seed, mask, observer)
-    first = _add_depth(fitted, rays, halves.first, observer, mask)
-    return first, replace(first, color=halves.second)
+    color, *colors = _render_parts(fitted, rays, spp, seed, mask, observer)
+    first = _add_depth(fitted, rays, color, observer, mask)
+    return first, *(replace(first, color=color) for color in colors)
 
 
 def _add_depth(
@@ -257,8 +265,9 @@ def pickup(
     seed: int,
     skip: bool = True,
     mask: np.ndarray | None = None,
+    observed: np.ndarray | None = None,
     observer: Observer | None = None,
-) -> NoisyImage:
+) -> NoisyEIA:
     """Render the ground-truth EIA: every panel pixel path traced through its lens centre (Eq. 1).
 
     Samples cover the emitting area of the pixel. With sub-pixels, each colour has a separate pickup
@@ -267,6 +276,7 @@ def pickup(
     * `skip`: trace only pixels that can be non-black (`inim.render.culling`): the same bits.
     * `mask`, (rows, columns) bool: panel pixels to trace; the others stay black. It does not change
       the traced pixels.
+    * `observed`, (rows, columns) bool: panel pixels whose replicates are kept.
     """
     mask = display.lensed if mask is None else mask & display.lensed
     # Also where a pixel lacks a colour: what is not shown is left out by the panel.
@@ -275,16 +285,56 @@ def pickup(
     for place in dict.fromkeys(places):
         rays = pickup_rays(display, fitted.start_mm, place)
         visible = mask & fitted.bounds.visible_pixels(rays) if skip else mask
-        pickups[place] = _render_halves(fitted, rays, spp, seed, visible, observer)
+        pickups[place] = _render_panel(fitted, rays, spp, seed, visible, observed, observer)
+    if len(pickups) == 1:
+        (first, second), replicates = pickups[places[0]]
+        return NoisyEIA((first, second), stores_halves=True, observed=replicates)
+    # Red of the first colour's pickup, green of the second's, blue of the third's.
+    channels = [pickups[place] for place in places]
+    first, second = (
+        np.stack([halves[half][..., c] for c, (halves, _) in enumerate(channels)], axis=-1)
+        for half in (0, 1)
+    )
+    of_observed = [parts[..., c] for c, (_, parts) in enumerate(channels) if parts is not None]
+    replicates = np.stack(of_observed, axis=-1) if of_observed else None
+    return NoisyEIA((first, second), stores_halves=True, observed=replicates)
 
-    def colours(half: str) -> np.ndarray:
-        """Red of the first colour's pickup, green of the second's, blue of the third's."""
-        channels = [
-            getattr(pickups[place], half)[..., channel] for channel, place in enumerate(places)
-        ]
-        return np.stack(channels, axis=-1)
 
-    return NoisyImage.from_halves(colours("first"), colours("second"))
+def _render_panel(
+    fitted: FittedScene,
+    rays: SeparableRays | NonSeparableRays,
+    spp: int,
+    seed: int,
+    mask: np.ndarray,
+    observed: np.ndarray | None,
+    observer: Observer | None,
+) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray | None]:
+    """Render two halves of a panel, and the replicates of observed pixels, (K, pixels, 3).
+
+    The halves of observed pixels are means of their replicates. The replicates are None if there
+    are too few samples, or without observed pixels.
+    """
+    camera, (count, each) = fitted.camera(rays), split_samples(spp)
+    light, in_half = scene_light(fitted.scene, fitted.integrator, camera), count // 2
+    if observed is None or count < REPLICATES:
+        observed = np.zeros(camera.shape, bool)
+
+    def render(part: int, spp: int, pixels: np.ndarray) -> np.ndarray:
+        part_seed = REPLICATES * seed + part
+        return mean_light(light, camera.shape, spp, part_seed, mask & pixels, observer)
+
+    # Pixels that are traced together with observed ones have replicates as well.
+    has_replicates = whole_packets(observed.ravel(), each).reshape(camera.shape)
+    halves = [render(half, in_half * each, ~has_replicates) for half in (0, 1)]
+    if not observed.any():
+        return (halves[0], halves[1]), None
+    replicates = np.empty((count, np.count_nonzero(observed), 3), np.float32)
+    for part in range(count):
+        image = render(part, each, has_replicates)
+        replicates[part] = image[observed]
+        image /= in_half
+        halves[part // in_half] += image
+    return (halves[0], halves[1]), replicates
 
 
 def true_view(
@@ -304,23 +354,21 @@ def true_view(
     """
     rays = eye_rays(display, viewpoint, pixels_per_lens, fitted.start_mm)
     mask = fitted.bounds.visible_pixels(rays) if skip else None
-    truth = _render_halves(fitted, rays, spp, seed, mask, observer)
-    camera = fitted.camera(rays)
+    parts = np.stack([*_render_parts(fitted, rays, spp, seed, mask, observer)])
+    camera, truth = fitted.camera(rays), NoisyImage.from_parts(parts)
     return truth, first_surface(fitted.scene, fitted.integrator, camera, observer, mask)[0]
 
 
-def _render_halves(
+def _render_parts(
     fitted: FittedScene,
     rays: SeparableRays | NonSeparableRays,
     spp: int,
     seed: int,
     mask: np.ndarray | None,
     observer: Observer | None,
-) -> NoisyImage:
-    camera = fitted.camera(rays)
+) -> Iterator[np.ndarray]:
+    """Render independent parts of the samples (`split_samples`)."""
+    camera, (count, each) = fitted.camera(rays), split_samples(spp)
     light = scene_light(fitted.scene, fitted.integrator, camera)
-    first, second = (
-        mean_light(light, camera.shape, max(1, spp // 2), 2 * seed + half, mask, observer)
-        for half in (0, 1)
-    )
-    return NoisyImage.from_halves(first, second)
+    for part in range(count):
+        yield mean_light(light, camera.shape, each, REPLICATES * seed + part, mask, observer)

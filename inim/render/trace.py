@@ -214,7 +214,7 @@ def mean_light(
     for first in range(0, count, _PIXELS_PER_BAND):
         pixels = np.arange(first, min(first + _PIXELS_PER_BAND, count))
         is_wanted = np.ones(len(pixels), bool) if mask is None else mask.reshape(-1)[pixels]
-        in_packets = _whole_packets(is_wanted, spp)
+        in_packets = whole_packets(is_wanted, spp)
         pixels, is_wanted = pixels[in_packets], is_wanted[in_packets]
         image[pixels[is_wanted]] = _sums(light, pixels, spp, seed)[is_wanted] / spp
         traced += len(pixels) * spp
@@ -223,7 +223,7 @@ def mean_light(
     return image.reshape(*shape, 3)
 
 
-def _whole_packets(is_wanted: np.ndarray, spp: int = 1) -> np.ndarray:
+def whole_packets(is_wanted: np.ndarray, spp: int = 1) -> np.ndarray:
     """Pixels whose samples fill all packets with samples of wanted pixels, (n,) bool."""
     size = _PACKET // math.gcd(_PACKET, spp)
     groups = np.logical_or.reduceat(is_wanted, np.arange(0, len(is_wanted), size))
@@ -298,7 +298,7 @@ def first_surface(
     is_wanted = np.ones(math.prod(camera.shape), bool) if mask is None else mask.reshape(-1)
     if not is_wanted.any():  # the renderer has no empty arrays
         return np.zeros(camera.shape, bool), np.empty((0, 3))
-    traced = np.flatnonzero(_whole_packets(is_wanted))
+    traced = np.flatnonzero(whole_packets(is_wanted))
     ray = camera.centre_rays(mi.UInt32(traced.astype(np.uint32)))
     if splats.shows_splats(integrator):
         distance = splats.absorption(scene, integrator, ray).half

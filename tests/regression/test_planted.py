@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from inim.generators import prepare
-from inim.image.noisy_image import NoisyImage
+from inim.image.noisy_image import NoisyEIA, NoisyImage
 from inim.image.rgbd import RGBD
 from inim.pipeline.adaptive_sampling import Evaluation
 from inim.pipeline.baseline import collect_statistics
@@ -65,7 +65,7 @@ class Finished:
         truth, generate = truth or self.evaluation.truth, generate or self.generate
         plan, capture, run = self.evaluation.plan, self.evaluation.capture, Run()
         first, second = (generate(rgbd) for rgbd in capture.inputs[RGBD].halves)
-        eia = NoisyImage.from_image((first + second) / 2, (first - second) / 2)
+        eia = NoisyEIA(((first + second) / 2, (first - second) / 2))
         template = GeneratedEIA(eia, None, None, self._reference(generate))
         display_views = DisplayViews(plan.viewpoints, plan.optics, self.renderer, run=run)
         views = change_views(reconstruct_views("template", eia, display_views, run=run))

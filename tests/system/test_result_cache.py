@@ -143,9 +143,10 @@ def test_another_algorithm_renders_nothing(cached_bench):
     assert "generated" in reason(other, "EIA of li2012")
 
 
-def test_another_viewpoint_renders_one_view(cached_bench):
+def test_another_viewpoint_renders_its_view_and_the_eia_that_it_observes(cached_bench):
     moved = cached_bench.report(**{"viewpoints": "centre,right"})
-    assert rendered(moved) == {"ground-truth view: right"}
+    assert rendered(moved) == {"ground-truth view: right", "ground-truth EIA"}
+    assert "read from the cache" in reason(moved, "view of template: centre")
 
 
 def test_another_light_renders_all_with_the_reason(cached_bench):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.image.noisy_image import NoisyImage
+from inim.image.noisy_image import NoisyEIA, NoisyImage
 from inim.pipeline import validate as validating
 from inim.pipeline.job import run as run_plan
 from inim.pipeline.plan import make_plan
@@ -206,7 +206,7 @@ def test_criteria_do_not_pass_if_the_capture_misses_what_the_display_shows(monke
         output = real(method, *words, **named)
         image = output.eia.image.copy()
         image[: len(image) // 2] = 0
-        return replace(output, eia=NoisyImage.from_image(image))
+        return replace(output, eia=NoisyEIA((image, None)))
 
     monkeypatch.setattr(validating, "generate_eia", half_empty)
     report = run()

@@ -47,7 +47,7 @@ def test_the_eia_is_the_same_without_black_pixels(array, open_fitted):
 
 @pytest.mark.parametrize("pupil", [0.0, 6.0])
 def test_views_and_captures_are_the_same_without_black_pixels(pupil, open_fitted):
-    from inim.render.ground_truth import capture_halves, true_view
+    from inim.render.ground_truth import capture_parts, true_view
 
     display = small_display()
     fitted = open_fitted(scene_text(*SPHERES, LAMP, GLASS), display)
@@ -57,7 +57,7 @@ def test_views_and_captures_are_the_same_without_black_pixels(pupil, open_fitted
         view, relic = true_view(
             fitted, display, eye, pixels_per_lens=6, spp=16, seed=1, skip=skip, observer=observer
         )
-        pictures = capture_halves(
+        pictures = capture_parts(
             fitted, display, pixels_per_pitch=5, spp=16, seed=2, skip=skip, observer=observer
         )
         results.append([view.first, view.second, relic, *(p.color for p in pictures)])
@@ -179,7 +179,7 @@ def slow(names: Iterable[str]) -> list[Any]:
 
 @pytest.mark.parametrize("plugin", [*ROWS, "ellipsoids", *slow(RELICS), *slow(SPLATS[1:])])
 def test_black_pixels_of_every_shape_change_nothing(plugin, open_fitted, tmp_path):
-    from inim.render.ground_truth import capture_halves, pickup, true_view
+    from inim.render.ground_truth import capture_parts, pickup, true_view
 
     display, eye = small_display(pixels=12), Viewpoint("eye", 20, -15, 400)
     if plugin in SPLATS:
@@ -192,10 +192,10 @@ def test_black_pixels_of_every_shape_change_nothing(plugin, open_fitted, tmp_pat
     for skip in (True, False):
         eia = pickup(fitted, display, spp=4, seed=1, skip=skip)
         view, relic = true_view(fitted, display, eye, pixels_per_lens=8, spp=6, seed=1, skip=skip)
-        first, second = capture_halves(
-            fitted, display, pixels_per_pitch=9, spp=6, seed=2, skip=skip
+        first, *_, last = capture_parts(
+            fitted, display, pixels_per_pitch=9, spp=8, seed=2, skip=skip
         )
-        pictures = (first.color, second.color, first.depth_mm, first.covered)
+        pictures = (first.color, last.color, first.depth_mm, first.covered)
         images.append((eia.first, eia.second, view.first, view.second, relic, *pictures))
     assert images[0][0].max() > 0.1 and images[0][4].mean() > 0.01
     assert all(np.array_equal(a, b) for a, b in zip(*images, strict=True))

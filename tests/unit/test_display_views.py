@@ -14,7 +14,7 @@ from inim.display import Display, Viewpoint
 from inim.display.lens import white_exposure
 from inim.display.misalignment import misaligned, parse_misalignment
 from inim.display.panel import seen_light
-from inim.image.noisy_image import NoisyImage
+from inim.image.noisy_image import NoisyEIA
 from inim.pipeline.stages.reconstruction import DisplayViews, Optics, reconstruct_views
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
@@ -61,7 +61,7 @@ def test_view_equals_the_rendered_one(lens_model, changes, misalignment):
 
     display = misaligned(small_display(**changes), parse_misalignment(misalignment))
     eia, views = random_eia(display), display_views(display, lens_model)
-    products = reconstruct_views("mine", NoisyImage.from_image(eia), views, run=Run())
+    products = reconstruct_views("mine", NoisyEIA((eia, None)), views, run=Run())
     scene = DisplayScene(eia, display, lens_model)
     for eye in EYES:
         light = scene.view(eye, pixels_per_lens=4, spp=16, seed=7)
@@ -79,9 +79,9 @@ def test_bits_of_a_view_depend_neither_on_noise_nor_on_pixels_that_it_does_not_o
     noise = np.float32(0.01) * (random_eia(display, 2) - np.float32(0.5))
     show = partial(reconstruct_views, "mine", views=views, run=Run())
     plain, other, noisy = (
-        show(NoisyImage.from_image(*arrays)) for arrays in ((eia,), (elsewhere,), (eia, noise))
+        show(NoisyEIA(arrays)) for arrays in ((eia, None), (elsewhere, None), (eia, noise))
     )
-    only_noise = show(NoisyImage.from_image(noise))
+    only_noise = show(NoisyEIA((noise, None)))
     for eye in EYES:
         assert np.array_equal(plain[eye.name].image, other[eye.name].image)
         assert np.array_equal(plain[eye.name].image, noisy[eye.name].image)

@@ -42,7 +42,7 @@ def test_a_plan_is_refused_only_where_the_smallest_passes_do_not_fit(spare, tmp_
     least = LEAST_BYTES + plenty.images_bytes
     monkeypatch.setattr("inim.system.process.machine.memory_limit_bytes", lambda: least + spare)
     if spare < 0:
-        with pytest.raises(OutOfMemoryError, match=r"available \d.\d GiB; use a disp"):
+        with pytest.raises(OutOfMemoryError, match=r"available \d.\d GiB; lower inim.view"):
             make_plan(request)
     else:
         assert make_plan(request).rays_in_flight == (2**16 if spare == 0 else 2**20)

@@ -29,7 +29,7 @@ from inim.generators import (
     parse_algorithm,
 )
 from inim.generators.steps import RayGenerator
-from inim.image.noisy_image import NoisyImage
+from inim.image.noisy_image import NoisyEIA
 from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.capture import capture_nonempty
@@ -240,13 +240,13 @@ def bench_scene(
     observer.begin(["open scene", "capture RGB-D", "ground-truth EIA", "time", "score", "write"])
     run, camera = Run(observer=observer), plan.camera(renderer)
     capture = capture_nonempty(camera, {parse_algorithm(name).input for name in names}, run=run)
-    truth = render_ground_truth_eia(camera.scene, display, s.eia_spp, s.seed, None, run=run)
+    truth = render_ground_truth_eia(camera.scene, display, s.eia_spp, s.seed, run=run)
 
     optics = replace(plan.optics, display=display)
     display_views = DisplayViews(plan.viewpoints, optics, renderer, run=run)
 
     def show(eia: np.ndarray) -> EIAWithViews:
-        views = reconstruct_views("", NoisyImage.from_image(eia), display_views, run=run)
+        views = reconstruct_views("", NoisyEIA((eia, None)), display_views, run=run)
         return EIAWithViews(eia, [view.image for view in views.values()])
 
     viewing = [plan.viewing_conditions(eye) for eye in plan.viewpoints]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Protocol
 
@@ -11,7 +12,7 @@ import numpy as np
 from inim.display import Display
 from inim.generators import merge_colourings
 from inim.generators.registry import Input
-from inim.image.noisy_image import replace_nonfinite
+from inim.image.noisy_image import REPLICATES, replace_nonfinite, split_samples
 from inim.image.rgbd import (
     RGBD,
     Camera,
@@ -57,7 +58,7 @@ class PictureSource(Protocol):
 class DepthCamera:
     """A depth camera in front of a scene: parallel rays along the display's axis.
 
-    `spp` are the samples per pixel, both halves; `seed` is the run's.
+    `spp` are the samples per pixel of all parts (`split_samples`); `seed` is the run's.
     """
 
     scene: Scene
@@ -92,13 +93,13 @@ class DepthCamera:
 
 @dataclass(frozen=True)
 class Layers:
-    """All layers as two half images, with the shares left out (`inim.render.depth_peeling`).
+    """All layers as independent parts, with the shares left out (`inim.render.depth_peeling`).
 
     `covered_shares` are the shares of the pixels covered by the first solid, by the second, and so
     on. No ray of the display meets the `hidden_share` of the hidden layers.
     """
 
-    halves: tuple[LayeredRGBD, LayeredRGBD]
+    parts: tuple[LayeredRGBD, ...]
     covered_shares: tuple[float, ...]
     cut_share: float
     hidden_share: float
@@ -106,13 +107,28 @@ class Layers:
 
 
 class CapturedInput(NamedTuple):
-    """Input of methods: a picture, and two half images with independent colour samples.
+    """Input of methods: a picture, and its parts with independent colour samples.
 
-    The halves are None for a picture without known noise.
+    The parts are two halves or `REPLICATES`; None for a picture without known noise.
     """
 
     rgbd: RGBD
-    halves: tuple[RGBD, RGBD] | None
+    parts: tuple[RGBD, ...] | None
+
+    @property
+    def halves(self) -> tuple[RGBD, RGBD] | None:
+        """Means of the first and of the second half of the parts."""
+        if self.parts is None:
+            return None
+        middle = len(self.parts) // 2
+        return _mean_picture(self.parts[:middle]), _mean_picture(self.parts[middle:])
+
+    def without_each(self) -> Iterator[RGBD]:
+        """Means of all parts but one, in the order of the parts."""
+        parts = self.parts or ()
+        total = np.float32(len(parts)) * self.rgbd.palette
+        for part in parts:
+            yield _with_palette(part, (total - part.palette) / np.float32(len(parts) - 1))
 
 
 @dataclass(frozen=True)
@@ -141,11 +157,10 @@ class Capture:
 
 def capture_relic(camera: DepthCamera, inputs: Collection[Input], *, run: Run) -> Capture:
     """Capture colour and depth, and the other inputs; replace nonfinite values."""
-    first, second = capture_rgbd(camera, run=run)
-    capture = _add_input(Capture(camera, {}), RGBD, "RGB-D", (first, second))
+    capture = _add_input(Capture(camera, {}), RGBD, "RGB-D", capture_rgbd(camera, run=run))
     for views in sorted(views for views in inputs if isinstance(views, str)):
-        halves = capture_cameras(camera, views, run=run)
-        capture = _add_input(capture, views, f"RGB-D of {views} cameras", halves)
+        parts = capture_cameras(camera, views, run=run)
+        capture = _add_input(capture, views, f"RGB-D of {views} cameras", parts)
     if LayeredRGBD in inputs:
         return _add_layers(capture, capture_layers(camera, run=run))
     run.skipped.add(
@@ -171,7 +186,7 @@ def capture_nonempty(camera: DepthCamera, inputs: Collection[Input], *, run: Run
 
 
 def _all_samples(samples: int, camera: DepthCamera) -> tuple[str, str, str]:
-    total = 2 * max(1, camera.spp // 2) * camera.shape[0] * camera.shape[1]
+    total = math.prod((*split_samples(camera.spp), *camera.shape))
     return samples_traced(samples, total, EMPTY_RAYS)
 
 
@@ -182,11 +197,11 @@ def _all_samples(samples: int, camera: DepthCamera) -> tuple[str, str, str]:
     timer="capture RGB-D",
     describe=_all_samples,
 )
-def capture_rgbd(camera: DepthCamera) -> tuple[RGBD, RGBD]:
-    """Capture two half images of the colour, with the same depth and coverage."""
-    from inim.render.ground_truth import capture_halves
+def capture_rgbd(camera: DepthCamera) -> tuple[RGBD, ...]:
+    """Capture independent parts of the colour's samples, with the same depth and coverage."""
+    from inim.render.ground_truth import capture_parts
 
-    return capture_halves(
+    return capture_parts(
         camera.scene.fitted,
         camera.scene.display,
         pixels_per_pitch=camera.pixels_per_pitch,
@@ -198,7 +213,7 @@ def capture_rgbd(camera: DepthCamera) -> tuple[RGBD, RGBD]:
 
 def _camera_samples(samples: int, camera: DepthCamera, views: str) -> tuple[str, str, str]:
     count = len(camera_directions(views))
-    total = 2 * max(1, camera.spp // 2) * camera.shape[0] * camera.shape[1] * count
+    total = math.prod((*split_samples(camera.spp), *camera.shape, count))
     return samples_traced(samples, total, EMPTY_RAYS)
 
 
@@ -209,21 +224,21 @@ def _camera_samples(samples: int, camera: DepthCamera, views: str) -> tuple[str,
     timer="capture cameras",
     describe=_camera_samples,
 )
-def capture_cameras(camera: DepthCamera, views: str) -> tuple[RGBD, RGBD]:
-    """Capture the pictures of an arrangement of cameras and merge them, as two half images.
+def capture_cameras(camera: DepthCamera, views: str) -> tuple[RGBD, ...]:
+    """Capture the pictures of an arrangement of cameras and merge them, as independent parts.
 
     The cameras see along rays of the display: the corners of the arrangement along those of the
     corner pixels of an elemental image.
     """
-    from inim.render.ground_truth import capture_halves
+    from inim.render.ground_truth import capture_parts
 
     display = camera.scene.display
     half_pixel = display.pixel_pitch_mm / (2 * display.gap_mm)
     right, up = (max(slope - half_pixel, 0.0) for slope in display.layout.outward_slopes())
-    halves: tuple[list[CameraRGBD], list[CameraRGBD]] = [], []
+    parts: list[list[CameraRGBD]] = [[] for _ in range(split_samples(camera.spp)[0])]
     for number, (x, y) in enumerate(camera_directions(views)):
         slopes = x * right, y * up
-        pictures = capture_halves(
+        pictures = capture_parts(
             camera.scene.fitted,
             display,
             pixels_per_pitch=camera.pixels_per_pitch,
@@ -233,14 +248,13 @@ def capture_cameras(camera: DepthCamera, views: str) -> tuple[RGBD, RGBD]:
             **camera.scene.render_options,
         )
         place = Camera.orthographic(slopes, camera.shape, camera.pixel_mm)
-        for half, picture in zip(halves, pictures, strict=True):
+        for part, picture in zip(parts, pictures, strict=True):
             depth = np.where(picture.covered, picture.depth_mm, np.inf)
-            half.append(
+            part.append(
                 CameraRGBD(picture.color.astype(np.float32), depth, place, f"camera {x:+g} {y:+g}")
             )
-    colourings = [CameraRGBDs(tuple(half)) for half in halves]
-    first, second = merge_colourings(colourings, display, camera.pixels_per_pitch)
-    return first, second
+    colourings = [CameraRGBDs(tuple(part)) for part in parts]
+    return tuple(merge_colourings(colourings, display, camera.pixels_per_pitch))
 
 
 @stage(
@@ -255,7 +269,7 @@ def capture_cameras(camera: DepthCamera, views: str) -> tuple[RGBD, RGBD]:
     ),
 )
 def capture_layers(camera: DepthCamera) -> Layers:
-    """Capture all solids along the camera's rays, with two half images of their colours."""
+    """Capture all solids along the camera's rays, with independent parts of their colours."""
     from inim.render import ground_truth
     from inim.render.depth_peeling import MOST_LAYERS, peel
 
@@ -264,23 +278,20 @@ def capture_layers(camera: DepthCamera) -> Layers:
     peeled = peel(
         scene.fitted, scene.display, pixels_per_pitch=camera.pixels_per_pitch, observer=observer
     )
-    first, second = (
+    count, spp = split_samples(camera.spp)
+    parts = tuple(
         ground_truth.capture_layers(
-            scene.fitted,
-            peeled,
-            spp=max(1, camera.spp // 2),
-            seed=2 * seed + half,
-            observer=observer,
+            scene.fitted, peeled, spp=spp, seed=REPLICATES * seed + part, observer=observer
         )
-        for half in (0, 1)
+        for part in range(count)
     )
     shares = tuple(float(solid.mean()) for solid in peeled.covered)
-    return Layers((first, second), shares, peeled.cut_share, peeled.hidden_share, MOST_LAYERS)
+    return Layers(parts, shares, peeled.cut_share, peeled.hidden_share, MOST_LAYERS)
 
 
 def _add_layers(capture: Capture, layers: Layers) -> Capture:
     """Return the capture with its layers, nonfinite colours replaced."""
-    first, warnings = layers.halves[0], []
+    first, warnings = layers.parts[0], []
     solids = ", ".join(f"{share:.2%}" for share in layers.covered_shares)
     detail = f"solids cover {solids} of the pixels, nearest first; the others are their sides"
     if layers.hidden_share:
@@ -298,19 +309,24 @@ def _add_layers(capture: Capture, layers: Layers) -> Capture:
         checks=(*capture.checks, layers_check),
         warnings=(*capture.warnings, *warnings),
     )
-    return _add_input(capture, LayeredRGBD, "RGB-D layers", layers.halves)
+    return _add_input(capture, LayeredRGBD, "RGB-D layers", layers.parts)
 
 
-def _add_input(capture: Capture, key: Input, name: str, halves: tuple[RGBD, RGBD]) -> Capture:
+def _add_input(capture: Capture, key: Input, name: str, parts: tuple[RGBD, ...]) -> Capture:
     """Return the capture with an input and its check, nonfinite colours replaced."""
-    palettes, nonfinite = replace_nonfinite(halves[0].palette, halves[1].palette)
-    first, second = map(_with_palette, halves, palettes)
-    mean = _with_palette(first, np.float32(0.5) * (first.palette + second.palette))
+    palettes, nonfinite = replace_nonfinite(*(part.palette for part in parts))
+    parts = tuple(map(_with_palette, parts, palettes))
     return replace(
         capture,
-        inputs={**capture.inputs, key: CapturedInput(mean, (first, second))},
+        inputs={**capture.inputs, key: CapturedInput(_mean_picture(parts), parts)},
         checks=(*capture.checks, *nonfinite_checks(name, nonfinite)),
     )
+
+
+def _mean_picture(pictures: Sequence[RGBD]) -> RGBD:
+    """Return pictures that differ in colour only as one, with their mean colours."""
+    palettes = [picture.palette for picture in pictures]
+    return _with_palette(pictures[0], np.mean(palettes, axis=0))
 
 
 def _with_palette(rgbd: RGBD, palette: np.ndarray) -> RGBD:

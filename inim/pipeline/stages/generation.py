@@ -22,9 +22,9 @@ from inim.generators import (
     prepare,
 )
 from inim.generators.steps import RayGenerator
-from inim.image.noisy_image import NoisyImage
+from inim.image.noisy_image import REPLICATES, NoisyEIA
 from inim.image.rgbd import RGBD
-from inim.pipeline.stages.capture import Capture, PictureSource
+from inim.pipeline.stages.capture import Capture, CapturedInput, PictureSource
 from inim.pipeline.stages.stage import GENERATING, Run, stage
 from inim.scores.regression.fingerprints import Fingerprint, fingerprint, reference_input
 
@@ -50,7 +50,7 @@ class GeneratedEIA:
     warning for the report.
     """
 
-    eia: NoisyImage
+    eia: NoisyEIA
     seconds: float | None
     hole_fraction: float | None
     reference_output: ReferenceOutput | None = None
@@ -104,6 +104,10 @@ class GeneratorHandle:
             mask=self.mask,
         )
 
+    def masked(self, mask: np.ndarray) -> GeneratorHandle:
+        """The same generator, restricted to some of its panel pixels."""
+        return GeneratorHandle(self.algorithm, self.display, self.shape, self.pixel_mm, mask)
+
     def run(self, rgbd: RGBD, *, holes: bool = True) -> GeneratorRun:
         """Run the generator (`run_generator`)."""
         run = run_generator(self.generator, rgbd, self.mask, holes)
@@ -123,18 +127,25 @@ class GeneratorHandle:
 @stage(
     "EIA of {generator.algorithm}",
     code=GENERATING,
-    result_types=(GeneratedEIA, NoisyImage),
+    result_types=(GeneratedEIA, NoisyEIA),
     describe=("generated", "nothing", "the algorithm or its picture is new"),
 )
-def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
-    """Generate the EIA of a capture, and its noise from the half images."""
-    rgbd, halves = capture.inputs[generator.algorithm.input]
+def generate(
+    generator: GeneratorHandle, capture: Capture, observed: np.ndarray | None
+) -> GeneratedEIA:
+    """Generate the EIA of a capture, its noise from the half images, and its replicates.
+
+    `observed`, (rows, columns) bool, are the panel pixels with replicates.
+    """
+    rgbd, parts = picture = capture.inputs[generator.algorithm.input]
     eia, _, holes, sources = generator.run(rgbd)
     share = hole_fraction(holes, generator.display, generator.mask)
     del holes
-    if halves is None:
-        return GeneratedEIA(NoisyImage.from_image(eia), generator.rerun(rgbd).seconds, share)
-    if sources is not None and np.array_equal(halves[0].depth_mm, rgbd.depth_mm):
+    halves = picture.halves
+    if parts is None or halves is None:
+        return GeneratedEIA(NoisyEIA((eia, None)), generator.rerun(rgbd).seconds, share)
+    replicates = _replicates(generator, picture, eia, sources, observed)
+    if sources is not None:
         noise = colour_of(sources, halves[0])
         del sources
     else:
@@ -143,7 +154,34 @@ def generate(generator: GeneratorHandle, capture: Capture) -> GeneratedEIA:
     # In place: each of these takes 0.4 GB for an 8K panel.
     noise -= last_run.eia
     noise /= 2
-    return GeneratedEIA(NoisyImage.from_image(eia, noise), last_run.seconds, share)
+    return GeneratedEIA(NoisyEIA((eia, noise), observed=replicates), last_run.seconds, share)
+
+
+def _replicates(
+    generator: GeneratorHandle,
+    picture: CapturedInput,
+    eia: np.ndarray,
+    sources: Sources | None,
+    observed: np.ndarray | None,
+) -> np.ndarray | None:
+    """Replicates of a picture's EIA at observed panel pixels; see `NoisyEIA`.
+
+    Interpolated colours are not linear in the picture, so the EIAs of noisier parts would be darker
+    than that of all. Replicates are therefore the jackknife's pseudo-values (Quenouille, Biometrika
+    43, 1956), which follow from the EIAs of all parts but one. Of copied colours, they are the EIAs
+    of the parts. None for another package's generator, which may use random numbers of its own.
+    """
+    count = len(picture.parts or ())
+    if observed is None or count < REPLICATES or not generator.algorithm.own:
+        return None
+    if sources is not None:
+        of_observed = sources[observed][None]
+        return np.concatenate([colour_of(of_observed, part) for part in picture.parts or ()])
+    masked = generator.masked(observed).generator
+    replicates = np.stack([masked.generate(others)[observed] for others in picture.without_each()])
+    replicates *= 1 - count
+    replicates += count * eia[observed]
+    return replicates
 
 
 @stage(
@@ -158,9 +196,14 @@ def _fingerprint(generator: GeneratorHandle) -> Fingerprint:
 
 
 def prepare_generator(
-    algorithm: Algorithm, camera: PictureSource, mask: np.ndarray | None, *, run: Run
+    algorithm: Algorithm,
+    camera: PictureSource,
+    mask: np.ndarray | None,
+    observed: np.ndarray | None,
+    *,
+    run: Run,
 ) -> Callable[[Capture], GeneratedEIA]:
-    """Return a function that generates the EIA of a capture.
+    """Return a function that generates the EIA of a capture; see `generate`.
 
     The generator is prepared unless its EIA is in the cache. EIAs of other packages' generators are
     never cached, because changes of their code cannot be detected.
@@ -168,7 +211,7 @@ def prepare_generator(
     display = camera.display
     generator = GeneratorHandle(algorithm, display, camera.shape, camera.pixel_mm, mask)
     is_own = algorithm.own
-    if not (is_own and generate.is_cached(generator, camera, run=run)):
+    if not (is_own and generate.is_cached(generator, camera, observed, run=run)):
         _ = generator.generator
 
     # A generator's first call compiles its kernels, while the scene is rendered. Another package's
@@ -185,9 +228,9 @@ def prepare_generator(
                 fingerprint, lambda: generator.rerun(generator.reference_input()).eia
             )
         if is_own:
-            output = generate(generator, capture, run=run)
+            output = generate(generator, capture, observed, run=run)
         else:
-            output = generate.function(generator, capture)
+            output = generate.function(generator, capture, observed)
         return replace(output, reference_output=reference)
 
     return generate_from

@@ -11,7 +11,7 @@ import numpy as np
 
 from inim.display import Display, Viewpoint
 from inim.display.pixels import SUBPIXELS
-from inim.image.noisy_image import NoisyImage
+from inim.image.noisy_image import NoisyEIA, NoisyImage, split_samples
 from inim.pipeline.stages.capture import Capture, DepthCamera, nonfinite_checks
 from inim.pipeline.stages.scene import EMPTY_RAYS, Scene, samples_traced, seed_of
 from inim.pipeline.stages.stage import RENDERING, Run, stage
@@ -29,43 +29,54 @@ _NOT_OBSERVED = "no requested view has a sample there; "
 def _panel_samples(
     samples: int, eia_spp: int, display: Display, mask: np.ndarray | None, **_: Any
 ) -> tuple[str, str, str]:
-    full = 2 * max(1, eia_spp // 2) * display.eia_shape[0] * display.eia_shape[1]
+    full = math.prod(split_samples(eia_spp)) * display.eia_shape[0] * display.eia_shape[1]
     full *= len({(subpixel.right, subpixel.width) for subpixel in SUBPIXELS[display.subpixels]})
     reason = ("" if mask is None else _NOT_OBSERVED) + EMPTY_RAYS
     return samples_traced(samples, full, reason)
 
 
-@stage("{name}", code=RENDERING, result_types=(NoisyImage,), describe=_panel_samples)
+@stage("{name}", code=RENDERING, result_types=(NoisyEIA,), describe=_panel_samples)
 def pick_up_eia(
     scene: Scene,
     display: Display,
     eia_spp: int,
     seed: int,
     mask: np.ndarray | None = None,
+    observed: np.ndarray | None = None,
     name: str = "ground-truth EIA",
-) -> tuple[NoisyImage, float]:
+) -> tuple[NoisyEIA, float]:
     """Trace the EIA from the scene through every lens centre (Eq. 1); black outside the mask.
 
     The display has pinholes: misaligned for the ground truth, as designed for a method. `eia_spp`
-    are the samples per panel pixel of both halves, `seed` is that of the image (`seed_of`), `mask`
-    selects panel pixels, (rows, columns) bool, and `name` is the name in the report. Also returns
-    the time in seconds.
+    are the samples per panel pixel of both halves, and `seed` is that of the image (`seed_of`).
+    `mask` selects panel pixels, `observed` those whose replicates are kept, (rows, columns) bool.
+    `name` is the name in the report. Also returns the time in seconds.
     """
     from inim.render.ground_truth import pickup
 
     fitted, start = scene.fitted, perf_counter()
-    eia = pickup(fitted, display, spp=eia_spp, seed=seed, mask=mask, **scene.render_options)
+    eia = pickup(
+        fitted, display, spp=eia_spp, seed=seed, mask=mask, observed=observed,
+        **scene.render_options,
+    )  # fmt: skip
     return eia, perf_counter() - start
 
 
 def render_ground_truth_eia(
-    scene: Scene, display: Display, eia_spp: int, seed: int, mask: np.ndarray | None, *, run: Run
-) -> NoisyImage:
+    scene: Scene,
+    display: Display,
+    eia_spp: int,
+    seed: int,
+    mask: np.ndarray | None = None,
+    observed: np.ndarray | None = None,
+    *,
+    run: Run,
+) -> NoisyEIA:
     """Render the ground-truth EIA of the misaligned display, with nonfinite pixels replaced."""
     name = "ground-truth EIA" if mask is None else "ground-truth EIA, where observed"
     pinholes, eia_seed = display.through_pinholes(), seed_of("eia", seed)
     with run.observer.timed("ground-truth EIA"):
-        eia, _ = pick_up_eia(scene, pinholes, eia_spp, eia_seed, mask, name, run=run)
+        eia, _ = pick_up_eia(scene, pinholes, eia_spp, eia_seed, mask, observed, name, run=run)
         return eia.replace_nonfinite()
 
 
@@ -89,7 +100,7 @@ def _view_samples(
     **_: Any,
 ) -> tuple[str, str, str]:
     pixels = math.prod(scene.display.view_shape(view_pixels_per_lens))
-    return samples_traced(samples, 2 * max(1, view_spp // 2) * pixels, EMPTY_RAYS)
+    return samples_traced(samples, math.prod(split_samples(view_spp)) * pixels, EMPTY_RAYS)
 
 
 @stage(
@@ -109,7 +120,7 @@ def render_view(
     """Render the scene from a viewpoint through the window of the lens array.
 
     `view_pixels_per_lens` is explained in `inim.render.rays.eye_rays`; `view_spp` are the samples
-    per pixel of both halves, and `seed` is the run's. Also returns the relic's pixels, (rows,
+    per pixel of all parts, and `seed` is the run's. Also returns the relic's pixels, (rows,
     columns) bool.
     """
     from inim.render.ground_truth import true_view

@@ -35,7 +35,7 @@ from inim.generators import (
 from inim.generators.options import Option, declared_options
 from inim.generators.registry import Input
 from inim.image.files.eia_file import check_eia_name, read_eia
-from inim.image.noisy_image import NoisyImage
+from inim.image.noisy_image import NoisyEIA
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.capture import Capture, DepthCamera, PictureSource
 from inim.pipeline.stages.generation import GeneratedEIA, hole_fraction, prepare_generator
@@ -67,7 +67,7 @@ _MAX_SAMPLES = 2**20
 _MAX_ZONE = 32
 
 #: A method ready to compute an EIA of the scene from its capture and its ground-truth EIA.
-PreparedMethod = Callable[[Capture, NoisyImage], GeneratedEIA]
+PreparedMethod = Callable[[Capture, NoisyEIA], GeneratedEIA]
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,8 @@ class MethodSetup:
     """Inputs of a run's methods that exist before anything is rendered.
 
     `eia_spp` and `view_spp` are the samples per pixel of the ground-truth EIA and views; `mask`,
-    (rows, columns) bool, selects the panel pixels to generate, all if None.
+    (rows, columns) bool, selects the panel pixels to generate, all if None. `observed` are those
+    whose replicates are kept, none if None.
     """
 
     camera: PictureSource
@@ -84,6 +85,7 @@ class MethodSetup:
     eia_spp: int
     view_spp: int
     mask: np.ndarray | None = None
+    observed: np.ndarray | None = None
 
     @property
     def depth_camera(self) -> DepthCamera:
@@ -141,7 +143,7 @@ def generate_eia(
     method: Method,
     prepared_method: PreparedMethod,
     capture: Capture,
-    truth_eia: NoisyImage,
+    truth_eia: NoisyEIA,
     *,
     run: Run,
 ) -> GeneratedEIA:
@@ -171,7 +173,9 @@ class GeneratorMethod(Method):
 
     def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:
         """See `Method`."""
-        generate_from = prepare_generator(self.algorithm, setup.camera, setup.mask, run=run)
+        generate_from = prepare_generator(
+            self.algorithm, setup.camera, setup.mask, setup.observed, run=run
+        )
         return lambda capture, _: generate_from(capture)
 
 
@@ -198,13 +202,17 @@ class FileMethod(Method):
         eia, nonempty = read_eia(self.path, display, only_finite=False)
         holes = hole_fraction(None if nonempty is None else ~nonempty, display, setup.mask)
 
-        def read(_: Capture, truth_eia: NoisyImage) -> GeneratedEIA:
+        def read(_: Capture, truth_eia: NoisyEIA) -> GeneratedEIA:
             is_copy = np.array_equal(eia, truth_eia.image)
             if is_copy:
                 remark = f"eia/{self.name}: is a copy of the ground-truth EIA, and shares its noise"
                 return GeneratedEIA(truth_eia, None, holes, remark=remark)
-            noise = truth_eia.noise if self.shares_noise else None
-            return GeneratedEIA(NoisyImage.from_image(eia, noise), None, holes)
+            if not self.shares_noise:
+                return GeneratedEIA(NoisyEIA((eia, None)), None, holes)
+            replicates = truth_eia.observed
+            if replicates is not None:
+                replicates = replicates + (eia - truth_eia.image)[setup.observed]
+            return GeneratedEIA(NoisyEIA((eia, truth_eia.noise), observed=replicates), None, holes)
 
         return read
 
@@ -227,9 +235,11 @@ class PickupMethod(Method):
 
         def generate(*_: Any) -> GeneratedEIA:
             spp, name = self.spp or setup.eia_spp, f"EIA of {self.name}"
-            eia, seconds = pick_up_eia(scene, display, spp, seed, mask, name, run=run)
+            eia, seconds = pick_up_eia(
+                scene, display, spp, seed, mask, setup.observed, name, run=run
+            )
             holes = hole_fraction(~covered_pixels(scene, run=run), scene.display, mask)
-            return GeneratedEIA(NoisyImage.from_image(eia.image, eia.noise), seconds, holes)
+            return GeneratedEIA(eia, seconds, holes)
 
         return generate
 
@@ -256,7 +266,7 @@ class OptimalMethod(Method):
         views = ScoredViews(setup.optics, (*setup.viewpoints, *further), setup.view_spp)
         views.check()
 
-        def optimise(_: Capture, truth_eia: NoisyImage) -> GeneratedEIA:
+        def optimise(_: Capture, truth_eia: NoisyEIA) -> GeneratedEIA:
             scene = setup.depth_camera.scene
             eia, seconds = optimise_eia(self.name, scene, views, truth_eia, run=run)
             return GeneratedEIA(eia, seconds, None)

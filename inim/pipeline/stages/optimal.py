@@ -32,7 +32,7 @@ import numpy as np
 from inim.display import Viewpoint
 from inim.display.lens import lens_model, white_exposure
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_slope, to_srgb
-from inim.image.noisy_image import NoisyImage
+from inim.image.noisy_image import NoisyEIA, NoisyImage
 from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import Scene, seed_of
 from inim.pipeline.stages.stage import RENDERING, stage
@@ -86,12 +86,12 @@ class ScoredViews:
 @stage(
     "EIA of {name}",
     code=RENDERING,
-    result_types=(NoisyImage,),
+    result_types=(NoisyEIA,),
     describe=("optimised", "nothing", "its scene or its views are new"),
 )
 def optimise_eia(
     name: str, scene: Scene, views: ScoredViews, start: NoisyImage
-) -> tuple[NoisyImage, float]:
+) -> tuple[NoisyEIA, float]:
     """Find the EIA whose views come closest to the scene.
 
     Panel pixels that no view shows keep the values of `start`. The noise of the result is that of
@@ -120,7 +120,7 @@ def optimise_eia(
     eia = fit.solve([truth.image for truth in truths])
     noise = fit.solve([truth.first for truth in truths], eia, steps=1) - eia
     rounded = linear_from_srgb(to_srgb(eia) / np.float32(255))
-    return NoisyImage.from_image(rounded, noise), perf_counter() - begin
+    return NoisyEIA((rounded, noise)), perf_counter() - begin
 
 
 class LeastSquares:

@@ -29,7 +29,7 @@ from inim.generators.base import (
 from inim.generators.oracle import ExactHits, exact_hits, why_no_oracle
 from inim.generators.registry import Input
 from inim.image.files.image import read_rgbd
-from inim.image.noisy_image import NoisyImage
+from inim.image.noisy_image import NoisyEIA, NoisyImage
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.capture import Capture, CapturedInput
 from inim.pipeline.stages.generation import GeneratorHandle
@@ -179,10 +179,10 @@ def capture_picture(picture: FittedPicture, inputs: Collection[Input]) -> Captur
     return Capture(picture, {RGBD: content, **dict.fromkeys(inputs, content)}, warnings=warnings)
 
 
-@stage("exact EIA", code=GENERATING, result_types=(NoisyImage,), timer="exact EIA")
-def generate_exact_eia(picture: FittedPicture) -> NoisyImage:
+@stage("exact EIA", code=GENERATING, result_types=(NoisyEIA,), timer="exact EIA")
+def generate_exact_eia(picture: FittedPicture) -> NoisyEIA:
     """Generate the EIA of the exact first hits on the front surface, without noise."""
-    return NoisyImage.from_image(generate(picture.front, picture.display, EXACT))
+    return NoisyEIA((generate(picture.front, picture.display, EXACT), None))
 
 
 @stage(

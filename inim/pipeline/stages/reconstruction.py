@@ -13,7 +13,7 @@ import numpy as np
 from inim.display import Display, Viewpoint
 from inim.display.lens import foreign_identity, lens_model, white_exposure
 from inim.display.panel import emitted_picture, has_own_black, seen_light
-from inim.image.noisy_image import NoisyImage
+from inim.image.noisy_image import NoisyEIA, NoisyImage
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import RENDERING, Run, stage
 from inim.scores.metrics import Viewing
@@ -97,17 +97,19 @@ class DisplayViews:
         mask, self._matrices[viewpoint.name] = observed_columns(matrices)
         return mask
 
-    def observed_light(self, eia: NoisyImage, viewpoint: Viewpoint) -> np.ndarray:
-        """Light of the panel pixels that a view observes, of an EIA and of its first half.
+    def observed_light(self, eia: NoisyEIA, viewpoint: Viewpoint) -> np.ndarray:
+        """Light of the panel pixels that a view observes, of an EIA and of its independent parts.
 
-        (1 or 2, pixels, 3) float32, linear RGB: the EIA alone if it has no noise.
+        (1 + parts, pixels, 3) float32, linear RGB. The parts are the replicates, the halves, or
+        none without noise.
         """
         mask = self._masks[viewpoint.name]
-        arrays = [array.reshape(-1, 3)[mask] for array in eia.arrays if array is not None]
-        if len(arrays) == 1:
-            return np.stack(arrays)
-        observed = replace(eia, arrays=(arrays[0], arrays[1]))
-        return np.stack([observed.image, observed.first])
+        first, *second = (array.reshape(-1, 3)[mask] for array in eia.arrays if array is not None)
+        observed = NoisyImage((first, second[0] if second else None), eia.stores_halves)
+        parts: Sequence[np.ndarray] | np.ndarray = observed.halves() if second else ()
+        if eia.observed is not None and self.observed is not None:
+            parts = eia.observed[:, mask[self.observed.ravel()]]
+        return np.stack([observed.image, *parts])
 
     def show(self, light: np.ndarray, viewpoint: Viewpoint) -> np.ndarray:
         """Views of the light of observed panel pixels, (views, pixels, 3), as a viewer sees them.
@@ -151,7 +153,8 @@ def _reconstruct(
     image = views.show(light[:1], viewpoint)[0]
     if len(light) == 1:
         return NoisyImage.from_image(image)
-    return NoisyImage.from_image(image, views.show(light[1:], viewpoint)[0] - image)
+    parts = NoisyImage.from_parts(views.show(light[1:], viewpoint))
+    return NoisyImage.from_image(image, parts.noise, parts.replicates)
 
 
 @dataclass(frozen=True)
@@ -220,7 +223,7 @@ def _render(name: str, eia: DisplayedEIA, viewpoint: Viewpoint) -> NoisyImage:
 
 
 def reconstruct_views(
-    name: str, eia: NoisyImage, views: DisplayViews, *, run: Run
+    name: str, eia: NoisyEIA, views: DisplayViews, *, run: Run
 ) -> dict[str, NoisyImage]:
     """Reconstruct the views of an EIA, by viewpoint."""
     if views.observed is None:
