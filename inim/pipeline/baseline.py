@@ -188,7 +188,7 @@ def _check_complete(candidate: RunStatistics, out: Path) -> None:
         f"{view} {name}"
         for view, scores in candidate.scores.items()
         for name, score in scores.items()
-        if math.isnan(score.value)
+        if math.isnan(score.plain)
     ]
     invalid += [n for n, tiles in candidate.pictures.items() if not np.isfinite(tiles.mean).all()]
     views = candidate.conditions.viewpoints
