@@ -50,7 +50,7 @@ _OF_SCENE = (
         "Noise floor",
         "The score of one half of the ground truth's samples against the other half. For plain "
         "scores, such as the EIA's, ignore differences smaller than 1 minus the noise floor. For "
-        "noise-corrected scores, ± is the 95 % interval.",
+        "noise-corrected scores, ± and [ ] are 95 % intervals.",
     ),
     (
         "Unlit",
@@ -92,9 +92,9 @@ _MEANINGS = (
     ),
     (
         "Noise-corrected",
-        "Sampling noise lowers the similarity of two images. This loss is estimated from two "
-        "halves of the samples and added back; ± is the 95 % interval. report.json also has the "
-        "plain scores of the noisy images.",
+        "Sampling noise lowers the similarity of two images. Scores without noise are estimated "
+        "from independent parts of the samples; ± and [ ] are 95 % intervals. report.json also "
+        "has the plain scores of the noisy images.",
     ),
     ("PSNR", "Peak signal-to-noise ratio in dB, higher is better; ∞ for identical images."),
     ("FLIP", "Visible difference when alternating between two images; 0 is none."),
