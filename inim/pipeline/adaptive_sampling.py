@@ -109,7 +109,7 @@ def stage_names(plan: Plan) -> list[str]:
         truth += ["capture layers"] * (LayeredRGBD in plan.inputs)
         truth += ["capture cameras" for views in plan.inputs if isinstance(views, str)]
         truth += ["ground-truth EIA", *["ground-truth views"] * eyes]
-    names = [*["observed pixels"] * eyes, *methods, *truth]
+    names = [*["trace views"] * eyes, *methods, *truth]
     names += [*views, "score"]
     for method in methods:
         names += [method, *views, "score", "score"]

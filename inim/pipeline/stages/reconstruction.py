@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,8 +19,8 @@ from inim.pipeline.stages.stage import RENDERING, Run, stage
 from inim.scores.metrics import Viewing
 from inim.system.cache import array_digest
 
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
+#: Values, columns and starts of the rows of a sparse matrix, as in `scipy.sparse.csr_array`.
+CompressedRows = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class DisplayViews:
     """Views of EIAs on a display, from the viewpoints of a run.
 
     Light adds up, so a view is the product of a sparse matrix and the light of the panel pixels
-    that it observes. A matrix is built on first use and kept. Equal EIAs have equal views.
+    that it observes. Equal EIAs have equal views.
 
     `observed`, (rows, columns) bool, are the panel pixels that some view observes. It is None if
     the lens model scatters rays between lenses: any pixel may be observed, and views are rendered.
@@ -68,34 +68,20 @@ class DisplayViews:
         self, viewpoints: Sequence[Viewpoint], optics: Optics, renderer: Renderer, *, run: Run
     ) -> None:
         self.viewpoints, self.optics, self.renderer = viewpoints, optics, renderer
-        self._matrices: dict[str, list[csr_array]] = {}
+        self._matrices: dict[str, Sequence[CompressedRows]] = {}
         self._masks: dict[str, np.ndarray] = {}
         self.observed: np.ndarray | None = None
         if lens_model(optics.lens_model).trace is None:
             return
         rows, columns = optics.display.eia_shape
         for eye in viewpoints:
-            bits = _observed_pixels(self, eye, run=run)
+            bits, self._matrices[eye.name] = _trace_view(optics, renderer, eye, run=run)
             self._masks[eye.name] = np.unpackbits(bits, count=rows * columns).astype(bool)
         self.observed = np.any([*self._masks.values()], axis=0).reshape(rows, columns)
 
     def cache_key(self) -> dict[str, Any]:
         """Return all values that affect a view of an EIA, except the viewpoint."""
         return {**self.optics.cache_key(), **self.renderer.cache_key()}
-
-    def observe(self, viewpoint: Viewpoint) -> np.ndarray:
-        """Find the panel pixels that a view observes, and keep its matrix: (panel pixels,) bool."""
-        self.renderer.load()
-        from inim.render.view_matrix import observed_columns, view_matrices
-
-        optics = self.optics
-        matrices = view_matrices(
-            optics.display, viewpoint, optics.lens_model,
-            pixels_per_lens=optics.view_pixels_per_lens,
-            spp=optics.reconstruction_spp, seed=optics.seed, observer=self.renderer.observer,
-        )  # fmt: skip
-        mask, self._matrices[viewpoint.name] = observed_columns(matrices)
-        return mask
 
     def observed_light(self, eia: NoisyEIA, viewpoint: Viewpoint) -> np.ndarray:
         """Light of the panel pixels that a view observes, of an EIA and of its independent parts.
@@ -116,22 +102,38 @@ class DisplayViews:
 
         (views, rows, columns, 3) float32, linear RGB, exposed for the panel's white.
         """
-        if viewpoint.name not in self._matrices:
-            self.observe(viewpoint)
-        optics, matrices = self.optics, self._matrices[viewpoint.name]
+        from scipy.sparse import csr_array
+
+        optics = self.optics
+        shape = optics.display.view_shape(optics.view_pixels_per_lens)
+        size = math.prod(shape), light.shape[1]
+        matrices = [csr_array(arrays, size) for arrays in self._matrices[viewpoint.name]]
         light = white_exposure(optics.display, optics.lens_model) * emitted_picture(
             light, optics.display
         )
         channels = [matrices[c % len(matrices)] @ light[..., c].T for c in range(3)]
-        shape = optics.display.view_shape(optics.view_pixels_per_lens)
         views = np.stack(channels, axis=-1).swapaxes(0, 1).reshape(len(light), *shape, 3)
         return np.stack([seen_light(view, optics.display) for view in views])
 
 
-@stage("observed panel pixels: {viewpoint.name}", code=RENDERING, timer="observed pixels")
-def _observed_pixels(views: DisplayViews, viewpoint: Viewpoint) -> np.ndarray:
-    """Panel pixels that a view observes, packed eight to a byte, uint8."""
-    return np.packbits(views.observe(viewpoint))
+@stage("matrix of the view: {viewpoint.name}", code=RENDERING, timer="trace views")
+def _trace_view(
+    optics: Optics, renderer: Renderer, viewpoint: Viewpoint
+) -> tuple[np.ndarray, Sequence[CompressedRows]]:
+    """Trace a view to the panel: the pixels that it observes, and its matrices of these.
+
+    The pixels are packed eight to a byte, uint8.
+    """
+    renderer.load()
+    from inim.render.view_matrix import observed_columns, view_matrices
+
+    matrices = view_matrices(
+        optics.display, viewpoint, optics.lens_model,
+        pixels_per_lens=optics.view_pixels_per_lens,
+        spp=optics.reconstruction_spp, seed=optics.seed, observer=renderer.observer,
+    )  # fmt: skip
+    mask, matrices = observed_columns(matrices)
+    return np.packbits(mask), [(m.data, m.indices, m.indptr) for m in matrices]
 
 
 @stage(
