@@ -359,6 +359,9 @@ def _plan_memory(
     rays = rays_in_flight(limit, total)
     if not rays:
         fix = max(needs, key=lambda name: needs[name])
+        display_fix, _, views_fix = images
+        if fix == views_fix and needs[fix] > limit * settings.view_pixels_per_lens**2:
+            fix = display_fix  # one pixel per lens is too many
         rows, columns = images[fix][0]
         raise OutOfMemoryError(
             f"images of {columns} x {rows} pixels raise the run's memory to about "
