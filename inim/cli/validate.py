@@ -132,7 +132,7 @@ def _finish(passed: bool, out: Path, quiet: bool) -> int:
     lines, verdict = [], "FAILED"
     if not quiet:
         data = read_document(out / "report.json", "run it again", ReportDocument)
-        if passed or data.verdict.word != "failed":
+        if data.verdict.word != "failed":
             verdict = verdict_words(data)
         failed = [check for check in data.verdict.checks if not (passed or check.passed)]
         lines = [f"warning: {text}" for text in data.warnings[:_MOST_WARNINGS]]

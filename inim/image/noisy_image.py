@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,6 +19,23 @@ def split_samples(spp: int) -> tuple[int, int]:
     `REPLICATES` parts with at least `spp` samples together, or two halves if these are too few.
     """
     return (REPLICATES, -(-spp // REPLICATES)) if spp >= REPLICATES else (2, max(1, spp // 2))
+
+
+def pseudo_values(whole: np.ndarray, without_each: Iterable[np.ndarray]) -> np.ndarray:
+    """Jackknife pseudo-values of a function of K independent images, (K, ...).
+
+    They average to its value for the mean image, without the bias of first order in the variance.
+
+    * `whole`, (...): the function of the mean of all images.
+    * `without_each`, K x (...): the function of the mean of all images but one.
+
+    Source: Quenouille, Biometrika 43, 1956.
+    """
+    values = np.stack([*without_each])
+    count = len(values)
+    values *= 1 - count
+    values += count * whole
+    return values
 
 
 @dataclass(frozen=True)

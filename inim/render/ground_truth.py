@@ -314,7 +314,7 @@ def _render_panel(
     The halves of observed pixels are means of their replicates. The replicates are None if there
     are too few samples, or without observed pixels.
     """
-    camera, (count, each) = fitted.camera(rays), split_samples(spp)
+    camera, (count, part_spp) = fitted.camera(rays), split_samples(spp)
     light, in_half = scene_light(fitted.scene, fitted.integrator, camera), count // 2
     if observed is None or count < REPLICATES:
         observed = np.zeros(camera.shape, bool)
@@ -324,13 +324,13 @@ def _render_panel(
         return mean_light(light, camera.shape, spp, part_seed, mask & pixels, observer)
 
     # Pixels that are traced together with observed ones have replicates as well.
-    has_replicates = whole_packets(observed.ravel(), each).reshape(camera.shape)
-    halves = [render(half, in_half * each, ~has_replicates) for half in (0, 1)]
+    has_replicates = whole_packets(observed.ravel(), part_spp).reshape(camera.shape)
+    halves = [render(half, in_half * part_spp, ~has_replicates) for half in (0, 1)]
     if not observed.any():
         return (halves[0], halves[1]), None
     replicates = np.empty((count, np.count_nonzero(observed), 3), np.float32)
     for part in range(count):
-        image = render(part, each, has_replicates)
+        image = render(part, part_spp, has_replicates)
         replicates[part] = image[observed]
         image /= in_half
         halves[part // in_half] += image
@@ -368,7 +368,7 @@ def _render_parts(
     observer: Observer | None,
 ) -> Iterator[np.ndarray]:
     """Render independent parts of the samples (`split_samples`)."""
-    camera, (count, each) = fitted.camera(rays), split_samples(spp)
+    camera, (count, part_spp) = fitted.camera(rays), split_samples(spp)
     light = scene_light(fitted.scene, fitted.integrator, camera)
     for part in range(count):
-        yield mean_light(light, camera.shape, each, REPLICATES * seed + part, mask, observer)
+        yield mean_light(light, camera.shape, part_spp, REPLICATES * seed + part, mask, observer)

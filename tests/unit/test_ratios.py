@@ -73,7 +73,7 @@ def counts(display: Display) -> dict[str, object]:
 @pytest.mark.parametrize("factors", [20, pytest.param(200, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", EVERY)
 def test_scaling_all_lengths_of_a_display_changes_no_number(name, factors):
-    """Where a number depends on rounding, half of the random factors change it."""
+    """Half of the random factors change numbers that depend on rounding."""
     display = EVERY[name]
     expected = counts(display)
     for factor in 10 ** np.random.default_rng(72).uniform(-2, 2, factors):

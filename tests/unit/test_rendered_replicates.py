@@ -47,9 +47,9 @@ def replicates_and_exact(image: str, fitted: object) -> tuple[np.ndarray, np.nda
     from inim.render.ground_truth import capture, capture_parts, pickup, true_view
 
     if image == "EIA":
-        mask, many = observed_pixels(), {"spp": 40 * SPP, "seed": 9}
+        mask, samples = observed_pixels(), {"spp": 40 * SPP, "seed": 9}
         replicates = pickup(fitted, DISPLAY, spp=SPP, seed=1, observed=mask).observed
-        exact = pickup(fitted, DISPLAY, mask=mask, **many).image[mask]
+        exact = pickup(fitted, DISPLAY, mask=mask, **samples).image[mask]
     elif image == "view":
         eye, size = Viewpoint("eye", 5, -4, 200), {"pixels_per_lens": 5}
         replicates = true_view(fitted, DISPLAY, eye, spp=SPP, seed=1, **size)[0].replicates
@@ -96,10 +96,10 @@ def test_halves_of_the_eia_are_means_of_its_replicates_wherever_it_is_observed(f
 def test_few_samples_give_halves_alone(fitted):
     from inim.render.ground_truth import pickup, true_view
 
-    mask, few = observed_pixels(), {"spp": REPLICATES - 1, "seed": 1}
-    assert pickup(fitted, DISPLAY, observed=mask, **few).observed is None
+    mask, samples = observed_pixels(), {"spp": REPLICATES - 1, "seed": 1}
+    assert pickup(fitted, DISPLAY, observed=mask, **samples).observed is None
     eye = Viewpoint("eye", 5, -4, 200)
-    assert true_view(fitted, DISPLAY, eye, pixels_per_lens=5, **few)[0].replicates is None
+    assert true_view(fitted, DISPLAY, eye, pixels_per_lens=5, **samples)[0].replicates is None
 
 
 @pytest.mark.parametrize("algorithm", ["template", "template:samples=1:colour=nearest", "gu2020"])

@@ -81,7 +81,7 @@ def without_noise(image):
 @pytest.mark.parametrize("count", [4, 8])
 @pytest.mark.parametrize("law", ["normal", "neighbours alike", "shared", "rare bright samples"])
 def test_score_without_noise_is_found_and_its_interval_contains_it(count, law):
-    """Of the whole and of each picture; the noise moves SSIM by up to 0.06, PSNR by 0.2 dB."""
+    """The whole and each picture are tested; the noise moves SSIM by up to 0.06, PSNR by 0.2 dB."""
     rng, draws = np.random.default_rng(1), 10
     regions = np.zeros((len(GREYS), *SCENE.shape[:2]), bool)
     for index, region in enumerate(regions):

@@ -106,7 +106,7 @@ def compare(reference: EIAWithViews, test: EIAWithViews, viewing: Sequence[Viewi
     """
     conditions: Sequence[Viewing | None] = viewing or [None] * len(test.views)
     views = zip(reference.views, test.views, conditions, strict=True)
-    view_scores = [metrics.score(true, view, viewing=seen) for true, view, seen in views]
+    view_scores = [metrics.score(true, view, viewing=eye) for true, view, eye in views]
     eia_scores = metrics.eia_scores(reference.eia, test.eia)
     scores: Scores = {f"eia_{key}": value for key, value in eia_scores.items()}
     for metric in (metric for metric in metrics.all_metrics() if metric.key in view_scores[0]):

@@ -22,7 +22,7 @@ from inim.generators import (
     prepare,
 )
 from inim.generators.steps import RayGenerator
-from inim.image.noisy_image import REPLICATES, NoisyEIA
+from inim.image.noisy_image import REPLICATES, NoisyEIA, pseudo_values
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.capture import Capture, CapturedInput, PictureSource
 from inim.pipeline.stages.stage import GENERATING, Run, stage
@@ -167,21 +167,18 @@ def _replicates(
     """Replicates of a picture's EIA at observed panel pixels; see `NoisyEIA`.
 
     Interpolated colours are not linear in the picture, so the EIAs of noisier parts would be darker
-    than that of all. Replicates are therefore the jackknife's pseudo-values (Quenouille, Biometrika
-    43, 1956), which follow from the EIAs of all parts but one. Of copied colours, they are the EIAs
-    of the parts. None for another package's generator, which may use random numbers of its own.
+    than that of all. Replicates are therefore `pseudo_values` of the EIAs of all parts but one. Of
+    copied colours, they are the EIAs of the parts. None for another package's generator, which may
+    use random numbers of its own.
     """
-    count = len(picture.parts or ())
-    if observed is None or count < REPLICATES or not generator.algorithm.own:
+    if observed is None or len(picture.parts or ()) < REPLICATES or not generator.algorithm.own:
         return None
     if sources is not None:
         of_observed = sources[observed][None]
         return np.concatenate([colour_of(of_observed, part) for part in picture.parts or ()])
     masked = generator.masked(observed).generator
-    replicates = np.stack([masked.generate(others)[observed] for others in picture.without_each()])
-    replicates *= 1 - count
-    replicates += count * eia[observed]
-    return replicates
+    without_each = (masked.generate(others)[observed] for others in picture.without_each())
+    return pseudo_values(eia[observed], without_each)
 
 
 @stage(

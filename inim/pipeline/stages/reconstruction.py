@@ -136,7 +136,7 @@ def _trace_view(
     return np.packbits(mask), [(m.data, m.indices, m.indptr) for m in matrices]
 
 
-@stage(
+_view_stage = stage(
     "view of {name}: {viewpoint.name}",
     code=RENDERING,
     result_types=(NoisyImage,),
@@ -144,6 +144,9 @@ def _trace_view(
     describe=("reconstructed", "nothing", "its EIA or its viewpoint is new"),
     derived=("name",),
 )
+
+
+@_view_stage
 def _reconstruct(
     name: str,
     views: DisplayViews,
@@ -202,14 +205,7 @@ class DisplayedEIA:
         return seen_light(exposure * view, optics.display)
 
 
-@stage(
-    "view of {name}: {viewpoint.name}",
-    code=RENDERING,
-    result_types=(NoisyImage,),
-    timer="reconstruct views",
-    describe=("reconstructed", "nothing", "its EIA or its viewpoint is new"),
-    derived=("name",),
-)
+@_view_stage
 def _render(name: str, eia: DisplayedEIA, viewpoint: Viewpoint) -> NoisyImage:
     """Render a view of an EIA as a viewer sees it, exposed for the panel's white.
 

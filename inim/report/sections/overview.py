@@ -199,8 +199,8 @@ def _score_cell(
             key = keys[_TO_TRUTH.get(kind, kind) if to_itself else kind]
             value, digits = scores.get(key), min(metric.digits, _MOST_DIGITS)
             words = score(scores, key)
-            if is_number(value) and (known := precision.get(view, {}).get(key)):
-                words = precise(value, known.interval, digits)
+            if is_number(value) and (score_precision := precision.get(view, {}).get(key)):
+                words = precise(value, score_precision.interval, digits)
             elif is_number(value):
                 words = number(value, digits)
             limit = floor.get(keys[_TO_TRUTH.get(kind, kind)]) if metric == MAIN else None

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from inim.image.color import srgb_from_linear
+from inim.image.noisy_image import pseudo_values
 from inim.system.errors import UsageError
 from inim.system.row_bands import row_bands
 
@@ -256,21 +257,16 @@ def noise_free_maps(metric: Metric, reference: np.ndarray, test: np.ndarray) -> 
     window = _difference_window(np.moveaxis(reference, 0, 2), np.moveaxis(test, 0, 2))
     window = _expand(window, metric.reach or 0, (rows, columns))
     for part, outer, inner in _parts(window, metric.reach or 0, (rows, columns), 1, images=count):
-        replicates = (_pseudo_values(stack[(slice(None), *outer)]) for stack in (reference, test))
+        replicates = (_srgb_replicates(stack[(slice(None), *outer)]) for stack in (reference, test))
         maps[(slice(None), *part)] = metric.noise_free(*replicates)[(slice(None), *inner)]  # type: ignore[misc]
     return maps
 
 
-def _pseudo_values(replicates: np.ndarray) -> np.ndarray:
-    """Jackknife pseudo-values of sRGB: they average to the sRGB of the mean, without its bias.
-
-    Source: Quenouille, Biometrika 43, 1956.
-    """
+def _srgb_replicates(replicates: np.ndarray) -> np.ndarray:
+    """Pseudo-values of sRGB: they average to the sRGB of the mean, without its bias."""
     count, total = len(replicates), replicates.sum(axis=0)
-    values = np.stack([srgb_from_linear((total - image) / (count - 1)) for image in replicates])
-    values *= 1 - count
-    values += count * srgb_from_linear(total / count)
-    return values
+    without_each = (srgb_from_linear((total - image) / (count - 1)) for image in replicates)
+    return pseudo_values(srgb_from_linear(total / count), without_each)
 
 
 def _parts(

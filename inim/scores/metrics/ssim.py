@@ -91,9 +91,9 @@ def _noise_free_channel(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     pairs_of_pairs = pairs * (count - 2) * (count - 3)
     covariance, variance = (
         mean * spread
-        - (pairs * pairs * mean * spread - 4 * ((sums * spreads).sum(axis=0) - both))
+        - (pairs * pairs * mean * spread - 4 * ((sums * spreads).sum(axis=0) - squared))
         / pairs_of_pairs
-        for mean, sums, both in ((error, errors, products), (spread, spreads, squares))
+        for mean, sums, squared in ((error, errors, products), (spread, spreads, squares))
     )
     plain_x, plain_y = x.mean(axis=0), y.mean(axis=0)
     plain = _average(plain_x * plain_x + plain_y * plain_y)

@@ -92,14 +92,14 @@ def _extrapolations(
         means = [np.delete(s[images], left_out, axis=0).mean(axis=0) for s in (reference, test)]
         return score_maps(means[0], means[1], keys, viewing)
 
-    none, count = slice(0), len(reference)
-    levels = {key: [np.atleast_2d(values)] for key, values in score(none).items()}
+    whole, count = slice(0), len(reference)
+    levels = {key: [np.atleast_2d(values)] for key, values in score(whole).items()}
     responses: dict[str, np.ndarray] = {}
     for parts in (parts for parts in (2, 4, 8) if count % parts == 0):
         size = count // parts
-        scores = [score(none, slice(i, i + size)) for i in range(0, count, size)]
+        scores = [score(whole, slice(i, i + size)) for i in range(0, count, size)]
         for key, means in levels.items():
-            maps = [np.atleast_2d(each[key]) for each in scores]
+            maps = [np.atleast_2d(scores_of_part[key]) for scores_of_part in scores]
             means.append(sum(maps[1:], maps[0].astype(np.float64)) / parts)
             if key not in responses:  # the difference of the halves has noise only
                 responses[key] = (maps[0] - maps[1])[None] / 2
@@ -107,7 +107,7 @@ def _extrapolations(
     if without_map:  # there are no blocks: leave out each replicate instead
         scores = [score(k) for k in range(count)]
         for key in without_map:
-            values = np.array([each[key] for each in scores])[:, None, None]
+            values = np.array([scores_of_part[key] for scores_of_part in scores])[:, None, None]
             responses[key] = math.sqrt((count - 1) / count) * (values - values.mean())
     return {key: partial(_from_levels, means, responses[key]) for key, means in levels.items()}
 

@@ -159,13 +159,13 @@ def _same_input(sizes: Sizes, rounds: Rounds) -> dict[str, Any]:
     truth = two_spheres_view(display, eye, view_rows // display.lens_rows)
     results = []
     for method in methods:
-        shown = show(linear_picture(method.out))
+        eia = show(linear_picture(method.out))
         results.append(
             method_data(method, times, display)
             | source_errors(method, exact, display)
-            | compare(reference, shown)
+            | compare(reference, eia)
             | {
-                "middle_view_ssim": metrics.ssim(truth, shown.views[0]),
+                "middle_view_ssim": metrics.ssim(truth, eia.views[0]),
                 "published_ssim": PUBLISHED_SSIM.get(method.name.removesuffix(PLAIN_PYTHON)),
             }
         )
