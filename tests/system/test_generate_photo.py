@@ -92,21 +92,19 @@ def test_a_broken_file_of_a_folder_is_named_and_the_others_are_generated(tmp_pat
     ("words", "says"),
     [
         (["phone", "-o", "eia.png"], "-o eia.png: phone is a folder; name a folder"),
-        (["phone", "-o", "o", "--pdf", "a.pdf"], "--pdf: needs a single picture"),
-        (["phone", "-o", "o", "--fit", "round"], "--fit round: use contain, cover or auto"),
+        (
+            ["phone", "-o", "o", "--pdf", "a.pdf"],
+            "--pdf: does not apply to a folder of photographs",
+        ),
         (["phone", "-o", "o", "--display", "wall"], "wall"),
         (["empty", "-o", "o"], "empty: no photograph in it"),
-        (["phone/a.jpg", "--depth-unit", "m"], "--depth-unit: phone/a.jpg contains the depth"),
+        (["phone/a.jpg", "--depth-unit", "m"], "--depth-unit: does not apply to a photograph"),
         (["phone/a.jpg", "--intrinsics", "photo"], "contains no camera"),
-        (
-            ["phone/a.jpg", "--intrinsics", "photo", "--orthographic"],
-            "exclude each other; give one",
-        ),
         (
             ["phone/a.jpg", "--frame-at", "300"],
             "--frame-at: has no effect on an orthographic picture",
         ),
-        (["phone/a.jpg", "--all-views"], "not a light field"),
+        (["phone/a.jpg", "--all-views"], "--all-views: does not apply to a photograph"),
         (["phone/a.jpg", "-o", "phone/a.jpg"], "-o phone/a.jpg"),
         (["a.png", "--depth", "b.png", "--intrinsics", "photo"], "--intrinsics photo"),
     ],

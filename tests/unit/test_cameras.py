@@ -258,7 +258,5 @@ def test_invalid_documents_are_refused(tmp_path):
     refused({"pictures": [first, second | {"color": "1\0.png"}]}, "is no file name; correct it")
     mirrored = [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]
     refused({"pictures": [first, second | {"rotation": mirrored}]}, "no rotation matrix")
-    refused({}, "--orthographic: the document has", CameraPicture(orthographic=True))
     refused({}, "need distances in a known unit", CameraPicture(depth_unit="none", near=1, far=2))
-    refused({}, "several cameras need linear", CameraPicture(depth_map="reciprocal"))
     refused({}, "--fit auto", CameraPicture(fit="auto"))

@@ -10,7 +10,6 @@ import numpy as np
 
 from inim.apps.own_picture.document import CamerasDocument, PlacedPicture
 from inim.apps.own_picture.fit import (
-    FITS,
     DepthMap,
     check_pinhole,
     depth_range,
@@ -41,8 +40,8 @@ class PlacedCameras(NamedTuple):
 def read_cameras(path: Path, options: CameraPicture, display: Display) -> PlacedCameras:
     """Read the pictures of a document; depth range and framing are those of the first camera.
 
-    `options` are those of a single picture, without files and intrinsics. Raises an `InimError` if
-    a file is damaged or contradicts the options.
+    `options` are those of a single picture, without files, projection and depth map. Raises an
+    `InimError` if a file is damaged or contradicts the options.
     """
     _check_options(options)
     document = read_document(path, "see docs/how-to/own-photograph.md", CamerasDocument)
@@ -59,7 +58,7 @@ def read_cameras(path: Path, options: CameraPicture, display: Display) -> Placed
         "linear", first.values, depth_range(first.values, options.near, options.far), display
     )
     scale, offset, frame_at = unprojection(
-        first.values, first.camera, display, options.fit_rule, options.frame_at
+        first.values, first.camera, display, options.fit or "cover", options.frame_at
     )
     display_from_first = np.eye(4)
     display_from_first[:3] = [
@@ -77,20 +76,13 @@ def read_cameras(path: Path, options: CameraPicture, display: Display) -> Placed
 
 
 def _check_options(options: CameraPicture) -> None:
-    replace(options, frame_at=None).check_choices()
-    if options.intrinsics or options.orthographic:
-        option = "--intrinsics" if options.intrinsics else "--orthographic"
-        raise UsageError(f"{option}: the document has the intrinsics of all cameras; omit {option}")
-    if options.depth_unit == "none" or options.near_is_large:
-        option = "--near-is-large" if options.near_is_large else "--depth-unit none"
+    if options.depth_unit == "none":
         raise UsageError(
-            f"{option}: several cameras need distances in a known unit, growing away from the "
-            "camera; give --depth-unit mm, cm, m, or a number of units per metre"
+            "--depth-unit none: several cameras need distances in a known unit; give --depth-unit "
+            "mm, cm, m, or a number of units per metre"
         )
-    if options.depth_map != "linear":
-        raise UsageError(f"--depth-map {options.depth_map}: several cameras need linear")
-    if options.fit_rule not in FITS:
-        raise UsageError(f"--fit {options.fit}: several cameras need {' or '.join(FITS)}")
+    if options.fit == "auto":
+        raise UsageError("--fit auto: several cameras need contain or cover")
 
 
 def _pose(path: Path, placed: PlacedPicture) -> np.ndarray:
@@ -117,7 +109,7 @@ def _read(
     files = _file(path, placed.color), _file(path, placed.depth)
     source = f"{path}: intrinsics of {placed.color}"
     camera = parse_intrinsics(",".join(map(repr, intrinsics)), source)
-    picture = replace(options, color=files[0], depth=files[1], intrinsics=camera).read()
+    picture = replace(options, color=files[0], depth=files[1], pinhole=camera).read()
     assert picture.camera is not None
     check_pinhole(picture.camera, (picture.color.shape[0], picture.color.shape[1]))
     return picture

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from inim.apps.own_picture.options import FillRule
 from inim.apps.own_picture.picture_files import DepthFile
 from inim.system.errors import FileError, UsageError
-
-FILL_RULES = ("none", "nearest", "behind", "far")
 
 _UNITS_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 # Range of depth cameras for interiors and relics, by the median of a picture.
@@ -149,9 +148,9 @@ def _check_distances(
 
 
 def fill_missing_depth(
-    depth: NDArray[np.float32], rule: str, *, near_is_large: bool = False
+    depth: NDArray[np.float32], rule: FillRule, *, near_is_large: bool = False
 ) -> NDArray[np.float32]:
-    """Fill the missing pixels (NaN) of a depth picture, (H, W) float32, by one of `FILL_RULES`.
+    """Fill the missing pixels (NaN) of a depth picture, (H, W) float32, by a rule.
 
     Pixels stay NaN where the rule has no depth to use. Without missing pixels, returns the input.
     """

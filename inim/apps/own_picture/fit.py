@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.apps.own_picture.depth_values import DepthValues, sample
+from inim.apps.own_picture.options import DepthMapName
 from inim.apps.own_picture.tiles import TileFrame, draw_tiles
 from inim.display import Display
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.picture import empty_share
 from inim.system.errors import UsageError
 
-DEPTH_MAPS = ("linear", "reciprocal", "printed")
 # Stray pixels at the rims of objects must not set the range.
 _STRAY = 0.005
 
@@ -36,7 +36,7 @@ _STRAY = 0.005
 class DepthMap:
     """Map from depth d to display depth: ``z = offset_mm + slope d``, or ``+ slope / d``."""
 
-    name: str  #: {"linear", "reciprocal", "printed"}
+    name: DepthMapName
     #: Range of d; values beyond it are clipped.
     near: float
     far: float
@@ -91,8 +91,6 @@ def depth_range(
     ends = np.quantile(sample(values.depth), (_STRAY, 1 - _STRAY), method="nearest")
     nearest, farthest = (float(v) for v in (ends[::-1] if values.near_is_large else ends))
     first, last = (nearest if near is None else near, farthest if far is None else far)
-    if not (math.isfinite(first) and math.isfinite(last)):
-        raise UsageError(f"--near {first:g} --far {last:g}: must be finite")
     is_ordered = first >= last if values.near_is_large else first <= last
     if not is_ordered or (near is not None and far is not None and near == far):
         if near is None or far is None:
@@ -115,10 +113,11 @@ def depth_range(
     return first, last
 
 
-def map_depth(name: str, values: DepthValues, ends: tuple[float, float], to: Display) -> DepthMap:
+def map_depth(
+    name: DepthMapName, values: DepthValues, ends: tuple[float, float], to: Display
+) -> DepthMap:
     """Map a depth range onto a display's.
 
-    * `name`, {"linear", "reciprocal", "printed"}
     * `values`: supplies the direction of the depths.
     * `ends`, (near, far): see `depth_range`.
 
@@ -168,7 +167,6 @@ def _check_reciprocal(values: DepthValues, ends: tuple[float, float], to: Displa
 
 
 _FITS = {"contain": min, "cover": max}
-FITS = tuple(_FITS)
 # Angles of view from a telescope's to a fisheye's; others indicate a mistake.
 _WIDEST_DEG = 160.0
 _NARROWEST_DEG = 1.0
@@ -327,13 +325,11 @@ def unprojection(
     Returns `scale`: display millimetres per unit of length; `offset`, (right, up): position of the
     camera's axis, in mm; `frame_at`: distance at which the picture fits the array.
 
-    Raises `UsageError`: the depths are not distances, or `frame_at` is not.
+    Raises `UsageError`: the depths are not distances.
     """
     _check_distances(values, camera.source)
     rows, columns = values.depth.shape
     frame_at = float(np.median(sample(values.depth))) if frame_at is None else frame_at
-    if not 0 < frame_at < math.inf:
-        raise UsageError(f"--frame-at {frame_at:g}: must be a distance above 0")
     scale = _FITS[fit](
         display.width_mm * camera.fx / (columns * frame_at),
         display.height_mm * camera.fy / (rows * frame_at),

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from inim.apps.own_picture.depth_values import (
-    FILL_RULES,
     DepthConvention,
     DepthValues,
     fill_missing_depth,
@@ -22,8 +21,6 @@ from inim.apps.own_picture.depth_values import (
     parse_unit,
 )
 from inim.apps.own_picture.fit import (
-    DEPTH_MAPS,
-    FITS,
     DepthMap,
     PictureFit,
     Pinhole,
@@ -34,6 +31,7 @@ from inim.apps.own_picture.fit import (
     parse_intrinsics,
 )
 from inim.apps.own_picture.framing import Framing, choose_framing
+from inim.apps.own_picture.options import PictureOptions
 from inim.apps.own_picture.picture_files import read_color, read_depth
 from inim.display import Display
 from inim.pipeline.stages.picture import MAX_LOST_SHARE
@@ -41,16 +39,6 @@ from inim.system.errors import FileError, UsageError
 
 # Relative difference of aspect ratios; cropped or letter-boxed pictures differ by more.
 _ASPECT_TOLERANCE = 0.01
-# Options that a photograph with depth inside, or with an estimated depth, replaces.
-_PHOTO_PROPERTIES = (
-    "color",
-    "depth",
-    "depth_unit",
-    "near_is_large",
-    "far_is_large",
-    "missing",
-    "swap_bytes",
-)
 _PHOTO_CAMERA = "photo"
 
 
@@ -94,32 +82,16 @@ class ColorDepth:
 
 
 @dataclass(frozen=True)
-class CameraPicture:
-    """Files of a picture and the options for reading them; see `inim generate --help`.
+class CameraPicture(PictureOptions):
+    """Files of a picture, and the options for reading them.
 
-    Each field is the option of that name. `photo` is a photograph with depth inside, or whose depth
-    the model `estimate_depth` estimates; it replaces `color` and `depth`.
+    `photo` is a photograph with depth inside, or whose depth the model `estimate_depth` estimates;
+    it replaces `color` and `depth`. `pinhole` replaces `intrinsics`.
     """
 
     color: Path | None = None
-    depth: Path | None = None
-    depth_unit: str | None = None
-    intrinsics: str | Pinhole | None = None
-    orthographic: bool = False
-    depth_map: str = "linear"
-    near_is_large: bool = False
-    far_is_large: bool = False
-    near: float | None = None
-    far: float | None = None
-    out_of_range: str = "clip"
-    missing: str = ""
-    missing_depth: str = "none"
-    fit: str | None = None
-    frame_at: float | None = None
-    max_slope: float = 10.0
-    swap_bytes: bool = False
     photo: Path | None = None
-    estimate_depth: str | None = None
+    pinhole: Pinhole | None = None
 
     @property
     def fit_rule(self) -> str:
@@ -131,54 +103,32 @@ class CameraPicture:
         """File that names the picture: the photograph or the colour file."""
         return self.color if self.photo is None else self.photo
 
-    def check_files(self) -> None:
-        """Raise `UsageError` unless files and projection are given, without contradictions."""
-        if self.photo is not None:
-            for name in _PHOTO_PROPERTIES:
-                if getattr(self, name):
-                    option = f"--{name.replace('_', '-')}"
-                    other = self.photo if self.estimate_depth is None else "--estimate-depth"
-                    raise UsageError(f"{option}: {other} contains the depth; omit {option}")
-            if self.intrinsics and self.orthographic:
-                raise UsageError("--orthographic and --intrinsics exclude each other; give one")
-            return
-        if self.intrinsics == _PHOTO_CAMERA:
+    def check(self) -> None:
+        """Raise `UsageError` for an impossible number, or without one projection."""
+        for name in ("near", "far", "frame_at", "max_slope"):
+            value, is_length = getattr(self, name), name in ("frame_at", "max_slope")
+            if value is not None and not (math.isfinite(value) and (value > 0 or not is_length)):
+                limit = "must be finite" + " and above 0" * is_length
+                raise UsageError(f"--{name.replace('_', '-')} {value:g}: {limit}")
+        if self.photo is None and self.intrinsics == _PHOTO_CAMERA:
             raise UsageError(
                 "--intrinsics photo: needs a photograph with depth inside; give fx,fy,cx,cy"
             )
-        for name in ("color", "depth"):
-            if getattr(self, name) is None:
-                raise UsageError(f"{name}: missing; give a colour picture and --depth FILE")
-        if bool(self.intrinsics) == self.orthographic:
+        if self.intrinsics and self.orthographic:
+            raise UsageError("--orthographic and --intrinsics exclude each other; give one")
+        if self.photo is None and not (self.intrinsics or self.orthographic):
             raise UsageError(
                 "give either --intrinsics fx,fy,cx,cy (perspective picture, unprojected) or "
                 "--orthographic"
             )
-
-    def check_choices(self) -> None:
-        """Raise `UsageError` for an invalid value of an option."""
-        choices = {
-            "--depth-map": (self.depth_map, DEPTH_MAPS),
-            "--missing-depth": (self.missing_depth, FILL_RULES),
-            "--fit": (self.fit_rule, (*FITS, "auto")),
-            "--out-of-range": (self.out_of_range, ("clip", "drop")),
-        }
-        for option, (value, valid) in choices.items():
-            if value not in valid:
-                raise UsageError(f"{option} {value}: use {', '.join(valid[:-1])} or {valid[-1]}")
-        if not (math.isfinite(self.max_slope) and self.max_slope > 0):
-            raise UsageError(
-                f"--max-slope {self.max_slope:g}: must be above 0, such as 10 (84 degrees)"
-            )
         if self.frame_at is not None and not self.intrinsics:
             raise UsageError("--frame-at: has no effect on an orthographic picture; omit it")
+        self.camera()
 
     def camera(self) -> Pinhole | None:
         """Camera of `intrinsics`; None if orthographic or if the photograph's camera is used."""
         if self.orthographic or not self.intrinsics or self.intrinsics == _PHOTO_CAMERA:
-            return None
-        if isinstance(self.intrinsics, Pinhole):
-            return self.intrinsics
+            return self.pinhole
         return parse_intrinsics(self.intrinsics)
 
     def read(self) -> ColorDepth:
@@ -318,10 +268,28 @@ class CameraPicture:
             return near, far
         return self.near, self.far
 
-    def notes(self, picture: ColorDepth, fit: PictureFit) -> tuple[str, ...]:
-        """Lines on a photograph's properties and on the automatic framing."""
+    def describe(self, picture: ColorDepth, fit: PictureFit, depth_map: DepthMap) -> list[str]:
+        """Lines on files, framing, depth and omitted parts."""
+        (rows, columns), unit = picture.color.shape[:2], " mm" if picture.values.has_unit else ""
+        projection = "orthographic"
+        if picture.camera is not None:
+            angle = 2 * math.degrees(math.atan(columns / (2 * picture.camera.fx)))
+            projection = (
+                f"unprojected ({angle:.3g} degrees wide), frame at {fit.frame_at:.5g}{unit}"
+            )
         notes = {"photo": "; ".join(picture.notes), **(fit.framing or {})}
-        return tuple(f"{name:<11}{text}" for name, text in notes.items() if text)
+        ends = depth_map.z_mm(np.array([depth_map.near, depth_map.far]))
+        lines = {name: text for name, text in notes.items() if text} | {
+            "picture": f"colour {columns} x {rows}, depth {picture.depth_size[0]} x "
+            f"{picture.depth_size[1]}, {projection}",
+            "depth": f"{depth_map.near:.5g} (near) .. {depth_map.far:.5g} (far){unit}, "
+            f"{depth_map.name}, onto {ends[0]:.4g} .. {ends[1]:.4g} mm",
+            "missing": f"{picture.missing:.1%} of the depth picture, filled: {self.missing_depth}",
+            "clipped": f"{fit.clipped:.1%} of the samples were out of range, "
+            f"{'omitted' if self.out_of_range == 'drop' else 'moved to its ends'}",
+            "empty": f"{fit.empty:.1%} of the array's area",
+        }
+        return [f"{name:<11}{text}" for name, text in lines.items()]
 
     def warnings(
         self, picture: ColorDepth, fit: PictureFit, depth_map: DepthMap
