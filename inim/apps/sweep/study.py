@@ -16,14 +16,15 @@ range, ``{from = 0.5, to = 1, step = 0.1}`` or ``{from = 0.5, to = 1, count = 6}
 from __future__ import annotations
 
 import itertools
-import re
 import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
+
+import msgspec
 
 from inim.display import DISPLAYS, Display
 from inim.display.lens import lens_models
@@ -52,21 +53,30 @@ _ELSEWHERE = {
     "lens_model": "study.lens_model",
 }
 _SETTINGS = tuple(f.name for f in fields(Settings) if f.name not in _ELSEWHERE)
-_TABLES = ("study", "settings", "display")
-_KEYS = (
-    "title",
-    "scenes",
-    "displays",
-    "algorithms",
-    "viewpoints",
-    "lens_model",
-    "backend",
-    "time",
-    "keep_reports",
-)
-_BACKENDS = ("auto", "llvm", "cuda")
 # Largest number of validations: a day at ten seconds each.
 _MOST_UNITS = 10_000
+
+
+class _StudyTable(msgspec.Struct, forbid_unknown_fields=True):
+    """The table ``[study]``."""
+
+    scenes: list[str]
+    algorithms: list[str]
+    displays: list[str] | None = None
+    viewpoints: str | list[str] | None = None
+    lens_model: str | list[str] = []
+    title: str = ""
+    backend: Literal["auto", "llvm", "cuda"] = "auto"
+    time: bool = False
+    keep_reports: bool = False
+
+
+class _Tables(msgspec.Struct, forbid_unknown_fields=True):
+    """All tables of a study."""
+
+    study: _StudyTable
+    settings: dict[str, Any] = {}
+    display: list[dict[str, Any]] = []
 
 
 @dataclass(frozen=True)
@@ -135,10 +145,7 @@ def study_of(tables: Mapping[str, Any], source: str) -> Study:
 
 
 def _study(reader: _StudyReader) -> Study:
-    path = reader.path
-    reader.check_names("", reader.tables, _TABLES)
-    study = reader.table("study")
-    reader.check_names("study.", study, _KEYS)
+    path, study = reader.path, reader.tables.study
     displays = reader.displays()
     scenes, variations = reader.scenes(), reader.variations()
     units = len(scenes) * len(displays) * len(variations)
@@ -149,15 +156,15 @@ def _study(reader: _StudyReader) -> Study:
         )
     return Study(
         path,
-        reader.text("study.title", study.get("title", path.stem)),
+        study.title or path.stem,
         scenes,
         displays,
         reader.algorithms(),
         variations,
         reader.viewpoints(),
-        reader.one_of("study.backend", study.get("backend", "auto"), _BACKENDS),
-        reader.switch("study.time", study.get("time", False)),
-        reader.switch("study.keep_reports", study.get("keep_reports", False)),
+        study.backend,
+        study.time,
+        study.keep_reports,
     )
 
 
@@ -165,26 +172,24 @@ def _study(reader: _StudyReader) -> Study:
 _MOST_NAMED = 100
 # Characters of a value in a message.
 _MOST_SHOWN = 40
-_LARGEST_BYTES = 2**20
-_MOST_PARTS = 4
+# The parser's memory grows with the square of a dotted key's length: a gigabyte for this size.
+_LARGEST_BYTES = 2**15
 
 
 class _StudyReader:
     """Reader of a sweep's study, with error messages that give the key."""
 
     def __init__(self, path: Path, tables: Mapping[str, Any]) -> None:
-        self.path, self.tables = path, tables
+        self.path = path
+        try:
+            self.tables = msgspec.convert(tables, _Tables)
+        except msgspec.ValidationError as error:
+            problem, _, place = str(error).partition(" - at `$")
+            raise self.wrong(place.strip(".`") or "tables", problem) from None
 
     def wrong(self, key: str, words: str) -> UsageError:
         """Error for a key."""
         return UsageError(f"{self.path}: {key}: {words}")
-
-    def table(self, name: str) -> Mapping[str, Any]:
-        """A table; empty if it is missing."""
-        table = self.tables.get(name, {})
-        if not isinstance(table, dict):
-            raise self.wrong(name, f"write it as a table, [{name}]")
-        return table
 
     def check_names(self, before: str, table: Mapping[str, Any], allowed: Sequence[str]) -> None:
         """Reject unknown keys, which would otherwise hide a misspelling."""
@@ -193,33 +198,16 @@ class _StudyReader:
                 key = f"{before}{name[:_MOST_SHOWN]}"
                 raise self.wrong(key, f"unknown key; {suggest_words(name, allowed)}")
 
-    def text(self, key: str, value: Any) -> str:
-        """Check a text that must not be empty."""
-        if not isinstance(value, str) or not value.strip():
-            raise self.wrong(key, f"must be a text, not {_short_value(value)}")
-        return value.strip()
-
-    def texts(self, key: str, value: Any, most: int = _MOST_NAMED) -> list[str]:
-        """Check a list of different texts."""
-        if not isinstance(value, list) or not value:
-            raise self.wrong(key, f"must be a list of texts, not {_short_value(value)}")
-        self.check_count(key, value, most)
-        texts = [self.text(key, item) for item in value]
+    def texts(self, key: str, texts: Sequence[str], most: int = _MOST_NAMED) -> Sequence[str]:
+        """Check a list of different texts that must not be empty."""
+        if not texts or not all(text.strip() for text in texts):
+            raise self.wrong(key, "is empty; give a text")
+        if len(texts) > most:
+            raise self.wrong(key, f"{len(texts)} of them; at most {most}: split the study")
         for text, count in Counter(texts).items():
             if count > 1:
                 raise self.wrong(key, f"{_short_value(text)} is given twice; remove one")
         return texts
-
-    def check_count(self, key: str, values: Sequence[object], most: int) -> None:
-        """Reject lists that are too long."""
-        if len(values) > most:
-            raise self.wrong(key, f"{len(values)} of them; at most {most}: split the study")
-
-    def switch(self, key: str, value: Any) -> bool:
-        """Check a value that must be true or false."""
-        if not isinstance(value, bool):
-            raise self.wrong(key, f"must be true or false, not {_short_value(value)}")
-        return value
 
     def one_of(self, key: str, value: Any, allowed: Sequence[str]) -> str:
         """Check a value that must be one of a few words."""
@@ -227,15 +215,9 @@ class _StudyReader:
             raise self.wrong(key, f"{_short_value(value)}: {suggest_words(value, allowed)}")
         return str(value)
 
-    def required_texts(self, name: str, most: int = _MOST_NAMED) -> list[str]:
-        """Texts of a required key of [study]."""
-        if name not in self.table("study"):
-            raise self.wrong(f"study.{name}", f"is missing; add a line {name} = [...] to [study]")
-        return self.texts(f"study.{name}", self.table("study")[name], most)
-
     def scenes(self) -> dict[str, Path]:
         """Scenes by file name; by the path as written if file names are equal."""
-        names = self.required_texts("scenes", _MOST_UNITS)
+        names = self.texts("study.scenes", self.tables.study.scenes, _MOST_UNITS)
         stems = [Path(name).stem for name in names]
         shared = Counter(stems)
         scenes = {}
@@ -252,7 +234,7 @@ class _StudyReader:
 
     def algorithms(self) -> tuple[str, ...]:
         """Algorithms under their names in reports."""
-        names = self.required_texts("algorithms")
+        names = self.texts("study.algorithms", self.tables.study.algorithms)
         for name in names:
             if "," in name:
                 words = f"{_short_value(name)}: write one algorithm in each text"
@@ -264,19 +246,16 @@ class _StudyReader:
 
     def viewpoints(self) -> tuple[str | Viewpoint, ...] | None:
         """Viewpoints as in a `Request`."""
-        value = self.table("study").get("viewpoints")
-        if value is None:
-            return None
-        texts = value if isinstance(value, str) else self.texts("study.viewpoints", value)
+        value = self.tables.study.viewpoints
         try:
-            return viewpoint_items(texts)
+            return None if value is None else viewpoint_items(value)
         except InimError as error:
             raise self.wrong("study.viewpoints", str(error)) from None
 
     def displays(self) -> tuple[NamedDisplay, ...]:
         """Displays in [study]; by default all of the study's own, else each scene's."""
         own = self._own_displays()
-        named = self.table("study").get("displays")
+        named = self.tables.study.displays
         if named is None:
             return tuple(itertools.chain(*own.values())) or (NamedDisplay(AS_SCENE),)
         presets = {name: (NamedDisplay(name, preset),) for name, preset in DISPLAYS.items()}
@@ -292,13 +271,9 @@ class _StudyReader:
 
     def _own_displays(self) -> dict[str, tuple[NamedDisplay, ...]]:
         """Displays of the study's own tables by name, each with its variations."""
-        tables = self.tables.get("display", [])
-        if not isinstance(tables, list) or not all(isinstance(t, dict) for t in tables):
-            raise self.wrong("display", "write each display as a separate table, [[display]]")
-        self.check_count("display", tables, _MOST_NAMED)
         displays: dict[str, tuple[NamedDisplay, ...]] = {}
-        for table in tables:
-            name = self.text("display.name", table.get("name"))
+        for table in self.tables.display:
+            name = str(table.get("name", ""))
             if not is_file_safe(name) or name in (AS_SCENE, *DISPLAYS, *displays):
                 why = "is taken" if is_file_safe(name) else "use 1 to 64 letters, digits or . _ + -"
                 raise self.wrong("display.name", f"{_short_value(name)}: {why}")
@@ -325,7 +300,7 @@ class _StudyReader:
         label = f"display {name!r}: file"
         if others := [key for key in table if key not in ("name", "file")]:
             raise self.wrong(f"display {name!r}: {others[0]}", "belongs into its file")
-        file = self.text(label, table["file"])
+        file = str(table["file"])
         if not file.lower().endswith(".xml"):
             raise self.wrong(label, f"{_short_value(file)}: name an .xml with inim.* settings")
         path = self.path.parent / file
@@ -334,15 +309,14 @@ class _StudyReader:
 
     def variations(self) -> dict[str, dict[str, str]]:
         """All combinations of listed values, by the values that vary."""
-        table = self.table("settings")
+        table = self.tables.settings
         for name in table:
             if name in _ELSEWHERE:
                 raise self.wrong(f"settings.{name}", f"belongs to {_ELSEWHERE[name]}")
         self.check_names("settings.", table, _SETTINGS)
         axes = {name: self._listed(f"settings.{name}", value) for name, value in table.items()}
-        lens_model = self.table("study").get("lens_model", [])
+        lens_model = self.tables.study.lens_model
         models = lens_model if isinstance(lens_model, list) else [lens_model]
-        self.check_count("study.lens_model", models, _MOST_NAMED)
         for model in models:
             self.one_of("study.lens_model", model, tuple(lens_models()))
             axes.setdefault("lens_model", []).append(model)
@@ -421,23 +395,6 @@ def _read_toml(path: Path) -> dict[str, Any]:
     """Tables of a TOML file; raises `FileError` for any other file."""
     data = read_file(path, _LARGEST_BYTES, remedy="name a study (.toml)")
     try:
-        text = data.decode("utf-8")
-        _check_keys(text)
-        return dict(tomllib.loads(text))
+        return tomllib.loads(data.decode("utf-8"))
     except (ValueError, RecursionError) as error:
         raise FileError(f"{path}: no TOML ({' '.join(str(error).split())[:200]})") from None
-
-
-# Strings and comments; unclosed ones extend to the end of the line or the file.
-_TEXT = re.compile(
-    r'"""(?:\\?.)*?(?:"""|\Z)|\'\'\'.*?(?:\'\'\'|\Z)|"(?:\\.|[^"\\\n])*"?|\'[^\'\n]*\'?|#[^\n]*',
-    re.DOTALL,
-)
-
-
-def _check_keys(text: str) -> None:
-    """Raise ValueError for a key of too many dotted parts: their memory grows with the square."""
-    keys = _TEXT.sub(lambda match: "\n" * match[0].count("\n"), text)
-    for number, line in enumerate(keys.split("\n"), 1):
-        if any(part.count(".") >= _MOST_PARTS for part in re.split(r"[=,\[\]{}]", line)):
-            raise ValueError(f"line {number}: a key of more than {_MOST_PARTS} parts")
