@@ -119,7 +119,7 @@ def test_without_the_extra_the_install_command_is_printed(photo, monkeypatch, mi
 @pytest.mark.parametrize(
     ("message", "says"),
     [
-        (OSError("no local\nfolder"), "mine: cannot be loaded (no local folder)"),
+        (OSError("no local\nfolder"), "mine: failed on photo.png (no local folder)"),
         (np.full((4, 4), np.nan), "values not finite"),
         (np.ones((2, 3, 4, 5)), "shape (2, 3, 4, 5)"),
     ],

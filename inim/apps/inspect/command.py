@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from inim.pipeline.options import Command, add_shared, print_lines
 from inim.system.errors import EXIT_PASSED
-
-if TYPE_CHECKING:
-    pass
 
 
 def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:

@@ -21,9 +21,9 @@ from inim.system.errors import FileError, OutOfMemoryError, UsageError
 #: Ratio of the farthest to the nearest relative distance.
 FAR_OVER_NEAR = 4.0
 # By `model_type` of the model's configuration, where that alone decides.
-_RETURNS_METRES = {"zoedepth": True, "depth_pro": True, "glpn": True, "dpt": False}
-_RETURNS_METRES |= {"prompt_depth_anything": True}
-_MM_PER_METRE = np.float32(1000)
+_RETURNS_METRES = {"zoedepth": True, "depth_pro": True, "glpn": True, "dpt": False} | {
+    "prompt_depth_anything": True
+}
 
 
 def estimate_photo(path: Path, model: str) -> DepthPhoto:
@@ -35,14 +35,33 @@ def estimate_photo(path: Path, model: str) -> DepthPhoto:
     Raises `UsageError`: torch or transformers is not installed. `FileError`: the photograph or the
     model is missing, damaged or of another kind. `OutOfMemoryError`: too large a photograph.
     """
+    from PIL import Image
+
     color = read_photo_srgb(path)
-    estimator = _load_model(model)
-    has_unit = returns_metres(estimator.model.config, model)
-    output = _predict(estimator, color, path, model)
+    try:
+        estimator = _load_model(model)
+        has_unit = _returns_metres(estimator.model.config)
+        output = estimator(Image.fromarray(color))["predicted_depth"]
+        numbers = np.squeeze(np.asarray(output.detach().cpu().float().numpy(), np.float32))
+        if numbers.ndim != 2 or not np.isfinite(numbers).all():
+            raise ValueError(f"output of shape {numbers.shape}, or values not finite")
+    except MemoryError as error:
+        raise OutOfMemoryError(f"{path}: not enough memory; scale the picture down") from error
+    except ImportError as error:
+        raise UsageError(
+            f"--estimate-depth: needs torch and transformers ({error.name or error} is missing); "
+            "pip install 'inim[depth]'"
+        ) from error
+    except Exception as error:  # of any type and length
+        cause = " ".join(str(error).split())[:200] or type(error).__name__
+        raise FileError(
+            f"--estimate-depth {model}: failed on {path} ({cause}); give a folder with a "
+            "depth-estimation model, or its name on huggingface.co while there is a network"
+        ) from error
     if has_unit:
-        depth = np.where(output > 0, output * _MM_PER_METRE, np.float32(np.nan))
+        depth = np.where(numbers > 0, numbers * np.float32(1000), np.float32(np.nan))
     else:
-        depth = relative_distance(output)
+        depth = _relative_distance(numbers)
     kind = "metres" if has_unit else "inverse depth, converted to relative distance"
     values = DepthValues(depth, near_is_large=False, has_unit=has_unit, step=0.0, warnings=())
     return DepthPhoto(color, values, None, (f"depth estimated by {model}: {kind}",))
@@ -51,66 +70,25 @@ def estimate_photo(path: Path, model: str) -> DepthPhoto:
 @lru_cache(maxsize=1)
 def _load_model(model: str) -> Any:
     """Load the `transformers` pipeline of a model."""
-    try:
-        import torch  # noqa: F401 (the pipeline's error message is a page long)
-        from transformers import pipeline
-    except ImportError as error:
-        raise UsageError(
-            f"--estimate-depth: needs torch and transformers ({error.name or error} is missing); "
-            "pip install 'inim[depth]'"
-        ) from error
-    try:
-        return pipeline("depth-estimation", model=model)
-    except MemoryError:
-        raise
-    except Exception as error:
-        raise FileError(
-            f"--estimate-depth {model}: cannot be loaded ({_cause(error)}); give a folder with a "
-            "depth-estimation model, or its name on huggingface.co while there is a network"
-        ) from error
+    import torch  # noqa: F401 (the pipeline's error message is a page long)
+    from transformers import pipeline
+
+    return pipeline("depth-estimation", model=model)
 
 
-def returns_metres(config: Any, model: str) -> bool:
-    """True if a model returns metres, by its configuration; otherwise it returns inverse depth.
-
-    Raises `FileError` for an unknown kind of model.
-    """
+def _returns_metres(config: Any) -> bool:
+    """True if a model returns metres, by its configuration; otherwise it returns inverse depth."""
     stated = getattr(config, "depth_estimation_type", None)
     if stated in ("metric", "relative"):
         return bool(stated == "metric")
     kind = getattr(config, "model_type", None)
     if kind not in _RETURNS_METRES:
-        raise FileError(
-            f"--estimate-depth {model}: the output of {kind} models is unknown; use a model of the "
-            f"kind depth_anything, {', '.join(sorted(_RETURNS_METRES))}"
-        )
+        kinds = ", ".join(sorted(_RETURNS_METRES))
+        raise ValueError(f"the output of {kind} models is unknown, that of {kinds} is known")
     return _RETURNS_METRES[kind]
 
 
-def _predict(
-    estimator: Any, color: NDArray[np.uint8], path: Path, model: str
-) -> NDArray[np.float32]:
-    """Output of the model for a photograph, (H, W) float32."""
-    from PIL import Image
-
-    try:
-        output = estimator(Image.fromarray(color))["predicted_depth"]
-        depth = np.squeeze(np.asarray(output.detach().cpu().float().numpy(), np.float32))
-    except MemoryError as error:
-        raise OutOfMemoryError(f"{path}: not enough memory; scale the picture down") from error
-    except Exception as error:
-        raise FileError(
-            f"--estimate-depth {model}: failed on {path} ({_cause(error)}); try another"
-        ) from error
-    if depth.ndim != 2 or not np.isfinite(depth).all():
-        raise FileError(
-            f"--estimate-depth {model}: its output has the shape {depth.shape}, or values not "
-            "finite; it is not a depth-estimation model, or damaged"
-        )
-    return depth
-
-
-def relative_distance(inverse: NDArray[np.float32]) -> NDArray[np.float32]:
+def _relative_distance(inverse: NDArray[np.float32]) -> NDArray[np.float32]:
     """Convert inverse depth, known up to scale and shift, to distances from 1 to `FAR_OVER_NEAR`.
 
     The inverse depth is (H, W), larger for nearer objects. A flat one becomes 1.
@@ -120,10 +98,4 @@ def relative_distance(inverse: NDArray[np.float32]) -> NDArray[np.float32]:
         return np.ones(inverse.shape, np.float32)
     share = (inverse.astype(np.float64) - low) / (high - low)
     least = 1 / FAR_OVER_NEAR
-    distance: NDArray[np.float32] = (1 / (least + (1 - least) * share)).astype(np.float32)
-    return distance
-
-
-def _cause(error: Exception) -> str:
-    """An error's message in one short line."""
-    return " ".join(str(error).split())[:200] or type(error).__name__
+    return np.asarray(1 / (least + (1 - least) * share), np.float32)
