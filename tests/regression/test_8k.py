@@ -7,8 +7,6 @@ samples are enough, for pictures take what they take whatever the samples. The b
 one machine, CUDA, with its driver, took 0.8 GiB more of the processor's memory.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from pathlib import Path

@@ -7,8 +7,6 @@ all comparisons of a view. The same comparison rejects a model that is 1 per cen
 one that lands half a panel pixel aside.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy import stats

@@ -13,8 +13,6 @@ noisy, and no picture from one place holds that. The two are therefore matte her
 fall short by the gloss.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

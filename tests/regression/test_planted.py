@@ -4,8 +4,6 @@ Expected behaviour: each is found, in the row that names it, and nothing but sam
 twentieth, or another seed, is ever found: 0 false alarms in 30 repeats.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass

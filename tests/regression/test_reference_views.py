@@ -5,8 +5,6 @@ noise of both, also where the true EIA has few samples. Plain scores are not: th
 low by what its EIA's noise takes.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import msgspec

@@ -5,8 +5,6 @@ printed algorithm, and none of its pixels shows another source than the float64 
 The script in `scenes` makes the very meshes and textures that are committed.
 """
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """`inim.score_error` keeps its word: scores lie within it of those with many times the samples."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -7,8 +7,6 @@ same.
 Columns that end are far beyond that limit.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

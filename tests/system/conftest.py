@@ -5,8 +5,6 @@ in the test process (`run_here`, `run_inim`). Tests of processes use `run_proces
 crashes, exit codes, damaged input for native code, and environments.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os

@@ -1,7 +1,5 @@
 """Tiny studies, the command run on them, and what its tables must share whoever computed them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -4,8 +4,6 @@ Expected: whatever the library would do to a process (it cannot be loaded, is no
 user gets one line and exit code 3.
 """
 
-from __future__ import annotations
-
 import _ctypes
 import os
 import sys

@@ -5,8 +5,6 @@ candidate and difference beside it; what cannot be compared ends with 4 and the 
 anything is rendered where that can be known. The project's own two baselines can be compared with.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shlex

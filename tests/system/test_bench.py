@@ -4,8 +4,6 @@ Expected: every method is timed and evaluated in kernel times, files appear whol
 mistakes are reported before rendering. The tests never check durations.
 """
 
-from __future__ import annotations
-
 import math
 import shutil
 from pathlib import Path

@@ -3,8 +3,6 @@
 Expected: whatever modules, settings, renderer plugins and data are there, a run is as elsewhere.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """Calls in a program that uses Mitsuba itself: any order, any variant, and its state afterwards."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 

@@ -3,8 +3,6 @@
 Expected: no broken link or picture, no page wider than a phone, no block that fails.
 """
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys

@@ -5,8 +5,6 @@ of links, nothing at all, and files that cannot be read or never end, gives one 
 name and exit code 2 (4 for a baseline), in far less than ten seconds.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -5,8 +5,6 @@ there is one line with the remedy. The model is a tiny one with random weights w
 transformers are installed, and otherwise a stand-in for the pipeline.
 """
 
-from __future__ import annotations
-
 import sys
 from types import ModuleType, SimpleNamespace
 

@@ -3,8 +3,6 @@
 Expected: what it announces is in every result.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections.abc import Mapping

@@ -5,8 +5,6 @@ made of; a quilt's tiles are what eyes see from left to right across the viewing
 is one line before anything is rendered.
 """
 
-from __future__ import annotations
-
 import shutil
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Figures and error maps of a report, from the command line."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from PIL import Image

@@ -4,8 +4,6 @@ Expected: a preview says what it is and is no baseline; the bar names each stage
 backwards.
 """
 
-from __future__ import annotations
-
 import fcntl
 import os
 import pty

@@ -1,7 +1,5 @@
 """Processes forked after kernels ran: pools of them work and end."""
 
-from __future__ import annotations
-
 from inim.system.process.python_process import child_environment, python_code
 from tests.system.conftest import run_child
 

@@ -1,7 +1,5 @@
 """The wheel, in an environment and a folder of its own."""
 
-from __future__ import annotations
-
 import sys
 
 import pytest

@@ -4,8 +4,6 @@ Expected: near things move against the eye, upright and unmirrored; the EIA know
 renderer is not loaded; every bad input ends in one line, exit code 2 and nothing written.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -1,7 +1,5 @@
 """`inim generate PHOTO`, of a folder, and validation: as the user types them."""
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

@@ -4,8 +4,6 @@ Expected: nothing outside the scene's folder is opened, no library beside a scen
 unfolds without end, or declares more than there is, costs neither time nor memory.
 """
 
-from __future__ import annotations
-
 import os
 import random
 import struct

@@ -1,7 +1,5 @@
 """Importing the package, and its names in any order, in fresh processes."""
 
-from __future__ import annotations
-
 from types import ModuleType
 
 import inim

@@ -4,8 +4,6 @@ Expected: nothing is rendered and the renderer is not even loaded; every number 
 input ends in one line, the documented exit code, and nothing written.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Expected: each is scored like any algorithm; what it cannot say (seconds, holes)
 wrong with it is one line that names it, before anything is rendered where that can be known.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

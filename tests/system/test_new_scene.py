@@ -1,7 +1,5 @@
 """`new-scene` writes scenes that plain Mitsuba opens: upright, lit, whole, on black."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A report in a notebook: live in a frame of its own, from which nothing reaches the notebook."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

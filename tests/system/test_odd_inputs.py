@@ -3,8 +3,6 @@
 Commands and what they render run in the test's own process.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

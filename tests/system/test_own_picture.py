@@ -4,8 +4,6 @@ Expected: exact algorithms show no wrong source, others do; views show the paral
 own depth; what would need a scene is refused or listed with its reason.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from pathlib import Path

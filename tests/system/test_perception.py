@@ -1,7 +1,5 @@
 """A metric of perception is in every result, its conditions those of the display and the eye."""
 
-from __future__ import annotations
-
 from math import inf
 from pathlib import Path
 

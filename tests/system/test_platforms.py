@@ -3,8 +3,6 @@
 Played here by taking away the modules and names that Windows lacks, in a process of its own.
 """
 
-from __future__ import annotations
-
 import sys
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files for other repositories and package indexes: workflows, the action, metadata and links."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

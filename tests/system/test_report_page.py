@@ -1,7 +1,5 @@
 """The whole report in a real browser, for those who do not see it, and on any screen or paper."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json

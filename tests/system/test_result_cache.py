@@ -1,7 +1,5 @@
 """Steps that a run skips: results of the cache, black views, pixels of no view; and no others."""
 
-from __future__ import annotations
-
 import json
 import shutil
 from collections.abc import Callable

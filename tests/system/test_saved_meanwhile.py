@@ -1,8 +1,6 @@
 """Files saved while a run reads them: a report tells the truth or is not made, and the result cache
 never serves pictures of other bytes than those asked for."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Callable
 from pathlib import Path

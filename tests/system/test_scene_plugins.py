@@ -4,8 +4,6 @@ Expected: the worker imports the named module from its file and nothing else fro
 callback receives every stage, and shares that grow to 1.
 """
 
-from __future__ import annotations
-
 import sys
 
 from tests.system.conftest import run_child

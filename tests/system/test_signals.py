@@ -5,8 +5,6 @@ are removed, after SIGKILL by the next run; the report's folder holds the report
 new one, whole, or after SIGKILL, none.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -1,7 +1,5 @@
 """A PLY of splats becomes a scene that stands upright, and is validated to a report."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -3,8 +3,6 @@
 Expected: every check holds, every file is there, mistakes cost one line and no folder.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Expected: a row for each combination with the very scores a validation of its ow
 computed twice, nothing lost by whatever is killed; failures in rows, and one line for a mistake.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -4,8 +4,6 @@ Expected: it gives the EIA of a relic whose file is turned; a whole turn is none
 its size.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

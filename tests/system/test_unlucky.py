@@ -4,8 +4,6 @@ Expected: the run succeeds, or says in one line what to do; no report is ever of
 what a killed run leaves behind is no obstacle to the next, which clears it away.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import resource

@@ -4,8 +4,6 @@ Expected: no traceback, no leftovers, an existing output folder as it was. Mista
 renderer are checked in this process, where one costs milliseconds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 

@@ -4,8 +4,6 @@ Expected: every file of the report, finite numbers, one line of results for each
 viewpoint, a verdict that decides the exit code, and folders that appear whole or not at all.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import threading

@@ -3,8 +3,6 @@
 Expected: a failed check and exit code 1, or an error that says what happened; never a pass.
 """
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Callable

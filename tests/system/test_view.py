@@ -1,7 +1,5 @@
 """`inim view`: the virtual display in a real browser shows what the ray tracer shows."""
 
-from __future__ import annotations
-
 import base64
 import shutil
 from collections.abc import Iterator

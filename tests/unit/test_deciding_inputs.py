@@ -4,8 +4,6 @@ Expected: an input that makes two runs incomparable, or that changes an image, c
 the whole result; a path, a title or the text of a list does not.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -4,8 +4,6 @@ Expected: a background continues behind a foreground, and the foreground does no
 picture is repeated beyond its edge; visible ground stays ground. Plain loops repeat the definition.
 """
 
-from __future__ import annotations
-
 import math
 from types import SimpleNamespace
 from typing import Any

@@ -1,7 +1,5 @@
 """Layered depth images as values, and in and out of files."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Identities of plugins: any change of their packages, or of what these require, is detected."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable
 from pathlib import Path

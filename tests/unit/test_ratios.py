@@ -4,8 +4,6 @@ The same display in other units, or with lengths that are quotients, has the sam
 rounding differs, by a few ulp.
 """
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 

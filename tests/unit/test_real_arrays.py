@@ -4,8 +4,6 @@ The expected pictures come from brute force: all lens centres in a list, the nea
 point, and a smooth pattern of three different colour waves that no turn or mirror maps to itself.
 """
 
-from __future__ import annotations
-
 import cmath
 import functools
 import math

@@ -1,7 +1,5 @@
 """Orientation: mirrors, occlusion, parallax, focus. A flipped picture passes many tests."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
