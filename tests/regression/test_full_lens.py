@@ -121,9 +121,17 @@ def test_each_glass_is_traced_by_a_kernel_of_its_own():
     assert [kernel["size"] for kernel in kernels].count(50 * 15) == 3
 
 
-@BULGES
 @pytest.mark.parametrize(
-    "kind", ["plain", *(pytest.param(kind, marks=pytest.mark.slow) for kind in PECULIAR)]
+    ("bulge", "kind"),
+    [
+        ("viewer", "plain"),
+        pytest.param("panel", "plain", marks=pytest.mark.slow),
+        *(
+            pytest.param(bulge, kind, marks=pytest.mark.slow)
+            for bulge in ("viewer", "panel")
+            for kind in PECULIAR
+        ),
+    ],
 )
 def test_thick_and_full_agree(bulge, kind):
     display = display_of(curved_side=bulge, **PECULIAR.get(kind, {}))
