@@ -5,8 +5,6 @@ one or several commands in its `COMMANDS`. Only the module of the requested comm
 its `run` imports large packages, so that `--help` is fast.
 """
 
-from __future__ import annotations
-
 import argparse
 import io
 import os

@@ -1,7 +1,5 @@
 """`inim validate`, `demo`, `accept`, `compare` and `figure`: scored reports and their figures."""
 
-from __future__ import annotations
-
 import argparse
 import shlex
 import sys

@@ -5,8 +5,6 @@ A field of a dataclass has its type, with its valid `Values`; its default; and i
 table of settings, completion and the descriptions in JSON Schemas are derived from it.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import types

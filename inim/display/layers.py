@@ -1,7 +1,5 @@
 """Layers between lenses and panel: cover glass, glue, air."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """Misalignment of an array over its panel, relative to the display's design."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """Presets: displays by name."""
 
-from __future__ import annotations
-
 from inim.display.display import Display
 from inim.display.looking_glass import TYPICAL
 

@@ -1,7 +1,5 @@
 """Viewpoints: eye positions and their viewing zone."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Sequence

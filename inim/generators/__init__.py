@@ -6,8 +6,6 @@ of all algorithms (`inim.generators.steps`). The engine of exact first hits is
 `inim.generators.raycast`.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from pathlib import Path

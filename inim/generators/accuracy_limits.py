@@ -6,8 +6,6 @@ separable displays, in float32 and float64, and panel points of lens models have
 at most `LANDING_PIXELS` in float32.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 

@@ -4,8 +4,6 @@ Most algorithms find, for each panel pixel, the picture pixel that it shows: a s
 (`Sources`). `inim.generators.steps` makes elemental image arrays from sources.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass

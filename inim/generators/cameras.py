@@ -4,8 +4,6 @@ The pictures are merged into the layers that `layered` reads (`inim.generators.r
 single picture has the columns of `template`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

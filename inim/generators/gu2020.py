@@ -11,8 +11,6 @@ docs/theory/paper.md describes what a fixed step misses, and the choices that th
 open. Uncovered pixels have no surface.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ front to its back (`inim.image.rgbd.LayeredRGBD`), and a ray without a hit is a 
 For a picture without layers, the result is that of `template`.
 """
 
-from __future__ import annotations
-
 from inim.generators.base import PanelRays, SourceFinder
 from inim.generators.options import NoOptions
 from inim.generators.registry import algorithm

@@ -16,8 +16,6 @@ description leaves open:
   all panel rows whose rays meet it.
 """
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from functools import partial

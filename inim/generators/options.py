@@ -3,8 +3,6 @@
 Parsing, checks, `inim info algorithms` and the documentation derive from these declarations.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace

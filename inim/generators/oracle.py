@@ -11,8 +11,6 @@ definition.
 another method. Both must agree.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass

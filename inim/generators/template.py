@@ -11,8 +11,6 @@ on separable displays:
 The second also serves hexagonal, rotated and tilted arrays, in float64, exact except for ties.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from inim.display import Display

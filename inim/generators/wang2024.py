@@ -12,8 +12,6 @@ matrix is searched although the ray only crosses its diagonal, and the best matc
 along the ray. docs/theory/paper.md describes the options and lists the deviations from the print.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

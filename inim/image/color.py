@@ -1,7 +1,5 @@
 """Transfer between linear light and display-referred sRGB (IEC 61966-2-1), and false colours."""
 
-from __future__ import annotations
-
 import base64
 import io
 

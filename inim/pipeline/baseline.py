@@ -5,8 +5,6 @@ baseline folder, with a reason and the date. `compare_with_baseline` compares th
 a baseline.
 """
 
-from __future__ import annotations
-
 import math
 import re
 import shutil

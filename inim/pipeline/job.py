@@ -1,7 +1,5 @@
 """Validation inside the worker: from a plan to a written report."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Output of a run: image files, written while the run continues, and the content of report.json."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future

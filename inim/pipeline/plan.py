@@ -1,7 +1,5 @@
 """Plan of a validation, made before the renderer is loaded."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Requests of a user, as values; `inim.pipeline.options` parses their text."""
 
-from __future__ import annotations
-
 from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """EIA of a scene: its RGB-D picture is captured in a worker process."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor

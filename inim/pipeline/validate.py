@@ -11,8 +11,6 @@ Each line below is a step, which is a stage or calls several. `inim.pipeline.sta
 result cache, the timing and the record of skipped steps.
 """
 
-from __future__ import annotations
-
 from inim.pipeline.adaptive_sampling import Evaluation, sample_until_precise
 from inim.pipeline.baseline import collect_statistics, compare_with_baseline
 from inim.pipeline.output import Images, make_report

@@ -7,8 +7,6 @@ order or the number of passes. Every pair of numbers that a path requests is a p
 has the consequences.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from inim.render.library import dr, mi

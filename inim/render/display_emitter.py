@@ -9,8 +9,6 @@ The array is one shape with an analytic lens: thousands of instances hang the re
 its spawned rays would move by most of a display pixel.
 """
 
-from __future__ import annotations
-
 import gc
 import math
 import weakref

@@ -1,7 +1,5 @@
 """Ground truth by the renderer: the RGB-D picture, the ground-truth EIA and views."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any

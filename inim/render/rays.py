@@ -11,8 +11,6 @@ the plane z = `start_mm`, just in front of the scene. The pickup of a hexagonal,
 array is not separable: each pixel has an individual lens, position and gap.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 

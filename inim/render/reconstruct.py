@@ -1,7 +1,5 @@
 """Reconstruction: the view of an EIA on a display from an eye position."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

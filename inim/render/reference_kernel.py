@@ -7,8 +7,6 @@ plane, and stores it. No depth is read. The kernel computes the address from the
 the gather is the only load.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -4,8 +4,6 @@ Meshes reach Mitsuba as arrays, by the shape plugin `inim_mesh`. Bit for bit, it
 normals are those of Mitsuba's shape `ply`.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Mapping

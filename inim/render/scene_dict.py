@@ -1,7 +1,5 @@
 """Scenes given as Mitsuba dictionaries."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path

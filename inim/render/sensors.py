@@ -7,8 +7,6 @@ array. So one `to_world` gives its position, its rotation and the length of a mi
 scene's unit. The emitter `inim_display` and the sensors read it in the same way.
 """
 
-from __future__ import annotations
-
 import difflib
 from typing import Any
 

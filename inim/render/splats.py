@@ -5,8 +5,6 @@ integrator's own; this module computes depths and layers. A splat's absorption i
 **peak**, the point of the ray with the least Mahalanobis distance from the splat's centre.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

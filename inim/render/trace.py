@@ -10,8 +10,6 @@ in float32 (at most a few dozen values) and goes into float64 sums. Random numbe
 (`inim.render.counter_sampler`), so passes may hold any pixels in any order.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The Mitsuba variant: set permanently in inim's own processes, temporarily in others."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager

@@ -5,8 +5,6 @@ of the view pixel's area and of the pupil, with the same lens model, sub-pixels 
 the views of `inim.render.reconstruct`.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """A display seen from above: its plan view, and the depths of its RGB-D input."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

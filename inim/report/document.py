@@ -1,7 +1,5 @@
 """`report.json`: validation of a scene."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

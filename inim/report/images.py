@@ -4,8 +4,6 @@ Images are embedded so that the page needs no other file. An `Encoding` sets the
 tries the `ENCODINGS` in order; images shown smaller are stored in full in the report's folder.
 """
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -5,8 +5,6 @@ values appear as "–". The scores follow
 the metrics in `inim.metrics`.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Mapping, Sequence

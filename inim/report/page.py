@@ -5,8 +5,6 @@ embedded images and the page's own style sheets and scripts. The whole page can 
 scripts. External strings are escaped in `text`, and only there.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import html

@@ -1,7 +1,5 @@
 """The pages of a bench, of a stress run, and of studies written with the same functions."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """A report for continuous integration: short Markdown for a comment box, and JUnit XML."""
 
-from __future__ import annotations
-
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence

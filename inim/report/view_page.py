@@ -4,8 +4,6 @@ A report's panels and views are in its folder; the replacement views of a single
 lens models in NumPy.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -5,8 +5,6 @@ value and the way out. The command line prints it as is and exits with `exit_cod
 failed, code 1, is a verdict and no exception.
 """
 
-from __future__ import annotations
-
 import errno
 import sys
 from collections.abc import Iterable, Iterator

@@ -1,7 +1,5 @@
 """Descriptions of a class's fields: `#:` comments behind them or above them, as Sphinx has them."""
 
-from __future__ import annotations
-
 import inspect
 from functools import cache
 

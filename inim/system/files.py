@@ -5,8 +5,6 @@ readers and devices never end. The check uses the opened descriptor, because the
 may change in between.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import stat

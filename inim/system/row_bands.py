@@ -1,7 +1,5 @@
 """Bands of rows of images that fit into a processor's cache."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 # Pixels of a band: its temporaries, a few dozen bytes a pixel, take a few megabytes each, which are

@@ -1,7 +1,5 @@
 """Command `inim bench`."""
 
-from __future__ import annotations
-
 import argparse
 
 from inim.pipeline.options import Command, add_shared, finish, request_of

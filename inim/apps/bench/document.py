@@ -1,7 +1,5 @@
 """Document of a bench: `bench.json`."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from inim.scores.document_parts import (

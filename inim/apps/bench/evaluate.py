@@ -1,7 +1,5 @@
 """The bench of a scene: times of the algorithms against errors of sources, EIAs and views."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The report of a bench: `bench.json`, `bench.md`, `bench.html` and the plots."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path

@@ -8,8 +8,6 @@ functions of `inim.apps.bench.evaluate`, and `record` and `inim.apps.bench.page.
 their results.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Forms of an EIA that need no rendering: PDF, sub-aperture views and light field."""
 
-from __future__ import annotations
-
 from functools import partial
 from pathlib import Path
 

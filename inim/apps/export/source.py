@@ -1,7 +1,5 @@
 """The EIA to export: a file, or one of a report."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Tiles of a quilt, as given by a user."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from inim.system.errors import UsageError

@@ -1,7 +1,5 @@
 """Command `inim inspect`, about a display."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Inspection of a display: `inspect.json`."""
 
-from __future__ import annotations
-
 from inim.display import Display
 from inim.scores.document_parts import DepthRange, InimVersion, Viewpoints
 from inim.system.document import Document, Part

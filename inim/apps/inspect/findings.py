@@ -1,7 +1,5 @@
 """Inspection of a display by its name, file or value: one value, and warnings in sentences."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from os import PathLike

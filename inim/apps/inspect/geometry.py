@@ -4,8 +4,6 @@ Formulas are those of Wang et al., Heritage Science 2024, doi 10.1186/s40494-024
 equation number; the rest is plain geometry. Crosstalk is counted by rays from the eye.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Findings as text for a terminal, every number with its unit."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any

@@ -3,8 +3,6 @@
 A spot is the image of a point through one lens, on or off the axis.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Figures to choose a display by: detail, depth, viewing zone, brightness, accuracy."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -1,7 +1,5 @@
 """A user's RGB-D pictures from several cameras (`CamerasDocument`), fitted to a display."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple

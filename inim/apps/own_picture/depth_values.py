@@ -3,8 +3,6 @@
 The user states them. Distances that no depth camera returns reveal a wrong statement.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

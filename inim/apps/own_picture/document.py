@@ -1,7 +1,5 @@
 """Input document of several cameras' pictures."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from inim.system.document import Document, Part, doc

@@ -5,8 +5,6 @@ inverse depth, larger for nearer objects, up to an unknown scale and shift (MiDa
 Anything). It becomes a relative distance from 1, near, to `FAR_OVER_NEAR`.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from pathlib import Path
 from typing import Any

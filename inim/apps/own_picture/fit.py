@@ -12,8 +12,6 @@ mapped linearly. At the distance `frame_at` (by default the median depth), the p
 array, centred on the display's axis. An orthographic picture fits the array at every depth.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

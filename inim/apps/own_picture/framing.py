@@ -7,8 +7,6 @@ as much behind it; farther depths are clipped to its far end. The picture is cro
 display's shape around the subject, or around its middle if it has none.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Inputs of `inim generate`: each kind is read as a picture in the display frame."""
 
-from __future__ import annotations
-
 import argparse
 import tempfile
 from collections.abc import Callable

@@ -8,8 +8,6 @@ Depth is not fitted to the display's range: so the EIA of the centre view can be
 pixel, with that of the true views.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from inim.apps.own_picture.depth_values import DepthValues

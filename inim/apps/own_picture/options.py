@@ -1,7 +1,5 @@
 """Options of `inim generate` for a user's own pictures, declared once."""
 
-from __future__ import annotations
-
 import argparse
 import types
 from dataclasses import dataclass, fields

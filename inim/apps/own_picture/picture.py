@@ -4,8 +4,6 @@ Depth is resampled to the colour picture's size by nearest pixel: a mean would i
 between an object and its background.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Reading of a camera's colour and depth picture."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import dataclass
 from pathlib import Path

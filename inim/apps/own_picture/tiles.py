@@ -11,8 +11,6 @@ samples in it that belong to this surface, which avoids aliasing of fine picture
 samples it is the tile's colour.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """EIA and display from a picture taken through a lens array, whose pixels become the panel's."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -8,8 +8,6 @@ gain's slope times the mean, minus the mean's gradient times the error of the ce
 places, in pitches right and down, are complex: a centre is c + s z + e conj(z), regular if e is 0.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -10,8 +10,6 @@ answer to a slightly different question differs. `measure_jitter` measures the s
 that depends on the last digits of its depth.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

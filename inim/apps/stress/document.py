@@ -1,7 +1,5 @@
 """Document of a stress run: `stress.json`."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from inim.scores.document_parts import (

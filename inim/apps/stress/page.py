@@ -1,7 +1,5 @@
 """The report of a stress run: `stress.json`, `stress.md` and `stress.html`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar

@@ -4,8 +4,6 @@ The pictures are not smooth, so that a wrong source is visible. Most are noise: 
 the whole depth range, some uncovered pixels, random colours.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from fractions import Fraction

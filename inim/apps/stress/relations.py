@@ -9,8 +9,6 @@ The algorithm itself determines these pixels: they change if lengths and depths 
 changed by a ten-millionth (`within_rounding`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial

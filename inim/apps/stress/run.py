@@ -7,8 +7,6 @@ limits of `inim.generators.accuracy_limits` are taken, is `reports/stress/study`
 `inim stress`.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

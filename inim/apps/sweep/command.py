@@ -1,7 +1,5 @@
 """Command `inim sweep`."""
 
-from __future__ import annotations
-
 import argparse
 from pathlib import Path
 

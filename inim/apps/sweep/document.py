@@ -1,7 +1,5 @@
 """Document of a sweep: `sweep.json`."""
 
-from __future__ import annotations
-
 from inim.scores.document_parts import Files, TitledDocument
 
 

@@ -3,8 +3,6 @@
 Scores of different scenes are never averaged into one rank.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

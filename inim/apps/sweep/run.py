@@ -3,8 +3,6 @@
 `run_sweep` is `inim sweep`: it computes the missing results, then writes the table and its page.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace

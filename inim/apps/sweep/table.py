@@ -1,7 +1,5 @@
 """The table of a sweep: tidy Parquet, a row for each viewpoint of each algorithm of each unit."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict

@@ -13,8 +13,6 @@ reserves its share of the worker's memory. Results return through dask. Effects 
   still running joins it and starts no second one.
 """
 
-from __future__ import annotations
-
 import copy
 import logging
 import queue

@@ -3,8 +3,6 @@
 A lens's cell has the points that are nearest to its centre.
 """
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from typing import Any

@@ -7,8 +7,6 @@ that meets an eye at the height of the panel's centre, at the distance for which
 images are designed, V = g P / (Q - P).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from fractions import Fraction

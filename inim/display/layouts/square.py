@@ -1,7 +1,5 @@
 """`square`: rows and columns of lenses, whose cells are rectangles."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -13,8 +13,6 @@ code runs in float64 NumPy and in a Dr.Jit kernel. Other packages register model
 group ``inim.lens_models``, under the model's name: docs/how-to/own-lens-model.md.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -9,8 +9,6 @@ face whose centre of curvature is behind it has a positive curvature. Its sag is
 Roots are written without cancellation: float32 is sufficient for panel points.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass

@@ -3,8 +3,6 @@
 Every ray that enters a lens's cell passes straight through its centre, keeping its direction.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from inim.display.lens.array import (

@@ -18,8 +18,6 @@ Weights are the unpolarised Fresnel transmittances of the two faces; the factor 
 inside glass cancels between them. docs/theory/lens-models.md has omissions and comparisons.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise, starmap
 from typing import Any, NamedTuple

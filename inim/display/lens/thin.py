@@ -5,8 +5,6 @@ direction meet in one point of the plane f behind the lens, and all rays from a 
 central depth plane in one point of the panel.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from inim.display.lens.array import (

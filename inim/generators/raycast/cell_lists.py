@@ -12,8 +12,6 @@ is stored, as float64 has it. All tables hold exits as float32, rounded up, and 
 down: they compare with a float32 depth as the exact ones do.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 from typing import NamedTuple
 

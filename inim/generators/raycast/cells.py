@@ -1,7 +1,5 @@
 """Panel rays over the cells of a picture, exact where lengths are."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from fractions import Fraction

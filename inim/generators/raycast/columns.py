@@ -16,8 +16,6 @@ decides on the backs (docs/theory/templates.md, "The backs of columns"):
     picture without layers, `SURFACE`.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

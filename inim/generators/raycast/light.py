@@ -16,8 +16,6 @@ pass over the square roots of light sharpens them. docs/theory/templates.md, "Co
 the formulas.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import NamedTuple
 

@@ -9,8 +9,6 @@ a ray under the farthest surface still hits the next covered cell, and testing c
 much as loading depth.
 """
 
-from __future__ import annotations
-
 from functools import cache, cached_property
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A picture seen from a viewpoint through the window of the lens array."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from inim.display import Display

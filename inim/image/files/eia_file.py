@@ -4,8 +4,6 @@ An EIA matches its lens array only at the correct pixel size. The size is theref
 file: in a PNG, an EXR, or a PDF that prints at true size.
 """
 
-from __future__ import annotations
-
 import zlib
 from contextlib import AbstractContextManager
 from pathlib import Path

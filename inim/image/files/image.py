@@ -1,7 +1,5 @@
 """Reading and atomic writing of images: linear float32 EXR and 8-bit sRGB PNG."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import os

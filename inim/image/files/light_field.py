@@ -14,8 +14,6 @@ disparity: positive in front of the plane without shift, here the lens array.
 Honauer et al. (2016), https://lightfield-analysis.uni-konstanz.de.
 """
 
-from __future__ import annotations
-
 import configparser
 import re
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ has no 16-bit colours. Other formats are decoded here and passed as arrays, beca
 readers trust the header.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import os

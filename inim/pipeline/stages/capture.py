@@ -1,7 +1,5 @@
 """Capture of a scene by the depth camera: colour, depth and the layers behind the front."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Reasons why the scores of a run allow no conclusion."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Ground truth: the EIA traced through every lens centre, and the scene from every viewpoint."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from time import perf_counter

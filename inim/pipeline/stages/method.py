@@ -8,8 +8,6 @@
 | `FileMethod`      | from a file of any program              | ``--eia mine=mine.png``        |
 """
 
-from __future__ import annotations
-
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Reconstructed views of an EIA, and the panel pixels that they depend on."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Handles of the renderer and of a scene: identified by a digest, loaded on first use."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any

@@ -1,7 +1,5 @@
 """Scores: of a method's EIA and views, of the reference, and of the ground truth against itself."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -4,8 +4,6 @@ Quantized numbers (KHR_mesh_quantization), transformed texture coordinates (KHR_
 and other sets of them become what trimesh reads: floating-point numbers in `TEXCOORD_0`.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import shlex

@@ -3,8 +3,6 @@
 Files are decoded here or by trimesh, checked once as arrays, and passed to Mitsuba as arrays.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from pathlib import Path

@@ -4,8 +4,6 @@ trimesh needs one line per record of a text, drops attributes, and trusts that a
 as the first. Importing it takes a third of a second, which scenes with PLY meshes need not pay.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

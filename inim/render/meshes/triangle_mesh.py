@@ -3,8 +3,6 @@
 Readers return a `Mesh` and writers accept one; the checks apply to every format.
 """
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass, field, replace
 from pathlib import Path

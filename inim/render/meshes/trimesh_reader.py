@@ -1,7 +1,5 @@
 """Meshes read by trimesh: OBJ, STL, glTF, and PLY that is more than plain triangles."""
 
-from __future__ import annotations
-
 import io
 import logging
 import mimetypes

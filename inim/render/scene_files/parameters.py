@@ -9,8 +9,6 @@ determine the file names that Mitsuba will open. This module repeats Mitsuba's
 rules (longest name first, a backslash escapes), in bounded length and time.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

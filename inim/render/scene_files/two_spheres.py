@@ -4,8 +4,6 @@ All outputs derive from one function, the intersection of a ray: the RGB-D pictu
 the ground-truth EIA (rays of the panel pixels) and the ground-truth view (rays from an eye).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

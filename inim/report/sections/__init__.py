@@ -6,8 +6,6 @@ images shown smaller or compressed are stored in full in the report's folder. Th
 read without scripts, which only move existing content.
 """
 
-from __future__ import annotations
-
 import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass

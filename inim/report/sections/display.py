@@ -1,7 +1,5 @@
 """Display section: description, drawing and parameters; and the RGB-D input of the algorithms."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any

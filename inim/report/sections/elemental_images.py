@@ -1,7 +1,5 @@
 """Elemental images section: some of them magnified, and their location on the panel."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """First screen: failures, the verdict in a sentence, one viewpoint in three images; all scores."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any

@@ -2,8 +2,6 @@
 values.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import msgspec

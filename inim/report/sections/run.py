@@ -1,7 +1,5 @@
 """The record of the run: checks, timings, skipped work, warnings, how to reproduce it, glossary."""
 
-from __future__ import annotations
-
 from inim.report.document import ReportDocument
 from inim.report.images import ReportImages
 from inim.report.labels import (

@@ -1,7 +1,5 @@
 """Time against error: time and error of each algorithm of the run."""
 
-from __future__ import annotations
-
 import math
 from functools import lru_cache
 

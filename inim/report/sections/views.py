@@ -4,8 +4,6 @@ The controls and the stage of the slider stay hidden until the script has loaded
 the views below, which need no script.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

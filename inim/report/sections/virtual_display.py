@@ -1,7 +1,5 @@
 """The virtual display: a report's EIAs through its lens array, live."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ installed metrics. All parameters are fixed.
 Algorithms are ranked by the headline: `MAIN` on the relic, to the reference.
 """
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Separable filters of images."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from inim.system.backend.kernels import compiled

@@ -1,7 +1,5 @@
 """LDR-FLIP: the difference that an observer sees when flipping between two images."""
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from typing import NamedTuple

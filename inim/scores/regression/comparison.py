@@ -5,8 +5,6 @@ Rendered images are compared by Welch's t-test in every tile. Changes are in cod
 docs/theory/regression.md.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

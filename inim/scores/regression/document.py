@@ -1,7 +1,5 @@
 """`compare.json`: comparison of two reports; `baseline.json`: statistics of a run."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from msgspec import Meta

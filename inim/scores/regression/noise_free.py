@@ -7,8 +7,6 @@ noise's variance. The replicates of two images may share noise, those of the sam
 products omit it. Derivation and sources: docs/theory/scores.md.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

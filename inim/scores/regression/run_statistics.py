@@ -4,8 +4,6 @@ Every report has a candidate (`regression/candidate.json` and `.npz`). An accept
 baseline (`baseline.json` and `.npz`). Both follow the schema `inim.baseline/3`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import math

@@ -5,8 +5,6 @@ tests of one kind is `FALSE_ALARM_RATE`. `scipy.special` provides the distributi
 `scipy.stats` takes two seconds to load.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

@@ -5,8 +5,6 @@ uses them, so a libLLVM's version is read from its file before anything loads it
 this process use a backend: any, if Dr.Jit is not loaded yet, otherwise the one that Dr.Jit loaded.
 """
 
-from __future__ import annotations
-
 import mmap
 import os
 import platform

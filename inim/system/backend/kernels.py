@@ -9,8 +9,6 @@ of the compiler (`cache_folder`). A damaged or full cache raises in the middle o
 `disable_cache` lets the process continue without it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Files that appear whole or not at all, temporary folders, and errors of writing them."""
 
-from __future__ import annotations
-
 import errno
 import os
 import shutil

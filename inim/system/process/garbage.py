@@ -1,7 +1,5 @@
 """Pausing Python's garbage collector while it would do harm."""
 
-from __future__ import annotations
-
 import gc
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Properties of this machine: processor, memory, the linker's cache and the user's folders."""
 
-from __future__ import annotations
-
 import os
 import platform
 import re

@@ -1,7 +1,5 @@
 """Observers of a run (progress, rendering times, samples), and progress as a callback or a bar."""
 
-from __future__ import annotations
-
 import sys
 import time
 import warnings

@@ -1,7 +1,5 @@
 """Lines of text on the terminal: printable, one line each, and only our own."""
 
-from __future__ import annotations
-
 import logging
 import unicodedata
 import warnings

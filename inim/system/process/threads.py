@@ -1,7 +1,5 @@
 """Calls in threads, for libraries that release the interpreter lock."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager

@@ -3,8 +3,6 @@
 A worker runs in an empty folder, while its messages and reports are about the user's.
 """
 
-from __future__ import annotations
-
 import pickle
 import re
 from collections.abc import Mapping

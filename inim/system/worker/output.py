@@ -4,8 +4,6 @@ A result is built in a hidden folder next to its final folder, and then moved. A
 marks an output folder: a later run replaces and deletes the files in that list, and no others.
 """
 
-from __future__ import annotations
-
 import fcntl
 import glob
 import json

@@ -9,8 +9,6 @@ JSON per message: its stages, and finally its result. It ends when its stdin clo
 with its supervisor.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import os

@@ -10,8 +10,6 @@ coding of its numbers comes from Apple's metadata, stored as plain XMP packets, 
 depth_representation_info (ITU-T H.265), which has no unit.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -9,8 +9,6 @@ largest code: 1/m for a disparity, m for a depth. The metres are reliable only i
 and so entities, are refused.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -6,8 +6,6 @@ metadata, usually in their extension. Apple: the disparity is an extra image of 
 (CIPA DC-007), identified by its metadata.
 """
 
-from __future__ import annotations
-
 import binascii
 import io
 import re
