@@ -30,10 +30,7 @@ from functools import partial
 import numpy as np
 
 from inim.display import Display
-from inim.generators.oracle import lensed_pixels
 from inim.image.rgbd import RGBD, LayeredRGBD
-from reports.stress.study.oracles import first_hits
-from reports.stress.study.rays import rays_over
 
 HOLE = -1
 NO_LENS = -2
@@ -256,15 +253,3 @@ def _first_cell(
         b += column_end == end
         entry = end
     return last if hidden and continues else HOLE
-
-
-# -- float64 ------------------------------------------------------------------------------------
-
-
-def float_sources(rgbd: RGBD, display: Display, columns: str = "surface") -> np.ndarray:
-    """Source map in float64."""
-    pixels = lensed_pixels(display)
-    sources = np.full(display.eia_shape, NO_LENS, np.int32)
-    rays = rays_over(display, rgbd, pixels)
-    sources[tuple(pixels.T)] = first_hits(rays, rgbd, display, (0.0, 0.0, 0.0), columns)
-    return sources
