@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from inim.image.color import linear_from_srgb
 from inim.render.meshes.splat_ply import Splats
@@ -328,10 +329,11 @@ def rotate_splats(splats: Splats, turn: np.ndarray) -> Splats:
         for (first, last), matrix in zip(bands, matrices, strict=True):
             own = splats.harmonics[block, first:last].astype(np.float64)
             harmonics[block, first:last] = np.einsum("ij,njc->nic", matrix, own)
+    turned = Rotation.from_matrix(turn) * _rotations(splats)
     return replace(
         splats,
         centre=(splats.centre @ turn.T).astype(np.float32),
-        turn=_product(_quaternion(turn), splats.turn.astype(np.float64)).astype(np.float32),
+        turn=np.roll(turned.as_quat(), 1, axis=1).astype(np.float32),
         harmonics=harmonics,
     )
 
@@ -359,7 +361,7 @@ def splat_scene_xml(name: str, half_mm: np.ndarray, title: str, display: str | N
 def _reach(splats: Splats) -> np.ndarray:
     """Half the sizes of the boxes of splats' supports, (n, 3) float64."""
     extent = np.sqrt(2 * np.log(np.maximum(splats.opacity / _FAINTEST, 1)))
-    axes = _matrices(splats.turn.astype(np.float64)) * np.exp(splats.log_scale)[:, None]
+    axes = _rotations(splats).as_matrix() * np.exp(splats.log_scale)[:, None]
     reach: np.ndarray = np.linalg.norm(axes, axis=2) * extent[:, None]
     return reach
 
@@ -367,36 +369,9 @@ def _reach(splats: Splats) -> np.ndarray:
 # --- Rotations ----------------------------------------------------------------------------------
 
 
-def _matrices(quaternions: np.ndarray) -> np.ndarray:
-    """Rotations (n, 3, 3) of unit quaternions (n, 4), real part first."""
-    w, x, y, z = quaternions.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.array(rows).transpose(2, 0, 1)
-
-
-def _quaternion(turn: np.ndarray) -> np.ndarray:
-    """The unit quaternion of a rotation: the eigenvector that Bar-Itzhack (2000) names."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = turn
-    k = [
-        [xx + yy + zz, zy - yz, xz - zx, yx - xy],
-        [zy - yz, xx - yy - zz, xy + yx, xz + zx],
-        [xz - zx, xy + yx, yy - xx - zz, yz + zy],
-        [yx - xy, xz + zx, yz + zy, zz - xx - yy],
-    ]
-    vectors: np.ndarray = np.linalg.eigh(np.array(k))[1]
-    return vectors[:, -1]
-
-
-def _product(left: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Quaternion `left` times each of `others`, (n, 4)."""
-    w, v = left[0], left[1:]
-    real = w * others[:, 0] - others[:, 1:] @ v
-    rest = w * others[:, 1:] + others[:, :1] * v + np.cross(v, others[:, 1:])
-    return np.column_stack([real, rest])
+def _rotations(splats: Splats) -> Rotation:
+    """Rotations of splats; SciPy has the real part of a quaternion last, splat files first."""
+    return Rotation.from_quat(np.roll(splats.turn.astype(np.float64), -1, axis=1))
 
 
 def _band_rotation(turn: np.ndarray, first: int, last: int) -> np.ndarray:
