@@ -1,5 +1,3 @@
-# Kernels have no types of their own.
-# mypy: disable-error-code="no-untyped-def, no-untyped-call"
 """Native picture of a slanted lenticular display, woven from the views of a quilt.
 
 Each sub-pixel belongs to one view: the one whose direction its cylinder sends it to, of N at even
@@ -21,11 +19,11 @@ from inim.display.pixels import SUBPIXELS, PixelOffset, ray_starts
 from inim.image.files.eia_file import write_codes
 from inim.image.files.light_field import quilt_layout
 from inim.image.files.picture import open_picture
-from inim.system.backend.kernels import compiled, share_rows
 from inim.system.errors import FileError, UsageError
+from inim.system.row_bands import row_bands
 
-# Panel rows at once: their views stay in a processor's cache.
-_ROWS_AT_ONCE = 32
+# Views and places of so many pixels are in memory at once.
+_PIXELS_AT_ONCE = 2**20
 # Ratios of width to height that count as equal: names of quilts round them.
 _SAME_ASPECT = 0.02
 
@@ -99,47 +97,29 @@ def weave(quilt: Quilt, display: Display) -> np.ndarray:
 
     Raises `UsageError`: see `subpixel_views`.
     """
+    from scipy.ndimage import map_coordinates
+
     panel_rows, panel_columns = display.eia_shape
-    native = np.empty((panel_rows, panel_columns, 3), np.uint8)
     wider = panel_columns / panel_rows / quilt.aspect
     if abs(wider - 1) < _SAME_ASPECT:
         wider = 1.0
     height, width = quilt.codes.shape[0] // quilt.rows, quilt.codes.shape[1] // quilt.columns
     # Positions in a tile, of pixels' centres, from the tile's centre.
     x = ((np.arange(panel_columns) + 0.5) / panel_columns - 0.5) * max(wider, 1.0)
-    y = ((np.arange(panel_rows) + 0.5) / panel_rows - 0.5) * max(1 / wider, 1.0)
-    count = quilt.columns * quilt.rows
-    for start in range(0, panel_rows, _ROWS_AT_ONCE):
-        rows = slice(start, min(start + _ROWS_AT_ONCE, panel_rows))
+    y = ((np.arange(panel_rows) + 0.5) / panel_rows - 0.5)[:, None] * max(1 / wider, 1.0)
+    inside = (abs(x) <= 0.5) & (abs(y) <= 0.5)
+    across = np.clip((x + 0.5) * width - 0.5, 0, width - 1)
+    down = np.clip((y + 0.5) * height - 0.5, 0, height - 1)
+    native, count = np.zeros((*inside.shape, 3), np.uint8), quilt.columns * quilt.rows
+    for rows in row_bands(panel_rows, panel_columns, _PIXELS_AT_ONCE):
         views = np.minimum((subpixel_views(display, rows) * count).astype(np.int64), count - 1)
-        share_rows(
-            _weave, len(views), views, x, y[rows], quilt.codes, quilt.columns, height, width,
-            native[rows],
-        )  # fmt: skip
+        tile_rows, tiles = np.divmod(views, quilt.columns)
+        top, left = len(quilt.codes) - (tile_rows + 1) * height, tiles * width
+        for c in range(3):
+            places = top[..., c] + down[rows], left[..., c] + across
+            codes = map_coordinates(quilt.codes[..., c], places, np.float64, order=1)
+            native[rows, :, c] = np.where(inside[rows], codes + 0.5, 0)
     return native
-
-
-@compiled
-def _weave(begin, end, views, x, y, codes, columns, height, width, out):
-    """Interpolated codes of some panel rows from the tiles of their views."""
-    for i in range(begin, end):
-        for j in range(out.shape[1]):
-            if abs(x[j]) > 0.5 or abs(y[i]) > 0.5:
-                out[i, j] = 0
-                continue
-            u = min(max((x[j] + 0.5) * width - 0.5, 0.0), width - 1.0)
-            v = min(max((y[i] + 0.5) * height - 0.5, 0.0), height - 1.0)
-            left, top = int(u), int(v)
-            right, below = min(left + 1, width - 1), min(top + 1, height - 1)
-            u, v = u - left, v - top
-            for c in range(3):
-                tile_row, tile = divmod(views[i, j, c], columns)
-                row0, column0 = codes.shape[0] - (tile_row + 1) * height, tile * width
-                upper = (1 - u) * codes[row0 + top, column0 + left, c]
-                upper += u * codes[row0 + top, column0 + right, c]
-                lower = (1 - u) * codes[row0 + below, column0 + left, c]
-                lower += u * codes[row0 + below, column0 + right, c]
-                out[i, j, c] = np.uint8((1 - v) * upper + v * lower + 0.5)
 
 
 def weave_file(
