@@ -98,7 +98,7 @@ def committed(name):
 
 
 @pytest.mark.parametrize("name", ["bench/paper", "bench/views", "bench/cuda", "bench/commands",
-                                  "one_picture", "reality", "scoreboard"])  # fmt: skip
+                                  "one_picture", "rays", "reality", "scoreboard"])  # fmt: skip
 def test_committed_results_are_still_read(name):
     """Their numbers are those of the committed Markdown, which documents quote."""
     study = import_module(f"reports.{name.replace('/', '.')}.run").STUDY

@@ -20,13 +20,8 @@ ROOT = Path(__file__).parents[2]
 # Of the gallery only its reports are documents; the rest is what its page is made of. Studies of
 # the project's own have tables of their own.
 OWN_STUDIES = (
-    *(
-        "coverage",
-        "looking_glass",
-        "one_picture",
-    ),
-    *("reality", "scoreboard", "stress"),
-)
+    "coverage", "looking_glass", "one_picture", "rays", "reality", "scoreboard", "stress",
+)  # fmt: skip
 OWN_KIND = {
     *(path for name in OWN_STUDIES for path in ROOT.glob(f"reports/{name}/*.json")),
     *ROOT.glob("reports/gallery/**/entry.json"),
