@@ -92,8 +92,10 @@ def _folder(config: pytest.Config, test: Path) -> Path:
 def _fail_unless_passed(report: Report) -> None:
     if report.passed:
         return
+    from inim.report.comparison_text import comparison_lines
     from inim.report.labels import check_sentence
 
-    failed = [check for check in report.data.verdict.checks if not check.passed]
+    failed = [check for check in report.data.verdict.failures if check.kind is None]
     lines = [f"{check.name}: {check_sentence(check)}" for check in failed]
+    lines += comparison_lines(report.data)
     pytest.fail("\n".join([*lines, f"report: {report.html_path}"]), pytrace=False)

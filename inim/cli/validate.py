@@ -5,6 +5,7 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from inim.pipeline.options import (
     Command,
@@ -14,8 +15,12 @@ from inim.pipeline.options import (
     print_outcome,
     request_of,
 )
-from inim.system.errors import EXIT_PASSED, FileError, UsageError
+from inim.system.errors import EXIT_BASELINE, EXIT_PASSED, FileError, UsageError
 from inim.system.files import check_file
+
+if TYPE_CHECKING:
+    from inim.report.document import ReportDocument
+    from inim.scores.regression.document import CompareDocument
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -56,6 +61,11 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="DIR",
         help="compare with this baseline from `inim accept`; a significant change fails the run",
+    )
+    add(
+        "--allow-changed-inputs",
+        action="store_true",
+        help="if inputs differ from the baseline's, scores may change",
     )
     add(
         "--plugin",
@@ -123,22 +133,29 @@ _MOST_WARNINGS = 3
 
 def _finish(passed: bool, out: Path, quiet: bool) -> int:
     """Print warnings, failed checks, the verdict and the report's path; return the exit code."""
+    from inim.report.comparison_text import comparison_lines
     from inim.report.document import ReportDocument
     from inim.report.labels import check_sentence, verdict_words
     from inim.system.document import read_document
 
-    lines, verdict = [], "FAILED"
-    if not quiet:
-        data = read_document(out / "report.json", "run it again", ReportDocument)
-        if data.verdict.word != "failed":
-            verdict = verdict_words(data)
-        failed = [check for check in data.verdict.checks if not (passed or check.passed)]
-        lines = [f"warning: {text}" for text in data.warnings[:_MOST_WARNINGS]]
-        if len(data.warnings) > _MOST_WARNINGS:
-            lines.append(f"and {len(data.warnings) - _MOST_WARNINGS} more warnings in the report")
-        lines += [f"failed: {check.name}: {check_sentence(check)}" for check in failed]
-    lines.append(f"{verdict}; report: {out / 'report.html'}")
-    return finish(passed, *lines, quiet=quiet)
+    if passed and quiet:
+        return EXIT_PASSED
+    data = read_document(out / "report.json", "run it again", ReportDocument)
+    failed = [check for check in data.verdict.failures if check.kind is None]
+    lines = [f"warning: {text}" for text in data.warnings[:_MOST_WARNINGS]]
+    if len(data.warnings) > _MOST_WARNINGS:
+        lines.append(f"and {len(data.warnings) - _MOST_WARNINGS} more warnings in the report")
+    lines += [f"failed: {check.name}: {check_sentence(check)}" for check in failed]
+    lines += comparison_lines(data, out)
+    lines.append(f"{verdict_words(data)}; report: {out / 'report.html'}")
+    return _exit_code(data, finish(passed, *lines, quiet=quiet))
+
+
+def _exit_code(data: "ReportDocument | CompareDocument", code: int) -> int:
+    """The exit code of a run, or that of a comparison in which nothing can be compared."""
+    comparison = data.regression
+    is_comparable = comparison is None or comparison.verdict != "not comparable"
+    return code if is_comparable else EXIT_BASELINE
 
 
 def _check_encoding(args: argparse.Namespace) -> None:
@@ -215,8 +232,9 @@ def _add_accept_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _accept(args: argparse.Namespace) -> int:
     from inim.pipeline.baseline import accept
+    from inim.report.comparison_text import accepted_lines
 
-    print_lines(f"baseline: {accept(args.out, args.reason, args.to)}")
+    print_lines(*accepted_lines(args.out), f"baseline: {accept(args.out, args.reason, args.to)}")
     return EXIT_PASSED
 
 
@@ -229,11 +247,12 @@ def _add_compare_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _compare(args: argparse.Namespace) -> int:
     from inim.pipeline.baseline import compare_reports
+    from inim.report.comparison_text import comparison_lines
 
     out = args.out or Path("compare")
-    passed, lines = compare_reports(args.baseline, args.candidate, out)
-    lines.append(f"{'passed' if passed else 'FAILED'}; comparison: {out / 'compare.html'}")
-    return finish(passed, *lines, quiet=args.quiet)
+    data = compare_reports(args.baseline, args.candidate, out)
+    lines = [*comparison_lines(data), f"comparison: {out / 'compare.html'}"]
+    return _exit_code(data, finish(data.verdict.passed, *lines, quiet=args.quiet))
 
 
 def _add_figure_arguments(parser: argparse.ArgumentParser) -> None:

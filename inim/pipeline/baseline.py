@@ -8,7 +8,7 @@ a baseline.
 import math
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,21 +18,15 @@ import numpy as np
 from inim.display import Display
 from inim.image.files.image import write_png
 from inim.pipeline.adaptive_sampling import Evaluation
-from inim.pipeline.plan import Plan, conditions_of
+from inim.pipeline.plan import Plan, inputs_of
 from inim.pipeline.stages.generation import ReferenceOutput
 from inim.pipeline.stages.scoring import Statistics
 from inim.report import Report
-from inim.report.document import AlgorithmResult
 from inim.report.images import ENCODINGS, ReportImages, difference
 from inim.report.sections.regression import write_comparison
 from inim.scores.document_parts import Check, Checks, Circumstances, Regression, utc_now
-from inim.scores.regression.comparison import (
-    changed_circumstances,
-    changed_pixels,
-    compare,
-    drift,
-    tile_pictures,
-)
+from inim.scores.metrics import foreign_identities
+from inim.scores.regression.comparison import Comparison, changed_pixels, compare, tile_pictures
 from inim.scores.regression.document import CompareDocument, Side
 from inim.scores.regression.fingerprints import Fingerprint
 from inim.scores.regression.run_statistics import (
@@ -44,9 +38,8 @@ from inim.scores.regression.run_statistics import (
 )
 from inim.scores.regression.scores import ScoreEstimate
 from inim.scores.regression.tiles import TileStatistics
-from inim.scores.regression.verdict import all_passed, verdict_line
 from inim.system.backend import Backend
-from inim.system.cache import versions
+from inim.system.cache import code_digest, versions
 from inim.system.errors import BaselineError, UsageError
 from inim.system.process import machine
 from inim.system.process.user_paths import user_text
@@ -85,11 +78,15 @@ def compare_with_baseline(
         old = baseline.fingerprints.get(name)
         new = candidate.fingerprints[name]
         _write_reference_difference(folder, name, output, old, new, plan.display)
-    verdicts = compare(baseline, candidate, path)
-    names = _failed_pictures(baseline, verdicts)
-    pictures = [name for name in names if write_difference(folder, name, baseline, candidate)]
-    data = _regression_data(path, baseline, candidate, pictures)
-    return BaselineComparison(data, tuple(verdicts))
+    allow = plan.request.allow_changed_inputs
+    comparison = compare(baseline, candidate, allow_changed_inputs=allow)
+    pictures = [
+        name
+        for name in _failed_pictures(comparison)
+        if write_difference(folder, name, comparison.baseline, candidate)
+    ]
+    data = _regression_data(path, baseline, comparison, pictures)
+    return BaselineComparison(data, tuple(comparison.checks))
 
 
 def _write_reference_difference(
@@ -112,8 +109,8 @@ def write_difference(
     folder: Path, name: str, baseline: RunStatistics, candidate: RunStatistics
 ) -> bool:
     """Write the baseline's tiles, the difference and the candidate; False if shapes differ."""
-    old, new = baseline.pictures[name], candidate.pictures.get(name)
-    if new is None or (new.shape, new.tile) != (old.shape, old.tile):
+    old, new = baseline.pictures.get(name), candidate.pictures.get(name)
+    if old is None or new is None or (new.shape, new.tile) != (old.shape, old.tile):
         return False
     before, change = tile_pictures(old, new)
     target = folder / FOLDER / name
@@ -126,15 +123,17 @@ def write_difference(
 
 
 def _regression_data(
-    path: str, baseline: RunStatistics, candidate: RunStatistics, pictures: list[str]
+    path: str, baseline: RunStatistics, comparison: Comparison, pictures: list[str]
 ) -> Regression:
     """Results of a comparison, without its checks."""
     return Regression(
         baseline=path,
         reason=baseline.reason,
         accepted=baseline.accepted,
-        circumstances=changed_circumstances(baseline, candidate),
-        drift=drift(baseline, candidate),
+        verdict=comparison.verdict,
+        inputs=comparison.inputs,
+        circumstances=comparison.circumstances,
+        not_compared=comparison.not_compared,
         pictures=pictures,
     )
 
@@ -189,48 +188,50 @@ def _check_complete(candidate: RunStatistics, out: Path) -> None:
         if math.isnan(score.plain)
     ]
     invalid += [n for n, tiles in candidate.pictures.items() if not np.isfinite(tiles.mean).all()]
-    views = candidate.conditions.viewpoints
+    views = candidate.inputs.viewpoints
     missing = [v for v in views if f"truth/{v}" not in candidate.pictures]
     if invalid or missing or not views:
         problem = f"{invalid[0]} is not a number" if invalid else f"no view {', '.join(missing)}"
         raise BaselineError(f"{out}: cannot be a baseline: {problem.strip()}; make a new report")
 
 
-def compare_reports(before: Path, after: Path, out: Path) -> tuple[bool, list[str]]:
+def compare_reports(before: Path, after: Path, out: Path) -> CompareDocument:
     """Compare two reports and write the result into a folder.
 
     The report in the folder `before` is the baseline of that in `after`. Writes `COMPARISON_FILES`
-    into `out`. Returns whether all checks passed, and the results as lines of text, failures first.
-    Raises `BaselineError` if the reports were made under different conditions or one has no data
-    for a comparison, and `FileError` if a report is missing or `out` cannot be written.
+    into `out`.
+    Raises `BaselineError` if one has no data for a comparison, and `FileError` if a report is
+    missing or `out` cannot be written.
     """
     (report, old), (other, new) = read_run(before), read_run(after)
     if out.exists() and any(out.samefile(folder) for folder in (before, after)):
         raise UsageError(f"{out}: is one of the reports; choose another folder with -o")
-    verdicts = compare(old, new, str(before))
+    comparison = compare(old, new)
     with output_files(out, COMPARISON_FILES) as staging:
-        names = _failed_pictures(old, verdicts)
         data = CompareDocument(
             title=new.circumstances.title or after.name,
             created=new.circumstances.created,
             before=Side(folder=str(before), circumstances=old.circumstances),
             after=Side(folder=str(after), circumstances=new.circumstances),
-            conditions=new.conditions,
             regression=_regression_data(
                 str(before),
                 old,
-                new,
-                [n for n in names if _copy_pictures(report, other, n, staging)],
+                comparison,
+                [
+                    name
+                    for name in _failed_pictures(comparison)
+                    if _copy_pictures(report, other, name, staging)
+                ],
             ),
-            verdict=Checks(passed=all_passed(verdicts), checks=verdicts),
+            verdict=Checks.of(comparison.checks),
         )
         write_comparison(data, staging)
-    return all_passed(verdicts), [*map(verdict_line, sorted(verdicts, key=lambda v: v.passed))]
+    return data
 
 
-def _failed_pictures(baseline: RunStatistics, verdicts: Sequence[Check]) -> list[str]:
-    failed = [v.name for v in verdicts if v.kind == "picture" and not v.passed]
-    return [n for n in baseline.pictures if any(name.startswith(f"{n}: ") for name in failed)]
+def _failed_pictures(comparison: Comparison) -> list[str]:
+    failed = [c for c in comparison.checks if c.kind == "picture" and not c.passed]
+    return [check.name.partition(": ")[0] for check in failed]
 
 
 def _copy_pictures(before: Report, after: Report, name: str, staging: Path) -> bool:
@@ -262,12 +263,11 @@ def collect_statistics(evaluation: Evaluation, truth: Statistics) -> RunStatisti
         scores |= part.scores
         fingerprints |= part.fingerprints
     return RunStatistics(
-        conditions_of(evaluation.plan, evaluation.backend.variant),
+        inputs_of(evaluation.plan, evaluation.backend.variant),
         _circumstances(evaluation.plan, evaluation.backend),
         pictures,
         scores,
         fingerprints,
-        _reported_scores(evaluation.algorithms),
     )
 
 
@@ -277,6 +277,12 @@ def _circumstances(plan: Plan, backend: Backend) -> Circumstances:
         title=plan.settings.title or plan.request.scene.stem,
         created=utc_now(),
         inim=__version__,
+        code=code_digest(""),
+        packages={
+            **{name: _words(state) for name, state in plan.algorithm_packages.items()},
+            **{name: _words(state) for name, state in foreign_identities().items()},
+            **{plugin.name: plugin.sha256 for plugin in plan.plugins},
+        },
         **{name.replace("-", "_"): version for name, version in packages.items()},
         libllvm=backend.libllvm_version,
         device=backend.device,
@@ -286,17 +292,6 @@ def _circumstances(plan: Plan, backend: Backend) -> Circumstances:
     )
 
 
-def _reported_scores(
-    algorithms: Mapping[str, AlgorithmResult],
-) -> dict[str, dict[str, float | None]]:
-    """Scores of a report, by ``METHOD`` for EIAs and by ``METHOD/VIEWPOINT`` for views."""
-    rows: dict[str, dict[str, float | None]] = {}
-    for name, result in algorithms.items():
-        rows[name] = {f"eia {key}": _finite(value) for key, value in result.eia.items()}
-        for view, scores in result.views.items():
-            rows[f"{name}/{view}"] = {key: _finite(value) for key, value in scores.items()}
-    return rows
-
-
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
+def _words(identity: Mapping[str, str]) -> str:
+    """Version and digest of a package."""
+    return " ".join(filter(None, (identity.get("version"), identity.get("sha256", "")[:12])))

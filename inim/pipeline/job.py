@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from inim.pipeline.output import Images
-from inim.pipeline.plan import Plan, check_baseline
+from inim.pipeline.plan import Plan
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
 from inim.pipeline.validate import validate
@@ -87,7 +87,6 @@ def run(
         run, renderer, images = setup(
             plan, staging, observer, cache or _open_cache(plan), data_only=data_only
         )
-        check_baseline(plan, renderer.backend.variant)
     with images.thread, run.ahead:
         report = validate(plan, renderer, images, run)
     _print_scores(observer, report.data)

@@ -81,6 +81,7 @@ def validate(
     allow_folders: str | Path | Sequence[str | Path] = (),
     new_scene: Mapping[str, Any] | None = None,
     plugins: str | Sequence[str] = (),
+    allow_changed_inputs: bool = False,
     progress: Callable[[str, float], object] | bool | None = None,
 ) -> Report:
     """Validate a scene in a worker process, as `python -m inim.validate` does.
@@ -133,6 +134,8 @@ def validate(
     plugins : str or sequence of str, optional
         Modules to import in the worker that register Mitsuba plugins of the scene, by name or by
         the path of a .py file.
+    allow_changed_inputs : bool
+        If inputs differ from the baseline's, scores may change.
     progress : callable or bool, optional
         Receives the name of each stage and the finished share of the stages, 0..1; an exception
         from it ends the run. Or whether to draw a progress bar; by default in notebooks only.
@@ -168,6 +171,7 @@ def validate(
         no_skip,
         _paths("allow_folders", allow_folders),
         tuple(PluginModule.of(str(name)).text for name in _paths("plugins", plugins)),
+        allow_changed_inputs,
         definitions={} if definitions is None else definitions,
         display=display,
         algorithms=None if algorithms is None else algorithm_items(algorithms),

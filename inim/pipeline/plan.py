@@ -4,10 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import msgspec
+
 from inim.display import Display
 from inim.display.lens import check_lens_model
 from inim.display.misalignment import misaligned, misalignment_text, parse_misalignment
-from inim.display.settings import PREFIX, Settings
+from inim.display.settings import Settings
 from inim.display.viewpoint import Viewpoint, parse_viewpoints
 from inim.generators import SCENE_ALGORITHMS, algorithm_items, split_algorithm
 from inim.generators.registry import Input
@@ -21,13 +23,11 @@ from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import PROGRAM, deciding_inputs
 from inim.render.scene_files.file import SceneFile, choose_display, read_scene_file
-from inim.scores.document_parts import Conditions, DisplayRecord
+from inim.scores.document_parts import DisplayRecord, RunInputs
 from inim.scores.metrics import SSIM_WINDOW, Viewing, all_metrics
-from inim.scores.regression.comparison import check_comparable
 from inim.scores.regression.run_statistics import BASELINE, RunStatistics, read_statistics
 from inim.system.errors import OutOfMemoryError, SceneError, UsageError, naming
 from inim.system.plugins import PluginModule, identity
-from inim.system.process.user_paths import user_text
 
 # An out-of-memory failure is a native crash, not an exception, so memory is planned: all images
 # must fit, and the rest limits the rays per pass. Fewer rays per pass cost time, not samples.
@@ -126,29 +126,33 @@ class Plan:
     def cache_key(self, renderer: Renderer | None = None) -> dict[str, Any]:
         """Return all values that decide the scores: no path, no title and no time.
 
-        They are the conditions that comparable runs share, and everything in which these may
-        differ: samples, seed, criteria, the viewpoints' order, versions and code. Without a
-        renderer, its backend is the requested one, on any machine.
+        They are the declared inputs, samples, seed, criteria, the viewpoints' order, versions and
+        code. Without a renderer, its backend is the requested one, on any machine.
         """
-        packages = {
-            m.name: identity("inim.generators", m.algorithm.name)
-            for m in self.methods
-            if isinstance(m, GeneratorMethod) and not m.algorithm.own
-        }
         return deciding_inputs(
             PROGRAM,
-            conditions=conditions_of(self),
+            scene=self.file.sha256,
+            inputs=msgspec.structs.replace(inputs_of(self), files={}),
             parameters=self.file.parameters,
             settings={k: v for k, v in vars(self.settings).items() if k not in _PARSED},
             viewpoints=self.viewpoints,
             algorithms=[method.name for method in self.methods],
-            algorithm_packages=packages,
+            algorithm_packages=self.algorithm_packages,
             ssim_limits=self.ssim_limits,
             is_timed=self.request.time,
             optics=self.optics,
             **{f"plugin {plugin.name}": plugin.sha256 for plugin in self.plugins},
             **({"backend": self.request.backend} if renderer is None else renderer.cache_key()),
         )
+
+    @property
+    def algorithm_packages(self) -> dict[str, dict[str, str]]:
+        """Identities of the other packages that provide algorithms, by algorithm."""
+        return {
+            m.name: identity("inim.generators", m.algorithm.name)
+            for m in self.methods
+            if isinstance(m, GeneratorMethod) and not m.algorithm.own
+        }
 
     @property
     def scene_file(self) -> SceneFile:
@@ -249,7 +253,6 @@ def make_plan(request: Request, *, of_scene: bool = False) -> Plan:
     )
     if request.baseline is not None:
         plan = replace(plan, baseline=read_statistics(request.baseline, BASELINE))
-        check_baseline(plan)
     return plan
 
 
@@ -267,28 +270,13 @@ def _check_without_scene(request: Request, settings: Settings, algorithms: Seque
             raise UsageError(f"algorithm {name!r}: needs a scene, not a picture; leave it out")
 
 
-def check_baseline(plan: Plan, variant: str | None = None) -> None:
-    """Raise `BaselineError` if the plan's baseline was made under other conditions."""
-    baseline = plan.baseline
-    if baseline is None:
-        return
-    # The variant is not known before a backend is chosen.
-    conditions = conditions_of(plan, variant or baseline.conditions.variant)
-    check_comparable(baseline, conditions, user_text(plan.request.baseline))
-
-
-def conditions_of(plan: Plan, variant: str | None = None) -> Conditions:
-    """Conditions that two runs must share to be comparable; `variant` is the renderer's."""
-    s, request = plan.settings, plan.request
+def inputs_of(plan: Plan, variant: str | None = None) -> RunInputs:
+    """Declared inputs of a run, for comparisons; `variant` is the renderer's."""
+    s = plan.settings
     is_perceptual = any(metric.needs_viewing for metric in all_metrics())
-    return Conditions(
-        scene_sha256=plan.file.sha256,
-        # Only the scene's own parameters: `inim.*` settings are compared by their effects.
-        scene_parameters=sorted(
-            f"{key}={text}"
-            for key, text in request.definitions.items()
-            if not key.startswith(PREFIX)
-        ),
+    return RunInputs(
+        elements=dict(plan.file.elements),
+        files=plan.file.file_names,
         display=plan.display,
         derived=DisplayRecord.of(plan.display).derived,
         misalign=s.misalign,

@@ -127,13 +127,14 @@ class Request(Choices):
     no_skip: bool = False
     allow_folders: tuple[Path, ...] = ()
     plugins: tuple[str, ...] = ()
+    allow_changed_inputs: bool = False
 
     def command(self, settings: Settings, scene_keys: Container[str] = ()) -> list[str]:
         """Arguments of `python -m inim.validate` that repeat this request.
 
         `scene_keys` are the keys of the settings in the scene file.
         """
-        flags = ("preview", "time", "lazy", "no_skip")
+        flags = ("preview", "time", "lazy", "no_skip", "allow_changed_inputs")
         choices = ("algorithms", "cameras", "viewpoints", "lens_model")
         texts = self.overrides()
         is_object = isinstance(self.display, Display)

@@ -243,6 +243,8 @@ def verdict_words(document: ReportDocument) -> str:
     """The verdict, and a note if no criteria are set or the report is a preview."""
     word = document.verdict.word
     words = f"{word}; no criteria set" if word == "ran clean" else word
+    if document.regression is not None:
+        words += f"; against the baseline: {document.regression.verdict}"
     return f"preview, {words}" if full_command(document) else words
 
 

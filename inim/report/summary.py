@@ -3,8 +3,18 @@
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+from inim.report.comparison_text import (
+    MOST_LINES,
+    accept_command,
+    change_text,
+    comparison_lines,
+    headline_changes,
+    signed_change,
+    verdict_sentence,
+)
 from inim.report.document import ReportDocument
 from inim.report.labels import (
     MISSING,
@@ -56,12 +66,12 @@ def render_summary(data: ReportDocument) -> str:
     blocks = [
         f"## {markdown_text(data.title)}: {verdict_words(data)}",
         _verdict_line(data),
+        *_regression_lines(data),
         *preview,
         _scores_table(data),
         named(data, _MEANING),
         *(f"{markdown_text(line, _LONGEST_SENTENCE)}." for line in _possible_lines(data)),
         *criteria,
-        *_regression_lines(data),
         *_failures(data),
     ]
     if count := len(data.warnings):
@@ -142,7 +152,7 @@ def _width(columns: Sequence[Sequence[str]]) -> int:
 def render_checks(data: CompareDocument) -> str:
     """A comparison of two runs in a few lines of Markdown."""
     verdict = data.verdict
-    head = f"## {markdown_text(data.title)}: {verdict.word}"
+    head = f"## {markdown_text(data.title)}: {data.regression.verdict}"
     line = f"{_sign(verdict)} {verdict.passed_count} of {len(verdict.checks)} comparisons passed."
     return "\n\n".join([head, line, *_regression_lines(data), *_failures(data)]) + "\n"
 
@@ -156,9 +166,9 @@ _KINDS = {
 
 
 def _regression_lines(data: ReportDocument | CompareDocument) -> list[str]:
-    """Against the baseline: for each kind of comparison, how many, and the one nearest to failing.
+    """Against the baseline: verdict, changed inputs, changes of the headline score, comparisons.
 
-    So drift shows, also where all is well.
+    Each kind of comparison has the one nearest to failing, which shows drift where all is well.
     """
     comparison = data.regression
     if comparison is None:
@@ -166,13 +176,37 @@ def _regression_lines(data: ReportDocument | CompareDocument) -> list[str]:
     title = f"**Against {markdown_text(comparison.baseline)}**"
     if comparison.reason:
         title += f" ({markdown_text(comparison.reason, _LONGEST_SENTENCE)})"
+    words = verdict_sentence(data, comparison)
+    inputs = [f"* {markdown_text(change_text(c), _LONGEST_SENTENCE)}" for c in comparison.inputs]
+    blocks = [f"{title}: {markdown_text(words, _LONGEST_SENTENCE)}."]
+    if inputs:
+        more = [f"* and {len(inputs) - MOST_LINES} more"] * (len(inputs) > MOST_LINES)
+        blocks.append("**Changed inputs**\n\n" + "\n".join([*inputs[:MOST_LINES], *more]))
+    blocks += _headline_table(data)
+    if comparison.not_compared:
+        names = ", ".join(comparison.not_compared)
+        blocks.append(f"Not compared: {markdown_text(names, _LONGEST_SENTENCE)}.")
+    if isinstance(data, ReportDocument) and comparison.verdict != "passed":
+        blocks.append(f"To accept: {markdown_command(accept_command(Path('OUT')))}")
     heads = ["comparison", "changed", "nearest to its limit", "value", "limit"]
     rows = []
     for kind, label in _KINDS.items():
         of_kind = [check for check in data.verdict.checks if check.kind == kind]
         if of_kind:
             rows.append([label, *_kind_row(of_kind)])
-    return [title, markdown_table(heads, rows, words=(0, 2))]
+    return [*blocks, *([markdown_table(heads, rows, words=(0, 2))] if rows else [])]
+
+
+def _headline_table(data: ReportDocument | CompareDocument) -> list[str]:
+    """Changes of the headline score with intervals, by algorithm and viewpoint."""
+    changes = headline_changes(data)
+    views = list(dict.fromkeys(view for by_view in changes.values() for view in by_view))
+    rows = [
+        [markdown_text(name), *(signed_change(c[v]) if v in c else MISSING for v in views)]
+        for name, c in changes.items()
+    ]
+    heads = [f"change of {MAIN.label} on the relic to the reference", *map(markdown_text, views)]
+    return [markdown_table(heads, rows)] if rows else []
 
 
 def _kind_row(of_kind: list[Check]) -> list[str]:
@@ -246,7 +280,7 @@ def _reference_row(
 
 
 def _failures(data: ReportDocument | CompareDocument) -> list[str]:
-    failed = [check for check in data.verdict.checks if not check.passed]
+    failed = data.verdict.failures
     lines = [
         f"* {markdown_text(check.name)}: {markdown_text(check_sentence(check), _LONGEST_SENTENCE)}"
         for check in failed[:_MOST_FAILURES]
@@ -298,9 +332,9 @@ def render_junit(data: ReportDocument | CompareDocument) -> str:
     suite = ET.Element("testsuite")
     for check in data.verdict.checks:
         case = _case(suite, check.name)
-        if not check.passed:
+        if check.fails_run:
             _add_failure(case, check_sentence(check))
-    failures = sum(not check.passed for check in data.verdict.checks)
+    failures = len(data.verdict.failures)
     if data.verdict.checks and not data.verdict.passed and not failures:
         # A run that failed must not show as green because no single check has the reason.
         reasons = "; ".join(data.verdict.doubts) or "the run did not pass, without a failed check"
@@ -318,8 +352,15 @@ def render_junit(data: ReportDocument | CompareDocument) -> str:
 
 def _describe(suite: ET.Element, data: ReportDocument | CompareDocument, failures: int) -> None:
     total = 0.0 if isinstance(data, CompareDocument) else data.timings[_TOTAL_TIME]
+    if data.regression is not None:
+        words = comparison_lines(data, most=len(data.verdict.checks))
+        properties = ET.Element("properties")
+        verdict = {"name": "verdict against the baseline", "value": data.regression.verdict}
+        ET.SubElement(properties, "property", verdict)
+        suite.insert(0, properties)
+        ET.SubElement(suite, "system-out").text = "\n".join(words)
     suite.set("name", _SUITE)
-    suite.set("tests", str(len(suite)))
+    suite.set("tests", str(len(suite.findall("testcase"))))
     suite.set("failures", str(failures))
     suite.set("errors", "0")
     suite.set("skipped", "0")

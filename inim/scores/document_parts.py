@@ -143,10 +143,17 @@ class Check(Part):
     unit: str | None = None  #: Unit of the value in a comparison with a baseline; may be empty.
     kind: Kind | None = None  #: Object of a comparison with a baseline.
     criterion: bool = False  #: True if the user set the limit: a check of quality.
+    #: Reason why a failure does not fail the run: an improvement, or changed inputs; may be empty.
+    excuse: str = ""
 
     def __post_init__(self) -> None:
         if self.passed and (self.value is None or math.isnan(self.value)):
             raise ValueError("passed, but the value is not a number")
+
+    @property
+    def fails_run(self) -> bool:
+        """True if the check failed and has no excuse."""
+        return not (self.passed or self.excuse)
 
     @property
     def is_of_quality(self) -> bool:
@@ -182,7 +189,7 @@ def check(
 class Checks(Part):
     """The verdict: all checks."""
 
-    #: True if every check passed, and no doubt concerns a check of quality.
+    #: True if every check passed or is excused, and no doubt concerns a check of quality.
     passed: bool
     checks: list[Check]  #: The checks, in order.
     doubts: list[str] = []  #: Reasons why the scores allow no conclusion.
@@ -194,7 +201,7 @@ class Checks(Part):
         "ran clean" if all checks passed, but none concerns quality; "not conclusive" with doubts;
         "no verdict" without checks.
         """
-        if self.doubts and all(check.passed for check in self.checks):
+        if self.doubts and not self.failures:
             return "not conclusive"
         if not self.passed:
             return "failed"
@@ -206,8 +213,13 @@ class Checks(Part):
     def of(cls, checks: Sequence[Check], doubts: Sequence[str] = ()) -> Checks:
         """The verdict of checks; with doubts, checks of quality do not pass."""
         is_decided = not (doubts and any(check.is_of_quality for check in checks))
-        passed = is_decided and all(check.passed for check in checks)
+        passed = is_decided and not any(check.fails_run for check in checks)
         return cls(passed=passed, checks=[*checks], doubts=[*doubts])
+
+    @property
+    def failures(self) -> list[Check]:
+        """Checks that failed without an excuse."""
+        return [check for check in self.checks if check.fails_run]
 
     @property
     def passed_count(self) -> int:
@@ -215,7 +227,7 @@ class Checks(Part):
         return sum(check.passed for check in self.checks)
 
     def __post_init__(self) -> None:
-        if self.passed and not all(check.passed for check in self.checks):
+        if self.passed and self.failures:
             raise ValueError("passed, but one of the checks failed")
 
 
@@ -311,22 +323,22 @@ def check_scores(place: str, values: dict[str, float | None], named: dict[str, s
 
 
 class Change(Part):
-    """A circumstance that differs."""
+    """An input or a circumstance that differs."""
 
     name: str  #: Its name.
     baseline: str | int | float | bool | None  #: Its value in the baseline; null: none.
     candidate: str | int | float | bool | None  #: Its value now; null: none.
 
 
-class Drift(Part):
-    """A score of both runs."""
-
-    #: Scored object: an algorithm's EIA, or one of its views as `ALGORITHM/VIEWPOINT`.
-    subject: str
-    score: str  #: Name of the score.
-    baseline: float | None  #: Its value in the baseline; null: none, or not finite.
-    candidate: float | None  #: Its value now; null: none, or not finite.
-    change: float | None  #: Increase; null: one of the two is null.
+#: Verdicts of a comparison; docs/theory/regression.md defines them.
+Verdict = Literal[
+    "passed",
+    "improved",
+    "worse",
+    "inputs changed, scores within intervals",
+    "inputs changed, scores changed",
+    "not comparable",
+]
 
 
 class Regression(Part):
@@ -335,18 +347,20 @@ class Regression(Part):
     baseline: str  #: Folder of the baseline, or of the report before.
     reason: str  #: Reason for the baseline; empty for a report.
     accepted: str  #: Time of its acceptance, UTC, ISO 8601; empty for a report.
-    circumstances: list[Change]  #: Other differences: versions, samples, seed, machine.
-    drift: list[Drift]  #: Every score of both runs.
+    verdict: Verdict  #: The verdict of the comparison.
+    inputs: list[Change]  #: Changed inputs: scene, files, display, settings, algorithms.
+    circumstances: list[Change]  #: Other differences: code, versions, samples, seed, machine.
+    not_compared: list[str]  #: Pictures and scores of the baseline without a counterpart.
     pictures: list[str]  #: Names of the changed pictures in `regression/`.
 
 
-class Conditions(Part):
-    """Conditions that two runs must share to be compared."""
+class RunInputs(Part):
+    """Declared inputs of a run; a difference between two runs is named in their comparison."""
 
-    #: SHA-256 over the scene's XML and all files it names.
-    scene_sha256: Sha256 = field(name="scene (SHA-256)")
-    #: Values of the scene's own parameters, as `NAME=VALUE`.
-    scene_parameters: list[str] = field(name="scene parameters")
+    #: By name: canonical text of each element of the scene, with the SHA-256 of a file in place of
+    #: its path.
+    elements: dict[str, str]
+    files: dict[str, str]  #: Names of the scene's files without folders, by their SHA-256.
     display: Display  #: Parameters of the display; absent: the default.
     derived: DerivedDisplay = field(name="display as derived")
     #: Misalignment not corrected by generators, as `rotation_deg=0.5, gap_mm=0.1`; empty: none.
@@ -377,6 +391,9 @@ class Circumstances(Part):
     title: str  #: Name of the scene.
     created: Created
     inim: InimVersion
+    code: str  #: Digest of inim's source.
+    #: By name: version and digest of other packages' algorithms and metrics, and of plugins.
+    packages: dict[str, str]
     python: str  #: Version of Python.
     drjit: str  #: Version of Dr.Jit.
     mitsuba: str  #: Version of Mitsuba.

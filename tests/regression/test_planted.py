@@ -110,7 +110,7 @@ def sound(run):
 
 
 def failed(baseline: RunStatistics, candidate: RunStatistics) -> dict[str, Check]:
-    return {v.name: v for v in compare(baseline, candidate, "here") if not v.passed}
+    return {v.name: v for v in compare(baseline, candidate).checks if not v.passed}
 
 
 EIA = "eia/template: tiles against the baseline"

@@ -1,8 +1,8 @@
 """Baselines as a user meets them: accept, validate against, compare, a workflow, a pytest plugin.
 
-Expected: an unchanged program passes with any seed; what changed fails in a row that names it, with
-candidate and difference beside it; what cannot be compared ends with 4 and the reason, and before
-anything is rendered where that can be known. The project's own two baselines can be compared with.
+Expected: an unchanged program passes with any seed. A regression fails in a row that names it, with
+images of candidate and difference. Changed inputs are named, and scores decide. A missing baseline
+ends with 4 before anything is rendered. The project's own two baselines can be compared with.
 """
 
 import json
@@ -125,11 +125,11 @@ def test_fresh_seed_passes_and_its_drift_shows(bench):
     assert ended.code == EXIT_PASSED, (ended.stderr, bench.failed("fresh"))
     regression = bench.data("fresh")["regression"]
     assert {"name": "seed", "baseline": 0, "candidate": 1} in regression["circumstances"]
-    assert any(row["change"] for row in regression["drift"])
+    assert (regression["verdict"], regression["inputs"]) == ("passed", [])
     summary = (bench.folder / "fresh" / "summary.md").read_text(encoding="utf-8")
     assert "nearest to its limit" in summary
     page = (bench.folder / "fresh" / "report.html").read_text(encoding="utf-8")
-    assert "none changed" in page
+    assert "passed: 0 of" in page
     assert "the first" in page
 
 
@@ -155,26 +155,103 @@ def test_failure_leaves_candidate_baseline_and_difference(noisy):
     )
 
 
-# --- What cannot be compared --------------------------------------------------------------------
+# --- Changed inputs -----------------------------------------------------------------------------
+
+SCORES_CHANGED = "inputs changed, scores changed"
+WITHIN = "inputs changed, scores within intervals"
+_SHAPE = '<shape type="sphere">'
+
+
+def _edited(text: str) -> str:
+    """The scene with a comment, other white space and another order of attributes."""
+    radius = 'name="radius" value="1.2"'
+    assert radius in text
+    return text.replace(_SHAPE, f"<!-- the ball -->\n\n  {_SHAPE}").replace(
+        radius, 'value="1.20"  name="radius"'
+    )
+
+
+def _replaced(old: str, new: str) -> Callable[[str], str]:
+    def change(text: str) -> str:
+        assert old in text
+        return text.replace(old, new)
+
+    return change
+
+
+def _same(text: str) -> str:
+    return text
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("edit", "settings", "verdict", "named"),
     [
-        ({"gap_mm": "3.2"}, ["display: gap_mm 3.2, baseline 3.3"]),
-        ({"viewpoints": "left"}, ["viewpoints"]),
-        ({"lens_model": "pinhole"}, ["lens model pinhole, baseline thick"]),
-        ({"algorithms": "planted,wang2024"}, ["algorithms", "wang2024"]),
-        ({"misalign": "rotation_deg=1"}, ["mounted"]),
-        ({"view_pixels_per_lens": "3"}, ["view pixels"]),
+        pytest.param(_edited, {}, "passed", [], id="comment"),
+        pytest.param(_same, {"seed": "7"}, "passed", [], id="seed"),
+        pytest.param(
+            _replaced("0.9,0.1,0.1", "0.9,0.11,0.1"), {}, WITHIN,
+            ["shape rectangle / bsdf diffuse / rgb reflectance"], id="material",
+        ),
+        pytest.param(
+            _replaced('value="1.2"', 'value="1.6"'), {}, SCORES_CHANGED,
+            ["shape sphere / float radius"], id="shape",
+        ),
+        pytest.param(
+            _same, {"lens_columns": "15"}, SCORES_CHANGED, ["display: lens_columns"], id="display"
+        ),
+        pytest.param(
+            _same, {"lens_model": "pinhole"}, SCORES_CHANGED, ["lens model"], id="lens model"
+        ),
+        pytest.param(_same, {"viewpoints": "left,up"}, None, ["viewpoints: up"], id="viewpoint"),
+        pytest.param(
+            _same, {"algorithms": "planted,wang2024"}, WITHIN, ["algorithm wang2024"],
+            id="algorithm",
+        ),
     ],
-)
-def test_other_conditions_end_with_4_before_rendering(bench, changes, words):
-    ended = bench.judged("other", **changes)
+)  # fmt: skip
+def test_a_change_of_an_input_is_named_and_scores_decide(
+    bench, tmp_path, edit, settings, verdict, named
+):
+    scene = tmp_path / "renamed.xml"
+    scene.write_text(edit((bench.folder / "tiny.xml").read_text()))
+    out = tmp_path / "out"
+    words = [str(scene), "-o", str(out), "--baseline", str(bench.folder / "base")]
+    options = SETTINGS | settings
+    ended = bench.run_inim(*words, folder=bench.folder, variables=bench.variables, **options)
+    assert not ended.stderr
+    regression = read_document(out / "report.json")["regression"]
+    names = [change["name"] for change in regression["inputs"]]
+    assert all(any(name in listed for listed in names) for name in named), names
+    assert bool(names) is bool(named)
+    assert regression["verdict"] == verdict or verdict is None, ended.stdout
+    expected = EXIT_CHECK_FAILED if regression["verdict"] == SCORES_CHANGED else EXIT_PASSED
+    assert ended.code == expected, ended
+    junit = ElementTree.parse(out / "junit.xml").getroot()
+    assert (int(junit.get("failures")) > 0) is (expected == EXIT_CHECK_FAILED)
+    assert junit.find("properties/property").get("value") == regression["verdict"]
+    for text in (ended.stdout, (out / "summary.md").read_text("utf-8")):
+        assert regression["verdict"] in text
+    page = (out / "report.html").read_text("utf-8")
+    assert page.index("Changed inputs" if named else "Other differences") < page.index('"scores"')
+
+
+def test_allowed_changes_pass_and_the_report_has_the_command_that_accepts_them(bench):
+    ended = bench.judged("allowed", "--allow-changed-inputs", lens_model="pinhole")
+    assert ended.code == EXIT_PASSED, ended.stdout
+    assert f"{SCORES_CHANGED}: " in ended.stdout
+    assert "to accept: inim accept allowed --reason TEXT" in ended.stdout
+
+
+def test_nothing_to_compare_ends_with_4_and_all_files(bench):
+    ended = bench.judged("other", viewpoints="up")
     assert ended.code == EXIT_BASELINE
-    assert_one_line(ended.stderr, ["base", "other conditions", *words])
-    assert not (bench.folder / "other").exists()
+    assert "not comparable" in ended.stdout
+    assert bench.data("other")["regression"]["verdict"] == "not comparable"
+    assert (bench.folder / "other" / "summary.md").is_file()
     assert nothing_left(bench.folder)
+
+
+# --- What cannot be read ------------------------------------------------------------------------
 
 
 def _set(path: Path, **values: Any) -> None:
@@ -182,23 +259,13 @@ def _set(path: Path, **values: Any) -> None:
     path.write_text(json.dumps(data | values))
 
 
-def _change_condition(path: Path, name: str, value: str) -> None:
-    conditions = json.loads(path.read_text())["conditions"]
-    assert name in conditions
-    _set(path, conditions={**conditions, name: value})
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
         (lambda f: (f / "baseline.json").unlink(), ["no such file", "inim accept"]),
         (lambda f: (f / "baseline.npz").write_bytes(b"PK junk"), ["damaged"]),
-        (lambda f: _set(f / "baseline.json", pictures={}), ["no image"]),
-        (lambda f: _set(f / "baseline.json", scores={}), ["no score"]),
-        (
-            lambda f: _change_condition(f / "baseline.json", "variant", "metal_ad_rgb"),
-            ["variant", "metal_ad_rgb"],
-        ),
+        (lambda f: _set(f / "baseline.json", pictures={}), ["no image or no score"]),
+        (lambda f: _set(f / "baseline.json", scores={}), ["no image or no score"]),
     ],
 )
 def test_an_invalid_baseline_ends_with_4(bench, tmp_path, change, words):
@@ -236,9 +303,10 @@ def test_compare_gives_the_verdicts_of_the_baseline_check(noisy, tmp_path, capsy
     folders = [str(noisy.folder / name) for name in ("first", "noisy")]
     assert main(["compare", *folders, "-o", str(out)]) == EXIT_CHECK_FAILED
     text = capsys.readouterr().out
-    assert text.splitlines()[0].startswith("FAILED  eia/planted: tiles")
+    assert text.splitlines()[0].startswith("changed: eia/planted: tiles")
+    assert "worse: 2 of " in text
     data = read_document(out / "compare.json")
-    assert data["schema"] == "inim.compare/2"
+    assert data["schema"] == "inim.compare/3"
     failed = {check["name"] for check in data["verdict"]["checks"] if not check["passed"]}
     assert failed == noisy.failed("noisy")
     assert set(data["files"]) == files_in(out)
@@ -324,4 +392,4 @@ def test_plugin_asks_for_a_baseline_accepts_one_and_compares(bench, pytester):
     shutil.copytree(baselines / "test_sphere", baselines / "test_other")
     compared = plugin_test(pytester, seed="5", others={"gap_mm": "3.2"})
     compared.assert_outcomes(passed=1, failed=1)
-    compared.stdout.fnmatch_lines(["*other conditions*"])
+    compared.stdout.fnmatch_lines(["*display: gap_mm: 3.3 → 3.2*", "*inputs changed*"])

@@ -12,7 +12,7 @@ import pytest
 from inim.image.files.image import write_rgbd
 from inim.image.rgbd import RGBD
 from inim.pipeline import plan as plan_module
-from inim.pipeline.plan import Plan, conditions_of, make_plan
+from inim.pipeline.plan import Plan, inputs_of, make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.stages import reconstruction, stage
 from inim.pipeline.stages.scene import Renderer
@@ -72,14 +72,14 @@ CIRCUMSTANCES = [
 @pytest.mark.parametrize("options", CONDITIONS, ids=str)
 def test_what_makes_runs_incomparable_changes_the_key(plan_of, options):
     plan, other = plan_of(), plan_of(**options)
-    assert conditions_of(other) != conditions_of(plan)
+    assert inputs_of(other) != inputs_of(plan)
     assert key(other) != key(plan)
 
 
 @pytest.mark.parametrize("options", CIRCUMSTANCES, ids=str)
 def test_circumstances_change_the_key_of_comparable_runs(plan_of, options):
     plan, other = plan_of(), plan_of(**options)
-    assert conditions_of(other) == conditions_of(plan)
+    assert inputs_of(other) == inputs_of(plan)
     assert key(other) != key(plan)
 
 

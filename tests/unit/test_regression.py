@@ -29,13 +29,12 @@ from inim.scores.regression.scores import (
 )
 from inim.scores.regression.tiles import eia_tile, tile_statistics, view_tile
 from inim.scores.regression.verdict import (
-    all_passed,
     binomial_interval,
     freedom_of_sum,
+    judge,
     sidak,
     welch_half_width,
     welch_p_value,
-    within,
 )
 from tests.conftest import small_display
 
@@ -434,8 +433,7 @@ def test_changed_pixels_are_counted_and_an_exact_path_may_have_none(exact):
 # --- Verdicts -----------------------------------------------------------------------------------
 
 
-def test_a_comparison_without_checks_has_not_passed():
-    assert not all_passed([])
-    good = within("a", "score", 0.0, 0.1, 0.1)
-    assert all_passed([good])
-    assert not all_passed([good, within("b", "score", math.nan, 0.1, 0.1)])
+def test_no_score_to_compare_is_not_comparable():
+    verdict, checks = judge([], inputs_changed=False, allow_changed_inputs=True)
+    assert verdict == "not comparable"
+    assert [check.fails_run for check in checks] == [True]

@@ -19,7 +19,7 @@ from inim.cli.main import main
 from inim.display import DISPLAYS, Display, Viewpoint
 from inim.display.settings import Settings
 from inim.pipeline import launch
-from inim.pipeline.plan import Plan, conditions_of, make_plan
+from inim.pipeline.plan import Plan, inputs_of, make_plan
 from inim.system.errors import FileError, InimError
 from tests.conftest import scene_text, sphere
 
@@ -113,7 +113,7 @@ LAB = Display(
 def test_values_and_text_make_the_same_plan(scene, plans, values, words):
     from_values = planned(plans, scene, **values)
     from_text = typed(plans, "ball.xml", *words)
-    assert conditions_of(from_values) == conditions_of(from_text)
+    assert inputs_of(from_values) == inputs_of(from_text)
     assert from_values.methods == from_text.methods
 
 
@@ -132,7 +132,7 @@ def test_values_and_text_make_the_same_plan(scene, plans, values, words):
 def test_the_recorded_command_repeats_the_run(scene, plans, settings, values):
     plan = planned(plans, with_settings(scene, **settings), **values)
     again = typed(plans, *plan.command)
-    assert conditions_of(again) == conditions_of(plan)
+    assert inputs_of(again) == inputs_of(plan)
     assert again.settings == plan.settings
     assert again.command == plan.command
     assert again.definitions == plan.definitions

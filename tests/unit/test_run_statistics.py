@@ -1,4 +1,4 @@
-"""RunStatistics of a run: written and read back, and whether two can be compared."""
+"""RunStatistics of a run: written and read back; changed inputs and verdicts of two runs."""
 
 import math
 from dataclasses import replace
@@ -10,10 +10,11 @@ import pytest
 
 from inim.display import DISPLAYS
 from inim.image.noisy_image import NoisyImage
-from inim.scores.document_parts import Conditions
-from inim.scores.regression.comparison import check_comparable, compare, differing_conditions
+from inim.scores.document_parts import Checks, RunInputs
+from inim.scores.regression.comparison import compare
 from inim.scores.regression.document import BaselineDocument
 from inim.scores.regression.fingerprints import fingerprint, reference_input
+from inim.scores.regression.inputs import changed_inputs, paired_algorithms
 from inim.scores.regression.run_statistics import (
     BASELINE,
     RunStatistics,
@@ -22,7 +23,7 @@ from inim.scores.regression.run_statistics import (
 )
 from inim.scores.regression.scores import ScoreEstimate
 from inim.scores.regression.tiles import tile_statistics
-from inim.system.errors import EXIT_BASELINE, BaselineError
+from inim.system.errors import BaselineError
 from tests.conftest import small_display
 from tests.schemas import completed
 
@@ -32,18 +33,23 @@ MADE = msgspec.convert(
     completed(
         "baseline",
         {
-            "conditions": {"viewpoints": {"left": [0.0, 0.0, 400.0, 0.0, None]}},
+            "inputs": {
+                "elements": {},
+                "files": {},
+                "viewpoints": {"left": [0.0, 0.0, 400.0, 0.0, None]},
+                "algorithms": ["template"],
+            },
             "circumstances": {"seed": 0, "title": 'A "b" 鼎'},
         },
     ),
     BaselineDocument,
 )
-CONDITIONS = MADE.conditions
+INPUTS = MADE.inputs
 
 
-def with_changes(changes: dict[str, Any]) -> Conditions:
-    conditions: Conditions = msgspec.convert(msgspec.to_builtins(CONDITIONS) | changes, Conditions)
-    return conditions
+def with_changes(changes: dict[str, Any]) -> RunInputs:
+    inputs: RunInputs = msgspec.convert(msgspec.to_builtins(INPUTS) | changes, RunInputs)
+    return inputs
 
 
 SCORE = {"ssim_to_reference": ScoreEstimate(0.9, 0.001, 12.0, -0.01)}
@@ -59,12 +65,11 @@ def statistics():
     rgbd = reference_input(DISPLAY, (50, 60), 0.2)
     eia = np.random.default_rng(2).random((*DISPLAY.eia_shape, 3), np.float32)
     return RunStatistics(
-        conditions=CONDITIONS,
+        inputs=INPUTS,
         circumstances=MADE.circumstances,
         pictures={"truth/left": tiles()},
         scores={"template/left": SCORE},
         fingerprints={"template": fingerprint(rgbd, eia, DISPLAY, exact=True)},
-        reported={"template": {"eia ssim": 0.7, "eia psnr_db": None}},
     )
 
 
@@ -99,13 +104,14 @@ def test_a_score_that_is_not_a_number_stays_none(statistics, tmp_path):
     write_statistics(tmp_path, BASELINE, replace(statistics, scores=wrong))
     read_back = read_statistics(tmp_path, BASELINE)
     assert math.isnan(read_back.scores["template/left"]["ssim_to_reference"].plain)
-    assert not all(v.passed for v in compare(statistics, read_back, "here"))
+    assert not all(v.passed for v in compare(statistics, read_back).checks)
 
 
-def test_run_compared_with_itself_passes_every_verdict(statistics):
-    verdicts = compare(statistics, statistics, "here")
-    assert {v.kind for v in verdicts} == {"picture", "noise", "score", "pixels"}
-    assert all(v.passed for v in verdicts)
+def test_run_compared_with_itself_passes_every_check(statistics):
+    comparison = compare(statistics, statistics)
+    assert {check.kind for check in comparison.checks} == {"picture", "noise", "score", "pixels"}
+    assert all(check.passed for check in comparison.checks)
+    assert (comparison.verdict, comparison.inputs) == ("passed", [])
 
 
 @pytest.mark.parametrize(
@@ -117,38 +123,134 @@ def test_run_compared_with_itself_passes_every_verdict(statistics):
     ],
 )
 def test_each_change_fails_in_its_row(statistics, change, row):
-    verdicts = compare(statistics, replace(statistics, **change), "here")
-    assert f"{row} against the baseline" in [v.name for v in verdicts if not v.passed]
+    comparison = compare(statistics, replace(statistics, **change))
+    failures = [check.name for check in comparison.checks if check.fails_run]
+    assert f"{row} against the baseline" in failures
+    assert comparison.verdict == "worse"
+
+
+# --- Changed inputs -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
-    ("other", "words"),
+    ("other", "change"),
     [
-        ({"display": NOMINAL | {"pitch_mm": 1.1}}, "display: pitch_mm 1.1, baseline "),
-        ({"display": NOMINAL | {"pitch_mm": 1.1, "gap_mm": 3.5}}, ", gap_mm 3.5, baseline "),
+        ({"display": NOMINAL | {"pitch_mm": 1.1}}, ("display: pitch_mm", "1", "1.1")),
         (
             {"viewpoints": {"right": [0.0, 0.0, 400.0, 0.0, None]}},
-            "right [0, 0, 400, 0], baseline missing",
+            ("viewpoints: right", None, "[0, 0, 400, 0]"),
         ),
         (
             {"viewpoints": {"left": [0.0, 0.1 + 0.2, 410.0, 0.0, None]}},
-            "left [0, 0.3, 410, 0], baseline [",
+            ("viewpoints: left", "[0, 0, 400, 0]", "[0, 0.3, 410, 0]"),
         ),
-        ({"lens model": "thin"}, "lens model thin, baseline text"),
+        ({"lens model": "thin"}, ("lens model", "text", "thin")),
+        ({"elements": {"shape ball": "sphere"}}, ("scene: shape ball", None, "sphere")),
+        (
+            {"algorithms": ["template:samples=1"]},
+            ("algorithm template", "template", "template:samples=1"),
+        ),
     ],
 )
-def test_other_conditions_are_named(other, words):
-    [phrase] = differing_conditions(CONDITIONS, with_changes(other))
-    assert words in phrase
+def test_a_changed_input_is_named_with_both_values(other, change):
+    changes = changed_inputs(INPUTS, with_changes(other))
+    assert change in [(c.name, c.baseline, c.candidate) for c in changes]
 
 
-def test_last_bits_of_a_length_are_no_other_condition():
+def test_a_changed_file_has_its_name_and_place():
+    texture = "shape ball / bsdf clay / texture bitmap"
+    old, new = (
+        with_changes({"elements": {f"{texture} / string filename": sha}, "files": {sha: name}})
+        for sha, name in (("a" * 64, "clay.png"), ("b" * 64, "clay.png"))
+    )
+    [change] = changed_inputs(old, new)
+    assert change.name == f"file clay.png ({texture})"
+    assert change.candidate == f"clay.png {'b' * 12}…"
+    moved = with_changes({"elements": old.elements, "files": {"a" * 64: "copy.png"}})
+    assert changed_inputs(old, moved) == [], "a renamed file has the same content"
+
+
+def test_an_added_element_is_one_change():
+    inside = {"shape ball": "", "shape ball / float radius": "2"}
+    changes = changed_inputs(INPUTS, with_changes({"elements": inside}))
+    assert [change.name for change in changes] == ["scene: shape ball"]
+
+
+def test_last_bits_of_a_length_are_no_change():
     near = {"viewpoints": {"left": [0.0, 1e-12, 400.0 * (1 + 1e-15), 0.0, None]}}
-    assert differing_conditions(CONDITIONS, with_changes(near)) == []
+    assert changed_inputs(INPUTS, with_changes(near)) == []
 
 
-def test_nothing_to_compare_is_an_error_and_no_pass(statistics):
-    for empty in (replace(statistics, pictures={}), replace(statistics, scores={})):
-        with pytest.raises(BaselineError) as caught:
-            check_comparable(empty, CONDITIONS, "here")
-        assert caught.value.exit_code == EXIT_BASELINE
+def test_algorithms_pair_by_name_then_by_the_only_other_options():
+    pairs = paired_algorithms(["a", "b:x=1", "c", "d:y=1"], ["a", "b:x=2", "d:y=2", "d:y=3"])
+    assert pairs == {"a": "a", "b:x=1": "b:x=2"}
+
+
+LOW = {"ssim_to_reference": ScoreEstimate(0.8, 0.001, 12.0, -0.01)}
+HIGH = {"ssim_to_reference": ScoreEstimate(0.95, 0.001, 12.0, -0.01)}
+LIGHTER = {"truth/left": tile_statistics(NoisyImage.from_image(np.full((40, 48, 3), 0.5)), (8, 8))}
+OTHER = {"inputs": with_changes({"lens model": "thin"})}
+
+
+@pytest.mark.parametrize(
+    ("change", "verdict", "passes", "allowed"),
+    [
+        ({}, "passed", True, True),
+        ({"scores": {"template/left": HIGH}}, "improved", True, True),
+        ({"scores": {"template/left": HIGH}, "pictures": LIGHTER}, "worse", False, False),
+        ({"scores": {"template/left": LOW}}, "worse", False, False),
+        (OTHER, "inputs changed, scores within intervals", True, True),
+        (OTHER | {"pictures": LIGHTER}, "inputs changed, scores within intervals", True, True),
+        (
+            OTHER | {"scores": {"template/left": LOW}},
+            "inputs changed, scores changed",
+            False,
+            True,
+        ),
+        (OTHER | {"scores": {"mine/up": LOW}}, "not comparable", False, False),
+    ],
+)
+def test_verdict_and_whether_it_passes(statistics, change, verdict, passes, allowed):
+    candidate = replace(statistics, **change)
+    for allow, expected in ((False, passes), (True, allowed)):
+        comparison = compare(statistics, candidate, allow_changed_inputs=allow)
+        assert comparison.verdict == verdict
+        assert Checks.of(comparison.checks).passed is expected
+
+
+def test_other_options_of_an_algorithm_are_compared_with_the_old_ones(statistics):
+    inputs = with_changes({"algorithms": ["template:samples=1"]})
+    name = "template:samples=1"
+    candidate = replace(
+        statistics,
+        inputs=inputs,
+        scores={f"{name}/left": LOW},
+        fingerprints={name: statistics.fingerprints["template"]},
+    )
+    comparison = compare(statistics, candidate)
+    assert (comparison.verdict, comparison.not_compared) == ("inputs changed, scores changed", [])
+
+
+def test_what_has_no_counterpart_is_named(statistics):
+    other = small_display(11, 10, 8)
+    candidate = replace(
+        statistics,
+        inputs=with_changes({"display": NOMINAL | {"lens_columns": 11}}),
+        pictures={"truth/left": tiles()},
+        fingerprints={
+            "template": fingerprint(
+                reference_input(other, (50, 55), 0.2),
+                np.zeros((*other.eia_shape, 3), np.float32),
+                other,
+                exact=True,
+            )
+        },
+    )
+    assert compare(statistics, candidate).not_compared == ["reference input of template"]
+
+
+def test_statistics_without_scores_or_images_are_refused(statistics, tmp_path):
+    for number, empty in enumerate(({"pictures": {}}, {"scores": {}})):
+        write_statistics(tmp_path / str(number), BASELINE, replace(statistics, **empty))
+        with pytest.raises(BaselineError, match="no image or no score"):
+            read_statistics(tmp_path / str(number), BASELINE)

@@ -60,6 +60,16 @@ class PictureFile:
     settings: ClassVar[dict[str, str]] = {}
     parameters: ClassVar[dict[str, str]] = {}
 
+    @property
+    def elements(self) -> dict[str, str]:
+        """The picture in place of a scene's elements."""
+        return {"RGB-D picture": self.sha256}
+
+    @property
+    def file_names(self) -> dict[str, str]:
+        """Name of the file without its folder, by the picture's digest."""
+        return {self.sha256: self.path.name}
+
     @classmethod
     def read(cls, path: Path) -> PictureFile:
         """Read a file; raises `FileError`."""

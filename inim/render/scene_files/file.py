@@ -29,6 +29,7 @@ from inim.display.settings import (
     parse_settings,
 )
 from inim.render.meshes.splat_ply import SPLAT_SHAPES
+from inim.render.scene_files.elements import ElementRecord
 from inim.render.scene_files.parameters import Content, SceneFolder, SceneParameters, content_of
 from inim.system.errors import DisplayError, FileError, SceneError, UsageError
 from inim.system.files import open_file, read_file
@@ -83,6 +84,13 @@ class SceneFile:
     #: Digest of the renderer's input: elements with substituted parameters, and the bytes of files,
     #: without `inim.*` settings, comments, layout, includes, or the names of files.
     rendered_sha256: str
+    #: Canonical text of every element, by name; see `inim.render.scene_files.elements`.
+    elements: Mapping[str, str]
+
+    @property
+    def file_names(self) -> dict[str, str]:
+        """Names of the named files without folders, by the SHA-256 of their content."""
+        return {self.contents[path][0].hex(): path.name for path in self.named.values()}
 
     def check_unchanged(self) -> None:
         """Raise `FileError` if a file has changed since the scan; called after loading all files.
@@ -167,6 +175,7 @@ def read_scene_file(
         allowed,
         scan.hash.hexdigest(),
         scan.rendered(changed_defaults),
+        scan.record.elements,
     )
 
 
@@ -321,6 +330,7 @@ class _Scan:
         self.files: dict[tuple[str, Path], None] = {}
         self.hash = hashlib.sha256()
         self._rendered = hashlib.sha256()
+        self.record = ElementRecord()
         self.elements = self.plugins = self.includes = self.xml_bytes = 0
 
     @property
@@ -336,8 +346,13 @@ class _Scan:
         return digest.hexdigest()
 
     def _see(self, tag: str, attributes: Mapping[str, str], level: int, *, end: bool) -> None:
-        """Add the start or end of an element to the digest of the renderer's input."""
-        if tag not in _UNSEEN and not (tag == "scene" and level):
+        """Add an element's start or end to its record and to the digest of the renderer's input."""
+        is_seen = tag not in _UNSEEN and tag != "scene"
+        if end:
+            self.record.end()
+        else:
+            self.record.start(tag, attributes, is_seen=is_seen)
+        if is_seen or (tag == "scene" and not level):
             words = ["end", tag] if end else [tag, *(sorted(attributes.items()))]
             self._rendered.update(repr(words).encode())
 

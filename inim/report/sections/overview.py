@@ -81,7 +81,7 @@ def overview(data: ReportDocument, images: ReportImages) -> str:
 
 def failures(data: ReportDocument) -> str:
     """The first failed checks, to be read without scrolling."""
-    failed = [check for check in data.verdict.checks if not check.passed]
+    failed = data.verdict.failures
     if not failed:
         return ""
     lines = [

@@ -1,16 +1,22 @@
-"""Changes relative to the baseline: failures in words and images, and the drift of all other
-values.
-"""
+"""Changes relative to the baseline: changed inputs, scores with intervals, and images."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 
+from inim.report.comparison_text import (
+    compared,
+    headline_changes,
+    signed_change,
+    verdict_sentence,
+)
 from inim.report.document import ReportDocument
 from inim.report.images import ENCODINGS, ReportImages
-from inim.report.labels import MISSING, short
+from inim.report.labels import MISSING, check_sentence
 from inim.report.page import (
     Section,
+    bullets,
     check_badge,
     document_page,
     element,
@@ -22,34 +28,72 @@ from inim.report.page import (
 from inim.report.sections import ReportSection
 from inim.report.sections.run import check_list
 from inim.report.summary import render_checks, render_junit
-from inim.scores.document_parts import Drift, Regression
-from inim.scores.metrics import all_metrics
+from inim.scores.document_parts import Change, Regression
+from inim.scores.metrics import HEADLINE_WORDS
 from inim.scores.regression.document import CompareDocument
 from inim.system.document import write_listed
 
 _FOLDER = "regression"
 # The rest is in report.json.
-_MOST_DRIFTS = 12
 _MOST_PICTURES = 6
 _WORDS = (
-    "A change fails if it is larger than noise explains and large enough to matter. Sidak's "
-    "correction over all tests of a kind limits false alarms to one run in a thousand. "
+    "A change counts if it is larger than noise explains and large enough to matter. All tests "
+    "together raise a false alarm in at most one run of a thousand. "
 )
 
 
 def regression(data: ReportDocument | CompareDocument, images: ReportImages) -> str:
-    """The section on the baseline; empty for a run that was not compared with one."""
+    """The section on the baseline; empty for a run that was not compared with one.
+
+    Changed inputs come first, then scores, then pictures.
+    """
     comparison = data.regression
     if comparison is None:
         return ""
-    judged = [check for check in data.verdict.checks if check.kind is not None]
-    failed = sum(not check.passed for check in judged)
-    changed = f"{failed} changed" if failed else "none changed"
-    words = f"Of {len(judged)} comparisons with {comparison.baseline}, {changed}. "
+    words = f"Against {comparison.baseline}, {verdict_sentence(data, comparison)}. "
     if comparison.reason:
         words += f"That baseline was accepted because: {comparison.reason}. "
-    pictures = _images(comparison, images)
-    return lead(words + _WORDS) + pictures + _circumstances(comparison) + _drift(comparison)
+    parts = [
+        lead(words + _WORDS),
+        _changes("Changed inputs", "Input", comparison.inputs),
+        _scores(data),
+        _not_compared(comparison),
+        _images(comparison, images),
+        _changes(
+            "Other differences, which excuse no change", "Circumstance", comparison.circumstances
+        ),
+    ]
+    return "".join(parts)
+
+
+def _changes(caption: str, head: str, changes: Sequence[Change]) -> str:
+    """Table of changes; empty without any."""
+    rows = [
+        [row.name, *(MISSING if v is None else v for v in (row.baseline, row.candidate))]
+        for row in changes
+    ]
+    heads = [head, "Baseline", "This run"]
+    return text_table(caption, heads, rows, "facts") if rows else ""
+
+
+def _scores(data: ReportDocument | CompareDocument) -> str:
+    """Changes of the headline score by algorithm and viewpoint, and all changed scores."""
+    rows = [
+        [algorithm, view, signed_change(check), "" if check.passed else check.excuse or "changed"]
+        for algorithm, by_view in headline_changes(data).items()
+        for view, check in by_view.items()
+    ]
+    caption = f"Change of {HEADLINE_WORDS}, with its interval"
+    heads = ["Algorithm", "Viewpoint", "Change", ""]
+    table = text_table(caption, heads, rows, "drift") if rows else ""
+    changed = [c for c in compared(data) if c.kind == "score" and not c.passed]
+    items = [f"{check.name}: {check_sentence(check)}" for check in changed]
+    return table + (lead("Changed scores:") + bullets(items, "changes") if items else "")
+
+
+def _not_compared(comparison: Regression) -> str:
+    names = ", ".join(comparison.not_compared)
+    return element("p", text(f"Not compared: {names}.")) if names else ""
 
 
 def _images(comparison: Regression, images: ReportImages) -> str:
@@ -71,52 +115,7 @@ def _images(comparison: Regression, images: ReportImages) -> str:
     return "".join(rows)
 
 
-def _circumstances(comparison: Regression) -> str:
-    rows = [
-        [row.name, *(MISSING if v is None else v for v in (row.baseline, row.candidate))]
-        for row in comparison.circumstances
-    ]
-    if not rows:
-        return ""
-    heads = ["Circumstance", "Baseline", "This run"]
-    return text_table("Other differences between the two runs, not tested", heads, rows, "facts")
-
-
-def _drift(comparison: Regression) -> str:
-    """The reported scores that moved most, passed or not."""
-
-    def size(row: Drift) -> float:
-        if row.change is None or row.baseline is None:
-            return 0.0
-        return abs(row.change) / max(abs(row.baseline), 0.1)
-
-    moved = sorted(comparison.drift, key=size, reverse=True)
-    rows = [
-        [
-            f"{row.subject}: {_score_phrase(row.score)}",
-            short(row.baseline),
-            short(row.candidate),
-            "+" * (row.change is not None and row.change >= 0) + short(row.change),
-        ]
-        for row in moved[:_MOST_DRIFTS]
-        if size(row) > 0
-    ]
-    if not rows:
-        return element("p", "No reported score drifted.")
-    caption = f"The {len(rows)} reported scores that drifted most, judged or not"
-    return text_table(caption, ["Score", "Baseline", "This run", "Drift"], rows, "drift")
-
-
-def _score_phrase(label: str) -> str:
-    """A score's name with its metric's label and without its unit: "PSNR to reference"."""
-    for metric in all_metrics():
-        if metric.unit:
-            label = label.removesuffix(f"_{metric.unit.lower()}")
-        label = label.replace(metric.name, metric.label)
-    return label.replace("eia", "EIA").replace("_", " ")
-
-
-SECTIONS = (ReportSection(35, "regression", "Against the baseline", regression),)
+SECTIONS = (ReportSection(5, "regression", "Against the baseline", regression),)
 
 
 _SHOWN = ("title", "created", "inim", "mitsuba", "libLLVM", "device", "threads", "seed")
@@ -145,7 +144,7 @@ def _page(data: CompareDocument, folder: Path) -> str:
             Section("runs", "The two runs", _runs(data)),
         ],
         purpose="inim comparison",
-        words=f": {data.verdict.word}",
+        words=f": {data.regression.verdict}",
         verdict_badge=check_badge(data.verdict),
     )
 

@@ -1,33 +1,35 @@
-"""Comparison of a run with a baseline: verdicts, or the differing conditions, and images.
+"""Comparison of a run with a baseline: verdict, checks, changed inputs, and images.
 
 Rendered images are compared by Welch's t-test in every tile. Changes are in codes, steps of an
 8-bit panel on the sRGB curve, of the tile's mean or of the root of its power. See
 docs/theory/regression.md.
 """
 
-import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
-import msgspec
 import numpy as np
 
 from inim.display import Display
-from inim.scores.document_parts import Change, Check, Conditions, Drift
+from inim.scores.document_parts import Change, Check, Verdict
 from inim.scores.regression.fingerprints import Fingerprint, compare_fingerprints, sampled_pixels
+from inim.scores.regression.inputs import (
+    changed_circumstances,
+    changed_inputs,
+    paired_algorithms,
+)
 from inim.scores.regression.run_statistics import RunStatistics
 from inim.scores.regression.scores import compare_scores
 from inim.scores.regression.tiles import TileStatistics
 from inim.scores.regression.verdict import (
     FALSE_ALARM_RATE,
+    judge,
     sidak,
     welch_half_width,
     welch_p_value,
     within,
 )
-from inim.system.errors import BaselineError
 
 #: One step of an 8-bit panel: a panel cannot show a smaller difference of a tile's mean.
 SMALLEST_CODES = 1.0
@@ -147,9 +149,8 @@ def compare_noise(
     The value is the median over tiles and colours of the ratio of standard errors; for an unchanged
     renderer it is the square root of the ratio of samples. The interval uses order statistics.
     """
-    ratios = np.sort(
-        np.concatenate([_error_ratios(old, candidate.get(n)) for n, old in baseline.items()])
-    )
+    ratios_by_image = [_error_ratios(old, candidate.get(n)) for n, old in baseline.items()]
+    ratios = np.sort(np.concatenate([np.empty(0), *ratios_by_image]))
     if ratios.size:
         value = float(np.median(ratios))
         interval, passed = _median_interval(ratios), bool(value <= MAX_NOISE_RATIO)
@@ -194,127 +195,95 @@ TRUTH = "truth/"
 _GAIN = 8.0
 _MIN_BRIGHTNESS = 0.35
 _BRIGHTER, _DARKER = np.array([1.0, 0.25, 0.05]), np.array([0.05, 0.3, 1.0])
-# Derived lengths may differ in the last bits between machines.
-_SAME_LENGTH = 1e-9
-# Limits of a condition's text in an error message.
-_MAX_CHARACTERS, _MAX_DIGITS = 60, 9
-_SHA256_DIGITS = 64
-# Largest number of values listed for one condition.
-_MAX_VALUES = 3
-# Conditions that follow from others.
-_DERIVED = {"display as derived": "display"}
-_ALWAYS_NEW = ("created",)
 
 
-def differing_conditions(before: Conditions, after: Conditions) -> list[str]:
-    """List the conditions that differ, one phrase each; empty if the runs are comparable.
+@dataclass(frozen=True)
+class Comparison:
+    """Comparison of two runs."""
 
-    Example: "display: gap_mm 3.2, baseline 3.3".
+    verdict: Verdict
+    checks: list[Check]
+    inputs: list[Change]  #: Changed inputs.
+    circumstances: list[Change]  #: Other differences.
+    not_compared: list[str]  #: Pictures and scores of the baseline without a counterpart.
+    baseline: RunStatistics  #: The part of the baseline that was compared.
+
+
+def compare(
+    baseline: RunStatistics, candidate: RunStatistics, *, allow_changed_inputs: bool = False
+) -> Comparison:
+    """Compare the images, noise, scores and EIAs of the reference input of two runs.
+
+    If inputs differ, only what both runs have is compared, scores decide, and changed scores pass
+    with `allow_changed_inputs`.
     """
-    baseline, candidate = msgspec.to_builtins(before), msgspec.to_builtins(after)
-    names = [*baseline, *(name for name in candidate if name not in baseline)]
-    differing = [n for n in names if not _is_same_condition(baseline.get(n), candidate.get(n))]
-    causes = [n for n in differing if _DERIVED.get(n) not in differing]
-    return [f"{name}{_difference(candidate.get(name), baseline.get(name))}" for name in causes]
-
-
-def _difference(new: Any, old: Any) -> str:
-    """Describe two values that differ; for tables, their differing entries."""
-    if not (isinstance(new, Mapping) and isinstance(old, Mapping)):
-        return f" {_format_value(new)}, baseline {_format_value(old)}"
-    names = [
-        name for name in {**old, **new} if not _is_same_condition(new.get(name), old.get(name))
-    ]
-    rows = [f"{name}{_difference(new.get(name), old.get(name))}" for name in names]
-    more = f" and {len(rows) - _MAX_VALUES} more" if len(rows) > _MAX_VALUES else ""
-    return f": {', '.join(rows[:_MAX_VALUES])}{more}"
-
-
-def _is_same_condition(before: Any, after: Any) -> bool:
-    """True if two values of a condition are equal; lengths may differ by rounding."""
-    match before, after:
-        case Mapping(), Mapping():
-            return before.keys() == after.keys() and all(
-                _is_same_condition(value, after[key]) for key, value in before.items()
-            )
-        case ((list() | tuple()), (list() | tuple())):
-            return len(before) == len(after) and all(map(_is_same_condition, before, after))
-        case (float(), int() | float()) | (int(), float()):
-            return math.isclose(before, after, rel_tol=_SAME_LENGTH, abs_tol=_SAME_LENGTH)
-    return type(before) is type(after) and bool(before == after)
-
-
-def _format_value(value: Any) -> str:
-    if isinstance(value, str):
-        return f"{value[:12]}…" if len(value) == _SHA256_DIGITS else value[:_MAX_CHARACTERS]
-    if isinstance(value, float):
-        return f"{value:.{_MAX_DIGITS}g}"
-    if isinstance(value, (list, tuple)):  # a viewpoint: position, pupil and focus
-        text = f"[{', '.join(_format_value(item) for item in value if item is not None)}]"
-    else:
-        text = "missing" if value is None else json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= _MAX_CHARACTERS else f"{text[: _MAX_CHARACTERS - 1]}…"
-
-
-def check_comparable(baseline: RunStatistics, conditions: Conditions, path: str) -> None:
-    """Raise `BaselineError` unless a run under these conditions can be compared.
-
-    `path` is the baseline's, for the message.
-    """
-    differences = differing_conditions(baseline.conditions, conditions)
-    if differences:
-        more = f" (and {len(differences) - 3} more)" if len(differences) > 3 else ""
-        raise BaselineError(
-            f"{path}: has other conditions: {'; '.join(differences[:3])}{more}; accept a "
-            "baseline for these with inim accept OUT --reason TEXT"
-        )
-    if not (_truth_tiles(baseline) and baseline.scores):
-        raise BaselineError(f"{path}: has no image or no score to compare; accept it again")
-
-
-def compare(baseline: RunStatistics, candidate: RunStatistics, path: str) -> list[Check]:
-    """Verdicts on images, noise, scores and EIAs of the reference input.
-
-    `path` is the baseline's, for messages. Raises `BaselineError` if the runs' conditions differ.
-    """
-    check_comparable(baseline, candidate.conditions, path)
+    inputs = changed_inputs(baseline.inputs, candidate.inputs)
+    not_compared: list[str] = []
+    if inputs:
+        pairs = paired_algorithms(baseline.inputs.algorithms, candidate.inputs.algorithms)
+        baseline, not_compared = _comparable_part(_renamed(baseline, pairs), candidate)
     noise = compare_noise(_truth_tiles(baseline), _truth_tiles(candidate))
     assert noise.value is not None
-    return [
+    checks = [
         *compare_pictures(baseline.pictures, candidate.pictures),
-        noise,
+        *([] if inputs else [noise]),
         *compare_scores(baseline.scores, candidate.scores, noise.value),
         *compare_fingerprints(baseline.fingerprints, candidate.fingerprints),
     ]
+    verdict, checks = judge(
+        checks, inputs_changed=bool(inputs), allow_changed_inputs=allow_changed_inputs
+    )
+    circumstances = changed_circumstances(baseline.circumstances, candidate.circumstances)
+    return Comparison(verdict, checks, inputs, circumstances, not_compared, baseline)
+
+
+def _renamed(run: RunStatistics, pairs: Mapping[str, str]) -> RunStatistics:
+    """Statistics of a run under the algorithms' names of another run."""
+
+    def name_of(name: str) -> str:
+        return "/".join(pairs.get(part, part) for part in name.split("/"))
+
+    return replace(
+        run,
+        pictures={name_of(name): tiles for name, tiles in run.pictures.items()},
+        scores={name_of(name): scores for name, scores in run.scores.items()},
+        fingerprints={name_of(name): value for name, value in run.fingerprints.items()},
+    )
+
+
+def _comparable_part(
+    baseline: RunStatistics, candidate: RunStatistics
+) -> tuple[RunStatistics, list[str]]:
+    """Statistics of a baseline with a counterpart in a candidate, and the names of the others."""
+    pictures, scores, fingerprints = candidate.pictures, candidate.scores, candidate.fingerprints
+    old_pictures = {
+        name: old
+        for name, old in baseline.pictures.items()
+        if name in pictures and (pictures[name].shape, pictures[name].tile) == (old.shape, old.tile)
+    }
+    old_scores = {
+        scored: {name: score for name, score in by_name.items() if name in scores[scored]}
+        for scored, by_name in baseline.scores.items()
+        if scored in scores
+    }
+    old_fingerprints = {
+        name: old
+        for name, old in baseline.fingerprints.items()
+        if name in fingerprints and fingerprints[name].input_sha256 == old.input_sha256
+    }
+    others = [
+        *(f"picture {name}" for name in baseline.pictures if name not in old_pictures),
+        *(f"scores of {name}" for name in baseline.scores if name not in old_scores),
+        *(f"reference input of {n}" for n in baseline.fingerprints if n not in old_fingerprints),
+    ]
+    part = replace(
+        baseline, pictures=old_pictures, scores=old_scores, fingerprints=old_fingerprints
+    )
+    return part, others
 
 
 def _truth_tiles(run: RunStatistics) -> dict[str, TileStatistics]:
     return {name: tiles for name, tiles in run.pictures.items() if name.startswith(TRUTH)}
-
-
-def changed_circumstances(baseline: RunStatistics, candidate: RunStatistics) -> list[Change]:
-    """Changes without a verdict: versions, samples, seed, machine."""
-    before, after = map(msgspec.to_builtins, (baseline.circumstances, candidate.circumstances))
-    return [
-        Change(name=name, baseline=before.get(name), candidate=after.get(name))
-        for name in dict.fromkeys([*before, *after])
-        if before.get(name) != after.get(name) and name not in _ALWAYS_NEW
-    ]
-
-
-def drift(baseline: RunStatistics, candidate: RunStatistics) -> list[Drift]:
-    """Changes of all reported scores, by scored object and score name."""
-    rows = []
-    for scored, scores in candidate.reported.items():
-        for name, new in scores.items():
-            old = baseline.reported.get(scored, {}).get(name)
-            change = None if old is None or new is None else float(new) - float(old)
-            if change is not None and not math.isfinite(change):
-                change = None
-            rows.append(
-                Drift(subject=scored, score=name, baseline=old, candidate=new, change=change)
-            )
-    return rows
 
 
 def tile_pictures(

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from inim.scores.document_parts import Checks, Circumstances, Conditions, Files, Regression, Sha256
+from inim.scores.document_parts import Checks, Circumstances, Files, Regression, RunInputs, Sha256
 from inim.system.document import Document, Part
 
 
@@ -15,7 +15,7 @@ class Side(Part):
     circumstances: Circumstances
 
 
-class CompareDocument(Document, tag="inim.compare/2"):
+class CompareDocument(Document, tag="inim.compare/3"):
     """Comparison of two reports.
 
     `compare.json` in the folder of `inim compare OUT_A OUT_B`: the verdicts of a regression check
@@ -26,7 +26,6 @@ class CompareDocument(Document, tag="inim.compare/2"):
     created: str  #: Time of creation of the later report: UTC, ISO 8601.
     before: Side  #: The report before, which serves as the baseline.
     after: Side  #: The report after.
-    conditions: Conditions
     regression: Regression
     verdict: Checks
     files: Files = []
@@ -59,7 +58,7 @@ class FingerprintRecord(Part):
     eia_sha256: Sha256  #: SHA-256 of the EIA's values.
 
 
-class BaselineDocument(Document, tag="inim.baseline/3"):
+class BaselineDocument(Document, tag="inim.baseline/4"):
     """Statistics of a run.
 
     `baseline.json` in the folder of a baseline, and `regression/candidate.json` in that of a
@@ -69,7 +68,7 @@ class BaselineDocument(Document, tag="inim.baseline/3"):
 
     reason: str  #: Reason for the baseline; empty in a candidate.
     accepted: str  #: Time of acceptance, UTC, ISO 8601; empty in a candidate.
-    conditions: Conditions
+    inputs: RunInputs
     circumstances: Circumstances
     #: Rendered pictures and EIAs whose statistics the `.npz` has, by name: `truth/eia`,
     #: `truth/VIEWPOINT`, `eia/ALGORITHM`.
@@ -79,9 +78,6 @@ class BaselineDocument(Document, tag="inim.baseline/3"):
     scores: dict[str, dict[str, EstimateRecord]]
     #: By generator, under its name with options: its EIA of the reference input.
     fingerprints: dict[str, FingerprintRecord]
-    #: Every reported score, for its drift, by scored object (an algorithm's EIA, or one of its
-    #: views as `ALGORITHM/VIEWPOINT`) and name, `eia NAME` for an EIA; null: none, or not finite.
-    reported: dict[str, dict[str, float | None]]
     arrays_sha256: Sha256  #: SHA-256 of the `.npz`.
 
     def __post_init__(self) -> None:

@@ -1,7 +1,7 @@
 """Run statistics: data of a run for comparisons with later runs.
 
 Every report has a candidate (`regression/candidate.json` and `.npz`). An accepted candidate is a
-baseline (`baseline.json` and `.npz`). Both follow the schema `inim.baseline/3`.
+baseline (`baseline.json` and `.npz`). Both follow the schema `inim.baseline/4`.
 """
 
 import hashlib
@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.scores.document_parts import Circumstances, Conditions
+from inim.scores.document_parts import Circumstances, RunInputs
 from inim.scores.regression.document import BaselineDocument, PictureSize
 from inim.scores.regression.fingerprints import Fingerprint
 from inim.scores.regression.scores import ScoreEstimate
@@ -40,19 +40,17 @@ _HEADERS = {
 
 @dataclass(frozen=True)
 class RunStatistics:
-    """Conditions, image statistics and scores of a run.
+    """Inputs, image statistics and scores of a run.
 
-    Conditions must be equal for a comparison; circumstances (versions, samples, seed, machine,
-    date) may differ. `reported` are scores without a verdict, to list their changes. Only a
-    baseline has the reason and the date of acceptance.
+    Circumstances are code, versions, samples, seed, machine and date. Only a baseline has the
+    reason and the date of acceptance.
     """
 
-    conditions: Conditions
+    inputs: RunInputs
     circumstances: Circumstances
     pictures: Mapping[str, TileStatistics]
     scores: Mapping[str, Mapping[str, ScoreEstimate]]
     fingerprints: Mapping[str, Fingerprint] = field(default_factory=dict)
-    reported: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
     reason: str = ""
     accepted: str = ""
 
@@ -71,7 +69,7 @@ def write_statistics(folder: Path, stem: str, statistics: RunStatistics) -> list
     document = BaselineDocument(
         reason=statistics.reason,
         accepted=statistics.accepted,
-        conditions=statistics.conditions,
+        inputs=statistics.inputs,
         circumstances=statistics.circumstances,
         pictures={
             name: PictureSize(tile=tiles.tile, shape=tiles.shape)
@@ -82,7 +80,6 @@ def write_statistics(folder: Path, stem: str, statistics: RunStatistics) -> list
             for scored, scores in statistics.scores.items()
         },
         fingerprints={name: f.as_record() for name, f in statistics.fingerprints.items()},
-        reported={scored: dict(scores) for scored, scores in statistics.reported.items()},
         arrays_sha256=hashlib.sha256(data).hexdigest(),
     )
     # The JSON file is last: its presence means that both are complete.
@@ -105,6 +102,8 @@ def read_statistics(folder: Path, stem: str) -> RunStatistics:
         data = read_file(folder / f"{stem}.npz", _MAX_BYTES, remedy=fix)
         if hashlib.sha256(data).hexdigest() != document.arrays_sha256:
             raise ValueError("it belongs to another run, or is being replaced")
+        if not (document.pictures and document.scores):
+            raise ValueError("it has no image or no score to compare")
         return _statistics(document, _read_arrays(data))
     except FileError as error:
         raise BaselineError(str(error)) from None
@@ -153,7 +152,7 @@ def _statistics(data: BaselineDocument, arrays: Mapping[str, np.ndarray]) -> Run
         for name, size in data.pictures.items()
     }
     return RunStatistics(
-        conditions=data.conditions,
+        inputs=data.inputs,
         circumstances=data.circumstances,
         pictures=pictures,
         scores={
@@ -164,7 +163,6 @@ def _statistics(data: BaselineDocument, arrays: Mapping[str, np.ndarray]) -> Run
             name: Fingerprint.of(record, arrays[f"sample|{name}"])
             for name, record in data.fingerprints.items()
         },
-        reported=data.reported,
         reason=data.reason,
         accepted=data.accepted,
     )

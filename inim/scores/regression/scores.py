@@ -46,6 +46,7 @@ from inim.scores.regression.noise_free import (
     sum_blocks,
 )
 from inim.scores.regression.verdict import (
+    BETTER,
     FALSE_ALARM_RATE,
     sidak,
     welch_half_width,
@@ -334,7 +335,7 @@ def compare_scores(
     candidate: Mapping[str, Mapping[str, ScoreEstimate]],
     noise_ratio: float = 1.0,
 ) -> list[Check]:
-    """Verdicts on the baseline's scores; a score that rises is as suspicious as one that falls.
+    """Verdicts on the baseline's scores; a score that became better has an excuse.
 
     Scores are by scored object ("template/left"), then by score name ("ssim_to_reference"); one
     that the candidate lacks fails. `noise_ratio` is the ratio of the candidate's standard errors to
@@ -346,7 +347,7 @@ def compare_scores(
     scale = min(max(scale, _SCALES[0]), _SCALES[1])
     return [
         _verdict(
-            f"{scored}: {_label(name)}",
+            f"{scored}: {score_label(name)}",
             name,
             old,
             candidate.get(scored, {}).get(name),
@@ -379,10 +380,13 @@ def _verdict(
     detail = f"{new.plain:.4f}, baseline {old.plain:.4f}"
     if abs(expected) > smallest / 10:
         detail += f", {expected:+.4f} of it due to the number of samples"
-    return within(label, "score", change, half, smallest, unit=unit, p_value=p, detail=detail)
+    verdict = within(label, "score", change, half, smallest, unit=unit, p_value=p, detail=detail)
+    is_better = change > 0 if metric.better == "higher" else change < 0
+    excuse = BETTER if is_better and not verdict.passed else ""
+    return msgspec.structs.replace(verdict, excuse=excuse)
 
 
-def _label(name: str) -> str:
+def score_label(name: str) -> str:
     """Label of a score: ``psnr_on_relic_to_reference_db`` is "PSNR on relic to reference"."""
     metric = find(name)
     first, _, rest = name.partition("_")

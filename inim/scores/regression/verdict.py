@@ -9,9 +9,10 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import msgspec
 import numpy as np
 
-from inim.scores.document_parts import Check, Kind, Relation
+from inim.scores.document_parts import Check, Kind, Relation, Verdict
 
 #: Probability that noise alone fails a family of tests (all tiles, all scores) of an
 #: unchanged program: once in three years in a daily check.
@@ -109,19 +110,6 @@ def binomial_interval(count: int, trials: int, level: float) -> tuple[float, flo
 WITHIN: Relation = "within"
 
 
-def verdict_line(verdict: Check) -> str:
-    """Format a verdict as text."""
-    low, high = verdict.interval or (math.nan, math.nan)
-    unit = f" {verdict.unit}" if verdict.unit else ""
-    sign = "within ±" if verdict.relation == WITHIN else "at most "
-    value = f"{verdict.value:{'+.4g' if verdict.relation == WITHIN else '.4g'}}"
-    return (
-        f"{'passed' if verdict.passed else 'FAILED'}  {verdict.name}: {value}{unit} "
-        f"({low:.4g} to {high:.4g}), {sign}{verdict.limit:.4g}"
-        f"{f'; {verdict.detail}' if verdict.detail else ''}"
-    )
-
-
 def within(
     name: str, kind: Kind, change: float, half_width: float, smallest: float, **more: Any
 ) -> Check:
@@ -145,6 +133,58 @@ def within(
     )
 
 
-def all_passed(verdicts: Sequence[Check]) -> bool:
-    """True if there is a verdict and every verdict passed."""
-    return bool(verdicts) and all(verdict.passed for verdict in verdicts)
+#: Excuse of a score that became better, if nothing else became worse; and of any failure if the
+#: inputs changed.
+BETTER: str = "better"
+_INPUTS = "inputs changed"
+
+
+def judge(
+    checks: Sequence[Check], *, inputs_changed: bool, allow_changed_inputs: bool
+) -> tuple[Verdict, list[Check]]:
+    """Verdict of all checks of a comparison, and the checks with their excuses.
+
+    If inputs changed, only scores decide. Otherwise, an algorithm whose scores became better has
+    other pictures, too.
+    """
+    failed = [check for check in checks if not check.passed]
+    if not any(check.kind == "score" for check in checks):
+        nothing = within(
+            "scores against the baseline",
+            "score",
+            math.nan,
+            math.nan,
+            0.0,
+            detail="no score of both runs has the same name; accept a new baseline",
+        )
+        return "not comparable", [*checks, nothing]
+    if inputs_changed:
+        is_changed = any(check.kind == "score" for check in failed)
+        excused = [c for c in failed if allow_changed_inputs or c.kind != "score"]
+        verdict: Verdict = (
+            "inputs changed, scores changed"
+            if is_changed
+            else "inputs changed, scores within intervals"
+        )
+        return verdict, _excuse(checks, excused, _INPUTS)
+    if not failed:
+        return "passed", [*checks]
+    better = {_algorithm(c) for c in failed if c.kind == "score" and c.excuse}
+    images = [c for c in failed if c.kind in ("picture", "pixels") and _algorithm(c) in better]
+    if all(c.excuse or c in images for c in failed):
+        return "improved", _excuse(checks, failed, BETTER)
+    return "worse", _excuse(checks, failed, "")
+
+
+def _excuse(checks: Sequence[Check], excused: Sequence[Check], reason: str) -> list[Check]:
+    return [
+        msgspec.structs.replace(check, excuse=reason if any(check is e for e in excused) else "")
+        for check in checks
+    ]
+
+
+def _algorithm(check: Check) -> str:
+    """Algorithm that a check's name begins with: `eia/NAME: ` or `NAME/VIEWPOINT: `."""
+    subject = check.name.partition(": ")[0]
+    is_eia = subject.startswith("eia/") and check.kind == "picture"
+    return subject.removeprefix("eia/") if is_eia else subject.rpartition("/")[0] or subject

@@ -1,0 +1,102 @@
+"""A comparison with a baseline in lines of text: changed inputs, changed scores and the verdict."""
+
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+from inim.report.document import ReportDocument
+from inim.report.labels import MISSING, check_sentence, number, plain, short
+from inim.scores.document_parts import Change, Check, Regression
+from inim.scores.metrics import HEADLINE, MAIN
+from inim.scores.regression.document import CompareDocument
+from inim.scores.regression.scores import score_label
+from inim.system.document import read_document
+
+#: Comparisons and changes on the terminal and in the summary; the document has all.
+MOST_LINES = 12
+_HEADLINE = score_label(HEADLINE)
+
+
+def change_text(change: Change) -> str:
+    """A changed input or circumstance as `name: old → new`."""
+    old, new = ("none" if v is None else short(v) for v in (change.baseline, change.candidate))
+    return plain(f"{change.name}: {old} → {new}")
+
+
+def compared(data: ReportDocument | CompareDocument) -> list[Check]:
+    """All checks of a comparison."""
+    return [check for check in data.verdict.checks if check.kind is not None]
+
+
+def headline_changes(data: ReportDocument | CompareDocument) -> dict[str, dict[str, Check]]:
+    """Checks of the headline score by algorithm, then by viewpoint."""
+    changes: dict[str, dict[str, Check]] = {}
+    for check in compared(data):
+        subject, _, score = check.name.partition(": ")
+        if check.kind == "score" and score.startswith(_HEADLINE):
+            algorithm, _, view = subject.rpartition("/")
+            changes.setdefault(algorithm, {})[view] = check
+    return changes
+
+
+def signed_change(check: Check) -> str:
+    """Change of a score with its interval: `−0.0700 [−0.0750, −0.0650]`."""
+    low, high = (number(end, MAIN.digits) for end in check.interval or (None, None))
+    value = number(check.value, MAIN.digits)
+    return f"{value} [{low}, {high}]" if value != MISSING else value
+
+
+def verdict_sentence(data: ReportDocument | CompareDocument, comparison: Regression) -> str:
+    """The verdict with the numbers of comparisons and of changed inputs."""
+    checks = compared(data)
+    changed = sum(not check.passed for check in checks)
+    words = f"{comparison.verdict}: {changed} of {len(checks)} comparisons changed"
+    if count := len(comparison.inputs):
+        words += f", {count} changed input{'s' * (count > 1)}"
+    if comparison.verdict == "inputs changed, scores changed" and data.verdict.passed:
+        words += ", allowed"
+    return words
+
+
+def comparison_lines(
+    data: ReportDocument | CompareDocument, out: Path | None = None, most: int = MOST_LINES
+) -> list[str]:
+    """Changed inputs, changed comparisons and the verdict; empty without a baseline.
+
+    With the folder of a report, the last line is the command that accepts its changes.
+    """
+    comparison = data.regression
+    if comparison is None:
+        return []
+    lines = [f"changed {change_text(change)}" for change in comparison.inputs[:most]]
+    lines += _more(comparison.inputs, most, "changed inputs")
+    if comparison.not_compared:
+        names = ", ".join(comparison.not_compared[:most])
+        lines.append(plain(f"not compared: {names}"))
+        lines += _more(comparison.not_compared, most, "not compared")
+    failed = sorted(
+        (check for check in compared(data) if not check.passed), key=lambda c: c.kind != "score"
+    )
+    for check in failed[:most]:
+        word = "better" if check.excuse == "better" else "changed"
+        lines.append(plain(f"{word}: {check.name}: {check_sentence(check)}"))
+    lines += _more(failed, most, "changed comparisons")
+    lines.append(verdict_sentence(data, comparison))
+    if out is not None and comparison.verdict != "passed":
+        lines.append(f"to accept: {accept_command(out)}")
+    return lines
+
+
+def accept_command(out: Path) -> str:
+    """Command that makes a report the baseline of its comparison."""
+    return f"inim accept {shlex.quote(str(out))} --reason TEXT"
+
+
+def accepted_lines(out: Path) -> list[str]:
+    """What a report changes relative to the baseline that it was compared with, for a review."""
+    data = read_document(out / "report.json", "make it with inim validate", ReportDocument)
+    return comparison_lines(data)
+
+
+def _more(items: Sequence[object], most: int, kind: str) -> list[str]:
+    return [f"and {len(items) - most} more {kind}"] * (len(items) > most)
