@@ -8,8 +8,8 @@ with it: they do not follow a ray step by step.
   a ray are the intersections of its column runs and its row runs. This oracle checks
   `inim.generators.oracle`, which scores users' algorithms; it is written separately and by another
   method, including `exact_length` and the rays.
-* `float_sources` applies the float64 oracle of the accuracy study, `reports.stress.study.oracles`,
-  to whole panels, for large displays and lengths without ties.
+* `float_sources` applies the float64 oracle of the stress run, `inim.apps.stress.oracles`, to whole
+  panels, for large displays and lengths without ties.
 
 Lengths: a panel pitch of ``1 / 17`` or ``0.0636`` means that number, not the binary fraction next
 to it. `exact_length` finds the simplest fraction that rounds to the float, `length_of` the simplest
@@ -29,6 +29,8 @@ from functools import partial
 
 import numpy as np
 
+from inim.apps.stress.oracles.generators import first_hits
+from inim.apps.stress.oracles.rays import rays_over
 from inim.display import Display
 from inim.image.rgbd import RGBD, LayeredRGBD
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from inim.apps.stress.oracles.rays import STAGGERS
 from inim.display.layouts import LAYOUTS, Layout, Ops
-from reports.stress.study.rays import STAGGERS
 
 #: Offset of a row from the next one down, in pitches.
 SKEW = Fraction(3, 10)

@@ -1,9 +1,9 @@
 """Accuracy limits: tested ranges of parameters; outside, validations warn.
 
-The study `reports/stress/study` determines them, `reports/stress` has the run with the values, and
-a test compares the two. Inside all limits, sources of `template` and `layered` are exact on
-separable displays, in float32 and float64, and panel points of lens models have an error of
-at most `LANDING_PIXELS` in float32.
+`inim stress` checks them: its relations of growth state the range in which results are exact
+enough. `reports/stress` has a full run, and a test compares it with the limits. Inside all limits,
+sources of `template` and `layered` are exact on separable displays, in float32 and float64, and
+panel points of lens models have an error of at most `LANDING_PIXELS` in float32.
 """
 
 import math

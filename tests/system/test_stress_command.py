@@ -1,6 +1,6 @@
 """A whole quick stress run from the command line.
 
-Expected: every check holds, every file is there, mistakes cost one line and no folder.
+Expected: every relation holds, every file is there, mistakes cost one line and no folder.
 """
 
 import sys
@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from inim.apps.stress.relation import TOPICS
 from inim.display.settings import Settings
 from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED
 from tests.schemas import read_document
@@ -23,7 +24,7 @@ from tests.system.conftest import (
 )
 
 ROOT = Path(__file__).parents[2]
-FILES = {"stress.html", "stress.json", "stress.md"}
+FILES = {"growth.png", "growth.svg", "stress.html", "stress.json", "stress.md"}
 
 
 def run(module: str, *words: object, folder: Path):
@@ -42,26 +43,36 @@ def finished(tmp_path_factory):
     return ended, folder, read_document(folder / "out" / "stress.json")
 
 
-@pytest.mark.slow
 def test_every_file_is_there_and_nothing_half_written(finished):
     _, folder, data = finished
     assert files_in(folder / "out") == FILES == set(data["files"])
     assert nothing_left(folder)
 
 
-@pytest.mark.slow
-def test_data_are_complete_and_every_check_holds(finished):
-    data = finished[2]
-    assert (data["schema"], data["mode"], data["passed"]) == ("inim.stress/3", "quick", True)
-    assert all(c["passed"] and c["cases"] > 0 for c in data["checks"])
-    names = set(data["algorithms"])
+def test_data_are_complete_and_every_relation_holds(finished):
+    ended, _, data = finished
+    assert (data["schema"], data["mode"], data["passed"]) == ("inim.stress/4", "quick", True)
+    assert all(r["passed"] and r["cases"] > 0 for r in data["relations"])
+    assert {r["topic"] for r in data["relations"]} == set(TOPICS)
+    names, models = set(data["algorithms"]), set(data["lens_models"])
     assert names >= {"template", "layered", "gu2020", "wang2024", "li2012"}
-    for rows in ("first_hits", "relations", "jitter"):
-        assert {r["algorithm"] for r in data[rows]} == names
-    exact = [r for r in data["first_hits"] if r["exact"] and not r["warnings"]]
-    assert {r["algorithm"] for r in exact} == {"template", "layered"}
-    # A hundred panel pixels of each case are followed in fractions.
-    assert len(exact) > 15 and all(r["pixels"] == 100 and not r["wrong"] for r in exact)
+    assert models >= {"pinhole", "thin", "thick", "full"}
+    assert {r["subject"] for r in data["relations"]} - {""} == names | models
+    assert {r["algorithm"] for r in data["jitter"]} == names
+    hits = {r["subject"]: r for r in data["relations"] if r["relation"] == "first hits"}
+    assert not hits["template"]["explained"] and hits["template"]["worst"] == 0
+    assert hits["wang2024"]["explained"] and hits["wang2024"]["broken"] > 0
+    assert all(r["growth"] for r in data["relations"] if r["axis"])
+    lines = ended.stdout.splitlines()
+    assert any(line.startswith("ok") and "wang2024: " in line and "%" in line for line in lines)
+
+
+@pytest.mark.slow
+def test_the_full_run_holds(tmp_path):
+    ended = run_stress("-o", "out", folder=tmp_path)
+    assert ended.code == EXIT_PASSED, ended.stderr + ended.stdout
+    data = read_document(tmp_path / "out" / "stress.json")
+    assert data["mode"] == "full" and data["passed"]
 
 
 @pytest.mark.slow
@@ -88,13 +99,12 @@ class Fickle:
     )
     install_metadata(tmp_path, "planted", "[inim.generators]\nplanted = planted_eia:prepare\n")
     monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{ROOT}")
-    words = ("--quick", "--algorithms", "planted,template", "-o", tmp_path / "out")
-    ended = run_stress(*words, folder=tmp_path)
+    words = ("--quick", "--algorithms", "planted,gu2020", "--relations", "split panels,mirrored")
+    ended = run_stress(*words, "-o", tmp_path / "out", folder=tmp_path)
     assert ended.code == EXIT_CHECK_FAILED, ended.stderr
     lines = ended.stdout.splitlines()
-    assert lines[0].startswith("ok") and "planted: nothing crashes" in lines[0]
-    assert lines[1].startswith("FAILED") and "planted: relations" in lines[1]
-    assert all(line.startswith("ok") and "template" in line for line in lines[2:4])
+    assert lines[0].startswith("FAILED  planted: 2 relations, ")
+    assert any(line.startswith("ok      gu2020: 2 relations, 0 broken") for line in lines)
 
 
 @pytest.mark.slow
@@ -102,7 +112,8 @@ def test_a_scene_s_own_depth_is_jittered(tmp_path):
     scene = write_scene(tmp_path / "scene")
     # On fewer lenses none of the few hundred pixels of the relic lies so near to a cell's exit.
     settings = TINY | {"inim.lens_columns": "24", "inim.lens_rows": "18"}
-    ended = run_stress(scene, "--quick", "-o", "out", *definitions(settings), folder=tmp_path)
+    words = ("--quick", "--algorithms", "template", "--relations", "moved by a lens", "-o", "out")
+    ended = run_stress(scene, *words, *definitions(settings), folder=tmp_path)
     assert ended.code == EXIT_PASSED, ended.stderr + ended.stdout
     data = read_document(tmp_path / "out" / "stress.json")
     assert (data["title"], data["picture"]["name"]) == ("Stress: tiny", str(scene))
@@ -120,6 +131,8 @@ def test_a_scene_s_own_depth_is_jittered(tmp_path):
         (("missing.xml",), ["missing.xml"]),
         (("-D", "inim.gap_mm=3"), ["-D", "scene"]),
         (("--algorithms", "nobody"), ["nobody", "template"]),
+        (("--lens-models", "nobody"), ["nobody", "thick"]),
+        (("--relations", "mirored"), ["mirored", "mirrored"]),
     ],
 )
 def test_mistakes_cost_one_line_and_no_folder(tmp_path, words, says):

@@ -1,33 +1,21 @@
 """Colours of rays against a float64 oracle that is written from the documentation alone."""
 
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import pytest
 
-from inim.display.pixels import SUBPIXELS as PATTERNS
-from inim.display.pixels import PixelOffset, exact_length
+from inim.apps.stress.oracles.colours import (
+    COLOURS,
+    code_from_linear,
+    expected_colours,
+)
+from inim.apps.stress.oracles.rays import chosen_pixels
 from inim.generators import HOLE, generate, prepare
 from inim.generators.steps import RayGenerator
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
-from reports.stress.study.rays import chosen_pixels, rays_over
-from tests.colour_oracle import (
-    COLOURS,
-    Picture,
-    averaged_picture,
-    code_from_linear,
-    linear_from_code,
-    ray_values,
-)
 from tests.generator_cases import DISPLAYS, NON_SEPARABLE, SUBPIXELS, picture, random_codes
 
-_QUARTER = Fraction(1, 4)
-_STARTS = {
-    1: [(Fraction(0), Fraction(0))],
-    2: [(-_QUARTER, -_QUARTER), (_QUARTER, _QUARTER)],
-    4: [(a, b) for a in (-_QUARTER, _QUARTER) for b in (-_QUARTER, _QUARTER)],
-}
 _PIXELS = 100
 
 CASES = [
@@ -65,45 +53,6 @@ def with_every_colour(cases: list[tuple[str, str]]) -> list[Any]:
         for column, colour in enumerate(COLOURS)
         for is_fast in (row % 2 == 0 and (row // 2 - column) % 3 == 0,)
     ]
-
-
-def expected_colours(
-    generator: RayGenerator, rgbd: RGBD, pixels: np.ndarray, colour: str, samples: int
-) -> np.ndarray:
-    """Colours of panel pixels, (n, channels) in linear light and alpha, from the oracle."""
-    display, layers = generator.display, rgbd.layers
-    depth = np.stack([np.where(layer.covered, layer.front_mm, np.nan) for layer in layers]).astype(
-        float
-    )
-    values = np.stack([layer.color for layer in layers]).astype(float)
-    if rgbd.color.dtype == np.uint8:
-        values /= 255
-        values[..., :3] = linear_from_code(values[..., :3])
-    opacity = Picture(values[..., 3:], depth, rgbd.pixel_mm)
-    fill = exact_length(display.pixel_fill)
-    result, starts = np.zeros((len(pixels), values.shape[-1])), []
-    sources = {
-        (channel, *ray.pixel_offset): of_ray[tuple(pixels.T)]
-        for ray, of_ray in generator.sources_of_rays(rgbd)
-        for channel in ray.channels
-    }
-    for place in dict.fromkeys(PATTERNS[display.subpixels]):
-        channels = [n for n, p in enumerate(PATTERNS[display.subpixels]) if p == place]
-        side = display.pixel_pitch_mm * display.pixel_fill / samples**0.5
-        per_mm = side / display.gap_mm / rgbd.pixel_mm
-        light = Picture(values[..., channels], depth, rgbd.pixel_mm)
-        light = averaged_picture(light, colour, (per_mm, per_mm * float(place.width)))
-        for down, right in _STARTS[samples]:
-            offset = PixelOffset(down * fill, place.right + right * place.width * fill)
-            starts += [(channel, *offset) for channel in channels]
-            axes = rays_over(display, rgbd, pixels, offset)
-            rays = np.stack([axes.v0, axes.dv, axes.u0, axes.du], axis=1)
-            ray = colour, sources[(channels[0], *offset)], rays
-            colours = ray_values(light, *ray)
-            result[:, channels] += (colours**2 if colour == "smooth" else colours) / samples
-            result[:, 3:] += ray_values(opacity, *ray) * len(channels) / 3 / samples
-    assert sources.keys() == set(starts)
-    return result
 
 
 @pytest.mark.parametrize(("algorithm", "display", "colour"), with_every_colour(CASES))

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from inim.apps.stress.oracles.generators import answer, with_rational_ties
+from inim.apps.stress.oracles.rays import chosen_pixels, rays_over
 from inim.display import Display
 from inim.display.pixels import CENTRE, PixelOffset, exact_length
 from inim.display.pixels import SUBPIXELS as PATTERNS
@@ -34,8 +36,6 @@ from inim.generators.steps import RayGenerator
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD
 from inim.system.backend.kernels import limited_threads
-from reports.stress.study.oracles import answer, with_rational_ties
-from reports.stress.study.rays import chosen_pixels, rays_over
 from tests import oracle
 from tests.generator_cases import (
     ALGORITHMS,

@@ -7,10 +7,15 @@ from inim.pipeline.options import Command, add_shared, finish, request_of
 from inim.system.errors import UsageError
 
 
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
 def _add_stress_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Compare algorithms, also from other packages, with exact first hits and with relations "
-        "that hold for every correct result; measure the effect of small depth errors."
+        "Check relations that hold for every correct result: displays, rays, algorithms, lens "
+        "models, colours, views, scores and statistics, also of other packages; measure the effect "
+        "of small depth errors."
     )
     parser.add_argument(
         "scene",
@@ -20,6 +25,12 @@ def _add_stress_arguments(parser: argparse.ArgumentParser) -> None:
     )
     shared = ("definitions", "algorithms", "allow_folders", "quiet", "debug")
     add_shared(parser, *shared, out="folder (default: SCENE-stress)")
+    parser.add_argument(
+        "--lens-models", type=_names, metavar="NAMES", help="lens models (default: all)"
+    )
+    parser.add_argument(
+        "--relations", type=_names, default=(), metavar="NAMES", help="relations or topics only"
+    )
     parser.add_argument("--quick", action="store_true", help="fewer and smaller cases")
 
 
@@ -34,6 +45,8 @@ def _stress(args: argparse.Namespace) -> int:
     request = StressRequest(
         args.out,
         validation.algorithms,
+        args.lens_models,
+        args.relations,
         args.quick,
         None if args.scene is None else validation,
         args.command_line,
@@ -44,5 +57,5 @@ def _stress(args: argparse.Namespace) -> int:
 
 
 COMMANDS = {
-    "stress": Command("test algorithms for numerical stability", _add_stress_arguments, _stress),
+    "stress": Command("test the whole chain for numerical faults", _add_stress_arguments, _stress),
 }

@@ -11,36 +11,45 @@ from inim.scores.document_parts import (
 from inim.system.document import Part
 
 
-class FirstHitsResult(Part):
-    """Comparison of an algorithm with the exact first hits of a case."""
+class GrowthPoint(Part):
+    """Largest deviation at one value of a parameter."""
 
-    algorithm: str  #: The algorithm with its options.
-    family: str  #: Family of the case.
-    case: str  #: Name of the case.
-    exact: bool  #: True if the algorithm shows first hits by definition: no pixel may be wrong.
-    pixels: int  #: Panel pixels that were compared, drawn at random.
-    wrong: int  #: Those of them that show another source than the exact one.
-    warnings: list[str]  #: Warnings of a validation of such a display.
-    message: str  #: Message of the refusal or crash; empty otherwise.
-    #: End of the run; `no sources`: the algorithm does not report the sources of colours.
-    outcome: Literal["ran", "refused", "crashed", "no sources"]
-    seconds: float | None = None  #: Seconds of the run, if it ran.
-    passed: bool  #: True if no pixel is wrong that must not be, or a warning announces it.
+    position: float  #: Value of the parameter, `axis` of the relation.
+    worst: float | None  #: Largest deviation in the relation's unit; null: infinite.
+    warned: bool  #: True if a validation of such a display warns: the limit does not apply.
 
 
 class RelationResult(Part):
-    """Result of one relation for one algorithm."""
+    """Result of one relation, for the chain itself or for one algorithm or lens model."""
 
-    relation: str  #: Name of the relation: what has to stay the same.
-    algorithm: str  #: The algorithm with its options.
-    explained: str  #: Reason why the relation need not hold for the algorithm; empty: it must hold.
-    compared: int  #: Panel pixels that were compared.
-    broken: int  #: Those of them that break the relation.
-    uncertain: int  #: Broken pixels that rounding may decide.
+    relation: str  #: Name of the relation.
+    topic: str  #: Part of the chain.
+    subject: str  #: Algorithm or lens model with its options; empty for the chain itself.
+    claim: str  #: The claim in words.
+    limit: float  #: Largest deviation with which the relation holds.
+    unit: str  #: Unit of deviations.
+    source: str  #: Where the limit comes from.
+    #: Reason why the relation need not hold for the subject; empty: it must hold.
+    explained: str
+    cases: int  #: Number of cases.
+    compared: int  #: Numbers, rays or pixels that were compared.
+    broken: int  #: Those of them that differ, also where rounding decides.
+    largest_share: float  #: Largest share of a case that differs, with or without a warning.
+    worst: float | None  #: Largest deviation without a warning; null: infinite, or no case.
+    worst_case: str  #: Case of the largest deviation.
+    #: Distance of the farthest wrong source from the correct one, in picture pixels.
+    farthest: float
+    axis: str  #: Parameter of `growth`; empty without one.
+    growth: list[GrowthPoint]  #: Deviations along the parameter.
     message: str  #: Message of the refusal or crash; empty otherwise.
-    #: Largest difference of landing points, ulps; of lens models only.
-    worst_ulp: float | None = None
-    passed: bool  #: True if the relation holds but for rounding, or need not hold.
+    seconds: float  #: Time of all cases.
+    #: True if all deviations are within the limit, or need not be.
+    passed: bool
+
+    @property
+    def share(self) -> float:
+        """Share of what was compared that differs."""
+        return self.broken / self.compared if self.compared else 0.0
 
 
 class Jitter(Part):
@@ -62,32 +71,21 @@ class JitteredPicture(Part):
     columns: int  #: Pixels across.
 
 
-class Claim(Part):
-    """A claim that was tested in many cases."""
+class StressDocument(TitledDocument, tag="inim.stress/4"):
+    """Stress run of the whole chain.
 
-    name: str  #: The claim.
-    cases: int  #: Tested cases.
-    broken: int  #: Cases that break the claim.
-    passed: bool  #: True if there are cases and none breaks the claim.
-
-
-class StressDocument(TitledDocument, tag="inim.stress/3"):
-    """Stress run of algorithms.
-
-    `stress.json` in the folder of `inim stress`: algorithms against exact first hits, against
-    relations that must hold, and with small errors of the depth.
+    `stress.json` in the folder of `inim stress`: relations of displays, rays, algorithms, lens
+    models, colours, views and scores, with their tolerances; and the effect of small depth errors.
     """
 
     versions: Versions
     mode: Literal["full", "quick"]  #: `quick`: fewer and smaller cases were run.
     backend: BackendRecord
     algorithms: list[str]  #: The algorithms with their options.
-    #: Comparisons with the exact first hits, for each algorithm and case.
-    first_hits: list[FirstHitsResult]
-    relations: list[RelationResult]  #: Relations between results, for each relation and algorithm.
+    lens_models: list[str]  #: The lens models.
+    relations: list[RelationResult]  #: Results, for each relation and subject.
     jitter: list[Jitter]  #: Effects of small depth errors, for each kind and algorithm.
-    picture: JitteredPicture
-    checks: list[Claim]  #: The claims of the verdict.
-    passed: bool  #: True if every check passed.
+    picture: JitteredPicture | None  #: The picture of `jitter`; null without one.
+    passed: bool  #: True if every relation passed.
     seconds: float  #: Seconds of the whole run.
     files: Files

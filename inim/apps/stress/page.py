@@ -2,165 +2,173 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
-from inim.apps.stress.document import FirstHitsResult, RelationResult, StressDocument
+from inim.apps.stress.document import GrowthPoint, RelationResult, StressDocument
 from inim.report.labels import MISSING, number, per_cent
 from inim.report.study import PagePart, StudyPage, Table
-from inim.system.document import Part
 
-Hits = Sequence[FirstHitsResult]
-_P = TypeVar("_P", bound=Part)
+Results = Sequence[RelationResult]
 
 
 def parts_of(data: StressDocument) -> list[PagePart]:
     """All parts, in the order of the page."""
+    topics = list(dict.fromkeys(r.topic for r in data.relations))
+    grown = [r for r in data.relations if r.growth]
     return [
-        verdict_part(data),
-        PagePart("hits", "First hits", "", [_hits(data.first_hits), _wrong(data.first_hits)]),
-        relations_part(data.relations),
+        PagePart("verdict", "Verdict", "", [_verdicts(data.relations), _broken(data.relations)]),
+        *(
+            PagePart(topic, topic.capitalize(), "", [_table(topic, data.relations)])
+            for topic in topics
+        ),
+        PagePart(
+            "growth", "Growth of error", "", [_growth(grown)], plot="growth",
+            figure=growth_figure(grown) if grown else None,
+        ),
         jitter_part(data),
-        PagePart("refused", "Refused", "", [_errors(data.first_hits)]),
-    ]
+    ]  # fmt: skip
 
 
 def summary_lines(data: StressDocument) -> list[str]:
     """Results of the run, in sentences."""
-    exact = [hits for hits in data.first_hits if hits.exact and not hits.warnings]
-    wrong = sum(hits.wrong for hits in exact)
-    pixels = sum(hits.pixels for hits in exact)
-    broken = sum(not relation.passed for relation in data.relations)
-    return [
-        f"{wrong} of {count(pixels)} panel pixels differ from the first hits in rational "
-        "arithmetic, in algorithms that promise first hits and in cases without a warning. For "
-        "the other algorithms, the tables give the share.",
-        f"{broken} of {len(data.relations)} relations fail. A pixel is uncertain if it also "
-        "changes after a change of lengths or depths by a ten-millionth: rounding may decide it.",
-        "The figures on depth errors show the part of a picture that depends on the last digits of "
-        "its depth. They do not indicate errors of the arithmetic.",
+    binding = [r for r in data.relations if not r.explained]
+    broken = sum(not r.passed for r in binding)
+    compared = sum(r.compared for r in binding)
+    lines = [
+        f"{broken} of {len(binding)} relations are broken; {compared:,} numbers, rays and pixels "
+        "were compared. Each relation states its tolerance, its source, and how close it came.",
     ]
+    for hits in data.relations:
+        if hits.relation == "first hits" and hits.explained and hits.compared:
+            lines.append(f"{hits.subject}: {share_text(hits)}.")
+    lines.append(
+        "The figures on depth errors show the part of a picture that depends on the last digits of "
+        "its depth. They do not indicate errors of the arithmetic."
+    )
+    return lines
 
 
-def count(value: float | None) -> str:
-    """Format a whole number with separated thousands."""
-    return MISSING if value is None else f"{value:,.0f}"
+def share_text(hits: RelationResult) -> str:
+    """Sources of an algorithm that differ from the first hits, with its own promise."""
+    share = f"{per_cent(hits.share, 2)} of its sources differ from the exact first hits"
+    share += f", the farthest by {number(hits.farthest, 1)} picture pixels"
+    if hits.explained:
+        return f"{share}; its own definition is another, and holds unless a line says otherwise"
+    return f"{share}, where rounding decides or a validation warns; it promises all others"
 
 
 def small(value: float | None) -> str:
-    """A number near zero, to two digits."""
+    """A number to two digits; without one, infinite."""
     if value is None:
         return MISSING
-    return "0" if value == 0 else f"{value:.1e}".replace("-", "−")
+    return "0" if value == 0 else f"{value:.2g}".replace("-", "−")
 
 
-def _group_rows(rows: Sequence[_P], field: str) -> dict[str, list[_P]]:
-    """Rows by the value of a field, in order of first appearance."""
-    groups: dict[str, list[_P]] = {}
-    for row in rows:
-        groups.setdefault(getattr(row, field), []).append(row)
-    return groups
+def verdict_of(result: RelationResult) -> str:
+    """Verdict on a relation."""
+    if not result.passed:
+        return f"FAILS: {result.message or result.worst_case}"
+    if result.explained:
+        return f"not promised: {result.explained}"
+    return "holds" if not result.message else result.message
 
 
-def verdict_part(data: StressDocument) -> PagePart:
-    """The verdict, claim by claim."""
+def _verdicts(results: Results) -> Table:
+    rows = []
+    for topic in dict.fromkeys(r.topic for r in results):
+        members = [r for r in results if r.topic == topic and not r.explained]
+        broken = sum(not r.passed for r in members)
+        counts = len(members), sum(r.cases for r in members), sum(r.compared for r in members)
+        cells = [f"{n:,}" for n in (*counts, broken)]
+        rows.append([topic, *cells, "FAILS" if broken else "holds"])
+    heads = ["topic", "relations", "cases", "compared", "broken", "verdict"]
+    return Table("Relations by topic", heads, rows)
+
+
+def _broken(results: Results) -> Table:
     rows = [
-        [c.name, count(c.cases), count(c.broken), "holds" if c.passed else "FAILS"]
-        for c in data.checks
+        [r.relation, r.subject, r.claim, small(r.worst), f"{r.limit:g} {r.unit}", verdict_of(r)]
+        for r in results
+        if not r.passed
     ]
-    table = Table("Checked claims", ["check", "cases", "broken", "verdict"], rows)
-    return PagePart("verdict", "Verdict", "", [table])
+    heads = ["relation", "of", "claim", "worst", "limit", "verdict"]
+    return Table("Broken relations", heads, rows)
 
 
-def _hits(rows: Hits) -> Table:
-    """Wrong sources of each algorithm, family by family."""
-    families = list(dict.fromkeys(r.family for r in rows))
-    table_rows = []
-    for algorithm, members in _group_rows(rows, "algorithm").items():
-        cells = [algorithm]
-        for family in families:
-            ran = [r for r in members if r.family == family and r.outcome == "ran"]
-            pixels = sum(r.pixels for r in ran)
-            cells.append(per_cent(sum(r.wrong for r in ran) / pixels, 2) if pixels else MISSING)
-        refused = sum(r.outcome == "refused" for r in members)
-        table_rows.append([*cells, str(len(members)), str(refused)])
-    heads = ["algorithm", *(f"{family}: wrong" for family in families), "cases", "refused"]
-    return Table("Panel pixels that show another source than the first hit", heads, table_rows)
-
-
-def _wrong(rows: Hits) -> Table:
-    """Cases in which an exact algorithm is wrong, with the warning that a validation would give."""
-    table_rows = [
+def _table(topic: str, results: Results) -> Table:
+    rows = [
         [
-            r.algorithm,
-            f"{r.family}: {r.case}",
-            f"{r.wrong} of {r.pixels}",
-            r.warnings[0] if r.warnings else "NONE",
+            r.relation, r.subject, f"{r.compared:,}", per_cent(r.share, 2) if r.broken else "0 %",
+            small(r.worst), f"{r.limit:g} {r.unit}", r.source, verdict_of(r),
         ]
-        for r in rows
-        if r.exact and r.wrong
-    ]
-    heads = ["algorithm", "case", "wrong pixels", "warning that a validation gives"]
-    return Table("First hits by definition that are wrong", heads, table_rows)
+        for r in results
+        if r.topic == topic
+    ]  # fmt: skip
+    heads = ["relation", "of", "compared", "differ", "worst", "limit", "source", "verdict"]
+    return Table(f"Relations of {topic}", heads, rows)
 
 
-def _errors(rows: Hits) -> Table:
-    table_rows = [
-        [r.algorithm, f"{r.family}: {r.case}", r.outcome, r.message]
-        for r in rows
-        if r.outcome in ("refused", "crashed")
-    ]
-    heads = ["algorithm", "case", "outcome", "message"]
-    return Table("Refused, or crashed", heads, table_rows)
+def _growth(results: Results) -> Table:
+    rows = []
+    for r in results:
+        within = [p.position for p in r.growth if not p.warned and _worst(p) <= r.limit]
+        ends = f"{min(within):g} to {max(within):g}" if within else "none"
+        tried = f"{r.growth[0].position:g} to {r.growth[-1].position:g}"
+        rows.append([r.relation, r.subject, r.axis, tried, ends])
+    heads = ["relation", "of", "parameter", "tried", "within the limit without a warning"]
+    return Table("Ranges of parameters", heads, rows)
 
 
-def relations_part(rows: Sequence[RelationResult]) -> PagePart:
-    """Relations, algorithms with one verdict in one row."""
-    groups: dict[tuple[str, str, bool], list[RelationResult]] = {}
-    for row in rows:
-        key = (row.relation, row.explained, row.passed and not row.broken)
-        groups.setdefault(key, []).append(row)
-    table_rows = []
-    for (name, _, _), members in groups.items():
-        algorithms = ", ".join(member.algorithm for member in members)
-        compared, broken, uncertain = (
-            sum(getattr(member, field) for member in members)
-            for field in ("compared", "broken", "uncertain")
-        )
-        verdict = _relation_verdict(members)
-        table_rows.append([name, algorithms, count(compared), str(broken), str(uncertain), verdict])
-    heads = ["relation", "of", "pixels or rays", "broken", "of these uncertain", "verdict"]
-    table = Table("Relations that need no oracle", heads, table_rows)
-    return PagePart("relations", "Relations", "", [table])
+def _worst(point: GrowthPoint) -> float:
+    return float("inf") if point.worst is None else point.worst
 
 
-def _relation_verdict(members: Sequence[RelationResult]) -> str:
-    """Verdict on a relation for algorithms with the same explanation."""
-    first = members[0]
-    if not all(member.passed for member in members):
-        return "FAILS"
-    if not any(member.compared for member in members):
-        return f"refused: {first.message}"
-    if not any(member.broken for member in members):
-        return "holds"
-    return f"not promised: {first.explained}" if first.explained else "holds but for rounding"
+def growth_figure(results: Results) -> Any:
+    """Deviations along the parameters of the relations of growth, with their limits."""
+    from inim.report.plots import LEGEND, LINES, blank_figure, colour_of, style
+
+    with_limit = [r for r in results if r.limit > 0]
+    axes_of = list(dict.fromkeys(r.relation for r in with_limit))
+    if not with_limit:
+        return None
+    figure = blank_figure((5.2 * len(axes_of), 3.6), "constrained")
+    lens_colours = {"pinhole": "#0072b2", "thin": "#d55e00", "thick": "#009e73"}
+    for number_of_axis, name in enumerate(axes_of):
+        axis = figure.add_subplot(1, len(axes_of), number_of_axis + 1)
+        members = [r for r in with_limit if r.relation == name]
+        style(axis, name, members[0].axis, members[0].unit)
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        for r in members:
+            colour = lens_colours.get(r.subject) or colour_of(r.subject)
+            points = [p for p in r.growth if 0 < _worst(p) < float("inf") and p.position > 0]
+            axis.plot([p.position for p in points], [_worst(p) for p in points], color=colour,
+                      label=r.subject, linewidth=1.2)  # fmt: skip
+            for is_warned, filled in ((False, colour), (True, "none")):
+                part = [p for p in points if p.warned == is_warned]
+                axis.plot([p.position for p in part], [_worst(p) for p in part], "o",
+                          markersize=4, color=colour, markerfacecolor=filled)  # fmt: skip
+        axis.axhline(members[0].limit, **LINES["floor"])
+        axis.legend(**LEGEND)
+    return figure
 
 
 def jitter_part(data: StressDocument) -> PagePart:
     """Effects of depth errors, algorithm by algorithm."""
     names = list(dict.fromkeys(row.algorithm for row in data.jitter))
-    table_rows = []
-    for kind, members in _group_rows(data.jitter, "jitter").items():
-        by_name = {member.algorithm: member for member in members}
+    rows = []
+    for kind in dict.fromkeys(row.jitter for row in data.jitter):
+        by_name = {row.algorithm: row for row in data.jitter if row.jitter == kind}
         cells = [kind]
         for name in names:
             cells += [per_cent(by_name[name].changed, 3), small(by_name[name].ssim_loss)]
-        table_rows.append(cells)
+        rows.append(cells)
     heads = ["depth"] + [h for n in names for h in (f"{n}: changed", "SSIM loss")]
-    picture = data.picture
-    caption = (
-        f"Effect of small depth errors: {picture.name}, {picture.columns} × {picture.rows} pixels"
-    )
-    return PagePart("jitter", "Depth errors", "", [Table(caption, heads, table_rows)])
+    caption = "Effect of small depth errors"
+    if data.picture is not None:
+        size = f"{data.picture.columns} × {data.picture.rows} pixels"
+        caption += f": {data.picture.name}, {size}"
+    return PagePart("jitter", "Depth errors", "", [Table(caption, heads, rows)])
 
 
 def write_stress(data: StressDocument, folder: Path) -> None:

@@ -39,6 +39,47 @@ MOUNTINGS: dict[str, dict[str, object]] = {
         "elemental_pitch_mm": 1.01,
     },
 }
+CELLS: dict[str, object] = {
+    "subpixels": "cells", "cell_pattern": "staggered",
+    "subpixel_cells": "-0.3 0.25 0.3 0.2 0 -0.25, 0.2 0 -0.1 0.3 0.35 -0.2, 0 0.1 0.25 0 -0.3 0.3",
+}  # fmt: skip
+_SHEET: dict[str, object] = {
+    "lattice": "lenticular", "lens_columns": 5, "lens_rows": 1, "panel_columns": 26,
+    "panel_rows": 17, "elemental_pitch_mm": 1.02, "depth_min_mm": -6.0, "depth_max_mm": 8.0,
+}  # fmt: skip
+_BOTH_SIDES = {"depth_min_mm": -4.0, "depth_max_mm": 5.0}
+#: One display of each kind: layouts, misalignments, sub-pixels, one lens, one pixel per lens.
+KINDS: dict[str, dict[str, object]] = {
+    **dict(zip(("real", "binary lengths", "virtual"), DISPLAYS, strict=True)),
+    **MOUNTINGS,
+    "even numbers": {"lens_columns": 4, "lens_rows": 2, "pixel_pitch_mm": 0.25},
+    "rows apart": {"pitch_y_mm": 1.3, "panel_rows": 21},
+    "aimed": {"elemental_pitch_mm": 1.013},
+    "aimed, virtual": {
+        "elemental_pitch_mm": 1.05, "focal_length_mm": 3.6, "depth_min_mm": -15.0,
+        "depth_max_mm": -5.0,
+    },
+    "shifted": {"shift_x_mm": 0.37, "shift_y_mm": -0.21},
+    "larger panel": {"panel_columns": 26, "panel_rows": 22, **_BOTH_SIDES},
+    "smaller panel": {"panel_columns": 12, "panel_rows": 13},
+    "one lens": {"lens_columns": 1, "lens_rows": 1},
+    "one pixel per lens": {"pixel_pitch_mm": 1.0, "lens_columns": 4, "lens_rows": 5},
+    "phone": {"pixel_pitch_mm": 0.0636, "lens_rows": 2},
+    "focused": {"gap_mm": 3.0, **_BOTH_SIDES},
+    "hexagonal, one row": {"lattice": "hexagonal", "lens_rows": 1},
+    "hexagonal, rows apart": {"lattice": "hexagonal", "lens_rows": 4, "pitch_y_mm": 0.7},
+    "stripes": {"subpixels": "rgb-stripe", "pixel_fill": 0.8},
+    "pentile, turned": {"subpixels": "pentile", "rotation_deg": 3.0},
+    "cells": CELLS,
+    "cells, hexagonal": {**CELLS, "lattice": "hexagonal", "cell_pattern": "checkerboard"},
+    "lenticular": {**_SHEET, "rotation_deg": 12.0},
+    "lenticular, cells": {**_SHEET, **CELLS, "rotation_deg": -9.0, "cell_pattern": "rows-of-4"},
+    "lenticular, misaligned": {
+        **_SHEET, "rotation_deg": 12.0, "shift_x_mm": 0.23, "shift_y_mm": 0.4, "tilt_x_deg": 1.0,
+        "tilt_y_deg": -2.0,
+    },
+    "lenticular, parallel rays": {**_SHEET, "elemental_pitch_mm": None, "rotation_deg": 5.0},
+}  # fmt: skip
 SHAPES = ("spikes", "slits", "checkerboard", "ramp", "stairs")
 
 # Offsets of a pixel and its neighbours, (rows, columns), a symmetric set.
@@ -62,6 +103,26 @@ def small_display(**changes: object) -> Display:
         "lens_rows": 3,
     }
     return Display(**(values | changes))  # type: ignore[arg-type]
+
+
+_LENGTHS = (
+    "pitch_mm", "focal_length_mm", "gap_mm", "pixel_pitch_mm", "elemental_pitch_mm", "pitch_y_mm",
+    "shift_x_mm", "shift_y_mm", "depth_min_mm", "depth_max_mm",
+)  # fmt: skip
+
+
+def scaled(display: Display, factor: float) -> Display:
+    """Display whose lengths are all multiplied by a factor, but not its layers and aspheres."""
+    values = {name: getattr(display, name) for name in _LENGTHS}
+    return display.replace(**{k: v * factor for k, v in values.items() if v})
+
+
+def displays(*, separable: bool = False) -> Iterator[tuple[str, Display]]:
+    """A small display of each of `KINDS` with its name, or only those that are separable."""
+    for name, changes in KINDS.items():
+        display = small_display(**changes)
+        if display.is_separable or not separable:
+            yield name, display
 
 
 def noise(

@@ -66,7 +66,6 @@ __all__ = [
     "pass_straight",
     "through_array",
     "trace_to_panel",
-    "trace_to_pixels",
     "white_exposure",
 ]
 

@@ -21,12 +21,12 @@ from typing import Any
 
 import numpy as np
 
+from inim.apps.stress.oracles.rays import Rays, band_of
 from inim.display import Display
 from inim.display.pixels import exact_length
 from inim.generators import HOLE, parse_algorithm
 from inim.generators.oracle import column_layers, first_hits_of
 from inim.image.rgbd import RGBD
-from reports.stress.study.rays import Rays, band_of
 
 # Largest number of elements of a temporary array.
 _CHUNK = 2_000_000

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from fractions import Fraction
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -128,8 +129,9 @@ def chosen_pixels(display: Display, limit: int) -> np.ndarray:
         return sample
     indices = np.unravel_index(_sample(rows * columns, limit), (rows, columns))
     pixels = np.stack(indices, axis=-1)
-    nearest, _ = _nearest_centres(display, pixels)
-    lensed: np.ndarray = pixels[_centres(display, display.pitch_mm)[2][nearest]]
+    lensed: np.ndarray = pixels[
+        (panel_rays(display, pixels).lens >= 0) | (display.lattice == "lenticular")
+    ]
     return lensed
 
 
@@ -141,25 +143,73 @@ def _sample(count: int, limit: int) -> np.ndarray:
     return np.unique(np.concatenate([random, always]))
 
 
-# -- non-separable displays -----------------------------------------------------------------------
+# -- any display -------------------------------------------------------------------------------
+
+
+class PixelLines(NamedTuple):
+    """Lens and ray of panel pixels by brute force, (n,) long double; names as of `PixelRays`."""
+
+    lens: np.ndarray  #: int64: ``row * columns + column``, -1 outside the array.
+    x0: np.ndarray
+    y0: np.ndarray
+    slope_x: np.ndarray
+    slope_y: np.ndarray
+    gap_mm: np.ndarray
+    margin: np.ndarray  #: Distance from a border between two elemental images, mm.
+
+
+def panel_rays(
+    display: Display, pixels: np.ndarray, pixel_offset: PixelOffset = CENTRE
+) -> PixelLines:
+    """Rays of panel pixels, (n, 2) rows and columns, from the nearest of all lens centres.
+
+    Slopes are ``(x0 - x) / g`` with ``g = gap + tan(tilt_x) x + tan(tilt_y) y`` at the pixel.
+    """
+    x, y = panel_places(display, pixels, pixel_offset)
+    slopes = [np.tan(_radians(getattr(display, name))) for name in ("tilt_x_deg", "tilt_y_deg")]
+    gap = _REAL(display.gap_mm) + slopes[0] * x + slopes[1] * y
+    if display.lattice == "lenticular":
+        lens, x0, y0, margin = _cylinders(display, x, y, gap)
+    else:
+        nearest, margin = _nearest_centres(display, pixels)
+        centre_x, centre_y, has_lens = all_centres(display, display.pitch_mm)
+        x0, y0 = centre_x[nearest], centre_y[nearest]
+        row, column = np.divmod(nearest, display.lens_columns + 2 * _MARGIN)
+        lens = (row - _MARGIN) * display.lens_columns + column - _MARGIN
+        lens = np.where(has_lens[nearest], lens, -1)
+    return PixelLines(lens, x0, y0, (x0 - x) / gap, (y0 - y) / gap, gap, margin)
+
+
+def _cylinders(
+    display: Display, x: np.ndarray, y: np.ndarray, gap: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Cylinder, crossing and margin of points under a lenticular sheet.
+
+    A ray meets the eye at the height of the panel's centre, at the distance V = g P / (Q - P). It
+    crosses the array on the axis of the cylinder whose image holds the point.
+    """
+    pitch, cell = _REAL(display.pitch_mm), _REAL(display.elemental_image_pitch_mm)
+    turn = _radians(display.rotation_deg)
+    c, s = np.cos(turn), np.sin(turn)
+    right, up = _REAL(display.shift_x_mm), _REAL(display.shift_y_mm)
+    place = (c * (x - right) + s * (y - up)) / cell
+    number = np.rint(place)
+    # Similar triangles from the panel to the eye; parallel rays without a distance.
+    wider = (cell - pitch) / pitch
+    y0 = y / (1 + gap * wider / _REAL(display.gap_mm)) if wider > 0 else y
+    x0 = right + (number * pitch - s * (y0 - up)) / c
+    return number.astype(np.int64), x0, y0, (0.5 - np.abs(place - number)) * cell
 
 
 def _nonseparable_rays(
     display: Display, rgbd: RGBD, pixels: np.ndarray, pixel_offset: PixelOffset
 ) -> Rays:
-    """Rays in long doubles, each with the gap at its panel pixel.
-
-    Slopes are ``(x0 - x) / g`` with ``g = gap + tan(tilt_x) x + tan(tilt_y) y`` at the pixel.
-    """
-    nearest, margin = _nearest_centres(display, pixels)
-    centre_x, centre_y, _ = _centres(display, display.pitch_mm)
-    x0, y0 = centre_x[nearest], centre_y[nearest]
-    x, y = _positions(display, pixels, pixel_offset)
-    slopes = [np.tan(_radians(getattr(display, name))) for name in ("tilt_x_deg", "tilt_y_deg")]
-    gap = _REAL(display.gap_mm) + slopes[0] * x + slopes[1] * y
+    """Rays of `panel_rays` in cells of a picture, with their rounding errors in float64."""
+    _, x0, y0, slope_x, slope_y, gap, margin = panel_rays(display, pixels, pixel_offset)
+    x, y = panel_places(display, pixels, pixel_offset)
     cell, (high, wide) = _REAL(rgbd.pixel_mm), rgbd.shape
-    dv, v0 = (y0 - y) / -gap / cell, _REAL(high) / 2 - y0 / cell
-    du, u0 = (x0 - x) / gap / cell, x0 / cell + _REAL(wide) / 2
+    dv, v0 = -slope_y / cell, _REAL(high) / 2 - y0 / cell
+    du, u0 = slope_x / cell, x0 / cell + _REAL(wide) / 2
     slack_v = _slack(display, rgbd, gap, np.abs(y0) + np.abs(y), high)
     slack_u = _slack(display, rgbd, gap, np.abs(x0) + np.abs(x), wide)
     # Largest error of a difference of distances in float64, mm.
@@ -201,20 +251,45 @@ def _radians(degrees: float) -> np.longdouble:
     return radians
 
 
-def _positions(
+def panel_places(
     display: Display, pixels: np.ndarray, pixel_offset: PixelOffset = CENTRE
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of panel pixels, mm to the right and up."""
+    """Positions of points of panel pixels, mm to the right and up, long double."""
     rows, columns = display.eia_shape
     down, right = (_REAL(part.numerator) / part.denominator for part in pixel_offset[:2])
+    if pixel_offset.channel is not None:
+        from_bottom = rows - 1 - pixels[:, 0]
+        kind = _KINDS[display.cell_pattern](pixels[:, 1], from_bottom)
+        table = np.array(display.subpixel_cells, _REAL)[kind % len(display.subpixel_cells)]
+        right = right + table[:, 2 * pixel_offset.channel]
+        down = down - table[:, 2 * pixel_offset.channel + 1]
     pitch = _REAL(display.pixel_pitch_mm)
     x = (pixels[:, 1] - _REAL(columns - 1) / 2 + right) * pitch
     y = (_REAL(rows - 1) / 2 - pixels[:, 0] - down) * pitch
     return x, y
 
 
+# Kinds of pixels in reading order of a period of 4 x 4, the lowest row first.
+_PERIODS = {
+    "single": ("0000",) * 4,
+    "checkerboard": ("0101", "1010") * 2,
+    "columns": ("0101",) * 4,
+    "rows": ("0000", "1111") * 2,
+    "rows-of-4": ("0000", "1111", "2222", "3333"),
+    "staggered": ("0202", "1313", "2020", "3131"),
+}
+
+
+def _kind_in(period: tuple[str, ...]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    table = np.array([[int(kind) for kind in row] for row in period])
+    return lambda column, from_bottom: table[from_bottom % 4, column % 4]
+
+
+_KINDS = {name: _kind_in(period) for name, period in _PERIODS.items()}
+
+
 @lru_cache(maxsize=8)
-def _centres(display: Display, pitch_mm: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def all_centres(display: Display, pitch_mm: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Centres of cells with a pitch, mm to the right and up, and True for those with a lens."""
     columns = np.arange(-_MARGIN, display.lens_columns + _MARGIN)
     rows = np.arange(-_MARGIN, display.lens_rows + _MARGIN)
@@ -235,8 +310,8 @@ def _centres(display: Display, pitch_mm: float) -> tuple[np.ndarray, np.ndarray,
 
 def _nearest_centres(display: Display, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Nearest centre of an elemental image, and the additional distance of the second, mm."""
-    centre_x, centre_y, _ = _centres(display, display.elemental_image_pitch_mm)
-    x, y = _positions(display, pixels)
+    centre_x, centre_y, _ = all_centres(display, display.elemental_image_pitch_mm)
+    x, y = panel_places(display, pixels)
     nearest, margin = np.empty(len(pixels), int), np.empty(len(pixels), _REAL)
     for i in range(len(pixels)):
         distance = np.hypot(centre_x - x[i], centre_y - y[i])

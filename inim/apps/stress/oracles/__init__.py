@@ -1,0 +1,1 @@
+"""Oracles: definitions in other arithmetic and by other methods."""

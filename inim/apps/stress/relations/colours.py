@@ -1,0 +1,223 @@
+"""Colours: the sRGB curve, the colours of rays, and the fill of holes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from inim.apps.stress.oracles.colours import (
+    COLOURS,
+    code_from_linear,
+    expected_colours,
+    linear_from_code,
+)
+from inim.apps.stress.oracles.rays import chosen_pixels
+from inim.apps.stress.pictures import (
+    KINDS,
+    displays,
+    noise,
+    noise_pictures,
+    small_display,
+    solids_of,
+)
+from inim.apps.stress.relation import EPS32, Deviation, difference, excess, is_true, relation
+from inim.display import Display
+from inim.generators import HOLE, find_sources, generate, prepare
+from inim.generators.steps import RayGenerator
+from inim.image.color import (
+    linear_from_srgb,
+    srgb_from_linear,
+    srgb_slope,
+    srgb_to_uint8,
+    to_srgb,
+)
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
+
+_COVERS = "generators image.color image.rgbd display.pixels display.layouts"
+
+
+@relation(
+    "the sRGB curve", covers="image.color", limit=8, unit="ulp of float32 at 1",
+    source="roundings of float32 and of a power",
+)  # fmt: skip
+def _curve(_: str, effort: int) -> Iterator[Deviation]:
+    """Codes and linear light follow IEC 61966-2-1 in both directions, with its derivative."""
+    light = np.unique(np.concatenate([np.linspace(0, 1, 4001), np.geomspace(1e-7, 1, 500),
+                                      0.0031308 + np.linspace(-1e-5, 1e-5, 101)]))  # fmt: skip
+    light = light.astype(np.float32)
+    yield difference("codes", srgb_from_linear(light), code_from_linear(light.astype(float)), EPS32)
+    codes = np.concatenate([light, np.float32(0.04045) + np.linspace(-1e-5, 1e-5, 101)])
+    codes = codes.astype(np.float32)
+    expected = linear_from_code(codes.astype(float))
+    yield difference("light", linear_from_srgb(codes), expected, EPS32)
+    every = np.arange(256, dtype=np.uint8)
+    back = srgb_to_uint8(srgb_from_linear(linear_from_srgb(every / np.float32(255))))
+    yield difference("all codes", back, every)
+    yield difference(
+        "image of codes", to_srgb(linear_from_srgb(every[:, None] / 255)), every[:, None]
+    )
+    outside = np.array([-1.0, 2.0, np.inf], np.float32)
+    yield difference("clipped", srgb_from_linear(outside), [0, 1, 1])
+    halves = (np.arange(255) + np.array([[0.499], [0.501]])) / 255
+    rounded = np.stack([np.arange(255), np.arange(255) + 1]).astype(np.uint8)
+    yield difference("nearest code", srgb_to_uint8(halves), rounded)
+    smooth = np.array([1e-4, 0.002, 0.0032, 0.01, 0.2, 0.7, 1.0])
+    step = 1e-6 * smooth
+    slope = (code_from_linear(smooth + step) - code_from_linear(smooth - step)) / (2 * step)
+    yield difference("slope", srgb_slope(smooth), slope, EPS32 * 100)
+
+
+def _pictured(display: Display, seed: int, *, layered: bool) -> RGBD:
+    """Smooth hills with jumps and gaps, so that surfaces join; with layers or not."""
+    shape, pixel = display.capture_shape(2), display.capture_pixel_mm(2)
+    rgbd = noise(display, shape, pixel, seed, 0.9)
+    rows, columns = np.indices(shape)
+    low, high = display.depth_range_mm
+    wave = 0.5 + 0.2 * np.sin(columns / 3 + seed) + 0.2 * np.cos(rows / 4)
+    # Noise in one half, where few neighbours are on one surface.
+    wave = np.where(
+        columns < shape[1] // 2, wave, 0.3 * wave + 0.6 * (rgbd.depth_mm - low) / (high - low)
+    )
+    hills = RGBD(rgbd.color, (low + (high - low) * wave).astype(np.float32), rgbd.covered, pixel)
+    return solids_of(hills, display) if layered else hills
+
+
+def _as_codes(rgbd: RGBD) -> RGBD:
+    """The picture with random sRGB codes and alphas instead of its colours."""
+    random = np.random.default_rng(rgbd.depth_mm.size)
+
+    def codes() -> np.ndarray:
+        return random.integers(0, 256, (*rgbd.shape, 4), np.uint8)
+
+    if not isinstance(rgbd, LayeredRGBD):
+        return RGBD(codes(), rgbd.depth_mm, rgbd.covered, rgbd.pixel_mm)
+    deeper = tuple(Layer(codes(), *(getattr(layer, n) for n in ("front_mm", "back_mm", "covered")))
+                   for layer in rgbd.deeper)  # fmt: skip
+    return replace(rgbd, color=codes(), deeper=deeper)
+
+
+@relation(
+    "colours of rays", covers=_COVERS, limit=1, unit="1e-5 of white, or 8-bit codes",
+    source="docs/theory/templates.md; light in 1/16383 and float32",
+)  # fmt: skip
+def _rays(_: str, effort: int) -> Iterator[Deviation]:
+    """Nearest, interpolated and averaged colours are those of plain loops, in both types."""
+    turn = 0
+    for seed, (name, display) in enumerate(displays()):
+        pixels = chosen_pixels(display, 6 + 4 * effort)
+        mask = np.zeros(display.eia_shape, bool)
+        mask[tuple(pixels.T)] = True
+        for algorithm in ("template", "layered"):
+            for colour in (*COLOURS, "nearest"):
+                for samples in (1, 2, 4):
+                    turn += 1
+                    if turn % (23 if effort == 1 else 5):
+                        continue
+                    plain = _pictured(display, seed, layered=algorithm == "layered")
+                    rgbd = plain if turn % 4 else _as_codes(plain)
+                    spec = f"{algorithm}:samples={samples}:colour={colour}:fill=none"
+                    yield from _against_oracle(f"{name}, {spec}", spec, display, rgbd, pixels, mask)
+
+
+def _against_oracle(
+    case: str, spec: str, display: Display, rgbd: RGBD, pixels: np.ndarray, mask: np.ndarray
+) -> Iterator[Deviation]:
+    words = dict(word.split("=") for word in spec.split(":")[1:])
+    size = {"shape": rgbd.shape, "pixel_mm": rgbd.pixel_mm}
+    generator = prepare(display, spec, **size)
+    assert isinstance(generator, RayGenerator)
+    expected = expected_colours(generator, rgbd, pixels, words["colour"], int(words["samples"]))
+    whole = generator.generate(rgbd)
+    eia = whole[tuple(pixels.T)]
+    if rgbd.color.dtype == np.uint8:
+        expected[:, :3] = code_from_linear(np.minimum(expected[:, :3], 1))
+        yield difference(case, eia, 255 * expected)
+    else:
+        yield difference(case, eia, expected, 1e-5 * np.maximum(expected, 0.05))
+    masked = prepare(display, spec, **size, mask=mask).generate(rgbd)
+    yield is_true(f"{case}: masked", masked == whole * mask[..., None], masked.size)
+
+
+@relation(
+    "light is linear", covers=_COVERS, limit=1, unit="1e-5 of white", source="float32",
+)  # fmt: skip
+def _linear(_: str, effort: int) -> Iterator[Deviation]:
+    """Constants stay constant, powers of two scale bits, channels can change places."""
+    for display, rgbd in noise_pictures():
+        for spec in ("template:fill=none", "layered:fill=none", "gu2020:samples=4",
+                     "template:colour=averaged:fill=none"):  # fmt: skip
+            hits = prepare(display, spec, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm)
+            whole = hits.generate(rgbd)
+            double = hits.generate(replace(rgbd, color=rgbd.color * np.float32(0.25)))
+            yield difference(f"{spec}: a quarter", double, whole * np.float32(0.25), 1e-6)
+            turned = hits.generate(replace(rgbd, color=rgbd.color[..., ::-1]))
+            yield difference(f"{spec}: channels", turned, whole[..., ::-1], 1e-30)
+            white = hits.generate(replace(rgbd, color=np.ones_like(rgbd.color)))
+            assert isinstance(hits, RayGenerator)
+            hit_share = np.mean([s >= 0 for _, s in hits.sources_of_rays(rgbd)], axis=0)
+            yield difference(f"{spec}: white", white, hit_share[..., None] + 0 * white, 1e-5)
+
+
+def _two_planes(display: Display) -> RGBD:
+    """A near plate before a far wall that covers all of the array and no more."""
+    shape = display.lens_rows * 4, display.lens_columns * 4
+    low, high = display.depth_range_mm
+    depth = np.full(shape, low + 0.05 * (high - low), np.float32)
+    color = np.full((*shape, 3), (0.1, 0.6, 0.2), np.float32)
+    near = np.s_[shape[0] // 3 : shape[0] // 2, shape[1] // 4 : shape[1] // 2]
+    depth[near], color[near] = high, (0.9, 0.1, 0.1)
+    return RGBD(color, depth, np.ones(shape, bool), display.pitch_mm / 4)
+
+
+@relation(
+    "filled holes", covers="generators", limit=1, unit="1e-5 of white", source="float32",
+)  # fmt: skip
+def _filled(_: str, effort: int) -> Iterator[Deviation]:
+    """Holes beside a plate show the wall behind it, and the picture's edge is continued."""
+    for number, changes in enumerate(({}, {"pixel_pitch_mm": 0.0636},
+                                      {"elemental_pitch_mm": 1.013, "shift_x_mm": 0.2},
+                                      {"pitch_y_mm": 1.25})):  # fmt: skip
+        display = small_display(
+            lens_columns=16, lens_rows=15, depth_min_mm=10.0, depth_max_mm=40.0,
+            **{"pixel_pitch_mm": 0.125, **changes},
+        )  # fmt: skip
+        rgbd = _two_planes(display)
+        edge = ((20, 20), (20, 20))
+        parts = (rgbd.color, rgbd.depth_mm, rgbd.covered)
+        padded = (np.pad(v, (*edge, (0, 0))[: v.ndim], mode="edge") for v in parts)
+        wide = RGBD(*padded, rgbd.pixel_mm)
+        for samples in (1, 4):
+            spec = f"template:samples={samples}:colour=nearest"
+            filled = generate(rgbd, display, f"{spec}:fill=hidden")
+            again = generate(wide, display, f"{spec}:fill=hidden")
+            yield difference(f"{number}, {samples}: larger", filled, again, 1e-5)
+            lit = filled[display.lensed]
+            # Two colours only, and mixtures of both.
+            share = (lit[:, 0] - 0.1) / 0.8
+            mixed = np.stack([0.1 + 0.8 * share, 0.6 - 0.5 * share, 0.2 - 0.1 * share], axis=-1)
+            yield difference(f"{number}, {samples}: no black", lit, mixed, 1e-5)
+            yield is_true("dark beside lenses", not filled[~display.lensed].any())
+            sources = find_sources(rgbd, display, f"{spec}:columns=solid")
+            outside = (sources == HOLE) & display.lensed
+            yield difference(f"{number}: beyond the edge", filled[outside],
+                             np.broadcast_to(np.float32((0.1, 0.6, 0.2)), filled[outside].shape),
+                             1e-5 if samples == 1 else 1.0)  # fmt: skip
+        opaque = np.full((*rgbd.shape, 1), 255, np.uint8)
+        codes = replace(rgbd, color=np.concatenate([to_srgb(rgbd.color), opaque], axis=-1))
+        filled = generate(codes, display, "template:samples=1:colour=nearest:fill=hidden")
+        light = generate(rgbd, display, "template:samples=1:colour=nearest:fill=hidden")
+        there = display.lensed
+        far = np.abs(filled[there][:, :3].astype(float) - to_srgb(light)[there].astype(float))
+        yield excess(f"{number}: codes", far, 1.0)
+        yield is_true(f"{number}: opaque", filled[there][:, 3] == 255)
+    uncovered = replace(rgbd, covered=np.zeros(rgbd.shape, bool))
+    yield is_true("nothing to fill", not generate(uncovered, display, "template:fill=all").any())
+    background = small_display(**KINDS["real"], lens_columns=9, lens_rows=9)
+    scene = noise(background, background.capture_shape(2), 0.5, 3, covered=0.4)
+    for fill in ("auto", "none", "hidden"):
+        eia = generate(scene, background, f"template:colour=nearest:fill={fill}")
+        unfilled = generate(scene, background, "template:colour=nearest:fill=none")
+        if fill != "hidden":
+            yield difference(f"relics keep holes: {fill}", eia, unfilled, 1e-5)
