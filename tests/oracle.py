@@ -1,15 +1,10 @@
-"""Two independent oracles of the source map: the picture pixel that each panel pixel shows.
+"""Oracle of the source map in rational numbers: the picture pixel that each panel pixel shows.
 
-Both are written from the definition of the `template` generator. They share neither code nor method
-with it: they do not follow a ray step by step.
-
-* `exact_sources` uses rational numbers. Nothing is rounded, and the definition decides ties. Each
-  axis is divided into runs: the depths that a ray spends in one column, or in one row. The cells of
-  a ray are the intersections of its column runs and its row runs. This oracle checks
-  `inim.generators.oracle`, which scores users' algorithms; it is written separately and by another
-  method, including `exact_length` and the rays.
-* `float_sources` applies the float64 oracle of the stress run, `inim.apps.stress.oracles`, to whole
-  panels, for large displays and lengths without ties.
+It is written from the definition of the `template` generator, and shares neither code nor method
+with it. Nothing is rounded, and the definition decides ties. Each axis is divided into runs: the
+depths that a ray spends in one column, or in one row. The cells of a ray are the intersections of
+its column runs and its row runs. It checks `inim.generators.oracle`, which scores users'
+algorithms; it is written separately and by another method, including `exact_length` and the rays.
 
 Lengths: a panel pitch of ``1 / 17`` or ``0.0636`` means that number, not the binary fraction next
 to it. `exact_length` finds the simplest fraction that rounds to the float, `length_of` the simplest
@@ -29,8 +24,6 @@ from functools import partial
 
 import numpy as np
 
-from inim.apps.stress.oracles.generators import first_hits
-from inim.apps.stress.oracles.rays import rays_over
 from inim.display import Display
 from inim.image.rgbd import RGBD, LayeredRGBD
 

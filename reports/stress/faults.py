@@ -6,8 +6,6 @@ import it. It stops at the first that fails. Results of unchanged faults, relati
 kept in ``out/stress/faults.json``.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import json

@@ -5,8 +5,6 @@ over the numerical modules by size; half of them matter in rare cases only: hexa
 tilted or lenticular arrays, sub-pixels, virtual images, masks, RGBA, layers.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 

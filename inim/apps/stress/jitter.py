@@ -5,8 +5,6 @@ to a slightly different question differs. `measure_jitter` measures the share of
 depends on the last digits of its depth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -5,8 +5,6 @@ multiples of a unit, and holds if none exceeds the limit. Quick and full runs di
 the effort, that decides the number and the size of the cases.
 """
 
-from __future__ import annotations
-
 import importlib
 import time
 from collections.abc import Callable, Iterator, Sequence

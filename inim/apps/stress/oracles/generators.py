@@ -10,8 +10,6 @@ type. For the first hits of `template` and `layered`, `with_rational_ties` decid
 `inim.generators.oracle`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

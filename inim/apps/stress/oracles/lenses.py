@@ -7,8 +7,6 @@ form. `numpy.longdouble` has a mantissa of 64 bits on x86 processors and may be 
 on others. The report lists its width.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Colours: the sRGB curve, the colours of rays, and the fill of holes."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Displays, layouts, pixels and viewpoints, against closed forms and brute force."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from fractions import Fraction
@@ -146,7 +144,7 @@ def _lengths(_: str, effort: int) -> Iterator[Deviation]:
     for number in range(20 * effort):
         pitch, f, gap, pixel = (
             Fraction(int(random.integers(*ends)), 1000)
-            for ends in ((900, 6000), (2000, 6000), (1500, 60000 if number % 2 else 7000), (30, 300))
+            for ends in ((900, 6000), (2000, 6000), (1500, (7000, 60000)[number % 2]), (30, 300))
         )
         columns, rows = (int(n) for n in random.integers(1, 90, 2))
         if f == gap:

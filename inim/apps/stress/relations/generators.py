@@ -5,8 +5,6 @@ The algorithm itself determines these pixels: they change if lengths and depths 
 ten-millionth (`within_rounding`). Deviations count the other pixels.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, partial

@@ -4,8 +4,6 @@ The oracle traces the same optics by other methods in 64-bit mantissas. It also 
 sensitivity of each landing point to the ray's own digits, so that the limits hold for grazing rays.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import fields

@@ -1,7 +1,5 @@
 """Pictures: layers with sides, merged cameras, warped views, and images with noise."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from typing import Any

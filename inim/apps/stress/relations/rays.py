@@ -1,7 +1,5 @@
 """Rays of the renderer: pickup, capture and eye, and the points of pixels at which they start."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any

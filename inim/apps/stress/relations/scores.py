@@ -1,7 +1,5 @@
 """Scores against their definitions in float64, closed forms and invariances."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Statistics of scores and images against closed forms, loops, and simulated noise."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

@@ -1,7 +1,5 @@
 """Views of the renderer, and its ground truth of a scene in closed form."""
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
