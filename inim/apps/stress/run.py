@@ -5,6 +5,8 @@ arithmetic, `jitter` the effect of small depth errors, which is measured only. `
 `inim stress`.
 """
 
+from __future__ import annotations
+
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
