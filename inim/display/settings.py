@@ -97,16 +97,18 @@ class Settings(_Stated):
     view_pixels_per_lens: Annotated[int, Values(low=1)] = 4
     #: RGB-D pixels per lens pitch (lenticulars: 3); P / P_I is the resolution of the paper
     capture_pixels_per_pitch: Annotated[int | float, Values(low=1)] = 5
-    #: samples per RGB-D pixel (lenticulars: 16)
-    capture_spp: Annotated[int, Values(low=1, high=_MOST_SAMPLES)] = 64
-    #: samples per ground-truth EIA pixel, both passes (lenticulars: 8)
-    eia_spp: Annotated[int, Values(low=2, high=_MOST_SAMPLES)] = 32
-    #: samples per ground-truth view pixel, both passes
-    view_spp: Annotated[int, Values(low=2, high=_MOST_SAMPLES)] = 64
+    #: samples per RGB-D pixel (as many as the scores need, 16 to 256; lenticulars: 8 to 64)
+    capture_spp: Annotated[int, Values(low=1, high=_MOST_SAMPLES)] | None = None
+    #: samples per ground-truth EIA pixel (as many as the scores need, 8 to 128; lenticulars: 8 to
+    #: 32)
+    eia_spp: Annotated[int, Values(low=2, high=_MOST_SAMPLES)] | None = None
+    #: samples per ground-truth view pixel (as many as the scores need, 16 to 256)
+    view_spp: Annotated[int, Values(low=2, high=_MOST_SAMPLES)] | None = None
     #: samples per reconstructed view pixel
     reconstruction_spp: Annotated[int, Values(low=1, high=_MOST_SAMPLES)] = 64
-    #: stop sampling when every SSIM has this precision, such as 0.01; 0: use all samples
-    score_error: Annotated[float, Values(low=0, high=1)] = 0.0
+    #: sample until the interval of each headline score is within plus or minus this error; 0: a
+    #: quarter of the most samples
+    score_error: Annotated[float, Values(low=0, high=1)] = 0.01
     seed: Annotated[int, Values(low=0)] = 0  #: random seed of the ground truth
     #: names of finished EIAs that were computed from the ground-truth EIA and share its noise,
     #: separated by commas
@@ -173,6 +175,12 @@ class Settings(_Stated):
         """
         defaults = display.layout.default_settings.items()
         values: dict[str, Any] = {k: v for k, v in defaults if k not in explicit}
+        return replace(self, **values)
+
+    def with_samples(self, display: Display) -> Settings:
+        """A copy in which every number of samples is stated (`Layout.usual_samples`)."""
+        usual = display.layout.usual_samples.items()
+        values: dict[str, Any] = {k: v for k, v in usual if getattr(self, k) is None}
         return replace(self, **values)
 
     def ssim_limits(self, algorithms: tuple[str, ...], source: str) -> dict[str, float]:

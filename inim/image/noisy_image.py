@@ -21,6 +21,15 @@ def split_samples(spp: int) -> tuple[int, int]:
     return (REPLICATES, -(-spp // REPLICATES)) if spp >= REPLICATES else (2, max(1, spp // 2))
 
 
+def merged_mean(mean: np.ndarray, other: np.ndarray, share: float | np.ndarray) -> np.ndarray:
+    """Mean of all samples from the means of two sets.
+
+    `share` is the other set's share of the samples, for all pixels or (rows, columns, 1).
+    """
+    merged: np.ndarray = mean + np.float32(share) * (other - mean)
+    return merged
+
+
 def pseudo_values(whole: np.ndarray, without_each: Iterable[np.ndarray]) -> np.ndarray:
     """Jackknife pseudo-values of a function of K independent images, (K, ...).
 
@@ -134,6 +143,19 @@ class NoisyImage:
             return image, noise[rows]
         return image + noise[rows], image - noise[rows]
 
+    def merged(self, other: NoisyImage, share: float | np.ndarray) -> NoisyImage:
+        """The image of all samples of two rendered images; see `merged_mean`."""
+        first, second = (
+            None if a is None or b is None else merged_mean(a, b, share)
+            for a, b in zip(self.arrays, other.arrays, strict=True)
+        )
+        assert first is not None
+        replicates = None
+        if self.replicates is not None and other.replicates is not None:
+            replicates = merged_mean(self.replicates, other.replicates, share)
+        nonfinite = self.nonfinite + other.nonfinite
+        return replace(self, arrays=(first, second), nonfinite=nonfinite, replicates=replicates)
+
     def replace_nonfinite(self) -> NoisyImage:
         """The same with black pixels where a stored half, or the image, is not finite."""
         if self.replicates is not None:
@@ -157,6 +179,14 @@ class NoisyEIA(NoisyImage):
     #: (K, pixels, 3) float32, linear RGB, K as of `replicates`: the observed panel pixels in
     #: reading order. None if unknown.
     observed: np.ndarray | None = None
+
+    def merged(self, other: NoisyImage, share: float | np.ndarray) -> NoisyEIA:
+        """See `NoisyImage`; where pixels are observed, the share is the largest."""
+        assert isinstance(other, NoisyEIA)
+        eia, observed = super().merged(other, share), None
+        if self.observed is not None and other.observed is not None:
+            observed = merged_mean(self.observed, other.observed, float(np.max(share)))
+        return NoisyEIA(eia.arrays, eia.stores_halves, eia.nonfinite, observed=observed)
 
     def replace_nonfinite(self) -> NoisyEIA:
         """The same with black pixels where an array or a replicate is not finite."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from inim.display import Display
 from inim.image.files.image import write_png
-from inim.pipeline.adaptive_sampling import Evaluation
+from inim.pipeline.evaluation import Evaluation
 from inim.pipeline.plan import Plan, inputs_of
 from inim.pipeline.stages.generation import ReferenceOutput
 from inim.pipeline.stages.scoring import Statistics

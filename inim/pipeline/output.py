@@ -16,8 +16,8 @@ from inim.display import Display
 from inim.generators.accuracy_limits import accuracy_warnings, lenses_beside_panel
 from inim.image.files.image import write_exr, write_png, write_rgbd
 from inim.image.rgbd import RGBD, LayeredRGBD
-from inim.pipeline.adaptive_sampling import Evaluation
 from inim.pipeline.baseline import BaselineComparison
+from inim.pipeline.evaluation import Evaluation
 from inim.pipeline.stages.capture import Capture
 from inim.pipeline.stages.doubts import find_doubts
 from inim.pipeline.stages.ground_truth import GroundTruth

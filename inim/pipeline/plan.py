@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -78,7 +79,8 @@ class Plan:
     `display` is the display as designed, which generators use; `misaligned_display` is for ground
     truth and views. `ssim_limits` are the smallest SSIM to the reference that pass, by method.
     `images_bytes` is the peak memory of the run's images, and `rays_in_flight` the number of rays
-    that the renderer may trace at once in the remaining memory.
+    that the renderer may trace at once in the remaining memory. `by_need` are the numbers of
+    samples that scores decide, by setting.
     """
 
     request: Request
@@ -93,6 +95,12 @@ class Plan:
     rays_in_flight: int
     baseline: RunStatistics | None = None
     plugins: tuple[PluginModule, ...] = ()
+    by_need: tuple[str, ...] = ()
+
+    @property
+    def samples(self) -> dict[str, int]:
+        """Samples per pixel by setting; the usual number of those `by_need`."""
+        return {name: getattr(self.settings, name) for name in self.display.layout.usual_samples}
 
     @property
     def definitions(self) -> dict[str, str]:
@@ -171,7 +179,8 @@ class Plan:
         """Depth camera in front of the scene, which the renderer opens on first use."""
         s = self.settings
         scene = Scene(self.scene_file, self.display, s.fit_share, renderer, s.turn_deg)
-        return DepthCamera(scene, s.capture_pixels_per_pitch, s.capture_spp, s.seed)
+        rounds = (self.samples["capture_spp"],)
+        return DepthCamera(scene, s.capture_pixels_per_pitch, rounds, s.seed)
 
     @property
     def optics(self) -> Optics:
@@ -235,6 +244,9 @@ def make_plan(request: Request, *, of_scene: bool = False) -> Plan:
     shape = display.capture_shape(settings.capture_pixels_per_pitch)
     if isinstance(file, PictureFile):
         shape = file.rgbd.shape
+    usual = display.layout.usual_samples
+    by_need = tuple(name for name in usual if getattr(settings, name) is None)
+    settings = settings.with_samples(display)
     memory = _plan_memory(display, settings, shape, len(viewpoints), methods)
     for method in methods:
         method.check()
@@ -250,10 +262,20 @@ def make_plan(request: Request, *, of_scene: bool = False) -> Plan:
         limits,
         *memory,
         plugins=plugins,
+        by_need=() if isinstance(file, PictureFile) else by_need,
     )
-    if request.baseline is not None:
-        plan = replace(plan, baseline=read_statistics(request.baseline, BASELINE))
-    return plan
+    return plan if request.baseline is None else _with_baseline(plan, request.baseline)
+
+
+def _with_baseline(plan: Plan, path: Path) -> Plan:
+    """Return the plan with its baseline, and as many samples as the baseline if scores decide.
+
+    Raises `BaselineError` if the baseline is missing or damaged.
+    """
+    baseline = read_statistics(path, BASELINE)
+    counts = {name: getattr(baseline.circumstances, name) for name in plan.by_need}
+    settings = replace(plan.settings, **counts)
+    return replace(plan, settings=settings, baseline=baseline, by_need=())
 
 
 def _check_without_scene(request: Request, settings: Settings, algorithms: Sequence[str]) -> None:
@@ -318,7 +340,7 @@ def _plan_memory(
     from inim.system.process.machine import memory_limit_bytes
 
     optimised = sum(views + m.zone**2 for m in methods if isinstance(m, OptimalMethod))
-    counts = settings.capture_spp, settings.eia_spp, settings.view_spp
+    counts = (getattr(settings, name) for name in display.layout.usual_samples)
     parts_bytes = max(split_samples(spp)[0] for spp in counts) * _COLOUR_BYTES
     # Ground truth, reference and the current method, each with image and noise.
     stored_views = 3 * (parts_bytes + 2 * _COLOUR_BYTES) + len(methods) * _COLOUR_BYTES

@@ -20,7 +20,6 @@ PREVIEW: dict[str, Any] = {
     "inim.capture_spp": 32,
     "inim.eia_spp": 8,
     "inim.view_spp": 16,
-    "inim.reconstruction_spp": 16,
     "inim.score_error": 0.0,
     "inim.min_ssim_to_reference": "",
 }

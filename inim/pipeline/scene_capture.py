@@ -94,9 +94,9 @@ def run_job(request: CaptureRequest, staging: Path, observer: Observer) -> bool:
     settings = request.settings
     renderer = Renderer("auto", observer)
     scene = Scene(request.file, request.display, settings.fit_share, renderer, settings.turn_deg)
-    camera = DepthCamera(
-        scene, settings.capture_pixels_per_pitch, settings.capture_spp, settings.seed
-    )
+    spp = settings.with_samples(request.display).capture_spp
+    assert spp is not None
+    camera = DepthCamera(scene, settings.capture_pixels_per_pitch, (spp,), settings.seed)
     capture = capture_nonempty(camera, {request.input}, run=Run(observer=observer))
     write_rgbd(staging / _PICTURE, capture.inputs[request.input].rgbd)
     return True

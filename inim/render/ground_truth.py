@@ -52,19 +52,20 @@ def capture_parts(
     pixels_per_pitch: float,
     spp: int,
     seed: int,
+    first: int = 0,
     slopes: tuple[float, float] = (0.0, 0.0),
     skip: bool = True,
     observer: Observer | None = None,
 ) -> tuple[RGBD, ...]:
     """Capture independent parts of the samples (`split_samples`), as `capture`, of equal depth.
 
-    `skip`: see `pickup`; `slopes`: see `capture_rays`.
+    `first`, `skip`: see `pickup`; `slopes`: see `capture_rays`.
     """
     rays = capture_rays(display, pixels_per_pitch, fitted.start_mm, slopes)
     mask = fitted.bounds.visible_pixels(rays) if skip else None
-    color, *colors = _render_parts(fitted, rays, spp, seed, mask, observer)
-    first = _add_depth(fitted, rays, color, observer, mask)
-    return first, *(replace(first, color=color) for color in colors)
+    color, *colors = _render_parts(fitted, rays, spp, seed, first, mask, observer)
+    rgbd = _add_depth(fitted, rays, color, observer, mask)
+    return rgbd, *(replace(rgbd, color=color) for color in colors)
 
 
 def _add_depth(
@@ -101,22 +102,31 @@ def capture_layers(
     *,
     spp: int,
     seed: int,
+    first: int = 0,
     observer: Observer | None = None,
 ) -> LayeredRGBD:
     """Colour all layers of a peeled scene (`inim.render.depth_peeling`) with `spp` samples each.
+
+    `first`: see `inim.render.trace.mean_light`.
 
     Depth and coverage of the front are those of `capture`; its colour is not mixed with its
     surroundings. Sides have their own layers (`inim.image.sides`).
     """
     sides = peeled.sides
-    colors = _layer_colours(fitted, peeled, spp, seed, observer)
-    light, has_samples = _side_colours(fitted, peeled, spp, seed, observer)
+    samples = spp, seed, first, observer
+    colors = _layer_colours(fitted, peeled, *samples)
+    light, has_samples = _side_colours(fitted, peeled, *samples)
     solids = peeled.front_mm, peeled.back_mm, colors
     return with_sides(solids, sides, light, has_samples, peeled.pixel_mm)
 
 
 def _layer_colours(
-    fitted: FittedScene, peeled: PeeledLayers, spp: int, seed: int, observer: Observer | None
+    fitted: FittedScene,
+    peeled: PeeledLayers,
+    spp: int,
+    seed: int,
+    first: int,
+    observer: Observer | None,
 ) -> np.ndarray:
     """Light of each layer towards the viewer, with the layers in front removed.
 
@@ -132,12 +142,17 @@ def _layer_colours(
             continue
         light, shape = _layer_light(fitted, peeled, layer), (int(np.count_nonzero(covered)),)
         layer_seed = int(np.random.SeedSequence((seed, layer)).generate_state(1)[0])
-        colours[layer][covered] = mean_light(light, shape, spp, layer_seed, observer=observer)
+        colours[layer][covered] = mean_light(light, shape, spp, layer_seed, None, observer, first)
     return colours
 
 
 def _side_colours(
-    fitted: FittedScene, peeled: PeeledLayers, spp: int, seed: int, observer: Observer | None
+    fitted: FittedScene,
+    peeled: PeeledLayers,
+    spp: int,
+    seed: int,
+    first: int,
+    observer: Observer | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Light of each piece of a side, (pieces, 3) float32, and whether it has any sample.
 
@@ -153,7 +168,7 @@ def _side_colours(
     side_seed = int(np.random.SeedSequence((seed, MOST_LAYERS)).generate_state(1)[0])
     for seen_only, sums in ((False, color), (True, weight)):
         light = _side_light(fitted, peeled.rays, sides, seen_only)
-        mean = mean_light(light, piece.shape, spp, side_seed, observer=observer)
+        mean = mean_light(light, piece.shape, spp, side_seed, None, observer, first)
         np.add.at(sums, piece, mean * share[:, None])
     return np.divide(color, weight, out=color, where=weight > 0), weight[:, 0] > 0
 
@@ -261,6 +276,7 @@ def pickup(
     *,
     spp: int,
     seed: int,
+    first: int = 0,
     skip: bool = True,
     mask: np.ndarray | None = None,
     observed: np.ndarray | None = None,
@@ -271,6 +287,8 @@ def pickup(
     Samples cover the emitting area of the pixel. With sub-pixels, each colour has a separate pickup
     with `spp` samples. Panel pixels outside the array have no lens and are black.
 
+    * `first`: number of samples per pixel that earlier calls have taken, a multiple of
+      `REPLICATES`; the mean over all calls is the image of all samples.
     * `skip`: trace only pixels that can be non-black (`inim.render.culling`): the same bits.
     * `mask`, (rows, columns) bool: panel pixels to trace; the others stay black. It does not change
       the traced pixels.
@@ -283,19 +301,19 @@ def pickup(
     for place in dict.fromkeys(places):
         rays = pickup_rays(display, fitted.start_mm, place)
         visible = mask & fitted.bounds.visible_pixels(rays) if skip else mask
-        pickups[place] = _render_panel(fitted, rays, spp, seed, visible, observed, observer)
+        pickups[place] = _render_panel(fitted, rays, spp, seed, first, visible, observed, observer)
     if len(pickups) == 1:
-        (first, second), replicates = pickups[places[0]]
-        return NoisyEIA((first, second), stores_halves=True, observed=replicates)
+        halves, replicates = pickups[places[0]]
+        return NoisyEIA(halves, stores_halves=True, observed=replicates)
     # Red of the first colour's pickup, green of the second's, blue of the third's.
     channels = [pickups[place] for place in places]
-    first, second = (
-        np.stack([halves[half][..., c] for c, (halves, _) in enumerate(channels)], axis=-1)
+    first_half, second_half = (
+        np.stack([images[half][..., c] for c, (images, _) in enumerate(channels)], axis=-1)
         for half in (0, 1)
     )
     of_observed = [parts[..., c] for c, (_, parts) in enumerate(channels) if parts is not None]
     replicates = np.stack(of_observed, axis=-1) if of_observed else None
-    return NoisyEIA((first, second), stores_halves=True, observed=replicates)
+    return NoisyEIA((first_half, second_half), stores_halves=True, observed=replicates)
 
 
 def _render_panel(
@@ -303,6 +321,7 @@ def _render_panel(
     rays: SeparableRays | NonSeparableRays,
     spp: int,
     seed: int,
+    first: int,
     mask: np.ndarray,
     observed: np.ndarray | None,
     observer: Observer | None,
@@ -317,18 +336,22 @@ def _render_panel(
     if observed is None or count < REPLICATES:
         observed = np.zeros(camera.shape, bool)
 
-    def render(part: int, spp: int, pixels: np.ndarray) -> np.ndarray:
+    def render(part: int, size: int, pixels: np.ndarray) -> np.ndarray:
         part_seed = REPLICATES * seed + part
-        return mean_light(light, camera.shape, spp, part_seed, mask & pixels, observer)
+        return mean_light(
+            light, camera.shape, size * part_spp, part_seed, mask & pixels, observer,
+            size * first // count,
+        )  # fmt: skip
 
-    # Pixels that are traced together with observed ones have replicates as well.
-    has_replicates = whole_packets(observed.ravel(), part_spp).reshape(camera.shape)
-    halves = [render(half, in_half * part_spp, ~has_replicates) for half in (0, 1)]
+    # Pixels that may be traced together with observed ones have replicates as well: the same
+    # pixels for any number of samples.
+    has_replicates = whole_packets(observed.ravel()).reshape(camera.shape)
+    halves = [render(half, in_half, ~has_replicates) for half in (0, 1)]
     if not observed.any():
         return (halves[0], halves[1]), None
     replicates = np.empty((count, np.count_nonzero(observed), 3), np.float32)
     for part in range(count):
-        image = render(part, part_spp, has_replicates)
+        image = render(part, 1, has_replicates)
         replicates[part] = image[observed]
         image /= in_half
         halves[part // in_half] += image
@@ -343,16 +366,17 @@ def true_view(
     pixels_per_lens: int | tuple[float, float],
     spp: int,
     seed: int,
+    first: int = 0,
     skip: bool = True,
     observer: Observer | None = None,
 ) -> tuple[NoisyImage, np.ndarray]:
     """The scene itself from an eye, through the window of the array; and where the relic is.
 
-    `skip`: see `pickup`; `pixels_per_lens`: see `eye_rays`.
+    `first`, `skip`: see `pickup`; `pixels_per_lens`: see `eye_rays`.
     """
     rays = eye_rays(display, viewpoint, pixels_per_lens, fitted.start_mm)
     mask = fitted.bounds.visible_pixels(rays) if skip else None
-    parts = np.stack([*_render_parts(fitted, rays, spp, seed, mask, observer)])
+    parts = np.stack([*_render_parts(fitted, rays, spp, seed, first, mask, observer)])
     camera, truth = fitted.camera(rays), NoisyImage.from_parts(parts)
     return truth, first_surface(fitted.scene, fitted.integrator, camera, observer, mask)[0]
 
@@ -362,11 +386,13 @@ def _render_parts(
     rays: SeparableRays | NonSeparableRays,
     spp: int,
     seed: int,
+    first: int,
     mask: np.ndarray | None,
     observer: Observer | None,
 ) -> Iterator[np.ndarray]:
-    """Render independent parts of the samples (`split_samples`)."""
+    """Render independent parts of the samples (`split_samples`); `first`: see `pickup`."""
     camera, (count, part_spp) = fitted.camera(rays), split_samples(spp)
     light = scene_light(fitted.scene, fitted.integrator, camera)
     for part in range(count):
-        yield mean_light(light, camera.shape, part_spp, REPLICATES * seed + part, mask, observer)
+        part_seed = REPLICATES * seed + part
+        yield mean_light(light, camera.shape, part_spp, part_seed, mask, observer, first // count)

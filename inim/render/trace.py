@@ -196,11 +196,14 @@ def mean_light(
     seed: int,
     mask: np.ndarray | None = None,
     observer: Observer | None = None,
+    first: int = 0,
 ) -> np.ndarray:
     """Mean light of each pixel over its area, a box filter.
 
     Not-a-number samples are kept: the caller counts them.
 
+    * `spp`, `first`: number of samples per pixel, and number of samples of the pixel's sequence
+      that precede them.
     * `mask`, (*shape) bool: pixels to trace; the others stay black. Those in a packet with a traced
       pixel need time, all others need none.
 
@@ -209,12 +212,12 @@ def mean_light(
     started, traced = time.perf_counter(), 0
     count = math.prod(shape)
     image = np.zeros((count, 3), np.float32)
-    for first in range(0, count, _PIXELS_PER_BAND):
-        pixels = np.arange(first, min(first + _PIXELS_PER_BAND, count))
+    for start in range(0, count, _PIXELS_PER_BAND):
+        pixels = np.arange(start, min(start + _PIXELS_PER_BAND, count))
         is_wanted = np.ones(len(pixels), bool) if mask is None else mask.reshape(-1)[pixels]
         in_packets = whole_packets(is_wanted, spp)
         pixels, is_wanted = pixels[in_packets], is_wanted[in_packets]
-        image[pixels[is_wanted]] = _sums(light, pixels, spp, seed)[is_wanted] / spp
+        image[pixels[is_wanted]] = _sums(light, pixels, spp, seed, first)[is_wanted] / spp
         traced += len(pixels) * spp
     if observer and traced:
         observer.record_rendering(time.perf_counter() - started, traced)
@@ -228,16 +231,16 @@ def whole_packets(is_wanted: np.ndarray, spp: int = 1) -> np.ndarray:
     return np.repeat(groups, size)[: len(is_wanted)]
 
 
-def _sums(light: Light, pixels: np.ndarray, spp: int, seed: int) -> np.ndarray:
-    """Sums of the light of all samples of pixels, (n, 3) float64, in passes."""
+def _sums(light: Light, pixels: np.ndarray, spp: int, seed: int, first: int) -> np.ndarray:
+    """Sums of the light of `spp` samples of pixels, (n, 3) float64, in passes."""
     total = np.zeros((len(pixels), 3))
     samples_per_pass = min(spp, _RAYS_PER_PASS // _PACKET)
     pixels_per_pass = _RAYS_PER_PASS // samples_per_pass // _PACKET * _PACKET
     for start in range(0, len(pixels), pixels_per_pass):
         part = slice(start, start + pixels_per_pass)
-        for first in range(0, spp, samples_per_pass):
-            samples = min(samples_per_pass, spp - first)
-            color = trace_samples(light, pixels[part], first, samples, seed)
+        for offset in range(0, spp, samples_per_pass):
+            samples = min(samples_per_pass, spp - offset)
+            color = trace_samples(light, pixels[part], first + offset, samples, seed)
             # Summing outside the kernel keeps the count out of it: no compilation per setting.
             total[part] += np.stack([np.asarray(dr.block_sum(c, samples)) for c in color], -1)
     return total

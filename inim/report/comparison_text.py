@@ -93,7 +93,7 @@ def accept_command(out: Path) -> str:
 
 
 def accepted_lines(out: Path) -> list[str]:
-    """What a report changes relative to the baseline that it was compared with, for a review."""
+    """Changes of a report relative to the baseline that it was compared with, for a review."""
     data = read_document(out / "report.json", "make it with inim validate", ReportDocument)
     return comparison_lines(data)
 

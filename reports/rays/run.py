@@ -23,7 +23,6 @@ from scipy.ndimage import binary_dilation, binary_erosion, gaussian_filter
 
 from inim.generators import parse_algorithm
 from inim.image.noisy_image import NoisyImage
-from inim.pipeline.adaptive_sampling import SAMPLE_COUNTS
 from inim.pipeline.job import setup
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
@@ -68,7 +67,8 @@ def compare_rays(scene: Path, condition: str) -> dict[str, dict[str, list[float]
         lens_model=lens_model, definitions=settings,
     ))  # fmt: skip
     if condition == _MORE_SAMPLES:
-        counts = {name: _TIMES * getattr(plan.settings, name) for name in SAMPLE_COUNTS}
+        counts: dict[str, Any] = {name: _TIMES * n for name, n in plan.samples.items()}
+        counts["reconstruction_spp"] = _TIMES * plan.settings.reconstruction_spp
         plan = replace(plan, settings=replace(plan.settings, **counts))
     s, (eye,) = plan.settings, plan.viewpoints
     with tempfile.TemporaryDirectory() as folder:
@@ -82,7 +82,7 @@ def compare_rays(scene: Path, condition: str) -> dict[str, dict[str, list[float]
         ]
         capture = capture_relic(source, plan.inputs, run=run)
         truth, relic = render_view(
-            source.scene, eye, s.view_pixels_per_lens, s.view_spp, s.seed, run=run
+            source.scene, eye, s.view_pixels_per_lens, (plan.samples["view_spp"],), s.seed, run=run
         )
         eias = [generate(capture).eia for generate in generators]
         views = [reconstruct_views("", eia, display_views, run=run)[eye.name] for eia in eias]

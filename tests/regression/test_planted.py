@@ -16,8 +16,8 @@ import pytest
 from inim.generators import prepare
 from inim.image.noisy_image import NoisyEIA, NoisyImage
 from inim.image.rgbd import RGBD
-from inim.pipeline.adaptive_sampling import Evaluation
 from inim.pipeline.baseline import collect_statistics
+from inim.pipeline.evaluation import Evaluation
 from inim.pipeline.output import Images
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request

@@ -48,12 +48,13 @@ SHAPES = (
 )
 
 
-def definitions(settings: Mapping[str, str]) -> list[str]:
-    """Command-line options of settings."""
-    return [word for key, value in settings.items() for word in ("-D", f"{key}={value}")]
+def definitions(settings: Mapping[str, str | None]) -> list[str]:
+    """Command-line options of settings; None: not given."""
+    stated = {key: value for key, value in settings.items() if value is not None}
+    return [word for key, value in stated.items() for word in ("-D", f"{key}={value}")]
 
 
-def command(*words: str | Path, **settings: str) -> list[str]:
+def command(*words: str | Path, **settings: str | None) -> list[str]:
     """Command line of `python -m inim.validate` with the tiny display and changed settings."""
     tiny = definitions(TINY | {f"inim.{key}": value for key, value in settings.items()})
     return [sys.executable, "-m", "inim.validate", *map(str, words), *tiny]

@@ -25,7 +25,7 @@ class Bench:
         self.scene = write_scene(folder)
         self.out = folder / "out"
 
-    def report(self, *words: str, cached: bool = True, **settings: str) -> dict[str, Any]:
+    def report(self, *words: str, cached: bool = True, **settings: str | None) -> dict[str, Any]:
         """Report of a run that passed, in a fresh folder."""
         shutil.rmtree(self.out, ignore_errors=True)
         cache = str(self.folder / "cache") if cached else "off"
@@ -105,34 +105,25 @@ def test_everything_done_scores_the_same(cached_bench):
     )
 
 
-SAMPLES = {"capture_spp": "16", "eia_spp": "16", "view_spp": "32", "reconstruction_spp": "16"}
+# The scene's own numbers of samples are replaced by those that its scores need.
+BY_NEED = dict.fromkeys(("capture_spp", "eia_spp", "view_spp"))
 
 
-def test_sampling_ends_when_scores_are_known(bench):
-    report = bench.report(**SAMPLES, score_error="0.9")
-    (row,) = [row for row in report["skipped"] if row["step"] == "samples"]
-    samples = report["settings"]["eia_spp"]
-    assert samples in (2, 4, 8)
-    scaled = [report["settings"][name] / int(SAMPLES[name]) for name in SAMPLES]
-    assert scaled == [samples / 16] * 4
-    assert row["performed"] == f"{samples} per EIA pixel, {2 * samples} per view pixel"
-    assert row["skipped"] == f"{16 - samples} and {32 - 2 * samples} more"
-    assert "target 0.9" in row["why"]
-    whole = bench.report(**SAMPLES)
-    for name, result in whole["algorithms"].items():
-        for view, scores in result["views"].items():
-            other = report["algorithms"][name]["views"][view]
-            assert abs(other["ssim_to_reference"] - scores["ssim_to_reference"]) < 0.9
-    assert set(report["files"]) == set(whole["files"])
-
-
-def test_scores_that_stay_unknown_take_all_samples_and_are_warned_of(bench):
-    report = bench.report(**SAMPLES, score_error="1e-6")
-    assert report["settings"]["eia_spp"] == 16
-    (warning,) = [w for w in report["warnings"] if "inim.score_error" in w]
-    assert "the target of 1e-06" in warning
-    whole = bench.report("--no-skip", **SAMPLES)
-    assert report["algorithms"]["template"]["views"] == whole["algorithms"]["template"]["views"]
+def test_sampling_ends_when_scores_are_precise(bench):
+    rough, fine = (bench.report(**BY_NEED, score_error=error) for error in ("0.9", "1e-6"))
+    (row,) = [row for row in rough["skipped"] if row["step"] == "samples"]
+    used = [rough["settings"][name] for name in BY_NEED]
+    assert used[1] in (8, 16, 32)
+    assert used == [2 * used[1], used[1], 2 * used[1]]
+    assert row["performed"] == (
+        f"{used[0]} per RGB-D pixel, {used[1]} per observed EIA pixel, {used[2]} per view pixel"
+    )
+    assert row["skipped"] == f"{256 - used[0]}, {128 - used[1]}, {256 - used[2]} more"
+    assert "+-0.9" in row["why"]
+    assert [fine["settings"][name] for name in BY_NEED] == [256, 128, 256]
+    (warning,) = [w for w in fine["warnings"] if "inim.score_error" in w]
+    assert "1e-06" in warning
+    assert set(rough["files"]) == set(fine["files"])
 
 
 def test_another_algorithm_renders_nothing(cached_bench):

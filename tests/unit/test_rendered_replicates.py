@@ -93,6 +93,42 @@ def test_halves_of_the_eia_are_means_of_its_replicates_wherever_it_is_observed(f
     np.testing.assert_allclose(eia.image.mean(), unobserved.image.mean(), rtol=0.02)
 
 
+def test_rounds_of_samples_are_the_samples_of_one_rendering(fitted):
+    from inim.render.ground_truth import capture_parts, pickup, true_view
+
+    mask, eye = observed_pixels(), Viewpoint("eye", 5, -4, 200)
+    size, share = {"pixels_per_lens": 5}, 3 / 4
+    once, first, rest = {"spp": 32}, {"spp": 8}, {"spp": 24, "first": 8}
+    whole, before, last = (
+        pickup(fitted, DISPLAY, seed=1, observed=mask, **s) for s in (once, first, rest)
+    )
+    merged = before.merged(last, share)
+    np.testing.assert_allclose(merged.image, whole.image, atol=2e-6)
+    np.testing.assert_allclose(merged.noise, whole.noise, atol=2e-6)
+    np.testing.assert_allclose(merged.observed, whole.observed, atol=2e-6)
+    last = pickup(fitted, DISPLAY, seed=1, observed=mask, mask=mask, **rest)
+    merged = before.merged(last, share * mask[..., None])
+    np.testing.assert_allclose(merged.image[mask], whole.image[mask], atol=2e-6)
+    assert np.array_equal(merged.image[~mask], before.image[~mask])
+    views = [true_view(fitted, DISPLAY, eye, seed=1, **size, **s)[0] for s in (once, first, rest)]
+    merged = views[1].merged(views[2], share)
+    np.testing.assert_allclose(merged.replicates, views[0].replicates, atol=2e-6)
+    np.testing.assert_allclose(merged.image, views[0].image, atol=2e-6)
+    captures = [
+        Capture(None, {RGBD: CapturedInput.of(parts)})
+        for parts in (
+            capture_parts(fitted, DISPLAY, seed=1, pixels_per_pitch=3, **s)
+            for s in (once, first, rest)
+        )
+    ]
+    merged = captures[1].merged(captures[2], share)
+    np.testing.assert_allclose(merged.rgbd.color, captures[0].rgbd.color, atol=2e-6)
+    for part, expected in zip(
+        merged.inputs[RGBD].parts, captures[0].inputs[RGBD].parts, strict=True
+    ):
+        np.testing.assert_allclose(part.color, expected.color, atol=2e-6)
+
+
 def test_few_samples_give_halves_alone(fitted):
     from inim.render.ground_truth import pickup, true_view
 

@@ -1,65 +1,104 @@
-"""Number of samples that scores need, on scores whose noise is known."""
+"""Rounds of samples: how many, until which intervals, and what earlier rounds are worth."""
 
 import math
+from itertools import pairwise
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from inim.display.settings import Settings
-from inim.pipeline.adaptive_sampling import largest_uncertainty, next_share, scale_samples
-from inim.scores.regression.scores import ScoreEstimate
+from inim.image.noisy_image import REPLICATES, NoisyImage
+from inim.pipeline.adaptive_sampling import LEAST, MOST, Sampling, interval_excess
+from inim.pipeline.stages.stage import Run
+from tests.conftest import small_display
+
+USUAL = {"capture_spp": 64, "eia_spp": 32, "view_spp": 64}
 
 
-def estimate(plain: float, error: float, freedom: float, bias: float) -> ScoreEstimate:
-    """Estimate with one error, with and without noise."""
-    return ScoreEstimate(
-        plain, error, freedom, bias, plain - bias, value_error=error, value_freedom=freedom
+def plan(error: float = 0.01, by_need: tuple[str, ...] = (*USUAL,), **stated: int) -> object:
+    return SimpleNamespace(
+        samples=USUAL | stated,
+        by_need=by_need,
+        settings=SimpleNamespace(score_error=error),
+        methods=[SimpleNamespace(decides_samples=True)],
     )
 
 
-def score(share: float, power: float = 1.0, size: float = 0.005, error: float = 1e-5):
-    """Score of a noiseless 0.9 with a bias that is a power of the noise's variance, 1 / share."""
-    bias = size * share**-power
-    return {"a": estimate(0.9 - bias, error / math.sqrt(share), 1e6, -power * bias)}
+def test_samples_are_those_stated_or_the_usual_ones_of_the_layout():
+    settings = Settings(eia_spp=7).with_samples(small_display(20, 16))
+    assert (settings.capture_spp, settings.eia_spp, settings.view_spp) == (64, 7, 64)
 
 
-@pytest.mark.parametrize("power", [0.4, 0.7, 1.0])
-@pytest.mark.parametrize("before", [1 / 16, 1 / 4, 1 / 2])
-def test_bias_of_any_power_is_estimated(power, before):
-    uncertainty = largest_uncertainty(score(1.0, power), score(before, power))
-    assert uncertainty == pytest.approx(0.005 + 1.96e-5, rel=1e-3)
+@pytest.mark.parametrize(
+    "fixed",
+    [
+        plan(error=0.0),
+        plan(by_need=()),
+        plan(by_need=("view_spp",)),  # more of these would not make the scores more precise
+    ],
+)
+def test_a_run_has_one_round_of_the_usual_samples_if_scores_decide_nothing(fixed):
+    sampling = Sampling.of(fixed, is_adaptive=True)
+    assert sampling.is_last
+    assert sampling.share == 1
+    assert sampling.rounds == {name: (count,) for name, count in USUAL.items()}
 
 
-def test_interval_counts_too():
-    uncertainty = largest_uncertainty(score(1.0, error=0.01), score(0.5, error=0.01))
-    assert uncertainty == pytest.approx(0.005 + 0.0196, rel=1e-2)
+@pytest.mark.parametrize("excess", [1.01, 1.9, 4.1, 70.0, math.inf])
+def test_rounds_add_up_and_end_at_the_most_samples(excess):
+    sampling, shares = Sampling.of(plan(), is_adaptive=True), []
+    while True:
+        shares.append(sampling.share)
+        for name, rounds in sampling.rounds.items():
+            assert sum(rounds) == sampling.totals[name] == round(sampling.share * USUAL[name])
+            assert all(samples % REPLICATES == 0 for samples in rounds)
+        if sampling.is_last:
+            break
+        sampling = sampling.next_round(excess)
+    assert shares[0] == LEAST and shares[-1] == MOST
+    assert 1 in shares  # whole panels have the usual samples before observed pixels get more
+    ratios = [b / a for a, b in pairwise(shares)]
+    assert min(ratios) >= 2
 
 
-def test_scores_without_noise_are_known():
-    sure = {"a": estimate(1.0, 0.0, 1.0, 0.0)}
-    assert largest_uncertainty(sure, sure) == 0
-    assert next_share(1 / 16, sure, 0.01) == 1 / 8
+def test_a_round_is_never_larger_than_intervals_may_need():
+    first = Sampling.of(plan(), is_adaptive=True)
+    assert [first.next_round(e).share for e in (1.5, 3.9, 4.0, 100)] == [0.5, 0.5, 1, 1]
 
 
-def test_undefined_estimates_are_not_known():
-    estimates = {"a": estimate(math.nan, 0.1, 1.0, 0.0)}
-    assert largest_uncertainty(score(1.0), {}) == math.inf
-    assert largest_uncertainty({}, {}) == math.inf
-    assert largest_uncertainty(estimates, estimates) == math.inf
-    assert next_share(1 / 16, {"a": estimate(0.5, math.nan, 1.0, 0.0)}, 0.01) == 1
+def test_stated_samples_are_taken_once():
+    sampling = Sampling.of(plan(by_need=("eia_spp",), view_spp=10), is_adaptive=True)
+    further = sampling.next_round(2.0)
+    assert further.rounds == {"capture_spp": (64,), "eia_spp": (8, 8), "view_spp": (10,)}
 
 
-def test_the_least_known_score_counts_and_new_ones_bend_as_the_others():
-    scores = score(1.0, 0.5) | {"b": estimate(0.5, 1e-6, 1e6, -0.02)}
-    assert largest_uncertainty(scores, score(0.5, 0.5)) == pytest.approx(0.04, rel=1e-2)
+def view(noise: float, seed: int) -> NoisyImage:
+    random = np.random.default_rng(seed)
+    picture = np.add.outer(np.linspace(0.1, 0.4, 48), np.linspace(0, 0.3, 48))
+    texture = 0.1 * np.random.default_rng(0).random((48, 48))
+    replicates = random.normal((picture + texture)[..., None], noise, (REPLICATES, 48, 48, 3))
+    return NoisyImage.from_replicates(replicates.astype(np.float32))
 
 
-@pytest.mark.parametrize(("error", "share"), [(0.2, 1 / 8), (0.1, 1 / 8), (0.03, 1 / 2), (1e-4, 1)])
-def test_forecast_doubles_and_ends(error, share):
-    assert next_share(1 / 16, score(1 / 16), error) == share
+def excess(noise: float, of_truth: float = 1e-3, error: float = 0.01) -> float:
+    names = ("centre", "left")
+    region = np.ones((48, 48), bool)
+    truth = SimpleNamespace(
+        eia=view(0, 0),
+        views={name: view(of_truth, 5) for name in names},
+        regions=dict.fromkeys(names, region),
+        reference_views={name: view(noise, 1) for name in names},
+    )
+    views = {name: view(noise, 2) for name in names}
+    return interval_excess(truth, [views], error, Run())
 
 
-def test_shares_of_samples_are_even_numbers_and_no_more_than_asked_for():
-    settings = Settings(capture_spp=1, eia_spp=7, view_spp=256, reconstruction_spp=64)
-    spp = scale_samples(settings, 1 / 16)
-    assert (spp.capture_spp, spp.eia_spp, spp.view_spp, spp.reconstruction_spp) == (1, 2, 16, 4)
-    assert scale_samples(settings, 1) == settings
+def test_intervals_decide_in_units_of_the_error():
+    assert excess(0.01) == pytest.approx(2 * excess(0.01, error=0.02))
+    assert excess(0.002) < excess(0.01) < excess(0.02)
+    assert excess(0.0) == 0
+
+
+def test_a_ground_truth_of_noise_is_never_precise_enough():
+    assert excess(0.002, of_truth=0.5) == math.inf

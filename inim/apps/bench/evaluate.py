@@ -238,7 +238,9 @@ def bench_scene(
     observer.begin(["open scene", "capture RGB-D", "ground-truth EIA", "time", "score", "write"])
     run, camera = Run(observer=observer), plan.camera(renderer)
     capture = capture_nonempty(camera, {parse_algorithm(name).input for name in names}, run=run)
-    truth = render_ground_truth_eia(camera.scene, display, s.eia_spp, s.seed, run=run)
+    truth = render_ground_truth_eia(
+        camera.scene, display, (plan.samples["eia_spp"],), s.seed, run=run
+    )
 
     optics = replace(plan.optics, display=display)
     display_views = DisplayViews(plan.viewpoints, optics, renderer, run=run)

@@ -200,7 +200,7 @@ def _views(
         scene = Scene(source.file(), request.design, source.fit_share, renderer, source.turn_deg)
         for eye in eyes:
             observer.stage(_VIEW)
-            yield render_view(scene, eye, pixels_per_lens, request.spp, 0, run=Run())[0].image
+            yield render_view(scene, eye, pixels_per_lens, (request.spp,), 0, run=Run())[0].image
     else:
         eia = DisplayedEIA(read_eia(source, display)[0], None, optics, renderer)
         for eye in eyes:

@@ -85,6 +85,9 @@ class Layout(ABC):
     neighbours: ClassVar[tuple[tuple[float, float], ...]]
     #: Settings of `inim.display.settings.Settings` whose defaults differ for the layout.
     default_settings: ClassVar[Mapping[str, Any]] = {}
+    #: Samples per pixel of ground truth and capture where neither the user nor scores decide, by
+    #: setting.
+    usual_samples: ClassVar[Mapping[str, int]] = {"capture_spp": 64, "eia_spp": 32, "view_spp": 64}
     #: Rays per pixel or sub-pixel that generators average by default.
     samples: ClassVar[int] = 4
     #: GLSL of the live display: ``vec3 lens_centre(vec2 point)``, as `lens_centre`.

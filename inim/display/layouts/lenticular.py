@@ -33,9 +33,8 @@ class Lenticular(Layout):
         "viewpoints": "centre,left,right",
         "view_pixels_per_lens": 1,
         "capture_pixels_per_pitch": 3,
-        "capture_spp": 16,
-        "eia_spp": 8,
     }
+    usual_samples: ClassVar[Mapping[str, int]] = {"capture_spp": 16, "eia_spp": 8, "view_spp": 64}
     # A cylinder is as wide as a pixel of a view: more rays make views no smoother. Those of a
     # sub-pixel on the border of two cylinders would mix opposite views.
     samples = 1

@@ -1,5 +1,7 @@
 """Capture of a scene by the depth camera: colour, depth and the layers behind the front."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +12,7 @@ import numpy as np
 from inim.display import Display
 from inim.generators import merge_colourings
 from inim.generators.registry import Input
-from inim.image.noisy_image import REPLICATES, replace_nonfinite, split_samples
+from inim.image.noisy_image import REPLICATES, merged_mean, replace_nonfinite, split_samples
 from inim.image.rgbd import (
     RGBD,
     Camera,
@@ -20,7 +22,14 @@ from inim.image.rgbd import (
     LayeredRGBD,
     camera_directions,
 )
-from inim.pipeline.stages.scene import EMPTY_RAYS, Scene, samples_traced, seed_of
+from inim.pipeline.stages.scene import (
+    EMPTY_RAYS,
+    Rounds,
+    Scene,
+    last_round,
+    samples_traced,
+    seed_of,
+)
 from inim.pipeline.stages.stage import GENERATING, RENDERING, Run, stage
 from inim.scores.document_parts import Check, check
 from inim.system.errors import SceneError
@@ -56,12 +65,13 @@ class PictureSource(Protocol):
 class DepthCamera:
     """A depth camera in front of a scene: parallel rays along the display's axis.
 
-    `spp` are the samples per pixel of all parts (`split_samples`); `seed` is the run's.
+    `rounds` are the samples per pixel of each round, of all parts (`split_samples`); `seed` is the
+    run's.
     """
 
     scene: Scene
     pixels_per_pitch: float
-    spp: int
+    rounds: Rounds
     seed: int
 
     def cache_key(self) -> dict[str, Any]:
@@ -69,7 +79,7 @@ class DepthCamera:
         return {
             **self.scene.cache_key(),
             "capture_pixels_per_pitch": self.pixels_per_pitch,
-            "capture_spp": self.spp,
+            "capture_spp": self.rounds,
             "seed": self.seed,
         }
 
@@ -113,6 +123,11 @@ class CapturedInput(NamedTuple):
     rgbd: RGBD
     parts: tuple[RGBD, ...] | None
 
+    @classmethod
+    def of(cls, parts: Sequence[RGBD]) -> CapturedInput:
+        """The mean of independent parts."""
+        return cls(_mean_picture(parts), (*parts,))
+
     @property
     def halves(self) -> tuple[RGBD, RGBD] | None:
         """Means of the first and of the second half of the parts."""
@@ -152,9 +167,20 @@ class Capture:
         """The picture of the front surface."""
         return self.inputs[RGBD].rgbd
 
+    def merged(self, last: Capture, share: float) -> Capture:
+        """The capture with all samples, from those of the `last` round; see `merged_mean`."""
+        inputs = {}
+        for key, captured in last.inputs.items():
+            pairs = zip(self.inputs[key].parts or (), captured.parts or (), strict=True)
+            inputs[key] = CapturedInput.of(
+                [_with_palette(b, merged_mean(a.palette, b.palette, share)) for a, b in pairs]
+            )
+        failed = [check for check in self.checks if not check.passed]
+        return replace(last, inputs=inputs, checks=(*failed, *last.checks))
+
 
 def capture_relic(camera: DepthCamera, inputs: Collection[Input], *, run: Run) -> Capture:
-    """Capture colour and depth, and the other inputs; replace nonfinite values."""
+    """Capture the last round of colour and depth, and of the other inputs, with finite values."""
     capture = _add_input(Capture(camera, {}), RGBD, "RGB-D", capture_rgbd(camera, run=run))
     for views in sorted(views for views in inputs if isinstance(views, str)):
         parts = capture_cameras(camera, views, run=run)
@@ -184,8 +210,7 @@ def capture_nonempty(camera: DepthCamera, inputs: Collection[Input], *, run: Run
 
 
 def _all_samples(samples: int, camera: DepthCamera) -> tuple[str, str, str]:
-    total = math.prod((*split_samples(camera.spp), *camera.shape))
-    return samples_traced(samples, total, EMPTY_RAYS)
+    return samples_traced(samples, math.prod(camera.shape), camera.rounds, EMPTY_RAYS)
 
 
 @stage(
@@ -203,16 +228,15 @@ def capture_rgbd(camera: DepthCamera) -> tuple[RGBD, ...]:
         camera.scene.fitted,
         camera.scene.display,
         pixels_per_pitch=camera.pixels_per_pitch,
-        spp=camera.spp,
         seed=seed_of("capture", camera.seed),
+        **last_round(camera.rounds),
         **camera.scene.render_options,
     )
 
 
 def _camera_samples(samples: int, camera: DepthCamera, views: str) -> tuple[str, str, str]:
-    count = len(camera_directions(views))
-    total = math.prod((*split_samples(camera.spp), *camera.shape, count))
-    return samples_traced(samples, total, EMPTY_RAYS)
+    pixels = math.prod((*camera.shape, len(camera_directions(views))))
+    return samples_traced(samples, pixels, camera.rounds, EMPTY_RAYS)
 
 
 @stage(
@@ -233,16 +257,16 @@ def capture_cameras(camera: DepthCamera, views: str) -> tuple[RGBD, ...]:
     display = camera.scene.display
     half_pixel = display.pixel_pitch_mm / (2 * display.gap_mm)
     right, up = (max(slope - half_pixel, 0.0) for slope in display.layout.outward_slopes())
-    parts: list[list[CameraRGBD]] = [[] for _ in range(split_samples(camera.spp)[0])]
+    parts: list[list[CameraRGBD]] = [[] for _ in range(split_samples(camera.rounds[-1])[0])]
     for number, (x, y) in enumerate(camera_directions(views)):
         slopes = x * right, y * up
         pictures = capture_parts(
             camera.scene.fitted,
             display,
             pixels_per_pitch=camera.pixels_per_pitch,
-            spp=camera.spp,
             seed=seed_of("capture", camera.seed) + _SEED_STEP * number,
             slopes=slopes,
+            **last_round(camera.rounds),
             **camera.scene.render_options,
         )
         place = Camera.orthographic(slopes, camera.shape, camera.pixel_mm)
@@ -276,13 +300,15 @@ def capture_layers(camera: DepthCamera) -> Layers:
     peeled = peel(
         scene.fitted, scene.display, pixels_per_pitch=camera.pixels_per_pitch, observer=observer
     )
-    count, spp = split_samples(camera.spp)
+    count, spp = split_samples(camera.rounds[-1])
+    first = sum(camera.rounds[:-1]) // count
     parts = tuple(
         ground_truth.capture_layers(
-            scene.fitted, peeled, spp=spp, seed=REPLICATES * seed + part, observer=observer
+            scene.fitted, peeled, spp=spp, seed=REPLICATES * seed + part, first=first,
+            observer=observer,
         )
         for part in range(count)
-    )
+    )  # fmt: skip
     shares = tuple(float(solid.mean()) for solid in peeled.covered)
     return Layers(parts, shares, peeled.cut_share, peeled.hidden_share, MOST_LAYERS)
 
@@ -313,10 +339,10 @@ def _add_layers(capture: Capture, layers: Layers) -> Capture:
 def _add_input(capture: Capture, key: Input, name: str, parts: tuple[RGBD, ...]) -> Capture:
     """Return the capture with an input and its check, nonfinite colours replaced."""
     palettes, nonfinite = replace_nonfinite(*(part.palette for part in parts))
-    parts = tuple(map(_with_palette, parts, palettes))
+    finite = CapturedInput.of([*map(_with_palette, parts, palettes)])
     return replace(
         capture,
-        inputs={**capture.inputs, key: CapturedInput(_mean_picture(parts), parts)},
+        inputs={**capture.inputs, key: finite},
         checks=(*capture.checks, *nonfinite_checks(name, nonfinite)),
     )
 

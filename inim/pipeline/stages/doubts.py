@@ -10,8 +10,8 @@ from inim.pipeline.stages.scoring import MethodResult
 from inim.report.document import NoiseFloor
 from inim.scores.metrics import MAIN
 
-# Least SSIM of two halves of a ground-truth view; below it, scores are mostly those of the noise.
-_LEAST_NOISE_FLOOR = 0.7
+#: Least SSIM of two halves of a ground-truth view; below it, scores are mostly those of the noise.
+LEAST_NOISE_FLOOR = 0.7
 # Largest share of an image's light that exceeds white in one half of the samples only.
 _MOST_FIREFLIES = 0.02
 # Largest share of the lit panel pixels that stay black with every generator.
@@ -25,12 +25,12 @@ def find_doubts(
     doubts = []
     floors = {} if noise_floor is None else noise_floor.views
     levels = {name: scores.get(MAIN.on_relic_key) for name, scores in floors.items()}
-    low = {n: s for n, s in levels.items() if s is not None and s < _LEAST_NOISE_FLOOR}
+    low = {n: s for n, s in levels.items() if s is not None and s < LEAST_NOISE_FLOOR}
     if low:
         worst = min(low, key=lambda name: low[name])
         doubts.append(
             f"the noise floor of the view {worst} is {low[worst]:.2f}, below "
-            f"{_LEAST_NOISE_FLOOR:g}; raise inim.view_spp"
+            f"{LEAST_NOISE_FLOOR:g}; raise inim.view_spp"
         )
     shares = {name: firefly_share(view) for name, view in truth.views.items()}
     if shares and max(shares.values()) > _MOST_FIREFLIES:

@@ -1,17 +1,27 @@
 """Ground truth: the EIA traced through every lens centre, and the scene from every viewpoint."""
 
+from __future__ import annotations
+
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from inim.display import Display, Viewpoint
 from inim.display.pixels import SUBPIXELS
-from inim.image.noisy_image import NoisyEIA, NoisyImage, split_samples
+from inim.image.noisy_image import NoisyEIA, NoisyImage
 from inim.pipeline.stages.capture import Capture, DepthCamera, nonfinite_checks
-from inim.pipeline.stages.scene import EMPTY_RAYS, Scene, samples_traced, seed_of
+from inim.pipeline.stages.scene import (
+    EMPTY_RAYS,
+    Rounds,
+    Scene,
+    last_round,
+    samples_traced,
+    seed_of,
+)
 from inim.pipeline.stages.stage import RENDERING, Run, stage
 from inim.scores.document_parts import Check, check
 from inim.scores.metrics import Viewing, all_metrics, relic_region
@@ -25,19 +35,19 @@ _NOT_OBSERVED = "no requested view has a sample there; "
 
 
 def _panel_samples(
-    samples: int, eia_spp: int, display: Display, mask: np.ndarray | None, **_: Any
+    samples: int, rounds: Rounds, display: Display, mask: np.ndarray | None, **_: Any
 ) -> tuple[str, str, str]:
-    full = math.prod(split_samples(eia_spp)) * display.eia_shape[0] * display.eia_shape[1]
-    full *= len({(subpixel.right, subpixel.width) for subpixel in SUBPIXELS[display.subpixels]})
+    pixels = math.prod(display.eia_shape)
+    pixels *= len({(subpixel.right, subpixel.width) for subpixel in SUBPIXELS[display.subpixels]})
     reason = ("" if mask is None else _NOT_OBSERVED) + EMPTY_RAYS
-    return samples_traced(samples, full, reason)
+    return samples_traced(samples, pixels, rounds, reason)
 
 
 @stage("{name}", code=RENDERING, result_types=(NoisyEIA,), describe=_panel_samples)
 def pick_up_eia(
     scene: Scene,
     display: Display,
-    eia_spp: int,
+    rounds: Rounds,
     seed: int,
     mask: np.ndarray | None = None,
     observed: np.ndarray | None = None,
@@ -45,17 +55,17 @@ def pick_up_eia(
 ) -> tuple[NoisyEIA, float]:
     """Trace the EIA from the scene through every lens centre (Eq. 1); black outside the mask.
 
-    The display has pinholes: misaligned for the ground truth, as designed for a method. `eia_spp`
-    are the samples per panel pixel of both halves, and `seed` is that of the image (`seed_of`).
-    `mask` selects panel pixels, `observed` those whose replicates are kept, (rows, columns) bool.
-    `name` is the name in the report. Also returns the time in seconds.
+    The display has pinholes: misaligned for the ground truth, as designed for a method. `rounds`
+    are samples per panel pixel, of which the last round is traced, and `seed` is that of the image
+    (`seed_of`). `mask` selects panel pixels, `observed` those whose replicates are kept, (rows,
+    columns) bool. `name` is the name in the report. Also returns the time in seconds.
     """
     from inim.render.ground_truth import pickup
 
     fitted, start = scene.fitted, perf_counter()
     eia = pickup(
-        fitted, display, spp=eia_spp, seed=seed, mask=mask, observed=observed,
-        **scene.render_options,
+        fitted, display, seed=seed, mask=mask, observed=observed,
+        **last_round(rounds), **scene.render_options,
     )  # fmt: skip
     return eia, perf_counter() - start
 
@@ -63,18 +73,18 @@ def pick_up_eia(
 def render_ground_truth_eia(
     scene: Scene,
     display: Display,
-    eia_spp: int,
+    rounds: Rounds,
     seed: int,
     mask: np.ndarray | None = None,
     observed: np.ndarray | None = None,
     *,
     run: Run,
 ) -> NoisyEIA:
-    """Render the ground-truth EIA of the misaligned display, with nonfinite pixels replaced."""
+    """Render the last round of the misaligned display's ground-truth EIA, with finite values."""
     name = "ground-truth EIA" if mask is None else "ground-truth EIA, where observed"
     pinholes, eia_seed = display.through_pinholes(), seed_of("eia", seed)
     with run.observer.timed("ground-truth EIA"):
-        eia, _ = pick_up_eia(scene, pinholes, eia_spp, eia_seed, mask, observed, name, run=run)
+        eia, _ = pick_up_eia(scene, pinholes, rounds, eia_seed, mask, observed, name, run=run)
         return eia.replace_nonfinite()
 
 
@@ -94,11 +104,11 @@ def _view_samples(
     samples: int,
     scene: Scene,
     view_pixels_per_lens: int | tuple[float, float],
-    view_spp: int,
+    rounds: Rounds,
     **_: Any,
 ) -> tuple[str, str, str]:
     pixels = math.prod(scene.display.view_shape(view_pixels_per_lens))
-    return samples_traced(samples, math.prod(split_samples(view_spp)) * pixels, EMPTY_RAYS)
+    return samples_traced(samples, pixels, rounds, EMPTY_RAYS)
 
 
 @stage(
@@ -112,14 +122,14 @@ def render_view(
     scene: Scene,
     viewpoint: Viewpoint,
     view_pixels_per_lens: int | tuple[float, float],
-    view_spp: int,
+    rounds: Rounds,
     seed: int,
 ) -> tuple[NoisyImage, np.ndarray]:
     """Render the scene from a viewpoint through the window of the lens array.
 
-    `view_pixels_per_lens` is explained in `inim.render.rays.eye_rays`; `view_spp` are the samples
-    per pixel of all parts, and `seed` is the run's. Also returns the relic's pixels, (rows,
-    columns) bool.
+    `view_pixels_per_lens` is explained in `inim.render.rays.eye_rays`; `rounds` are samples per
+    pixel, of which the last round is traced, and `seed` is the run's. Also returns the relic's
+    pixels, (rows, columns) bool.
     """
     from inim.render.ground_truth import true_view
 
@@ -128,10 +138,57 @@ def render_view(
         scene.display,
         viewpoint,
         pixels_per_lens=view_pixels_per_lens,
-        spp=view_spp,
         seed=seed_of("views", seed),
+        **last_round(rounds),
         **scene.render_options,
     )
+
+
+class SceneView(NamedTuple):
+    """View of a scene; its values may be not finite."""
+
+    image: NoisyImage
+    relic: np.ndarray  #: Pixels of the relic, (rows, columns) bool.
+
+    def merged(self, last: SceneView, share: float) -> SceneView:
+        """The view of all samples, from those of the `last` round; see `merged_mean`."""
+        return SceneView(self.image.merged(last.image, share), self.relic)
+
+
+@dataclass(frozen=True)
+class SceneImages:
+    """Images of a scene without a method, from all rounds of samples so far.
+
+    `views` are by viewpoint. `rounds` are the samples per pixel by setting, none of a picture.
+    `traced`, (rows, columns) bool, are the EIA's pixels traced in the last round, all if None.
+    """
+
+    capture: Capture
+    eia: NoisyEIA
+    views: Mapping[str, SceneView]
+    rounds: Mapping[str, Rounds]
+    traced: np.ndarray | None = None
+
+    def merged(self, last: SceneImages) -> SceneImages:
+        """The images of all samples, from those of the `last` round; see `merged_mean`."""
+
+        def share(setting: str) -> float:
+            rounds = last.rounds[setting]
+            return 0.0 if rounds == self.rounds[setting] else rounds[-1] / sum(rounds)
+
+        capture, eia, views = self.capture, self.eia, self.views
+        if of_capture := share("capture_spp"):
+            capture = capture.merged(last.capture, of_capture)
+        if of_eia := share("eia_spp"):
+            traced = last.traced
+            eia = eia.merged(last.eia, of_eia if traced is None else of_eia * traced[..., None])
+        if of_views := share("view_spp"):
+            views = {n: view.merged(last.views[n], of_views) for n, view in views.items()}
+        return replace(last, capture=capture, eia=eia, views=views)
+
+    def spp(self, setting: str) -> int:
+        """Samples per pixel of all rounds."""
+        return sum(self.rounds[setting])
 
 
 @dataclass(frozen=True)
@@ -177,18 +234,17 @@ def any_colour(mask: np.ndarray) -> np.ndarray:
 
 
 def collect_ground_truth(
-    capture: Capture,
-    eia: NoisyImage,
-    views: dict[str, tuple[NoisyImage, np.ndarray]],
+    scene: SceneImages,
     reference_views: dict[str, NoisyImage],
     viewing: dict[str, Viewing],
     *,
     is_whole: bool,
 ) -> GroundTruth:
-    """Collect the rendered images into a ground truth, and check them.
+    """Collect the images of a scene into a ground truth, and check them.
 
     An empty ground truth fails its checks.
     """
+    capture, eia, views = scene.capture, scene.eia, scene.views
     finite_views = {name: view.replace_nonfinite() for name, (view, _) in views.items()}
     covered_share = float(capture.rgbd.covered.mean())
     truth = {"truth/eia": eia} | {f"truth/{name}": view for name, view in finite_views.items()}

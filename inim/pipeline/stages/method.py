@@ -13,7 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from inim.image.noisy_image import NoisyEIA
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.capture import Capture, DepthCamera, PictureSource
 from inim.pipeline.stages.generation import GeneratedEIA, hole_fraction, prepare_generator
-from inim.pipeline.stages.ground_truth import covered_pixels, pick_up_eia
+from inim.pipeline.stages.ground_truth import SceneImages, covered_pixels, pick_up_eia
 from inim.pipeline.stages.optimal import ScoredViews, optimise_eia
 from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import seed_of
@@ -64,24 +64,21 @@ _MAX_SAMPLES = 2**20
 # Rows and columns of further eyes of the optimal EIA; each view takes about half a second.
 _MAX_ZONE = 32
 
-#: A method ready to compute an EIA of the scene from its capture and its ground-truth EIA.
-PreparedMethod = Callable[[Capture, NoisyEIA], GeneratedEIA]
+#: A method ready to compute an EIA of the scene from its images.
+PreparedMethod = Callable[[SceneImages], GeneratedEIA]
 
 
 @dataclass(frozen=True)
 class MethodSetup:
     """Inputs of a run's methods that exist before anything is rendered.
 
-    `eia_spp` and `view_spp` are the samples per pixel of the ground-truth EIA and views; `mask`,
-    (rows, columns) bool, selects the panel pixels to generate, all if None. `observed` are those
-    whose replicates are kept, none if None.
+    `mask`, (rows, columns) bool, selects the panel pixels to generate, all if None. `observed` are
+    those whose replicates are kept, none if None.
     """
 
     camera: PictureSource
     optics: Optics
     viewpoints: tuple[Viewpoint, ...]
-    eia_spp: int
-    view_spp: int
     mask: np.ndarray | None = None
     observed: np.ndarray | None = None
 
@@ -115,6 +112,11 @@ class Method(ABC):
         """True if its name, the scene and this program determine its EIA."""
         return True
 
+    @property
+    def decides_samples(self) -> bool:
+        """True if a run takes samples until the scores of this method are precise."""
+        return False
+
     def check(self) -> None:  # noqa: B027 (most methods have none)
         """Raise an `InimError` for mistakes that can be detected without native code.
 
@@ -138,16 +140,11 @@ def prepare_methods(
 
 
 def generate_eia(
-    method: Method,
-    prepared_method: PreparedMethod,
-    capture: Capture,
-    truth_eia: NoisyEIA,
-    *,
-    run: Run,
+    method: Method, prepared_method: PreparedMethod, images: SceneImages, *, run: Run
 ) -> GeneratedEIA:
     """Generate the EIA of a method; pixels that are not finite become black and fail a check."""
     with run.observer.timed(f"{method.verb} {method.name}"):
-        output = prepared_method(capture, truth_eia)
+        output = prepared_method(images)
     return replace(output, eia=output.eia.replace_nonfinite())
 
 
@@ -169,12 +166,17 @@ class GeneratorMethod(Method):
         """See `Method`: changes of other packages' code are not detected."""
         return self.algorithm.own
 
+    @property
+    def decides_samples(self) -> bool:
+        """See `Method`: another package's generator may take minutes, in every round."""
+        return self.algorithm.own
+
     def prepare(self, setup: MethodSetup, run: Run) -> PreparedMethod:
         """See `Method`."""
         generate_from = prepare_generator(
             self.algorithm, setup.camera, setup.mask, setup.observed, run=run
         )
-        return lambda capture, _: generate_from(capture)
+        return lambda images: generate_from(images.capture)
 
 
 @dataclass(frozen=True)
@@ -189,6 +191,7 @@ class FileMethod(Method):
     shares_noise: bool = False
     verb = "read"
     is_reproducible = False
+    decides_samples = True
 
     def check(self) -> None:
         """See `Method`."""
@@ -200,7 +203,8 @@ class FileMethod(Method):
         eia, nonempty = read_eia(self.path, display, only_finite=False)
         holes = hole_fraction(None if nonempty is None else ~nonempty, display, setup.mask)
 
-        def read(_: Capture, truth_eia: NoisyEIA) -> GeneratedEIA:
+        def read(images: SceneImages) -> GeneratedEIA:
+            truth_eia = images.eia
             is_copy = np.array_equal(eia, truth_eia.image)
             if is_copy:
                 remark = f"eia/{self.name}: is a copy of the ground-truth EIA, and shares its noise"
@@ -231,10 +235,10 @@ class PickupMethod(Method):
         display = scene.display.through_pinholes()
         seed = seed_of("pickup", setup.depth_camera.seed)
 
-        def generate(*_: Any) -> GeneratedEIA:
-            spp, name = self.spp or setup.eia_spp, f"EIA of {self.name}"
+        def generate(images: SceneImages) -> GeneratedEIA:
+            rounds, name = (self.spp or images.spp("eia_spp"),), f"EIA of {self.name}"
             eia, seconds = pick_up_eia(
-                scene, display, spp, seed, mask, setup.observed, name, run=run
+                scene, display, rounds, seed, mask, setup.observed, name, run=run
             )
             holes = hole_fraction(~covered_pixels(scene, run=run), scene.display, mask)
             return GeneratedEIA(eia, seconds, holes)
@@ -261,12 +265,12 @@ class OptimalMethod(Method):
             replace(first, name=eye.name, x_mm=eye.x_mm, y_mm=eye.y_mm)
             for eye in zone_eyes(display, self.zone, first.z_mm, rows=self.zone)
         ]
-        views = ScoredViews(setup.optics, (*setup.viewpoints, *further), setup.view_spp)
+        views = ScoredViews(setup.optics, (*setup.viewpoints, *further))
         views.check()
 
-        def optimise(_: Capture, truth_eia: NoisyEIA) -> GeneratedEIA:
-            scene = setup.depth_camera.scene
-            eia, seconds = optimise_eia(self.name, scene, views, truth_eia, run=run)
+        def optimise(images: SceneImages) -> GeneratedEIA:
+            scene, spp = setup.depth_camera.scene, images.spp("view_spp")
+            eia, seconds = optimise_eia(self.name, scene, views, spp, images.eia, run=run)
             return GeneratedEIA(eia, seconds, None)
 
         return optimise

@@ -60,18 +60,14 @@ _SHORTEST_STEP = 1e-3
 
 @dataclass(frozen=True)
 class ScoredViews:
-    """Views of a run, whose error is minimised.
-
-    `spp` are the samples per pixel of the ground truth, both halves.
-    """
+    """Views of a run, whose error is minimised."""
 
     optics: Optics
     viewpoints: tuple[Viewpoint, ...]
-    spp: int
 
     def cache_key(self) -> dict[str, Any]:
         """Return all values that affect the views, apart from the scene."""
-        return {"views": [self.optics.cache_key(), self.viewpoints, self.spp]}
+        return {"views": [self.optics.cache_key(), self.viewpoints]}
 
     def check(self) -> None:
         """Raise `UsageError` for a lens model whose views have no sparse matrix."""
@@ -90,12 +86,13 @@ class ScoredViews:
     describe=("optimised", "nothing", "its scene or its views are new"),
 )
 def optimise_eia(
-    name: str, scene: Scene, views: ScoredViews, start: NoisyImage
+    name: str, scene: Scene, views: ScoredViews, spp: int, start: NoisyImage
 ) -> tuple[NoisyEIA, float]:
     """Find the EIA whose views come closest to the scene.
 
-    Panel pixels that no view shows keep the values of `start`. The noise of the result is that of
-    the ground-truth views. Also returns the time in seconds, with the rendering of these views.
+    `spp` are the samples per pixel of the ground-truth views, both halves. Panel pixels that no
+    view shows keep the values of `start`. The noise of the result is that of the views. Also
+    returns the time in seconds, with the rendering of these views.
     """
     fitted, begin = scene.fitted, perf_counter()
     from inim.render.ground_truth import true_view
@@ -107,7 +104,7 @@ def optimise_eia(
     truths, matrices = [], []
     for eye in views.viewpoints:
         truth, _ = true_view(
-            fitted, scene.display, eye, pixels_per_lens=per_lens, spp=views.spp, seed=seed,
+            fitted, scene.display, eye, pixels_per_lens=per_lens, spp=spp, seed=seed,
             **scene.render_options,
         )  # fmt: skip
         truths.append(truth.replace_nonfinite())

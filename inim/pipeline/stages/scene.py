@@ -1,10 +1,12 @@
 """Handles of the renderer and of a scene: identified by a digest, loaded on first use."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypedDict
 
 from inim.display import Display
+from inim.image.noisy_image import split_samples
 from inim.pipeline.stages.stage import RENDERING, stage
 from inim.render.scene_files.file import SceneFile
 from inim.system.backend import Backend, choose_backend
@@ -119,8 +121,31 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
     }
 
 
-def samples_traced(samples: int, total: int, reason: str) -> tuple[str, str, str]:
-    """Describe the samples of a rendered image for the report, out of `total` for all pixels."""
+#: Samples per pixel of each round so far. A stage renders those of the last round.
+Rounds = tuple[int, ...]
+
+
+class RoundSamples(TypedDict):
+    """Samples of a round, as arguments of the renderer (`inim.render.ground_truth.pickup`)."""
+
+    spp: int
+    first: int
+
+
+def last_round(rounds: Rounds) -> RoundSamples:
+    """Samples of the last round."""
+    return {"spp": rounds[-1], "first": sum(rounds[:-1])}
+
+
+def samples_traced(samples: int, pixels: int, rounds: Rounds, reason: str) -> tuple[str, str, str]:
+    """Describe the samples of a rendered image for the report, of all rounds.
+
+    `samples` are those traced in the last round, for an image of so many `pixels`. Every round
+    traces the same pixels.
+    """
+    in_round = math.prod(split_samples(rounds[-1]))
+    total = pixels * math.prod(split_samples(sum(rounds)))
+    samples = samples * total // (pixels * in_round)
     reason = reason if samples < total else "every pixel may show something"
     return f"{_millions(samples)} samples traced", f"{_millions(total - samples)} samples", reason
 

@@ -178,7 +178,7 @@ def score_reference_views(truth: GroundTruth, *, run: Run) -> dict[str, Scores]:
         )
         for name, view in truth.views.items()
     }
-    return _run_in_threads(truth, calls, run)
+    return run_in_threads(truth, calls, run)
 
 
 def compute_noise_floor(truth: GroundTruth, *, run: Run) -> NoiseFloor | None:
@@ -189,7 +189,7 @@ def compute_noise_floor(truth: GroundTruth, *, run: Run) -> NoiseFloor | None:
         name: partial(_score_halves, view, *truth.conditions(name), run=run)
         for name, view in truth.views.items()
     }
-    views = _run_in_threads(truth, calls, run)
+    views = run_in_threads(truth, calls, run)
     return NoiseFloor(eia=views.pop(""), views=views)
 
 
@@ -201,12 +201,12 @@ def compute_truth_statistics(
         f"truth/{name}": partial(_tiles, view, view_tile(view.shape), False, run=run)
         for name, view in truth.views.items()
     }
-    views = _run_in_threads(truth, calls, run)
+    views = run_in_threads(truth, calls, run)
     scores = {f"reference/{name}": scores for name, scores in reference_scores.items()}
     return Statistics(views.pop("") | views, scores)
 
 
-def _run_in_threads(
+def run_in_threads(
     truth: GroundTruth, calls: Mapping[str, Callable[[], Any]], run: Run
 ) -> dict[str, Any]:
     """Results of calls, by name, in parallel."""

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass
 from functools import partial
 from typing import Any, Generic, ParamSpec, TypeVar
 
@@ -86,23 +86,33 @@ PROGRAM = Code(("",), metrics.foreign_identities)
 class SkippedSteps:
     """Skipped steps of a run, as in report.json."""
 
-    def __init__(self, rows: Iterable[dict[str, str]] = ()) -> None:
-        self.rows = [dict(row) for row in rows]
+    def __init__(self) -> None:
+        self._details: dict[str, _Step] = {}
 
     def add(self, step: str, work: str, skipped: str, reason: str) -> None:
-        """Add a row; merge rows that differ only in the name after the colon."""
-        kind, _, name = step.partition(": ")
-        details = {"performed": work, "skipped": skipped, "why": reason}
-        for row in self.rows:
-            if name and row["step"].startswith(f"{kind}: ") and row.items() >= details.items():
-                row["step"] += f", {name}"
-                return
-        self.rows.append({"step": step, **details})
+        """Add a step. In a later round of samples, it replaces that of the round before."""
+        self._details[step] = work, skipped, reason
+
+    def add_cached(self, step: str) -> None:
+        """Add a step whose result is in the cache, unless this run stored it there."""
+        self._details.setdefault(step, _CACHED)
+
+    @property
+    def rows(self) -> list[dict[str, str]]:
+        """All steps; those that differ only in the name after the colon are one row."""
+        rows: dict[tuple[str, _Step], list[str]] = {}
+        for step, details in self._details.items():
+            kind, colon, name = step.partition(": ")
+            rows.setdefault((kind + colon, details), []).append(name)
+        return [
+            {"step": kind + ", ".join(names), "performed": work, "skipped": skipped, "why": reason}
+            for (kind, (work, skipped, reason)), names in rows.items()
+        ]
 
 
 @dataclass(frozen=True)
 class Run:
-    """Services for the stages of a run; `skipped` lists the steps of one round of samples.
+    """Services for the stages of a run.
 
     The thread `ahead` works for later stages, on all cores; the block `with run.ahead` ends it.
     """
@@ -111,10 +121,6 @@ class Run:
     observer: Observer = field(default_factory=Observer)
     skipped: SkippedSteps = field(default_factory=SkippedSteps)
     ahead: OneThread = field(default_factory=partial(OneThread, "ahead"))
-
-    def for_round(self) -> Run:
-        """Return a run for a round of samples: it shares the timings, but not the skipped steps."""
-        return replace(self, skipped=SkippedSteps(self.skipped.rows))
 
 
 class CachedStage(Generic[_Arguments, _Result]):
@@ -153,7 +159,7 @@ class CachedStage(Generic[_Arguments, _Result]):
                 explain=self._describe is not None,
             )
         if self._describe is not None and reason is None:
-            run.skipped.add(name, *_CACHED)
+            run.skipped.add_cached(name)
         elif self._describe is not None:
             step = self._describe
             if callable(step):

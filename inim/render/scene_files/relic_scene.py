@@ -125,9 +125,9 @@ def _brightest(part: Mesh) -> float:
     return max(STONE)
 
 
-def defaults_xml(title: str, display: str | None, **more: str) -> list[str]:
+def defaults_xml(title: str, display: str | None) -> list[str]:
     """First lines of a new scene: its settings, and robust intersections."""
-    defaults = {"title": title, **({} if display is None else {"display": display}), **more}
+    defaults = {"title": title, **({} if display is None else {"display": display})}
     lines = ["<?xml version='1.0' encoding='utf-8'?>", '<scene version="3.0.0">']
     lines += ["    <!-- Lengths are millimetres; +y is up, +z towards the viewer. -->"]
     for key, value in defaults.items():
@@ -345,8 +345,7 @@ def splat_scene_xml(name: str, half_mm: np.ndarray, title: str, display: str | N
     * `half_mm`, (3,) float64: half the size of the relic, which is centred on the origin.
     * `title`, `display`: see `scene_xml`.
     """
-    # There is no light to sample: noise is that of a pixel's area alone, and a few samples do.
-    lines = defaults_xml(title, display, score_error="0.01")
+    lines = defaults_xml(title, display)
     # Rays meet splats by the hundred; Mitsuba's default ends them at the 64th.
     lines += ['    <integrator type="volprim_rf_basic">']
     lines += ['        <integer name="max_depth" value="4096"/>', "    </integrator>", ""]

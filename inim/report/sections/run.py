@@ -30,9 +30,9 @@ _NO_CRITERIA = (
 )
 _SUGGESTION = "This run would just pass with:"
 _SAMPLES = (
-    "Sampling stopped when every SSIM had the precision set by inim.score_error. With all "
-    "samples, some scores would differ by at most that amount. No other skipped step changes a "
-    "score."
+    "Sampling stopped when the intervals of the headline scores were as narrow as set by "
+    "inim.score_error. With more samples, scores would change within their intervals. No other "
+    "skipped step changes a score."
 )
 _SKIPPED = {"step": "Step", "performed": "Performed", "skipped": "Skipped", "why": "Reason"}
 _OF_SCENE = (
@@ -175,7 +175,7 @@ def _skipped_steps_section(data: ReportDocument, _images: ReportImages) -> str:
     rows = [[getattr(row, key) for key in _SKIPPED] for row in data.skipped]
     if not rows:
         return ""
-    words = _SAMPLES if data.settings.score_error > 0 else _EXACT
+    words = _SAMPLES if any(row.step == "samples" for row in data.skipped) else _EXACT
     caption = "Performed and skipped steps"
     listed = text_table(caption, list(_SKIPPED.values()), rows, "skips")
     return lead(words) + listed

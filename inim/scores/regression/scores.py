@@ -289,9 +289,10 @@ def _score_from_mean(metric: Metric, plain: ScoreEstimate, mean: MeanEstimate) -
     )
 
 
-def scatter(score: ScoreEstimate, level: float = INTERVAL_LEVEL) -> float:
-    """Half width of the range of the score under fresh seeds, at confidence ``1 - level``."""
-    return _half_width(level, 0.0, 1.0, score.value_error, score.value_freedom)
+def half_width(score: ScoreEstimate) -> float:
+    """Half width of a score's interval; infinite if unknown, 0 without a score."""
+    low, high = score.interval
+    return 0.0 if math.isnan(score.value) else (high - low) / 2
 
 
 def difference(

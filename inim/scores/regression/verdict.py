@@ -149,7 +149,7 @@ def judge(
     """
     failed = [check for check in checks if not check.passed]
     if not any(check.kind == "score" for check in checks):
-        nothing = within(
+        missing = within(
             "scores against the baseline",
             "score",
             math.nan,
@@ -157,7 +157,7 @@ def judge(
             0.0,
             detail="no score of both runs has the same name; accept a new baseline",
         )
-        return "not comparable", [*checks, nothing]
+        return "not comparable", [*checks, missing]
     if inputs_changed:
         is_changed = any(check.kind == "score" for check in failed)
         excused = [c for c in failed if allow_changed_inputs or c.kind != "score"]

@@ -17,8 +17,8 @@ from inim.scores.regression.noise_free import (
 )
 from inim.scores.regression.scores import (
     compare_scores,
+    half_width,
     is_above,
-    scatter,
     view_scores,
 )
 from inim.scores.regression.scores import difference as score_difference
@@ -158,7 +158,8 @@ def _noisy_scores(_: str, effort: int) -> Iterator[Deviation]:
     half = float(
         welch_half_width(*map(np.float64, (0, 1, first.value_error, first.value_freedom)), 0.05)
     )
-    yield difference("scatter", scatter(first), half, 1e-9)
+    half += sum(first.extension) / 2
+    yield difference("half width", half_width(first), half, 1e-9)
     same, (low, high) = score_difference(first, first)
     yield difference("the same score", (same, low <= 0 <= high), (0.0, True), 1e-9)
     better = view_scores(_noisy(truth, 8, 0.06, 0), _noisy(truth * 0.99, 8, 0.06, 1))["ssim"]
