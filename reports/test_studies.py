@@ -86,9 +86,7 @@ def test_an_error_is_one_line_and_a_refuted_claim_has_an_exit_code(study, capsys
 
 def committed(name):
     """Committed results by case, in whichever form the study wrote them."""
-    (path,) = (HERE / name).glob("[!.]*.json") if name != "one_picture" else [
-        HERE / name / "one_picture.json"
-    ]  # fmt: skip
+    (path,) = (HERE / name).glob("[!.]*.json")
     data = json.loads(path.read_text("utf-8"))
     if "light_fields" in data:
         return {result["name"]: result for result in data["light_fields"]}
@@ -106,7 +104,7 @@ def test_committed_results_are_still_read(name):
     remarks, parts = study.page(committed(name))
     document = SimpleNamespace(title="", command="")
     text = StudyPage("", [], remarks, parts).markdown(document)
-    (path,) = (p for p in (HERE / name).glob("*.md") if p.stem != "nearest")
+    (path,) = (HERE / name).glob("*.md")
     rows = "\n".join(row for row in text.splitlines() if row.startswith("| "))
     numbers, quoted = (set(_NUMBER.findall(t)) for t in (rows, path.read_text("utf-8")))
     assert len(numbers) > 10 and numbers <= quoted
