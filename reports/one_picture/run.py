@@ -2,7 +2,7 @@
 
     python -m reports.one_picture.run scenes/*.xml MORE.xml ... -o reports/one_picture
 
-Each scene is evaluated from three viewpoints with all of its samples. `inim new-scene` makes a
+Each scene is evaluated from three viewpoints with the usual samples. `inim new-scene` makes a
 scene from a scanned relic. Scores of views are those on the relic, without noise, with 95 %
 intervals. The interval of a mean over viewpoints has their mean ends.
 """
@@ -66,10 +66,10 @@ def collect_scores(scene: Path) -> dict[str, Any]:
     """
     algorithms = [_named(name, terms) for terms in TERMS for name in (_TEMPLATE, *_RIVALS)]
     viewpoints = tuple(view for views in _AREAS.values() for view in views)
-    request = Request(
-        scene, Path("unused"), algorithms=(*algorithms, *_MORE_PICTURES), viewpoints=viewpoints
-    )
-    plan = make_plan(request)
+    plan = make_plan(Request(
+        scene, Path("unused"), algorithms=(*algorithms, *_MORE_PICTURES), viewpoints=viewpoints,
+        definitions={"inim.score_error": 0},
+    ))  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
         run, renderer, images = setup(plan, Path(folder), Observer(), data_only=True)
         evaluation = evaluate(plan, renderer, images, run)
