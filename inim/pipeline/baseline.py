@@ -260,7 +260,8 @@ def collect_statistics(evaluation: Evaluation, truth: Statistics) -> RunStatisti
     fingerprints: dict[str, Fingerprint] = {}
     for part in (truth, *(result.statistics for result in evaluation.results.values())):
         pictures |= part.pictures
-        scores |= part.scores
+        for name in part.scores.keys() | part.light.keys():
+            scores[name] = part.scores.get(name, {}) | part.light.get(name, {})
         fingerprints |= part.fingerprints
     return RunStatistics(
         inputs_of(evaluation.plan, evaluation.backend.variant),

@@ -161,6 +161,7 @@ _KINDS = {
     "picture": "pictures, tile by tile",
     "noise": "noise of the ground truth",
     "score": "scores",
+    "light": "light on the relic",
     "pixels": "EIAs of the reference input",
 }
 

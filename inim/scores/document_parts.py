@@ -123,7 +123,7 @@ Viewpoints = Annotated[list[EyePosition], doc("Eye positions, in order.")]
 
 
 Relation = Literal[">=", "<=", "within"]
-Kind = Literal["picture", "score", "pixels", "noise"]
+Kind = Literal["picture", "score", "light", "pixels", "noise"]
 
 
 class Check(Part):

@@ -188,8 +188,12 @@ def one_noisy_lens(eia: np.ndarray) -> np.ndarray:
         (lambda run: edited(run, half_a_pixel), {PIXELS}),
         (lambda run: edited(run, gamma_twice), {EIA, PIXELS, score("centre", "PSNR to reference")}),
         (lambda run: edited(run, one_noisy_lens), {EIA, PIXELS}),
+        (
+            lambda run: edited(run, lambda eia: 0.97 * eia),
+            {PIXELS, score("left", "light on relic red"), score("centre", "light on relic blue")},
+        ),
     ],
-    ids=["pseudoscopic depth", "half-pixel shift", "gamma twice", "one noisy lens"],
+    ids=["pseudoscopic depth", "half-pixel shift", "gamma twice", "one noisy lens", "3 % darker"],
 )
 def test_generator_that_went_wrong_is_found(baseline, run, plant, rows):
     failures = failed(baseline, run.statistics(generate=plant(run)))

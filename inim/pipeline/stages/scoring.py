@@ -25,6 +25,7 @@ from inim.scores import metrics
 from inim.scores.document_parts import Check, ScorePrecision, check
 from inim.scores.metrics import HEADLINE, HEADLINE_WORDS, Viewing
 from inim.scores.regression.fingerprints import Fingerprint
+from inim.scores.regression.light import light_scores
 from inim.scores.regression.scores import ScoreEstimate, view_scores
 from inim.scores.regression.tiles import TileStatistics, eia_tile, tile_statistics, view_tile
 from inim.system.process.machine import memory_limit_bytes
@@ -42,12 +43,13 @@ Scores = dict[str, ScoreEstimate]
 class Statistics:
     """Statistics of a method or of the ground truth, for comparisons with later runs.
 
-    `scores` are by ``NAME/VIEWPOINT``, then by score name.
+    `scores` and light scores are by ``NAME/VIEWPOINT``, then by score name.
     """
 
     pictures: dict[str, TileStatistics] = field(default_factory=dict)
     scores: dict[str, dict[str, ScoreEstimate]] = field(default_factory=dict)
     fingerprints: dict[str, Fingerprint] = field(default_factory=dict)
+    light: dict[str, dict[str, ScoreEstimate]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,28 @@ def score_view(
     `viewing` is None if no metric needs viewing conditions.
     """
     return view_scores(reference, test, region, viewing=viewing)
+
+
+@stage("light of a view", code=SCORING, result_types=(ScoreEstimate,))
+def _score_light(reference: NoisyImage, test: NoisyImage, region: np.ndarray) -> Scores:
+    """Compare the mean colours on the relic; the region is (rows, columns) bool."""
+    return light_scores(reference, test, region)
+
+
+def _score_light_of_views(
+    name: str,
+    truth: GroundTruth,
+    references: Mapping[str, NoisyImage],
+    views: Mapping[str, NoisyImage],
+    run: Run,
+) -> dict[str, Scores]:
+    """Light scores of views, by ``NAME/VIEWPOINT``."""
+    return {
+        f"{name}/{viewpoint}": _score_light(
+            references[viewpoint], view, truth.regions[viewpoint], run=run
+        )
+        for viewpoint, view in views.items()
+    }
 
 
 @stage("scores of two halves", code=SCORING)
@@ -111,6 +135,7 @@ def score_method(
             viewpoint: submit(_score_against_truth, truth, viewpoint, view, run)
             for viewpoint, view in views.items()
         }
+        light = submit(_score_light_of_views, name, truth, truth.reference_views, views, run)
         reference = output.reference_output
         fingerprints = {} if reference is None else {name: reference.fingerprint}
         scores_by_view = {viewpoint: future.result() for viewpoint, future in futures.items()}
@@ -123,7 +148,7 @@ def score_method(
             unlit_fraction=_unlit_fraction(eia.image, truth) if truth.is_whole else None,
         )
         scores = {f"{name}/{viewpoint}": s for viewpoint, s in scores_by_view.items()}
-        statistics = Statistics(tiles.result(), scores, fingerprints)
+        statistics = Statistics(tiles.result(), scores, fingerprints, light.result())
     checks = [
         *nonfinite_checks(f"eia/{name}", eia.nonfinite),
         *missing_viewpoints(name, [*truth.views], views),
@@ -203,7 +228,8 @@ def compute_truth_statistics(
     }
     views = run_in_threads(truth, calls, run)
     scores = {f"reference/{name}": scores for name, scores in reference_scores.items()}
-    return Statistics(views.pop("") | views, scores)
+    light = _score_light_of_views("reference", truth, truth.views, truth.reference_views, run)
+    return Statistics(views.pop("") | views, scores, light=light)
 
 
 def run_in_threads(

@@ -165,6 +165,10 @@ class Metric:
     def _join_key(self, *parts: str) -> str:
         return "_".join(filter(None, (self.name, *parts, self.unit.lower())))
 
+    def is_better(self, change: float) -> bool:
+        """True if a score improves by a change."""
+        return change > 0 if self.better == "higher" else change < 0
+
     def score_mask(self, shape: tuple[int, int], region: np.ndarray | None = None) -> np.ndarray:
         """Pixels of a map that count, (rows, columns) bool: a region without the border."""
         mask = np.zeros(shape, bool)

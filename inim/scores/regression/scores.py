@@ -33,7 +33,7 @@ import msgspec
 import numpy as np
 
 from inim.image.noisy_image import NoisyImage
-from inim.scores.document_parts import Check
+from inim.scores.document_parts import Check, Kind
 from inim.scores.metrics import Metric, Viewing, all_metrics, find, score_maps
 from inim.scores.regression.document import EstimateRecord
 from inim.scores.regression.noise_free import (
@@ -56,6 +56,11 @@ from inim.scores.regression.verdict import (
 
 #: One minus the confidence of the interval of a single score.
 INTERVAL_LEVEL = 0.05
+#: First word of the names of light scores (`inim.scores.regression.light`).
+LIGHT = "light"
+# Smallest change of light that counts, half of the error that a check must find: as a share of the
+# light, per cent to the reference, and per cent of white (a third of an 8-bit code at black).
+_LIGHT_SHARE, _LIGHT_TO_REFERENCE, _LIGHT_OF_WHITE = 0.005, 0.5, 0.01
 # Largest ratio of a map's mean to its noise-corrected mean, if the score is not the mean: scores
 # of images that differ by noise only would be infinite.
 _MOST_CORRECTED = 50.0
@@ -92,8 +97,10 @@ class ScoreEstimate:
     responses: np.ndarray | None = None
 
     def as_record(self) -> EstimateRecord:
-        """Return the compared values for a baseline's JSON; values that are not finite are null."""
-        values = {name: getattr(self, name) for name in EstimateRecord.__struct_fields__}
+        """Return the compared values for a baseline's JSON, to nine digits; null: not finite."""
+        values = {
+            name: float(f"{getattr(self, name):.9g}") for name in EstimateRecord.__struct_fields__
+        }
         return EstimateRecord(**{k: v if math.isfinite(v) else None for k, v in values.items()})
 
     @classmethod
@@ -365,10 +372,17 @@ def _verdict(
 ) -> Check:
     metric = find(name)
     smallest, unit = (metric.tolerance, metric.unit) if metric else (0.0, "")
+    kind: Kind = "score"
+    is_light, to_reference = name.startswith(f"{LIGHT}_"), name.endswith("_to_reference")
+    if is_light and to_reference:
+        smallest, unit = _LIGHT_TO_REFERENCE, "%"
+    elif is_light:
+        smallest, unit = max(_LIGHT_SHARE * abs(old.plain), _LIGHT_OF_WHITE), "% of white"
+        kind = "light"
     label = f"{label} against the baseline"
-    if new is None or metric is None:
-        detail = "the score is missing" if metric else "its metric is not installed"
-        return within(label, "score", math.nan, math.nan, smallest, unit=unit, detail=detail)
+    if new is None or not (metric or is_light):
+        detail = "the score is missing" if new is None else "its metric is not installed"
+        return within(label, kind, math.nan, math.nan, smallest, unit=unit, detail=detail)
     if old.plain == new.plain == math.inf:
         # Both equal the reference exactly: there is no error.
         return within(label, "score", 0.0, 0.0, smallest, unit=unit, detail="identical pictures")
@@ -381,14 +395,16 @@ def _verdict(
     detail = f"{new.plain:.4f}, baseline {old.plain:.4f}"
     if abs(expected) > smallest / 10:
         detail += f", {expected:+.4f} of it due to the number of samples"
-    verdict = within(label, "score", change, half, smallest, unit=unit, p_value=p, detail=detail)
-    is_better = change > 0 if metric.better == "higher" else change < 0
-    excuse = BETTER if is_better and not verdict.passed else ""
+    verdict = within(label, kind, change, half, smallest, unit=unit, p_value=p, detail=detail)
+    is_better = metric.is_better(change) if metric else abs(new.plain) < abs(old.plain)
+    excuse = BETTER if is_better and kind == "score" and not verdict.passed else ""
     return msgspec.structs.replace(verdict, excuse=excuse)
 
 
 def score_label(name: str) -> str:
     """Label of a score: ``psnr_on_relic_to_reference_db`` is "PSNR on relic to reference"."""
+    if name.startswith(f"{LIGHT}_"):
+        return name.replace("_", " ")
     metric = find(name)
     first, _, rest = name.partition("_")
     words = rest.removesuffix(metric.unit.lower() if metric else "").replace("_", " ").strip()

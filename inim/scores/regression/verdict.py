@@ -170,7 +170,9 @@ def judge(
     if not failed:
         return "passed", [*checks]
     better = {_algorithm(c) for c in failed if c.kind == "score" and c.excuse}
-    images = [c for c in failed if c.kind in ("picture", "pixels") and _algorithm(c) in better]
+    images = [
+        c for c in failed if c.kind in ("picture", "pixels", "light") and _algorithm(c) in better
+    ]
     if all(c.excuse or c in images for c in failed):
         return "improved", _excuse(checks, failed, BETTER)
     return "worse", _excuse(checks, failed, "")
