@@ -240,19 +240,24 @@ def _accept(args: argparse.Namespace) -> int:
 
 def _add_compare_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
+    parser.description = (
+        "Compare reports. Each is compared with the first report of its relic, or with the first "
+        "of all if its relic has no other. Several relics have a paired test."
+    )
     add("baseline", type=Path, metavar="OUT_A", help="folder of the earlier report")
-    add("candidate", type=Path, metavar="OUT_B", help="folder of the later report")
+    add("candidates", type=Path, nargs="+", metavar="OUT_B", help="folders of later reports")
     add_shared(parser, "quiet", out="folder (default: compare)")
 
 
 def _compare(args: argparse.Namespace) -> int:
-    from inim.pipeline.baseline import compare_reports
-    from inim.report.comparison_text import comparison_lines
+    from inim.pipeline.compare import all_lines, compare_all
 
     out = args.out or Path("compare")
-    data = compare_reports(args.baseline, args.candidate, out)
-    lines = [*comparison_lines(data), f"comparison: {out / 'compare.html'}"]
-    return _exit_code(data, finish(data.verdict.passed, *lines, quiet=args.quiet))
+    pairs = compare_all([args.baseline, *args.candidates], out)
+    place = out / "compare.html" if len(pairs) == 1 else out / "summary.md"
+    passed = all(pair.data.verdict.passed for pair in pairs)
+    code = finish(passed, *all_lines(pairs), f"comparison: {place}", quiet=args.quiet)
+    return max(_exit_code(pair.data, code) for pair in pairs)
 
 
 def _add_figure_arguments(parser: argparse.ArgumentParser) -> None:
@@ -321,7 +326,7 @@ COMMANDS = {
     "accept": Command(
         "accept a report as the baseline for later runs", _add_accept_arguments, _accept
     ),
-    "compare": Command("compare two reports statistically", _add_compare_arguments, _compare),
+    "compare": Command("compare reports statistically", _add_compare_arguments, _compare),
     "demo": Command("validate the bundled amphora scene: start here", _add_demo_arguments, _demo),
     "validate": Command(
         "render a scene, generate EIAs, and score every view", _add_arguments, _run

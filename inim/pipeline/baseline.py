@@ -20,14 +20,13 @@ from inim.image.files.image import write_png
 from inim.pipeline.evaluation import Evaluation
 from inim.pipeline.plan import Plan, inputs_of
 from inim.pipeline.stages.generation import ReferenceOutput
+from inim.pipeline.stages.scene import describe_files
 from inim.pipeline.stages.scoring import Statistics
+from inim.render.scene_files.file import SceneFile
 from inim.report import Report
-from inim.report.images import ENCODINGS, ReportImages, difference
-from inim.report.sections.regression import write_comparison
-from inim.scores.document_parts import Check, Checks, Circumstances, Regression, utc_now
+from inim.scores.document_parts import Check, Circumstances, Regression, utc_now
 from inim.scores.metrics import foreign_identities
 from inim.scores.regression.comparison import Comparison, changed_pixels, compare, tile_pictures
-from inim.scores.regression.document import CompareDocument, Side
 from inim.scores.regression.fingerprints import Fingerprint
 from inim.scores.regression.run_statistics import (
     BASELINE,
@@ -44,12 +43,9 @@ from inim.system.errors import BaselineError, UsageError
 from inim.system.process import machine
 from inim.system.process.user_paths import user_text
 from inim.system.version import __version__
-from inim.system.worker.output import output_files
 
 #: Folder of a report for the candidate and, after a failure, images of the differences.
 FOLDER = "regression"
-#: Files of a comparison of two reports; the first marks a whole comparison.
-COMPARISON_FILES = ("compare.json", "compare.html", "junit.xml", "summary.md")
 #: Default folder of baselines, relative to the current folder.
 BASELINES = Path("reports/baselines")
 
@@ -82,10 +78,10 @@ def compare_with_baseline(
     comparison = compare(baseline, candidate, allow_changed_inputs=allow)
     pictures = [
         name
-        for name in _failed_pictures(comparison)
+        for name in failed_pictures(comparison)
         if write_difference(folder, name, comparison.baseline, candidate)
     ]
-    data = _regression_data(path, baseline, comparison, pictures)
+    data = regression_data(path, baseline, comparison, pictures)
     return BaselineComparison(data, tuple(comparison.checks))
 
 
@@ -122,7 +118,7 @@ def write_difference(
     return True
 
 
-def _regression_data(
+def regression_data(
     path: str, baseline: RunStatistics, comparison: Comparison, pictures: list[str]
 ) -> Regression:
     """Results of a comparison, without its checks."""
@@ -195,58 +191,10 @@ def _check_complete(candidate: RunStatistics, out: Path) -> None:
         raise BaselineError(f"{out}: cannot be a baseline: {problem.strip()}; make a new report")
 
 
-def compare_reports(before: Path, after: Path, out: Path) -> CompareDocument:
-    """Compare two reports and write the result into a folder.
-
-    The report in the folder `before` is the baseline of that in `after`. Writes `COMPARISON_FILES`
-    into `out`.
-    Raises `BaselineError` if one has no data for a comparison, and `FileError` if a report is
-    missing or `out` cannot be written.
-    """
-    (report, old), (other, new) = read_run(before), read_run(after)
-    if out.exists() and any(out.samefile(folder) for folder in (before, after)):
-        raise UsageError(f"{out}: is one of the reports; choose another folder with -o")
-    comparison = compare(old, new)
-    with output_files(out, COMPARISON_FILES) as staging:
-        data = CompareDocument(
-            title=new.circumstances.title or after.name,
-            created=new.circumstances.created,
-            before=Side(folder=str(before), circumstances=old.circumstances),
-            after=Side(folder=str(after), circumstances=new.circumstances),
-            regression=_regression_data(
-                str(before),
-                old,
-                comparison,
-                [
-                    name
-                    for name in _failed_pictures(comparison)
-                    if _copy_pictures(report, other, name, staging)
-                ],
-            ),
-            verdict=Checks.of(comparison.checks),
-        )
-        write_comparison(data, staging)
-    return data
-
-
-def _failed_pictures(comparison: Comparison) -> list[str]:
+def failed_pictures(comparison: Comparison) -> list[str]:
+    """Names of the images that changed."""
     failed = [c for c in comparison.checks if c.kind == "picture" and not c.passed]
     return [check.name.partition(": ")[0] for check in failed]
-
-
-def _copy_pictures(before: Report, after: Report, name: str, staging: Path) -> bool:
-    """Write both reports' images of a name and their difference; False if one is missing."""
-    from PIL import Image
-
-    old, new = (ReportImages(r.folder, ENCODINGS[0]).read(f"{name}.png") for r in (before, after))
-    change = difference(old, new)
-    if old is None or new is None or change is None:
-        return False
-    target = staging / FOLDER / name
-    target.parent.mkdir(parents=True, exist_ok=True)
-    for pixels, kind in ((old, "baseline"), (new, "candidate"), (change, "difference")):
-        Image.fromarray(pixels).save(target.with_name(f"{target.name}-{kind}.png"))
-    return True
 
 
 _VERSIONS = ("drjit", "mitsuba", "numba", "numpy", "scikit-image")
@@ -255,6 +203,10 @@ _SAMPLING = ("capture_spp", "eia_spp", "view_spp", "reconstruction_spp", "seed")
 
 def collect_statistics(evaluation: Evaluation, truth: Statistics) -> RunStatistics:
     """Collect all statistics of a run."""
+    plan = evaluation.plan
+    facts = {}
+    if isinstance(plan.file, SceneFile):
+        facts = describe_files(plan.file, run=evaluation.run)
     pictures: dict[str, TileStatistics] = {}
     scores: dict[str, dict[str, ScoreEstimate]] = {}
     fingerprints: dict[str, Fingerprint] = {}
@@ -264,8 +216,8 @@ def collect_statistics(evaluation: Evaluation, truth: Statistics) -> RunStatisti
             scores[name] = part.scores.get(name, {}) | part.light.get(name, {})
         fingerprints |= part.fingerprints
     return RunStatistics(
-        inputs_of(evaluation.plan, evaluation.backend.variant),
-        _circumstances(evaluation.plan, evaluation.backend),
+        inputs_of(plan, evaluation.backend.variant, facts),
+        _circumstances(plan, evaluation.backend),
         pictures,
         scores,
         fingerprints,

@@ -1,6 +1,6 @@
 """Plan of a validation, made before the renderer is loaded."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from inim.pipeline.stages.reconstruction import Optics
 from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import PROGRAM, deciding_inputs
 from inim.render.scene_files.file import SceneFile, choose_display, read_scene_file
-from inim.scores.document_parts import DisplayRecord, RunInputs
+from inim.scores.document_parts import DisplayRecord, FileRecord, RunInputs
 from inim.scores.metrics import SSIM_WINDOW, Viewing, all_metrics
 from inim.scores.regression.run_statistics import BASELINE, RunStatistics, read_statistics
 from inim.system.errors import OutOfMemoryError, SceneError, UsageError, naming
@@ -292,13 +292,21 @@ def _check_without_scene(request: Request, settings: Settings, algorithms: Seque
             raise UsageError(f"algorithm {name!r}: needs a scene, not a picture; leave it out")
 
 
-def inputs_of(plan: Plan, variant: str | None = None) -> RunInputs:
-    """Declared inputs of a run, for comparisons; `variant` is the renderer's."""
+def inputs_of(
+    plan: Plan, variant: str | None = None, facts: Mapping[str, Mapping[str, str]] | None = None
+) -> RunInputs:
+    """Declared inputs of a run, for comparisons.
+
+    `variant` is the renderer's; `facts` are those of `inim.render.scene_files.facts`.
+    """
     s = plan.settings
     is_perceptual = any(metric.needs_viewing for metric in all_metrics())
     return RunInputs(
         elements=dict(plan.file.elements),
-        files=plan.file.file_names,
+        files={
+            sha256: FileRecord(name=name, **(facts or {}).get(sha256, {}))
+            for sha256, name in plan.file.file_names.items()
+        },
         display=plan.display,
         derived=DisplayRecord.of(plan.display).derived,
         misalign=s.misalign,

@@ -322,12 +322,28 @@ def check_scores(place: str, values: dict[str, float | None], named: dict[str, s
 # -- comparisons ----------------------------------------------------------------------------------
 
 
+Preview = Annotated[
+    str,
+    Meta(pattern="^[A-Za-z0-9+/=]*$", max_length=20_000),
+    doc("Small PNG in base64; empty: none."),
+]
+
+
+class FileRecord(Part):
+    """A file of a scene."""
+
+    name: str  #: Its name without folders.
+    facts: str = ""  #: Size of a picture; number of vertices and bounding box of a mesh.
+    preview: Preview = ""
+
+
 class Change(Part):
     """An input or a circumstance that differs."""
 
     name: str  #: Its name.
     baseline: str | int | float | bool | None  #: Its value in the baseline; null: none.
     candidate: str | int | float | bool | None  #: Its value now; null: none.
+    previews: tuple[Preview, Preview] = ("", "")  #: Of a picture's file: before and now.
 
 
 #: Verdicts of a comparison; docs/theory/regression.md defines them.
@@ -360,7 +376,7 @@ class RunInputs(Part):
     #: By name: canonical text of each element of the scene, with the SHA-256 of a file in place of
     #: its path.
     elements: dict[str, str]
-    files: dict[str, str]  #: Names of the scene's files without folders, by their SHA-256.
+    files: dict[str, FileRecord]  #: Files of the scene by their SHA-256.
     display: Display  #: Parameters of the display; absent: the default.
     derived: DerivedDisplay = field(name="display as derived")
     #: Misalignment not corrected by generators, as `rotation_deg=0.5, gap_mm=0.1`; empty: none.

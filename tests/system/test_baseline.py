@@ -134,10 +134,12 @@ def test_fresh_seed_passes_and_its_drift_shows(bench):
 
 
 def test_noisy_lens_fails_its_own_rows_only(noisy):
-    assert noisy.failed("noisy") == {
+    light = {name for name in noisy.failed("noisy") if ": light on " in name}
+    assert noisy.failed("noisy") - light == {
         "eia/planted: tiles against the baseline",
         "planted: changed pixels of the reference input",
     }
+    assert all(name.startswith("planted/") for name in light)
 
 
 def test_failure_leaves_candidate_baseline_and_difference(noisy):
@@ -304,7 +306,7 @@ def test_compare_gives_the_verdicts_of_the_baseline_check(noisy, tmp_path, capsy
     assert main(["compare", *folders, "-o", str(out)]) == EXIT_CHECK_FAILED
     text = capsys.readouterr().out
     assert text.splitlines()[0].startswith("changed: eia/planted: tiles")
-    assert "worse: 2 of " in text
+    assert "worse: " in text
     data = read_document(out / "compare.json")
     assert data["schema"] == "inim.compare/3"
     failed = {check["name"] for check in data["verdict"]["checks"] if not check["passed"]}
@@ -313,7 +315,7 @@ def test_compare_gives_the_verdicts_of_the_baseline_check(noisy, tmp_path, capsy
     page = (out / "compare.html").read_text(encoding="utf-8")
     assert "What changed" in page
     assert page.count("data:image/") == 3
-    assert ElementTree.parse(out / "junit.xml").getroot().get("failures") == "2"
+    assert ElementTree.parse(out / "junit.xml").getroot().get("failures") == str(len(failed))
     assert main(["compare", folders[0], folders[0], "-o", str(out), "--quiet"]) == EXIT_PASSED
 
 

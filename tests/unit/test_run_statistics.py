@@ -160,13 +160,15 @@ def test_a_changed_input_is_named_with_both_values(other, change):
 def test_a_changed_file_has_its_name_and_place():
     texture = "shape ball / bsdf clay / texture bitmap"
     old, new = (
-        with_changes({"elements": {f"{texture} / string filename": sha}, "files": {sha: name}})
+        with_changes(
+            {"elements": {f"{texture} / string filename": sha}, "files": {sha: {"name": name}}}
+        )
         for sha, name in (("a" * 64, "clay.png"), ("b" * 64, "clay.png"))
     )
     [change] = changed_inputs(old, new)
     assert change.name == f"file clay.png ({texture})"
     assert change.candidate == f"clay.png {'b' * 12}…"
-    moved = with_changes({"elements": old.elements, "files": {"a" * 64: "copy.png"}})
+    moved = with_changes({"elements": old.elements, "files": {"a" * 64: {"name": "copy.png"}}})
     assert changed_inputs(old, moved) == [], "a renamed file has the same content"
 
 

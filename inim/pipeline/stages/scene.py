@@ -8,6 +8,7 @@ from typing import Any, TypedDict
 from inim.display import Display
 from inim.image.noisy_image import split_samples
 from inim.pipeline.stages.stage import RENDERING, stage
+from inim.render.scene_files.facts import file_facts
 from inim.render.scene_files.file import SceneFile
 from inim.system.backend import Backend, choose_backend
 from inim.system.plugins import PluginModule
@@ -119,6 +120,12 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
             "display_from_world": fit.display_from_world.tolist(),
         },
     }
+
+
+@stage("files of the scene", code=RENDERING)
+def describe_files(file: SceneFile) -> dict[str, dict[str, str]]:
+    """Facts and previews of meshes and pictures, by SHA-256, to show what changed."""
+    return file_facts(file)
 
 
 #: Samples per pixel of each round so far. A stage renders those of the last round.

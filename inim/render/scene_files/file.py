@@ -87,6 +87,10 @@ class SceneFile:
     #: Canonical text of every element, by name; see `inim.render.scene_files.elements`.
     elements: Mapping[str, str]
 
+    def cache_key(self) -> dict[str, Any]:
+        """Return the digest of the scene and all its files."""
+        return {"scene": self.sha256}
+
     @property
     def file_names(self) -> dict[str, str]:
         """Names of the named files without folders, by the SHA-256 of their content."""

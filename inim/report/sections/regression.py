@@ -22,8 +22,10 @@ from inim.report.page import (
     element,
     figure,
     lead,
+    table,
     text,
     text_table,
+    void,
 )
 from inim.report.sections import ReportSection
 from inim.report.sections.run import check_list
@@ -69,11 +71,23 @@ def regression(data: ReportDocument | CompareDocument, images: ReportImages) -> 
 def _changes(caption: str, head: str, changes: Sequence[Change]) -> str:
     """Table of changes; empty without any."""
     rows = [
-        [row.name, *(MISSING if v is None else v for v in (row.baseline, row.candidate))]
+        [
+            text(row.name),
+            *(
+                _preview(preview) + text(MISSING if value is None else value)
+                for preview, value in zip(row.previews, (row.baseline, row.candidate), strict=True)
+            ),
+        ]
         for row in changes
     ]
-    heads = [head, "Baseline", "This run"]
-    return text_table(caption, heads, rows, "facts") if rows else ""
+    return table(caption, [head, "Baseline", "This run"], rows, "facts") if rows else ""
+
+
+def _preview(png_base64: str) -> str:
+    """Picture of a changed file, enlarged; empty without one."""
+    if not png_base64:
+        return ""
+    return void("img", src=f"data:image/png;base64,{png_base64}", alt="", width=96) + " "
 
 
 def _scores(data: ReportDocument | CompareDocument) -> str:
@@ -85,10 +99,10 @@ def _scores(data: ReportDocument | CompareDocument) -> str:
     ]
     caption = f"Change of {HEADLINE_WORDS}, with its interval"
     heads = ["Algorithm", "Viewpoint", "Change", ""]
-    table = text_table(caption, heads, rows, "drift") if rows else ""
+    all_changes = text_table(caption, heads, rows, "drift") if rows else ""
     changed = [c for c in compared(data) if c.kind == "score" and not c.passed]
     items = [f"{check.name}: {check_sentence(check)}" for check in changed]
-    return table + (lead("Changed scores:") + bullets(items, "changes") if items else "")
+    return all_changes + (lead("Changed scores:") + bullets(items, "changes") if items else "")
 
 
 def _not_compared(comparison: Regression) -> str:

@@ -71,15 +71,20 @@ def _changed_elements(before: RunInputs, after: RunInputs) -> Iterator[Change]:
             continue
         values = old.get(name), new.get(name)
         files = before.files.get(values[0] or ""), after.files.get(values[1] or "")
-        label = f"file {files[1]} ({name.rpartition(' / ')[0]})" if files[1] else f"scene: {name}"
+        label = f"scene: {name}"
+        if files[1]:
+            label = f"file {files[1].name} ({name.rpartition(' / ')[0]})"
         texts = [
-            f"{file} {_text(value)}" if file else _text(value)
+            ", ".join(filter(None, (f"{file.name} {_text(value)}", file.facts)))
+            if file
+            else _text(value)
             for file, value in zip(files, values, strict=True)
         ]
         yield Change(
             name=label,
             baseline=texts[0] if name in old else None,
             candidate=texts[1] if name in new else None,
+            previews=tuple(file.preview if file else "" for file in files),
         )
 
 
