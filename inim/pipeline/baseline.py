@@ -212,7 +212,7 @@ def collect_statistics(evaluation: Evaluation, truth: Statistics) -> RunStatisti
     fingerprints: dict[str, Fingerprint] = {}
     for part in (truth, *(result.statistics for result in evaluation.results.values())):
         pictures |= part.pictures
-        for name in part.scores.keys() | part.light.keys():
+        for name in {**part.scores, **part.light}:
             scores[name] = part.scores.get(name, {}) | part.light.get(name, {})
         fingerprints |= part.fingerprints
     return RunStatistics(

@@ -24,6 +24,7 @@ from inim.scores.regression.scores import compare_scores
 from inim.scores.regression.tiles import TileStatistics
 from inim.scores.regression.verdict import (
     FALSE_ALARM_RATE,
+    FAMILY_RATE,
     judge,
     sidak,
     welch_half_width,
@@ -107,7 +108,7 @@ def compare_pictures(
     An image that the candidate lacks, or has in another size, fails.
     """
     tests = sum(_TESTS * tiles.power.size for tiles in baseline.values())
-    level = sidak(FALSE_ALARM_RATE, tests)
+    level = sidak(FAMILY_RATE, tests)
     return [_verdict(name, old, candidate.get(name), level) for name, old in baseline.items()]
 
 
@@ -293,7 +294,7 @@ def tile_pictures(
 
     Red tiles became brighter, blue tiles darker. Tiles that passed are at a tenth of the intensity.
     """
-    change = tile_change(baseline, candidate, sidak(FALSE_ALARM_RATE, 4 * baseline.power.size))
+    change = tile_change(baseline, candidate, sidak(FAMILY_RATE, 4 * baseline.power.size))
     codes = np.nan_to_num(change.codes, nan=255.0)
     largest = np.argmax(np.abs(codes), axis=-1)[..., None]
     largest_change = np.take_along_axis(codes, largest, axis=-1)[..., 0]

@@ -47,7 +47,7 @@ from inim.scores.regression.noise_free import (
 )
 from inim.scores.regression.verdict import (
     BETTER,
-    FALSE_ALARM_RATE,
+    FAMILY_RATE,
     sidak,
     welch_half_width,
     welch_p_value,
@@ -350,7 +350,7 @@ def compare_scores(
     the baseline's.
     """
     tests = sum(len(scores) for scores in baseline.values())
-    level = sidak(FALSE_ALARM_RATE, tests)
+    level = sidak(FAMILY_RATE, tests)
     scale = noise_ratio**2 if math.isfinite(noise_ratio) else 1.0
     scale = min(max(scale, _SCALES[0]), _SCALES[1])
     return [

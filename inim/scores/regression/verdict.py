@@ -1,7 +1,7 @@
 """Verdicts as data, and their statistics, each with its formula and source.
 
 Every test is two-sided. Levels are per family: the probability of any false alarm among a run's `m`
-tests of one kind is `FALSE_ALARM_RATE`. `scipy.special` provides the distributions, because
+tests of one kind is `FAMILY_RATE`. `scipy.special` provides the distributions, because
 `scipy.stats` takes two seconds to load.
 """
 
@@ -14,9 +14,10 @@ import numpy as np
 
 from inim.scores.document_parts import Check, Kind, Relation, Verdict
 
-#: Probability that noise alone fails a family of tests (all tiles, all scores) of an
-#: unchanged program: once in three years in a daily check.
+#: Probability that noise alone fails any test of an unchanged program: once in three years in a
+#: daily check. The two families of tests, all tiles and all scores, have half of it each.
 FALSE_ALARM_RATE = 1e-3
+FAMILY_RATE = FALSE_ALARM_RATE / 2
 
 
 def sidak(level: float, tests: int) -> float:
