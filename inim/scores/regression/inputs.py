@@ -80,11 +80,12 @@ def _changed_elements(before: RunInputs, after: RunInputs) -> Iterator[Change]:
             else _text(value)
             for file, value in zip(files, values, strict=True)
         ]
+        previews = [file.preview if file else "" for file in files]
         yield Change(
             name=label,
             baseline=texts[0] if name in old else None,
             candidate=texts[1] if name in new else None,
-            previews=tuple(file.preview if file else "" for file in files),
+            previews=(previews[0], previews[1]),
         )
 
 
