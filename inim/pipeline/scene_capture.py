@@ -22,7 +22,6 @@ from inim.pipeline.stages.scene import Renderer, Scene
 from inim.pipeline.stages.stage import Run
 from inim.render.scene_files.file import SceneFile, choose_display, read_scene_file
 from inim.system.errors import naming
-from inim.system.process.atomic_file import temporary_folder
 from inim.system.process.observer import Observer
 from inim.system.worker.supervisor import run_in_worker
 
@@ -62,9 +61,11 @@ def generate_from_scene(
     shape, pixel_mm = design.capture_shape(per_pitch), design.capture_pixel_mm(per_pitch)
     generator = GeneratorHandle(algorithm, design, shape, pixel_mm)
     place = Path(tempfile.gettempdir())
+    from inim.system.process.locked_folder import locked_folder  # POSIX only, as the renderer
+
     with (
         naming(path),
-        temporary_folder(place, "inim-capture-") as folder,
+        locked_folder(place, "inim-capture-") as folder,
         ThreadPoolExecutor(1) as thread,
     ):
 

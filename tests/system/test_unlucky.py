@@ -185,6 +185,24 @@ def test_hidden_folder_of_a_dead_run_is_cleared_away_and_of_a_living_one_is_not(
     assert list(tmp_path.iterdir()) == [others]
 
 
+def test_folder_of_a_renderer_killed_with_its_parent_is_removed_by_the_next_run(tmp_path):
+    code = "import os, signal, sys; from inim.system.process.python_process import *\n"
+    code += "command = [sys.executable, '-c', 'input()']\n"
+    code += "with rendering_process(command, {{}}) as child:\n"
+    code += "    child.kill(); child.wait(); {}"
+    variables = os.environ | {"TMPDIR": str(tmp_path)}
+
+    def run(last: str) -> int:
+        return subprocess.run([sys.executable, "-c", code.format(last)], env=variables).returncode
+
+    assert run("os.kill(os.getpid(), 9)") == -9
+    (left,) = tmp_path.iterdir()
+    other = tmp_path / "inim-mesh-1.partial"  # of another kind, and not locked
+    other.mkdir()
+    assert run("pass") == 0
+    assert list(tmp_path.iterdir()) == [other] and left != other
+
+
 # --- Many in one process ------------------------------------------------------------------------
 
 MANY_RUNS = """

@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 from inim.system.errors import FileError
-from inim.system.worker.output import list_name, lock_folder, staging_folder
+from inim.system.process.locked_folder import lock_folder
+from inim.system.worker.output import list_name, staging_folder
 
 LIST = ".report-files.json"
 

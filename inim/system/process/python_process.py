@@ -18,7 +18,7 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from inim.system.process.atomic_file import file_errors, temporary_folder
+from inim.system.process.atomic_file import file_errors
 from inim.system.process.interrupts import cleaned_up, delayed_interrupts
 
 if TYPE_CHECKING:
@@ -91,10 +91,12 @@ def rendering_process(
     import subprocess
     import tempfile
 
+    from inim.system.process.locked_folder import locked_folder
+
     with ExitStack() as stack:
         place = Path(tempfile.gettempdir())
         with file_errors(place, "set TMPDIR to a folder that can be written"):
-            folder = stack.enter_context(temporary_folder(place, "inim-"))
+            folder = stack.enter_context(locked_folder(place, "inim-run-"))
         with delayed_interrupts():
             # A terminal sends SIGINT to all processes, and Python would print a traceback while it
             # starts. A child inherits the mask of its parent.

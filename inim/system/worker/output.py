@@ -5,17 +5,16 @@ marks an output folder: a later run replaces and deletes the files in that list,
 """
 
 import fcntl
-import glob
 import json
 import os
-import shutil
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from inim.system.errors import FileError
-from inim.system.process.atomic_file import file_errors, temporary_folder
+from inim.system.process.atomic_file import file_errors
 from inim.system.process.interrupts import delayed_interrupts
+from inim.system.process.locked_folder import lock_folder, locked_folder
 
 #: Files and folders of every report; the first marks a whole report.
 REPORT = ("report.json", "report.html", "junit.xml", "summary.md", "eia/", "truth/", "views/")
@@ -33,17 +32,11 @@ def hidden_folder(out: Path) -> Iterator[Path]:
     Its path is absolute. Removes the folders that killed processes left for the same `out`. Raises
     `FileError` if the folder cannot be written.
     """
-    prefix = f".{out.name[:32]}."  # a name may be as long as the file system allows
     with ExitStack() as stack:
         with file_errors(out):
             out.parent.mkdir(parents=True, exist_ok=True)
-            with lock_folder(out.parent):
-                for path in out.parent.glob(f"{glob.escape(prefix)}*.partial"):
-                    # The folder of a running process is locked.
-                    with suppress(OSError), lock_folder(path, fcntl.LOCK_EX | fcntl.LOCK_NB):
-                        shutil.rmtree(path, ignore_errors=True)
-                folder = stack.enter_context(temporary_folder(out.parent, prefix))
-                stack.enter_context(lock_folder(folder, fcntl.LOCK_SH))
+            # A name may be as long as the file system allows.
+            folder = stack.enter_context(locked_folder(out.parent, f".{out.name[:32]}."))
         yield folder
 
 
@@ -153,18 +146,3 @@ def _foreign_output_error(path: Path) -> FileError:
         f"{path}: is in the way, and not from an earlier run; remove it, or choose another folder "
         "with -o"
     )
-
-
-@contextmanager
-def lock_folder(folder: Path, operation: int = fcntl.LOCK_EX) -> Iterator[None]:
-    """Hold the lock of a folder, which ends with the process; without LOCK_NB, wait for it."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        try:
-            fcntl.flock(descriptor, operation)
-        except OSError:
-            if operation & fcntl.LOCK_NB:
-                raise
-        yield
-    finally:
-        os.close(descriptor)

@@ -21,11 +21,11 @@ from typing import IO, Any
 
 from inim.system.errors import InimError, unexpected_error
 from inim.system.process import machine
+from inim.system.process.locked_folder import lock_folder
 from inim.system.process.observer import Observer, OnStage
 from inim.system.process.printing import printable, quiet_libraries
 from inim.system.process.python_process import exit_as_orphan, exit_with_parent
 from inim.system.process.user_paths import AbsolutePathPickler, remember_user_paths, user_text
-from inim.system.worker.output import lock_folder
 
 _BAR = "{desc}: {percentage:3.0f}%|{bar}| {remaining} left"
 _REDRAW_S = 1.0
