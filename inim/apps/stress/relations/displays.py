@@ -187,10 +187,12 @@ def _lengths(_: str, effort: int) -> Iterator[Deviation]:
     aimed = small_display(elemental_pitch_mm=1.25)
     half_angle = math.degrees(math.atan(1.25 / 6.6))
     yield is_true("aimed half angle", abs(aimed.viewing_half_angle_deg - half_angle) < 1e-12)
-    hexagonal = small_display(lattice="hexagonal", lens_columns=5, lens_rows=4)
-    actual = (hexagonal.width_mm, hexagonal.height_mm, hexagonal.row_pitch_mm)
-    rows = math.sqrt(3) / 2
-    yield is_true("hexagonal", np.abs(np.subtract(actual, (5.5, 4 * rows, rows))) < 1e-12)
+    row = math.sqrt(3) / 2
+    for rows in (1, 2, 3, 4):
+        hexagonal = small_display(lattice="hexagonal", lens_columns=5, lens_rows=rows)
+        actual = (hexagonal.width_mm, hexagonal.height_mm, hexagonal.row_pitch_mm)
+        size = 5 + 0.5 * (rows > 1), rows * row, row
+        yield is_true(f"hexagonal, {rows} rows", np.abs(np.subtract(actual, size)) < 1e-12)
 
 
 @relation(
@@ -244,7 +246,15 @@ def _scale(_: str, effort: int) -> Iterator[Deviation]:
 )  # fmt: skip
 def _bounds(_: str, effort: int) -> Iterator[Deviation]:
     """Declared slopes, crossings and extents bound all rays, and the picture contains them."""
-    for name, display in displays():
+    wide = {"lens_columns": 40, "lens_rows": 2}
+    ranges = {"before": (6.0, 12.0), "behind": (-12.0, -6.0), "on both sides": (-9.0, 7.0)}
+    aims = [
+        (f"images of {cell:g}, {name}", small_display(
+            **wide, elemental_pitch_mm=cell, depth_min_mm=low, depth_max_mm=high))
+        for cell in (0.97, 1.03)
+        for name, (low, high) in ranges.items()
+    ]  # fmt: skip
+    for name, display in (*displays(), *aims):
         steep, far = display.steepest_slopes, display.layout.farthest_crossings_mm
         half = display.half_extent_mm
         # On borders of lenses, rows and columns decide, not `pixel_rays`.
@@ -516,7 +526,7 @@ def _misaligned(_: str, effort: int) -> Iterator[Deviation]:
     wider = misaligned(design, "pitch_mm=0.01, gap_mm=0.1")
     values = (wider.pitch_mm, wider.pitch_y_mm, wider.elemental_pitch_mm, wider.gap_mm,
               wider.lens_thickness_mm)  # fmt: skip
-    yield excess("pitch", np.abs(np.subtract(values, (1.01, 1.111, 1.01202, 3.4, 1.0))), 0.0)
+    yield difference("pitch", values, (1.01, 1.111, 1.01202, 3.4, 1.0), 1e-9)
     yield difference("depth range", wider.depth_range_mm, design.depth_range_mm)
     layers = ((0.5, 1.52), (0.2, 1.4))
     air = 0.5 / 1.52 + 0.2 / 1.4

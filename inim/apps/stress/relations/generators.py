@@ -285,6 +285,35 @@ def _definitions(algorithm: str, effort: int) -> Iterator[Deviation]:
         yield Deviation(name, int(wrong.sum()), len(wrong), int(wrong.sum()), warned=warned)
 
 
+@relation(
+    "definitions at ties", limit=0, unit="pixels", subjects=_DEFINED, covers=_COVERS,
+    source="short binary lengths, of which nothing is rounded",
+)  # fmt: skip
+def _exact_definitions(algorithm: str, effort: int) -> Iterator[Deviation]:
+    """Ties of a definition are decided as it states, where float64 holds all of its numbers."""
+    binary = {"gap_mm": 4.0, "pixel_pitch_mm": 0.125}
+    # Rays of 1/32, 3/32, ... cells per mm: over 16 mm, half-integral numbers of entries.
+    halves = small_display(**binary, depth_min_mm=5.0, depth_max_mm=21.0)
+    short = small_display(**binary, depth_min_mm=-0.5, depth_max_mm=0.75)
+    level = small_display(**binary, depth_min_mm=4.0, depth_max_mm=8.0)
+    shape = (16, 18)
+    flat = picture_of_depth(np.full(shape, 8.0, np.float32), 0.5)
+    for name, display, rgbd in (
+        ("half steps", halves, noise(halves, (48, 48), 0.5, 2)),
+        ("short rays", short, noise(short, shape, 0.5, 4)),
+        ("at z_max", level, flat),
+    ):
+        # The whole matrix of an entry takes longest.
+        most = (12 if algorithm == "wang2024" else 60) * effort
+        rays = rays_over(display, rgbd, chosen_pixels(display, most))
+        if algorithm == "template":
+            truth = exact_first_hits(rays, rgbd, display, np.arange(len(rays.pixels)))
+        else:
+            truth = answer(algorithm, rays, rgbd, display, np.float64).sources
+        wrong = find_sources(rgbd, display, algorithm)[tuple(rays.pixels.T)] != truth
+        yield Deviation(name, int(wrong.sum()), len(wrong), int(wrong.sum()))
+
+
 @relation("wrong sources are counted", **_BITWISE)
 def _counted(algorithm: str, effort: int) -> Iterator[Deviation]:
     """Sources are within the picture, holes and pixels without a lens are marked, shares agree."""

@@ -227,6 +227,14 @@ def _grazing(model: str, effort: int) -> Iterator[Deviation]:
         for side, display in _sides(model, _KINDS[name]):
             for slope in (0.6, 1.0):
                 yield _many(f"{name}, {side}, {slope:g}", display, _rays(display, 200, slope, 3))
+    # Light along the array never reaches the panel.
+    slopes = np.array([1e5, 1e7, 1e8, 1e10])
+    for side, display in _sides(model, {}):
+        x, _, weight = trace_to_panel(display, model, 0.0, 0.0, slopes, 0.0)
+        lit = weight > 0
+        yield is_true(f"{side}: light", np.isfinite(weight) & (weight >= 0) & (weight <= 1))
+        if side.endswith("panel"):
+            yield is_true(f"{side}: along the array", np.abs(x[lit]) < 2e6 * display.gap_mm)
     radius = 3.0 * 0.4917
     display = _display(
         curved_side="panel", pitch_mm=1.405 * radius, lens_thickness_mm=1.5, pixel_pitch_mm=0.08
