@@ -19,10 +19,9 @@ from inim.pipeline.stages.doubts import LEAST_NOISE_FLOOR
 from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.pipeline.stages.picture import PictureFile
 from inim.pipeline.stages.scene import Rounds
-from inim.pipeline.stages.scoring import run_in_threads
+from inim.pipeline.stages.scoring import headline_half_width, run_in_threads
 from inim.pipeline.stages.stage import Run
 from inim.scores.metrics import HEADLINE_WORDS, MAIN, score_maps
-from inim.scores.regression.scores import half_width, view_scores
 
 #: Samples of the first round and of all rounds, in units of `Layout.usual_samples`.
 LEAST, MOST = 1 / 4, 4
@@ -110,9 +109,8 @@ def interval_excess(
         halves = score_maps(*truth.views[viewpoint].halves(), [MAIN.key])
         if MAIN.score(halves[MAIN.key], region) < LEAST_NOISE_FLOOR:
             return [math.inf] * len(views)
-        score = partial(view_scores, truth.reference_views[viewpoint], keys=[MAIN.key])
-        pictures = [views_of_method[viewpoint] for views_of_method in views]
-        return [half_width(score(view, region)[MAIN.on_relic_key]) for view in pictures]
+        reference, pictures = truth.reference_views[viewpoint], [v[viewpoint] for v in views]
+        return [headline_half_width(reference, view, region, run=run) for view in pictures]
 
     calls = {viewpoint: partial(half_widths, viewpoint) for viewpoint in truth.views}
     by_viewpoint = run_in_threads(truth, calls, run).values()
