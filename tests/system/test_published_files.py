@@ -106,8 +106,8 @@ def runner(tmp_path_factory):
 @pytest.mark.slow
 def test_action_shows_the_summary_of_a_pass_a_failure_and_an_unreadable_scene(runner, tmp_path):
     scene = write_scene(tmp_path / "scenes")
-    few = " ".join(["--viewpoints", "left", *definitions(TINY)])
-    inputs = {"scene": "scenes/tiny.xml", "algorithms": "template,gu2020", "arguments": few}
+    arguments = " ".join(["--viewpoints", "left", *definitions(TINY)])
+    inputs = {"scene": "scenes/tiny.xml", "algorithms": "template,gu2020", "arguments": arguments}
     code, summary = runner(tmp_path, **inputs)
     assert code == 0
     assert "gu2020" in summary
