@@ -115,14 +115,19 @@ def draw_scores(pool: Pool, seeds: int, draws: int) -> dict[str, list[_Draw]]:
             pool.region,
         )
         for key, score in scores.items():
-            results.setdefault(key, []).append((score.value, *score.interval, best[key].value))
+            results.setdefault(key, []).append(_draw(score.value, score.interval, best[key].value))
         for key in [key for key in scores if key.startswith(ALGORITHMS[0])]:
             other = key.replace(ALGORITHMS[0], ALGORITHMS[1])
             value, interval = difference(scores[key], scores[other])
             name = key.replace(ALGORITHMS[0], " - ".join(ALGORITHMS))
             rest = best[key].value - best[other].value
-            results.setdefault(name, []).append((value, *interval, rest))
+            results.setdefault(name, []).append(_draw(value, interval, rest))
     return results
+
+
+def _draw(value: float, interval: tuple[float, float], best: float) -> _Draw:
+    low, high = interval
+    return round(value, 5), round(low, 5), round(high, 5), round(best, 5)
 
 
 def _groups(replicates: np.ndarray) -> NoisyImage:
