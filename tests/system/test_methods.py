@@ -326,7 +326,7 @@ def test_pictures_that_cannot_be_scored_fail_a_check(tiny_scene, run_inim, other
         assert any(line.startswith(f"{name} ") for line in lines)
         assert any(line.startswith("failed: ") and f"{name}: {check}: " in line for line in lines)
         assert any(f"{name}: {check}" in failure for failure in failed)
-    assert verdict.startswith("FAILED; report: ")
+    assert verdict.startswith("failed; report: ")
 
 
 class Wrong:

@@ -84,7 +84,7 @@ def test_unknown_command_is_one_line_that_names_those_there_are(capsys, word, sa
             {"inim.pitch_mm=", "inim.pitch_y_mm="},
             {"inim.gap_mm="},
         ),
-        ("inim validate a.xml --all", {"--allow-folder "}, {"--lazy"}),
+        ("inim validate a.xml --allow-f", {"--allow-folder "}, {"--lazy"}),
     ],
 )
 def test_shells_complete_the_words_of_a_command(tmp_path, line, proposed, not_proposed):
