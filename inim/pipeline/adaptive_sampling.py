@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from statistics import fmean
 
-from inim.image.noisy_image import REPLICATES, NoisyImage
+from inim.image.noisy_image import REPLICATES, NoisyImage, split_samples
 from inim.image.rgbd import LayeredRGBD
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.doubts import LEAST_NOISE_FLOOR
@@ -54,8 +54,11 @@ class Sampling:
     @property
     def totals(self) -> dict[str, int]:
         """Samples per pixel of all rounds, by setting; whole numbers per replicate if by need."""
-        needed = {n: max(1, math.ceil(self.share * self.usual[n] / REPLICATES)) for n in self.usual}
-        return {n: REPLICATES * needed[n] if n in self.by_need else self.usual[n] for n in needed}
+        totals = dict(self.usual)
+        for name in self.by_need:
+            samples = max(REPLICATES, math.ceil(self.share * totals[name]))
+            totals[name] = math.prod(split_samples(samples))
+        return totals
 
     @property
     def is_last(self) -> bool:

@@ -60,7 +60,7 @@ from inim.report import Report
 def validate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Report:
     """Evaluate, compare with the baseline, and report."""
     evaluation = evaluate(plan, renderer, images, run)
-    capture, truth, run = evaluation.capture, evaluation.truth, evaluation.run
+    capture, truth = evaluation.capture, evaluation.truth
     times = generator_times(plan.methods, capture, run=run) if plan.request.time else {}
     noise_floor = compute_noise_floor(truth, run=run)
     truth_statistics = compute_truth_statistics(truth, evaluation.reference_scores, run=run)
