@@ -19,7 +19,7 @@ from inim.pipeline.stages.doubts import LEAST_NOISE_FLOOR
 from inim.pipeline.stages.ground_truth import GroundTruth
 from inim.pipeline.stages.picture import PictureFile
 from inim.pipeline.stages.scene import Rounds
-from inim.pipeline.stages.scoring import headline_half_width, run_in_threads
+from inim.pipeline.stages.scoring import headline_uncertainty, run_in_threads
 from inim.pipeline.stages.stage import Run
 from inim.scores.metrics import HEADLINE_WORDS, MAIN, score_maps
 
@@ -113,7 +113,7 @@ def interval_excess(
         if MAIN.score(halves[MAIN.key], region) < LEAST_NOISE_FLOOR:
             return [math.inf] * len(views)
         reference, pictures = truth.reference_views[viewpoint], [v[viewpoint] for v in views]
-        return [headline_half_width(reference, view, region, run=run) for view in pictures]
+        return [headline_uncertainty(reference, view, region, run=run) for view in pictures]
 
     calls = {viewpoint: partial(half_widths, viewpoint) for viewpoint in truth.views}
     by_viewpoint = run_in_threads(truth, calls, run).values()

@@ -61,10 +61,10 @@ def register() -> None:
             self._sample: Any = None
             self._stream: Any = None
 
-        def start(self, seed: int, pixel: Any, sample: Any) -> None:
-            """Begin the streams of samples: `pixel` and `sample` are (n,) UInt32."""
+        def start(self, seed: Any, pixel: Any, sample: Any) -> None:
+            """Begin the streams of samples; `seed`, `pixel` and `sample` are (n,) UInt32."""
             self._sample = mi.UInt32(sample)
-            self._stream = _hash(_hash(pixel) + _hash(dr.opaque(mi.UInt32, seed)))
+            self._stream = _hash(_hash(pixel) + _hash(seed))
 
         def _next(self, active: Any) -> tuple[Any, Any]:
             """Position of a path's next number or pair in the sequence, and its own key."""

@@ -1,6 +1,5 @@
 """Ground truth by the renderer: the RGB-D picture, the ground-truth EIA and views."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -22,6 +21,7 @@ from inim.render.trace import (
     first_not_light,
     first_surface,
     mean_light,
+    pixel_light,
     scene_light,
     whole_packets,
 )
@@ -333,28 +333,28 @@ def _render_panel(
     """
     camera, (count, part_spp) = fitted.camera(rays), split_samples(spp)
     light, in_half = scene_light(fitted.scene, fitted.integrator, camera), count // 2
+    seeds = [REPLICATES * seed + part for part in range(count)]
+    before = first // count
     if observed is None or count < REPLICATES:
         observed = np.zeros(camera.shape, bool)
-
-    def render(part: int, size: int, pixels: np.ndarray) -> np.ndarray:
-        part_seed = REPLICATES * seed + part
-        return mean_light(
-            light, camera.shape, size * part_spp, part_seed, mask & pixels, observer,
-            size * first // count,
-        )  # fmt: skip
-
     # Pixels that may be traced together with observed ones have replicates as well: the same
     # pixels for any number of samples.
-    has_replicates = whole_packets(observed.ravel()).reshape(camera.shape)
-    halves = [render(half, in_half, ~has_replicates) for half in (0, 1)]
+    has_replicates = mask & whole_packets(observed.ravel()).reshape(camera.shape)
+    others = mask & ~has_replicates
+    halves = [
+        mean_light(light, camera.shape, in_half * part_spp, s, others, observer, in_half * before)
+        for s in seeds[:2]
+    ]
     if not observed.any():
         return (halves[0], halves[1]), None
-    replicates = np.empty((count, np.count_nonzero(observed), 3), np.float32)
-    for part in range(count):
-        image = render(part, 1, has_replicates)
-        replicates[part] = image[observed]
-        image /= in_half
-        halves[part // in_half] += image
+    is_observed = observed.ravel()
+    place, flat_halves = np.cumsum(is_observed) - 1, [half.reshape(-1, 3) for half in halves]
+    replicates = np.zeros((count, np.count_nonzero(observed), 3), np.float32)
+    bands = pixel_light(light, has_replicates.ravel(), part_spp, seeds, observer, before)
+    for pixels, parts in bands:
+        replicates[:, place[pixels[is_observed[pixels]]]] = parts[:, is_observed[pixels]]
+        for half, parts_of_half in zip(flat_halves, np.split(parts, 2), strict=True):
+            half[pixels] = sum(parts_of_half / np.float32(in_half))
     return (halves[0], halves[1]), replicates
 
 
@@ -376,7 +376,7 @@ def true_view(
     """
     rays = eye_rays(display, viewpoint, pixels_per_lens, fitted.start_mm)
     mask = fitted.bounds.visible_pixels(rays) if skip else None
-    parts = np.stack([*_render_parts(fitted, rays, spp, seed, first, mask, observer)])
+    parts = _render_parts(fitted, rays, spp, seed, first, mask, observer)
     camera, truth = fitted.camera(rays), NoisyImage.from_parts(parts)
     return truth, first_surface(fitted.scene, fitted.integrator, camera, observer, mask)[0]
 
@@ -389,10 +389,19 @@ def _render_parts(
     first: int,
     mask: np.ndarray | None,
     observer: Observer | None,
-) -> Iterator[np.ndarray]:
-    """Render independent parts of the samples (`split_samples`); `first`: see `pickup`."""
+) -> np.ndarray:
+    """Render independent parts of the samples (`split_samples`); `first`: see `pickup`.
+
+    Returns (parts, rows, columns, 3) float32 array, black outside the mask.
+    """
     camera, (count, part_spp) = fitted.camera(rays), split_samples(spp)
     light = scene_light(fitted.scene, fitted.integrator, camera)
-    for part in range(count):
-        part_seed = REPLICATES * seed + part
-        yield mean_light(light, camera.shape, part_spp, part_seed, mask, observer, first // count)
+    if mask is None:
+        mask = np.ones(camera.shape, bool)
+    seeds = [REPLICATES * seed + part for part in range(count)]
+    parts = np.zeros((count, *camera.shape, 3), np.float32)
+    flat_parts = parts.reshape(count, -1, 3)
+    bands = pixel_light(light, mask.ravel(), part_spp, seeds, observer, first // count)
+    for pixels, means in bands:
+        flat_parts[:, pixels] = means
+    return parts

@@ -12,7 +12,7 @@ in float32 (at most a few dozen values) and goes into float64 sums. Random numbe
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -198,30 +198,49 @@ def mean_light(
     observer: Observer | None = None,
     first: int = 0,
 ) -> np.ndarray:
-    """Mean light of each pixel over its area, a box filter.
+    """Mean light of each pixel over its area, a box filter, (*shape, 3) float32, linear RGB.
+
+    `mask`, (*shape) bool: pixels to trace; the others stay black. Other parameters: `pixel_light`.
+    """
+    wanted = np.ones(math.prod(shape), bool) if mask is None else mask.reshape(-1)
+    image = np.zeros((len(wanted), 3), np.float32)
+    for pixels, means in pixel_light(light, wanted, spp, [seed], observer, first):
+        image[pixels] = means[0]
+    return image.reshape(*shape, 3)
+
+
+def pixel_light(
+    light: Light,
+    wanted: np.ndarray,
+    spp: int,
+    seeds: Sequence[int],
+    observer: Observer | None = None,
+    first: int = 0,
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Mean light of some pixels over their area, once for each seed, in bands.
 
     Not-a-number samples are kept: the caller counts them.
 
-    * `spp`, `first`: number of samples per pixel, and number of samples of the pixel's sequence
-      that precede them.
-    * `mask`, (*shape) bool: pixels to trace; the others stay black. Those in a packet with a traced
-      pixel need time, all others need none.
+    * `wanted`, (n,) bool: pixels to trace. Those in a packet with a wanted pixel need time, all
+      others need none.
+    * `spp`, `first`: number of samples per pixel and seed, and number of samples of the pixel's
+      sequence that precede them.
 
-    Returns (*shape, 3) float32, linear RGB. Equal seeds give equal pixels for every mask.
+    Yields flat indices of wanted pixels, (m,) int, and their light, (seeds, m, 3) float32, linear
+    RGB. Equal seeds give equal pixels, whatever the other seeds and the other wanted pixels are.
     """
-    started, traced = time.perf_counter(), 0
-    count = math.prod(shape)
-    image = np.zeros((count, 3), np.float32)
-    for start in range(0, count, _PIXELS_PER_BAND):
-        pixels = np.arange(start, min(start + _PIXELS_PER_BAND, count))
-        is_wanted = np.ones(len(pixels), bool) if mask is None else mask.reshape(-1)[pixels]
+    band = max(1, _PIXELS_PER_BAND // len(seeds) // _PACKET) * _PACKET
+    for start in range(0, len(wanted), band):
+        started, is_wanted = time.perf_counter(), wanted[start : start + band]
         in_packets = whole_packets(is_wanted, spp)
-        pixels, is_wanted = pixels[in_packets], is_wanted[in_packets]
-        image[pixels[is_wanted]] = _sums(light, pixels, spp, seed, first)[is_wanted] / spp
-        traced += len(pixels) * spp
-    if observer and traced:
-        observer.record_rendering(time.perf_counter() - started, traced)
-    return image.reshape(*shape, 3)
+        pixels, is_wanted = start + np.flatnonzero(in_packets), is_wanted[in_packets]
+        if not len(pixels):
+            continue
+        sums = _sums(light, pixels, spp, seeds, first)[:, is_wanted]
+        if observer:
+            traced = len(pixels) * spp * len(seeds)
+            observer.record_rendering(time.perf_counter() - started, traced)
+        yield pixels[is_wanted], (sums / spp).astype(np.float32)
 
 
 def whole_packets(is_wanted: np.ndarray, spp: int = 1) -> np.ndarray:
@@ -231,22 +250,28 @@ def whole_packets(is_wanted: np.ndarray, spp: int = 1) -> np.ndarray:
     return np.repeat(groups, size)[: len(is_wanted)]
 
 
-def _sums(light: Light, pixels: np.ndarray, spp: int, seed: int, first: int) -> np.ndarray:
-    """Sums of the light of `spp` samples of pixels, (n, 3) float64, in passes."""
-    total = np.zeros((len(pixels), 3))
-    samples_per_pass = min(spp, _RAYS_PER_PASS // _PACKET)
-    pixels_per_pass = _RAYS_PER_PASS // samples_per_pass // _PACKET * _PACKET
+def _sums(
+    light: Light, pixels: np.ndarray, spp: int, seeds: Sequence[int], first: int
+) -> np.ndarray:
+    """Sums of the light of `spp` samples of pixels, (seeds, n, 3) float64, in passes."""
+    total = np.zeros((len(seeds), len(pixels), 3))
+    samples_per_pass = min(spp, _RAYS_PER_PASS // _PACKET // len(seeds))
+    pixels_per_pass = _RAYS_PER_PASS // len(seeds) // samples_per_pass // _PACKET * _PACKET
     for start in range(0, len(pixels), pixels_per_pass):
-        part = slice(start, start + pixels_per_pass)
+        part = pixels[start : start + pixels_per_pass]
+        # The packets of every seed are those of the first.
+        padded = np.pad(part, (0, -len(part) % _PACKET), mode="edge")
         for offset in range(0, spp, samples_per_pass):
             samples = min(samples_per_pass, spp - offset)
-            color = trace_samples(light, pixels[part], first + offset, samples, seed)
-            # Summing outside the kernel keeps the count out of it: no compilation per setting.
-            total[part] += np.stack([np.asarray(dr.block_sum(c, samples)) for c in color], -1)
+            color = trace_samples(light, padded, first + offset, samples, *seeds)
+            for channel, values in enumerate(color):
+                # Summing outside the kernel keeps the count out of it: no compilation per setting.
+                sums = np.asarray(dr.block_sum(values, samples)).reshape(len(seeds), -1)
+                total[:, start : start + len(part), channel] += sums[:, : len(part)]
     return total
 
 
-def trace_samples(light: Light, pixels: np.ndarray, first: int, samples: int, seed: int) -> Any:
+def trace_samples(light: Light, pixels: np.ndarray, first: int, samples: int, *seeds: int) -> Any:
     """Result of a function for each sample of one pass; one compiled kernel for all passes.
 
     Parameters
@@ -257,19 +282,22 @@ def trace_samples(light: Light, pixels: np.ndarray, first: int, samples: int, se
         Flat indices of the pixels.
     first, samples : int
         First sample of each pixel, and their number.
-    seed : int
+    *seeds : int
+        At least one; each has samples of its own.
 
     Returns
     -------
-    Values of n * samples lanes, pixel by pixel.
+    Values of seeds * n * samples lanes, seed by seed and pixel by pixel.
     """
-    lane = dr.arange(mi.UInt32, len(pixels) * samples)
-    count = dr.opaque(mi.UInt32, samples)
+    lane = dr.arange(mi.UInt32, len(seeds) * len(pixels) * samples)
+    count, size = dr.opaque(mi.UInt32, samples), dr.opaque(mi.UInt32, len(pixels))
     entry = lane // count
-    index = dr.gather(mi.UInt32, mi.UInt32(np.asarray(pixels, np.uint32)), entry)
+    part = entry // size
+    index = dr.gather(mi.UInt32, mi.UInt32(np.asarray(pixels, np.uint32)), entry - part * size)
+    keys = [np.random.SeedSequence(seed).generate_state(1)[0] for seed in seeds]
+    key = dr.gather(mi.UInt32, mi.UInt32(np.array(keys, np.uint32)), part)
     sampler = mi.load_dict({"type": PLUGIN})
-    seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
-    sampler.start(seed, index, lane - entry * count + dr.opaque(mi.UInt32, first))
+    sampler.start(key, index, lane - entry * count + dr.opaque(mi.UInt32, first))
     # An object of another scene, freed between two calls of a kernel, would make Dr.Jit define the
     # called function twice, and abort.
     with no_garbage_collection():

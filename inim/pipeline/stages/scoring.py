@@ -23,10 +23,10 @@ from inim.pipeline.stages.stage import SCORING, Run, stage
 from inim.report.document import AlgorithmResult, NoiseFloor
 from inim.scores import metrics
 from inim.scores.document_parts import Check, ScorePrecision, check
-from inim.scores.metrics import HEADLINE, HEADLINE_WORDS, MAIN, Viewing
+from inim.scores.metrics import HEADLINE, HEADLINE_WORDS, Viewing
 from inim.scores.regression.fingerprints import Fingerprint
 from inim.scores.regression.light import light_scores
-from inim.scores.regression.scores import ScoreEstimate, half_width, view_scores
+from inim.scores.regression.scores import ScoreEstimate, headline_half_width, view_scores
 from inim.scores.regression.tiles import TileStatistics, eia_tile, tile_statistics, view_tile
 from inim.system.process.machine import memory_limit_bytes
 from inim.system.process.threads import Submit, threads
@@ -100,9 +100,9 @@ def _score_light_of_views(
 
 
 @stage("uncertainty of a headline score", code=SCORING)
-def headline_half_width(reference: NoisyImage, test: NoisyImage, region: np.ndarray) -> float:
+def headline_uncertainty(reference: NoisyImage, test: NoisyImage, region: np.ndarray) -> float:
     """Half width of the interval of a headline score; the region is (rows, columns) bool."""
-    return half_width(view_scores(reference, test, region, [MAIN.key])[MAIN.on_relic_key])
+    return headline_half_width(reference, test, region)
 
 
 @stage("scores of two halves", code=SCORING)

@@ -93,6 +93,8 @@ class Metric:
         Smallest side of an image that the function accepts.
     settings : mapping of str to JSON value
         Fixed parameters, to reproduce the score elsewhere.
+    takes_linear : bool
+        True if the function takes linear RGB in 0..1 instead of sRGB.
     needs_viewing : bool
         True if the function has a third argument, `Viewing`. Such a metric applies to views only.
     """
@@ -119,6 +121,7 @@ class Metric:
     dtype: type = np.float32
     min_size_px: int = 1
     settings: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    takes_linear: bool = False
     needs_viewing: bool = False
 
     def __post_init__(self) -> None:
@@ -237,32 +240,48 @@ def maps_of(
     min_size = max((metric.min_size_px for metric, _ in local), default=1)
     window = _expand(_difference_window(reference, test), reach, (rows, columns))
     for part, outer, inner in _parts(window, reach, (rows, columns), min_size):
-        images = srgb_from_linear(reference[outer]), srgb_from_linear(test[outer])
+        images: dict[bool, list[np.ndarray]] = {}
         for metric, _ in local:
-            maps[metric.key][part] = metric.function(*images)[inner]
+            if metric.takes_linear not in images:
+                images[metric.takes_linear] = _converted(metric, reference[outer], test[outer])
+            maps[metric.key][part] = metric.function(*images[metric.takes_linear])[inner]
     for metric in metrics:
         if metric.reach is None:
             # New images for each metric: another package's function may write into them.
-            images = srgb_from_linear(reference), srgb_from_linear(test)
             conditions = (viewing,) if metric.needs_viewing else ()
-            maps[metric.key] = np.asarray(metric.function(*images, *conditions))
+            values = metric.function(*_converted(metric, reference, test), *conditions)
+            maps[metric.key] = np.asarray(values)
     return {metric.key: maps[metric.key] for metric in metrics}
 
 
-def noise_free_maps(metric: Metric, reference: np.ndarray, test: np.ndarray) -> np.ndarray:
+def _converted(metric: Metric, *images: np.ndarray) -> list[np.ndarray]:
+    """Images in linear RGB as a metric takes them."""
+    if metric.takes_linear:
+        return [np.clip(image, np.float32(0), np.float32(1)) for image in images]
+    return [srgb_from_linear(image) for image in images]
+
+
+def noise_free_maps(
+    metrics: Sequence[Metric], reference: np.ndarray, test: np.ndarray
+) -> dict[str, np.ndarray]:
     """Compute `Metric.noise_free` of replicates in linear RGB, (K, rows, columns, 3) float32.
 
-    Where all replicates are equal, the map has the value for equal images exactly.
+    Returns maps by key. Where all replicates are equal, they have the value for equal images
+    exactly.
     """
     count, *shape, _ = reference.shape
     rows, columns = shape
-    maps = np.zeros((3 + count, rows, columns), np.float32)
-    maps[:2] = metric.equal_value
+    maps = {metric.key: np.zeros((3 + count, rows, columns), np.float32) for metric in metrics}
+    for metric in metrics:
+        maps[metric.key][:2] = metric.equal_value
+    reach = max((metric.reach or 0 for metric in metrics), default=0)
     window = _difference_window(np.moveaxis(reference, 0, 2), np.moveaxis(test, 0, 2))
-    window = _expand(window, metric.reach or 0, (rows, columns))
-    for part, outer, inner in _parts(window, metric.reach or 0, (rows, columns), 1, images=count):
-        replicates = (_srgb_replicates(stack[(slice(None), *outer)]) for stack in (reference, test))
-        maps[(slice(None), *part)] = metric.noise_free(*replicates)[(slice(None), *inner)]  # type: ignore[misc]
+    window = _expand(window, reach, (rows, columns))
+    for part, outer, inner in _parts(window, reach, (rows, columns), 1, images=count):
+        replicates = [_srgb_replicates(stack[(slice(None), *outer)]) for stack in (reference, test)]
+        for metric in metrics:
+            values = metric.noise_free(*replicates)  # type: ignore[misc]
+            maps[metric.key][(slice(None), *part)] = values[(slice(None), *inner)]
     return maps
 
 

@@ -1,6 +1,5 @@
 """SSIM: structural similarity."""
 
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -37,9 +36,10 @@ def _similarity(reference: np.ndarray, test: np.ndarray) -> np.ndarray:
     return mean
 
 
-def _pad(image: np.ndarray) -> np.ndarray:
-    """Pad a (rows, columns) image by half of the window, and shift its values."""
-    return np.pad(image - _SHIFT, SSIM_WINDOW // 2, mode="symmetric")
+def _pad(images: np.ndarray) -> np.ndarray:
+    """Pad (K, rows, columns) images by half of the window, and shift their values."""
+    half = SSIM_WINDOW // 2
+    return np.pad(images - _SHIFT, ((0, 0), (half, half), (half, half)), mode="symmetric")
 
 
 def _average(padded: np.ndarray) -> np.ndarray:
@@ -65,24 +65,13 @@ def _noise_free_channel(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     is a mean of products of different replicates, whose noise is independent. The ratio's
     second-order bias is ``E var(D) / D^3 - cov(E, D) / D^2``. See docs/theory/scores.md.
     """
+    from inim.scores.metrics.filters import pair_moments
+
     count = len(first)
-    x, y = (np.stack([*map(_pad, images)]) for images in (first, second))
-    difference = y - x
+    x, y = _pad(first), _pad(second)
     mean_x, mean_y = (np.stack([*map(_average, images)]) for images in (x, y))
     mean_difference = mean_y - mean_x
-    shape = mean_x.shape[1:]
-    # Sums over the pairs of different replicates: by replicate, and of products of E and D.
-    errors, spreads = np.zeros((2, count, *shape), np.float32)
-    products, squares = np.zeros((2, *shape), np.float32)
-    for j, k in combinations(range(count), 2):
-        error = _average(difference[j] * difference[k]) - mean_difference[j] * mean_difference[k]
-        spread = _average(x[j] * x[k] + y[j] * y[k])
-        spread -= mean_x[j] * mean_x[k] + mean_y[j] * mean_y[k]
-        for i in (j, k):
-            errors[i] += error
-            spreads[i] += spread
-        products += error * spread
-        squares += spread * spread
+    errors, spreads, products, squares = pair_moments(x, y, mean_x, mean_y, _WINDOW)
     pairs = count * (count - 1)
     error, spread = errors.sum(axis=0) / pairs, spreads.sum(axis=0) / pairs
     # The product of two means, minus the mean of products of pairs without a common replicate.

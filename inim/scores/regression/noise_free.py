@@ -57,11 +57,9 @@ def estimators(
     metrics: Sequence[Metric], reference: np.ndarray, test: np.ndarray, viewing: Viewing | None
 ) -> dict[str, Estimator]:
     """Estimators by `Metric.key`, from replicates in linear RGB, (K, rows, columns, 3)."""
-    result: dict[str, Estimator] = {
-        metric.key: partial(_from_moments, noise_free_maps(metric, reference, test))
-        for metric in metrics
-        if metric.noise_free is not None
-    }
+    with_moments = [metric for metric in metrics if metric.noise_free is not None]
+    maps = noise_free_maps(with_moments, reference, test)
+    result: dict[str, Estimator] = {key: partial(_from_moments, m) for key, m in maps.items()}
     keys = [metric.key for metric in metrics if metric.key not in result]
     if keys:
         result |= _extrapolations(keys, reference, test, viewing)

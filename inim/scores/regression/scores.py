@@ -34,7 +34,7 @@ import numpy as np
 
 from inim.image.noisy_image import NoisyImage
 from inim.scores.document_parts import Check, Kind
-from inim.scores.metrics import Metric, Viewing, all_metrics, find, score_maps
+from inim.scores.metrics import MAIN, Metric, Viewing, all_metrics, find, score_maps
 from inim.scores.regression.document import EstimateRecord
 from inim.scores.regression.noise_free import (
     BLOCK_PX,
@@ -143,8 +143,8 @@ def view_scores(
     with_map = [metric for metric in metrics if maps[metric.key].ndim]
 
     noise_free: Mapping[str, Estimator] = {}
-    if reference.replicates is not None and test.replicates is not None:
-        noise_free = estimators(metrics, reference.replicates, test.replicates, viewing)
+    if replicates := _replicates(reference, test):
+        noise_free = estimators(metrics, *replicates, viewing)
     steps = _STEPS[:2] if noise_free else _STEPS
     step_maps = [
         score_maps(_shift(*truth, step), _shift(*view, step), [metric.key for metric in with_map])
@@ -172,6 +172,31 @@ def view_scores(
                 mean = replace(mean, extension=(max(rest, 0.0), max(-rest, 0.0)))
             scores[name] = _score_from_mean(metric, plain, mean)
     return scores
+
+
+def headline_half_width(reference: NoisyImage, test: NoisyImage, region: np.ndarray) -> float:
+    """Half width of the interval of `view_scores` for the headline score.
+
+    With replicates, the score with noise, which such an interval does not need, is not computed.
+    """
+    replicates = _replicates(reference, test)
+    if not replicates or MAIN.noise_free is None:
+        scores = view_scores(reference, test, region, [MAIN.key])
+        return half_width(scores[MAIN.on_relic_key])
+    mask = MAIN.score_mask(region.shape, region)
+    if not mask.any():
+        return 0.0
+    mean = estimators([MAIN], *replicates, None)[MAIN.key](mask)
+    return half_width(_score_from_mean(MAIN, ScoreEstimate(math.nan, math.nan, 1, math.nan), mean))
+
+
+def _replicates(
+    reference: NoisyImage, test: NoisyImage
+) -> tuple[np.ndarray, np.ndarray] | tuple[()]:
+    """Replicates of both images, or nothing if an image has none."""
+    if reference.replicates is None or test.replicates is None:
+        return ()
+    return reference.replicates, test.replicates
 
 
 def _image_and_noise(image: NoisyImage) -> _ImageAndNoise:

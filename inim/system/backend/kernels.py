@@ -74,18 +74,29 @@ def _fixed_configuration() -> Iterator[None]:
         config.reload_config = reload_config
 
 
-def compiled(function: Callable[..., Any] | None = None, *, inline: str = "never") -> Any:
+def compiled(
+    function: Callable[..., Any] | None = None,
+    *,
+    inline: str = "never",
+    error_model: str = "python",
+) -> Any:
     """Compile a function on its first call, and keep the result on disk.
 
     * `inline`, {"never", "always"}: copy the function into its callers.
+    * `error_model`, {"python", "numpy"}: with "numpy", a division by zero gives infinity instead of
+      an exception, so that a loop with divisions is vectorised.
     """
     if function is None:
-        return partial(compiled, inline=inline)
+        return partial(compiled, inline=inline, error_model=error_model)
     before, config.CACHE_DIR = config.CACHE_DIR, str(cache_folder())
     try:
-        kernel = numba.njit(inline=inline, cache=True, nogil=True, pipeline_class=_Compiler)(
-            function
-        )
+        kernel = numba.njit(
+            inline=inline,
+            error_model=error_model,
+            cache=True,
+            nogil=True,
+            pipeline_class=_Compiler,
+        )(function)
     finally:
         config.CACHE_DIR = before
     if not config.DISABLE_JIT:

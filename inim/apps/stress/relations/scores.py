@@ -317,7 +317,7 @@ def _noise_free(_: str, effort: int) -> Iterator[Deviation]:
         noise = 0.05 * random.normal(size=(2, count, *first.shape))
         stacks = [np.clip(v + n, 0, None).astype(np.float32)
                   for v, n in zip((first, second), noise, strict=True)]  # fmt: skip
-        maps = noise_free_maps(ssim_metric, *stacks)
+        maps = noise_free_maps([ssim_metric], *stacks)[ssim_metric.key]
         codes = [_pseudo_codes(stack.astype(float)) for stack in stacks]
         expected = [
             np.mean(
@@ -327,7 +327,7 @@ def _noise_free(_: str, effort: int) -> Iterator[Deviation]:
         ]
         for k, name in enumerate(("without noise", "to first order")):
             yield difference(f"{count}: {name}", maps[k, 5:-5, 5:-5], expected[k], 1e-5)
-        squares = noise_free_maps(psnr_metric, *stacks)[0]
+        squares = noise_free_maps([psnr_metric], *stacks)[psnr_metric.key][0]
         error = codes[1] - codes[0]
         yield difference(f"{count}: squares", squares, _pairs(error).mean(axis=-1), 1e-5)
         products = mean_of_products(error)
@@ -338,10 +338,12 @@ def _noise_free(_: str, effort: int) -> Iterator[Deviation]:
         yield difference(f"{count}: left out", left_out_changes(error), change, 1e-9)
     same = np.repeat(first[None], 4, axis=0)
     yield difference(
-        "no noise", noise_free_maps(ssim_metric, same, same)[0], np.ones(first.shape[:2])
+        "no noise",
+        noise_free_maps([ssim_metric], same, same)[ssim_metric.key][0],
+        np.ones(first.shape[:2]),
     )
     other = np.repeat(second[None], 4, axis=0)
-    clean = noise_free_maps(ssim_metric, same, other)[0]
+    clean = noise_free_maps([ssim_metric], same, other)[ssim_metric.key][0]
     yield difference("clean", clean, metrics.ssim_map(first, second), 1e-5)
 
 
