@@ -62,9 +62,9 @@ def register() -> None:
             self._stream: Any = None
 
         def start(self, seed: Any, pixel: Any, sample: Any) -> None:
-            """Begin the streams of samples; `seed`, `pixel` and `sample` are (n,) UInt32."""
+            """Begin the streams of samples; `pixel` and `sample` are (n,) UInt32, `seed` too or an int."""
             self._sample = mi.UInt32(sample)
-            self._stream = _hash(_hash(pixel) + _hash(seed))
+            self._stream = _hash(_hash(pixel) + _hash(mi.UInt32(seed)))
 
         def _next(self, active: Any) -> tuple[Any, Any]:
             """Position of a path's next number or pair in the sequence, and its own key."""

@@ -202,16 +202,16 @@ def mean_light(
 
     `mask`, (*shape) bool: pixels to trace; the others stay black. Other parameters: `pixel_light`.
     """
-    wanted = np.ones(math.prod(shape), bool) if mask is None else mask.reshape(-1)
-    image = np.zeros((len(wanted), 3), np.float32)
-    for pixels, means in pixel_light(light, wanted, spp, [seed], observer, first):
+    selected = np.ones(math.prod(shape), bool) if mask is None else mask.reshape(-1)
+    image = np.zeros((len(selected), 3), np.float32)
+    for pixels, means in pixel_light(light, selected, spp, [seed], observer, first):
         image[pixels] = means[0]
     return image.reshape(*shape, 3)
 
 
 def pixel_light(
     light: Light,
-    wanted: np.ndarray,
+    selected: np.ndarray,
     spp: int,
     seeds: Sequence[int],
     observer: Observer | None = None,
@@ -221,33 +221,33 @@ def pixel_light(
 
     Not-a-number samples are kept: the caller counts them.
 
-    * `wanted`, (n,) bool: pixels to trace. Those in a packet with a wanted pixel need time, all
+    * `selected`, (n,) bool: pixels to trace. Those in a packet with a selected pixel need time, all
       others need none.
     * `spp`, `first`: number of samples per pixel and seed, and number of samples of the pixel's
       sequence that precede them.
 
-    Yields flat indices of wanted pixels, (m,) int, and their light, (seeds, m, 3) float32, linear
-    RGB. Equal seeds give equal pixels, whatever the other seeds and the other wanted pixels are.
+    Yields flat indices of selected pixels, (m,) int, and their light, (seeds, m, 3) float32, linear
+    RGB. Equal seeds give equal pixels, whatever the other seeds and the other selected pixels are.
     """
     band = max(1, _PIXELS_PER_BAND // len(seeds) // _PACKET) * _PACKET
-    for start in range(0, len(wanted), band):
-        started, is_wanted = time.perf_counter(), wanted[start : start + band]
-        in_packets = whole_packets(is_wanted, spp)
-        pixels, is_wanted = start + np.flatnonzero(in_packets), is_wanted[in_packets]
+    for start in range(0, len(selected), band):
+        started, is_selected = time.perf_counter(), selected[start : start + band]
+        in_packets = whole_packets(is_selected, spp)
+        pixels, is_selected = start + np.flatnonzero(in_packets), is_selected[in_packets]
         if not len(pixels):
             continue
-        sums = _sums(light, pixels, spp, seeds, first)[:, is_wanted]
+        sums = _sums(light, pixels, spp, seeds, first)[:, is_selected]
         if observer:
             traced = len(pixels) * spp * len(seeds)
             observer.record_rendering(time.perf_counter() - started, traced)
-        yield pixels[is_wanted], (sums / spp).astype(np.float32)
+        yield pixels[is_selected], (sums / spp).astype(np.float32)
 
 
-def whole_packets(is_wanted: np.ndarray, spp: int = 1) -> np.ndarray:
-    """Pixels whose samples fill all packets with samples of wanted pixels, (n,) bool."""
+def whole_packets(is_selected: np.ndarray, spp: int = 1) -> np.ndarray:
+    """Pixels whose samples fill all packets with samples of selected pixels, (n,) bool."""
     size = _PACKET // math.gcd(_PACKET, spp)
-    groups = np.logical_or.reduceat(is_wanted, np.arange(0, len(is_wanted), size))
-    return np.repeat(groups, size)[: len(is_wanted)]
+    groups = np.logical_or.reduceat(is_selected, np.arange(0, len(is_selected), size))
+    return np.repeat(groups, size)[: len(is_selected)]
 
 
 def _sums(
@@ -255,8 +255,9 @@ def _sums(
 ) -> np.ndarray:
     """Sums of the light of `spp` samples of pixels, (seeds, n, 3) float64, in passes."""
     total = np.zeros((len(seeds), len(pixels), 3))
-    samples_per_pass = min(spp, _RAYS_PER_PASS // _PACKET // len(seeds))
-    pixels_per_pass = _RAYS_PER_PASS // len(seeds) // samples_per_pass // _PACKET * _PACKET
+    packets = max(1, _RAYS_PER_PASS // len(seeds) // _PACKET)  # of every seed
+    samples_per_pass = min(spp, packets)
+    pixels_per_pass = packets // samples_per_pass * _PACKET
     for start in range(0, len(pixels), pixels_per_pass):
         part = pixels[start : start + pixels_per_pass]
         # The packets of every seed are those of the first.
@@ -324,23 +325,23 @@ def first_surface(
     * `points`, (n, 3) float64: their world points, row by row.
     """
     started = time.perf_counter()
-    is_wanted = np.ones(math.prod(camera.shape), bool) if mask is None else mask.reshape(-1)
-    if not is_wanted.any():  # the renderer has no empty arrays
+    is_selected = np.ones(math.prod(camera.shape), bool) if mask is None else mask.reshape(-1)
+    if not is_selected.any():  # the renderer has no empty arrays
         return np.zeros(camera.shape, bool), np.empty((0, 3))
-    traced = np.flatnonzero(whole_packets(is_wanted))
+    traced = np.flatnonzero(whole_packets(is_selected))
     ray = camera.centre_rays(mi.UInt32(traced.astype(np.uint32)))
     if splats.shows_splats(integrator):
         distance = splats.absorption(scene, integrator, ray).half
     else:
         hit = first_not_light(scene, ray)
         distance = np.asarray(dr.select(hit.is_valid(), hit.t, dr.inf))
-    is_hit = np.isfinite(distance) & is_wanted[traced]
+    is_hit = np.isfinite(distance) & is_selected[traced]
     origin, direction = (
         np.stack([np.asarray(axis)[is_hit] for axis in vector], axis=-1, dtype=np.float64)
         for vector in (ray.o, ray.d)
     )
     points = origin + distance[is_hit].astype(np.float64)[:, None] * direction
-    covered = np.zeros(is_wanted.shape, bool)
+    covered = np.zeros(is_selected.shape, bool)
     covered[traced] = is_hit
     if observer:
         observer.record_rendering(time.perf_counter() - started)

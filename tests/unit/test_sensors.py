@@ -103,6 +103,23 @@ def test_passes_of_any_size_give_the_same_pixels(open_fitted, monkeypatch):
     )
 
 
+def test_seeds_traced_together_give_the_pixels_of_each_alone(open_fitted):
+    from inim.render import trace
+    from inim.render.rays import pickup_rays
+
+    display = small_display()
+    fitted = open_fitted(scene_text(sphere((0, 0, 0), 5.0)), display)
+    camera = fitted.camera(pickup_rays(display, fitted.start_mm))
+    light = trace.scene_light(fitted.scene, fitted.integrator, camera)
+    selected = np.random.default_rng(2).random(camera.shape) < 0.3
+    together = np.zeros((3, *camera.shape, 3), np.float32)
+    for pixels, means in trace.pixel_light(light, selected.ravel(), 5, [7, 1, 4]):
+        together.reshape(3, -1, 3)[:, pixels] = means
+    alone = [trace.mean_light(light, camera.shape, 5, seed, selected) for seed in (7, 1, 4)]
+    assert np.array_equal(together, alone)
+    assert not np.array_equal(alone[0], alone[1])
+
+
 def test_lights_are_hidden_from_depth_and_colour(open_fitted):
     """A lamp in front of the relic lights it, hides nothing and is not seen."""
     from inim.render.ground_truth import capture
