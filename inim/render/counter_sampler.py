@@ -62,7 +62,7 @@ def register() -> None:
             self._stream: Any = None
 
         def start(self, seed: Any, pixel: Any, sample: Any) -> None:
-            """Begin the streams of samples; `pixel` and `sample` are (n,) UInt32, `seed` too or an int."""
+            """Begin the streams of samples; each argument is (n,) UInt32, or one number for all."""
             self._sample = mi.UInt32(sample)
             self._stream = _hash(_hash(pixel) + _hash(mi.UInt32(seed)))
 
