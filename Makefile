@@ -2,6 +2,7 @@
 # make test      set up and run the fast tests
 # make test-all  also run the slow tests and the comparison with a lens design program
 # make docs      build the site: build/docs/index.html
+# make reports-check  list committed results whose code has changed, and sentences that quote them
 # make test-docs run every command and code block of the documentation, in order
 # make clean     remove everything that this file creates
 #
@@ -21,7 +22,7 @@ unexport PYTHONDONTWRITEBYTECODE
 PARALLEL := -n 3 --dist worksteal
 
 .DEFAULT_GOAL := test
-.PHONY: demo test test-all checks fast docs test-docs clean
+.PHONY: demo test test-all checks fast docs test-docs reports-check clean
 
 demo: $(VENV)/.installed
 	@$(BIN)/inim demo -o out/amphora
@@ -51,6 +52,9 @@ docs: $(VENV)/.installed-docs
 
 test-docs: $(VENV)/.installed-test
 	@$(BIN)/python -m tests.documents
+
+reports-check: $(VENV)/.installed-test
+	@$(BIN)/python -m tests.reports_check
 
 clean:
 	rm -rf $(VENV) out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache

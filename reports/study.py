@@ -21,13 +21,20 @@ from typing import Any
 
 from inim.report.study import PagePart, StudyPage, Table
 from inim.scores.document_parts import Files, TitledDocument, Versions, Warnings, origin
-from inim.system.cache import code_digest, value_digest
+from inim.system.cache import computation_digests, value_digest
 from inim.system.document import decode, encode, write_text
 from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED, InimError
 from inim.system.process.machine import cpu_model
 
 HERE = Path(__file__).parent
 ROOT = HERE.parent
+#: Code that decides results, in the core.
+CODE = (
+    "inim/display", "inim/generators", "inim/image", "inim/pipeline", "inim/render", "inim/scores",
+    "inim/system/backend",
+)  # fmt: skip
+# Modules next to a study that decide no results.
+_NO_MEASUREMENT = re.compile(r"test_|conftest|page\.py|__init__")
 #: Results by case.
 Results = Mapping[str, Any]
 
@@ -59,9 +66,9 @@ class Study:
     #: infinite values are None.
     page: Callable[[Results], tuple[Sequence[str], Sequence[PagePart]]]
     stem: str = ""  #: Name of its files; default: the last part of NAME.
-    #: Places in the package that decide the results, as of `inim.system.cache.code_digest`; the
-    #: modules next to `measure`, and those above them, always do.
-    code: tuple[str, ...] = ("",)
+    #: Files and folders of the project that decide the results. The modules next to `measure`,
+    #: and those above them, always do, except pages.
+    code: tuple[str, ...] = CODE
     #: Returns reasons to doubt the measurements that follow, such as a busy machine.
     doubts: Callable[[], list[str]] = list
     #: Returns False if the results contradict a claim of the study.
@@ -95,14 +102,15 @@ class Study:
 
     def run(self, args: argparse.Namespace, words: Sequence[str] = ()) -> StudyDocument:
         """Measure all cases that are not kept, and write the results into the folder `args.out`."""
-        doubts, cases = self.doubts(), self.cases(args)
-        records = {name: self._record(name, options, doubts) for name, options in cases.items()}
+        doubts, cases, code = self.doubts(), self.cases(args), self.code_digests()
+        records = {name: self._record(name, cases[name], code, doubts) for name in cases}
         results = {name: record["result"] for name, record in records.items()}
         warnings = dict.fromkeys(w for record in records.values() for w in record["warnings"])
         document = StudyDocument(
             title=self.title,
             **origin(shlex.join(["python", "-m", self.module, *words]), ("mitsuba", "numpy")),
-            digest=self.digest(cases),
+            code=code,
+            digest=self.digest(cases, code),
             warnings=list(warnings),
             results=results,
             passed=self.passed(results),
@@ -119,20 +127,32 @@ class Study:
         facts = [cpu_model(), f"inim {document.inim_version}"]
         return StudyPage("Summary", facts, remarks, parts, document.warnings)
 
-    def digest(self, cases: Mapping[str, Mapping[str, Any]]) -> str:
-        """Digest of the code and of the options that decide the results."""
-        return value_digest({name: self._case_digest(options) for name, options in cases.items()})
+    def digest(
+        self, cases: Mapping[str, Mapping[str, Any]], code: Mapping[str, str] | None = None
+    ) -> str:
+        """Digest of the code, by default the present one, and of the options of the cases."""
+        code = self.code_digests() if code is None else code
+        return value_digest({name: _case_digest(cases[name], code) for name in cases})
+
+    def code_digests(self) -> dict[str, str]:
+        """Digests of the files and folders of the project that decide the results."""
+        own = Path(sys.modules[self.measure.__module__].__file__ or "").parent
+        above = (path for folder in own.parents for path in folder.glob("*.py"))
+        scripts = {path for path in (*own.rglob("*.py"), *above) if path.is_relative_to(HERE)}
+        scripts -= {Path(__file__)}
+        modules = [path for path in sorted(scripts) if not _NO_MEASUREMENT.match(path.name)]
+        return computation_digests([*self.code, *(str(p.relative_to(ROOT)) for p in modules)])
 
     @property
     def _stem(self) -> str:
         return self.stem or self.name.name
 
     def _record(
-        self, name: str, options: Mapping[str, Any], doubts: Sequence[str]
+        self, name: str, options: Mapping[str, Any], code: Mapping[str, str], doubts: Sequence[str]
     ) -> dict[str, Any]:
         """Digest, warnings and result of a case, kept or measured."""
         path = Path("out", self.name, re.sub(r"[^\w.+-]+", "-", name) + ".json")
-        digest = self._case_digest(options)
+        digest = _case_digest(options, code)
         record: dict[str, Any] = json.loads(path.read_text("utf-8")) if path.is_file() else {}
         if record.get("digest") != digest:
             print(f"{self.name}: {name}", file=sys.stderr, flush=True)
@@ -143,13 +163,9 @@ class Study:
             record = json.loads(text)
         return record
 
-    def _case_digest(self, options: Mapping[str, Any]) -> str:
-        values = {key: _contents(value) for key, value in options.items()}
-        own = Path(sys.modules[self.measure.__module__].__file__ or "").parent
-        above = (path for folder in own.parents for path in folder.glob("*.py"))
-        scripts = {path for path in (*own.rglob("*.py"), *above) if path.is_relative_to(HERE)}
-        texts = [path.read_text("utf-8") for path in sorted(scripts) if "test_" not in path.name]
-        return value_digest([code_digest(*self.code), texts, values])
+
+def _case_digest(options: Mapping[str, Any], code: Mapping[str, str]) -> str:
+    return value_digest([code, {key: _contents(value) for key, value in options.items()}])
 
 
 def _contents(value: Any) -> Any:

@@ -66,13 +66,13 @@ def test_a_digest_follows_the_options_the_files_and_the_code(study, tmp_path, mo
     source.write_text("two", "utf-8")
     assert digest() != first
     source.write_text("one", "utf-8")
-    monkeypatch.setattr("reports.study.code_digest", lambda *_: "changed")
+    monkeypatch.setattr("reports.study.computation_digests", lambda *_: {"inim": "changed"})
     assert digest() != first
 
 
 def test_a_changed_digest_measures_a_kept_case_again(study, monkeypatch):
     study.main(["2", "-o", "out/a"])
-    monkeypatch.setattr("reports.study.code_digest", lambda *_: "changed")
+    monkeypatch.setattr("reports.study.computation_digests", lambda *_: {"inim": "changed"})
     study.main(["2", "-o", "out/a"])
     assert measure.calls == [2, 2]
 

@@ -446,6 +446,9 @@ class TitledDocument(Document):
     created: Created
     inim_version: InimVersion
     command: Command
+    #: Digests of the code that decides the results, by file or folder of the project; absent: not
+    #: recorded.
+    code: dict[str, str] = {}
 
 
 class RunReport(TitledDocument):

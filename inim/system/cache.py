@@ -14,6 +14,7 @@ deleted first.
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import hashlib
 import io
@@ -82,6 +83,39 @@ def code_digest(*places: str) -> str:
         for file in files:
             digest.update(str(file.relative_to(_PACKAGE)).encode() + b"\0" + file.read_bytes())
     return digest.hexdigest()[:40]
+
+
+def computation_digests(places: Iterable[str], root: Path = _PACKAGE.parent) -> dict[str, str]:
+    """Digests of what modules and folders compute, by place below the root of the project.
+
+    Comments, docstrings and layout decide nothing: a module counts as its syntax tree. Raises
+    `FileNotFoundError` for a place without source.
+    """
+    digests = {}
+    for place in places:
+        path = root / place
+        files = [path] if path.is_file() else sorted(_source_files(path))
+        if not files:
+            raise FileNotFoundError(place)
+        texts = {str(file.relative_to(root)): file.read_text("utf-8") for file in files}
+        digests[place] = value_digest(
+            {name: _tree(ast.parse(t)) if name.endswith(".py") else t for name, t in texts.items()}
+        )
+    return digests
+
+
+def _tree(node: Any) -> Any:
+    """A syntax tree as JSON values, without docstrings; equal for all versions of Python."""
+    if isinstance(node, list):
+        return [_tree(entry) for entry in node if not _is_text(entry)]
+    if not isinstance(node, ast.AST):
+        return repr(node)
+    parts = [(k, _tree(v)) for k, v in ast.iter_fields(node) if v is not None and v != []]
+    return [type(node).__name__, *parts]
+
+
+def _is_text(node: Any) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
 
 #: Packages that the program computes with: their versions affect every result.

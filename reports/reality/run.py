@@ -30,7 +30,7 @@ from inim.display import Viewpoint
 from inim.image.color import linear_from_srgb
 from inim.report.study import PagePart
 from inim.scores.metrics import psnr_db, ssim
-from reports.study import Results, Study, entry, table
+from reports.study import CODE, Results, Study, entry, table
 
 PITCH_MM, GAP_MM = 1.0, 3.3
 #: Pixels per elemental image and depths of reconstruction in mm, in the authors' parameters.
@@ -347,7 +347,7 @@ def measure(folder: Path | None = None, name: str = "") -> Any:
 
 STUDY = Study(
     "reports.reality.run", "Photographs of elemental images", __doc__, arguments, cases, measure,
-    page,
+    page, code=(*CODE, "inim/apps/own_picture", "inim/apps/pickup"),
 )  # fmt: skip
 
 if __name__ == "__main__":

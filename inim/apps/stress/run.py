@@ -24,6 +24,7 @@ from inim.pipeline.stages.capture import capture_nonempty
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
 from inim.scores.document_parts import BackendRecord, origin
+from inim.system.cache import computation_digests
 from inim.system.errors import UsageError, suggest_words
 from inim.system.process.observer import Observer
 from inim.system.process.user_paths import user_text
@@ -34,6 +35,11 @@ if TYPE_CHECKING:
     from inim.apps.stress.relation import Relation
 
 _FILES = ("stress.json", "stress.html", "stress.md", "growth.svg", "growth.png")
+# Code that decides the results.
+_CODE = (
+    "inim/apps/stress", "inim/display", "inim/generators", "inim/image", "inim/render",
+    "inim/scores",
+)  # fmt: skip
 _VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy")
 # Default algorithms, in addition to those of other packages.
 _DEFAULT = ("template", "template:columns=solid", "layered", "gu2020", "wang2024",
@@ -184,6 +190,7 @@ def _measure(request: StressRequest, plan: Plan | None, observer: Observer) -> S
     return StressDocument(
         title="Stress" if plan is None else f"Stress: {plan.request.scene.stem}",
         **origin(request.command, _VERSIONS),
+        code=computation_digests(_CODE),
         mode="quick" if request.quick else "full",
         backend=BackendRecord.of(renderer.backend),
         algorithms=names,

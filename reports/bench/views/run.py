@@ -208,7 +208,7 @@ def measure(**rounds: Any) -> dict[str, Any]:
 STUDY = Study(
     "reports.bench.views.run", "Bench: views", __doc__, add_rounds,
     lambda args: {"views": rounds_of(args)}, measure, page,
-    stem="bench", doubts=doubts,
+    code=("inim/display", "inim/render", "inim/pipeline/timing.py"), stem="bench", doubts=doubts,
 )  # fmt: skip
 
 if __name__ == "__main__":
