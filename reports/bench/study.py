@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
-from inim.apps.bench.run import load_average, warn_of_load
+import numpy as np
+
+from inim.apps.bench.page import milliseconds
 from inim.display import Display
-from inim.image.rgbd import RGBD
-from inim.pipeline.timing import Rounds
+from inim.generators import HOLE, SourceGenerator, Sources
+from inim.image.rgbd import RGBD, LayeredRGBD
+from inim.pipeline.timing import REFERENCE_KERNEL, Rounds, TimedMethod, Timing, ratios
 from inim.render.scene_files.two_spheres import two_spheres
+from inim.report.labels import MISSING, number, per_cent
+from inim.scores import metrics
+from inim.scores.metrics import Viewing
 from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
 from reports.bench.process import run_measured
 
@@ -29,9 +36,16 @@ def rounds_of(args: argparse.Namespace) -> dict[str, int | None]:
     return {name: getattr(args, name) for name in ("runs", "warmups", "threads")}
 
 
+# Times are doubtful if other processes used more than this share of the cores before the start.
+_BUSY = 0.25
+
+
 def doubts() -> list[str]:
     """Warn if other processes are busy."""
-    return warn_of_load(load_average())
+    load, cores = os.getloadavg()[0], os.cpu_count() or 1
+    if load <= _BUSY * cores:
+        return []
+    return [f"the machine was busy: load average {load:.2f} on {cores} cores at the start"]
 
 
 def run_validation(words: Sequence[str], variables: Mapping[str, str], name: str) -> dict[str, Any]:
@@ -80,4 +94,79 @@ def run_parts(timings: Mapping[str, float]) -> dict[str, float]:
     return {
         part: sum(seconds for name, seconds in timings.items() if name.startswith(stages))
         for part, stages in RUN_PARTS.items()
+    }
+
+
+def method_data(
+    method: TimedMethod, times: Mapping[str, Timing], display: Display
+) -> dict[str, Any]:
+    """Times of a method, under the names of bench.json."""
+    timing = times[method.name]
+    pixels = display.eia_shape[0] * display.eia_shape[1]
+    return {
+        "name": method.name,
+        "prepare_s": method.prepare_s,
+        **timing.as_data(),
+        "mpx_per_s": pixels / 1e6 / timing.median_s,
+        **ratios(timing, times[REFERENCE_KERNEL]),
+    }
+
+
+def times(value: float | None) -> str:
+    """A ratio."""
+    return MISSING if value is None else f"{number(value, 2 if value < 100 else 0)} ×"
+
+
+def _rate(value: float | None) -> str:
+    return MISSING if value is None else number(value, 1 if value < 100 else 0)
+
+
+#: Columns with the times of an algorithm, of `method_data`.
+TIME_COLUMNS: dict[str, Callable[[Mapping[str, Any]], str]] = {
+    "ms per EIA": lambda timing: milliseconds(timing["median_ms"]),
+    "fastest": lambda timing: milliseconds(timing["min_ms"]),
+    "spread": lambda timing: f"± {per_cent(timing['spread'], 1)}",
+    "runs": lambda timing: str(timing["runs"]),
+    "Mpx/s": lambda timing: _rate(timing["mpx_per_s"]),
+    "kernel times": lambda timing: times(timing["ratio"]),
+    "by fastest": lambda timing: times(timing["ratio_min"]),
+}
+
+
+# Used by the paper's experiments until they have scores without noise.
+class EIAWithViews(NamedTuple):
+    """An EIA, and the views that a display shows of it, one per viewpoint.
+
+    Both are (rows, columns, 3) float32, linear RGB.
+    """
+
+    eia: np.ndarray
+    views: Sequence[np.ndarray]
+
+
+def compare(
+    reference: EIAWithViews, test: EIAWithViews, viewing: Sequence[Viewing] = ()
+) -> dict[str, float | None]:
+    """Score an EIA and its views, the mean over all views."""
+    conditions: Sequence[Viewing | None] = viewing or [None] * len(test.views)
+    views = zip(reference.views, test.views, conditions, strict=True)
+    view_scores = [metrics.score(true, view, viewing=eye) for true, view, eye in views]
+    eia_scores = metrics.eia_scores(reference.eia, test.eia)
+    scores: dict[str, float | None] = {f"eia_{key}": value for key, value in eia_scores.items()}
+    for metric in (metric for metric in metrics.all_metrics() if metric.key in view_scores[0]):
+        values = [scores_of_view[metric.key] for scores_of_view in view_scores]
+        scores[f"view_{metric.to_reference_key}"] = float(np.mean(values))
+    return scores
+
+
+def source_errors(method: TimedMethod, exact: Sources, display: Display) -> dict[str, Any]:
+    """Shares of wrong sources and of holes of the timed EIA."""
+    wrong, empty = None, method.out[..., 3] == 0
+    if isinstance(method.generator, SourceGenerator) and not isinstance(method.rgbd, LayeredRGBD):
+        sources = method.generator.sources(method.rgbd)
+        wrong = float(np.mean((sources != exact)[display.lensed]))
+        empty = sources == HOLE
+    return {
+        "wrong_source": wrong,
+        "hole_fraction": float(np.mean(empty[display.lensed])),
     }

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from inim.apps.bench.page import milliseconds, times
+from inim.apps.bench.page import milliseconds
 from inim.pipeline.timing import Rounds
 from inim.report.labels import per_cent
 from reports.bench.paper.claims import claims
@@ -12,6 +12,7 @@ from reports.bench.paper.experiments import Sizes, bench_paper
 from reports.bench.paper.page import page
 from reports.bench.paper.scaling import bench_scaling, power_law
 from reports.bench.paper.steps import depth_steps
+from reports.bench.study import times
 from tests.unit.test_bench_report import method, timing
 
 

@@ -1,16 +1,16 @@
 """A whole bench of a tiny scene, from the command line.
 
-Expected: every method is timed and evaluated in kernel times, files appear whole or not at all, and
-mistakes are reported before rendering. The tests never check durations.
+Expected: every method is timed and evaluated in kernel times, files appear whole or not at all,
+unequal conditions are warned of, and mistakes are reported before rendering. The tests never check
+durations.
 """
 
-import math
 import shutil
 from pathlib import Path
 
 import pytest
 
-from inim.apps.bench.evaluate import choose_algorithms
+from inim.apps.bench import evaluate
 from inim.system.errors import EXIT_PASSED
 from tests.schemas import read_document
 from tests.system.conftest import (
@@ -26,30 +26,39 @@ from tests.system.conftest import (
     write_scene,
 )
 
-ALGORITHMS = ["template", "wang2024:matching=ray", "gu2020", "example", "own_place"]
-FILES = {"bench.json", "bench.md", "bench.html", "pareto.svg", "pareto.png"}
+ALGORITHMS = [
+    "template:samples=1:colour=nearest", "wang2024:matching=ray", "gu2020", "template", "example",
+    "own_place", "half",
+]  # fmt: skip
+FILES = {"bench.json", "bench.csv", "bench.md", "bench.html", "time.svg", "time.png"}
 
-#: Other packages' algorithms: one that returns a picture of its own, one that cannot be timed.
+#: Other packages' algorithms: one that returns a picture of its own, and one that traces half of
+#: its samples in display-ready pictures, which are timed.
 OTHERS = """
+import numpy as np
 import inim_example
+from inim.generators import parse_algorithm, prepare
 
 class OwnPlace:
     def __init__(self, made): self.made = made
     def generate(self, rgbd, out=None): return self.made.generate(rgbd)
 
-class LinearOnly:
-    def generate(self, rgbd, out=None): raise ValueError("needs float32")
+class Half:
+    def __init__(self, *made): self.made = made
+    def generate(self, rgbd, out=None):
+        return self.made[rgbd.color.dtype == np.uint8].generate(rgbd, out)
 
 def own_place(display, shape, pixel_mm):
     return OwnPlace(inim_example.prepare(display, shape, pixel_mm))
 
-def linear_only(display, shape, pixel_mm):
-    return LinearOnly()
+def half(display, shape, pixel_mm):
+    names = ("template:samples=4", "template:samples=2")
+    return Half(*(prepare(display, n, shape=shape, pixel_mm=pixel_mm) for n in names))
 """
 POINTS = """[inim.generators]
 example = inim_example:prepare
 own_place = bench_others:own_place
-linear_only = bench_others:linear_only
+half = bench_others:half
 """
 
 
@@ -92,55 +101,92 @@ def test_every_file_is_there_and_the_stranger_s_too(finished):
     assert nothing_left(folder)
 
 
+def rows_of(finished):
+    (scene,) = finished[2]["scenes"]
+    return {row["name"]: row for row in scene["algorithms"]}
+
+
 def test_data_are_complete(finished):
     data = finished[2]
-    assert data["schema"] == "inim.bench/2"
-    assert (data["threads"], data["rounds"]) == (1, {"runs": 3, "warmups": 2})
-    assert [c["name"] for c in data["scene"]["algorithms"]] == ALGORITHMS
-    for method in data["scene"]["algorithms"]:
-        values = [*method.values(), *method["scores"].values()]
-        numbers = [v for v in values if isinstance(v, float)]
-        assert all(map(math.isfinite, numbers)), method
-        assert method["runs"] == 3
+    assert data["schema"] == "inim.bench/3"
+    assert (data["threads"], data["runs"], data["warmups"]) == (1, 3, 2)
+    keys = [error["key"] for error in data["errors"]]
+    assert list(rows_of(finished)) == ALGORITHMS
+    for method in rows_of(finished).values():
+        assert len(method["times_ms"]) == method["runs"] == 3
         assert method["min_ms"] <= method["median_ms"]
+        assert method["errors"].keys() >= set(keys[1:])
+        for estimate in (method["time_ms"], method["kernel_times"], *method["errors"].values()):
+            low, high = estimate["interval"]
+            assert (low or -1) <= estimate["value"] <= (high or 1e9)
 
 
 def test_exact_sources_are_never_wrong_and_others_sometimes(finished):
-    wrong = {c["name"]: c["wrong_source"] for c in finished[2]["scene"]["algorithms"]}
-    assert wrong["template"] == 0
-    shares = {name: share for name, share in wrong.items() if share is not None}
-    assert shares.keys() == set(ALGORITHMS[:3])
-    assert all(0 < share < 1 for name, share in shares.items() if name != "template")
+    rows = rows_of(finished)
+    wrong = {
+        n: row["errors"]["wrong_source"]
+        for n, row in rows.items()
+        if "wrong_source" in row["errors"]
+    }
+    assert list(wrong) == ALGORITHMS[:4]
+    for name, estimate in wrong.items():
+        assert (estimate["value"] == 0) == name.startswith("template")
+        assert 0 < estimate["interval"][1] < 1  # of a sample
+
+
+def test_memory_is_that_of_the_algorithm_alone(finished):
+    """The panel of 8 x 6 lenses has 14 kB per byte of a pixel; imports take 100 MB."""
+    for row in rows_of(finished).values():
+        assert row["memory_bytes"] is None or 0 <= row["memory_bytes"] < 10 * 2**20
+
+
+def test_unequal_conditions_are_warned_of(finished):
+    """Three of the four that state it trace one ray per pixel, with the nearest colour."""
+    rows, warnings = rows_of(finished), finished[2]["scenes"][0]["warnings"]
+    assert [name for name, row in rows.items() if row["is_equal"]] == ALGORITHMS[:3]
+    (unequal,) = [text for text in warnings if text.startswith("unequal: ")]
+    assert "template (4 rays, smooth)" in unequal and "example (rays not stated)" in unequal
+    (other_work,) = [text for text in warnings if "other work" in text]
+    assert other_work.startswith("half: ")
 
 
 def test_another_package_s_algorithm_is_scored_wherever_it_writes(finished):
-    rows = {m["name"]: m for m in finished[2]["scene"]["algorithms"]}
-    keys = [score["key"] for score in finished[2]["scene"]["scores"]]
-    assert [rows["example"]["scores"][k] for k in keys] == [
-        rows["own_place"]["scores"][k] for k in keys
+    rows = rows_of(finished)
+    assert rows["example"]["errors"] == rows["own_place"]["errors"]
+    assert rows["example"]["eia"]["ssim"] > 0.1  # a picture, not the black it started from
+
+
+def test_scenes_and_sizes_are_multiplied(tmp_path, monkeypatch):
+    monkeypatch.setattr(evaluate, "peak_memory", lambda *_: None)
+    scene = write_scene(tmp_path)
+    shutil.copy(scene, tmp_path / "other.xml")
+    sizes = [f"lens_columns={n},inim.lens_rows=3" for n in (3, 4)]
+    ended = run_bench(
+        "tiny.xml", "other.xml", "-o", "out", "--algorithms", "li2012", "--runs", "2",
+        "--size", sizes[0], "--size", sizes[1], *definitions(TINY), folder=tmp_path,
+    )  # fmt: skip
+    assert ended.code == EXIT_PASSED, ended.stderr
+    scenes = read_document(tmp_path / "out" / "bench.json")["scenes"]
+    assert [(s["path"], s["size"], s["display"]["parameters"]["lens_columns"]) for s in scenes] == [
+        (path, size, n)
+        for path in ("tiny.xml", "other.xml")
+        for size, n in zip(sizes, (3, 4), strict=True)
     ]
-    assert rows["example"]["scores"]["eia_ssim"] > 0.1  # a picture, not the black it started from
-    assert rows["example"]["hole_fraction"] < 1
-
-
-def test_all_algorithms_take_part_unless_some_are_named(monkeypatch, site):
-    monkeypatch.syspath_prepend(str(site))
-    names, notes = choose_algorithms(None)
-    assert names[0] == "template"
-    assert {"example", "own_place"} <= set(names)
-    assert "linear_only" not in names
-    assert [n for n in notes if "linear_only" in n and "needs float32" in n]
+    assert all(s["algorithms"][0]["memory_bytes"] is None for s in scenes)
 
 
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ((), ["scene"]),
+        ((), ["SCENE"]),
         (("tiny.xml", "--scaling"), ["--scaling"]),
         (("tiny.xml", "--runs", "0"), ["--runs 0"]),
         (("tiny.xml", "--threads", "0"), ["--threads 0"]),
         (("missing.xml",), ["missing.xml"]),
         (("tiny.xml", "--algorithms", "nonesuch"), ["nonesuch"]),
+        (("tiny.xml", "--algorithms", "pickup"), ["pickup", "needs the scene"]),
+        (("tiny.xml", "--size", "lens_columns"), ["--size 'lens_columns'"]),
+        (("tiny.xml", "--size", "lens_column=3"), ["lens_column"]),
         (("tiny.xml", "--algorithms", ","), ["none given"]),
     ],
 )

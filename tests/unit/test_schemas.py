@@ -26,6 +26,8 @@ OWN_KIND = {
     *(path for name in OWN_STUDIES for path in ROOT.glob(f"reports/{name}/*.json")),
     *ROOT.glob("reports/gallery/**/entry.json"),
     ROOT / "reports/gallery/gallery.json",
+    # Results of earlier versions of the bench, which had a document of its own for studies.
+    *(p for p in ROOT.glob("reports/bench/*/*.json") if '"inim.bench/2"' in p.read_text("utf-8")),
     *ROOT.glob("reports/**/.*-files.json"),  # lists of the files of an output folder
 }
 COMMITTED = sorted(set(ROOT.glob("reports/**/*.json")) - OWN_KIND)

@@ -1,7 +1,5 @@
 """Document of a bench: `bench.json`."""
 
-from typing import Any
-
 from inim.scores.document_parts import (
     BackendRecord,
     DisplayRecord,
@@ -13,117 +11,88 @@ from inim.scores.document_parts import (
 )
 from inim.system.document import Part
 
-Scores = dict[str, float | None]
+
+class Estimate(Part):
+    """A measured value with its 95 % interval."""
+
+    value: float | None  #: Null: infinite, or no pixel shows the relic.
+    interval: tuple[float | None, float | None]  #: Its ends; null: unknown or infinite.
 
 
 class TimingRecord(Part):
     """Times of one call."""
 
-    cold_s: float  #: Seconds of the first call, with all compiling and loading.
+    cold_s: float  #: Seconds of the first call, which counts for none.
     median_ms: float  #: Median of the warm runs, ms.
     min_ms: float  #: Fastest warm run, ms.
     spread: float  #: Half of the distance between the quartiles, as a share of the median.
     runs: int  #: Warm runs that were timed.
     slow: bool  #: True if it had fewer runs than the others because it is slow.
+    times_ms: list[float]  #: The warm runs, ms, in the order of the rounds.
 
 
 class BenchAlgorithm(TimingRecord):
-    """Times and errors of an algorithm."""
+    """Time, memory and errors of an algorithm."""
 
     name: str  #: The algorithm with its options.
+    terms: str  #: Rays per panel pixel and their colour: `4 rays, smooth`.
+    is_equal: bool  #: True if its terms are those of most algorithms.
     prepare_s: float  #: Seconds to prepare it, once per display and size of picture.
-    mpx_per_s: float  #: Panel pixels, 10^6 per second, by the median.
-    ratio: float  #: Median time in yardsticks: as a multiple of the reference kernel's median.
-    ratio_min: float  #: Fastest run as a multiple of the reference kernel's fastest.
-    #: Share of the lensed panel pixels that show a different picture pixel than the exact source, 0
-    #: to 1; null: the algorithm does not report its sources.
-    wrong_source: float | None
-    hole_fraction: float  #: Share of the lensed panel pixels that show nothing, 0 to 1.
-    #: Share of the panel pixels whose rays meet different objects, 0 to 1; null: one ray per pixel.
-    averaged_share: float | None
-    #: Scores by the keys of `scene.scores`: eia_METRIC_UNIT of the EIA against the ground truth,
-    #: view_METRIC_to_reference_UNIT of a view against the reference's, mean over the viewpoints;
-    #: null: infinite.
-    scores: Scores
-    #: Errors (`wrong_source` and keys of scores) by which no other algorithm is as fast and as
-    #: good.
+    time_ms: Estimate  #: Trimmed geometric mean of the warm runs, ms.
+    kernel_times: Estimate  #: The same of its ratios to the reference kernel, round by round.
+    #: Peak memory of a process that prepares it and generates one EIA, without that of its imports
+    #: and kernels; null: unknown, except on Linux.
+    memory_bytes: int | None
+    hole_fraction: float | None  #: Share of the lensed pixels that show nothing; null: unknown.
+    #: Scores of the EIA against the ground truth, with the noise of both; null: infinite.
+    eia: dict[str, float | None]
+    #: Errors by the keys of `errors`, the mean over the viewpoints. `wrong_source` is missing if
+    #: it does not report its sources, or if no oracle has the exact ones.
+    errors: dict[str, Estimate]
+    #: Errors by which no other algorithm is significantly better in time or error and not
+    #: significantly worse in the other.
     fronts: list[str]
-    pareto: bool  #: True if it is on any of these fronts.
-
-    def result(self, key: str) -> float | None:
-        """Its score by the key, or its `wrong_source`; None if not measured or infinite."""
-        return self.wrong_source if key == "wrong_source" else self.scores.get(key)
 
 
-class BenchScore(Part):
-    """Description of a score."""
+class BenchError(Part):
+    """Description of an error: wrong sources, or a score without noise."""
 
-    key: str  #: Its key among the scores of algorithms and noise floor.
-    label: str  #: Its name, with its unit.
-    title: str  #: The heading of its plot.
+    key: str  #: Its key among the errors of algorithms.
+    label: str  #: Its name, with its unit; wrong sources are shown in %.
     better: str  #: The better direction: `higher` or `lower`.
-    best: float | None  #: The best possible value; null: infinite.
     digits: int  #: Digits that are shown after the decimal point.
-    plotted: bool  #: True if it has its own plot.
-
-
-class CapturedLayers(Part):
-    """Result of the capture of layers."""
-
-    #: Share of the picture that the solids of each number cover, 0 to 1, nearest first.
-    covered_shares: list[float]
-    #: Share of the surfaces behind the front that no ray reaches, and that were left out, 0 to 1.
-    hidden_share: float
 
 
 class BenchScene(SceneFileRecord):
-    """A scene on which algorithms were timed, with their times and errors."""
+    """A scene at one size, with the times and errors of the algorithms."""
 
+    name: str  #: The scene with its size.
+    size: str  #: Settings of its size; may be empty.
     display: DisplayRecord
     viewpoints: list[str]  #: Names of the eye positions.
     picture: PictureShape  #: The picture that the algorithms read.
+    samples: dict[str, int]  #: Samples per pixel that the errors needed, by setting.
+    checked_pixels: int  #: Panel pixels whose exact sources are known.
     yardstick: TimingRecord  #: The reference kernel: one gather of 4 bytes per panel pixel.
     algorithms: list[BenchAlgorithm]  #: The algorithms that were timed, in order.
-    #: Scores of the ground truth against itself, one half of its samples against the other.
-    noise_floor: Scores
-    scores: list[BenchScore]  #: The scores, in the order of the tables.
-    captured_layers: CapturedLayers | None  #: The captured layers; null: no algorithm reads layers.
+    others: float | None  #: Share of the processors that other programs used; null: unknown.
+    warnings: list[str]  #: Reasons to doubt the times or the comparison.
 
 
-class BenchRounds(Part):
-    """Number of rounds."""
-
-    runs: int  #: Timed rounds.
-    warmups: int  #: Untimed rounds before them.
-
-
-class Load(Part):
-    """Load of the machine."""
-
-    #: Load average of the last minute before anything was loaded; null: unknown.
-    start: float | None
-    cores: int | None  #: Cores of the machine; null: unknown.
-    #: Load average of the last minute at the end, with the bench's own work; null: unknown.
-    end: float | None
-    #: Share of the processors that other programs used during the rounds; null: unknown.
-    others: float | None = None
-
-
-class BenchDocument(TitledDocument, tag="inim.bench/2"):
+class BenchDocument(TitledDocument, tag="inim.bench/3"):
     """Bench: run time against error.
 
-    `bench.json` in the folder of `inim bench SCENE`, and of a study that is written with the same
-    functions: time against error of every algorithm.
+    `bench.json` in the folder of `inim bench SCENE ...`. `bench.csv` has one line for each scene,
+    size and algorithm.
     """
 
     versions: Versions
     backend: BackendRecord
     threads: int  #: Number of threads of every timed call.
     threading_layer: str  #: Threading layer of numba; `default`: none was chosen.
-    rounds: BenchRounds
-    warnings: list[str]  #: Reasons to doubt the times.
-    load: Load
-    notes: list[str]  #: Omitted algorithms, with the reason.
-    scene: BenchScene | None  #: Results on a scene; null in a study without a scene.
-    study: dict[str, Any] = {}  #: Results of a study, under its own names.
+    runs: int  #: Timed rounds.
+    warmups: int  #: Untimed rounds before them.
+    cores: int | None  #: Cores of the machine; null: unknown.
+    errors: list[BenchError]  #: The errors, in the order of the tables.
+    scenes: list[BenchScene]  #: Results by scene and size.
     files: Files

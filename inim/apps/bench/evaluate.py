@@ -1,206 +1,71 @@
-"""The bench of a scene: times of the algorithms against errors of sources, EIAs and views."""
+"""The bench of a scene: times of the algorithms against errors of their sources and views.
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Any, NamedTuple
+`inim.pipeline.validate` evaluates the algorithms: scores are without noise and have intervals.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import fmean
+from tempfile import TemporaryDirectory
 
 import numpy as np
-from msgspec.structs import replace as replaced
 
 from inim.apps.bench.document import (
     BenchAlgorithm,
+    BenchError,
     BenchScene,
-    BenchScore,
-    CapturedLayers,
-    Scores,
+    Estimate,
     TimingRecord,
 )
+from inim.apps.bench.front import WRONG_SOURCE, Entry, fronts
+from inim.apps.bench.memory import peak_memory
 from inim.display import Display
-from inim.generators import (
-    HOLE,
-    SourceGenerator,
-    Sources,
-    algorithm_names,
-    find_sources,
-    is_own,
-    parse_algorithm,
-)
+from inim.generators import SourceGenerator, parse_algorithm
+from inim.generators.oracle import ExactHits, exact_hits, lensed_pixels, why_no_oracle
 from inim.generators.steps import RayGenerator
-from inim.image.noisy_image import NoisyEIA
-from inim.image.rgbd import RGBD, LayeredRGBD
+from inim.image.color import srgb_from_linear, srgb_to_uint8
+from inim.image.rgbd import RGBD
+from inim.pipeline.evaluation import Evaluation
+from inim.pipeline.job import setup
+from inim.pipeline.output import Images
 from inim.pipeline.plan import Plan
-from inim.pipeline.stages.capture import capture_nonempty
-from inim.pipeline.stages.ground_truth import render_ground_truth_eia
 from inim.pipeline.stages.method import prepare_timed_methods
-from inim.pipeline.stages.reconstruction import DisplayViews, reconstruct_views
-from inim.pipeline.stages.scene import Renderer
-from inim.pipeline.stages.stage import Run
 from inim.pipeline.timing import (
     REFERENCE_KERNEL,
     OtherPrograms,
     Rounds,
     TimedMethod,
     Timing,
-    linear_picture,
-    prepare_method,
-    ratios,
+    mean_ratio,
+    thread_count,
     time_methods,
 )
-from inim.report.plots import on_front
+from inim.pipeline.validate import evaluate
 from inim.scores import metrics
 from inim.scores.document_parts import DisplayRecord, PictureShape
-from inim.scores.metrics import Viewing
-from inim.system.errors import UsageError
+from inim.scores.regression.scores import INTERVAL_LEVEL, ScoreEstimate
+from inim.scores.regression.verdict import binomial_interval
+from inim.system.errors import SceneError
 from inim.system.process.observer import Observer
 from inim.system.process.user_paths import user_text
 
-# Scores with a plot of their own, in addition to those of other packages' metrics.
-_PLOTTED = ("eia_psnr_db", "view_ssim_to_reference")
 
-
-def bench_scores() -> list[BenchScore]:
-    """Describe all scores in the order of the tables: of the EIA, then of its views."""
-    every = metrics.all_metrics()
-    of_eia = [
-        _describe(m, f"eia_{m.key}", f"EIA {m.label}", "Elemental images")
-        for m in every
-        if m.has_eia_score
+def bench_errors() -> list[BenchError]:
+    """Describe all errors in the order of the tables: of sources, then of views on the relic."""
+    return [
+        BenchError(key=WRONG_SOURCE, label="wrong source %", better="lower", digits=2),
+        *(
+            BenchError(
+                key=metric.on_relic_to_reference_key,
+                label=f"{metric.label} {metric.unit}".rstrip(),
+                better=metric.better,
+                digits=metric.digits,
+            )
+            for metric in metrics.all_metrics()
+            if metric.has_relic_score
+        ),
     ]
-    return of_eia + [
-        _describe(m, f"view_{m.to_reference_key}", f"view {m.label} to reference", "Views")
-        for m in every
-    ]
-
-
-def _describe(metric: metrics.Metric, key: str, label: str, title: str) -> BenchScore:
-    """Describe a score for bench.json; an infinite best value is None."""
-    best = metric.range[1 if metric.better == "higher" else 0]
-    return BenchScore(
-        key=key,
-        label=f"{label} {metric.unit}".rstrip(),
-        title=title,
-        better=metric.better,
-        best=best if math.isfinite(best) else None,
-        digits=metric.digits,
-        plotted=key in _PLOTTED or metric.name in metrics.foreign_identities(),
-    )
-
-
-class EIAWithViews(NamedTuple):
-    """An EIA, and the views that a display shows of it, one per viewpoint.
-
-    Both are (rows, columns, 3) float32, linear RGB.
-    """
-
-    eia: np.ndarray
-    views: Sequence[np.ndarray]
-
-
-def compare(reference: EIAWithViews, test: EIAWithViews, viewing: Sequence[Viewing] = ()) -> Scores:
-    """Score an EIA and its views by the keys of `bench_scores`, the mean over all views.
-
-    `viewing` are the conditions of each view; if empty, metrics that need them are left out.
-    """
-    conditions: Sequence[Viewing | None] = viewing or [None] * len(test.views)
-    views = zip(reference.views, test.views, conditions, strict=True)
-    view_scores = [metrics.score(true, view, viewing=eye) for true, view, eye in views]
-    eia_scores = metrics.eia_scores(reference.eia, test.eia)
-    scores: Scores = {f"eia_{key}": value for key, value in eia_scores.items()}
-    for metric in (metric for metric in metrics.all_metrics() if metric.key in view_scores[0]):
-        values = [scores_of_view[metric.key] for scores_of_view in view_scores]
-        scores[f"view_{metric.to_reference_key}"] = float(np.mean(values))
-    return scores
-
-
-def source_errors(method: TimedMethod, exact: Sources, display: Display) -> dict[str, Any]:
-    """Compare the sources of the timed EIA with the exact ones, by field of `BenchAlgorithm`."""
-    wrong, empty = None, method.out[..., 3] == 0
-    if isinstance(method.generator, SourceGenerator) and not isinstance(method.rgbd, LayeredRGBD):
-        sources = method.generator.sources(method.rgbd)
-        wrong = float(np.mean((sources != exact)[display.lensed]))
-        empty = sources == HOLE
-    return {
-        "wrong_source": wrong,
-        "hole_fraction": float(np.mean(empty[display.lensed])),
-        "averaged_share": _multi_source_share(method),
-    }
-
-
-def _multi_source_share(method: TimedMethod) -> float | None:
-    """Share of the panel pixels whose rays have different sources; None for one ray per pixel."""
-    if not isinstance(method.generator, RayGenerator):
-        return None
-    rays = method.generator.sources_of_rays(method.rgbd)
-    first, *others = [sources for ray, sources in rays if 0 in ray.channels]
-    if not others:
-        return None
-    differ = [sources != first for sources in others]
-    return float(np.any(differ, axis=0).mean())
-
-
-def mark_fronts(algorithms: Sequence[BenchAlgorithm]) -> list[BenchAlgorithm]:
-    """Set the Pareto fronts that each algorithm is on, by name of the error.
-
-    An algorithm without an error is not on its front.
-    """
-    fronts = {"wrong_source": _front(algorithms, "wrong_source", 1)}
-    for score in bench_scores():
-        fronts[score.key] = _front(algorithms, score.key, 1 if score.better == "lower" else -1)
-    names = {a.name: [key for key, front in fronts.items() if a.name in front] for a in algorithms}
-    return [replaced(a, fronts=names[a.name], pareto=bool(names[a.name])) for a in algorithms]
-
-
-def _front(algorithms: Sequence[BenchAlgorithm], key: str, sign: int) -> set[str]:
-    """Algorithms than which no other is as fast and as good."""
-    results = {a.name: (a.median_ms, a.result(key)) for a in algorithms}
-    return on_front({n: (ms, sign * v) for n, (ms, v) in results.items() if v is not None})
-
-
-# Algorithms to time by default, in addition to those of other packages.
-_DEFAULT = (
-    "template",
-    "template:samples=1",
-    "template:samples=1:colour=averaged",
-    "template:samples=1:colour=nearest",
-    "template:samples=2:colour=nearest",
-    "template:samples=4:colour=nearest",
-    "template:samples=1:colour=nearest:columns=solid",
-    "wang2024",
-    "wang2024:matching=ray",
-    "gu2020",
-    "gu2020:step_mm=0.2",
-    "li2012",
-    "li2012:fill=hidden",
-)
-# The smallest display and picture, to test whether an algorithm of another package works.
-_TRIAL = Display(1.0, 3.0, 3.3, 0.25, 1, 1)
-_TRIAL_RGBD = RGBD(
-    np.zeros((4, 4, 4), np.uint8), np.zeros((4, 4), np.float32), np.ones((4, 4), bool), 0.25
-)
-
-
-def choose_algorithms(algorithms: Sequence[str] | None) -> tuple[Sequence[str], list[str]]:
-    """Return the algorithms to time, by default all that work here, and notes on the others.
-
-    Raises `UsageError` if a given algorithm does not exist.
-    """
-    if algorithms is None:
-        usable, notes = [*_DEFAULT], []
-        for name in (name for name in algorithm_names() if not is_own(name)):
-            try:
-                prepare_method(name, _TRIAL_RGBD, _TRIAL).run()
-            except UsageError as error:
-                notes.append(f"left out: {error}")
-            else:
-                usable.append(name)
-        return usable, notes
-    names = list(dict.fromkeys(algorithms))
-    if not names:
-        raise UsageError("--algorithms: none given; name at least one, such as 'template'")
-    for name in names:
-        parse_algorithm(name)
-    return names, []
 
 
 #: Above this share of the processors, other programs disturb the times, which are taken again.
@@ -226,76 +91,197 @@ def _time_undisturbed(
     return min(attempts, key=lambda attempt: attempt[1] or 0.0)
 
 
-def bench_scene(
-    plan: Plan, names: Sequence[str], rounds: Rounds, renderer: Renderer
-) -> tuple[BenchScene, float | None]:
-    """Render a scene as a validation does, time algorithms on it, and evaluate their EIAs.
+class _DisplayReadyEIAs(Images):
+    """Keeps the scored EIAs as panels show them, (rows, columns, 3) uint8; writes no images."""
 
-    The sampling settings of the plan apply; `names` are algorithms with their options. Returns the
-    results, and the share of the processors that other programs used; None if unavailable.
+    def __init__(self, observer: Observer) -> None:
+        super().__init__(Path(), {}, observer, data_only=True)
+        self.by_name: dict[str, np.ndarray] = {}
+
+    def save(self, name: str, linear: np.ndarray) -> None:
+        """Keep the EIA of a method."""
+        kind, _, method = name.partition("/")
+        if kind == "eia":
+            self.by_name[method] = srgb_to_uint8(srgb_from_linear(linear))
+
+
+def bench_scene(plan: Plan, size: str, rounds: Rounds, observer: Observer) -> BenchScene:
+    """Evaluate the algorithms of a plan as a validation does, and time them on the same picture.
+
+    `size` are the settings of its size, for the record.
     """
-    observer, display, s = renderer.observer, plan.display, plan.settings
-    observer.begin(["open scene", "capture RGB-D", "ground-truth EIA", "time", "score", "write"])
-    run, camera = Run(observer=observer), plan.camera(renderer)
-    capture = capture_nonempty(camera, {parse_algorithm(name).input for name in names}, run=run)
-    truth = render_ground_truth_eia(
-        camera.scene, display, (plan.samples["eia_spp"],), s.seed, run=run
-    )
-
-    optics = replace(plan.optics, display=display)
-    display_views = DisplayViews(plan.viewpoints, optics, renderer, run=run)
-
-    def show(eia: np.ndarray) -> EIAWithViews:
-        views = reconstruct_views("", NoisyEIA((eia, None)), display_views, run=run)
-        return EIAWithViews(eia, [view.image for view in views.values()])
-
-    viewing = [plan.viewing_conditions(eye) for eye in plan.viewpoints]
-    reference, exact = show(truth.image), find_sources(capture.rgbd, display)
-    floor = compare(show(truth.first), show(truth.second), viewing)
-    observer.stage("time")
-    methods, rgbd = prepare_timed_methods(names, capture)
-    times, others = _time_undisturbed(methods, rgbd, display, rounds, observer)
-    observer.stage("score")
-    algorithms = [
-        BenchAlgorithm(
-            **method_data(method, times, display),
-            **source_errors(method, exact, display),
-            scores=compare(reference, show(linear_picture(method.out)), viewing),
-            fronts=[],
-            pareto=False,
+    names, display = [method.name for method in plan.methods], plan.display
+    eias = _DisplayReadyEIAs(observer)
+    with TemporaryDirectory() as folder:
+        run, renderer, _ = setup(plan, Path(folder), observer, data_only=True)
+        with eias.thread, run.ahead:
+            evaluation = evaluate(plan, renderer, eias, run)
+    if not evaluation.capture.rgbd.covered.any():
+        raise SceneError(
+            f"{plan.request.scene}: the depth camera's picture is empty; check the scene's shapes"
         )
-        for method in methods
-    ]
+    observer.begin(["memory", "time", "exact sources", "write"])
+    methods, rgbd = prepare_timed_methods(names, evaluation.capture)
+    observer.stage("memory")
+    threads = thread_count(rounds.threads)
+    memory = {m.name: peak_memory(m.name, m.rgbd, display, threads) for m in methods}
+    observer.stage("time")
+    times, others = _time_undisturbed(methods, rgbd, display, rounds, observer)
+    observer.stage("exact sources")
+    no_oracle = why_no_oracle(rgbd, display)
+    exact = None if no_oracle else exact_hits(rgbd, display)
+    is_sampled = exact is not None and len(exact.pixels) < len(lensed_pixels(display))
+    entries = {
+        m.name: Entry(
+            times[m.name], _wrong(m, exact, rgbd), _scores(evaluation, m.name), is_sampled
+        )
+        for m in methods
+    }
+    terms = {method.name: terms_of(method) for method in methods}
+    usual_terms = Counter(terms.values()).most_common(1)[0][0]
+    warnings = warn_of_others(others)
+    warnings += [f"wrong sources are not counted: {no_oracle}"] if no_oracle else []
+    warnings += [f"{c.name}: a check failed" for c in evaluation.checks if c.fails_run]
+    warnings += evaluation.warnings
+    unequal = [f"{name} ({text})" for name, text in terms.items() if text != usual_terms]
+    if unequal:
+        warnings.append(f"unequal: {', '.join(unequal)}; all others have {usual_terms}")
+    for method in methods:
+        warnings += warn_of_cold_start(method.name, times[method.name])
+        warnings += warn_of_other_work(method, eias.by_name[method.name])
+    on_fronts, kernel = fronts(entries), times[REFERENCE_KERNEL]
+    algorithms = []
+    for method in methods:
+        timing, eia = times[method.name], dict(evaluation.results[method.name].scores.eia)
+        algorithms.append(
+            BenchAlgorithm(
+                name=method.name,
+                terms=terms[method.name],
+                is_equal=terms[method.name] == usual_terms,
+                prepare_s=method.prepare_s,
+                **timing.as_data(),
+                time_ms=_estimate(*mean_ratio(timing), 1e3),
+                kernel_times=_estimate(*mean_ratio(timing, kernel)),
+                memory_bytes=memory[method.name],
+                hole_fraction=eia.pop("hole_fraction"),
+                eia=eia,
+                errors=_estimates(entries[method.name]),
+                fronts=on_fronts[method.name],
+            )
+        )
     rows, columns = rgbd.shape
-    scene = BenchScene(
+    name = plan.request.scene.stem
+    return BenchScene(
         path=user_text(plan.request.scene),
         sha256=plan.file.sha256,
+        name=f"{name}, {size}" if size else name,
+        size=size,
         display=DisplayRecord.of(display),
         viewpoints=[viewpoint.name for viewpoint in plan.viewpoints],
         picture=PictureShape(rows=rows, columns=columns, pixel_mm=rgbd.pixel_mm),
+        samples=evaluation.plan.samples,
+        checked_pixels=0 if exact is None else len(exact.pixels),
         yardstick=TimingRecord(**times[REFERENCE_KERNEL].as_data()),
-        algorithms=mark_fronts(algorithms),
-        noise_floor=floor,
-        scores=bench_scores(),
-        captured_layers=None
-        if LayeredRGBD not in capture.inputs
-        else CapturedLayers(
-            covered_shares=list(capture.covered_shares), hidden_share=capture.hidden_share
-        ),
+        algorithms=algorithms,
+        others=others,
+        warnings=warnings,
     )
-    return scene, others
 
 
-def method_data(
-    method: TimedMethod, times: Mapping[str, Timing], display: Display
-) -> dict[str, Any]:
-    """Times of a method, by field of `BenchAlgorithm`."""
-    timing = times[method.name]
-    pixels = display.eia_shape[0] * display.eia_shape[1]
+def warn_of_others(share: float | None) -> list[str]:
+    """Warn if other programs used a share of the processors during the timed rounds."""
+    if share is not None and share <= DISTURBED:
+        return []
+    used = "an unknown share" if share is None else f"{share:.0%}"
+    return [
+        f"other programs used {used} of the processors during the measurement; the times are not "
+        "comparable with others, and their ratios are less reliable; close them and repeat"
+    ]
+
+
+def _wrong(method: TimedMethod, exact: ExactHits | None, front: RGBD) -> np.ndarray | None:
+    """Checked panel pixels whose source is not the exact first hit on the front surface."""
+    if (
+        exact is None
+        or not isinstance(method.generator, SourceGenerator)
+        or method.rgbd is not front
+    ):
+        return None
+    wrong: np.ndarray = (
+        method.generator.sources(method.rgbd)[tuple(exact.pixels.T)] != exact.sources
+    )
+    return wrong
+
+
+def _scores(evaluation: Evaluation, name: str) -> dict[str, dict[str, ScoreEstimate]]:
+    """Scores of a method by viewpoint."""
     return {
-        "name": method.name,
-        "prepare_s": method.prepare_s,
-        **timing.as_data(),
-        "mpx_per_s": pixels / 1e6 / timing.median_s,
-        **ratios(timing, times[REFERENCE_KERNEL]),
+        key.removeprefix(f"{name}/"): scores
+        for key, scores in evaluation.results[name].statistics.scores.items()
     }
+
+
+def _estimates(entry: Entry) -> dict[str, Estimate]:
+    """Errors of an algorithm by key; the interval of a mean has the mean ends."""
+    estimates = {}
+    for key in entry.keys:
+        if key == WRONG_SOURCE and entry.wrong is not None:
+            count, pixels = int(np.count_nonzero(entry.wrong)), entry.wrong.size
+            share = count / pixels
+            interval = (
+                binomial_interval(count, pixels, INTERVAL_LEVEL)
+                if entry.is_sampled
+                else (share, share)
+            )
+            estimates[key] = Estimate(value=share, interval=interval)
+            continue
+        of_views = [(s[key].value, *s[key].interval) for s in entry.scores.values()]
+        value, low, high = (fmean(values) for values in zip(*of_views, strict=True))
+        estimates[key] = Estimate(value=value, interval=(low, high))
+    return estimates
+
+
+def terms_of(method: TimedMethod) -> str:
+    """Rays per panel pixel and their colour, in words."""
+    if not isinstance(method.generator, RayGenerator):
+        return "rays not stated"
+    rays = len(method.generator.rays)
+    return f"{rays} ray{'s' * (rays > 1)}, {parse_algorithm(method.name).common.colour}"
+
+
+# A first run that takes so many times as long as any other is a cold start.
+_COLD = 2.0
+
+
+def warn_of_cold_start(name: str, timing: Timing) -> list[str]:
+    """Warn if the first counted run is a cold start."""
+    first, *others = timing.times_s
+    if not others or first <= _COLD * max(others):
+        return []
+    return [
+        f"{name}: its first counted run took {first / max(others):.1f} times as long as any other, "
+        "as a cold start does, which counts for no algorithm; raise --warmups"
+    ]
+
+
+# Levels of 255 by which the timed EIA may differ from the scored one in a channel: the input, the
+# sum and its result are rounded. A larger share of the pixels is other work.
+_MOST_LEVELS = 4
+_MOST_OTHER = 0.001
+
+
+def warn_of_other_work(method: TimedMethod, scored: np.ndarray) -> list[str]:
+    """Warn if the timed EIA is not the scored one, (rows, columns, 3) uint8."""
+    timed = np.where(method.out[..., 3:] > 0, method.out[..., :3], 0)
+    differs = np.abs(timed.astype(np.int16) - scored).max(axis=-1) > _MOST_LEVELS
+    if differs.mean() <= _MOST_OTHER:
+        return []
+    return [
+        f"{method.name}: its timed EIA differs from the scored one in {differs.mean():.1%} of the "
+        "pixels; its time is that of other work"
+    ]
+
+
+def _estimate(value: float, interval: tuple[float, float], unit: float = 1.0) -> Estimate:
+    low, high = interval
+    return Estimate(value=unit * value, interval=(unit * low, unit * high))

@@ -1,160 +1,156 @@
-"""Run time against error: the time and the errors of each algorithm on a scene.
+"""Run time against error: the time and the errors of each algorithm on scenes.
 
 All methods and a reference kernel run alternately in one loop (`inim.pipeline.timing`), on
 display-ready pictures. Times are given in milliseconds and in kernel times: multiples of the
-reference kernel's time, one 4-byte gather per display pixel. `run_bench` is `inim bench SCENE`: it
-checks the request, measures in a worker process, and writes the results. Further studies use the
-functions of `inim.apps.bench.evaluate`, and `record` and `inim.apps.bench.page.write_bench` for
-their results.
+reference kernel's time, one 4-byte gather per display pixel. `run_bench` is `inim bench SCENE ...`:
+it checks the request, measures in a worker process, and writes the results.
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
-from msgspec.structs import replace as replaced
-
-from inim.apps.bench.document import BenchAlgorithm, BenchDocument, BenchRounds, Load
-from inim.apps.bench.evaluate import DISTURBED, bench_scene, choose_algorithms
-from inim.apps.bench.page import write_bench
+from inim.apps.bench.document import BenchDocument, BenchScene
+from inim.apps.bench.evaluate import bench_errors, bench_scene
+from inim.apps.bench.page import FILES, write_bench
+from inim.display.settings import PREFIX
+from inim.generators import parse_algorithm
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
-from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.timing import Rounds, thread_count
+from inim.report.labels import per_cent
 from inim.scores.document_parts import BackendRecord, origin
+from inim.scores.metrics import HEADLINE, HEADLINE_WORDS
+from inim.system.backend import choose_backend
+from inim.system.cache import computation_digests
+from inim.system.errors import UsageError
 from inim.system.process.observer import Observer
 from inim.system.worker.output import staging_folder
 from inim.system.worker.supervisor import run_in_worker
 
-_FILES = ("bench.json", "bench.html", "bench.md")
+# Code that decides the results.
+_CODE = (
+    "inim/apps/bench/evaluate.py", "inim/apps/bench/front.py", "inim/apps/bench/memory.py",
+    "inim/display", "inim/generators", "inim/image", "inim/pipeline", "inim/render", "inim/scores",
+)  # fmt: skip
+_VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy")
+#: Algorithms to time by default. The first seven are on equal terms.
+DEFAULT = (
+    "template:samples=1:colour=nearest",
+    "template:samples=1:colour=nearest:columns=solid",
+    "wang2024",
+    "wang2024:matching=ray",
+    "gu2020",
+    "gu2020:step_mm=0.2",
+    "li2012",
+    "template:samples=1",
+    "template:samples=2:colour=nearest",
+    "template:samples=4:colour=nearest",
+    "template",
+)
 
 
 @dataclass(frozen=True)
 class BenchRequest:
-    """Request for a bench run.
+    """Request for a bench run of one or several scenes.
 
-    The validation's algorithms are timed; its display and sampling apply. `command` is the command
-    line, for the record.
+    The algorithms of the validations, equal for all, are timed; their displays and sampling apply.
+    `sizes` are settings, ``KEY=VALUE,...``; without any, each scene has its own size. `command` is
+    the command line, for the record.
     """
 
-    validation: Request
+    validations: tuple[Request, ...]
+    sizes: tuple[str, ...] = ()
     rounds: Rounds = field(default_factory=Rounds)
     command: str = ""
 
-    def plan(self) -> Plan:
-        """Plan the validation, and check the algorithms and the number of threads."""
+    def plans(self) -> list[tuple[str, Plan]]:
+        """Plan each scene at each size, and check the algorithms and the number of threads."""
         thread_count(self.rounds.threads)
-        # Timed algorithms may have options that are not allowed in file names.
-        plan = make_plan(replace(self.validation, algorithms=("template",)), of_scene=True)
-        if self.validation.algorithms is not None:
-            choose_algorithms(self.validation.algorithms)
-        return plan
+        plans = []
+        for validation in self.validations:
+            algorithms = DEFAULT if validation.algorithms is None else validation.algorithms
+            for name in algorithms:
+                parse_algorithm(name)  # raises for those that need the scene
+            for size in self.sizes or ("",):
+                request = replace(
+                    validation,
+                    backend="llvm",
+                    algorithms=algorithms,
+                    definitions={**validation.definitions, **_settings_of(size)},
+                )
+                plans.append((size, make_plan(request, of_scene=True)))
+        return plans
+
+
+def _settings_of(size: str) -> Mapping[str, str]:
+    """Definitions of a size, from ``KEY=VALUE,...``."""
+    pairs = [item.partition("=") for item in size.split(",") if size]
+    if not all(key and value for key, _, value in pairs):
+        raise UsageError(
+            f"--size {size!r}: write KEY=VALUE,..., such as lens_columns=32,lens_rows=32"
+        )
+    return {PREFIX + key.strip().removeprefix(PREFIX): value.strip() for key, _, value in pairs}
 
 
 def run_bench(request: BenchRequest, *, quiet: bool = True, debug: bool = False) -> None:
-    """Measure in a worker process, and write `bench.json` and its pages.
+    """Measure in a worker process, and write `bench.json` and its other forms.
 
     Raises the `InimError` of the request, before anything is rendered, or of the worker.
     """
-    load = load_average()  # of the other processes, before the worker starts
     run_in_worker(
         "inim.apps.bench.run:run_job",
-        lambda: (request, request.plan(), load),
-        staging_folder(request.validation.out, _FILES),
+        lambda: (request, request.plans()),
+        staging_folder(request.validations[0].out, FILES),
         quiet=quiet,
         debug=debug,
     )
 
 
 def run_job(
-    job: tuple[BenchRequest, Plan, float | None], staging: Path, observer: Observer
+    job: tuple[BenchRequest, list[tuple[str, Plan]]], staging: Path, observer: Observer
 ) -> bool:
     """Entry point in the worker: measure and write."""
-    request, plan, load = job
+    request, plans = job
     observer.stage("start")
-    renderer = Renderer("llvm", observer)
-    title = f"Bench: {plan.request.scene.stem}"
-    document = record(title, request.command, renderer.backend, request.rounds, load)
-    names, notes = choose_algorithms(request.validation.algorithms)
-    scene, others = bench_scene(plan, names, request.rounds, renderer)
-    _print_algorithms(observer, scene.algorithms)
-    warnings = document.warnings if others is None else warn_of_others(others)
-    for warning in warnings:
-        observer.line(f"warning: {warning}")
-    final_load = replaced(document.load, end=load_average(), others=others)
+    scenes = []
+    for size, plan in plans:
+        scenes.append(bench_scene(plan, size, request.rounds, observer))
+        _print_scene(observer, scenes[-1])
     observer.stage("write")
-    results = {"warnings": warnings, "notes": notes, "scene": scene, "load": final_load}
-    write_bench(replaced(document, **results), staging)
+    names = dict.fromkeys(validation.scene.stem for validation in request.validations)
+    document = BenchDocument(
+        title=f"Bench: {', '.join(names)}",
+        **origin(request.command, _VERSIONS),
+        code=computation_digests(_CODE),
+        backend=BackendRecord.of(choose_backend("llvm")),
+        cores=os.cpu_count(),
+        threads=thread_count(request.rounds.threads),
+        threading_layer=os.environ.get("NUMBA_THREADING_LAYER", "default"),
+        runs=request.rounds.runs,
+        warmups=request.rounds.warmups,
+        errors=bench_errors(),
+        scenes=scenes,
+        files=[],
+    )
+    write_bench(document, staging)
     return True
 
 
-def _print_algorithms(observer: Observer, algorithms: Sequence[BenchAlgorithm]) -> None:
-    width = max(len(algorithm.name) for algorithm in algorithms)
-    for a in algorithms:
-        wrong = "   –   " if a.wrong_source is None else f"{a.wrong_source:7.2%}"
-        observer.line(
-            f"{a.name:{width}}  {a.median_ms:9.2f} ms  {a.ratio:8.2f} kernel times  wrong "
-            f"source {wrong}  EIA PSNR {a.scores['eia_psnr_db']:.2f} dB  view SSIM to reference "
-            f"{a.scores['view_ssim_to_reference']:.4f}{'  *' if a.pareto else ''}"
-        )
-
-
-_VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy")
-# Times are doubtful if other processes used more than this share of the cores before the start.
-_BUSY = 0.25
-
-
-def record(
-    title: str, command: str, backend: Any, rounds: Rounds, load: float | None
-) -> BenchDocument:
-    """Create a document without results, final load and list of files.
-
-    `command` is the command line that repeats it, `backend` is an
-    `inim.system.backend.Backend`, and `load` is the `load_average` before anything was loaded.
-    """
-    return BenchDocument(
-        title=title,
-        **origin(command, _VERSIONS),
-        backend=BackendRecord.of(backend),
-        threads=thread_count(rounds.threads),
-        threading_layer=os.environ.get("NUMBA_THREADING_LAYER", "default"),
-        rounds=BenchRounds(runs=rounds.runs, warmups=rounds.warmups),
-        warnings=warn_of_load(load),
-        load=Load(start=load, cores=os.cpu_count(), end=None),
-        notes=[],
-        scene=None,
-        files=[],
+def _print_scene(observer: Observer, scene: BenchScene) -> None:
+    """Print time and errors of each algorithm, and the warnings of a scene."""
+    observer.line(
+        f"{scene.name}: ms, kernel times, wrong source, {HEADLINE_WORDS}; *: on its front"
     )
-
-
-def load_average() -> float | None:
-    """Number of running and waiting processes, averaged over one minute; None if unavailable."""
-    try:
-        return os.getloadavg()[0]
-    except OSError:
-        return None
-
-
-def warn_of_others(share: float) -> list[str]:
-    """Warn if other processes used a share of the processors during the timed rounds."""
-    if share <= DISTURBED:
-        return []
-    return [
-        f"other programs used {share:.0%} of the processors during the measurement; the times are "
-        "not comparable with others, and their ratios are less reliable; close them and repeat"
-    ]
-
-
-def warn_of_load(before: float | None) -> list[str]:
-    """Warn if other processes were busy when the measurement began."""
-    cores = os.cpu_count() or 1
-    if before is None:
-        return ["the load of this machine is unknown; the times may be those of a busy machine"]
-    if before <= _BUSY * cores:
-        return []
-    return [
-        f"the machine was busy: load average {before:.2f} on {cores} cores at the start; "
-        "medians are less reliable than ratios and fastest runs; repeat it on an idle machine"
-    ]
+    width = max(len(algorithm.name) for algorithm in scene.algorithms)
+    for a in scene.algorithms:
+        wrong = a.errors.get("wrong_source")
+        ssim = a.errors[HEADLINE].value
+        observer.line(
+            f"{a.name:{width}}  {a.time_ms.value:9.2f}  {a.kernel_times.value:8.2f}  "
+            f"{per_cent(wrong.value if wrong else None, 2):>8}  {ssim:.4f}"
+            f"{' *' * (HEADLINE in a.fronts)}"
+        )
+    for warning in scene.warnings:
+        observer.line(f"warning: {scene.name}: {warning}")

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 import inim
-from inim.apps.bench.evaluate import EIAWithViews, compare, method_data, source_errors
 from inim.display import Display
 from inim.display.lens import white_exposure
 from inim.display.viewpoint import parse_viewpoints
@@ -36,7 +35,14 @@ from inim.scores import metrics
 from reports.bench.paper.claims import claims
 from reports.bench.paper.plain_python import PLAIN_PYTHON, time_plain_python
 from reports.bench.paper.steps import depth_steps
-from reports.bench.study import picture_of, square_display
+from reports.bench.study import (
+    EIAWithViews,
+    compare,
+    method_data,
+    picture_of,
+    source_errors,
+    square_display,
+)
 
 #: The paper's algorithms, timed in plain Python and compiled.
 PAPER = (

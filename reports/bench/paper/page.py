@@ -7,11 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from inim.apps.bench.page import TIME, TIME_COLUMNS, milliseconds, times
+from inim.apps.bench.page import TIME, milliseconds
 from inim.report.labels import number, per_cent
 from inim.report.plots import colour_of, marker_of, new_figure, plain_ticks, style
 from inim.report.study import PagePart, Table
 from reports.bench.paper.plain_python import PLAIN_PYTHON
+from reports.bench.study import TIME_COLUMNS, times
 from reports.study import Results, entry, table
 
 _GIB = 2**30

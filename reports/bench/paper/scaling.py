@@ -10,12 +10,11 @@ from typing import Any, NamedTuple
 
 from scipy.stats import linregress
 
-from inim.apps.bench.evaluate import method_data
 from inim.display import Display
 from inim.pipeline.timing import REFERENCE_KERNEL, Rounds, prepare_method, time_methods
 from inim.system.errors import WorkerError
 from reports.bench.process import run_measured
-from reports.bench.study import picture_of, square_display
+from reports.bench.study import method_data, picture_of, square_display
 
 #: Lenses along a side, 17 pixels each: up to 4080 x 4080, the largest published array.
 LENS_COUNTS = (16, 24, 32, 48, 64, 96, 128, 176, 240)

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.apps.bench.page import milliseconds, times
+from inim.apps.bench.page import milliseconds
 from inim.display import Display
 from inim.display.lens import FULL
 from inim.display.viewpoint import parse_viewpoints
@@ -23,7 +23,7 @@ from inim.pipeline.timing import Rounds, Timing, ratios, threads, time_calls
 from inim.render.scene_files.two_spheres import two_spheres_eia
 from inim.report.labels import number, per_cent
 from inim.report.study import PagePart
-from reports.bench.study import add_rounds, doubts, rounds_of, square_display
+from reports.bench.study import add_rounds, doubts, rounds_of, square_display, times
 from reports.study import Results, Study, entry, table
 
 RECTANGLE = "textured rectangle"
