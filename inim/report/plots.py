@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import warnings
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -174,53 +174,40 @@ def on_front(points: Mapping[str, tuple[float, float]]) -> set[str]:
     }
 
 
-def draw_front(axis: Any, points: Collection[tuple[float, float]]) -> None:
-    """The line that joins the points of a front."""
-    if points:
-        axis.step(*zip(*sorted(points), strict=True), where="post", **LINES["front"])
-
-
-def draw_point(
-    axis: Any, name: str, time: float, error: float, on_front: bool, fastest: float | None = None
-) -> None:
-    """An algorithm's mark, grey where another beats it in both; a whisker to its fastest run."""
-    colour = colour_of(name) if on_front else _BEATEN
-    if fastest is not None:
-        axis.plot([fastest, time], [error, error], color=colour, linewidth=1.2, zorder=2)
-    axis.plot(time, error, marker_of(name), color=colour, markersize=7, zorder=3, clip_on=False)
-
-
-def point_name(name: str, time: float, error: float, on_front: bool) -> Name:
-    """An algorithm's name for its point, smaller and grey where another beats it in both.
-
-    A dollar sign would begin a formula.
-    """
-    name = name.replace("$", r"\$")
-    return Name(name, time, error, colour_of(name) if on_front else SOFT, 8 if on_front else 7)
-
-
 @dataclass(frozen=True)
 class TimedPoint:
     """An algorithm in a plot of time against error.
 
     * `error`: smaller is better. `value`: its value on the axis.
-    * `fastest`: time of its fastest run, if known.
     """
 
     name: str
     time: float
     error: float
     value: float
-    fastest: float | None = None
 
 
 def draw_time_against_error(axis: Any, points: Sequence[TimedPoint]) -> list[Name]:
-    """Draw points and their Pareto front, and return the names to place by `set_apart`."""
+    """Draw points and their Pareto front, and return the names to place by `set_apart`.
+
+    A point is grey, and its name smaller, where another beats it in both.
+    """
     front = on_front({point.name: (point.time, point.error) for point in points})
-    for p in sorted(points, key=lambda point: point.name in front):
-        draw_point(axis, p.name, p.time, p.value, p.name in front, p.fastest)
-    draw_front(axis, [(p.time, p.value) for p in points if p.name in front])
-    return [point_name(p.name, p.time, p.value, p.name in front) for p in points]
+    names = []
+    for p in points:
+        is_best = p.name in front
+        colour = colour_of(p.name) if is_best else _BEATEN
+        axis.plot(
+            p.time, p.value, marker_of(p.name), color=colour, markersize=7,
+            zorder=2 + is_best, clip_on=False,
+        )  # fmt: skip
+        words = p.name.replace("$", r"\$")  # a dollar sign would begin a formula
+        colour, size = (colour, 8) if is_best else (SOFT, 7)
+        names.append(Name(words, p.time, p.value, colour, size))
+    steps = sorted((p.time, p.value) for p in points if p.name in front)
+    if steps:
+        axis.step(*zip(*steps, strict=True), where="post", **LINES["front"])
+    return names
 
 
 @dataclass(frozen=True)
@@ -279,14 +266,10 @@ def _common_area(a: Any, b: Any) -> float:
     return 0.0 if common is None else float(common.width * common.height)
 
 
-def across(axis: Any, words: str, x: float | None = None, y: float | None = None) -> None:
-    """Write a label at the end of a line across the panel, at x or at y."""
+def across(axis: Any, words: str, y: float) -> None:
+    """Write a label at the end of a horizontal line across the panel."""
     from matplotlib.transforms import blended_transform_factory as blended
 
+    transform = blended(axis.transAxes, axis.transData)
     font = {"fontsize": 7.5, "color": SOFT}
-    if x is not None:
-        transform = blended(axis.transData, axis.transAxes)
-        axis.text(x, 0.99, f" {words}", transform=transform, va="top", **font)
-    else:
-        transform = blended(axis.transAxes, axis.transData)
-        axis.text(0.99, y, words, transform=transform, ha="right", va="bottom", **font)
+    axis.text(0.99, y, words, transform=transform, ha="right", va="bottom", **font)

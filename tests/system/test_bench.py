@@ -157,22 +157,25 @@ def test_another_package_s_algorithm_is_scored_wherever_it_writes(finished):
 
 
 def test_scenes_and_sizes_are_multiplied(tmp_path, monkeypatch):
+    """The second size has no oracle: hexagonal lenses form no columns."""
     monkeypatch.setattr(evaluate, "peak_memory", lambda *_: None)
-    scene = write_scene(tmp_path)
-    shutil.copy(scene, tmp_path / "other.xml")
-    sizes = [f"lens_columns={n},inim.lens_rows=3" for n in (3, 4)]
+    shutil.copy(write_scene(tmp_path), tmp_path / "other.xml")
+    sizes = ["lens_columns=3,inim.lens_rows=3", "lattice=hexagonal"]
     ended = run_bench(
-        "tiny.xml", "other.xml", "-o", "out", "--algorithms", "li2012", "--runs", "2",
+        "tiny.xml", "other.xml", "-o", "out", "--algorithms", "gu2020", "--runs", "2",
         "--size", sizes[0], "--size", sizes[1], *definitions(TINY), folder=tmp_path,
     )  # fmt: skip
     assert ended.code == EXIT_PASSED, ended.stderr
     scenes = read_document(tmp_path / "out" / "bench.json")["scenes"]
-    assert [(s["path"], s["size"], s["display"]["parameters"]["lens_columns"]) for s in scenes] == [
-        (path, size, n)
-        for path in ("tiny.xml", "other.xml")
-        for size, n in zip(sizes, (3, 4), strict=True)
+    assert [(s["path"], s["size"]) for s in scenes] == [
+        (path, size) for path in ("tiny.xml", "other.xml") for size in sizes
     ]
-    assert all(s["algorithms"][0]["memory_bytes"] is None for s in scenes)
+    assert [s["display"]["parameters"].get("lens_columns") for s in scenes] == [3, 8] * 2
+    for scene, has_oracle in zip(scenes, (True, False) * 2, strict=True):
+        (row,) = scene["algorithms"]
+        assert row["memory_bytes"] is None
+        assert ("wrong_source" in row["errors"]) == has_oracle == (scene["checked_pixels"] > 0)
+        assert has_oracle != any("not counted" in text for text in scene["warnings"])
 
 
 @pytest.mark.parametrize(
