@@ -191,7 +191,11 @@ def _same(text: str) -> str:
         pytest.param(_edited, {}, "passed", [], id="comment"),
         pytest.param(_same, {"seed": "7"}, "passed", [], id="seed"),
         pytest.param(
-            _replaced("0.9,0.1,0.1", "0.9,0.11,0.1"), {}, WITHIN,
+            _replaced("0.9,0.1,0.1", "0.9,0.1003,0.1"), {}, WITHIN,
+            ["shape rectangle / bsdf diffuse / rgb reflectance"], id="material, too little",
+        ),
+        pytest.param(
+            _replaced("0.9,0.1,0.1", "0.9,0.11,0.1"), {}, SCORES_CHANGED,
             ["shape rectangle / bsdf diffuse / rgb reflectance"], id="material",
         ),
         pytest.param(

@@ -215,8 +215,8 @@ def compare(
 ) -> Comparison:
     """Compare the images, noise, scores and EIAs of the reference input of two runs.
 
-    If inputs differ, only what both runs have is compared, scores decide, and changed scores pass
-    with `allow_changed_inputs`.
+    If inputs differ, only what both runs have is compared, scores and light decide, and changed
+    ones pass with `allow_changed_inputs`.
     """
     inputs = changed_inputs(baseline.inputs, candidate.inputs)
     not_compared: list[str] = []

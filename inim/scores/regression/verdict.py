@@ -145,8 +145,8 @@ def judge(
 ) -> tuple[Verdict, list[Check]]:
     """Verdict of all checks of a comparison, and the checks with their excuses.
 
-    If inputs changed, only scores decide. Otherwise, an algorithm whose scores became better has
-    other pictures, too.
+    If inputs changed, scores and light decide. Otherwise, an algorithm whose scores became better
+    has other pictures, too.
     """
     failed = [check for check in checks if not check.passed]
     if not any(check.kind == "score" for check in checks):
@@ -160,8 +160,8 @@ def judge(
         )
         return "not comparable", [*checks, missing]
     if inputs_changed:
-        is_changed = any(check.kind == "score" for check in failed)
-        excused = [c for c in failed if allow_changed_inputs or c.kind != "score"]
+        is_changed = any(check.kind in ("score", "light") for check in failed)
+        excused = [c for c in failed if allow_changed_inputs or c.kind not in ("score", "light")]
         verdict: Verdict = (
             "inputs changed, scores changed"
             if is_changed
