@@ -19,7 +19,7 @@ pytestmark = pytest.mark.slow
 
 SCENES = Path(__file__).parents[2] / "scenes"
 SMALL = {"inim.lens_columns": 32, "inim.lens_rows": 32, "inim.viewpoints": "left,centre,up"}
-MANY = {"inim.capture_spp": 512, "inim.eia_spp": 512, "inim.view_spp": 512}
+MANY = {"inim.capture_spp": 256, "inim.eia_spp": 256, "inim.view_spp": 256}
 HEADLINE = "ssim_on_relic_to_reference"
 
 
@@ -30,7 +30,7 @@ def headlines(data: dict[str, Any]) -> dict[str, float]:
     }
 
 
-@pytest.mark.parametrize("scene", ["amphora", "wine_coin", "tripod", "jade", "ibex", "altar"])
+@pytest.mark.parametrize("scene", ["amphora", "tripod", "jade"])
 def test_scores_are_as_accurate_as_requested(scene, tmp_path, monkeypatch):
     monkeypatch.setenv("INIM_CACHE", str(tmp_path / "cache"))
 
