@@ -100,6 +100,7 @@ def _kernels_of(module: str) -> None:
 def _environment() -> dict[str, str]:
     return os.environ | {
         "PYTHONPATH": str(COPY), "XDG_CACHE_HOME": str(WORK / "cache"), "INIM_CACHE": "off",
+        "NUMBA_CACHE_DIR": str(WORK / "cache" / "inim" / "kernels"),
         "PYTHONDONTWRITEBYTECODE": "1",
     }  # fmt: skip
 

@@ -305,6 +305,9 @@ def main(kinds: Sequence[str], first: int, end: int, channel: Any) -> None:
     # Scenes are planned for the machine as it is: the limit below is that of one file.
     limit = machine.memory_limit_bytes()
     machine.memory_limit_bytes = lambda: limit
+    command_line = import_module("inim.cli.main")
+    command_line.check_memory()
+    command_line.check_memory = lambda: None
     _load_once(kinds)
     for kind in kinds:
         print("format", kind, file=channel, flush=True)

@@ -27,6 +27,7 @@ from inim.scores import metrics
 
 SCENES = Path(__file__).parents[2] / "scenes"
 NOMINAL = DISPLAYS["nominal"]
+SAMPLES = NOMINAL.layout.usual_samples
 # Twice as fine as a validation's default: half a panel pixel is as wide at the far end of depth.
 PER_PITCH = 10
 CLOSE_DB = 1.5
@@ -41,10 +42,10 @@ def scores(path):
     from inim.render.scene import open_scene
 
     fitted = open_scene(read_scene_file(path), NOMINAL, 0.85)
-    truth = pickup(fitted, NOMINAL, spp=Settings().eia_spp, seed=1)
+    truth = pickup(fitted, NOMINAL, spp=SAMPLES["eia_spp"], seed=1)
     peeled = peel(fitted, NOMINAL, pixels_per_pitch=PER_PITCH)
     assert peeled.cut_share == 0
-    rgbd = capture_layers(fitted, peeled, spp=Settings().capture_spp, seed=3)
+    rgbd = capture_layers(fitted, peeled, spp=SAMPLES["capture_spp"], seed=3)
     names = ("layered", "template", "template:columns=solid")
     eias = {name: generate(rgbd, NOMINAL, name, samples=4) for name in names}
     floor = metrics.psnr_db(truth.first, truth.second)
@@ -99,9 +100,9 @@ def test_a_dark_base_is_visible_from_below(tmp_path):
     from inim.render.scene import open_scene
 
     fitted = open_scene(read_scene_file(bust(tmp_path)), NOMINAL, 0.85)
-    truth = pickup(fitted, NOMINAL, spp=Settings().eia_spp, seed=1)
+    truth = pickup(fitted, NOMINAL, spp=SAMPLES["eia_spp"], seed=1)
     peeled = peel(fitted, NOMINAL, pixels_per_pitch=Settings().capture_pixels_per_pitch)
-    rgbd = capture_layers(fitted, peeled, spp=Settings().capture_spp, seed=3)
+    rgbd = capture_layers(fitted, peeled, spp=SAMPLES["capture_spp"], seed=3)
     of_front = tuple(replace(piece, color=rgbd.color) for piece in rgbd.deeper)
     sides, front = (
         metrics.psnr_db(truth.image, generate(layered, NOMINAL, "layered", samples=4))
