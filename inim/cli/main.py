@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 from inim.apps import APPS, COMPARISONS, FIRST, GROUPS, INFORMATION
 from inim.pipeline.options import EXIT_CODES, Command, print_warning
 from inim.system.errors import EXIT_PASSED, EXIT_USAGE, InimError, suggest_words, unexpected_error
-from inim.system.process.interrupts import raise_again
+from inim.system.process.interrupts import delayed_interrupts, raise_again
 from inim.system.process.machine import check_memory
 from inim.system.process.printing import quiet_libraries
 from inim.system.process.python_process import configuration_hidden
@@ -92,6 +92,8 @@ def main(argv: list[str] | None = None) -> int:
             getattr(args, "explain_unknown", lambda *_: None)(args, unknown)
             parser.error(f"unrecognized arguments: {' '.join(unknown)}")
         check_memory()  # before large libraries load, which would never end
+        with delayed_interrupts():  # an exception during its import is a segmentation fault
+            import_module("msgspec")
         with nullcontext() if getattr(args, "debug", False) else quiet_libraries():
             return int(args.run(args))
     except InimError as error:

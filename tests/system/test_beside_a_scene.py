@@ -227,6 +227,6 @@ def test_only_the_inputs_are_opened(tmp_path, name):
         for path in opened_paths(log.read_text(errors="replace"))
         if here in path.parents or beside in path.parents
     }
-    allowed = re.compile(rf"{here}/(out|\.out[^/]*\.partial)\b.*")
+    allowed = re.compile(rf"{here}/(out|\.(out|inim)[^/]*\.partial)\b.*")
     assert {p for p in opened - inputs if not allowed.fullmatch(str(p))} == set()
     assert name in ("info", "inspect") or opened & inputs
